@@ -1,0 +1,47 @@
+# Everything runs in .venv, made from requirements.lock by `make setup`, which every target calls itself.
+PYTHON ?= python3.11
+VENV := .venv
+BIN := $(VENV)/bin
+STAMP := $(VENV)/.installed
+
+.PHONY: help setup system-libraries demo test test-all lint format lock clean
+
+help:  ## show the targets
+	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 20
+
+setup: system-libraries $(STAMP)  ## make .venv with the command toppling, from the lock file
+
+$(STAMP): requirements.lock pyproject.toml
+	@command -v $(PYTHON) >/dev/null || { echo "make setup: $(PYTHON) not found. PyBullet has wheels for CPython 3.11 only: install it, or name it with 'make PYTHON=/path/to/python3.11 setup'." >&2; exit 1; }
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes --no-deps -r requirements.lock
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
+	@touch $(STAMP)
+
+system-libraries:
+	@sh .ci/system-libraries.sh
+
+demo: setup  ## scan, records, campaign, maps: the whole way on inputs the project makes itself
+	$(BIN)/toppling demo
+
+test: setup  ## the fast tests, at most five minutes
+	$(BIN)/python -m pytest
+
+test-all: setup  ## the fast and the slow tests
+	$(BIN)/python -m pytest -m "slow or not slow"
+
+lint: setup  ## ruff and the type check
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+format: setup  ## let ruff rewrite what it can
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+lock: setup  ## resolve the dependencies anew into the two lock files
+	$(BIN)/uv pip compile pyproject.toml --extra dev --python-version 3.11 --universal --generate-hashes --no-emit-index-url --no-header --quiet --upgrade -o requirements.lock
+	$(BIN)/uv pip compile pyproject.toml --extra cluster --python-version 3.11 --universal --generate-hashes --no-emit-index-url --no-header --quiet --upgrade -o requirements-worker.lock
+
+clean:  ## remove what a run or a test left behind
+	rm -rf $(VENV) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis demo

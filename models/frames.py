@@ -1,0 +1,85 @@
+"""Frames and angles: the scene's ENU frame, azimuths counter-clockwise from x, planes that slope.
+
+Azimuths are degrees counter-clockwise from x (east) seen from above, as in Veeraraghavan, Hudnut and Krishnan's
+study; :func:`compass_deg` gives the bearing (clockwise from north) that a person reads beside them.
+"""
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+STANDARD_GRAVITY_M_S2 = 9.81
+"""Gravity of a scene that states none."""
+
+
+def horizontal_unit_vector(azimuth_deg: ArrayLike) -> NDArray[np.float64]:
+    """Unit vector(s) toward an azimuth.
+
+    Parameters
+    ----------
+    azimuth_deg : float or (n,) array
+        Degrees counter-clockwise from x.
+
+    Returns
+    -------
+    (3,) or (n, 3) array
+        Horizontal unit vector(s), scene frame.
+    """
+    azimuth = np.deg2rad(np.asarray(azimuth_deg, dtype=float))
+    return np.stack([np.cos(azimuth), np.sin(azimuth), np.zeros_like(azimuth)], axis=-1)
+
+
+def azimuth_deg(vector: ArrayLike) -> float:
+    """Azimuth of a vector's horizontal part, in [0, 360) degrees counter-clockwise from x."""
+    x, y = np.asarray(vector, dtype=float)[:2]
+    return float(np.rad2deg(np.arctan2(y, x)) % 360.0)
+
+
+def compass_deg(azimuth: ArrayLike) -> NDArray[np.float64]:
+    """Compass bearing (degrees clockwise from north) of an azimuth (degrees counter-clockwise from east)."""
+    return (90.0 - np.asarray(azimuth, dtype=float)) % 360.0
+
+
+def plane_normal(slope_deg: float, downhill_azimuth_deg: float) -> NDArray[np.float64]:
+    """Upward unit normal of a plane that falls by `slope_deg` toward `downhill_azimuth_deg`."""
+    slope = np.deg2rad(slope_deg)
+    return np.sin(slope) * horizontal_unit_vector(downhill_azimuth_deg) + np.array([0.0, 0.0, np.cos(slope)])
+
+
+def slope_of_normal(normal: ArrayLike) -> tuple[float, float]:
+    """Slope and downhill azimuth, both in degrees, of the plane with this upward normal."""
+    x, y, z = np.asarray(normal, dtype=float)
+    return float(np.rad2deg(np.arctan2(np.hypot(x, y), z))), azimuth_deg((x, y))
+
+
+def rotation_between(start: ArrayLike, end: ArrayLike) -> NDArray[np.float64]:
+    """Smallest rotation that carries one unit vector into another.
+
+    Parameters
+    ----------
+    start, end : (3,) array
+        Unit vectors, not opposite to each other.
+
+    Returns
+    -------
+    (3, 3) array
+        Rotation matrix R with R @ start = end (Rodrigues' formula).
+
+    Raises
+    ------
+    ValueError
+        If the vectors are opposite, where the smallest rotation is not unique.
+    """
+    a = np.asarray(start, dtype=float)
+    b = np.asarray(end, dtype=float)
+    cross, cosine = np.cross(a, b), float(a @ b)
+    if cosine < -1 + 1e-12:
+        msg = f"no unique rotation from {a} to its opposite {b}"
+        raise ValueError(msg)
+    skew = np.array([[0, -cross[2], cross[1]], [cross[2], 0, -cross[0]], [-cross[1], cross[0], 0]])
+    return np.eye(3) + skew + skew @ skew / (1.0 + cosine)
+
+
+def plane_axes(normal: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Two orthonormal axes in a plane, the first as near to x as it can be, right-handed with the normal."""
+    rotation = rotation_between((0.0, 0.0, 1.0), normal)
+    return rotation[:, 0], rotation[:, 1]

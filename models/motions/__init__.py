@@ -1,0 +1,1 @@
+"""Records: read, process, measure, scale, turn, make."""

@@ -1,0 +1,97 @@
+"""A ground motion: three components of acceleration at equal time steps."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from models.errors import InputError
+
+
+@dataclass(frozen=True, eq=False, init=False)
+class Motion:
+    """Acceleration of the ground, linear between samples.
+
+    Parameters
+    ----------
+    acceleration : (n, 3) array
+        Ground acceleration along x, y, z of the scene, m/s2.
+    time_step : float
+        Seconds between samples; the first sample is at time 0.
+
+    Raises
+    ------
+    InputError
+        If the shape is not (n, 3) with n >= 2, a value is not finite, or the time step is not positive.
+    """
+
+    acceleration_m_s2: NDArray[np.float64]
+    time_step_s: float
+
+    def __init__(self, acceleration: ArrayLike, time_step: float) -> None:
+        values = np.array(acceleration, dtype=float)
+        if values.ndim != 2 or values.shape[1] != 3 or len(values) < 2:
+            raise _motion_error(f"acceleration has shape {values.shape}", "(n, 3) with n >= 2: x, y, z in columns")
+        if not np.isfinite(values).all():
+            row = int(np.argwhere(~np.isfinite(values))[0, 0])
+            raise _motion_error(f"acceleration at sample {row} is {values[row]}", "finite numbers")
+        if not (np.isfinite(time_step) and time_step > 0):
+            raise _motion_error(f"the time step is {time_step}", "a positive number of seconds")
+        values.setflags(write=False)
+        object.__setattr__(self, "acceleration_m_s2", values)
+        object.__setattr__(self, "time_step_s", float(time_step))
+
+    @property
+    def duration_s(self) -> float:
+        """Time of the last sample."""
+        return (len(self.acceleration_m_s2) - 1) * self.time_step_s
+
+    @property
+    def time_s(self) -> NDArray[np.float64]:
+        """Times of the samples, (n,)."""
+        return np.arange(len(self.acceleration_m_s2)) * self.time_step_s
+
+    def velocity_at(self, time_s: ArrayLike) -> NDArray[np.float64]:
+        """Ground velocity at any times, m/s: the exact integral of the piecewise linear acceleration.
+
+        Zero before the record; after it the acceleration is zero, so the last velocity is kept.
+
+        Parameters
+        ----------
+        time_s : (k,) array
+
+        Returns
+        -------
+        (k, 3) array
+        """
+        acceleration, step = self.acceleration_m_s2, self.time_step_s
+        at_sample = np.zeros_like(acceleration)
+        np.cumsum(0.5 * step * (acceleration[1:] + acceleration[:-1]), axis=0, out=at_sample[1:])
+        time = np.clip(np.asarray(time_s, float), 0.0, self.duration_s)
+        index = np.minimum((time / step).astype(np.int64), len(acceleration) - 2)
+        since = (time - index * step)[:, None]
+        slope = (acceleration[index + 1] - acceleration[index]) / step
+        return at_sample[index] + since * (acceleration[index] + 0.5 * since * slope)
+
+    def mean_between(self, time_s: ArrayLike) -> NDArray[np.float64]:
+        """Mean acceleration over each interval of an increasing sequence of times, m/s2.
+
+        Zero outside of the record. This is what a time-stepping engine must impose to carry the record's whole
+        momentum, at any ratio of its step to the record's.
+
+        Parameters
+        ----------
+        time_s : (k + 1,) array
+
+        Returns
+        -------
+        (k, 3) array
+        """
+        time = np.asarray(time_s, float)
+        return np.diff(self.velocity_at(time), axis=0) / np.diff(time)[:, None]
+
+
+def _motion_error(what: str, expected: str) -> InputError:
+    return InputError(
+        what, where="Motion", expected=expected, remedy="check the units and columns, and fill or cut gaps first"
+    )

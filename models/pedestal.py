@@ -1,0 +1,45 @@
+"""The pedestal: the surface that the rock stands on and can reach while its fate is open."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.frames import slope_of_normal
+
+
+@dataclass(frozen=True, eq=False)
+class Pedestal:
+    """An endless plane, or a plane's surroundings as scanned.
+
+    Parameters
+    ----------
+    point_m : (3,) array
+        A point of the interface plane, scene frame.
+    normal : (3,) array
+        Upward unit normal of the interface plane.
+    vertices_m : (n, 3) array or None
+        Surface of the pedestal as scanned; None for an endless plane.
+    faces : (m, 3) int array or None
+        Its triangles, counter-clockwise seen from above.
+    """
+
+    point_m: NDArray[np.float64]
+    normal: NDArray[np.float64]
+    vertices_m: NDArray[np.float64] | None = None
+    faces: NDArray[np.int64] | None = None
+
+    @property
+    def is_plane(self) -> bool:
+        """Whether the pedestal is an endless plane."""
+        return self.vertices_m is None
+
+    @property
+    def slope_deg(self) -> float:
+        """Slope of the interface plane."""
+        return slope_of_normal(self.normal)[0]
+
+    @property
+    def downhill_azimuth_deg(self) -> float:
+        """Azimuth toward which the interface plane falls."""
+        return slope_of_normal(self.normal)[1]

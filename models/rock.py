@@ -1,0 +1,114 @@
+"""The rock: a closed surface with the mass properties of a homogeneous body."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import trimesh
+from numpy.typing import ArrayLike, NDArray
+
+from models.errors import InputError
+
+
+@dataclass(frozen=True, eq=False)
+class Rock:
+    """A closed, outward-oriented triangle mesh and its mass properties at unit density.
+
+    The motion of a homogeneous rigid body does not depend on its density, so none is kept: inertia is given per mass.
+
+    Parameters
+    ----------
+    vertices_m : (n, 3) array
+        Vertices in the scene frame, metres.
+    faces : (m, 3) int array
+        Triangles, counter-clockwise seen from outside.
+    volume_m3 : float
+    com_m : (3,) array
+        Centre of mass, scene frame.
+    inertia_per_mass_m2 : (3, 3) array
+        Inertia tensor over mass, about the centre of mass, scene axes.
+    """
+
+    vertices_m: NDArray[np.float64]
+    faces: NDArray[np.int64]
+    volume_m3: float
+    com_m: NDArray[np.float64]
+    inertia_per_mass_m2: NDArray[np.float64]
+
+    @classmethod
+    def from_triangles(cls, vertices_m: ArrayLike, faces: ArrayLike, *, where: str = "rock mesh") -> "Rock":
+        """Rock from a closed triangle mesh; coincident vertices are merged, mass properties integrated exactly.
+
+        Raises
+        ------
+        InputError
+            If the mesh is not closed, not consistently oriented, not one body, or encloses no volume.
+        """
+        mesh = trimesh.Trimesh(np.asarray(vertices_m, float), np.asarray(faces, np.int64), process=False)
+        if not np.isfinite(mesh.vertices).all():
+            raise _mesh_error("vertex coordinates are not all finite", where)
+        mesh.merge_vertices(merge_tex=True, merge_norm=True)
+        mesh.update_faces(mesh.nondegenerate_faces(height=0.0))
+        mesh.update_faces(mesh.unique_faces())
+        mesh.remove_unreferenced_vertices()
+        if len(mesh.faces) < 4:
+            raise _mesh_error(f"{len(mesh.faces)} triangles enclose nothing", where)
+        if not mesh.is_watertight:
+            once = np.bincount(mesh.edges_unique_inverse)
+            raise _mesh_error(f"the mesh is open: {int((once != 2).sum())} edges do not join two triangles", where)
+        if not mesh.is_winding_consistent:
+            raise _mesh_error("triangles are not consistently oriented", where)
+        if mesh.body_count != 1:
+            raise _mesh_error(f"{mesh.body_count} separate bodies", where)
+        if mesh.volume < 0:
+            mesh.invert()
+        extent = float(np.prod(mesh.extents))
+        if not mesh.volume > 1e-9 * extent:
+            raise _mesh_error(f"the enclosed volume is {mesh.volume:.3g} m3", where)
+        return cls(
+            vertices_m=np.array(mesh.vertices, float),
+            faces=np.array(mesh.faces, np.int64),
+            volume_m3=float(mesh.volume),
+            com_m=np.array(mesh.center_mass, float),
+            inertia_per_mass_m2=np.array(mesh.moment_inertia, float) / float(mesh.volume),
+        )
+
+    def moved(self, rotation: ArrayLike, translation_m: ArrayLike = (0.0, 0.0, 0.0)) -> "Rock":
+        """Rock turned about the origin by a (3, 3) rotation and then shifted by `translation_m`."""
+        turn = np.asarray(rotation, float)
+        shift = np.asarray(translation_m, float)
+        return Rock(
+            vertices_m=self.vertices_m @ turn.T + shift,
+            faces=self.faces,
+            volume_m3=self.volume_m3,
+            com_m=turn @ self.com_m + shift,
+            inertia_per_mass_m2=turn @ self.inertia_per_mass_m2 @ turn.T,
+        )
+
+    @property
+    def height_m(self) -> float:
+        """Vertical extent in the pose of the scene."""
+        return float(np.ptp(self.vertices_m[:, 2]))
+
+    @cached_property
+    def half_diagonal_m(self) -> float:
+        """Distance from the centre of mass to the farthest point of the lower half of the convex hull.
+
+        For a rectangular block this is R of the rocking literature, the distance from centre to corner.
+        """
+        below = self.hull_vertices_m[self.hull_vertices_m[:, 2] <= self.com_m[2]]
+        return float(np.linalg.norm(below - self.com_m, axis=1).max())
+
+    @cached_property
+    def hull_vertices_m(self) -> NDArray[np.float64]:
+        """Vertices of the convex hull, scene frame: the only points that can touch a plane."""
+        return np.array(trimesh.Trimesh(self.vertices_m, self.faces, process=False).convex_hull.vertices)
+
+
+def _mesh_error(what: str, where: str) -> InputError:
+    return InputError(
+        what,
+        where=where,
+        expected="one closed body of triangles, oriented outward, in metres",
+        remedy="close the mesh (every edge joins exactly two triangles), or make the scene from a scan with 'toppling scan'",
+    )

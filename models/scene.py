@@ -1,0 +1,338 @@
+"""A scene: rock, pedestal, contact and gravity, with an identity that is the hash of its content."""
+
+import dataclasses
+import hashlib
+import json
+import math
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import trimesh
+from numpy.typing import ArrayLike, NDArray
+
+from models.errors import InputError
+from models.frames import STANDARD_GRAVITY_M_S2, plane_normal, rotation_between
+from models.pedestal import Pedestal
+from models.rock import Rock
+from models.shapes import box
+from models.statics import quasi_static_toppling_m_s2
+
+SCHEMA_VERSION = 1
+
+
+@dataclass(frozen=True)
+class ContactProperties:
+    """What happens where rock and pedestal touch.
+
+    Parameters
+    ----------
+    friction_static, friction_kinetic : float
+        Coulomb's coefficients, not negative, the kinetic one not above the static one.
+    restitution : float
+        Newton's coefficient of restitution, 0 to 1.
+    """
+
+    friction_static: float = 0.8
+    friction_kinetic: float = 0.8
+    restitution: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name, low, high in (
+            ("friction_static", 0.0, math.inf),
+            ("friction_kinetic", 0.0, self.friction_static),
+            ("restitution", 0.0, 1.0),
+        ):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and low <= value <= high):
+                raise InputError(
+                    f"{name} is {value}",
+                    where="contact properties",
+                    expected=f"a finite number from {low} to {high}",
+                    remedy="rock on rock has friction 0.6 to 1.0 (Byerlee 1978) and restitution near 0",
+                )
+
+    @classmethod
+    def of(cls, friction: float | tuple[float, float], restitution: float = 0.0) -> "ContactProperties":
+        """Contact properties from one coefficient of friction or a (static, kinetic) pair."""
+        static, kinetic = (friction, friction) if np.isscalar(friction) else friction  # type: ignore[misc]
+        return cls(float(static), float(kinetic), float(restitution))  # type: ignore[arg-type]
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A rock on its pedestal.
+
+    Local frame: x east, y north, z up, metres. The rock's mesh is in its pose at the start.
+
+    Parameters
+    ----------
+    rock : Rock
+    pedestal : Pedestal
+    contact : ContactProperties
+        Defaults that a campaign's values replace.
+    gravity_m_s2 : float
+    origin_m : (3,) array
+        Survey coordinates of the local origin.
+    report : mapping
+        What the scan found out on the way (interface, uncertainty, shares of the surface seen and invented ...):
+        kept and shown, without influence on the motion or on the id.
+    """
+
+    rock: Rock
+    pedestal: Pedestal
+    contact: ContactProperties = field(default_factory=ContactProperties)
+    gravity_m_s2: float = STANDARD_GRAVITY_M_S2
+    origin_m: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
+    report: Mapping[str, Any] = field(default_factory=dict)
+
+    @classmethod
+    def block(
+        cls,
+        half_width: float,
+        half_depth: float,
+        half_height: float,
+        friction: float | tuple[float, float] = 0.8,
+        restitution: float = 0.0,
+        gravity: float = STANDARD_GRAVITY_M_S2,
+    ) -> "Scene":
+        """A rectangular block on a level plane.
+
+        Parameters
+        ----------
+        half_width, half_depth, half_height : float
+            Half of the block's size along x, y and z, metres.
+        friction : float or pair of float
+            Coulomb coefficient, or (static, kinetic).
+        restitution : float
+            Newton's coefficient, 0 to 1.
+        gravity : float
+            m/s2.
+        """
+        for name, value in (("half_width", half_width), ("half_depth", half_depth), ("half_height", half_height)):
+            if not (math.isfinite(value) and value > 0):
+                raise InputError(
+                    f"{name} is {value}", where="Scene.block", expected="a positive length in metres",
+                    remedy="give half of the block's size",
+                )
+        rock = box(half_width, half_depth, half_height).moved(np.eye(3), (0.0, 0.0, half_height))
+        return cls(rock, _plane(0.0, 0.0), ContactProperties.of(friction, restitution), _gravity(gravity))
+
+    @classmethod
+    def from_mesh(
+        cls,
+        mesh: str | os.PathLike[str] | tuple[ArrayLike, ArrayLike],
+        friction: float | tuple[float, float] = 0.8,
+        restitution: float = 0.0,
+        slope_deg: float = 0.0,
+        slope_azimuth_deg: float = 0.0,
+        gravity: float = STANDARD_GRAVITY_M_S2,
+    ) -> "Scene":
+        """A closed mesh on a plane.
+
+        The mesh keeps its own attitude to the plane: one with z up stands square on the slope. It is shifted along
+        the plane's normal until its lowest point touches.
+
+        Parameters
+        ----------
+        mesh : path, or pair of (n, 3) vertices in metres and (m, 3) triangles
+        friction, restitution, gravity
+            As for :meth:`block`.
+        slope_deg : float
+            Slope of the plane, 0 to below 90 degrees.
+        slope_azimuth_deg : float
+            Azimuth toward which the plane falls.
+
+        Raises
+        ------
+        InputError
+            If the file cannot be read as a mesh or the mesh is not one closed body.
+        """
+        if not 0.0 <= slope_deg < 90.0:
+            raise InputError(
+                f"slope_deg is {slope_deg}", where="Scene.from_mesh", expected="0 to below 90 degrees",
+                remedy="give the slope as a positive angle and its downhill azimuth as slope_azimuth_deg",
+            )
+        if isinstance(mesh, tuple):
+            rock = Rock.from_triangles(*mesh)
+        else:
+            rock = Rock.from_triangles(*read_triangles(mesh), where=str(mesh))
+        pedestal = _plane(slope_deg, slope_azimuth_deg)
+        turned = rock.moved(rotation_between((0.0, 0.0, 1.0), pedestal.normal))
+        lowest = float((turned.vertices_m @ pedestal.normal).min())
+        seated = turned.moved(np.eye(3), -lowest * pedestal.normal)
+        return cls(seated, pedestal, ContactProperties.of(friction, restitution), _gravity(gravity))
+
+    def with_contact(self, contact: ContactProperties) -> "Scene":
+        """The same scene with other contact properties."""
+        return dataclasses.replace(self, contact=contact)
+
+    @property
+    def id(self) -> str:
+        """Hash of all that can change the motion except the contact properties, which belong to the job."""
+        digest = hashlib.sha256()
+        geometry = [self.rock.vertices_m, self.rock.faces, self.pedestal.point_m, self.pedestal.normal]
+        if self.pedestal.vertices_m is not None and self.pedestal.faces is not None:
+            geometry += [self.pedestal.vertices_m, self.pedestal.faces]
+        for array in geometry:
+            canonical = np.ascontiguousarray(array, dtype="<f8" if array.dtype.kind == "f" else "<i8")
+            digest.update(repr(canonical.shape).encode())
+            digest.update(canonical.tobytes())
+        digest.update(repr(float(self.gravity_m_s2)).encode())
+        return digest.hexdigest()[:20]
+
+    def save(self, folder: str | os.PathLike[str]) -> Path:
+        """Write `scene.json`, `rock.ply` and `pedestal.ply`; the folder appears complete or not at all.
+
+        Raises
+        ------
+        FileExistsError
+            If the folder exists already.
+        """
+        target = Path(folder)
+        if target.exists():
+            msg = f"{target} exists already: choose another name, or remove it first"
+            raise FileExistsError(msg)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        staging = target.with_name(f".{target.name}.{os.getpid()}.tmp")
+        staging.mkdir()
+        (staging / "scene.json").write_text(json.dumps(self.to_json(), indent=1) + "\n")
+        write_ply(staging / "rock.ply", self.rock.vertices_m, self.rock.faces)
+        write_ply(staging / "pedestal.ply", *self._pedestal_triangles())
+        staging.rename(target)
+        return target
+
+    def to_json(self) -> dict[str, Any]:
+        """The content of `scene.json`."""
+        slope, downhill = self.pedestal.slope_deg, self.pedestal.downhill_azimuth_deg
+        interface = {
+            "slope_deg": slope,
+            "downhill_azimuth_deg": downhill,
+            "point_m": self.pedestal.point_m.tolist(),
+            "normal": self.pedestal.normal.tolist(),
+        }
+        report = {key: value for key, value in self.report.items() if key != "interface"}
+        return {
+            "schema_version": SCHEMA_VERSION,
+            "id": self.id,
+            "origin_m": self.origin_m.tolist(),
+            "gravity_m_s2": self.gravity_m_s2,
+            "rock": {
+                "mesh": "rock.ply",
+                "volume_m3": self.rock.volume_m3,
+                "com_m": self.rock.com_m.tolist(),
+                "inertia_per_mass_m2": self.rock.inertia_per_mass_m2.tolist(),
+                "height_m": self.rock.height_m,
+            },
+            "pedestal": {"mesh": "pedestal.ply", "kind": "plane" if self.pedestal.is_plane else "surface"},
+            "interface": {**self.report.get("interface", {}), **interface},
+            "contact": dataclasses.asdict(self.contact),
+            "quasi_static_toppling_m_s2": [
+                {"azimuth_deg": azimuth, "value": value}
+                for azimuth, value in quasi_static_toppling_m_s2(
+                    self.rock, self.pedestal, self.gravity_m_s2, np.arange(0.0, 360.0, 5.0)
+                )
+            ],
+            "report": report,
+        }
+
+    @classmethod
+    def load(cls, folder: str | os.PathLike[str]) -> "Scene":
+        """Read a scene's folder.
+
+        Raises
+        ------
+        InputError
+            If a file is missing, is of another schema, or the content does not match its id.
+        """
+        source = Path(folder)
+        try:
+            described = json.loads((source / "scene.json").read_text())
+        except FileNotFoundError:
+            raise _scene_error("no scene.json", source) from None
+        except (json.JSONDecodeError, UnicodeDecodeError) as error:
+            raise _scene_error(f"scene.json is not JSON ({error})", source) from None
+        if described.get("schema_version") != SCHEMA_VERSION:
+            raise _scene_error(f"schema version {described.get('schema_version')}", source)
+        rock = Rock.from_triangles(*read_triangles(source / "rock.ply"), where=str(source / "rock.ply"))
+        plane = described["interface"]
+        surface: tuple[Any, Any] = (None, None)
+        if described["pedestal"]["kind"] == "surface":
+            surface = read_triangles(source / "pedestal.ply")
+        scene = cls(
+            rock=rock,
+            pedestal=Pedestal(np.array(plane["point_m"], float), np.array(plane["normal"], float), *surface),
+            contact=ContactProperties(**described["contact"]),
+            gravity_m_s2=float(described["gravity_m_s2"]),
+            origin_m=np.array(described["origin_m"], float),
+            report={**described["report"], "interface": plane},
+        )
+        if scene.id != described["id"]:
+            raise _scene_error(f"the content hashes to {scene.id}, scene.json says {described['id']}", source)
+        return scene
+
+    def _pedestal_triangles(self) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        if self.pedestal.vertices_m is not None and self.pedestal.faces is not None:
+            return self.pedestal.vertices_m, self.pedestal.faces
+        reach = 2.0 * float(np.linalg.norm(np.ptp(self.rock.vertices_m, axis=0)))
+        turn = rotation_between((0.0, 0.0, 1.0), self.pedestal.normal)
+        square = reach * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], float)
+        return square @ turn.T + self.pedestal.point_m, np.array([[0, 1, 2], [0, 2, 3]], np.int64)
+
+
+def read_triangles(path: str | os.PathLike[str]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Vertices (n, 3) in metres and triangles (m, 3) of a mesh file.
+
+    Raises
+    ------
+    InputError
+        If the file is absent or holds no triangles.
+    """
+    try:
+        mesh = trimesh.load(path, force="mesh", process=False)
+        vertices, faces = np.array(mesh.vertices, float), np.array(mesh.faces, np.int64)
+    except Exception as error:  # trimesh's readers raise whatever their parser raises
+        raise InputError(
+            f"cannot be read as a mesh ({type(error).__name__}: {error})", where=str(path),
+            expected="a triangle mesh: PLY, STL, OBJ, OFF or glTF", remedy="check the path and the file's format",
+        ) from error
+    if len(faces) == 0:
+        raise InputError(
+            "holds no triangles", where=str(path), expected="a triangle mesh",
+            remedy="a point cloud becomes a scene with 'toppling scan'",
+        )
+    return vertices, faces
+
+
+def write_ply(path: Path, vertices_m: NDArray[np.float64], faces: NDArray[np.int64]) -> None:
+    """Write a binary PLY in double precision, which trimesh's own writer does not keep."""
+    header = (
+        "ply\nformat binary_little_endian 1.0\ncomment metres, x east, y north, z up\n"
+        f"element vertex {len(vertices_m)}\nproperty double x\nproperty double y\nproperty double z\n"
+        f"element face {len(faces)}\nproperty list uchar int vertex_indices\nend_header\n"
+    )
+    rows = np.empty(len(faces), dtype=[("count", "u1"), ("index", "<i4", 3)])
+    rows["count"], rows["index"] = 3, faces
+    path.write_bytes(header.encode() + np.ascontiguousarray(vertices_m, "<f8").tobytes() + rows.tobytes())
+
+
+def _plane(slope_deg: float, downhill_azimuth_deg: float) -> Pedestal:
+    return Pedestal(np.zeros(3), plane_normal(slope_deg, downhill_azimuth_deg))
+
+
+def _gravity(gravity: float) -> float:
+    if not (math.isfinite(gravity) and gravity > 0):
+        raise InputError(
+            f"gravity is {gravity}", where="scene", expected="a positive number in m/s2", remedy="9.81 on Earth"
+        )
+    return float(gravity)
+
+
+def _scene_error(what: str, folder: Path) -> InputError:
+    return InputError(
+        what, where=str(folder), expected=f"a scene folder of schema version {SCHEMA_VERSION}, as written",
+        remedy="make the scene anew with 'toppling scan' or Scene.save",
+    )

@@ -1,0 +1,123 @@
+"""One row per job: every column of a run, declared once, with its unit, its meaning and the part it plays.
+
+SI units throughout, in the names. Azimuths are degrees counter-clockwise from x (east). Null means "not
+known": a job that crashed has no tilt, and a column that is null is never zero.
+"""
+
+import pyarrow as pa
+
+SCHEMA_VERSION = 1
+
+GROUPS = ("identity", "imposed", "outcome", "cost", "provenance")
+"""What was asked, what was imposed, what happened, what it cost, who computed it when.
+
+The same campaign gives the same rows, the groups cost and provenance aside.
+"""
+
+STATUSES = ("ok", "undecided", "diverged", "failed", "crashed", "timeout")
+OUTCOMES = ("stands", "moved", "toppled")
+
+_TEXT, _REAL, _TRUTH, _COUNT, _NUMBER = pa.string(), pa.float64(), pa.bool_(), pa.int64(), pa.int32()
+_TIME = pa.timestamp("us", tz="UTC")
+_MUST, _MAY = False, True  # whether a column may be null
+
+# fmt: off
+_COLUMNS = {
+    "identity": [
+        ("job_id", _TEXT, _MUST, "", "hash of all that can change the job's answer"),
+        ("scene_id", _TEXT, _MUST, "", "hash of the scene's content"),
+        ("record_id", _TEXT, _MUST, "", "record in the ensemble's catalogue"),
+        ("event", _TEXT, _MAY, "", "earthquake of the record"),
+        ("level_pga_m_s2", _REAL, _MUST, "m/s2", "level asked for: largest horizontal acceleration vector"),
+        ("azimuth_deg", _REAL, _MUST, "deg", "where the stronger recorded component was turned to"),
+        ("friction_static", _REAL, _MUST, "1", "Coulomb's static coefficient"),
+        ("friction_kinetic", _REAL, _MUST, "1", "Coulomb's kinetic coefficient"),
+        ("restitution", _REAL, _MUST, "1", "Newton's coefficient of restitution"),
+        ("realisation", _NUMBER, _MUST, "1", "number of the random realisation; 0 is the nominal scene"),
+        ("preset", _TEXT, _MUST, "", "settings: fast, standard or reference"),
+    ],
+    "imposed": [
+        ("pga_m_s2", _REAL, _MAY, "m/s2", "peak of the horizontal acceleration vector"),
+        ("pgv_m_s", _REAL, _MAY, "m/s", "peak of the horizontal velocity vector"),
+        ("pgv_pga_s", _REAL, _MAY, "s", "pgv_m_s over pga_m_s2: how long the strongest pulse is"),
+        ("pga_azimuth_deg", _REAL, _MAY, "deg", "azimuth of the horizontal acceleration at its peak"),
+        ("pgd_m", _REAL, _MAY, "m", "peak of the horizontal displacement vector"),
+        ("pga_vertical_m_s2", _REAL, _MAY, "m/s2", "peak of the vertical acceleration's size"),
+        ("arias_m_s", _REAL, _MAY, "m/s", "Arias intensity, sum of the two horizontal components"),
+        ("cav_m_s", _REAL, _MAY, "m/s", "cumulative absolute velocity of the horizontal vector"),
+        ("duration_energy_s", _REAL, _MAY, "s", "5 to 95 % of integrated squared velocity (Anderson 2004)"),
+        ("duration_arias_s", _REAL, _MAY, "s", "5 to 95 % of integrated squared acceleration"),
+        ("sa_1s_m_s2", _REAL, _MAY, "m/s2", "pseudo-spectral acceleration at 1 s, 5 % damping"),
+        ("sa_2s_m_s2", _REAL, _MAY, "m/s2", "pseudo-spectral acceleration at 2 s, 5 % damping"),
+        ("directionality", _REAL, _MAY, "1", "how strongly the horizontal shaking keeps to one axis"),
+    ],
+    "outcome": [
+        ("status", _TEXT, _MUST, "", "ok, undecided, diverged, failed, crashed or timeout"),
+        ("outcome", _TEXT, _MAY, "", "stands, moved (slid or turned, still stands) or toppled"),
+        ("toppled", _TRUTH, _MAY, "", "whether the rock toppled; null unless status is ok"),
+        ("topple_time_s", _REAL, _MAY, "s", "time of no return, from the start of the record"),
+        ("topple_azimuth_deg", _REAL, _MAY, "deg", "azimuth of the centre of mass at the time of no return"),
+        ("max_tilt_deg", _REAL, _MAY, "deg", "largest angle of the rock's up axis to its start"),
+        ("residual_tilt_deg", _REAL, _MAY, "deg", "angle of the rock's up axis to its start, at the end"),
+        ("residual_yaw_deg", _REAL, _MAY, "deg", "turn about the vertical, at the end"),
+        ("slip_m", _REAL, _MAY, "m", "way of the first contact's centroid along the interface, at the end"),
+        ("penetration_m", _REAL, _MAY, "m", "deepest overlap of rock and pedestal on the way"),
+        ("ended_by", _TEXT, _MAY, "", "what ended it: rest, topple_certain, never_moved, time_cap ..."),
+        ("message", _TEXT, _MAY, "", "why, where status is not ok"),
+    ],
+    "cost": [
+        ("steps", _COUNT, _MAY, "1", "engine steps taken"),
+        ("simulated_s", _REAL, _MAY, "s", "time stepped through by the engine"),
+        ("skipped_s", _REAL, _MAY, "s", "time proved to leave the rock at rest, not stepped through"),
+        ("wall_s", _REAL, _MAY, "s", "time the job took on its worker"),
+    ],
+    "provenance": [
+        ("time_step_s", _REAL, _MAY, "s", "engine's time step"),
+        ("physics_version", _TEXT, _MAY, "", "version of the physics that the answer comes from"),
+        ("worker", _TEXT, _MAY, "", "worker that did the job"),
+        ("attempt", _NUMBER, _MAY, "1", "1 for the first try; the newest attempt counts"),
+        ("finished_at", _TIME, _MAY, "UTC", "when the job ended"),
+    ],
+}
+# fmt: on
+
+SCHEMA = pa.schema(
+    [
+        pa.field(name, kind, nullable, {"group": group, "unit": unit, "description": description})
+        for group, rows in _COLUMNS.items()
+        for name, kind, nullable, unit, description in rows
+    ],
+    metadata={
+        "schema_version": str(SCHEMA_VERSION),
+        "conventions": "SI units; azimuths in degrees counter-clockwise from x (east)",
+    },
+)
+"""The table `results`."""
+
+SORT_ORDER = (
+    *("record_id", "azimuth_deg", "level_pga_m_s2", "friction_static", "friction_kinetic", "restitution"),
+    *("realisation", "scene_id", "preset", "job_id"),
+)
+"""Order of the rows in a finished run."""
+
+
+def columns(*groups: str) -> list[str]:
+    """Names of the columns of some groups, in the schema's order.
+
+    Raises
+    ------
+    ValueError
+        If a group is not one of `GROUPS`.
+    """
+    unknown = set(groups) - set(GROUPS)
+    if unknown:
+        msg = f"unknown column groups {sorted(unknown)}: there are {', '.join(GROUPS)}"
+        raise ValueError(msg)
+    return [name for group in GROUPS if group in groups for name, *_ in _COLUMNS[group]]
+
+
+def describe(field: pa.Field) -> dict[str, str]:
+    """Name, type, group, unit and description of a column."""
+    told = {key.decode(): text.decode() for key, text in (field.metadata or {}).items()}
+    known = {key: told.get(key, "") for key in ("group", "unit", "description")}
+    return {"column": field.name, "type": str(field.type), **known}

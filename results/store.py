@@ -1,0 +1,170 @@
+"""The store: part files as a run goes on, one compact sorted file when it is done.
+
+One writer (the client of the cluster), any number of readers. A file appears complete or not at all; a file
+that is torn, or is not a run's, is named in the log and skipped. Where a job has several rows, its newest
+attempt counts.
+"""
+
+import logging
+import os
+import time
+import uuid
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
+
+from results.schema import SCHEMA, SORT_ORDER
+
+log = logging.getLogger(__name__)
+
+RESULTS_FILE = "results.parquet"
+PARTS_FOLDER = "parts"
+ROWS_IN_GROUP = 20_000
+"""Rows in a row group: small enough that a query of one record skips most of a large run."""
+
+PathLike = str | os.PathLike[str]
+
+
+def write_part(run_folder: PathLike, rows: Iterable[Mapping[str, Any]]) -> Path:
+    """Append rows to a run as one new part file.
+
+    Parameters
+    ----------
+    run_folder : path
+        Made if absent.
+    rows : iterable of mapping
+        Column name to value; a nullable column may be left out, and NaN is kept as null.
+
+    Returns
+    -------
+    Path
+        The part file, on disk when this returns.
+
+    Raises
+    ------
+    ValueError
+        If there are no rows, a row has a column that the schema does not know, or lacks a required one.
+    """
+    table = _table_of(list(rows))
+    folder = Path(run_folder) / PARTS_FOLDER
+    folder.mkdir(parents=True, exist_ok=True)
+    # Names sort by time of writing; the random tail keeps two writers by mistake from overwriting each other.
+    return _write(table, folder / f"part-{time.time_ns():020d}-{uuid.uuid4().hex[:8]}.parquet")
+
+
+def finished_ids(run_folder: PathLike) -> set[str]:
+    """Ids of the jobs that have a row, whatever its status."""
+    ids: set[str] = set()
+    for path in result_files(run_folder):
+        ids.update(pq.read_table(path, columns=["job_id"]).column("job_id").to_pylist())
+    return ids
+
+
+def compact(run_folder: PathLike) -> Path:
+    """Merge all parts into `results.parquet`, sorted, one row a job, and remove the parts that went into it.
+
+    The file's metadata carries the schema's units and descriptions, and `run.json` and `campaign.toml` as
+    text where the run has them. A reader that meets both the file and its parts sees every job once.
+
+    Raises
+    ------
+    FileNotFoundError
+        If the run has no readable results.
+    """
+    run = Path(run_folder)
+    files = result_files(run)
+    if not files:
+        msg = f"{run} holds no results: 'toppling run' writes them"
+        raise FileNotFoundError(msg)
+    table = newest_attempts(read_files(files)).sort_by([(name, "ascending") for name in SORT_ORDER])
+    texts = {name: run / name for name in ("run.json", "campaign.toml")}
+    told = {name.encode(): path.read_bytes() for name, path in texts.items() if path.exists()}
+    table = table.replace_schema_metadata({**(SCHEMA.metadata or {}), **told})
+    target = _write(table, run / RESULTS_FILE)
+    for path in files:
+        if path != target:
+            path.unlink(missing_ok=True)
+    return target
+
+
+def result_files(run_folder: PathLike) -> list[Path]:
+    """Readable Parquet files of a run's results: the compact one, and the parts not yet merged into it.
+
+    Torn and foreign files are named in the log and left out.
+    """
+    run = Path(run_folder)
+    found = [run / RESULTS_FILE, *sorted((run / PARTS_FOLDER).glob("*"))]
+    shown = [path for path in found if path.exists() and not path.name.startswith(("_", "."))]
+    return [path for path in shown if _is_ours(path)]
+
+
+def read_files(files: Sequence[Path]) -> pa.Table:
+    """Rows of some files under `SCHEMA`, in the files' order; a nullable column that a file lacks is null."""
+    tables = [pq.read_table(path, schema=SCHEMA) for path in files]
+    return pa.concat_tables(tables) if tables else SCHEMA.empty_table()
+
+
+def newest_attempts(table: pa.Table) -> pa.Table:
+    """One row a job: the highest attempt, and of equal ones the last written."""
+    if pc.count_distinct(table.column("job_id")).as_py() == len(table):
+        return table
+    ranked = table.select(["job_id", "attempt"]).append_column("row", pa.array(range(len(table)), pa.int64()))
+    order = ranked.sort_by([("attempt", "ascending"), ("row", "ascending")])
+    # Nulls sort last, so an attempt that was not numbered counts as the newest.
+    newest = order.group_by("job_id", use_threads=False).aggregate([("row", "last")])
+    return table.take(newest.column("row_last").sort())
+
+
+def _table_of(rows: list[Mapping[str, Any]]) -> pa.Table:
+    if not rows:
+        msg = "no rows to write"
+        raise ValueError(msg)
+    unknown = set().union(*rows) - set(SCHEMA.names)
+    if unknown:
+        msg = f"columns {sorted(unknown)} are not in the schema of results"
+        raise ValueError(msg)
+    # from_pandas: NaN becomes null
+    values = {
+        field: pa.array([row.get(field.name) for row in rows], field.type, from_pandas=True)
+        for field in SCHEMA
+    }
+    lacking = [field.name for field, array in values.items() if array.null_count and not field.nullable]
+    if lacking:
+        msg = f"a row lacks the required columns {lacking}"
+        raise ValueError(msg)
+    return pa.Table.from_arrays(list(values.values()), schema=SCHEMA)
+
+
+def _write(table: pa.Table, target: Path) -> Path:
+    hidden = target.with_name(f".{target.name}.{os.getpid()}.tmp")
+    with hidden.open("wb") as file:
+        pq.write_table(table, file, compression="zstd", row_group_size=ROWS_IN_GROUP)
+        file.flush()
+        os.fsync(file.fileno())
+    hidden.replace(target)
+    folder = os.open(target.parent, os.O_RDONLY)
+    try:
+        os.fsync(folder)  # the new name itself must outlive a power cut
+    finally:
+        os.close(folder)
+    return target
+
+
+def _is_ours(path: Path) -> bool:
+    try:
+        schema = pq.read_schema(path)
+    except (pa.ArrowInvalid, OSError) as error:
+        if isinstance(error, FileNotFoundError):
+            return False  # merged and removed since the folder was listed
+        log.warning("%s is torn or no Parquet file, skipped: %s", path, str(error).splitlines()[0])
+        return False
+    for field in SCHEMA:
+        place = schema.get_field_index(field.name)
+        if (place < 0 and not field.nullable) or (place >= 0 and schema.field(place).type != field.type):
+            log.warning("%s holds no results of a run (column %s), skipped", path, field.name)
+            return False
+    return True

@@ -31,7 +31,9 @@ class Motion:
     def __init__(self, acceleration: ArrayLike, time_step: float) -> None:
         values = np.array(acceleration, dtype=float)
         if values.ndim != 2 or values.shape[1] != 3 or len(values) < 2:
-            raise _motion_error(f"acceleration has shape {values.shape}", "(n, 3) with n >= 2: x, y, z in columns")
+            raise _motion_error(
+                f"acceleration has shape {values.shape}", "(n, 3) with n >= 2: x, y, z in columns"
+            )
         if not np.isfinite(values).all():
             row = int(np.argwhere(~np.isfinite(values))[0, 0])
             raise _motion_error(f"acceleration at sample {row} is {values[row]}", "finite numbers")
@@ -93,5 +95,8 @@ class Motion:
 
 def _motion_error(what: str, expected: str) -> InputError:
     return InputError(
-        what, where="Motion", expected=expected, remedy="check the units and columns, and fill or cut gaps first"
+        what,
+        where="Motion",
+        expected=expected,
+        remedy="check the units and columns, and fill or cut gaps first",
     )

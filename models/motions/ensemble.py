@@ -1,0 +1,230 @@
+"""An ensemble of records: a folder with `catalog.parquet`, one row a record, and `motions.parquet`, one row group a record."""
+
+import hashlib
+import os
+import threading
+from collections.abc import Iterable, Mapping
+from functools import cached_property, lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from models.errors import InputError
+from models.motions.motion import Motion
+from models.motions.record import Record
+
+CATALOG, MOTIONS = "catalog.parquet", "motions.parquet"
+SCHEMA_VERSION = "1"
+RECORDS_IN_MEMORY = 16
+
+_MOTION_SCHEMA = pa.schema(
+    [
+        ("record_id", pa.string()),
+        ("time_step_s", pa.float64()),
+        ("acceleration_x_m_s2", pa.list_(pa.float64())),
+        ("acceleration_y_m_s2", pa.list_(pa.float64())),
+        ("acceleration_z_m_s2", pa.list_(pa.float64())),
+    ]
+)
+_IDENTITY = [
+    ("record_id", pa.string()),
+    ("event", pa.string()),
+    ("station", pa.string()),
+    ("magnitude", pa.float64()),
+    ("distance_km", pa.float64()),
+    ("time_step_s", pa.float64()),
+    ("duration_s", pa.float64()),
+    ("samples", pa.int64()),
+    ("north_known", pa.bool_()),
+]
+_ORIGIN = [("history", pa.list_(pa.string())), ("files", pa.list_(pa.string())), ("sha", pa.string())]
+
+
+class Ensemble:
+    """Records on disk, read one at a time when they are asked for.
+
+    Parameters
+    ----------
+    folder : Path
+        As written by :meth:`write`.
+    catalog : pyarrow.Table
+        One row a record: identity, intensity measures with units in the names, history, files, hash.
+    """
+
+    def __init__(self, folder: Path, catalog: pa.Table) -> None:
+        self.folder = folder
+        self.catalog = catalog
+        self._row = {name: index for index, name in enumerate(self.record_ids)}
+        self._motions: pq.ParquetFile | None = None
+        self._lock = threading.Lock()
+        self.record = lru_cache(RECORDS_IN_MEMORY)(self._read)
+
+    @classmethod
+    def load(cls, folder: str | Path) -> "Ensemble":
+        """Open an ensemble; its motions stay on disk.
+
+        Raises
+        ------
+        InputError
+            If the folder holds no ensemble, or its two files do not belong together.
+        """
+        path = Path(folder)
+        for name in (CATALOG, MOTIONS):
+            if not (path / name).is_file():
+                raise _ensemble_error(f"there is no {name}", path)
+        try:
+            catalog = pq.read_table(path / CATALOG)
+            motions = pq.ParquetFile(path / MOTIONS)
+        except (pa.ArrowException, OSError) as error:
+            raise _ensemble_error(f"not readable as Parquet ({error})", path) from error
+        marks = [dict(schema.metadata or {}) for schema in (catalog.schema, motions.schema_arrow)]
+        if (
+            any(mark.get(b"toppling_ensemble") is None for mark in marks)
+            or len({mark[b"toppling_ensemble"] for mark in marks}) != 1
+        ):
+            raise _ensemble_error("catalogue and motions do not belong together", path)
+        ensemble = cls(path, catalog)
+        ensemble._motions = motions
+        return ensemble
+
+    @classmethod
+    def write(cls, folder: str | Path, records: Iterable[Record]) -> "Ensemble":
+        """Write records in the order of their ids, under hidden names until they are whole, and open the ensemble.
+
+        Raises
+        ------
+        InputError
+            If there is no record, or two have the same id.
+        """
+        path = Path(folder)
+        ordered = sorted(records, key=lambda record: record.record_id)
+        names = [record.record_id for record in ordered]
+        if not names:
+            raise _ensemble_error("there is no record to write", path)
+        if len(set(names)) != len(names):
+            twice = sorted({name for name in names if names.count(name) > 1})
+            raise _ensemble_error(f"record ids occur twice: {', '.join(twice)}", path)
+        mark = {
+            "toppling_ensemble": _identity((r.record_id, r.sha) for r in ordered),
+            "version": SCHEMA_VERSION,
+        }
+        path.mkdir(parents=True, exist_ok=True)
+        part = {name: path / f".{name}.part-{os.getpid()}" for name in (CATALOG, MOTIONS)}
+        try:
+            with pq.ParquetWriter(
+                part[MOTIONS], _MOTION_SCHEMA.with_metadata(mark), compression="zstd", use_dictionary=False
+            ) as writer:
+                for record in ordered:
+                    writer.write_table(_motion_row(record))
+            pq.write_table(_catalog(ordered).replace_schema_metadata(mark), part[CATALOG], compression="zstd")
+            for name in (MOTIONS, CATALOG):
+                with part[name].open("rb") as file:
+                    os.fsync(file.fileno())
+                part[name].rename(path / name)
+        finally:
+            for file_path in part.values():
+                file_path.unlink(missing_ok=True)
+        return cls.load(path)
+
+    @property
+    def record_ids(self) -> list[str]:
+        """Ids in the catalogue's order."""
+        return self.catalog.column("record_id").to_pylist()
+
+    @cached_property
+    def id(self) -> str:
+        """Hash of the ids and hashes of all records."""
+        return _identity((name, self.sha(name)) for name in self.record_ids)
+
+    def sha(self, record_id: str) -> str:
+        """Hash of one record's motion, from the catalogue."""
+        return self.catalog.column("sha")[self._index(record_id)].as_py()
+
+    def _index(self, record_id: str) -> int:
+        if record_id not in self._row:
+            raise InputError(
+                f"no record {record_id!r}",
+                where=str(self.folder),
+                expected=f"one of {len(self._row)} ids such as {next(iter(self._row))!r}",
+                remedy="see the ids with 'toppling records show'",
+            )
+        return self._row[record_id]
+
+    def _read(self, record_id: str) -> Record:
+        """One record, its motion read from its own row group (the last few stay in memory)."""
+        index = self._index(record_id)
+        with self._lock:  # a ParquetFile is one file handle
+            if self._motions is None:
+                self._motions = pq.ParquetFile(self.folder / MOTIONS)
+            row = self._motions.read_row_group(index)
+        if row.column("record_id")[0].as_py() != record_id:
+            raise _ensemble_error(f"row group {index} is not record {record_id!r}", self.folder)
+        columns = [
+            row.column(f"acceleration_{axis}_m_s2").combine_chunks().flatten().to_numpy() for axis in "xyz"
+        ]
+        motion = Motion(np.column_stack(columns), row.column("time_step_s")[0].as_py())
+        entry: dict[str, Any] = self.catalog.slice(index, 1).to_pylist()[0]
+        known = {name for name, _ in (*_IDENTITY, *_ORIGIN)}
+        return Record(
+            record_id=record_id,
+            event=entry["event"],
+            station=entry["station"],
+            magnitude=entry["magnitude"],
+            distance_km=entry["distance_km"],
+            motion=motion,
+            north_known=entry["north_known"],
+            intensity={name: value for name, value in entry.items() if name not in known},
+            history=tuple(entry["history"]),
+            files=tuple(entry["files"]),
+            sha=entry["sha"],
+        )
+
+    def __reduce__(self) -> tuple:
+        return Ensemble.load, (self.folder,)
+
+
+def _motion_row(record: Record) -> pa.Table:
+    a = record.motion.acceleration_m_s2
+    columns = [pa.array([a[:, axis]], type=pa.list_(pa.float64())) for axis in range(3)]
+    arrays = [pa.array([record.record_id]), pa.array([record.motion.time_step_s]), *columns]
+    return pa.Table.from_arrays(arrays, schema=_MOTION_SCHEMA)
+
+
+def _catalog(records: list[Record]) -> pa.Table:
+    measures = list(records[0].intensity)
+    rows: list[Mapping[str, Any]] = [
+        {
+            "record_id": record.record_id,
+            "event": record.event,
+            "station": record.station,
+            "magnitude": record.magnitude,
+            "distance_km": record.distance_km,
+            "time_step_s": record.motion.time_step_s,
+            "duration_s": record.motion.duration_s,
+            "samples": len(record.motion.acceleration_m_s2),
+            "north_known": record.north_known,
+            **record.intensity,
+            "history": list(record.history),
+            "files": list(record.files),
+            "sha": record.sha,
+        }
+        for record in records
+    ]
+    fields = [*_IDENTITY, *((name, pa.float64()) for name in measures), *_ORIGIN]
+    return pa.Table.from_pylist(rows, schema=pa.schema(fields))
+
+
+def _identity(pairs: Iterable[tuple[str, str]]) -> str:
+    return hashlib.sha256("\n".join(f"{name} {sha}" for name, sha in sorted(pairs)).encode()).hexdigest()
+
+
+def _ensemble_error(what: str, where: Path) -> InputError:
+    return InputError(
+        what,
+        where=str(where),
+        expected="a folder with catalog.parquet and motions.parquet",
+        remedy="make one with 'toppling records import FILES --out FOLDER'",
+    )

@@ -1,0 +1,79 @@
+"""Idealised motions: pulses whose integrals are known in closed form. Time starts at 0, azimuths counter-clockwise from x."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.frames import horizontal_unit_vector
+from models.motions.motion import Motion
+
+TIME_STEP_S = 0.005
+
+
+def full_sine(
+    pga_m_s2: float, period_s: float, azimuth_deg: float = 0.0, time_step_s: float = TIME_STEP_S
+) -> Motion:
+    """One full cycle of a sine of acceleration: a one-sided pulse of velocity, PGV = PGA x period / pi."""
+    time = _times(period_s, time_step_s)
+    return _along(pga_m_s2 * np.sin(2 * np.pi * time / period_s), azimuth_deg, time[1])
+
+
+def full_cosine(
+    pga_m_s2: float, period_s: float, azimuth_deg: float = 0.0, time_step_s: float = TIME_STEP_S
+) -> Motion:
+    """One full cycle of a cosine of acceleration: a two-sided pulse of velocity, PGV = PGA x period / (2 pi)."""
+    time = _times(period_s, time_step_s)
+    return _along(pga_m_s2 * np.cos(2 * np.pi * time / period_s), azimuth_deg, time[1])
+
+
+def sawtooth_velocity(
+    pgv_m_s: float = 5.0, period_s: float = 3.5, azimuth_deg: float = 0.0, time_step_s: float = TIME_STEP_S
+) -> Motion:
+    """One cycle of a sawtooth of velocity (the study's figure 8): up to +PGV, down through zero to -PGV, back to rest.
+
+    Velocity is linear over each quarter, half and quarter of the period, so the acceleration is +-4 PGV / period;
+    the edges take one time step and are centred on the quarter and three quarters of the period.
+    """
+    time = _times(period_s, time_step_s)
+    velocity = pgv_m_s * np.interp(time / period_s, [0, 0.25, 0.75, 1], [0, 1, -1, 0])
+    return _along(_acceleration_of(velocity, time[1]), azimuth_deg, time[1])
+
+
+def step_in_velocity(
+    velocity_m_s: float, azimuth_deg: float = 0.0, time_step_s: float = TIME_STEP_S
+) -> Motion:
+    """A jump of the ground's velocity: a triangle of acceleration, two time steps wide, that carries it exactly."""
+    return _along(np.array([0.0, velocity_m_s / time_step_s, 0.0]), azimuth_deg, time_step_s)
+
+
+def constant_acceleration(
+    acceleration_m_s2: float, duration_s: float, azimuth_deg: float = 0.0, time_step_s: float = TIME_STEP_S
+) -> Motion:
+    """Constant acceleration from time 0 to the end."""
+    time = _times(duration_s, time_step_s)
+    return _along(np.full(len(time), acceleration_m_s2), azimuth_deg, time[1])
+
+
+def ricker(
+    pga_m_s2: float, period_s: float, azimuth_deg: float = 0.0, time_step_s: float = TIME_STEP_S
+) -> Motion:
+    """Symmetric Ricker wavelet of acceleration (Ricker 1943), centred on 1.5 periods of a record of 3 periods.
+
+    a = PGA (1 - 2 u^2) exp(-u^2), u = pi (t - t0) / period.
+    """
+    time = _times(3 * period_s, time_step_s)
+    u = np.pi * (time / period_s - 1.5)
+    return _along(pga_m_s2 * (1 - 2 * u**2) * np.exp(-(u**2)), azimuth_deg, time[1])
+
+
+def _times(duration_s: float, time_step_s: float) -> NDArray[np.float64]:
+    """Sample times that end on the duration, with the nearest step that divides it."""
+    return np.linspace(0.0, duration_s, max(round(duration_s / time_step_s), 2) + 1)
+
+
+def _acceleration_of(velocity: NDArray[np.float64], step: float) -> NDArray[np.float64]:
+    """Acceleration at the samples whose mean over each step is the velocity's difference, starting from its own slope."""
+    return np.gradient(velocity, step)
+
+
+def _along(acceleration: NDArray[np.float64], azimuth_deg: float, step: float) -> Motion:
+    return Motion(acceleration[:, None] * horizontal_unit_vector(azimuth_deg), float(step))

@@ -1,0 +1,110 @@
+"""A record as a job imposes it: scaled to a level, turned to an azimuth, held within a table's displacement."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from models.errors import InputError
+from models.motions.intensity import SCALING_POWER, displacement_m, measure
+from models.motions.motion import Motion
+from models.motions.processing import high_pass
+from models.motions.record import Record
+
+LIMITING_CORNERS_HZ = np.geomspace(0.01, 5.0, 64)
+"""High-pass corners that are tried, lowest first, to hold a peak displacement."""
+LIMITING_ORDER = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Imposed:
+    """A motion on the way to the rock and how strong it is.
+
+    Parameters
+    ----------
+    motion : Motion
+        Scene frame.
+    intensity : mapping
+        Units in the names; the columns of the results' group `imposed`.
+    """
+
+    motion: Motion
+    intensity: Mapping[str, float]
+
+
+def impose(
+    record: Record, pga_m_s2: float, azimuth_deg: float, peak_displacement_m: float | None = None
+) -> Imposed:
+    """Scale a record to a horizontal vector PGA and turn its strong horizontal component to an azimuth.
+
+    As in the study: all three components are scaled alike, so that the largest horizontal acceleration vector has the
+    length `pga_m_s2`, and turned about z, so that the positive axis of the stronger recorded component (by component
+    PGA) points to `azimuth_deg`. The azimuth of the vector PGA itself is in the intensity.
+
+    Parameters
+    ----------
+    record : Record
+    pga_m_s2 : float
+        Largest length of the horizontal acceleration vector.
+    azimuth_deg : float
+        Degrees counter-clockwise from x.
+    peak_displacement_m : float or None
+        Largest horizontal displacement that a shaking table can follow. A motion beyond it is high-passed after
+        scaling (acausal Butterworth, lowest corner that suffices), which takes some of its PGA too: the intensity is that of the
+        motion as imposed.
+
+    Raises
+    ------
+    InputError
+        If `pga_m_s2` or `peak_displacement_m` is not positive, or no high-pass holds the displacement.
+    """
+    for name, value in (("pga_m_s2", pga_m_s2), ("peak_displacement_m", peak_displacement_m)):
+        if value is not None and not (np.isfinite(value) and value > 0):
+            raise InputError(
+                f"{name} is {value}",
+                where="impose",
+                expected="a positive number",
+                remedy="state the level in m/s2 and m",
+            )
+    scale = pga_m_s2 / record.intensity["pga_m_s2"]
+    motion, intensity = record.motion, record.intensity
+    if peak_displacement_m is not None and scale * intensity["pgd_m"] > peak_displacement_m:
+        motion, intensity = _within_displacement(record, peak_displacement_m / scale)
+    turn_deg = azimuth_deg - record.intensity["strong_azimuth_deg"]
+    measures = {name: float(intensity[name] * scale**power) for name, power in SCALING_POWER.items()}
+    measures["pga_azimuth_deg"] = (intensity["pga_azimuth_deg"] + turn_deg) % 360.0
+    return Imposed(_scaled_and_turned(motion, scale, turn_deg), measures)
+
+
+def _scaled_and_turned(motion: Motion, scale: float, turn_deg: float) -> Motion:
+    angle = np.deg2rad(turn_deg)
+    cosine, sine = np.cos(angle), np.sin(angle)
+    turn = scale * np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+    return Motion(motion.acceleration_m_s2 @ turn.T, motion.time_step_s)
+
+
+@lru_cache(maxsize=64)
+def _within_displacement(record: Record, limit_m: float) -> tuple[Motion, Mapping[str, float]]:
+    """High-passed motion of the unscaled record whose displacement stays within `limit_m`, and its intensity."""
+    peaks = _displacement_by_corner(record)
+    enough = np.flatnonzero(peaks <= limit_m)
+    if not len(enough):
+        raise InputError(
+            f"even a high-pass at {LIMITING_CORNERS_HZ[-1]:g} Hz leaves {peaks.min():.3g} m at the unscaled record",
+            where=f"record {record.record_id}",
+            expected=f"a displacement that a high-pass can hold within {limit_m:.3g} m (unscaled)",
+            remedy="raise peak_displacement_m or lower the PGA levels",
+        )
+    motion = high_pass(record.motion, float(LIMITING_CORNERS_HZ[enough[0]]), LIMITING_ORDER)
+    strong = record.intensity["strong_azimuth_deg"]
+    return motion, measure(motion, (strong, strong + 90.0))
+
+
+@lru_cache(maxsize=16)
+def _displacement_by_corner(record: Record) -> np.ndarray:
+    peaks = []
+    for corner in LIMITING_CORNERS_HZ:
+        ground = displacement_m(high_pass(record.motion, float(corner), LIMITING_ORDER))
+        peaks.append(np.hypot(ground[:, 0], ground[:, 1]).max())
+    return np.array(peaks)

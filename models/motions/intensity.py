@@ -1,0 +1,225 @@
+"""How strong a motion is: peaks, spectra, energy, durations, of the horizontal vector and of its components.
+
+Horizontal measures are those of the vector (x, y), so that turning a motion leaves them as they are: peaks are the largest
+length of the vector, Arias intensity and the energy integral use its squared length, spectral accelerations are the
+largest length of the two oscillators' response (RotD100 of Boore 2010, Bull. Seism. Soc. Am. 100, 1830-1835).
+"""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.signal import cont2discrete, lfilter
+from scipy.spatial import ConvexHull, QhullError
+
+from models.frames import azimuth_deg
+from models.motions.motion import Motion
+
+DAMPING = 0.05
+STANDARD_G_M_S2 = 9.80665
+SPECTRUM_PERIODS_S = (0.05, 0.1, 0.2, 0.3, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 5.0, 7.5)
+"""Periods at which a catalogue keeps the RotD50 spectrum."""
+DISTINCT_DIRECTION_DEG = 22.5
+"""Half of the study's direction bin: directions farther apart than this are distinct."""
+
+SCALING_POWER: Mapping[str, int] = {
+    "pga_m_s2": 1,
+    "pgv_m_s": 1,
+    "pgd_m": 1,
+    "pga_vertical_m_s2": 1,
+    "cav_m_s": 1,
+    "sa_1s_m_s2": 1,
+    "sa_2s_m_s2": 1,
+    "arias_m_s": 2,
+    "pgv_pga_s": 0,
+    "duration_energy_s": 0,
+    "duration_arias_s": 0,
+    "directionality": 0,
+}
+"""Measures that follow a scaled and turned motion, with the power of the scale by which they grow."""
+
+
+def velocity_m_s(motion: Motion) -> NDArray[np.float64]:
+    """Ground velocity (n, 3) at the samples, from rest: exact for acceleration that is linear between samples."""
+    a, step = motion.acceleration_m_s2, motion.time_step_s
+    velocity = np.zeros_like(a)
+    np.cumsum(0.5 * step * (a[1:] + a[:-1]), axis=0, out=velocity[1:])
+    return velocity
+
+
+def displacement_m(motion: Motion) -> NDArray[np.float64]:
+    """Ground displacement (n, 3) at the samples, from rest: exact for acceleration that is linear between samples."""
+    a, step = motion.acceleration_m_s2, motion.time_step_s
+    displacement = np.zeros_like(a)
+    increment = step * velocity_m_s(motion)[:-1] + step**2 / 6 * (2 * a[:-1] + a[1:])
+    np.cumsum(increment, axis=0, out=displacement[1:])
+    return displacement
+
+
+def oscillator_response_m_s2(
+    acceleration: ArrayLike, time_step_s: float, period_s: float, damping: float = DAMPING
+) -> NDArray[np.float64]:
+    """Pseudo-acceleration of a damped oscillator on a shaking base: its natural frequency squared times its displacement.
+
+    The discretisation is exact for a base acceleration that is linear between samples (SciPy's first-order hold, the
+    method of Nigam and Jennings 1969), from rest.
+
+    Parameters
+    ----------
+    acceleration : (n,) or (n, k) array
+        Acceleration of the base, m/s2.
+    time_step_s, period_s : float
+    damping : float
+        Share of critical damping.
+
+    Returns
+    -------
+    array
+        As `acceleration`.
+    """
+    omega = 2 * np.pi / period_s
+    numerator, denominator, _ = cont2discrete(
+        ([-(omega**2)], [1.0, 2 * damping * omega, omega**2]), time_step_s, method="foh"
+    )
+    return lfilter(numerator.ravel(), denominator, np.asarray(acceleration, float), axis=0)
+
+
+def rotated_peaks(horizontal: ArrayLike) -> NDArray[np.float64]:
+    """Largest absolute value of a horizontal pair along every whole degree from 0 to 179 (Boore 2010).
+
+    Parameters
+    ----------
+    horizontal : (n, 2) array
+
+    Returns
+    -------
+    (180,) array
+        Its median is RotD50, its maximum RotD100.
+    """
+    points = np.asarray(horizontal, float)
+    if len(points) > 500:  # only corners of the convex hull can be extreme along any direction
+        try:
+            points = points[ConvexHull(points).vertices]
+        except QhullError:  # all on one line: its ends are extreme in x or in y
+            points = points[[*points.argmin(axis=0), *points.argmax(axis=0)]]
+    angle = np.deg2rad(np.arange(180))
+    return np.abs(points @ np.stack([np.cos(angle), np.sin(angle)])).max(axis=0)
+
+
+def spectral_acceleration_m_s2(
+    motion: Motion, periods_s: Sequence[float], damping: float = DAMPING
+) -> dict[str, NDArray[np.float64]]:
+    """Response spectra (pseudo-acceleration) of a motion's horizontal pair.
+
+    Returns
+    -------
+    dict
+        `x`, `y` (the components), `rotd50`, `rotd100`, each as long as `periods_s`.
+    """
+    rows = []
+    for period in periods_s:
+        response = oscillator_response_m_s2(
+            motion.acceleration_m_s2[:, :2], motion.time_step_s, period, damping
+        )
+        rotated = rotated_peaks(response)
+        rows.append((rotated[0], rotated[90], np.median(rotated), np.hypot(*response.T).max()))
+    return dict(zip(("x", "y", "rotd50", "rotd100"), np.array(rows).T, strict=True))
+
+
+def arias_m_s(acceleration: NDArray[np.float64], time_step_s: float) -> float:
+    """Arias intensity, pi/2g times the integral of squared acceleration (Arias 1970), of one or the sum of more columns."""
+    squared = (acceleration**2).reshape(len(acceleration), -1).sum(axis=1)
+    return float(np.pi / (2 * STANDARD_G_M_S2) * np.trapezoid(squared, dx=time_step_s))
+
+
+def duration_between_shares_s(
+    squared: NDArray[np.float64], time_step_s: float, low: float = 0.05, high: float = 0.95
+) -> float:
+    """Time from the `low` to the `high` share of the integral of a squared history (n,)."""
+    build_up = np.zeros(len(squared))
+    np.cumsum(0.5 * (squared[1:] + squared[:-1]), out=build_up[1:])
+    if build_up[-1] == 0:
+        return 0.0
+    start, end = np.interp([low, high], build_up / build_up[-1], np.arange(len(squared)))
+    return float((end - start) * time_step_s)
+
+
+def directionality(horizontal: NDArray[np.float64]) -> float:
+    """Share of the vector PGA that is reached in a direction more than 22.5 degrees away from the PGA's (0 to 1).
+
+    The study counts a record above 0.9 as one without strong directionality.
+    """
+    length = np.hypot(*horizontal.T)
+    peak = int(length.argmax())
+    if length[peak] == 0:
+        return 0.0
+    cosine = horizontal @ horizontal[peak] / (length[peak] * np.where(length > 0, length, 1.0))
+    elsewhere = length[cosine < np.cos(np.deg2rad(DISTINCT_DIRECTION_DEG))]
+    return float(elsewhere.max(initial=0.0) / length[peak])
+
+
+def strong_component(
+    motion: Motion, component_azimuths_deg: tuple[float, float]
+) -> tuple[float, NDArray[np.float64]]:
+    """Azimuth of the stronger of the two recorded horizontal components, by component PGA, and its acceleration (n,)."""
+    angle = np.deg2rad(component_azimuths_deg)
+    along = motion.acceleration_m_s2[:, :2] @ np.stack([np.cos(angle), np.sin(angle)])
+    strong = int(np.abs(along).max(axis=0).argmax())
+    return float(component_azimuths_deg[strong] % 360), along[:, strong]
+
+
+def measure(motion: Motion, component_azimuths_deg: tuple[float, float] = (0.0, 90.0)) -> dict[str, float]:
+    """Every intensity measure that a catalogue keeps.
+
+    Parameters
+    ----------
+    motion : Motion
+    component_azimuths_deg : pair of float
+        Azimuths of the two recorded horizontal components, degrees counter-clockwise from x; the stronger one
+        carries the study's energy duration (5 to 95 % of the integral of its squared velocity, Anderson 2004).
+
+    Returns
+    -------
+    dict
+        By name, units in the names. The keys of `SCALING_POWER` and `pga_azimuth_deg` are what an imposed motion has.
+    """
+    a, step = motion.acceleration_m_s2, motion.time_step_s
+    velocity, displacement = velocity_m_s(motion), displacement_m(motion)
+    length = np.hypot(a[:, 0], a[:, 1])
+    speed = np.hypot(velocity[:, 0], velocity[:, 1])
+    peak, peak_speed = float(length.max()), float(speed.max())
+    strong_azimuth, strong = strong_component(motion, component_azimuths_deg)
+    strong_velocity = np.zeros(len(a))
+    np.cumsum(0.5 * step * (strong[1:] + strong[:-1]), out=strong_velocity[1:])
+    vector = spectral_acceleration_m_s2(motion, SPECTRUM_PERIODS_S)
+    sa = dict(zip(SPECTRUM_PERIODS_S, vector["rotd100"], strict=True))
+    rotated_pga, rotated_pgv = rotated_peaks(a[:, :2]), rotated_peaks(velocity[:, :2])
+    result = {
+        "pga_m_s2": peak,
+        "pgv_m_s": peak_speed,
+        "pga_azimuth_deg": azimuth_deg(a[length.argmax()]),
+        "pgv_pga_s": peak_speed / peak if peak else 0.0,
+        "pgd_m": float(np.hypot(displacement[:, 0], displacement[:, 1]).max()),
+        "pga_vertical_m_s2": float(np.abs(a[:, 2]).max()),
+        "arias_m_s": arias_m_s(a[:, :2], step),
+        "cav_m_s": float(np.trapezoid(length, dx=step)),
+        "duration_energy_s": duration_between_shares_s(strong_velocity**2, step),
+        "duration_arias_s": duration_between_shares_s(length**2, step),
+        "sa_1s_m_s2": float(sa[1.0]),
+        "sa_2s_m_s2": float(sa[2.0]),
+        "directionality": directionality(a[:, :2]),
+        "strong_azimuth_deg": strong_azimuth,
+        "duration_energy_vector_s": duration_between_shares_s(speed**2, step),
+        "pga_x_m_s2": float(np.abs(a[:, 0]).max()),
+        "pga_y_m_s2": float(np.abs(a[:, 1]).max()),
+        "pgv_x_m_s": float(np.abs(velocity[:, 0]).max()),
+        "pgv_y_m_s": float(np.abs(velocity[:, 1]).max()),
+        "pgv_vertical_m_s": float(np.abs(velocity[:, 2]).max()),
+        "pga_rotd50_m_s2": float(np.median(rotated_pga)),
+        "pga_rotd100_m_s2": float(rotated_pga.max()),
+        "pgv_rotd50_m_s": float(np.median(rotated_pgv)),
+        "pgv_rotd100_m_s": float(rotated_pgv.max()),
+    }
+    for period, value in zip(SPECTRUM_PERIODS_S, vector["rotd50"], strict=True):
+        result[f"sa_rotd50_{period:g}s_m_s2"] = float(value)
+    return result

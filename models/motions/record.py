@@ -1,0 +1,103 @@
+"""A record: a motion with where it comes from, what was done to it and how strong it is."""
+
+import hashlib
+import struct
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from models.errors import InputError
+from models.motions.intensity import measure
+from models.motions.motion import Motion
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """One station's three-component record of one earthquake, x east, y north, z up.
+
+    Parameters
+    ----------
+    record_id, event, station : str
+    magnitude, distance_km : float or None
+        None where unknown.
+    motion : Motion
+    north_known : bool
+        Whether the recorded components' azimuths are known. If not, the first horizontal component is x, the second y.
+    intensity : mapping
+        Measures of `models.motions.intensity.measure`, units in the names; `strong_azimuth_deg` is the azimuth of the
+        stronger recorded horizontal component.
+    history : tuple of str
+        What was done to the motion, step by step.
+    files : tuple of str
+        Paths as read; empty for a motion that was made.
+    sha : str
+        Hash of what can change an answer: samples, time step, azimuth of the strong component.
+    """
+
+    record_id: str
+    event: str
+    station: str
+    magnitude: float | None
+    distance_km: float | None
+    motion: Motion
+    north_known: bool
+    intensity: Mapping[str, float]
+    history: tuple[str, ...] = ()
+    files: tuple[str, ...] = ()
+    sha: str = field(default="")
+
+    @classmethod
+    def of(
+        cls,
+        record_id: str,
+        motion: Motion,
+        *,
+        event: str = "",
+        station: str = "",
+        magnitude: float | None = None,
+        distance_km: float | None = None,
+        component_azimuths_deg: tuple[float, float] | None = None,
+        history: Iterable[str] = (),
+        files: Iterable[str] = (),
+    ) -> "Record":
+        """Measure a motion and name it.
+
+        Parameters
+        ----------
+        component_azimuths_deg : pair of float or None
+            Azimuths of the recorded horizontal components, degrees counter-clockwise from x; None where unknown.
+
+        Raises
+        ------
+        InputError
+            If the motion has no horizontal acceleration.
+        """
+        intensity = measure(motion, component_azimuths_deg or (0.0, 90.0))
+        if not intensity["pga_m_s2"] > 0:
+            raise InputError(
+                "both horizontal components are zero throughout",
+                where=f"record {record_id}",
+                expected="a motion whose horizontal peak can be scaled",
+                remedy="leave the record out, or check which columns were read",
+            )
+        return cls(
+            record_id=record_id,
+            event=event,
+            station=station,
+            magnitude=magnitude,
+            distance_km=distance_km,
+            motion=motion,
+            north_known=component_azimuths_deg is not None,
+            intensity=intensity,
+            history=tuple(history),
+            files=tuple(files),
+            sha=motion_sha(motion, intensity["strong_azimuth_deg"]),
+        )
+
+
+def motion_sha(motion: Motion, strong_azimuth_deg: float) -> str:
+    """SHA-256 of samples, time step and azimuth of the strong component, the same on every machine."""
+    digest = hashlib.sha256(struct.pack("<dd", motion.time_step_s, strong_azimuth_deg))
+    digest.update(np.ascontiguousarray(motion.acceleration_m_s2, dtype="<f8").tobytes())
+    return digest.hexdigest()

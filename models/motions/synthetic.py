@@ -1,0 +1,225 @@
+"""Synthetic records by the stochastic method: windowed noise shaped to a published source, path and site spectrum.
+
+Boore (2003, Pure Appl. Geophys. 160, 635-676) gives the method, Atkinson and Silva (2000, Bull. Seism. Soc. Am. 90, 255-274) the
+two-corner source, effective distance, path and duration for California, Boore and Joyner (1997, Bull. Seism. Soc. Am. 87, 327-341)
+the amplification of generic rock, Siddiqqi and Atkinson (2002, Bull. Seism. Soc. Am. 92, 877-884) the ratio of horizontal to vertical
+spectra, Mavroeidis and Papageorgiou (2003, Bull. Seism. Soc. Am. 93, 1099-1131) the near-fault velocity pulse and the way to add it.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.motions.motion import Motion
+from models.motions.processing import end_at_rest, high_pass
+from models.motions.record import Record
+
+TIME_STEP_S = 0.01
+DENSITY_KG_M3, SHEAR_VELOCITY_M_S = 2800.0, 3500.0
+RADIATION, FREE_SURFACE, PARTITION = 0.55, 2.0, 1 / np.sqrt(2)
+REFERENCE_DISTANCE_KM, CROSSOVER_KM = 1.0, 40.0
+QUALITY_AT_1_HZ, QUALITY_EXPONENT = 180.0, 0.45
+MEDIAN_KAPPA_S = 0.035
+WINDOW_PEAK_SHARE, WINDOW_END_SHARE, WINDOW_LENGTH = 0.2, 0.05, 2.0
+ROCK_AMPLIFICATION = (
+    (0.01, 0.09, 0.16, 0.51, 0.84, 1.25, 2.26, 3.17, 6.05, 16.6, 61.2),
+    (1.00, 1.10, 1.18, 1.42, 1.58, 1.74, 2.06, 2.25, 2.58, 3.13, 4.00),
+)
+"""Frequencies (Hz) and factors of generic rock, 620 m/s over the upper 30 m."""
+LOW_CUT_HZ = 0.05
+PULSE_DISTANCE_KM = (5.0, 15.0)
+MEDIAN_PULSE_VELOCITY_M_S = 0.9
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """What a synthetic record is of.
+
+    Parameters
+    ----------
+    magnitude, distance_km : float
+        Moment magnitude and distance to the rupture.
+    kappa_s : float
+        Near-surface attenuation.
+    amplitude, duration : float
+        Factors on the median spectrum and on the median duration.
+    pulse : bool
+        Whether a near-fault velocity pulse is added.
+    """
+
+    magnitude: float
+    distance_km: float
+    kappa_s: float = MEDIAN_KAPPA_S
+    amplitude: float = 1.0
+    duration: float = 1.0
+    pulse: bool = False
+
+
+def synthetic_ensemble(count: int, seed: int, pulse_share: float = 0.15) -> list[Record]:
+    """Records of earthquakes of M 6 to 8 at 5 to 100 km, a stated share of them with a near-fault pulse.
+
+    Magnitudes are uniform, distances uniform in their logarithm. kappa, amplitude and duration scatter lognormally
+    about the published medians (standard deviations 0.4, 0.5 and 0.35 of the natural logarithm).
+
+    Parameters
+    ----------
+    count, seed : int
+        The same seed gives the same records; a longer ensemble starts with the shorter one's scenarios.
+    pulse_share : float
+        Share of the records, spread evenly through the ensemble, that have a pulse; these lie within 15 km.
+
+    Returns
+    -------
+    list of Record
+        `S0001` and on, x and y the recorded components.
+    """
+    records = []
+    for index in range(count):
+        rng = np.random.default_rng([seed, index])
+        pulse = int((index + 1) * pulse_share) > int(index * pulse_share)
+        near, far = PULSE_DISTANCE_KM if pulse else (5.0, 100.0)
+        scenario = Scenario(
+            magnitude=float(rng.uniform(6.0, 8.0)),
+            distance_km=float(np.exp(rng.uniform(np.log(near), np.log(far)))),
+            kappa_s=float(MEDIAN_KAPPA_S * np.exp(0.4 * rng.standard_normal())),
+            amplitude=float(np.exp(0.5 * rng.standard_normal())),
+            duration=float(np.exp(0.35 * rng.standard_normal())),
+            pulse=pulse,
+        )
+        motion, history = synthetic_motion(scenario, rng)
+        records.append(
+            Record.of(
+                f"S{index + 1:04d}",
+                motion,
+                event=f"synthetic {seed}-{index + 1:04d}",
+                station="rock",
+                magnitude=round(scenario.magnitude, 2),
+                distance_km=round(scenario.distance_km, 1),
+                component_azimuths_deg=(0.0, 90.0),
+                history=(f"stochastic method (Boore 2003), seed {seed}, number {index + 1}", *history),
+            )
+        )
+    return records
+
+
+def synthetic_motion(scenario: Scenario, rng: np.random.Generator) -> tuple[Motion, tuple[str, ...]]:
+    """Three components of one scenario: independent noise under a common window, the vertical with its own spectrum.
+
+    Returns
+    -------
+    Motion, history
+    """
+    duration = scenario.duration * median_duration_s(scenario.magnitude, scenario.distance_km)
+    window = saragoni_hart_window(duration)
+    lead = round(2.0 / TIME_STEP_S)
+    samples = lead + len(window) + round(5.0 / TIME_STEP_S)
+    frequency = np.fft.rfftfreq(samples, TIME_STEP_S)
+    horizontal = scenario.amplitude * acceleration_spectrum_m_s(frequency, scenario)
+    vertical = horizontal / horizontal_to_vertical(frequency)
+    noise = np.zeros((3, samples))
+    noise[:, lead : lead + len(window)] = rng.standard_normal((3, len(window))) * window
+    shape = np.fft.rfft(noise, axis=1)
+    shape /= np.sqrt(np.mean(np.abs(shape) ** 2, axis=1, keepdims=True))
+    spectra = shape * np.stack([horizontal, horizontal, vertical]) / TIME_STEP_S
+    history = [
+        f"M {scenario.magnitude:.2f}, R {scenario.distance_km:.1f} km, kappa {scenario.kappa_s:.3f} s",
+    ]
+    if scenario.pulse:
+        history.append(_add_pulse(spectra, samples, scenario, rng))
+    motion = Motion(np.fft.irfft(spectra, samples, axis=1).T, TIME_STEP_S)
+    history.append(f"acausal Butterworth high-pass at {LOW_CUT_HZ:g} Hz, end velocity set to zero")
+    return end_at_rest(high_pass(motion, LOW_CUT_HZ)), tuple(history)
+
+
+def corner_frequencies_hz(magnitude: float) -> tuple[float, float, float]:
+    """Two corner frequencies and the weight of the upper one (Atkinson and Silva 2000)."""
+    lower, upper = 10 ** (2.181 - 0.496 * magnitude), 10 ** (2.41 - 0.408 * magnitude)
+    return lower, upper, 10 ** (0.605 - 0.255 * magnitude)
+
+
+def effective_distance_km(magnitude: float, distance_km: float) -> float:
+    """Distance of a point that radiates as the finite fault does (Atkinson and Silva 2000)."""
+    return float(np.hypot(distance_km, 10 ** (-0.05 + 0.15 * magnitude)))
+
+
+def median_duration_s(magnitude: float, distance_km: float) -> float:
+    """Duration of the strong motion: source, one over twice the lower corner, and path, 0.05 s/km."""
+    return 0.5 / corner_frequencies_hz(magnitude)[0] + 0.05 * effective_distance_km(magnitude, distance_km)
+
+
+def acceleration_spectrum_m_s(frequency_hz: NDArray[np.float64], scenario: Scenario) -> NDArray[np.float64]:
+    """Median Fourier amplitude of one horizontal component's acceleration, m/s (Boore 2003, equations 4 to 20)."""
+    lower, upper, weight = corner_frequencies_hz(scenario.magnitude)
+    moment_n_m = 10 ** (1.5 * scenario.magnitude + 9.05)
+    constant = (
+        RADIATION
+        * FREE_SURFACE
+        * PARTITION
+        / (4 * np.pi * DENSITY_KG_M3 * SHEAR_VELOCITY_M_S**3 * REFERENCE_DISTANCE_KM * 1000)
+    )
+    f = frequency_hz
+    source = moment_n_m * ((1 - weight) / (1 + (f / lower) ** 2) + weight / (1 + (f / upper) ** 2))
+    distance = effective_distance_km(scenario.magnitude, scenario.distance_km)
+    spreading = (
+        REFERENCE_DISTANCE_KM / min(distance, CROSSOVER_KM) * np.sqrt(min(1.0, CROSSOVER_KM / distance))
+    )
+    quality = QUALITY_AT_1_HZ * np.maximum(f, 1e-9) ** QUALITY_EXPONENT
+    path = spreading * np.exp(-np.pi * f * distance * 1000 / (quality * SHEAR_VELOCITY_M_S))
+    amplification = np.interp(
+        np.log(np.maximum(f, 1e-3)), np.log(ROCK_AMPLIFICATION[0]), ROCK_AMPLIFICATION[1]
+    )
+    site = amplification * np.exp(-np.pi * scenario.kappa_s * f)
+    return constant * source * path * site * (2 * np.pi * f) ** 2
+
+
+def horizontal_to_vertical(frequency_hz: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Ratio of horizontal to vertical Fourier amplitude on rock (Siddiqqi and Atkinson 2002), held beyond 0.5 to 10 Hz."""
+    return 10 ** (0.0519 + 0.117 * np.log10(np.clip(frequency_hz, 0.5, 10.0)))
+
+
+def saragoni_hart_window(duration_s: float) -> NDArray[np.float64]:
+    """Exponential window of Saragoni and Hart (1974) as Boore (2003) sets it, twice as long as the duration."""
+    b = (
+        -WINDOW_PEAK_SHARE
+        * np.log(WINDOW_END_SHARE)
+        / (1 + WINDOW_PEAK_SHARE * (np.log(WINDOW_PEAK_SHARE) - 1))
+    )
+    c = b / WINDOW_PEAK_SHARE
+    share = np.linspace(0.0, 1.0, round(WINDOW_LENGTH * duration_s / TIME_STEP_S) + 1)
+    return (np.e / WINDOW_PEAK_SHARE) ** b * share**b * np.exp(-c * share)
+
+
+def velocity_pulse_m_s(
+    time_s: NDArray[np.float64], velocity_m_s: float, period_s: float, cycles: float, phase_rad: float
+) -> NDArray[np.float64]:
+    """Near-fault pulse of velocity centred on time 0 (Mavroeidis and Papageorgiou 2003, equation 3).
+
+    v = A/2 [1 + cos(2 pi t / (gamma Tp))] cos(2 pi t / Tp + nu) while abs(t) <= gamma Tp / 2.
+    """
+    envelope = 0.5 * (1 + np.cos(2 * np.pi * time_s / (cycles * period_s)))
+    inside = np.abs(time_s) <= cycles * period_s / 2
+    return np.where(inside, velocity_m_s * envelope * np.cos(2 * np.pi * time_s / period_s + phase_rad), 0.0)
+
+
+def _add_pulse(
+    spectra: NDArray[np.complex128], samples: int, scenario: Scenario, rng: np.random.Generator
+) -> str:
+    """Put a pulse into the first component as Mavroeidis and Papageorgiou do, and say what was put.
+
+    The pulse's Fourier amplitude is taken off the noise's, with the noise's phase, and the pulse is added at the
+    time of the noise's largest velocity.
+    """
+    period = 10 ** (-2.9 + 0.5 * scenario.magnitude) * np.exp(0.3 * rng.standard_normal())
+    velocity = MEDIAN_PULSE_VELOCITY_M_S * np.exp(0.3 * rng.standard_normal())
+    cycles, phase = rng.uniform(1.2, 2.5), rng.uniform(0, 2 * np.pi)
+    noise = np.fft.irfft(spectra[0], samples)
+    speed = np.abs(np.cumsum(noise - noise.mean()))
+    time = (np.arange(samples) - int(speed.argmax())) * TIME_STEP_S
+    reach = cycles * period / 2  # kept inside of the record
+    time += min(0.0, time[-1] - reach) - min(0.0, -time[0] - reach)
+    pulse = np.gradient(velocity_pulse_m_s(time, velocity, period, cycles, phase), TIME_STEP_S)
+    pulse_spectrum = np.fft.rfft(pulse)
+    rest = np.abs(np.abs(spectra[0]) - np.abs(pulse_spectrum))
+    spectra[0] = rest * np.exp(1j * np.angle(spectra[0])) + pulse_spectrum
+    return f"near-fault pulse along x: {velocity:.2f} m/s, period {period:.2f} s, {cycles:.2f} cycles"

@@ -158,14 +158,12 @@ def directionality(horizontal: NDArray[np.float64]) -> float:
     return float(elsewhere.max(initial=0.0) / length[peak])
 
 
-def strong_component(
-    motion: Motion, component_azimuths_deg: tuple[float, float]
-) -> tuple[float, NDArray[np.float64]]:
-    """Azimuth of the stronger of the two recorded horizontal components, by component PGA, and its acceleration (n,)."""
+def along_components(
+    history: NDArray[np.float64], component_azimuths_deg: tuple[float, float]
+) -> NDArray[np.float64]:
+    """Projections (n, 2) of a history (n, 3) on the two recorded horizontal components."""
     angle = np.deg2rad(component_azimuths_deg)
-    along = motion.acceleration_m_s2[:, :2] @ np.stack([np.cos(angle), np.sin(angle)])
-    strong = int(np.abs(along).max(axis=0).argmax())
-    return float(component_azimuths_deg[strong] % 360), along[:, strong]
+    return history[:, :2] @ np.stack([np.cos(angle), np.sin(angle)])
 
 
 def measure(motion: Motion, component_azimuths_deg: tuple[float, float] = (0.0, 90.0)) -> dict[str, float]:
@@ -188,9 +186,10 @@ def measure(motion: Motion, component_azimuths_deg: tuple[float, float] = (0.0, 
     length = np.hypot(a[:, 0], a[:, 1])
     speed = np.hypot(velocity[:, 0], velocity[:, 1])
     peak, peak_speed = float(length.max()), float(speed.max())
-    strong_azimuth, strong = strong_component(motion, component_azimuths_deg)
-    strong_velocity = np.zeros(len(a))
-    np.cumsum(0.5 * step * (strong[1:] + strong[:-1]), out=strong_velocity[1:])
+    component_pga = np.abs(along_components(a, component_azimuths_deg)).max(axis=0).tolist()
+    component_velocity = along_components(velocity, component_azimuths_deg)
+    component_pgv = np.abs(component_velocity).max(axis=0).tolist()
+    strong = int(np.argmax(component_pga))
     vector = spectral_acceleration_m_s2(motion, SPECTRUM_PERIODS_S)
     sa = dict(zip(SPECTRUM_PERIODS_S, vector["rotd100"], strict=True))
     rotated_pga, rotated_pgv = rotated_peaks(a[:, :2]), rotated_peaks(velocity[:, :2])
@@ -203,17 +202,17 @@ def measure(motion: Motion, component_azimuths_deg: tuple[float, float] = (0.0, 
         "pga_vertical_m_s2": float(np.abs(a[:, 2]).max()),
         "arias_m_s": arias_m_s(a[:, :2], step),
         "cav_m_s": float(np.trapezoid(length, dx=step)),
-        "duration_energy_s": duration_between_shares_s(strong_velocity**2, step),
+        "duration_energy_s": duration_between_shares_s(component_velocity[:, strong] ** 2, step),
         "duration_arias_s": duration_between_shares_s(length**2, step),
         "sa_1s_m_s2": float(sa[1.0]),
         "sa_2s_m_s2": float(sa[2.0]),
         "directionality": directionality(a[:, :2]),
-        "strong_azimuth_deg": strong_azimuth,
+        "strong_azimuth_deg": float(component_azimuths_deg[strong] % 360),
         "duration_energy_vector_s": duration_between_shares_s(speed**2, step),
-        "pga_x_m_s2": float(np.abs(a[:, 0]).max()),
-        "pga_y_m_s2": float(np.abs(a[:, 1]).max()),
-        "pgv_x_m_s": float(np.abs(velocity[:, 0]).max()),
-        "pgv_y_m_s": float(np.abs(velocity[:, 1]).max()),
+        "pga_h1_m_s2": component_pga[0],
+        "pga_h2_m_s2": component_pga[1],
+        "pgv_h1_m_s": component_pgv[0],
+        "pgv_h2_m_s": component_pgv[1],
         "pgv_vertical_m_s": float(np.abs(velocity[:, 2]).max()),
         "pga_rotd50_m_s2": float(np.median(rotated_pga)),
         "pga_rotd100_m_s2": float(rotated_pga.max()),

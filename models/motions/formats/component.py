@@ -1,0 +1,194 @@
+"""One channel as a file gives it, and how a reader says that it cannot."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import NoReturn
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.errors import InputError
+
+UP, DOWN = "up", "down"
+UNITS_M_S2 = {
+    "m/s2": 1.0,
+    "m/s^2": 1.0,
+    "m/s/s": 1.0,
+    "m/sec2": 1.0,
+    "cm/s2": 0.01,
+    "cm/s^2": 0.01,
+    "cm/s/s": 0.01,
+    "cm/sec2": 0.01,
+    "cm/sec/sec": 0.01,
+    "gal": 0.01,
+    "mm/s2": 0.001,
+    "g": 9.80665,
+    "g/10": 0.980665,
+    "mg": 0.00980665,
+}
+"""Factors to m/s2 by the names that files and tables use."""
+
+
+@dataclass(frozen=True, eq=False)
+class Component:
+    """One channel of acceleration.
+
+    Parameters
+    ----------
+    acceleration_m_s2 : (n,) array
+        In the file's own unit if `unit_known` is false.
+    time_step_s : float
+    direction : float, "up", "down" or None
+        Compass bearing of the positive axis in degrees, vertical, or unknown.
+    path : Path
+    line : int
+        Line of the first sample, 0 in a binary file.
+    file_format : str
+    corrected : bool or None
+        Whether the agency has filtered it; None if the file does not say.
+    unit_known : bool
+    event, station, label : str
+        As in the header.
+    magnitude, distance_km : float or None
+    series : str
+        What else tells two records of one station apart.
+    start_s : float or None
+        Time of the first sample, seconds since 1970.
+    notes : tuple of str
+        What the reader had to do.
+    """
+
+    acceleration_m_s2: NDArray[np.float64]
+    time_step_s: float
+    direction: float | str | None
+    path: Path
+    line: int
+    file_format: str
+    corrected: bool | None = None
+    unit_known: bool = True
+    event: str = ""
+    station: str = ""
+    label: str = ""
+    magnitude: float | None = None
+    distance_km: float | None = None
+    series: str = ""
+    start_s: float | None = None
+    notes: tuple[str, ...] = field(default=())
+
+    @property
+    def where(self) -> str:
+        """File and line, as an error names them."""
+        return f"{self.path}:{self.line}" if self.line else str(self.path)
+
+
+def refuse(what: str, path: Path | str, line: int = 0, *, expected: str, remedy: str) -> NoReturn:
+    """Raise the error that names file and line."""
+    raise InputError(what, where=f"{path}:{line}" if line else str(path), expected=expected, remedy=remedy)
+
+
+def numbers_in(
+    lines: list[str], path: Path, first_line: int, width: int | None = None
+) -> NDArray[np.float64]:
+    """Numbers of a block of lines, separated by blanks or in columns of a fixed width.
+
+    Parameters
+    ----------
+    lines : list of str
+    path : Path
+    first_line : int
+        Number of the first of `lines` in the file, from 1.
+    width : int or None
+        Characters to a number; None for blanks.
+
+    Raises
+    ------
+    InputError
+        At the first line with something that is not a finite number.
+    """
+    try:
+        values = np.array([float(token) for line in lines for token in _tokens(line, width)])
+        if np.isfinite(values).all():
+            return values
+    except ValueError:
+        pass
+    for offset, line in enumerate(lines):
+        for token in _tokens(line, width):
+            if not _is_finite_number(token):
+                refuse(
+                    f"{token.strip()!r} is not a finite number",
+                    path,
+                    first_line + offset,
+                    expected="one finite number after another",
+                    remedy="fetch the file again, or cut the damaged part and correct the count in its header",
+                )
+    return np.empty(0)
+
+
+def exactly(values: NDArray[np.float64], count: int, path: Path, line: int) -> NDArray[np.float64]:
+    """Values, if they are as many as the header says.
+
+    Raises
+    ------
+    InputError
+        If there are fewer (a truncated file) or more.
+    """
+    if len(values) != count:
+        short = len(values) < count
+        refuse(
+            f"{len(values)} samples follow where the header counts {count}"
+            + (": the file is truncated" if short else ""),
+            path,
+            line,
+            expected=f"{count} samples",
+            remedy="fetch the file again" if short else "correct the count in the header",
+        )
+    return values
+
+
+def positive(value: float, name: str, path: Path, line: int) -> float:
+    """Value of a header, if it is a positive finite number."""
+    if not (np.isfinite(value) and value > 0):
+        refuse(
+            f"{name} is {value:g}",
+            path,
+            line,
+            expected=f"a positive {name}",
+            remedy="correct the header, or fetch the file again",
+        )
+    return value
+
+
+def bearing(label: str) -> float | str | None:
+    """Direction that a component's label names: compass bearing in degrees, "up", "down", or None.
+
+    Understands bearings ("090", "N37E", "S53W", "270 Deg"), letters ("E", "NS", "HNN", "UD") and words ("UP", "DOWN", "VERT").
+    """
+    text = label.upper().replace("DEGREES", "").replace("DEG", "").replace(".", "").strip(" ,;:()-_")
+    if text in {"UP", "UD", "U", "V", "Z", "VERT", "VERTICAL", "VER"}:
+        return UP
+    if text in {"DOWN", "DWN", "DN", "D"}:
+        return DOWN
+    words = {"N": 0.0, "NS": 0.0, "NORTH": 0.0, "E": 90.0, "EW": 90.0, "EAST": 90.0, "S": 180.0, "W": 270.0}
+    if text in words:
+        return words[text]
+    if text.isdigit() and int(text) <= 360:
+        return float(int(text) % 360)
+    if len(text) >= 3 and text[0] in "NS" and text[-1] in "EW" and text[1:-1].strip().isdigit():
+        angle = float(text[1:-1])
+        east = angle if text[-1] == "E" else -angle
+        return (east if text[0] == "N" else 180.0 - east) % 360.0
+    return None
+
+
+def _tokens(line: str, width: int | None) -> list[str]:
+    if width is None:
+        return line.split()
+    body = line.rstrip()
+    return [body[i : i + width] for i in range(0, len(body), width)]
+
+
+def _is_finite_number(token: str) -> bool:
+    try:
+        return bool(np.isfinite(float(token)))
+    except ValueError:
+        return False

@@ -1,0 +1,87 @@
+"""PEER NGA acceleration files (AT2): four header lines, then samples in g."""
+
+import re
+from pathlib import Path
+
+from models.motions.formats.component import Component, bearing, exactly, numbers_in, positive, refuse
+
+NAME = "PEER AT2"
+_COUNT = re.compile(r"NPTS\s*=?\s*(\d+)", re.IGNORECASE)
+_STEP = re.compile(r"DT\s*=?\s*([-+0-9.Ee]+)", re.IGNORECASE)
+_OLD = re.compile(r"^\s*(\d+)\s+([0-9.Ee+-]+)\s+NPTS\s*,\s*DT", re.IGNORECASE)
+
+
+def recognises(head: str) -> bool:
+    """Whether this is how an AT2 file begins."""
+    lines = head.splitlines()
+    return len(lines) >= 4 and "PEER" in lines[0].upper() and "STRONG MOTION" in lines[0].upper()
+
+
+def read(path: Path, text: str) -> list[Component]:
+    """Read one component; both header styles (`NPTS= 5437, DT= .0050 SEC` and `5437 0.0050 NPTS, DT`)."""
+    lines = text.splitlines()
+    if "ACCELERATION" not in lines[2].upper() or not re.search(r"\bG\b", lines[2].upper()):
+        refuse(
+            f"the third line says {lines[2].strip()[:60]!r}",
+            path,
+            3,
+            expected="'ACCELERATION TIME SERIES IN UNITS OF G'",
+            remedy="give the acceleration file (.AT2), not velocity or displacement",
+        )
+    count, step = _count_and_step(lines[3], path)
+    values = exactly(numbers_in(lines[4:], path, 5), count, path, len(lines))
+    event, station, label = _title(lines[1])
+    return [
+        Component(
+            acceleration_m_s2=values * 9.80665,
+            time_step_s=step,
+            direction=bearing(label),
+            path=path,
+            line=5,
+            file_format=NAME,
+            corrected=True,
+            event=event,
+            station=station,
+            label=label,
+            series=_series(path),
+        )
+    ]
+
+
+def _count_and_step(line: str, path: Path) -> tuple[int, float]:
+    old = _OLD.match(line)
+    count, step = (old[1], old[2]) if old else (_COUNT.search(line), _STEP.search(line))
+    if count is None or step is None:
+        refuse(
+            f"no NPTS and DT in {line.strip()[:60]!r}",
+            path,
+            4,
+            expected="a line such as 'NPTS=  5437, DT= .0050 SEC'",
+            remedy="fetch the file again",
+        )
+    try:
+        number = int(count if isinstance(count, str) else count[1])
+        seconds = float(step if isinstance(step, str) else step[1])
+    except ValueError:
+        refuse(
+            f"{line.strip()[:60]!r} has no readable time step",
+            path,
+            4,
+            expected="a line such as 'NPTS=  5437, DT= .0050 SEC'",
+            remedy="fetch the file again",
+        )
+    return number, positive(seconds, "time step", path, 4)
+
+
+def _title(line: str) -> tuple[str, str, str]:
+    """Event, station and component of 'Kocaeli Turkey, 8/17/1999, Duzce, 180' (commas occur in station names)."""
+    parts = [part.strip() for part in line.split(",")]
+    if len(parts) < 4:
+        return line.strip(), "", parts[-1] if len(parts) > 1 else ""
+    return parts[0], ", ".join(parts[2:-1]), parts[-1]
+
+
+def _series(path: Path) -> str:
+    """Record sequence number in the file's name, which tells apart two records of one station."""
+    match = re.match(r"(RSN\d+)_", path.name, re.IGNORECASE)
+    return match[1].upper() if match else ""

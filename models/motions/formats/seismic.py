@@ -1,0 +1,210 @@
+"""What ObsPy reads: K-NET and KiK-net, SAC, miniSEED, GSE2 and more, with StationXML where the samples are counts."""
+
+import io
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from models.errors import InputError
+from models.motions.formats.component import DOWN, UP, Component, positive, refuse
+
+NAME = "ObsPy"
+FLATNESS_BAND_HZ = (0.1, 20.0)
+FLATNESS = 0.05
+"""An accelerometer whose response varies less than this share over the band is divided by its sensitivity."""
+
+
+def read(path: Path, content: bytes, inventory: Any | None) -> list[Component] | None:  # noqa: ANN401  (an obspy Inventory)
+    """Read every trace of a file, in m/s2; None if ObsPy knows no such format.
+
+    Parameters
+    ----------
+    path : Path
+        Named in errors.
+    content : bytes
+    inventory : obspy.Inventory or None
+        Responses for samples in counts.
+    """
+    import obspy
+
+    with warnings.catch_warnings(record=True) as complaints:
+        warnings.simplefilter("always")
+        try:
+            stream = obspy.read(io.BytesIO(content), apply_calib=False, check_compression=False)
+        except TypeError as error:
+            if "Unknown format" in str(error):
+                return None
+            return _unreadable(path, error)
+        except Exception as error:  # noqa: BLE001  (ObsPy's readers raise whatever a damaged file makes them trip over)
+            return _unreadable(path, error)
+    doubt = [str(item.message) for item in complaints if item.category.__module__.startswith("obspy")]
+    if doubt:
+        _unreadable(path, ValueError(doubt[0]))
+    _refuse_gaps(stream, path)
+    return [_component(trace, path, inventory) for trace in stream]
+
+
+def responses(paths: list[Path]) -> Any | None:  # noqa: ANN401
+    """One inventory of all StationXML files among `paths`; None if there is none."""
+    import obspy
+
+    together = None
+    for path in paths:
+        try:
+            inventory = obspy.read_inventory(str(path))
+        except Exception as error:
+            raise InputError(
+                f"not readable as StationXML ({error})",
+                where=str(path),
+                expected="StationXML with the channels' responses",
+                remedy="fetch it again with level=response",
+            ) from error
+        together = inventory if together is None else together + inventory
+    return together
+
+
+def is_station_xml(head: str) -> bool:
+    """Whether this is how StationXML begins."""
+    return "<FDSNStationXML" in head
+
+
+def _unreadable(path: Path, error: Exception) -> list[Component]:
+    refuse(
+        f"ObsPy cannot read it ({error})",
+        path,
+        expected="a whole file of a format that ObsPy knows",
+        remedy="fetch the file again",
+    )
+
+
+def _refuse_gaps(stream: Any, path: Path) -> None:  # noqa: ANN401
+    if len(stream) == 0:
+        refuse("no samples", path, expected="a record", remedy="fetch the file again")
+    gaps = stream.get_gaps()
+    if gaps:
+        network, station, _, channel, start, end, seconds, _ = gaps[0]
+        refuse(
+            f"{network}.{station} {channel} has a gap of {seconds:g} s from {start} to {end}",
+            path,
+            expected="one unbroken record a channel",
+            remedy="cut the record before or after the gap",
+        )
+
+
+def _component(trace: Any, path: Path, inventory: Any | None) -> Component:  # noqa: ANN401
+    stats = trace.stats
+    values = np.asarray(trace.data, dtype=float)
+    bad = np.flatnonzero(~np.isfinite(values))
+    if np.ma.isMaskedArray(trace.data) or len(bad):
+        refuse(
+            f"sample {int(bad[0]) if len(bad) else 0} of {trace.id} is missing or not finite",
+            path,
+            expected="finite samples",
+            remedy="fetch the file again",
+        )
+    step = positive(float(stats.delta), "time step", path, 0)
+    own = stats.get("knet") or stats.get("sac") or {}
+    values, note, known = _in_m_s2(trace, values, inventory, path)
+    return Component(
+        acceleration_m_s2=values,
+        time_step_s=round(step, 9),
+        direction=_direction(stats, inventory),
+        path=path,
+        line=0,
+        file_format=stats.get("_format", NAME),
+        corrected=False,
+        unit_known=known,
+        event=f"{own['evot']}" if "evot" in own else "",
+        station=".".join(part for part in (stats.network, stats.station, stats.location) if part),
+        label=stats.channel,
+        magnitude=float(own["mag"]) if "mag" in own else None,
+        start_s=float(stats.starttime.timestamp),
+        notes=(note,) if note else (),
+    )
+
+
+def _in_m_s2(
+    trace: Any, values: np.ndarray, inventory: Any | None, path: Path
+) -> tuple[np.ndarray, str, bool]:  # noqa: ANN401
+    stats = trace.stats
+    kind = stats.get("_format", "")
+    if kind == "KNET":
+        return values * stats.calib, f"calibration {stats.calib:.6g} m/s2 per count", True
+    if kind == "SAC":  # the header names the quantity but never its unit
+        if int(stats.sac.get("idep", 8)) not in {5, 8}:
+            refuse(
+                f"idep is {stats.sac.idep}: not acceleration",
+                path,
+                expected="acceleration (idep 8)",
+                remedy="differentiate it to acceleration first",
+            )
+        return values, "", False
+    if inventory is None:
+        return values, "", False
+    return _without_response(trace, inventory, path)
+
+
+def _without_response(trace: Any, inventory: Any, path: Path) -> tuple[np.ndarray, str, bool]:  # noqa: ANN401
+    try:
+        response = inventory.get_response(trace.id, trace.stats.starttime)
+    except Exception:  # noqa: BLE001  (ObsPy raises a bare Exception: no matching response)
+        return np.asarray(trace.data, float), "", False
+    sensitivity = response.instrument_sensitivity
+    units = (sensitivity.input_units or "").upper() if sensitivity else ""
+    top = min(FLATNESS_BAND_HZ[1], 0.4 / trace.stats.delta)
+    if units in {"M/S**2", "M/S^2", "M/S/S", "M/S2"} and _is_flat(response, sensitivity.value, top):
+        values = np.asarray(trace.data, float) / sensitivity.value
+        return values, f"divided by the sensitivity, {sensitivity.value:.6g} counts per m/s2", True
+    work = trace.copy()
+    nyquist = 0.5 / trace.stats.delta
+    band = (0.01, 0.02, 0.8 * nyquist, 0.95 * nyquist)
+    try:
+        work.remove_response(inventory=inventory, output="ACC", pre_filt=band, water_level=None)
+    except Exception as error:  # noqa: BLE001
+        refuse(
+            f"the response of {trace.id} cannot be removed ({error})",
+            path,
+            expected="StationXML with a whole response",
+            remedy="fetch the StationXML with level=response",
+        )
+    return np.asarray(work.data, float), f"response removed between {band[1]:g} and {band[2]:g} Hz", True
+
+
+def _is_flat(response: Any, sensitivity: float, top_hz: float) -> bool:  # noqa: ANN401
+    try:
+        frequencies = np.geomspace(FLATNESS_BAND_HZ[0], top_hz, 12)
+        gain = np.abs(response.get_evalresp_response_for_frequencies(frequencies, output="ACC"))
+    except Exception:  # noqa: BLE001  (a response of the overall sensitivity alone has no stages to evaluate)
+        return True
+    return bool(np.abs(gain / sensitivity - 1).max() <= FLATNESS)
+
+
+def _direction(stats: Any, inventory: Any | None) -> float | str | None:  # noqa: ANN401
+    if inventory is not None:
+        try:
+            orientation = inventory.get_orientation(
+                f"{stats.network}.{stats.station}.{stats.location}.{stats.channel}", stats.starttime
+            )
+            if orientation["dip"] is not None and abs(orientation["dip"]) > 45:
+                return UP if orientation["dip"] < 0 else DOWN
+            if orientation["azimuth"] is not None:
+                return float(orientation["azimuth"])
+        except Exception:  # noqa: BLE001  (no such channel in the inventory)
+            pass
+    sac = stats.get("sac")
+    if sac and "cmpinc" in sac and "cmpaz" in sac:
+        if abs(float(sac["cmpinc"]) - 90) > 45:
+            return UP if float(sac["cmpinc"]) < 45 else DOWN
+        return float(sac["cmpaz"]) % 360
+    channel = stats.channel.rstrip("12") if stats.get("_format") == "KNET" else stats.channel
+    return (
+        {"NS": 0.0, "EW": 90.0, "UD": UP}.get(channel)
+        if stats.get("_format") == "KNET"
+        else {
+            "N": 0.0,
+            "E": 90.0,
+            "Z": UP,
+        }.get(channel[-1:])
+    )

@@ -1,0 +1,324 @@
+"""From files to records: read, group, orient, doubt, process. What cannot be used is named, and the rest goes on."""
+
+import hashlib
+import logging
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from models.errors import InputError
+from models.motions.formats import read_file
+from models.motions.formats.component import UP, Component
+from models.motions.formats.seismic import is_station_xml, responses
+from models.motions.metadata import Entry
+from models.motions.processing import process
+from models.motions.quality import doubts
+from models.motions.record import Record
+from models.motions.stations import Triple, grouped, oriented, triple
+
+logger = logging.getLogger(__name__)
+
+IGNORED_SUFFIXES = {".csv", ".md", ".txt~", ".json", ".parquet", ".toml", ".py", ".pdf", ".png"}
+
+
+@dataclass(frozen=True)
+class Wishes:
+    """What the user allows and asks for.
+
+    Parameters
+    ----------
+    missing_vertical : bool
+        Allow records without a vertical component.
+    doubtful : bool
+        Allow records beyond 5 g, clipped, with a spike or with a gap filled by a constant.
+    process : bool or None
+        None processes what the agency has not corrected; True all, False none.
+    corner_hz : float or None
+        Corner of the high-pass; None chooses one by record.
+    """
+
+    missing_vertical: bool = False
+    doubtful: bool = False
+    process: bool | None = None
+    corner_hz: float | None = None
+
+
+@dataclass(frozen=True)
+class Refusal:
+    """Something that was left out, and why."""
+
+    subject: str
+    reason: InputError
+
+
+@dataclass
+class Import:
+    """Outcome of an import."""
+
+    records: list[Record] = field(default_factory=list)
+    refusals: list[Refusal] = field(default_factory=list)
+
+
+def record_files(paths: Iterable[Path]) -> list[Path]:
+    """Files that may hold records: those given, and all in the folders given, in a fixed order.
+
+    Raises
+    ------
+    InputError
+        If a path does not exist.
+    """
+    found: dict[Path, None] = {}
+    for path in paths:
+        if not path.exists():
+            raise InputError(
+                "there is no such file or folder",
+                where=str(path),
+                expected="records",
+                remedy="check the path",
+            )
+        inside = sorted(path.rglob("*")) if path.is_dir() else [path]
+        for file in inside:
+            hidden = (
+                any(part.startswith(".") for part in file.relative_to(path).parts) if path.is_dir() else False
+            )
+            if file.is_file() and not hidden and file.suffix.lower() not in IGNORED_SUFFIXES:
+                found[file] = None
+    return list(found)
+
+
+def import_records(
+    files: Sequence[Path],
+    table: Sequence[Entry] = (),
+    wishes: Wishes | None = None,
+    advance: Callable[[], None] = lambda: None,
+) -> Import:
+    """Read files into records.
+
+    Parameters
+    ----------
+    files : sequence of Path
+        As from :func:`record_files`.
+    table : sequence of Entry
+        Rows of a metadata table; rows none of whose files are given are passed over.
+    wishes : Wishes
+    advance : callable
+        Called once a file.
+
+    Returns
+    -------
+    Import
+        Records with ids that are unique, and refusals.
+    """
+    wishes = wishes or Wishes()
+    outcome = Import()
+    station_xml = [path for path in files if is_station_xml(_head(path))]
+    inventory = responses(station_xml) if station_xml else None
+    channels: dict[Path, list[Component]] = {}
+    for path in files:
+        if path not in station_xml:
+            _attempt(outcome, str(path), lambda p=path: channels.update({p: _read(p, inventory)}))  # type: ignore[misc]
+        advance()
+    used = _import_rows(outcome, table, files, channels, wishes)
+    rest = [c for path, components in channels.items() if path not in used for c in components]
+    for group in grouped(rest):
+        name = _name(group)
+        _attempt(outcome, name, lambda g=group, n=name: outcome.records.append(_by_header(g, n, wishes)))  # type: ignore[misc]
+    _refuse_twins(outcome)
+    _make_ids_unique(outcome.records)
+    return outcome
+
+
+def _attempt(outcome: Import, subject: str, action: Callable[[], Any]) -> None:
+    try:
+        action()
+    except InputError as error:
+        logger.info("left out %s: %s", subject, error.what)
+        outcome.refusals.append(Refusal(subject, error))
+
+
+def _head(path: Path) -> str:
+    with path.open("rb") as file:
+        return file.read(2000).decode("utf-8", errors="replace")
+
+
+def _read(path: Path, inventory: Any | None) -> list[Component]:  # noqa: ANN401
+    return read_file(path, inventory)
+
+
+def _import_rows(
+    outcome: Import,
+    table: Sequence[Entry],
+    files: Sequence[Path],
+    channels: dict[Path, list[Component]],
+    wishes: Wishes,
+) -> set[Path]:
+    """Records of the metadata table's rows; returns the files that the rows name."""
+    by_place = {path.resolve(): path for path in files}
+    failed = {refusal.subject for refusal in outcome.refusals}
+    used: set[Path] = set()
+    for entry in table:
+        here = [by_place.get(path.resolve()) for path in entry.files]
+        if not any(here):
+            continue
+        used.update(path for path in here if path)
+        subject = entry.record_id or entry.where
+        missing = [str(want) for want, path in zip(entry.files, here, strict=True) if path is None]
+        broken = [str(path) for path in here if path and str(path) in failed]
+        if broken:  # the file's own refusal says why
+            continue
+        if missing:
+            error = InputError(
+                f"{', '.join(missing)} not among the files given",
+                where=entry.where,
+                expected="every file that the row names",
+                remedy="give the file or its folder too",
+            )
+            outcome.refusals.append(Refusal(subject, error))
+            continue
+        read = {path.resolve(): channels[path] for path in here if path}
+        _attempt(outcome, subject, lambda e=entry, r=read: outcome.records.append(_by_row(e, r, wishes)))  # type: ignore[misc]
+    return used
+
+
+def _by_row(entry: Entry, read: dict[Path, list[Component]], wishes: Wishes) -> Record:
+    if len(entry.files) == 1:
+        channels = triple(read[entry.h1.resolve()])
+    else:
+        parts = [_one(read[path.resolve()], entry) for path in (entry.h1, entry.h2, entry.v) if path]
+        channels = Triple(parts[0], parts[1], parts[2] if entry.v else None)
+    channels = _completed(channels, entry)
+    return _record(entry.record_id or _name(channels.channels), channels, wishes, entry.corner_hz, entry)
+
+
+def _by_header(group: list[Component], name: str, wishes: Wishes) -> Record:
+    return _record(name, triple(group), wishes, None, None)
+
+
+def _one(components: list[Component], entry: Entry) -> Component:
+    if len(components) != 1:
+        raise InputError(
+            f"{components[0].path} holds {len(components)} channels",
+            where=entry.where,
+            expected="one channel a file where h1, h2 and v are different files",
+            remedy="name the same file in h1, h2 and v",
+        )
+    return components[0]
+
+
+def _completed(channels: Triple, entry: Entry) -> Triple:
+    """Channels with what the table says where the file is silent."""
+
+    def complete(component: Component, bearing: float | None) -> Component:
+        values = component.acceleration_m_s2
+        known = component.unit_known
+        if not known and entry.unit_m_s2 is not None:
+            values, known = values * entry.unit_m_s2, True
+        return replace(
+            component,
+            acceleration_m_s2=values,
+            unit_known=known,
+            direction=float(bearing % 360) if bearing is not None else component.direction,
+            corrected=entry.corrected if entry.corrected is not None else component.corrected,
+        )
+
+    vertical = channels.vertical
+    if vertical is not None:
+        vertical = complete(vertical, None)
+        if not isinstance(vertical.direction, str):
+            vertical = replace(vertical, direction=UP)
+    return Triple(
+        complete(channels.first, entry.h1_azimuth_deg),
+        complete(channels.second, entry.h2_azimuth_deg),
+        vertical,
+    )
+
+
+def _record(
+    name: str, channels: Triple, wishes: Wishes, corner_hz: float | None, entry: Entry | None
+) -> Record:
+    first = channels.first
+    for component in channels.channels:
+        if not component.unit_known:
+            raise InputError(
+                "the file does not say in which unit its samples are",
+                where=component.where,
+                expected="a unit, or for counts an instrument response",
+                remedy="give the StationXML beside it, or a metadata table with the column 'unit' (--metadata)",
+            )
+    if channels.vertical is None and not wishes.missing_vertical:
+        raise InputError(
+            "there is no vertical component",
+            where=first.where,
+            expected="three components",
+            remedy="give the vertical's file, or allow it with --missing-vertical",
+        )
+    if not wishes.doubtful:
+        for component in channels.channels:
+            doubts(component)
+    motion, azimuths, history = oriented(channels)
+    steps = [
+        f"read as {first.file_format}",
+        *dict.fromkeys(n for c in channels.channels for n in c.notes),
+        *history,
+    ]
+    corrected = bool(first.corrected) if first.corrected is not None else True
+    if wishes.process if wishes.process is not None else not corrected:
+        motion, done = process(motion, wishes.corner_hz or corner_hz)
+        steps.extend(done)
+    else:
+        steps.append("left as the agency corrected it" if corrected else "left uncorrected, as asked")
+    known = entry or None
+    return Record.of(
+        name,
+        motion,
+        event=(known.event if known else "") or first.event,
+        station=(known.station if known else "") or first.station,
+        magnitude=known.magnitude if known and known.magnitude is not None else first.magnitude,
+        distance_km=known.distance_km if known and known.distance_km is not None else first.distance_km,
+        component_azimuths_deg=azimuths,
+        history=steps,
+        files=dict.fromkeys(str(c.path) for c in channels.channels),
+    )
+
+
+def _name(group: Sequence[Component]) -> str:
+    """Id of a record without a table: what the names of its files have in common, with its folder."""
+    stems = list(dict.fromkeys(c.path.stem for c in group))
+    common = stems[0]
+    for stem in stems[1:]:
+        while not stem.startswith(common):
+            common = common[:-1]
+    common = common.rstrip("._- ") or stems[0]
+    stations = {c.station for c in group}
+    if len(stems) == 1 and len(group) > 3:
+        return f"{common}-{stations.pop()}" if len(stations) == 1 else common
+    return common
+
+
+def _refuse_twins(outcome: Import) -> None:
+    """Leave out the second of two records that are one: the same samples after reading."""
+    seen: dict[str, Record] = {}
+    kept = []
+    for record in outcome.records:
+        mark = hashlib.sha256(record.motion.acceleration_m_s2.round(9).tobytes()).hexdigest()
+        if mark in seen:
+            error = InputError(
+                f"the same motion as {seen[mark].record_id} ({', '.join(seen[mark].files)})",
+                where=", ".join(record.files),
+                expected="one file set a record",
+                remedy="leave one of the two out",
+            )
+            outcome.refusals.append(Refusal(record.record_id, error))
+        else:
+            seen[mark] = record
+            kept.append(record)
+    outcome.records[:] = kept
+
+
+def _make_ids_unique(records: list[Record]) -> None:
+    count: dict[str, int] = {}
+    for index, record in enumerate(records):
+        count[record.record_id] = count.get(record.record_id, 0) + 1
+        if count[record.record_id] > 1:
+            records[index] = replace(record, record_id=f"{record.record_id}-{count[record.record_id]}")

@@ -1,0 +1,151 @@
+"""The metadata table: what record files do not say, one row a record."""
+
+import csv
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+from models.errors import InputError
+from models.motions.formats.component import UNITS_M_S2
+
+COLUMNS = {
+    "record_id": ("record_id", "rec_id"),
+    "event": ("event",),
+    "station": ("station",),
+    "magnitude": ("magnitude", "mag"),
+    "distance_km": ("distance_km", "dist_km"),
+    "h1": ("h1",),
+    "h2": ("h2",),
+    "v": ("v",),
+    "unit": ("unit",),
+    "processing": ("processing",),
+    "corner_hz": ("corner_hz",),
+    "h1_azimuth": ("h1_azimuth",),
+    "h2_azimuth": ("h2_azimuth",),
+}
+"""What is read, and the names that a table may give it; other columns are left alone."""
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One row: files of the components and what they do not say; None or empty where the table is silent too.
+
+    `h1_azimuth_deg` and `h2_azimuth_deg` are compass bearings; `unit_m_s2` is one unit of the file in m/s2.
+    """
+
+    where: str
+    record_id: str
+    event: str
+    station: str
+    magnitude: float | None
+    distance_km: float | None
+    h1: Path
+    h2: Path
+    v: Path | None
+    unit_m_s2: float | None
+    corrected: bool | None
+    corner_hz: float | None
+    h1_azimuth_deg: float | None
+    h2_azimuth_deg: float | None
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """Files of the record, each once."""
+        return tuple(dict.fromkeys(path for path in (self.h1, self.h2, self.v) if path is not None))
+
+
+def read_table(table: Path) -> list[Entry]:
+    """Rows of a metadata table; paths are relative to the table's folder.
+
+    Raises
+    ------
+    InputError
+        If a column is missing, a number is none, a unit is unknown, or two rows have one id: with the line.
+    """
+    with table.open(encoding="utf-8-sig", newline="") as file:
+        reader = csv.DictReader(file)
+        names = reader.fieldnames or []
+        if "h1" not in names or "h2" not in names:
+            raise InputError(
+                f"no columns h1 and h2 among {', '.join(names[:8])}",
+                where=f"{table}:1",
+                expected="a CSV table with a header line and at least the columns h1, h2",
+                remedy="one row a record: h1,h2,v,unit,event,mag,dist_km,station",
+            )
+        entries = [
+            _entry(row, table, reader.line_num) for row in reader if any((v or "") for v in row.values())
+        ]
+    seen: dict[str, str] = {}
+    for entry in entries:
+        if entry.record_id and entry.record_id in seen:
+            raise InputError(
+                f"record id {entry.record_id!r} is that of {seen[entry.record_id]} too",
+                where=entry.where,
+                expected="one row a record",
+                remedy="give each row its own rec_id",
+            )
+        seen[entry.record_id] = entry.where
+    return entries
+
+
+def unit_m_s2(text: str) -> float | None:
+    """One unit in m/s2, from its name or from a factor and a name ('4.7e-06 m/s2', per count); None if not known."""
+    parts = text.strip().lower().replace(" per count", "").split()
+    if len(parts) == 1:
+        return UNITS_M_S2.get(parts[0])
+    if len(parts) == 2 and parts[1] in UNITS_M_S2:
+        try:
+            factor = float(parts[0])
+        except ValueError:
+            return None
+        return factor * UNITS_M_S2[parts[1]] if math.isfinite(factor) and factor > 0 else None
+    return None
+
+
+def _entry(row: dict[str, str | None], table: Path, line: int) -> Entry:
+    where = f"{table}:{line}"
+    text = {key: next((row[n].strip() for n in names if row.get(n)), "") for key, names in COLUMNS.items()}  # type: ignore[union-attr]
+    for key in ("h1", "h2"):
+        if not text[key]:
+            raise InputError(
+                f"no file in column {key}", where=where, expected="a path", remedy="name the file"
+            )
+    unit = unit_m_s2(text["unit"]) if text["unit"] else None
+    if text["unit"] and unit is None:
+        raise InputError(
+            f"unit {text['unit']!r}",
+            where=where,
+            expected=f"one of {', '.join(UNITS_M_S2)}, or a factor and one of them",
+            remedy="name the unit of the samples",
+        )
+    processing = text["processing"].lower()
+    return Entry(
+        where=where,
+        record_id=text["record_id"],
+        event=text["event"],
+        station=text["station"],
+        magnitude=_number(text, "magnitude", where),
+        distance_km=_number(text, "distance_km", where),
+        h1=table.parent / text["h1"],
+        h2=table.parent / text["h2"],
+        v=table.parent / text["v"] if text["v"] else None,
+        unit_m_s2=unit,
+        corrected=None if not processing else processing.startswith("corrected"),
+        corner_hz=_number(text, "corner_hz", where),
+        h1_azimuth_deg=_number(text, "h1_azimuth", where),
+        h2_azimuth_deg=_number(text, "h2_azimuth", where),
+    )
+
+
+def _number(text: dict[str, str], key: str, where: str) -> float | None:
+    if not text[key]:
+        return None
+    try:
+        value = float(text[key])
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise InputError(
+            f"{key} is {text[key]!r}", where=where, expected="a number or nothing", remedy="correct the table"
+        )
+    return value

@@ -1,0 +1,186 @@
+"""From channels to records: which belong together, which way they point, where they begin and end."""
+
+import re
+from collections import defaultdict
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from models.errors import InputError
+from models.motions.formats.component import DOWN, UP, Component, bearing
+from models.motions.motion import Motion
+
+LEAST_ANGLE_DEG = 30.0
+"""Two horizontals closer than this to one line cannot be resolved into x and y."""
+SAME_SHAKING_S = 60.0
+"""Channels of one station that start farther apart than this belong to different records."""
+STEP_TOLERANCE = 1e-3
+_NAME = re.compile(
+    r"^(?P<series>.*?)[._\- ]*(?P<label>[A-Z]{0,2}[ENZ]|NS\d?|EW\d?|UD\d?|UP|DWN|[LTV]|H1|H2|\d{3})$",
+    re.IGNORECASE,
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Triple:
+    """Two horizontal channels and, if there is one, the vertical."""
+
+    first: Component
+    second: Component
+    vertical: Component | None
+
+    @property
+    def channels(self) -> tuple[Component, ...]:
+        """All channels, horizontals first."""
+        return (
+            (self.first, self.second) if self.vertical is None else (self.first, self.second, self.vertical)
+        )
+
+
+def grouped(components: Iterable[Component]) -> list[list[Component]]:
+    """Channels by station: by what the header says, by the file's name where it says nothing."""
+    groups: dict[tuple, list[Component]] = defaultdict(list)
+    for component in components:
+        groups[_key(component)].append(component)
+    return [part for group in groups.values() for part in _by_start(group)]
+
+
+def triple(group: Sequence[Component]) -> Triple:
+    """The horizontals and the vertical of one station.
+
+    Raises
+    ------
+    InputError
+        If there are not exactly two horizontal channels and at most one vertical.
+    """
+    vertical = [c for c in group if _direction(c) in (UP, DOWN)]
+    horizontal = [c for c in group if _direction(c) not in (UP, DOWN)]
+    if len(horizontal) != 2 or len(vertical) > 1:
+        raise InputError(
+            f"{len(group)} channels ({', '.join(c.label or c.path.name for c in group)}): {len(horizontal)} horizontal"
+            f" and {len(vertical)} vertical",
+            where=", ".join(dict.fromkeys(str(c.path) for c in group)),
+            expected="two horizontal channels and one vertical",
+            remedy="give the missing files, or name h1, h2 and v in the metadata table",
+        )
+    first, second = horizontal
+    return Triple(first, second, vertical[0] if vertical else None)
+
+
+def oriented(channels: Triple) -> tuple[Motion, tuple[float, float] | None, tuple[str, ...]]:
+    """Motion in x east, y north, z up from three channels.
+
+    Horizontals of known bearing are resolved, at any angle between them from 30 degrees up; of unknown bearing, the
+    first is x and the second y.
+
+    Returns
+    -------
+    motion : Motion
+    azimuths : pair of float or None
+        Azimuths of the recorded horizontals, degrees counter-clockwise from x; None where unknown.
+    history : tuple of str
+
+    Raises
+    ------
+    InputError
+        If time steps differ, or the horizontals lie along one line.
+    """
+    step, series, history = _aligned(channels)
+    bearings = _direction(channels.first), _direction(channels.second)
+    azimuths = None
+    if isinstance(bearings[0], float) and isinstance(bearings[1], float):
+        azimuths = ((90.0 - bearings[0]) % 360.0, (90.0 - bearings[1]) % 360.0)
+        angle = np.deg2rad(azimuths)
+        if abs(np.sin(angle[1] - angle[0])) < np.sin(np.deg2rad(LEAST_ANGLE_DEG)):
+            raise InputError(
+                f"the horizontals point to {bearings[0]:g} and {bearings[1]:g} degrees, nearly along one line",
+                where=channels.first.where,
+                expected=f"at least {LEAST_ANGLE_DEG:g} degrees between them",
+                remedy="correct the azimuths in the header or in the metadata table",
+            )
+        axes = np.column_stack([np.cos(angle), np.sin(angle)])
+        x, y = np.linalg.solve(axes, series[:2])
+        history.append(
+            f"horizontals at {bearings[0]:g} and {bearings[1]:g} degrees from north resolved to east and north"
+        )
+    else:
+        x, y = series[0], series[1]
+        history.append("azimuths unknown: first horizontal as x, second as y")
+    if channels.vertical is None:
+        z = np.zeros_like(x)
+        history.append("no vertical component: zero")
+    else:
+        z = series[2]
+        if _direction(channels.vertical) == DOWN:
+            z = -z
+            history.append("vertical is positive down in the file: sign turned")
+    return Motion(np.column_stack([x, y, z]), step), azimuths, tuple(history)
+
+
+def name_series(component: Component) -> tuple[str, str]:
+    """Series and component label that a file's name holds, such as ('..._HWA036', 'E')."""
+    match = _NAME.match(component.path.stem)
+    suffix = bearing(component.path.suffix.lstrip("."))
+    if component.path.suffix and suffix is not None:
+        return component.path.stem, component.path.suffix.lstrip(".")
+    return (match["series"], match["label"]) if match else (component.path.stem, "")
+
+
+def _direction(component: Component) -> float | str | None:
+    """Direction by header, then by the file's name; a label such as HNE counts by its last letter."""
+    if component.direction is not None or component.label:
+        return component.direction
+    label = name_series(component)[1].upper()
+    return bearing(label[-1] if re.fullmatch(r"[A-Z]{2}[ENZ]", label) else label)
+
+
+def _key(component: Component) -> tuple:
+    if component.station:
+        return component.file_format, component.event, component.station, component.series
+    return component.file_format, str(component.path.parent), name_series(component)[0]
+
+
+def _by_start(group: list[Component]) -> list[list[Component]]:
+    if len(group) <= 3 or any(c.start_s is None for c in group):
+        return [group]
+    ordered = sorted(group, key=lambda c: c.start_s or 0.0)
+    parts = [[ordered[0]]]
+    for component in ordered[1:]:
+        if (component.start_s or 0.0) - (parts[-1][-1].start_s or 0.0) > SAME_SHAKING_S:
+            parts.append([])
+        parts[-1].append(component)
+    return parts
+
+
+def _aligned(channels: Triple) -> tuple[float, np.ndarray, list[str]]:
+    """Common time step, channels (k, n) cut to their common span, and what was done."""
+    parts = channels.channels
+    step = parts[0].time_step_s
+    for component in parts[1:]:
+        if abs(component.time_step_s / step - 1) > STEP_TOLERANCE:
+            raise InputError(
+                f"the time step is {component.time_step_s:g} s, that of {parts[0].path.name} is {step:g} s",
+                where=component.where,
+                expected="one time step for all components",
+                remedy="resample the components to one step first",
+            )
+    starts = [c.start_s for c in parts]
+    skip = [0] * len(parts)
+    if all(start is not None for start in starts):
+        latest = max(start for start in starts if start is not None)
+        skip = [round((latest - (start or 0.0)) / step) for start in starts]
+    count = min(len(c.acceleration_m_s2) - s for c, s in zip(parts, skip, strict=True))
+    if count < 2:
+        raise InputError(
+            "the components have no time in common",
+            where=parts[0].where,
+            expected="components of one shaking",
+            remedy="name the components that belong together in the metadata table",
+        )
+    history = []
+    lengths = [len(c.acceleration_m_s2) for c in parts]
+    if len(set(lengths)) > 1 or any(skip):
+        history.append(f"components of {', '.join(map(str, lengths))} samples cut to the {count} they share")
+    series = np.stack([c.acceleration_m_s2[s : s + count] for c, s in zip(parts, skip, strict=True)])
+    return step, series, history

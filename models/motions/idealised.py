@@ -28,14 +28,16 @@ def full_cosine(
 def sawtooth_velocity(
     pgv_m_s: float = 5.0, period_s: float = 3.5, azimuth_deg: float = 0.0, time_step_s: float = TIME_STEP_S
 ) -> Motion:
-    """One cycle of a sawtooth of velocity (the study's figure 8): up to +PGV, down through zero to -PGV, back to rest.
+    """One cycle of a sawtooth of velocity (the study's figure 8): to +PGV, through zero to -PGV, back to rest.
 
-    Velocity is linear over each quarter, half and quarter of the period, so the acceleration is +-4 PGV / period;
-    the edges take one time step and are centred on the quarter and three quarters of the period.
+    Velocity is linear over a quarter, a half and a quarter of the period: acceleration is +-4 PGV / period. It
+    changes sign over two time steps, and is that little larger that the velocity still reaches PGV.
     """
     time = _times(period_s, time_step_s)
-    velocity = pgv_m_s * np.interp(time / period_s, [0, 0.25, 0.75, 1], [0, 1, -1, 0])
-    return _along(_acceleration_of(velocity, time[1]), azimuth_deg, time[1])
+    velocity = np.interp(time / period_s, [0, 0.25, 0.75, 1], [0, 1, -1, 0])
+    acceleration = np.gradient(velocity, time[1])
+    reached = np.abs(np.cumsum(0.5 * time[1] * (acceleration[1:] + acceleration[:-1]))).max()
+    return _along(pgv_m_s / reached * acceleration, azimuth_deg, time[1])
 
 
 def step_in_velocity(
@@ -68,11 +70,6 @@ def ricker(
 def _times(duration_s: float, time_step_s: float) -> NDArray[np.float64]:
     """Sample times that end on the duration, with the nearest step that divides it."""
     return np.linspace(0.0, duration_s, max(round(duration_s / time_step_s), 2) + 1)
-
-
-def _acceleration_of(velocity: NDArray[np.float64], step: float) -> NDArray[np.float64]:
-    """Acceleration at the samples whose mean over each step is the velocity's difference, starting from its own slope."""
-    return np.gradient(velocity, step)
 
 
 def _along(acceleration: NDArray[np.float64], azimuth_deg: float, step: float) -> Motion:

@@ -1,0 +1,239 @@
+"""A campaign: what is shaken by what, how strongly and from where. Read from TOML, checked before use."""
+
+import dataclasses
+import hashlib
+import json
+import math
+import os
+import tomllib
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from models import ContactProperties, InputError
+
+PRESETS = ("fast", "standard", "reference")
+LARGEST_PGA_M_S2 = 100.0
+"""Ten times gravity, twice the strongest ground acceleration recorded: more is a slip of units."""
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """The axes of an ensemble of jobs; a job is one point of their product.
+
+    Parameters
+    ----------
+    scene, ensemble : Path
+        Folders of the scene and of the ensemble.
+    pga_m_s2 : tuple of float
+        Levels that every record is scaled to, m/s2.
+    azimuth_deg : tuple of float
+        Azimuths that every record is turned to, degrees counter-clockwise from x.
+    friction : tuple of (float, float)
+        Static and kinetic coefficients.
+    restitution : tuple of float
+    realisations : int
+        Jobs per point, from realisation 0, the nominal scene.
+    preset : str
+        Settings of the engine: fast, standard or reference.
+    records : tuple of str or None
+        Record ids; None for the whole ensemble.
+    peak_displacement_m : float or None
+        Largest ground displacement to impose; None to leave the records' own.
+    """
+
+    scene: Path
+    ensemble: Path
+    pga_m_s2: tuple[float, ...]
+    azimuth_deg: tuple[float, ...]
+    friction: tuple[tuple[float, float], ...]
+    restitution: tuple[float, ...] = (0.0,)
+    realisations: int = 1
+    preset: str = "standard"
+    records: tuple[str, ...] | None = None
+    peak_displacement_m: float | None = None
+
+    @classmethod
+    def read(cls, path: str | os.PathLike[str]) -> "Campaign":
+        """Read a TOML file; its folders are relative to the file.
+
+        Raises
+        ------
+        InputError
+            If the file is absent or not TOML, a key is unknown or missing, or a value is out of its range.
+        """
+        source = Path(path)
+        try:
+            content = tomllib.loads(source.read_text(encoding="utf-8"))
+        except FileNotFoundError:
+            raise _error(
+                source, "no such file", "a campaign file", "write one: see 'toppling run --help'"
+            ) from None
+        except (tomllib.TOMLDecodeError, UnicodeDecodeError, IsADirectoryError) as error:
+            raise _error(
+                source, f"not TOML ({error})", "a campaign file", "see 'toppling run --help'"
+            ) from None
+        return cls.of(content, source.parent, where=str(source))
+
+    @classmethod
+    def of(cls, content: Mapping[str, Any], folder: Path, where: str = "campaign") -> "Campaign":
+        """Check the content of a campaign file that lies in `folder`.
+
+        Raises
+        ------
+        InputError
+            As :meth:`read`.
+        """
+        known = {field.name: field for field in dataclasses.fields(cls)}
+        for key in content:
+            if key not in known:
+                raise _error(
+                    where, f"unknown key {key!r}", f"keys: {', '.join(known)}", "correct or remove it"
+                )
+        missing = [
+            name
+            for name in ("scene", "ensemble", "pga_m_s2", "azimuth_deg", "friction")
+            if name not in content
+        ]
+        if missing:
+            raise _error(where, f"missing {', '.join(missing)}", "a value for each", "add them to the file")
+
+        def place(key: str) -> str:
+            return f"{where}: {key}"
+
+        def folder_of(key: str) -> Path:
+            if not isinstance(content[key], str) or not content[key]:
+                raise _error(place(key), f"{content[key]!r}", "the path of a folder", "give it as a string")
+            return folder / content[key]
+
+        values: dict[str, Any] = {"scene": folder_of("scene"), "ensemble": folder_of("ensemble")}
+        values["pga_m_s2"] = _axis(
+            content["pga_m_s2"],
+            place("pga_m_s2"),
+            lambda pga: 0 < pga <= LARGEST_PGA_M_S2,
+            f"accelerations above 0 and up to {LARGEST_PGA_M_S2:g} m/s2",
+        )
+        values["azimuth_deg"] = _axis(
+            content["azimuth_deg"],
+            place("azimuth_deg"),
+            lambda azimuth: 0 <= azimuth < 360,
+            "azimuths from 0 to below 360 degrees, counter-clockwise from x (east)",
+        )
+        values["restitution"] = _axis(
+            content.get("restitution", [0.0]),
+            place("restitution"),
+            lambda value: 0 <= value <= 1,
+            "numbers 0 to 1",
+        )
+        values["friction"] = _friction(content["friction"], place("friction"))
+        realisations = content.get("realisations", 1)
+        if not isinstance(realisations, int) or isinstance(realisations, bool) or realisations < 1:
+            raise _error(
+                place("realisations"), f"{realisations!r}", "a whole number from 1", "1 is the nominal scene"
+            )
+        values["realisations"] = realisations
+        preset = content.get("preset", "standard")
+        if preset not in PRESETS:
+            raise _error(
+                place("preset"), f"{preset!r}", f"one of {', '.join(PRESETS)}", "take 'standard' if unsure"
+            )
+        values["preset"] = preset
+        if (records := content.get("records")) is not None:
+            if (
+                not isinstance(records, list)
+                or not records
+                or not all(isinstance(name, str) for name in records)
+            ):
+                raise _error(
+                    place("records"), f"{records!r}", "a list of record ids", "leave it out to take all"
+                )
+            values["records"] = tuple(_distinct(records, place("records")))
+        if (peak := content.get("peak_displacement_m")) is not None:
+            if not _is_number(peak) or not peak > 0:
+                raise _error(
+                    place("peak_displacement_m"), f"{peak!r}", "metres above 0", "leave it out for none"
+                )
+            values["peak_displacement_m"] = float(peak)
+        return cls(**values)
+
+    def to_toml(self, scene: str, ensemble: str) -> str:
+        """Write the campaign as TOML with the folders given and every value written out."""
+        content = {
+            field.name: getattr(self, field.name)
+            for field in dataclasses.fields(self)
+            if getattr(self, field.name) is not None
+        }
+        content |= {"scene": scene, "ensemble": ensemble}
+        # JSON's strings, numbers and arrays are TOML's too.
+        return "".join(f"{key} = {json.dumps(value, ensure_ascii=False)}\n" for key, value in content.items())
+
+    def axes_per_record(self) -> int:
+        """Jobs that each record stands in."""
+        axes = (self.pga_m_s2, self.azimuth_deg, self.friction, self.restitution)
+        return math.prod(map(len, axes)) * self.realisations
+
+
+def hash_of(texts: Iterable[str]) -> str:
+    """Short hash of a sequence of texts, which depends on their order."""
+    digest = hashlib.sha256()
+    for text in texts:
+        digest.update(text.encode())
+        digest.update(b"\n")
+    return digest.hexdigest()[:20]
+
+
+def _axis(value: Any, where: str, fits: Callable[[float], bool], expected: str) -> tuple[float, ...]:
+    """Numbers of a list, or of a table {start, stop, step} that includes its stop."""
+    if isinstance(value, dict):
+        if set(value) != {"start", "stop", "step"} or not all(_is_number(part) for part in value.values()):
+            raise _error(
+                where, f"{value!r}", "{ start = ..., stop = ..., step = ... } in numbers", "or give a list"
+            )
+        start, stop, step = value["start"], value["stop"], value["step"]
+        if not (step > 0 and stop >= start):
+            raise _error(
+                where, f"{value!r} holds no number", "step above 0, stop not below start", "swap the ends?"
+            )
+        # Half a thousandth of a step lets 0.1 + 0.1 + 0.1 reach a stop of 0.3; rounding gives 0.3 back.
+        count = int((stop - start) / step + 5e-4) + 1
+        value = [round(start + index * step, 12) for index in range(count)]
+    if not isinstance(value, list) or not value:
+        raise _error(
+            where, f"{value!r}", f"a list of {expected}", "at least one value is needed to have a job"
+        )
+    for number in value:
+        if not _is_number(number) or not fits(number):
+            raise _error(where, f"{number!r}", expected, "correct the value; mind the unit in the key's name")
+    return tuple(float(number) for number in _distinct(value, where))
+
+
+def _friction(value: Any, where: str) -> tuple[tuple[float, float], ...]:
+    if not isinstance(value, list) or not value:
+        raise _error(where, f"{value!r}", "a list of coefficients", "at least one is needed, such as [0.8]")
+    pairs = []
+    for entry in value:
+        pair = entry if isinstance(entry, list) else [entry, entry]
+        if len(pair) != 2 or not all(_is_number(number) for number in pair):
+            raise _error(where, f"{entry!r}", "a number, or [static, kinetic]", "correct the entry")
+        try:
+            ContactProperties(*map(float, pair))
+        except InputError as error:
+            raise _error(where, f"{entry!r}: {error.what}", error.expected, error.remedy) from None
+        pairs.append((float(pair[0]), float(pair[1])))
+    return tuple(_distinct(pairs, where))
+
+
+def _distinct(values: list, where: str) -> list:
+    repeated = sorted({str(value) for value in values if values.count(value) > 1})
+    if repeated:
+        raise _error(where, f"{', '.join(repeated)} given twice", "every value once", "remove the repetition")
+    return values
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def _error(where: object, what: str, expected: str, remedy: str) -> InputError:
+    return InputError(what, where=str(where), expected=expected, remedy=remedy)

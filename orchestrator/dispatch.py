@@ -1,0 +1,109 @@
+"""Which jobs go out next, and what follows from what came back. Decides; no input, no output, no Dask.
+
+Jobs of one record travel in batches, so that the engine's own work outweighs the cluster's. A batch whose
+worker died says only that one of its jobs may be to blame: each is then tried alone, and a job whose workers
+died `DEATHS_ALLOWED` times while it ran alone is given up.
+"""
+
+import math
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+JOBS_IN_BATCH = 256
+"""Upper limit; the time budget of a batch usually ends it first."""
+
+BATCHES_LEFT_PER_WORKER = 4
+"""Batches shrink near the end, so that every worker gets this many of the last ones and none idles."""
+
+DEATHS_ALLOWED = 3
+"""Deaths of a worker under one lone job before the job is given up.
+
+Bad luck, such as a node taken away, hardly strikes one job so often; a job that crashes the engine always does.
+"""
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Jobs that go to a worker together.
+
+    Parameters
+    ----------
+    jobs : tuple of int
+        Rows of the plan, all of one record.
+    attempt : int
+        1, or more for a job that is tried alone after its worker died.
+    alone : bool
+        Whether it is a suspect's lone try.
+    """
+
+    jobs: tuple[int, ...]
+    attempt: int = 1
+    alone: bool = False
+
+
+class Dispatch:
+    """The jobs that are still to be handed out.
+
+    Parameters
+    ----------
+    pending : (n,) int array
+        Rows of the plan, in the order to start them.
+    record_of : (m,) int array
+        For every row of the plan the number of its record.
+    """
+
+    def __init__(self, pending: NDArray[np.int64], record_of: NDArray[np.integer]) -> None:
+        self._segments = deque([pending] if len(pending) else [])
+        self._record_of = record_of
+        self._suspects: deque[int] = deque()
+        self._attempts: dict[int, int] = {}
+        self._deaths: dict[int, int] = {}
+        self._waiting = len(pending)
+
+    @property
+    def waiting(self) -> int:
+        """Jobs that are not handed out now."""
+        return self._waiting + len(self._suspects)
+
+    def next_batch(self, workers: int) -> Batch | None:
+        """Hand out the next batch for a cluster of so many workers, or None if nothing waits."""
+        if self._suspects:
+            job = self._suspects.popleft()
+            return Batch((job,), self._attempts[job], alone=True)
+        if not self._segments:
+            return None
+        segment = self._segments.popleft()
+        size = min(JOBS_IN_BATCH, math.ceil(self._waiting / (BATCHES_LEFT_PER_WORKER * max(workers, 1))))
+        head = segment[:size]
+        others = np.flatnonzero(self._record_of[head] != self._record_of[head[0]])
+        taken = int(others[0]) if len(others) else len(head)
+        if taken < len(segment):
+            self._segments.appendleft(segment[taken:])
+        self._waiting -= taken
+        return Batch(tuple(map(int, segment[:taken])))
+
+    def came_back(self, batch: Batch, done: int) -> None:
+        """Take back the jobs of a batch beyond the first `done`, which its time budget left no room for."""
+        rest = np.array(batch.jobs[done:], np.int64)
+        if not len(rest):
+            return
+        if batch.alone:
+            self._suspects.append(int(rest[0]))
+        else:
+            self._segments.appendleft(rest)
+            self._waiting += len(rest)
+
+    def died(self, batch: Batch) -> int | None:
+        """Take note that the worker of a batch died; returns the job that is thereby given up, if any."""
+        for job in batch.jobs:
+            self._attempts[job] = batch.attempt + 1
+        if batch.alone:
+            (job,) = batch.jobs
+            self._deaths[job] = self._deaths.get(job, 0) + 1
+            if self._deaths[job] >= DEATHS_ALLOWED:
+                return job
+        self._suspects.extend(batch.jobs)
+        return None

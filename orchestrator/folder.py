@@ -1,0 +1,196 @@
+"""A run's folder: everything needed to repeat it, made complete or not at all; one writer at a time."""
+
+import contextlib
+import fcntl
+import json
+import os
+import shutil
+import socket
+from collections.abc import Iterator
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import pyarrow.parquet as pq
+
+from models import InputError
+from orchestrator.plan import Plan
+
+SCHEMA_VERSION = 1
+PARTS = "parts"
+
+
+def prepare(run: Path, plan: Plan, versions: dict[str, str]) -> None:
+    """Make the folder of a run, or make sure that an existing one is of this plan.
+
+    Raises
+    ------
+    InputError
+        If the folder is of another campaign, of other versions, or no run.
+    """
+    if run.exists() or run.is_symlink():
+        _check(run, plan, versions)
+        return
+    run.parent.mkdir(parents=True, exist_ok=True)
+    staging = run.with_name(f".{run.name}.{os.getpid()}.tmp")
+    shutil.rmtree(staging, ignore_errors=True)
+    try:
+        staging.mkdir()
+        (staging / PARTS).mkdir()
+        shutil.copytree(plan.campaign.scene, staging / "scene")
+        shutil.copytree(plan.campaign.ensemble, staging / "ensemble")
+        (staging / "campaign.toml").write_text(plan.campaign.to_toml("scene", "ensemble"), encoding="utf-8")
+        pq.write_table(plan.jobs, staging / "jobs.parquet", compression="zstd")
+        described = {
+            "schema_version": SCHEMA_VERSION,
+            "plan_id": plan.id,
+            "jobs": len(plan),
+            "scene_id": plan.scene_id,
+            "ensemble_id": plan.ensemble_id,
+            "versions": versions,
+            "created_at": now(),
+            "sessions": [],
+        }
+        write_json(staging / "run.json", described)
+        staging.rename(run)
+    except BaseException:
+        shutil.rmtree(staging, ignore_errors=True)
+        raise
+
+
+def describe(run: Path) -> dict[str, Any]:
+    """Read `run.json`.
+
+    Raises
+    ------
+    InputError
+        If the folder is no run.
+    """
+    try:
+        content = json.loads((run / "run.json").read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise _error(
+            run,
+            f"is not a run's folder ({error})",
+            expected="a folder that 'toppling run' made",
+            remedy="give the folder named with --out, or another name for a new run",
+        ) from None
+    if not isinstance(content, dict) or content.get("schema_version") != SCHEMA_VERSION:
+        raise _error(
+            run,
+            "run.json is of another layout",
+            expected=f"schema version {SCHEMA_VERSION}",
+            remedy="start a new run with another --out",
+        )
+    return content
+
+
+@contextlib.contextmanager
+def session(run: Path, told: dict[str, Any]) -> Iterator[dict[str, Any]]:
+    """Hold the folder for writing; what the block adds to the session's notes ends up in `run.json`.
+
+    Raises
+    ------
+    InputError
+        If another process writes to the run.
+    """
+    with (run / ".lock").open("a+") as lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            lock.seek(0)
+            raise _error(
+                run,
+                f"another process writes to this run ({lock.read().strip() or 'unknown'})",
+                expected="one 'toppling run' for a folder at a time",
+                remedy="wait for it, or stop it first",
+            ) from None
+        lock.truncate(0)
+        lock.write(f"{socket.gethostname()}:{os.getpid()}\n")
+        lock.flush()
+        _sweep(run)
+        notes = {"started_at": now(), "host": socket.gethostname(), "ended": "interrupted", **told}
+        _note(run, notes, new=True)
+        try:
+            yield notes
+        finally:
+            notes["ended_at"] = now()
+            _note(run, notes, new=False)
+
+
+def is_running(run: Path) -> bool:
+    """Whether a process writes to the run now."""
+    try:
+        with (run / ".lock").open() as lock:
+            fcntl.flock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    except OSError:
+        return False
+    return False
+
+
+def write_json(path: Path, content: dict[str, Any]) -> None:
+    """Write a JSON file that is whole or as it was before."""
+    hidden = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    with hidden.open("w", encoding="utf-8") as file:
+        json.dump(content, file, indent=1)
+        file.write("\n")
+        file.flush()
+        os.fsync(file.fileno())
+    hidden.replace(path)
+
+
+def now() -> str:
+    """Tell the time, UTC, to the second."""
+    return datetime.now(UTC).isoformat(timespec="seconds")
+
+
+def _note(run: Path, notes: dict[str, Any], *, new: bool) -> None:
+    content = describe(run)
+    sessions = content["sessions"]
+    content["sessions"] = [*(sessions if new else sessions[:-1]), notes]
+    write_json(run / "run.json", content)
+
+
+def _sweep(run: Path) -> None:
+    """Remove what a killed writer left half written; only the holder of the lock may."""
+    for folder in (run, run / PARTS):
+        for left in folder.glob(".*.tmp"):
+            left.unlink(missing_ok=True)
+
+
+def _check(run: Path, plan: Plan, versions: dict[str, str]) -> None:
+    content = describe(run)
+    for name in (PARTS, "scene", "ensemble", "run.json", "run.log", "results.parquet", ".lock"):
+        if (run / name).is_symlink():
+            raise _error(
+                run,
+                f"{name} is a link that leads elsewhere",
+                expected="a folder with its own content",
+                remedy="do not resume a run whose origin you do not know; start a new one with another --out",
+            )
+    there = content.get("versions", {})
+    differing = [
+        f"{name} {there.get(name)}, now {version}"
+        for name, version in versions.items()
+        if there.get(name) != version
+    ]
+    if differing:
+        raise _error(
+            run,
+            f"the run was begun with {'; '.join(differing)}",
+            expected="the same versions to the end, so that all rows are comparable",
+            remedy="go on with the old environment, or start a new run with another --out",
+        )
+    if content.get("plan_id") != plan.id:
+        raise _error(
+            run,
+            f"the folder holds the run of another campaign ({content.get('jobs')} jobs, here {len(plan)})",
+            expected="the same campaign, scene and ensemble as when the run was begun",
+            remedy="give another --out, or go on with the run's own: 'toppling run RUN/campaign.toml --out RUN'",
+        )
+
+
+def _error(run: Path, what: str, expected: str, remedy: str) -> InputError:
+    return InputError(what, where=str(run), expected=expected, remedy=remedy)

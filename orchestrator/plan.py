@@ -1,0 +1,160 @@
+"""From a campaign to its jobs: one table, which holds a million; specifications only as they are needed."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import product
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+from numpy.typing import NDArray
+from workers.job import JobSpec
+
+from models import InputError, Scene
+from models.motions.ensemble import Ensemble
+from orchestrator.campaign import Campaign, hash_of
+
+COLUMNS = pa.schema(
+    [
+        ("job_id", pa.string()),
+        ("record_id", pa.dictionary(pa.int32(), pa.string())),
+        ("pga_m_s2", pa.float64()),
+        ("azimuth_deg", pa.float64()),
+        ("friction_static", pa.float64()),
+        ("friction_kinetic", pa.float64()),
+        ("restitution", pa.float64()),
+        ("realisation", pa.int32()),
+    ]
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """The jobs of a campaign on one scene and one ensemble.
+
+    Parameters
+    ----------
+    campaign : Campaign
+    scene_id, ensemble_id : str
+    record_sha : dict
+        Hash of every record in use.
+    jobs : pyarrow.Table
+        One row a job, the longest records first.
+    """
+
+    campaign: Campaign
+    scene_id: str
+    ensemble_id: str
+    record_sha: dict[str, str]
+    jobs: pa.Table
+
+    def __len__(self) -> int:
+        return len(self.jobs)
+
+    @cached_property
+    def id(self) -> str:
+        """Hash of all jobs."""
+        return hash_of(self.jobs.column("job_id").to_pylist())
+
+    @cached_property
+    def record_of(self) -> NDArray[np.int32]:
+        """For every job the number of its record, (n,)."""
+        return self.jobs.column("record_id").combine_chunks().indices.to_numpy()
+
+    def pending(self, finished: set[str]) -> NDArray[np.int64]:
+        """Rows of the jobs without a result, in the order to start them."""
+        done = pc.is_in(self.jobs.column("job_id"), value_set=pa.array(sorted(finished), pa.string()))
+        return np.flatnonzero(~done.combine_chunks().to_numpy(zero_copy_only=False))
+
+    def spec(self, row: int) -> JobSpec:
+        """Specification of one job."""
+        values = {name: self.jobs.column(name)[row].as_py() for name in COLUMNS.names if name != "job_id"}
+        return _spec(self.campaign, self.scene_id, self.record_sha[values["record_id"]], **values)
+
+
+def plan(campaign: Campaign, scene: Scene, ensemble: Ensemble) -> Plan:
+    """Expand a campaign to its jobs.
+
+    Raises
+    ------
+    InputError
+        If the campaign names a record that the ensemble lacks, or the ensemble is empty.
+    """
+    records = _records(campaign, ensemble)
+    sha = {record: ensemble.sha(record) for record in records}
+    axes = list(_axes(campaign))
+    scene_id = scene.id
+    ids = pa.array(
+        (_spec(campaign, scene_id, sha[record], record, *axis).job_id for record in records for axis in axes),
+        pa.string(),
+    )
+    per_record = [np.tile(np.array(column), len(records)) for column in zip(*axes, strict=True)]
+    codes = np.repeat(np.arange(len(records), dtype=np.int32), len(axes))
+    jobs = pa.Table.from_arrays(
+        [ids, pa.DictionaryArray.from_arrays(codes, pa.array(records)), *map(pa.array, per_record)],
+        names=COLUMNS.names,
+    ).cast(COLUMNS)
+    return Plan(campaign, scene_id, ensemble.id, sha, jobs)
+
+
+def _axes(campaign: Campaign) -> Iterator[tuple[float, float, float, float, float, int]]:
+    """One record's points; the strongest shaking first, for it takes the longest."""
+    levels = sorted(campaign.pga_m_s2, reverse=True)
+    realisations = range(campaign.realisations)
+    for pga, azimuth, (static, kinetic), restitution, realisation in product(
+        levels, campaign.azimuth_deg, campaign.friction, campaign.restitution, realisations
+    ):
+        yield pga, azimuth, static, kinetic, restitution, realisation
+
+
+def _spec(
+    campaign: Campaign,
+    scene_id: str,
+    record_sha: str,
+    record_id: str,
+    pga_m_s2: float,
+    azimuth_deg: float,
+    friction_static: float,
+    friction_kinetic: float,
+    restitution: float,
+    realisation: int,
+) -> JobSpec:
+    return JobSpec(
+        scene_id=scene_id,
+        record_id=record_id,
+        record_sha=record_sha,
+        pga_m_s2=pga_m_s2,
+        azimuth_deg=azimuth_deg,
+        friction_static=friction_static,
+        friction_kinetic=friction_kinetic,
+        restitution=restitution,
+        realisation=realisation,
+        preset=campaign.preset,
+    )
+
+
+def _records(campaign: Campaign, ensemble: Ensemble) -> list[str]:
+    """Ids of the records to use, the longest motion first."""
+    known = ensemble.record_ids
+    missing = [name for name in campaign.records or () if name not in set(known)]
+    if missing:
+        raise InputError(
+            f"records {', '.join(missing[:10])} are not in the ensemble"
+            + (" ..." if len(missing) > 10 else ""),
+            where=str(campaign.ensemble),
+            expected=f"ids of its {len(known)} records, such as {', '.join(known[:5])}",
+            remedy="correct 'records' in the campaign, or import the records into the ensemble",
+        )
+    chosen = list(campaign.records or known)
+    if not chosen:
+        what = "the ensemble holds no records, so there are no jobs"
+        raise InputError(
+            what,
+            where=str(campaign.ensemble),
+            expected="at least one record",
+            remedy="import some with 'toppling records import'",
+        )
+    catalog = ensemble.catalog
+    duration = dict(zip(catalog["record_id"].to_pylist(), catalog["duration_s"].to_pylist(), strict=True))
+    return sorted(chosen, key=lambda name: (-duration[name], name))

@@ -1,0 +1,294 @@
+"""Carry a plan out on a cluster: a bounded window of batches in flight, rows to the store, faults survived.
+
+What to do next is decided in :mod:`orchestrator.dispatch`; here is all that talks to Dask and to the disk.
+"""
+
+import logging
+import time
+import uuid
+from collections import Counter
+from collections.abc import Callable, Sequence
+from concurrent.futures import CancelledError
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Protocol
+
+from distributed import Client, Future, KilledWorker, as_completed
+from workers.job import JobSpec
+
+from models import Scene
+from models.motions.ensemble import Ensemble
+from orchestrator.campaign import Campaign
+from orchestrator.dispatch import DEATHS_ALLOWED, Batch, Dispatch
+from orchestrator.folder import prepare, session
+from orchestrator.plan import Plan, plan
+from orchestrator.task import Order, Row, UnfitWorkerError, lost_row, shake_batch, versions
+from results.store import RESULTS_FILE, compact, finished_ids, result_files, write_part
+
+log = logging.getLogger(__name__)
+
+BATCH_BUDGET_S = 2.0
+"""Work of one task: a hundred times what handing it out costs, yet little to lose with a worker."""
+
+POLL_S = 0.02
+FLUSH_S = (5.0, 60.0)
+"""Least and greatest time between part files; it grows with the run, so that a weekend makes few thousand."""
+
+Task = Callable[[Order, Sequence[JobSpec], float], list[Row]]
+
+
+class RunError(RuntimeError):
+    """The run cannot go on; what is stored stays, and the same command resumes."""
+
+
+class Watcher(Protocol):
+    """Who wants to see a run go on."""
+
+    def __call__(self, tally: "Tally") -> None:
+        """Take note of the state; called often, must return at once."""
+
+
+@dataclass
+class Tally:
+    """How far a run has come.
+
+    Parameters
+    ----------
+    total : int
+        Jobs of the plan.
+    before : int
+        Jobs that had a row when this session began.
+    """
+
+    total: int
+    before: int
+    done: int = 0
+    stored: int = 0
+    toppled: int = 0
+    workers: int = 0
+    deaths: int = 0
+    work_s: float = 0.0
+    status: Counter[str] = field(default_factory=Counter)
+    began: float = field(default_factory=time.monotonic)
+
+    @property
+    def elapsed_s(self) -> float:
+        """Time since the session's first job went out."""
+        return time.monotonic() - self.began
+
+    @property
+    def rate(self) -> float:
+        """Jobs a second in this session."""
+        return self.done / self.elapsed_s
+
+    @property
+    def failed(self) -> int:
+        """Jobs of this session that have no answer."""
+        return self.done - self.status["ok"]
+
+    def count(self, rows: Sequence[Row]) -> None:
+        """Add rows."""
+        self.done += len(rows)
+        for row in rows:
+            self.status[row["status"]] += 1
+            self.toppled += row.get("toppled") is True
+            self.work_s += row.get("wall_s") or 0.0
+
+
+def run(campaign: Campaign, folder: Path, cluster: AbstractContextManager[Client], watch: Watcher) -> Tally:
+    """Carry a campaign out, or go on with it; the folder then holds `results.parquet`.
+
+    Parameters
+    ----------
+    campaign : Campaign
+    folder : Path
+        The run's folder, made if absent.
+    cluster : context manager of Client
+        Entered only if there is work.
+    watch : Watcher
+
+    Returns
+    -------
+    Tally
+        Of this session.
+
+    Raises
+    ------
+    InputError
+        If the campaign does not fit its scene, its ensemble or the folder, or workers are unfit for the run.
+    RunError
+        If the run cannot go on; what was done stays.
+    """
+    folder = folder.absolute()
+    planned = plan(campaign, Scene.load(campaign.scene), Ensemble.load(campaign.ensemble))
+    here = versions()
+    prepare(folder, planned, dict(here))
+    order = Order(str(folder), planned.scene_id, planned.ensemble_id, here)
+    with session(folder, {}) as notes:
+        finished = finished_ids(folder)
+        if len(planned.pending(finished)):
+            with cluster as client:
+                tally = Execution(planned, finished, client, folder, order, watch)()
+        else:
+            tally = Tally(len(planned), len(planned))
+        notes |= {
+            "ended": "complete",
+            "done": tally.done,
+            "status": dict(tally.status),
+            "deaths": tally.deaths,
+        }
+    if result_files(folder) != [folder / RESULTS_FILE]:
+        compact(folder)
+    return tally
+
+
+class Execution:
+    """One session of a run.
+
+    Parameters
+    ----------
+    plan : Plan
+    finished : set of str
+        Ids of jobs that need no work.
+    client : Client
+    folder : Path
+        The run's folder.
+    order : Order
+        What workers must find.
+    watch : Watcher
+    task : callable
+        What a worker does with a batch.
+    """
+
+    def __init__(
+        self,
+        plan: Plan,
+        finished: set[str],
+        client: Client,
+        folder: Path,
+        order: Order,
+        watch: Watcher,
+        task: Task = shake_batch,
+    ) -> None:
+        pending = plan.pending(finished)
+        self.plan, self.client, self.folder, self.order, self.watch, self.task = (
+            plan,
+            client,
+            folder,
+            order,
+            watch,
+            task,
+        )
+        self.dispatch = Dispatch(pending, plan.record_of)
+        self.tally = Tally(total=len(plan), before=len(plan) - len(pending))
+        self._session = uuid.uuid4().hex[:8]
+        self._submitted = 0
+        self._flying: dict[Future, Batch] = {}
+        self._unstored: list[Row] = []
+        self._flushed = time.monotonic()
+
+    def __call__(self) -> Tally:
+        """Work until every job has a row in the store.
+
+        Raises
+        ------
+        RunError
+            If the scheduler is lost or no worker is fit.
+        OSError
+            If a part cannot be written.
+        """
+        arriving = as_completed(with_results=True, raise_errors=False)
+        try:
+            while self.dispatch.waiting or self._flying:
+                self._submit(arriving)
+                self._wait(arriving)
+                for future, result in arriving.next_batch(block=False):
+                    self._take(future, result)
+                self._flush()
+                self.watch(self.tally)
+        finally:
+            arriving.clear()
+            self.client.cancel(list(self._flying), force=True) if self.client.status == "running" else None
+            self._flush(last=True)
+            self.watch(self.tally)
+        return self.tally
+
+    def _submit(self, arriving: as_completed) -> None:
+        self.tally.workers = workers = max(len(self.client.scheduler_info(n_workers=-1)["workers"]), 1)
+        batches: list[Batch] = []
+        # More than two a worker: Dask then keeps the waiting ones on the scheduler, out of reach of a crash.
+        while len(self._flying) + len(batches) < 2 * workers + 2 and (
+            batch := self.dispatch.next_batch(workers)
+        ):
+            batches.append(batch)
+        if not batches:
+            return
+        specs = [[self.plan.spec(job) for job in batch.jobs] for batch in batches]
+        # A key never returns, not even in another session: Dask would hand out the old answer.
+        keys = []
+        for batch_specs in specs:
+            self._submitted += 1
+            keys.append(("shake", batch_specs[0].job_id, f"{self._session}-{self._submitted}"))
+        # In one graph: Dask takes its tasks for one group only if it sees them together.
+        futures = self.client.map(
+            self.task,
+            [self.order] * len(batches),
+            specs,
+            [BATCH_BUDGET_S] * len(batches),
+            key=keys,
+            pure=False,
+        )
+        self._flying.update(zip(futures, batches, strict=True))
+        arriving.update(futures)
+
+    def _wait(self, arriving: as_completed) -> None:
+        until = time.monotonic() + 0.5
+        while not arriving.has_ready() and time.monotonic() < until:
+            time.sleep(POLL_S)
+            if self.client.status not in ("running", "connecting"):
+                msg = "the connection to the scheduler is lost"
+                raise RunError(msg)
+
+    def _take(self, future: Future, result: Any) -> None:
+        batch = self._flying.pop(future)
+        status = future.status
+        future.release()
+        if status == "finished":
+            rows = [{**row, "attempt": batch.attempt} for row in result]
+            self._keep(rows)
+            self.dispatch.came_back(batch, done=len(rows))
+        elif status == "error":
+            self._take_error(batch, result[1])
+        else:
+            log.warning("%d jobs came back unfinished (%s) and go out again", len(batch.jobs), status)
+            self.dispatch.came_back(batch, done=0)
+
+    def _take_error(self, batch: Batch, error: BaseException) -> None:
+        if isinstance(error, KilledWorker):
+            self.tally.deaths += 1
+            log.warning("a worker died with %d jobs at hand; each goes out alone", len(batch.jobs))
+            lost = self.dispatch.died(batch)
+            if lost is not None:
+                message = f"its worker process died {DEATHS_ALLOWED} times while it ran this job alone"
+                row = lost_row(self.plan.spec(lost), "crashed", message)
+                self._keep([{**row, "attempt": batch.attempt}])
+        elif isinstance(error, CancelledError):
+            self.dispatch.came_back(batch, done=0)
+        elif isinstance(error, UnfitWorkerError):
+            raise RunError(str(error)) from None
+        else:
+            raise error
+
+    def _keep(self, rows: list[Row]) -> None:
+        self.tally.count(rows)
+        self._unstored += rows
+
+    def _flush(self, *, last: bool = False) -> None:
+        now = time.monotonic()
+        pause = min(max(self.tally.elapsed_s / 60, FLUSH_S[0]), FLUSH_S[1])
+        if self._unstored and (last or now - self._flushed >= pause):
+            write_part(self.folder, self._unstored)
+            self.tally.stored += len(self._unstored)
+            self._unstored = []
+            self._flushed = time.monotonic()

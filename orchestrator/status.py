@@ -1,0 +1,61 @@
+"""The state of a run, read from its folder alone: works while it runs, after it, and on a copy."""
+
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
+
+from orchestrator.folder import describe, is_running
+from results.store import newest_attempts, result_files
+
+WINDOW_S = 60.0
+FAILURES_SHOWN = 10
+_COLUMNS = ["job_id", "record_id", "status", "toppled", "message", "attempt", "finished_at"]
+
+
+def state_of(run: Path) -> dict[str, Any]:
+    """Count a run's rows and failures, and measure its rate.
+
+    Raises
+    ------
+    InputError
+        If the folder is no run.
+    """
+    described = describe(run)
+    tables = [pq.read_table(path, columns=_COLUMNS) for path in result_files(run)]
+    jobs = described["jobs"]
+    rows = newest_attempts(pa.concat_tables(tables)) if tables else None
+    stored = len(rows) if rows else 0
+    running = is_running(run)
+    state: dict[str, Any] = {
+        "state": "running" if running else "complete" if stored == jobs else "interrupted",
+        "jobs": jobs, "stored": stored, "toppled": 0, "failed": 0, "status": {}, "failures": [],
+        "rate_per_s": None, "left_s": None, "sessions": described["sessions"],
+    }  # fmt: skip
+    if rows is None:
+        return state
+    counted = pc.value_counts(rows["status"]).to_pylist()
+    state["status"] = {entry["values"]: entry["counts"] for entry in counted}
+    state["failed"] = stored - state["status"].get("ok", 0)
+    state["toppled"] = pc.sum(rows["toppled"]).as_py() or 0
+    failures = rows.filter(pc.not_equal(rows["status"], "ok"))
+    state["failures"] = failures.select(["job_id", "record_id", "status", "message"])[
+        :FAILURES_SHOWN
+    ].to_pylist()
+    if running and stored < jobs:
+        state["rate_per_s"] = rate = _rate(rows["finished_at"])
+        state["left_s"] = (jobs - stored) / rate if rate else None
+    return state
+
+
+def _rate(finished_at: pa.ChunkedArray) -> float | None:
+    """Jobs a second in the last minute of stored rows."""
+    last = pc.max(finished_at).as_py()
+    if last is None or (datetime.now(UTC) - last).total_seconds() > 10 * WINDOW_S:
+        return None
+    ages = [(last - moment).total_seconds() for moment in finished_at.drop_null().to_pylist()]
+    recent = [age for age in ages if age < WINDOW_S]
+    return len(recent) / max(max(recent), 1.0)

@@ -1,0 +1,134 @@
+"""What a worker does: load the run's scene and ensemble once, then shake one job after another."""
+
+import logging
+import os
+import platform
+import socket
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from functools import lru_cache
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from workers.job import Assets, JobSpec
+
+from models import InputError, Scene
+from models.motions.ensemble import Ensemble
+from workers import job as physics
+
+log = logging.getLogger(__name__)
+
+Row = dict[str, Any]
+
+
+class UnfitWorkerError(RuntimeError):
+    """A worker of another version, or one that does not see the run's folder."""
+
+
+@dataclass(frozen=True)
+class Order:
+    """What a worker must find before it does jobs of a run.
+
+    Parameters
+    ----------
+    folder : str
+        The run's folder, at the same path on every host.
+    scene_id, ensemble_id : str
+        Hashes of what must lie in it.
+    versions : tuple of (str, str)
+        As :func:`versions` gives them on the client.
+    """
+
+    folder: str
+    scene_id: str
+    ensemble_id: str
+    versions: tuple[tuple[str, str], ...]
+
+
+def versions() -> tuple[tuple[str, str], ...]:
+    """Versions of all that decides an answer, on this machine."""
+    packages = tuple((name, version(name)) for name in ("toppling", "pybullet", "numpy"))
+    return (
+        *packages,
+        ("physics", str(physics.PHYSICS_VERSION)),
+        ("python", ".".join(platform.python_version_tuple()[:2])),
+    )
+
+
+@lru_cache(maxsize=1)
+def assets_of(order: Order) -> Assets:
+    """Load the run's scene and ensemble, verified by their hashes, once in the life of the process.
+
+    Raises
+    ------
+    UnfitWorkerError
+        If the versions differ, or the folder cannot be read or holds something else.
+    """
+    differing = [
+        f"{name} {here}, the client has {there}"
+        for (name, here), (_, there) in zip(versions(), order.versions, strict=True)
+        if here != there
+    ]
+    if differing:
+        raise UnfitWorkerError(f"{_name()}: {'; '.join(differing)}")  # noqa: EM102
+    folder = Path(order.folder)
+    try:
+        scene, ensemble = Scene.load(folder / "scene"), Ensemble.load(folder / "ensemble")
+    except (InputError, OSError) as error:
+        raise UnfitWorkerError(f"{_name()}: cannot read the run's folder: {error}") from None  # noqa: EM102
+    for what, found, expected in (
+        ("scene", scene.id, order.scene_id),
+        ("ensemble", ensemble.id, order.ensemble_id),
+    ):
+        if found != expected:
+            raise UnfitWorkerError(f"{_name()}: {folder} holds {what} {found}, not {expected}")  # noqa: EM102
+    return Assets(scene, ensemble)
+
+
+def shake_batch(order: Order, specs: Sequence[JobSpec], budget_s: float) -> list[Row]:
+    """Rows of the first jobs of a batch: of one at least, of more until the time is used up.
+
+    Time decides only how many jobs are done in this go, never an answer; the rest goes back to the client.
+    """
+    assets = assets_of(order)
+    end = time.perf_counter() + budget_s
+    rows: list[Row] = []
+    for spec in specs:
+        rows.append(_shake(spec, assets))
+        if time.perf_counter() >= end:
+            break
+    return rows
+
+
+def _shake(spec: JobSpec, assets: Assets) -> Row:
+    try:
+        row = physics.run_job(spec, assets)
+    except Exception as error:  # a job's failure is a row, never a lost run
+        log.exception("job %s failed", spec.job_id)
+        row = lost_row(spec, "failed", f"{type(error).__name__}: {error}")
+    return {**row, "worker": _name(), "finished_at": datetime.now(UTC)}
+
+
+def lost_row(spec: JobSpec, status: str, message: str) -> Row:
+    """Row of a job that has no answer."""
+    return {
+        "job_id": spec.job_id,
+        "scene_id": spec.scene_id,
+        "record_id": spec.record_id,
+        "level_pga_m_s2": spec.pga_m_s2,
+        "azimuth_deg": spec.azimuth_deg,
+        "friction_static": spec.friction_static,
+        "friction_kinetic": spec.friction_kinetic,
+        "restitution": spec.restitution,
+        "realisation": spec.realisation,
+        "preset": spec.preset,
+        "status": status,
+        "message": message,
+    }
+
+
+def _name() -> str:
+    return f"{socket.gethostname()}:{os.getpid()}"

@@ -1,0 +1,47 @@
+"""`toppling plan`: expand a campaign to its jobs without running any."""
+
+import json
+from pathlib import Path
+
+import click
+
+
+@click.command()
+@click.argument("campaign", type=click.Path(dir_okay=False, path_type=Path))
+@click.option(
+    "--out", "table", type=click.Path(dir_okay=False, path_type=Path), help="Write the job table (Parquet)."
+)
+@click.option("--json", "as_json", is_flag=True, help="Print the counts as JSON.")
+def plan(campaign: Path, table: Path | None, as_json: bool) -> None:
+    """Check CAMPAIGN against its scene and ensemble and count its jobs; run none.
+
+    \b
+    toppling plan campaign.toml --out jobs.parquet
+    """  # noqa: D301  (\b keeps click from rewrapping the example)
+    import pyarrow.parquet as pq
+
+    from models import Scene
+    from models.motions.ensemble import Ensemble
+    from orchestrator.campaign import Campaign
+    from orchestrator.plan import plan as expand
+
+    chosen = Campaign.read(campaign)
+    planned = expand(chosen, Scene.load(chosen.scene), Ensemble.load(chosen.ensemble))
+    counts = {
+        "jobs": len(planned), "records": len(planned.record_sha), "levels": len(chosen.pga_m_s2),
+        "azimuths": len(chosen.azimuth_deg), "frictions": len(chosen.friction),
+        "restitutions": len(chosen.restitution), "realisations": chosen.realisations, "preset": chosen.preset,
+        "scene_id": planned.scene_id, "ensemble_id": planned.ensemble_id, "plan_id": planned.id,
+    }  # fmt: skip
+    if table is not None:
+        hidden = table.with_name(f".{table.name}.tmp")
+        pq.write_table(planned.jobs, hidden, compression="zstd")
+        hidden.replace(table)
+    if as_json:
+        click.echo(json.dumps(counts))
+        return
+    click.echo(
+        "{jobs} jobs = {records} records x {levels} levels x {azimuths} azimuths x {frictions} frictions x "
+        "{restitutions} restitutions x {realisations} realisations, preset {preset}".format(**counts)
+    )
+    click.echo(f"scene {planned.scene_id}, ensemble {planned.ensemble_id}, plan {planned.id}")

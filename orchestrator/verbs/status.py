@@ -1,0 +1,36 @@
+"""`toppling status`: how far a run is, from its folder alone."""
+
+import json
+from pathlib import Path
+
+import click
+
+
+@click.command()
+@click.argument("run", type=click.Path(path_type=Path))
+@click.option("--json", "as_json", is_flag=True, help="Print the state as JSON.")
+def status(run: Path, as_json: bool) -> None:
+    """Say how far RUN is, while it runs and after; rows count once stored, seconds after they are done.
+
+    \b
+    toppling status runs/first
+    """  # noqa: D301  (\b keeps click from rewrapping the example)
+    from orchestrator.progress import duration
+    from orchestrator.status import state_of
+
+    state = state_of(run)
+    if as_json:
+        click.echo(json.dumps(state))
+        return
+    click.echo(f"{run}: {state['state']}, {state['stored']} of {state['jobs']} jobs stored")
+    if state["rate_per_s"]:
+        click.echo(f"rate {state['rate_per_s']:.1f}/s over the last minute, {duration(state['left_s'])} left")
+    click.echo(f"toppled {state['toppled']}, failed {state['failed']} ({_counts(state['status'])})")
+    for failure in state["failures"]:
+        click.echo(
+            f"  {failure['status']} {failure['job_id']} ({failure['record_id']}): {failure['message']}"
+        )
+
+
+def _counts(counts: dict[str, int]) -> str:
+    return ", ".join(f"{name} {count}" for name, count in counts.items()) or "none yet"

@@ -4,10 +4,11 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from models.motions.formats import columns, peer, seismic
+from models.motions.formats import columns, cosmos, geonet, peer, seismic, smc, volumes
 from models.motions.formats.component import Component, refuse
+from models.motions.formats.keyed import cwb, esm, unam
 
-TEXT_FORMATS: tuple[ModuleType, ...] = (peer, columns)
+TEXT_FORMATS: tuple[ModuleType | type, ...] = (peer, geonet, cosmos, smc, volumes, esm, unam, cwb, columns)
 """In the order in which they are tried; each has NAME, recognises(head) and read(path, text)."""
 HEAD_BYTES = 4000
 

@@ -1,0 +1,222 @@
+"""Formats whose header is keys and values: ESM ASCII (Europe), UNAM's standard file (Mexico), CWB (Taiwan)."""
+
+import re
+from pathlib import Path
+
+from models.motions.formats.component import (
+    UNITS_M_S2,
+    UP,
+    Component,
+    bearing,
+    exactly,
+    numbers_in,
+    positive,
+    refuse,
+)
+
+ESM_LINES = 64
+
+
+class esm:  # noqa: N801  (a reader, as the modules are)
+    """ESM ASCII, one component a file."""
+
+    NAME = "ESM ASCII"
+
+    @staticmethod
+    def recognises(head: str) -> bool:
+        """Whether the first key is the event's name."""
+        return head.startswith("EVENT_NAME:") and "SAMPLING_INTERVAL_S:" in head
+
+    @staticmethod
+    def read(path: Path, text: str) -> list[Component]:
+        """Read one component."""
+        lines = text.splitlines()
+        header = {
+            key.strip(): value.strip()
+            for key, _, value in (line.partition(":") for line in lines[:ESM_LINES])
+        }
+        if header.get("DATA_TYPE") != "ACCELERATION":
+            refuse(
+                f"DATA_TYPE is {header.get('DATA_TYPE', 'missing')}",
+                path,
+                1,
+                expected="ACCELERATION",
+                remedy="give the file of acceleration",
+            )
+        unit = UNITS_M_S2.get(header.get("UNITS", "").lower())
+        if unit is None:
+            refuse(
+                f"UNITS is {header.get('UNITS')!r}", path, 1, expected="cm/s^2", remedy="fetch the file again"
+            )
+        step = _number(header, "SAMPLING_INTERVAL_S", path)
+        values = exactly(
+            numbers_in(lines[ESM_LINES:], path, ESM_LINES + 1), int(_number(header, "NDATA", path)), path, 1
+        )
+        stream = header.get("STREAM", "")
+        moment = header.get("MAGNITUDE_W") or header.get("MAGNITUDE_L")
+        distance = header.get("EPICENTRAL_DISTANCE_KM")
+        return [
+            Component(
+                acceleration_m_s2=values * unit,
+                time_step_s=positive(step, "SAMPLING_INTERVAL_S", path, 1),
+                direction=bearing(stream[-1:]),
+                path=path,
+                line=ESM_LINES + 1,
+                file_format=esm.NAME,
+                corrected=header.get("PROCESSING", "").lower() not in {"", "none"},
+                event=header.get("EVENT_ID") or header.get("EVENT_NAME", ""),
+                station=".".join(
+                    filter(None, (header.get("NETWORK"), header.get("STATION_CODE"), header.get("LOCATION")))
+                ),
+                label=stream,
+                magnitude=float(moment) if _is_number(moment) else None,
+                distance_km=float(distance) if _is_number(distance) else None,
+                series=stream[:-1],
+            )
+        ]
+
+
+class unam:  # noqa: N801
+    """UNAM's standard acceleration file, all channels in columns."""
+
+    NAME = "UNAM ASA"
+
+    @staticmethod
+    def recognises(head: str) -> bool:
+        """Whether the title stands in the header."""
+        return "ARCHIVO ESTANDAR DE ACELERACION" in head
+
+    @staticmethod
+    def read(path: Path, text: str) -> list[Component]:
+        """Read all channels."""
+        lines = text.splitlines()
+        at = next((i for i, line in enumerate(lines) if line.startswith("DATOS DE ACELERACION:")), None)
+        if at is None:
+            refuse(
+                "no 'DATOS DE ACELERACION:'",
+                path,
+                len(lines),
+                expected="samples",
+                remedy="fetch the file again",
+            )
+        header = {
+            key.strip(): value.strip() for key, _, value in (line.partition(" : ") for line in lines[:at])
+        }
+        unit = re.match(r"\w+", header.get("UNIDADES DE LOS DATOS", ""))
+        if unit is None or unit[0].lower() not in UNITS_M_S2:
+            refuse(
+                f"UNIDADES DE LOS DATOS is {header.get('UNIDADES DE LOS DATOS')!r}",
+                path,
+                at + 1,
+                expected="Gal (cm/s/s)",
+                remedy="fetch the file again",
+            )
+        labels = _slashed(header, "ORIENTACION C1-C6 (rumbo;orientacion)")
+        steps = _slashed(header, "INTERVALO DE MUESTREO, C1-C6 (s)")
+        counts = _slashed(header, "NUM. TOTAL DE MUESTRAS, C1-C6")
+        if not labels or not (len(labels) == len(steps) == len(counts)):
+            refuse(
+                f"{len(labels)} orientations, {len(steps)} time steps, {len(counts)} counts",
+                path,
+                1,
+                expected="one of each for every channel",
+                remedy="fetch the file again",
+            )
+        first = at + 5
+        table = numbers_in(lines[first:], path, first + 1)
+        count = int(numbers_in([counts[0]], path, 1)[0])
+        table = exactly(table, count * len(labels), path, first + 1).reshape(count, len(labels))
+        moment = re.search(r"M\w*\s*=\s*(\d\.\d+)", header.get("MAGNITUD(ES)", ""))
+        return [
+            Component(
+                acceleration_m_s2=table[:, channel] * UNITS_M_S2[unit[0].lower()],
+                time_step_s=positive(float(numbers_in([steps[channel]], path, 1)[0]), "time step", path, 1),
+                direction=bearing(label),
+                path=path,
+                line=first + 1,
+                file_format=unam.NAME,
+                corrected=False,
+                event=header.get("FECHA DEL SISMO [GMT]", ""),
+                station=header.get("CLAVE DE LA ESTACION", ""),
+                label=label,
+                magnitude=float(moment[1]) if moment else None,
+            )
+            for channel, label in enumerate(labels)
+        ]
+
+
+class cwb:  # noqa: N801
+    """Taiwan's free-field files: time, up, north, east in columns."""
+
+    NAME = "CWB"
+
+    @staticmethod
+    def recognises(head: str) -> bool:
+        """Whether the header announces the sequence of its columns."""
+        return "#StationCode:" in head.replace(" ", "") and "#SampleRate(Hz):" in head.replace(" ", "")
+
+    @staticmethod
+    def read(path: Path, text: str) -> list[Component]:
+        """Read the three components."""
+        lines = text.splitlines()
+        header = {
+            key.replace(" ", ""): value.strip()
+            for key, _, value in (line[1:].partition(":") for line in lines if line.startswith("#"))
+        }
+        order = re.findall(r"Time|[UNE](?=\()", header.get("DataSequence", ""))
+        if sorted(order) != ["E", "N", "Time", "U"] or "gal" not in header.get("AmplitudeUnit", "").lower():
+            refuse(
+                f"DataSequence {header.get('DataSequence')!r} in {header.get('AmplitudeUnit')!r}",
+                path,
+                1,
+                expected="Time U(+); N(+); E(+) in gal",
+                remedy="fetch the file again",
+            )
+        first = max(i for i, line in enumerate(lines) if line.startswith("#")) + 1
+        table = numbers_in(lines[first:], path, first + 1)
+        rate = positive(_number(header, "SampleRate(Hz)", path), "SampleRate(Hz)", path, 1)
+        count = round(_number(header, "RecordLength(sec)", path) * rate)
+        rows = len(table) // 4
+        if len(table) % 4 or abs(rows - count) > 1:
+            refuse(
+                f"{len(table)} numbers where {count} rows of 4 are announced: truncated",
+                path,
+                len(lines),
+                expected=f"{count} rows of time, up, north and east",
+                remedy="fetch the file again",
+            )
+        table = table.reshape(rows, 4)
+        magnitude = next((value for key, value in header.items() if key.startswith("Magnitude")), None)
+        return [
+            Component(
+                acceleration_m_s2=table[:, column] * 0.01,
+                time_step_s=1 / rate,
+                direction={"U": UP, "N": 0.0, "E": 90.0}[letter],
+                path=path,
+                line=first + 1,
+                file_format=cwb.NAME,
+                corrected=False,
+                event=header.get("OriginTime(GMT+08)", ""),
+                station=header.get("StationCode", ""),
+                label=letter,
+                magnitude=float(magnitude) if _is_number(magnitude) else None,
+            )
+            for column, letter in enumerate(order)
+            if letter != "Time"
+        ]
+
+
+def _slashed(header: dict[str, str], key: str) -> list[str]:
+    """Values of '/a/b/c'."""
+    return [part.strip() for part in header.get(key, "").lstrip("/").split("/") if part.strip()]
+
+
+def _number(header: dict[str, str], key: str, path: Path) -> float:
+    text = header.get(key, "")
+    if not _is_number(text):
+        refuse(f"{key} is {text!r}", path, 1, expected="a number", remedy="fetch the file again")
+    return float(text)
+
+
+def _is_number(text: str | None) -> bool:
+    return bool(re.fullmatch(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", text or ""))

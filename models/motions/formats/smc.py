@@ -1,0 +1,84 @@
+"""USGS SMC: 11 lines of text, 48 integers, 50 reals, comments, samples in cm/s2 in columns of ten characters."""
+
+import re
+from pathlib import Path
+
+from models.motions.formats.component import (
+    DOWN,
+    UP,
+    Component,
+    bearing,
+    exactly,
+    numbers_in,
+    positive,
+    refuse,
+)
+
+NAME = "USGS SMC"
+TEXT_LINES, INTEGER_LINES, REAL_LINES = 11, 6, 10
+INTEGER_WIDTH, REAL_WIDTH, SAMPLE_WIDTH = 10, 15, 10
+NO_INTEGER, NO_REAL = -32768, 1.6e38
+_KIND = re.compile(r"^\s*([12346])\s+(UNCORRECTED|CORRECTED|VELOCITY|DISPLACEMENT|RESPONSE)", re.IGNORECASE)
+
+
+def recognises(head: str) -> bool:
+    """Whether the first line numbers and names the kind of record."""
+    return bool(_KIND.match(head)) and "\n*" in head[:200]
+
+
+def read(path: Path, text: str) -> list[Component]:
+    """Read one component."""
+    lines = text.splitlines()
+    kind = _KIND.match(lines[0])
+    if kind is None or "CORRECTED" not in kind[2].upper():
+        refuse(
+            f"the first line says {lines[0].strip()!r}",
+            path,
+            1,
+            expected="an uncorrected (1) or corrected (2) accelerogram",
+            remedy="give the file of acceleration",
+        )
+    after_integers = TEXT_LINES + INTEGER_LINES
+    integers = exactly(
+        numbers_in(lines[TEXT_LINES:after_integers], path, TEXT_LINES + 1, INTEGER_WIDTH),
+        48,
+        path,
+        TEXT_LINES + 1,
+    ).astype(int)
+    reals = exactly(
+        numbers_in(lines[after_integers : after_integers + REAL_LINES], path, after_integers + 1, REAL_WIDTH),
+        50,
+        path,
+        after_integers + 1,
+    )
+    first = after_integers + REAL_LINES + max(int(integers[15]), 0)
+    samples = numbers_in(lines[first:], path, first + 1, SAMPLE_WIDTH)
+    station = next((text for text in lines[:TEXT_LINES] if text.lower().startswith("station")), "")
+    match = re.match(r"station\s*=\s*(.*?)\s*component=\s*(.*)$", station, re.IGNORECASE)
+    label = match[2].strip() if match else ""
+    return [
+        Component(
+            acceleration_m_s2=exactly(samples, int(integers[16]), path, TEXT_LINES + 3) * 0.01,
+            time_step_s=1 / positive(float(reals[1]), "sampling rate", path, after_integers + 1),
+            direction=_direction(label, int(integers[12]), int(integers[13])),
+            path=path,
+            line=first + 1,
+            file_format=NAME,
+            corrected=kind[1] == "2",
+            event=lines[3][30:].strip() or lines[3].strip(),
+            station=match[1] if match else "",
+            label=label,
+            magnitude=float(reals[5]) if 0 < reals[5] < 10 else None,
+            distance_km=float(reals[16]) if 0 <= reals[16] < NO_REAL else None,
+        )
+    ]
+
+
+def _direction(label: str, from_vertical_deg: int, bearing_deg: int) -> float | str | None:
+    """Bearing by the text, else by integers 13 (angle from the upward vertical) and 14 (clockwise from north)."""
+    found = bearing(label)
+    if found is not None:
+        return found
+    if from_vertical_deg in (0, 180):
+        return UP if from_vertical_deg == 0 else DOWN
+    return float(bearing_deg % 360) if bearing_deg != NO_INTEGER else None

@@ -1,0 +1,235 @@
+"""Volumes 1 and 2 in the tradition of Caltech: CSMIP and CDMG, USC, RENADIC (Chile), BHRC (Iran).
+
+A channel is a block of header lines, 100 integers, reals and samples; a line that begins with '/&' ends it. Volume 1 has
+13 lines of text and 14 of numbers before the samples, which are pairs of time and acceleration or equally spaced.
+"""
+
+import re
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.motions.formats.component import (
+    UNITS_M_S2,
+    Component,
+    bearing,
+    exactly,
+    numbers_in,
+    positive,
+    refuse,
+)
+
+NAME = "CSMIP, USC, RENADIC or BHRC V1/V2"
+HEADER_LINES = 27
+PAIRS_A_LINE, PAIR_WIDTH = 5, 7
+BHRC_WIDTH = 13
+PRINTED_TIME_S = 0.001
+UNEVEN_STEP_S = 0.005
+"""Step to which unevenly digitised samples are interpolated."""
+_EQUAL = re.compile(
+    r"^\s*(\d+)\s+(?:points\s+of\s+accel\w*\s+data|accelerogram\s+points)\b(.*)$", re.IGNORECASE
+)
+_SPACED = re.compile(r"spaced\s+at\s*([\d.]+)\s*sec", re.IGNORECASE)
+_RATE = re.compile(r"\bat\s+([\d.]+)\s*(?:pts|samples)/sec", re.IGNORECASE)
+_UNIT = re.compile(r"\b(?:in units of|in|units\s*[:=])\s*(g|cm/sec2|cm/sec/sec|cm/s2|gal)\b", re.IGNORECASE)
+_FORTRAN = re.compile(r"\((\d+)[fFeE](\d+)\.")
+_COUNT = re.compile(r"NO\.?\s+OF\s+POINTS\s*=\s*(\d+)", re.IGNORECASE)
+_LENGTH = re.compile(r"(?:DURATION|RECORD LENGTH)\s*=\s*([\d.]+)", re.IGNORECASE)
+_CHANNEL = re.compile(r"^\s*(?:CHAN\s+\d+\s*:|COMP)\s*(.*)$", re.IGNORECASE)
+_FIRST = re.compile(
+    r"^\s*(?:uncorrected accelerogram data|corrected accelerogram\b.*\bchan\b|FILE\s+\d+\s+OF\s+UNCORRECTED ACCELEROGRAM"
+    r"|\* VOL1DS FILE)",
+    re.IGNORECASE,
+)
+_MAGNITUDE = re.compile(r"\bMW\s*=?\s*(\d\.\d+)", re.IGNORECASE)
+
+
+def recognises(head: str) -> bool:
+    """Whether the first line is that of a volume 1 or 2."""
+    return bool(_FIRST.match(head.split("\n", 1)[0]))
+
+
+def read(path: Path, text: str) -> list[Component]:
+    """Read every channel of a volume."""
+    lines = text.splitlines()
+    ends = [i for i, line in enumerate(lines) if line.startswith("/&")]
+    starts = [0, *(end + 1 for end in ends)]
+    stops = [*ends, len(lines)]
+    blocks = [(a, b) for a, b in zip(starts, stops, strict=True) if any(line.strip() for line in lines[a:b])]
+    return [_channel(lines[start:stop], path, start + 1) for start, stop in blocks]
+
+
+def _channel(lines: list[str], path: Path, line: int) -> Component:
+    heading = next((i for i, text in enumerate(lines[:60]) if _EQUAL.match(text)), None)
+    corrected = lines[0].lstrip().lower().startswith("corrected")
+    if heading is not None:
+        values, step = _equally_spaced(lines, heading, path, line)
+        first = heading + 1
+        notes: tuple[str, ...] = ()
+    else:
+        first = HEADER_LINES
+        values, step, notes = _headed_by_count(lines, path, line)
+    label = _label(lines, path, line)
+    title = next((_MAGNITUDE.search(text) for text in lines[:15] if _MAGNITUDE.search(text)), None)
+    return Component(
+        acceleration_m_s2=values,
+        time_step_s=step,
+        direction=_direction(label, lines),
+        path=path,
+        line=line + first,
+        file_format=_dialect(lines, corrected),
+        corrected=corrected,
+        event=lines[1].strip() if len(lines) > 1 else "",
+        station=_station(lines),
+        label=label,
+        magnitude=float(title[1]) if title else None,
+        notes=notes,
+    )
+
+
+def _equally_spaced(
+    lines: list[str], heading: int, path: Path, line: int
+) -> tuple[NDArray[np.float64], float]:
+    """Samples under a heading that says how many, how far apart, in what unit and in what columns."""
+    text = lines[heading]
+    match = _EQUAL.match(text)
+    spaced, rate, unit = _SPACED.search(text), _RATE.search(text), _UNIT.search(text.replace("(", " "))
+    if match is None or not (spaced or rate) or unit is None:
+        refuse(
+            f"{text.strip()!r} does not say time step and unit",
+            path,
+            line + heading,
+            expected="a heading such as '10100 points of accel data equally spaced at 0.010 sec, in cm/sec2. (8f10.5)'",
+            remedy="fetch the file again",
+        )
+    step = float(spaced[1]) if spaced else 1 / positive(float(rate[1]), "sampling rate", path, line + heading)  # type: ignore[index]
+    form = _FORTRAN.search(text)
+    across, width = (int(form[1]), int(form[2])) if form else (8, 9)
+    count = int(match[1])
+    body = lines[heading + 1 : heading + 1 + -(-count // across)]
+    values = exactly(numbers_in(body, path, line + heading + 1, width), count, path, line + heading)
+    return values * UNITS_M_S2[unit[1].lower()], positive(step, "time step", path, line + heading)
+
+
+def _headed_by_count(
+    lines: list[str], path: Path, line: int
+) -> tuple[NDArray[np.float64], float, tuple[str, ...]]:
+    """Samples after the 27 header lines, as pairs of time and acceleration or ten to a line (BHRC)."""
+    at = next((i for i, text in enumerate(lines[:HEADER_LINES]) if _COUNT.search(text)), None)
+    unit = next((text for text in lines[:HEADER_LINES] if re.search(r"\bUNITS\b", text, re.IGNORECASE)), "")
+    if at is None or "G/10" not in unit.upper().replace(" ", ""):
+        refuse(
+            "no 'NO. OF POINTS' and 'UNITS ARE SEC AND G/10' in the header",
+            path,
+            line,
+            expected="the header of a volume 1 channel",
+            remedy="fetch the file again",
+        )
+    count = int(_COUNT.search(lines[at])[1])  # type: ignore[index]
+    body = lines[HEADER_LINES:]
+    if body and "E" in body[0].upper():
+        length = _LENGTH.search(lines[at])
+        values = exactly(numbers_in(body, path, line + HEADER_LINES, BHRC_WIDTH), count, path, line + at)
+        step = positive(float(length[1]) / max(count, 1) if length else 0.0, "time step", path, line + at)
+        return values * UNITS_M_S2["g/10"], round(step, 6), ()
+    pairs = _pairs(body, path, line + HEADER_LINES)
+    exactly(pairs[:, 1], count, path, line + at)
+    values, step, notes = _evenly(pairs, path, line + HEADER_LINES)
+    return values * UNITS_M_S2["g/10"], step, notes
+
+
+def _pairs(body: list[str], path: Path, line: int) -> NDArray[np.float64]:
+    """Pairs (n, 2) in columns of seven characters, after a carriage-control column if there is one."""
+    if not body:
+        refuse("no samples after the header", path, line, expected="samples", remedy="fetch the file again")
+    filled = body[0].rstrip()
+    offset = next(
+        (o for o in (0, 1) if all(filled[k : k + 1] == "." for k in range(o + 3, len(filled), PAIR_WIDTH))), 0
+    )
+    numbers = numbers_in([text[offset:] for text in body if text.strip()], path, line, PAIR_WIDTH)
+    if len(numbers) % 2:
+        refuse(
+            "a time without an acceleration at the end: the file is truncated",
+            path,
+            line + len(body) - 1,
+            expected="pairs of time and acceleration",
+            remedy="fetch the file again",
+        )
+    return numbers.reshape(-1, 2)
+
+
+def _evenly(
+    pairs: NDArray[np.float64], path: Path, line: int
+) -> tuple[NDArray[np.float64], float, tuple[str, ...]]:
+    """Acceleration at equal steps: as it is where the times are equal but for their printing, else interpolated."""
+    time, values = pairs.T
+    if len(time) < 2:
+        refuse("fewer than two samples", path, line, expected="a record", remedy="fetch the file again")
+    steps = np.diff(time)
+    step = (time[-1] - time[0]) / len(steps)
+    wrong = np.flatnonzero((steps < 0) | (steps > 5 * step + PRINTED_TIME_S))
+    if not step > 0 or len(wrong):
+        where = int(wrong[0]) if len(wrong) else 0
+        refuse(
+            f"the time goes from {time[where]:g} to {time[where + 1]:g} s: a gap or a damaged line",
+            path,
+            line + where // PAIRS_A_LINE,
+            expected=f"times about {step:.4g} s apart",
+            remedy="cut the record at the gap, or fetch the file again",
+        )
+    nice = round(step, 3)
+    nice = nice if nice and abs(nice * len(steps) - (time[-1] - time[0])) <= 1.5 * PRINTED_TIME_S else step
+    if np.abs(time - time[0] - nice * np.arange(len(time))).max() <= 1.5 * PRINTED_TIME_S:
+        return values, float(round(nice, 9)), ()
+    even = np.arange(time[0], time[-1] + 1e-9, UNEVEN_STEP_S)
+    note = f"uneven times, mean step {step:.4g} s, interpolated to {UNEVEN_STEP_S:g} s"
+    return np.interp(even, time, values), UNEVEN_STEP_S, (note,)
+
+
+def _label(lines: list[str], path: Path, line: int) -> str:
+    for text in lines[:12]:
+        match = _CHANNEL.match(text)
+        if match:
+            return re.sub(r"\(STA CHN.*|\s{3,}\d+\s*$", "", match[1], flags=re.IGNORECASE).strip()
+    refuse(
+        "no line 'CHAN' or 'COMP' names the component",
+        path,
+        line,
+        expected="a component such as 'CHAN 1: 90 DEG'",
+        remedy="fetch the file again",
+    )
+
+
+def _direction(label: str, lines: list[str]) -> float | str | None:
+    """Bearing by the label; BHRC's L and T by the azimuths in the station's line."""
+    letter = re.fullmatch(r"([LTV])\d?", label.strip().upper())
+    if letter:
+        found = next(
+            (re.search(r"Azimuth\s+L\s*(\d+)\s+T\s*(\d+)", text) for text in lines[:12] if "Azimuth" in text),
+            None,
+        )
+        if found and letter[1] in "LT":
+            return float(found[1] if letter[1] == "L" else found[2]) % 360
+        return bearing(letter[1])
+    return bearing(label)
+
+
+def _dialect(lines: list[str], corrected: bool) -> str:
+    head = "\n".join(lines[:13]).upper()
+    if "VOL1DS" in head or "BHRC" in head:
+        return "BHRC V1"
+    if "RENADIC" in head:
+        return "RENADIC V1"
+    if "USC#" in head:
+        return "USC V1"
+    return "CSMIP V2" if corrected else "CSMIP V1"
+
+
+def _station(lines: list[str]) -> str:
+    """Station by its own line: the sixth, or in BHRC what stands before the word 'Station'; V2 has a line more."""
+    bhrc = next((text for text in lines[:12] if re.search(r"\sStation\s+[\d.]", text)), None)
+    if bhrc:
+        return bhrc.split("Station")[0].strip()
+    at = 6 if lines[0].lstrip().lower().startswith("corrected") else 5
+    return re.split(r"\s{3,}|\sS/N\s", lines[at].strip())[0] if len(lines) > at else ""

@@ -1,0 +1,84 @@
+"""`toppling fragility`: the study's maps of a run, each with the table behind it."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import click
+from rich.console import Console
+from rich.progress import track
+
+from models import InputError
+from results.atlas import write_maps
+from results.fragility import DURATION, LEVEL, PGV, PLANES, PULSE, by_contact
+from results.run import as_frame, open_run
+
+
+@click.command()
+@click.argument("run", type=click.Path(path_type=Path))
+@click.option(
+    "--out", type=click.Path(path_type=Path, file_okay=False), help="Folder; RUN/fragility if not given."
+)
+@click.option("--where", help="Only jobs that this condition of SQL holds for.")
+@click.option(
+    "--pga-bin", type=click.FloatRange(0, min_open=True), help="m/s2; one bin a level if not given."
+)
+@click.option(
+    "--pgv-bin", type=click.FloatRange(0, min_open=True), default=0.25, show_default=True, help="m/s"
+)
+@click.option(
+    "--pgv-pga-bin", type=click.FloatRange(0, min_open=True), default=0.05, show_default=True, help="s"
+)
+@click.option(
+    "--duration-bin", type=click.FloatRange(0, min_open=True), default=5.0, show_default=True, help="s"
+)
+@click.option(
+    "--directions", type=click.IntRange(1, 72), default=8, show_default=True, help="Bins of azimuth."
+)
+def fragility(
+    run: Path,
+    out: Path | None,
+    where: str | None,
+    pga_bin: float | None,
+    pgv_bin: float,
+    pgv_pga_bin: float,
+    duration_bin: float,
+    directions: int,
+) -> None:
+    """Draw the toppling-probability maps of a run: PNG, SVG and the table behind each as CSV.
+
+    The binning is the study's unless told otherwise. Direction bins are of the azimuth of the vector PGA,
+    degrees counter-clockwise from east. Contacts that differ (friction, restitution) get their own folders.
+
+    \b
+    toppling fragility runs/first
+    toppling fragility runs/first --where "pga_azimuth_deg between 292.5 and 337.5" --out figures
+    """  # noqa: D301
+    opened = open_run(run)
+    jobs = as_frame(opened.sql(f"select * from results {f'where {where}' if where else ''}"))
+    if not jobs["toppled"].notna().any():
+        what = f"{len(jobs)} jobs, none with an answer"
+        raise InputError(
+            what,
+            where=str(run),
+            expected="finished jobs",
+            remedy="loosen --where" if where else "'toppling status RUN' shows how far the run is",
+        )
+    widths = {
+        LEVEL.column: pga_bin,
+        PGV.column: pgv_bin,
+        PULSE.column: pgv_pga_bin,
+        DURATION.column: duration_bin,
+    }
+    planes = [
+        replace(
+            plane,
+            x=replace(plane.x, width=widths[plane.x.column]),
+            y=replace(plane.y, width=widths[plane.y.column]),
+        )
+        for plane in PLANES.values()
+    ]
+    written = write_maps(jobs, out or run / "fragility", planes, directions)
+    # Each figure as CSV, PNG and SVG.
+    total = 3 * sum(1 + plane.by_direction for plane in planes) * len(by_contact(jobs))
+    for path in track(written, "maps", total=total, console=Console(stderr=True), transient=True):
+        click.echo(path)

@@ -1,0 +1,63 @@
+"""`toppling query`: SQL over runs."""
+
+import json
+import os
+from pathlib import Path
+
+import click
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from results.run import ask, open_run
+
+SHOWN_ROWS = 60
+
+
+@click.command()
+@click.argument("runs", nargs=-1, required=True, metavar="RUN... [SQL]")
+@click.option("--csv", "form", flag_value="csv", help="Print CSV.")
+@click.option("--json", "form", flag_value="json", help="Print a JSON array of rows.")
+@click.option("--parquet", type=click.Path(path_type=Path, dir_okay=False), help="Write a Parquet file.")
+@click.option("--describe", is_flag=True, help="Print every column with its unit and meaning.")
+def query(runs: tuple[str, ...], form: str | None, parquet: Path | None, describe: bool) -> None:
+    """Ask one or several runs in SQL (DuckDB), also while they go on.
+
+    The tables are results (one row a job), motions (one row a record) and scene (one row). With several runs
+    each table holds the rows of all, and the column run tells them apart.
+
+    \b
+    toppling query runs/first --describe
+    toppling query runs/first "select level_pga_m_s2, avg(toppled::int) p, count(toppled) n
+                               from results group by all order by all"
+    """  # noqa: D301  (\b keeps click from rewrapping the example)
+    if describe:
+        table = pa.Table.from_pylist(open_run(runs[0]).describe())
+    elif len(runs) < 2:
+        msg = "give a query in SQL after the run, or --describe"
+        raise click.UsageError(msg)
+    else:
+        table = ask([open_run(path) for path in runs[:-1]], runs[-1])
+    if parquet:
+        _write_parquet(table, parquet)
+    if form == "csv":
+        click.echo(table.to_pandas().to_csv(index=False), nl=False)
+    elif form == "json":
+        click.echo(json.dumps(table.to_pylist(), indent=1, default=str))
+    elif not parquet:
+        click.echo(_readable(table))
+
+
+def _readable(table: pa.Table) -> str:
+    shown = table.slice(0, SHOWN_ROWS).to_pandas().to_string(index=False, na_rep="", max_colwidth=None)
+    left = len(table) - SHOWN_ROWS
+    return f"{shown}\n({left} more rows: --csv, --json or --parquet FILE give all)" if left > 0 else shown
+
+
+def _write_parquet(table: pa.Table, target: Path) -> None:
+    target.parent.mkdir(parents=True, exist_ok=True)
+    hidden = target.with_name(f".{target.name}.{os.getpid()}.tmp")
+    with hidden.open("wb") as file:
+        pq.write_table(table, file, compression="zstd")
+        file.flush()
+        os.fsync(file.fileno())
+    hidden.replace(target)

@@ -1,0 +1,54 @@
+"""The atlas of a run: every figure with the table behind it, in one folder."""
+
+import os
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+import pandas as pd
+
+from results import figures
+from results.fragility import Plane, by_contact, cells, cells_by_direction
+
+
+def write_maps(
+    frame: pd.DataFrame, folder: Path, planes: Iterable[Plane], directions: int = 8
+) -> Iterator[Path]:
+    """Write the maps of each plane, over all directions and direction by direction.
+
+    Parameters
+    ----------
+    frame : DataFrame
+        Rows of results; each contact goes to a folder of its own if there are several.
+    folder : Path
+        Made if absent; files of the same names are replaced.
+    planes : iterable of Plane
+    directions : int
+        Direction bins of the vector PGA.
+
+    Yields
+    ------
+    Path
+        Each file, once it is complete.
+    """
+    planes = list(planes)
+    for contact, jobs in by_contact(frame).items():
+        place = folder / contact
+        place.mkdir(parents=True, exist_ok=True)
+        for plane in planes:
+            table = cells(jobs, plane)
+            yield save_table(table, place / f"{plane.name}.csv")
+            yield from figures.save(figures.map_figure(table, plane, contact), place / plane.name)
+            if not plane.by_direction:
+                continue
+            split = cells_by_direction(jobs, plane, bins=directions)
+            stem = place / f"{plane.name}_by_direction"
+            yield save_table(split, stem.with_name(f"{stem.name}.csv"))
+            yield from figures.save(figures.direction_figure(split, plane, directions, contact), stem)
+
+
+def save_table(table: pd.DataFrame, target: Path) -> Path:
+    """Write a table as CSV; the file appears complete or not at all."""
+    hidden = target.with_name(f".{target.name}.{os.getpid()}.tmp")
+    table.to_csv(hidden, index=False, float_format="%.6g")
+    hidden.replace(target)
+    return target

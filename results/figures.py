@@ -1,0 +1,176 @@
+"""The figures: drawing only, from the tables of `results.fragility`.
+
+Readable at paper width (178 mm), colour-blind safe, units on every axis. Empty cells stay empty, thin ones
+carry a dot.
+"""
+
+import os
+from contextlib import AbstractContextManager
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+import pandas as pd
+import seaborn as sns
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.collections import PolyCollection
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+
+from models.frames import compass_deg
+from results.fragility import THIN_RECORDS, Axis, Plane
+
+FULL_WIDTH_IN = 7.0
+HALF_WIDTH_IN = 3.6
+FULL_SHARE = 0.4
+"""Share of the jobs from which on a cell fills its bin; without it, the narrow columns would vanish."""
+
+COLOURS = sns.color_palette("viridis", as_cmap=True)
+"""Equal steps in lightness, so that it reads in grey and with every kind of colour vision."""
+
+_STYLE = {
+    "savefig.dpi": 200,
+    "svg.fonttype": "none",  # text stays text, to be searched and edited
+    "svg.hashsalt": "toppling",  # the same table gives the same file
+    "axes.linewidth": 0.6,
+    "font.size": 8,
+    "axes.labelsize": 8,
+    "axes.titlesize": 7.5,
+    "xtick.labelsize": 7,
+    "ytick.labelsize": 7,
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+    "xtick.major.size": 3,
+    "ytick.major.size": 3,
+    "legend.fontsize": 7,
+}
+
+
+def map_figure(table: pd.DataFrame, plane: Plane, title: str = "") -> Figure:
+    """One map: toppling probability in the cells of a plane.
+
+    Parameters
+    ----------
+    table : DataFrame
+        From `results.fragility.cells`.
+    plane : Plane
+        The plane it was made for.
+    title : str
+    """
+    with style():
+        figure = Figure(figsize=(HALF_WIDTH_IN, 3.0))
+        axes = figure.subplots(gridspec_kw=_margins(HALF_WIDTH_IN, 3.0))
+        _draw_cells(axes, table, plane, f"{title}\n".lstrip(), full_share=_full_share(table))
+        axes.set(xlabel=_label(plane.x), ylabel=_label(plane.y))
+        _colour_bar(figure)
+    return figure
+
+
+def direction_figure(table: pd.DataFrame, plane: Plane, bins: int, title: str = "") -> Figure:
+    """One map for each direction bin of the vector PGA, on shared axes.
+
+    Parameters
+    ----------
+    table : DataFrame
+        From `results.fragility.cells_by_direction`.
+    plane : Plane
+        The plane it was made for.
+    bins : int
+        Direction bins around the circle.
+    title : str
+    """
+    directions = sorted(table["direction_deg"].dropna().unique())
+    columns = min(4, max(1, len(directions)))
+    lines = max(1, -(-len(directions) // columns))
+    half = 180.0 / bins
+    with style():
+        width, height = FULL_WIDTH_IN if columns > 2 else HALF_WIDTH_IN, 0.6 + 2.1 * lines
+        figure = Figure(figsize=(width, height))
+        margins = {**_margins(width, height), "wspace": 0.1, "hspace": 0.3}
+        grid = figure.subplots(lines, columns, sharex=True, sharey=True, squeeze=False, gridspec_kw=margins)
+        for axes, direction in zip(grid.flat, directions, strict=False):
+            compass = float(compass_deg(direction))
+            told = f"{direction - half:g}° to {direction + half:g}°\ncompass {compass:g}°, "
+            cells = table[table["direction_deg"] == direction]
+            _draw_cells(axes, cells, plane, told, full_share=_full_share(table))
+        for axes in grid.flat[len(directions) :]:
+            axes.set_axis_off()
+        figure.supxlabel(_label(plane.x), size=8)
+        figure.supylabel(_label(plane.y), size=8)
+        figure.text(0.01, 0.99, title, size=8, va="top")
+        _colour_bar(figure)
+    return figure
+
+
+def save(figure: Figure, stem: Path) -> list[Path]:
+    """Write a figure as PNG and SVG beside each other; each appears complete or not at all."""
+    written = []
+    with style():
+        for suffix, told in ((".png", {"Software": None}), (".svg", {"Date": None})):
+            target = stem.with_name(stem.name + suffix)
+            hidden = target.with_name(f".{target.name}.{os.getpid()}.tmp")
+            figure.savefig(hidden, format=suffix[1:], metadata=told)
+            hidden.replace(target)
+            written.append(target)
+    return written
+
+
+def style() -> AbstractContextManager[None]:
+    """Seaborn's ticks, in sizes for print."""
+    settings: dict = {**sns.axes_style("ticks"), **sns.plotting_context("paper"), **_STYLE}
+    return mpl.rc_context(settings)
+
+
+def _draw_cells(axes: Axes, table: pd.DataFrame, plane: Plane, title: str, full_share: float) -> None:
+    """Each cell a bar in the middle of its bin, as wide as its share of the jobs."""
+    low, high = (table[f"{plane.x.column}_{end}"].to_numpy() for end in ("low", "high"))
+    bottom, top = (table[f"{plane.y.column}_{end}"].to_numpy() for end in ("low", "high"))
+    middle, half = (low + high) / 2, 0.48 * (high - low)
+    # Never thinner than the eye can tell a colour.
+    half *= np.clip(table["share"].to_numpy() / full_share, 0.08, 1.0)
+    corners = np.array(
+        [[middle - half, bottom], [middle + half, bottom], [middle + half, top], [middle - half, top]]
+    )
+    bars = PolyCollection(
+        list(corners.transpose(2, 0, 1)),
+        cmap=COLOURS,
+        norm=Normalize(0, 1),
+        edgecolors="0.4",
+        linewidths=0.15,
+    )
+    bars.set_array(table["probability"].to_numpy(float))
+    axes.add_collection(bars)
+    thin = table["thin"].to_numpy()
+    beside = (middle + half + 0.06 * (high - low))[thin]
+    axes.plot(beside, ((bottom + top) / 2)[thin], linestyle="", marker=".", markersize=1.2, color="0.2")
+    axes.set_title(f"{title}{table['jobs'].sum()} jobs")
+    axes.set_xlim(min(0.0, low.min(initial=0.0)), high.max(initial=low.min(initial=0.0) + 1e-9))
+    axes.set_ylim(0.0, top.max(initial=1e-9))
+    axes.autoscale_view()
+
+
+def _full_share(table: pd.DataFrame) -> float:
+    return min(FULL_SHARE, table["share"].max()) if len(table) else FULL_SHARE
+
+
+def _margins(width_in: float, height_in: float) -> dict[str, float]:
+    """Room for labels and colour bar, in inches whatever the figure's size; a layout engine costs seconds."""
+    return {
+        "left": 0.55 / width_in,
+        "right": 1 - 0.75 / width_in,
+        "bottom": 0.5 / height_in,
+        "top": 1 - 0.4 / height_in,
+    }
+
+
+def _colour_bar(figure: Figure) -> None:
+    width, height = figure.get_size_inches()
+    margins = _margins(width, height)
+    place = (1 - 0.65 / width, margins["bottom"], 0.12 / width, margins["top"] - margins["bottom"])
+    label = f"toppling probability (dot: < {THIN_RECORDS} records)"
+    figure.colorbar(ScalarMappable(Normalize(0, 1), COLOURS), cax=figure.add_axes(place), label=label)
+
+
+def _label(axis: Axis) -> str:
+    return f"{axis.label} ({axis.unit})"

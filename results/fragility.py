@@ -1,0 +1,223 @@
+"""Toppling probabilities, cell by cell: the numbers behind the maps, in the study's binning by default.
+
+A cell's probability is the share of its jobs that toppled. Its interval is Wilson's, with as many trials as
+there are distinct records in the cell: turned and perturbed copies of one record are not independent of each
+other. Jobs without an answer are counted, and left out of the probability.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from statsmodels.stats.proportion import proportion_confint
+
+THIN_RECORDS = 10
+"""Cells with fewer distinct records are marked: their 95 % interval can span half of the scale."""
+
+CONTACT_COLUMNS = ("scene_id", "preset", "friction_static", "friction_kinetic", "restitution")
+"""Jobs that differ in these answer different questions, and are never pooled."""
+
+
+@dataclass(frozen=True)
+class Axis:
+    """A column to bin.
+
+    Parameters
+    ----------
+    column : str
+        Column of the results.
+    label, unit : str
+        As printed.
+    width : float or None
+        Width of a bin, from zero on; None for one bin a distinct value (the levels of a campaign).
+    below : float or None
+        Jobs at or above this value stay out.
+    """
+
+    column: str
+    label: str
+    unit: str
+    width: float | None = None
+    below: float | None = None
+
+
+@dataclass(frozen=True)
+class Plane:
+    """Two axes, and what the width of a cell's column shows.
+
+    Parameters
+    ----------
+    name : str
+        Names the files.
+    x, y : Axis
+    share_within : str or None
+        A cell's share is that of the jobs with its value on this axis's column; None for all jobs.
+    by_direction : bool
+        Whether the direction of the shaking matters to what the plane shows.
+    """
+
+    name: str
+    x: Axis
+    y: Axis
+    share_within: str | None
+    by_direction: bool = False
+
+
+LEVEL = Axis("level_pga_m_s2", "PGA", "m/s²")
+PGV = Axis("pgv_m_s", "PGV", "m/s", 0.25)
+PULSE = Axis("pgv_pga_s", "PGV/PGA", "s", 0.05)
+DURATION = Axis("duration_energy_s", "duration", "s", 5.0)
+
+PLANES = {
+    plane.name: plane
+    for plane in (
+        Plane("pga_pgv_pga", PULSE, LEVEL, "level_pga_m_s2", by_direction=True),
+        Plane("pga_pgv", LEVEL, PGV, "level_pga_m_s2", by_direction=True),
+        Plane("pgv_duration", replace(DURATION, below=30.0), replace(PGV, below=3.0), None),
+        Plane("pga_duration", DURATION, LEVEL, "level_pga_m_s2"),
+    )
+}
+"""The planes of Veeraraghavan, Hudnut and Krishnan's figures 6, 9, 10a and 10b."""
+
+
+def direction_bin_deg(azimuth_deg: Iterable[float], bins: int = 8) -> NDArray[np.float64]:
+    """Centre of the direction bin of each azimuth; the first bin is centred on azimuth 0.
+
+    Parameters
+    ----------
+    azimuth_deg : (n,) array
+        Degrees counter-clockwise from x.
+    bins : int
+        Number of equal bins around the circle.
+    """
+    width = 360.0 / bins
+    azimuth = np.asarray(azimuth_deg, dtype=float)
+    return np.floor((azimuth + width / 2) / width) * width % 360.0
+
+
+def cells(frame: pd.DataFrame, plane: Plane, *, thin_records: int = THIN_RECORDS) -> pd.DataFrame:
+    """Toppling probability in each cell of a plane that holds a job.
+
+    Parameters
+    ----------
+    frame : DataFrame
+        Rows of results, all of one contact (`by_contact`).
+    plane : Plane
+    thin_records : int
+        Cells with fewer distinct records are marked thin.
+
+    Returns
+    -------
+    DataFrame
+        One row a cell: low and high value on both axes (and the level, where there are levels), jobs with an
+        answer, no_answer, records, toppled, probability, wilson_low and wilson_high (95 %), share of the jobs
+        (see `Plane`), thin.
+    """
+    imposed = frame[[plane.x.column, plane.y.column]].notna().all(axis=1)
+    inside = imposed & _below(frame, plane.x) & _below(frame, plane.y)
+    jobs = frame.loc[inside]
+    x, y = _edges(jobs[plane.x.column], plane.x), _edges(jobs[plane.y.column], plane.y)
+    binned = pd.DataFrame(
+        {
+            "x": _index(jobs[plane.x.column], x),
+            "y": _index(jobs[plane.y.column], y),
+            "record_id": jobs["record_id"],
+            "answered": jobs["toppled"].notna(),
+            "toppled": jobs["toppled"].fillna(False).astype(bool),
+        }
+    )
+    grouped = binned.groupby(["x", "y"])
+    counts = grouped.agg(all_jobs=("answered", "size"), jobs=("answered", "sum"), toppled=("toppled", "sum"))
+    counts["records"] = binned[binned["answered"]].groupby(["x", "y"])["record_id"].nunique()
+    counts = counts.fillna({"records": 0}).astype(int).reset_index()
+    pool = {None: None, plane.x.column: "x", plane.y.column: "y"}[plane.share_within]
+    total = counts.groupby(pool)["all_jobs"].transform("sum") if pool else counts["all_jobs"].sum()
+    table = pd.DataFrame(
+        {
+            **_bounds(plane.x, jobs[plane.x.column], x, counts["x"]),
+            **_bounds(plane.y, jobs[plane.y.column], y, counts["y"]),
+            "jobs": counts["jobs"],
+            "no_answer": counts["all_jobs"] - counts["jobs"],
+            "records": counts["records"],
+            "toppled": counts["toppled"],
+        }
+    )
+    probability = (table["toppled"] / table["jobs"]).where(table["jobs"] > 0)
+    table["probability"] = probability
+    table["wilson_low"], table["wilson_high"] = wilson(probability, table["records"])
+    table["share"] = counts["all_jobs"] / total
+    table["thin"] = table["records"] < thin_records
+    return table
+
+
+def cells_by_direction(
+    frame: pd.DataFrame, plane: Plane, *, bins: int = 8, thin_records: int = THIN_RECORDS
+) -> pd.DataFrame:
+    """`cells` of each direction bin of the vector PGA, whose centre is `direction_deg`."""
+    known = frame[frame["pga_azimuth_deg"].notna()]
+    directions = direction_bin_deg(known["pga_azimuth_deg"], bins)
+    tables = [
+        cells(jobs, plane, thin_records=thin_records).assign(direction_deg=centre)
+        for centre, jobs in known.groupby(directions)
+    ]
+    table = (
+        pd.concat(tables, ignore_index=True) if tables else cells(known, plane).assign(direction_deg=np.nan)
+    )
+    return table[["direction_deg", *table.columns.drop("direction_deg")]]
+
+
+def by_contact(frame: pd.DataFrame) -> dict[str, pd.DataFrame]:
+    """Rows of each scene, preset and contact, under a short name of what differs between them."""
+    differing = [name for name in CONTACT_COLUMNS if frame[name].nunique() > 1]
+    if (frame["friction_kinetic"] == frame["friction_static"]).all():
+        differing = [name for name in differing if name != "friction_kinetic"]
+    if not differing:
+        return {"": frame}
+    short = {"friction_static": "friction", "friction_kinetic": "kinetic", "scene_id": "scene"}
+    return {
+        "_".join(
+            f"{short.get(name, name)}-{_plain(value)}" for name, value in zip(differing, key, strict=True)
+        ): jobs
+        for key, jobs in frame.groupby(differing)
+    }
+
+
+def wilson(probability: pd.Series, trials: pd.Series, level: float = 0.95) -> tuple[pd.Series, pd.Series]:
+    """Wilson's interval of a share seen in some trials; null where there was none."""
+    some = trials.where(trials > 0)
+    low, high = proportion_confint(probability * some, some, alpha=1.0 - level, method="wilson")
+    return low, high
+
+
+def _below(frame: pd.DataFrame, axis: Axis) -> "pd.Series[bool]":
+    return frame[axis.column] < (np.inf if axis.below is None else axis.below)
+
+
+def _edges(values: pd.Series, axis: Axis) -> NDArray[np.floating]:
+    """Edges of the bins that the values need."""
+    if axis.width is not None:
+        last = int(np.floor(values.max() / axis.width + 1e-9)) if len(values) else 0
+        return np.arange(last + 2) * axis.width
+    levels = np.unique(values)
+    if len(levels) < 2:
+        return np.array([level + half for level in levels for half in (-0.5, 0.5)])
+    middle = (levels[1:] + levels[:-1]) / 2
+    return np.concatenate([[2 * levels[0] - middle[0]], middle, [2 * levels[-1] - middle[-1]]])
+
+
+def _index(values: pd.Series, edges: NDArray[np.floating]) -> NDArray[np.int64]:
+    # A value on an edge belongs to the bin above it, whatever the last bit of the edge says.
+    return np.searchsorted(edges * (1 - 1e-12), values.to_numpy(float), side="right") - 1
+
+
+def _bounds(
+    axis: Axis, values: pd.Series, edges: NDArray[np.floating], index: pd.Series
+) -> dict[str, NDArray[np.float64]]:
+    level = {axis.column: np.unique(values)[index]} if axis.width is None else {}
+    return {**level, f"{axis.column}_low": edges[index], f"{axis.column}_high": edges[index + 1]}
+
+
+def _plain(value: object) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value)[:12]

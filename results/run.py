@@ -1,0 +1,230 @@
+"""A run opened for reading, also while it goes on: pyarrow, pandas, SQL over its rows, records and scene."""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import duckdb
+import pandas as pd
+import pyarrow as pa
+import pyarrow.dataset as ds
+import pyarrow.parquet as pq
+
+from models import InputError
+from results.schema import SCHEMA, describe
+from results.store import PathLike, newest_attempts, read_files, result_files
+
+_RUN_COLUMN = {
+    "column": "run",
+    "type": "string",
+    "group": "",
+    "unit": "",
+    "description": "name of the run's folder",
+}
+
+
+class Run:
+    """A run's folder, read anew at each question, so that a run that goes on shows what it has.
+
+    Parameters
+    ----------
+    path : path
+        The folder that `toppling run` made.
+
+    Raises
+    ------
+    InputError
+        If the folder is not a run's.
+    """
+
+    def __init__(self, path: PathLike) -> None:
+        self.path = Path(path)
+        marks = ("campaign.toml", "run.json", "results.parquet", "parts")
+        if not any((self.path / mark).exists() for mark in marks):
+            raise InputError(
+                "is not a run" if self.path.exists() else "does not exist",
+                where=str(self.path),
+                expected="the folder of a run, with " + ", ".join(marks),
+                remedy="make one with 'toppling run CAMPAIGN --out FOLDER'",
+            )
+
+    @property
+    def name(self) -> str:
+        """The folder's name, which tells runs apart where several are asked together."""
+        return self.path.resolve().name
+
+    def table(self) -> pa.Table:
+        """All rows under `results.schema.SCHEMA`, one a job."""
+        return newest_attempts(read_files(result_files(self.path)))
+
+    def dataset(self) -> ds.Dataset:
+        """Rows as a pyarrow dataset, read lazily unless a job has several rows."""
+        files = result_files(self.path)
+        if not files:
+            return ds.dataset(SCHEMA.empty_table())
+        lazy = ds.dataset([str(path) for path in files], schema=SCHEMA, format="parquet")
+        if len(files) <= 1:
+            return lazy
+        ids = lazy.to_table(columns=["job_id"]).column("job_id")
+        repeated = len(ids.unique()) < len(ids)
+        return ds.dataset(self.table()) if repeated else lazy
+
+    def frame(self) -> pd.DataFrame:
+        """All rows as a pandas frame; `toppled` is a nullable boolean."""
+        return as_frame(self.table())
+
+    def sql(self, query: str) -> pa.Table:
+        """Answer of a DuckDB query over the tables `results`, `motions` and `scene`.
+
+        Raises
+        ------
+        InputError
+            If DuckDB refuses the query.
+        """
+        return ask([self], query)
+
+    def motions(self) -> pa.Table | None:
+        """Catalogue of the run's records, one row a record; None where the run has no ensemble."""
+        path = self.path / "ensemble" / "catalog.parquet"
+        return pq.read_table(path) if path.exists() else None
+
+    def scene(self) -> pa.Table | None:
+        """One row about the scene; None where the run has none."""
+        path = self.path / "scene" / "scene.json"
+        return _scene_table(json.loads(path.read_text())) if path.exists() else None
+
+    def provenance(self) -> dict[str, Any]:
+        """Content of `run.json`, how the run was made; empty where there is none."""
+        path = self.path / "run.json"
+        return json.loads(path.read_text()) if path.exists() else {}
+
+    def describe(self) -> list[dict[str, str]]:
+        """Every column of every table with its unit and meaning."""
+        rows = [{"table": "results", **_RUN_COLUMN}]
+        for name, table in (("results", SCHEMA), ("motions", self.motions()), ("scene", self.scene())):
+            schema = table.schema if isinstance(table, pa.Table) else table
+            rows += [{"table": name, **describe(field)} for field in schema or ()]
+        return rows
+
+
+def open_run(path: PathLike) -> Run:
+    """Open a run's folder for reading.
+
+    Raises
+    ------
+    InputError
+        If the folder is not a run's.
+    """
+    return Run(path)
+
+
+def ask(runs: Sequence[Run], query: str) -> pa.Table:
+    """Answer of a DuckDB query over one or several runs.
+
+    The tables `results`, `motions` and `scene` hold the rows of all, and a column `run` tells them apart.
+
+    Raises
+    ------
+    InputError
+        If DuckDB refuses the query, or two runs have the same name.
+    """
+    try:
+        return _ask_once(runs, query)
+    except (FileNotFoundError, duckdb.IOException):
+        return _ask_once(runs, query)  # a part was merged into results.parquet between listing and reading
+
+
+def connect(runs: Sequence[Run]) -> duckdb.DuckDBPyConnection:
+    """DuckDB connection with the views `results`, `motions` and `scene` over some runs as they are now."""
+    names = [run.name for run in runs]
+    if len(set(names)) < len(names):
+        what = f"two of the runs {', '.join(names)} have the same name"
+        raise InputError(
+            what,
+            where="query",
+            expected="folders of different names",
+            remedy="rename one of the folders",
+        )
+    connection = duckdb.connect()
+    for view in ("results", "motions", "scene"):
+        parts = []
+        for number, run in enumerate(runs):
+            source = run.dataset() if view == "results" else getattr(run, view)()
+            if source is not None:
+                connection.register(f"{view}_{number}", source)
+                quoted = run.name.replace("'", "''")
+                parts.append(f"select '{quoted}' as run, * from {view}_{number}")
+        if parts:
+            connection.execute(f"create view {view} as {' union all by name '.join(parts)}")
+    return connection
+
+
+def as_frame(table: pa.Table) -> pd.DataFrame:
+    """Pandas frame of rows; a column `toppled` becomes a nullable boolean."""
+    frame = table.to_pandas()
+    return frame.astype({"toppled": "boolean"}) if "toppled" in frame else frame
+
+
+def _ask_once(runs: Sequence[Run], query: str) -> pa.Table:
+    with connect(runs) as connection:
+        try:
+            answer = connection.sql(query)
+            return answer.to_arrow_table() if answer is not None else pa.table({})
+        except (duckdb.IOException, FileNotFoundError):
+            raise
+        except duckdb.Error as error:
+            raise InputError(
+                str(error),
+                where="SQL",
+                expected="DuckDB's SQL over the tables results, motions, scene",
+                remedy="'toppling query RUN --describe' names every column",
+            ) from error
+
+
+def _scene_table(told: dict[str, Any]) -> pa.Table:
+    rock, plane, contact = told["rock"], told["interface"], told["contact"]
+    statics = told["quasi_static_toppling_m_s2"]
+    finite = [row["value"] for row in statics if row["value"] is not None]
+    columns: list[tuple[str, Any, str, str]] = [
+        ("scene_id", told["id"], "", "hash of the scene's content"),
+        ("height_m", rock["height_m"], "m", "vertical extent of the rock"),
+        ("volume_m3", rock["volume_m3"], "m3", "volume of the rock"),
+        ("com_x_m", rock["com_m"][0], "m", "centre of mass, east"),
+        ("com_y_m", rock["com_m"][1], "m", "centre of mass, north"),
+        ("com_z_m", rock["com_m"][2], "m", "centre of mass, up"),
+        ("slope_deg", plane["slope_deg"], "deg", "slope of the interface plane"),
+        (
+            "downhill_azimuth_deg",
+            plane["downhill_azimuth_deg"],
+            "deg",
+            "azimuth toward which the plane falls",
+        ),
+        ("gravity_m_s2", told["gravity_m_s2"], "m/s2", "gravity"),
+        ("default_friction_static", contact["friction_static"], "1", "scene's own value; a campaign's wins"),
+        (
+            "default_friction_kinetic",
+            contact["friction_kinetic"],
+            "1",
+            "scene's own value; a campaign's wins",
+        ),
+        ("default_restitution", contact["restitution"], "1", "scene's own value; a campaign's wins"),
+        (
+            "least_quasi_static_m_s2",
+            min(finite, default=None),
+            "m/s2",
+            "least constant ground acceleration that topples",
+        ),
+        (
+            "quasi_static_toppling",
+            statics,
+            "deg, m/s2",
+            "least toppling acceleration by azimuth of the ground's",
+        ),
+    ]
+    arrays = [pa.array([value]) for _, value, _, _ in columns]
+    fields = [
+        pa.field(name, array.type, metadata={"group": "scene", "unit": unit, "description": text})
+        for (name, _, unit, text), array in zip(columns, arrays, strict=True)
+    ]
+    return pa.Table.from_arrays(arrays, schema=pa.schema(fields))

@@ -1,0 +1,214 @@
+"""The pedestal's surface around the rock, over the interface plane, and the edges where it ends."""
+
+from dataclasses import dataclass
+
+import contourpy
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+from scipy.sparse import coo_matrix, diags
+from scipy.sparse.linalg import spsolve
+from scipy.spatial import cKDTree
+
+from models.pedestal import Pedestal
+from models.rock import Rock
+from models.scan.interface import Interface
+from models.scan.surfels import Surfels
+
+REACH_HEIGHTS = 0.6
+"""How far beyond the rock's outline the pedestal is kept, in rock heights: a rock whose centre of mass has left its
+support by half its height is falling, whatever it meets."""
+CELLS_PER_HEIGHT = 60
+STEEP = 0.5
+"""Cosine to the interface normal below which a surfel belongs to a cliff."""
+
+
+@dataclass(frozen=True, eq=False)
+class Ground:
+    """Pedestal surface, contact outline and edges.
+
+    Parameters
+    ----------
+    pedestal : Pedestal
+    outline_m : (k, 3) array
+        Contact outline on the interface plane, counter-clockwise seen from above.
+    edges_m : list of (k, 3) arrays
+        Where the pedestal ends, the pedestal on the left side.
+    """
+
+    pedestal: Pedestal
+    outline_m: NDArray[np.float64]
+    edges_m: list[NDArray[np.float64]]
+
+
+def pedestal_ground(surfels: Surfels, pedestal: NDArray[np.bool_], rock: Rock, interface: Interface) -> Ground:
+    """The pedestal as a height over the interface plane, within reach of the rock, ending at cliff edges."""
+    outline = contact_outline(rock, interface)
+    flat_rock = interface.flat(rock.vertices_m)
+    height = float(np.ptp(flat_rock[:, 2]))
+    cell = height / CELLS_PER_HEIGHT
+    margin = REACH_HEIGHTS * height
+    first = flat_rock[:, :2].min(axis=0) - margin
+    shape = tuple(np.ceil((flat_rock[:, :2].max(axis=0) + margin - first) / cell).astype(int) + 1)
+    nodes = np.stack(np.meshgrid(*(np.arange(n) * cell for n in shape), indexing="ij"), axis=-1) + first
+    flat = interface.flat(surfels.points_m[pedestal])
+    top = surfels.normals[pedestal] @ interface.normal > STEEP
+    top &= np.abs(flat[:, 2]) < 0.25 * height
+    standing = _inside(nodes, outline)
+    lost = _lost(flat, top, nodes, cell, standing)
+    # Every cell that the outline crosses lies in the plane, so that the whole base rests on it.
+    seat = ndimage.binary_dilation(standing, np.ones((3, 3)), iterations=2)
+    surface = _surface(flat[top], nodes, cell, seat, lost)
+    surface = np.where(seat, 0.0, np.minimum(surface, _underside(flat_rock, nodes, cell)))
+    vertices, faces = _triangles(nodes, surface, ~lost)
+    edges = _edges(nodes, surface, lost)
+    return Ground(
+        Pedestal(interface.point_m, interface.normal, interface.scene(vertices), faces),
+        interface.scene(np.column_stack([outline, np.zeros(len(outline))])),
+        [interface.scene(edge) for edge in edges],
+    )
+
+
+def contact_outline(rock: Rock, interface: Interface) -> NDArray[np.float64]:
+    """Outer boundary (k, 2), counter-clockwise, of the rock's faces on the interface plane, u and v."""
+    flat = interface.flat(rock.vertices_m)
+    on_plane = np.abs(flat[:, 2]) < 1e-9 * np.ptp(flat[:, 2])
+    base = rock.faces[on_plane[rock.faces].all(axis=1)]
+    directed = np.concatenate([base[:, [0, 1]], base[:, [1, 2]], base[:, [2, 0]]])
+    key = {(int(a), int(b)) for a, b in directed}
+    following = {b: a for a, b in key if (b, a) not in key}  # reversed: base faces look down
+    loops: list[NDArray[np.float64]] = []
+    while following:
+        start = node = next(iter(following))
+        loop = []
+        while node in following:
+            loop.append(node)
+            node = following.pop(node)
+            if node == start:
+                break
+        loops.append(flat[loop, :2])
+    return max(loops, key=lambda loop: abs(_area(loop)))
+
+
+def _area(loop: NDArray[np.float64]) -> float:
+    x, y = loop.T
+    return 0.5 * float(x @ np.roll(y, -1) - y @ np.roll(x, -1))
+
+
+def _inside(nodes: NDArray[np.float64], polygon: NDArray[np.float64]) -> NDArray[np.bool_]:
+    from matplotlib.path import Path as Polygon
+
+    return Polygon(polygon).contains_points(nodes.reshape(-1, 2)).reshape(nodes.shape[:2])
+
+
+def _lost(
+    flat: NDArray[np.float64], top: NDArray[np.bool_], nodes: NDArray[np.float64], cell: float, standing: NDArray[np.bool_]
+) -> NDArray[np.bool_]:
+    """Nodes where there is no pedestal: nearer to a cliff's face, or to the land below it, than to its top."""
+    tree_top = cKDTree(flat[top, :2])
+    below = flat[~top & (flat[:, 2] < -2 * cell)]
+    if len(below) < 20:
+        return np.zeros(nodes.shape[:2], bool)
+    to_top = tree_top.query(nodes.reshape(-1, 2))[0].reshape(nodes.shape[:2])
+    to_below = cKDTree(below[:, :2]).query(nodes.reshape(-1, 2))[0].reshape(nodes.shape[:2])
+    lost = (to_below < to_top) & ~standing
+    labels, _ = ndimage.label(~lost)
+    kept = np.bincount(labels[standing]).argmax() if standing.any() else 1
+    return labels != kept
+
+
+def _surface(
+    top: NDArray[np.float64], nodes: NDArray[np.float64], cell: float, standing: NDArray[np.bool_], lost: NDArray[np.bool_]
+) -> NDArray[np.float64]:
+    """Heights at the nodes: the mean of what was seen, zero where the rock stands, smooth (membrane) elsewhere."""
+    shape = nodes.shape[:2]
+    index = np.rint((top[:, :2] - nodes[0, 0]) / cell).astype(int)
+    index = np.clip(index, 0, np.array(shape) - 1)
+    flat_index = index[:, 0] * shape[1] + index[:, 1]
+    count = np.bincount(flat_index, minlength=shape[0] * shape[1])
+    total = np.bincount(flat_index, top[:, 2], minlength=shape[0] * shape[1])
+    weight = np.where(standing.ravel(), 1e6, np.minimum(count, 4.0))
+    target = np.where(standing.ravel(), 0.0, total / np.maximum(count, 1))
+    system = diags(weight) + 0.1 * _grid_laplacian(shape)
+    return spsolve(system.tocsc(), weight * target).reshape(shape)
+
+
+def _grid_laplacian(shape: tuple[int, ...]) -> coo_matrix:
+    number = np.arange(shape[0] * shape[1]).reshape(shape)
+    pairs = np.vstack([
+        np.column_stack([number[:-1].ravel(), number[1:].ravel()]),
+        np.column_stack([number[:, :-1].ravel(), number[:, 1:].ravel()]),
+    ])
+    one = np.ones(len(pairs))
+    size = number.size
+    adjacent = coo_matrix((one, pairs.T), shape=(size, size))
+    adjacent = adjacent + adjacent.T
+    return diags(np.asarray(adjacent.sum(axis=1)).ravel()) - adjacent
+
+
+def _underside(flat_rock: NDArray[np.float64], nodes: NDArray[np.float64], cell: float) -> NDArray[np.float64]:
+    """Lowest point of the rock near each node, infinite beside the rock: the pedestal may not reach into the rock."""
+    shape = nodes.shape[:2]
+    low = np.full(shape, np.inf)
+    index = np.rint((flat_rock[:, :2] - nodes[0, 0]) / cell).astype(int)
+    np.minimum.at(low, (index[:, 0], index[:, 1]), flat_rock[:, 2])
+    return ndimage.grey_erosion(np.where(np.isfinite(low), low, 1e30), size=3)
+
+
+def _triangles(
+    nodes: NDArray[np.float64], surface: NDArray[np.float64], kept: NDArray[np.bool_]
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    number = np.arange(kept.size).reshape(kept.shape)
+    a, b, c, d = number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]
+    faces = np.concatenate([np.stack([a, b, c], -1).reshape(-1, 3), np.stack([a, c, d], -1).reshape(-1, 3)])
+    faces = faces[kept.ravel()[faces].all(axis=1)]
+    used, faces = np.unique(faces, return_inverse=True)
+    vertices = np.column_stack([nodes.reshape(-1, 2), surface.ravel()])[used]
+    return vertices, faces.reshape(-1, 3)
+
+
+def _edges(nodes: NDArray[np.float64], surface: NDArray[np.float64], lost: NDArray[np.bool_]) -> list[NDArray[np.float64]]:
+    """Boundary between kept and lost, smoothed and straightened, the kept side on the left."""
+    if not lost.any():
+        return []
+    smooth = ndimage.gaussian_filter((~lost).astype(float), 1.5, mode="nearest")
+    axes_u, axes_v = nodes[:, 0, 0], nodes[0, :, 1]
+    cell = axes_u[1] - axes_u[0]
+    lines = contourpy.contour_generator(axes_u, axes_v, smooth.T).lines(0.5)
+    height = lambda line: ndimage.map_coordinates(  # noqa: E731
+        surface, ((line - nodes[0, 0]) / cell).T, order=1, mode="nearest"
+    )
+    edges = []
+    for line in lines:
+        if len(line) < 5:
+            continue
+        straight = _straightened(line, 0.6 * cell)
+        edges.append(np.column_stack([_left_kept(straight, smooth, nodes[0, 0], cell), np.zeros(len(straight))]))
+        edges[-1][:, 2] = height(edges[-1][:, :2])
+    return edges
+
+
+def _left_kept(
+    line: NDArray[np.float64], kept: NDArray[np.float64], first: NDArray[np.float64], cell: float
+) -> NDArray[np.float64]:
+    step = np.diff(line, axis=0)
+    longest = int(np.argmax(np.linalg.norm(step, axis=1)))
+    left = np.array([-step[longest, 1], step[longest, 0]]) / np.linalg.norm(step[longest])
+    middle = 0.5 * (line[longest] + line[longest + 1])
+    sides = np.stack([middle + 2 * cell * left, middle - 2 * cell * left])
+    value = ndimage.map_coordinates(kept, ((sides - first) / cell).T, order=1, mode="nearest")
+    return line if value[0] > value[1] else line[::-1]
+
+
+def _straightened(line: NDArray[np.float64], tolerance: float) -> NDArray[np.float64]:
+    """Fewest of the line's points that keep it within a tolerance (Douglas and Peucker 1973)."""
+    chord = line[-1] - line[0]
+    length = float(np.linalg.norm(chord))
+    if length < 1e-12:
+        off = np.linalg.norm(line - line[0], axis=1)
+    else:
+        off = np.abs(np.cross(np.append(chord, 0.0), np.column_stack([line - line[0], np.zeros(len(line))]))[:, 2]) / length
+    far = int(np.argmax(off))
+    if off[far] <= tolerance or len(line) < 3:
+        return line[[0, -1]]
+    return np.vstack([_straightened(line[: far + 1], tolerance)[:-1], _straightened(line[far:], tolerance)])

@@ -1,0 +1,73 @@
+"""The interface: the plane on which rock and pedestal meet, and how far they leave it."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from models.errors import InputError
+from models.frames import plane_axes
+from models.scan.surfels import Surfels
+
+CREVICE_VOXELS = 4.0
+"""Pedestal surfels this near to a rock surfel line the crevice."""
+LEAST_CREVICE_SURFELS = 30
+
+
+@dataclass(frozen=True, eq=False)
+class Interface:
+    """A plane through the crevice, with its own axes.
+
+    Parameters
+    ----------
+    point_m, normal : (3,) arrays
+    axes : (3, 3) array
+        Columns u, v in the plane and the normal: right-handed.
+    roughness_m : float
+        Root mean square distance of the crevice's pedestal side from the plane.
+    """
+
+    point_m: NDArray[np.float64]
+    normal: NDArray[np.float64]
+    axes: NDArray[np.float64]
+    roughness_m: float
+
+    def flat(self, points_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Coordinates (n, 3) u, v along the plane and height h over it."""
+        return (points_m - self.point_m) @ self.axes
+
+    def scene(self, flat_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Scene coordinates (n, 3) of points given by u, v, h."""
+        return flat_m @ self.axes.T + self.point_m
+
+
+def fit_interface(surfels: Surfels, rock: NDArray[np.bool_]) -> Interface:
+    """Plane through the pedestal's side of the crevice, by reweighted least squares (Tukey's biweight).
+
+    Raises
+    ------
+    InputError
+        If too little of the crevice was seen.
+    """
+    distance, _ = cKDTree(surfels.points_m[rock]).query(surfels.points_m)
+    lining = ~rock & (distance < CREVICE_VOXELS * surfels.voxel_m) & (surfels.normals[:, 2] > 0.3)
+    if lining.sum() < LEAST_CREVICE_SURFELS:
+        raise InputError(
+            f"only {int(lining.sum())} patches of the pedestal were seen beside the rock", where="interface",
+            expected=f"at least {LEAST_CREVICE_SURFELS} patches of {surfels.voxel_m:.3g} m around the rock's foot",
+            remedy="scan the crevice from nearer, or give the interface by --plane or --pick",
+        )
+    points = surfels.points_m[lining]
+    weight = np.ones(len(points))
+    for _ in range(20):
+        centre = np.average(points, axis=0, weights=weight)
+        offset = points - centre
+        normal = np.linalg.svd(offset * np.sqrt(weight)[:, None], full_matrices=False)[2][2]
+        normal *= np.sign(normal[2]) or 1.0
+        height = offset @ normal
+        spread = 4.7 * max(1.4826 * float(np.median(np.abs(height))), 1e-6 * surfels.voxel_m)
+        weight = np.where(np.abs(height) < spread, (1 - (height / spread) ** 2) ** 2, 0.0)
+    kept = weight > 0.05
+    u, v = plane_axes(normal)
+    return Interface(centre, normal, np.column_stack([u, v, normal]), float(np.sqrt((height[kept] ** 2).mean())))

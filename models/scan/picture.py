@@ -1,0 +1,102 @@
+"""The scene's picture: rock, interface and pedestal in colours, so that a wrong split is seen at once."""
+
+from pathlib import Path
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import PolyCollection
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from models.frames import compass_deg
+from models.scene import Scene
+
+ROCK_COLOUR, PEDESTAL_COLOUR, INTERFACE_COLOUR = "#c0703a", "#7d8b99", "#d11f3f"
+VIEWS_DEG = ((20.0, 0.0), (20.0, 120.0), (20.0, 240.0))
+"""Elevation and azimuth of the eye."""
+
+
+def draw_scene(scene: Scene, path: Path) -> None:
+    """Write a PNG: three views, the plan of the interface, and the statics by azimuth."""
+    figure = Figure(figsize=(15, 9), layout="constrained")
+    FigureCanvasAgg(figure)
+    grid = figure.add_gridspec(2, 3)
+    for place, (elevation, azimuth) in enumerate(VIEWS_DEG):
+        _draw_view(figure.add_subplot(grid[0, place]), scene, elevation, azimuth)
+    _draw_plan(figure.add_subplot(grid[1, 0]), scene)
+    _draw_statics(figure.add_subplot(grid[1, 1], projection="polar"), scene)
+    _write_numbers(figure.add_subplot(grid[1, 2]), scene)
+    figure.savefig(path, dpi=110)
+
+
+def _draw_view(axes, scene: Scene, elevation_deg: float, azimuth_deg: float) -> None:  # noqa: ANN001  (matplotlib)
+    """Triangles painted from far to near (orthographic)."""
+    turn, lift = np.deg2rad(azimuth_deg), np.deg2rad(elevation_deg)
+    toward = np.array([np.cos(lift) * np.cos(turn), np.cos(lift) * np.sin(turn), np.sin(lift)])
+    right = np.array([-np.sin(turn), np.cos(turn), 0.0])
+    frame = np.column_stack([right, np.cross(toward, right), toward])
+    corners, colours = [], []
+    surfaces = [(scene.rock.vertices_m, scene.rock.faces, ROCK_COLOUR)]
+    if scene.pedestal.vertices_m is not None and scene.pedestal.faces is not None:
+        surfaces.append((scene.pedestal.vertices_m, scene.pedestal.faces, PEDESTAL_COLOUR))
+    light = np.array([0.4, 0.3, 0.87])
+    for vertices, faces, colour in surfaces:
+        corner = vertices[faces]
+        normal = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
+        normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-30)
+        shade = 0.55 + 0.45 * np.clip(np.abs(normal @ light), 0.0, 1.0)
+        corners.append(corner @ frame)
+        rgb = np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)]) / 255
+        colours.append(shade[:, None] * rgb)
+    corner, colour = np.concatenate(corners), np.concatenate(colours)
+    order = np.argsort(corner[:, :, 2].mean(axis=1))
+    axes.add_collection(PolyCollection(corner[order][:, :, :2], facecolors=colour[order], edgecolors="face", linewidths=0.2))
+    for line, style in _lines(scene):
+        flat = line @ frame
+        axes.plot(flat[:, 0], flat[:, 1], style, color=INTERFACE_COLOUR, linewidth=1.5)
+    axes.set(aspect="equal", title=f"seen from azimuth {azimuth_deg:.0f}° ({float(compass_deg(azimuth_deg)):.0f}° compass)")
+    axes.autoscale()
+    axes.set_xlabel("m")
+
+
+def _lines(scene: Scene) -> list[tuple[NDArray[np.float64], str]]:
+    interface = scene.report.get("interface", {})
+    outline = np.array(interface.get("outline_m", np.empty((0, 3))))
+    lines = [(np.vstack([outline, outline[:1]]), "-")] if len(outline) else []
+    return lines + [(np.array(edge), "--") for edge in interface.get("edges_m", [])]
+
+
+def _draw_plan(axes, scene: Scene) -> None:  # noqa: ANN001
+    hull = scene.rock.vertices_m
+    axes.plot(hull[:, 0], hull[:, 1], ",", color=ROCK_COLOUR, alpha=0.4)
+    for line, style in _lines(scene):
+        axes.plot(line[:, 0], line[:, 1], style, color=INTERFACE_COLOUR)
+    axes.plot(*scene.rock.com_m[:2], "k+", markersize=12)
+    axes.set(aspect="equal", xlabel="east, m", ylabel="north, m", title="contact outline, cliff edge (dashed), centre of mass")
+
+
+def _draw_statics(axes, scene: Scene) -> None:  # noqa: ANN001
+    table = scene.to_json()["quasi_static_toppling_m_s2"]
+    azimuth = np.deg2rad([row["azimuth_deg"] for row in table])
+    value = np.array([row["value"] for row in table])
+    axes.plot(np.append(azimuth, azimuth[0]), np.append(value, value[0]), color=ROCK_COLOUR)
+    axes.set_ylim(0, min(2.0 * np.median(value), np.nanmax(value[np.isfinite(value)])) * 1.05)
+    axes.set_title("quasi-static toppling acceleration, m/s², by azimuth of the ground's acceleration")
+
+
+def _write_numbers(axes, scene: Scene) -> None:  # noqa: ANN001
+    axes.axis("off")
+    surface = scene.report.get("surface", {})
+    downhill = scene.pedestal.downhill_azimuth_deg
+    lines = [
+        f"volume {scene.rock.volume_m3:.5g} m³, height {scene.rock.height_m:.4g} m",
+        "centre of mass {:.3f}, {:.3f}, {:.3f} m".format(*scene.rock.com_m),
+        f"interface falls {scene.pedestal.slope_deg:.2f}° toward azimuth {downhill:.1f}° ({float(compass_deg(downhill)):.0f}° compass)",
+        f"roughness {scene.report.get('interface', {}).get('roughness_m', 0.0):.3g} m",
+        "surface seen {:.1%}, closed at the interface {:.1%}, invented {:.1%}".format(
+            *(surface.get(key, 0.0) for key in ("seen_share", "closed_share", "invented_share"))
+        ),
+        "origin {:.1f}, {:.1f}, {:.1f} m".format(*scene.origin_m),
+        "red: contact outline; dashed: cliff edge",
+    ]
+    axes.text(0.0, 0.95, "\n".join(lines), va="top", fontsize=11, linespacing=1.8)

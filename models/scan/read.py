@@ -1,0 +1,167 @@
+"""Clouds from files: every format ends as local points in metres and one double-precision origin."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import laspy
+import numpy as np
+import open3d as o3d
+from numpy.typing import NDArray
+
+from models.errors import InputError
+
+FORMATS = (".ply", ".pcd", ".xyz", ".pts", ".txt", ".csv", ".las", ".laz", ".e57")
+MINIMUM_POINTS = 1000
+"""Fewer points than this cannot show a rock, its pedestal and the crevice between them."""
+
+
+@dataclass(frozen=True, eq=False)
+class Cloud:
+    """Points of one or more files in a local frame.
+
+    Parameters
+    ----------
+    points_m : (n, 3) array
+        Points less `origin_m`: x east, y north, z up.
+    origin_m : (3,) array
+        Survey coordinates of the local origin; whole metres, so that nothing is lost by the subtraction.
+    station : (n,) int array
+        Which tripod station saw the point (file by file, and within a file as the file says).
+    files : tuple of (str, int)
+        Names and numbers of points, in the order of the points.
+    """
+
+    points_m: NDArray[np.float64]
+    origin_m: NDArray[np.float64]
+    station: NDArray[np.int32]
+    files: tuple[tuple[str, int], ...]
+
+
+def read_clouds(paths: Sequence[str | Path]) -> Cloud:
+    """Read files as one cloud; several files are stations of one survey in one coordinate system.
+
+    Raises
+    ------
+    InputError
+        If a file is absent, unreadable, of an unknown format, or holds too few or non-finite points.
+    """
+    survey, stations, files = [], [], []
+    for path in map(Path, paths):
+        points, station = _read_file(path)
+        _check_points(points, path)
+        survey.append(points)
+        stations.append(station + (stations[-1].max() + 1 if stations else 0))
+        files.append((path.name, len(points)))
+    origin = np.floor(np.median(np.vstack([each[:: max(1, len(each) // 10000)] for each in survey]), axis=0))
+    for each in survey:
+        each -= origin  # in place: twenty million points are half a gigabyte
+    points = survey[0] if len(survey) == 1 else np.concatenate(survey)
+    station = stations[0] if len(stations) == 1 else np.concatenate(stations)
+    return Cloud(points, origin, station, tuple(files))
+
+
+def _read_file(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
+    """Survey coordinates (n, 3) in double precision and the station of each point, counted from 0."""
+    if not path.is_file():
+        raise _unreadable("no such file", path)
+    suffix = path.suffix.lower()
+    if suffix not in FORMATS:
+        raise _unreadable(f"unknown format '{suffix}'", path)
+    try:
+        if suffix in (".las", ".laz"):
+            points, station = _read_las(path)
+        elif suffix == ".e57":
+            points, station = _read_e57(path)
+        elif suffix in (".ply", ".pcd"):
+            points, station = _read_tensor(path)
+        else:
+            points = _read_columns(path)
+            station = np.zeros(len(points), np.int32)
+    except InputError:
+        raise
+    except Exception as error:  # each reader raises whatever its parser raises
+        raise _unreadable(f"cannot be read ({type(error).__name__}: {error})", path) from error
+    return points, _counted(station)
+
+
+def _read_las(path: Path) -> tuple[NDArray[np.float64], NDArray]:
+    with laspy.open(path) as source:
+        points = np.empty((source.header.point_count, 3))
+        station = np.empty(source.header.point_count, np.int32)
+        filled = 0
+        for chunk in source.chunk_iterator(2_000_000):
+            rows = slice(filled, filled + len(chunk))
+            points[rows, 0], points[rows, 1], points[rows, 2] = chunk.x, chunk.y, chunk.z
+            station[rows] = chunk.point_source_id
+            filled += len(chunk)
+    return points[:filled], station[:filled]
+
+
+def _read_e57(path: Path) -> tuple[NDArray[np.float64], NDArray]:
+    import pye57
+
+    source = pye57.E57(str(path))
+    scans = []
+    for index in range(source.scan_count):
+        scan = source.read_scan(index, ignore_missing_fields=True, transform=True)
+        scans.append(np.column_stack([scan["cartesianX"], scan["cartesianY"], scan["cartesianZ"]]))
+    if not scans:
+        return np.empty((0, 3)), np.empty(0, np.int32)
+    return np.concatenate(scans), np.repeat(np.arange(len(scans), dtype=np.int32), [len(scan) for scan in scans])
+
+
+def _read_tensor(path: Path) -> tuple[NDArray[np.float64], NDArray]:
+    """Open3D's tensor reader: keeps doubles and extra properties, which its legacy reader drops."""
+    with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
+        cloud = o3d.t.io.read_point_cloud(str(path))
+    if "positions" not in cloud.point:
+        return np.empty((0, 3)), np.empty(0, np.int32)
+    points = cloud.point.positions.numpy().astype(float)
+    station = next((cloud.point[key].numpy().ravel() for key in ("station", "point_source_id") if key in cloud.point), None)
+    return points, np.zeros(len(points), np.int32) if station is None else station.astype(np.int32)
+
+
+def _read_columns(path: Path) -> NDArray[np.float64]:
+    """The first three columns of a text file; a header line and the count line of PTS are passed over."""
+    with path.open(errors="replace") as lines:
+        head = [line for _, line in zip(range(20), lines, strict=False)]
+    skip = next((i for i, line in enumerate(head) if _numbers(line) >= 3), None)
+    if skip is None:
+        return np.empty((0, 3))
+    delimiter = "," if "," in head[skip] else ";" if ";" in head[skip] else None
+    return np.loadtxt(path, delimiter=delimiter, skiprows=skip, usecols=(0, 1, 2), ndmin=2, comments=("#", "//"))
+
+
+def _numbers(line: str) -> int:
+    """How many numbers a line begins with."""
+    count = 0
+    for word in line.replace(",", " ").replace(";", " ").split():
+        try:
+            float(word)
+        except ValueError:
+            break
+        count += 1
+    return count
+
+
+def _counted(station: NDArray) -> NDArray[np.int32]:
+    return np.unique(station, return_inverse=True)[1].astype(np.int32) if len(station) else station.astype(np.int32)
+
+
+def _check_points(points: NDArray[np.float64], path: Path) -> None:
+    bad = ~np.isfinite(points).all(axis=1)
+    if bad.any():
+        raise _unreadable(f"{int(bad.sum())} points have coordinates that are not finite, first point {int(np.argmax(bad))}", path)
+    if len(points) < MINIMUM_POINTS:
+        raise InputError(
+            f"holds {len(points)} points", where=str(path), expected=f"at least {MINIMUM_POINTS}",
+            remedy="check that the export was complete and that the file's extension names its format",
+        )
+
+
+def _unreadable(what: str, path: Path) -> InputError:
+    return InputError(
+        what, where=str(path), expected="a point cloud: " + ", ".join(FORMATS),
+        remedy="check the path, or export the cloud again as LAZ, PLY or XYZ in metres",
+    )

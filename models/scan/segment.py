@@ -1,0 +1,251 @@
+"""Segmentation: the rock is what stands on the pedestal, above the narrowing or crevice.
+
+Two passes. The coarse one sweeps a horizontal plane down through the surfels and keeps the peaks that rise far
+above the level at which they join something else; the fine one cuts the surface around the chosen peak along the
+loop that is short and concave (a minimum cut between peak and surroundings, after Boykov and Kolmogorov 2004, with
+the convexity of Stein, Schoeler, Papon and Woergoetter 2014 as capacity).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components, maximum_flow
+from scipy.spatial import cKDTree
+
+from models.errors import InputError
+from models.scan.surfels import Surfels, orient, thin
+
+ROCK, PEDESTAL, NEITHER = 0, 1, 2
+
+COARSE_SURFELS = 25_000
+FINE_VOXELS_PER_HEIGHT = 100
+LEAST_PEAK_VOXELS = 6
+"""A peak lower than this many coarse voxels is roughness."""
+SURFACE_ROUGHNESS = 0.4
+"""Thickness over width above which a neighbourhood is a bush's, not a surface's."""
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """Something that stands on something: a peak, the surfels cut off with it, and how it was cut."""
+
+    height_m: float
+    top_m: NDArray[np.float64]
+    rock: NDArray[np.bool_]
+    concave_share: float
+
+
+@dataclass(frozen=True, eq=False)
+class Segmentation:
+    """Labels of all points and of the surfels around the rock.
+
+    Parameters
+    ----------
+    label : (n,) int8 array
+        Per point: 0 rock, 1 pedestal, 2 neither.
+    surfels : Surfels
+        Around the rock, at a hundredth of its height.
+    surfel_label : (k,) int8 array
+    concave_share : float
+        Share of the cut that runs through concave creases: 1 is a clear crevice, near 0 no rock.
+    others : list of (x, y, z, height)
+        Other things that stand there, metres.
+    """
+
+    label: NDArray[np.int8]
+    surfels: Surfels
+    surfel_label: NDArray[np.int8]
+    concave_share: float
+    others: list[tuple[float, float, float, float]]
+
+
+def segment(points_m: NDArray[np.float64]) -> Segmentation:
+    """Split a cloud into rock, pedestal and neither.
+
+    Raises
+    ------
+    InputError
+        If nothing in the cloud stands on anything, or two things stand there equally.
+    """
+    coarse = _coarse_surfels(points_m)
+    candidates = find_candidates(coarse)
+    chosen = _choose(candidates)
+    return _refine(points_m, coarse, chosen, [c for c in candidates if c is not chosen])
+
+
+def _coarse_surfels(points_m: NDArray[np.float64]) -> Surfels:
+    sample = points_m[:: max(1, len(points_m) // 2_000_000)]
+    voxel = float(np.ptp(sample, axis=0).max()) / 150
+    thinned, _ = thin(sample, voxel)
+    for _ in range(6):
+        if 0.7 * COARSE_SURFELS < len(thinned) < 1.4 * COARSE_SURFELS or len(thinned) > 0.5 * len(sample):
+            break
+        voxel *= np.sqrt(len(thinned) / COARSE_SURFELS)  # a surface's voxels go with the inverse square of their size
+        thinned, _ = thin(sample, voxel)
+    return orient(thinned, voxel)
+
+
+def find_candidates(surfels: Surfels) -> list[Candidate]:
+    """What stands on something in the cloud, the highest first."""
+    edges, _ = _neighbourhood(surfels.points_m, surfels.voxel_m)
+    found: list[Candidate] = []
+    for peak, level in _peaks(surfels, edges):
+        candidate = _cut_off(surfels, edges, peak, level)
+        if candidate is not None and not any(
+            (candidate.rock & other.rock).sum() > 0.5 * min(candidate.rock.sum(), other.rock.sum()) for other in found
+        ):
+            found.append(candidate)
+    return sorted(found, key=lambda each: -each.height_m)
+
+
+def _neighbourhood(points_m: NDArray[np.float64], voxel_m: float) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Pairs (m, 2) of neighbouring surfels, each once, and their distances."""
+    distance, near = cKDTree(points_m).query(points_m, 13)
+    start = np.repeat(np.arange(len(points_m)), 12)
+    end, length = near[:, 1:].ravel(), distance[:, 1:].ravel()
+    keep = (length < 3.0 * voxel_m) & (end < len(points_m))
+    pair = np.sort(np.column_stack([start[keep], end[keep]]), axis=1)
+    pair, first = np.unique(pair, axis=0, return_index=True)
+    return pair, length[keep][first]
+
+
+def _peaks(surfels: Surfels, edges: NDArray[np.int64]) -> list[tuple[int, float]]:
+    """Peaks and the level at which each joins something of its own size or larger, the most prominent first."""
+    z = surfels.points_m[:, 2]
+    order = np.argsort(-z)
+    rank = np.empty(len(z), np.int64)
+    rank[order] = np.arange(len(z))
+    upper_first = np.where((rank[edges[:, 0]] < rank[edges[:, 1]])[:, None], edges, edges[:, ::-1])
+    upper_first = upper_first[np.argsort(rank[upper_first[:, 1]], kind="stable")]
+    root = list(range(len(z)))
+    size = [1] * len(z)
+    saddle: dict[int, float] = {}
+
+    def find(node: int) -> int:
+        while root[node] != node:
+            root[node] = root[root[node]]
+            node = root[node]
+        return node
+
+    least = LEAST_PEAK_VOXELS * surfels.voxel_m
+    for upper, lower in upper_first.tolist():
+        a, b = find(upper), find(lower)
+        if a == b:
+            continue
+        level = z[lower]
+        for one, other in ((a, b), (b, a)):
+            grown = size[other] > 0.3 * size[one] or z[other] - level > 0.3 * (z[one] - level)
+            if z[one] - level > least and grown and size[other] > 20:
+                saddle.setdefault(one, level)
+        if rank[a] > rank[b]:
+            a, b = b, a
+        root[b] = a
+        size[a] += size[b]
+    for node in range(len(z)):
+        if root[node] == node and size[node] > 50 and node not in saddle:
+            members = np.array([find(other) == node for other in range(len(z))])
+            if z[node] - z[members].min() > least:
+                saddle[node] = float(z[members].min())
+    return sorted(saddle.items(), key=lambda item: item[1] - z[item[0]])[:12]
+
+
+def _cut_off(surfels: Surfels, edges: NDArray[np.int64], peak: int, level: float) -> Candidate | None:
+    """The minimum cut between a peak and its surroundings; None if what it cuts off is no rock."""
+    points = surfels.points_m
+    height = points[peak, 2] - level
+    high = (points[:, 2] > level + 0.4 * height) & (np.hypot(*(points[:, :2] - points[peak, :2]).T) < height)
+    seeds = _component_of(peak, high, edges)
+    axis = np.median(points[seeds, :2], axis=0)
+    reach = 1.2 * height + np.quantile(np.hypot(*(points[seeds, :2] - axis).T), 0.95)
+    far = (np.hypot(*(points[:, :2] - axis).T) > reach) | (points[:, 2] < level - height)
+    far &= ~seeds
+    if not far.any():
+        return None
+    rock, concave_share = _minimum_cut(surfels, edges, seeds, far)
+    rock = _component_of(peak, rock, edges)
+    if rock.sum() < 50 or np.median(surfels.roughness[rock]) > SURFACE_ROUGHNESS:
+        return None
+    return Candidate(float(np.ptp(points[rock, 2])), points[peak], rock, concave_share)
+
+
+def _component_of(member: int, among: NDArray[np.bool_], edges: NDArray[np.int64]) -> NDArray[np.bool_]:
+    inside = edges[among[edges].all(axis=1)]
+    graph = coo_matrix((np.ones(len(inside)), inside.T), shape=(len(among),) * 2)
+    component = connected_components(graph, directed=False)[1]
+    return (component == component[member]) & among
+
+
+def _minimum_cut(
+    surfels: Surfels, edges: NDArray[np.int64], seeds: NDArray[np.bool_], far: NDArray[np.bool_]
+) -> tuple[NDArray[np.bool_], float]:
+    """Surfels on the seeds' side of the cheapest cut, and the share of the cut edges that are concave."""
+    count = len(surfels.points_m)
+    bend = _bend(surfels, edges)
+    capacity = np.rint(10 + 1000 / (1 + np.exp(-(bend + 0.25) / 0.08))).astype(np.int32)
+    source, sink = count, count + 1
+    big = np.int32(10_000_000)
+    start = np.concatenate([edges[:, 0], edges[:, 1], np.full(seeds.sum(), source), np.flatnonzero(far)])
+    end = np.concatenate([edges[:, 1], edges[:, 0], np.flatnonzero(seeds), np.full(far.sum(), sink)])
+    value = np.concatenate([capacity, capacity, np.full(seeds.sum() + far.sum(), big)])
+    graph = coo_matrix((value, (start, end)), shape=(count + 2,) * 2).tocsr()
+    flow = maximum_flow(graph, source, sink).flow
+    left = (graph - flow).tocsr()
+    left.data = np.maximum(left.data, 0)
+    left.eliminate_zeros()
+    reached = _reachable(left, source)[:count]
+    cut = reached[edges[:, 0]] != reached[edges[:, 1]]
+    return reached, float((bend[cut] < -0.25).mean()) if cut.any() else 1.0
+
+
+def _reachable(graph: coo_matrix, start: int) -> NDArray[np.bool_]:
+    from scipy.sparse.csgraph import breadth_first_order
+
+    reached = np.zeros(graph.shape[0], bool)
+    reached[breadth_first_order(graph, start, return_predecessors=False)] = True
+    return reached
+
+
+def _bend(surfels: Surfels, edges: NDArray[np.int64]) -> NDArray[np.float64]:
+    """How the surface bends between neighbours: positive convex, negative concave, of the order of the angle."""
+    a, b = edges.T
+    along = surfels.points_m[b] - surfels.points_m[a]
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    return np.einsum("ij,ij->i", surfels.normals[b] - surfels.normals[a], along)
+
+
+def _choose(candidates: list[Candidate]) -> Candidate:
+    standing = [c for c in candidates if c.concave_share > 0.3]
+    if not standing:
+        raise InputError(
+            "nothing in the cloud stands on anything", where="segmentation",
+            expected="a rock above a crevice or narrowing, seen from several sides with some of its pedestal",
+            remedy="crop the cloud to the rock and its pedestal, or show the interface by --plane or --pick",
+        )
+    return standing[0]
+
+
+def _refine(
+    points_m: NDArray[np.float64], coarse: Surfels, chosen: Candidate, others: list[Candidate]
+) -> Segmentation:
+    """The cut again at a hundredth of the rock's height, and every point labelled."""
+    rock = coarse.points_m[chosen.rock]
+    axis, height = rock[:, :2].mean(axis=0), chosen.height_m
+    reach = np.hypot(*(rock[:, :2] - axis).T).max() + 0.5 * height
+    around = (np.hypot(*(points_m[:, :2] - axis).T) < reach) & (points_m[:, 2] > rock[:, 2].min() - 0.7 * height)
+    voxel = height / FINE_VOXELS_PER_HEIGHT
+    thinned, index = thin(points_m[around], voxel)
+    surfels = orient(thinned, voxel)
+    edges, _ = _neighbourhood(surfels.points_m, voxel)
+    _, near = cKDTree(coarse.points_m).query(surfels.points_m, 8)
+    votes = chosen.rock[near].mean(axis=1)
+    fine_rock, concave_share = _minimum_cut(surfels, edges, votes == 1.0, votes == 0.0)
+    surfel_label = np.where(fine_rock, ROCK, PEDESTAL).astype(np.int8)
+    label = np.full(len(points_m), PEDESTAL, np.int8)
+    nearest = np.where(index >= 0, index, cKDTree(surfels.points_m).query(points_m[around])[1]) if (index < 0).any() else index
+    label[around] = surfel_label[nearest]
+    return Segmentation(
+        label, surfels, surfel_label, concave_share,
+        [(*map(float, other.top_m), other.height_m) for other in others],
+    )

@@ -1,0 +1,133 @@
+"""The numbers behind the maps, against small tables counted by hand."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from click.testing import CliRunner
+from hypothesis import Phase, given, settings
+from hypothesis import strategies as st
+from seeded import row, rows
+
+from orchestrator.cli import cli
+from results.fragility import PLANES, by_contact, cells, cells_by_direction, direction_bin_deg, wilson
+from results.run import as_frame, open_run
+from results.store import write_part
+
+
+@pytest.fixture()
+def hand_made(tmp_path):
+    """Level 2: three records in the pulse bin 0.10-0.15 s, one in 0.20-0.25 s; level 4: one job without an answer."""
+    jobs = [
+        row("a", record_id="A", level_pga_m_s2=2.0, pgv_pga_s=0.10, pgv_m_s=0.20, toppled=False),
+        row("b", record_id="B", level_pga_m_s2=2.0, pgv_pga_s=0.12, pgv_m_s=0.24, toppled=True),
+        row("c", record_id="C", level_pga_m_s2=2.0, pgv_pga_s=0.14, pgv_m_s=0.28, toppled=True),
+        row("d", record_id="D", level_pga_m_s2=2.0, pgv_pga_s=0.24, pgv_m_s=0.48, toppled=True),
+        row("e", record_id="D", level_pga_m_s2=4.0, pgv_pga_s=0.24, pgv_m_s=0.96, status="undecided"),
+    ]
+    angles = [0.0, 22.4, -22.5, 337.4, 22.5]
+    write_part(tmp_path, [job | {"pga_azimuth_deg": angle} for job, angle in zip(jobs, angles, strict=True)])
+    return open_run(tmp_path).frame()
+
+
+def test_cells_count_what_is_there_and_no_more(hand_made):
+    table = cells(hand_made, PLANES["pga_pgv_pga"])
+    seen = table[["pgv_pga_s_low", "level_pga_m_s2", "jobs", "no_answer", "records", "toppled"]]
+    expected = [[0.10, 2.0, 3, 0, 3, 2], [0.20, 2.0, 1, 0, 1, 1], [0.20, 4.0, 0, 1, 0, 0]]
+    np.testing.assert_allclose(seen.to_numpy(float), expected)
+    np.testing.assert_allclose(table["share"], [0.75, 0.25, 1.0])  # of the jobs at its level
+    np.testing.assert_allclose(table["probability"], [2 / 3, 1.0, np.nan])
+    np.testing.assert_allclose(table[["level_pga_m_s2_low", "level_pga_m_s2_high"]], [[1, 3], [1, 3], [3, 5]])
+    assert table["thin"].all()
+
+
+def test_wilson_intervals_agree_with_the_closed_form():
+    # Wilson (1927): 2 of 3 at z = 1.959964 gives (0.2077, 0.9385); 0 of 10 gives (0, z2 / (n + z2)).
+    low, high = wilson(pd.Series([2 / 3, 0.0, np.nan]), pd.Series([3, 10, 0]))
+    z2 = 1.959964**2
+    np.testing.assert_allclose(low, [0.20766, 0.0, np.nan], atol=1e-5)
+    np.testing.assert_allclose(high, [0.93851, z2 / (10 + z2), np.nan], atol=1e-5)
+
+
+def test_copies_of_one_record_do_not_narrow_the_interval(hand_made):
+    plane = PLANES["pga_pgv_pga"]
+    copies = [hand_made.assign(job_id=hand_made["job_id"] + str(turn)) for turn in range(8)]
+    once, often = cells(hand_made, plane), cells(pd.concat(copies), plane)
+    assert (often["jobs"] == 8 * once["jobs"]).all()
+    pd.testing.assert_series_equal(often["wilson_high"], once["wilson_high"])
+
+
+def test_direction_bins_are_centred_on_the_axes_of_the_study(hand_made):
+    table = cells_by_direction(hand_made, PLANES["pga_pgv_pga"])
+    # 0, 22.4 and -22.5 degrees lie in the bin about 0; 337.4 in the one about 315; 22.5 in the one about 45.
+    jobs = table.groupby("direction_deg")[["jobs", "no_answer"]].sum()
+    assert jobs.to_dict("index") == {
+        0.0: {"jobs": 3, "no_answer": 0},
+        45.0: {"jobs": 0, "no_answer": 1},
+        315.0: {"jobs": 1, "no_answer": 0},
+    }
+
+
+@given(st.floats(-720, 720), st.integers(1, 36))
+def test_a_direction_is_within_half_a_bin_of_its_centre(azimuth, bins):
+    centre = float(direction_bin_deg([azimuth], bins)[0])
+    off = (azimuth - centre + 180.0) % 360.0 - 180.0
+    assert abs(off) <= 180.0 / bins + 1e-9
+    assert 0.0 <= centre < 360.0
+
+
+@settings(max_examples=25, deadline=None, phases=(Phase.explicit, Phase.reuse, Phase.generate))
+@given(st.lists(st.tuples(st.floats(0, 3), st.floats(0, 40)), min_size=1, max_size=30))
+def test_every_job_within_the_limits_lies_in_exactly_one_cell_that_contains_it(values):
+    frame = pd.DataFrame(values, columns=["pgv_m_s", "duration_energy_s"])
+    frame["record_id"] = [str(number) for number in range(len(frame))]
+    frame["toppled"] = pd.array([True] * len(frame), "boolean")
+    table = cells(frame, PLANES["pgv_duration"])
+    inside = frame[(frame["pgv_m_s"] < 3) & (frame["duration_energy_s"] < 30)]
+    assert table["jobs"].sum() == len(inside)
+    assert table["share"].sum() == pytest.approx(1.0 if len(inside) else 0.0)
+    for _, cell in table.iterrows():
+        # Edges are multiples of the width; a value within 1e-9 of one may lie on either side.
+        pgv = inside["pgv_m_s"].between(cell["pgv_m_s_low"] - 1e-9, cell["pgv_m_s_high"] + 1e-9)
+        duration = inside["duration_energy_s"].between(
+            cell["duration_energy_s_low"] - 1e-9, cell["duration_energy_s_high"] + 1e-9
+        )
+        assert (pgv & duration).sum() >= cell["jobs"]
+
+
+def test_contacts_are_never_pooled():
+    frame = pd.concat([as_frame_of(rows(records=2, levels=(1,), friction=mu)) for mu in (0.6, 1.0)])
+    assert {name: len(jobs) for name, jobs in by_contact(frame).items()} == {"friction-0.6": 4, "friction-1": 4}
+    assert list(by_contact(frame[frame["friction_static"] == 1.0])) == [""]
+
+
+def as_frame_of(jobs):
+    return pd.DataFrame(jobs).astype({"toppled": "boolean"})
+
+
+def test_the_command_draws_every_map_with_the_table_behind_it(tmp_path):
+    write_part(tmp_path / "run", rows(records=6, levels=(2, 6, 10), azimuths=(0.0, 135.0)))
+    done = CliRunner().invoke(cli, ["fragility", str(tmp_path / "run"), "--out", str(tmp_path / "maps")])
+    assert done.exit_code == 0, done.output
+    names = {path.name for path in (tmp_path / "maps").iterdir()}
+    stems = {*PLANES, "pga_pgv_pga_by_direction", "pga_pgv_by_direction"}
+    assert names == {f"{stem}.{suffix}" for stem in stems for suffix in ("png", "svg", "csv")}
+    table = pd.read_csv(tmp_path / "maps" / "pga_pgv_pga.csv")
+    assert table["jobs"].sum() == 36
+    drawing = (tmp_path / "maps" / "pga_pgv_pga.svg").read_text()
+    assert "PGA (m/s²)" in drawing
+    assert "PGV/PGA (s)" in drawing
+
+
+def test_the_same_rows_give_the_same_figure_files(tmp_path):
+    write_part(tmp_path / "run", rows(records=3, levels=(2, 6), azimuths=(0.0,)))
+    for name in ("one", "two"):
+        CliRunner().invoke(cli, ["fragility", str(tmp_path / "run"), "--out", str(tmp_path / name)])
+    for path in (tmp_path / "one").iterdir():
+        assert path.read_bytes() == (tmp_path / "two" / path.name).read_bytes(), path.name
+
+
+def test_a_run_without_answers_is_refused(tmp_path):
+    write_part(tmp_path, [row("a", status="crashed")])
+    done = CliRunner().invoke(cli, ["fragility", str(tmp_path)])
+    assert done.exit_code == 1
+    assert "none with an answer" in str(done.exception)

@@ -1,0 +1,94 @@
+"""Queries answer with what the run has now."""
+
+import json
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from click.testing import CliRunner
+from seeded import row, rows
+
+from models import InputError, Scene
+from orchestrator.cli import cli
+from results import open_run
+from results.run import ask
+from results.store import compact, write_part
+
+
+@pytest.fixture()
+def run_folder(tmp_path):
+    folder = tmp_path / "run"
+    write_part(folder, rows(records=3, levels=(1, 2), azimuths=(0.0,)))
+    Scene.block(0.2, 0.2, 0.6).save(folder / "scene")
+    (folder / "ensemble").mkdir()
+    catalogue = pa.table({"record_id": ["R000", "R001", "R002"], "magnitude": [6.5, 7.0, 7.5]})
+    pq.write_table(catalogue, folder / "ensemble" / "catalog.parquet")
+    return folder
+
+
+def test_a_run_that_goes_on_shows_each_job_once(run_folder):
+    run = open_run(run_folder)
+    assert run.sql("select count(*) n from results").to_pylist() == [{"n": 6}]
+    write_part(run_folder, [row("new"), row("R000-0-1-1", attempt=2)])
+    assert run.sql("select count(*) n from results").to_pylist() == [{"n": 7}]
+    assert len(run.table()) == len(run.frame()) == run.dataset().count_rows() == 7
+    compact(run_folder)
+    assert run.sql("select count(*) n from results").to_pylist() == [{"n": 7}]
+
+
+def test_a_run_without_rows_yet_answers_with_none(tmp_path):
+    (tmp_path / "parts").mkdir()
+    assert open_run(tmp_path).sql("select count(*) n from results").to_pylist() == [{"n": 0}]
+
+
+def test_results_join_their_records_and_their_scene(run_folder):
+    joined = open_run(run_folder).sql(
+        "select magnitude, least_quasi_static_m_s2 a from results join motions using (record_id), scene"
+    )
+    assert set(joined.column("magnitude").to_pylist()) == {6.5, 7.0, 7.5}
+    # A block of half width 0.2 and half height 0.6 topples at a third of gravity.
+    assert joined.column("a")[0].as_py() == pytest.approx(9.81 / 3)
+
+
+def test_several_runs_are_told_apart_by_their_folder(run_folder, tmp_path):
+    other = tmp_path / "other"
+    write_part(other, rows(records=2, levels=(1,), azimuths=(0.0,), friction=0.6))
+    counts = ask([open_run(run_folder), open_run(other)], "select run, count(*) n from results group by run order by run")
+    assert counts.to_pylist() == [{"run": "other", "n": 2}, {"run": "run", "n": 6}]
+    with pytest.raises(InputError, match="same name"):
+        ask([open_run(other), open_run(other)], "select 1")
+
+
+def test_a_folder_that_is_no_run_and_a_query_that_is_no_sql_are_refused(run_folder, tmp_path):
+    with pytest.raises(InputError, match="is not a run"):
+        open_run(tmp_path)
+    with pytest.raises(InputError, match="does not exist"):
+        open_run(tmp_path / "nowhere")
+    with pytest.raises(InputError, match="tables results, motions, scene"):
+        open_run(run_folder).sql("select nonsense from results")
+
+
+@pytest.mark.parametrize("form", ["--csv", "--json", "--parquet"])
+def test_the_command_line_gives_the_answer_in_every_form(run_folder, tmp_path, form):
+    target = tmp_path / "answer.parquet"
+    options = [form, str(target)] if form == "--parquet" else [form]
+    sql = "select level_pga_m_s2, count(*) n from results group by all order by all"
+    done = CliRunner().invoke(cli, ["query", str(run_folder), sql, *options], catch_exceptions=False)
+    assert done.exit_code == 0
+    if form == "--csv":
+        assert done.output.splitlines() == ["level_pga_m_s2,n", "1.0,3", "2.0,3"]
+        return
+    answer = json.loads(done.output) if form == "--json" else pq.read_table(target).to_pylist()
+    assert answer == [{"level_pga_m_s2": 1.0, "n": 3}, {"level_pga_m_s2": 2.0, "n": 3}]
+
+
+def test_describe_names_every_column_of_every_table(run_folder):
+    done = CliRunner().invoke(cli, ["query", str(run_folder), "--describe", "--json"], catch_exceptions=False)
+    told = json.loads(done.output)
+    assert {line["table"] for line in told} == {"results", "motions", "scene"}
+    assert {"table": "results", "column": "pgv_m_s", "type": "double", "group": "imposed", "unit": "m/s",
+            "description": "peak of the horizontal velocity vector"} in told  # fmt: skip
+
+
+def test_a_run_without_a_query_is_wrong_usage(run_folder):
+    assert CliRunner().invoke(cli, ["query", str(run_folder)]).exit_code == 2

@@ -1,0 +1,95 @@
+"""The store keeps every row once, whatever is torn, repeated or foreign."""
+
+import logging
+from pathlib import Path
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from seeded import row
+
+from results.schema import GROUPS, SCHEMA, columns, describe
+from results.store import compact, finished_ids, result_files, write_part
+
+
+def test_every_column_has_a_unit_or_is_no_quantity_and_says_what_it_means():
+    for field in SCHEMA:
+        told = describe(field)
+        assert told["group"] in GROUPS
+        assert told["description"]
+        quantity = pa.types.is_floating(field.type) or pa.types.is_integer(field.type)
+        assert bool(told["unit"]) == (quantity or pa.types.is_timestamp(field.type)), field.name
+
+
+def test_groups_divide_the_schema():
+    assert [name for group in GROUPS for name in columns(group)] == SCHEMA.names
+    with pytest.raises(ValueError, match="unknown column groups"):
+        columns("costs")
+
+
+def test_a_run_compacts_to_one_row_a_job_in_order(tmp_path):
+    write_part(tmp_path, [row("c", level_pga_m_s2=3.0), row("a", level_pga_m_s2=1.0)])
+    write_part(tmp_path, [row("b", level_pga_m_s2=2.0)])
+    target = compact(tmp_path)
+    table = pq.read_table(target)
+    assert table.column("job_id").to_pylist() == ["a", "b", "c"]
+    assert [path.name for path in result_files(tmp_path)] == ["results.parquet"]
+    assert table.schema.field("pga_m_s2").metadata[b"unit"] == b"m/s2"
+
+
+def test_the_newest_attempt_counts_and_compacting_again_adds_what_came_later(tmp_path):
+    write_part(tmp_path, [row("a", status="crashed"), row("b")])
+    compact(tmp_path)
+    write_part(tmp_path, [row("a", attempt=2, toppled=True), row("c")])
+    assert finished_ids(tmp_path) == {"a", "b", "c"}
+    table = pq.read_table(compact(tmp_path)).to_pylist()
+    assert [(line["job_id"], line["attempt"]) for line in table] == [("a", 2), ("b", 1), ("c", 1)]
+
+
+def test_torn_and_foreign_files_are_named_and_skipped(tmp_path, caplog):
+    kept = write_part(tmp_path, [row("a")])
+    torn = kept.with_name("part-torn.parquet")
+    torn.write_bytes(kept.read_bytes()[:-100])
+    foreign = kept.with_name("part-foreign.parquet")
+    pq.write_table(pa.table({"job_id": [1]}), foreign)
+    kept.with_name(".part-unfinished.parquet.1.tmp").write_bytes(b"")
+    with caplog.at_level(logging.WARNING):
+        assert finished_ids(tmp_path) == {"a"}
+    assert str(torn) in caplog.text
+    assert str(foreign) in caplog.text
+    assert "unfinished" not in caplog.text
+    compact(tmp_path)
+    assert torn.exists()  # not ours to delete
+    assert foreign.exists()
+
+
+def test_a_file_of_an_older_schema_reads_with_nulls(tmp_path):
+    part = write_part(tmp_path, [row("a", max_tilt_deg=3.0)])
+    pq.write_table(pq.read_table(part).drop_columns(["sa_2s_m_s2"]), part)
+    table = pq.read_table(compact(tmp_path))
+    assert table.column("sa_2s_m_s2").to_pylist() == [None]
+    assert table.column("max_tilt_deg").to_pylist() == [3.0]
+
+
+@pytest.mark.parametrize(
+    ("rows", "complaint"),
+    [
+        ([], "no rows"),
+        ([row("a", tilt=1.0)], "tilt"),
+        ([{key: value for key, value in row("a").items() if key != "status"}], "status"),
+    ],
+)
+def test_rows_outside_the_schema_are_refused_before_anything_is_written(tmp_path, rows, complaint):
+    with pytest.raises(ValueError, match=complaint):
+        write_part(tmp_path, rows)
+    assert list(Path(tmp_path).iterdir()) == []
+
+
+def test_not_a_number_is_kept_as_unknown(tmp_path):
+    part = write_part(tmp_path, [row("a", max_tilt_deg=float("nan"))])
+    assert pq.read_table(part).column("max_tilt_deg").null_count == 1
+
+
+def test_an_empty_run_cannot_be_compacted(tmp_path):
+    with pytest.raises(FileNotFoundError, match="no results"):
+        compact(tmp_path)

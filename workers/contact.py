@@ -1,0 +1,220 @@
+"""Where rock and pedestal can touch: points of the rock over the pedestal, points of its edges under the rock.
+
+The support frame has its origin in the interface plane and z along the plane's upward normal; the body frame has its
+origin at the rock's centre of mass and the axes of its principal inertia.
+
+On a plane only vertices of the rock's convex hull can touch, so these points represent the rock exactly. Where the
+pedestal ends under the rock (a cliff edge), the edge touches the rock's base face: there the points are fixed to the
+pedestal and the face moves. Both are contacts of a point with a plane, for which the engine's geometry is exact and
+free of the kicks that sliding over internal edges of triangle meshes gives.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import ConvexHull, cKDTree
+from scipy.spatial.transform import Rotation
+
+from models.frames import plane_axes
+from models.scene import Scene
+
+Array = NDArray[np.float64]
+
+LARGEST_OPEN_TILT_DEG = 75.0
+"""Beyond this tilt a rock's fate is no longer open; points that touch only later are left out."""
+
+EDGE_SPACING_SHARE = 0.05
+"""Largest distance between contact points of a pedestal's edge, over the rock's half diagonal."""
+
+
+@dataclass(frozen=True, eq=False)
+class ContactModel:
+    """The geometry that a shake needs, in the engine's frames.
+
+    Parameters
+    ----------
+    scene_from_support : (3, 3) array
+        Turns vectors of the support frame into the scene frame.
+    origin_m : (3,) array
+        Origin of the support frame, scene frame.
+    com_m : (3,) array
+        Centre of mass in the pose of the scene, support frame.
+    support_from_body : (3, 3) array
+        Turns vectors of the body frame into the support frame, in the pose of the scene.
+    principal_inertia_m2 : (3,) array
+        Principal moments of inertia over mass.
+    points_body_m : (n, 3) array
+        Points of the rock that can touch the interface plane.
+    edge_points_m : (k, 3) array
+        Points of the pedestal's edges, support frame, that can touch the rock's base face.
+    base_height_body : (4,) array
+        Base face of the rock as a plane of the body frame: outward normal and offset.
+    half_diagonal_m : float
+        Length scale R.
+    """
+
+    scene_from_support: Array
+    origin_m: Array
+    com_m: Array
+    support_from_body: Array
+    principal_inertia_m2: Array
+    points_body_m: Array
+    edge_points_m: Array
+    base_height_body: Array
+    half_diagonal_m: float
+
+    @classmethod
+    def of(cls, scene: Scene) -> ContactModel:
+        """Contact model of a scene."""
+        normal = scene.pedestal.normal
+        scene_from_support = np.column_stack([*plane_axes(normal), normal])
+        origin = scene.pedestal.point_m
+        com = (scene.rock.com_m - origin) @ scene_from_support
+        inertia = scene_from_support.T @ scene.rock.inertia_per_mass_m2 @ scene_from_support
+        moments, axes = np.linalg.eigh(inertia)
+        if np.linalg.det(axes) < 0:
+            axes[:, 0] *= -1.0
+        in_support = (scene.rock.vertices_m - origin) @ scene_from_support - com
+        reachable = _vertices_that_can_touch(in_support)
+        edges = _edge_points_under_base(scene, scene_from_support, origin)
+        if len(edges):
+            reachable = reachable[_on_pedestal(scene, reachable + com, scene_from_support, origin)]
+        return cls(
+            scene_from_support=scene_from_support,
+            origin_m=origin,
+            com_m=com,
+            support_from_body=axes,
+            principal_inertia_m2=moments,
+            points_body_m=reachable @ axes,
+            edge_points_m=edges,
+            base_height_body=np.append(axes.T @ np.array([0.0, 0.0, -1.0]), com[2]),
+            half_diagonal_m=scene.rock.half_diagonal_m,
+        )
+
+    @cached_property
+    def start_quaternion_xyzw(self) -> Array:
+        """Attitude of the body frame in the pose of the scene."""
+        return Rotation.from_matrix(self.support_from_body).as_quat()
+
+    def gaps_m(self, positions_m: Array, quaternions_xyzw: Array) -> Array:
+        """Clearance of every contact point in a sequence of poses, negative where it has sunk in.
+
+        Parameters
+        ----------
+        positions_m : (m, 3) array
+            Centre of mass, support frame.
+        quaternions_xyzw : (m, 4) array
+            Attitude of the body frame.
+
+        Returns
+        -------
+        (m, n + k) array
+            First the rock's points above the plane, then the edge points outside of the base face.
+        """
+        x, y, z, w = quaternions_xyzw.T
+        down_row = np.stack([2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)], axis=1)
+        gaps = positions_m[:, 2:3] + down_row @ self.points_body_m.T
+        if not len(self.edge_points_m):
+            return gaps
+        turned = Rotation.from_quat(quaternions_xyzw).as_matrix()
+        face_normal = turned @ self.base_height_body[:3]
+        toward_edge = self.edge_points_m[None, :, :] - positions_m[:, None, :]
+        edge_gaps = np.einsum("mi,mki->mk", face_normal, toward_edge) - self.base_height_body[3]
+        return np.hstack([gaps, edge_gaps])
+
+
+def _vertices_that_can_touch(points_m: Array) -> Array:
+    """Hull vertices that are lowest for some tilt up to the largest open one; coordinates from the centre of mass."""
+    hull = ConvexHull(points_m)
+    down = -hull.equations[:, 2] >= np.cos(np.deg2rad(LARGEST_OPEN_TILT_DEG))
+    chosen = set(hull.simplices[down].ravel().tolist())
+    # A point with steep sides all round (a rock on a tip) has no facet that looks down, but is lowest upright.
+    chosen.add(int(points_m[:, 2].argmin()))
+    corners = points_m[sorted(chosen)]
+    return corners[_extreme(corners, points_m)]
+
+
+def _extreme(corners: Array, points_m: Array) -> NDArray[np.bool_]:
+    """Which corners stand out of their facets: rounding makes hull vertices of points that lie in a flat face.
+
+    A corner within 1e-7 of the size of the segment or triangle of its neighbours takes no load of its own, and would
+    share the impulse of a landing that belongs to the true corner.
+    """
+    scale = float(np.ptp(points_m, axis=0).max())
+    keep = np.ones(len(corners), bool)
+    for i in range(len(corners)):
+        rest = corners[keep & (np.arange(len(corners)) != i)]
+        near = rest[cKDTree(rest).query(corners[i], k=min(12, len(rest)))[1]]
+        keep[i] = not _inside_flat(corners[i], near, 1e-7 * scale)
+    return keep
+
+
+def _inside_flat(point: Array, around: Array, tolerance_m: float) -> bool:
+    """Whether a point lies in the plane or line of its neighbours and within their convex hull."""
+    offsets = around - point
+    _, spread, axes = np.linalg.svd(offsets, full_matrices=False)
+    if spread[-1] > tolerance_m * np.sqrt(len(around)):
+        return False
+    flat = offsets @ axes[: 2 if spread[1] > tolerance_m * np.sqrt(len(around)) else 1].T
+    if flat.shape[1] == 1:
+        return bool(flat.min() < -tolerance_m and flat.max() > tolerance_m)
+    angles = np.sort(np.arctan2(flat[:, 1], flat[:, 0]))
+    widest = np.diff(np.append(angles, angles[0] + 2 * np.pi)).max()
+    return bool(widest <= np.pi + 1e-6)
+
+
+def _edge_points_under_base(scene: Scene, scene_from_support: Array, origin: Array) -> Array:
+    """Points along the pedestal's edges that lie under the rock's base face, support frame."""
+    polylines = scene.report.get("interface", {}).get("edges_m", []) if not scene.pedestal.is_plane else []
+    if not polylines:
+        return np.zeros((0, 3))
+    base = _base_polygon(scene, scene_from_support, origin)
+    spacing = EDGE_SPACING_SHARE * scene.rock.half_diagonal_m
+    found = []
+    for line in polylines:
+        corners = (np.asarray(line, float) - origin) @ scene_from_support
+        for start, end in zip(corners[:-1], corners[1:], strict=True):
+            count = max(int(np.ceil(np.linalg.norm(end - start) / spacing)), 1)
+            found.append(start + np.linspace(0.0, 1.0, count + 1)[:-1, None] * (end - start))
+        found.append(corners[-1:])
+    points = np.vstack(found)
+    # On the face's own rim a point would catch the rock's side: stay inside by a little.
+    inside = _inside_convex(points[:, :2], base, margin_m=1e-3 * scene.rock.half_diagonal_m)
+    level = np.abs(points[:, 2]) < 1e-3 * scene.rock.half_diagonal_m
+    chosen = points[inside & level]
+    chosen[:, 2] = 0.0
+    return chosen
+
+
+def _base_polygon(scene: Scene, scene_from_support: Array, origin: Array) -> Array:
+    """Corners (k, 2) of the convex base face in the interface plane, counter-clockwise."""
+    flat = (scene.rock.vertices_m - origin) @ scene_from_support
+    touching = flat[np.abs(flat[:, 2]) < 1e-6 * scene.rock.height_m][:, :2]
+    return touching[ConvexHull(touching).vertices]
+
+
+def _on_pedestal(scene: Scene, points: Array, scene_from_support: Array, origin: Array) -> NDArray[np.bool_]:
+    """Whether the pedestal lies under each point, judged by the edge polylines (surface on their left side)."""
+    on = np.ones(len(points), bool)
+    for line in scene.report["interface"]["edges_m"]:
+        corners = ((np.asarray(line, float) - origin) @ scene_from_support)[:, :2]
+        start, end = corners[:-1], corners[1:]
+        along = end - start
+        to_point = points[:, None, :2] - start
+        share = np.clip(np.einsum("nki,ki->nk", to_point, along) / (along**2).sum(axis=1), 0.0, 1.0)
+        distance = np.linalg.norm(to_point - share[..., None] * along, axis=2)
+        nearest = distance.argmin(axis=1)
+        side = along[:, 0] * to_point[..., 1] - along[:, 1] * to_point[..., 0]
+        on &= side[np.arange(len(points)), nearest] >= 0.0
+    return on
+
+
+def _inside_convex(points: Array, polygon: Array, margin_m: float) -> NDArray[np.bool_]:
+    edge = np.roll(polygon, -1, axis=0) - polygon
+    inward = np.column_stack([-edge[:, 1], edge[:, 0]]) / np.linalg.norm(edge, axis=1)[:, None]
+    distance = np.einsum("nki,ki->nk", points[:, None, :] - polygon, inward)
+    return (distance > margin_m).all(axis=1)

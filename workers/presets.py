@@ -1,0 +1,51 @@
+"""Numerical settings of a shake: presets chosen from the measured front of speed against error (docs/accuracy.md)."""
+
+import math
+from dataclasses import dataclass
+
+from models.errors import InputError
+
+PHYSICS_VERSION = "1"
+"""Part of every job's id: raised whenever the same job may give another answer."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How finely a shake is resolved.
+
+    Parameters
+    ----------
+    step_share : float
+        Time step over sqrt(R / g), R the rock's half diagonal: rocks of one shape and all sizes are resolved alike.
+    longest_step_s : float
+        Upper bound of the time step, so that a large rock still follows the record.
+    """
+
+    step_share: float
+    longest_step_s: float = 0.008
+
+    def time_step_s(self, half_diagonal_m: float, gravity_m_s2: float) -> float:
+        """Time step for a rock of this size, s."""
+        return min(self.step_share * math.sqrt(half_diagonal_m / gravity_m_s2), self.longest_step_s)
+
+
+PRESETS = {
+    "fast": Settings(step_share=1 / 64),
+    "standard": Settings(step_share=1 / 128),
+    "reference": Settings(step_share=1 / 512),
+}
+
+
+def settings_of(preset: str) -> Settings:
+    """Settings of a preset.
+
+    Raises
+    ------
+    InputError
+        If there is no preset of this name.
+    """
+    if preset not in PRESETS:
+        raise InputError(
+            f"no preset {preset!r}", where="preset", expected=", ".join(PRESETS), remedy="'standard' suits most runs"
+        )
+    return PRESETS[preset]

@@ -1,0 +1,487 @@
+"""One shake: seat the rock, step it through a motion, know when the answer is certain, report."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
+
+from models.errors import InputError
+from models.frames import azimuth_deg
+from models.motions.motion import Motion
+from models.scene import Scene
+from models.statics import TOPPLED_FALL, TOPPLED_TILT_DEG, equilibrium_possible, support_polygon_m
+from workers.contact import LARGEST_OPEN_TILT_DEG, ContactModel
+from workers.engine import Engine, Pose
+from workers.presets import settings_of
+from workers.stepping import Stepper
+
+Array = NDArray[np.float64]
+
+BLOCK = 64
+"""Steps between two looks at whether the answer is certain."""
+
+REST_SPEED = 2e-4
+"""A rock whose points move slower than this share of sqrt(g R) over a block is taken to rest."""
+
+CAP_AFTER_MOTION = 60.0
+"""Time after the motion, over sqrt(R / g), until which a rock must have come to rest, or its fate is undecided."""
+
+MOVED_SHARE = 0.01
+"""A rock that slid by more than this share of R, or turned by more than MOVED_DEG, has moved."""
+
+MOVED_DEG = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """Pose and velocity of the rock relative to the pedestal.
+
+    Parameters
+    ----------
+    position_m : (3,) array or None
+        Centre of mass, scene frame; None for where the scene has it.
+    quaternion_xyzw : (4,) array
+        Turn from the pose in the scene to this one.
+    velocity_m_s, angular_velocity_rad_s : (3,) array
+        Scene axes.
+    """
+
+    position_m: ArrayLike | None = None
+    quaternion_xyzw: ArrayLike = (0.0, 0.0, 0.0, 1.0)
+    velocity_m_s: ArrayLike = (0.0, 0.0, 0.0)
+    angular_velocity_rad_s: ArrayLike = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """The rock's way relative to the pedestal.
+
+    Parameters
+    ----------
+    time_s : (n,) array
+    position_m : (n, 3) array
+        Centre of mass, scene frame.
+    quaternion_xyzw : (n, 4) array
+        Turn from the pose in the scene to the present one.
+    """
+
+    time_s: Array
+    position_m: Array
+    quaternion_xyzw: Array
+
+
+@dataclass(frozen=True, eq=False)
+class ShakeResult:
+    """What happened, and what it cost.
+
+    Parameters
+    ----------
+    status : str
+        'ok', 'undecided' (not at rest within the cap) or 'diverged' (a state that no energy in the motion explains).
+    outcome : str or None
+        'stands', 'moved' or 'toppled'; None unless status is ok.
+    toppled : bool or None
+    topple_time_s, topple_azimuth_deg : float or None
+        When the rock crossed its point of no return, and where its centre of mass was then, seen from its start.
+    max_tilt_deg, residual_tilt_deg, residual_yaw_deg : float
+        Largest and last angle between the rock's up axis at the start and now; last turn about the vertical.
+    slip_m : float
+        Way along the interface of the material point that was the centroid of the first contact, at the end.
+    penetration_m : float
+        Deepest that a contact point sank below the surface.
+    ended_by : str
+        The rule that ended the shake.
+    steps, simulated_s, skipped_s, wall_s
+        Engine steps, time stepped through, time skipped because nothing could move, and the cost.
+    time_step_s : float
+    trajectory : Trajectory or None
+    """
+
+    status: str
+    outcome: str | None
+    toppled: bool | None
+    topple_time_s: float | None
+    topple_azimuth_deg: float | None
+    max_tilt_deg: float
+    residual_tilt_deg: float
+    residual_yaw_deg: float
+    slip_m: float
+    penetration_m: float
+    ended_by: str
+    steps: int
+    simulated_s: float
+    skipped_s: float
+    wall_s: float
+    time_step_s: float
+    trajectory: Trajectory | None = field(repr=False, default=None)
+
+
+def shake(
+    scene: Scene,
+    motion: Motion,
+    preset: str = "standard",
+    *,
+    trajectory: bool = False,
+    time_step: float | None = None,
+    shortcuts: bool = True,
+    initial: State | Mapping[str, Any] | None = None,
+) -> ShakeResult:
+    """Shake a rock with a ground motion and say whether it topples.
+
+    Parameters
+    ----------
+    scene : Scene
+    motion : Motion
+        Acceleration of the ground. After it the ground stays at rest until the answer is certain.
+    preset : str
+        'fast', 'standard' or 'reference'.
+    trajectory : bool
+        Keep the rock's way.
+    time_step : float, optional
+        Seconds; replaces the preset's.
+    shortcuts : bool
+        Skip the time in which nothing can move, and end as soon as the answer is certain.
+    initial : State or mapping of its fields, optional
+        Where and how fast the rock starts. Without it the rock is seated and settled first.
+
+    Returns
+    -------
+    ShakeResult
+
+    Raises
+    ------
+    InputError
+        If a setting is out of range, or the rock does not stand by itself where the scene puts it.
+    """
+    began = time.perf_counter()
+    start_from = State(**initial) if isinstance(initial, Mapping) else initial
+    if start_from is None:
+        scene = settled(scene.id, scene.contact, _Held(scene))
+    contact = ContactModel.of(scene)
+    step_s = settings_of(preset).time_step_s(contact.half_diagonal_m, scene.gravity_m_s2)
+    if time_step is not None:
+        step_s = _checked_step(time_step, contact.half_diagonal_m, scene.gravity_m_s2)
+    can_hold = equilibrium_possible(scene, motion.acceleration_m_s2)
+    start_s = 0.0
+    if shortcuts and start_from is None:
+        if can_hold.all():
+            return _never_moved(scene, contact, motion, step_s, began, trajectory)
+        start_s = step_s * np.floor(max(int(np.argmin(can_hold)) - 1, 0) * motion.time_step_s / step_s)
+    run = _Run(scene, contact, motion, step_s, start_s, start_from, shortcuts)
+    status, ended_by = run.to_the_end()
+    return run.report(status, ended_by, began, trajectory)
+
+
+class _Run:
+    """A shake under way: the stepper and what is looked at between blocks of steps."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        contact: ContactModel,
+        motion: Motion,
+        step_s: float,
+        start_s: float,
+        start: State | None,
+        shortcuts: bool,
+    ) -> None:
+        self.scene, self.contact, self.motion, self.step_s, self.shortcuts = scene, contact, motion, step_s, shortcuts
+        turn = contact.scene_from_support
+        self.gravity = np.array([0.0, 0.0, -scene.gravity_m_s2]) @ turn
+        self.start_s = start_s
+        self.up = np.array([0.0, 0.0, 1.0]) @ turn
+        self.rest_speed = REST_SPEED * float(np.sqrt(scene.gravity_m_s2 * contact.half_diagonal_m))
+        self.barrier_j_kg = _barrier(scene)
+        self.speed_limit_m_s = _speed_limit(scene, contact, motion, start)
+        pose, velocity, spin = _start_of(contact, start)
+        self.start_pose = pose
+        engine = Engine(contact, scene.contact.friction_static)
+        self.stepper = Stepper(
+            engine,
+            contact,
+            self.gravity,
+            lambda times: motion.velocity_at(times) @ turn,
+            step_s,
+            start_s,
+            pose,
+            velocity,
+            spin,
+        )
+
+    def to_the_end(self) -> tuple[str, str]:
+        """Step until the answer is certain; returns status and the rule that ended it."""
+        cap_s = self.motion.duration_s + CAP_AFTER_MOTION * np.sqrt(
+            self.contact.half_diagonal_m / self.scene.gravity_m_s2
+        )
+        seen = 0
+        while True:
+            self.stepper.advance(BLOCK)
+            position, quaternion = self._poses(seen)
+            if not np.isfinite(position).all() or self._speed(seen) > self.speed_limit_m_s:
+                return "diverged", "speed_limit"
+            if position[:, 2].min() < (1.0 - TOPPLED_FALL) * self.contact.com_m[2]:
+                return "ok", "fallen"
+            if self._tilt(quaternion).max() > LARGEST_OPEN_TILT_DEG:
+                return "ok", "tilted"
+            if self.stepper.time_s > self.motion.duration_s:
+                if self._at_rest(seen):
+                    return "ok", "rest"
+                if self.shortcuts and self._energy() < REST_CERTAIN_SHARE * self.barrier_j_kg:
+                    return "ok", "rest_certain"
+                if self.stepper.time_s > cap_s:
+                    return ("ok", "rest_certain") if self._energy() < self.barrier_j_kg else ("undecided", "time_cap")
+            seen = len(self.stepper.poses) - 1
+
+    def report(self, status: str, ended_by: str, began: float, keep: bool) -> ShakeResult:
+        """Measure the whole way."""
+        position, quaternion = self._poses(0)
+        tilt = self._tilt(quaternion)
+        fallen = ended_by in ("fallen", "tilted")
+        toppled = (fallen or bool(tilt[-1] > TOPPLED_TILT_DEG)) if status == "ok" else None
+        crossing = _point_of_no_return(position[:, 2]) if toppled else None
+        turn = self.contact.scene_from_support
+        moved = (position - self.start_pose[0]) @ turn.T
+        slip, yaw = self._slip(position[-1], quaternion[-1]), self._yaw(quaternion[-1])
+        outcome = None
+        if status == "ok":
+            still = slip <= MOVED_SHARE * self.contact.half_diagonal_m and max(yaw, tilt[-1]) <= MOVED_DEG
+            outcome = "toppled" if toppled else "stands" if still else "moved"
+        return ShakeResult(
+            status=status,
+            outcome=outcome,
+            toppled=toppled,
+            topple_time_s=None if crossing is None else self.stepper.times_s[crossing],
+            topple_azimuth_deg=None if crossing is None else azimuth_deg(moved[crossing]),
+            max_tilt_deg=float(np.nanmax(tilt)),
+            residual_tilt_deg=float(tilt[-1]),
+            residual_yaw_deg=yaw,
+            slip_m=slip,
+            penetration_m=max(-float(self.contact.gaps_m(position, quaternion).min()), 0.0),
+            ended_by=ended_by,
+            steps=self.stepper.steps,
+            simulated_s=self.stepper.time_s - self.start_s,
+            skipped_s=self.start_s,
+            wall_s=time.perf_counter() - began,
+            time_step_s=self.step_s,
+            trajectory=_trajectory(self.contact, self.stepper.times_s, position, quaternion) if keep else None,
+        )
+
+    def _poses(self, since: int) -> tuple[Array, Array]:
+        position, quaternion = zip(*self.stepper.poses[since:], strict=True)
+        return np.array(position), np.array(quaternion)
+
+    def _tilt(self, quaternion: Array) -> Array:
+        now = Rotation.from_quat(quaternion) * Rotation.from_quat(self.start_pose[1]).inv()
+        return np.rad2deg(np.arccos(np.clip(now.apply(self.up) @ self.up, -1.0, 1.0)))
+
+    def _yaw(self, quaternion: Array) -> float:
+        now = Rotation.from_quat(quaternion) * Rotation.from_quat(self.start_pose[1]).inv()
+        x, y, z, w = now.as_quat()
+        return abs(float(np.rad2deg(2.0 * np.arctan2(self.up @ (x, y, z), w)) + 180.0) % 360.0 - 180.0)
+
+    def _slip(self, position: Array, quaternion: Array) -> float:
+        """Way of the material point at the centroid of the first contact, along the interface."""
+        start, turned_from = self.start_pose
+        gaps = self.contact.gaps_m(np.array([start]), np.array([turned_from]))[0]
+        touching = gaps[: len(self.contact.points_body_m)] <= gaps.min() + 1e-4 * self.contact.half_diagonal_m
+        point = self.contact.points_body_m[touching[: len(self.contact.points_body_m)]].mean(axis=0)
+        now = position + Rotation.from_quat(quaternion).apply(point)
+        then = np.array(start) + Rotation.from_quat(turned_from).apply(point)
+        return float(np.hypot(*(now - then)[:2]))
+
+    def _speed(self, since: int) -> float:
+        """Largest speed of the centre of mass since a pose, m/s."""
+        position = np.array([pose[0] for pose in self.stepper.poses[since:]])
+        times = np.array(self.stepper.times_s[since:])
+        return float((np.linalg.norm(np.diff(position, axis=0), axis=1) / np.diff(times)).max(initial=0.0))
+
+    def _at_rest(self, since: int) -> bool:
+        """Whether no point of the rock has moved faster than the speed of rest since a pose."""
+        times = self.stepper.times_s
+        (start, turned_from), (end, turned_to) = self.stepper.poses[since], self.stepper.poses[-1]
+        angle = (Rotation.from_quat(turned_to) * Rotation.from_quat(turned_from).inv()).magnitude()
+        way = np.linalg.norm(np.array(end) - start) + angle * self.contact.half_diagonal_m
+        velocity, spin = self.stepper.velocities(len(times) - 1)
+        speed = np.linalg.norm(velocity) + np.linalg.norm(spin) * self.contact.half_diagonal_m
+        return bool(max(way / (times[-1] - times[since]), speed) < self.rest_speed)
+
+    def _energy(self) -> float:
+        """Kinetic energy and height above the start, per mass."""
+        velocity, spin = self.stepper.velocities(len(self.stepper.poses) - 1)
+        position, quaternion = self.stepper.poses[-1]
+        spin_body = Rotation.from_quat(quaternion).inv().apply(spin)
+        kinetic = 0.5 * float(velocity @ velocity) + 0.5 * float(self.contact.principal_inertia_m2 @ spin_body**2)
+        # Measured along the normal: what a slope gives to a rock that slides is taken by friction.
+        return kinetic + self.scene.gravity_m_s2 * max(position[2] - self.start_pose[0][2], 0.0)
+
+
+REST_CERTAIN_SHARE = 0.1
+"""Share of the least energy that overturns, below which a rock on ground at rest is certain to stay."""
+
+
+class _Held:
+    """A scene as a cache's passenger: the keys decide, the scene only travels along."""
+
+    def __init__(self, scene: Scene) -> None:
+        self.scene = scene
+
+    def __hash__(self) -> int:
+        return 0
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Held)
+
+
+@lru_cache(maxsize=8)
+def settled(scene_id: str, contact_properties: Any, held: _Held) -> Scene:  # noqa: ARG001  (keys of the cache)
+    """The scene with its rock at rest: as it is where statics holds it, else let down without gathering speed."""
+    scene = held.scene
+    if equilibrium_possible(scene, np.zeros((1, 3)))[0]:
+        return scene
+    contact = ContactModel.of(scene)
+    turn = contact.scene_from_support
+    gravity = np.array([0.0, 0.0, -scene.gravity_m_s2]) @ turn
+    step_s = settings_of("standard").time_step_s(contact.half_diagonal_m, scene.gravity_m_s2)
+    engine = Engine(contact, scene.contact.friction_static)
+    pose: Pose = (tuple(contact.com_m), tuple(contact.start_quaternion_xyzw))  # type: ignore[assignment]
+    engine.set_state(pose, np.zeros(3), np.zeros(3))
+    limit = 1e-9 * contact.half_diagonal_m
+    previous = 0.0
+    for _ in range(20000):
+        poses = [pose]
+        engine.run(step_s, [gravity.tolist()] * CHUNK_OF_SETTLING, poses)
+        way = _way(poses[-2], poses[-1], contact.half_diagonal_m)
+        pose = poses[-1]
+        if way < previous:  # past the lowest point of this swing: let it go from here at rest
+            engine.set_state(pose, np.zeros(3), np.zeros(3))
+        if max(way, previous) < limit:
+            break
+        previous = way
+    relative = Rotation.from_quat(pose[1]) * Rotation.from_quat(contact.start_quaternion_xyzw).inv()
+    rotation = turn @ relative.as_matrix() @ turn.T
+    com = np.array(pose[0]) @ turn.T + contact.origin_m
+    tilt = np.rad2deg(np.arccos(np.clip(rotation[2, 2], -1.0, 1.0)))
+    if tilt > TOPPLED_TILT_DEG or max(way, previous) >= limit:
+        raise InputError(
+            f"left alone, the rock tilts by {tilt:.1f} degrees",
+            where=f"scene {scene.id}",
+            expected="a rock that stands by itself in the pose of the scene",
+            remedy="check the mesh's up axis, the slope and the split of rock and pedestal",
+        )
+    return dataclasses.replace(scene, rock=scene.rock.moved(rotation, com - rotation @ scene.rock.com_m))
+
+
+CHUNK_OF_SETTLING = 4
+
+
+def _way(start: Pose, end: Pose, radius_m: float) -> float:
+    turn = (Rotation.from_quat(end[1]) * Rotation.from_quat(start[1]).inv()).magnitude()
+    return float(np.linalg.norm(np.array(end[0]) - start[0]) + turn * radius_m)
+
+
+def _start_of(contact: ContactModel, start: State | None) -> tuple[Pose, Array, Array]:
+    """Pose and velocities in the engine's frames."""
+    if start is None:
+        pose = (tuple(contact.com_m.tolist()), tuple(contact.start_quaternion_xyzw.tolist()))
+        return pose, np.zeros(3), np.zeros(3)  # type: ignore[return-value]
+    turn = contact.scene_from_support
+    position = contact.com_m
+    if start.position_m is not None:
+        position = (np.asarray(start.position_m, float) - contact.origin_m) @ turn
+    relative = turn.T @ Rotation.from_quat(start.quaternion_xyzw).as_matrix() @ turn
+    attitude = Rotation.from_matrix(relative) * Rotation.from_quat(contact.start_quaternion_xyzw)
+    pose = (tuple(position.tolist()), tuple(attitude.as_quat().tolist()))
+    velocity = np.asarray(start.velocity_m_s, float) @ turn
+    return pose, velocity, np.asarray(start.angular_velocity_rad_s, float) @ turn  # type: ignore[return-value]
+
+
+def _trajectory(contact: ContactModel, times_s: list[float], position: Array, quaternion: Array) -> Trajectory:
+    turn = contact.scene_from_support
+    relative = (Rotation.from_quat(quaternion) * Rotation.from_quat(contact.start_quaternion_xyzw).inv()).as_matrix()
+    in_scene = Rotation.from_matrix(turn @ relative @ turn.T)
+    return Trajectory(np.array(times_s), position @ turn.T + contact.origin_m, in_scene.as_quat(canonical=True))
+
+
+def _never_moved(
+    scene: Scene, contact: ContactModel, motion: Motion, step_s: float, began: float, keep: bool
+) -> ShakeResult:
+    """The result of a motion that friction and the support hold throughout: no step is taken."""
+    del scene
+    pose = np.array([contact.com_m]), np.array([contact.start_quaternion_xyzw])
+    return ShakeResult(
+        status="ok",
+        outcome="stands",
+        toppled=False,
+        topple_time_s=None,
+        topple_azimuth_deg=None,
+        max_tilt_deg=0.0,
+        residual_tilt_deg=0.0,
+        residual_yaw_deg=0.0,
+        slip_m=0.0,
+        penetration_m=0.0,
+        ended_by="never_moved",
+        steps=0,
+        simulated_s=0.0,
+        skipped_s=motion.duration_s,
+        wall_s=time.perf_counter() - began,
+        time_step_s=step_s,
+        trajectory=_trajectory(contact, [0.0], *pose) if keep else None,
+    )
+
+
+def _barrier(scene: Scene) -> float:
+    """Least energy per mass that lifts the centre of mass over an edge of the support polygon, J/kg.
+
+    Tipping about an edge of direction t carries the centre of mass, at r from the edge, along a circle in the plane
+    across t; it rises by |z'| |r'| - z' . r', primes for the parts across t. Zero where the rock stands on less than
+    three points: a base that rolls has no such edge.
+    """
+    corners = support_polygon_m(scene.rock, scene.pedestal)
+    if len(corners) < 3:
+        return 0.0
+    along = np.roll(corners, -1, axis=0) - corners
+    along /= np.linalg.norm(along, axis=1)[:, None]
+    arm = scene.rock.com_m - corners
+    arm -= np.einsum("ij,ij->i", arm, along)[:, None] * along
+    up = np.array([0.0, 0.0, 1.0]) - along[:, 2:3] * along
+    rise = np.linalg.norm(up, axis=1) * np.linalg.norm(arm, axis=1) - np.einsum("ij,ij->i", up, arm)
+    return scene.gravity_m_s2 * float(rise.min())
+
+
+def _speed_limit(scene: Scene, contact: ContactModel, motion: Motion, start: State | None) -> float:
+    """A speed that the motion, the start and a fall of ten R together cannot give, m/s."""
+    given = float(np.linalg.norm(motion.acceleration_m_s2, axis=1).sum() * motion.time_step_s)
+    if start is not None:
+        given += float(np.linalg.norm(start.velocity_m_s))
+        given += float(np.linalg.norm(start.angular_velocity_rad_s)) * contact.half_diagonal_m
+    return 2.0 * (given + float(np.sqrt(20.0 * scene.gravity_m_s2 * contact.half_diagonal_m)))
+
+
+def _point_of_no_return(height: Array) -> int:
+    """Index of the last maximum of the centre of mass's height: where the final fall began."""
+    rising = np.flatnonzero(np.diff(height) > 0.0)
+    return int(rising[-1]) + 1 if len(rising) else 0
+
+
+def _checked_step(time_step: float, half_diagonal_m: float, gravity_m_s2: float) -> float:
+    longest = LONGEST_STEP_SHARE * np.sqrt(half_diagonal_m / gravity_m_s2)
+    if not 0.0 < time_step <= longest:
+        raise InputError(
+            f"time_step is {time_step} s",
+            where="shake",
+            expected=f"a positive number up to {longest:.4g} s for a rock of this size",
+            remedy="leave it out: the preset chooses one",
+        )
+    return float(time_step)
+
+
+LONGEST_STEP_SHARE = 1 / 16
+"""Steps longer than this share of sqrt(R / g) do not resolve a rocking rock."""

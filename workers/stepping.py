@@ -1,0 +1,198 @@
+"""Time stepping of second order over landings: staggered kicks, and steps that end where a point touches down.
+
+Bullet's step adds the pull to the velocity, solves the contacts at the positions of the step's start, and moves the
+rock with the new velocity. Read as a leapfrog scheme, with velocities that belong to the middles of the steps, it is
+of second order where the pull of step n is the mean over the time from middle to middle, and that is what is imposed.
+
+A landing spoils the order: the contact solver lets a point that would sink in arrive just at the surface, and so
+moves the rock's weight to the new support at the start of the step in which it lands, half a step too early on the
+average. The energy lost in an impact is then wrong in proportion to the step. Therefore steps are taken in small
+chunks, the clearances of the chunk are looked at together, and where a point has landed fast the chunk is taken back
+to the step before, which is replaced by one that ends at the moment of touch and one that starts there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from workers.contact import ContactModel
+from workers.engine import Engine, Pose
+
+Array = NDArray[np.float64]
+
+CHUNK = 8
+"""Steps between two looks at the clearances: a landing costs half of it in repeated steps, a look costs 20 us."""
+
+FAST_LANDING = 0.01
+"""Landings slower than this share of sqrt(g R) are left to the contact solver: they carry 1e-4 of the energy of a fall
+from R."""
+
+RESIDUAL_ROTATION = 0.55
+"""A step moves points along tangents, off their arcs by half of (rotation)^2 R: the step that ends at a touch must stop
+short of the surface by that and a little more, or the solver would already act."""
+
+
+class Stepper:
+    """A rock on its way through a motion.
+
+    Parameters
+    ----------
+    engine : Engine
+        Its state is set here.
+    contact : ContactModel
+    gravity_m_s2 : (3,) array
+        Support frame.
+    ground_velocity_m_s : callable
+        Ground velocity (k, 3), support frame, at times (k,); its differences are imposed.
+    time_step_s : float
+    start_s : float
+        A whole number of steps.
+    pose, velocity_m_s, angular_velocity_rad_s
+        State at the start, support frame; the velocities belong to the start itself, not to a step's middle.
+    """
+
+    def __init__(
+        self,
+        engine: Engine,
+        contact: ContactModel,
+        gravity_m_s2: Array,
+        ground_velocity_m_s: Callable[[Array], Array],
+        time_step_s: float,
+        start_s: float,
+        pose: Pose,
+        velocity_m_s: Array,
+        angular_velocity_rad_s: Array,
+    ) -> None:
+        self._engine = engine
+        self._contact = contact
+        self._gravity = gravity_m_s2
+        self._ground_velocity = ground_velocity_m_s
+        self._step = time_step_s
+        self._fast = FAST_LANDING * float(np.sqrt(np.linalg.norm(gravity_m_s2) * contact.half_diagonal_m))
+        self._grid = round(start_s / time_step_s)
+        self._pulls: list[list[float]] = []
+        self._pulls_from = self._grid
+        self.steps = 0
+        """Engine steps taken, repeated ones included."""
+        self.landings = 0
+        """Landings that a step was cut at."""
+        self.poses: list[Pose] = [pose]
+        self.times_s: list[float] = [self._grid * time_step_s]
+        self._kicked_s: list[float] = [self.times_s[0]]
+        engine.set_state(pose, velocity_m_s, angular_velocity_rad_s)
+
+    @property
+    def time_s(self) -> float:
+        """Time of the latest pose."""
+        return self.times_s[-1]
+
+    def advance(self, steps: int) -> None:
+        """Go on by about this many steps of the grid."""
+        goal = self._grid + steps
+        while self._grid < goal:
+            self._chunk(min(CHUNK, goal - self._grid))
+
+    def velocities(self, index: int) -> tuple[Array, Array]:
+        """Velocity (m/s) and angular velocity (rad/s) in the step that led to pose `index`."""
+        (start, turned_from), (end, turned_to) = self.poses[index - 1], self.poses[index]
+        duration = self.times_s[index] - self.times_s[index - 1]
+        turn = Rotation.from_quat(turned_to) * Rotation.from_quat(turned_from).inv()
+        return (np.array(end) - start) / duration, turn.as_rotvec() / duration
+
+    def _chunk(self, steps: int) -> None:
+        first = len(self.poses) - 1
+        expected = (self._grid - 0.5) * self._step
+        if abs(self._kicked_s[-1] - expected) > 1e-9 * self._step:
+            self._single(self._step, self.time_s + 0.5 * self._step)
+            self._grid += 1
+            steps -= 1
+        if steps > 0:
+            self._engine.run(self._step, self._pulls_of(steps), self.poses)
+            grid = self._grid + np.arange(1, steps + 1)
+            self.times_s += (grid * self._step).tolist()
+            self._kicked_s += ((grid - 0.5) * self._step).tolist()
+            self._grid += steps
+            self.steps += steps
+        landing = self._first_landing(first)
+        if landing is not None:
+            self._cut_at(*landing)
+
+    def _single(self, duration_s: float, kick_until_s: float) -> None:
+        """One step of any duration whose kick covers the time from the last kick's end to `kick_until_s`."""
+        kicked = self._kicked_s[-1]
+        before, after = self._ground_velocity(np.array([kicked, kick_until_s]))
+        pull = (self._gravity * (kick_until_s - kicked) - (after - before)) / duration_s
+        self.poses.append(self._engine.step(duration_s, tuple(pull.tolist())))
+        self.times_s.append(self.time_s + duration_s)
+        self._kicked_s.append(kick_until_s)
+        self.steps += 1
+
+    def _pulls_of(self, steps: int) -> list[list[float]]:
+        """Pulls of the next whole steps, from a table that is filled a stretch at a time."""
+        offset = self._grid - self._pulls_from
+        if offset + steps > len(self._pulls):
+            self._pulls_from, offset = self._grid, 0
+            middles = (self._grid - 0.5 + np.arange(PULLS_AT_ONCE + 1)) * self._step
+            kicks = np.diff(self._ground_velocity(middles), axis=0) / self._step
+            self._pulls = (self._gravity - kicks).tolist()
+        return self._pulls[offset : offset + steps]
+
+    def _first_landing(self, first: int) -> tuple[int, float] | None:
+        """Pose before the first fast landing after pose `first`, and the time from it to the touch."""
+        back = max(first - 2, 0)
+        positions, quaternions = zip(*self.poses[back:], strict=True)
+        gaps = self._contact.gaps_m(np.array(positions), np.array(quaternions))
+        durations = np.diff(self.times_s[back:])[:, None]
+        if len(durations) < 3:
+            return None
+        closing = -np.diff(gaps, axis=0) / durations
+        # In interval i (pose i to i + 1) a point lands if the speed and its change before carry it through.
+        predicted = 2.0 * closing[1:-1] - closing[:-2]
+        before = gaps[2:-1]
+        lands = (closing[1:-1] > self._fast) & (before > 0.0) & (before < predicted * durations[2:])
+        rows = np.flatnonzero(lands.any(axis=1))
+        if not len(rows):
+            return None
+        row = int(rows[0])
+        points = np.flatnonzero(lands[row])
+        here = row + 2
+        touch = self._time_to_touch(gaps, closing, durations, here, points)
+        regular = np.isclose(durations[:, 0], self._step, rtol=1e-9)
+        if touch < 0.5 * self._step and back + here - 1 > first and regular[here - 1] and regular[here - 2]:
+            here -= 1
+            touch = self._time_to_touch(gaps, closing, durations, here, points)
+        _, spin = self.velocities(back + here)
+        arc = RESIDUAL_ROTATION * float(spin @ spin) * touch**2 * self._contact.half_diagonal_m
+        touch -= arc / float(closing[here - 1, points].max())
+        return (back + here, touch) if touch > 0.1 * self._step else None
+
+    @staticmethod
+    def _time_to_touch(gaps: Array, closing: Array, durations: Array, here: int, points: NDArray[np.intp]) -> float:
+        """Time from pose `here` to the first touch, for a step whose velocity is kicked up to the touch itself."""
+        gap, speed = gaps[here, points], closing[here - 1, points]
+        middle_to_middle = 0.5 * (durations[here - 1, 0] + durations[here - 2, 0])
+        growth = (speed - closing[here - 2, points]) / middle_to_middle
+        time = gap / speed
+        for _ in range(4):
+            time = gap / np.maximum(speed + growth * (0.5 * durations[here - 1, 0] + time), 0.5 * speed)
+        return float(time.min())
+
+    def _cut_at(self, index: int, touch_s: float) -> None:
+        """Go back to pose `index`, step to the touch, and from there to the grid."""
+        velocity, spin = self.velocities(index)
+        self._engine.set_state(self.poses[index], velocity, spin)
+        del self.poses[index + 1 :], self.times_s[index + 1 :], self._kicked_s[index + 1 :]
+        touch_at = self.time_s + touch_s
+        self._single(touch_s, touch_at)
+        self._grid = int(np.ceil(touch_at / self._step + 0.5))  # leaves half a step to one and a half
+        rest = self._grid * self._step - touch_at
+        self._single(rest, touch_at + 0.5 * rest)
+        self.times_s[-1] = self._grid * self._step
+        self.landings += 1
+
+
+PULLS_AT_ONCE = 1024

@@ -9,7 +9,7 @@ import numpy as np
 from models.errors import InputError
 from models.motions.intensity import SCALING_POWER, displacement_m, measure
 from models.motions.motion import Motion
-from models.motions.processing import high_pass
+from models.motions.processing import end_at_rest, high_pass
 from models.motions.record import Record
 
 LIMITING_CORNERS_HZ = np.geomspace(0.01, 5.0, 64)
@@ -96,7 +96,7 @@ def _within_displacement(record: Record, limit_m: float) -> tuple[Motion, Mappin
             expected=f"a displacement that a high-pass can hold within {limit_m:.3g} m (unscaled)",
             remedy="raise peak_displacement_m or lower the PGA levels",
         )
-    motion = high_pass(record.motion, float(LIMITING_CORNERS_HZ[enough[0]]), LIMITING_ORDER)
+    motion = _held(record.motion, float(LIMITING_CORNERS_HZ[enough[0]]))
     strong = record.intensity["strong_azimuth_deg"]
     return motion, measure(motion, (strong, strong + 90.0))
 
@@ -105,6 +105,10 @@ def _within_displacement(record: Record, limit_m: float) -> tuple[Motion, Mappin
 def _displacement_by_corner(record: Record) -> np.ndarray:
     peaks = []
     for corner in LIMITING_CORNERS_HZ:
-        ground = displacement_m(high_pass(record.motion, float(corner), LIMITING_ORDER))
+        ground = displacement_m(_held(record.motion, float(corner)))
         peaks.append(np.hypot(ground[:, 0], ground[:, 1]).max())
     return np.array(peaks)
+
+
+def _held(motion: Motion, corner_hz: float) -> Motion:
+    return end_at_rest(high_pass(motion, corner_hz, LIMITING_ORDER))

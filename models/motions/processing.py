@@ -15,10 +15,10 @@ TAPER_SHARE = 0.05
 """Share of the record that the cosine taper takes at each end."""
 HIGH_PASS_ORDER = 4
 """Order of the Butterworth filter after its two passes."""
-CORNERS_HZ = (0.03, 0.04, 0.05, 0.07, 0.1, 0.14, 0.2, 0.28, 0.4, 0.5)
-"""Corners that the displacement check tries, lowest first."""
-DRIFT_SHARE = 0.15
-"""Largest share of the peak displacement at which the record may end."""
+CORNERS_HZ = (0.05, 0.07, 0.1, 0.14, 0.2)
+"""Corners that the displacement check tries, lowest first: beyond the last, shaking of M 7 itself is lost."""
+QUIET_SHARE, DRIFT_SHARE = 0.1, 0.25
+"""A sound displacement stays within the second share of its peak over the last, first share of the record."""
 
 
 def high_pass(motion: Motion, corner_hz: float, order: int = HIGH_PASS_ORDER) -> Motion:
@@ -34,11 +34,16 @@ def high_pass(motion: Motion, corner_hz: float, order: int = HIGH_PASS_ORDER) ->
     order : int
         Order after both passes, even.
     """
+    filtered, pad = _filtered(motion, corner_hz, order)
+    return Motion(filtered[pad : pad + len(motion.acceleration_m_s2)], motion.time_step_s)
+
+
+def _filtered(motion: Motion, corner_hz: float, order: int) -> tuple[NDArray[np.float64], int]:
+    """Filtered samples with the zeros still before and after them, and how many those are on each side."""
     sections = butter(order // 2, corner_hz, btype="highpass", fs=1 / motion.time_step_s, output="sos")
     pad = int(np.ceil(0.75 * order / corner_hz / motion.time_step_s))
     padded = np.pad(motion.acceleration_m_s2, ((pad, pad), (0, 0)))
-    filtered = sosfiltfilt(sections, padded, axis=0, padtype=None)
-    return Motion(filtered[pad : pad + len(motion.acceleration_m_s2)], motion.time_step_s)
+    return sosfiltfilt(sections, padded, axis=0, padtype=None), pad
 
 
 def demean(motion: Motion, quiet_s: float = 0.0) -> Motion:
@@ -56,13 +61,17 @@ def taper(motion: Motion, share: float = TAPER_SHARE) -> Motion:
 
 
 def end_at_rest(motion: Motion) -> Motion:
-    """Spread what is left of the end velocity over the record as a Hann window of opposite acceleration."""
+    """Take a cubic off the displacement, so that the ground ends at rest where it began.
+
+    The cubic begins with no displacement and no velocity and ends with the record's; its acceleration is a straight line, small
+    against any shaking because the record is long.
+    """
     a, step = motion.acceleration_m_s2, motion.time_step_s
-    window = np.hanning(len(a))
-    weight = np.trapezoid(window, dx=step)
-    if weight == 0:
-        return motion
-    return Motion(a - window[:, None] * velocity_m_s(motion)[-1] / weight, step)
+    length = motion.duration_s
+    velocity, displacement = velocity_m_s(motion)[-1], displacement_m(motion)[-1]
+    start = (6 * displacement - 2 * velocity * length) / length**2
+    slope = (6 * velocity * length - 12 * displacement) / length**3
+    return Motion(a - start - slope * motion.time_s[:, None], step)
 
 
 def resample(motion: Motion, time_step_s: float) -> Motion:
@@ -101,25 +110,29 @@ def process(motion: Motion, corner_hz: float | None = None) -> tuple[Motion, tup
     Motion, history
     """
     start = taper(demean(motion))
-    history = ["mean removed", f"cosine taper of {TAPER_SHARE:.0%} at each end"]
-    chosen = corner_hz or _corner_by_displacement(start)
-    how = "as asked" if corner_hz else "lowest corner that passes the displacement check"
-    end = end_at_rest(high_pass(start, chosen))
-    history.append(f"acausal Butterworth high-pass at {chosen:g} Hz, order {HIGH_PASS_ORDER} ({how})")
-    history.append("end velocity set to zero")
-    return end, tuple(history)
+    chosen, how = (corner_hz, "as asked") if corner_hz else _corner_by_displacement(start)
+    history = (
+        "mean removed",
+        f"cosine taper of {TAPER_SHARE:.0%} at each end",
+        f"acausal Butterworth high-pass at {chosen:g} Hz, order {HIGH_PASS_ORDER} ({how})",
+        "cubic taken off the displacement, end velocity and displacement zero",
+    )
+    return end_at_rest(high_pass(start, chosen)), history
 
 
-def displacement_drift(motion: Motion) -> float:
-    """Largest share, over the components, of its peak displacement that remains at the end of the record."""
-    ground: NDArray[np.float64] = np.abs(displacement_m(motion))
+def displacement_drift(motion: Motion, corner_hz: float) -> float:
+    """Largest share, over the components, of its peak displacement that a filtered record reaches near its end."""
+    filtered, pad = _filtered(motion, corner_hz, HIGH_PASS_ORDER)
+    ground: NDArray[np.float64] = np.abs(displacement_m(Motion(filtered, motion.time_step_s)))
+    samples = len(motion.acceleration_m_s2)
+    end = ground[pad + round((1 - QUIET_SHARE) * samples) : pad + samples].max(axis=0)
     peak = ground.max(axis=0)
-    return float((ground[-1] / np.where(peak > 0, peak, 1.0)).max())
+    return float((end / np.where(peak > 0, peak, 1.0)).max())
 
 
-def _corner_by_displacement(motion: Motion) -> float:
-    """Lowest corner after which the displacement ends within `DRIFT_SHARE` of its peak; the highest if none does."""
+def _corner_by_displacement(motion: Motion) -> tuple[float, str]:
+    """Lowest corner whose displacement is quiet at the end, or the highest tried, and which of the two it is."""
     for corner in CORNERS_HZ:
-        if displacement_drift(end_at_rest(high_pass(motion, corner))) <= DRIFT_SHARE:
-            return corner
-    return CORNERS_HZ[-1]
+        if displacement_drift(motion, corner) <= DRIFT_SHARE:
+            return corner, "lowest that passes the displacement check"
+    return CORNERS_HZ[-1], "highest tried; the displacement still drifts at the end"

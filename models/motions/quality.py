@@ -10,8 +10,8 @@ CLIPPED_SAMPLES = 12
 SPIKE_RATIO = 8.0
 """A lone sample this many times farther from its neighbours than the next farthest is a spike."""
 FILLED_GAP_S = 0.5
-FILLED_GAP_SHARE = 0.2
-"""A constant stretch this long, entered and left at this share of the peak, is a filled gap."""
+FILLED_GAP_SHARE = 0.1
+"""A constant stretch this long, with motion of this share of the peak shortly before and after, is a filled gap."""
 
 
 def doubts(component: Component) -> None:
@@ -76,10 +76,8 @@ def _filled_gap(component: Component, a: np.ndarray, peak: float) -> None:
     for start, end in edges.reshape(-1, 2):
         if end - start < least or start < 1 or end + 1 >= len(a):
             continue
-        around = np.abs(
-            np.concatenate([a[max(start - least, 0) : start], a[end + 1 : end + 1 + least]]) - a[start]
-        )
-        if around.max() > FILLED_GAP_SHARE * peak:
+        before, after = a[max(start - least, 0) : start], a[end + 1 : end + 1 + least]
+        if min(np.abs(before - a[start]).max(), np.abs(after - a[start]).max()) > FILLED_GAP_SHARE * peak:
             seconds = (end - start) * component.time_step_s
             _doubt(
                 component,

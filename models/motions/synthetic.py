@@ -128,7 +128,7 @@ def synthetic_motion(scenario: Scenario, rng: np.random.Generator) -> tuple[Moti
     if scenario.pulse:
         history.append(_add_pulse(spectra, samples, scenario, rng))
     motion = Motion(np.fft.irfft(spectra, samples, axis=1).T, TIME_STEP_S)
-    history.append(f"acausal Butterworth high-pass at {LOW_CUT_HZ:g} Hz, end velocity set to zero")
+    history.append(f"acausal Butterworth high-pass at {LOW_CUT_HZ:g} Hz, brought to rest")
     return end_at_rest(high_pass(motion, LOW_CUT_HZ)), tuple(history)
 
 

@@ -21,7 +21,7 @@ BATCHES_LEFT_PER_WORKER = 4
 DEATHS_ALLOWED = 3
 """Deaths of a worker under one lone job before the job is given up.
 
-Bad luck, such as a node taken away, hardly strikes one job so often; a job that crashes the engine always does.
+Bad luck, such as a node taken away, hardly strikes one job so often; one that crashes the engine always does.
 """
 
 
@@ -97,7 +97,7 @@ class Dispatch:
             self._waiting += len(rest)
 
     def died(self, batch: Batch) -> int | None:
-        """Take note that the worker of a batch died; returns the job that is thereby given up, if any."""
+        """Take note that a batch cost its worker; returns the job that is thereby given up, if any."""
         for job in batch.jobs:
             self._attempts[job] = batch.attempt + 1
         if batch.alone:

@@ -188,7 +188,7 @@ def _check(run: Path, plan: Plan, versions: dict[str, str]) -> None:
             run,
             f"the folder holds the run of another campaign ({content.get('jobs')} jobs, here {len(plan)})",
             expected="the same campaign, scene and ensemble as when the run was begun",
-            remedy="give another --out, or go on with the run's own: 'toppling run RUN/campaign.toml --out RUN'",
+            remedy="give another --out, or go on with the one that lies in the folder",
         )
 
 

@@ -4,11 +4,11 @@ What to do next is decided in :mod:`orchestrator.dispatch`; here is all that tal
 """
 
 import logging
+import math
 import time
 import uuid
 from collections import Counter
 from collections.abc import Callable, Sequence
-from concurrent.futures import CancelledError
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,13 +17,13 @@ from typing import Any, Protocol
 from distributed import Client, Future, KilledWorker, as_completed
 from workers.job import JobSpec
 
-from models import Scene
+from models import InputError, Scene
 from models.motions.ensemble import Ensemble
 from orchestrator.campaign import Campaign
 from orchestrator.dispatch import DEATHS_ALLOWED, Batch, Dispatch
 from orchestrator.folder import prepare, session
 from orchestrator.plan import Plan, plan
-from orchestrator.task import Order, Row, UnfitWorkerError, lost_row, shake_batch, versions
+from orchestrator.task import Order, Row, UnfitWorkerError, check, lost_row, shake_batch, versions
 from results.store import RESULTS_FILE, compact, finished_ids, result_files, write_part
 
 log = logging.getLogger(__name__)
@@ -32,9 +32,15 @@ BATCH_BUDGET_S = 2.0
 """Work of one task: a hundred times what handing it out costs, yet little to lose with a worker."""
 
 POLL_S = 0.02
+LOOK_S = 2.0
+"""Time between looks at the cluster: how many threads it has, and whether a batch is overdue."""
+
+JOB_LIMIT_S = 300.0
+"""Wall time that no job needs: a worker that takes longer hangs, and is replaced."""
 FLUSH_S = (5.0, 60.0)
 """Least and greatest time between part files; it grows with the run, so that a weekend makes few thousand."""
 
+Key = tuple[str, str, str]
 Task = Callable[[Order, Sequence[JobSpec], float], list[Row]]
 
 
@@ -96,7 +102,13 @@ class Tally:
             self.work_s += row.get("wall_s") or 0.0
 
 
-def run(campaign: Campaign, folder: Path, cluster: AbstractContextManager[Client], watch: Watcher) -> Tally:
+def run(
+    campaign: Campaign,
+    folder: Path,
+    cluster: AbstractContextManager[Client],
+    watch: Watcher,
+    job_limit_s: float = JOB_LIMIT_S,
+) -> Tally:
     """Carry a campaign out, or go on with it; the folder then holds `results.parquet`.
 
     Parameters
@@ -107,6 +119,8 @@ def run(campaign: Campaign, folder: Path, cluster: AbstractContextManager[Client
     cluster : context manager of Client
         Entered only if there is work.
     watch : Watcher
+    job_limit_s : float
+        Wall time after which a worker is taken to hang.
 
     Returns
     -------
@@ -129,7 +143,8 @@ def run(campaign: Campaign, folder: Path, cluster: AbstractContextManager[Client
         finished = finished_ids(folder)
         if len(planned.pending(finished)):
             with cluster as client:
-                tally = Execution(planned, finished, client, folder, order, watch)()
+                check_workers(client, order)
+                tally = Execution(planned, finished, client, folder, order, watch, job_limit_s=job_limit_s)()
         else:
             tally = Tally(len(planned), len(planned))
         notes |= {
@@ -141,6 +156,26 @@ def run(campaign: Campaign, folder: Path, cluster: AbstractContextManager[Client
     if result_files(folder) != [folder / RESULTS_FILE]:
         compact(folder)
     return tally
+
+
+def check_workers(client: Client, order: Order) -> None:
+    """Let every worker present load the run's assets.
+
+    Raises
+    ------
+    InputError
+        If one cannot, because of another version or because it does not see the run's folder.
+    """
+    client.wait_for_workers(1)
+    answers = client.run(check, order, on_error="return")
+    reasons = sorted({str(answer) for answer in answers.values() if answer is not None})
+    if reasons:
+        raise InputError(
+            f"{len(reasons)} of {len(answers)} workers are unfit for this run: " + "; ".join(reasons[:5]),
+            where="cluster",
+            expected="the client's versions, and the run's folder at the same path on every host",
+            remedy="install the same toppling everywhere; put the run on a file system that all hosts share",
+        )
 
 
 class Execution:
@@ -159,6 +194,8 @@ class Execution:
     watch : Watcher
     task : callable
         What a worker does with a batch.
+    job_limit_s : float
+        Wall time after which a worker is taken to hang.
     """
 
     def __init__(
@@ -170,6 +207,7 @@ class Execution:
         order: Order,
         watch: Watcher,
         task: Task = shake_batch,
+        job_limit_s: float = JOB_LIMIT_S,
     ) -> None:
         pending = plan.pending(finished)
         self.plan, self.client, self.folder, self.order, self.watch, self.task = (
@@ -184,6 +222,10 @@ class Execution:
         self.tally = Tally(total=len(plan), before=len(plan) - len(pending))
         self._session = uuid.uuid4().hex[:8]
         self._submitted = 0
+        self._job_limit_s = job_limit_s
+        self._looked = -math.inf
+        self._since: dict[tuple[str, Key], float] = {}
+        self._overdue: set[Key] = set()
         self._flying: dict[Future, Batch] = {}
         self._unstored: list[Row] = []
         self._flushed = time.monotonic()
@@ -201,6 +243,7 @@ class Execution:
         arriving = as_completed(with_results=True, raise_errors=False)
         try:
             while self.dispatch.waiting or self._flying:
+                self._look()
                 self._submit(arriving)
                 self._wait(arriving)
                 for future, result in arriving.next_batch(block=False):
@@ -209,13 +252,14 @@ class Execution:
                 self.watch(self.tally)
         finally:
             arriving.clear()
-            self.client.cancel(list(self._flying), force=True) if self.client.status == "running" else None
             self._flush(last=True)
+            if self._flying and self.client.status == "running":
+                self.client.cancel(list(self._flying), force=True)
             self.watch(self.tally)
         return self.tally
 
     def _submit(self, arriving: as_completed) -> None:
-        self.tally.workers = workers = max(len(self.client.scheduler_info(n_workers=-1)["workers"]), 1)
+        workers = max(self.tally.workers, 1)
         batches: list[Batch] = []
         # More than two a worker: Dask then keeps the waiting ones on the scheduler, out of reach of a crash.
         while len(self._flying) + len(batches) < 2 * workers + 2 and (
@@ -259,26 +303,61 @@ class Execution:
             self._keep(rows)
             self.dispatch.came_back(batch, done=len(rows))
         elif status == "error":
-            self._take_error(batch, result[1])
+            self._take_error(future.key, batch, result[1])
         else:
             log.warning("%d jobs came back unfinished (%s) and go out again", len(batch.jobs), status)
             self.dispatch.came_back(batch, done=0)
 
-    def _take_error(self, batch: Batch, error: BaseException) -> None:
+    def _take_error(self, key: Key, batch: Batch, error: BaseException) -> None:
         if isinstance(error, KilledWorker):
+            hung = key in self._overdue
             self.tally.deaths += 1
-            log.warning("a worker died with %d jobs at hand; each goes out alone", len(batch.jobs))
+            log.warning("a worker %s with %d jobs at hand", "hung" if hung else "died", len(batch.jobs))
             lost = self.dispatch.died(batch)
             if lost is not None:
-                message = f"its worker process died {DEATHS_ALLOWED} times while it ran this job alone"
-                row = lost_row(self.plan.spec(lost), "crashed", message)
-                self._keep([{**row, "attempt": batch.attempt}])
-        elif isinstance(error, CancelledError):
-            self.dispatch.came_back(batch, done=0)
+                self._give_up(lost, batch, hung=hung)
         elif isinstance(error, UnfitWorkerError):
-            raise RunError(str(error)) from None
+            log.warning("%s; it is sent away", error)
+            self.dispatch.came_back(batch, done=0)
+            if error.worker:
+                self.client.retire_workers([error.worker], close_workers=True)
+            if not self.client.nthreads():
+                msg = f"no fit worker is left: {error}"
+                raise RunError(msg)
         else:
             raise error
+
+    def _give_up(self, job: int, batch: Batch, *, hung: bool) -> None:
+        if hung:
+            status, message = (
+                "timeout",
+                f"took more than {self._job_limit_s:g} s in each of {DEATHS_ALLOWED} lone tries",
+            )
+        else:
+            status, message = "crashed", f"its worker process died in each of {DEATHS_ALLOWED} lone tries"
+        spec = self.plan.spec(job)
+        log.warning("job %s of record %s: %s, %s", spec.job_id, spec.record_id, status, message)
+        self._keep([{**lost_row(spec, status, message), "attempt": batch.attempt}])
+
+    def _look(self) -> None:
+        """See how many threads there are, and replace workers that hang."""
+        now = time.monotonic()
+        if now - self._looked < LOOK_S:
+            return
+        self._looked = now
+        self.tally.workers = sum(self.client.nthreads().values())
+        working = {(worker, key) for worker, keys in self.client.processing().items() for key in keys}
+        self._since = {place: self._since.get(place, now) for place in working}
+        late = {
+            place for place, since in self._since.items() if now - since > BATCH_BUDGET_S + self._job_limit_s
+        }
+        if late:
+            self._overdue |= {key for _, key in late}
+            for place in late:
+                del self._since[place]
+            workers = sorted({worker for worker, _ in late})
+            log.warning("no answer for %g s from %s: replaced", self._job_limit_s, ", ".join(workers))
+            self.client.restart_workers(workers, raise_for_error=False)
 
     def _keep(self, rows: list[Row]) -> None:
         self.tally.count(rows)

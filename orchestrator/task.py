@@ -4,6 +4,7 @@ import logging
 import os
 import platform
 import socket
+import threading
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,6 +14,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from distributed import get_worker
 from workers.job import Assets, JobSpec
 
 from models import InputError, Scene
@@ -21,11 +23,29 @@ from workers import job as physics
 
 log = logging.getLogger(__name__)
 
+ONE_AT_A_TIME = threading.Lock()
+"""The engine is one per process; on a cluster whose workers have several threads, jobs must queue for it."""
+
 Row = dict[str, Any]
 
 
 class UnfitWorkerError(RuntimeError):
-    """A worker of another version, or one that does not see the run's folder."""
+    """A worker of another version, or one that does not see the run's folder.
+
+    Parameters
+    ----------
+    what : str
+        Why.
+    worker : str or None
+        The worker's address in the cluster.
+    """
+
+    def __init__(self, what: str, worker: str | None = None) -> None:
+        self.worker = worker
+        super().__init__(what, worker)
+
+    def __str__(self) -> str:
+        return str(self.args[0])
 
 
 @dataclass(frozen=True)
@@ -73,18 +93,20 @@ def assets_of(order: Order) -> Assets:
         if here != there
     ]
     if differing:
-        raise UnfitWorkerError(f"{_name()}: {'; '.join(differing)}")  # noqa: EM102
+        raise _unfit("; ".join(differing))
     folder = Path(order.folder)
     try:
         scene, ensemble = Scene.load(folder / "scene"), Ensemble.load(folder / "ensemble")
     except (InputError, OSError) as error:
-        raise UnfitWorkerError(f"{_name()}: cannot read the run's folder: {error}") from None  # noqa: EM102
+        what = f"cannot read the run's folder: {error}"
+        raise _unfit(what) from None
     for what, found, expected in (
         ("scene", scene.id, order.scene_id),
         ("ensemble", ensemble.id, order.ensemble_id),
     ):
         if found != expected:
-            raise UnfitWorkerError(f"{_name()}: {folder} holds {what} {found}, not {expected}")  # noqa: EM102
+            told = f"{folder} holds {what} {found}, not {expected}"
+            raise _unfit(told)
     return Assets(scene, ensemble)
 
 
@@ -97,10 +119,22 @@ def shake_batch(order: Order, specs: Sequence[JobSpec], budget_s: float) -> list
     end = time.perf_counter() + budget_s
     rows: list[Row] = []
     for spec in specs:
-        rows.append(_shake(spec, assets))
+        with ONE_AT_A_TIME:
+            rows.append(_shake(spec, assets))
         if time.perf_counter() >= end:
             break
     return rows
+
+
+def check(order: Order) -> None:
+    """Load the run's assets, or say why that cannot be done here.
+
+    Raises
+    ------
+    UnfitWorkerError
+        As :func:`assets_of`.
+    """
+    assets_of(order)
 
 
 def _shake(spec: JobSpec, assets: Assets) -> Row:
@@ -128,6 +162,14 @@ def lost_row(spec: JobSpec, status: str, message: str) -> Row:
         "status": status,
         "message": message,
     }
+
+
+def _unfit(what: str) -> UnfitWorkerError:
+    try:
+        address = get_worker().address
+    except ValueError:  # not on a worker
+        address = None
+    return UnfitWorkerError(f"worker {_name()}: {what}", address)
 
 
 def _name() -> str:

@@ -33,11 +33,12 @@ def run(campaign: Path, folder: Path, workers: int | None, as_json: bool) -> Non
     \b
     toppling run campaign.toml --out runs/first --workers 2
 
-    The same command again resumes: only jobs without a row are done. Exit code 3 says that some jobs have no answer.
+    The same command again resumes: only jobs without a row are done. Exit code 3: some jobs have no answer.
     """  # noqa: D301  (\b keeps click from rewrapping the example)
     from orchestrator.campaign import Campaign
     from orchestrator.cluster import local
     from orchestrator.progress import duration, watcher
+    from orchestrator.run import RunError
     from orchestrator.run import run as carry_out
 
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(message)s")
@@ -46,6 +47,9 @@ def run(campaign: Path, folder: Path, workers: int | None, as_json: bool) -> Non
     try:
         with watcher() as watch:
             tally = carry_out(chosen, folder, local(workers or os.cpu_count() or 1), watch)
+    except RunError as error:
+        message = f"{error}; the rows so far are kept. To go on: toppling run {campaign} --out {folder}"
+        raise click.ClickException(message) from None
     except KeyboardInterrupt:
         click.echo(
             f"stopped; the rows so far are kept. To go on: toppling run {campaign} --out {folder}",

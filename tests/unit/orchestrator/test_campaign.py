@@ -1,0 +1,109 @@
+import tomllib
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from models import InputError
+from orchestrator.campaign import Campaign
+
+GOOD = {
+    "scene": "scenes/echo",
+    "ensemble": "ensembles/quakes",
+    "pga_m_s2": {"start": 1, "stop": 19, "step": 1},
+    "azimuth_deg": [0, 45, 90],
+    "friction": [1.0, [0.8, 0.6]],
+}
+
+
+def campaign(**changes):
+    return Campaign.of({**GOOD, **changes}, Path("here"), where="c.toml")
+
+
+def test_folders_are_relative_to_the_file(tmp_path):
+    path = tmp_path / "c.toml"
+    path.write_text('scene="a/b"\nensemble="../e"\npga_m_s2=[1]\nazimuth_deg=[0]\nfriction=[0.8]\n')
+    read = Campaign.read(path)
+    assert (read.scene, read.ensemble) == (tmp_path / "a/b", tmp_path / "../e")
+
+
+def test_a_range_includes_its_stop():
+    assert campaign().pga_m_s2 == tuple(float(level) for level in range(1, 20))
+    assert campaign(pga_m_s2={"start": 0.1, "stop": 0.3, "step": 0.1}).pga_m_s2 == (0.1, 0.2, 0.3)
+
+
+def test_one_coefficient_of_friction_serves_as_both():
+    assert campaign().friction == ((1.0, 1.0), (0.8, 0.6))
+
+
+numbers = st.floats(0.01, 99, allow_nan=False)
+
+
+@given(
+    levels=st.lists(numbers, min_size=1, max_size=5, unique=True),
+    azimuths=st.lists(st.floats(0, 359.9), min_size=1, max_size=5, unique=True),
+    friction=st.lists(
+        numbers.map(lambda static: [static, static / 2]), min_size=1, max_size=3, unique_by=tuple
+    ),
+    realisations=st.integers(1, 10_000),
+    records=st.none() | st.lists(st.text(min_size=1).filter(str.isprintable), min_size=1, unique=True),
+)
+def test_what_is_written_reads_back_as_the_same_campaign(levels, azimuths, friction, realisations, records):
+    content = dict(GOOD, pga_m_s2=levels, azimuth_deg=azimuths, friction=friction, realisations=realisations)
+    if records is not None:
+        content["records"] = records
+    one = Campaign.of(content, Path())
+    again = Campaign.of(tomllib.loads(one.to_toml("scenes/echo", "ensembles/quakes")), Path())
+    assert again == one
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ({"pga": [1.0]}, "unknown key 'pga'"),
+        ({"friction": [-0.1]}, "friction_static is -0.1"),
+        ({"friction": [[0.5, 0.9]]}, "friction_kinetic is 0.9"),
+        ({"friction": []}, "friction"),
+        ({"friction": 0.8}, "friction"),
+        ({"friction": [True]}, "friction"),
+        ({"pga_m_s2": []}, "pga_m_s2"),
+        ({"pga_m_s2": [0]}, "pga_m_s2"),
+        ({"pga_m_s2": [981]}, "pga_m_s2"),
+        ({"pga_m_s2": [float("nan")]}, "pga_m_s2"),
+        ({"pga_m_s2": [1, 1.0]}, "given twice"),
+        ({"pga_m_s2": {"start": 2, "stop": 1, "step": 1}}, "holds no number"),
+        ({"pga_m_s2": {"start": 1, "stop": 2}}, "pga_m_s2"),
+        ({"azimuth_deg": [360]}, "azimuth_deg"),
+        ({"azimuth_deg": "north"}, "azimuth_deg"),
+        ({"restitution": [1.5]}, "restitution"),
+        ({"realisations": 0}, "realisations"),
+        ({"realisations": 1.5}, "realisations"),
+        ({"preset": "best"}, "preset"),
+        ({"records": []}, "records"),
+        ({"records": ["R1", "R1"]}, "given twice"),
+        ({"peak_displacement_m": -1}, "peak_displacement_m"),
+        ({"scene": 3}, "scene"),
+    ],
+)
+def test_a_wrong_value_is_refused_with_place_and_remedy(change, told):
+    with pytest.raises(InputError) as refused:
+        campaign(**change)
+    assert told in str(refused.value)
+    assert refused.value.where.startswith("c.toml")
+    assert refused.value.remedy
+
+
+@pytest.mark.parametrize("missing", sorted(GOOD))
+def test_a_missing_key_is_named(missing):
+    with pytest.raises(InputError, match=missing):
+        Campaign.of({key: value for key, value in GOOD.items() if key != missing}, Path())
+
+
+@pytest.mark.parametrize("content", [b"pga = [", b"\xff\xfe\x00", None])
+def test_what_is_no_campaign_file_is_refused(tmp_path, content):
+    path = tmp_path / "c.toml"
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(InputError, match=r"c\.toml"):
+        Campaign.read(path)

@@ -1,0 +1,106 @@
+"""The laws of handing out, whatever comes back in whatever order."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from orchestrator.dispatch import DEATHS_ALLOWED, JOBS_IN_BATCH, Dispatch
+
+
+def dispatch_of(records):
+    record_of = np.repeat(np.arange(len(records)), records)
+    return Dispatch(np.arange(len(record_of)), record_of), record_of
+
+
+def drain(dispatch, workers=2):
+    while batch := dispatch.next_batch(workers):
+        yield batch
+
+
+def test_every_job_goes_out_once_and_in_order():
+    dispatch, record_of = dispatch_of([700, 3, 40])
+    jobs = [job for batch in drain(dispatch) for job in batch.jobs]
+    assert jobs == list(range(len(record_of)))
+
+
+def test_a_batch_holds_jobs_of_one_record_and_never_too_many():
+    dispatch, record_of = dispatch_of([5000, 3, 40])
+    for batch in drain(dispatch):
+        assert len(set(record_of[list(batch.jobs)])) == 1
+        assert 1 <= len(batch.jobs) <= JOBS_IN_BATCH
+
+
+def test_batches_shrink_to_single_jobs_at_the_end():
+    dispatch, _ = dispatch_of([1000])
+    sizes = [len(batch.jobs) for batch in drain(dispatch, workers=2)]
+    assert sizes == sorted(sizes, reverse=True)
+    assert sizes[0] > 100
+    assert sizes[-4:] == [1, 1, 1, 1]
+
+
+def test_what_the_budget_left_over_goes_out_again():
+    dispatch, _ = dispatch_of([100])
+    first = dispatch.next_batch(1)
+    dispatch.came_back(first, done=3)
+    assert dispatch.next_batch(1).jobs[0] == 3
+    dispatch, _ = dispatch_of([10])
+    dispatch.came_back(dispatch.next_batch(1), done=0)
+    assert [job for batch in drain(dispatch) for job in batch.jobs] == list(range(10))
+
+
+def test_after_a_death_every_job_of_the_batch_is_tried_alone():
+    dispatch, _ = dispatch_of([100])
+    batch = dispatch.next_batch(1)
+    assert dispatch.died(batch) is None
+    again = [dispatch.next_batch(1) for _ in batch.jobs]
+    assert [lone.jobs for lone in again] == [(job,) for job in batch.jobs]
+    assert all(lone.alone and lone.attempt == 2 for lone in again)
+    assert not dispatch.next_batch(1).alone
+
+
+def test_only_a_job_that_kills_its_worker_alone_again_and_again_is_given_up():
+    dispatch, _ = dispatch_of([1])
+    assert dispatch.died(dispatch.next_batch(1)) is None
+    for _ in range(DEATHS_ALLOWED - 1):
+        assert dispatch.died(dispatch.next_batch(1)) is None
+    last = dispatch.next_batch(1)
+    assert last.attempt == DEATHS_ALLOWED + 1
+    assert dispatch.died(last) == 0
+    assert dispatch.next_batch(1) is None
+
+
+@settings(max_examples=60)
+@given(
+    records=st.lists(st.integers(1, 60), min_size=1, max_size=6),
+    killer=st.integers(0, 59),
+    seed=st.integers(0, 2**32 - 1),
+)
+def test_under_any_course_of_events_every_job_ends_once_and_only_killers_are_given_up(records, killer, seed):
+    dispatch, record_of = dispatch_of(records)
+    rng = np.random.default_rng(seed)
+    done, given_up, flying = [], [], []
+    while dispatch.waiting or flying:
+        while len(flying) < 6 and (batch := dispatch.next_batch(2)):
+            flying.append(batch)
+        batch = flying.pop(rng.integers(len(flying)))
+        if killer in batch.jobs:
+            lost = dispatch.died(batch)
+            given_up += [] if lost is None else [lost]
+        elif not batch.alone and rng.random() < 0.2:
+            dispatch.died(batch)  # a node was taken away
+        else:
+            count = int(rng.integers(1, len(batch.jobs) + 1))
+            done += batch.jobs[:count]
+            dispatch.came_back(batch, count)
+    assert sorted(done + given_up) == list(range(len(record_of)))
+    assert given_up == ([killer] if killer < len(record_of) else [])
+
+
+@pytest.mark.parametrize("finished", [0, 5])
+def test_waiting_counts_what_is_not_handed_out(finished):
+    dispatch, _ = dispatch_of([40])
+    batch = dispatch.next_batch(1)
+    assert dispatch.waiting == 40 - len(batch.jobs)
+    dispatch.came_back(batch, finished)
+    assert dispatch.waiting == 40 - finished

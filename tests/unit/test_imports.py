@@ -1,0 +1,84 @@
+"""The rooms stay apart: who may import whom, in every module, imports inside functions included."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+ROOMS = ("models", "workers", "orchestrator", "results")
+
+FORBIDDEN = {
+    "models": {"workers", "results", "orchestrator", "pybullet", "dask", "distributed"},
+    "workers": {"results", "orchestrator", "open3d", "dask", "distributed"},
+    "orchestrator": {"pybullet", "open3d"},
+    "results": {"workers", "orchestrator", "pybullet", "open3d", "dask", "distributed"},
+}
+ONLY_UNDER = {
+    "open3d": "models/scan",
+    "pybullet": "workers",
+    "dask": "orchestrator",
+    "distributed": "orchestrator",
+    "dask_jobqueue": "orchestrator",
+    "obspy": "models/motions",
+}
+UNPICKLERS = {"pickle", "cPickle", "dill", "joblib", "shelve", "marshal"}
+
+
+def modules():
+    return [path for room in ROOMS for path in sorted((ROOT / room).rglob("*.py"))]
+
+
+def imported(path):
+    """Full dotted names that a module imports, wherever in it."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path}: relative import hides which room it means"
+            yield node.module
+            yield from (f"{node.module}.{alias.name}" for alias in node.names)
+        elif isinstance(node, ast.Call) and ast.unparse(node.func).endswith("import_module"):
+            yield from (name.value for name in node.args if isinstance(name, ast.Constant))
+
+
+def tops(path):
+    return {name.partition(".")[0] for name in imported(path)}
+
+
+@pytest.mark.parametrize("room", ROOMS)
+def test_a_room_imports_none_that_lies_downstream_of_it(room):
+    offences = {
+        str(path.relative_to(ROOT)): sorted(tops(path) & FORBIDDEN[room])
+        for path in sorted((ROOT / room).rglob("*.py"))
+        if tops(path) & FORBIDDEN[room]
+    }
+    assert not offences
+
+
+@pytest.mark.parametrize(("library", "home"), ONLY_UNDER.items())
+def test_a_heavy_library_is_imported_in_one_room_only(library, home):
+    offences = [
+        str(path.relative_to(ROOT))
+        for path in modules()
+        if library in tops(path) and not path.is_relative_to(ROOT / home)
+    ]
+    assert not offences
+
+
+def test_records_know_nothing_of_clouds():
+    offences = [
+        str(path.relative_to(ROOT))
+        for path in sorted((ROOT / "models" / "motions").rglob("*.py"))
+        if any(name.startswith("models.scan") for name in imported(path))
+    ]
+    assert not offences
+
+
+def test_nothing_read_from_disk_can_be_unpickled():
+    offences = [str(path.relative_to(ROOT)) for path in modules() if tops(path) & UNPICKLERS]
+    assert not offences
+
+
+def test_the_test_sees_every_room():
+    assert {path.relative_to(ROOT).parts[0] for path in modules()} == set(ROOMS)

@@ -1,11 +1,10 @@
 """From files to records: read, group, orient, doubt, process. What cannot be used is named, and the rest goes on."""
 
-import hashlib
 import logging
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
 
 from models.errors import InputError
 from models.motions.formats import read_file
@@ -16,6 +15,7 @@ from models.motions.processing import process
 from models.motions.quality import doubts
 from models.motions.record import Record
 from models.motions.stations import Triple, grouped, oriented, triple
+from models.motions.twins import Candidate, twins
 
 logger = logging.getLogger(__name__)
 
@@ -112,29 +112,51 @@ def import_records(
     """
     wishes = wishes or Wishes()
     outcome = Import()
-    station_xml = [path for path in files if is_station_xml(_head(path))]
-    inventory = responses(station_xml) if station_xml else None
-    channels: dict[Path, list[Component]] = {}
-    for path in files:
-        if path not in station_xml:
-            _attempt(outcome, str(path), lambda p=path: channels.update({p: _read(p, inventory)}))  # type: ignore[misc]
-        advance()
-    used = _import_rows(outcome, table, files, channels, wishes)
+    channels = _read_files(files, outcome, advance)
+    found: list[Candidate] = []
+    used: set[Path] = set()
+    for entry in table:
+        here = [path for path in files if path.resolve() in {file.resolve() for file in entry.files}]
+        if here:
+            used.update(here)
+            with _noting(entry.record_id or entry.where, outcome):
+                found.append(_by_row(entry, here, channels, wishes))
     rest = [c for path, components in channels.items() if path not in used for c in components]
     for group in grouped(rest):
         name = _name(group)
-        _attempt(outcome, name, lambda g=group, n=name: outcome.records.append(_by_header(g, n, wishes)))  # type: ignore[misc]
-    _refuse_twins(outcome)
+        with _noting(name, outcome):
+            found.append(_candidate(name, triple(group), wishes, None))
+    outcome.records.extend(_without_twins(found, outcome))
     _make_ids_unique(outcome.records)
     return outcome
 
 
-def _attempt(outcome: Import, subject: str, action: Callable[[], Any]) -> None:
+@contextmanager
+def _noting(subject: str, outcome: Import) -> Iterator[None]:
+    """Note what cannot be used and go on."""
     try:
-        action()
+        yield
     except InputError as error:
         logger.info("left out %s: %s", subject, error.what)
         outcome.refusals.append(Refusal(subject, error))
+
+
+def _read_files(
+    files: Sequence[Path], outcome: Import, advance: Callable[[], None]
+) -> dict[Path, list[Component]]:
+    """Channels by file, of the files that can be read; StationXML among them gives the responses."""
+    station_xml = [path for path in files if is_station_xml(_head(path))]
+    inventory = None
+    if station_xml:
+        with _noting("StationXML", outcome):
+            inventory = responses(station_xml)
+    channels: dict[Path, list[Component]] = {}
+    for path in files:
+        if path not in station_xml:
+            with _noting(str(path), outcome):
+                channels[path] = read_file(path, inventory)
+        advance()
+    return channels
 
 
 def _head(path: Path) -> str:
@@ -142,57 +164,28 @@ def _head(path: Path) -> str:
         return file.read(2000).decode("utf-8", errors="replace")
 
 
-def _read(path: Path, inventory: Any | None) -> list[Component]:  # noqa: ANN401
-    return read_file(path, inventory)
-
-
-def _import_rows(
-    outcome: Import,
-    table: Sequence[Entry],
-    files: Sequence[Path],
-    channels: dict[Path, list[Component]],
-    wishes: Wishes,
-) -> set[Path]:
-    """Records of the metadata table's rows; returns the files that the rows name."""
-    by_place = {path.resolve(): path for path in files}
-    failed = {refusal.subject for refusal in outcome.refusals}
-    used: set[Path] = set()
-    for entry in table:
-        here = [by_place.get(path.resolve()) for path in entry.files]
-        if not any(here):
-            continue
-        used.update(path for path in here if path)
-        subject = entry.record_id or entry.where
-        missing = [str(want) for want, path in zip(entry.files, here, strict=True) if path is None]
-        broken = [str(path) for path in here if path and str(path) in failed]
-        if broken:  # the file's own refusal says why
-            continue
-        if missing:
-            error = InputError(
-                f"{', '.join(missing)} not among the files given",
+def _by_row(
+    entry: Entry, here: Sequence[Path], channels: dict[Path, list[Component]], wishes: Wishes
+) -> Candidate:
+    """Record of a metadata table's row, of whose files `here` were given."""
+    given = {path.resolve(): path for path in here}
+    parts: list[list[Component]] = []
+    for file in entry.files:
+        path = given.get(file.resolve())
+        if path is None or path not in channels:
+            raise InputError(
+                f"{file} is not among the files given" if path is None else f"{path} could not be read",
                 where=entry.where,
                 expected="every file that the row names",
-                remedy="give the file or its folder too",
+                remedy="give the file or its folder too" if path is None else "see what is said of this file",
             )
-            outcome.refusals.append(Refusal(subject, error))
-            continue
-        read = {path.resolve(): channels[path] for path in here if path}
-        _attempt(outcome, subject, lambda e=entry, r=read: outcome.records.append(_by_row(e, r, wishes)))  # type: ignore[misc]
-    return used
-
-
-def _by_row(entry: Entry, read: dict[Path, list[Component]], wishes: Wishes) -> Record:
-    if len(entry.files) == 1:
-        channels = triple(read[entry.h1.resolve()])
+        parts.append(channels[path])
+    if len(parts) == 1:
+        together = triple(parts[0])
     else:
-        parts = [_one(read[path.resolve()], entry) for path in (entry.h1, entry.h2, entry.v) if path]
-        channels = Triple(parts[0], parts[1], parts[2] if entry.v else None)
-    channels = _completed(channels, entry)
-    return _record(entry.record_id or _name(channels.channels), channels, wishes, entry.corner_hz, entry)
-
-
-def _by_header(group: list[Component], name: str, wishes: Wishes) -> Record:
-    return _record(name, triple(group), wishes, None, None)
+        single = [_one(components, entry) for components in parts]
+        together = Triple(single[0], single[1], single[2] if entry.v else None)
+    return _candidate(entry.record_id or _name(together.channels), _completed(together, entry), wishes, entry)
 
 
 def _one(components: list[Component], entry: Entry) -> Component:
@@ -234,9 +227,7 @@ def _completed(channels: Triple, entry: Entry) -> Triple:
     )
 
 
-def _record(
-    name: str, channels: Triple, wishes: Wishes, corner_hz: float | None, entry: Entry | None
-) -> Record:
+def _candidate(name: str, channels: Triple, wishes: Wishes, entry: Entry | None) -> Candidate:
     first = channels.first
     for component in channels.channels:
         if not component.unit_known:
@@ -264,22 +255,26 @@ def _record(
     ]
     corrected = bool(first.corrected) if first.corrected is not None else True
     if wishes.process if wishes.process is not None else not corrected:
-        motion, done = process(motion, wishes.corner_hz or corner_hz)
+        motion, done = process(motion, wishes.corner_hz or (entry.corner_hz if entry else None))
         steps.extend(done)
     else:
         steps.append("left as the agency corrected it" if corrected else "left uncorrected, as asked")
-    known = entry or None
-    return Record.of(
+    says = entry.magnitude if entry else None, entry.distance_km if entry else None
+    record = Record.of(
         name,
         motion,
-        event=(known.event if known else "") or first.event,
-        station=(known.station if known else "") or first.station,
-        magnitude=known.magnitude if known and known.magnitude is not None else first.magnitude,
-        distance_km=known.distance_km if known and known.distance_km is not None else first.distance_km,
+        event=(entry.event if entry else "") or first.event,
+        station=(entry.station if entry else "") or first.station,
+        magnitude=says[0] if says[0] is not None else first.magnitude,
+        distance_km=says[1] if says[1] is not None else first.distance_km,
         component_azimuths_deg=azimuths,
         history=steps,
         files=dict.fromkeys(str(c.path) for c in channels.channels),
     )
+    shaking = (
+        (first.event.lower(), first.station.lower(), first.series) if first.event and first.station else None
+    )
+    return Candidate(record, shaking, corrected)
 
 
 def _name(group: Sequence[Component]) -> str:
@@ -296,24 +291,19 @@ def _name(group: Sequence[Component]) -> str:
     return common
 
 
-def _refuse_twins(outcome: Import) -> None:
-    """Leave out the second of two records that are one: the same samples after reading."""
-    seen: dict[str, Record] = {}
-    kept = []
-    for record in outcome.records:
-        mark = hashlib.sha256(record.motion.acceleration_m_s2.round(9).tobytes()).hexdigest()
-        if mark in seen:
-            error = InputError(
-                f"the same motion as {seen[mark].record_id} ({', '.join(seen[mark].files)})",
-                where=", ".join(record.files),
-                expected="one file set a record",
-                remedy="leave one of the two out",
-            )
-            outcome.refusals.append(Refusal(record.record_id, error))
-        else:
-            seen[mark] = record
-            kept.append(record)
-    outcome.records[:] = kept
+def _without_twins(found: list[Candidate], outcome: Import) -> list[Record]:
+    """Records of which no two are one."""
+    left_out = set()
+    for kept, twin in twins(found):
+        left_out.add(id(twin))
+        error = InputError(
+            f"the same shaking as {kept.record.record_id} ({', '.join(kept.record.files)})",
+            where=", ".join(twin.record.files),
+            expected="one set of files a record",
+            remedy="leave one of the two out",
+        )
+        outcome.refusals.append(Refusal(twin.record.record_id, error))
+    return [candidate.record for candidate in found if id(candidate) not in left_out]
 
 
 def _make_ids_unique(records: list[Record]) -> None:

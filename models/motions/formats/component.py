@@ -164,7 +164,7 @@ def bearing(label: str) -> float | str | None:
     Understands bearings ("090", "N37E", "S53W", "270 Deg"), letters ("E", "NS", "HNN", "UD") and words ("UP", "DOWN", "VERT").
     """
     text = label.upper().replace("DEGREES", "").replace("DEG", "").replace(".", "").strip(" ,;:()-_")
-    if text in {"UP", "UD", "U", "V", "Z", "VERT", "VERTICAL", "VER"}:
+    if text in {"UP", "UD", "U", "V", "Z", "VERT", "VERTICAL", "VER", "VRT"}:
         return UP
     if text in {"DOWN", "DWN", "DN", "D"}:
         return DOWN

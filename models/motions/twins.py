@@ -1,0 +1,68 @@
+"""Two records that are one: the same shaking at the same station, given twice."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import correlate
+
+from models.motions.processing import resample
+from models.motions.record import Record
+
+LIKE_PEAKS = 0.1
+"""Records whose PGA and PGV differ by more than this share are not compared sample by sample."""
+LIKE_SHAPE = 0.97
+"""Correlation of the horizontal vectors' lengths from which two records are one."""
+COMPARED_STEP_S = 0.02
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A record on its way into an ensemble.
+
+    Parameters
+    ----------
+    record : Record
+    shaking : tuple or None
+        Event, station and series by the header, where it names both.
+    corrected : bool
+    """
+
+    record: Record
+    shaking: tuple[str, ...] | None
+    corrected: bool
+
+
+def twins(candidates: Sequence[Candidate]) -> Iterator[tuple[Candidate, Candidate]]:
+    """Pairs (kept, left out): of two records that are one, the corrected is kept, else the first."""
+    out: set[int] = set()
+    ordered = sorted(range(len(candidates)), key=lambda i: (not candidates[i].corrected, i))
+    for place, i in enumerate(ordered):
+        if i in out:
+            continue
+        for j in ordered[place + 1 :]:
+            if j not in out and _are_one(candidates[i], candidates[j]):
+                out.add(j)
+                yield candidates[i], candidates[j]
+
+
+def _are_one(a: Candidate, b: Candidate) -> bool:
+    if a.shaking is not None and a.shaking == b.shaking:
+        return True
+    for name in ("pga_m_s2", "pgv_m_s"):
+        if abs(np.log(b.record.intensity[name] / a.record.intensity[name])) > LIKE_PEAKS:
+            return False
+    return _likeness(_length(a.record), _length(b.record)) > LIKE_SHAPE
+
+
+def _length(record: Record) -> NDArray[np.float64]:
+    """Length of the horizontal vector on a common step: the same whichever way the instrument was set up."""
+    step = record.motion.time_step_s
+    motion = resample(record.motion, COMPARED_STEP_S) if step < COMPARED_STEP_S else record.motion
+    return np.hypot(motion.acceleration_m_s2[:, 0], motion.acceleration_m_s2[:, 1])
+
+
+def _likeness(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
+    """Largest correlation over all shifts in time, 1 for the same shape."""
+    return float(correlate(a, b, method="fft").max() / np.sqrt((a @ a) * (b @ b)))

@@ -17,10 +17,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, cKDTree
-from scipy.spatial.transform import Rotation
 
 from models.frames import plane_axes
 from models.scene import Scene
+from workers import quaternion
 
 Array = NDArray[np.float64]
 
@@ -98,7 +98,7 @@ class ContactModel:
     @cached_property
     def start_quaternion_xyzw(self) -> Array:
         """Attitude of the body frame in the pose of the scene."""
-        return Rotation.from_matrix(self.support_from_body).as_quat()
+        return quaternion.from_matrix(self.support_from_body)
 
     def gaps_m(self, positions_m: Array, quaternions_xyzw: Array) -> Array:
         """Clearance of every contact point in a sequence of poses, negative where it has sunk in.
@@ -116,12 +116,11 @@ class ContactModel:
             First the rock's points above the plane, then the edge points outside of the base face.
         """
         x, y, z, w = quaternions_xyzw.T
-        down_row = np.stack([2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)], axis=1)
-        gaps = positions_m[:, 2:3] + down_row @ self.points_body_m.T
+        up_body = np.array([2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)])
+        gaps = positions_m[:, 2:3] + up_body.T @ self.points_body_m.T
         if not len(self.edge_points_m):
             return gaps
-        turned = Rotation.from_quat(quaternions_xyzw).as_matrix()
-        face_normal = turned @ self.base_height_body[:3]
+        face_normal = quaternion.matrix(quaternions_xyzw) @ self.base_height_body[:3]
         toward_edge = self.edge_points_m[None, :, :] - positions_m[:, None, :]
         edge_gaps = np.einsum("mi,mki->mk", face_normal, toward_edge) - self.base_height_body[3]
         return np.hstack([gaps, edge_gaps])

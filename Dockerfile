@@ -1,0 +1,28 @@
+# One image for scheduler, workers and client, so that their versions cannot differ. It holds what shaking needs:
+# neither Open3D nor plotting. PyBullet has wheels for CPython 3.11 only.
+ARG BASE=python:3.11-slim
+FROM ${BASE}
+
+ENV PIP_DISABLE_PIP_VERSION_CHECK=1 PIP_NO_CACHE_DIR=1 PYTHONUNBUFFERED=1
+WORKDIR /opt/toppling
+
+# The locked dependencies first: they change less often than the code.
+COPY requirements-worker.lock ./
+RUN python3.11 -m venv /opt/venv && /opt/venv/bin/pip install --quiet --require-hashes --no-deps -r requirements-worker.lock
+ENV PATH=/opt/venv/bin:$PATH
+
+COPY pyproject.toml README.md ./
+COPY models models
+COPY workers workers
+COPY orchestrator orchestrator
+COPY results results
+RUN pip install --quiet --no-deps .
+
+# Dask reads /etc/dask: scheduler and workers get the settings that keep a crash from costing innocent jobs.
+COPY orchestrator/dask.yaml /etc/dask/toppling.yaml
+
+# No writes outside /runs and /tmp, so that any user may be given, Apptainer's included.
+RUN useradd --create-home toppling && mkdir /runs && chown toppling /runs
+USER toppling
+WORKDIR /runs
+CMD ["toppling", "--help"]

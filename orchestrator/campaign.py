@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any
 
 from models import ContactProperties, InputError
+from workers.presets import PRESETS
 
-PRESETS = ("fast", "standard", "reference")
 LARGEST_PGA_M_S2 = 100.0
 """Ten times gravity, twice the strongest ground acceleration recorded: more is a slip of units."""
 

@@ -9,11 +9,11 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
-from workers.job import JobSpec
 
 from models import InputError, Scene
 from models.motions.ensemble import Ensemble
 from orchestrator.campaign import Campaign, hash_of
+from workers.job import JobSpec
 
 COLUMNS = pa.schema(
     [
@@ -131,6 +131,7 @@ def _spec(
         restitution=restitution,
         realisation=realisation,
         preset=campaign.preset,
+        peak_displacement_m=campaign.peak_displacement_m,
     )
 
 

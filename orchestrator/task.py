@@ -15,11 +15,11 @@ from pathlib import Path
 from typing import Any
 
 from distributed import get_worker
-from workers.job import Assets, JobSpec
 
 from models import InputError, Scene
 from models.motions.ensemble import Ensemble
-from workers import job as physics
+from workers.job import Assets, JobSpec, run_job
+from workers.presets import PHYSICS_VERSION
 
 log = logging.getLogger(__name__)
 
@@ -73,7 +73,7 @@ def versions() -> tuple[tuple[str, str], ...]:
     packages = tuple((name, version(name)) for name in ("toppling", "pybullet", "numpy"))
     return (
         *packages,
-        ("physics", str(physics.PHYSICS_VERSION)),
+        ("physics", PHYSICS_VERSION),
         ("python", ".".join(platform.python_version_tuple()[:2])),
     )
 
@@ -139,7 +139,7 @@ def check(order: Order) -> None:
 
 def _shake(spec: JobSpec, assets: Assets) -> Row:
     try:
-        row = physics.run_job(spec, assets)
+        row = run_job(spec, assets)
     except Exception as error:  # a job's failure is a row, never a lost run
         log.exception("job %s failed", spec.job_id)
         row = lost_row(spec, "failed", f"{type(error).__name__}: {error}")

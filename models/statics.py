@@ -1,55 +1,369 @@
-"""Statics of a rock on its pedestal: support polygon, slenderness, quasi-static toppling acceleration."""
+"""Statics of a rock on its pedestal: support polygon, lift-off, quasi-static toppling, cone of equilibrium.
+
+Everything here is for the interface plane; an uneven surface has a support polygon only where it lies in that
+plane.
+
+The quasi-static path. A horizontal ground acceleration grows so slowly that inertia other than its own plays
+no part. Then the rock stands at every moment in an equilibrium under the effective gravity g - a, on a set of
+its hull's vertices whose convex hull holds the point where the line of action through the centre of mass
+pierces the plane. An equilibrium on a vertex or an edge alone is that of an inverted pendulum and is never
+stable, so the path goes from facet to facet of the convex hull: a facet holds until the piercing point
+crosses its border, where the rock tips about the edge (or vertex) that is nearest to the piercing point,
+rolling without slip or spin and without gathering speed, until a facet holds again. Where none does, the
+stable equilibrium is lost: the rock topples. A smooth base is the limit of fine facets, whose path ends at
+the limit point of the equilibria of the potential -g_eff . x_com. For a sharp-edged flat base it is the
+formula of Anooshehpoor, Brune and Zeng (2004), g tan(alpha), extended to three dimensions (moments about each
+edge) and to slopes (gravity in the plane's frame).
+"""
+
+from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.spatial import ConvexHull
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial import ConvexHull, QhullError
 
 from models.frames import horizontal_unit_vector, plane_axes
 from models.pedestal import Pedestal
 from models.rock import Rock
 
+if TYPE_CHECKING:
+    from models.scene import Scene
+
 CONTACT_SHARE_OF_HEIGHT = 1e-6
 """Points within this share of the rock's height of the interface plane count as touching it."""
 
+TOPPLED_TILT_DEG = 45.0
+"""A rest tilted by more than this counts as toppled."""
 
-def support_polygon_m(rock: Rock, pedestal: Pedestal) -> NDArray[np.float64]:
-    """Corners (k, 3), scene frame, of the convex hull of the rock's contact with the interface plane, in order."""
-    gap = (rock.hull_vertices_m - pedestal.point_m) @ pedestal.normal
-    touching = rock.hull_vertices_m[gap <= gap.min() + CONTACT_SHARE_OF_HEIGHT * rock.height_m]
-    if len(touching) < 3:
-        return touching
-    flat = touching @ np.column_stack(plane_axes(pedestal.normal))
-    if np.linalg.matrix_rank(flat - flat.mean(axis=0), tol=CONTACT_SHARE_OF_HEIGHT * rock.height_m) < 2:
-        return touching
-    return touching[ConvexHull(flat).vertices]
+TOPPLED_FALL = 0.25
+"""A centre of mass fallen by more than this share of its height above the support counts as toppled."""
+
+EQUILIBRIUM_MARGIN = 1e-9
+"""Share by which each condition must be met before :func:`equilibrium_possible` says yes."""
+
+_VERTEX_STEP_RAD = 2e-3  # a rock that pivots on one vertex keeps its direction of fall for this long
+_PAST_THE_EDGE = 1e-9  # share by which the acceleration is raised past lift-off, to give the fall a direction
+_ROUNDING = 1e-12  # share by which a moment may miss zero and still hold
+
+Array = NDArray[np.float64]
 
 
-def quasi_static_toppling_m_s2(
+def support_polygon_m(rock: Rock, pedestal: Pedestal) -> Array:
+    """Corners (k, 3), scene frame, of the convex hull of the rock's contact with the interface plane.
+
+    Counter-clockwise seen along the plane's normal from above. Where the pedestal is a surface, only its
+    triangles that lie in the interface plane support: the rock's face over a pedestal's edge ends at that
+    edge. Fewer than three corners mean that the rock stands on a point or a line within
+    ``CONTACT_SHARE_OF_HEIGHT``: it rolls, or is not seated.
+    """
+    return _ring(_contact_points(rock, pedestal)[0], pedestal, CONTACT_SHARE_OF_HEIGHT * rock.height_m)
+
+
+def lift_off_m_s2(
     rock: Rock, pedestal: Pedestal, gravity_m_s2: float, azimuths_deg: Iterable[float]
 ) -> list[tuple[float, float]]:
-    """Least constant horizontal ground acceleration that topples, by azimuth of the ground's acceleration.
+    """Least constant horizontal ground acceleration that moves the rock off its support, by its azimuth.
 
-    The moment about each edge of the support polygon, of gravity and the inertial force -a together, is linear in a;
-    the least positive root over the edges topples (`Anooshehpoor, Brune and Zeng 2004`, extended to three dimensions).
+    A rock that does not stand on three points is first let down onto the facet of its hull that gravity alone
+    leads to. No slip. Zero where gravity alone topples the rock, infinite where no acceleration of this
+    azimuth lifts it.
 
     Returns
     -------
     list of (azimuth_deg, acceleration_m_s2)
     """
-    corners = support_polygon_m(rock, pedestal)
-    start, end = corners, np.roll(corners, -1, axis=0)
-    axis = (end - start) / np.linalg.norm(end - start, axis=1)[:, None]
-    arm = rock.com_m - start
-    moment_of_weight = np.einsum("ij,ij->i", axis, np.cross(arm, np.array([0.0, 0.0, -gravity_m_s2])))
-    table = []
-    for azimuth in azimuths_deg:
-        push = -horizontal_unit_vector(azimuth)
-        moment_of_push = np.einsum("ij,ij->i", axis, np.cross(arm, push))
+    seat = _Seat.of(rock, pedestal)
+    return [(float(az), seat.path(gravity_m_s2, float(az))[0]) for az in azimuths_deg]
+
+
+def quasi_static_toppling_m_s2(
+    rock: Rock, pedestal: Pedestal, gravity_m_s2: float, azimuths_deg: Iterable[float]
+) -> list[tuple[float, float]]:
+    """Least constant horizontal ground acceleration, slowly applied, that topples, by its azimuth.
+
+    The end of the quasi-static path (see the module): the acceleration beyond which no rest is left with a
+    tilt up to ``TOPPLED_TILT_DEG`` and a centre of mass fallen by no more than ``TOPPLED_FALL``. A rock with
+    a flat sharp-edged base topples when it lifts off; one with a rounded base rolls before. No slip. A rock
+    that lifts off over an edge of the pedestal, not its own, is taken to topple there.
+
+    Returns
+    -------
+    list of (azimuth_deg, acceleration_m_s2)
+        Zero where gravity alone topples the rock, infinite where no acceleration of this azimuth does.
+    """
+    seat = _Seat.of(rock, pedestal)
+    return [(float(az), seat.path(gravity_m_s2, float(az))[1]) for az in azimuths_deg]
+
+
+def equilibrium_possible(scene: Scene, acceleration_m_s2: ArrayLike) -> NDArray[np.bool_]:
+    """Whether contact forces exist that keep the rock at rest under each ground acceleration.
+
+    For frictional points on one plane the set is exactly: the effective gravity g - a points into the plane,
+    its tangential part is at most the static friction times the normal one, and its line of action through
+    the centre of mass pierces the support polygon. (Necessary: sum the forces; take moments about each edge.
+    Sufficient: share the weight so that its centre of pressure is the piercing point, and let every point's
+    friction be the same share of its normal force; then the resultant acts along the line of action.) The
+    three conditions are homogeneous and convex in (g - a): a cone.
+
+    Each must hold with the margin ``EQUILIBRIUM_MARGIN``, so the answer errs toward no by that share. A rock
+    that stands on fewer than three points, or on a pedestal of which nothing lies in the interface plane, is
+    given no equilibrium: whether it stays at rest is not decided by statics.
+
+    Parameters
+    ----------
+    scene : Scene
+    acceleration_m_s2 : (n, 3) array
+        Ground acceleration, scene frame.
+
+    Returns
+    -------
+    (n,) bool array
+    """
+    acceleration = np.atleast_2d(np.asarray(acceleration_m_s2, float))
+    corners = support_polygon_m(scene.rock, scene.pedestal)
+    if len(corners) < 3:
+        return np.zeros(len(acceleration), bool)
+    normal = scene.pedestal.normal
+    weight = np.array([0.0, 0.0, -scene.gravity_m_s2]) - acceleration
+    pressing = -weight @ normal
+    along = np.linalg.norm(weight + pressing[:, None] * normal, axis=1)
+    margin = EQUILIBRIUM_MARGIN * np.linalg.norm(weight, axis=1)
+    grips = along <= scene.contact.friction_static * pressing - margin
+    holding = weight @ _moment_arms(corners, scene.rock.com_m, normal).T  # (n, edges)
+    held = (holding >= margin[:, None] * scene.rock.half_diagonal_m).all(axis=1)
+    return (pressing > margin) & grips & held
+
+
+def _moment_arms(ring: Array, com: Array, normal: Array) -> Array:
+    """Vectors w (k, 3): w_k . f > 0 where a force f on the centre of mass holds the rock down on edge k."""
+    edge = np.roll(ring, -1, axis=0) - ring
+    edge = edge - np.outer(edge @ normal, normal)
+    axis = edge / np.linalg.norm(edge, axis=1)[:, None]
+    return np.cross(com - ring, axis)
+
+
+def _contact_points(rock: Rock, pedestal: Pedestal) -> tuple[Array, NDArray[np.bool_]]:
+    """Points (k, 3) whose convex hull supports the rock, and which of them are the rock's own vertices."""
+    tolerance = CONTACT_SHARE_OF_HEIGHT * rock.height_m
+    if pedestal.vertices_m is None or pedestal.faces is None:
+        gap = (rock.hull_vertices_m - pedestal.point_m) @ pedestal.normal
+        touching = rock.hull_vertices_m[gap <= gap.min() + tolerance]
+        return touching, np.ones(len(touching), bool)
+    axes = np.column_stack(plane_axes(pedestal.normal))
+
+    def in_plane(vertices: Array, faces: NDArray[np.int64]) -> tuple[Array, Array]:
+        """Points and triangles, in the plane's axes, that lie in the interface plane."""
+        flat = np.abs((vertices - pedestal.point_m) @ pedestal.normal) <= tolerance
+        planar = (vertices - pedestal.point_m) @ axes
+        return planar[flat], planar[faces[flat[faces].all(axis=1)]]
+
+    rock_points, rock_triangles = in_plane(rock.vertices_m, rock.faces)
+    ground_points, ground_triangles = in_plane(pedestal.vertices_m, pedestal.faces)
+    own = rock_points[_inside_any(rock_points, ground_triangles, tolerance)]
+    below = ground_points[_inside_any(ground_points, rock_triangles, tolerance)]
+    planar = np.vstack([own, below, _crossings(rock_triangles, ground_triangles)])
+    points = pedestal.point_m + planar @ axes.T
+    return points, np.arange(len(points)) < len(own)
+
+
+def _inside_any(points: Array, triangles: Array, tolerance: float) -> NDArray[np.bool_]:
+    """Which points (k, 2) lie in or within a tolerance of any of the triangles (m, 3, 2)."""
+    inside = np.zeros(len(points), bool)
+    for corner in triangles:
+        edge = np.roll(corner, -1, axis=0) - corner
+        length = np.linalg.norm(edge, axis=1)
+        turn = np.sign(edge[0, 0] * edge[1, 1] - edge[0, 1] * edge[1, 0])
+        if turn == 0.0 or not length.all():
+            continue
+        left = edge[:, 0] * (points[:, None, 1] - corner[:, 1]) - edge[:, 1] * (
+            points[:, None, 0] - corner[:, 0]
+        )
+        inside |= (turn * left / length >= -tolerance).all(axis=1)
+    return inside
+
+
+def _crossings(first: Array, second: Array) -> Array:
+    """Points (k, 2) where edges of triangles (m, 3, 2) cross edges of other triangles (n, 3, 2)."""
+    if not len(first) or not len(second):
+        return np.empty((0, 2))
+    start, step = first.reshape(-1, 2), (np.roll(first, -1, axis=1) - first).reshape(-1, 2)
+    other, other_step = second.reshape(-1, 2), (np.roll(second, -1, axis=1) - second).reshape(-1, 2)
+    found = []
+    for point, along in zip(start, step, strict=True):
+        cross = along[0] * other_step[:, 1] - along[1] * other_step[:, 0]
+        offset = other - point
         with np.errstate(divide="ignore", invalid="ignore"):
-            root = -moment_of_weight / moment_of_push
-        # Counter-clockwise corners: a positive moment about an edge holds the rock down, so only a push that lowers it counts.
-        lowering = np.sign(moment_of_weight) * moment_of_push < 0
-        table.append((float(azimuth), float(root[lowering].min(initial=np.inf))))
-    return table
+            here = (offset[:, 0] * other_step[:, 1] - offset[:, 1] * other_step[:, 0]) / cross
+            there = (offset[:, 0] * along[1] - offset[:, 1] * along[0]) / cross
+        hit = (here >= 0) & (here <= 1) & (there >= 0) & (there <= 1)
+        found.append(point + here[hit, None] * along)
+    return np.vstack(found)
+
+
+def _ring(points: Array, pedestal: Pedestal, width_m: float) -> Array:
+    """Corners of the counter-clockwise convex hull of points of a plane; all points where it is too thin."""
+    if len(points) < 3:
+        return points
+    order = _planar_hull((points - pedestal.point_m) @ np.column_stack(plane_axes(pedestal.normal)), width_m)
+    return points if order is None else points[order]
+
+
+def _planar_hull(points: Array, width_m: float) -> NDArray[np.intp] | None:
+    """Order (k, 2) points into their counter-clockwise convex hull; None where they lie on one line."""
+    spread = points - points.mean(axis=0)
+    thickness = np.ptp(spread @ np.linalg.svd(spread, full_matrices=False)[2][-1])
+    if thickness <= width_m:
+        return None
+    try:
+        return np.asarray(ConvexHull(points).vertices)
+    except QhullError:
+        return None
+
+
+@dataclass(frozen=True)
+class _Pose:
+    """Hull vertices, centre of mass and up axis in the frame of the plane (z along its normal, 0 in it)."""
+
+    points: Array
+    com: Array
+    up: Array
+
+    def rolled(self, pivot: Array, outward: Array, angle: float) -> _Pose:
+        """Turn about the line in the plane through a pivot, toward the outward in-plane unit vector."""
+        axis = np.array([-outward[1], outward[0], 0.0])
+        cosine, sine = np.cos(angle), np.sin(angle)
+        skew = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
+        turn = (np.eye(3) + sine * skew + (1 - cosine) * (skew @ skew)).T
+        anchor = np.array([pivot[0], pivot[1], 0.0])
+        return _Pose(
+            (self.points - anchor) @ turn + anchor, (self.com - anchor) @ turn + anchor, self.up @ turn
+        )
+
+
+@dataclass(frozen=True)
+class _Seat:
+    """A rock as it stands in the scene, ready to be tipped."""
+
+    pose: _Pose
+    ring: Array | None  # in-plane support polygon (k, 2), counter-clockwise, where there is one
+    own: NDArray[np.bool_]  # whether both ends of a ring's edge are the rock's own vertices
+    frame: Array  # rows: axes of the plane and its normal, scene frame
+    tolerance: float
+
+    @classmethod
+    def of(cls, rock: Rock, pedestal: Pedestal) -> _Seat:
+        frame = np.vstack([*plane_axes(pedestal.normal), pedestal.normal])
+        points = (rock.hull_vertices_m - pedestal.point_m) @ frame.T
+        tolerance = CONTACT_SHARE_OF_HEIGHT * rock.height_m
+        lowest = np.array([0.0, 0.0, points[:, 2].min() if pedestal.is_plane else 0.0])
+        pose = _Pose(points - lowest, (rock.com_m - pedestal.point_m) @ frame.T - lowest, frame[:, 2])
+        contact, own = _contact_points(rock, pedestal)
+        planar = (contact - pedestal.point_m) @ frame[:2].T
+        order = _planar_hull(planar, tolerance) if len(planar) > 2 else None
+        if order is None:
+            return cls(pose, None, np.zeros(0, bool), frame, tolerance)
+        return cls(pose, planar[order], own[order] & np.roll(own[order], -1), frame, tolerance)
+
+    def path(self, gravity_m_s2: float, azimuth_deg: float) -> tuple[float, float]:
+        """Accelerations at lift-off and at toppling."""
+        gravity = self.frame @ np.array([0.0, 0.0, -gravity_m_s2])
+        push = -self.frame @ horizontal_unit_vector(azimuth_deg)
+        pose, ring = self.pose, self.ring
+        if ring is None or not _holds(ring, pose.com, gravity):
+            seated = self._fallen(pose, ring, gravity)
+            if seated is None:
+                return 0.0, 0.0
+            pose, ring = seated
+        lift_off, acceleration = np.inf, 0.0
+        while True:
+            acceleration, edge = _leaves(ring, pose.com, gravity, push, acceleration)
+            lift_off = min(lift_off, acceleration)
+            if not np.isfinite(acceleration) or (ring is self.ring and not self.own[edge]):
+                return lift_off, acceleration
+            beyond = acceleration * (1 + _PAST_THE_EDGE) + _PAST_THE_EDGE * gravity_m_s2
+            landed = self._fallen(pose, ring, gravity + beyond * push)
+            if landed is None:
+                return lift_off, acceleration
+            pose, ring = landed
+
+    def _fallen(self, pose: _Pose, ring: Array | None, weight: Array) -> tuple[_Pose, Array] | None:
+        """Find next rest under a constant effective gravity, and its support; None if it topples first."""
+        support = _touching(pose, self.tolerance) if ring is None else ring
+        least_height = (1.0 - TOPPLED_FALL) * self.pose.com[2]
+        least_up = np.cos(np.deg2rad(TOPPLED_TILT_DEG))
+        if weight[2] >= 0:
+            return None
+        while pose.up @ self.pose.up >= least_up and pose.com[2] >= least_height:
+            if len(support) > 2 and _holds(support, pose.com, weight):
+                return pose, support
+            pierced = pose.com[:2] - weight[:2] * pose.com[2] / weight[2]
+            pivot, outward, on_vertex = _nearest(support, pierced)
+            reach = (pose.points[:, :2] - pivot) @ outward
+            free = np.hypot(reach, pose.points[:, 2]) > self.tolerance
+            # A touching point behind the pivot stands at an angle of pi and rises: it cannot land next.
+            angle = np.arctan2(np.maximum(pose.points[:, 2], 0.0), reach)
+            landing = float(angle[free].min(initial=np.pi))
+            step = min(landing, max(landing / 4, _VERTEX_STEP_RAD)) if on_vertex else landing
+            pose = pose.rolled(pivot, outward, step)
+            support = _touching(pose, self.tolerance)
+        return None
+
+
+def _touching(pose: _Pose, tolerance: float) -> Array:
+    """Support (k, 2): a counter-clockwise polygon, or the one or two ends of what touches."""
+    points = pose.points[pose.points[:, 2] <= pose.points[:, 2].min() + tolerance, :2]
+    if len(points) < 3:
+        return points
+    order = _planar_hull(points, tolerance)
+    if order is not None:
+        return points[order]
+    along = points @ np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2][0]
+    return points[[along.argmin(), along.argmax()]]
+
+
+def _edge_moments(ring: Array, com: Array, force: Array) -> Array:
+    """Moments (k,) with which a force on the centre of mass holds the rock down on each edge of a ring."""
+    corners = np.column_stack([ring, np.zeros(len(ring))])
+    return _moment_arms(corners, com, np.array([0.0, 0.0, 1.0])) @ force
+
+
+def _holds(ring: Array, com: Array, weight: Array) -> bool:
+    rounding = -_ROUNDING * com[2] * np.linalg.norm(weight)
+    return len(ring) > 2 and bool((_edge_moments(ring, com, weight) >= rounding).all()) and weight[2] < 0
+
+
+def _leaves(ring: Array, com: Array, gravity: Array, push: Array, least: float) -> tuple[float, int]:
+    """Least acceleration, not below one that holds, at which an edge lets go; and that edge."""
+    hold, change = _edge_moments(ring, com, gravity), _edge_moments(ring, com, push)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        root = np.where(change < 0, -hold / change, np.inf)
+    edge = int(root.argmin())
+    return max(float(root[edge]), least), edge
+
+
+def _nearest(support: Array, pierced: Array) -> tuple[Array, Array, bool]:
+    """Nearest point of a support to a point outside, unit vector outward, whether it is a vertex."""
+    if len(support) > 1:
+        edge = np.roll(support, -1, axis=0) - support
+        share = ((pierced - support) * edge).sum(axis=1) / (edge * edge).sum(axis=1)
+        point = support + np.clip(share, 0.0, 1.0)[:, None] * edge
+        away = pierced - point
+        if len(support) > 2:  # edges behind which the point lies are not near, even if rounding says so
+            left = edge[:, 0] * (pierced - support)[:, 1] - edge[:, 1] * (pierced - support)[:, 0]
+            distance = np.where(left < 0, (away * away).sum(axis=1), np.inf)
+        else:
+            distance = (away * away).sum(axis=1)
+        best = int(distance.argmin())
+        if 0.0 < share[best] < 1.0:
+            outward = np.array([edge[best, 1], -edge[best, 0]]) / np.linalg.norm(edge[best])
+            return point[best], outward if outward @ away[best] >= 0 else -outward, False
+        vertex = point[best]
+    else:
+        vertex = support[0]
+    away = pierced - vertex
+    length = np.linalg.norm(away)
+    return vertex, away / length if length > 0 else np.array([1.0, 0.0]), True

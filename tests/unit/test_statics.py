@@ -1,0 +1,319 @@
+"""Laws of a rock's statics, against closed forms, symmetries and a linear program."""
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.optimize import linprog
+
+from models import ContactProperties, Pedestal, Rock, Scene
+from models.frames import plane_axes, plane_normal
+from models.shapes import box, ellipsoid
+from models.statics import (
+    equilibrium_possible,
+    lift_off_m_s2,
+    quasi_static_toppling_m_s2,
+    support_polygon_m,
+)
+
+G = 9.81
+EXACT = 1e-6  # the share that statics promises for polygons
+LEVEL = Pedestal(np.zeros(3), np.array([0.0, 0.0, 1.0]))
+
+
+def hull(points) -> Rock:
+    mesh = trimesh.Trimesh(np.asarray(points, float), process=False).convex_hull
+    return Rock.from_triangles(mesh.vertices, mesh.faces)
+
+
+def extruded(profile, half_depth=1.0) -> Rock:
+    """Convex profile (k, 2) in x, z drawn out along y."""
+    profile = np.asarray(profile, float)
+    ends = [
+        np.column_stack([profile[:, 0], np.full(len(profile), y), profile[:, 1]])
+        for y in (-half_depth, half_depth)
+    ]
+    return hull(np.vstack(ends))
+
+
+def toppling(scene, azimuth):
+    return quasi_static_toppling_m_s2(scene.rock, scene.pedestal, scene.gravity_m_s2, [azimuth])[0][1]
+
+
+def lift_off(scene, azimuth):
+    return lift_off_m_s2(scene.rock, scene.pedestal, scene.gravity_m_s2, [azimuth])[0][1]
+
+
+@pytest.mark.parametrize(
+    ("azimuth", "share"),
+    [(0, 1.0), (15, 1 / np.cos(np.pi / 12)), (30, 1 / np.cos(np.pi / 6)), (45, np.sqrt(2))],
+)
+@pytest.mark.parametrize("width", [0.02, 0.2, 0.55])
+def test_a_square_prism_topples_at_g_tan_alpha_over_the_cosine_to_its_nearest_side(azimuth, share, width):
+    scene = Scene.block(width, width, 0.6)
+    assert toppling(scene, azimuth) == pytest.approx(G * width / 0.6 * share, rel=EXACT)
+
+
+@given(
+    alpha=st.floats(2.0, 40.0),
+    slope=st.floats(0.0, 30.0),
+    downhill=st.floats(0.0, 360.0),
+    half_diagonal=st.floats(0.05, 10.0),
+)
+@settings(max_examples=40, deadline=None)
+def test_a_block_on_a_slope_topples_downhill_at_g_tan_of_alpha_less_the_slope(
+    alpha, slope, downhill, half_diagonal
+):
+    # Plane case: the block's sides lie along the slope; the ground accelerates uphill, the block falls
+    # downhill.
+    b, h = half_diagonal * np.sin(np.deg2rad(alpha)), half_diagonal * np.cos(np.deg2rad(alpha))
+    mesh = box(b, b, h).moved(turn_z(downhill))
+    scene = Scene.from_mesh((mesh.vertices_m, mesh.faces), slope_deg=slope, slope_azimuth_deg=downhill)
+    expected = max(0.0, G * np.tan(np.deg2rad(alpha - slope)))
+    assert toppling(scene, downhill + 180) == pytest.approx(expected, rel=EXACT, abs=1e-9 * G)
+    if expected > 0 and alpha + slope < 89:
+        assert toppling(scene, downhill) == pytest.approx(G * np.tan(np.deg2rad(alpha + slope)), rel=EXACT)
+
+
+def test_an_asymmetrical_base_topples_over_its_nearer_edge_by_its_own_slenderness():
+    # A wedge: the centre of mass of a triangle (0,0) (3,0) (0,6) stands at (1, 2): 1 from one edge, 2 from
+    # the other.
+    scene = Scene.from_mesh(mesh_of(extruded([(0, 0), (3, 0), (0, 6)], 5.0)))
+    assert toppling(scene, 0) == pytest.approx(G * 1 / 2, rel=EXACT)
+    assert toppling(scene, 180) == pytest.approx(G * 2 / 2, rel=EXACT)
+
+
+def test_a_centre_of_mass_beyond_the_support_topples_under_gravity_alone():
+    # A base 1 wide under a body that leans 4 to the side: gravity alone overturns, whatever the azimuth.
+    scene = Scene.from_mesh(mesh_of(extruded([(0, 0), (1, 0), (6, 6), (4, 6)], 1.0)))
+    assert scene.rock.com_m[0] > 1.0
+    for azimuth in (0, 90, 180, 270):
+        assert toppling(scene, azimuth) == lift_off(scene, azimuth) == 0.0
+
+
+def test_a_slope_beyond_alpha_topples_by_itself_and_one_short_of_it_does_not():
+    alpha = np.rad2deg(np.arctan(0.2 / 0.6))
+    tall = box(0.2, 0.2, 0.6)
+    for slope, stands in ((alpha - 0.01, True), (alpha + 0.01, False)):
+        scene = Scene.from_mesh(mesh_of(tall), slope_deg=slope, slope_azimuth_deg=0)
+        assert (toppling(scene, 180) > 0) == stands
+        assert (
+            equilibrium_possible(scene.with_contact(ContactProperties(10, 10)), np.zeros((1, 3)))[0] == stands
+        )
+
+
+def test_a_face_that_overhangs_a_pedestal_topples_over_the_pedestals_edge():
+    # The base sticks out 0.1 over the pedestal's edge at x = 0.1: arms 0.1 and 0.2.
+    ground = np.array([[-2, -2, 0], [0.1, -2, 0], [0.1, 2, 0], [-2, 2, 0]], float)
+    pedestal = Pedestal(np.zeros(3), np.array([0.0, 0.0, 1.0]), ground, np.array([[0, 1, 2], [0, 2, 3]]))
+    rock = Scene.block(0.2, 0.2, 0.6).rock
+    assert np.ptp(support_polygon_m(rock, pedestal), axis=0) == pytest.approx([0.3, 0.4, 0.0])
+    over_edge, over_corner = quasi_static_toppling_m_s2(rock, pedestal, G, [180, 0])
+    assert over_edge[1] == pytest.approx(G * 0.1 / 0.6, rel=EXACT)
+    assert over_corner[1] == pytest.approx(G * 0.2 / 0.6, rel=EXACT)
+
+
+def test_a_chamfer_holds_the_rock_again_until_its_far_edge_lets_go():
+    # Base half width .5, chamfer up to (1, .2): the rock tips over the base's corner first, lies down on the
+    # chamfer, and topples over the chamfer's far edge at the angle between that facet's normal and the line
+    # to its edge.
+    profile = np.array([(-0.5, 0), (0.5, 0), (1, 0.2), (1, 1.5), (-1, 1.5), (-1, 0.2)])
+    scene = Scene.from_mesh(mesh_of(extruded(profile, 5.0)))
+    com = scene.rock.com_m[[0, 2]]
+    chamfer = np.arctan2(0.2, 0.5)
+    along, normal = (
+        np.array([np.cos(chamfer), np.sin(chamfer)]),
+        np.array([np.sin(chamfer), -np.cos(chamfer)]),
+    )
+    arm = np.array([1, 0.2]) - com
+    assert lift_off(scene, 180) == pytest.approx(G * 0.5 / com[1], rel=EXACT)
+    # On the tilted facet the effective gravity's angle to the facet's normal is the angle of the ground's
+    # push.
+    assert toppling(scene, 180) == pytest.approx(G * (arm @ along) / (arm @ normal), rel=EXACT)
+    assert toppling(scene, 180) > lift_off(scene, 180)
+
+
+def test_a_flat_sharp_edged_base_topples_when_it_lifts_off():
+    rng = np.random.default_rng(7)
+    for _ in range(10):
+        base = rng.uniform(-1, 1, (8, 2))
+        rock = hull(
+            np.vstack([np.column_stack([base, np.zeros(8)]), np.column_stack([base, np.full(8, 3.0)])])
+        )
+        for azimuth in rng.uniform(0, 360, 6):
+            pair = [f(rock, LEVEL, G, [azimuth])[0][1] for f in (lift_off_m_s2, quasi_static_toppling_m_s2)]
+            # It may tip over a side edge and end on a neighbouring side only: lift-off is the end for upright
+            # sides.
+            assert pair[0] == pytest.approx(pair[1], rel=EXACT)
+
+
+def round_base(sides, radius=1.0, com_below=0.75):
+    """Plane body on a circular arc of given radius, its centre of mass `com_below` below the arc's centre."""
+    # A segment of the circle up to height c: its centroid is (2/3) s^3 / area below the centre, found by
+    # bisection.
+    angle = np.linspace(-1.0, 1.0, sides)
+
+    def profile(half_angle):
+        return np.column_stack(
+            [radius * np.sin(half_angle * angle), radius * (1 - np.cos(half_angle * angle))]
+        )
+
+    low, high = 0.3, np.pi / 2
+    for _ in range(60):
+        half = 0.5 * (low + high)
+        below = 2 / 3 * radius * np.sin(half) ** 3 / (half - np.sin(half) * np.cos(half))
+        low, high = (half, high) if below > com_below else (low, half)
+    return extruded(profile(half)), half
+
+
+def test_a_round_base_rolls_and_topples_where_its_stable_equilibrium_is_lost():
+    # Equilibrium of an arc of radius rho with the centre of mass c below its centre: a/g = c sin t / (rho - c
+    # cos t), whose limit point is cos t = c / rho, a/g = c / sqrt(rho^2 - c^2). Chords of the arc approach it
+    # to first order.
+    radius, below = 1.0, 0.75
+    exact = G * below / np.sqrt(radius**2 - below**2)
+    errors, lifts = [], []
+    for sides in (40, 80, 160):
+        rock, half_angle = round_base(sides, radius, below)
+        assert half_angle > np.arccos(below / radius) * 1.05
+        scene = Scene.from_mesh(mesh_of(rock))
+        errors.append(toppling(scene, 180) / exact - 1)
+        lifts.append(lift_off(scene, 180))
+    assert errors[2] == pytest.approx(0.0, abs=0.03)
+    assert np.diff(np.log2(np.abs(errors))) == pytest.approx([-1, -1], abs=0.25)
+    assert np.diff(np.log2(lifts)) == pytest.approx(
+        [-1, -1], abs=0.25
+    )  # a smooth base has no threshold of lift-off
+
+
+def test_an_ellipsoid_topples_at_the_greatest_angle_between_its_radius_and_its_normal():
+    # Semi-axes a > b: tan of the angle is (a^2 - b^2) sin t cos t / (a b), greatest at t = 45 degrees.
+    a, b = 1.0, 0.6
+    exact = G * (a**2 - b**2) / (2 * a * b)
+    values = []
+    for subdivisions in (2, 3, 4):
+        rock = ellipsoid((a, 1.3, b), subdivisions)
+        values.append(toppling(Scene.from_mesh(mesh_of(rock)), 0) / exact - 1)
+    assert np.diff(np.abs(values)).max() < 0
+    assert values[2] == pytest.approx(0.0, abs=0.12)  # first order in the facets' size, here 4.5 degrees
+    assert 2 * values[2] - values[1] == pytest.approx(
+        0.0, abs=0.02
+    )  # ... and extrapolates to the closed form
+
+
+def test_toppling_turns_with_the_rock_and_mirrors_with_it():
+    rng = np.random.default_rng(3)
+    rock = hull(rng.normal(size=(60, 3)) * [1.0, 0.7, 0.5])
+    scene = Scene.from_mesh(mesh_of(rock))
+    turned = Scene.from_mesh(mesh_of(rock.moved(turn_z(37.0))))
+    mirror = np.diag([1.0, -1.0, 1.0])
+    mirrored = Scene.from_mesh((rock.vertices_m @ mirror, rock.faces[:, ::-1]))
+    for azimuth in (0.0, 50.0, 200.0):
+        expected = toppling(scene, azimuth)
+        assert toppling(turned, azimuth + 37.0) == pytest.approx(expected, rel=1e-6)
+        assert toppling(mirrored, -azimuth) == pytest.approx(expected, rel=1e-6)
+
+
+def test_toppling_does_not_depend_on_size_or_duplicate_and_sliver_triangles():
+    rock = extruded([(-0.5, 0), (0.5, 0), (1, 0.2), (1, 1.5), (-1, 1.5), (-1, 0.2)], 5.0)
+    split = trimesh.Trimesh(rock.vertices_m, rock.faces, process=False).subdivide()
+    expected = toppling(Scene.from_mesh(mesh_of(rock)), 170)
+    assert toppling(Scene.from_mesh((split.vertices, split.faces)), 170) == pytest.approx(expected, rel=EXACT)
+    for scale in (1e-2, 1e2):
+        scaled = Scene.from_mesh((rock.vertices_m * scale, rock.faces))
+        assert toppling(scaled, 170) == pytest.approx(expected, rel=EXACT)
+
+
+def test_a_rock_on_fewer_than_three_points_rolls_onto_a_facet_and_has_no_static_equilibrium():
+    rock = ellipsoid((1.0, 1.0, 0.8), 2)
+    scene = Scene.from_mesh(mesh_of(rock.moved(turn_y(3.0))))
+    assert len(support_polygon_m(scene.rock, scene.pedestal)) < 3
+    assert 0 < lift_off(scene, 10) <= toppling(scene, 10)
+    assert not equilibrium_possible(scene, np.zeros((3, 3))).any()
+
+
+def brute_force_equilibrium(corners, com, normal, mu, force, sides=180):
+    """Whether forces at the corners, inside many-sided friction pyramids, balance a force on the rock."""
+    first, second = plane_axes(normal)
+    angle = 2 * np.pi * np.arange(sides) / sides
+    rays = normal + mu * (np.outer(np.cos(angle), first) + np.outer(np.sin(angle), second))
+    columns = [np.vstack([rays.T, np.cross(corner - com, rays).T]) for corner in corners]
+    found = linprog(
+        np.zeros(sides * len(corners)),
+        A_eq=np.hstack(columns),
+        b_eq=np.concatenate([-force, np.zeros(3)]),
+        method="highs",
+    )
+    return found.status == 0
+
+
+def test_equilibrium_is_possible_exactly_where_forces_inside_the_friction_cones_balance():
+    rng = np.random.default_rng(11)
+    answers, samples = 0, 0
+    for _ in range(12):
+        base = rng.uniform(-1, 1, (5, 2))
+        rock = hull(
+            np.vstack([np.column_stack([base, np.zeros(5)]), rng.uniform([-1, -1, 0.6], [1, 1, 2.6], (6, 3))])
+        )
+        slope, downhill = rng.uniform(0, 25), rng.uniform(0, 360)
+        scene = Scene.from_mesh(
+            mesh_of(rock), friction=rng.uniform(0.2, 1.5), slope_deg=slope, slope_azimuth_deg=downhill
+        )
+        acceleration = rng.normal(size=(25, 3)) * [4, 4, 5]
+        corners = support_polygon_m(scene.rock, scene.pedestal)
+        mu, normal = scene.contact.friction_static, scene.pedestal.normal
+        for one, possible in zip(acceleration, equilibrium_possible(scene, acceleration), strict=True):
+            weight = np.array([0, 0, -G]) - one
+            # The pyramid lies inside the cone by a share 1.5e-4: skip the samples between the two.
+            pressing = -weight @ normal
+            if abs(np.linalg.norm(weight + pressing * normal) - mu * pressing) < 3e-4 * mu * pressing:
+                continue
+            assert possible == brute_force_equilibrium(corners, scene.rock.com_m, normal, mu, weight)
+            answers += possible
+            samples += 1
+    assert 30 < answers < samples - 30  # both answers were put to the test
+
+
+def test_equilibrium_ends_at_the_toppling_and_at_the_slip_acceleration():
+    scene = Scene.block(0.2, 0.2, 0.6, friction=0.9)
+    edge = G / 3
+    yes, no = equilibrium_possible(scene, np.array([[edge * (1 - 1e-6), 0, 0], [edge * (1 + 1e-6), 0, 0]]))
+    assert yes
+    assert not no
+    slippery = Scene.block(0.2, 0.2, 0.6, friction=0.2)
+    yes, no = equilibrium_possible(slippery, 0.2 * G * np.array([[1 - 1e-6, 0, 0], [1 + 1e-6, 0, 0]]))
+    assert yes
+    assert not no
+    assert not equilibrium_possible(scene, [[0, 0, -1.01 * G]])[0]  # the ground falls away
+
+
+def test_equilibrium_on_a_slope_ends_at_the_yield_acceleration():
+    # A_y = tan(atan(mu) - beta), ground accelerated uphill.
+    mu, beta = 0.6, np.deg2rad(5)
+    scene = Scene.from_mesh(mesh_of(box(1, 1, 0.2)), friction=mu, slope_deg=5, slope_azimuth_deg=135)
+    uphill = (
+        -G * np.tan(np.arctan(mu) - beta) * np.array([np.cos(np.deg2rad(135)), np.sin(np.deg2rad(135)), 0])
+    )
+    assert equilibrium_possible(scene, [uphill * (1 - 1e-6), uphill * (1 + 1e-6)]).tolist() == [True, False]
+
+
+def test_the_support_polygon_runs_counter_clockwise_about_the_normal():
+    scene = Scene.from_mesh(mesh_of(box(1, 2, 3)), slope_deg=20, slope_azimuth_deg=70)
+    ring = support_polygon_m(scene.rock, scene.pedestal)
+    turn = np.cross(np.roll(ring, -1, axis=0) - ring, np.roll(ring, -2, axis=0) - np.roll(ring, -1, axis=0))
+    assert (turn @ plane_normal(20, 70) > 0).all()
+
+
+def mesh_of(rock):
+    return rock.vertices_m, rock.faces
+
+
+def turn_z(degrees):
+    c, s = np.cos(np.deg2rad(degrees)), np.sin(np.deg2rad(degrees))
+    return np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+
+
+def turn_y(degrees):
+    c, s = np.cos(np.deg2rad(degrees)), np.sin(np.deg2rad(degrees))
+    return np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]])

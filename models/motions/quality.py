@@ -5,8 +5,8 @@ import numpy as np
 from models.motions.formats.component import Component, refuse
 
 QUESTIONABLE_M_S2 = 5 * 9.80665
-CLIPPED_SAMPLES = 12
-"""So many samples in a row at the extreme are a clipped instrument."""
+CLIPPED_SAMPLES, CLIPPED_RUN = 10, 4
+"""So many samples at the extreme, so many of them in a row, are a clipped instrument."""
 SPIKE_RATIO = 8.0
 """A lone sample this many times farther from its neighbours than the next farthest is a spike."""
 FILLED_GAP_S = 0.5
@@ -42,11 +42,12 @@ def doubts(component: Component) -> None:
 def _clipped(component: Component, a: np.ndarray) -> None:
     for extreme in (a.max(), a.min()):
         start, length = _longest_run(a == extreme)
-        if length >= CLIPPED_SAMPLES and abs(extreme - np.median(a)) > 0.5 * np.abs(a - np.median(a)).max():
+        count = int((a == extreme).sum())
+        if count >= CLIPPED_SAMPLES and length >= CLIPPED_RUN and abs(extreme - np.median(a)) > 0.5 * np.abs(a - np.median(a)).max():
             _doubt(
                 component,
                 start,
-                f"{length} samples in a row are at the extreme {extreme:.4g} m/s2: clipped",
+                f"{count} samples, {length} in a row, are at the extreme {extreme:.4g} m/s2: clipped",
                 "a record within the instrument's range",
                 "leave the record out, or accept it with --doubtful",
             )

@@ -1,0 +1,364 @@
+"""Small files of every format, written from one motion, so that no agency's file is needed to test a reader."""
+
+from pathlib import Path
+
+import numpy as np
+import obspy
+from obspy.core.inventory import Channel, Inventory, Network, Response, Site, Station
+from obspy.core.inventory.response import InstrumentSensitivity
+
+G = 9.80665
+STEP_S = 0.01
+COUNT = 400
+
+
+def shaking(count: int = COUNT, step_s: float = STEP_S, seed: int = 0) -> np.ndarray:
+    """Acceleration (n, 3) in m/s2, x east, y north, z up: a burst that begins and ends at rest."""
+    rng = np.random.default_rng(seed)
+    time = np.arange(count) * step_s
+    burst = np.sin(np.pi * time / time[-1]) ** 4
+    tones = rng.uniform(0.5, 6, (3, 8))
+    phases = rng.uniform(0, 2 * np.pi, (3, 8))
+    series = np.sin(2 * np.pi * tones[:, :, None] * time + phases[:, :, None]).sum(axis=1)
+    return (np.array([0.9, 0.6, 0.3])[:, None] * burst * series).T
+
+
+def rows(values: np.ndarray, form: str, across: int) -> str:
+    """Numbers in Fortran columns."""
+    texts = [format(v, form) for v in values]
+    return "".join("".join(texts[i : i + across]) + "\n" for i in range(0, len(texts), across))
+
+
+def peer(folder: Path, a: np.ndarray, old_style: bool = False) -> list[Path]:
+    paths = []
+    for label, series in (("090", a[:, 0]), ("000", a[:, 1]), ("UP", a[:, 2])):
+        count = (
+            f"{len(series):5d} {STEP_S:.4f} NPTS, DT" if old_style else f"NPTS= {len(series):6d}, DT=   .0100 SEC,"
+        )
+        body = rows(series / G, "15.7E", 5).replace(" 0.", "  .").replace("-0.", " -.")
+        path = folder / f"RSN9_TEST_STA{label}.AT2"
+        path.write_text(
+            "PEER NGA STRONG MOTION DATABASE RECORD\n"
+            f"Testquake, 1/2/2003, Station, {label}\nACCELERATION TIME SERIES IN UNITS OF G\n{count}\n{body}"
+        )
+        paths.append(path)
+    return paths
+
+
+def columns(folder: Path, a: np.ndarray) -> list[Path]:
+    time = np.arange(len(a)) * STEP_S
+    paths = []
+    for label, series in (("E", a[:, 0]), ("N", a[:, 1]), ("Z", a[:, 2])):
+        path = folder / f"20220917_STA1_{label}.acc"
+        path.write_text("".join(f"{t:012.8f} {v:.6f}\n" for t, v in zip(time, series, strict=True)))
+        paths.append(path)
+    table = folder / "table.csv"
+    table.write_text(
+        "rec_id,event,station,mag,dist_km,h1,h2,v,unit,processing\n"
+        "C1,Testquake,STA1,6.5,12,20220917_STA1_E.acc,20220917_STA1_N.acc,20220917_STA1_Z.acc,m/s2,corrected\n"
+    )
+    return paths
+
+
+def _volume_1_head(channel: str, count: int, length: float, units: str) -> str:
+    return (
+        "UNCORRECTED ACCELEROGRAM DATA              PROCESSED: 02/08/94, TEST\n"
+        "TESTQUAKE\nJANUARY 17, 1994 04:31 PST\n14403-S3492-94021.02\n"
+        "STATION NO. 14403   33.929N, 118.260W     SMA-1  S/N 3492\nTEST SCHOOL\n"
+        f"{channel}\nTESTQUAKE\nHYPOCENTER: 34.215N, 118.538W, H=18KM. ML=6.6, MW=6.7\n"
+        "INSTR PERIOD =  .0397 SEC,  DAMPING =  .592,  SENSITIVITY = 1.77 CM/G.\n"
+        f"NO. OF POINTS =  {count:5d}  RECORD LENGTH = {length:.3f} SEC\n{units}\nRMS ACCEL =  .021 G.\n"
+        + rows(np.zeros(100), "5.0f", 16)
+        + rows(np.zeros(50), "10.3f", 8)
+    )
+
+
+def csmip_v1(folder: Path, a: np.ndarray) -> list[Path]:
+    text = ""
+    for number, (label, series) in enumerate((("90 DEG", a[:, 0]), ("360 DEG", a[:, 1]), ("UP", a[:, 2])), 1):
+        text += _volume_1_head(
+            f"CHAN  {number}:  {label}", len(series), len(series) * STEP_S, "UNITS OF UNCOR ACCEL IS G."
+        )
+        text += f"{len(series):5d} POINTS OF ACCEL DATA EQUALLY SPACED AT .010 SEC.  (UNITS: G)\n"
+        text += rows(series / G, "9.6f", 8) + f"/&  ----------  END OF DATA FOR CHANNEL  {number}  ----------\n"
+    path = folder / "quake.RAW"
+    path.write_text(text)
+    return [path]
+
+
+def pairs_v1(folder: Path, a: np.ndarray) -> list[Path]:
+    """Pairs of time and acceleration, as CDMG, RENADIC and USC print them."""
+    time = np.arange(len(a)) * STEP_S
+    text = ""
+    for number, (label, series) in enumerate((("L", a[:, 0]), ("V", a[:, 2]), ("T", a[:, 1])), 1):
+        text += _volume_1_head(
+            f"CHAN  {number}: {label}        (STA CHN:  {number})",
+            len(series),
+            time[-1],
+            "UNITS OF UNCOR ACCEL ARE SEC AND G/10.     MAX  =  0.132 G",
+        ).replace("TESTQUAKE\nHYP", "UNIVERSIDAD DE CHILE - RENADIC\nHYP")
+        text += rows(np.column_stack([time, series / G * 10]).ravel(), "7.3f", 10)
+        text += f"/&  ----------  END OF DATA FOR CHANNEL {number}  ----------\n"
+    path = folder / "station.v1"
+    path.write_text(text)
+    return [path]
+
+
+def bhrc(folder: Path, a: np.ndarray) -> list[Path]:
+    text = ""
+    for label, series in (("L1", a[:, 0]), ("V2", a[:, 2]), ("T3", a[:, 1])):
+        text += (
+            f"* VOL1DS FILE:  5520/01\nInst Type = SSA-2\nOrigin Time : 2012/08/11   12:23:16\n\n{label[0]}\n\nCOMP {label}\n"
+            "Ahar                      Station   38.474 N 47.059 E   Altitude 1360m   Azimuth L 352   T 82\n"
+            "Epicenter 38.520 N 46.860 E   (BHRC   )\nINSTR PERIOD =  .019 SEC   DAMPING =  .640\n"
+            f"NO. OF POINTS =  {len(series):5d}      DURATION =  {len(series) * STEP_S:.3f}\nUNITS ARE SECONDS AND G/10\n\n"
+            + rows(np.zeros(98), "5.0f", 14)
+            + rows(np.zeros(35), "13.6E", 5)
+            + rows(series / G * 10, "13.6E", 10)
+            + "/&\n"
+        )
+    path = folder / "5520-1.V1"
+    path.write_text(text)
+    return [path]
+
+
+def csmip_v2(folder: Path, a: np.ndarray) -> list[Path]:
+    text = ""
+    for number, (label, series) in enumerate((("180 Deg", -a[:, 1]), ("90 Deg", a[:, 0]), ("Up", a[:, 2])), 1):
+        title = [f"Corrected accelerogram   89486-N2628-22354.08       Chan  {number}: {label}     from", "Uncorrected"]
+        title += ["Rcrd of Tue Dec 20, 2022", "Preliminary", "89486-N2628", "Station No. 89486   40.585N, 124.146W"]
+        title += ["Test - 701 S. Blvd.            CGS   Data: Acceleration", f"Chan  {number}: {label}"]
+        title += ["x"] * 17
+        text += "\n".join(title) + "\n" + rows(np.zeros(100), "5.0f", 16) + rows(np.zeros(100), "10.3f", 8)
+        for kind, unit in (("accel", "cm/sec2. (8f10.5)"), ("veloc", "cm/sec.  (8f10.6)"), ("displ", "cm.      (8f10.7)")):
+            text += f" {len(series)} points of {kind} data equally spaced at 0.010 sec, in {unit}\n"
+            text += rows(series * 100 if kind == "accel" else np.zeros(len(series)), "10.5f", 8)
+        text += f"/&  ----------  End of data for channel  {number}  ----------\n"
+    path = folder / "sample.v2"
+    path.write_text(text)
+    return [path]
+
+
+def cosmos(folder: Path, a: np.ndarray, corrected: bool = True) -> list[Path]:
+    text = ""
+    for number, (label, series) in enumerate((("360 deg", a[:, 1]), ("Up", a[:, 2]), ("90 deg", a[:, 0])), 1):
+        reals = np.full(100, -999.0)
+        reals[61] = STEP_S * 1000
+        title = [f"{'Corrected' if corrected else 'Uncorrected'} acceleration  (Format v01.20 with 13 text lines)"]
+        title += ["Record of Testquake of Tue Aug 28, 2018", "Hypocenter: 34.0 -118.0 H= 10km Mw=6.8", "Origin: 2018"]
+        title += ["Statn No: 05- 23837 Code:CE-23837  CGS  Test", "Coords: 34.063  -117.785", "Recorder: Etna"]
+        title += ["Rcrd start time: 8/29/2018", f"Sta Chan  {number}: {label} (Rcrdr Chan  {number})", "Raw", "Processed"]
+        title += ["Record filtered", "Values used when parameter is unknown: -999, -999.0"]
+        unit, factor = ("cm/sec2(04)", 100.0) if corrected else ("g.     (02)", 1 / G)
+        text += "\n".join(title) + "\n 100 Integer-header values follow on  10 lines, Format= (10I8)\n"
+        text += rows(np.where(np.arange(100) == 0, 2 if corrected else 1, -999), "8.0f", 10)
+        text += " 100 Real-header values follow on  17 lines, Format= (6F13.6)\n" + rows(reals, "13.6f", 6)
+        text += f'   1 Comment line(s) follow, each starting with a "|":\n|<SCNL>23837.HN{number}.CE.--\n'
+        text += f"   {len(series)} acceleration pts, approx   4 secs, units={unit},Format=(8f11.6)\n"
+        text += rows(series * factor, "11.6f", 8) + f"End-of-data for Chan  {number} acceleration\n"
+    path = folder / ("sample.V2C" if corrected else "sample.V1C")
+    path.write_text(text)
+    return [path]
+
+
+def smc(folder: Path, a: np.ndarray) -> list[Path]:
+    paths = []
+    for label, series, vertical, azimuth in (("90", a[:, 0], 90, 90), ("up", a[:, 2], 0, -32768), ("360", a[:, 1], 90, 360)):
+        integers = np.full(48, -32768)
+        integers[[12, 13, 15, 16]] = vertical, azimuth, 2, len(series)
+        reals = np.full(50, 1.7e38)
+        reals[[1, 5, 16]] = 1 / STEP_S, 6.9, 40.0
+        samples = "".join(
+            "".join(_short_exponent(v) for v in series[i : i + 8] * 100) + "\n" for i in range(0, len(series), 8)
+        )
+        path = folder / f"np01_{label}.smc"
+        path.write_text(
+            "2 CORRECTED ACCELEROGRAM\n*\nA020A\n     1989  10  18    0004 Testquake, CA\nMoment Mag=      7.1\n"
+            f"station = Test City  component=    {label}\nepicentral dist =     40.0\ninst type=SMA-1\n*\n*\n*\n"
+            + rows(integers, "10d", 8)
+            + rows(reals, "15.7E", 5)
+            + f"|\n|comment\n{samples}"
+        )
+        paths.append(path)
+    return paths
+
+
+def _short_exponent(value: float) -> str:
+    mantissa, exponent = f"{value:.4E}".split("E")
+    return f"{float(mantissa):7.4f}E{max(int(exponent), -9):+d}"
+
+
+def geonet(folder: Path, a: np.ndarray, corrected: bool = True) -> list[Path]:
+    text = ""
+    # N28W is 332 degrees from north, S62W 242
+    axes = {name: np.deg2rad(90 - bearing) for name, bearing in (("N28W", 332), ("S62W", 242))}
+    along = {name: a[:, 0] * np.cos(angle) + a[:, 1] * np.sin(angle) for name, angle in axes.items()}
+    for name, series in (*along.items(), ("Up", a[:, 2])):
+        how = (
+            "Instrument corrected data at 0.010 sec intervals"
+            if corrected
+            else "Raw readings in units of 1.00 mm/s/s  at intervals of 0.010 s"
+        )
+        title = [f"{'Corrected' if corrected else 'Uncorrected'} accelerogram 20161113_110256_WTMC_20 GNS Science"]
+        title += ["Site WTMC      42 37 10S  173 03 13E     Cusp file", "Farm", "Instrument", "Resolution", "Accelerogram"]
+        title += ["5 km south-west", "2016 November 13         11:02:56 UT"]
+        title += ["Epicentre  42 41 33S 173 01 19E  Bearing S18W  Dist    9km  Depth   15km Mw 7.82"]
+        title += [f"Number of points  {len(series)}", how, "Filter", f"Component {name}", "A", "V", "D"]
+        integers = np.zeros(40)
+        integers[33:36] = len(series), len(series) * corrected, 0
+        text += "\n".join(title) + "\n" + rows(integers, "8.0f", 10) + rows(np.zeros(60), "8.2f", 10)
+        text += rows(series * 1000, "8.1f", 10)
+        if corrected:
+            text += rows(np.zeros(len(series)), "8.2f", 10)
+    path = folder / ("sample.V2A" if corrected else "sample.V1A")
+    path.write_text(text)
+    return [path]
+
+
+def esm(folder: Path, a: np.ndarray) -> list[Path]:
+    paths = []
+    for letter, series in (("E", a[:, 0]), ("N", a[:, 1]), ("Z", a[:, 2])):
+        header = {
+            "EVENT_NAME": "TEST",
+            "EVENT_ID": "EMSC-1",
+            "MAGNITUDE_W": "6.1",
+            "NETWORK": "HI",
+            "STATION_CODE": "ARS1",
+            "LOCATION": "",
+            "EPICENTRAL_DISTANCE_KM": "21.0",
+            "SAMPLING_INTERVAL_S": f"{STEP_S:.6f}",
+            "NDATA": str(len(series)),
+            "STREAM": f"HN{letter}",
+            "UNITS": "cm/s^2",
+            "DATA_TYPE": "ACCELERATION",
+            "PROCESSING": "manual (Paolucci et al., 2011)",
+        }
+        lines = [f"{key}: {value}" for key, value in header.items()]
+        lines += [f"USER{i}:" for i in range(64 - len(lines))] + [f"{v:.6f}" for v in series * 100]
+        path = folder / f"HI.ARS1..HN{letter}.D.20190728.C.ACC.ASC"
+        path.write_text("\n".join(lines) + "\n")
+        paths.append(path)
+    return paths
+
+
+def unam(folder: Path, a: np.ndarray) -> list[Path]:
+    count = len(a)
+    keys = {
+        "CLAVE DE LA ESTACION": "PZPU",
+        "ORIENTACION C1-C6 (rumbo;orientacion)": "/V/N00E/N90E",
+        "INTERVALO DE MUESTREO, C1-C6 (s)": "/0.01/0.01/0.01",
+        "FECHA DEL SISMO [GMT]": "2017/09/19",
+        "MAGNITUD(ES)": "/M=7.1",
+        "NUM. TOTAL DE MUESTRAS, C1-C6": f"/{count}/{count}/{count}",
+        "UNIDADES DE LOS DATOS": "Gal (cm/s/s)",
+    }
+    lines = ["*" * 86, "INSTITUTO DE INGENIERIA, UNAM", "ARCHIVO ESTANDAR DE ACELERACION:"]
+    lines += [f"{key:<39}: {value}" for key, value in keys.items()]
+    lines += ["DATOS DE ACELERACION:", "---------+", "   CANAL-1   CANAL-2   CANAL-3", "V N00E N90E", "---------+"]
+    lines += ["".join(f"{v:10.4f}" for v in row) for row in a[:, [2, 1, 0]] * 100]
+    path = folder / "PZPU1709.191"
+    path.write_text("\n".join(lines) + "\n")
+    return [path]
+
+
+def cwb(folder: Path, a: np.ndarray) -> list[Path]:
+    time = np.arange(len(a)) * STEP_S
+    table = np.column_stack([time, a[:, 2] * 100, a[:, 1] * 100, a[:, 0] * 100])
+    path = folder / "1-TST.dat"
+    path.write_text(
+        "#Earthquake Information\n#Origin Time(GMT+08): 2018/02/06-23:50:42\n#Magnitude(Ml): 6.0\n#StationCode: TST\n"
+        f"#RecordLength(sec): {len(a) * STEP_S:.3f}\n#SampleRate(Hz): 100\n#AmplitudeUnit:  gal. DCoffset(corr)\n"
+        "#DataSequence: Time U(+); N(+); E(+)\n#Data: 4F10.3\n" + rows(table.ravel(), "10.3f", 4)
+    )
+    return [path]
+
+
+def knet(folder: Path, a: np.ndarray) -> list[Path]:
+    paths = []
+    for letter, series in (("EW", a[:, 0]), ("NS", a[:, 1]), ("UD", a[:, 2])):
+        direction = {"EW": "E-W", "NS": "N-S", "UD": "U-D"}[letter]
+        counts = np.round(series * 100 / (2000 / 8388608) * 8388608 / 8388608).astype(int)
+        header = {
+            "Origin Time": "2018/01/24 19:51:00",
+            "Lat.": "41.0",
+            "Long.": "142.5",
+            "Depth. (km)": "30",
+            "Mag.": "6.2",
+            "Station Code": "AOM007",
+            "Station Lat.": "41.1690",
+            "Station Long.": "141.3846",
+            "Station Height(m)": "17",
+            "Record Time": "2018/01/24 19:51:36",
+            "Sampling Freq(Hz)": "100Hz",
+            "Duration Time(s)": "4",
+            "Dir.": direction,
+            "Scale Factor": "2000(gal)/8388608",
+            "Max. Acc. (gal)": f"{np.abs(series).max() * 100:.3f}",
+            "Last Correction": "2018/01/24 19:51:36",
+            "Memo.": "",
+        }
+        path = folder / f"AOM0071801241951.{letter}"
+        path.write_text("".join(f"{k:<18}{v}\n" for k, v in header.items()) + rows(counts, "9d", 8))
+        paths.append(path)
+    return paths
+
+
+def miniseed(folder: Path, a: np.ndarray, response: bool = True) -> list[Path]:
+    """Counts at 200,000 to 1 m/s2, and the StationXML that says so."""
+    paths, channels = [], []
+    for letter, series, azimuth, dip in (("E", a[:, 0], 90, 0), ("N", a[:, 1], 0, 0), ("Z", a[:, 2], 0, -90)):
+        header = {"network": "XX", "station": "TST", "channel": f"HN{letter}", "delta": STEP_S}
+        trace = obspy.Trace(np.round(series * 2e5).astype(np.int32), header)
+        trace.stats.starttime = obspy.UTCDateTime(2020, 1, 1)
+        path = folder / f"XX.TST..HN{letter}.mseed"
+        trace.write(str(path), format="MSEED")
+        paths.append(path)
+        sensitivity = InstrumentSensitivity(2e5, 1.0, "M/S**2", "COUNTS")
+        channels.append(
+            Channel(
+                f"HN{letter}", "", 0, 0, 0, 0, azimuth=azimuth, dip=dip, response=Response(instrument_sensitivity=sensitivity)
+            )
+        )
+    if response:
+        station = Station("TST", 0, 0, 0, site=Site("test"), channels=channels)
+        path = folder / "XX.TST.xml"
+        Inventory([Network("XX", [station])], source="test").write(str(path), format="STATIONXML")
+        paths.append(path)
+    return paths
+
+
+def sac(folder: Path, a: np.ndarray) -> list[Path]:
+    paths = []
+    for letter, series, azimuth, inclination in (("E", a[:, 0], 90, 90), ("N", a[:, 1], 0, 90), ("Z", a[:, 2], 0, 0)):
+        header = {"network": "XX", "station": "TST", "channel": f"HN{letter}", "delta": STEP_S}
+        trace = obspy.Trace(series.astype(np.float32), header)
+        trace.stats.sac = {"cmpaz": azimuth, "cmpinc": inclination, "idep": 8}
+        path = folder / f"XX.TST.HN{letter}.sac"
+        trace.write(str(path), format="SAC")
+        paths.append(path)
+    (folder / "table.csv").write_text(
+        "rec_id,h1,h2,v,unit\nS1,XX.TST.HNE.sac,XX.TST.HNN.sac,XX.TST.HNZ.sac,m/s2\n"
+    )
+    return paths
+
+
+WRITERS = {
+    "peer": peer,
+    "peer_old_header": lambda folder, a: peer(folder, a, old_style=True),
+    "columns": columns,
+    "csmip_v1": csmip_v1,
+    "pairs_v1": pairs_v1,
+    "bhrc": bhrc,
+    "csmip_v2": csmip_v2,
+    "cosmos_v2": cosmos,
+    "cosmos_v1": lambda folder, a: cosmos(folder, a, corrected=False),
+    "smc": smc,
+    "geonet_v2a": geonet,
+    "geonet_v1a": lambda folder, a: geonet(folder, a, corrected=False),
+    "esm": esm,
+    "unam": unam,
+    "cwb": cwb,
+    "knet": knet,
+    "miniseed": miniseed,
+    "sac": sac,
+}

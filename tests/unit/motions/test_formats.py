@@ -1,0 +1,223 @@
+"""Every format gives back the motion that was written in it, in x east, y north, z up; damage is named with its line."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from models import InputError
+from models.motions.formats import read_file
+from models.motions.formats.component import bearing
+from models.motions.importing import Wishes, import_records, record_files
+from models.motions.metadata import read_table
+from motion_samples import COUNT, STEP_S, WRITERS, columns, peer, shaking
+
+# what each format's printing rounds off, m/s2: half of its last digit
+ROUNDING = {"pairs_v1": 5e-4, "geonet_v2a": 5e-5, "geonet_v1a": 5e-5, "cwb": 5e-6, "smc": 3e-3, "miniseed": 3e-6, "knet": 2e-6}
+RAW = {"csmip_v1", "pairs_v1", "bhrc", "cosmos_v1", "geonet_v1a", "unam", "cwb", "knet", "miniseed", "sac"}
+UNORIENTED = {"pairs_v1"}
+
+
+def imported(folder: Path, **wishes):
+    table = folder / "table.csv"
+    return import_records(record_files([folder]), read_table(table) if table.exists() else [], Wishes(**wishes))
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_a_motion_comes_back_from_every_format_as_it_was_written(name, tmp_path):
+    a = shaking()
+    WRITERS[name](tmp_path, a)
+    outcome = imported(tmp_path, process=False)
+    assert [str(r.reason) for r in outcome.refusals] == []
+    (record,) = outcome.records
+    motion = record.motion
+    assert motion.time_step_s == pytest.approx(STEP_S, rel=1e-9)
+    assert len(motion.acceleration_m_s2) == COUNT
+    expected = a
+    if name == "bhrc":  # written along 352 and 82 degrees
+        turn = np.deg2rad([90 - 352, 90 - 82])
+        expected = a.copy()
+        expected[:, :2] = a[:, :2] @ np.column_stack([np.cos(turn), np.sin(turn)]).T
+    assert np.abs(motion.acceleration_m_s2 - expected).max() <= 1.5 * ROUNDING.get(name, 1e-5) + 1e-5
+    assert record.north_known is (name not in UNORIENTED)
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_uncorrected_records_are_processed_and_corrected_ones_left_alone(name, tmp_path):
+    WRITERS[name](tmp_path, shaking())
+    (record,) = imported(tmp_path).records
+    assert any("high-pass" in step for step in record.history) is (name in RAW)
+
+
+def test_the_two_peer_headers_mean_the_same(tmp_path):
+    for style in (False, True):
+        (tmp_path / str(style)).mkdir()
+        peer(tmp_path / str(style), shaking(), old_style=style)
+    a, b = (imported(tmp_path / style).records[0] for style in ("False", "True"))
+    assert a.sha == b.sha
+
+
+def test_counts_without_a_response_are_refused(tmp_path):
+    WRITERS["miniseed"](tmp_path, shaking(), response=False)
+    outcome = imported(tmp_path)
+    assert not outcome.records
+    assert "unit" in outcome.refusals[0].reason.what
+    assert "StationXML" in outcome.refusals[0].reason.remedy
+
+
+@pytest.mark.parametrize(
+    ("label", "direction"),
+    [("090", 90.0), ("360 DEG", 0.0), ("N28W", 332.0), ("S62W", 242.0), ("N90E", 90.0), ("S10E", 170.0)]
+    + [("UP", "up"), ("UD", "up"), ("DWN", "down"), ("EW", 90.0), ("NS", 0.0), ("L", None), ("", None), ("400", None)],
+)
+def test_bearings_are_read_as_they_are_written(label, direction):
+    assert bearing(label) == direction
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_a_truncated_file_is_refused_and_named(name, tmp_path):
+    files = [path for path in WRITERS[name](tmp_path, shaking()) if path.suffix != ".xml"]
+    victim = files[0]
+    content = victim.read_bytes()
+    victim.write_bytes(content[: int(0.7 * len(content))])
+    outcome = imported(tmp_path, process=False)
+    if name == "columns" and outcome.records:  # no header counts them: what is left is cut to the shortest, and said
+        assert any("cut to" in step for step in outcome.records[0].history)
+        return
+    if name in {"miniseed", "knet"} and outcome.records:  # whole blocks or lines are left
+        assert any("cut to" in step for step in outcome.records[0].history)
+        return
+    assert not outcome.records
+    assert any(str(victim) in refusal.reason.where for refusal in outcome.refusals)
+
+
+def damaged(path: Path, line: int, old: str, new: str) -> None:
+    lines = path.read_text().splitlines(keepends=True)
+    assert old in lines[line - 1]
+    lines[line - 1] = lines[line - 1].replace(old, new, 1)
+    path.write_text("".join(lines))
+
+
+def test_nan_is_refused_with_its_line(tmp_path):
+    path = peer(tmp_path, shaking())[0]
+    number = path.read_text().splitlines()[41].split()[2]
+    damaged(path, 42, number, "NaN".rjust(len(number)))
+    with pytest.raises(InputError, match=r"AT2:42: 'NaN' is not a finite number"):
+        read_file(path)
+
+
+def test_a_wrong_count_is_refused(tmp_path):
+    path = peer(tmp_path, shaking())[0]
+    damaged(path, 4, "   400", "   401")
+    with pytest.raises(InputError, match="400 samples follow where the header counts 401"):
+        read_file(path)
+
+
+def test_two_time_steps_are_refused(tmp_path):
+    paths = peer(tmp_path, shaking())
+    damaged(paths[1], 4, ".0100", ".0050")
+    (refusal,) = imported(tmp_path).refusals
+    assert "time step" in refusal.reason.what
+
+
+def test_a_gap_in_the_times_is_refused_with_its_line(tmp_path):
+    path = columns(tmp_path, shaking())[0]
+    lines = path.read_text().splitlines(keepends=True)
+    path.write_text("".join(lines[:100] + lines[130:]))
+    with pytest.raises(InputError, match=r"acc:101: the time goes on by 0\.31 s where the step is 0\.01 s"):
+        read_file(path)
+
+
+def test_a_file_without_a_header_or_of_no_format_is_refused(tmp_path):
+    path = tmp_path / "notes.txt"
+    path.write_text("this is no record\n" * 20)
+    with pytest.raises(InputError, match="format is not known"):
+        read_file(path)
+    path.write_bytes(b"")
+    with pytest.raises(InputError, match="empty"):
+        read_file(path)
+
+
+def test_a_missing_vertical_is_refused_unless_asked_for(tmp_path):
+    a = shaking()
+    columns(tmp_path, a)
+    table = tmp_path / "table.csv"
+    table.write_text(table.read_text().replace("20220917_STA1_Z.acc", ""))
+    (tmp_path / "20220917_STA1_Z.acc").unlink()
+    assert "no vertical" in imported(tmp_path).refusals[0].reason.what
+    (record,) = imported(tmp_path, missing_vertical=True).records
+    assert np.all(record.motion.acceleration_m_s2[:, 2] == 0)
+
+
+def doubtful(tmp_path: Path, a: np.ndarray) -> str:
+    peer(tmp_path, a)
+    outcome = imported(tmp_path)
+    assert imported(tmp_path, doubtful=True).records
+    (refusal,) = outcome.refusals
+    assert ".AT2:5" in refusal.reason.where
+    return refusal.reason.what
+
+
+def test_peaks_beyond_5_g_are_questioned(tmp_path):
+    assert "beyond 5 g" in doubtful(tmp_path, 30 * shaking())
+
+
+def test_a_clipped_record_is_questioned(tmp_path):
+    a = shaking()
+    assert "clipped" in doubtful(tmp_path, np.clip(a, -0.35 * np.abs(a).max(), 0.35 * np.abs(a).max()))
+
+
+def test_a_spike_is_questioned(tmp_path):
+    a = shaking()
+    a[217, 1] += 20.0
+    assert "a spike (sample 217" in doubtful(tmp_path, a)
+
+
+def test_a_gap_filled_with_a_constant_is_questioned(tmp_path):
+    a = shaking()
+    a[150:230, 0] = 0.0
+    assert "filled gap" in doubtful(tmp_path, a)
+
+
+def test_two_records_that_are_one_are_found(tmp_path):
+    a = shaking()
+    for name in ("peer", "esm"):
+        (tmp_path / name).mkdir()
+        WRITERS[name](tmp_path / name, a)
+    outcome = imported(tmp_path)
+    assert len(outcome.records) == 1
+    assert "the same shaking as" in outcome.refusals[0].reason.what
+
+
+def test_horizontals_along_one_line_are_refused_and_oblique_ones_resolved(tmp_path):
+    a = shaking()
+    columns(tmp_path, a)
+    table = tmp_path / "table.csv"
+    lines = table.read_text().splitlines()
+
+    def with_azimuths(h1, h2):
+        table.write_text(f"{lines[0]},h1_azimuth,h2_azimuth\n{lines[1]},{h1},{h2}\n")
+        return imported(tmp_path)
+
+    assert "along one line" in with_azimuths(10, 25).refusals[0].reason.what
+    (record,) = with_azimuths(90, 30).records
+    # what was read along 90 degrees is x; along 30 degrees from north, x sin 30 + y cos 30 was read
+    x, y, _ = record.motion.acceleration_m_s2.T
+    assert np.allclose(x, a[:, 0], atol=1e-6)
+    assert np.allclose(x * np.sin(np.pi / 6) + y * np.cos(np.pi / 6), a[:, 1], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("row", "what"),
+    [
+        ("A,E,N,Z,furlong,6", "unit 'furlong'"),
+        ("A,,N,Z,g,6", "no file in column h1"),
+        ("A,E,N,Z,g,six", "magnitude is 'six'"),
+    ],
+)
+def test_a_wrong_metadata_table_is_refused_with_its_line(row, what, tmp_path):
+    table = tmp_path / "table.csv"
+    table.write_text(f"rec_id,h1,h2,v,unit,mag\n{row}\n")
+    with pytest.raises(InputError, match=what) as error:
+        read_table(table)
+    assert error.value.where == f"{table}:2"

@@ -7,7 +7,9 @@ from pathlib import Path
 import pandas as pd
 
 from results import figures
+from results.directions import sector_share, topple_rose
 from results.fragility import Plane, by_contact, cells, cells_by_direction
+from results.friction import compare_cells, compare_jobs
 
 
 def write_maps(
@@ -44,6 +46,42 @@ def write_maps(
             stem = place / f"{plane.name}_by_direction"
             yield save_table(split, stem.with_name(f"{stem.name}.csv"))
             yield from figures.save(figures.direction_figure(split, plane, directions, contact), stem)
+
+
+def write_directions(
+    frame: pd.DataFrame, quasi_static: pd.DataFrame | None, folder: Path, sector_deg: tuple[float, float]
+) -> Iterator[Path]:
+    """Write the rose of toppling azimuths with the share in a sector, and the quasi-static accelerations.
+
+    Yields
+    ------
+    Path
+        Each file, once it is complete.
+    """
+    for contact, jobs in by_contact(frame).items():
+        place = folder / contact
+        place.mkdir(parents=True, exist_ok=True)
+        rose, sector = topple_rose(jobs), sector_share(jobs, *sector_deg)
+        yield save_table(rose, place / "directions.csv")
+        yield save_table(pd.DataFrame([sector]), place / "sector.csv")
+        yield from figures.save(figures.rose_figure(rose, quasi_static, sector), place / "directions")
+
+
+def write_friction(frame: pd.DataFrame, folder: Path, plane: Plane, reference: float) -> Iterator[Path]:
+    """Write the comparison of each friction with a reference, cell by cell and job by job.
+
+    Yields
+    ------
+    Path
+        Each file, once it is complete; none where there is one friction only.
+    """
+    jobs = compare_jobs(frame, reference)
+    table = compare_cells(frame, plane, reference)
+    if len(jobs) and len(table):
+        folder.mkdir(parents=True, exist_ok=True)
+        yield save_table(table, folder / "friction_cells.csv")
+        yield save_table(jobs, folder / "friction_jobs.csv")
+        yield from figures.save(figures.friction_figure(table, jobs), folder / "friction")
 
 
 def save_table(table: pd.DataFrame, target: Path) -> Path:

@@ -17,6 +17,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.collections import PolyCollection
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from models.frames import compass_deg
 from results.fragility import THIN_RECORDS, Axis, Plane
@@ -94,12 +95,106 @@ def direction_figure(table: pd.DataFrame, plane: Plane, bins: int, title: str = 
             told = f"{direction - half:g}° to {direction + half:g}°\ncompass {compass:g}°, "
             cells = table[table["direction_deg"] == direction]
             _draw_cells(axes, cells, plane, told, full_share=_full_share(table))
+            axes.xaxis.set_major_locator(MaxNLocator(4, prune="upper"))
         for axes in grid.flat[len(directions) :]:
             axes.set_axis_off()
         figure.supxlabel(_label(plane.x), size=8)
         figure.supylabel(_label(plane.y), size=8)
         figure.text(0.01, 0.99, title, size=8, va="top")
         _colour_bar(figure)
+    return figure
+
+
+def rose_figure(rose: pd.DataFrame, quasi_static: pd.DataFrame | None, sector: dict[str, float]) -> Figure:
+    """Where the rock topples to, beside the least constant ground acceleration that topples it, by azimuth.
+
+    Parameters
+    ----------
+    rose : DataFrame
+        From `results.directions.topple_rose`.
+    quasi_static : DataFrame or None
+        azimuth_deg of the ground's acceleration, and value in m/s2.
+    sector : dict
+        From `results.directions.sector_share`.
+    """
+    with style():
+        figure = Figure(figsize=(FULL_WIDTH_IN, 3.3))
+        left, right = figure.subplots(
+            1, 2, subplot_kw={"projection": "polar"}, gridspec_kw={"top": 0.8, "bottom": 0.14}
+        )
+        width = 2 * np.pi / len(rose)
+        left.bar(
+            np.deg2rad(rose["azimuth_deg"]), 100 * rose["share_of_toppled"], width, color=COLOURS(0.35), lw=0
+        )
+        left.set_title(
+            f"toppled toward azimuth, % of {sector['toppled']} toppled\n{sector['low_deg']:g}° to "
+            f"{sector['high_deg']:g}°: {100 * sector['share_of_jobs']:.0f} % of {sector['jobs']} jobs, "
+            f"{100 * sector['share_of_toppled']:.0f} % of the toppled"
+        )
+        if quasi_static is not None and len(quasi_static):
+            closed = pd.concat([quasi_static, quasi_static.iloc[:1]])
+            right.plot(np.deg2rad(closed["azimuth_deg"]), closed["value"], color=COLOURS(0.35), lw=1.2)
+            right.set_rlim(0.0)
+        right.set_title("quasi-static toppling acceleration (m/s²)\nby azimuth of the ground's acceleration")
+        for axes in (left, right):
+            axes.tick_params(labelsize=6.5)
+            axes.grid(linewidth=0.4)
+            axes.yaxis.set_major_locator(MaxNLocator(4))
+            axes.set_xlabel("azimuth, counter-clockwise from east")
+    return figure
+
+
+def friction_figure(table: pd.DataFrame, jobs: pd.DataFrame) -> Figure:
+    """Each cell's toppling probability under one friction against that under the reference.
+
+    Parameters
+    ----------
+    table : DataFrame
+        From `results.friction.compare_cells`.
+    jobs : DataFrame
+        From `results.friction.compare_jobs`.
+    """
+    frictions = list(jobs["friction_static"])
+    reference = jobs["reference_friction_static"].iloc[0]
+    with style():
+        width = min(FULL_WIDTH_IN, 0.8 + 2.6 * len(frictions))
+        figure = Figure(figsize=(width, 0.9 + (width - 0.8) / len(frictions)))
+        grid = figure.subplots(
+            1,
+            len(frictions),
+            sharey=True,
+            squeeze=False,
+            gridspec_kw={"bottom": 0.16, "top": 0.86, "left": 0.12},
+        )
+        for axes, (_, counts) in zip(grid.flat, jobs.iterrows(), strict=True):
+            cells = table[table["friction_static"] == counts["friction_static"]]
+            for thin, face in ((False, COLOURS(0.35)), (True, "none")):
+                some = cells[cells["thin"] == thin]
+                axes.scatter(
+                    some["reference_probability"],
+                    some["probability"],
+                    s=10,
+                    facecolors=face,
+                    linewidths=0.5,
+                    edgecolors=COLOURS(0.35),
+                    label=f"{'<' if thin else '≥'} {THIN_RECORDS} records",
+                    clip_on=False,
+                )
+            axes.plot([0, 1], [0, 1], "k--", lw=0.8)
+            for shift in (-0.3, 0.3):
+                axes.plot(
+                    [max(0, -shift), min(1, 1 - shift)], [max(0, shift), min(1, 1 + shift)], "k-", lw=0.6
+                )
+            axes.set(
+                xlim=(0, 1),
+                ylim=(0, 1),
+                aspect="equal",
+                xlabel=f"toppling probability, friction {reference:g}",
+                title=f"of {counts['pairs']:g} pairs of jobs, {counts['only_this']:g} topple only at "
+                f"{counts['friction_static']:g},\n{counts['only_reference']:g} only at {reference:g}",
+            )
+            axes.set_ylabel(f"toppling probability, friction {counts['friction_static']:g}")
+        grid.flat[-1].legend(loc="lower right", frameon=False)
     return figure
 
 

@@ -94,6 +94,11 @@ class Run:
         path = self.path / "scene" / "scene.json"
         return _scene_table(json.loads(path.read_text())) if path.exists() else None
 
+    def quasi_static(self) -> pd.DataFrame | None:
+        """Least constant ground acceleration (`value`, m/s2) that topples, by azimuth_deg."""
+        table = self.scene()
+        return None if table is None else pd.DataFrame(table.column("quasi_static_toppling")[0].as_py())
+
     def provenance(self) -> dict[str, Any]:
         """Content of `run.json`, how the run was made; empty where there is none."""
         path = self.path / "run.json"

@@ -1,5 +1,6 @@
-"""`toppling fragility`: the study's maps of a run, each with the table behind it."""
+"""`toppling fragility`: the study's figures of a run, each with the table behind it."""
 
+import itertools
 from dataclasses import replace
 from pathlib import Path
 
@@ -8,31 +9,28 @@ from rich.console import Console
 from rich.progress import track
 
 from models import InputError
-from results.atlas import write_maps
+from results.atlas import write_directions, write_friction, write_maps
+from results.directions import SECTOR_DEG
 from results.fragility import DURATION, LEVEL, PGV, PLANES, PULSE, by_contact
 from results.run import as_frame, open_run
+
+WIDTH = click.FloatRange(0, min_open=True)
+FOLDER = click.Path(path_type=Path, file_okay=False)
 
 
 @click.command()
 @click.argument("run", type=click.Path(path_type=Path))
-@click.option(
-    "--out", type=click.Path(path_type=Path, file_okay=False), help="Folder; RUN/fragility if not given."
-)
+@click.option("--out", type=FOLDER, help="Folder; RUN/fragility if not given.")
 @click.option("--where", help="Only jobs that this condition of SQL holds for.")
-@click.option(
-    "--pga-bin", type=click.FloatRange(0, min_open=True), help="m/s2; one bin a level if not given."
-)
-@click.option(
-    "--pgv-bin", type=click.FloatRange(0, min_open=True), default=0.25, show_default=True, help="m/s"
-)
-@click.option(
-    "--pgv-pga-bin", type=click.FloatRange(0, min_open=True), default=0.05, show_default=True, help="s"
-)
-@click.option(
-    "--duration-bin", type=click.FloatRange(0, min_open=True), default=5.0, show_default=True, help="s"
-)
+@click.option("--pga-bin", type=WIDTH, help="m/s2; one bin a level if not given.")
+@click.option("--pgv-bin", type=WIDTH, default=0.25, show_default=True, help="m/s")
+@click.option("--pgv-pga-bin", type=WIDTH, default=0.05, show_default=True, help="s")
+@click.option("--duration-bin", type=WIDTH, default=5.0, show_default=True, help="s")
 @click.option(
     "--directions", type=click.IntRange(1, 72), default=8, show_default=True, help="Bins of azimuth."
+)
+@click.option(
+    "--sector", type=float, nargs=2, default=SECTOR_DEG, show_default=True, help="Of toppling, deg."
 )
 def fragility(
     run: Path,
@@ -43,8 +41,12 @@ def fragility(
     pgv_pga_bin: float,
     duration_bin: float,
     directions: int,
+    sector: tuple[float, float],
 ) -> None:
-    """Draw the toppling-probability maps of a run: PNG, SVG and the table behind each as CSV.
+    """Draw the study's figures of a run: PNG, SVG and the table behind each as CSV.
+
+    Toppling probability over PGA and PGV/PGA, PGA and PGV, PGV and duration, PGA and duration; where the rock
+    topples to; one friction against another where the run has several.
 
     The binning is the study's unless told otherwise. Direction bins are of the azimuth of the vector PGA,
     degrees counter-clockwise from east. Contacts that differ (friction, restitution) get their own folders.
@@ -69,16 +71,23 @@ def fragility(
         PULSE.column: pgv_pga_bin,
         DURATION.column: duration_bin,
     }
-    planes = [
-        replace(
+    planes = {
+        plane.name: replace(
             plane,
             x=replace(plane.x, width=widths[plane.x.column]),
             y=replace(plane.y, width=widths[plane.y.column]),
         )
         for plane in PLANES.values()
-    ]
-    written = write_maps(jobs, out or run / "fragility", planes, directions)
-    # Each figure as CSV, PNG and SVG.
-    total = 3 * sum(1 + plane.by_direction for plane in planes) * len(by_contact(jobs))
-    for path in track(written, "maps", total=total, console=Console(stderr=True), transient=True):
+    }
+    folder = out or run / "fragility"
+    frictions = sorted(jobs["friction_static"].unique())
+    written = itertools.chain(
+        write_maps(jobs, folder, planes.values(), directions),
+        write_directions(jobs, opened.quasi_static(), folder, sector),
+        write_friction(jobs, folder, planes["pga_pgv"], reference=frictions[-1]),
+    )
+    # Each map as CSV, PNG and SVG, and four files of directions, for each contact; four of friction.
+    maps = sum(1 + plane.by_direction for plane in planes.values())
+    total = len(by_contact(jobs)) * (3 * maps + 4) + 4 * (len(frictions) > 1)
+    for path in track(written, "figures", total=total, console=Console(stderr=True), transient=True):
         click.echo(path)

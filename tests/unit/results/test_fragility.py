@@ -9,14 +9,15 @@ from hypothesis import strategies as st
 from seeded import row, rows
 
 from orchestrator.cli import cli
+from results.figures import map_figure, save
 from results.fragility import PLANES, by_contact, cells, cells_by_direction, direction_bin_deg, wilson
-from results.run import as_frame, open_run
+from results.run import open_run
 from results.store import write_part
 
 
-@pytest.fixture()
+@pytest.fixture
 def hand_made(tmp_path):
-    """Level 2: three records in the pulse bin 0.10-0.15 s, one in 0.20-0.25 s; level 4: one job without an answer."""
+    """Level 2: three records with pulses of 0.10 to 0.15 s, one of 0.20 to 0.25 s; level 4: no answer."""
     jobs = [
         row("a", record_id="A", level_pga_m_s2=2.0, pgv_pga_s=0.10, pgv_m_s=0.20, toppled=False),
         row("b", record_id="B", level_pga_m_s2=2.0, pgv_pga_s=0.12, pgv_m_s=0.24, toppled=True),
@@ -96,7 +97,10 @@ def test_every_job_within_the_limits_lies_in_exactly_one_cell_that_contains_it(v
 
 def test_contacts_are_never_pooled():
     frame = pd.concat([as_frame_of(rows(records=2, levels=(1,), friction=mu)) for mu in (0.6, 1.0)])
-    assert {name: len(jobs) for name, jobs in by_contact(frame).items()} == {"friction-0.6": 4, "friction-1": 4}
+    assert {name: len(jobs) for name, jobs in by_contact(frame).items()} == {
+        "friction-0.6": 4,
+        "friction-1": 4,
+    }
     assert list(by_contact(frame[frame["friction_static"] == 1.0])) == [""]
 
 
@@ -110,7 +114,10 @@ def test_the_command_draws_every_map_with_the_table_behind_it(tmp_path):
     assert done.exit_code == 0, done.output
     names = {path.name for path in (tmp_path / "maps").iterdir()}
     stems = {*PLANES, "pga_pgv_pga_by_direction", "pga_pgv_by_direction"}
-    assert names == {f"{stem}.{suffix}" for stem in stems for suffix in ("png", "svg", "csv")}
+    stems.add("directions")
+    assert names == {f"{stem}.{suffix}" for stem in stems for suffix in ("png", "svg", "csv")} | {
+        "sector.csv"
+    }
     table = pd.read_csv(tmp_path / "maps" / "pga_pgv_pga.csv")
     assert table["jobs"].sum() == 36
     drawing = (tmp_path / "maps" / "pga_pgv_pga.svg").read_text()
@@ -118,12 +125,11 @@ def test_the_command_draws_every_map_with_the_table_behind_it(tmp_path):
     assert "PGV/PGA (s)" in drawing
 
 
-def test_the_same_rows_give_the_same_figure_files(tmp_path):
-    write_part(tmp_path / "run", rows(records=3, levels=(2, 6), azimuths=(0.0,)))
-    for name in ("one", "two"):
-        CliRunner().invoke(cli, ["fragility", str(tmp_path / "run"), "--out", str(tmp_path / name)])
-    for path in (tmp_path / "one").iterdir():
-        assert path.read_bytes() == (tmp_path / "two" / path.name).read_bytes(), path.name
+def test_the_same_table_gives_the_same_figure_files(hand_made, tmp_path):
+    plane = PLANES["pga_pgv_pga"]
+    table = cells(hand_made, plane)
+    one, two = (save(map_figure(table, plane), tmp_path / name) for name in ("one", "two"))
+    assert [path.read_bytes() for path in one] == [path.read_bytes() for path in two]
 
 
 def test_a_run_without_answers_is_refused(tmp_path):

@@ -15,7 +15,7 @@ from results.run import ask
 from results.store import compact, write_part
 
 
-@pytest.fixture()
+@pytest.fixture
 def run_folder(tmp_path):
     folder = tmp_path / "run"
     write_part(folder, rows(records=3, levels=(1, 2), azimuths=(0.0,)))
@@ -53,7 +53,10 @@ def test_results_join_their_records_and_their_scene(run_folder):
 def test_several_runs_are_told_apart_by_their_folder(run_folder, tmp_path):
     other = tmp_path / "other"
     write_part(other, rows(records=2, levels=(1,), azimuths=(0.0,), friction=0.6))
-    counts = ask([open_run(run_folder), open_run(other)], "select run, count(*) n from results group by run order by run")
+    counts = ask(
+        [open_run(run_folder), open_run(other)],
+        "select run, count(*) n from results group by run order by run",
+    )
     assert counts.to_pylist() == [{"run": "other", "n": 2}, {"run": "run", "n": 6}]
     with pytest.raises(InputError, match="same name"):
         ask([open_run(other), open_run(other)], "select 1")

@@ -1,0 +1,60 @@
+"""Toward which azimuth the rock topples, and how strong a constant push each azimuth takes."""
+
+import numpy as np
+import pandas as pd
+
+SECTOR_DEG = (122.5, 157.5)
+"""The sector that Veeraraghavan, Hudnut and Krishnan state the share of."""
+
+
+def topple_rose(frame: pd.DataFrame, petal_deg: float = 15.0) -> pd.DataFrame:
+    """Count the toppled jobs by the azimuth they toppled toward.
+
+    Parameters
+    ----------
+    frame : DataFrame
+        Rows of results.
+    petal_deg : float
+        Width of a petal; the first is centred on azimuth 0.
+
+    Returns
+    -------
+    DataFrame
+        One row a petal: azimuth_deg (its centre), toppled, share_of_toppled.
+    """
+    petals = round(360.0 / petal_deg)
+    azimuth = frame.loc[_toppled(frame), "topple_azimuth_deg"].dropna().to_numpy(float)
+    index = np.floor((azimuth / 360.0 * petals) + 0.5).astype(int) % petals
+    counts = np.bincount(index, minlength=petals)
+    share = counts / max(1, counts.sum())
+    return pd.DataFrame({
+        "azimuth_deg": np.arange(petals) * 360.0 / petals, "toppled": counts, "share_of_toppled": share,
+    })  # fmt: skip
+
+
+def sector_share(frame: pd.DataFrame, low_deg: float, high_deg: float) -> dict[str, float]:
+    """Share of jobs that topple toward a sector, counter-clockwise from `low_deg` to `high_deg`.
+
+    Returns
+    -------
+    dict
+        low_deg, high_deg, jobs (with an answer), toppled, toppled_within, share_of_jobs, share_of_toppled.
+    """
+    width = (high_deg - low_deg) % 360.0
+    toppled = _toppled(frame)
+    off = (frame["topple_azimuth_deg"].to_numpy(float) - low_deg) % 360.0
+    within = int((toppled & (off <= width)).sum())
+    jobs, all_toppled = int(frame["toppled"].notna().sum()), int(toppled.sum())
+    return {
+        "low_deg": low_deg,
+        "high_deg": high_deg,
+        "jobs": jobs,
+        "toppled": all_toppled,
+        "toppled_within": within,
+        "share_of_jobs": within / jobs if jobs else np.nan,
+        "share_of_toppled": within / all_toppled if all_toppled else np.nan,
+    }
+
+
+def _toppled(frame: pd.DataFrame) -> "pd.Series[bool]":
+    return frame["toppled"].fillna(value=False).astype(bool)

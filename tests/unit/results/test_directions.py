@@ -1,0 +1,81 @@
+"""Directions and frictions, against rows counted by hand."""
+
+import pandas as pd
+import pytest
+from click.testing import CliRunner
+from seeded import row, rows
+
+from models import Scene
+from orchestrator.cli import cli
+from results.directions import sector_share, topple_rose
+from results.fragility import PLANES
+from results.friction import compare_cells, compare_jobs
+from results.store import write_part
+
+
+def frame_of(jobs):
+    return pd.DataFrame(jobs).astype({"toppled": "boolean"})
+
+
+@pytest.fixture
+def four():
+    azimuths = [122.5, 157.5, 359.0, None]
+    return frame_of(
+        [
+            row(str(number), toppled=azimuth is not None, topple_azimuth_deg=azimuth)
+            for number, azimuth in enumerate(azimuths)
+        ]
+        + [row("crashed", status="crashed", toppled=None, topple_azimuth_deg=None)]
+    )
+
+
+def test_the_share_of_a_sector_includes_its_bounds_and_leaves_out_jobs_without_an_answer(four):
+    told = sector_share(four, 122.5, 157.5)
+    assert (told["jobs"], told["toppled"], told["toppled_within"]) == (4, 3, 2)
+    assert told["share_of_jobs"] == pytest.approx(0.5)
+
+
+def test_a_sector_may_cross_azimuth_zero(four):
+    assert sector_share(four, 350.0, 10.0)["toppled_within"] == 1
+
+
+def test_the_rose_counts_each_toppled_job_in_the_petal_nearest_to_it(four):
+    rose = topple_rose(four, petal_deg=45.0).set_index("azimuth_deg")["toppled"]
+    assert rose.to_dict() == {0.0: 1, 45.0: 0, 90.0: 0, 135.0: 1, 180.0: 1, 225.0: 0, 270.0: 0, 315.0: 0}
+
+
+@pytest.fixture
+def two_frictions():
+    """Three records at one level; a lower friction topples one more, and its fourth job has no partner."""
+    answers = {1.0: [False, False, True], 0.6: [True, False, True, True]}
+    return frame_of(
+        [
+            row(f"{mu}-{number}", record_id=f"R{number}", friction_static=mu, friction_kinetic=mu, pgv_m_s=0.3)
+            | {"toppled": toppled}
+            for mu, told in answers.items()
+            for number, toppled in enumerate(told)
+        ]
+    )  # fmt: skip
+
+
+def test_frictions_are_compared_over_the_jobs_that_both_have(two_frictions):
+    cell = compare_cells(two_frictions, PLANES["pga_pgv"], reference=1.0).iloc[0]
+    assert cell["probability"] == pytest.approx(2 / 3)
+    assert cell["reference_probability"] == pytest.approx(1 / 3)
+    pairs = compare_jobs(two_frictions, reference=1.0).iloc[0]
+    assert pairs[["pairs", "both", "neither", "only_this", "only_reference"]].tolist() == [3, 1, 1, 1, 0]
+
+
+@pytest.mark.slow
+def test_a_run_of_two_frictions_gets_its_folders_and_the_comparison(tmp_path):
+    for mu in (0.6, 1.0):
+        write_part(tmp_path, rows(records=4, levels=(4, 8), azimuths=(0.0,), friction=mu))
+    Scene.block(0.2, 0.2, 0.6).save(tmp_path / "scene")
+    done = CliRunner().invoke(cli, ["fragility", str(tmp_path)])
+    assert done.exit_code == 0, done.output
+    folder = tmp_path / "fragility"
+    assert {path.name for path in folder.iterdir() if path.is_dir()} == {"friction-0.6", "friction-1"}
+    assert {path.name for path in folder.glob("friction*.*") if path.is_file()} == {
+        "friction.png", "friction.svg", "friction_cells.csv", "friction_jobs.csv",
+    }  # fmt: skip
+    assert "quasi-static" in (folder / "friction-1" / "directions.svg").read_text()

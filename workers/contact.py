@@ -27,6 +27,9 @@ Array = NDArray[np.float64]
 LARGEST_OPEN_TILT_DEG = 75.0
 """Beyond this tilt a rock's fate is no longer open; points that touch only later are left out."""
 
+REACH_DEG = (8.0, 25.0, LARGEST_OPEN_TILT_DEG)
+"""Tilts up to which sets of points serve: a rock that rocks a little needs a tenth of the points of one that falls."""
+
 EDGE_SPACING_SHARE = 0.05
 """Largest distance between contact points of a pedestal's edge, over the rock's half diagonal."""
 
@@ -48,7 +51,9 @@ class ContactModel:
     principal_inertia_m2 : (3,) array
         Principal moments of inertia over mass.
     points_body_m : (n, 3) array
-        Points of the rock that can touch the interface plane.
+        Points of the rock that can touch the interface plane, in the order of the tilt from which they can.
+    onset_deg : (n,) array
+        Those tilts.
     edge_points_m : (k, 3) array
         Points of the pedestal's edges, support frame, that can touch the rock's base face.
     base_height_body : (4,) array
@@ -63,6 +68,7 @@ class ContactModel:
     support_from_body: Array
     principal_inertia_m2: Array
     points_body_m: Array
+    onset_deg: Array
     edge_points_m: Array
     base_height_body: Array
     half_diagonal_m: float
@@ -79,10 +85,11 @@ class ContactModel:
         if np.linalg.det(axes) < 0:
             axes[:, 0] *= -1.0
         in_support = (scene.rock.vertices_m - origin) @ scene_from_support - com
-        reachable = _vertices_that_can_touch(in_support)
+        reachable, onset_deg = _vertices_that_can_touch(in_support)
         edges = _edge_points_under_base(scene, scene_from_support, origin)
         if len(edges):
-            reachable = reachable[_on_pedestal(scene, reachable + com, scene_from_support, origin)]
+            on_it = _on_pedestal(scene, reachable + com, scene_from_support, origin)
+            reachable, onset_deg = reachable[on_it], onset_deg[on_it]
         return cls(
             scene_from_support=scene_from_support,
             origin_m=origin,
@@ -90,6 +97,7 @@ class ContactModel:
             support_from_body=axes,
             principal_inertia_m2=moments,
             points_body_m=reachable @ axes,
+            onset_deg=onset_deg,
             edge_points_m=edges,
             base_height_body=np.append(axes.T @ np.array([0.0, 0.0, -1.0]), com[2]),
             half_diagonal_m=scene.rock.half_diagonal_m,
@@ -100,8 +108,12 @@ class ContactModel:
         """Attitude of the body frame in the pose of the scene."""
         return quaternion.from_matrix(self.support_from_body)
 
-    def gaps_m(self, positions_m: Array, quaternions_xyzw: Array) -> Array:
-        """Clearance of every contact point in a sequence of poses, negative where it has sunk in.
+    def points_within(self, tilt_deg: float) -> int:
+        """Number of the points that can touch up to a tilt; they come first."""
+        return int(np.searchsorted(self.onset_deg, tilt_deg, side="right"))
+
+    def gaps_m(self, positions_m: Array, quaternions_xyzw: Array, points: int | None = None) -> Array:
+        """Clearance of contact points in a sequence of poses, negative where one has sunk in.
 
         Parameters
         ----------
@@ -109,6 +121,8 @@ class ContactModel:
             Centre of mass, support frame.
         quaternions_xyzw : (m, 4) array
             Attitude of the body frame.
+        points : int, optional
+            Look only at this many of the rock's points.
 
         Returns
         -------
@@ -117,7 +131,7 @@ class ContactModel:
         """
         x, y, z, w = quaternions_xyzw.T
         up_body = np.array([2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)])
-        gaps = positions_m[:, 2:3] + up_body.T @ self.points_body_m.T
+        gaps = positions_m[:, 2:3] + up_body.T @ self.points_body_m[:points].T
         if not len(self.edge_points_m):
             return gaps
         face_normal = quaternion.matrix(quaternions_xyzw) @ self.base_height_body[:3]
@@ -126,24 +140,51 @@ class ContactModel:
         return np.hstack([gaps, edge_gaps])
 
 
-def _vertices_that_can_touch(points_m: Array) -> Array:
-    """Hull vertices that are lowest for some tilt up to the largest open one; coordinates from the centre of mass."""
+def _vertices_that_can_touch(points_m: Array) -> tuple[Array, Array]:
+    """Hull vertices that are lowest for some tilt up to the largest open one, and the least such tilt, deg.
+
+    A vertex is lowest for the directions in its normal cone, bounded by arcs between the normals of neighbouring
+    facets: the least tilt is the angle from straight down to the nearest of its arcs, or 0 within the cone.
+    """
     hull = ConvexHull(points_m)
-    down = -hull.equations[:, 2] >= np.cos(np.deg2rad(LARGEST_OPEN_TILT_DEG))
-    chosen = set(hull.simplices[down].ravel().tolist())
-    # A point with steep sides all round (a rock on a tip) has no facet that looks down, but is lowest upright.
-    chosen.add(int(points_m[:, 2].argmin()))
-    corners = points_m[sorted(chosen)]
-    return corners[_extreme(corners, points_m)]
+    normals = hull.equations[:, :3]
+    facet, across = np.repeat(np.arange(len(normals)), 3), hull.neighbors.ravel()
+    from_arc = _angle_to_arc_deg(normals[facet], normals[across])
+    # neighbors[f, i] lies across the edge opposite to vertex i of facet f
+    corner = np.tile(np.arange(3), len(normals))
+    onset = np.full(len(points_m), np.inf)
+    for other in (1, 2):
+        np.minimum.at(onset, hull.simplices[facet, (corner + other) % 3], from_arc)
+    onset[points_m[:, 2].argmin()] = 0.0
+    order = np.argsort(onset, kind="stable")
+    order = order[onset[order] <= LARGEST_OPEN_TILT_DEG]
+    order = order[_extreme(points_m[order])]
+    return points_m[order], onset[order]
 
 
-def _extreme(corners: Array, points_m: Array) -> NDArray[np.bool_]:
+def _angle_to_arc_deg(start: Array, end: Array) -> Array:
+    """Angle between straight down and the nearest point of each great-circle arc between unit vectors."""
+    cosine = np.maximum(-start[:, 2], -end[:, 2])
+    pole = np.cross(start, end)
+    length = np.linalg.norm(pole, axis=1)
+    pole /= np.maximum(length, 1e-300)[:, None]
+    nearest = np.array([0.0, 0.0, -1.0]) + pole[:, 2:3] * pole
+    size = np.linalg.norm(nearest, axis=1)
+    nearest /= np.maximum(size, 1e-300)[:, None]
+    within = np.einsum("ij,ij->i", np.cross(start, nearest), pole) >= 0
+    within &= np.einsum("ij,ij->i", np.cross(nearest, end), pole) >= 0
+    on_arc = within & (length > 1e-12) & (size > 1e-12)
+    cosine = np.where(on_arc, np.maximum(cosine, -nearest[:, 2]), cosine)
+    return np.rad2deg(np.arccos(np.clip(cosine, -1.0, 1.0)))
+
+
+def _extreme(corners: Array) -> NDArray[np.bool_]:
     """Which corners stand out of their facets: rounding makes hull vertices of points that lie in a flat face.
 
     A corner within 1e-7 of the size of the segment or triangle of its neighbours takes no load of its own, and would
     share the impulse of a landing that belongs to the true corner.
     """
-    scale = float(np.ptp(points_m, axis=0).max())
+    scale = float(np.ptp(corners, axis=0).max())
     keep = np.ones(len(corners), bool)
     for i in range(len(corners)):
         rest = corners[keep & (np.arange(len(corners)) != i)]

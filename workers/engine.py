@@ -17,8 +17,10 @@ Pose = tuple[tuple[float, float, float], tuple[float, float, float, float]]
 POINT_RADIUS_SHARE = 1e-5
 """Radius of a contact point over R. The sphere's lowest point is the contact point, so this is a fillet, not an offset."""
 
-SPECULATIVE_SHARE = 5e-3
-"""Contacts are prepared within this share of R, so that a landing stops at the surface and not below it."""
+NEAR_SHARE, FAR_SHARE = 3e-4, 3e-2
+"""Contacts are prepared within these shares of R, so that a landing stops at the surface and not below it. The near one
+catches every landing that is too slow to cut a step at, and keeps the solver's work small; the far one serves around a
+cut."""
 
 SOLVER_ITERATIONS = 50
 
@@ -30,20 +32,25 @@ ROCK_ON_GROUND, EDGE_ON_FACE = 1, 2
 
 
 class Engine:
-    """One rock in one world, in the support frame. One engine at a time lives in a process.
+    """One rock in a world of its own, in the support frame.
 
     Parameters
     ----------
     contact : ContactModel
+    points : int
+        How many of the rock's contact points the world holds, from the first.
     friction : float
         Coefficient of the pair.
     impulse_m_s : float
         Velocity that gravity gives in one step: what the solver's residual is measured against.
+    slot : int
+        Which of the process's worlds to use; an earlier engine in it is lost.
     """
 
-    def __init__(self, contact: ContactModel, friction: float, impulse_m_s: float) -> None:
-        self._client = _client()
+    def __init__(self, contact: ContactModel, points: int, friction: float, impulse_m_s: float, slot: int) -> None:
+        self._client = _client(slot)
         self._contact = contact
+        self.points = points
         pybullet.resetSimulation(physicsClientId=self._client)
         pybullet.setPhysicsEngineParameter(
             numSubSteps=0,
@@ -52,7 +59,6 @@ class Engine:
             deterministicOverlappingPairs=1,
             enableConeFriction=1,
             contactSlop=0.0,
-            contactBreakingThreshold=SPECULATIVE_SHARE,
             physicsClientId=self._client,
         )
         self._time_step_s = 0.0
@@ -65,8 +71,14 @@ class Engine:
         for ground in self._grounds:  # Bullet multiplies the two bodies' coefficients; the rock's is 1
             pybullet.changeDynamics(ground, -1, lateralFriction=friction, physicsClientId=self._client)
 
-    def set_state(self, pose: Pose, velocity_m_s: Array, angular_velocity_rad_s: Array) -> None:
-        """Place the rock and set it going; forgets all contacts."""
+    def set_state(self, pose: Pose, velocity_m_s: Array, angular_velocity_rad_s: Array, *, far: bool = False) -> None:
+        """Place the rock and set it going; forgets all contacts.
+
+        From here on contacts are prepared within FAR_SHARE of R (`far`) or NEAR_SHARE.
+        """
+        pybullet.setPhysicsEngineParameter(
+            contactBreakingThreshold=FAR_SHARE if far else NEAR_SHARE, physicsClientId=self._client
+        )
         pybullet.resetBasePositionAndOrientation(self._rock, *pose, physicsClientId=self._client)
         pybullet.resetBaseVelocity(
             self._rock, velocity_m_s.tolist(), angular_velocity_rad_s.tolist(), physicsClientId=self._client
@@ -99,13 +111,14 @@ class Engine:
         radius = POINT_RADIUS_SHARE * contact.half_diagonal_m
         up_body = contact.support_from_body.T @ np.array([0.0, 0.0, 1.0])
         with tempfile.NamedTemporaryFile("w", suffix=".urdf") as file:
-            file.write(_urdf(contact.points_body_m + radius * up_body, radius, contact))
+            centres = contact.points_body_m[: self.points] + radius * up_body
+            file.write(_urdf(centres, radius, contact, face=len(contact.edge_points_m) > 0))
             file.flush()
             rock = pybullet.loadURDF(
                 file.name,
                 basePosition=contact.com_m.tolist(),
                 baseOrientation=contact.start_quaternion_xyzw.tolist(),
-                useMaximalCoordinates=0,
+                flags=pybullet.URDF_USE_INERTIA_FROM_FILE,  # else that of the shapes' bounding boxes
                 physicsClientId=self._client,
             )
         for link in range(-1, pybullet.getNumJoints(rock, physicsClientId=self._client)):
@@ -131,6 +144,8 @@ class Engine:
             physicsClientId=self._client,
         )
         self._filter(rock, -1, ROCK_ON_GROUND)
+        if len(contact.edge_points_m):
+            self._filter(rock, 0, EDGE_ON_FACE)
         return rock
 
     def _add_pedestal(self) -> list[int]:
@@ -138,33 +153,63 @@ class Engine:
         ground = pybullet.createMultiBody(0.0, plane, physicsClientId=self._client)
         pybullet.changeDynamics(ground, -1, restitution=0.0, physicsClientId=self._client)
         self._filter(ground, -1, ROCK_ON_GROUND)
-        return [ground]
+        if not len(self._contact.edge_points_m):
+            return [ground]
+        # Radius as for the rock's points, the top of each sphere at the edge.
+        radius = POINT_RADIUS_SHARE * self._contact.half_diagonal_m
+        with tempfile.NamedTemporaryFile("w", suffix=".urdf") as file:
+            file.write(_urdf(self._contact.edge_points_m - [0.0, 0.0, radius], radius, self._contact))
+            file.flush()
+            edge = pybullet.loadURDF(file.name, useFixedBase=1, physicsClientId=self._client)
+        pybullet.changeDynamics(edge, -1, restitution=0.0, physicsClientId=self._client)
+        self._filter(edge, -1, EDGE_ON_FACE)
+        return [ground, edge]
 
     def _filter(self, body: int, link: int, group: int) -> None:
         pybullet.setCollisionFilterGroupMask(body, link, group, group, physicsClientId=self._client)
 
 
 
-def _urdf(centres_body_m: Array, radius_m: float, contact: ContactModel) -> str:
-    """Spheres as one compound body: the other ways to make one keep sixteen shapes at most. One short line each."""
+def _urdf(centres_m: Array, radius_m: float, contact: ContactModel, *, face: bool = False) -> str:
+    """Spheres as one compound body: the other ways to make one keep sixteen shapes at most. One short line each.
+
+    With `face`, the rock's base face is added as an endless plane fixed to the body, on a link of its own since only
+    links can be filtered apart.
+    """
     spheres = "\n".join(
         f'<collision><origin xyz="{x!r} {y!r} {z!r}"/><geometry><sphere radius="{radius_m!r}"/></geometry></collision>'
-        for x, y, z in centres_body_m.tolist()
+        for x, y, z in centres_m.tolist()
     )
-    ixx, iyy, izz = contact.principal_inertia_m2.tolist()
+    text = f'<robot name="rock">\n<link name="base">\n{_inertial(1.0, contact)}{spheres}\n</link>\n'
+    if face:
+        x, y, z, offset = contact.base_height_body.tolist()
+        text += (
+            f'<link name="face">\n{_inertial(FACE_MASS, contact)}<collision>\n'
+            f'<origin xyz="{x * offset!r} {y * offset!r} {z * offset!r}"/>\n'
+            f'<geometry><plane normal="{x!r} {y!r} {z!r}"/></geometry>\n</collision>\n</link>\n'
+            '<joint name="fixed" type="fixed">\n<parent link="base"/>\n<child link="face"/>\n</joint>\n'
+        )
+    return text + "</robot>\n"
+
+
+def _inertial(mass: float, contact: ContactModel) -> str:
+    ixx, iyy, izz = (mass * contact.principal_inertia_m2).tolist()
     return (
-        '<robot name="rock">\n<link name="base">\n<inertial>\n<mass value="1"/>\n'
+        f'<inertial>\n<mass value="{mass!r}"/>\n'
         f'<inertia ixx="{ixx!r}" iyy="{iyy!r}" izz="{izz!r}" ixy="0" ixz="0" iyz="0"/>\n</inertial>\n'
-        f"{spheres}\n</link>\n</robot>\n"
     )
 
 
-_CLIENTS: list[int] = []
+FACE_MASS = 1e-9
+"""Mass over the rock's of the link that carries the base face: Bullet wants one."""
 
 
-def _client() -> int:
-    """The process's one connection to Bullet; worlds are reset, not made anew, since only that frees their memory."""
-    if not _CLIENTS:
-        _CLIENTS.append(pybullet.connect(pybullet.DIRECT))
-        atexit.register(pybullet.disconnect, _CLIENTS[0])
-    return _CLIENTS[0]
+_CLIENTS: dict[int, int] = {}
+
+
+def _client(slot: int) -> int:
+    """The process's connections to Bullet; worlds are reset, not made anew, since only that frees their memory."""
+    if slot not in _CLIENTS:
+        _CLIENTS[slot] = pybullet.connect(pybullet.DIRECT)
+        atexit.register(pybullet.disconnect, _CLIENTS[slot])
+    return _CLIENTS[slot]

@@ -18,11 +18,11 @@ from models.motions.motion import Motion
 from models.scene import Scene
 from models.statics import TOPPLED_FALL, TOPPLED_TILT_DEG, equilibrium_possible, support_polygon_m
 from workers import quaternion as quat
-from workers.contact import LARGEST_OPEN_TILT_DEG, ContactModel
-from workers.engine import Engine, Pose
+from workers.contact import LARGEST_OPEN_TILT_DEG, REACH_DEG, ContactModel
+from workers.engine import Pose
 from workers.presets import settings_of
 from workers.quaternion import turn_vector
-from workers.stepping import Stepper
+from workers.stepping import Stepper, engine_for
 
 Array = NDArray[np.float64]
 
@@ -166,7 +166,7 @@ def shake(
     start_from = State(**initial) if isinstance(initial, Mapping) else initial
     if start_from is None:
         scene = settled(scene)
-    contact = ContactModel.of(scene)
+    contact = contact_of(scene)
     step_s = settings_of(preset).time_step_s(contact.half_diagonal_m, scene.gravity_m_s2)
     if time_step is not None:
         step_s = _checked_step(time_step, contact.half_diagonal_m, scene.gravity_m_s2)
@@ -204,10 +204,9 @@ class _Run:
         self.speed_limit_m_s = _speed_limit(scene, contact, motion, start)
         pose, velocity, spin = _start_of(contact, start)
         self.start_pose = pose
-        engine = Engine(contact, scene.contact.friction_static, scene.gravity_m_s2 * step_s)
         self.stepper = Stepper(
-            engine,
             contact,
+            scene.contact.friction_static,
             self.gravity,
             lambda times: motion.velocity_at(times) @ turn,
             step_s,
@@ -328,15 +327,22 @@ REST_CERTAIN_SHARE = 0.1
 
 
 @lru_cache(maxsize=8)  # scenes compare by identity
+def contact_of(scene: Scene) -> ContactModel:
+    """Contact model of a scene, made once."""
+    return ContactModel.of(scene)
+
+
+@lru_cache(maxsize=8)
 def settled(scene: Scene) -> Scene:
     """The scene with its rock at rest: as it is where statics holds it, else let down without gathering speed."""
     if equilibrium_possible(scene, np.zeros((1, 3)))[0]:
         return scene
-    contact = ContactModel.of(scene)
+    contact = contact_of(scene)
     turn = contact.scene_from_support
     gravity = np.array([0.0, 0.0, -scene.gravity_m_s2]) @ turn
     step_s = settings_of("standard").time_step_s(contact.half_diagonal_m, scene.gravity_m_s2)
-    engine = Engine(contact, scene.contact.friction_static, scene.gravity_m_s2 * step_s)
+    friction, impulse = scene.contact.friction_static, scene.gravity_m_s2 * step_s
+    engine = engine_for(contact, LARGEST_OPEN_TILT_DEG, friction, impulse, len(REACH_DEG) - 1)
     pose: Pose = (tuple(contact.com_m), tuple(contact.start_quaternion_xyzw))  # type: ignore[assignment]
     engine.set_state(pose, np.zeros(3), np.zeros(3))
     limit = 3e-8 * contact.half_diagonal_m  # the solver lets a rock at rest creep by a fifth of it

@@ -14,11 +14,12 @@ to the step before, which is replaced by one that ends at the moment of touch an
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-from workers.contact import ContactModel
+from workers.contact import REACH_DEG, ContactModel
 from workers.engine import Engine, Pose
 from workers.quaternion import turn_vector
 
@@ -31,6 +32,12 @@ FAST_LANDING = 0.01
 """Landings slower than this share of sqrt(g R) are left to the contact solver: they carry 1e-4 of the energy of a fall
 from R."""
 
+REACH_MARGIN_DEG = 2.0
+"""The set of points is changed this much before its reach ends; a chunk turns a rock by less."""
+
+SUNK_SHARE = 1e-4
+"""A point that newly sinks by this share of R was not seen coming: its step is taken again with foresight."""
+
 RESIDUAL_ROTATION = 0.55
 """A step moves points along tangents, off their arcs by half of (rotation)^2 R: the step that ends at a touch must stop
 short of the surface by that and a little more, or the solver would already act."""
@@ -41,9 +48,8 @@ class Stepper:
 
     Parameters
     ----------
-    engine : Engine
-        Its state is set here.
     contact : ContactModel
+    friction : float
     gravity_m_s2 : (3,) array
         Support frame.
     ground_velocity_m_s : callable
@@ -57,8 +63,8 @@ class Stepper:
 
     def __init__(
         self,
-        engine: Engine,
         contact: ContactModel,
+        friction: float,
         gravity_m_s2: Array,
         ground_velocity_m_s: Callable[[Array], Array],
         time_step_s: float,
@@ -67,8 +73,8 @@ class Stepper:
         velocity_m_s: Array,
         angular_velocity_rad_s: Array,
     ) -> None:
-        self._engine = engine
         self._contact = contact
+        self._friction = friction
         self._gravity = gravity_m_s2
         self._ground_velocity = ground_velocity_m_s
         self._step = time_step_s
@@ -83,7 +89,11 @@ class Stepper:
         self.poses: list[Pose] = [pose]
         self.times_s: list[float] = [self._grid * time_step_s]
         self._kicked_s: list[float] = [self.times_s[0]]
-        engine.set_state(pose, velocity_m_s, angular_velocity_rad_s)
+        self._given = velocity_m_s, angular_velocity_rad_s
+        self._upright = tuple(contact.start_quaternion_xyzw.tolist())
+        self._reach = 0
+        self._engine = self._engine_for(self.tilt_deg())
+        self._engine.set_state(pose, velocity_m_s, angular_velocity_rad_s)
 
     @property
     def time_s(self) -> float:
@@ -96,6 +106,17 @@ class Stepper:
         while self._grid < goal:
             self._chunk(min(CHUNK, goal - self._grid))
 
+    def tilt_deg(self) -> float:
+        """Angle of the latest pose to the pose of the scene."""
+        return float(np.rad2deg(np.linalg.norm(turn_vector(self._upright, self.poses[-1][1]))))
+
+    def _engine_for(self, tilt_deg: float) -> Engine:
+        """The engine whose points serve up to this tilt and a little more."""
+        while self._reach < len(REACH_DEG) - 1 and tilt_deg > REACH_DEG[self._reach] - REACH_MARGIN_DEG:
+            self._reach += 1
+        impulse = float(np.linalg.norm(self._gravity)) * self._step
+        return engine_for(self._contact, REACH_DEG[self._reach], self._friction, impulse, self._reach)
+
     def velocities(self, index: int) -> tuple[Array, Array]:
         """Velocity (m/s) and angular velocity (rad/s) in the step that led to pose `index`."""
         (start, turned_from), (end, turned_to) = self.poses[index - 1], self.poses[index]
@@ -104,6 +125,9 @@ class Stepper:
 
     def _chunk(self, steps: int) -> None:
         first = len(self.poses) - 1
+        if self._reach < len(REACH_DEG) - 1 and self.tilt_deg() > REACH_DEG[self._reach] - REACH_MARGIN_DEG:
+            self._engine = self._engine_for(self.tilt_deg())
+            self._engine.set_state(self.poses[-1], *self.velocities(first))
         expected = (self._grid - 0.5) * self._step
         if abs(self._kicked_s[-1] - expected) > 1e-9 * self._step:
             self._single(self._step, self.time_s + 0.5 * self._step)
@@ -116,9 +140,7 @@ class Stepper:
             self._kicked_s += ((grid - 0.5) * self._step).tolist()
             self._grid += steps
             self.steps += steps
-        landing = self._first_landing(first)
-        if landing is not None:
-            self._cut_at(*landing)
+        self._mend(first)
 
     def _single(self, duration_s: float, kick_until_s: float) -> None:
         """One step of any duration whose kick covers the time from the last kick's end to `kick_until_s`."""
@@ -140,13 +162,23 @@ class Stepper:
             self._pulls = (self._gravity - kicks).tolist()
         return self._pulls[offset : offset + steps]
 
-    def _first_landing(self, first: int) -> tuple[int, float] | None:
-        """Pose before the first fast landing after pose `first`, and the time from it to the touch."""
+    def _mend(self, first: int) -> None:
+        """Look at the clearances since pose `first`; take back what a landing or a sinking point has spoilt."""
         back = max(first - 2, 0)
         flat = np.array([position + quaternion for position, quaternion in self.poses[back:]])
-        if len(flat) < 4:
+        gaps = self._contact.gaps_m(flat[:, :3], flat[:, 3:], self._engine.points)
+        sunk = gaps.min(axis=1) < -SUNK_SHARE * self._contact.half_diagonal_m
+        sinks = np.flatnonzero(sunk[1:] & ~sunk[:-1]) + back
+        landing = self._first_landing(gaps, back, first)
+        if landing is not None and not (len(sinks) and sinks[0] < landing[0]):
+            self._cut_at(*landing)
+        elif len(sinks) and sinks[0] >= first:
+            self._repeat(int(sinks[0]))
+
+    def _first_landing(self, gaps: Array, back: int, first: int) -> tuple[int, float] | None:
+        """Pose before the first fast landing after pose `first`, and the time from it to the touch."""
+        if len(gaps) < 4:
             return None
-        gaps = self._contact.gaps_m(flat[:, :3], flat[:, 3:])
         durations = np.diff(self.times_s[back:])[:, None]
         closing = (gaps[:-1] - gaps[1:]) / durations
         # In interval i (pose i to i + 1) a point lands if the speed and its change before carry it through.
@@ -180,18 +212,40 @@ class Stepper:
             time = gap / np.maximum(speed + growth * (0.5 * durations[here - 1, 0] + time), 0.5 * speed)
         return float(time.min())
 
+    def _repeat(self, index: int) -> None:
+        """Take the step from pose `index` again, with contacts prepared far ahead."""
+        end_s, kick_s = self.times_s[index + 1], self._kicked_s[index + 1]
+        velocity, spin = self._back_to(index)
+        self._engine.set_state(self.poses[index], velocity, spin, far=True)
+        self._single(end_s - self.time_s, kick_s)
+        self.times_s[-1] = end_s
+        self._grid = round(end_s / self._step)
+        self._engine.set_state(self.poses[-1], *self.velocities(len(self.poses) - 1))
+
+    def _back_to(self, index: int) -> tuple[Array, Array]:
+        """Forget what came after pose `index`; returns the velocities there."""
+        velocities = self._given if index == 0 else self.velocities(index)
+        del self.poses[index + 1 :], self.times_s[index + 1 :], self._kicked_s[index + 1 :]
+        return velocities
+
     def _cut_at(self, index: int, touch_s: float) -> None:
         """Go back to pose `index`, step to the touch, and from there to the grid."""
-        velocity, spin = self.velocities(index)
-        self._engine.set_state(self.poses[index], velocity, spin)
-        del self.poses[index + 1 :], self.times_s[index + 1 :], self._kicked_s[index + 1 :]
+        velocity, spin = self._back_to(index)
+        self._engine.set_state(self.poses[index], velocity, spin, far=True)
         touch_at = self.time_s + touch_s
         self._single(touch_s, touch_at)
         self._grid = int(np.ceil(touch_at / self._step + 0.5))  # leaves half a step to one and a half
         rest = self._grid * self._step - touch_at
         self._single(rest, touch_at + 0.5 * rest)
         self.times_s[-1] = self._grid * self._step
+        self._engine.set_state(self.poses[-1], *self.velocities(len(self.poses) - 1))
         self.landings += 1
+
+
+@lru_cache(maxsize=len(REACH_DEG))
+def engine_for(contact: ContactModel, tilt_deg: float, friction: float, impulse_m_s: float, slot: int) -> Engine:
+    """A world for the tilts up to `tilt_deg`, kept while the same rock is shaken again; one at a time in a slot."""
+    return Engine(contact, contact.points_within(tilt_deg), friction, impulse_m_s, slot)
 
 
 PULLS_AT_ONCE = 1024

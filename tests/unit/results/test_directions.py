@@ -50,8 +50,7 @@ def two_frictions():
     answers = {1.0: [False, False, True], 0.6: [True, False, True, True]}
     return frame_of(
         [
-            row(f"{mu}-{number}", record_id=f"R{number}", friction_static=mu, friction_kinetic=mu, pgv_m_s=0.3)
-            | {"toppled": toppled}
+            row(f"{mu}-{number}", record_id=f"R{number}", friction_static=mu, pgv_m_s=0.3, toppled=toppled)
             for mu, told in answers.items()
             for number, toppled in enumerate(told)
         ]

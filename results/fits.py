@@ -1,0 +1,334 @@
+"""Fits of toppling probability to intensity: lognormal curves, surfaces, and which measure predicts best.
+
+Every model is a binomial regression on logarithms of intensity measures. With a probit link and one measure
+it is the lognormal fragility Phi(ln(x / median) / beta) at maximum likelihood (Baker 2015, eq. 11).
+Uncertainty comes from resampling records, never jobs: scaled and turned copies of one record are not
+independent. The same holds for cross-validation, whose folds divide the records.
+"""
+
+import math
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+import statsmodels.api as sm
+from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import linprog
+from scipy.stats import norm
+from sklearn.metrics import brier_score_loss, log_loss, roc_auc_score
+from sklearn.model_selection import GroupKFold
+from statsmodels.tools.sm_exceptions import ConvergenceWarning, DomainWarning, PerfectSeparationWarning
+
+MEASURES = (
+    *("pga_m_s2", "pgv_m_s", "pgd_m", "pgv_pga_s", "sa_1s_m_s2", "sa_2s_m_s2"),
+    *("arias_m_s", "cav_m_s", "duration_energy_s", "pga_vertical_m_s2"),
+)
+"""The measures that are compared."""
+
+SURFACES = (("pga_m_s2", "pgv_m_s"), ("pga_m_s2", "pgv_pga_s"))
+"""On logarithms the two are one model in other coordinates; both are given, as both are plotted."""
+
+LINKS = {"probit": sm.families.links.Probit, "logit": sm.families.links.Logit}
+
+
+@dataclass(frozen=True)
+class Lognormal:
+    """Lognormal fragility: P(topple | x) = Phi(ln(x / median) / beta).
+
+    Parameters
+    ----------
+    measure : str
+        Column of the results that x is a value of, in its SI unit.
+    median : float
+        Intensity at which one in two topples.
+    beta : float
+        Standard deviation of its logarithm; 0 for a sharp threshold.
+    """
+
+    measure: str
+    median: float
+    beta: float
+
+    def probability(self, intensity: ArrayLike) -> NDArray[np.float64]:
+        """Toppling probability at some intensities, in the measure's SI unit; 0 at intensity 0."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            above = np.log(np.asarray(intensity, float) / self.median)
+            z = np.where(above == 0.0, 0.0, above / self.beta) if self.beta > 0 else np.sign(above) * np.inf
+        return norm.cdf(np.nan_to_num(z, nan=0.0))
+
+    def intensity(self, probability: float) -> float:
+        """Intensity at which a toppling probability is reached."""
+        return self.median * math.exp(self.beta * norm.ppf(probability))
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A binomial regression on logarithms of intensity measures.
+
+    Parameters
+    ----------
+    measures : tuple of str
+    link : str
+        probit or logit.
+    coefficients : tuple of float
+        Intercept, then one slope a measure's natural logarithm; empty where there is a problem.
+    jobs, toppled, records : int
+    problem : str
+        Why there is no fit; empty where there is one.
+    bounds : pair of float
+        For one measure: the largest intensity that some job stood, and the least that toppled one. Where the
+        answers are separated these bound the median.
+    """
+
+    measures: tuple[str, ...]
+    link: str
+    coefficients: tuple[float, ...]
+    jobs: int
+    toppled: int
+    records: int
+    problem: str = ""
+    bounds: tuple[float, float] = (math.nan, math.nan)
+
+    @property
+    def lognormal(self) -> Lognormal | None:
+        """The lognormal fragility that this is, if it is one: one measure, probit, rising with intensity."""
+        if self.problem or self.link != "probit" or len(self.measures) != 1:
+            return None
+        intercept, slope = self.coefficients
+        return Lognormal(self.measures[0], math.exp(-intercept / slope), 1.0 / slope)
+
+    def probability(self, frame: pd.DataFrame) -> NDArray[np.float64]:
+        """Toppling probability of each row's measures."""
+        link = LINKS[self.link]()
+        return link.inverse(_design(frame, self.measures) @ np.array(self.coefficients))
+
+
+def fit(frame: pd.DataFrame, measures: Sequence[str], link: str = "probit") -> Fit:
+    """Fit toppling probability to one or several intensity measures by maximum likelihood.
+
+    Parameters
+    ----------
+    frame : DataFrame
+        Rows of results with an answer (`answered`).
+    measures : sequence of str
+        Columns, each positive throughout.
+    link : str
+        probit or logit.
+
+    Returns
+    -------
+    Fit
+        With a `problem` instead of coefficients where the maximum does not exist (one answer only, or
+        answers that a threshold separates: Albert and Anderson 1984), or where probability does not rise with
+        the one measure.
+    """
+    names = tuple(measures)
+    toppled = frame["toppled"].to_numpy(bool)
+    told = {
+        "measures": names, "link": link, "jobs": len(frame), "toppled": int(toppled.sum()),
+        "records": frame["record_id"].nunique(), "bounds": _bounds(frame, names),
+    }  # fmt: skip
+    if toppled.all() or not toppled.any():
+        which = "every job topples" if len(toppled) and toppled.all() else "no job topples"
+        return Fit(**told, coefficients=(), problem=which)
+    if _separable(_design(frame, names), toppled):
+        return Fit(**told, coefficients=(), problem="separated: a threshold divides the answers")
+    groups = _grouped(frame, names)
+    coefficients = _regress(_design(groups, names), groups, link)
+    if coefficients is None:
+        return Fit(**told, coefficients=(), problem="the fit does not converge")
+    if len(names) == 1 and coefficients[1] <= 0:
+        return Fit(**told, coefficients=(), problem="probability does not rise with the measure")
+    return Fit(**told, coefficients=tuple(float(value) for value in coefficients))
+
+
+def bootstrap(
+    frame: pd.DataFrame, fitted: Fit, samples: int = 200, seed: int = 0
+) -> tuple[NDArray[np.float64], int]:
+    """Coefficients of the same model fitted to resampled records.
+
+    Returns
+    -------
+    coefficients : (k, 1 + number of measures) array
+        Of the samples that have a fit.
+    failed : int
+        Number of those that have none: in them the answers are separated.
+    """
+    random = np.random.default_rng(seed)
+    groups = _grouped(frame, fitted.measures)
+    design = _design(groups, fitted.measures)
+    codes, records = pd.factorize(groups["record_id"])
+    found = []
+    for _ in range(samples):
+        drawn = np.bincount(random.integers(0, len(records), len(records)), minlength=len(records))
+        again = _regress(design, groups, fitted.link, drawn[codes], start=fitted.coefficients)
+        if again is not None and (len(fitted.measures) > 1 or again[1] > 0):
+            found.append(again)
+    return np.array(found).reshape(-1, 1 + len(fitted.measures)), samples - len(found)
+
+
+def lognormal_interval(coefficients: NDArray[np.float64], level: float = 0.95) -> dict[str, float]:
+    """Percentile intervals of median and beta over bootstrap samples of a lognormal fit."""
+    if not len(coefficients):
+        return dict.fromkeys(("median_low", "median_high", "beta_low", "beta_high"), math.nan)
+    tails = [(1 - level) / 2, (1 + level) / 2]
+    median = np.quantile(np.exp(-coefficients[:, 0] / coefficients[:, 1]), tails)
+    beta = np.quantile(1.0 / coefficients[:, 1], tails)
+    return {"median_low": median[0], "median_high": median[1], "beta_low": beta[0], "beta_high": beta[1]}
+
+
+def out_of_fold(
+    frame: pd.DataFrame, measures: Sequence[str], link: str = "probit", folds: int = 5
+) -> pd.Series:
+    """Predict each job from a fit to other records; null where that fit does not exist."""
+    predicted = pd.Series(np.nan, index=frame.index)
+    folds = min(folds, frame["record_id"].nunique())
+    if folds < 2:
+        return predicted
+    for train, test in GroupKFold(folds).split(frame, groups=frame["record_id"]):
+        fitted = fit(frame.iloc[train], measures, link)
+        if not fitted.problem:
+            predicted.iloc[test] = fitted.probability(frame.iloc[test])
+    return predicted
+
+
+def scores(toppled: ArrayLike, predicted: ArrayLike) -> dict[str, float]:
+    """Brier score, log loss and area under the ROC curve of predictions; null where they cannot be had."""
+    truth, guess = np.asarray(toppled, bool), np.asarray(predicted, float)
+    if np.isnan(guess).any() or truth.all() or not truth.any():
+        return dict.fromkeys(("brier", "log_loss", "auc"), math.nan)
+    return {
+        "brier": float(brier_score_loss(truth, guess)),
+        "log_loss": float(log_loss(truth, guess)),
+        "auc": float(roc_auc_score(truth, guess)),
+    }
+
+
+def compare_measures(
+    frame: pd.DataFrame, measures: Sequence[Sequence[str]] | None = None, samples: int = 500, seed: int = 0
+) -> pd.DataFrame:
+    """Rank intensity measures by how well they predict records that were not fitted to.
+
+    Parameters
+    ----------
+    frame : DataFrame
+        Rows of results with an answer (`answered`).
+    measures : sequence of sequences of str
+        `MEASURES` one by one, and PGA with PGV together, if not given. Those that are not known and positive
+        for every job are left out, so that all are compared on the same jobs.
+
+    Returns
+    -------
+    DataFrame
+        Best first: measures, brier, log_loss, auc (out of fold), worse_by (log loss minus the best's),
+        worse_by_low and worse_by_high (95 %, records resampled).
+    """
+    chosen = measures or [*((name,) for name in MEASURES), SURFACES[0]]
+    usable = [tuple(names) for names in chosen if (frame[list(names)].fillna(0.0) > 0).all(axis=None)]
+    predictions = {names: out_of_fold(frame, names) for names in usable}
+    truth = frame["toppled"].to_numpy(bool)
+    lines = [{"measures": " + ".join(names), **scores(truth, told)} for names, told in predictions.items()]
+    table = pd.DataFrame(lines, columns=["measures", "brier", "log_loss", "auc"])
+    losses = {" + ".join(names): _loss(truth, told.to_numpy()) for names, told in predictions.items()}
+    ranked = table.sort_values("log_loss", ignore_index=True)
+    if not len(ranked) or math.isnan(ranked["log_loss"][0]):
+        return ranked
+    codes, records = pd.factorize(frame["record_id"])
+    random = np.random.default_rng(seed)
+    draws = random.multinomial(len(records), np.full(len(records), 1 / len(records)), samples)
+    weight = draws @ np.bincount(codes)
+    for place, name in enumerate(ranked["measures"]):
+        worse = losses[name] - losses[ranked["measures"][0]]
+        resampled = draws @ np.bincount(codes, weights=worse) / weight
+        ranked.loc[place, "worse_by"] = worse.mean()
+        ranked.loc[place, ["worse_by_low", "worse_by_high"]] = np.quantile(resampled, [0.025, 0.975])
+    return ranked
+
+
+def calibration(frame: pd.DataFrame, predicted: pd.Series, bins: int = 10) -> pd.DataFrame:
+    """Predicted against observed share of toppling, in bins of equally many jobs.
+
+    Returns
+    -------
+    DataFrame
+        One row a bin: predicted (mean), observed, jobs, records.
+    """
+    known = frame.assign(predicted=predicted, toppled=frame["toppled"].astype(bool))[predicted.notna()]
+    if not len(known):
+        return pd.DataFrame(columns=["predicted", "observed", "jobs", "records"])
+    bin_of = (known["predicted"].rank(method="average") - 0.5).mul(bins / len(known)).astype(int)
+    return known.groupby(bin_of).agg(
+        predicted=("predicted", "mean"), observed=("toppled", "mean"), jobs=("toppled", "size"),
+        records=("record_id", "nunique"),
+    ).reset_index(drop=True)  # fmt: skip
+
+
+def answered(frame: pd.DataFrame) -> pd.DataFrame:
+    """Rows with an answer; `toppled` is a plain boolean."""
+    return frame[frame["toppled"].notna()].astype({"toppled": bool}).reset_index(drop=True)
+
+
+def _design(frame: pd.DataFrame, measures: Sequence[str]) -> NDArray[np.float64]:
+    return np.column_stack([np.ones(len(frame)), np.log(frame[list(measures)].to_numpy(float))])
+
+
+def _grouped(frame: pd.DataFrame, measures: Sequence[str]) -> pd.DataFrame:
+    """Jobs of one record with equal measures together: the same likelihood at a fraction of the cost."""
+    grouped = frame.groupby(["record_id", *measures], sort=False)["toppled"]
+    return grouped.agg(share="mean", trials="size").reset_index()
+
+
+def _regress(
+    design: NDArray[np.float64],
+    groups: pd.DataFrame,
+    link: str,
+    weight: NDArray[np.int64] | None = None,
+    start: Sequence[float] | None = None,
+) -> NDArray[np.float64] | None:
+    trials = groups["trials"].to_numpy(float) * (1.0 if weight is None else weight)
+    drawn = trials > 0
+    family = sm.families.Binomial(link=LINKS[link]())
+    with warnings.catch_warnings():
+        for kind in (ConvergenceWarning, PerfectSeparationWarning, RuntimeWarning):
+            warnings.simplefilter("error", kind)
+        warnings.simplefilter("ignore", DomainWarning)
+        try:
+            model = sm.GLM(
+                groups["share"].to_numpy(float)[drawn], design[drawn], family, var_weights=trials[drawn]
+            )
+            found = model.fit(start_params=start)
+        except (
+            ConvergenceWarning,
+            PerfectSeparationWarning,
+            RuntimeWarning,
+            np.linalg.LinAlgError,
+            ValueError,
+        ):
+            return None
+    return np.asarray(found.params) if np.isfinite(found.params).all() else None
+
+
+def _separable(design: NDArray[np.float64], toppled: NDArray[np.bool_]) -> bool:
+    """Whether a plane has every toppled job on its one side and every standing one on the other, or on it."""
+    centred = np.column_stack([np.ones(len(design)), design[:, 1:] - design[:, 1:].mean(axis=0)])
+    signed = centred * np.where(toppled, 1.0, -1.0)[:, None]
+    signed = np.unique(signed, axis=0)
+    found = linprog(
+        -signed.sum(axis=0), A_ub=-signed, b_ub=np.zeros(len(signed)), bounds=(-1.0, 1.0), method="highs"
+    )
+    return bool(found.success and -found.fun > 1e-6)
+
+
+def _bounds(frame: pd.DataFrame, measures: tuple[str, ...]) -> tuple[float, float]:
+    if len(measures) != 1:
+        return (math.nan, math.nan)
+    toppled = frame["toppled"].to_numpy(bool)
+    value = frame[measures[0]].to_numpy(float)
+    return float(value[~toppled].max(initial=0.0)), float(value[toppled].min(initial=math.inf))
+
+
+def _loss(truth: NDArray[np.bool_], predicted: NDArray[np.float64]) -> NDArray[np.float64]:
+    safe = np.clip(predicted, 1e-15, 1 - 1e-15)
+    return -np.log(np.where(truth, safe, 1 - safe))

@@ -1,0 +1,154 @@
+"""Fits recover what made the data, say when there is none, and take no copy of a record for evidence."""
+
+import math
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.stats import norm
+from seeded import BETA, THETA_M_S, rows
+
+from results.fits import (
+    Lognormal,
+    answered,
+    bootstrap,
+    calibration,
+    compare_measures,
+    fit,
+    lognormal_interval,
+    out_of_fold,
+    scores,
+)
+from results.schema import SCHEMA
+
+
+@pytest.fixture(scope="module")
+def jobs():
+    return answered(pd.DataFrame(rows(records=60, azimuths=(0.0, 90.0, 180.0)), columns=SCHEMA.names))
+
+
+def test_the_lognormal_that_made_the_answers_is_recovered(jobs):
+    curve = fit(jobs, ["pgv_m_s"]).lognormal
+    # 3,420 independent jobs: standard errors are about 1.5 % of the median and 3 % of beta; three of each.
+    assert curve.median == pytest.approx(THETA_M_S, rel=0.045)
+    assert curve.beta == pytest.approx(BETA, rel=0.09)
+
+
+def test_the_fit_is_a_maximum_of_the_likelihood(jobs):
+    curve = fit(jobs, ["pgv_m_s"]).lognormal
+
+    def log_likelihood(median, beta):
+        probability = norm.cdf(np.log(jobs["pgv_m_s"] / median) / beta)
+        return np.log(np.where(jobs["toppled"], probability, 1 - probability)).sum()
+
+    best = log_likelihood(curve.median, curve.beta)
+    for median, beta in ((1.01, 1), (0.99, 1), (1, 1.01), (1, 0.99)):
+        assert log_likelihood(curve.median * median, curve.beta * beta) < best
+
+
+def test_the_two_surfaces_are_one_model_in_other_coordinates(jobs):
+    one, other = fit(jobs, ["pga_m_s2", "pgv_m_s"]), fit(jobs, ["pga_m_s2", "pgv_pga_s"])
+    # ln PGV = ln PGA + ln(PGV/PGA), so the slope on PGV moves over to PGA.
+    assert other.coefficients[1] == pytest.approx(one.coefficients[1] + one.coefficients[2], abs=1e-6)
+    np.testing.assert_allclose(one.probability(jobs), other.probability(jobs), atol=1e-8)
+
+
+def test_copies_of_the_jobs_change_neither_fit_nor_interval(jobs):
+    some = jobs[jobs["record_id"] < "R020"]
+    copied = pd.concat([some] * 4, ignore_index=True)
+    once, often = fit(some, ["pgv_m_s"]), fit(copied, ["pgv_m_s"])
+    assert often.coefficients == pytest.approx(once.coefficients, rel=1e-9)
+    intervals = [
+        lognormal_interval(bootstrap(frame, fit(frame, ["pgv_m_s"]), 30)[0]) for frame in (some, copied)
+    ]
+    assert intervals[0] == pytest.approx(intervals[1], rel=1e-6)
+
+
+@pytest.mark.slow
+def test_the_interval_by_record_covers_the_median_about_as_often_as_it_says():
+    # 20 data sets at 90 %: 18 expected, and fewer than 13 has a probability below 1 %.
+    inside = 0
+    for seed in range(20):
+        frame = answered(pd.DataFrame(rows(records=25, levels=(2, 5, 8, 11, 14), azimuths=(0.0,), seed=seed)))
+        found, _ = bootstrap(frame, fit(frame, ["pgv_m_s"]), samples=60, seed=seed)
+        told = lognormal_interval(found, level=0.9)
+        inside += told["median_low"] <= THETA_M_S <= told["median_high"]
+    assert inside >= 13
+
+
+def tiny(values, toppled):
+    frame = pd.DataFrame({"pgv_m_s": values, "toppled": toppled})
+    return frame.assign(record_id=[f"R{number}" for number in range(len(frame))])
+
+
+def test_separated_answers_give_bounds_and_no_number():
+    told = fit(tiny([0.5, 0.8, 1.2, 2.0], [False, False, True, True]), ["pgv_m_s"])
+    assert told.problem.startswith("separated")
+    assert told.bounds == (0.8, 1.2)
+    assert told.lognormal is None
+
+
+def test_answers_separated_but_for_a_tie_are_separated_too():
+    assert "separated" in fit(tiny([0.5, 1.0, 1.0, 2.0], [False, False, True, True]), ["pgv_m_s"]).problem
+
+
+def test_a_plane_that_separates_two_measures_is_found():
+    random = np.random.default_rng(3)
+    frame = pd.DataFrame(np.exp(random.normal(size=(200, 2))), columns=["pga_m_s2", "pgv_m_s"])
+    frame["record_id"] = frame.index.astype(str)
+    frame["toppled"] = frame["pga_m_s2"] * frame["pgv_m_s"] ** 2 > 1
+    assert "separated" in fit(frame, ["pga_m_s2", "pgv_m_s"]).problem
+    assert not fit(frame, ["pgv_m_s"]).problem
+
+
+@pytest.mark.parametrize(("toppled", "problem"), [([True] * 3, "every job"), ([False] * 3, "no job")])
+def test_one_answer_only_is_said(toppled, problem):
+    assert problem in fit(tiny([1.0, 2.0, 3.0], toppled), ["pgv_m_s"]).problem
+
+
+def test_a_measure_that_topples_less_when_it_grows_has_no_fragility():
+    falling = tiny([1.0, 2.0, 3.0, 4.0, 5.0, 6.0], [True, False, True, True, False, False])
+    assert "does not rise" in fit(falling, ["pgv_m_s"]).problem
+
+
+def test_the_measure_that_made_the_answers_predicts_best(jobs):
+    ranked = compare_measures(jobs)
+    assert ranked["measures"][0] in ("pgv_m_s", "pga_m_s2 + pgv_m_s")
+    alone = ranked[ranked["measures"] == "pga_m_s2"].iloc[0]
+    assert alone["worse_by_low"] > 0  # PGA is worse for sure
+    assert set(ranked["measures"]) <= {"pgv_m_s", "pga_m_s2", "pga_m_s2 + pgv_m_s", "pgv_pga_s", "arias_m_s",
+                                       "duration_energy_s"}  # fmt: skip
+
+
+def test_no_job_is_predicted_from_its_own_record(jobs):
+    """An oracle in a column that only tells records apart is worthless out of fold."""
+    random = np.random.default_rng(0)
+    luck = dict(zip(jobs["record_id"].unique(), random.random(60), strict=True))
+    frame = jobs.assign(
+        toppled=jobs["record_id"].map(luck) > 0.5, pgv_m_s=jobs["record_id"].map(luck) * 0 + 1.0
+    )
+    frame["pgv_m_s"] = np.exp(random.normal(size=60))[pd.factorize(frame["record_id"])[0]]
+    told = scores(frame["toppled"], out_of_fold(frame, ["pgv_m_s"]).fillna(0.5))
+    assert told["log_loss"] > 0.6  # no better than about ln 2
+
+
+def test_scores_agree_with_their_definitions():
+    told = scores([True, False, True], [0.9, 0.2, 0.4])
+    assert told["brier"] == pytest.approx((0.01 + 0.04 + 0.36) / 3)
+    assert told["log_loss"] == pytest.approx(-(math.log(0.9) + math.log(0.8) + math.log(0.4)) / 3)
+    assert told["auc"] == 1.0
+
+
+def test_a_true_model_is_calibrated(jobs):
+    told = calibration(jobs, out_of_fold(jobs, ["pgv_m_s"]))
+    # About 340 jobs a bin: a standard error of at most 0.027; four of them.
+    assert (told["predicted"] - told["observed"]).abs().max() < 0.11
+    assert told["jobs"].sum() == len(jobs)
+
+
+def test_a_lognormal_curve_and_its_inverse_agree():
+    curve = Lognormal("pgv_m_s", 1.2, 0.4)
+    for probability in (0.01, 0.5, 0.95):
+        assert curve.probability(curve.intensity(probability)) == pytest.approx(probability)
+    np.testing.assert_allclose(curve.probability([0.0, 1.2, np.inf]), [0.0, 0.5, 1.0])
+    np.testing.assert_allclose(Lognormal("pgv_m_s", 1.2, 0.0).probability([1.0, 1.2, 1.4]), [0.0, 0.5, 1.0])

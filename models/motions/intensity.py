@@ -6,6 +6,7 @@ largest length of the two oscillators' response (RotD100 of Boore 2010, Bull. Se
 """
 
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -77,11 +78,19 @@ def oscillator_response_m_s2(
     array
         As `acceleration`.
     """
+    numerator, denominator = _oscillator(time_step_s, period_s, damping)
+    return lfilter(numerator, denominator, np.asarray(acceleration, float), axis=0)
+
+
+@lru_cache(maxsize=256)
+def _oscillator(
+    time_step_s: float, period_s: float, damping: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Coefficients of the recursion from the base's acceleration to the oscillator's pseudo-acceleration."""
     omega = 2 * np.pi / period_s
-    numerator, denominator, _ = cont2discrete(
-        ([-(omega**2)], [1.0, 2 * damping * omega, omega**2]), time_step_s, method="foh"
-    )
-    return lfilter(numerator.ravel(), denominator, np.asarray(acceleration, float), axis=0)
+    continuous = [-(omega**2)], [1.0, 2 * damping * omega, omega**2]
+    numerator, denominator, _ = cont2discrete(continuous, time_step_s, method="foh")
+    return numerator.ravel(), denominator
 
 
 def rotated_peaks(horizontal: ArrayLike) -> NDArray[np.float64]:
@@ -97,13 +106,24 @@ def rotated_peaks(horizontal: ArrayLike) -> NDArray[np.float64]:
         Its median is RotD50, its maximum RotD100.
     """
     points = np.asarray(horizontal, float)
-    if len(points) > 500:  # only corners of the convex hull can be extreme along any direction
+    coarse = np.stack([np.abs(_along(points, angle)).argmax() for angle in np.deg2rad(np.arange(0, 180, 22.5))])
+    least = _rotated(points[coarse]).min()  # nowhere is the peak smaller: points nearer than this reach it nowhere
+    outer = points[np.hypot(points[:, 0], points[:, 1]) >= least]
+    if len(outer) > 2000:  # nearly along one line
         try:
-            points = points[ConvexHull(points).vertices]
-        except QhullError:  # all on one line: its ends are extreme in x or in y
-            points = points[[*points.argmin(axis=0), *points.argmax(axis=0)]]
+            outer = outer[ConvexHull(outer).vertices]
+        except QhullError:  # exactly along one line: its ends are extreme in x or in y
+            outer = outer[[*outer.argmin(axis=0), *outer.argmax(axis=0)]]
+    return _rotated(outer)
+
+
+def _along(points: NDArray[np.float64], angle_rad: float) -> NDArray[np.float64]:
+    return points[:, 0] * np.cos(angle_rad) + points[:, 1] * np.sin(angle_rad)
+
+
+def _rotated(points: NDArray[np.float64]) -> NDArray[np.float64]:
     angle = np.deg2rad(np.arange(180))
-    return np.abs(points @ np.stack([np.cos(angle), np.sin(angle)])).max(axis=0)
+    return np.abs(points[:, :1] * np.cos(angle) + points[:, 1:] * np.sin(angle)).max(axis=0)
 
 
 def spectral_acceleration_m_s2(

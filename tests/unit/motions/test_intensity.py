@@ -1,0 +1,134 @@
+"""Intensity measures against closed forms, and against eqsig on a made and on a real record."""
+
+from pathlib import Path
+
+import eqsig
+import eqsig.im
+import numpy as np
+import pytest
+
+from models import Motion
+from models.motions.formats import read_file
+from models.motions.idealised import full_sine
+from models.motions.intensity import (
+    arias_m_s,
+    directionality,
+    duration_between_shares_s,
+    measure,
+    oscillator_response_m_s2,
+    rotated_peaks,
+    spectral_acceleration_m_s2,
+)
+from models.motions.synthetic import synthetic_ensemble
+
+RECORDS = Path(__file__).resolve().parents[4] / "shared" / "data" / "records"
+real_data = pytest.mark.skipif(not RECORDS.is_dir(), reason="../shared/data/records is not here")
+STEP_S = 0.005
+
+
+def sine_cycles(pga, period_s, cycles, azimuth=0.0):
+    time = np.arange(round(cycles * period_s / STEP_S) + 1) * STEP_S
+    a = pga * np.sin(2 * np.pi * time / period_s)
+    return Motion(np.column_stack([a * np.cos(azimuth), a * np.sin(azimuth), 0 * a]), STEP_S)
+
+
+def test_arias_and_cav_of_a_sine_are_the_closed_forms():
+    measures = measure(sine_cycles(2.0, 0.5, 10))
+    assert measures["arias_m_s"] == pytest.approx(np.pi / (2 * 9.80665) * 2.0**2 / 2 * 5.0, rel=1e-9)
+    # chords under the sine's arch lose (2 pi h / T)^2 / 12
+    assert measures["cav_m_s"] == pytest.approx(2.0 * 2 / np.pi * 5.0, rel=4e-4)
+
+
+def test_durations_of_a_steady_sine_are_nine_tenths_of_it():
+    measures = measure(sine_cycles(2.0, 0.5, 40))
+    assert measures["duration_arias_s"] == pytest.approx(18.0, abs=0.01)
+    assert measures["duration_energy_s"] == pytest.approx(18.0, abs=0.1)  # within a fifth of a cycle
+
+
+def test_energy_duration_of_a_single_pulse_of_velocity():
+    # v = V (1 - cos(2 pi t / T)): the share of its squared integral is x - (4 s(x) / 3) / (2 pi) + s(2x) / (12 pi)
+    period = 2.0
+    x = np.linspace(0, 1, 20001)
+    share = x - 2 * np.sin(2 * np.pi * x) / (3 * np.pi) + np.sin(4 * np.pi * x) / (12 * np.pi)
+    exact = period * (np.interp(0.95, share, x) - np.interp(0.05, share, x))
+    assert measure(full_sine(1.0, period))["duration_energy_s"] == pytest.approx(exact, rel=1e-4)
+
+
+def test_a_resonant_oscillator_reaches_one_over_twice_the_damping():
+    period = 0.5
+    response = oscillator_response_m_s2(sine_cycles(1.0, period, 60).acceleration_m_s2[:, 0], STEP_S, period)
+    # steady state 1 / (2 xi) after 60 cycles; linear samples lose (2 pi h / T)^2 / 12
+    assert np.abs(response).max() == pytest.approx(10.0, rel=5e-4)
+
+
+def test_a_stiff_oscillator_follows_the_ground_and_a_soft_one_stays_behind():
+    motion = synthetic_ensemble(1, 2)[0].motion
+    spectrum = spectral_acceleration_m_s2(motion, (0.001, 1000.0))
+    measures = measure(motion)
+    assert spectrum["rotd100"][0] == pytest.approx(measures["pga_m_s2"], rel=1e-3)
+    assert spectrum["rotd100"][1] / (2 * np.pi / 1000) ** 2 == pytest.approx(measures["pgd_m"], rel=0.02)
+
+
+def test_rotd_of_motion_along_one_line_is_the_cosine():
+    pga, azimuth = 3.0, np.deg2rad(20)
+    horizontal = sine_cycles(pga, 0.5, 200, azimuth).acceleration_m_s2[:, :2]
+    peaks = rotated_peaks(horizontal)
+    assert peaks == pytest.approx(np.abs(pga * np.cos(np.deg2rad(np.arange(180)) - azimuth)), rel=1e-9, abs=1e-9)
+    assert np.median(peaks) == pytest.approx(pga / np.sqrt(2), rel=0.01)  # whole degrees
+
+
+def test_rotd_by_the_hull_is_rotd_by_every_sample():
+    horizontal = np.random.default_rng(3).normal(size=(3000, 2))
+    angle = np.deg2rad(np.arange(180))
+    every = np.abs(horizontal @ np.stack([np.cos(angle), np.sin(angle)])).max(axis=0)
+    assert rotated_peaks(horizontal) == pytest.approx(every, rel=1e-12)
+
+
+@pytest.mark.parametrize(("apart_deg", "share"), [(22.0, 0.0), (23.0, 0.9), (180.0, 0.9)])
+def test_directionality_counts_only_distinct_directions(apart_deg, share):
+    angle = np.deg2rad(apart_deg)
+    horizontal = np.array([[2.0, 0.0], [1.8 * np.cos(angle), 1.8 * np.sin(angle)], [0.0, 0.0]])
+    assert directionality(horizontal) == pytest.approx(share)
+
+
+def test_turning_a_motion_turns_the_azimuth_of_its_peak_and_no_vector_measure():
+    motion = synthetic_ensemble(1, 4)[0].motion
+    turn = np.deg2rad(50)
+    matrix = np.array([[np.cos(turn), -np.sin(turn), 0], [np.sin(turn), np.cos(turn), 0], [0, 0, 1]])
+    before = measure(motion, (0.0, 90.0))
+    after = measure(Motion(motion.acceleration_m_s2 @ matrix.T, motion.time_step_s), (50.0, 140.0))
+    for name, value in before.items():
+        if name.endswith("azimuth_deg"):
+            assert (after[name] - value) % 360 == pytest.approx(50.0)
+        elif "rotd" not in name:
+            assert after[name] == pytest.approx(value, rel=1e-9), name
+        else:  # whole degrees from another start: cos(0.5 deg)
+            assert after[name] == pytest.approx(value, rel=1e-3), name
+
+
+def against_eqsig(acceleration, step):
+    signal = eqsig.AccSignal(acceleration, step)
+    periods = np.array([0.1, 0.3, 1.0, 2.0])
+    ours = [np.abs(oscillator_response_m_s2(acceleration, step, period)).max() for period in periods]
+    theirs = eqsig.sdof.pseudo_response_spectra(acceleration, step, periods, 0.05)[2]
+    # eqsig writes 2 pi with eight digits, and begins at rest where the first sample is not zero
+    assert ours == pytest.approx(theirs, rel=1e-6 + 0.01 * abs(acceleration[0]) / np.abs(acceleration).max())
+    assert arias_m_s(acceleration, step) == pytest.approx(eqsig.im.calc_arias_intensity(signal)[-1], rel=2e-3)  # its g is 9.81
+    motion = Motion(np.column_stack([acceleration, 0 * acceleration, 0 * acceleration]), step)
+    measures = measure(motion)
+    assert measures["cav_m_s"] == pytest.approx(eqsig.im.calc_cav(signal)[-1], rel=2e-3)
+    assert measures["pgv_m_s"] == pytest.approx(np.abs(signal.velocity).max(), rel=1e-3)
+    start, end = eqsig.im.calc_sig_dur_vals(acceleration, step, se=True)
+    assert duration_between_shares_s(acceleration**2, step) == pytest.approx(end - start, abs=2 * step)
+
+
+def test_measures_agree_with_eqsig_on_a_synthetic_record():
+    motion = synthetic_ensemble(1, 9)[0].motion
+    against_eqsig(np.array(motion.acceleration_m_s2[:, 0]), motion.time_step_s)
+
+
+@real_data
+@pytest.mark.parametrize("name", ["RSN1158_KOCAELI_DZC180", "RSN4843_CHUETSU_65006EW"])
+def test_measures_agree_with_eqsig_on_a_real_record(name):
+    (component,) = read_file(RECORDS / "peer_at2" / f"{name}.AT2")
+    against_eqsig(component.acceleration_m_s2, component.time_step_s)

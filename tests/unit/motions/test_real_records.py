@@ -1,0 +1,73 @@
+"""The 140 records of the development data, from their agencies' files, against the catalogue that comes with them."""
+
+import csv
+from pathlib import Path
+
+import pytest
+
+from models.motions.importing import import_records, record_files
+from models.motions.metadata import read_table
+
+RECORDS = Path(__file__).resolve().parents[4] / "shared" / "data" / "records"
+pytestmark = pytest.mark.skipif(not RECORDS.is_dir(), reason="../shared/data/records is not here")
+PEAKS = {
+    "pga_m_s2": "pga_hvec",
+    "pga_h1_m_s2": "pga_h1",
+    "pga_h2_m_s2": "pga_h2",
+    "pga_vertical_m_s2": "pga_v",
+    "pgv_m_s": "pgv_hvec",
+}
+
+
+def rows():
+    with (RECORDS / "catalog.csv").open(encoding="utf-8") as file:
+        return {row["rec_id"]: row for row in csv.DictReader(file)}
+
+
+def compared(folders):
+    files = record_files([RECORDS / folder for folder in folders])
+    outcome = import_records(files, read_table(RECORDS / "catalog.csv"))
+    table = rows()
+    for record in outcome.records:
+        row = table[record.record_id]
+        assert record.magnitude == float(row["mag"])
+        if row["processing"] == "corrected":
+            for ours, theirs in PEAKS.items():
+                assert record.intensity[ours] == pytest.approx(float(row[theirs]), rel=0.02), (record.record_id, ours)
+        else:  # processed: only that it is the same shaking
+            assert record.intensity["pga_m_s2"] == pytest.approx(float(row["pga_hvec"]), rel=0.1), record.record_id
+    return outcome
+
+
+def test_formats_other_than_peer_have_the_catalogues_peaks():
+    folders = ["csmip", "geer_acc", "geonet_v2a", "knet", "renadic_v1", "smc", "unam", "usc", "bhrc_v1"]
+    outcome = compared(folders)
+    assert len(outcome.records) == 31
+    assert not outcome.refusals
+
+
+@pytest.mark.slow
+def test_every_peer_record_has_the_catalogues_peaks():
+    outcome = compared(["peer_at2"])
+    assert len(outcome.records) == 98
+    assert not outcome.refusals
+
+
+def test_miniseed_is_read_where_its_stationxml_is_there_and_refused_where_not():
+    outcome = compared(["miniseed"])
+    with_response = any(path.suffix == ".xml" for path in (RECORDS / "miniseed").iterdir())
+    assert len(outcome.records) == (11 if with_response else 0)
+    assert all("unit" in refusal.reason.what for refusal in outcome.refusals)
+
+
+def test_each_format_sample_is_read_or_says_what_is_missing():
+    outcome = import_records(record_files([RECORDS / "format_samples"]))
+    assert {record.record_id for record in outcome.records} == {
+        "20161113_110259_WTMC_20",
+        "CE23837",
+        "CICLC",
+        "HI.ARS1..HN",
+    }
+    # the others are single components of a station, read but no record
+    assert all("channels" in refusal.reason.what for refusal in outcome.refusals)
+    assert len(outcome.refusals) == 4

@@ -39,6 +39,8 @@ _IDENTITY = [
     ("duration_s", pa.float64()),
     ("samples", pa.int64()),
     ("north_known", pa.bool_()),
+    ("components", pa.int64()),
+    ("weight", pa.float64()),
 ]
 _ORIGIN = [("history", pa.list_(pa.string())), ("files", pa.list_(pa.string())), ("sha", pa.string())]
 
@@ -180,6 +182,8 @@ class Ensemble:
             history=tuple(entry["history"]),
             files=tuple(entry["files"]),
             sha=entry["sha"],
+            components=entry["components"],
+            weight=entry["weight"],
         )
 
     def __reduce__(self) -> tuple:
@@ -206,6 +210,8 @@ def _catalog(records: list[Record]) -> pa.Table:
             "duration_s": record.motion.duration_s,
             "samples": len(record.motion.acceleration_m_s2),
             "north_known": record.north_known,
+            "components": record.components,
+            "weight": record.weight,
             **record.intensity,
             "history": list(record.history),
             "files": list(record.files),

@@ -270,6 +270,7 @@ def _candidate(name: str, channels: Triple, wishes: Wishes, entry: Entry | None)
         component_azimuths_deg=azimuths,
         history=steps,
         files=dict.fromkeys(str(c.path) for c in channels.channels),
+        components=len(channels.channels),
     )
     shaking = (
         (first.event.lower(), first.station.lower(), first.series) if first.event and first.station else None

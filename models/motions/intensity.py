@@ -106,8 +106,12 @@ def rotated_peaks(horizontal: ArrayLike) -> NDArray[np.float64]:
         Its median is RotD50, its maximum RotD100.
     """
     points = np.asarray(horizontal, float)
-    coarse = np.stack([np.abs(_along(points, angle)).argmax() for angle in np.deg2rad(np.arange(0, 180, 22.5))])
-    least = _rotated(points[coarse]).min()  # nowhere is the peak smaller: points nearer than this reach it nowhere
+    coarse = np.stack(
+        [np.abs(_along(points, angle)).argmax() for angle in np.deg2rad(np.arange(0, 180, 22.5))]
+    )
+    least = _rotated(
+        points[coarse]
+    ).min()  # nowhere is the peak smaller: points nearer than this reach it nowhere
     outer = points[np.hypot(points[:, 0], points[:, 1]) >= least]
     if len(outer) > 2000:  # nearly along one line
         try:
@@ -184,6 +188,11 @@ def along_components(
     """Projections (n, 2) of a history (n, 3) on the two recorded horizontal components."""
     angle = np.deg2rad(component_azimuths_deg)
     return history[:, :2] @ np.stack([np.cos(angle), np.sin(angle)])
+
+
+def direction_bin(azimuth_deg: float, bins: int = 8) -> int:
+    """Direction bin of the study, from 1: the first is centred on x, the rest follow counter-clockwise."""
+    return int(((azimuth_deg + 180.0 / bins) % 360.0) // (360.0 / bins)) + 1
 
 
 def measure(motion: Motion, component_azimuths_deg: tuple[float, float] = (0.0, 90.0)) -> dict[str, float]:

@@ -88,6 +88,12 @@ def read_table(table: Path) -> list[Entry]:
     return entries
 
 
+def looks_like_table(path: Path) -> bool:
+    """Whether a CSV file has the columns of a metadata table."""
+    with path.open(encoding="utf-8-sig", errors="replace") as file:
+        return {"h1", "h2"} <= {name.strip() for name in file.readline().split(",")}
+
+
 def unit_m_s2(text: str) -> float | None:
     """One unit in m/s2, from its name or from a factor and a name ('4.7e-06 m/s2', per count); None if not known."""
     parts = text.strip().lower().replace(" per count", "").split()

@@ -43,7 +43,11 @@ def _clipped(component: Component, a: np.ndarray) -> None:
     for extreme in (a.max(), a.min()):
         start, length = _longest_run(a == extreme)
         count = int((a == extreme).sum())
-        if count >= CLIPPED_SAMPLES and length >= CLIPPED_RUN and abs(extreme - np.median(a)) > 0.5 * np.abs(a - np.median(a)).max():
+        if (
+            count >= CLIPPED_SAMPLES
+            and length >= CLIPPED_RUN
+            and abs(extreme - np.median(a)) > 0.5 * np.abs(a - np.median(a)).max()
+        ):
             _doubt(
                 component,
                 start,

@@ -33,6 +33,10 @@ class Record:
         Paths as read; empty for a motion that was made.
     sha : str
         Hash of what can change an answer: samples, time step, azimuth of the strong component.
+    components : int
+        3, or 2 if the vertical is missing (and zero).
+    weight : float
+        Share of the record in a weighted ensemble; 1 unless the ensemble was weighted.
     """
 
     record_id: str
@@ -46,6 +50,8 @@ class Record:
     history: tuple[str, ...] = ()
     files: tuple[str, ...] = ()
     sha: str = field(default="")
+    components: int = 3
+    weight: float = 1.0
 
     @classmethod
     def of(
@@ -60,6 +66,7 @@ class Record:
         component_azimuths_deg: tuple[float, float] | None = None,
         history: Iterable[str] = (),
         files: Iterable[str] = (),
+        components: int = 3,
     ) -> "Record":
         """Measure a motion and name it.
 
@@ -93,6 +100,7 @@ class Record:
             history=tuple(history),
             files=tuple(files),
             sha=motion_sha(motion, intensity["strong_azimuth_deg"]),
+            components=components,
         )
 
 

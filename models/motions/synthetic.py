@@ -1,11 +1,12 @@
 """Synthetic records by the stochastic method: windowed noise shaped to a published source, path and site spectrum.
 
 Boore (2003, Pure Appl. Geophys. 160, 635-676) gives the method, Atkinson and Silva (2000, Bull. Seism. Soc. Am. 90, 255-274) the
-two-corner source, effective distance, path and duration for California, Boore and Joyner (1997, Bull. Seism. Soc. Am. 87, 327-341)
+two-corner source, effective distance and path for California, Boore and Joyner (1997, Bull. Seism. Soc. Am. 87, 327-341)
 the amplification of generic rock, Siddiqqi and Atkinson (2002, Bull. Seism. Soc. Am. 92, 877-884) the ratio of horizontal to vertical
 spectra, Mavroeidis and Papageorgiou (2003, Bull. Seism. Soc. Am. 93, 1099-1131) the near-fault velocity pulse and the way to add it.
 """
 
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,6 +28,11 @@ ROCK_AMPLIFICATION = (
     (1.00, 1.10, 1.18, 1.42, 1.58, 1.74, 2.06, 2.25, 2.58, 3.13, 4.00),
 )
 """Frequencies (Hz) and factors of generic rock, 620 m/s over the upper 30 m."""
+PATH_DURATION = (0.0, 7.0, 45.0, 125.0, 175.0), (0.0, 2.4, 8.4, 10.9, 17.4)
+"""Distances (km) and what the path adds to the duration (s) in active crust."""
+CALIBRATION = 1.2
+"""Factor on the spectra: the path's durations are longer than those with which the source was calibrated, and longer
+shaking of one spectrum peaks lower. It brings PGA and response spectra to the empirical medians (`against_targets`)."""
 LOW_CUT_HZ = 0.05
 PULSE_DISTANCE_KM = (5.0, 15.0)
 MEDIAN_PULSE_VELOCITY_M_S = 0.9
@@ -56,7 +62,9 @@ class Scenario:
     pulse: bool = False
 
 
-def synthetic_ensemble(count: int, seed: int, pulse_share: float = 0.15) -> list[Record]:
+def synthetic_ensemble(
+    count: int, seed: int, pulse_share: float = 0.15, advance: Callable[[], None] = lambda: None
+) -> list[Record]:
     """Records of earthquakes of M 6 to 8 at 5 to 100 km, a stated share of them with a near-fault pulse.
 
     Magnitudes are uniform, distances uniform in their logarithm. kappa, amplitude and duration scatter lognormally
@@ -68,6 +76,8 @@ def synthetic_ensemble(count: int, seed: int, pulse_share: float = 0.15) -> list
         The same seed gives the same records; a longer ensemble starts with the shorter one's scenarios.
     pulse_share : float
         Share of the records, spread evenly through the ensemble, that have a pulse; these lie within 15 km.
+    advance : callable
+        Called once a record.
 
     Returns
     -------
@@ -88,6 +98,7 @@ def synthetic_ensemble(count: int, seed: int, pulse_share: float = 0.15) -> list
             pulse=pulse,
         )
         motion, history = synthetic_motion(scenario, rng)
+        advance()
         records.append(
             Record.of(
                 f"S{index + 1:04d}",
@@ -144,8 +155,9 @@ def effective_distance_km(magnitude: float, distance_km: float) -> float:
 
 
 def median_duration_s(magnitude: float, distance_km: float) -> float:
-    """Duration of the strong motion: source, one over twice the lower corner, and path, 0.05 s/km."""
-    return 0.5 / corner_frequencies_hz(magnitude)[0] + 0.05 * effective_distance_km(magnitude, distance_km)
+    """Duration of the strong motion: source, one over twice the lower corner, and path (Boore and Thompson 2014)."""
+    path = np.interp(effective_distance_km(magnitude, distance_km), *PATH_DURATION)
+    return float(0.5 / corner_frequencies_hz(magnitude)[0] + path)
 
 
 def acceleration_spectrum_m_s(frequency_hz: NDArray[np.float64], scenario: Scenario) -> NDArray[np.float64]:
@@ -170,7 +182,7 @@ def acceleration_spectrum_m_s(frequency_hz: NDArray[np.float64], scenario: Scena
         np.log(np.maximum(f, 1e-3)), np.log(ROCK_AMPLIFICATION[0]), ROCK_AMPLIFICATION[1]
     )
     site = amplification * np.exp(-np.pi * scenario.kappa_s * f)
-    return constant * source * path * site * (2 * np.pi * f) ** 2
+    return CALIBRATION * constant * source * path * site * (2 * np.pi * f) ** 2
 
 
 def horizontal_to_vertical(frequency_hz: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -223,3 +235,66 @@ def _add_pulse(
     rest = np.abs(np.abs(spectra[0]) - np.abs(pulse_spectrum))
     spectra[0] = rest * np.exp(1j * np.angle(spectra[0])) + pulse_spectrum
     return f"near-fault pulse along x: {velocity:.2f} m/s, period {period:.2f} s, {cycles:.2f} cycles"
+
+
+TARGET_PGV_PGA_S = (0.04, 0.25)
+"""5th and 95th percentile of PGV/PGA that an ensemble for toppling should span."""
+BOORE_1997: Mapping[str, tuple[float, ...]] = {
+    "pga_rotd50_m_s2": (-0.242, 0.527, 0.0, -0.778, -0.371, 1396.0, 5.57),
+    "sa_rotd50_0.2s_m_s2": (1.089, 0.711, -0.207, -0.924, -0.292, 2118.0, 7.02),
+    "sa_rotd50_1s_m_s2": (-1.080, 1.036, -0.032, -0.798, -0.698, 1406.0, 2.90),
+    "sa_rotd50_2s_m_s2": (-1.743, 1.085, -0.085, -0.812, -0.655, 1795.0, 5.85),
+}
+"""b1, b2, b3, b5, bV, VA, h of Boore, Joyner and Fumal (1997, Seism. Res. Lett. 68, 128-153), table 8, any fault type."""
+ROCK_VELOCITY_M_S = 620.0
+
+
+def median_spectrum_m_s2(measure: str, magnitude: float, distance_km: float) -> float:
+    """Median of a measure on generic rock by an empirical equation (Boore, Joyner and Fumal 1997; M up to 7.5, 80 km)."""
+    b1, b2, b3, b5, slope, reference, depth = BOORE_1997[measure]
+    distance = np.hypot(distance_km, depth)
+    shift = magnitude - 6
+    ln_g = (
+        b1
+        + b2 * shift
+        + b3 * shift**2
+        + b5 * np.log(distance)
+        + slope * np.log(ROCK_VELOCITY_M_S / reference)
+    )
+    return float(9.80665 * np.exp(ln_g))
+
+
+def median_arias_duration_s(magnitude: float, distance_km: float) -> float:
+    """Median 5 to 95 % Arias duration on rock by an empirical equation (Abrahamson and Silva 1996, PEER)."""
+    stress_drop = np.exp(5.204 + 0.851 * (magnitude - 6))
+    source = (stress_drop / 10 ** (1.5 * magnitude + 16.05)) ** (-1 / 3) / (4.9e6 * 3.2)
+    return float(np.exp(0.845) * (source + 0.063 * max(distance_km - 10, 0.0)))
+
+
+def against_targets(records: Sequence[Record]) -> list[str]:
+    """Lines that say what an ensemble of synthetic records is and what it should be by published equations.
+
+    Spectra and durations are compared as the median ratio over the records without a pulse, within the equations' range.
+    """
+    ratio = np.percentile([r.intensity["pgv_pga_s"] for r in records], [5, 95])
+    lines = [
+        f"{'PGV/PGA, 5th and 95th percentile':<44}{ratio[0]:.3f} and {ratio[1]:.3f} s"
+        f"   target {TARGET_PGV_PGA_S[0]} and {TARGET_PGV_PGA_S[1]} s"
+    ]
+    plain = [
+        (r.magnitude, r.distance_km, r.intensity)
+        for r in records
+        if r.magnitude is not None
+        and r.distance_km is not None
+        and r.magnitude <= 7.5
+        and r.distance_km <= 80
+        and not any("near-fault pulse" in step for step in r.history)
+    ]
+    if not plain:
+        return lines
+    duration = np.median([i["duration_arias_s"] / median_arias_duration_s(m, d) for m, d, i in plain])
+    lines.append(f"{'5-95 % duration over Abrahamson-Silva 1996':<44}{duration:.2f}   target 1")
+    for name in BOORE_1997:
+        share = np.median([i[name] / median_spectrum_m_s2(name, m, d) for m, d, i in plain])
+        lines.append(f"{name + ' over Boore et al. 1997':<44}{share:.2f}   target 1")
+    return lines

@@ -1,6 +1,8 @@
 """`toppling records`: from record files to an ensemble."""
 
 import json
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -9,12 +11,14 @@ import click
 from models.errors import InputError
 
 if TYPE_CHECKING:
+    from rich.progress import Progress, TaskID
+
     from models.motions.importing import Refusal
 
 
 @click.group()
 def records() -> None:
-    r"""Ground motions: import files into an ensemble.
+    r"""Ground motions: import, make, select and show ensembles of records.
 
     \b
     toppling records import records/ --out ensembles/quakes --metadata records/catalog.csv
@@ -64,26 +68,21 @@ def import_(
     toppling records import RSN1158_KOCAELI_DZC*.AT2 --out ensembles/duzce
     toppling records import records/ --out ensembles/quakes --metadata records/catalog.csv
     """
-    from rich.console import Console
-    from rich.progress import Progress
-
-    from models.motions.ensemble import CATALOG, Ensemble
+    from models.motions.ensemble import Ensemble
     from models.motions.importing import Wishes, import_records, record_files
-    from models.motions.metadata import read_table
+    from models.motions.metadata import looks_like_table, read_table
 
-    if (out / CATALOG).exists() and not replace:
-        raise InputError(
-            "an ensemble is there already",
-            where=str(out),
-            expected="a new folder",
-            remedy="choose another --out, or replace it with --replace",
-        )
+    _refuse_existing(out, replace)
     table = read_table(metadata) if metadata else []
     files = record_files(paths)
     wishes = Wishes(missing_vertical, doubtful, process, corner_hz)
-    with Progress(console=Console(stderr=True), transient=True) as progress:
-        task = progress.add_task("reading", total=len(files))
+    with _progress("reading") as (progress, task):
+        progress.update(task, total=len(files))
         outcome = import_records(files, table, wishes, lambda: progress.advance(task))
+    if not metadata:
+        for path in (found for folder in paths if folder.is_dir() for found in sorted(folder.rglob("*.csv"))):
+            if looks_like_table(path):
+                click.echo(f"{path} looks like a metadata table: give it with --metadata", err=True)
     if not outcome.records:
         _show_refusals(outcome.refusals)
         raise InputError(
@@ -115,17 +114,210 @@ def import_(
     )
 
 
+@records.command()
+@click.argument("ensemble", type=click.Path(path_type=Path, file_okay=False, exists=True))
+@click.option(
+    "--figure", type=click.Path(path_type=Path, dir_okay=False), help="Draw spectra and scatters into a file."
+)
+@click.option("--json", "as_json", is_flag=True, help="Print the catalogue as JSON lines.")
+def show(ensemble: Path, figure: Path | None, as_json: bool) -> None:
+    r"""Show an ensemble as a table, and draw it.
+
+    \b
+    toppling records show ensembles/quakes --figure quakes.png
+    """
+    from models.motions.ensemble import Ensemble
+
+    loaded = Ensemble.load(ensemble)
+    if figure:
+        from models.motions.figure import draw
+
+        draw(loaded, figure)
+    if as_json:
+        for row in loaded.catalog.to_pylist():
+            click.echo(json.dumps(row))
+        return
+    _show_catalog(loaded.catalog.to_pylist())
+    if figure:
+        click.echo(f"drawn in {figure}")
+
+
+@records.command()
+@click.argument("ensemble", type=click.Path(path_type=Path, file_okay=False, exists=True))
+@click.option(
+    "--out",
+    required=True,
+    type=click.Path(path_type=Path, file_okay=False),
+    help="Folder of the new ensemble.",
+)
+@click.option("--magnitude", type=float, nargs=2, help="Least and largest.")
+@click.option("--distance", "distance_km", type=float, nargs=2, help="Least and largest, km.")
+@click.option("--event", help="Part of the event's name.")
+@click.option("--components", type=click.IntRange(2, 3), default=2, help="At least so many components.")
+@click.option(
+    "--per-event", type=click.IntRange(min=0), default=0, help="At most so many of one event, the nearest."
+)
+@click.option(
+    "--deaggregation",
+    type=click.Path(path_type=Path, dir_okay=False, exists=True),
+    help="CSV table that weights the records: magnitude_low, magnitude_high, distance_low_km, distance_high_km, contribution.",
+)
+@click.option("--replace", is_flag=True, help="Replace an ensemble that is there.")
+def select(
+    ensemble: Path,
+    out: Path,
+    magnitude: tuple[float, float] | None,
+    distance_km: tuple[float, float] | None,
+    event: str | None,
+    components: int,
+    per_event: int,
+    deaggregation: Path | None,
+    replace: bool,
+) -> None:
+    r"""Make an ensemble of some records of another, weighted by a site's hazard if asked.
+
+    \b
+    toppling records select ensembles/quakes --out ensembles/near --distance 0 20 --per-event 3
+    """
+    import dataclasses
+
+    from models.motions.ensemble import Ensemble
+    from models.motions.selection import Choice, hazard_weights, read_deaggregation
+    from models.motions.selection import select as chosen
+
+    _refuse_existing(out, replace)
+    loaded = Ensemble.load(ensemble)
+    names = chosen(loaded, Choice(magnitude or None, distance_km or None, event, components, per_event))
+    weights = dict.fromkeys(names, 1.0)
+    if deaggregation:
+        weights, empty = hazard_weights(loaded, names, read_deaggregation(deaggregation))
+        for b in empty:
+            click.echo(f"no record for magnitude {b.magnitude}, distance {b.distance_km} km", err=True)
+        names = [name for name in names if weights[name] > 0]
+    written = Ensemble.write(
+        out, [dataclasses.replace(loaded.record(name), weight=weights[name]) for name in names]
+    )
+    click.echo(f"{len(written.record_ids)} of {len(loaded.record_ids)} records in {out}")
+
+
+@records.command()
+@click.option(
+    "--out", required=True, type=click.Path(path_type=Path, file_okay=False), help="Folder of the ensemble."
+)
+@click.option("--count", type=click.IntRange(min=1), default=140, show_default=True)
+@click.option("--seed", type=int, default=1, show_default=True)
+@click.option(
+    "--pulse-share",
+    type=click.FloatRange(0, 1),
+    default=0.15,
+    show_default=True,
+    help="With near-fault pulses.",
+)
+@click.option("--replace", is_flag=True, help="Replace an ensemble that is there.")
+def synthesise(out: Path, count: int, seed: int, pulse_share: float, replace: bool) -> None:
+    r"""Make an ensemble of synthetic records, M 6 to 8 at 5 to 100 km, and print what it should be beside what it is.
+
+    \b
+    toppling records synthesise --count 140 --seed 1 --out ensembles/synthetic
+    """
+    from models.motions.ensemble import Ensemble
+    from models.motions.synthetic import against_targets, synthetic_ensemble
+
+    _refuse_existing(out, replace)
+    with _progress("making") as (progress, task):
+        progress.update(task, total=count)
+        made = synthetic_ensemble(count, seed, pulse_share, lambda: progress.advance(task))
+    Ensemble.write(out, made)
+    for line in against_targets(made):
+        click.echo(line)
+    click.echo(f"{count} records in {out}")
+
+
+@contextmanager
+def _progress(what: str) -> "Iterator[tuple[Progress, TaskID]]":
+    """A bar with the time left, on stderr."""
+    from rich.console import Console
+    from rich.progress import Progress
+
+    with Progress(console=Console(stderr=True), transient=True) as progress:
+        yield progress, progress.add_task(what, total=None)
+
+
+def _refuse_existing(out: Path, replace: bool) -> None:
+    from models.motions.ensemble import CATALOG
+
+    if (out / CATALOG).exists() and not replace:
+        raise InputError(
+            "an ensemble is there already",
+            where=str(out),
+            expected="a new folder",
+            remedy="choose another --out, or replace it with --replace",
+        )
+
+
+def _show_catalog(rows: list[dict]) -> None:
+    from rich import box
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(box=box.SIMPLE, title=f"{len(rows)} records", title_justify="left")
+    heads = (
+        "record",
+        "event",
+        "station",
+        "M",
+        "R km",
+        "PGA m/s²",
+        "toward °",
+        "PGV m/s",
+        "PGV/PGA s",
+        "D s",
+        "2nd dir.",
+    )
+    for index, head in enumerate(heads):
+        table.add_column(head, justify="left" if index < 3 else "right", max_width=28, no_wrap=True)
+    for row in rows:
+        table.add_row(
+            row["record_id"],
+            row["event"],
+            row["station"],
+            "?" if row["magnitude"] is None else f"{row['magnitude']:.1f}",
+            "?" if row["distance_km"] is None else f"{row['distance_km']:.1f}",
+            f"{row['pga_m_s2']:.2f}",
+            f"{row['pga_azimuth_deg']:.0f}" if row["north_known"] else "?",
+            f"{row['pgv_m_s']:.3f}",
+            f"{row['pgv_pga_s']:.3f}",
+            f"{row['duration_energy_s']:.1f}",
+            f"{row['directionality']:.2f}",
+        )
+    console = Console()
+    Console(width=None if console.is_terminal else 150).print(table)
+    undirected = sum(row["directionality"] > 0.9 for row in rows)
+    click.echo(
+        "toward: azimuth of the vector PGA, counter-clockwise from east; D: 5 to 95 % of the integral of squared velocity;\n"
+        f"2nd dir.: share of PGA reached more than 22.5 degrees away ({undirected} records above 0.9)"
+    )
+
+
 def _show_refusals(refusals: "list[Refusal]") -> None:
+    """Table of what was left out, by reason; places beyond the first few of one reason are counted."""
     if not refusals:
         return
     from rich import box
     from rich.console import Console
     from rich.table import Table
 
-    table = Table(
-        "left out", "why", "where", "remedy", box=box.SIMPLE, title="Left out", title_justify="left"
-    )
+    by_reason: dict[tuple[str, str], list[Refusal]] = {}
     for refusal in refusals:
-        reason = refusal.reason
-        table.add_row(refusal.subject, reason.what, reason.where, reason.remedy)
-    Console(width=None if Console().is_terminal else 160).print(table)
+        by_reason.setdefault((refusal.reason.what, refusal.reason.remedy), []).append(refusal)
+    table = Table(box=box.SIMPLE, show_lines=True, title=f"{len(refusals)} left out", title_justify="left")
+    for head in ("left out", "why, and what to do"):
+        table.add_column(head, overflow="fold", ratio=1)
+    for (what, remedy), group in by_reason.items():
+        subjects = [
+            r.reason.where if r.subject in r.reason.where else f"{r.subject} ({r.reason.where})"
+            for r in group
+        ]
+        table.add_row("\n".join(subjects), f"{what}\n-> {remedy}")
+    console = Console()
+    Console(width=None if console.is_terminal else 200).print(table)

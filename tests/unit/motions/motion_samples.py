@@ -33,7 +33,9 @@ def peer(folder: Path, a: np.ndarray, old_style: bool = False) -> list[Path]:
     paths = []
     for label, series in (("090", a[:, 0]), ("000", a[:, 1]), ("UP", a[:, 2])):
         count = (
-            f"{len(series):5d} {STEP_S:.4f} NPTS, DT" if old_style else f"NPTS= {len(series):6d}, DT=   .0100 SEC,"
+            f"{len(series):5d} {STEP_S:.4f} NPTS, DT"
+            if old_style
+            else f"NPTS= {len(series):6d}, DT=   .0100 SEC,"
         )
         body = rows(series / G, "15.7E", 5).replace(" 0.", "  .").replace("-0.", " -.")
         path = folder / f"RSN9_TEST_STA{label}.AT2"
@@ -80,7 +82,9 @@ def csmip_v1(folder: Path, a: np.ndarray) -> list[Path]:
             f"CHAN  {number}:  {label}", len(series), len(series) * STEP_S, "UNITS OF UNCOR ACCEL IS G."
         )
         text += f"{len(series):5d} POINTS OF ACCEL DATA EQUALLY SPACED AT .010 SEC.  (UNITS: G)\n"
-        text += rows(series / G, "9.6f", 8) + f"/&  ----------  END OF DATA FOR CHANNEL  {number}  ----------\n"
+        text += (
+            rows(series / G, "9.6f", 8) + f"/&  ----------  END OF DATA FOR CHANNEL  {number}  ----------\n"
+        )
     path = folder / "quake.RAW"
     path.write_text(text)
     return [path]
@@ -124,13 +128,27 @@ def bhrc(folder: Path, a: np.ndarray) -> list[Path]:
 
 def csmip_v2(folder: Path, a: np.ndarray) -> list[Path]:
     text = ""
-    for number, (label, series) in enumerate((("180 Deg", -a[:, 1]), ("90 Deg", a[:, 0]), ("Up", a[:, 2])), 1):
-        title = [f"Corrected accelerogram   89486-N2628-22354.08       Chan  {number}: {label}     from", "Uncorrected"]
-        title += ["Rcrd of Tue Dec 20, 2022", "Preliminary", "89486-N2628", "Station No. 89486   40.585N, 124.146W"]
+    for number, (label, series) in enumerate(
+        (("180 Deg", -a[:, 1]), ("90 Deg", a[:, 0]), ("Up", a[:, 2])), 1
+    ):
+        title = [
+            f"Corrected accelerogram   89486-N2628-22354.08       Chan  {number}: {label}     from",
+            "Uncorrected",
+        ]
+        title += [
+            "Rcrd of Tue Dec 20, 2022",
+            "Preliminary",
+            "89486-N2628",
+            "Station No. 89486   40.585N, 124.146W",
+        ]
         title += ["Test - 701 S. Blvd.            CGS   Data: Acceleration", f"Chan  {number}: {label}"]
         title += ["x"] * 17
         text += "\n".join(title) + "\n" + rows(np.zeros(100), "5.0f", 16) + rows(np.zeros(100), "10.3f", 8)
-        for kind, unit in (("accel", "cm/sec2. (8f10.5)"), ("veloc", "cm/sec.  (8f10.6)"), ("displ", "cm.      (8f10.7)")):
+        for kind, unit in (
+            ("accel", "cm/sec2. (8f10.5)"),
+            ("veloc", "cm/sec.  (8f10.6)"),
+            ("displ", "cm.      (8f10.7)"),
+        ):
             text += f" {len(series)} points of {kind} data equally spaced at 0.010 sec, in {unit}\n"
             text += rows(series * 100 if kind == "accel" else np.zeros(len(series)), "10.5f", 8)
         text += f"/&  ----------  End of data for channel  {number}  ----------\n"
@@ -144,10 +162,25 @@ def cosmos(folder: Path, a: np.ndarray, corrected: bool = True) -> list[Path]:
     for number, (label, series) in enumerate((("360 deg", a[:, 1]), ("Up", a[:, 2]), ("90 deg", a[:, 0])), 1):
         reals = np.full(100, -999.0)
         reals[61] = STEP_S * 1000
-        title = [f"{'Corrected' if corrected else 'Uncorrected'} acceleration  (Format v01.20 with 13 text lines)"]
-        title += ["Record of Testquake of Tue Aug 28, 2018", "Hypocenter: 34.0 -118.0 H= 10km Mw=6.8", "Origin: 2018"]
-        title += ["Statn No: 05- 23837 Code:CE-23837  CGS  Test", "Coords: 34.063  -117.785", "Recorder: Etna"]
-        title += ["Rcrd start time: 8/29/2018", f"Sta Chan  {number}: {label} (Rcrdr Chan  {number})", "Raw", "Processed"]
+        title = [
+            f"{'Corrected' if corrected else 'Uncorrected'} acceleration  (Format v01.20 with 13 text lines)"
+        ]
+        title += [
+            "Record of Testquake of Tue Aug 28, 2018",
+            "Hypocenter: 34.0 -118.0 H= 10km Mw=6.8",
+            "Origin: 2018",
+        ]
+        title += [
+            "Statn No: 05- 23837 Code:CE-23837  CGS  Test",
+            "Coords: 34.063  -117.785",
+            "Recorder: Etna",
+        ]
+        title += [
+            "Rcrd start time: 8/29/2018",
+            f"Sta Chan  {number}: {label} (Rcrdr Chan  {number})",
+            "Raw",
+            "Processed",
+        ]
         title += ["Record filtered", "Values used when parameter is unknown: -999, -999.0"]
         unit, factor = ("cm/sec2(04)", 100.0) if corrected else ("g.     (02)", 1 / G)
         text += "\n".join(title) + "\n 100 Integer-header values follow on  10 lines, Format= (10I8)\n"
@@ -163,13 +196,18 @@ def cosmos(folder: Path, a: np.ndarray, corrected: bool = True) -> list[Path]:
 
 def smc(folder: Path, a: np.ndarray) -> list[Path]:
     paths = []
-    for label, series, vertical, azimuth in (("90", a[:, 0], 90, 90), ("up", a[:, 2], 0, -32768), ("360", a[:, 1], 90, 360)):
+    for label, series, vertical, azimuth in (
+        ("90", a[:, 0], 90, 90),
+        ("up", a[:, 2], 0, -32768),
+        ("360", a[:, 1], 90, 360),
+    ):
         integers = np.full(48, -32768)
         integers[[12, 13, 15, 16]] = vertical, azimuth, 2, len(series)
         reals = np.full(50, 1.7e38)
         reals[[1, 5, 16]] = 1 / STEP_S, 6.9, 40.0
         samples = "".join(
-            "".join(_short_exponent(v) for v in series[i : i + 8] * 100) + "\n" for i in range(0, len(series), 8)
+            "".join(_short_exponent(v) for v in series[i : i + 8] * 100) + "\n"
+            for i in range(0, len(series), 8)
         )
         path = folder / f"np01_{label}.smc"
         path.write_text(
@@ -199,8 +237,16 @@ def geonet(folder: Path, a: np.ndarray, corrected: bool = True) -> list[Path]:
             if corrected
             else "Raw readings in units of 1.00 mm/s/s  at intervals of 0.010 s"
         )
-        title = [f"{'Corrected' if corrected else 'Uncorrected'} accelerogram 20161113_110256_WTMC_20 GNS Science"]
-        title += ["Site WTMC      42 37 10S  173 03 13E     Cusp file", "Farm", "Instrument", "Resolution", "Accelerogram"]
+        title = [
+            f"{'Corrected' if corrected else 'Uncorrected'} accelerogram 20161113_110256_WTMC_20 GNS Science"
+        ]
+        title += [
+            "Site WTMC      42 37 10S  173 03 13E     Cusp file",
+            "Farm",
+            "Instrument",
+            "Resolution",
+            "Accelerogram",
+        ]
         title += ["5 km south-west", "2016 November 13         11:02:56 UT"]
         title += ["Epicentre  42 41 33S 173 01 19E  Bearing S18W  Dist    9km  Depth   15km Mw 7.82"]
         title += [f"Number of points  {len(series)}", how, "Filter", f"Component {name}", "A", "V", "D"]
@@ -254,7 +300,13 @@ def unam(folder: Path, a: np.ndarray) -> list[Path]:
     }
     lines = ["*" * 86, "INSTITUTO DE INGENIERIA, UNAM", "ARCHIVO ESTANDAR DE ACELERACION:"]
     lines += [f"{key:<39}: {value}" for key, value in keys.items()]
-    lines += ["DATOS DE ACELERACION:", "---------+", "   CANAL-1   CANAL-2   CANAL-3", "V N00E N90E", "---------+"]
+    lines += [
+        "DATOS DE ACELERACION:",
+        "---------+",
+        "   CANAL-1   CANAL-2   CANAL-3",
+        "V N00E N90E",
+        "---------+",
+    ]
     lines += ["".join(f"{v:10.4f}" for v in row) for row in a[:, [2, 1, 0]] * 100]
     path = folder / "PZPU1709.191"
     path.write_text("\n".join(lines) + "\n")
@@ -316,7 +368,15 @@ def miniseed(folder: Path, a: np.ndarray, response: bool = True) -> list[Path]:
         sensitivity = InstrumentSensitivity(2e5, 1.0, "M/S**2", "COUNTS")
         channels.append(
             Channel(
-                f"HN{letter}", "", 0, 0, 0, 0, azimuth=azimuth, dip=dip, response=Response(instrument_sensitivity=sensitivity)
+                f"HN{letter}",
+                "",
+                0,
+                0,
+                0,
+                0,
+                azimuth=azimuth,
+                dip=dip,
+                response=Response(instrument_sensitivity=sensitivity),
             )
         )
     if response:
@@ -329,7 +389,11 @@ def miniseed(folder: Path, a: np.ndarray, response: bool = True) -> list[Path]:
 
 def sac(folder: Path, a: np.ndarray) -> list[Path]:
     paths = []
-    for letter, series, azimuth, inclination in (("E", a[:, 0], 90, 90), ("N", a[:, 1], 0, 90), ("Z", a[:, 2], 0, 0)):
+    for letter, series, azimuth, inclination in (
+        ("E", a[:, 0], 90, 90),
+        ("N", a[:, 1], 0, 90),
+        ("Z", a[:, 2], 0, 0),
+    ):
         header = {"network": "XX", "station": "TST", "channel": f"HN{letter}", "delta": STEP_S}
         trace = obspy.Trace(series.astype(np.float32), header)
         trace.stats.sac = {"cmpaz": azimuth, "cmpinc": inclination, "idep": 8}

@@ -13,14 +13,24 @@ from models.motions.metadata import read_table
 from motion_samples import COUNT, STEP_S, WRITERS, columns, peer, shaking
 
 # what each format's printing rounds off, m/s2: half of its last digit
-ROUNDING = {"pairs_v1": 5e-4, "geonet_v2a": 5e-5, "geonet_v1a": 5e-5, "cwb": 5e-6, "smc": 3e-3, "miniseed": 3e-6, "knet": 2e-6}
+ROUNDING = {
+    "pairs_v1": 5e-4,
+    "geonet_v2a": 5e-5,
+    "geonet_v1a": 5e-5,
+    "cwb": 5e-6,
+    "smc": 3e-3,
+    "miniseed": 3e-6,
+    "knet": 2e-6,
+}
 RAW = {"csmip_v1", "pairs_v1", "bhrc", "cosmos_v1", "geonet_v1a", "unam", "cwb", "knet", "miniseed", "sac"}
 UNORIENTED = {"pairs_v1"}
 
 
 def imported(folder: Path, **wishes):
     table = folder / "table.csv"
-    return import_records(record_files([folder]), read_table(table) if table.exists() else [], Wishes(**wishes))
+    return import_records(
+        record_files([folder]), read_table(table) if table.exists() else [], Wishes(**wishes)
+    )
 
 
 @pytest.mark.parametrize("name", WRITERS)
@@ -68,7 +78,16 @@ def test_counts_without_a_response_are_refused(tmp_path):
 @pytest.mark.parametrize(
     ("label", "direction"),
     [("090", 90.0), ("360 DEG", 0.0), ("N28W", 332.0), ("S62W", 242.0), ("N90E", 90.0), ("S10E", 170.0)]
-    + [("UP", "up"), ("UD", "up"), ("DWN", "down"), ("EW", 90.0), ("NS", 0.0), ("L", None), ("", None), ("400", None)],
+    + [
+        ("UP", "up"),
+        ("UD", "up"),
+        ("DWN", "down"),
+        ("EW", 90.0),
+        ("NS", 0.0),
+        ("L", None),
+        ("", None),
+        ("400", None),
+    ],
 )
 def test_bearings_are_read_as_they_are_written(label, direction):
     assert bearing(label) == direction
@@ -81,7 +100,9 @@ def test_a_truncated_file_is_refused_and_named(name, tmp_path):
     content = victim.read_bytes()
     victim.write_bytes(content[: int(0.7 * len(content))])
     outcome = imported(tmp_path, process=False)
-    if name == "columns" and outcome.records:  # no header counts them: what is left is cut to the shortest, and said
+    if (
+        name == "columns" and outcome.records
+    ):  # no header counts them: what is left is cut to the shortest, and said
         assert any("cut to" in step for step in outcome.records[0].history)
         return
     if name in {"miniseed", "knet"} and outcome.records:  # whole blocks or lines are left

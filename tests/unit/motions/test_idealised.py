@@ -10,7 +10,9 @@ from models.motions.intensity import displacement_m, measure, velocity_m_s
 def test_full_sine_leaves_the_ground_at_rest_and_displaced():
     motion = idealised.full_sine(3.0, 0.8, azimuth_deg=90.0)
     velocity, displacement = velocity_m_s(motion), displacement_m(motion)
-    assert velocity[:, 1].max() == pytest.approx(3.0 * 0.8 / np.pi, rel=2e-4)  # chords of a sine: (2 pi h / T)^2 / 12
+    assert velocity[:, 1].max() == pytest.approx(
+        3.0 * 0.8 / np.pi, rel=2e-4
+    )  # chords of a sine: (2 pi h / T)^2 / 12
     assert velocity[-1] == pytest.approx([0, 0, 0], abs=1e-12)
     assert displacement[-1, 1] == pytest.approx(3.0 * 0.8**2 / (2 * np.pi), rel=1e-3)
     assert np.abs(motion.acceleration_m_s2[:, 0]).max() < 1e-12

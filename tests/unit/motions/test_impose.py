@@ -30,7 +30,9 @@ def test_the_stronger_recorded_component_points_to_the_azimuth():
     along_30, along_120 = np.deg2rad([30, 120])
     x = weak * np.cos(along_30) + strong * np.cos(along_120)
     y = weak * np.sin(along_30) + strong * np.sin(along_120)
-    record = Record.of("a", Motion(np.column_stack([x, y, 0 * x]), 0.01), component_azimuths_deg=(30.0, 120.0))
+    record = Record.of(
+        "a", Motion(np.column_stack([x, y, 0 * x]), 0.01), component_azimuths_deg=(30.0, 120.0)
+    )
     imposed = impose(record, record.intensity["pga_m_s2"], 270.0).motion.acceleration_m_s2
     assert np.allclose(imposed[:, 1], -strong, atol=1e-12)
     # what was 90 degrees clockwise of the strong component stays so

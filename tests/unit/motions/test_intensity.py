@@ -73,7 +73,9 @@ def test_rotd_of_motion_along_one_line_is_the_cosine():
     pga, azimuth = 3.0, np.deg2rad(20)
     horizontal = sine_cycles(pga, 0.5, 200, azimuth).acceleration_m_s2[:, :2]
     peaks = rotated_peaks(horizontal)
-    assert peaks == pytest.approx(np.abs(pga * np.cos(np.deg2rad(np.arange(180)) - azimuth)), rel=1e-9, abs=1e-9)
+    assert peaks == pytest.approx(
+        np.abs(pga * np.cos(np.deg2rad(np.arange(180)) - azimuth)), rel=1e-9, abs=1e-9
+    )
     assert np.median(peaks) == pytest.approx(pga / np.sqrt(2), rel=0.01)  # whole degrees
 
 
@@ -113,7 +115,9 @@ def against_eqsig(acceleration, step):
     theirs = eqsig.sdof.pseudo_response_spectra(acceleration, step, periods, 0.05)[2]
     # eqsig writes 2 pi with eight digits, and begins at rest where the first sample is not zero
     assert ours == pytest.approx(theirs, rel=1e-6 + 0.01 * abs(acceleration[0]) / np.abs(acceleration).max())
-    assert arias_m_s(acceleration, step) == pytest.approx(eqsig.im.calc_arias_intensity(signal)[-1], rel=2e-3)  # its g is 9.81
+    assert arias_m_s(acceleration, step) == pytest.approx(
+        eqsig.im.calc_arias_intensity(signal)[-1], rel=2e-3
+    )  # its g is 9.81
     motion = Motion(np.column_stack([acceleration, 0 * acceleration, 0 * acceleration]), step)
     measures = measure(motion)
     assert measures["cav_m_s"] == pytest.approx(eqsig.im.calc_cav(signal)[-1], rel=2e-3)

@@ -33,9 +33,14 @@ def compared(folders):
         assert record.magnitude == float(row["mag"])
         if row["processing"] == "corrected":
             for ours, theirs in PEAKS.items():
-                assert record.intensity[ours] == pytest.approx(float(row[theirs]), rel=0.02), (record.record_id, ours)
+                assert record.intensity[ours] == pytest.approx(float(row[theirs]), rel=0.02), (
+                    record.record_id,
+                    ours,
+                )
         else:  # processed: only that it is the same shaking
-            assert record.intensity["pga_m_s2"] == pytest.approx(float(row["pga_hvec"]), rel=0.1), record.record_id
+            assert record.intensity["pga_m_s2"] == pytest.approx(float(row["pga_hvec"]), rel=0.1), (
+                record.record_id
+            )
     return outcome
 
 

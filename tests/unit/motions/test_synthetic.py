@@ -3,10 +3,13 @@
 import numpy as np
 import pytest
 
-from models.motions.intensity import velocity_m_s
+from models.motions.intensity import measure, velocity_m_s
 from models.motions.synthetic import (
+    BOORE_1997,
     Scenario,
     acceleration_spectrum_m_s,
+    median_arias_duration_s,
+    median_spectrum_m_s2,
     synthetic_ensemble,
     synthetic_motion,
     velocity_pulse_m_s,
@@ -38,7 +41,9 @@ def test_the_mean_power_spectrum_is_the_scenarios():
     mean = np.sqrt(np.mean(np.concatenate(spectra) ** 2, axis=0))
     for low, high in ((0.5, 1), (1, 3), (3, 10), (10, 20)):
         band = (frequency >= low) & (frequency < high)
-        ratio = np.sqrt(np.mean(mean[band] ** 2) / np.mean(acceleration_spectrum_m_s(frequency, scenario)[band] ** 2))
+        ratio = np.sqrt(
+            np.mean(mean[band] ** 2) / np.mean(acceleration_spectrum_m_s(frequency, scenario)[band] ** 2)
+        )
         # 80 series of some 15 independent frequencies or more: the mean power scatters by 3 %
         assert ratio == pytest.approx(1.0, abs=0.06)
 
@@ -55,3 +60,25 @@ def test_pulse_has_its_amplitude_period_and_length():
     assert np.all(pulse[np.abs(time_s) > 2.0] == 0)
     zero = time_s[(time_s > 0)][np.argmax(pulse[time_s > 0] < 0)]
     assert zero == pytest.approx(0.5, abs=0.01)  # a quarter of the period after the centre
+
+
+def test_durations_and_spectra_are_near_the_published_medians():
+    rows = []
+    for index in range(30):
+        rng = np.random.default_rng(index)
+        magnitude, distance_km = 6 + 1.5 * (index % 6) / 5, 10.0 * 6 ** (index / 30)
+        motion, _ = synthetic_motion(Scenario(magnitude, distance_km), rng)
+        measures = measure(motion)
+        row = [measures["duration_arias_s"] / median_arias_duration_s(magnitude, distance_km)]
+        row += [measures[name] / median_spectrum_m_s2(name, magnitude, distance_km) for name in BOORE_1997]
+        rows.append(row)
+    ratios = np.median(rows, axis=0)
+    # two published models of one median differ by a fifth or so, most at 2 s
+    assert ratios == pytest.approx(np.ones(5), rel=0.3)
+
+
+@pytest.mark.slow
+def test_140_records_span_the_ratios_of_pgv_to_pga_that_toppling_asks_for():
+    low, high = np.percentile([r.intensity["pgv_pga_s"] for r in synthetic_ensemble(140, 1)], [5, 95])
+    assert low == pytest.approx(0.04, rel=0.25)
+    assert high == pytest.approx(0.25, rel=0.25)

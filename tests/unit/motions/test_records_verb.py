@@ -1,0 +1,102 @@
+"""`toppling records` as it is typed."""
+
+import json
+
+import pytest
+from click.testing import CliRunner
+from motion_samples import WRITERS, shaking
+
+from models import InputError
+from models.motions.ensemble import Ensemble
+from orchestrator.cli import cli
+
+
+def run(*arguments, expect=0):
+    result = CliRunner().invoke(cli, ["records", *map(str, arguments)])
+    if expect == 0:
+        assert result.exception is None, result.output
+    return result
+
+
+def test_import_reads_what_it_can_and_ends_with_what_it_left_out(tmp_path):
+    folder = tmp_path / "in"
+    folder.mkdir()
+    WRITERS["peer"](folder, shaking())
+    (folder / "broken.AT2").write_text("PEER NGA STRONG MOTION DATABASE RECORD\nx\n")
+    result = run("import", folder, "--out", tmp_path / "out")
+    assert "1 records of 4 files" in result.output
+    assert "broken.AT2" in result.output
+    ensemble = Ensemble.load(tmp_path / "out")
+    (row,) = ensemble.catalog.to_pylist()
+    assert row["event"] == "Testquake"
+    assert len(row["files"]) == 3
+    wanted = {
+        "record_id",
+        "event",
+        "station",
+        "magnitude",
+        "distance_km",
+        "time_step_s",
+        "duration_s",
+        "pga_m_s2",
+    }
+    assert wanted | {"pgv_m_s", "pga_azimuth_deg", "files"} <= set(row)
+
+
+def test_import_takes_what_files_do_not_say_from_the_table_and_hints_at_one(tmp_path):
+    folder = tmp_path / "in"
+    folder.mkdir()
+    WRITERS["columns"](folder, shaking())
+    with_table = run("import", folder, "--out", tmp_path / "a", "--metadata", folder / "table.csv", "--json")
+    assert json.loads(with_table.stdout)["records"] == ["C1"]
+    without = run("import", folder, "--out", tmp_path / "b", expect=1)
+    assert isinstance(without.exception, InputError)
+    assert "looks like a metadata table" in without.output
+    assert not (tmp_path / "b").exists()
+
+
+def test_import_replaces_an_ensemble_only_when_told(tmp_path):
+    folder = tmp_path / "in"
+    folder.mkdir()
+    WRITERS["esm"](folder, shaking())
+    run("import", folder, "--out", tmp_path / "out")
+    again = run("import", folder, "--out", tmp_path / "out", expect=1)
+    assert "already" in str(again.exception)
+    run("import", folder, "--out", tmp_path / "out", "--replace")
+
+
+def test_a_path_that_is_not_there_is_refused(tmp_path):
+    result = run("import", tmp_path / "nowhere", "--out", tmp_path / "out", expect=1)
+    assert isinstance(result.exception, InputError)
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("made") / "ensemble"
+    result = run("synthesise", "--count", "6", "--seed", "3", "--out", folder)
+    assert "target" in result.output
+    return folder
+
+
+def test_show_prints_a_row_a_record_and_draws_one_figure(made, tmp_path):
+    figure = tmp_path / "figure.png"
+    result = run("show", made, "--figure", figure)
+    assert all(f"S000{n}" in result.output for n in range(1, 7))
+    assert figure.read_bytes().startswith(b"\x89PNG")
+    assert [p.name for p in tmp_path.iterdir()] == ["figure.png"]
+    rows = [json.loads(line) for line in run("show", made, "--json").stdout.splitlines()]
+    assert len(rows) == 6
+
+
+def test_select_makes_a_smaller_ensemble_of_the_same_records(made, tmp_path):
+    rows = Ensemble.load(made).catalog.to_pylist()
+    far = max(row["distance_km"] for row in rows)
+    run("select", made, "--out", tmp_path / "near", "--distance", "0", str(far - 0.1))
+    near = Ensemble.load(tmp_path / "near")
+    assert len(near.record_ids) == 5
+    assert all(near.sha(name) == Ensemble.load(made).sha(name) for name in near.record_ids)
+
+
+@pytest.mark.parametrize("verb", ["import", "show", "select", "synthesise"])
+def test_help_shows_a_working_example(verb):
+    assert f"toppling records {verb} " in run(verb, "--help").output

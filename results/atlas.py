@@ -6,8 +6,9 @@ from pathlib import Path
 
 import pandas as pd
 
-from results import figures
+from results import figures, fits
 from results.directions import sector_share, topple_rose
+from results.exchange import OPENQUAKE, write_curves
 from results.fragility import Plane, by_contact, cells, cells_by_direction
 from results.friction import compare_cells, compare_jobs
 
@@ -82,6 +83,50 @@ def write_friction(frame: pd.DataFrame, folder: Path, plane: Plane, reference: f
         yield save_table(table, folder / "friction_cells.csv")
         yield save_table(jobs, folder / "friction_jobs.csv")
         yield from figures.save(figures.friction_figure(table, jobs), folder / "friction")
+
+
+def write_fits(frame: pd.DataFrame, folder: Path, name: str, samples: int = 200) -> Iterator[Path]:
+    """Write the fits of each contact: curves with intervals, surfaces, ranking, calibration, exchange files.
+
+    Parameters
+    ----------
+    frame : DataFrame
+        Rows of results.
+    folder : Path
+    name : str
+        Of the rock, for other programs.
+    samples : int
+        Bootstrap samples of records.
+
+    Yields
+    ------
+    Path
+        Each file, once it is complete.
+    """
+    for contact, jobs in by_contact(frame).items():
+        place = folder / contact / "fits"
+        place.mkdir(parents=True, exist_ok=True)
+        known = fits.answered(jobs)
+        ranking = fits.compare_measures(known)
+        yield save_table(ranking, place / "measures.csv")
+        singles = [measure for measure in ranking["measures"] if measure in fits.MEASURES]
+        models = [fits.fit(known, [measure]) for measure in singles]
+        both = [names for names in fits.SURFACES if set(names) <= set(singles)]
+        models += [fits.fit(known, names, link) for names in both for link in fits.LINKS]
+        resampled = [None if told.problem else fits.bootstrap(known, told, samples) for told in models]
+        yield save_table(fits.summary(models, resampled), place / "fits.csv")
+        curves = [told.lognormal for told in models if told.lognormal]
+        for suffix in (".csv", ".json", ".xml"):
+            if any(curve.measure in OPENQUAKE for curve in curves):
+                yield write_curves(place / f"curves{suffix}", curves, name)
+        if curves:
+            best = curves[0].measure
+            calibrated = fits.calibration(known, fits.out_of_fold(known, [best]))
+            yield save_table(calibrated, place / "calibration.csv")
+            observed = fits.observed_shares(known, best)
+            samples_of_best = resampled[[told.lognormal for told in models].index(curves[0])]
+            drawn = figures.fit_figure(curves[0], samples_of_best, observed, ranking, calibrated)
+            yield from figures.save(drawn, place / "fits")
 
 
 def save_table(table: pd.DataFrame, target: Path) -> Path:

@@ -13,14 +13,19 @@ import numpy as np
 import pandas as pd
 import seaborn as sns
 from matplotlib.axes import Axes
+from matplotlib.axis import XAxis
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import PolyCollection
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, StrMethodFormatter
+from numpy.typing import NDArray
+from scipy.stats import norm
 
 from models.frames import compass_deg
+from results.fits import Lognormal
 from results.fragility import THIN_RECORDS, Axis, Plane
+from results.schema import SCHEMA, describe
 
 FULL_WIDTH_IN = 7.0
 HALF_WIDTH_IN = 3.6
@@ -196,6 +201,88 @@ def friction_figure(table: pd.DataFrame, jobs: pd.DataFrame) -> Figure:
             axes.set_ylabel(f"toppling probability, friction {counts['friction_static']:g}")
         grid.flat[-1].legend(loc="lower right", frameon=False)
     return figure
+
+
+def fit_figure(
+    curve: Lognormal,
+    resampled: tuple[NDArray[np.float64], int] | None,
+    observed: pd.DataFrame,
+    ranking: pd.DataFrame,
+    calibrated: pd.DataFrame,
+) -> Figure:
+    """Best single measure's fragility with its band, how the measures rank, and how predictions hold.
+
+    Parameters
+    ----------
+    curve : Lognormal
+    resampled : pair
+        From `results.fits.bootstrap`.
+    observed, ranking, calibrated : DataFrame
+        From `results.fits`: observed_shares, compare_measures, calibration.
+    """
+    with style():
+        figure = Figure(figsize=(FULL_WIDTH_IN, 2.5))
+        left, middle, right = figure.subplots(
+            1, 3, gridspec_kw={"wspace": 0.75, "bottom": 0.2, "left": 0.07, "right": 0.98, "top": 0.88}
+        )
+        _draw_curve(left, curve, resampled, observed)
+        places = np.arange(len(ranking))[::-1]
+        if "worse_by" in ranking:
+            bars = np.abs(
+                ranking[["worse_by_low", "worse_by_high"]].to_numpy().T - ranking["worse_by"].to_numpy()
+            )
+            middle.errorbar(
+                ranking["worse_by"], places, xerr=bars, fmt="o", ms=3, lw=0.8, color=COLOURS(0.35)
+            )
+        middle.set_yticks(places, [_short(name) for name in ranking["measures"]])
+        middle.set(xlabel="log loss above the best's", title="which measure predicts best")
+        right.plot([0, 1], [0, 1], "k--", lw=0.8)
+        right.plot(calibrated["predicted"], calibrated["observed"], "o", ms=3, color=COLOURS(0.35))
+        right.set(
+            xlabel="predicted probability", ylabel="observed share", title="other records predicted",
+            xlim=(0, 1), ylim=(0, 1), aspect="equal",
+        )  # fmt: skip
+    return figure
+
+
+def _draw_curve(
+    axes: Axes,
+    curve: Lognormal,
+    resampled: tuple[NDArray[np.float64], int] | None,
+    observed: pd.DataFrame,
+) -> None:
+    intensity = np.geomspace(
+        min(observed["value"].min(), curve.intensity(0.01)), observed["value"].max() * 1.1, 200
+    )
+    if resampled is not None and len(resampled[0]):
+        drawn = norm.cdf(resampled[0][:, :1] + resampled[0][:, 1:] * np.log(intensity))
+        axes.fill_between(
+            intensity, *np.quantile(drawn, [0.025, 0.975], axis=0), color=COLOURS(0.35), alpha=0.3, lw=0
+        )
+    axes.plot(intensity, curve.probability(intensity), color=COLOURS(0.35), lw=1.2)
+    spread = np.abs(observed[["wilson_low", "wilson_high"]].to_numpy().T - observed["probability"].to_numpy())
+    axes.errorbar(observed["value"], observed["probability"], yerr=spread, fmt=".", ms=3, lw=0.6, color="0.2")
+    unit = describe(SCHEMA.field(curve.measure))["unit"]
+    axes.set(
+        xscale="log", ylim=(0, 1), xlabel=f"{_short(curve.measure)} ({unit})", ylabel="toppling probability",
+        title=f"median {curve.median:.3g} {unit}, beta {curve.beta:.2f}",
+    )  # fmt: skip
+    _plain_log(axes.xaxis)
+
+
+def _plain_log(axis: XAxis) -> None:
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    axis.set_minor_formatter(NullFormatter())
+
+
+def _short(measures: str) -> str:
+    names = {
+        "pga_m_s2": "PGA", "pgv_m_s": "PGV", "pgd_m": "PGD", "pgv_pga_s": "PGV/PGA", "sa_1s_m_s2": "SA(1 s)",
+        "sa_2s_m_s2": "SA(2 s)", "arias_m_s": "Arias", "cav_m_s": "CAV", "duration_energy_s": "duration",
+        "pga_vertical_m_s2": "vertical PGA",
+    }  # fmt: skip
+    return " + ".join(names.get(name, name) for name in measures.split(" + "))
 
 
 def save(figure: Figure, stem: Path) -> list[Path]:

@@ -21,6 +21,8 @@ from sklearn.metrics import brier_score_loss, log_loss, roc_auc_score
 from sklearn.model_selection import GroupKFold
 from statsmodels.tools.sm_exceptions import ConvergenceWarning, DomainWarning, PerfectSeparationWarning
 
+from results.fragility import wilson
+
 MEASURES = (
     *("pga_m_s2", "pgv_m_s", "pgd_m", "pgv_pga_s", "sa_1s_m_s2", "sa_2s_m_s2"),
     *("arias_m_s", "cav_m_s", "duration_energy_s", "pga_vertical_m_s2"),
@@ -263,6 +265,54 @@ def calibration(frame: pd.DataFrame, predicted: pd.Series, bins: int = 10) -> pd
         predicted=("predicted", "mean"), observed=("toppled", "mean"), jobs=("toppled", "size"),
         records=("record_id", "nunique"),
     ).reset_index(drop=True)  # fmt: skip
+
+
+def observed_shares(frame: pd.DataFrame, measure: str, bins: int = 12) -> pd.DataFrame:
+    """Share of toppling in bins of equally many jobs along a measure, with Wilson's interval by records.
+
+    Returns
+    -------
+    DataFrame
+        One row a bin: value (geometric mean), probability, wilson_low, wilson_high, jobs, records.
+    """
+    place = ((frame[measure].rank(method="average") - 0.5) * bins / len(frame)).astype(int)
+    grouped = frame.assign(logarithm=np.log(frame[measure])).groupby(place)
+    table = grouped.agg(
+        value=("logarithm", "mean"),
+        probability=("toppled", "mean"),
+        jobs=("toppled", "size"),
+        records=("record_id", "nunique"),
+    ).reset_index(drop=True)
+    table["value"] = np.exp(table["value"])
+    table["wilson_low"], table["wilson_high"] = wilson(table["probability"], table["records"])
+    return table
+
+
+def summary(
+    models: Sequence[Fit], resampled: Sequence[tuple[NDArray[np.float64], int] | None]
+) -> pd.DataFrame:
+    """Fits as a table: one row a model, with percentile intervals (95 %) over the samples of `bootstrap`."""
+    lines = []
+    for told, samples in zip(models, resampled, strict=True):
+        line: dict[str, object] = {
+            "measures": " + ".join(told.measures), "link": told.link, "problem": told.problem,
+            "jobs": told.jobs, "toppled": told.toppled, "records": told.records,
+            "largest_standing": told.bounds[0], "least_toppled": told.bounds[1],
+        }  # fmt: skip
+        if curve := told.lognormal:
+            line |= {"median": curve.median, "beta": curve.beta}
+        if samples is not None:
+            found, failed = samples
+            line |= {"samples": len(found), "samples_without_fit": failed}
+            if told.lognormal:
+                line |= lognormal_interval(found)
+            for number, value in enumerate(told.coefficients):
+                line[f"coefficient_{number}"] = value
+                if len(found):
+                    low, high = np.quantile(found[:, number], [0.025, 0.975])
+                    line |= {f"coefficient_{number}_low": low, f"coefficient_{number}_high": high}
+        lines.append(line)
+    return pd.DataFrame(lines)
 
 
 def answered(frame: pd.DataFrame) -> pd.DataFrame:

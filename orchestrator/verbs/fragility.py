@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.progress import track
 
 from models import InputError
-from results.atlas import write_directions, write_friction, write_maps
+from results.atlas import write_directions, write_fits, write_friction, write_maps
 from results.directions import SECTOR_DEG
 from results.fragility import DURATION, LEVEL, PGV, PLANES, PULSE, by_contact
 from results.run import as_frame, open_run
@@ -32,6 +32,10 @@ FOLDER = click.Path(path_type=Path, file_okay=False)
 @click.option(
     "--sector", type=float, nargs=2, default=SECTOR_DEG, show_default=True, help="Of toppling, deg."
 )
+@click.option("--fit", is_flag=True, help="Fit curves and surfaces too, and rank the intensity measures.")
+@click.option(
+    "--samples", type=click.IntRange(1), default=200, show_default=True, help="Bootstrap, of records."
+)
 def fragility(
     run: Path,
     out: Path | None,
@@ -42,6 +46,8 @@ def fragility(
     duration_bin: float,
     directions: int,
     sector: tuple[float, float],
+    fit: bool,
+    samples: int,
 ) -> None:
     """Draw the study's figures of a run: PNG, SVG and the table behind each as CSV.
 
@@ -52,7 +58,7 @@ def fragility(
     degrees counter-clockwise from east. Contacts that differ (friction, restitution) get their own folders.
 
     \b
-    toppling fragility runs/first
+    toppling fragility runs/first --fit
     toppling fragility runs/first --where "pga_azimuth_deg between 292.5 and 337.5" --out figures
     """  # noqa: D301
     opened = open_run(run)
@@ -85,9 +91,10 @@ def fragility(
         write_maps(jobs, folder, planes.values(), directions),
         write_directions(jobs, opened.quasi_static(), folder, sector),
         write_friction(jobs, folder, planes["pga_pgv"], reference=frictions[-1]),
+        write_fits(jobs, folder, opened.name, samples) if fit else (),
     )
-    # Each map as CSV, PNG and SVG, and four files of directions, for each contact; four of friction.
+    # For each contact: maps of three files, directions of four, fits of eight. Once: friction of four.
     maps = sum(1 + plane.by_direction for plane in planes.values())
-    total = len(by_contact(jobs)) * (3 * maps + 4) + 4 * (len(frictions) > 1)
+    total = len(by_contact(jobs)) * (3 * maps + 4 + 8 * fit) + 4 * (len(frictions) > 1)
     for path in track(written, "figures", total=total, console=Console(stderr=True), transient=True):
         click.echo(path)

@@ -1,0 +1,181 @@
+"""Fragility curves for other programs: OpenQuake's NRML, CSV and JSON, written and read back.
+
+OpenQuake states a continuous fragility by mean and standard deviation of the lognormal variable, not by
+median and beta, and has units of its own: g for accelerations, cm/s for velocity, cm for displacement. The
+conversion is done here and nowhere else. PGA and PGV are of the horizontal vector, as everywhere here.
+"""
+
+import csv
+import io
+import json
+import math
+import os
+from collections.abc import Iterable
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+from models import InputError
+from results.fits import Lognormal
+
+OPENQUAKE_G_M_S2 = 9.80665
+OPENQUAKE = {
+    "pga_m_s2": ("PGA", 1 / OPENQUAKE_G_M_S2),
+    "pgv_m_s": ("PGV", 100.0),
+    "pgd_m": ("PGD", 100.0),
+    "sa_1s_m_s2": ("SA(1.0)", 1 / OPENQUAKE_G_M_S2),
+    "sa_2s_m_s2": ("SA(2.0)", 1 / OPENQUAKE_G_M_S2),
+    "arias_m_s": ("IA", 1.0),
+    "cav_m_s": ("CAV", 1 / OPENQUAKE_G_M_S2),
+}
+"""Name in OpenQuake (hazardlib/imt.py) and factor from SI to OpenQuake's unit, by column of the results."""
+
+_SPACE = "http://openquake.org/xmlns/nrml/0.5"
+_FIELDS = ("measure", "median", "beta")
+
+
+def moments(curve: Lognormal) -> tuple[float, float]:
+    """Mean and standard deviation of the lognormal variable with a curve's median and beta."""
+    mean = curve.median * math.exp(curve.beta**2 / 2)
+    return mean, mean * math.sqrt(math.expm1(curve.beta**2))
+
+
+def of_moments(measure: str, mean: float, deviation: float) -> Lognormal:
+    """Curve of a lognormal variable's mean and standard deviation: OpenQuake's own inversion."""
+    beta = math.sqrt(math.log1p((deviation / mean) ** 2))
+    return Lognormal(measure, mean**2 / math.hypot(deviation, mean), beta)
+
+
+def write_curves(path: Path, curves: Iterable[Lognormal], name: str = "rock") -> Path:
+    """Write curves as NRML (.xml), CSV or JSON, by the file's suffix.
+
+    Parameters
+    ----------
+    path : Path
+    curves : iterable of Lognormal
+        NRML takes those whose measure OpenQuake has (`OPENQUAKE`).
+    name : str
+        Of the rock; NRML's taxonomy is this and the measure.
+
+    Raises
+    ------
+    InputError
+        If the suffix is another, or NRML has no name for any of the measures.
+    """
+    writers = {".xml": _nrml, ".csv": _csv, ".json": _json}
+    if path.suffix not in writers:
+        raise _suffix_error(path)
+    text = writers[path.suffix](list(curves), name)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    hidden = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    hidden.write_text(text)
+    hidden.replace(path)
+    return path
+
+
+def read_curves(path: Path) -> dict[str, Lognormal]:
+    """Read curves from NRML, CSV or JSON, by measure.
+
+    Raises
+    ------
+    InputError
+        If the file is absent, of another kind, or holds no lognormal curve.
+    """
+    readers = {".xml": _from_nrml, ".csv": _from_csv, ".json": _from_json}
+    if path.suffix not in readers:
+        raise _suffix_error(path)
+    try:
+        curves = readers[path.suffix](path.read_text())
+    except FileNotFoundError:
+        raise _curve_error(path, "does not exist") from None
+    except (ET.ParseError, KeyError, TypeError, ValueError, AttributeError) as error:
+        raise _curve_error(path, f"cannot be read ({type(error).__name__}: {error})") from error
+    if not curves:
+        raise _curve_error(path, "holds no lognormal fragility")
+    for curve in curves:
+        if not (curve.median > 0 and math.isfinite(curve.median) and 0 <= curve.beta < math.inf):
+            raise _curve_error(path, f"median {curve.median}, beta {curve.beta} of {curve.measure}")
+    return {curve.measure: curve for curve in curves}
+
+
+def _nrml(curves: list[Lognormal], name: str) -> str:
+    known = [curve for curve in curves if curve.measure in OPENQUAKE]
+    if not known:
+        raise InputError(
+            what=f"no curve over {', '.join(OPENQUAKE)}",
+            where="NRML",
+            expected="a measure that OpenQuake has a name for",
+            remedy="write CSV or JSON instead",
+        )
+    ET.register_namespace("", _SPACE)
+    root = ET.Element(f"{{{_SPACE}}}nrml")
+    model = ET.SubElement(
+        root, f"{{{_SPACE}}}fragilityModel", id="toppling", assetCategory="rock", lossCategory="structural"
+    )
+    told = f"Toppling of {name}; PGA, PGV, PGD and CAV of the horizontal vector, IA the sum of two components"
+    ET.SubElement(model, f"{{{_SPACE}}}description").text = told
+    ET.SubElement(model, f"{{{_SPACE}}}limitStates").text = "toppled"
+    for curve in known:
+        imt, factor = OPENQUAKE[curve.measure]
+        # Below and above these the curve is 0 and 1 to a part in ten million.
+        least, most = (curve.intensity(tail) * factor for tail in (1e-7, 1 - 1e-7))
+        function = ET.SubElement(
+            model, f"{{{_SPACE}}}fragilityFunction", id=f"{name}-{imt}", format="continuous", shape="logncdf"
+        )
+        limits = {"imt": imt, "noDamageLimit": repr(least), "minIML": repr(least), "maxIML": repr(most)}
+        ET.SubElement(function, f"{{{_SPACE}}}imls", limits)
+        mean, deviation = (value * factor for value in moments(curve))
+        ET.SubElement(function, f"{{{_SPACE}}}params", ls="toppled", mean=repr(mean), stddev=repr(deviation))
+    ET.indent(root)
+    return ET.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
+
+
+def _from_nrml(text: str) -> list[Lognormal]:
+    measures = {imt: (measure, factor) for measure, (imt, factor) in OPENQUAKE.items()}
+    curves = []
+    for function in ET.fromstring(text.encode()).iter(f"{{{_SPACE}}}fragilityFunction"):
+        imls, params = function.find(f"{{{_SPACE}}}imls"), function.find(f"{{{_SPACE}}}params")
+        if imls is None or params is None or imls.get("imt") not in measures:
+            continue
+        measure, factor = measures[str(imls.get("imt"))]
+        mean, deviation = (float(str(params.get(key))) / factor for key in ("mean", "stddev"))
+        curves.append(of_moments(measure, mean, deviation))
+    return curves
+
+
+def _csv(curves: list[Lognormal], name: str) -> str:
+    text = io.StringIO()
+    writer = csv.writer(text)
+    writer.writerow(("rock", *_FIELDS))
+    writer.writerows((name, curve.measure, repr(curve.median), repr(curve.beta)) for curve in curves)
+    return text.getvalue()
+
+
+def _from_csv(text: str) -> list[Lognormal]:
+    rows = csv.DictReader(io.StringIO(text))
+    return [
+        Lognormal(row["measure"], float(row["median"]), float(row["beta"])) for row in rows if row["median"]
+    ]
+
+
+def _json(curves: list[Lognormal], name: str) -> str:
+    told = [{"measure": curve.measure, "median": curve.median, "beta": curve.beta} for curve in curves]
+    return json.dumps({"rock": name, "curves": told}, indent=1) + "\n"
+
+
+def _from_json(text: str) -> list[Lognormal]:
+    rows = json.loads(text)["curves"]
+    return [Lognormal(str(row["measure"]), float(row["median"]), float(row["beta"])) for row in rows]
+
+
+def _suffix_error(path: Path) -> InputError:
+    return InputError(
+        f"the suffix is {path.suffix!r}", where=str(path), expected=".xml (NRML), .csv or .json",
+        remedy="rename the file by what it holds",
+    )  # fmt: skip
+
+
+def _curve_error(path: Path, what: str) -> InputError:
+    return InputError(
+        what, where=str(path), expected="lognormal curves as 'toppling fragility --fit' writes them",
+        remedy="fit them with 'toppling fragility RUN --fit'",
+    )  # fmt: skip

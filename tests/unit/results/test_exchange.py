@@ -1,0 +1,77 @@
+"""Curves come back from every format as they went out."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.stats import lognorm
+
+from models import InputError
+from results.exchange import OPENQUAKE, moments, of_moments, read_curves, write_curves
+from results.fits import Lognormal
+
+CURVES = st.builds(
+    Lognormal, st.sampled_from(sorted(OPENQUAKE)), median=st.floats(1e-3, 1e3), beta=st.floats(0.01, 2.0)
+)
+
+
+@pytest.mark.parametrize("suffix", [".xml", ".csv", ".json"])
+@settings(max_examples=20, deadline=None)
+@given(curve=CURVES)
+def test_a_curve_survives_the_round_trip(tmp_path_factory, suffix, curve):
+    path = write_curves(tmp_path_factory.mktemp("curves") / f"fragility{suffix}", [curve])
+    again = read_curves(path)[curve.measure]
+    # NRML goes through moments: a beta of 0.01 is a difference of 1e-4 between two squares, 1e-11 in doubles.
+    assert again.median == pytest.approx(curve.median, rel=1e-12)
+    assert again.beta == pytest.approx(curve.beta, rel=1e-9)
+
+
+@given(curve=CURVES)
+def test_moments_are_those_of_the_lognormal_variable(curve):
+    mean, deviation = moments(curve)
+    assert mean == pytest.approx(lognorm(curve.beta, scale=curve.median).mean())
+    assert deviation == pytest.approx(lognorm(curve.beta, scale=curve.median).std())
+    assert of_moments(curve.measure, mean, deviation).median == pytest.approx(curve.median)
+
+
+def test_openquake_computes_the_same_probabilities_from_the_file(tmp_path):
+    """With the engine's formula for a continuous function (risklib/scientific.py), in its units."""
+    curve = Lognormal("pgv_m_s", 1.2, 0.4)
+    text = write_curves(tmp_path / "fragility.xml", [curve]).read_text()
+    mean, deviation = (float(text.split(f'{key}="')[1].split('"')[0]) for key in ("mean", "stddev"))
+    variance = deviation**2
+    sigma = math.sqrt(math.log(variance / mean**2 + 1))
+    scale = mean**2 / math.sqrt(variance + mean**2)
+    pgv_cm_s = np.array([40.0, 120.0, 200.0])
+    np.testing.assert_allclose(lognorm.cdf(pgv_cm_s, sigma, scale=scale), curve.probability(pgv_cm_s / 100))
+    assert 'imt="PGV"' in text
+
+
+def test_nrml_leaves_out_what_openquake_has_no_name_for_and_refuses_nothing_but(tmp_path):
+    pulse = Lognormal("pgv_pga_s", 0.2, 0.3)
+    write_curves(tmp_path / "two.xml", [pulse, Lognormal("pga_m_s2", 3.0, 0.3)])
+    assert list(read_curves(tmp_path / "two.xml")) == ["pga_m_s2"]
+    with pytest.raises(InputError, match="OpenQuake has a name for"):
+        write_curves(tmp_path / "none.xml", [pulse])
+    assert not (tmp_path / "none.xml").exists()
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("a.xml", "<nrml"),
+        ("a.json", "{}"),
+        ("a.json", '{"curves": []}'),
+        ("a.json", '{"curves": [{"measure": "pga_m_s2", "median": -1, "beta": 0.4}]}'),
+        ("a.csv", "measure,median\npga_m_s2,x\n"),
+        ("a.txt", ""),
+    ],
+)
+def test_a_file_without_curves_is_refused_by_name(tmp_path, name, text):
+    (tmp_path / name).write_text(text)
+    with pytest.raises(InputError, match=name):
+        read_curves(tmp_path / name)
+    with pytest.raises(InputError, match="does not exist"):
+        read_curves(tmp_path / "absent.json")

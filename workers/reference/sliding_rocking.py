@@ -1,0 +1,176 @@
+"""Plane motion of a body on two corners that may slide, rock, fly and land: Coulomb and Newton.
+
+Moreau's time stepping (Moreau 1988; Jean 1999): over a step the impulses of the corners that touch at its
+midpoint obey, at the level of velocities, Signorini's law with Newton's restitution, 0 <= v_n(after) + e
+v_n(before), complementary to the normal impulse, and Coulomb's law for the tangential one. Two corners on a
+plane share their tangential velocity, so one tangential impulse bounded by both normal ones stands for the
+two; the few modes (which corners press; stick, slip either way) are tried one by one and solved exactly,
+without iteration or regularisation. Smooth phases are followed to second order, events to first: halve the
+step to see the error.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from workers.reference.rocking import PlaneBody
+
+Array = NDArray[np.float64]
+
+_SLACK = 1e-12  # share of the speeds and impulses at hand by which a mode may miss its conditions
+
+
+@dataclass(frozen=True)
+class PlaneContact:
+    """Friction and restitution of the corners."""
+
+    friction_static: float
+    friction_kinetic: float
+    restitution: float = 0.0
+
+
+@dataclass(frozen=True)
+class PlaneMotion:
+    """Motion relative to the ground, sampled at every step.
+
+    Attributes
+    ----------
+    time_s : (n,) array
+    place : (n, 3) array
+        Of the centre of mass along the ground and off it, m, and the angle toward +x, rad.
+    velocity : (n, 3) array
+    """
+
+    time_s: Array
+    place: Array
+    velocity: Array
+
+
+def slide_and_rock(
+    body: PlaneBody,
+    contact: PlaneContact,
+    gravity_m_s2: Callable[[float], tuple[float, float]],
+    duration_s: float,
+    time_step_s: float,
+    place: tuple[float, float, float] | None = None,
+    velocity: tuple[float, float, float] = (0.0, 0.0, 0.0),
+) -> PlaneMotion:
+    """Follow a body on two corners under an effective gravity.
+
+    Parameters
+    ----------
+    body, contact
+    gravity_m_s2 : callable
+        Time to the effective gravity (gravity less the ground's acceleration) along the ground and off it,
+        (-a_x, -g - a_z) on level ground.
+    duration_s, time_step_s : float
+    place, velocity : (3,) floats
+        Of the start: along the ground, off it, angle toward +x. Standing at rest unless given.
+
+    Returns
+    -------
+    PlaneMotion
+    """
+    steps = int(np.ceil(duration_s / time_step_s - 1e-9))
+    at = np.array(place if place is not None else (0.0, body.height_m, 0.0), float)
+    moving = np.array(velocity, float)
+    places, velocities = np.empty((steps + 1, 3)), np.empty((steps + 1, 3))
+    places[0], velocities[0] = at, moving
+    touch_depth = 1e-12 * body.height_m
+    for step in range(steps):
+        middle = at + 0.5 * time_step_s * moving
+        offsets = _corner_offsets(body, middle[2])
+        touching = [offset for offset in offsets if middle[1] + offset[1] <= touch_depth]
+        g_x, g_z = gravity_m_s2((step + 0.5) * time_step_s)
+        free = moving + time_step_s * np.array([g_x, g_z, 0.0])
+        after = _impulses(body.inertia_per_mass_m2, contact, touching, moving, free) if touching else free
+        at = at + 0.5 * time_step_s * (moving + after)
+        moving = after
+        places[step + 1], velocities[step + 1] = at, moving
+    return PlaneMotion(np.linspace(0.0, steps * time_step_s, steps + 1), places, velocities)
+
+
+def corner_places_m(body: PlaneBody, place: Array) -> Array:
+    """Places (n, 2, 2) of the right and left corner, along the ground and off it, at poses (n, 3)."""
+    cosine, sine = np.cos(place[:, 2]), np.sin(place[:, 2])
+    corners = []
+    for x in (body.right_m, -body.left_m):
+        z = -body.height_m
+        corners.append(
+            np.stack([place[:, 0] + x * cosine + z * sine, place[:, 1] - x * sine + z * cosine], axis=1)
+        )
+    return np.stack(corners, axis=1)
+
+
+def _corner_offsets(body: PlaneBody, angle: float) -> list[tuple[float, float]]:
+    cosine, sine = np.cos(angle), np.sin(angle)
+    z = -body.height_m
+    return [(x * cosine + z * sine, -x * sine + z * cosine) for x in (body.right_m, -body.left_m)]
+
+
+def _impulses(
+    inertia: float, contact: PlaneContact, touching: list[tuple[float, float]], before: Array, free: Array
+) -> Array:
+    """Velocity after the impulses of the corners that touch."""
+    normals = [np.array([0.0, 1.0, -x]) for x, _ in touching]
+    tangent = np.array([1.0, 0.0, sum(z for _, z in touching) / len(touching)])
+    compliance = np.array([1.0, 1.0, 1.0 / inertia])
+    # Newton: the normal velocity that a corner must at least leave with.
+    least = [-contact.restitution * min(float(n @ before), 0.0) for n in normals]
+    if all(float(n @ free) >= v for n, v in zip(normals, least, strict=True)):
+        return free
+    scale = float(np.abs(free).max() + np.abs(before).max()) + 1e-300
+    slack = _SLACK * scale
+    slip = float(tangent @ before)
+    slipping = abs(slip) > 1e-9 * scale
+    onward = int(np.sign(slip))
+    # A corner that slides keeps sliding where that is consistent; one that rests keeps resting.
+    ways = (onward, 0, -onward) if slipping else (0, 1, -1)
+    sets = [s for s in product((True, False), repeat=len(normals)) if any(s)]
+    for way, pressing in product(ways, sets):
+        after = _mode(contact, way, pressing, normals, tangent, compliance, least, free, slack)
+        if after is not None:
+            return after
+    msg = f"no contact mode is consistent: velocity before {before}, free {free}, corners {touching}"
+    raise ArithmeticError(msg)
+
+
+def _mode(
+    contact: PlaneContact,
+    way: int,
+    pressing: tuple[bool, ...],
+    normals: list[Array],
+    tangent: Array,
+    compliance: Array,
+    least: list[float],
+    free: Array,
+    slack: float,
+) -> Array | None:
+    """Velocity after one mode's impulses, or None where it breaks one of its conditions."""
+    closed = [n for n, p in zip(normals, pressing, strict=True) if p]
+    targets = [v for v, p in zip(least, pressing, strict=True) if p]
+    if way == 0:
+        rows, wanted = [*closed, tangent], [*targets, 0.0]
+        columns = rows
+    else:
+        rows, wanted = closed, targets
+        columns = [n - way * contact.friction_kinetic * tangent for n in closed]
+    system = np.array([[float(r @ (compliance * c)) for c in columns] for r in rows])
+    try:
+        impulse = np.linalg.solve(system, np.array(wanted) - np.array([float(r @ free) for r in rows]))
+    except np.linalg.LinAlgError:
+        return None
+    after = free + compliance * np.sum([i * c for i, c in zip(impulse, columns, strict=True)], axis=0)
+    normal = impulse[: len(closed)]
+    if (normal < -slack).any():
+        return None
+    if any(float(n @ after) < v - slack for n, v in zip(normals, least, strict=True)):
+        return None
+    if way == 0:
+        return after if abs(impulse[-1]) <= contact.friction_static * normal.sum() + slack else None
+    return after if way * float(tangent @ after) >= -slack else None

@@ -14,7 +14,6 @@ to the step before, which is replaced by one that ends at the moment of touch an
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -242,10 +241,15 @@ class Stepper:
         self.landings += 1
 
 
-@lru_cache(maxsize=len(REACH_DEG))
 def engine_for(contact: ContactModel, tilt_deg: float, friction: float, impulse_m_s: float, slot: int) -> Engine:
     """A world for the tilts up to `tilt_deg`, kept while the same rock is shaken again; one at a time in a slot."""
-    return Engine(contact, contact.points_within(tilt_deg), friction, impulse_m_s, slot)
+    wanted = (contact, tilt_deg, friction, impulse_m_s)
+    if slot not in _IN_SLOT or _IN_SLOT[slot][0] != wanted:  # making a world destroys the slot's former one
+        _IN_SLOT[slot] = wanted, Engine(contact, contact.points_within(tilt_deg), friction, impulse_m_s, slot)
+    return _IN_SLOT[slot][1]
+
+
+_IN_SLOT: dict[int, tuple[tuple[ContactModel, float, float, float], Engine]] = {}
 
 
 PULLS_AT_ONCE = 1024

@@ -1,0 +1,174 @@
+"""`toppling demo`: the whole way, from laser scan to maps, on inputs that the program makes itself."""
+
+import os
+import shutil
+import sys
+import time
+from collections.abc import Iterable
+from pathlib import Path
+
+import click
+
+MARK = ".demo"
+RECORDS = 24
+SEED = 1
+CAMPAIGN = """\
+# As many levels and azimuths as the time allowed. The study has 19 levels and 8 azimuths of 140 records.
+scene = "scene"
+ensemble = "ensemble"
+pga_m_s2 = {{ start = 1, stop = 19, step = {step} }}
+azimuth_deg = {azimuths}
+friction = [1.0]
+restitution = [0.0]
+preset = "fast"
+"""
+SHAKING_S = 75.0
+"""Time for the run, of the three minutes that the demo may take on two cores."""
+
+SAMPLE_LEVELS_M_S2 = (4.0, 10.0, 16.0)
+DESIGNS = ((1, 8), (1, 4), (2, 4), (2, 2), (3, 2), (3, 1), (6, 1))
+"""Step of the levels in m/s2 and number of azimuths, from the study's own down."""
+
+QUERY = """\
+select level_pga_m_s2, count(toppled) as jobs, round(avg(toppled::int), 2) as p_toppled,
+       round(avg(toppled::int) filter (pgv_pga_s >= 0.1), 2) as p_toppled_long_pulse
+from results where level_pga_m_s2::int % 6 = 1 group by all order by all"""
+
+
+@click.command()
+@click.option(
+    "--out", type=click.Path(file_okay=False, path_type=Path), default=Path("demo"), show_default=True,
+    help="Folder, replaced if it is an earlier demo's.",
+)  # fmt: skip
+@click.option("--workers", type=click.IntRange(min=1), default=2, show_default=True, help="Local workers.")
+def demo(out: Path, workers: int) -> None:
+    """Scan a virtual rock, make earthquakes, shake, and draw the maps: minutes on two cores.
+
+    \b
+    toppling demo --out demo
+    """  # noqa: D301  (\b keeps click from rewrapping the example)
+    began = time.monotonic()
+    _clear(out)
+    _scan(out)
+    _make_records(out)
+    _plan(out, workers)
+    failed = _run(out, workers)
+    figures = _draw(out)
+    _tell(out, figures, time.monotonic() - began)
+    if failed:
+        sys.exit(3)
+
+
+def _clear(out: Path) -> None:
+    if out.exists() and any(out.iterdir()):
+        if not (out / MARK).is_file():
+            msg = f"{out} exists and is not an earlier demo's: give another --out"
+            raise FileExistsError(msg)
+        shutil.rmtree(out)
+    out.mkdir(parents=True, exist_ok=True)
+    (out / MARK).write_text("made by 'toppling demo', which replaces this folder\n", encoding="utf-8")
+
+
+def _scan(out: Path) -> None:
+    import numpy as np
+
+    from models.scan.read import read_clouds
+    from models.scan.survey import save_survey, survey
+    from models.scan.virtual import demo_scan
+    from models.scene import write_ply
+
+    _say("scan: ray-casting a rock like the one at Echo Cliffs from six stations")
+    stations, _ = demo_scan(SEED)
+    folder = out / "scan"
+    folder.mkdir()
+    files = [folder / f"station{number}.ply" for number in range(1, len(stations) + 1)]
+    for file, station in zip(files, stations, strict=True):
+        write_ply(file, station.points_m, np.empty((0, 3), np.int64))
+    cloud = read_clouds(files)
+    result = survey(cloud, lambda stage: _say(f"scan: {stage}"))
+    save_survey(result, out / "scene")
+    rock, pedestal = result.scene.rock, result.scene.pedestal
+    _say(
+        f"scan: {len(cloud.points_m)} points became a rock of {rock.volume_m3:.0f} m³, "
+        f"{rock.height_m:.1f} m high, on a pedestal that falls {pedestal.slope_deg:.1f}° "
+        f"toward azimuth {pedestal.downhill_azimuth_deg:.0f}°"
+    )
+
+
+def _make_records(out: Path) -> None:
+    from models.motions.ensemble import Ensemble
+    from models.motions.synthetic import synthetic_ensemble
+
+    _say(f"records: {RECORDS} stochastic ground motions, M 6 to 8 at 5 to 100 km")
+    Ensemble.write(out / "ensemble", synthetic_ensemble(RECORDS, SEED))
+
+
+def _plan(out: Path, workers: int) -> None:
+    """Write the largest campaign that a few sampled jobs let hope to end in time."""
+    from models import Scene
+    from models.motions.ensemble import Ensemble
+    from workers.job import Assets, JobSpec, run_job
+
+    scene, ensemble = Scene.load(out / "scene"), Ensemble.load(out / "ensemble")
+    by_duration = ensemble.catalog.sort_by("duration_s")["record_id"].to_pylist()
+    record = by_duration[len(by_duration) // 2]
+    assets = Assets(scene, ensemble)
+    cost_s = []
+    for level in (
+        SAMPLE_LEVELS_M_S2[0],
+        *SAMPLE_LEVELS_M_S2,
+    ):  # the first one also pays for what is computed once
+        spec = JobSpec(scene.id, record, ensemble.sha(record), level, 45.0, 1.0, 1.0, 0.0, 0, "fast")
+        start = time.perf_counter()
+        run_job(spec, assets)
+        cost_s.append(time.perf_counter() - start)
+    affordable = min(workers, os.cpu_count() or 1) * SHAKING_S / (sum(cost_s[1:]) / len(SAMPLE_LEVELS_M_S2))
+    jobs_of = {design: RECORDS * (1 + 18 // design[0]) * design[1] for design in DESIGNS}
+    jobs_of = {design: RECORDS * (1 + 18 // design[0]) * design[1] for design in DESIGNS}
+    step, sides = next((design for design in DESIGNS if jobs_of[design] <= affordable), DESIGNS[-1])
+    azimuths = [45 + 360 * side / sides for side in range(sides)]
+    text = CAMPAIGN.format(step=step, azimuths=[azimuth % 360 for azimuth in azimuths])
+    (out / "campaign.toml").write_text(text, encoding="utf-8")
+
+
+def _run(out: Path, workers: int) -> int:
+    from orchestrator.campaign import Campaign
+    from orchestrator.cluster import local
+    from orchestrator.progress import watcher
+    from orchestrator.run import run
+
+    _say(f"run: starting {workers} workers")
+    with watcher() as watch:
+        tally = run(Campaign.read(out / "campaign.toml"), out / "run", local(workers), watch)
+    _say(f"run: {tally.done} jobs, {tally.rate:.1f}/s, {tally.toppled} toppled, {tally.failed} unanswered")
+    return tally.failed
+
+
+def _draw(out: Path) -> list[Path]:
+    from results.atlas import write_maps
+    from results.fragility import PLANES
+    from results.run import open_run
+
+    _say("fragility: drawing")
+    planes = [PLANES["pga_pgv_pga"], PLANES["pga_pgv"]]
+    return list(write_maps(open_run(out / "run").frame(), out / "fragility", planes))
+
+
+def _tell(out: Path, figures: Iterable[Path], took_s: float) -> None:
+    from orchestrator.progress import duration
+    from results.run import open_run
+
+    maps = [path for path in figures if path.suffix == ".png"]
+    click.echo(f"\nThe main job took {duration(took_s)}. It made")
+    for what, path in (
+        ("scene picture", out / "scene" / "scene.png"),
+        *(("fragility map", path) for path in maps),
+        ("Parquet run", out / "run" / "results.parquet"),
+    ):
+        click.echo(f"  {what:14s} {path}")
+    click.echo(f'\nAsk it: toppling query {out / "run"} "{QUERY}"\n')
+    click.echo(open_run(out / "run").sql(QUERY).to_pandas().to_string(index=False, na_rep=""))
+
+
+def _say(line: str) -> None:
+    click.echo(line, err=True)

@@ -11,6 +11,7 @@ import click
 from models.errors import InputError
 
 if TYPE_CHECKING:
+    from obspy import UTCDateTime
     from rich.progress import Progress, TaskID
 
     from models.motions.importing import Refusal
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
 
 @click.group()
 def records() -> None:
-    r"""Ground motions: import, make, select and show ensembles of records.
+    r"""Ground motions: import, fetch, make, select and show ensembles of records.
 
     \b
     toppling records import records/ --out ensembles/quakes --metadata records/catalog.csv
@@ -85,12 +86,7 @@ def import_(
                 click.echo(f"{path} looks like a metadata table: give it with --metadata", err=True)
     if not outcome.records:
         _show_refusals(outcome.refusals)
-        raise InputError(
-            f"none of {len(files)} files became a record",
-            where=", ".join(map(str, paths)),
-            expected="three-component records",
-            remedy="see the table above",
-        )
+        raise _no_record(len(files), ", ".join(map(str, paths)))
     ensemble = Ensemble.write(out, outcome.records)
     if as_json:
         left_out = [
@@ -112,6 +108,97 @@ def import_(
     click.echo(
         f"{len(outcome.records)} records of {len(files)} files in {out}, {len(outcome.refusals)} left out"
     )
+
+
+@records.command()
+@click.option(
+    "--service", default="EARTHSCOPE", show_default=True, help="FDSN service: ObsPy's name or an address."
+)
+@click.option("--event-service", help="Service that knows the event, where it is another (such as USGS).")
+@click.option(
+    "--event", "event_id", help="Event id at the service; sets the window and gives magnitude and distance."
+)
+@click.option(
+    "--radius", "radius_km", type=click.FloatRange(min=0, min_open=True), help="All stations so near, km."
+)
+@click.option("--stations", help="NET.STA, separated by commas, instead of a radius.")
+@click.option("--start", help="Start of the window (UTC) where no event is given.")
+@click.option("--end", help="End of the window (UTC) where no event is given.")
+@click.option(
+    "--out", required=True, type=click.Path(path_type=Path, file_okay=False), help="Folder of the ensemble."
+)
+@click.option(
+    "--corner", "corner_hz", type=click.FloatRange(min=0, min_open=True), help="High-pass corner in Hz."
+)
+@click.option("--replace", is_flag=True, help="Replace an ensemble that is there.")
+def fetch(
+    service: str,
+    event_service: str | None,
+    event_id: str | None,
+    radius_km: float | None,
+    stations: str | None,
+    start: str | None,
+    end: str | None,
+    out: Path,
+    corner_hz: float | None,
+    replace: bool,
+) -> None:
+    r"""Fetch records from an FDSN service, remove the instruments' response and import them.
+
+    Waveforms and StationXML as they came are kept in OUT/raw, from where 'records import' reads them again.
+
+    \b
+    toppling records fetch --service SCEDC --event 38457511 --radius 50 --out ensembles/ridgecrest
+    toppling records fetch --service SCEDC --stations CI.CLC,CI.CCC --start 2019-07-06T03:19:23 \\
+        --end 2019-07-06T03:25:53 --out ensembles/two
+    """
+    from models.motions.ensemble import Ensemble
+    from models.motions.fetch import connect, find_event
+    from models.motions.fetch import fetch as fetched
+    from models.motions.importing import Wishes, import_records
+    from models.motions.metadata import read_table
+
+    if not (event_id and (radius_km or stations)) and not (stations and start and end):
+        message = "give --event with --radius or --stations, or --stations with --start and --end"
+        raise click.UsageError(message)
+    _refuse_existing(out, replace)
+    window = (_time(start, "--start"), _time(end, "--end")) if start and end else None
+    client = connect(service)
+    event = find_event(connect(event_service) if event_service else client, event_id) if event_id else None
+    names = [name.strip() for name in stations.split(",")] if stations else []
+    with _progress("fetching") as (progress, task):
+
+        def advance(total: int) -> None:
+            progress.update(task, total=total) if total else progress.advance(task)
+
+        came = fetched(
+            client,
+            out / "raw",
+            event=event,
+            radius_km=radius_km,
+            stations=names,
+            window=window,
+            advance=advance,
+        )
+    table = read_table(came.table) if came.table else []
+    outcome = import_records(came.files, table, Wishes(corner_hz=corner_hz))
+    for line in came.missing:
+        click.echo(f"no record of {line}", err=True)
+    _show_refusals(outcome.refusals)
+    if not outcome.records:
+        raise _no_record(len(came.files), str(out / "raw"))
+    Ensemble.write(out, outcome.records)
+    click.echo(f"{len(outcome.records)} records in {out}, as they came in {out / 'raw'}")
+
+
+def _time(text: str, where: str) -> "UTCDateTime":
+    from obspy import UTCDateTime
+
+    try:
+        return UTCDateTime(text)
+    except (TypeError, ValueError) as error:
+        message = f"{text!r} is no time such as 2019-07-06T03:19:23"
+        raise click.BadParameter(message, param_hint=where) from error
 
 
 @records.command()
@@ -241,6 +328,15 @@ def _progress(what: str) -> "Iterator[tuple[Progress, TaskID]]":
 
     with Progress(console=Console(stderr=True), transient=True) as progress:
         yield progress, progress.add_task(what, total=None)
+
+
+def _no_record(files: int, where: str) -> InputError:
+    return InputError(
+        f"none of {files} files became a record",
+        where=where,
+        expected="three-component records",
+        remedy="see the table above",
+    )
 
 
 def _refuse_existing(out: Path, replace: bool) -> None:

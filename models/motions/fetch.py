@@ -1,0 +1,277 @@
+"""Records from FDSN web services: waveforms and responses are fetched once, kept beside the ensemble and imported from there."""
+
+import csv
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from models.errors import InputError
+
+BEFORE_S, AFTER_S = 30.0, 120.0
+SLOWEST_KM_S = 2.0
+"""A window ends `AFTER_S` after waves of this speed arrive."""
+BANDS = ("HN", "HL", "BN", "EN", "HG")
+"""Accelerometers' bands, the preferred first."""
+TABLE = "metadata.csv"
+
+
+@dataclass(frozen=True)
+class Source:
+    """An earthquake as a service knows it."""
+
+    name: str
+    magnitude: float | None
+    time: Any
+    latitude: float
+    longitude: float
+    depth_km: float
+
+
+@dataclass
+class Fetched:
+    """What came: files, a metadata table for them, and why the other stations did not."""
+
+    files: list[Path] = field(default_factory=list)
+    table: Path | None = None
+    missing: list[str] = field(default_factory=list)
+
+
+def connect(service: str) -> Any:  # noqa: ANN401  (an obspy Client)
+    """Client of a service, by ObsPy's short name for it or by its address.
+
+    Raises
+    ------
+    InputError
+        If there is no such service, or it does not answer.
+    """
+    from obspy.clients.fdsn import Client
+
+    try:
+        return Client(service, timeout=60)
+    except Exception as error:
+        raise InputError(
+            f"no answer ({error})",
+            where=service,
+            expected="an FDSN web service",
+            remedy="name one that ObsPy knows (EARTHSCOPE, SCEDC, GEONET, INGV ...) or give its address",
+        ) from error
+
+
+def find_event(client: Any, event_id: str) -> Source:  # noqa: ANN401
+    """Origin and magnitude of an event by its id at the service.
+
+    Raises
+    ------
+    InputError
+        If the service does not know it.
+    """
+    try:
+        event = client.get_events(eventid=event_id)[0]
+    except Exception as error:
+        raise InputError(
+            f"no event {event_id!r} ({_brief(error)})",
+            where=client.base_url,
+            expected="an event id of this service",
+            remedy="look the id up in the service's catalogue",
+        ) from error
+    origin = event.preferred_origin() or event.origins[0]
+    magnitude = event.preferred_magnitude() or (event.magnitudes[0] if event.magnitudes else None)
+    name = event.event_descriptions[0].text if event.event_descriptions else event_id
+    return Source(
+        name=name,
+        magnitude=float(magnitude.mag) if magnitude else None,
+        time=origin.time,
+        latitude=float(origin.latitude),
+        longitude=float(origin.longitude),
+        depth_km=float(origin.depth or 0.0) / 1000,
+    )
+
+
+def fetch(
+    client: Any,  # noqa: ANN401
+    folder: Path,
+    *,
+    event: Source | None = None,
+    radius_km: float | None = None,
+    stations: Sequence[str] = (),
+    window: tuple[Any, Any] | None = None,
+    advance: Callable[[int], None] = lambda _: None,
+) -> Fetched:
+    """Fetch three components and their responses of every station asked for.
+
+    Parameters
+    ----------
+    client : obspy Client
+    folder : Path
+        Where the files go: miniSEED and StationXML by station, and a metadata table.
+    event : Source or None
+        Sets the window and gives magnitude and distance.
+    radius_km : float or None
+        All stations so near to the event's epicentre.
+    stations : sequence of str
+        As `NET.STA`.
+    window : pair of UTCDateTime or None
+        Start and end where no event is given.
+    advance : callable
+        Called with the number of stations before the first, then with 0 after each.
+
+    Raises
+    ------
+    InputError
+        If the service knows none of the stations, or none has data.
+    """
+    inventory = _inventory(client, event, radius_km, stations, window)
+    found = [
+        (network.code, station)
+        for network in inventory
+        for station in network
+        if stations or event is None or radius_km is None or _epicentral_km(event, station) <= radius_km
+    ]
+    advance(len(found))
+    folder.mkdir(parents=True, exist_ok=True)
+    result = Fetched()
+    rows = []
+    for network, station in found:
+        try:
+            rows.append(_station(client, folder, network, station, inventory, event, window, result))
+        except _NothingError as reason:
+            result.missing.append(f"{network}.{station.code}: {reason}")
+        advance(0)
+    if not rows:
+        raise InputError(
+            f"none of {len(found)} stations has three components ({'; '.join(result.missing[:3])})",
+            where=client.base_url,
+            expected="waveforms of accelerometers",
+            remedy="widen the radius or the window, or ask another service",
+        )
+    result.table = folder / TABLE
+    with result.table.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, fieldnames=list(rows[0]))
+        writer.writeheader()
+        writer.writerows(rows)
+    return result
+
+
+class _NothingError(Exception):
+    """A station that has nothing to give."""
+
+
+def _inventory(
+    client: Any,  # noqa: ANN401
+    event: Source | None,
+    radius_km: float | None,
+    stations: Sequence[str],
+    window: tuple[Any, Any] | None,
+) -> Any:  # noqa: ANN401
+    asked: dict[str, Any] = {"level": "response", "channel": ",".join(f"{band}?" for band in BANDS)}
+    if stations:
+        pairs = [station.split(".") for station in stations]
+        if any(len(pair) != 2 for pair in pairs):
+            raise InputError(
+                f"stations {', '.join(stations)}",
+                where="--stations",
+                expected="NET.STA, separated by commas",
+                remedy="for example CI.CLC,CI.CCC",
+            )
+        asked |= {"network": ",".join(p[0] for p in pairs), "station": ",".join(p[1] for p in pairs)}
+    elif event is not None and radius_km is not None:
+        asked |= _around(client, event, radius_km)
+    if window is not None:
+        asked |= {"starttime": window[0], "endtime": window[1]}
+    elif event is not None:
+        asked |= {"starttime": event.time, "endtime": event.time + AFTER_S}
+    try:
+        return client.get_stations(**asked)
+    except Exception as error:
+        raise InputError(
+            f"no stations ({_brief(error)})",
+            where=client.base_url,
+            expected="stations with accelerometers",
+            remedy="widen the radius, or check the stations' codes",
+        ) from error
+
+
+def _around(client: Any, event: Source, radius_km: float) -> dict[str, float]:  # noqa: ANN401
+    """Query for a circle, or for the box around it where the service knows no circle."""
+    from obspy.geodetics import kilometer2degrees
+
+    radius = kilometer2degrees(radius_km)
+    if "maxradius" in client.services.get("station", {}):
+        return {"latitude": event.latitude, "longitude": event.longitude, "maxradius": radius}
+    wide = radius / max(math.cos(math.radians(event.latitude)), 0.01)
+    return {
+        "minlatitude": event.latitude - radius,
+        "maxlatitude": event.latitude + radius,
+        "minlongitude": event.longitude - wide,
+        "maxlongitude": event.longitude + wide,
+    }
+
+
+def _station(
+    client: Any,  # noqa: ANN401
+    folder: Path,
+    network: str,
+    station: Any,  # noqa: ANN401
+    inventory: Any,  # noqa: ANN401
+    event: Source | None,
+    window: tuple[Any, Any] | None,
+    result: Fetched,
+) -> dict[str, Any]:
+    """Write one station's files and return its row of the metadata table."""
+    location, band = _instrument(station)
+    distance = _distance_km(event, station) if event else None
+    start, end = (
+        window
+        if window is not None
+        else (event.time - BEFORE_S, event.time + (distance or 0) / SLOWEST_KM_S + AFTER_S)  # type: ignore[union-attr]
+    )
+    try:
+        stream = client.get_waveforms(network, station.code, location or "--", f"{band}?", start, end)
+    except Exception as error:
+        raise _NothingError(_brief(error)) from error
+    name = ".".join(part for part in (network, station.code, location, band) if part)
+    waveform, response = folder / f"{name}.mseed", folder / f"{name}.xml"
+    stream.merge(method=-1)
+    stream.write(str(waveform), format="MSEED")
+    inventory.select(network=network, station=station.code).write(str(response), format="STATIONXML")
+    result.files += [waveform, response]
+    return {
+        "record_id": name,
+        "event": event.name if event else "",
+        "station": f"{network}.{station.code}",
+        "mag": "" if event is None or event.magnitude is None else event.magnitude,
+        "dist_km": "" if distance is None else round(distance, 2),
+        "h1": waveform.name,
+        "h2": waveform.name,
+        "v": waveform.name,
+    }
+
+
+def _instrument(station: Any) -> tuple[str, str]:  # noqa: ANN401
+    """Location and band code of the station's preferred accelerometer with three components."""
+    count: dict[tuple[str, str], set[str]] = {}
+    for channel in station:
+        count.setdefault((channel.location_code, channel.code[:2]), set()).add(channel.code[2:])
+    whole = [key for key, letters in count.items() if len(letters) >= 3 and key[1] in BANDS]
+    if not whole:
+        msg = "no accelerometer with three components"
+        raise _NothingError(msg)
+    return min(whole, key=lambda key: (BANDS.index(key[1]), key[0]))
+
+
+def _distance_km(event: Source, station: Any) -> float:  # noqa: ANN401
+    """Hypocentral distance."""
+    return math.hypot(_epicentral_km(event, station), event.depth_km)
+
+
+def _epicentral_km(event: Source, station: Any) -> float:  # noqa: ANN401
+    from obspy.geodetics import gps2dist_azimuth
+
+    metres = gps2dist_azimuth(event.latitude, event.longitude, station.latitude, station.longitude)[0]
+    return float(metres / 1000)
+
+
+def _brief(error: Exception) -> str:
+    return str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__

@@ -1,0 +1,233 @@
+"""Records are fetched from a small FDSN server on loopback, which answers as the real ones do."""
+
+import io
+import threading
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from urllib.parse import parse_qs, urlparse
+
+import numpy as np
+import obspy
+import pytest
+from click.testing import CliRunner
+from motion_samples import STEP_S, shaking
+from obspy.clients.fdsn.header import DEFAULT_PARAMETERS
+from obspy.core.event import Catalog, Event, EventDescription, Magnitude, Origin
+from obspy.core.inventory import Channel, Inventory, Network, Response, Station
+
+from models import InputError
+from models.motions.ensemble import Ensemble
+from orchestrator.cli import cli
+
+ORIGIN = obspy.UTCDateTime(2019, 7, 6, 3, 19, 53)
+COUNTS = 213945.0  # to 1 m/s2
+PLACES = {"NEAR": (35.80, -117.60), "FAR": (36.60, -117.60), "DEAD": (35.81, -117.61)}
+
+
+def response():
+    """An accelerometer of 200 Hz, 70 % damping."""
+    omega = 2 * np.pi * 200
+    poles = [omega * (-0.7 + 0.714j), omega * (-0.7 - 0.714j)]
+    return Response.from_paz(
+        [],
+        poles,
+        COUNTS,
+        1.0,
+        input_units="M/S**2",
+        output_units="COUNTS",
+        normalization_factor=float(np.abs(np.prod(poles))),
+    )
+
+
+def inventory():
+    stations = []
+    for code, (latitude, longitude) in PLACES.items():
+        channels = [
+            Channel(
+                f"HN{c}",
+                "",
+                latitude,
+                longitude,
+                0,
+                0,
+                azimuth=azimuth,
+                dip=dip,
+                sample_rate=100,
+                response=response(),
+            )
+            for c, azimuth, dip in (("E", 90, 0), ("N", 0, 0), ("Z", 0, -90))
+        ]
+        stations.append(Station(code, latitude, longitude, 0, channels=channels))
+    return Inventory([Network("XX", stations)], source="test")
+
+
+def waveforms(code, start, end):
+    """The burst, 20 s after the origin, on an offset of 5000 counts."""
+    if code == "DEAD":
+        return None
+    count = round((end - start) / STEP_S)
+    at = round((ORIGIN + 20 - start) / STEP_S)
+    burst = shaking(1000)
+    stream = obspy.Stream()
+    for axis, letter in enumerate("ENZ"):
+        data = np.full(count, 5000.0)
+        data[at : at + len(burst)] += burst[:, axis] * COUNTS
+        header = {
+            "network": "XX",
+            "station": code,
+            "channel": f"HN{letter}",
+            "delta": STEP_S,
+            "starttime": start,
+        }
+        stream += obspy.Trace(np.round(data).astype(np.int32), header)
+    return stream
+
+
+def events():
+    event = Event(
+        origins=[Origin(time=ORIGIN, latitude=35.77, longitude=-117.60, depth=8000)],
+        magnitudes=[Magnitude(mag=7.1)],
+        event_descriptions=[EventDescription("Test Valley")],
+    )
+    return Catalog([event])
+
+
+class Service(BaseHTTPRequestHandler):
+    def do_GET(self):
+        url = urlparse(self.path)
+        asked = {key: value[0] for key, value in parse_qs(url.query).items()}
+        name = url.path.split("/")[2]
+        if url.path.endswith("application.wadl"):
+            self._answer(self._wadl(name))
+        elif url.path.endswith("version"):
+            self._answer(b"1.1.1")
+        elif url.path.endswith("catalogs"):
+            self._answer(b"<Catalogs></Catalogs>")
+        elif url.path.endswith("contributors"):
+            self._answer(b"<Contributors></Contributors>")
+        elif name == "event" and asked.get("eventid") == "ev1":
+            self._answer(self._written(events(), "QUAKEML"))
+        elif name == "station":
+            self._answer(self._stations(asked))
+        elif name == "dataselect":
+            start, end = obspy.UTCDateTime(asked["starttime"]), obspy.UTCDateTime(asked["endtime"])
+            stream = waveforms(asked["station"], start, end)
+            self._answer(self._written(stream, "MSEED") if stream else b"", 200 if stream else 204)
+        else:
+            self._answer(b"", 204)
+
+    def _stations(self, asked):
+        found = inventory()
+        if "maxradius" in asked:
+            found = found.select(
+                latitude=float(asked["latitude"]),
+                longitude=float(asked["longitude"]),
+                maxradius=float(asked["maxradius"]),
+            )
+        if "station" in asked:
+            codes = asked["station"].split(",")
+            found.networks[0].stations = [s for s in found.networks[0] if s.code in codes]
+        return self._written(found, "STATIONXML")
+
+    @staticmethod
+    def _written(thing, form):
+        file = io.BytesIO()
+        thing.write(file, format=form)
+        return file.getvalue()
+
+    def _wadl(self, name):
+        extra = {
+            "station": ["level", "maxradius", "latitude", "longitude"],
+            "event": ["eventid"],
+            "dataselect": [],
+        }[name]
+        long_names = [names[0] if isinstance(names, tuple) else names for names in DEFAULT_PARAMETERS[name]]
+        params = "".join(
+            f'<param name="{p}" style="query" type="xs:string"/>'
+            for p in dict.fromkeys([*long_names, *extra])
+        )
+        base = f"http://127.0.0.1:{self.server.server_port}/fdsnws/{name}/1/"
+        return (
+            '<application xmlns="http://wadl.dev.java.net/2009/02" xmlns:xs="http://www.w3.org/2001/XMLSchema">'
+            f'<resources base="{base}"><resource path="query"><method name="GET" id="query"><request>{params}'
+            "</request></method></resource></resources></application>"
+        ).encode()
+
+    def _answer(self, body, status=200):
+        self.send_response(status)
+        self.send_header("Content-Length", str(len(body)))
+        self.end_headers()
+        self.wfile.write(body)
+
+    def log_message(self, *arguments):
+        pass
+
+
+@pytest.fixture(scope="module")
+def service():
+    server = ThreadingHTTPServer(("127.0.0.1", 0), Service)
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    yield f"http://127.0.0.1:{server.server_port}"
+    server.shutdown()
+    server.server_close()
+
+
+def run(*arguments):
+    return CliRunner().invoke(cli, ["records", "fetch", *map(str, arguments)])
+
+
+def test_an_event_and_a_radius_give_the_near_stations_with_their_response_removed(service, tmp_path):
+    result = run("--service", service, "--event", "ev1", "--radius", "40", "--out", tmp_path / "e")
+    assert result.exception is None, result.output
+    assert "no record of XX.DEAD" in result.output
+    ensemble = Ensemble.load(tmp_path / "e")
+    assert ensemble.record_ids == ["XX.NEAR.HN"]
+    record = ensemble.record("XX.NEAR.HN")
+    assert (record.event, record.magnitude, record.north_known) == ("Test Valley", 7.1, True)
+    # 3.3 km along the meridian and 8 km down
+    assert record.distance_km == pytest.approx(np.hypot(0.03 * 110.95, 8.0), rel=1e-3)
+    peak = np.hypot(*shaking(1000)[:, :2].T).max()
+    # the high-pass takes less than 2 % of a burst of 0.5 Hz and more
+    assert record.intensity["pga_m_s2"] == pytest.approx(peak, rel=0.02)
+    assert any("counts per m/s2" in step for step in record.history)
+    assert sorted(p.suffix for p in (tmp_path / "e" / "raw").iterdir()) == [".csv", ".mseed", ".xml"]
+
+
+def test_a_list_of_stations_and_a_window_do_without_an_event(service, tmp_path):
+    result = run(
+        "--service",
+        service,
+        "--stations",
+        "XX.NEAR,XX.FAR",
+        "--start",
+        ORIGIN - 20,
+        "--end",
+        ORIGIN + 60,
+        "--out",
+        tmp_path / "e",
+    )
+    assert result.exception is None, result.output
+    ensemble = Ensemble.load(tmp_path / "e")
+    # both stations of this server record the same shaking: the second is left out as its twin
+    assert ensemble.record_ids == ["XX.NEAR.HN"] or ensemble.record_ids == ["XX.FAR.HN"]
+    assert "the same shaking as" in result.output
+    assert ensemble.record(ensemble.record_ids[0]).magnitude is None
+
+
+@pytest.mark.parametrize(
+    ("arguments", "what"),
+    [
+        (["--event", "ev2", "--radius", "40"], "no event 'ev2'"),
+        (["--stations", "XX.DEAD", "--start", "2019-07-06", "--end", "2019-07-07"], "none of 1 stations"),
+        (["--stations", "CLC", "--start", "2019-07-06", "--end", "2019-07-07"], "stations CLC"),
+    ],
+)
+def test_what_the_service_does_not_have_is_said(service, arguments, what, tmp_path):
+    result = run("--service", service, *arguments, "--out", tmp_path / "e")
+    assert isinstance(result.exception, InputError)
+    assert what in str(result.exception)
+
+
+def test_a_service_that_is_not_there_and_half_a_request_are_refused(tmp_path):
+    away = run("--service", "http://127.0.0.1:9", "--event", "a", "--radius", "1", "--out", tmp_path / "e")
+    assert isinstance(away.exception, InputError)
+    assert run("--radius", "10", "--out", tmp_path / "e").exit_code == 2

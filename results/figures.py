@@ -5,6 +5,7 @@ carry a dot.
 """
 
 import os
+from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
 
@@ -25,6 +26,7 @@ from scipy.stats import norm
 from models.frames import compass_deg
 from results.fits import Lognormal
 from results.fragility import THIN_RECORDS, Axis, Plane
+from results.hazard import HazardCurve
 from results.schema import SCHEMA, describe
 
 FULL_WIDTH_IN = 7.0
@@ -242,6 +244,39 @@ def fit_figure(
             xlabel="predicted probability", ylabel="observed share", title="other records predicted",
             xlim=(0, 1), ylim=(0, 1), aspect="equal",
         )  # fmt: skip
+    return figure
+
+
+def constraint_figure(bound: pd.DataFrame, branches: Sequence[HazardCurve], confidence: float) -> Figure:
+    """Which rates of exceedance the standing rocks reject, with the hazard curves that were asked about.
+
+    Parameters
+    ----------
+    bound : DataFrame
+        From `results.constraint.bound_table`.
+    branches : sequence of HazardCurve
+    confidence : float
+    """
+    measure = bound.columns[0]
+    rate = bound["rejected_annual_rate"]
+    with style():
+        figure = Figure(figsize=(HALF_WIDTH_IN, 3.0))
+        axes = figure.subplots(gridspec_kw={"left": 0.18, "right": 0.97, "bottom": 0.16, "top": 0.95})
+        top = 3 * rate.max()
+        axes.fill_between(
+            bound[measure], rate, top, color="0.85", lw=0, label=f"rejected at {100 * confidence:g} %"
+        )
+        axes.plot(bound[measure], rate, color="k", lw=1)
+        colours = COLOURS(np.linspace(0.15, 0.85, max(1, len(branches))))
+        for branch, colour in zip(branches, colours, strict=False):
+            axes.plot(branch.intensity, branch.annual_rate, color=colour, lw=1.2, label=branch.name)
+        unit = describe(SCHEMA.field(measure))["unit"]
+        axes.set(
+            xscale="log", yscale="log", xlabel=f"{_short(measure)} ({unit})", ylabel="annual rate exceeded",
+            xlim=(bound[measure].min(), bound[measure].max()), ylim=(rate.min() / 10, top),
+        )  # fmt: skip
+        _plain_log(axes.xaxis)
+        axes.legend(loc="upper right", frameon=False)
     return figure
 
 

@@ -1,0 +1,170 @@
+"""`toppling constrain`: what standing rocks say about the ground motion that has not happened."""
+
+import json
+from pathlib import Path
+
+import click
+import numpy as np
+
+from models import InputError
+from results import figures
+from results.atlas import save_table
+from results.constraint import bound_table, branch_table, single_event
+from results.exchange import read_curves
+from results.fits import Lognormal, answered, fit
+from results.fragility import by_contact
+from results.hazard import HazardCurve, Standing, parse_age, read_hazard
+from results.run import open_run
+from results.schema import SCHEMA, describe
+
+
+@click.command()
+@click.argument("rocks", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="ROCK...")
+@click.option(
+    "--hazard", multiple=True, metavar="FILE[=WEIGHT]", help="Hazard curve; one a branch of the tree."
+)
+@click.option(
+    "--age", multiple=True, help="Years each rock has stood: 20000, 15000..30000, 20000+-3000 or a CSV."
+)
+@click.option("--measure", help="Column of the results; the hazard curves' own, or pgv_m_s, if not given.")
+@click.option("--confidence", type=click.FloatRange(0.5, 1, max_open=True), default=0.95, show_default=True)
+@click.option("--site", type=float, nargs=2, metavar="LON LAT", help="Site in an OpenQuake file.")
+@click.option(
+    "--ratio", type=click.FloatRange(0, min_open=True), default=1.0, show_default=True,
+    help="Peak of the horizontal vector over the horizontal component of the hazard.",
+)  # fmt: skip
+@click.option("--out", type=click.Path(path_type=Path, file_okay=False), help="Folder for tables and figure.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+def constrain(
+    rocks: tuple[Path, ...],
+    hazard: tuple[str, ...],
+    age: tuple[str, ...],
+    measure: str | None,
+    confidence: float,
+    site: tuple[float, float] | None,
+    ratio: float,
+    out: Path | None,
+    as_json: bool,
+) -> None:
+    """Say which ground motion one or several standing rocks reject.
+
+    A ROCK is a run, or a file of curves (CSV, JSON or NRML) as 'toppling fragility --fit' writes it. Without
+    an age the statement is about a single event; with ages, about rates of exceedance; with hazard curves,
+    about the rocks' survival under each and the branches' weights. Several rocks feel the same events.
+
+    \b
+    toppling constrain runs/first
+    toppling constrain runs/first --age 15000..30000 --hazard mean.csv=0.6 --hazard high.csv=0.4
+    """  # noqa: D301
+    if age and len(age) not in (1, len(rocks)):
+        msg = f"give one --age, or one a rock: {len(age)} for {len(rocks)} rocks"
+        raise click.UsageError(msg)
+    if hazard and not age:
+        msg = "a hazard curve needs the rocks' --age: rates become probabilities over years"
+        raise click.UsageError(msg)
+    branches = [_branch(text, site, ratio) for text in hazard]
+    over = _measure(measure, branches)
+    ages = [parse_age(text) for text in age] or [np.array([np.nan])]
+    standing = [
+        Standing(path.stem, _curve(path, over), years)
+        for path, years in zip(rocks, ages * len(rocks) if len(ages) == 1 else ages, strict=True)
+    ]
+    told = single_event(standing, confidence)
+    bound = bound_table(standing, confidence) if age else None
+    table = branch_table(standing, branches) if branches else None
+    if table is not None:
+        told["branches"] = table.astype(object).where(table.notna(), None).to_dict("records")
+    if bound is not None:
+        told["rejected"] = bound.to_dict("records")
+    if out:
+        out.mkdir(parents=True, exist_ok=True)
+        for name, kept in (("rejected", bound), ("branches", table)):
+            if kept is not None:
+                save_table(kept, out / f"{name}.csv")
+        if bound is not None:
+            drawn = figures.constraint_figure(bound, branches, confidence)
+            figures.save(drawn, out / "constraint")
+    click.echo(json.dumps(told, indent=1) if as_json else _words(told))
+
+
+def _branch(text: str, site: tuple[float, float] | None, ratio: float) -> HazardCurve:
+    path, _, weight = text.partition("=")
+    try:
+        share = float(weight) if weight else 1.0
+    except ValueError:
+        share = float("nan")
+    if not 0 < share < float("inf"):
+        msg = f"the weight of {path} is {weight!r}: give a positive number"
+        raise click.UsageError(msg)
+    return read_hazard(Path(path), share, site, ratio)
+
+
+def _measure(asked: str | None, branches: list[HazardCurve]) -> str:
+    stated = sorted({branch.measure for branch in branches})
+    if len(stated) > 1 or (asked and stated and asked != stated[0]):
+        raise InputError(
+            what=f"hazard curves over {', '.join(stated)}" + (f", asked for {asked}" if asked else ""),
+            where="--hazard",
+            expected="one measure",
+            remedy="give the curves of one intensity measure",
+        )
+    return stated[0] if stated else asked or "pgv_m_s"
+
+
+def _curve(path: Path, measure: str) -> Lognormal:
+    curve = _fit(path, measure) if path.is_dir() else read_curves(path).get(measure)
+    if curve is None:
+        raise InputError(
+            what=f"has no fragility over {measure}",
+            where=str(path),
+            expected="a lognormal fragility over the measure of the hazard",
+            remedy="'toppling fragility RUN --fit' says over which measures there is one",
+        )
+    return curve
+
+
+def _fit(path: Path, measure: str) -> Lognormal | None:
+    jobs = answered(open_run(path).frame())
+    contacts = by_contact(jobs)
+    if len(contacts) > 1:
+        raise InputError(
+            what=f"has {len(contacts)} contacts: {', '.join(contacts)}",
+            where=str(path),
+            expected="a run of one contact",
+            remedy="fit each with 'toppling fragility RUN --fit', and give the curves.json of one",
+        )
+    known = jobs[jobs[measure] > 0] if measure in jobs else jobs[:0]
+    return fit(known, [measure]).lognormal if len(known) else None
+
+
+def _words(told: dict) -> str:
+    unit = describe(SCHEMA.field(told["measure"]))["unit"]
+    lines = [
+        f"{rock['name']}: median {rock['median']:.3g} {unit}, beta {rock['beta']:.2f}"
+        for rock in told["rocks"]
+    ]
+    lines.append(
+        f"No single event exceeded {told['measure']} = {told['unexceeded']:.3g} {unit} while they stood, "
+        f"at {100 * told['confidence']:g} % confidence."
+    )
+    for branch in told.get("branches", ()):
+        verdict = "rejected" if branch["rejected"] else "kept"
+        lines.append(
+            f"{branch['branch']}: topples at {branch['toppling_rate']:.2e} a year, "
+            f"survival {branch['survival']:.3g}, {verdict}; "
+            + (
+                "no branch lets the rocks survive"
+                if branch["posterior_weight"] is None
+                else f"weight {branch['prior_weight']:.3g} becomes {branch['posterior_weight']:.3g}"
+            )
+        )
+        if branch["unstated_share"] > 0.01:
+            share = f"{100 * branch['unstated_share']:.0f} %"
+            lines.append(f"  up to {share} of its toppling rate lies beyond the curve's end, not counted")
+    rejected = told.get("rejected", ())
+    lines += [
+        f"{told['measure']} = {row[told['measure']]:.3g} {unit} is rejected at return periods below "
+        f"{row['rejected_return_years']:.0f} years"
+        for row in rejected[9::10]
+    ]
+    return "\n".join(lines)

@@ -1,0 +1,88 @@
+"""The statement: survival and rejection for some rocks under some hazard branches."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from results.hazard import (
+    HazardCurve,
+    Standing,
+    any_topples,
+    branch_weights,
+    rejected_rate,
+    survival,
+    toppling_rate,
+    unexceeded,
+    unstated_share,
+)
+
+REJECTED_BELOW = 0.05
+"""A branch is rejected where the rocks survive with less than this probability (Stirling et al. 2021)."""
+
+
+def branch_table(rocks: Sequence[Standing], branches: Sequence[HazardCurve]) -> pd.DataFrame:
+    """Survival, verdict and Bayes weight of each hazard branch.
+
+    Returns
+    -------
+    DataFrame
+        One row a branch: branch, toppling_rate (annual, any of the rocks), unstated_share (`results.hazard`),
+        survival, rejected, prior_weight, posterior_weight (null where no branch lets the rocks survive).
+    """
+    curves = [rock.curve for rock in rocks]
+    prior = np.array([branch.weight for branch in branches]) / sum(branch.weight for branch in branches)
+    survivals = np.array([survival(rocks, branch) for branch in branches])
+    posterior = (
+        branch_weights(prior, survivals) if (prior * survivals).sum() > 0 else np.full(len(prior), np.nan)
+    )
+    return pd.DataFrame(
+        {
+            "branch": [branch.name for branch in branches],
+            "toppling_rate": [toppling_rate(curves, branch) for branch in branches],
+            "unstated_share": [unstated_share(curves, branch) for branch in branches],
+            "survival": survivals,
+            "rejected": survivals < REJECTED_BELOW,
+            "prior_weight": prior,
+            "posterior_weight": posterior,
+        }
+    )
+
+
+def bound_table(rocks: Sequence[Standing], confidence: float) -> pd.DataFrame:
+    """Annual rate of exceedance above which each intensity is rejected, where a rock may topple.
+
+    Returns
+    -------
+    DataFrame
+        The measure's column, topples (probability that an event topples any), rejected_annual_rate and
+        rejected_return_years, its inverse: shorter return periods are rejected.
+    """
+    curves = [rock.curve for rock in rocks]
+    low, high = (
+        extreme(curve.intensity(tail) for curve in curves) for extreme, tail in ((min, 0.01), (max, 0.999))
+    )
+    intensity = np.geomspace(low, high * 1.001, 60)
+    rate = rejected_rate(rocks, intensity, confidence)
+    return pd.DataFrame(
+        {
+            curves[0].measure: intensity,
+            "topples": any_topples(curves, intensity),
+            "rejected_annual_rate": rate,
+            "rejected_return_years": 1.0 / rate,
+        }
+    )
+
+
+def single_event(rocks: Sequence[Standing], confidence: float) -> dict[str, Any]:
+    """State the intensity that no single event exceeded, at a confidence: without age and hazard."""
+    curves = [rock.curve for rock in rocks]
+    return {
+        "measure": curves[0].measure,
+        "confidence": confidence,
+        "unexceeded": unexceeded(curves, confidence),
+        "rocks": [
+            {"name": rock.name, "median": rock.curve.median, "beta": rock.curve.beta} for rock in rocks
+        ],
+    }

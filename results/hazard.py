@@ -1,0 +1,330 @@
+"""From fragility to hazard: what a rock that still stands says about the ground motion that has not happened.
+
+With an annual rate of exceedance lambda(x), toppling has the rate nu = integral of F(x) |d lambda(x)|, and
+the rock survives T years with probability exp(-nu T) (Poisson events). Rocks that stand together feel the
+same events: at least one topples with 1 - prod(1 - F_i(x)); taking them as independent would be biased.
+"""
+
+import csv
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import brentq
+from scipy.stats import norm
+
+from models import InputError
+from results.exchange import OPENQUAKE
+from results.fits import Lognormal
+
+AGE_SAMPLES = 400
+NODES_PER_E_FOLD = 400
+"""Points of the integration in an interval where intensity grows by e: an error below 1e-6 of the rate."""
+
+
+@dataclass(frozen=True, eq=False)
+class HazardCurve:
+    """Annual rate at which an intensity is exceeded at a site, a power law between its points.
+
+    Parameters
+    ----------
+    name : str
+    measure : str
+        Column of the results that the intensity is a value of.
+    intensity : (n,) array
+        Increasing and positive, in the measure's SI unit.
+    annual_rate : (n,) array
+        Positive, not increasing.
+    weight : float
+        Of this branch among others.
+    """
+
+    name: str
+    measure: str
+    intensity: NDArray[np.float64]
+    annual_rate: NDArray[np.float64]
+    weight: float = 1.0
+
+    def __post_init__(self) -> None:
+        x, rate = self.intensity, self.annual_rate
+        good = len(x) >= 2 and len(x) == len(rate) and np.isfinite(x).all() and np.isfinite(rate).all()
+        if not (
+            good and x[0] > 0 and (np.diff(x) > 0).all() and (rate > 0).all() and (np.diff(rate) <= 0).all()
+        ):
+            raise _hazard_error(self.name, "intensities must rise and rates fall, all of them positive")
+
+    def rate(self, intensity: ArrayLike) -> NDArray[np.float64]:
+        """Annual rate of exceedance at intensities within the curve, interpolated on logarithms."""
+        logarithm = np.interp(np.log(intensity), np.log(self.intensity), np.log(self.annual_rate))
+        return np.exp(logarithm)
+
+
+@dataclass(frozen=True, eq=False)
+class Standing:
+    """A rock that has stood for some time.
+
+    Parameters
+    ----------
+    name : str
+    curve : Lognormal
+    years : (n,) array
+        Equally likely ages; one where it is known.
+    """
+
+    name: str
+    curve: Lognormal
+    years: NDArray[np.float64]
+
+
+def toppling_rate(curves: Sequence[Lognormal], hazard: HazardCurve) -> float:
+    """Annual rate of events that topple at least one of some rocks at a site.
+
+    Rates above the hazard curve's last point count with the probability at that point (`unstated_share`).
+    """
+    low, high = (math.log(end) for end in hazard.intensity[[0, -1]])
+    nodes = math.ceil((high - low) * NODES_PER_E_FOLD) + 1
+    # The corners of the curve are nodes, so that no interval straddles two power laws.
+    x = np.exp(np.unique(np.concatenate([np.linspace(low, high, nodes), np.log(hazard.intensity)])))
+    rate = hazard.rate(x)
+    middle = np.sqrt(x[1:] * x[:-1])
+    return float(any_topples(curves, middle) @ -np.diff(rate) + any_topples(curves, x[-1:])[0] * rate[-1])
+
+
+def unstated_share(curves: Sequence[Lognormal], hazard: HazardCurve) -> float:
+    """Largest share of the toppling rate that may lie beyond the hazard curve and is not counted."""
+    missing = (1 - any_topples(curves, hazard.intensity[-1:])[0]) * hazard.annual_rate[-1]
+    return float(missing / (missing + toppling_rate(curves, hazard)))
+
+
+def any_topples(curves: Sequence[Lognormal], intensity: ArrayLike) -> NDArray[np.float64]:
+    """Probability that an event of some intensity topples at least one of the rocks."""
+    return 1.0 - np.prod([1.0 - curve.probability(intensity) for curve in curves], axis=0)
+
+
+def survival(rocks: Sequence[Standing], hazard: HazardCurve) -> float:
+    """Probability that all rocks still stand, each after its own age, under common events.
+
+    Over the years that only the older rocks stood, only they could topple. Uncertain ages are averaged over.
+    """
+    exponent = np.zeros(_draws(rocks))
+    for standing, years in _epochs(rocks):
+        exponent += years * toppling_rate(standing, hazard)
+    return float(np.exp(-exponent).mean())
+
+
+def branch_weights(prior: ArrayLike, survivals: ArrayLike) -> NDArray[np.float64]:
+    """Bayes weights of hazard branches, given the probability of the rocks' survival under each.
+
+    Raises
+    ------
+    ValueError
+        If no branch lets the rocks survive.
+    """
+    joint = np.asarray(prior, float) * np.asarray(survivals, float)
+    if not joint.sum() > 0:
+        msg = "the rocks cannot have survived under any of the branches"
+        raise ValueError(msg)
+    return joint / joint.sum()
+
+
+def rejected_rate(
+    rocks: Sequence[Standing], intensity: ArrayLike, confidence: float = 0.95
+) -> NDArray[np.float64]:
+    """Annual rate of exceedance above which an intensity is rejected, whatever the rest of the hazard curve.
+
+    Fragility rises with intensity, so the toppling rate is at least F(x) lambda(x), and the rocks' survival
+    at most exp(-F(x) lambda(x) T). Returned is the rate at which that bound is 1 - confidence; infinite where
+    F(x) is 0.
+    """
+    values = np.atleast_1d(np.asarray(intensity, float))
+    exposure = np.zeros((_draws(rocks), len(values)))
+    for standing, years in _epochs(rocks):
+        exposure += np.outer(years, any_topples(standing, values))
+    return np.array([_solve(column, 1.0 - confidence) for column in exposure.T])
+
+
+def unexceeded(curves: Sequence[Lognormal], confidence: float = 0.95) -> float:
+    """Intensity that no single event has exceeded, at a confidence, since the rocks stand: F(x) = confidence.
+
+    What can be said without an age or a hazard curve.
+    """
+    low = min(curve.intensity(1e-9) for curve in curves)
+    high = max(curve.intensity(confidence) for curve in curves)
+    if len(curves) == 1:
+        return high
+    return float(brentq(lambda x: any_topples(curves, x) - confidence, low, high * (1 + 1e-9)))
+
+
+def read_hazard(
+    path: Path, weight: float = 1.0, site: tuple[float, float] | None = None, ratio: float = 1.0
+) -> HazardCurve:
+    """Read a hazard curve: two columns of CSV, or OpenQuake's CSV of hazard curves.
+
+    Two columns have a header: the measure (a column of the results in SI, or OpenQuake's name in OpenQuake's
+    unit) and `annual_rate`. OpenQuake's file states probabilities of exceedance in its investigation time,
+    which become rates.
+
+    Parameters
+    ----------
+    path : Path
+    weight : float
+    site : (longitude, latitude) or None
+        The nearest site of an OpenQuake file; needed where it has several.
+    ratio : float
+        Peak of the horizontal vector over the horizontal component that the hazard is stated for.
+
+    Raises
+    ------
+    InputError
+        If the file is absent, is neither, or needs a site.
+    """
+    try:
+        lines = path.read_text().splitlines()
+    except FileNotFoundError:
+        raise _hazard_error(path, "does not exist") from None
+    if not lines:
+        raise _hazard_error(path, "is empty")
+    try:
+        measure, x, rate = (
+            _openquake(lines, path, site) if lines[0].startswith("#") else _two_columns(lines, path)
+        )
+    except (ValueError, IndexError, StopIteration) as error:
+        if isinstance(error, InputError):
+            raise
+        raise _hazard_error(path, f"cannot be read ({error})") from error
+    told = rate > 0  # OpenQuake states zero where the rate underflows
+    return HazardCurve(path.stem, measure, x[told] * ratio, rate[told], weight)
+
+
+def parse_age(text: str) -> NDArray[np.float64]:
+    """Read an age: `20000`, `15000..30000` (uniform) or `20000+-3000` years (normal, cut at zero).
+
+    A path to a CSV of one column of years, or of years and weights, is read.
+
+    Raises
+    ------
+    InputError
+        If the text is none of these.
+    """
+    levels = (np.arange(AGE_SAMPLES) + 0.5) / AGE_SAMPLES
+    try:
+        if Path(text).is_file():
+            table = np.atleast_2d(np.genfromtxt(text, delimiter=",", skip_header=1))
+            table = table.T if table.shape[0] == 1 and table.shape[1] > 2 else table
+            years, weights = table[:, 0], table[:, 1] if table.shape[1] > 1 else np.ones(len(table))
+            order = np.argsort(years)
+            cumulated = np.cumsum(weights[order]) / weights.sum()
+            ages = years[order][np.searchsorted(cumulated, levels)]
+        elif "+-" in text:
+            mean, deviation = map(float, text.split("+-"))
+            floor = norm.cdf(0.0, mean, deviation)
+            ages = norm.ppf(floor + levels * (1 - floor), mean, deviation)
+        elif ".." in text:
+            low, high = map(float, text.split(".."))
+            ages = low + levels * (high - low)
+        else:
+            ages = np.array([float(text)])
+    except (ValueError, IndexError):
+        ages = np.array([math.nan])
+    if not (np.isfinite(ages).all() and (ages > 0).all()):
+        raise InputError(
+            what=f"{text!r} is no age",
+            where="--age",
+            expected="years above zero: 20000, 15000..30000, 20000+-3000, or a CSV of years and weights",
+            remedy="leave --age out for the statement about a single event",
+        )
+    return ages
+
+
+def _draws(rocks: Sequence[Standing]) -> int:
+    return max(len(rock.years) for rock in rocks)
+
+
+def _epochs(rocks: Sequence[Standing]) -> list[tuple[list[Lognormal], NDArray[np.float64]]]:
+    """Find the sets of rocks that stood together, and how long in each draw of their ages.
+
+    Independent ages are drawn by shuffling each rock's equally likely ones with a fixed seed.
+    """
+    random = np.random.default_rng(0)
+    draws = _draws(rocks)
+    if len(rocks) > 1 and draws > 1:
+        draws_of = [random.permutation(np.resize(rock.years, draws)) for rock in rocks]
+    else:
+        draws_of = [np.resize(rock.years, draws) for rock in rocks]
+    ages = np.array(draws_of)
+    order = np.argsort(-ages, axis=0)
+    epochs: dict[tuple[int, ...], NDArray[np.float64]] = {}
+    for draw in range(draws):
+        for count in range(len(rocks)):
+            standing = tuple(sorted(order[: count + 1, draw]))
+            younger = ages[order[count + 1, draw], draw] if count + 1 < len(rocks) else 0.0
+            years = ages[order[count, draw], draw] - younger
+            epochs.setdefault(standing, np.zeros(draws))[draw] += years
+    return [([rocks[number].curve for number in standing], years) for standing, years in epochs.items()]
+
+
+def _solve(exposure: NDArray[np.float64], chance: float) -> float:
+    if not exposure.mean() > 0:
+        return math.inf
+    # The mean of exp(-rate A) lies between exp(-rate mean(A)), by Jensen, and exp(-rate min(A)).
+    low = -math.log(chance) / exposure.mean()
+    high = -math.log(chance) / exposure.min() if exposure.min() > 0 else low * 1e6
+    if high <= low * (1 + 1e-12):
+        return low
+    return float(
+        brentq(lambda rate: np.exp(-rate * exposure).mean() - chance, low * (1 - 1e-9), high * (1 + 1e-9))
+    )
+
+
+def _two_columns(lines: list[str], path: Path) -> tuple[str, NDArray[np.float64], NDArray[np.float64]]:
+    header, *rows = list(csv.reader(line for line in lines if line.strip()))
+    names = [name.strip() for name in header]
+    measures = {imt: measure for measure, (imt, _) in OPENQUAKE.items()}
+    if len(names) != 2 or names[1] != "annual_rate":
+        raise _hazard_error(path, f"has the columns {', '.join(names)}")
+    measure = measures.get(names[0], names[0])
+    if measure not in OPENQUAKE:
+        raise _hazard_error(path, f"is over {names[0]!r}")
+    factor = OPENQUAKE[measure][1] if names[0] in measures else 1.0
+    table = np.array([[float(value) for value in row] for row in rows])
+    return measure, table[:, 0] / factor, table[:, 1]
+
+
+def _openquake(
+    lines: list[str], path: Path, site: tuple[float, float] | None
+) -> tuple[str, NDArray[np.float64], NDArray[np.float64]]:
+    measures = {imt: (measure, factor) for measure, (imt, factor) in OPENQUAKE.items()}
+    imt = re.search(r"imt='([^']+)'", lines[0])
+    time = re.search(r"investigation_time=([0-9.eE+-]+)", lines[0])
+    if imt is None or time is None or imt[1] not in measures:
+        raise _hazard_error(
+            path, "states no imt that is known here, or no investigation_time, in its first line"
+        )
+    header, *rows = list(csv.reader(lines[1:]))
+    places = [number for number, name in enumerate(header) if name.startswith("poe-")]
+    table = np.array([[float(value) for value in row] for row in rows])
+    if len(table) > 1 and site is None:
+        raise _hazard_error(path, f"has {len(table)} sites: choose one with --site LONGITUDE LATITUDE")
+    at = [header.index("lon"), header.index("lat")]
+    east = math.cos(math.radians(table[0, at[1]]))
+    nearest = np.hypot((table[:, at[0]] - site[0]) * east, table[:, at[1]] - site[1]).argmin() if site else 0
+    measure, factor = measures[imt[1]]
+    levels = np.array([float(header[place].removeprefix("poe-")) for place in places])
+    # A probability of one in the investigation time is a rate without bound: such points are left out.
+    exceeded = np.minimum(table[nearest, places], 1.0)
+    stated = exceeded < 1.0
+    return measure, levels[stated] / factor, -np.log1p(-exceeded[stated]) / float(time[1])
+
+
+def _hazard_error(where: object, what: str) -> InputError:
+    return InputError(
+        what,
+        where=str(where),
+        expected="CSV with the columns MEASURE,annual_rate (MEASURE: pga_m_s2, pgv_m_s ... or as OpenQuake "
+        "has them, PGA in g, PGV in cm/s), or OpenQuake's hazard_curve CSV",
+        remedy="export one site's curve as annual rates of exceedance",
+    )

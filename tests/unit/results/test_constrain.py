@@ -1,0 +1,83 @@
+"""The command says what the rocks reject, from a run or from a file of curves."""
+
+import json
+import math
+
+import pandas as pd
+import pytest
+from click.testing import CliRunner
+from seeded import THETA_M_S, rows
+
+from models import InputError
+from orchestrator.cli import cli
+from results.exchange import write_curves
+from results.fits import Lognormal
+from results.store import write_part
+
+
+@pytest.fixture
+def hazards(tmp_path):
+    for name, rate in (("low", 1e-5), ("high", 1e-2)):
+        lines = [f"{x},{rate * x**-2}" for x in (0.01, 0.1, 1, 10, 100)]
+        (tmp_path / f"{name}.csv").write_text("\n".join(["pgv_m_s,annual_rate", *lines]))
+    return [str(tmp_path / f"{name}.csv") for name in ("low", "high")]
+
+
+@pytest.fixture
+def curves(tmp_path):
+    return str(write_curves(tmp_path / "rock.json", [Lognormal("pgv_m_s", 1.2, 0.4)]))
+
+
+def constrain(*arguments):
+    return CliRunner().invoke(cli, ["constrain", *arguments])
+
+
+def test_a_run_alone_bounds_a_single_event(tmp_path):
+    write_part(tmp_path, rows(records=30, azimuths=(0.0,)))
+    told = json.loads(constrain(str(tmp_path), "--json", "--confidence", "0.5").output)
+    # At a confidence of one half the bound is the median; 570 jobs give it to about 4 %.
+    assert told["unexceeded"] == pytest.approx(THETA_M_S, rel=0.12)
+
+
+def test_branches_are_kept_or_rejected_and_weighted_anew(tmp_path, curves, hazards):
+    folder = tmp_path / "out"
+    weighted = ["--hazard", f"{hazards[0]}=1", "--hazard", f"{hazards[1]}=3"]
+    done = constrain(curves, "--age", "10000", *weighted, "--json", "--out", str(folder))
+    low, high = json.loads(done.output)["branches"]
+    # Closed form of a power law of exponent 2: lambda(median) exp(2 beta^2).
+    assert low["toppling_rate"] == pytest.approx(1e-5 / 1.44 * math.exp(0.32), rel=1e-4)
+    assert (low["rejected"], high["rejected"]) == (False, True)
+    assert (low["prior_weight"], high["prior_weight"]) == (0.25, 0.75)
+    assert low["posterior_weight"] == pytest.approx(1.0)
+    assert {path.name for path in folder.iterdir()} == {
+        "branches.csv", "rejected.csv", "constraint.png", "constraint.svg",
+    }  # fmt: skip
+    assert pd.read_csv(folder / "rejected.csv")["rejected_annual_rate"].is_monotonic_decreasing
+
+
+def test_two_rocks_reject_more_than_one(curves, hazards, tmp_path):
+    other = str(write_curves(tmp_path / "other.xml", [Lognormal("pgv_m_s", 1.5, 0.3)], name="other"))
+    one = json.loads(constrain(curves, "--age", "10000", "--hazard", hazards[0], "--json").output)
+    two = json.loads(
+        constrain(
+            curves, other, "--age", "10000", "--age", "5000..8000", "--hazard", hazards[0], "--json"
+        ).output
+    )
+    assert two["unexceeded"] < one["unexceeded"]
+    assert two["branches"][0]["survival"] < one["branches"][0]["survival"]
+
+
+def test_words_are_for_people(curves, hazards):
+    done = constrain(curves, "--age", "10000", "--hazard", hazards[1])
+    assert "rejected" in done.output
+    assert "No single event exceeded pgv_m_s" in done.output
+
+
+def test_wrong_usage_and_wrong_data_are_told_apart(curves, hazards):
+    assert constrain(curves, "--hazard", hazards[0]).exit_code == 2
+    assert constrain(curves, "--age", "1", "--age", "2").exit_code == 2
+    assert constrain(curves, "--age", "1", "--hazard", f"{hazards[0]}=x").exit_code == 2
+    wrong = constrain(curves, "--age", "1", "--hazard", hazards[0], "--measure", "pga_m_s2")
+    assert isinstance(wrong.exception, InputError)
+    lacking = constrain(curves, "--measure", "pga_m_s2")
+    assert "no fragility over pga_m_s2" in str(lacking.exception)

@@ -1,0 +1,168 @@
+"""Constraints agree with closed forms."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from models import InputError
+from results.fits import Lognormal
+from results.hazard import (
+    HazardCurve,
+    Standing,
+    branch_weights,
+    parse_age,
+    read_hazard,
+    rejected_rate,
+    survival,
+    toppling_rate,
+    unexceeded,
+    unstated_share,
+)
+
+
+def power_law(rate_at_one=1e-3, exponent=2.5, low=1e-4, high=1e4):
+    x = np.geomspace(low, high, 9)
+    return HazardCurve("power law", "pgv_m_s", x, rate_at_one * x**-exponent)
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.floats(0.3, 3.0), st.floats(0.1, 0.8), st.floats(1.0, 4.0))
+def test_a_power_law_hazard_with_a_lognormal_fragility_has_its_closed_form(median, beta, exponent):
+    rate = toppling_rate([Lognormal("pgv_m_s", median, beta)], power_law(exponent=exponent))
+    # nu = lambda(median) exp(n^2 beta^2 / 2) (Cornell et al. 2002); midpoint rule, error below 1e-5.
+    exact = 1e-3 * median**-exponent * math.exp((exponent * beta) ** 2 / 2)
+    assert rate == pytest.approx(exact, rel=2e-5)
+
+
+def test_a_sharp_threshold_topples_at_the_rate_of_its_exceedance():
+    hazard = power_law()
+    assert toppling_rate([Lognormal("pgv_m_s", 1.3, 0.0)], hazard) == pytest.approx(
+        hazard.rate(1.3), rel=5e-3
+    )
+
+
+ROCK = Lognormal("pgv_m_s", 1.2, 0.4)
+
+
+def test_survival_falls_exponentially_with_age():
+    hazard = power_law()
+    rate = toppling_rate([ROCK], hazard)
+    told = survival([Standing("rock", ROCK, np.array([2000.0]))], hazard)
+    assert told == pytest.approx(math.exp(-2000 * rate))
+
+
+def test_an_uncertain_age_is_averaged_over():
+    hazard = power_law()
+    rate = toppling_rate([ROCK], hazard)
+    told = survival([Standing("rock", ROCK, parse_age("1000..5000"))], hazard)
+    exact = (math.exp(-1000 * rate) - math.exp(-5000 * rate)) / (4000 * rate)
+    assert told == pytest.approx(exact, rel=1e-5)
+
+
+def test_a_second_rock_that_is_the_same_but_never_weaker_adds_less_than_an_independent_one():
+    """Rocks feel the same events: a product of their survivals is biased low."""
+    hazard = power_law()
+    one, two = (Standing(name, ROCK, np.array([3000.0])) for name in "ab")
+    alone, together = survival([one], hazard), survival([one, two], hazard)
+    assert alone**2 < together < alone
+
+
+def test_a_sharp_weaker_rock_decides_alone():
+    hazard = power_law()
+    weak, strong = (Standing(str(x), Lognormal("pgv_m_s", x, 0.0), np.array([500.0])) for x in (1.0, 2.0))
+    assert survival([weak, strong], hazard) == pytest.approx(survival([weak], hazard), rel=1e-12)
+
+
+def test_before_the_younger_rock_stood_only_the_older_could_topple():
+    hazard = power_law()
+    old, young = Standing("old", ROCK, np.array([5000.0])), Standing("young", ROCK, np.array([1000.0]))
+    exponent = 4000 * toppling_rate([ROCK], hazard) + 1000 * toppling_rate([ROCK, ROCK], hazard)
+    assert survival([young, old], hazard) == pytest.approx(math.exp(-exponent))
+
+
+def test_bayes_weights_follow_the_survivals():
+    np.testing.assert_allclose(branch_weights([0.5, 0.5], [0.3, 0.1]), [0.75, 0.25])
+    with pytest.raises(ValueError, match="cannot have survived"):
+        branch_weights([0.5, 0.5], [0.0, 0.0])
+
+
+def test_a_rejected_rate_is_one_under_which_the_rock_cannot_have_survived():
+    years, confidence = 10_000.0, 0.95
+    rock = Standing("rock", ROCK, np.array([years]))
+    bound = rejected_rate([rock], [0.0, 1.2, 5.0], confidence)
+    # At the median F is one half: lambda = -ln(0.05) / (0.5 T).
+    assert bound[1] == pytest.approx(-math.log(0.05) / (0.5 * years))
+    assert math.isinf(bound[0])
+    # A hazard curve that reaches the bound at some intensity leaves at most 5 % of survival.
+    for exponent in (1.0, 2.5, 4.0):
+        hazard = power_law(bound[2] * 5.0**exponent, exponent)
+        assert survival([rock], hazard) <= 1 - confidence + 1e-9
+
+
+def test_an_uncertain_age_rejects_less_than_its_greatest_and_more_than_its_least():
+    bounds = [
+        rejected_rate([Standing("rock", ROCK, parse_age(age))], [2.0])[0]
+        for age in ("20000", "10000..20000", "10000")
+    ]
+    assert bounds[0] < bounds[1] < bounds[2]
+
+
+def test_without_an_age_a_single_event_is_bounded_at_its_confidence():
+    assert unexceeded([ROCK], 0.95) == pytest.approx(ROCK.intensity(0.95))
+    assert unexceeded([ROCK, ROCK], 0.95) == pytest.approx(ROCK.intensity(1 - math.sqrt(0.05)))
+
+
+def test_a_hazard_curve_that_ends_too_early_says_what_it_may_miss():
+    assert unstated_share([ROCK], power_law()) < 1e-6
+    assert unstated_share([ROCK], power_law(high=1.0)) > 0.4
+
+
+def test_openquake_curves_become_annual_rates_in_si(tmp_path):
+    path = tmp_path / "hazard_curve-mean-PGV.csv"
+    path.write_text(
+        "#,,,,\"generated_by='OpenQuake engine 3.20', kind='mean', investigation_time=50.0, imt='PGV'\"\n"
+        "lon,lat,depth,poe-10,poe-100,poe-300,poe-900\n"
+        "-118.0,34.0,0.0,1.0,0.5,0.1,0.0\n"
+        "-119.0,34.0,0.0,0.9,0.4,0.05,0.001\n"
+    )
+    with pytest.raises(InputError, match="2 sites"):
+        read_hazard(path)
+    curve = read_hazard(path, site=(-118.1, 34.1))
+    assert curve.measure == "pgv_m_s"
+    np.testing.assert_allclose(curve.intensity, [1.0, 3.0])  # certain and impossible exceedance say no rate
+    np.testing.assert_allclose(curve.annual_rate, -np.log(1 - np.array([0.5, 0.1])) / 50.0)
+
+
+def test_two_columns_are_read_in_si_or_in_openquakes_units(tmp_path):
+    (tmp_path / "si.csv").write_text("pga_m_s2,annual_rate\n0.980665,0.01\n9.80665,0.0001\n")
+    (tmp_path / "g.csv").write_text("PGA,annual_rate\n0.1,0.01\n1,0.0001\n")
+    si, g = (read_hazard(tmp_path / name) for name in ("si.csv", "g.csv"))
+    np.testing.assert_allclose(si.intensity, g.intensity)
+    assert read_hazard(tmp_path / "si.csv", ratio=1.2).intensity[0] == pytest.approx(1.2 * 0.980665)
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["", "pga_m_s2,rate\n1,1\n", "pgx,annual_rate\n1,1\n2,0.1\n", "pga_m_s2,annual_rate\n2,1\n1,0.1\n",
+     "pga_m_s2,annual_rate\n1,x\n", "pga_m_s2,annual_rate\n1,0.1\n2,0.2\n", "# nothing\nlon,lat\n"],
+)  # fmt: skip
+def test_a_file_that_is_no_hazard_curve_is_refused(tmp_path, text):
+    path = tmp_path / "hazard.csv"
+    path.write_text(text)
+    with pytest.raises(InputError, match="annual rates of exceedance"):
+        read_hazard(path)
+
+
+def test_ages_are_numbers_ranges_distributions_or_files(tmp_path):
+    assert parse_age("20000").tolist() == [20000.0]
+    assert parse_age("20000+-3000").mean() == pytest.approx(20000, rel=1e-3)
+    assert parse_age("20000+-3000").std() == pytest.approx(3000, rel=0.01)
+    table = tmp_path / "age.csv"
+    table.write_text("years,weight\n1000,1\n3000,3\n")
+    assert parse_age(str(table)).mean() == pytest.approx(2500)
+    for nonsense in ("old", "-5", "0..10x", "1+-"):
+        with pytest.raises(InputError, match="no age"):
+            parse_age(nonsense)

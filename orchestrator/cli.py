@@ -17,6 +17,7 @@ VERBS = {
     "status": "orchestrator.verbs.status:status",
     "query": "orchestrator.verbs.query:query",
     "fragility": "orchestrator.verbs.fragility:fragility",
+    "constrain": "orchestrator.verbs.constrain:constrain",
     "demo": "orchestrator.verbs.demo:demo",
 }
 
@@ -36,7 +37,9 @@ class LazyGroup(click.Group):
         return getattr(importlib.import_module(module), name)
 
 
-@click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
+@click.group(
+    cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110}
+)
 @click.version_option(package_name="toppling")
 def cli() -> None:
     """How strong a shaking topples this rock, and with what probability?

@@ -1,4 +1,4 @@
-"""An ensemble of records: a folder with `catalog.parquet`, one row a record, and `motions.parquet`, one row group a record."""
+"""An ensemble of records: folder with `catalog.parquet` (a row a record) and `motions.parquet` (a row group a record)."""
 
 import hashlib
 import os
@@ -94,7 +94,7 @@ class Ensemble:
 
     @classmethod
     def write(cls, folder: str | Path, records: Iterable[Record]) -> "Ensemble":
-        """Write records in the order of their ids, under hidden names until they are whole, and open the ensemble.
+        """Write records by their ids, under hidden names until they are whole, and open the ensemble.
 
         Raises
         ------

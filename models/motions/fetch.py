@@ -1,4 +1,4 @@
-"""Records from FDSN web services: waveforms and responses are fetched once, kept beside the ensemble and imported from there."""
+"""Records from FDSN web services: fetched once with their responses, kept beside the ensemble, imported."""
 
 import csv
 import math
@@ -38,7 +38,7 @@ class Fetched:
     missing: list[str] = field(default_factory=list)
 
 
-def connect(service: str) -> Any:  # noqa: ANN401  (an obspy Client)
+def connect(service: str) -> Any:
     """Client of a service, by ObsPy's short name for it or by its address.
 
     Raises
@@ -59,7 +59,7 @@ def connect(service: str) -> Any:  # noqa: ANN401  (an obspy Client)
         ) from error
 
 
-def find_event(client: Any, event_id: str) -> Source:  # noqa: ANN401
+def find_event(client: Any, event_id: str) -> Source:
     """Origin and magnitude of an event by its id at the service.
 
     Raises
@@ -90,7 +90,7 @@ def find_event(client: Any, event_id: str) -> Source:  # noqa: ANN401
 
 
 def fetch(
-    client: Any,  # noqa: ANN401
+    client: Any,
     folder: Path,
     *,
     event: Source | None = None,
@@ -159,12 +159,12 @@ class _NothingError(Exception):
 
 
 def _inventory(
-    client: Any,  # noqa: ANN401
+    client: Any,
     event: Source | None,
     radius_km: float | None,
     stations: Sequence[str],
     window: tuple[Any, Any] | None,
-) -> Any:  # noqa: ANN401
+) -> Any:
     asked: dict[str, Any] = {"level": "response", "channel": ",".join(f"{band}?" for band in BANDS)}
     if stations:
         pairs = [station.split(".") for station in stations]
@@ -193,7 +193,7 @@ def _inventory(
         ) from error
 
 
-def _around(client: Any, event: Source, radius_km: float) -> dict[str, float]:  # noqa: ANN401
+def _around(client: Any, event: Source, radius_km: float) -> dict[str, float]:
     """Query for a circle, or for the box around it where the service knows no circle."""
     from obspy.geodetics import kilometer2degrees
 
@@ -210,11 +210,11 @@ def _around(client: Any, event: Source, radius_km: float) -> dict[str, float]:  
 
 
 def _station(
-    client: Any,  # noqa: ANN401
+    client: Any,
     folder: Path,
     network: str,
-    station: Any,  # noqa: ANN401
-    inventory: Any,  # noqa: ANN401
+    station: Any,
+    inventory: Any,
     event: Source | None,
     window: tuple[Any, Any] | None,
     result: Fetched,
@@ -222,11 +222,7 @@ def _station(
     """Write one station's files and return its row of the metadata table."""
     location, band = _instrument(station)
     distance = _distance_km(event, station) if event else None
-    start, end = (
-        window
-        if window is not None
-        else (event.time - BEFORE_S, event.time + (distance or 0) / SLOWEST_KM_S + AFTER_S)  # type: ignore[union-attr]
-    )
+    start, end = window if window is not None else _window(event, distance)
     try:
         stream = client.get_waveforms(network, station.code, location or "--", f"{band}?", start, end)
     except Exception as error:
@@ -249,7 +245,15 @@ def _station(
     }
 
 
-def _instrument(station: Any) -> tuple[str, str]:  # noqa: ANN401
+def _window(event: Source | None, distance_km: float | None) -> tuple[Any, Any]:
+    """From before the origin until the slowest waves have passed."""
+    if event is None:
+        msg = "neither an event nor a window"
+        raise ValueError(msg)
+    return event.time - BEFORE_S, event.time + (distance_km or 0.0) / SLOWEST_KM_S + AFTER_S
+
+
+def _instrument(station: Any) -> tuple[str, str]:
     """Location and band code of the station's preferred accelerometer with three components."""
     count: dict[tuple[str, str], set[str]] = {}
     for channel in station:
@@ -261,12 +265,12 @@ def _instrument(station: Any) -> tuple[str, str]:  # noqa: ANN401
     return min(whole, key=lambda key: (BANDS.index(key[1]), key[0]))
 
 
-def _distance_km(event: Source, station: Any) -> float:  # noqa: ANN401
+def _distance_km(event: Source, station: Any) -> float:
     """Hypocentral distance."""
     return math.hypot(_epicentral_km(event, station), event.depth_km)
 
 
-def _epicentral_km(event: Source, station: Any) -> float:  # noqa: ANN401
+def _epicentral_km(event: Source, station: Any) -> float:
     from obspy.geodetics import gps2dist_azimuth
 
     metres = gps2dist_azimuth(event.latitude, event.longitude, station.latitude, station.longitude)[0]

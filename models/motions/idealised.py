@@ -1,4 +1,4 @@
-"""Idealised motions: pulses whose integrals are known in closed form. Time starts at 0, azimuths counter-clockwise from x."""
+"""Idealised motions: pulses whose integrals are known in closed form. Azimuths are counter-clockwise from x."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,7 @@ def full_sine(
 def full_cosine(
     pga_m_s2: float, period_s: float, azimuth_deg: float = 0.0, time_step_s: float = TIME_STEP_S
 ) -> Motion:
-    """One full cycle of a cosine of acceleration: a two-sided pulse of velocity, PGV = PGA x period / (2 pi)."""
+    """One full cycle of a cosine of acceleration: velocity goes both ways, PGV = PGA x period / (2 pi)."""
     time = _times(period_s, time_step_s)
     return _along(pga_m_s2 * np.cos(2 * np.pi * time / period_s), azimuth_deg, time[1])
 
@@ -28,10 +28,10 @@ def full_cosine(
 def sawtooth_velocity(
     pgv_m_s: float = 5.0, period_s: float = 3.5, azimuth_deg: float = 0.0, time_step_s: float = TIME_STEP_S
 ) -> Motion:
-    """One cycle of a sawtooth of velocity (the study's figure 8): to +PGV, through zero to -PGV, back to rest.
+    """One cycle of a sawtooth of velocity (the study's figure 8): to +PGV, to -PGV, back to rest.
 
-    Velocity is linear over a quarter, a half and a quarter of the period: acceleration is +-4 PGV / period. It
-    changes sign over two time steps, and is that little larger that the velocity still reaches PGV.
+    Velocity is linear over a quarter, a half and a quarter of the period: acceleration is +-4 PGV / period.
+    It changes sign over two time steps, and is that little larger that the velocity still reaches PGV.
     """
     time = _times(period_s, time_step_s)
     velocity = np.interp(time / period_s, [0, 0.25, 0.75, 1], [0, 1, -1, 0])
@@ -43,7 +43,7 @@ def sawtooth_velocity(
 def step_in_velocity(
     velocity_m_s: float, azimuth_deg: float = 0.0, time_step_s: float = TIME_STEP_S
 ) -> Motion:
-    """A jump of the ground's velocity: a triangle of acceleration, two time steps wide, that carries it exactly."""
+    """Jump of the ground's velocity: a triangle of acceleration, two time steps wide, that carries it."""
     return _along(np.array([0.0, velocity_m_s / time_step_s, 0.0]), azimuth_deg, time_step_s)
 
 
@@ -58,7 +58,7 @@ def constant_acceleration(
 def ricker(
     pga_m_s2: float, period_s: float, azimuth_deg: float = 0.0, time_step_s: float = TIME_STEP_S
 ) -> Motion:
-    """Symmetric Ricker wavelet of acceleration (Ricker 1943), centred on 1.5 periods of a record of 3 periods.
+    """Symmetric Ricker wavelet of acceleration (Ricker 1943), centred in a record of 3 periods.
 
     a = PGA (1 - 2 u^2) exp(-u^2), u = pi (t - t0) / period.
     """

@@ -1,4 +1,4 @@
-"""From files to records: read, group, orient, doubt, process. What cannot be used is named, and the rest goes on."""
+"""From files to records: read, group, orient, doubt, process. What cannot be used is named."""
 
 import logging
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -91,7 +91,7 @@ def import_records(
     files: Sequence[Path],
     table: Sequence[Entry] = (),
     wishes: Wishes | None = None,
-    advance: Callable[[], None] = lambda: None,
+    advance: Callable[[int], None] = lambda _: None,
 ) -> Import:
     """Read files into records.
 
@@ -103,7 +103,7 @@ def import_records(
         Rows of a metadata table; rows none of whose files are given are passed over.
     wishes : Wishes
     advance : callable
-        Called once a file.
+        Called with the number of files that were read, and again when they have become records.
 
     Returns
     -------
@@ -121,11 +121,13 @@ def import_records(
             used.update(here)
             with _noting(entry.record_id or entry.where, outcome):
                 found.append(_by_row(entry, here, channels, wishes))
+            advance(len(here))
     rest = [c for path, components in channels.items() if path not in used for c in components]
     for group in grouped(rest):
         name = _name(group)
         with _noting(name, outcome):
             found.append(_candidate(name, triple(group), wishes, None))
+        advance(len({component.path for component in group}))
     outcome.records.extend(_without_twins(found, outcome))
     _make_ids_unique(outcome.records)
     return outcome
@@ -142,7 +144,7 @@ def _noting(subject: str, outcome: Import) -> Iterator[None]:
 
 
 def _read_files(
-    files: Sequence[Path], outcome: Import, advance: Callable[[], None]
+    files: Sequence[Path], outcome: Import, advance: Callable[[int], None]
 ) -> dict[Path, list[Component]]:
     """Channels by file, of the files that can be read; StationXML among them gives the responses."""
     station_xml = [path for path in files if is_station_xml(_head(path))]
@@ -155,7 +157,7 @@ def _read_files(
         if path not in station_xml:
             with _noting(str(path), outcome):
                 channels[path] = read_file(path, inventory)
-        advance()
+        advance(1)
     return channels
 
 
@@ -235,7 +237,7 @@ def _candidate(name: str, channels: Triple, wishes: Wishes, entry: Entry | None)
                 "the file does not say in which unit its samples are",
                 where=component.where,
                 expected="a unit, or for counts an instrument response",
-                remedy="give the StationXML beside it, or a metadata table with the column 'unit' (--metadata)",
+                remedy="give its StationXML too, or a metadata table with the column 'unit' (--metadata)",
             )
     if channels.vertical is None and not wishes.missing_vertical:
         raise InputError(
@@ -279,7 +281,7 @@ def _candidate(name: str, channels: Triple, wishes: Wishes, entry: Entry | None)
 
 
 def _name(group: Sequence[Component]) -> str:
-    """Id of a record without a table: what the names of its files have in common, with its folder."""
+    """Name a record without a table by what the names of its files have in common."""
     stems = list(dict.fromkeys(c.path.stem for c in group))
     common = stems[0]
     for stem in stems[1:]:

@@ -1,4 +1,4 @@
-"""A record as a job imposes it: scaled to a level, turned to an azimuth, held within a table's displacement."""
+"""A record as a job imposes it: scaled, turned, held within a table's displacement."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -38,9 +38,10 @@ def impose(
 ) -> Imposed:
     """Scale a record to a horizontal vector PGA and turn its strong horizontal component to an azimuth.
 
-    As in the study: all three components are scaled alike, so that the largest horizontal acceleration vector has the
-    length `pga_m_s2`, and turned about z, so that the positive axis of the stronger recorded component (by component
-    PGA) points to `azimuth_deg`. The azimuth of the vector PGA itself is in the intensity.
+    As in the study: all three components are scaled alike, so that the largest horizontal acceleration vector
+    has the length `pga_m_s2`, and turned about z, so that the positive axis of the stronger recorded
+    component (by component PGA) points to `azimuth_deg`. The azimuth of the vector PGA itself is in the
+    intensity.
 
     Parameters
     ----------
@@ -50,9 +51,9 @@ def impose(
     azimuth_deg : float
         Degrees counter-clockwise from x.
     peak_displacement_m : float or None
-        Largest horizontal displacement that a shaking table can follow. A motion beyond it is high-passed after
-        scaling (acausal Butterworth, lowest corner that suffices), which takes some of its PGA too: the intensity is that of the
-        motion as imposed.
+        Largest horizontal displacement that a shaking table can follow. A motion beyond it is high-passed
+        after scaling (acausal Butterworth, lowest corner that suffices), which takes some of its PGA too: the
+        intensity is that of the motion as imposed.
 
     Raises
     ------
@@ -86,29 +87,31 @@ def _scaled_and_turned(motion: Motion, scale: float, turn_deg: float) -> Motion:
 
 @lru_cache(maxsize=64)
 def _within_displacement(record: Record, limit_m: float) -> tuple[Motion, Mapping[str, float]]:
-    """High-passed motion of the unscaled record whose displacement stays within `limit_m`, and its intensity."""
-    peaks = _displacement_by_corner(record)
-    enough = np.flatnonzero(peaks <= limit_m)
-    if not len(enough):
+    """High-passed motion of the unscaled record, within `limit_m` of displacement, and its intensity."""
+    low, high = -1, len(LIMITING_CORNERS_HZ) - 1
+    held, reached = _held(record.motion, float(LIMITING_CORNERS_HZ[high]))
+    if reached > limit_m:
+        corner = LIMITING_CORNERS_HZ[-1]
+        message = f"even a high-pass at {corner:g} Hz leaves {reached:.3g} m at the unscaled record"
         raise InputError(
-            f"even a high-pass at {LIMITING_CORNERS_HZ[-1]:g} Hz leaves {peaks.min():.3g} m at the unscaled record",
+            message,
             where=f"record {record.record_id}",
             expected=f"a displacement that a high-pass can hold within {limit_m:.3g} m (unscaled)",
             remedy="raise peak_displacement_m or lower the PGA levels",
         )
-    motion = _held(record.motion, float(LIMITING_CORNERS_HZ[enough[0]]))
+    while high - low > 1:  # a higher corner leaves less displacement
+        middle = (low + high) // 2
+        motion, peak = _held(record.motion, float(LIMITING_CORNERS_HZ[middle]))
+        if peak <= limit_m:
+            held, high = motion, middle
+        else:
+            low = middle
     strong = record.intensity["strong_azimuth_deg"]
-    return motion, measure(motion, (strong, strong + 90.0))
+    return held, measure(held, (strong, strong + 90.0))
 
 
-@lru_cache(maxsize=16)
-def _displacement_by_corner(record: Record) -> np.ndarray:
-    peaks = []
-    for corner in LIMITING_CORNERS_HZ:
-        ground = displacement_m(_held(record.motion, float(corner)))
-        peaks.append(np.hypot(ground[:, 0], ground[:, 1]).max())
-    return np.array(peaks)
-
-
-def _held(motion: Motion, corner_hz: float) -> Motion:
-    return end_at_rest(high_pass(motion, corner_hz, LIMITING_ORDER))
+def _held(motion: Motion, corner_hz: float) -> tuple[Motion, float]:
+    """High-passed motion and its peak horizontal displacement, m."""
+    filtered = end_at_rest(high_pass(motion, corner_hz, LIMITING_ORDER))
+    ground = displacement_m(filtered)
+    return filtered, float(np.hypot(ground[:, 0], ground[:, 1]).max())

@@ -1,8 +1,9 @@
 """How strong a motion is: peaks, spectra, energy, durations, of the horizontal vector and of its components.
 
-Horizontal measures are those of the vector (x, y), so that turning a motion leaves them as they are: peaks are the largest
-length of the vector, Arias intensity and the energy integral use its squared length, spectral accelerations are the
-largest length of the two oscillators' response (RotD100 of Boore 2010, Bull. Seism. Soc. Am. 100, 1830-1835).
+Horizontal measures are those of the vector (x, y), so that turning a motion leaves them as they are: peaks
+are the largest length of the vector, Arias intensity and the energy integral use its squared length, spectral
+accelerations are the largest length of the two oscillators' response (RotD100 of Boore 2010, Bull. Seism.
+Soc. Am. 100, 1830-1835).
 """
 
 from collections.abc import Mapping, Sequence
@@ -41,7 +42,7 @@ SCALING_POWER: Mapping[str, int] = {
 
 
 def velocity_m_s(motion: Motion) -> NDArray[np.float64]:
-    """Ground velocity (n, 3) at the samples, from rest: exact for acceleration that is linear between samples."""
+    """Ground velocity (n, 3) at the samples, from rest: exact where acceleration is linear between them."""
     a, step = motion.acceleration_m_s2, motion.time_step_s
     velocity = np.zeros_like(a)
     np.cumsum(0.5 * step * (a[1:] + a[:-1]), axis=0, out=velocity[1:])
@@ -49,7 +50,7 @@ def velocity_m_s(motion: Motion) -> NDArray[np.float64]:
 
 
 def displacement_m(motion: Motion) -> NDArray[np.float64]:
-    """Ground displacement (n, 3) at the samples, from rest: exact for acceleration that is linear between samples."""
+    """Ground displacement (n, 3) at the samples, from rest: exact where acceleration is linear between."""
     a, step = motion.acceleration_m_s2, motion.time_step_s
     displacement = np.zeros_like(a)
     increment = step * velocity_m_s(motion)[:-1] + step**2 / 6 * (2 * a[:-1] + a[1:])
@@ -60,10 +61,10 @@ def displacement_m(motion: Motion) -> NDArray[np.float64]:
 def oscillator_response_m_s2(
     acceleration: ArrayLike, time_step_s: float, period_s: float, damping: float = DAMPING
 ) -> NDArray[np.float64]:
-    """Pseudo-acceleration of a damped oscillator on a shaking base: its natural frequency squared times its displacement.
+    """Pseudo-acceleration of a damped oscillator on a shaking base: omega squared times its displacement.
 
-    The discretisation is exact for a base acceleration that is linear between samples (SciPy's first-order hold, the
-    method of Nigam and Jennings 1969), from rest.
+    The discretisation is exact for a base acceleration that is linear between samples (SciPy's first-order
+    hold, the method of Nigam and Jennings 1969), from rest.
 
     Parameters
     ----------
@@ -151,7 +152,7 @@ def spectral_acceleration_m_s2(
 
 
 def arias_m_s(acceleration: NDArray[np.float64], time_step_s: float) -> float:
-    """Arias intensity, pi/2g times the integral of squared acceleration (Arias 1970), of one or the sum of more columns."""
+    """Arias intensity, pi/2g times the integral of squared acceleration (Arias 1970), summed over columns."""
     squared = (acceleration**2).reshape(len(acceleration), -1).sum(axis=1)
     return float(np.pi / (2 * STANDARD_G_M_S2) * np.trapezoid(squared, dx=time_step_s))
 
@@ -169,7 +170,7 @@ def duration_between_shares_s(
 
 
 def directionality(horizontal: NDArray[np.float64]) -> float:
-    """Share of the vector PGA that is reached in a direction more than 22.5 degrees away from the PGA's (0 to 1).
+    """Share of the vector PGA that is reached more than 22.5 degrees away from the PGA's direction, 0 to 1.
 
     The study counts a record above 0.9 as one without strong directionality.
     """
@@ -203,12 +204,14 @@ def measure(motion: Motion, component_azimuths_deg: tuple[float, float] = (0.0, 
     motion : Motion
     component_azimuths_deg : pair of float
         Azimuths of the two recorded horizontal components, degrees counter-clockwise from x; the stronger one
-        carries the study's energy duration (5 to 95 % of the integral of its squared velocity, Anderson 2004).
+        carries the study's energy duration (5 to 95 % of the integral of its squared velocity, Anderson
+        2004).
 
     Returns
     -------
     dict
-        By name, units in the names. The keys of `SCALING_POWER` and `pga_azimuth_deg` are what an imposed motion has.
+        By name, units in the names. The keys of `SCALING_POWER` and `pga_azimuth_deg` are what an imposed
+        motion has.
     """
     a, step = motion.acceleration_m_s2, motion.time_step_s
     velocity, displacement = velocity_m_s(motion), displacement_m(motion)

@@ -95,7 +95,7 @@ def looks_like_table(path: Path) -> bool:
 
 
 def unit_m_s2(text: str) -> float | None:
-    """One unit in m/s2, from its name or from a factor and a name ('4.7e-06 m/s2', per count); None if not known."""
+    """One unit in m/s2, from its name or a factor and a name ('4.7e-06 m/s2', a count); None if not known."""
     parts = text.strip().lower().replace(" per count", "").split()
     if len(parts) == 1:
         return UNITS_M_S2.get(parts[0])
@@ -110,7 +110,9 @@ def unit_m_s2(text: str) -> float | None:
 
 def _entry(row: dict[str, str | None], table: Path, line: int) -> Entry:
     where = f"{table}:{line}"
-    text = {key: next((row[n].strip() for n in names if row.get(n)), "") for key, names in COLUMNS.items()}  # type: ignore[union-attr]
+    text = {
+        key: next(((row[n] or "").strip() for n in names if row.get(n)), "") for key, names in COLUMNS.items()
+    }
     for key in ("h1", "h2"):
         if not text[key]:
             raise InputError(

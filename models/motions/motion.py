@@ -78,8 +78,8 @@ class Motion:
     def mean_between(self, time_s: ArrayLike) -> NDArray[np.float64]:
         """Mean acceleration over each interval of an increasing sequence of times, m/s2.
 
-        Zero outside of the record. This is what a time-stepping engine must impose to carry the record's whole
-        momentum, at any ratio of its step to the record's.
+        Zero outside of the record. This is what a time-stepping engine must impose to carry the record's
+        whole momentum, at any ratio of its step to the record's.
 
         Parameters
         ----------

@@ -24,8 +24,8 @@ QUIET_SHARE, DRIFT_SHARE = 0.1, 0.25
 def high_pass(motion: Motion, corner_hz: float, order: int = HIGH_PASS_ORDER) -> Motion:
     """Acausal Butterworth high-pass: no phase shift, half the power at the corner for each of its two passes.
 
-    Zeros are put before and after while it runs (1.5 order / corner seconds in all, Converse and Brady 1992), so that the filter's
-    transients do not fold into the record.
+    Zeros are put before and after while it runs (1.5 order / corner seconds in all, Converse and Brady 1992),
+    so that the filter's transients do not fold into the record.
 
     Parameters
     ----------
@@ -46,12 +46,9 @@ def _filtered(motion: Motion, corner_hz: float, order: int) -> tuple[NDArray[np.
     return sosfiltfilt(sections, padded, axis=0, padtype=None), pad
 
 
-def demean(motion: Motion, quiet_s: float = 0.0) -> Motion:
-    """Take away the mean of the first `quiet_s` seconds, or of the whole record if that is shorter than 1 s."""
-    count = int(quiet_s / motion.time_step_s)
-    a = motion.acceleration_m_s2
-    mean = a[:count].mean(axis=0) if quiet_s >= 1.0 else a.mean(axis=0)
-    return Motion(a - mean, motion.time_step_s)
+def demean(motion: Motion) -> Motion:
+    """Take away the mean."""
+    return Motion(motion.acceleration_m_s2 - motion.acceleration_m_s2.mean(axis=0), motion.time_step_s)
 
 
 def taper(motion: Motion, share: float = TAPER_SHARE) -> Motion:
@@ -63,8 +60,8 @@ def taper(motion: Motion, share: float = TAPER_SHARE) -> Motion:
 def end_at_rest(motion: Motion) -> Motion:
     """Take a cubic off the displacement, so that the ground ends at rest where it began.
 
-    The cubic begins with no displacement and no velocity and ends with the record's; its acceleration is a straight line, small
-    against any shaking because the record is long.
+    The cubic begins with no displacement and no velocity and ends with the record's; its acceleration is a
+    straight line, small against any shaking because the record is long.
     """
     a, step = motion.acceleration_m_s2, motion.time_step_s
     length = motion.duration_s
@@ -121,7 +118,7 @@ def process(motion: Motion, corner_hz: float | None = None) -> tuple[Motion, tup
 
 
 def displacement_drift(motion: Motion, corner_hz: float) -> float:
-    """Largest share, over the components, of its peak displacement that a filtered record reaches near its end."""
+    """Largest share of its peak displacement that a component reaches near its end after the filter."""
     filtered, pad = _filtered(motion, corner_hz, HIGH_PASS_ORDER)
     ground: NDArray[np.float64] = np.abs(displacement_m(Motion(filtered, motion.time_step_s)))
     samples = len(motion.acceleration_m_s2)
@@ -131,7 +128,7 @@ def displacement_drift(motion: Motion, corner_hz: float) -> float:
 
 
 def _corner_by_displacement(motion: Motion) -> tuple[float, str]:
-    """Lowest corner whose displacement is quiet at the end, or the highest tried, and which of the two it is."""
+    """Lowest corner whose displacement is quiet at the end, else the highest tried, and which it is."""
     for corner in CORNERS_HZ:
         if displacement_drift(motion, corner) <= DRIFT_SHARE:
             return corner, "lowest that passes the displacement check"

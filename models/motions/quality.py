@@ -11,7 +11,7 @@ SPIKE_RATIO = 8.0
 """A lone sample this many times farther from its neighbours than the next farthest is a spike."""
 FILLED_GAP_S = 0.5
 FILLED_GAP_SHARE = 0.1
-"""A constant stretch this long, with motion of this share of the peak shortly before and after, is a filled gap."""
+"""A constant stretch this long, with this share of the peak shortly before and after, is a filled gap."""
 
 
 def doubts(component: Component) -> None:
@@ -67,8 +67,8 @@ def _spike(component: Component, a: np.ndarray) -> None:
         _doubt(
             component,
             worst + 1,
-            f"the sample {a[worst + 1]:.4g} m/s2 stands {bend[worst] / others.max():.0f} times farther from its neighbours"
-            " than any other: a spike",
+            f"the sample {a[worst + 1]:.4g} m/s2 stands {bend[worst] / max(others.max(), 1e-12):.0f} times farther"
+            " from its neighbours than any other: a spike",
             "a record without spikes",
             "replace the sample, or accept it with --doubtful",
         )

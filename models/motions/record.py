@@ -23,10 +23,11 @@ class Record:
         None where unknown.
     motion : Motion
     north_known : bool
-        Whether the recorded components' azimuths are known. If not, the first horizontal component is x, the second y.
+        Whether the recorded components' azimuths are known. If not, the first horizontal component is x, the
+        second y.
     intensity : mapping
-        Measures of `models.motions.intensity.measure`, units in the names; `strong_azimuth_deg` is the azimuth of the
-        stronger recorded horizontal component.
+        Measures of `models.motions.intensity.measure`, units in the names; `strong_azimuth_deg` is the
+        azimuth of the stronger recorded horizontal component.
     history : tuple of str
         What was done to the motion, step by step.
     files : tuple of str
@@ -53,6 +54,12 @@ class Record:
     components: int = 3
     weight: float = 1.0
 
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Record) and (self.record_id, self.sha) == (other.record_id, other.sha)
+
+    def __hash__(self) -> int:
+        return hash((self.record_id, self.sha))
+
     @classmethod
     def of(
         cls,
@@ -73,7 +80,8 @@ class Record:
         Parameters
         ----------
         component_azimuths_deg : pair of float or None
-            Azimuths of the recorded horizontal components, degrees counter-clockwise from x; None where unknown.
+            Azimuths of the recorded horizontal components, degrees counter-clockwise from x; None where
+            unknown.
 
         Raises
         ------

@@ -88,7 +88,8 @@ def select(ensemble: Ensemble, choice: Choice) -> list[str]:
 def read_deaggregation(table: Path) -> list[Bin]:
     """Bins of a hazard deaggregation from a CSV table.
 
-    Columns: `magnitude_low`, `magnitude_high`, `distance_low_km`, `distance_high_km`, `contribution` (in any unit).
+    Columns: `magnitude_low`, `magnitude_high`, `distance_low_km`, `distance_high_km`, `contribution` (in any
+    unit).
 
     Raises
     ------
@@ -108,7 +109,7 @@ def read_deaggregation(table: Path) -> list[Bin]:
                 raise InputError(
                     f"not a bin: {', '.join(str(v) for v in row.values())}",
                     where=f"{table}:{reader.line_num}",
-                    expected=f"numbers in the columns {', '.join(names)}, low below high, contribution not negative",
+                    expected=f"numbers in {', '.join(names)}, low below high, contribution not negative",
                     remedy="correct the table",
                 )
             bins.append(Bin((low_m, high_m), (low_d, high_d), share))
@@ -118,7 +119,7 @@ def read_deaggregation(table: Path) -> list[Bin]:
 def hazard_weights(
     ensemble: Ensemble, record_ids: Sequence[str], bins: Sequence[Bin]
 ) -> tuple[dict[str, float], list[Bin]]:
-    """Weights with which the records stand for a site's hazard: each bin's contribution shared by its records.
+    """Weights by which records stand for a site's hazard: each bin's contribution shared by its records.
 
     Returns
     -------

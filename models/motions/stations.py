@@ -58,8 +58,8 @@ def triple(group: Sequence[Component]) -> Triple:
     horizontal = [c for c in group if _direction(c) not in (UP, DOWN)]
     if len(horizontal) != 2 or len(vertical) > 1:
         raise InputError(
-            f"{len(group)} channels ({', '.join(c.label or c.path.name for c in group)}): {len(horizontal)} horizontal"
-            f" and {len(vertical)} vertical",
+            f"{len(group)} channels ({', '.join(c.label or c.path.name for c in group)}):"
+            f" {len(horizontal)} horizontal and {len(vertical)} vertical",
             where=", ".join(dict.fromkeys(str(c.path) for c in group)),
             expected="two horizontal channels and one vertical",
             remedy="give the missing files, or name h1, h2 and v in the metadata table",
@@ -71,8 +71,8 @@ def triple(group: Sequence[Component]) -> Triple:
 def oriented(channels: Triple) -> tuple[Motion, tuple[float, float] | None, tuple[str, ...]]:
     """Motion in x east, y north, z up from three channels.
 
-    Horizontals of known bearing are resolved, at any angle between them from 30 degrees up; of unknown bearing, the
-    first is x and the second y.
+    Horizontals of known bearing are resolved, at any angle between them from 30 degrees up; of unknown
+    bearing, the first is x and the second y.
 
     Returns
     -------
@@ -94,7 +94,7 @@ def oriented(channels: Triple) -> tuple[Motion, tuple[float, float] | None, tupl
         angle = np.deg2rad(azimuths)
         if abs(np.sin(angle[1] - angle[0])) < np.sin(np.deg2rad(LEAST_ANGLE_DEG)):
             raise InputError(
-                f"the horizontals point to {bearings[0]:g} and {bearings[1]:g} degrees, nearly along one line",
+                f"the horizontals point to {bearings[0]:g} and {bearings[1]:g} degrees, nearly on one line",
                 where=channels.first.where,
                 expected=f"at least {LEAST_ANGLE_DEG:g} degrees between them",
                 remedy="correct the azimuths in the header or in the metadata table",
@@ -102,7 +102,7 @@ def oriented(channels: Triple) -> tuple[Motion, tuple[float, float] | None, tupl
         axes = np.column_stack([np.cos(angle), np.sin(angle)])
         x, y = np.linalg.solve(axes, series[:2])
         history.append(
-            f"horizontals at {bearings[0]:g} and {bearings[1]:g} degrees from north resolved to east and north"
+            f"horizontals at {bearings[0]:g} and {bearings[1]:g} degrees from north turned to x and y"
         )
     else:
         x, y = series[0], series[1]

@@ -1,9 +1,10 @@
-"""Synthetic records by the stochastic method: windowed noise shaped to a published source, path and site spectrum.
+"""Synthetic records by the stochastic method: windowed noise shaped to published source, path and site.
 
-Boore (2003, Pure Appl. Geophys. 160, 635-676) gives the method, Atkinson and Silva (2000, Bull. Seism. Soc. Am. 90, 255-274) the
-two-corner source, effective distance and path for California, Boore and Joyner (1997, Bull. Seism. Soc. Am. 87, 327-341)
-the amplification of generic rock, Siddiqqi and Atkinson (2002, Bull. Seism. Soc. Am. 92, 877-884) the ratio of horizontal to vertical
-spectra, Mavroeidis and Papageorgiou (2003, Bull. Seism. Soc. Am. 93, 1099-1131) the near-fault velocity pulse and the way to add it.
+Boore (2003, Pure Appl. Geophys. 160, 635-676) gives the method, Atkinson and Silva (2000, Bull. Seism. Soc.
+Am. 90, 255-274) the two-corner source, effective distance and path for California, Boore and Joyner (1997,
+Bull. Seism. Soc. Am. 87, 327-341) the amplification of generic rock, Siddiqqi and Atkinson (2002, Bull.
+Seism. Soc. Am. 92, 877-884) the ratio of horizontal to vertical spectra, Mavroeidis and Papageorgiou (2003,
+Bull. Seism. Soc. Am. 93, 1099-1131) the near-fault velocity pulse and the way to add it.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -31,8 +32,9 @@ ROCK_AMPLIFICATION = (
 PATH_DURATION = (0.0, 7.0, 45.0, 125.0, 175.0), (0.0, 2.4, 8.4, 10.9, 17.4)
 """Distances (km) and what the path adds to the duration (s) in active crust."""
 CALIBRATION = 1.2
-"""Factor on the spectra: the path's durations are longer than those with which the source was calibrated, and longer
-shaking of one spectrum peaks lower. It brings PGA and response spectra to the empirical medians (`against_targets`)."""
+"""Factor on the spectra: the path's durations exceed those with which the source was calibrated, and longer
+shaking of one spectrum peaks lower. It brings PGA and response spectra to the empirical medians
+(`against_targets`)."""
 LOW_CUT_HZ = 0.05
 PULSE_DISTANCE_KM = (5.0, 15.0)
 MEDIAN_PULSE_VELOCITY_M_S = 0.9
@@ -65,10 +67,10 @@ class Scenario:
 def synthetic_ensemble(
     count: int, seed: int, pulse_share: float = 0.15, advance: Callable[[], None] = lambda: None
 ) -> list[Record]:
-    """Records of earthquakes of M 6 to 8 at 5 to 100 km, a stated share of them with a near-fault pulse.
+    """Make records of earthquakes of M 6 to 8 at 5 to 100 km, a stated share of them with a near-fault pulse.
 
-    Magnitudes are uniform, distances uniform in their logarithm. kappa, amplitude and duration scatter lognormally
-    about the published medians (standard deviations 0.4, 0.5 and 0.35 of the natural logarithm).
+    Magnitudes are uniform, distances uniform in their logarithm. kappa, amplitude and duration scatter
+    lognormally about the published medians (standard deviations 0.4, 0.5 and 0.35 of the natural logarithm).
 
     Parameters
     ----------
@@ -115,7 +117,7 @@ def synthetic_ensemble(
 
 
 def synthetic_motion(scenario: Scenario, rng: np.random.Generator) -> tuple[Motion, tuple[str, ...]]:
-    """Three components of one scenario: independent noise under a common window, the vertical with its own spectrum.
+    """Three components of one scenario: independent noise under one window, the vertical's spectrum its own.
 
     Returns
     -------
@@ -155,13 +157,13 @@ def effective_distance_km(magnitude: float, distance_km: float) -> float:
 
 
 def median_duration_s(magnitude: float, distance_km: float) -> float:
-    """Duration of the strong motion: source, one over twice the lower corner, and path (Boore and Thompson 2014)."""
+    """Duration of strong motion: source, half the lower corner's period, and path (Boore and Thompson 2014)."""
     path = np.interp(effective_distance_km(magnitude, distance_km), *PATH_DURATION)
     return float(0.5 / corner_frequencies_hz(magnitude)[0] + path)
 
 
 def acceleration_spectrum_m_s(frequency_hz: NDArray[np.float64], scenario: Scenario) -> NDArray[np.float64]:
-    """Median Fourier amplitude of one horizontal component's acceleration, m/s (Boore 2003, equations 4 to 20)."""
+    """Median Fourier amplitude of one horizontal component's acceleration, m/s (Boore 2003)."""
     lower, upper, weight = corner_frequencies_hz(scenario.magnitude)
     moment_n_m = 10 ** (1.5 * scenario.magnitude + 9.05)
     constant = (
@@ -186,12 +188,12 @@ def acceleration_spectrum_m_s(frequency_hz: NDArray[np.float64], scenario: Scena
 
 
 def horizontal_to_vertical(frequency_hz: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Ratio of horizontal to vertical Fourier amplitude on rock (Siddiqqi and Atkinson 2002), held beyond 0.5 to 10 Hz."""
+    """Horizontal over vertical Fourier amplitude on rock (Siddiqqi and Atkinson 2002), held beyond 0.5-10 Hz."""
     return 10 ** (0.0519 + 0.117 * np.log10(np.clip(frequency_hz, 0.5, 10.0)))
 
 
 def saragoni_hart_window(duration_s: float) -> NDArray[np.float64]:
-    """Exponential window of Saragoni and Hart (1974) as Boore (2003) sets it, twice as long as the duration."""
+    """Exponential window of Saragoni and Hart (1974) as in Boore (2003), twice as long as the duration."""
     b = (
         -WINDOW_PEAK_SHARE
         * np.log(WINDOW_END_SHARE)
@@ -219,8 +221,8 @@ def _add_pulse(
 ) -> str:
     """Put a pulse into the first component as Mavroeidis and Papageorgiou do, and say what was put.
 
-    The pulse's Fourier amplitude is taken off the noise's, with the noise's phase, and the pulse is added at the
-    time of the noise's largest velocity.
+    The pulse's Fourier amplitude is taken off the noise's, with the noise's phase, and the pulse is added at
+    the time of the noise's largest velocity.
     """
     period = 10 ** (-2.9 + 0.5 * scenario.magnitude) * np.exp(0.3 * rng.standard_normal())
     velocity = MEDIAN_PULSE_VELOCITY_M_S * np.exp(0.3 * rng.standard_normal())
@@ -245,12 +247,12 @@ BOORE_1997: Mapping[str, tuple[float, ...]] = {
     "sa_rotd50_1s_m_s2": (-1.080, 1.036, -0.032, -0.798, -0.698, 1406.0, 2.90),
     "sa_rotd50_2s_m_s2": (-1.743, 1.085, -0.085, -0.812, -0.655, 1795.0, 5.85),
 }
-"""b1, b2, b3, b5, bV, VA, h of Boore, Joyner and Fumal (1997, Seism. Res. Lett. 68, 128-153), table 8, any fault type."""
+"""b1, b2, b3, b5, bV, VA, h of Boore, Joyner and Fumal (1997, Seism. Res. Lett. 68, 128-153), any fault."""
 ROCK_VELOCITY_M_S = 620.0
 
 
 def median_spectrum_m_s2(measure: str, magnitude: float, distance_km: float) -> float:
-    """Median of a measure on generic rock by an empirical equation (Boore, Joyner and Fumal 1997; M up to 7.5, 80 km)."""
+    """Median of a measure on generic rock (Boore, Joyner and Fumal 1997; up to M 7.5 and 80 km)."""
     b1, b2, b3, b5, slope, reference, depth = BOORE_1997[measure]
     distance = np.hypot(distance_km, depth)
     shift = magnitude - 6
@@ -274,7 +276,8 @@ def median_arias_duration_s(magnitude: float, distance_km: float) -> float:
 def against_targets(records: Sequence[Record]) -> list[str]:
     """Lines that say what an ensemble of synthetic records is and what it should be by published equations.
 
-    Spectra and durations are compared as the median ratio over the records without a pulse, within the equations' range.
+    Spectra and durations are compared as the median ratio over the records without a pulse, within the
+    equations' range.
     """
     ratio = np.percentile([r.intensity["pgv_pga_s"] for r in records], [5, 95])
     lines = [

@@ -36,7 +36,7 @@ def records() -> None:
 @click.option(
     "--metadata",
     type=click.Path(path_type=Path, dir_okay=False, exists=True),
-    help="CSV table, a row a record: h1, h2, v, unit, event, mag, dist_km, station (paths relative to the table).",
+    help="CSV table, a row a record: h1, h2, v (paths relative to it), unit, event, mag, dist_km, station.",
 )
 @click.option("--missing-vertical", is_flag=True, help="Allow records without a vertical component.")
 @click.option("--doubtful", is_flag=True, help="Allow peaks beyond 5 g, clipping, spikes and filled gaps.")
@@ -63,7 +63,7 @@ def import_(
 ) -> None:
     r"""Read records of any agency's format into the ensemble OUT.
 
-    The format is found by content. What cannot be read is left out and listed with its reason; the rest goes on.
+    The format is found by content. What cannot be read is left out and listed with its reason.
 
     \b
     toppling records import RSN1158_KOCAELI_DZC*.AT2 --out ensembles/duzce
@@ -78,8 +78,8 @@ def import_(
     files = record_files(paths)
     wishes = Wishes(missing_vertical, doubtful, process, corner_hz)
     with _progress("reading") as (progress, task):
-        progress.update(task, total=len(files))
-        outcome = import_records(files, table, wishes, lambda: progress.advance(task))
+        progress.update(task, total=2 * len(files))
+        outcome = import_records(files, table, wishes, lambda count: progress.advance(task, count))
     if not metadata:
         for path in (found for folder in paths if folder.is_dir() for found in sorted(folder.rglob("*.csv"))):
             if looks_like_table(path):
@@ -247,7 +247,8 @@ def show(ensemble: Path, figure: Path | None, as_json: bool) -> None:
 @click.option(
     "--deaggregation",
     type=click.Path(path_type=Path, dir_okay=False, exists=True),
-    help="CSV table that weights the records: magnitude_low, magnitude_high, distance_low_km, distance_high_km, contribution.",
+    help="CSV table that weights the records:"
+    " magnitude_low, magnitude_high, distance_low_km, distance_high_km, contribution.",
 )
 @click.option("--replace", is_flag=True, help="Replace an ensemble that is there.")
 def select(
@@ -302,7 +303,9 @@ def select(
 )
 @click.option("--replace", is_flag=True, help="Replace an ensemble that is there.")
 def synthesise(out: Path, count: int, seed: int, pulse_share: float, replace: bool) -> None:
-    r"""Make an ensemble of synthetic records, M 6 to 8 at 5 to 100 km, and print what it should be beside what it is.
+    r"""Make an ensemble of synthetic records, and print what it should be beside what it is.
+
+    Magnitudes are 6 to 8, distances 5 to 100 km.
 
     \b
     toppling records synthesise --count 140 --seed 1 --out ensembles/synthetic
@@ -390,7 +393,8 @@ def _show_catalog(rows: list[dict]) -> None:
     Console(width=None if console.is_terminal else 150).print(table)
     undirected = sum(row["directionality"] > 0.9 for row in rows)
     click.echo(
-        "toward: azimuth of the vector PGA, counter-clockwise from east; D: 5 to 95 % of the integral of squared velocity;\n"
+        "toward: azimuth of the vector PGA, counter-clockwise from east;\n"
+        "D: 5 to 95 % of the integral of squared velocity;\n"
         f"2nd dir.: share of PGA reached more than 22.5 degrees away ({undirected} records above 0.9)"
     )
 

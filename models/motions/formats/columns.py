@@ -1,4 +1,4 @@
-"""Plain columns of numbers: one column, or time and one column; what they are comes from the metadata table."""
+"""Plain columns of time and acceleration: what they are comes from the metadata table."""
 
 import re
 from pathlib import Path
@@ -45,7 +45,7 @@ def read(path: Path, text: str) -> list[Component]:
     wrong = np.flatnonzero(np.abs(steps - step) > max(STEP_TOLERANCE * step, _print_error(rows[0])))
     if len(wrong):
         refuse(
-            f"the time goes on by {steps[wrong[0]]:g} s where the step is {step:g} s: a gap or two time steps",
+            f"the time goes on by {steps[wrong[0]]:g} s where the step is {step:g} s: a gap or two steps",
             path,
             first + 2 + int(wrong[0]),
             expected="equal time steps",

@@ -1,4 +1,4 @@
-"""COSMOS volumes 0, 1 and 2 (format 1.20): text, integers, reals and comments announced by a line each, then samples."""
+"""COSMOS volumes 0, 1 and 2 (format 1.20): text, integers, reals, comments, each announced, then samples."""
 
 import re
 from pathlib import Path
@@ -23,12 +23,14 @@ COUNTS = 50
 UNKNOWN = -999
 _VERSION = re.compile(r"\(Format\s+v\s*([\d.]+)\s+with\s+(\d+)\s+text lines\)", re.IGNORECASE)
 _BLOCK = re.compile(
-    r"^\s*(\d+)\s+(?:Integer|Real)-header values follow on\s+(\d+)\s+lines?,\s*Format=\s*\(?\s*(\d+)[IFE](\d+)",
+    r"^\s*(\d+)\s+(?:Integer|Real)-header values follow on\s+(\d+)\s+lines?,\s*"
+    r"Format=\s*\(?\s*(\d+)[IFE](\d+)",
     re.IGNORECASE,
 )
 _COMMENTS = re.compile(r"^\s*(\d+)\s+Comment line", re.IGNORECASE)
 _DATA = re.compile(
-    r"^\s*(\d+)\s+(.*?)\bpts\b.*?units\s*=\s*(\S*?)\s*\(\s*(\d+)\s*\)\s*,?\s*Format\s*=?\s*\(\s*(\d+)[fFeEiI](\d+)",
+    r"^\s*(\d+)\s+(.*?)\bpts\b.*?units\s*=\s*(\S*?)\s*\(\s*(\d+)\s*\)\s*,?\s*"
+    r"Format\s*=?\s*\(\s*(\d+)[fFeEiI](\d+)",
     re.IGNORECASE,
 )
 _CHANNEL = re.compile(r"^Sta Chan\s+\S*?\s*:\s*(.*?)\s*(?:\(Rcrdr|Location|$)", re.IGNORECASE)
@@ -138,7 +140,7 @@ def _real(reals: NDArray[np.float64], number: int) -> float:
 
 
 def _factor(code: int, unit: str, reals: NDArray[np.float64], path: Path, line: int) -> tuple[float, str]:
-    """One unit of the samples in m/s2; counts by the recorder's least bit (microvolt) and the sensor's volts per g."""
+    """One unit of the samples in m/s2; counts by the recorder's least bit and the sensor's volts per g."""
     if code in UNIT_CODES_M_S2:
         return UNIT_CODES_M_S2[code], ""
     bit, sensitivity = _real(reals, 22), _real(reals, 42)

@@ -1,4 +1,4 @@
-"""Formats whose header is keys and values: ESM ASCII (Europe), UNAM's standard file (Mexico), CWB (Taiwan)."""
+"""Headers of keys and values: ESM ASCII (Europe), UNAM's standard file (Mexico), CWB (Taiwan)."""
 
 import re
 from pathlib import Path

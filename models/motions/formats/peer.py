@@ -74,7 +74,7 @@ def _count_and_step(line: str, path: Path) -> tuple[int, float]:
 
 
 def _title(line: str) -> tuple[str, str, str]:
-    """Event, station and component of 'Kocaeli Turkey, 8/17/1999, Duzce, 180' (commas occur in station names)."""
+    """Event, station and component of 'Kocaeli Turkey, 8/17/1999, Duzce, 180'; stations may have commas."""
     parts = [part.strip() for part in line.split(",")]
     if len(parts) < 4:
         return line.strip(), "", parts[-1] if len(parts) > 1 else ""

@@ -13,7 +13,7 @@ TEXT_FORMATS: tuple[ModuleType | type, ...] = (peer, geonet, cosmos, smc, volume
 HEAD_BYTES = 4000
 
 
-def read_file(path: Path, inventory: Any | None = None) -> list[Component]:  # noqa: ANN401  (an obspy Inventory)
+def read_file(path: Path, inventory: Any | None = None) -> list[Component]:
     """Channels of a file.
 
     Parameters

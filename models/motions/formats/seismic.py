@@ -1,4 +1,4 @@
-"""What ObsPy reads: K-NET and KiK-net, SAC, miniSEED, GSE2 and more, with StationXML where the samples are counts."""
+"""What ObsPy reads: K-NET and KiK-net, SAC, miniSEED and more, with StationXML where samples are counts."""
 
 import io
 import warnings
@@ -16,7 +16,7 @@ FLATNESS = 0.05
 """An accelerometer whose response varies less than this share over the band is divided by its sensitivity."""
 
 
-def read(path: Path, content: bytes, inventory: Any | None) -> list[Component] | None:  # noqa: ANN401  (an obspy Inventory)
+def read(path: Path, content: bytes, inventory: Any | None) -> list[Component] | None:
     """Read every trace of a file, in m/s2; None if ObsPy knows no such format.
 
     Parameters
@@ -37,7 +37,7 @@ def read(path: Path, content: bytes, inventory: Any | None) -> list[Component] |
             if "Unknown format" in str(error):
                 return None
             return _unreadable(path, error)
-        except Exception as error:  # noqa: BLE001  (ObsPy's readers raise whatever a damaged file makes them trip over)
+        except Exception as error:
             return _unreadable(path, error)
     doubt = [str(item.message) for item in complaints if item.category.__module__.startswith("obspy")]
     if doubt:
@@ -46,7 +46,7 @@ def read(path: Path, content: bytes, inventory: Any | None) -> list[Component] |
     return [_component(trace, path, inventory) for trace in stream]
 
 
-def responses(paths: list[Path]) -> Any | None:  # noqa: ANN401
+def responses(paths: list[Path]) -> Any | None:
     """One inventory of all StationXML files among `paths`; None if there is none."""
     import obspy
 
@@ -79,7 +79,7 @@ def _unreadable(path: Path, error: Exception) -> list[Component]:
     )
 
 
-def _refuse_gaps(stream: Any, path: Path) -> None:  # noqa: ANN401
+def _refuse_gaps(stream: Any, path: Path) -> None:
     if len(stream) == 0:
         refuse("no samples", path, expected="a record", remedy="fetch the file again")
     gaps = stream.get_gaps()
@@ -93,7 +93,7 @@ def _refuse_gaps(stream: Any, path: Path) -> None:  # noqa: ANN401
         )
 
 
-def _component(trace: Any, path: Path, inventory: Any | None) -> Component:  # noqa: ANN401
+def _component(trace: Any, path: Path, inventory: Any | None) -> Component:
     stats = trace.stats
     values = np.asarray(trace.data, dtype=float)
     bad = np.flatnonzero(~np.isfinite(values))
@@ -119,15 +119,23 @@ def _component(trace: Any, path: Path, inventory: Any | None) -> Component:  # n
         event=f"{own['evot']}" if "evot" in own else "",
         station=".".join(part for part in (stats.network, stats.station, stats.location) if part),
         label=stats.channel,
+        series=_series(stats),
         magnitude=float(own["mag"]) if "mag" in own else None,
         start_s=float(stats.starttime.timestamp),
         notes=(note,) if note else (),
     )
 
 
+def _series(stats: Any) -> str:
+    """Instrument of a station: KiK-net's 1 (borehole) or 2 (surface), SEED's band and instrument codes."""
+    if stats.get("_format") == "KNET":
+        return stats.channel.lstrip("ENSUDW")
+    return stats.channel[:2] if len(stats.channel) == 3 else ""
+
+
 def _in_m_s2(
     trace: Any, values: np.ndarray, inventory: Any | None, path: Path
-) -> tuple[np.ndarray, str, bool]:  # noqa: ANN401
+) -> tuple[np.ndarray, str, bool]:
     stats = trace.stats
     kind = stats.get("_format", "")
     if kind == "KNET":
@@ -146,10 +154,10 @@ def _in_m_s2(
     return _without_response(trace, inventory, path)
 
 
-def _without_response(trace: Any, inventory: Any, path: Path) -> tuple[np.ndarray, str, bool]:  # noqa: ANN401
+def _without_response(trace: Any, inventory: Any, path: Path) -> tuple[np.ndarray, str, bool]:
     try:
         response = inventory.get_response(trace.id, trace.stats.starttime)
-    except Exception:  # noqa: BLE001  (ObsPy raises a bare Exception: no matching response)
+    except Exception:
         return np.asarray(trace.data, float), "", False
     sensitivity = response.instrument_sensitivity
     units = (sensitivity.input_units or "").upper() if sensitivity else ""
@@ -162,7 +170,7 @@ def _without_response(trace: Any, inventory: Any, path: Path) -> tuple[np.ndarra
     band = (0.01, 0.02, 0.8 * nyquist, 0.95 * nyquist)
     try:
         work.remove_response(inventory=inventory, output="ACC", pre_filt=band, water_level=None)
-    except Exception as error:  # noqa: BLE001
+    except Exception as error:
         refuse(
             f"the response of {trace.id} cannot be removed ({error})",
             path,
@@ -172,16 +180,16 @@ def _without_response(trace: Any, inventory: Any, path: Path) -> tuple[np.ndarra
     return np.asarray(work.data, float), f"response removed between {band[1]:g} and {band[2]:g} Hz", True
 
 
-def _is_flat(response: Any, sensitivity: float, top_hz: float) -> bool:  # noqa: ANN401
+def _is_flat(response: Any, sensitivity: float, top_hz: float) -> bool:
     try:
         frequencies = np.geomspace(FLATNESS_BAND_HZ[0], top_hz, 12)
         gain = np.abs(response.get_evalresp_response_for_frequencies(frequencies, output="ACC"))
-    except Exception:  # noqa: BLE001  (a response of the overall sensitivity alone has no stages to evaluate)
+    except Exception:
         return True
     return bool(np.abs(gain / sensitivity - 1).max() <= FLATNESS)
 
 
-def _direction(stats: Any, inventory: Any | None) -> float | str | None:  # noqa: ANN401
+def _direction(stats: Any, inventory: Any | None) -> float | str | None:
     if inventory is not None:
         try:
             orientation = inventory.get_orientation(
@@ -191,7 +199,7 @@ def _direction(stats: Any, inventory: Any | None) -> float | str | None:  # noqa
                 return UP if orientation["dip"] < 0 else DOWN
             if orientation["azimuth"] is not None:
                 return float(orientation["azimuth"])
-        except Exception:  # noqa: BLE001  (no such channel in the inventory)
+        except Exception:
             pass
     sac = stats.get("sac")
     if sac and "cmpinc" in sac and "cmpaz" in sac:

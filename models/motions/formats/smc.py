@@ -1,4 +1,4 @@
-"""USGS SMC: 11 lines of text, 48 integers, 50 reals, comments, samples in cm/s2 in columns of ten characters."""
+"""USGS SMC: 11 lines of text, 48 integers, 50 reals, comments, samples in cm/s2, ten characters each."""
 
 import re
 from pathlib import Path
@@ -75,7 +75,7 @@ def read(path: Path, text: str) -> list[Component]:
 
 
 def _direction(label: str, from_vertical_deg: int, bearing_deg: int) -> float | str | None:
-    """Bearing by the text, else by integers 13 (angle from the upward vertical) and 14 (clockwise from north)."""
+    """Bearing by the text, else by integers 13 (angle from the vertical) and 14 (clockwise from north)."""
     found = bearing(label)
     if found is not None:
         return found

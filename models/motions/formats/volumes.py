@@ -1,7 +1,8 @@
 """Volumes 1 and 2 in the tradition of Caltech: CSMIP and CDMG, USC, RENADIC (Chile), BHRC (Iran).
 
-A channel is a block of header lines, 100 integers, reals and samples; a line that begins with '/&' ends it. Volume 1 has
-13 lines of text and 14 of numbers before the samples, which are pairs of time and acceleration or equally spaced.
+A channel is a block of header lines, 100 integers, reals and samples; a line that begins with '/&' ends it.
+Volume 1 has 13 lines of text and 14 of numbers before the samples, which are pairs of time and acceleration
+or equally spaced.
 """
 
 import re
@@ -38,8 +39,8 @@ _COUNT = re.compile(r"NO\.?\s+OF\s+POINTS\s*=\s*(\d+)", re.IGNORECASE)
 _LENGTH = re.compile(r"(?:DURATION|RECORD LENGTH)\s*=\s*([\d.]+)", re.IGNORECASE)
 _CHANNEL = re.compile(r"^\s*(?:CHAN\s+\d+\s*:|COMP)\s*(.*)$", re.IGNORECASE)
 _FIRST = re.compile(
-    r"^\s*(?:uncorrected accelerogram data|corrected accelerogram\b.*\bchan\b|FILE\s+\d+\s+OF\s+UNCORRECTED ACCELEROGRAM"
-    r"|\* VOL1DS FILE)",
+    r"^\s*(?:uncorrected accelerogram data|corrected accelerogram\b.*\bchan\b"
+    r"|FILE\s+\d+\s+OF\s+UNCORRECTED ACCELEROGRAM|\* VOL1DS FILE)",
     re.IGNORECASE,
 )
 _MAGNITUDE = re.compile(r"\bMW\s*=?\s*(\d\.\d+)", re.IGNORECASE)
@@ -100,10 +101,11 @@ def _equally_spaced(
             f"{text.strip()!r} does not say time step and unit",
             path,
             line + heading,
-            expected="a heading such as '10100 points of accel data equally spaced at 0.010 sec, in cm/sec2. (8f10.5)'",
+            expected="'10100 points of accel data equally spaced at 0.010 sec, in cm/sec2. (8f10.5)'",
             remedy="fetch the file again",
         )
-    step = float(spaced[1]) if spaced else 1 / positive(float(rate[1]), "sampling rate", path, line + heading)  # type: ignore[index]
+    at = line + heading
+    step = float(spaced[1]) if spaced else 1 / positive(float(rate[1] if rate else 0), "rate", path, at)
     form = _FORTRAN.search(text)
     across, width = (int(form[1]), int(form[2])) if form else (8, 9)
     count = int(match[1])
@@ -162,7 +164,7 @@ def _pairs(body: list[str], path: Path, line: int) -> NDArray[np.float64]:
 def _evenly(
     pairs: NDArray[np.float64], path: Path, line: int
 ) -> tuple[NDArray[np.float64], float, tuple[str, ...]]:
-    """Acceleration at equal steps: as it is where the times are equal but for their printing, else interpolated."""
+    """Acceleration at equal steps: as it is where times are equal but for printing, else interpolated."""
     time, values = pairs.T
     if len(time) < 2:
         refuse("fewer than two samples", path, line, expected="a record", remedy="fetch the file again")
@@ -227,7 +229,7 @@ def _dialect(lines: list[str], corrected: bool) -> str:
 
 
 def _station(lines: list[str]) -> str:
-    """Station by its own line: the sixth, or in BHRC what stands before the word 'Station'; V2 has a line more."""
+    """Station by its own line: the sixth (V2: seventh), in BHRC what stands before the word 'Station'."""
     bhrc = next((text for text in lines[:12] if re.search(r"\sStation\s+[\d.]", text)), None)
     if bhrc:
         return bhrc.split("Station")[0].strip()

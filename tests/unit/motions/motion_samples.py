@@ -1,4 +1,4 @@
-"""Small files of every format, written from one motion, so that no agency's file is needed to test a reader."""
+"""Small files of every format, written from one motion, so that a reader is tested without an agency's file."""
 
 from pathlib import Path
 

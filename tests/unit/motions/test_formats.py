@@ -1,16 +1,16 @@
-"""Every format gives back the motion that was written in it, in x east, y north, z up; damage is named with its line."""
+"""Every format gives back the motion that was written in it; damage is named with its line."""
 
 from pathlib import Path
 
 import numpy as np
 import pytest
+from motion_samples import COUNT, STEP_S, WRITERS, columns, peer, shaking
 
 from models import InputError
 from models.motions.formats import read_file
 from models.motions.formats.component import bearing
 from models.motions.importing import Wishes, import_records, record_files
 from models.motions.metadata import read_table
-from motion_samples import COUNT, STEP_S, WRITERS, columns, peer, shaking
 
 # what each format's printing rounds off, m/s2: half of its last digit
 ROUNDING = {
@@ -220,7 +220,7 @@ def test_horizontals_along_one_line_are_refused_and_oblique_ones_resolved(tmp_pa
         table.write_text(f"{lines[0]},h1_azimuth,h2_azimuth\n{lines[1]},{h1},{h2}\n")
         return imported(tmp_path)
 
-    assert "along one line" in with_azimuths(10, 25).refusals[0].reason.what
+    assert "on one line" in with_azimuths(10, 25).refusals[0].reason.what
     (record,) = with_azimuths(90, 30).records
     # what was read along 90 degrees is x; along 30 degrees from north, x sin 30 + y cos 30 was read
     x, y, _ = record.motion.acceleration_m_s2.T

@@ -1,4 +1,4 @@
-"""The 140 records of the development data, from their agencies' files, against the catalogue that comes with them."""
+"""The 140 records of the development data against the catalogue that comes with them."""
 
 import csv
 from pathlib import Path

@@ -28,6 +28,7 @@ from scipy.spatial import ConvexHull, QhullError
 
 from models.frames import horizontal_unit_vector, plane_axes
 from models.pedestal import Pedestal
+from models.relief import contact_feet_m
 from models.rock import Rock
 
 if TYPE_CHECKING:
@@ -55,12 +56,11 @@ Array = NDArray[np.float64]
 def support_polygon_m(rock: Rock, pedestal: Pedestal) -> Array:
     """Corners (k, 3), scene frame, of the convex hull of the rock's contact with the interface plane.
 
-    Counter-clockwise seen along the plane's normal from above. Where the pedestal is a surface, only its
-    triangles that lie in the interface plane support: the rock's face over a pedestal's edge ends at that
-    edge. Fewer than three corners mean that the rock stands on a point or a line within
+    Counter-clockwise seen along the plane's normal from above. Where the pedestal is a surface,
+    its relief and its edges are taken into the rock's feet (:mod:`models.relief`). Fewer than three corners mean that the rock stands on a point or a line within
     ``CONTACT_SHARE_OF_HEIGHT``: it rolls, or is not seated.
     """
-    return _ring(_contact_points(rock, pedestal)[0], pedestal, CONTACT_SHARE_OF_HEIGHT * rock.height_m)
+    return _ring(_contact_points(rock, pedestal), pedestal, CONTACT_SHARE_OF_HEIGHT * rock.height_m)
 
 
 def lift_off_m_s2(
@@ -87,8 +87,7 @@ def quasi_static_toppling_m_s2(
 
     The end of the quasi-static path (see the module): the acceleration beyond which no rest is left with a
     tilt up to ``TOPPLED_TILT_DEG`` and a centre of mass fallen by no more than ``TOPPLED_FALL``. A rock with
-    a flat sharp-edged base topples when it lifts off; one with a rounded base rolls before. No slip. A rock
-    that lifts off over an edge of the pedestal, not its own, is taken to topple there.
+    a flat sharp-edged base topples when it lifts off; one with a rounded base rolls before. No slip. 
 
     Returns
     -------
@@ -146,62 +145,11 @@ def _moment_arms(ring: Array, com: Array, normal: Array) -> Array:
     return np.cross(com - ring, axis)
 
 
-def _contact_points(rock: Rock, pedestal: Pedestal) -> tuple[Array, NDArray[np.bool_]]:
-    """Points (k, 3) whose convex hull supports the rock, and which of them are the rock's own vertices."""
-    tolerance = CONTACT_SHARE_OF_HEIGHT * rock.height_m
-    if pedestal.vertices_m is None or pedestal.faces is None:
-        gap = (rock.hull_vertices_m - pedestal.point_m) @ pedestal.normal
-        touching = rock.hull_vertices_m[gap <= gap.min() + tolerance]
-        return touching, np.ones(len(touching), bool)
-    axes = np.column_stack(plane_axes(pedestal.normal))
-
-    def in_plane(vertices: Array, faces: NDArray[np.int64]) -> tuple[Array, Array]:
-        """Points and triangles, in the plane's axes, that lie in the interface plane."""
-        flat = np.abs((vertices - pedestal.point_m) @ pedestal.normal) <= tolerance
-        planar = (vertices - pedestal.point_m) @ axes
-        return planar[flat], planar[faces[flat[faces].all(axis=1)]]
-
-    rock_points, rock_triangles = in_plane(rock.vertices_m, rock.faces)
-    ground_points, ground_triangles = in_plane(pedestal.vertices_m, pedestal.faces)
-    own = rock_points[_inside_any(rock_points, ground_triangles, tolerance)]
-    below = ground_points[_inside_any(ground_points, rock_triangles, tolerance)]
-    planar = np.vstack([own, below, _crossings(rock_triangles, ground_triangles)])
-    points = pedestal.point_m + planar @ axes.T
-    return points, np.arange(len(points)) < len(own)
-
-
-def _inside_any(points: Array, triangles: Array, tolerance: float) -> NDArray[np.bool_]:
-    """Which points (k, 2) lie in or within a tolerance of any of the triangles (m, 3, 2)."""
-    inside = np.zeros(len(points), bool)
-    for corner in triangles:
-        edge = np.roll(corner, -1, axis=0) - corner
-        length = np.linalg.norm(edge, axis=1)
-        turn = np.sign(edge[0, 0] * edge[1, 1] - edge[0, 1] * edge[1, 0])
-        if turn == 0.0 or not length.all():
-            continue
-        left = edge[:, 0] * (points[:, None, 1] - corner[:, 1]) - edge[:, 1] * (
-            points[:, None, 0] - corner[:, 0]
-        )
-        inside |= (turn * left / length >= -tolerance).all(axis=1)
-    return inside
-
-
-def _crossings(first: Array, second: Array) -> Array:
-    """Points (k, 2) where edges of triangles (m, 3, 2) cross edges of other triangles (n, 3, 2)."""
-    if not len(first) or not len(second):
-        return np.empty((0, 2))
-    start, step = first.reshape(-1, 2), (np.roll(first, -1, axis=1) - first).reshape(-1, 2)
-    other, other_step = second.reshape(-1, 2), (np.roll(second, -1, axis=1) - second).reshape(-1, 2)
-    found = []
-    for point, along in zip(start, step, strict=True):
-        cross = along[0] * other_step[:, 1] - along[1] * other_step[:, 0]
-        offset = other - point
-        with np.errstate(divide="ignore", invalid="ignore"):
-            here = (offset[:, 0] * other_step[:, 1] - offset[:, 1] * other_step[:, 0]) / cross
-            there = (offset[:, 0] * along[1] - offset[:, 1] * along[0]) / cross
-        hit = (here >= 0) & (here <= 1) & (there >= 0) & (there <= 1)
-        found.append(point + here[hit, None] * along)
-    return np.vstack(found)
+def _contact_points(rock: Rock, pedestal: Pedestal) -> Array:
+    """Feet (k, 3) of the rock that touch the interface plane, scene frame."""
+    feet = contact_feet_m(rock, pedestal)
+    gap = (feet - pedestal.point_m) @ pedestal.normal
+    return feet[gap <= gap.min() + CONTACT_SHARE_OF_HEIGHT * rock.height_m]
 
 
 def _ring(points: Array, pedestal: Pedestal, width_m: float) -> Array:
@@ -250,23 +198,18 @@ class _Seat:
 
     pose: _Pose
     ring: Array | None  # in-plane support polygon (k, 2), counter-clockwise, where there is one
-    own: NDArray[np.bool_]  # whether both ends of a ring's edge are the rock's own vertices
     frame: Array  # rows: axes of the plane and its normal, scene frame
     tolerance: float
 
     @classmethod
     def of(cls, rock: Rock, pedestal: Pedestal) -> _Seat:
         frame = np.vstack([*plane_axes(pedestal.normal), pedestal.normal])
-        points = (rock.hull_vertices_m - pedestal.point_m) @ frame.T
+        points = (contact_feet_m(rock, pedestal) - pedestal.point_m) @ frame.T
         tolerance = CONTACT_SHARE_OF_HEIGHT * rock.height_m
-        lowest = np.array([0.0, 0.0, points[:, 2].min() if pedestal.is_plane else 0.0])
+        lowest = np.array([0.0, 0.0, points[:, 2].min()])
         pose = _Pose(points - lowest, (rock.com_m - pedestal.point_m) @ frame.T - lowest, frame[:, 2])
-        contact, own = _contact_points(rock, pedestal)
-        planar = (contact - pedestal.point_m) @ frame[:2].T
-        order = _planar_hull(planar, tolerance) if len(planar) > 2 else None
-        if order is None:
-            return cls(pose, None, np.zeros(0, bool), frame, tolerance)
-        return cls(pose, planar[order], own[order] & np.roll(own[order], -1), frame, tolerance)
+        touching = _touching(pose, tolerance)
+        return cls(pose, touching if len(touching) > 2 else None, frame, tolerance)
 
     def path(self, gravity_m_s2: float, azimuth_deg: float) -> tuple[float, float]:
         """Accelerations at lift-off and at toppling."""
@@ -280,9 +223,9 @@ class _Seat:
             pose, ring = seated
         lift_off, acceleration = np.inf, 0.0
         while True:
-            acceleration, edge = _leaves(ring, pose.com, gravity, push, acceleration)
+            acceleration = _leaves(ring, pose.com, gravity, push, acceleration)
             lift_off = min(lift_off, acceleration)
-            if not np.isfinite(acceleration) or (ring is self.ring and not self.own[edge]):
+            if not np.isfinite(acceleration):
                 return lift_off, acceleration
             beyond = acceleration * (1 + _PAST_THE_EDGE) + _PAST_THE_EDGE * gravity_m_s2
             landed = self._fallen(pose, ring, gravity + beyond * push)
@@ -336,13 +279,12 @@ def _holds(ring: Array, com: Array, weight: Array) -> bool:
     return len(ring) > 2 and bool((_edge_moments(ring, com, weight) >= rounding).all()) and weight[2] < 0
 
 
-def _leaves(ring: Array, com: Array, gravity: Array, push: Array, least: float) -> tuple[float, int]:
-    """Least acceleration, not below one that holds, at which an edge lets go; and that edge."""
+def _leaves(ring: Array, com: Array, gravity: Array, push: Array, least: float) -> float:
+    """Least acceleration, not below one that holds, at which an edge lets go."""
     hold, change = _edge_moments(ring, com, gravity), _edge_moments(ring, com, push)
     with np.errstate(divide="ignore", invalid="ignore"):
         root = np.where(change < 0, -hold / change, np.inf)
-    edge = int(root.argmin())
-    return max(float(root[edge]), least), edge
+    return max(float(root.min()), least)
 
 
 def _nearest(support: Array, pierced: Array) -> tuple[Array, Array, bool]:

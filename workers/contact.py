@@ -1,12 +1,12 @@
-"""Where rock and pedestal can touch: points of the rock over the pedestal, points of its edges under the rock.
+"""Where rock and pedestal can touch: the rock's feet over the interface plane.
 
 The support frame has its origin in the interface plane and z along the plane's upward normal; the body frame has its
 origin at the rock's centre of mass and the axes of its principal inertia.
 
-On a plane only vertices of the rock's convex hull can touch, so these points represent the rock exactly. Where the
-pedestal ends under the rock (a cliff edge), the edge touches the rock's base face: there the points are fixed to the
-pedestal and the face moves. Both are contacts of a point with a plane, for which the engine's geometry is exact and
-free of the kicks that sliding over internal edges of triangle meshes gives.
+On a plane only vertices of the rock's convex hull can touch, so these points represent the rock exactly. An uneven
+pedestal, and one that ends under the rock, is taken into the points (:mod:`models.relief`). Every contact is then one
+of a point with a plane, for which the engine's geometry is exact and free of the kicks that sliding over the internal
+edges of triangle meshes gives.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, cKDTree
 
 from models.frames import plane_axes
+from models.relief import contact_feet_m
 from models.scene import Scene
 from workers import quaternion
 
@@ -29,9 +30,6 @@ LARGEST_OPEN_TILT_DEG = 75.0
 
 REACH_DEG = (8.0, 25.0, LARGEST_OPEN_TILT_DEG)
 """Tilts up to which sets of points serve: a rock that rocks a little needs a tenth of the points of one that falls."""
-
-EDGE_SPACING_SHARE = 0.05
-"""Largest distance between contact points of a pedestal's edge, over the rock's half diagonal."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,13 +49,9 @@ class ContactModel:
     principal_inertia_m2 : (3,) array
         Principal moments of inertia over mass.
     points_body_m : (n, 3) array
-        Points of the rock that can touch the interface plane, in the order of the tilt from which they can.
+        Feet that can touch the interface plane, in the order of the tilt from which they can.
     onset_deg : (n,) array
         Those tilts.
-    edge_points_m : (k, 3) array
-        Points of the pedestal's edges, support frame, that can touch the rock's base face.
-    base_height_body : (4,) array
-        Base face of the rock as a plane of the body frame: outward normal and offset.
     half_diagonal_m : float
         Length scale R.
     """
@@ -69,8 +63,6 @@ class ContactModel:
     principal_inertia_m2: Array
     points_body_m: Array
     onset_deg: Array
-    edge_points_m: Array
-    base_height_body: Array
     half_diagonal_m: float
 
     @classmethod
@@ -84,12 +76,8 @@ class ContactModel:
         moments, axes = np.linalg.eigh(inertia)
         if np.linalg.det(axes) < 0:
             axes[:, 0] *= -1.0
-        in_support = (scene.rock.vertices_m - origin) @ scene_from_support - com
-        reachable, onset_deg = _vertices_that_can_touch(in_support)
-        edges = _edge_points_under_base(scene, scene_from_support, origin)
-        if len(edges):
-            on_it = _on_pedestal(scene, reachable + com, scene_from_support, origin)
-            reachable, onset_deg = reachable[on_it], onset_deg[on_it]
+        feet = (contact_feet_m(scene.rock, scene.pedestal) - origin) @ scene_from_support - com
+        reachable, onset_deg = _vertices_that_can_touch(feet)
         return cls(
             scene_from_support=scene_from_support,
             origin_m=origin,
@@ -98,8 +86,6 @@ class ContactModel:
             principal_inertia_m2=moments,
             points_body_m=reachable @ axes,
             onset_deg=onset_deg,
-            edge_points_m=edges,
-            base_height_body=np.append(axes.T @ np.array([0.0, 0.0, -1.0]), com[2]),
             half_diagonal_m=scene.rock.half_diagonal_m,
         )
 
@@ -126,18 +112,11 @@ class ContactModel:
 
         Returns
         -------
-        (m, n + k) array
-            First the rock's points above the plane, then the edge points outside of the base face.
+        (m, points) array
         """
         x, y, z, w = quaternions_xyzw.T
         up_body = np.array([2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)])
-        gaps = positions_m[:, 2:3] + up_body.T @ self.points_body_m[:points].T
-        if not len(self.edge_points_m):
-            return gaps
-        face_normal = quaternion.matrix(quaternions_xyzw) @ self.base_height_body[:3]
-        toward_edge = self.edge_points_m[None, :, :] - positions_m[:, None, :]
-        edge_gaps = np.einsum("mi,mki->mk", face_normal, toward_edge) - self.base_height_body[3]
-        return np.hstack([gaps, edge_gaps])
+        return positions_m[:, 2:3] + up_body.T @ self.points_body_m[:points].T
 
 
 def _vertices_that_can_touch(points_m: Array) -> tuple[Array, Array]:
@@ -205,56 +184,3 @@ def _inside_flat(point: Array, around: Array, tolerance_m: float) -> bool:
     angles = np.sort(np.arctan2(flat[:, 1], flat[:, 0]))
     widest = np.diff(np.append(angles, angles[0] + 2 * np.pi)).max()
     return bool(widest <= np.pi + 1e-6)
-
-
-def _edge_points_under_base(scene: Scene, scene_from_support: Array, origin: Array) -> Array:
-    """Points along the pedestal's edges that lie under the rock's base face, support frame."""
-    polylines = scene.report.get("interface", {}).get("edges_m", []) if not scene.pedestal.is_plane else []
-    if not polylines:
-        return np.zeros((0, 3))
-    base = _base_polygon(scene, scene_from_support, origin)
-    spacing = EDGE_SPACING_SHARE * scene.rock.half_diagonal_m
-    found = []
-    for line in polylines:
-        corners = (np.asarray(line, float) - origin) @ scene_from_support
-        for start, end in zip(corners[:-1], corners[1:], strict=True):
-            count = max(int(np.ceil(np.linalg.norm(end - start) / spacing)), 1)
-            found.append(start + np.linspace(0.0, 1.0, count + 1)[:-1, None] * (end - start))
-        found.append(corners[-1:])
-    points = np.vstack(found)
-    # On the face's own rim a point would catch the rock's side: stay inside by a little.
-    inside = _inside_convex(points[:, :2], base, margin_m=1e-3 * scene.rock.half_diagonal_m)
-    level = np.abs(points[:, 2]) < 1e-3 * scene.rock.half_diagonal_m
-    chosen = points[inside & level]
-    chosen[:, 2] = 0.0
-    return chosen
-
-
-def _base_polygon(scene: Scene, scene_from_support: Array, origin: Array) -> Array:
-    """Corners (k, 2) of the convex base face in the interface plane, counter-clockwise."""
-    flat = (scene.rock.vertices_m - origin) @ scene_from_support
-    touching = flat[np.abs(flat[:, 2]) < 1e-6 * scene.rock.height_m][:, :2]
-    return touching[ConvexHull(touching).vertices]
-
-
-def _on_pedestal(scene: Scene, points: Array, scene_from_support: Array, origin: Array) -> NDArray[np.bool_]:
-    """Whether the pedestal lies under each point, judged by the edge polylines (surface on their left side)."""
-    on = np.ones(len(points), bool)
-    for line in scene.report["interface"]["edges_m"]:
-        corners = ((np.asarray(line, float) - origin) @ scene_from_support)[:, :2]
-        start, end = corners[:-1], corners[1:]
-        along = end - start
-        to_point = points[:, None, :2] - start
-        share = np.clip(np.einsum("nki,ki->nk", to_point, along) / (along**2).sum(axis=1), 0.0, 1.0)
-        distance = np.linalg.norm(to_point - share[..., None] * along, axis=2)
-        nearest = distance.argmin(axis=1)
-        side = along[:, 0] * to_point[..., 1] - along[:, 1] * to_point[..., 0]
-        on &= side[np.arange(len(points)), nearest] >= 0.0
-    return on
-
-
-def _inside_convex(points: Array, polygon: Array, margin_m: float) -> NDArray[np.bool_]:
-    edge = np.roll(polygon, -1, axis=0) - polygon
-    inward = np.column_stack([-edge[:, 1], edge[:, 0]]) / np.linalg.norm(edge, axis=1)[:, None]
-    distance = np.einsum("nki,ki->nk", points[:, None, :] - polygon, inward)
-    return (distance > margin_m).all(axis=1)

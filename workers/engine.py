@@ -28,8 +28,6 @@ RESIDUAL_SHARE = 1e-3
 """The solver stops before its last iteration once no impulse (at unit mass) changes by more than this share of gravity's
 in a step: overturning thresholds then agree with fifty iterations within 0.02 %, at half the cost at rest."""
 
-ROCK_ON_GROUND, EDGE_ON_FACE = 1, 2
-
 
 class Engine:
     """One rock in a world of its own, in the support frame.
@@ -63,13 +61,13 @@ class Engine:
         )
         self._time_step_s = 0.0
         self._rock = self._add_rock()
-        self._grounds = self._add_pedestal()
+        self._ground = self._add_pedestal()
         self.set_friction(friction)
 
     def set_friction(self, friction: float) -> None:
         """Replace the coefficient of friction of the pair."""
-        for ground in self._grounds:  # Bullet multiplies the two bodies' coefficients; the rock's is 1
-            pybullet.changeDynamics(ground, -1, lateralFriction=friction, physicsClientId=self._client)
+        # Bullet multiplies the two bodies' coefficients; the rock's is 1.
+        pybullet.changeDynamics(self._ground, -1, lateralFriction=friction, physicsClientId=self._client)
 
     def set_state(self, pose: Pose, velocity_m_s: Array, angular_velocity_rad_s: Array, *, far: bool = False) -> None:
         """Place the rock and set it going; forgets all contacts.
@@ -112,7 +110,7 @@ class Engine:
         up_body = contact.support_from_body.T @ np.array([0.0, 0.0, 1.0])
         with tempfile.NamedTemporaryFile("w", suffix=".urdf") as file:
             centres = contact.points_body_m[: self.points] + radius * up_body
-            file.write(_urdf(centres, radius, contact, face=len(contact.edge_points_m) > 0))
+            file.write(_urdf(centres, radius, contact))
             file.flush()
             rock = pybullet.loadURDF(
                 file.name,
@@ -121,87 +119,43 @@ class Engine:
                 flags=pybullet.URDF_USE_INERTIA_FROM_FILE,  # else that of the shapes' bounding boxes
                 physicsClientId=self._client,
             )
-        for link in range(-1, pybullet.getNumJoints(rock, physicsClientId=self._client)):
-            pybullet.changeDynamics(
-                rock,
-                link,
-                lateralFriction=1.0,
-                spinningFriction=0.0,
-                rollingFriction=0.0,
-                restitution=0.0,
-                linearDamping=0.0,
-                angularDamping=0.0,
-                jointDamping=0.0,
-                activationState=pybullet.ACTIVATION_STATE_DISABLE_SLEEPING,
-                physicsClientId=self._client,
-            )
         pybullet.changeDynamics(
             rock,
             -1,
             mass=1.0,
             localInertiaDiagonal=contact.principal_inertia_m2.tolist(),
+            lateralFriction=1.0,
+            spinningFriction=0.0,
+            rollingFriction=0.0,
+            restitution=0.0,
+            linearDamping=0.0,
+            angularDamping=0.0,
+            jointDamping=0.0,
             maxJointVelocity=1e9,
+            activationState=pybullet.ACTIVATION_STATE_DISABLE_SLEEPING,
             physicsClientId=self._client,
         )
-        self._filter(rock, -1, ROCK_ON_GROUND)
-        if len(contact.edge_points_m):
-            self._filter(rock, 0, EDGE_ON_FACE)
         return rock
 
-    def _add_pedestal(self) -> list[int]:
+    def _add_pedestal(self) -> int:
         plane = pybullet.createCollisionShape(pybullet.GEOM_PLANE, physicsClientId=self._client)
         ground = pybullet.createMultiBody(0.0, plane, physicsClientId=self._client)
         pybullet.changeDynamics(ground, -1, restitution=0.0, physicsClientId=self._client)
-        self._filter(ground, -1, ROCK_ON_GROUND)
-        if not len(self._contact.edge_points_m):
-            return [ground]
-        # Radius as for the rock's points, the top of each sphere at the edge.
-        radius = POINT_RADIUS_SHARE * self._contact.half_diagonal_m
-        with tempfile.NamedTemporaryFile("w", suffix=".urdf") as file:
-            file.write(_urdf(self._contact.edge_points_m - [0.0, 0.0, radius], radius, self._contact))
-            file.flush()
-            edge = pybullet.loadURDF(file.name, useFixedBase=1, physicsClientId=self._client)
-        pybullet.changeDynamics(edge, -1, restitution=0.0, physicsClientId=self._client)
-        self._filter(edge, -1, EDGE_ON_FACE)
-        return [ground, edge]
-
-    def _filter(self, body: int, link: int, group: int) -> None:
-        pybullet.setCollisionFilterGroupMask(body, link, group, group, physicsClientId=self._client)
+        return ground
 
 
-
-def _urdf(centres_m: Array, radius_m: float, contact: ContactModel, *, face: bool = False) -> str:
-    """Spheres as one compound body: the other ways to make one keep sixteen shapes at most. One short line each.
-
-    With `face`, the rock's base face is added as an endless plane fixed to the body, on a link of its own since only
-    links can be filtered apart.
-    """
+def _urdf(centres_m: Array, radius_m: float, contact: ContactModel) -> str:
+    """Spheres as one compound body: the other ways to make one keep sixteen shapes at most. One short line each."""
     spheres = "\n".join(
         f'<collision><origin xyz="{x!r} {y!r} {z!r}"/><geometry><sphere radius="{radius_m!r}"/></geometry></collision>'
         for x, y, z in centres_m.tolist()
     )
-    text = f'<robot name="rock">\n<link name="base">\n{_inertial(1.0, contact)}{spheres}\n</link>\n'
-    if face:
-        x, y, z, offset = contact.base_height_body.tolist()
-        text += (
-            f'<link name="face">\n{_inertial(FACE_MASS, contact)}<collision>\n'
-            f'<origin xyz="{x * offset!r} {y * offset!r} {z * offset!r}"/>\n'
-            f'<geometry><plane normal="{x!r} {y!r} {z!r}"/></geometry>\n</collision>\n</link>\n'
-            '<joint name="fixed" type="fixed">\n<parent link="base"/>\n<child link="face"/>\n</joint>\n'
-        )
-    return text + "</robot>\n"
-
-
-def _inertial(mass: float, contact: ContactModel) -> str:
-    ixx, iyy, izz = (mass * contact.principal_inertia_m2).tolist()
+    ixx, iyy, izz = contact.principal_inertia_m2.tolist()
     return (
-        f'<inertial>\n<mass value="{mass!r}"/>\n'
+        '<robot name="rock">\n<link name="base">\n<inertial>\n<mass value="1"/>\n'
         f'<inertia ixx="{ixx!r}" iyy="{iyy!r}" izz="{izz!r}" ixy="0" ixz="0" iyz="0"/>\n</inertial>\n'
+        f"{spheres}\n</link>\n</robot>\n"
     )
-
-
-FACE_MASS = 1e-9
-"""Mass over the rock's of the link that carries the base face: Bullet wants one."""
 
 
 _CLIENTS: dict[int, int] = {}

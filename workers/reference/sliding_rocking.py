@@ -5,8 +5,9 @@ midpoint obey, at the level of velocities, Signorini's law with Newton's restitu
 v_n(before), complementary to the normal impulse, and Coulomb's law for the tangential one. Two corners on a
 plane share their tangential velocity, so one tangential impulse bounded by both normal ones stands for the
 two; the few modes (which corners press; stick, slip either way) are tried one by one and solved exactly,
-without iteration or regularisation. Smooth phases are followed to second order, events to first: halve the
-step to see the error.
+without iteration or regularisation. Free flight is exact under a constant force; turning and events are
+followed to first order: halve the step to see the error. With restitution and friction together Newton's law
+may create energy; none is hidden.
 """
 
 from __future__ import annotations

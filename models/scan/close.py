@@ -1,8 +1,8 @@
 """Closing: one closed body from the rock's surfels, its base on the interface plane.
 
 The seen surface is joined by screened Poisson reconstruction (Kazhdan and Hoppe 2013); where the base is hidden,
-points below the interface plane close it, and what lies below the plane is cut away exactly (Manifold), so that the
-base lies on the plane.
+points sunk below the base close it, and the base is then cut exactly (Manifold), so that where the rock rests its
+vertices lie on the interface plane.
 """
 
 from dataclasses import dataclass
@@ -11,17 +11,21 @@ import manifold3d
 import numpy as np
 import open3d as o3d
 from numpy.typing import NDArray
-from scipy import ndimage
 from scipy.spatial import cKDTree
 
 from models.errors import InputError
 from models.rock import Rock
+from models.scan.base import Base
 from models.scan.interface import Interface
 from models.scan.surfels import Surfels
 
 POISSON_DEPTH = 7
+POISSON_SCALES = (1.15, 1.17, 1.2, 1.24)
+"""Sizes of the octree's cube over the rock's, tried in turn: on an unlucky grid the surface touches itself."""
 SIMPLIFIED_SHARE_OF_HEIGHT = 0.0015
 """Triangles are joined where the surface moves by less than this: noise, not shape."""
+BASE_SHARE_OF_HEIGHT = 0.0003
+"""The same for the base, whose shape decides how the rock rolls."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,70 +45,72 @@ class ClosedRock:
     invented_share: float
 
 
-def close_rock(surfels: Surfels, rock: NDArray[np.bool_], interface: Interface) -> ClosedRock:
-    """Close the rock at its interface.
+def close_rock(surfels: Surfels, rock: NDArray[np.bool_], base: Base, interface: Interface) -> ClosedRock:
+    """Close the rock with its base.
 
     Raises
     ------
     InputError
         If the seen surface does not close to one body that reaches the interface.
     """
-    points, normals = surfels.points_m[rock], surfels.normals[rock]
-    flat, flat_normals = interface.flat(points), normals @ interface.axes
-    base = _hidden_base(flat, surfels.voxel_m)
-    below = np.tile([0.0, 0.0, -1.0], (len(base), 1))
-    body = _trimmed(_poisson(np.vstack([flat, base]), np.vstack([flat_normals, below])))
-    vertices = np.array(body.vert_properties[:, :3], float)
-    faces = np.array(body.tri_verts, np.int64)
-    vertices[np.abs(vertices[:, 2]) < 1e-9 * np.ptp(vertices[:, 2]), 2] = 0.0
+    flat, flat_normals = interface.flat(surfels.points_m[rock]), surfels.normals[rock] @ interface.axes
+    above = flat[:, 2] > 0.0
+    flat, flat_normals = flat[above], flat_normals[above]
+    within = base.grid.nodes_m[base.hidden]
+    sunk = np.column_stack([within, base.height_m[base.hidden] - surfels.voxel_m])
+    down = np.tile([0.0, 0.0, -1.0], (len(sunk), 1))
+    height = float(np.ptp(flat[:, 2]))
+    body = _poisson(np.vstack([flat, sunk]), np.vstack([flat_normals, down]))
+    body = body.simplify(SIMPLIFIED_SHARE_OF_HEIGHT * height) ^ _above(base, 2.0 * height)
+    parts = body.simplify(BASE_SHARE_OF_HEIGHT * height).decompose()
+    if not parts:
+        raise _not_closed("the reconstructed surface lies below the interface")
+    mesh = max(parts, key=lambda part: part.volume()).to_mesh64()
+    vertices = np.array(mesh.vert_properties[:, :3], float)
+    faces = np.array(mesh.tri_verts, np.int64)
+    vertices[np.abs(vertices[:, 2]) < 1e-9 * height, 2] = 0.0
     rock_body = Rock.from_triangles(interface.scene(vertices), faces, where="closed rock")
     return ClosedRock(rock_body, *_shares(vertices, faces, flat, surfels.voxel_m))
 
 
-def _hidden_base(flat: NDArray[np.float64], voxel_m: float) -> NDArray[np.float64]:
-    """Points a little below the plane wherever the rock stands and its underside was not seen."""
-    low = flat[flat[:, 2] < 0.25 * np.ptp(flat[:, 2])]
-    cell = 0.5 * voxel_m
-    first = low[:, :2].min(axis=0) - 4 * cell
-    shape = np.ceil((low[:, :2].max(axis=0) + 4 * cell - first) / cell).astype(int)
-    index = ((low[:, :2] - first) / cell).astype(int)
-    seen = np.zeros(shape, bool)
-    seen[index[:, 0], index[:, 1]] = True
-    seen = ndimage.binary_dilation(seen, iterations=3)
-    holes = ndimage.binary_fill_holes(seen) & ~seen
-    inside, count = ndimage.label(holes)
-    if count == 0:
-        return np.empty((0, 3))
-    largest = 1 + int(np.argmax(np.bincount(inside.ravel())[1:]))
-    hidden = inside == largest
-    grid = np.argwhere(hidden) * cell + first + 0.5 * cell
-    return np.column_stack([grid, np.full(len(grid), -0.5 * voxel_m)])
+def _above(base: Base, top_m: float) -> manifold3d.Manifold:
+    """Everything above the base, as a body: its floor the base and, beyond it, the interface plane."""
+    reach = int(np.ceil(top_m / base.grid.cell_m))
+    steps = [np.concatenate([[-reach], np.arange(n), [n - 1 + reach]]) for n in base.grid.shape]
+    u, v = np.meshgrid(*(first + step * base.grid.cell_m for first, step in zip(base.grid.first_m, steps, strict=True)), indexing="ij")
+    floor = np.pad(base.height_m, 1)
+    floor[[0, 1, -2, -1]] = 0.0
+    floor[:, [0, 1, -2, -1]] = 0.0
+    count = u.size
+    vertices = np.vstack([
+        np.column_stack([u.ravel(), v.ravel(), floor.ravel()]),
+        np.column_stack([u.ravel(), v.ravel(), np.full(count, top_m)]),
+    ])
+    number = np.arange(count).reshape(u.shape)
+    a, b, c, d = number[:-1, :-1].ravel(), number[1:, :-1].ravel(), number[1:, 1:].ravel(), number[:-1, 1:].ravel()
+    up = np.concatenate([np.column_stack([a, b, c]), np.column_stack([a, c, d])])
+    border = np.concatenate([number[:-1, 0], number[-1, :-1], number[:0:-1, -1], number[0, :0:-1]])
+    after = np.roll(border, -1)
+    sides = np.concatenate([
+        np.column_stack([border, after, after + count]), np.column_stack([border, after + count, border + count])
+    ])
+    faces = np.concatenate([up[:, ::-1], up + count, sides])
+    return manifold3d.Manifold(manifold3d.Mesh64(vertices, faces.astype(np.uint64)))
 
 
 def _poisson(points: NDArray[np.float64], normals: NDArray[np.float64]) -> manifold3d.Manifold:
     cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points))
     cloud.normals = o3d.utility.Vector3dVector(normals)
-    with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
-        mesh, _ = o3d.geometry.TriangleMesh.create_from_point_cloud_poisson(
-            cloud, depth=POISSON_DEPTH, scale=1.15, n_threads=1
-        )
-    body = manifold3d.Manifold(
-        manifold3d.Mesh64(
-            np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.triangles).astype(np.uint64)
-        )
-    )
-    if body.status() != manifold3d.Error.NoError or body.is_empty():
-        raise _not_closed(f"the reconstructed surface is no closed body ({body.status().name})")
-    return body
-
-
-def _trimmed(body: manifold3d.Manifold) -> manifold3d.Mesh64:
-    low, high = body.bounding_box()[2], body.bounding_box()[5]
-    simple = body.simplify(SIMPLIFIED_SHARE_OF_HEIGHT * (high - low))
-    parts = simple.trim_by_plane((0.0, 0.0, 1.0), 0.0).decompose()
-    if not parts:
-        raise _not_closed("the reconstructed surface lies below the interface")
-    return max(parts, key=lambda part: part.volume()).to_mesh64()
+    for scale in POISSON_SCALES:
+        with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
+            mesh, _ = o3d.geometry.TriangleMesh.create_from_point_cloud_poisson(
+                cloud, depth=POISSON_DEPTH, scale=scale, n_threads=1
+            )
+        vertices = np.asarray(mesh.vertices, dtype=np.float64)
+        body = manifold3d.Manifold(manifold3d.Mesh64(vertices, np.asarray(mesh.triangles).astype(np.uint64)))
+        if body.status() == manifold3d.Error.NoError and not body.is_empty():
+            return body
+    raise _not_closed(f"the reconstructed surface is no closed body ({body.status().name})")
 
 
 def _shares(

@@ -14,6 +14,7 @@ from models.pedestal import Pedestal
 from models.rock import Rock
 from models.scan.interface import Interface
 from models.scan.surfels import Surfels
+from models.statics import support_polygon_m
 
 REACH_HEIGHTS = 0.6
 """How far beyond the rock's outline the pedestal is kept, in rock heights: a rock whose centre of mass has left its
@@ -31,7 +32,7 @@ class Ground:
     ----------
     pedestal : Pedestal
     outline_m : (k, 3) array
-        Contact outline on the interface plane, counter-clockwise seen from above.
+        Convex outline of the contact on the interface plane, counter-clockwise seen from above.
     edges_m : list of (k, 3) arrays
         Where the pedestal ends, the pedestal on the left side.
     """
@@ -43,7 +44,8 @@ class Ground:
 
 def pedestal_ground(surfels: Surfels, pedestal: NDArray[np.bool_], rock: Rock, interface: Interface) -> Ground:
     """The pedestal as a height over the interface plane, within reach of the rock, ending at cliff edges."""
-    outline = contact_outline(rock, interface)
+    outline_m = support_polygon_m(rock, Pedestal(interface.point_m, interface.normal))
+    outline = interface.flat(outline_m)[:, :2]
     flat_rock = interface.flat(rock.vertices_m)
     height = float(np.ptp(flat_rock[:, 2]))
     cell = height / CELLS_PER_HEIGHT
@@ -64,35 +66,9 @@ def pedestal_ground(surfels: Surfels, pedestal: NDArray[np.bool_], rock: Rock, i
     edges = _edges(nodes, surface, lost)
     return Ground(
         Pedestal(interface.point_m, interface.normal, interface.scene(vertices), faces),
-        interface.scene(np.column_stack([outline, np.zeros(len(outline))])),
+        outline_m,
         [interface.scene(edge) for edge in edges],
     )
-
-
-def contact_outline(rock: Rock, interface: Interface) -> NDArray[np.float64]:
-    """Outer boundary (k, 2), counter-clockwise, of the rock's faces on the interface plane, u and v."""
-    flat = interface.flat(rock.vertices_m)
-    on_plane = np.abs(flat[:, 2]) < 1e-9 * np.ptp(flat[:, 2])
-    base = rock.faces[on_plane[rock.faces].all(axis=1)]
-    directed = np.concatenate([base[:, [0, 1]], base[:, [1, 2]], base[:, [2, 0]]])
-    key = {(int(a), int(b)) for a, b in directed}
-    following = {b: a for a, b in key if (b, a) not in key}  # reversed: base faces look down
-    loops: list[NDArray[np.float64]] = []
-    while following:
-        start = node = next(iter(following))
-        loop = []
-        while node in following:
-            loop.append(node)
-            node = following.pop(node)
-            if node == start:
-                break
-        loops.append(flat[loop, :2])
-    return max(loops, key=lambda loop: abs(_area(loop)))
-
-
-def _area(loop: NDArray[np.float64]) -> float:
-    x, y = loop.T
-    return 0.5 * float(x @ np.roll(y, -1) - y @ np.roll(x, -1))
 
 
 def _inside(nodes: NDArray[np.float64], polygon: NDArray[np.float64]) -> NDArray[np.bool_]:

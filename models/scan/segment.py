@@ -249,3 +249,10 @@ def _refine(
         label, surfels, surfel_label, concave_share,
         [(*map(float, other.top_m), other.height_m) for other in others],
     )
+
+
+def label_surfels(surfels: Surfels, points_m: NDArray[np.float64], label: NDArray[np.int8]) -> NDArray[np.int8]:
+    """Label of the point nearest to each surfel."""
+    low, high = surfels.points_m.min(axis=0) - surfels.voxel_m, surfels.points_m.max(axis=0) + surfels.voxel_m
+    around = np.flatnonzero(((points_m > low) & (points_m < high)).all(axis=1))
+    return label[around[cKDTree(points_m[around]).query(surfels.points_m)[1]]]

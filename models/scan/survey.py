@@ -9,12 +9,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from models.scan.base import hidden_base
 from models.scan.close import close_rock
+from models.scan.crevice import judge_crevice
 from models.scan.ground import pedestal_ground
 from models.scan.interface import fit_interface
 from models.scan.picture import draw_scene
 from models.scan.read import Cloud
-from models.scan.segment import PEDESTAL, ROCK, Segmentation, segment
+from models.scan.segment import PEDESTAL, ROCK, Segmentation, label_surfels, segment
 from models.scene import Scene
 
 Progress = Callable[[str], None]
@@ -56,8 +58,14 @@ def survey(cloud: Cloud, progress: Progress = lambda _: None) -> Survey:
     rock_patches, pedestal_patches = parts.surfel_label == ROCK, parts.surfel_label == PEDESTAL
     progress("fitting the interface")
     interface = fit_interface(parts.surfels, rock_patches)
+    height = float(np.ptp(parts.surfels.points_m[rock_patches, 2]))
+    label, interface = judge_crevice(cloud.points_m, parts.label, interface, height)
+    surfel_label = label_surfels(parts.surfels, cloud.points_m, label)
+    rock_patches, pedestal_patches = surfel_label == ROCK, surfel_label == PEDESTAL
     progress("closing the rock")
-    closed = close_rock(parts.surfels, rock_patches, interface)
+    flat = interface.flat(cloud.points_m)
+    base = hidden_base(flat[label == ROCK], flat[label == PEDESTAL], height)
+    closed = close_rock(parts.surfels, rock_patches, base, interface)
     progress("meshing the pedestal")
     ground = pedestal_ground(parts.surfels, pedestal_patches, closed.rock, interface)
     report = {
@@ -72,8 +80,8 @@ def survey(cloud: Cloud, progress: Progress = lambda _: None) -> Survey:
             "invented_share": closed.invented_share,
         },
         "segmentation": {
-            "rock_points": int((parts.label == ROCK).sum()),
-            "pedestal_points": int((parts.label == PEDESTAL).sum()),
+            "rock_points": int((label == ROCK).sum()),
+            "pedestal_points": int((label == PEDESTAL).sum()),
             "concave_share_of_cut": parts.concave_share,
             "resolution_m": parts.surfels.voxel_m,
             "other_candidates": [{"top_m": [*other[:3]], "height_m": other[3]} for other in parts.others],
@@ -81,7 +89,7 @@ def survey(cloud: Cloud, progress: Progress = lambda _: None) -> Survey:
         "files": [{"name": name, "points": points} for name, points in cloud.files],
     }
     scene = Scene(closed.rock, ground.pedestal, origin_m=cloud.origin_m, report=report)
-    return Survey(scene, parts.label, parts)
+    return Survey(scene, label, parts)
 
 
 def save_survey(result: Survey, folder: str | os.PathLike[str]) -> Path:

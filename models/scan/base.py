@@ -1,0 +1,119 @@
+"""The rock's underside: seen at the rim, hidden within, and able to touch only where the pedestal is hidden too."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+from scipy.spatial import cKDTree
+
+from models.scan.crevice import Grid, smooth_sheet, without_strays
+
+CELLS_PER_HEIGHT = 200
+RIM_PER_HEIGHT = 0.06
+"""Height over the interface up to which the seen underside shapes the hidden one."""
+HOLE_STIFFNESS = 0.02
+RESTING_PER_HEIGHT = 0.0008
+"""The rock rests where the closed underside is nearer to the plane than this: below what a scan resolves."""
+HOLE_SPACINGS = 1.3
+"""A gap between seen points is a hole from this many of their spacings (to the seventh neighbour)."""
+CORE_OF_HOLE = 0.8
+"""The rock rests where a foot's hole is at least this share of its greatest depth."""
+FLAT_SHARE = 0.5
+"""A hole that takes up more than this share of the hidden base is a flat base, not a foot."""
+SIDE_PER_HEIGHT = 0.006
+"""A side seen down to this height, with no pedestal seen behind it, stands on the pedestal."""
+LEAST_GAP_PER_HEIGHT = 0.001
+"""Gap left where the pedestal was seen below the rock: a ray went through."""
+
+
+@dataclass(frozen=True, eq=False)
+class Base:
+    """Height of the rock's underside over the interface plane.
+
+    Parameters
+    ----------
+    grid : Grid
+    height_m : (shape) array
+        Height over the plane, 0 where the rock rests on it.
+    hidden : (shape) bool array
+        Where the underside was not seen.
+    """
+
+    grid: Grid
+    height_m: NDArray[np.float64]
+    hidden: NDArray[np.bool_]
+
+
+def hidden_base(rock: NDArray[np.float64], pedestal: NDArray[np.float64], height_m: float) -> Base:
+    """Close the underside: as little bent as its seen rim allows, resting where the pedestal was not seen.
+
+    Parameters
+    ----------
+    rock, pedestal : (n, 3) arrays
+        Points of each as u, v, h over the interface plane.
+    height_m : float
+        Height of the rock.
+    """
+    cell = height_m / CELLS_PER_HEIGHT
+    low = without_strays(rock[rock[:, 2] < RIM_PER_HEIGHT * height_m])
+    grid = Grid.over(low[:, :2].min(axis=0) - 6 * cell, low[:, :2].max(axis=0) + 6 * cell, cell)
+    seen_height, seen = _lowest(grid, low)
+    closed = ndimage.binary_closing(np.pad(seen, 12), iterations=12)[12:-12, 12:-12] | seen
+    hidden = ndimage.binary_fill_holes(closed) & ~seen
+    hidden = _largest(ndimage.binary_opening(hidden, iterations=1))
+    lit = without_strays(pedestal[np.abs(pedestal[:, 2]) < 0.5 * RIM_PER_HEIGHT * height_m], alone=6.0)
+    # Points at the border may be the pedestal beside the rock.
+    within = ndimage.binary_erosion(hidden, iterations=3)
+    depth = _hole_depth(grid, lit[within.ravel()[grid.index(lit)]]) * hidden
+    rests = _deepest(depth, hidden)
+    weight = np.where(seen, 3.0, np.where(rests, HOLE_STIFFNESS * depth**2, 0.0))
+    sheet = smooth_sheet(grid, np.where(seen, seen_height, 0.0), weight, stiffness=1.0)
+    to_the_side = ndimage.binary_dilation(seen & (seen_height < SIDE_PER_HEIGHT * height_m), iterations=3)
+    sheet = np.where(to_the_side & rests, 0.0, sheet)
+    sheet = np.where(hidden & ~rests, np.maximum(sheet, LEAST_GAP_PER_HEIGHT * height_m), sheet)
+    into_seen = ndimage.distance_transform_edt(~hidden)
+    # Beside the hidden part the seen surface rules: the sheet gives way to it within a few cells.
+    sheet = sheet - 0.002 * height_m * np.maximum(into_seen - 1.0, 0.0)
+    return Base(grid, np.where(sheet < RESTING_PER_HEIGHT * height_m, 0.0, sheet), hidden)
+
+
+def _largest(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Keep the largest connected part."""
+    parts, count = ndimage.label(mask)
+    return parts == 1 + np.argmax(np.bincount(parts.ravel())[1:]) if count else mask
+
+
+def _deepest(depth: NDArray[np.float64], hidden: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Where the rock rests: the core of each hole, as skimming rays do not reach into its border; all of a wide one."""
+    holes, count = ndimage.label(depth > 0)
+    if count == 0:
+        return depth > 0
+    deepest = np.append(0.0, ndimage.maximum(depth, holes, np.arange(1, count + 1)))
+    deepest[deepest < 2.0] = np.inf  # cells: a gap between rows of points
+    share = np.append(1.0, np.bincount(holes.ravel(), minlength=count + 1)[1:] / hidden.sum())
+    core = np.where(share > FLAT_SHARE, 0.0, CORE_OF_HOLE * deepest)
+    return (depth > 0) & (depth >= core[holes])
+
+
+def _lowest(grid: Grid, points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Least height in each cell, and which cells hold points."""
+    index = grid.index(points)
+    order = np.lexsort((points[:, 2], index))
+    cells, first = np.unique(index[order], return_index=True)
+    height = np.zeros(grid.shape)
+    seen = np.zeros(grid.shape, bool)
+    height.ravel()[cells] = points[order, 2][first]
+    seen.ravel()[cells] = True
+    return height, seen
+
+
+def _hole_depth(grid: Grid, lit: NDArray[np.float64]) -> NDArray[np.float64]:
+    """How many cells deep each cell lies in a hole of the pedestal's seen points; 0 where it was seen."""
+    if len(lit) < 10:
+        return np.full(grid.shape, 10.0)
+    tree = cKDTree(lit[:, :2])
+    distance, nearest = tree.query(grid.nodes_m.reshape(-1, 2))
+    used, inverse = np.unique(nearest, return_inverse=True)
+    spacing = np.maximum(tree.query(lit[used, :2], 7)[0][:, -1], grid.cell_m)[inverse]
+    return np.minimum(np.maximum(distance - HOLE_SPACINGS * spacing, 0.0) / grid.cell_m, 10.0).reshape(grid.shape)

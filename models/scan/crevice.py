@@ -1,0 +1,204 @@
+"""The crevice at full resolution: which points below the rock are pedestal, and where neither side was seen.
+
+A scanner that looks under a rock sees the pedestal through the crevice long before it sees the rock's underside.
+The pedestal is therefore followed as one smooth sheet from outside to under the rock; what lies on the sheet is
+pedestal, what hangs above it is rock, and the rock can touch it only where the sheet was not seen.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+from scipy.sparse import coo_matrix, csc_matrix, diags
+from scipy.sparse.linalg import splu
+from scipy.spatial import ConvexHull, cKDTree
+
+from models.frames import plane_axes
+from models.scan.interface import Interface
+from models.scan.segment import PEDESTAL, ROCK
+
+CELLS_PER_HEIGHT = 120
+BAND_PER_HEIGHT = 0.08
+"""Height over the interface plane up to which points are judged anew."""
+NEAR_PER_HEIGHT = 0.012
+"""Distance from the rock over which a pedestal point's say in the interface plane fades."""
+
+
+@dataclass(frozen=True, eq=False)
+class Grid:
+    """Square cells over the interface plane.
+
+    Parameters
+    ----------
+    first_m : (2,) array
+        Centre of cell (0, 0), u and v.
+    cell_m : float
+    shape : pair of int
+    """
+
+    first_m: NDArray[np.float64]
+    cell_m: float
+    shape: tuple[int, int]
+
+    @classmethod
+    def over(cls, low_m: NDArray[np.float64], high_m: NDArray[np.float64], cell_m: float) -> "Grid":
+        """Grid that covers a rectangle."""
+        size = np.ceil((high_m - low_m) / cell_m).astype(int) + 1
+        return cls(np.asarray(low_m, float), cell_m, (int(size[0]), int(size[1])))
+
+    def index(self, flat_m: NDArray[np.float64]) -> NDArray[np.int64]:
+        """Number of the cell that each point (n, 2 or more) is nearest to, the border's for points outside."""
+        where = np.rint((flat_m[:, :2] - self.first_m) / self.cell_m).astype(np.int64)
+        where = np.clip(where, 0, np.array(self.shape) - 1)
+        return where[:, 0] * self.shape[1] + where[:, 1]
+
+    def at(self, values: NDArray[np.float64], flat_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Bilinear interpolation of values on the grid."""
+        where = (flat_m[:, :2] - self.first_m) / self.cell_m
+        return ndimage.map_coordinates(values, where.T, order=1, mode="nearest")
+
+    @property
+    def nodes_m(self) -> NDArray[np.float64]:
+        """Centres of the cells (*shape, 2)."""
+        return np.stack(np.meshgrid(*(np.arange(n) * self.cell_m for n in self.shape), indexing="ij"), -1) + self.first_m
+
+
+def smooth_sheet(
+    grid: Grid, target: NDArray[np.float64], weight: NDArray[np.float64], stiffness: float
+) -> NDArray[np.float64]:
+    """Heights that bend least (thin plate) while they follow weighted targets; both of the grid's shape.
+
+    A trace of membrane keeps far ends level instead of running away.
+    """
+    laplacian = _laplacian(grid.shape)
+    system = diags(weight.ravel()) + stiffness * (laplacian @ laplacian) + 1e-3 * stiffness * laplacian
+    return splu(csc_matrix(system)).solve(weight.ravel() * target.ravel()).reshape(grid.shape)
+
+
+def _laplacian(shape: tuple[int, int]) -> csc_matrix:
+    number = np.arange(shape[0] * shape[1]).reshape(shape)
+    pairs = np.vstack([
+        np.column_stack([number[:-1].ravel(), number[1:].ravel()]),
+        np.column_stack([number[:, :-1].ravel(), number[:, 1:].ravel()]),
+    ])
+    adjacent = coo_matrix((np.ones(len(pairs)), pairs.T), shape=(number.size, number.size))
+    adjacent = adjacent + adjacent.T
+    return csc_matrix(diags(np.asarray(adjacent.sum(axis=1)).ravel()) - adjacent)
+
+
+def judge_crevice(
+    points_m: NDArray[np.float64], label: NDArray[np.int8], interface: Interface, height_m: float
+) -> tuple[NDArray[np.int8], Interface]:
+    """Labels of the points near the interface judged anew, and the interface fitted anew to what they show."""
+    for _ in range(2):
+        label = _relabelled(points_m, label, interface, height_m)
+        interface = _refitted(points_m, label, interface, height_m)
+    return label, interface
+
+
+def _relabelled(
+    points_m: NDArray[np.float64], label: NDArray[np.int8], interface: Interface, height_m: float
+) -> NDArray[np.int8]:
+    flat = interface.flat(points_m)
+    rock = flat[label == ROCK]
+    low = rock[rock[:, 2] < BAND_PER_HEIGHT * height_m]
+    margin = 0.12 * height_m
+    grid = Grid.over(low[:, :2].min(axis=0) - margin, low[:, :2].max(axis=0) + margin, height_m / CELLS_PER_HEIGHT)
+    inside = np.abs(flat[:, 2]) < BAND_PER_HEIGHT * height_m
+    inside &= ((flat[:, :2] > grid.first_m) & (flat[:, :2] < grid.nodes_m[-1, -1])).all(axis=1)
+    near, near_label = flat[inside], label[inside]
+    sheet, tolerance = pedestal_sheet(grid, near, near_label == PEDESTAL, height_m)
+    gap = near[:, 2] - grid.at(sheet, near)
+    on_sheet = np.abs(gap) < tolerance
+    # Only what the cut called rock is judged: a steep pedestal beside the rock stays pedestal.
+    near_label = np.where((near_label == ROCK) & (gap < tolerance), PEDESTAL, near_label)
+    changed = label.copy()
+    changed[inside] = np.where(on_sheet, PEDESTAL, near_label)
+    return changed
+
+
+def pedestal_sheet(
+    grid: Grid, flat: NDArray[np.float64], pedestal: NDArray[np.bool_], height_m: float
+) -> tuple[NDArray[np.float64], float]:
+    """Heights of the pedestal's sheet, and how far a point of it may lie from it.
+
+    Starts from the points known to be pedestal, then takes in what lies on the sheet under the rock.
+    """
+    taken = pedestal.copy()
+    index = grid.index(flat)
+    tolerance = 0.006 * height_m
+    for _ in range(4):
+        count = np.bincount(index[taken], minlength=grid.shape[0] * grid.shape[1])
+        total = np.bincount(index[taken], flat[taken, 2], minlength=len(count))
+        weight = np.minimum(count, 3.0).reshape(grid.shape)
+        target = (total / np.maximum(count, 1)).reshape(grid.shape)
+        sheet = smooth_sheet(grid, target, weight, stiffness=1.0)
+        gap = flat[:, 2] - grid.at(sheet, flat)
+        noise = 1.4826 * float(np.median(np.abs(gap[taken])))
+        tolerance = max(min(tolerance, 6.0 * noise), 3.5 * noise, 0.0015 * height_m)
+        taken = np.abs(gap) < tolerance
+    return sheet, tolerance
+
+
+def _refitted(
+    points_m: NDArray[np.float64], label: NDArray[np.int8], interface: Interface, height_m: float
+) -> Interface:
+    """Plane through the pedestal's points, each with a say that fades with its distance from the rock."""
+    flat = interface.flat(points_m)
+    rim = rim_polygon(flat[label == ROCK], height_m)
+    pedestal = (label == PEDESTAL) & (np.abs(flat[:, 2]) < 0.5 * BAND_PER_HEIGHT * height_m)
+    away = _outside(rim, flat[pedestal][:, :2])
+    close = away < 4 * NEAR_PER_HEIGHT * height_m
+    points = points_m[pedestal][close]
+    fade = np.exp(-((away[close] / (NEAR_PER_HEIGHT * height_m)) ** 2))
+    # Equal say to equal areas: near stations see the same crevice more densely.
+    cell = np.unique(np.floor(flat[pedestal][close][:, :2] / (0.01 * height_m)), axis=0, return_inverse=True)[1].ravel()
+    fade /= np.bincount(cell)[cell]
+    weight = fade
+    for _ in range(20):
+        centre = np.average(points, axis=0, weights=weight)
+        offset = points - centre
+        normal = np.linalg.svd(offset * np.sqrt(weight)[:, None], full_matrices=False)[2][2]
+        normal *= np.sign(normal[2]) or 1.0
+        height = offset @ normal
+        spread = 4.7 * 1.4826 * max(_weighted_median(np.abs(height), fade), 1e-4 * height_m)
+        weight = fade * np.where(np.abs(height) < spread, (1 - (height / spread) ** 2) ** 2, 0.0)
+    roughness = float(np.sqrt(np.average(height**2, weights=weight)))
+    return Interface(centre, normal, np.column_stack([*plane_axes(normal), normal]), roughness)
+
+
+def rim_polygon(flat_rock: NDArray[np.float64], height_m: float) -> NDArray[np.float64]:
+    """Convex polygon (k, 2), u and v, through the lowest seen point of the rock in each of 48 directions."""
+    low = without_strays(flat_rock[np.abs(flat_rock[:, 2]) < BAND_PER_HEIGHT * height_m])
+    centre = 0.5 * (low[:, :2].min(axis=0) + low[:, :2].max(axis=0))
+    sector = (np.arctan2(*(low[:, :2] - centre).T[::-1]) // (2 * np.pi / 48)).astype(int)
+    order = np.lexsort((low[:, 2], sector))
+    _, first = np.unique(sector[order], return_index=True)
+    lowest = low[order][first, :2]
+    return lowest[ConvexHull(lowest).vertices]
+
+
+def _outside(polygon: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Distance of points (n, 2) from a convex, counter-clockwise polygon, 0 inside."""
+    nearest = np.full(len(points), np.inf)
+    inside = np.ones(len(points), bool)
+    for start, end in zip(polygon, np.roll(polygon, -1, axis=0), strict=True):
+        edge = end - start
+        offset = points - start
+        share = np.clip(offset @ edge / (edge @ edge), 0.0, 1.0)
+        nearest = np.minimum(nearest, np.linalg.norm(offset - share[:, None] * edge, axis=1))
+        inside &= edge[0] * offset[:, 1] - edge[1] * offset[:, 0] >= 0
+    return np.where(inside, 0.0, nearest)
+
+
+def without_strays(points: NDArray[np.float64], alone: float = 3.0) -> NDArray[np.float64]:
+    """Points with their neighbours near: mixed pixels hang alone between rock and pedestal."""
+    distance = cKDTree(points).query(points, 7)[0][:, 1:].mean(axis=1)
+    return points[distance < alone * np.median(distance)]
+
+
+def _weighted_median(values: NDArray[np.float64], weight: NDArray[np.float64]) -> float:
+    order = np.argsort(values)
+    total = np.cumsum(weight[order])
+    return float(values[order][np.searchsorted(total, 0.5 * total[-1])])

@@ -1,4 +1,4 @@
-"""An ensemble of records: folder with `catalog.parquet` (a row a record) and `motions.parquet` (a row group a record)."""
+"""Ensemble of records: a folder with `catalog.parquet` and `motions.parquet`, one row (group) a record."""
 
 import hashlib
 import os

@@ -1,4 +1,4 @@
-"""Idealised motions: pulses whose integrals are known in closed form. Azimuths are counter-clockwise from x."""
+"""Idealised motions: pulses whose integrals are known in closed form, along any azimuth."""
 
 import numpy as np
 from numpy.typing import NDArray

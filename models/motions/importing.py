@@ -295,7 +295,7 @@ def _name(group: Sequence[Component]) -> str:
 
 
 def _without_twins(found: list[Candidate], outcome: Import) -> list[Record]:
-    """Records of which no two are one."""
+    """Keep records of which no two are one."""
     left_out = set()
     for kept, twin in twins(found):
         left_out.add(id(twin))

@@ -51,7 +51,7 @@ class Motion:
     @property
     def time_s(self) -> NDArray[np.float64]:
         """Times of the samples, (n,)."""
-        return np.arange(len(self.acceleration_m_s2)) * self.time_step_s
+        return np.arange(len(self.acceleration_m_s2), dtype=np.float64) * self.time_step_s
 
     def velocity_at(self, time_s: ArrayLike) -> NDArray[np.float64]:
         """Ground velocity at any times, m/s: the exact integral of the piecewise linear acceleration.

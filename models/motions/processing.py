@@ -39,7 +39,7 @@ def high_pass(motion: Motion, corner_hz: float, order: int = HIGH_PASS_ORDER) ->
 
 
 def _filtered(motion: Motion, corner_hz: float, order: int) -> tuple[NDArray[np.float64], int]:
-    """Filtered samples with the zeros still before and after them, and how many those are on each side."""
+    """Filter with zeros before and after; return the samples with them, and how many there are on a side."""
     sections = butter(order // 2, corner_hz, btype="highpass", fs=1 / motion.time_step_s, output="sos")
     pad = int(np.ceil(0.75 * order / corner_hz / motion.time_step_s))
     padded = np.pad(motion.acceleration_m_s2, ((pad, pad), (0, 0)))

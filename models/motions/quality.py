@@ -67,7 +67,7 @@ def _spike(component: Component, a: np.ndarray) -> None:
         _doubt(
             component,
             worst + 1,
-            f"the sample {a[worst + 1]:.4g} m/s2 stands {bend[worst] / max(others.max(), 1e-12):.0f} times farther"
+            f"the sample {a[worst + 1]:.4g} m/s2 stands {bend[worst] / others.max():.0f} times farther"
             " from its neighbours than any other: a spike",
             "a record without spikes",
             "replace the sample, or accept it with --doubtful",

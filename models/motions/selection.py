@@ -68,7 +68,7 @@ def select(ensemble: Ensemble, choice: Choice) -> list[str]:
         by_event = defaultdict(list)
         for row in fit:
             by_event[row["event"]].append(row)
-        kept = set()
+        kept: set[str] = set()
         for group in by_event.values():
             group.sort(
                 key=lambda r: (math.inf if r["distance_km"] is None else r["distance_km"], r["record_id"])

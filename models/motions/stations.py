@@ -47,7 +47,7 @@ def grouped(components: Iterable[Component]) -> list[list[Component]]:
 
 
 def triple(group: Sequence[Component]) -> Triple:
-    """The horizontals and the vertical of one station.
+    """Find the horizontals and the vertical of one station.
 
     Raises
     ------
@@ -154,7 +154,7 @@ def _by_start(group: list[Component]) -> list[list[Component]]:
 
 
 def _aligned(channels: Triple) -> tuple[float, np.ndarray, list[str]]:
-    """Common time step, channels (k, n) cut to their common span, and what was done."""
+    """Cut channels to their common span: time step, channels (k, n), and what was done."""
     parts = channels.channels
     step = parts[0].time_step_s
     for component in parts[1:]:

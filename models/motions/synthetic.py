@@ -127,7 +127,7 @@ def synthetic_motion(scenario: Scenario, rng: np.random.Generator) -> tuple[Moti
     window = saragoni_hart_window(duration)
     lead = round(2.0 / TIME_STEP_S)
     samples = lead + len(window) + round(5.0 / TIME_STEP_S)
-    frequency = np.fft.rfftfreq(samples, TIME_STEP_S)
+    frequency = np.fft.rfftfreq(samples, TIME_STEP_S).astype(float)
     horizontal = scenario.amplitude * acceleration_spectrum_m_s(frequency, scenario)
     vertical = horizontal / horizontal_to_vertical(frequency)
     noise = np.zeros((3, samples))
@@ -157,7 +157,7 @@ def effective_distance_km(magnitude: float, distance_km: float) -> float:
 
 
 def median_duration_s(magnitude: float, distance_km: float) -> float:
-    """Duration of strong motion: source, half the lower corner's period, and path (Boore and Thompson 2014)."""
+    """Duration of source, half the lower corner's period, and path (Boore and Thompson 2014)."""
     path = np.interp(effective_distance_km(magnitude, distance_km), *PATH_DURATION)
     return float(0.5 / corner_frequencies_hz(magnitude)[0] + path)
 
@@ -188,7 +188,7 @@ def acceleration_spectrum_m_s(frequency_hz: NDArray[np.float64], scenario: Scena
 
 
 def horizontal_to_vertical(frequency_hz: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Horizontal over vertical Fourier amplitude on rock (Siddiqqi and Atkinson 2002), held beyond 0.5-10 Hz."""
+    """Horizontal over vertical Fourier amplitude on rock (Siddiqqi and Atkinson 2002), held past 0.5-10."""
     return 10 ** (0.0519 + 0.117 * np.log10(np.clip(frequency_hz, 0.5, 10.0)))
 
 
@@ -229,9 +229,9 @@ def _add_pulse(
     cycles, phase = rng.uniform(1.2, 2.5), rng.uniform(0, 2 * np.pi)
     noise = np.fft.irfft(spectra[0], samples)
     speed = np.abs(np.cumsum(noise - noise.mean()))
-    time = (np.arange(samples) - int(speed.argmax())) * TIME_STEP_S
+    time: NDArray[np.float64] = (np.arange(samples, dtype=np.float64) - speed.argmax()) * TIME_STEP_S
     reach = cycles * period / 2  # kept inside of the record
-    time += min(0.0, time[-1] - reach) - min(0.0, -time[0] - reach)
+    time += max(0.0, reach - time[-1]) - max(0.0, reach + time[0])
     pulse = np.gradient(velocity_pulse_m_s(time, velocity, period, cycles, phase), TIME_STEP_S)
     pulse_spectrum = np.fft.rfft(pulse)
     rest = np.abs(np.abs(spectra[0]) - np.abs(pulse_spectrum))

@@ -325,7 +325,7 @@ def synthesise(out: Path, count: int, seed: int, pulse_share: float, replace: bo
 
 @contextmanager
 def _progress(what: str) -> "Iterator[tuple[Progress, TaskID]]":
-    """A bar with the time left, on stderr."""
+    """Show a bar with the time left, on stderr."""
     from rich.console import Console
     from rich.progress import Progress
 

@@ -161,7 +161,7 @@ def positive(value: float, name: str, path: Path, line: int) -> float:
 def bearing(label: str) -> float | str | None:
     """Direction that a component's label names: compass bearing in degrees, "up", "down", or None.
 
-    Understands bearings ("090", "N37E", "S53W", "270 Deg"), letters ("E", "NS", "UD") and words ("UP", "DOWN").
+    Understands bearings ("090", "N37E", "S53W", "270 Deg"), letters ("E", "NS", "UD"), words ("UP", "DOWN").
     """
     text = label.upper().replace("DEGREES", "").replace("DEG", "").replace(".", "").strip(" ,;:()-_")
     if text in {"UP", "UD", "U", "V", "Z", "VERT", "VERTICAL", "VER", "VRT"}:

@@ -144,19 +144,16 @@ def _factor(code: int, unit: str, reals: NDArray[np.float64], path: Path, line: 
     if code in UNIT_CODES_M_S2:
         return UNIT_CODES_M_S2[code], ""
     bit, sensitivity = _real(reals, 22), _real(reals, 42)
-    if code == COUNTS and bit > 0 and sensitivity > 0:
-        factor = bit * 1e-6 / sensitivity * 9.80665
-        return (
-            factor,
-            f"{factor:.6g} m/s2 per count from {bit:g} microvolt and {sensitivity:g} V/g in the header",
+    if code != COUNTS or not (bit > 0 and sensitivity > 0):
+        refuse(
+            f"unit {unit!r} with code {code}",
+            path,
+            line,
+            expected="g (02), cm/sec2 (04), or counts (50) with least bit and sensitivity in the header",
+            remedy="fetch the file in g or cm/sec2",
         )
-    refuse(
-        f"unit {unit!r} with code {code}",
-        path,
-        line,
-        expected="g (02), cm/sec2 (04), or counts (50) with least bit and sensitivity in the header",
-        remedy="fetch the file in g or cm/sec2",
-    )
+    factor = bit * 1e-6 / sensitivity * 9.80665
+    return factor, f"{factor:.6g} m/s2 per count: {bit:g} microvolt, {sensitivity:g} V/g in the header"
 
 
 def _label(title: list[str]) -> str:

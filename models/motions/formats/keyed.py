@@ -5,7 +5,6 @@ from pathlib import Path
 
 from models.motions.formats.component import (
     UNITS_M_S2,
-    UP,
     Component,
     bearing,
     exactly,
@@ -69,8 +68,8 @@ class esm:  # noqa: N801  (a reader, as the modules are)
                     filter(None, (header.get("NETWORK"), header.get("STATION_CODE"), header.get("LOCATION")))
                 ),
                 label=stream,
-                magnitude=float(moment) if _is_number(moment) else None,
-                distance_km=float(distance) if _is_number(distance) else None,
+                magnitude=_optional(moment),
+                distance_km=_optional(distance),
                 series=stream[:-1],
             )
         ]
@@ -191,7 +190,7 @@ class cwb:  # noqa: N801
             Component(
                 acceleration_m_s2=table[:, column] * 0.01,
                 time_step_s=1 / rate,
-                direction={"U": UP, "N": 0.0, "E": 90.0}[letter],
+                direction=bearing(letter),
                 path=path,
                 line=first + 1,
                 file_format=cwb.NAME,
@@ -199,7 +198,7 @@ class cwb:  # noqa: N801
                 event=header.get("OriginTime(GMT+08)", ""),
                 station=header.get("StationCode", ""),
                 label=letter,
-                magnitude=float(magnitude) if _is_number(magnitude) else None,
+                magnitude=_optional(magnitude),
             )
             for column, letter in enumerate(order)
             if letter != "Time"
@@ -216,6 +215,11 @@ def _number(header: dict[str, str], key: str, path: Path) -> float:
     if not _is_number(text):
         refuse(f"{key} is {text!r}", path, 1, expected="a number", remedy="fetch the file again")
     return float(text)
+
+
+def _optional(text: str | None) -> float | None:
+    """Read a number that may be missing."""
+    return float(text) if text and _is_number(text) else None
 
 
 def _is_number(text: str | None) -> bool:

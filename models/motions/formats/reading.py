@@ -1,15 +1,27 @@
 """Which reader a file needs, by its first bytes."""
 
 from pathlib import Path
-from types import ModuleType
-from typing import Any
+from typing import Any, Protocol
 
 from models.motions.formats import columns, cosmos, geonet, peer, seismic, smc, volumes
 from models.motions.formats.component import Component, refuse
 from models.motions.formats.keyed import cwb, esm, unam
 
-TEXT_FORMATS: tuple[ModuleType | type, ...] = (peer, geonet, cosmos, smc, volumes, esm, unam, cwb, columns)
-"""In the order in which they are tried; each has NAME, recognises(head) and read(path, text)."""
+
+class Reader(Protocol):
+    """What a module or class of a text format gives."""
+
+    NAME: str
+
+    def recognises(self, head: str, /) -> bool:
+        """Whether a file that begins so is of this format."""
+
+    def read(self, path: Path, text: str, /) -> list[Component]:
+        """Read all channels of acceleration."""
+
+
+TEXT_FORMATS: tuple[Reader, ...] = (peer, geonet, cosmos, smc, volumes, esm, unam, cwb, columns)
+"""In the order in which they are tried."""
 HEAD_BYTES = 4000
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from models.errors import InputError
-from models.motions.formats.component import DOWN, UP, Component, positive, refuse
+from models.motions.formats.component import DOWN, UP, Component, bearing, positive, refuse
 
 NAME = "ObsPy"
 FLATNESS_BAND_HZ = (0.1, 20.0)
@@ -206,13 +206,6 @@ def _direction(stats: Any, inventory: Any | None) -> float | str | None:
         if abs(float(sac["cmpinc"]) - 90) > 45:
             return UP if float(sac["cmpinc"]) < 45 else DOWN
         return float(sac["cmpaz"]) % 360
-    channel = stats.channel.rstrip("12") if stats.get("_format") == "KNET" else stats.channel
-    return (
-        {"NS": 0.0, "EW": 90.0, "UD": UP}.get(channel)
-        if stats.get("_format") == "KNET"
-        else {
-            "N": 0.0,
-            "E": 90.0,
-            "Z": UP,
-        }.get(channel[-1:])
-    )
+    if stats.get("_format") == "KNET":
+        return bearing(stats.channel.rstrip("12"))
+    return bearing(stats.channel[-1:]) if stats.channel[-1:] in {"N", "E", "Z"} else None

@@ -92,7 +92,7 @@ def _channel(lines: list[str], path: Path, line: int) -> Component:
 def _equally_spaced(
     lines: list[str], heading: int, path: Path, line: int
 ) -> tuple[NDArray[np.float64], float]:
-    """Samples under a heading that says how many, how far apart, in what unit and in what columns."""
+    """Read samples under a heading that says how many, how far apart, in what unit and in what columns."""
     text = lines[heading]
     match = _EQUAL.match(text)
     spaced, rate, unit = _SPACED.search(text), _RATE.search(text), _UNIT.search(text.replace("(", " "))
@@ -117,7 +117,7 @@ def _equally_spaced(
 def _headed_by_count(
     lines: list[str], path: Path, line: int
 ) -> tuple[NDArray[np.float64], float, tuple[str, ...]]:
-    """Samples after the 27 header lines, as pairs of time and acceleration or ten to a line (BHRC)."""
+    """Read samples after the 27 header lines, as pairs of time and acceleration or ten to a line (BHRC)."""
     at = next((i for i, text in enumerate(lines[:HEADER_LINES]) if _COUNT.search(text)), None)
     unit = next((text for text in lines[:HEADER_LINES] if re.search(r"\bUNITS\b", text, re.IGNORECASE)), "")
     if at is None or "G/10" not in unit.upper().replace(" ", ""):
@@ -190,17 +190,16 @@ def _evenly(
 
 
 def _label(lines: list[str], path: Path, line: int) -> str:
-    for text in lines[:12]:
-        match = _CHANNEL.match(text)
-        if match:
-            return re.sub(r"\(STA CHN.*|\s{3,}\d+\s*$", "", match[1], flags=re.IGNORECASE).strip()
-    refuse(
-        "no line 'CHAN' or 'COMP' names the component",
-        path,
-        line,
-        expected="a component such as 'CHAN 1: 90 DEG'",
-        remedy="fetch the file again",
-    )
+    match = next((_CHANNEL.match(text) for text in lines[:12] if _CHANNEL.match(text)), None)
+    if match is None:
+        refuse(
+            "no line 'CHAN' or 'COMP' names the component",
+            path,
+            line,
+            expected="a component such as 'CHAN 1: 90 DEG'",
+            remedy="fetch the file again",
+        )
+    return re.sub(r"\(STA CHN.*|\s{3,}\d+\s*$", "", match[1], flags=re.IGNORECASE).strip()
 
 
 def _direction(label: str, lines: list[str]) -> float | str | None:

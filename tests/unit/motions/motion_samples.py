@@ -1,4 +1,4 @@
-"""Small files of every format, written from one motion, so that a reader is tested without an agency's file."""
+"""Small files of every format, written from one motion, to test readers without an agency's file."""
 
 from pathlib import Path
 
@@ -112,10 +112,12 @@ def bhrc(folder: Path, a: np.ndarray) -> list[Path]:
     text = ""
     for label, series in (("L1", a[:, 0]), ("V2", a[:, 2]), ("T3", a[:, 1])):
         text += (
-            f"* VOL1DS FILE:  5520/01\nInst Type = SSA-2\nOrigin Time : 2012/08/11   12:23:16\n\n{label[0]}\n\nCOMP {label}\n"
+            "* VOL1DS FILE:  5520/01\nInst Type = SSA-2\nOrigin Time : 2012/08/11   12:23:16\n\n"
+            f"{label[0]}\n\nCOMP {label}\n"
             "Ahar                      Station   38.474 N 47.059 E   Altitude 1360m   Azimuth L 352   T 82\n"
             "Epicenter 38.520 N 46.860 E   (BHRC   )\nINSTR PERIOD =  .019 SEC   DAMPING =  .640\n"
-            f"NO. OF POINTS =  {len(series):5d}      DURATION =  {len(series) * STEP_S:.3f}\nUNITS ARE SECONDS AND G/10\n\n"
+            f"NO. OF POINTS =  {len(series):5d}      DURATION =  {len(series) * STEP_S:.3f}\n"
+            "UNITS ARE SECONDS AND G/10\n\n"
             + rows(np.zeros(98), "5.0f", 14)
             + rows(np.zeros(35), "13.6E", 5)
             + rows(series / G * 10, "13.6E", 10)
@@ -211,8 +213,10 @@ def smc(folder: Path, a: np.ndarray) -> list[Path]:
         )
         path = folder / f"np01_{label}.smc"
         path.write_text(
-            "2 CORRECTED ACCELEROGRAM\n*\nA020A\n     1989  10  18    0004 Testquake, CA\nMoment Mag=      7.1\n"
-            f"station = Test City  component=    {label}\nepicentral dist =     40.0\ninst type=SMA-1\n*\n*\n*\n"
+            "2 CORRECTED ACCELEROGRAM\n*\nA020A\n     1989  10  18    0004 Testquake, CA\n"
+            "Moment Mag=      7.1\n"
+            f"station = Test City  component=    {label}\n"
+            "epicentral dist =     40.0\ninst type=SMA-1\n*\n*\n*\n"
             + rows(integers, "10d", 8)
             + rows(reals, "15.7E", 5)
             + f"|\n|comment\n{samples}"
@@ -318,8 +322,10 @@ def cwb(folder: Path, a: np.ndarray) -> list[Path]:
     table = np.column_stack([time, a[:, 2] * 100, a[:, 1] * 100, a[:, 0] * 100])
     path = folder / "1-TST.dat"
     path.write_text(
-        "#Earthquake Information\n#Origin Time(GMT+08): 2018/02/06-23:50:42\n#Magnitude(Ml): 6.0\n#StationCode: TST\n"
-        f"#RecordLength(sec): {len(a) * STEP_S:.3f}\n#SampleRate(Hz): 100\n#AmplitudeUnit:  gal. DCoffset(corr)\n"
+        "#Earthquake Information\n#Origin Time(GMT+08): 2018/02/06-23:50:42\n#Magnitude(Ml): 6.0\n"
+        "#StationCode: TST\n"
+        f"#RecordLength(sec): {len(a) * STEP_S:.3f}\n#SampleRate(Hz): 100\n"
+        "#AmplitudeUnit:  gal. DCoffset(corr)\n"
         "#DataSequence: Time U(+); N(+); E(+)\n#Data: 4F10.3\n" + rows(table.ravel(), "10.3f", 4)
     )
     return [path]

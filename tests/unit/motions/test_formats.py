@@ -77,8 +77,13 @@ def test_counts_without_a_response_are_refused(tmp_path):
 
 @pytest.mark.parametrize(
     ("label", "direction"),
-    [("090", 90.0), ("360 DEG", 0.0), ("N28W", 332.0), ("S62W", 242.0), ("N90E", 90.0), ("S10E", 170.0)]
-    + [
+    [
+        ("090", 90.0),
+        ("360 DEG", 0.0),
+        ("N28W", 332.0),
+        ("S62W", 242.0),
+        ("N90E", 90.0),
+        ("S10E", 170.0),
         ("UP", "up"),
         ("UD", "up"),
         ("DWN", "down"),

@@ -46,7 +46,7 @@ def test_durations_of_a_steady_sine_are_nine_tenths_of_it():
 
 
 def test_energy_duration_of_a_single_pulse_of_velocity():
-    # v = V (1 - cos(2 pi t / T)); share of its squared integral: x - 2 sin(2 pi x) / 3 pi + sin(4 pi x) / 12 pi
+    # v = V (1 - cos(2 pi t / T)); share of its square: x - 2 sin(2 pi x) / 3 pi + sin(4 pi x) / 12 pi
     period = 2.0
     x = np.linspace(0, 1, 20001)
     share = x - 2 * np.sin(2 * np.pi * x) / (3 * np.pi) + np.sin(4 * np.pi * x) / (12 * np.pi)

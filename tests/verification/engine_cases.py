@@ -1,0 +1,276 @@
+"""Cases with exact answers, run through the engine: each returns the engine's relative error."""
+
+from itertools import pairwise
+
+import numpy as np
+
+from models import Motion, Scene
+from models.frames import horizontal_unit_vector
+from models.shapes import box, cylinder
+from workers import shake
+from workers.reference import closed_forms as exact
+from workers.reference.rocking import Ground, PlaneBody, overturns
+from workers.reference.sliding_rocking import PlaneContact, slide_and_rock
+
+G = 9.81
+GRIP = 10.0  # friction that holds the corner in every rocking case
+STILL = Motion(np.zeros((2, 3)), 1e-3)
+
+
+def block(alpha_deg, half_diagonal, friction=GRIP, restitution=0.0):
+    b, h = half_diagonal * np.sin(np.deg2rad(alpha_deg)), half_diagonal * np.cos(np.deg2rad(alpha_deg))
+    return Scene.block(b, b, h, friction=friction, restitution=restitution), b, h
+
+
+def leaning(b, h, angle, rate=0.0):
+    """A block that stands on its right corner at x = b, leaning toward +x."""
+    c, s = np.cos(angle), np.sin(angle)
+    arm = np.array([-b * c + h * s, 0.0, b * s + h * c])
+    return {
+        "position_m": np.array([b, 0, 0]) + arm,
+        "quaternion_xyzw": (0.0, np.sin(angle / 2), 0.0, np.cos(angle / 2)),
+        "velocity_m_s": rate * np.array([arm[2], 0.0, -arm[0]]),
+        "angular_velocity_rad_s": (0.0, rate, 0.0),
+    }
+
+
+def lean(trajectory):
+    """Angle (n,) toward +x of a motion in the plane y = 0."""
+    q = trajectory.quaternion_xyzw
+    angle = 2 * np.arctan2(q[:, 1], q[:, 3])
+    return (angle + np.pi) % (2 * np.pi) - np.pi
+
+
+def free_rocking(alpha_deg, half_diagonal, share, preset, **settings):
+    """Relative errors of the time to the first impact, its ratio c_v and the energy it loses, 1 - c_v^2.
+
+    The ratio is read off the peaks before and after the impact: between impacts the energy is kept.
+    """
+    scene, b, h = block(alpha_deg, half_diagonal)
+    alpha, p = np.arctan2(b, h), exact.rocking_frequency(b, h)
+    result = shake(
+        scene,
+        STILL,
+        preset,
+        trajectory=True,
+        shortcuts=False,
+        initial=leaning(b, h, share * alpha),
+        **settings,
+    )
+    time, angle = result.trajectory.time_s, lean(result.trajectory)
+    time_error = first_landing(time, angle) / exact.free_rocking_time_s(alpha, p, share) - 1
+    peaks = swing_peaks(angle)
+    if not peaks:
+        return time_error, np.nan, np.nan
+    ratio, top = exact.impact_ratio(b, h), np.cos(alpha)
+    kept = np.sqrt((np.cos(alpha - peaks[0]) - top) / (np.cos(alpha * (1 - share)) - top))
+    return time_error, kept / ratio - 1, (1 - kept**2) / (1 - ratio**2) - 1
+
+
+def first_landing(time, angle):
+    """Zero of the angle, from the samples before it; never where it does not land."""
+    landed = np.flatnonzero(angle <= 0)
+    if len(landed) == 0:
+        return np.inf
+    before = slice(landed[0] - 4, landed[0])
+    return extrapolated_zero(time[before], angle[before])
+
+
+def extrapolated_zero(time, angle):
+    """Time at which the cubic through four samples of time over angle meets zero."""
+    centre = angle.mean()
+    fit = np.polyfit((angle - centre) / np.ptp(angle), time, 3)
+    return float(np.polyval(fit, -centre / np.ptp(angle)))
+
+
+def swing_peaks(angle):
+    """Peaks between landings, by a parabola through the highest samples."""
+    size, sign = np.abs(angle), np.sign(angle)
+    turns = np.flatnonzero(sign[1:] * sign[:-1] < 0) + 1
+    peaks = []
+    for start, end in pairwise(turns):
+        top = start + int(np.argmax(size[start:end]))
+        below, at, above = size[top - 1 : top + 2]
+        bend = below - 2 * at + above
+        peaks.append(float(at - (above - below) ** 2 / (8 * bend)) if bend < 0 else float(at))
+    return peaks
+
+
+def least(overturning, low, high, steps):
+    for _ in range(steps):
+        middle = 0.5 * (low + high)
+        low, high = (low, middle) if overturning(middle) else (middle, high)
+    return 0.5 * (low + high)
+
+
+def threshold_error(scene, motion_of, reference, preset, toward=None, span=0.02, resolution=1e-4, **settings):
+    """Error of the least amplitude that overturns, by bisection about the exact one; +-span where outside."""
+
+    def topples(share):
+        result = shake(scene, motion_of(share * reference), preset, shortcuts=False, **settings)
+        assert result.status == "ok", result
+        if toward is None or not result.toppled:
+            return result.toppled
+        return np.cos(np.deg2rad(result.topple_azimuth_deg - toward)) > 0
+
+    if topples(1 - span):
+        return -span
+    if not topples(1 + span):
+        return span
+    return least(topples, 1 - span, 1 + span, int(np.ceil(np.log2(2 * span / resolution)))) - 1
+
+
+def along(azimuth_deg, values, time_step):
+    return Motion(np.asarray(values)[:, None] * horizontal_unit_vector(azimuth_deg), time_step)
+
+
+def full_sine_error(
+    alpha_deg, half_diagonal, frequency_share, preset, branch="no impact", azimuth=0.0, **settings
+):
+    """Threshold of a full sine of angular frequency `frequency_share` p, with no or after one impact."""
+    scene, b, h = block(alpha_deg, half_diagonal)
+    period = 2 * np.pi / (frequency_share * exact.rocking_frequency(b, h))
+    body, unit = PlaneBody.rectangle(b, h), G * b / h
+
+    def fate(ratio):
+        return overturns(body, Ground.sine(-ratio * unit, period))
+
+    if branch == "no impact":
+        high = 2.0
+        while fate(high) != 1:
+            high *= 1.3
+        reference = least(lambda a: fate(a) == 1, high / 1.3 if high > 2 else 1.0, high, 40)
+    else:
+        low = 1.0
+        while fate(low) != -1:
+            low *= 1.02
+            if fate(low) == 1:
+                msg = "no branch after an impact"
+                raise ValueError(msg)
+        reference = least(fate, low / 1.02, low, 40)
+
+    def motion_of(ratio):
+        time = np.linspace(0, period, 801)
+        return along(azimuth, -ratio * unit * np.sin(2 * np.pi * time / period), period / 800)
+
+    toward = azimuth if branch == "no impact" else azimuth + 180
+    return threshold_error(scene, motion_of, reference, preset, toward, **settings)
+
+
+def pulse_error(alpha_deg, half_diagonal, duration_share, preset, **settings):
+    """Threshold of a constant acceleration for `duration_share` / p with ramps of a hundredth of that."""
+    scene, b, h = block(alpha_deg, half_diagonal)
+    step = 0.01 * duration_share / exact.rocking_frequency(b, h)
+    shape = np.concatenate([[0.0], np.ones(100), [0.0]])
+    body, unit = PlaneBody.rectangle(b, h), G * b / h
+    high = 2.0
+    while not overturns(body, Ground.samples(step, -high * unit * shape)):
+        high *= 2
+    reference = least(lambda a: overturns(body, Ground.samples(step, -a * unit * shape)), high / 2, high, 16)
+    return threshold_error(
+        scene, lambda a: along(0.0, -a * unit * shape, step), reference, preset, **settings
+    )
+
+
+def quasi_static_error(half_sizes, azimuth, preset, reference, scene=None, **settings):
+    """Threshold of a ramp so slow that only statics counts."""
+    scene = scene or Scene.block(*half_sizes, friction=GRIP)
+    time_scale = np.sqrt(scene.rock.half_diagonal_m / G)
+    shape = np.concatenate([np.linspace(0, 1, 41), np.ones(60)])
+    return threshold_error(
+        scene, lambda a: along(azimuth, a * shape, 0.5 * time_scale), reference, preset, span=0.01, **settings
+    )
+
+
+def slip_error(mu, slope_deg, downhill_deg, acceleration_g, duration, preset, azimuth=None, **settings):
+    """Slip of a flat block under a rectangular pulse whose edges take one sample."""
+    rock = box(1.0, 1.0, 0.2)
+    scene = Scene.from_mesh(
+        (rock.vertices_m, rock.faces), friction=mu, slope_deg=slope_deg, slope_azimuth_deg=downhill_deg
+    )
+    step = duration / 200
+    shape = np.concatenate([np.ones(200), [0.0, 0.0]]) * acceleration_g * G
+    azimuth = downhill_deg + 180 if azimuth is None else azimuth
+    result = shake(scene, along(azimuth, shape, step), preset=preset, shortcuts=False, **settings)
+    return result.slip_m / slip_of_samples(mu, np.deg2rad(slope_deg), shape, step) - 1
+
+
+def slip_of_samples(mu, slope, push, step, fine=200):
+    """Newmark's sliding block under an uphill acceleration linear between samples, by fine quadrature."""
+    time = np.arange(len(push) * fine) * step / fine
+    a = np.interp(time, np.arange(len(push)) * step, push, right=0.0)
+    relative = (a * np.cos(slope) + G * np.sin(slope)) - mu * (G * np.cos(slope) - a * np.sin(slope))
+    dt = step / fine
+    speed = np.concatenate([[0.0], np.cumsum(0.5 * dt * (relative[1:] + relative[:-1]))])
+    way = np.sum(0.5 * dt * (speed[1:] + speed[:-1]))
+    assert speed[-1] > 0
+    return way + 0.5 * speed[-1] ** 2 / (G * (mu * np.cos(slope) - np.sin(slope)))
+
+
+def wobble_error(radius, half_height, tilt_deg, preset, sides=512, turns=1.0, **settings):
+    """Error of the rate of steady precession of a cylinder that rolls on its rim."""
+    tilt = np.deg2rad(tilt_deg)
+    rate = exact.wobble_rate_rad_s(radius, half_height, tilt)
+    rock = cylinder(radius, half_height, sides)
+    scene = Scene.from_mesh((rock.vertices_m, rock.faces), friction=GRIP)
+    s, c = np.sin(tilt), np.cos(tilt)
+    toward_contact = radius * c - half_height * s
+    spin = -rate * toward_contact / radius
+    result = shake(
+        scene,
+        Motion(np.zeros((2, 3)), turns * 2 * np.pi / rate),
+        preset=preset,
+        trajectory=True,
+        shortcuts=False,
+        initial={
+            "position_m": (0.0, 0.0, half_height * c + radius * s),
+            "quaternion_xyzw": (0.0, np.sin(tilt / 2), 0.0, np.cos(tilt / 2)),
+            "angular_velocity_rad_s": (spin * s, 0.0, rate + spin * c),
+        },
+        **settings,
+    )
+    x, y, z, w = result.trajectory.quaternion_xyzw.T
+    azimuth = np.unwrap(np.arctan2(2 * (y * z - w * x), 2 * (x * z + w * y)))
+    time = result.trajectory.time_s
+    within = time <= turns * 2 * np.pi / rate
+    return float((azimuth[within][-1] - azimuth[0]) / (time[within][-1] - time[0]) / rate - 1)
+
+
+def corner_x(lean_rad, com_x, b=0.2, h=0.6):
+    """Place (n,) of the right lower corner."""
+    return com_x + b * np.cos(lean_rad) - h * np.sin(lean_rad)
+
+
+def coupled(friction, preset, times, acceleration=None, duration=0.0, velocity=(0.0, 0.0), **settings):
+    """Differences (3, k) of engine and reference: corner's place over R, lean over alpha, rate over p.
+
+    A block of k = 3 that may slide and rock under a ground acceleration in steps of 2 ms, linear between.
+    """
+    body, size = PlaneBody.rectangle(0.2, 0.6), np.hypot(0.2, 0.6)
+    scene = Scene.block(0.2, 0.2, 0.6, friction=friction)
+    sampled = np.arange(0.0, max(duration, 0.004) + 1e-3, 0.002)
+    values = np.zeros(len(sampled)) if acceleration is None else np.array([acceleration(t) for t in sampled])
+    start = None if acceleration is not None else {"velocity_m_s": (velocity[0], 0.0, velocity[1])}
+    result = shake(
+        scene, along(0.0, values, 0.002), preset, trajectory=True, shortcuts=False, initial=start, **settings
+    )
+    static, kinetic = scene.contact.friction_static, scene.contact.friction_kinetic
+    stepped = slide_and_rock(
+        body,
+        PlaneContact(static, kinetic),
+        lambda t: (-float(np.interp(t, sampled, values, right=0.0)), -G),
+        max(times) + 1e-3,
+        2e-5,
+        velocity=(*velocity, 0.0),
+    )
+    rows = []
+    for time, x, angle in (
+        (result.trajectory.time_s, result.trajectory.position_m[:, 0], lean(result.trajectory)),
+        (stepped.time_s, stepped.place[:, 0], stepped.place[:, 2]),
+    ):
+        around = 2e-3  # rates as differences over the same 4 ms
+        at, before, after = (np.interp(np.asarray(times) + d, time, angle) for d in (0.0, -around, around))
+        corner = np.interp(times, time, corner_x(angle, x))
+        alpha, p = np.arctan2(0.2, 0.6), exact.rocking_frequency(0.2, 0.6)
+        rows.append([corner / size, at / alpha, (after - before) / (2 * around * p)])
+    return np.array(rows[0]) - np.array(rows[1])

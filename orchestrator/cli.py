@@ -18,6 +18,7 @@ VERBS = {
     "query": "orchestrator.verbs.query:query",
     "fragility": "orchestrator.verbs.fragility:fragility",
     "constrain": "orchestrator.verbs.constrain:constrain",
+    "report": "orchestrator.verbs.report:report",
     "demo": "orchestrator.verbs.demo:demo",
 }
 

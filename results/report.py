@@ -1,0 +1,296 @@
+"""One page about a run that a reviewer can read without the program and without a network."""
+
+import base64
+import html
+import io
+from collections.abc import Callable, Iterable, Iterator
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+from matplotlib.figure import Figure
+
+from models import InputError
+from results import figures, fits
+from results.directions import SECTOR_DEG, sector_share, topple_rose
+from results.fragility import PLANES, by_contact, cells, cells_by_direction
+from results.friction import compare_cells, compare_jobs
+from results.run import Run
+
+_LOOK = """
+body { font: 15px/1.5 system-ui, sans-serif; max-width: 60em; margin: 2em auto; padding: 0 1em; color: #222; }
+h1, h2, h3 { line-height: 1.2; } h2 { border-bottom: 1px solid #ccc; margin-top: 2em; }
+img { max-width: 100%; } figure { margin: 1em 0; } figcaption { color: #555; font-size: 90%; }
+table { border-collapse: collapse; font-size: 90%; margin: 1em 0; display: block; overflow-x: auto; }
+th, td { padding: .2em .7em; text-align: left; border-bottom: 1px solid #ddd; white-space: nowrap; }
+pre { background: #f5f5f5; padding: 1em; overflow-x: auto; }
+"""
+
+
+_NOT_MEASURED = (
+    "The share of answers that flip between this preset and the reference was not measured for this run: "
+    "'toppling accuracy' measures it."
+)
+
+
+def report_page(run: Run, samples: int = 100, advance: Callable[[str], Any] = lambda _: None) -> str:
+    """Write the page about a run.
+
+    Parameters
+    ----------
+    run : Run
+    samples : int
+        Bootstrap samples of the fits.
+    advance : callable
+        Told the name of each section once it is done.
+
+    Returns
+    -------
+    str
+        HTML with its pictures inside.
+
+    Raises
+    ------
+    InputError
+        If no job has an answer yet.
+    """
+    frame = run.frame()
+    if not frame["toppled"].notna().any():
+        raise InputError(
+            what=f"{len(frame)} jobs, none with an answer",
+            where=str(run.path),
+            expected="finished jobs",
+            remedy="'toppling status RUN' shows how far the run is",
+        )
+    parts = [_heading(f"Run {run.name}", 1), _summary(run, frame)]
+    for title, content in _sections(run, frame, samples):
+        parts += [_heading(title, 2), content]
+        advance(title)
+    head = f"<title>toppling: {_safe(run.name)}</title><style>{_LOOK}</style>"
+    body = "\n".join(parts)
+    return (
+        f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8">{head}</head>\n'
+        f"<body>\n{body}\n</body></html>\n"
+    )
+
+
+SECTIONS = (
+    "Scene",
+    "Ensemble",
+    "Toppling probability",
+    "Fits",
+    "Failures",
+    "Accuracy",
+    "Provenance",
+    "Columns",
+)
+
+
+def _sections(run: Run, frame: pd.DataFrame, samples: int) -> Iterator[tuple[str, str]]:
+    yield "Scene", _scene(run)
+    yield "Ensemble", _ensemble(run, frame)
+    yield "Toppling probability", _maps(run, frame)
+    yield "Fits", "".join(_fits(name, jobs, samples) for name, jobs in by_contact(frame).items())
+    yield "Failures", _failures(frame)
+    yield "Accuracy", _accuracy(run, frame)
+    yield "Provenance", _provenance(run)
+    yield "Columns", _table(pd.DataFrame(run.describe()))
+
+
+def _summary(run: Run, frame: pd.DataFrame) -> str:
+    planned = run.provenance().get("jobs")
+    answered = frame["toppled"].notna()
+    toppled = int(frame["toppled"].fillna(value=False).sum())
+    of = f" of {planned} planned" if planned else ""
+    levels = frame["level_pga_m_s2"]
+    return (
+        f"<p>{len(frame)} jobs{of}, {int(answered.sum())} with an answer, {toppled} toppled: "
+        f"{frame['record_id'].nunique()} records, PGA {levels.min():g} to {levels.max():g} m/s². Azimuths are "
+        "counter-clockwise from east. Probabilities are shares of the jobs with an answer; their intervals (95 %) "
+        "count records, not jobs, since turned and scaled copies of one record are not independent.</p>"
+    )
+
+
+def _scene(run: Run) -> str:
+    parts = []
+    picture = run.path / "scene" / "scene.png"
+    if picture.exists():
+        parts.append(_picture(picture.read_bytes(), "Rock and pedestal of the scene"))
+    scene = run.scene()
+    if scene is None:
+        return "<p>The run holds no scene.</p>"
+    row = scene.drop_columns(["quasi_static_toppling"]).to_pylist()[0]
+    told = [
+        {
+            "quantity": field.metadata[b"description"].decode(),
+            "value": row[field.name],
+            "unit": field.metadata[b"unit"].decode(),
+        }
+        for field in scene.schema
+        if field.name in row
+    ]
+    return "".join([*parts, _table(pd.DataFrame(told))])
+
+
+def _ensemble(run: Run, frame: pd.DataFrame) -> str:
+    motions = run.motions()
+    used = frame.drop_duplicates("record_id")
+    lines = [f"<p>{len(used)} records of {used['event'].nunique()} named earthquakes.</p>"]
+    if motions is not None:
+        catalogue = motions.to_pandas()
+        catalogue = catalogue[catalogue["record_id"].isin(used["record_id"])]
+        shown = [
+            name
+            for name in ("magnitude", "distance_km", "pga_m_s2", "pgv_m_s", "duration_energy_s")
+            if name in catalogue
+        ]
+        told = catalogue[shown].describe().loc[["count", "min", "50%", "max"]].T
+        lines.append(_table(told.rename_axis("as recorded").reset_index()))
+    return "".join(lines)
+
+
+def _maps(run: Run, frame: pd.DataFrame) -> str:
+    parts = []
+    for contact, jobs in by_contact(frame).items():
+        parts.append(_heading(contact, 3) if contact else "")
+        for plane in PLANES.values():
+            drawn = figures.map_figure(cells(jobs, plane), plane)
+            parts.append(_figure(drawn, f"Toppling probability over {plane.x.label} and {plane.y.label}"))
+            if plane.by_direction:
+                split = cells_by_direction(jobs, plane)
+                drawn = figures.direction_figure(split, plane, 8)
+                parts.append(_figure(drawn, "The same by azimuth of the vector PGA"))
+        sector = sector_share(jobs, *SECTOR_DEG)
+        drawn = figures.rose_figure(topple_rose(jobs), run.quasi_static(), sector)
+        parts.append(
+            _figure(drawn, "Where the rock topples to, and the least constant acceleration that topples it")
+        )
+    frictions = sorted(frame["friction_static"].unique())
+    if len(frictions) > 1:
+        table = compare_cells(frame, PLANES["pga_pgv"], frictions[-1])
+        pairs = compare_jobs(frame, frictions[-1])
+        if len(table) and len(pairs):
+            parts.append(
+                _figure(figures.friction_figure(table, pairs), "One friction against another, cell by cell")
+            )
+    return "".join(parts)
+
+
+def _fits(contact: str, jobs: pd.DataFrame, samples: int) -> str:
+    known = fits.answered(jobs)
+    ranking = fits.compare_measures(known)
+    singles = [name for name in ranking["measures"] if name in fits.MEASURES]
+    models = [fits.fit(known, [name]) for name in singles]
+    resampled = [None if told.problem else fits.bootstrap(known, told, samples) for told in models]
+    shown = ["measures", "problem", "median", "median_low", "median_high", "beta", "beta_low", "beta_high"]
+    summary = fits.summary(models, resampled).reindex(columns=shown)
+    parts = [_heading(contact, 3) if contact else "", _verdict(ranking), _table(ranking), _table(summary)]
+    for told, drawn in zip(models, resampled, strict=True):
+        if curve := told.lognormal:
+            measure = curve.measure
+            calibrated = fits.calibration(known, fits.out_of_fold(known, [measure]))
+            picture = figures.fit_figure(
+                curve, drawn, fits.observed_shares(known, measure), ranking, calibrated
+            )
+            parts.append(
+                _figure(picture, f"Lognormal fragility over {measure}, ranking of measures, calibration")
+            )
+            break
+    return "".join(parts)
+
+
+def _verdict(ranking: pd.DataFrame) -> str:
+    """Whether this rock agrees with the study, which says that PGV governs toppling."""
+    singles = ranking[~ranking["measures"].str.contains("+", regex=False)].dropna(subset=["log_loss"])
+    if not len(singles):
+        return "<p>No measure has a fit out of fold: too few records, or separated answers.</p>"
+    best = singles["measures"].iloc[0]
+    agrees = (
+        "as the study says of its rock" if best == "pgv_m_s" else "unlike the study's rock, where it was PGV"
+    )
+    return (
+        f"<p>Of the single measures {_safe(best)} predicts records it was not fitted to best, {agrees}. "
+        "A difference in log loss whose interval includes 0 decides nothing.</p>"
+    )
+
+
+def _failures(frame: pd.DataFrame) -> str:
+    counts = frame.groupby(["status", "ended_by"], dropna=False).size().rename("jobs").reset_index()
+    failed = frame[frame["status"] != "ok"]
+    parts = [_table(counts)]
+    if len(failed):
+        why = failed.groupby(["status", "message"], dropna=False)
+        told = why.agg(jobs=("job_id", "size"), example=("job_id", "first")).reset_index()
+        parts.append(_table(told.sort_values("jobs", ascending=False).head(20)))
+    else:
+        parts.append("<p>Every job has an answer.</p>")
+    return "".join(parts)
+
+
+def _accuracy(run: Run, frame: pd.DataFrame) -> str:
+    presets = ", ".join(sorted(frame["preset"].unique()))
+    steps = ", ".join(f"{step:g}" for step in sorted(frame["time_step_s"].dropna().unique()))
+    lines = [f"<p>Preset {_safe(presets)}; time step {steps or 'not stated'} s.</p>"]
+    if frame["penetration_m"].notna().any():
+        lines.append(f"<p>Deepest overlap of rock and pedestal {frame['penetration_m'].max():.2g} m.</p>")
+    measured = run.path / "accuracy.csv"
+    lines.append(_table(pd.read_csv(measured)) if measured.exists() else f"<p>{_NOT_MEASURED}</p>")
+    return "".join(lines)
+
+
+def _provenance(run: Run) -> str:
+    parts = [f"<p>Page written by toppling {_safe(version('toppling'))}.</p>"]
+    for name in ("campaign.toml", "run.json"):
+        path = run.path / name
+        if path.exists():
+            parts.append(f"{_heading(name, 3)}<pre>{_safe(path.read_text())}</pre>")
+    return "".join(parts)
+
+
+def _heading(text: str, level: int) -> str:
+    return f"<h{level}>{_safe(text)}</h{level}>"
+
+
+def _table(frame: pd.DataFrame) -> str:
+    head = "".join(f"<th>{_safe(name)}</th>" for name in frame.columns)
+    rows = "".join(f"<tr>{_cells(row)}</tr>" for row in frame.itertuples(index=False))
+    return f"<table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>"
+
+
+def _cells(row: Iterable[object]) -> str:
+    return "".join(f"<td>{_safe(_told(value))}</td>" for value in row)
+
+
+def _told(value: object) -> str:
+    if value is None or value != value:
+        return ""
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def _figure(figure: Figure, caption: str) -> str:
+    drawn = io.BytesIO()
+    with figures.style():
+        figure.savefig(drawn, format="png", metadata={"Software": None})
+    return _picture(drawn.getvalue(), caption)
+
+
+def _picture(png: bytes, caption: str) -> str:
+    data = base64.b64encode(png).decode()
+    return (
+        f'<figure><img alt="{_safe(caption)}" src="data:image/png;base64,{data}">'
+        f"<figcaption>{_safe(caption)}</figcaption></figure>"
+    )
+
+
+def _safe(text: object) -> str:
+    return html.escape(str(text))
+
+
+def write_page(page: str, target: Path) -> Path:
+    """Write the page; it appears complete or not at all."""
+    target.parent.mkdir(parents=True, exist_ok=True)
+    hidden = target.with_name(f".{target.name}.tmp")
+    hidden.write_text(page, encoding="utf-8")
+    hidden.replace(target)
+    return target

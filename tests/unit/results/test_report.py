@@ -1,0 +1,93 @@
+"""The page holds everything a reviewer asks for, and needs nothing but itself."""
+
+import base64
+import html.parser
+import io
+import re
+
+import pytest
+from click.testing import CliRunner
+from PIL import Image
+from seeded import row, rows
+
+from models import InputError, Scene
+from orchestrator.cli import cli
+from results import open_run
+from results.report import SECTIONS, report_page
+from results.store import write_part
+
+
+class Page(html.parser.HTMLParser):
+    """What a browser would load and show."""
+
+    VOID = ("img", "meta", "br")
+
+    def __init__(self, text):
+        super().__init__()
+        self.open, self.headings, self.sources, self.cells = [], [], [], 0
+        self.feed(text)
+        self.close()
+
+    def handle_starttag(self, tag, attrs):
+        if tag not in self.VOID:
+            self.open.append(tag)
+        self.cells += tag == "td"
+        self.sources += [value for name, value in attrs if name in ("src", "href", "srcset", "action")]
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        if self.open and self.open[-1] in ("h1", "h2"):
+            self.headings.append(data)
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("report") / "run <1>"
+    write_part(folder, rows(records=12, levels=(4, 8, 12), azimuths=(0.0, 135.0)))
+    write_part(folder, [row("lost", status="crashed", message="worker <died>")])
+    Scene.block(0.2, 0.2, 0.6).save(folder / "scene")
+    (folder / "campaign.toml").write_text('preset = "standard"\n')
+    return report_page(open_run(folder), samples=5)
+
+
+@pytest.mark.slow
+def test_the_page_has_every_section_and_closes_what_it_opens(page):
+    read = Page(page)
+    assert read.open == []
+    assert read.headings == ["Run run <1>", *SECTIONS]
+    assert read.cells > 200
+
+
+@pytest.mark.slow
+def test_the_page_loads_nothing_from_elsewhere_and_its_pictures_are_whole(page):
+    sources = Page(page).sources
+    assert len(sources) >= 8
+    for source in sources:
+        kind, _, data = source.partition(",")
+        assert kind == "data:image/png;base64"
+        Image.open(io.BytesIO(base64.b64decode(data))).verify()
+    words = re.sub(r"base64,[A-Za-z0-9+/=]+", "", page)
+    assert "http" not in words
+    assert "<script" not in words
+
+
+@pytest.mark.slow
+def test_what_users_wrote_is_shown_and_not_run(page):
+    assert "worker &lt;died&gt;" in page
+    assert "<died>" not in page
+
+
+@pytest.mark.slow
+def test_the_page_says_what_is_missing(page):
+    assert "was not measured for this run" in page
+    assert "73 jobs, 72 with an answer" in page
+
+
+def test_a_run_without_answers_has_no_page(tmp_path):
+    write_part(tmp_path, [row("a", status="crashed")])
+    with pytest.raises(InputError, match="none with an answer"):
+        report_page(open_run(tmp_path))
+    assert CliRunner().invoke(cli, ["report", str(tmp_path)]).exit_code == 1
+    assert not (tmp_path / "report.html").exists()

@@ -139,7 +139,7 @@ def full_sine_error(
         high = 2.0
         while fate(high) != 1:
             high *= 1.3
-        reference = least(lambda a: fate(a) == 1, high / 1.3 if high > 2 else 1.0, high, 40)
+        reference = least(lambda a: fate(a) == 1, high / 1.3 if high > 2 else 1.0, high, 17)
     else:
         low = 1.0
         while fate(low) != -1:
@@ -147,7 +147,7 @@ def full_sine_error(
             if fate(low) == 1:
                 msg = "no branch after an impact"
                 raise ValueError(msg)
-        reference = least(fate, low / 1.02, low, 40)
+        reference = least(fate, low / 1.02, low, 12)
 
     def motion_of(ratio):
         time = np.linspace(0, period, 801)
@@ -259,8 +259,8 @@ def coupled(friction, preset, times, acceleration=None, duration=0.0, velocity=(
         body,
         PlaneContact(static, kinetic),
         lambda t: (-float(np.interp(t, sampled, values, right=0.0)), -G),
-        max(times) + 1e-3,
-        2e-5,
+        max(times) + 5e-3,
+        max(2e-5, max(times) / 4000),
         velocity=(*velocity, 0.0),
     )
     rows = []

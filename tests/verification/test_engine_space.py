@@ -89,7 +89,7 @@ def test_a_slow_vertical_acceleration_is_another_gravity():
 @pytest.mark.parametrize(
     ("preset", "radius", "half_height", "tilt_deg", "target"),
     [
-        ("standard", 0.2, 0.6, 10, 0.01),
+        pytest.param("standard", 0.2, 0.6, 10, 0.01, marks=pytest.mark.slow),
         pytest.param("reference", 0.2, 0.6, 10, 0.003, marks=pytest.mark.slow),
         pytest.param("standard", 0.2, 0.02, 10, 0.01, marks=pytest.mark.slow),
         pytest.param("reference", 0.2, 0.02, 10, 0.003, marks=pytest.mark.slow),
@@ -172,6 +172,7 @@ def test_energy_never_grows_in_free_rocking(alpha_deg):
         assert abs(case.lean(result.trajectory)[-1]) < 1e-3
 
 
+@pytest.mark.slow  # two interpreters
 def test_the_same_job_gives_the_same_bits_in_a_fresh_process_and_after_another_job():
     program = (
         "import hashlib, sys; sys.path.insert(0, 'tests/verification');"

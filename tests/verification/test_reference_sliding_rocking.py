@@ -45,8 +45,8 @@ def test_a_forced_motion_with_grip_is_that_of_event_driven_rocking():
     push = Ground.sine(4.5, 0.6)
     time = np.linspace(0.1, 0.9, 9)
     event = rock(BODY, push, 1.0).angle_at(time)
-    stepped = slide_and_rock(BODY, GRIP, level(lambda t: push.at(t)[0]), 1.0, 1e-4)
-    assert np.interp(time, stepped.time_s, stepped.place[:, 2]) == pytest.approx(event, abs=2e-4)
+    stepped = slide_and_rock(BODY, GRIP, level(lambda t: push.at(t)[0]), 1.0, 2e-4)
+    assert np.interp(time, stepped.time_s, stepped.place[:, 2]) == pytest.approx(event, abs=8e-4)
 
 
 @pytest.mark.parametrize(
@@ -120,7 +120,7 @@ def test_energy_never_grows_without_work_done():
         body = PlaneBody(*rng.uniform(0.1, 0.4, 2), 0.6, 0.13)
         contact = PlaneContact(*sorted(rng.uniform(0.1, 1.0, 2), reverse=True))
         velocity = tuple(rng.normal(size=3))
-        went = slide_and_rock(body, contact, standing, 0.5, 1e-3, place=(0, 0.8, 0.0), velocity=velocity)
+        went = slide_and_rock(body, contact, standing, 0.4, 1e-3, place=(0, 0.7, 0.0), velocity=velocity)
         kinetic = 0.5 * (went.velocity**2) @ [1, 1, body.inertia_per_mass_m2]
         energy = kinetic + G * went.place[:, 1]
         # Impulses only take, free flight keeps; turning about a corner errs by the square of a step's angle.

@@ -82,6 +82,7 @@ def creeping(slope_deg, measured):
     return pytest.param(slope_deg, marks=pytest.mark.xfail(strict=True, reason=reason))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "slope_deg", [creeping(5.0, "1.5e-4"), creeping(float(np.rad2deg(np.arctan(0.6 * 0.99))), "8.9e-4")]
 )
@@ -218,7 +219,7 @@ def test_a_friction_of_ten_never_slips_under_a_weak_motion():
     assert result.slip_m < 1e-4
 
 
-@pytest.mark.parametrize("time_step", [0.00025, 0.001, 0.004, 0.008])
+@pytest.mark.parametrize("time_step", [pytest.param(0.00025, marks=pytest.mark.slow), 0.001, 0.004, 0.008])
 def test_every_time_step_is_stable_or_refused_with_a_reason(time_step):
     scene = Scene.block(0.2, 0.2, 0.6, friction=0.8)
     sound(shake(scene, record(3, 100, 0.45 * G), time_step=time_step, shortcuts=False), scene)

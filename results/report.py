@@ -106,9 +106,10 @@ def _summary(run: Run, frame: pd.DataFrame) -> str:
     levels = frame["level_pga_m_s2"]
     return (
         f"<p>{len(frame)} jobs{of}, {int(answered.sum())} with an answer, {toppled} toppled: "
-        f"{frame['record_id'].nunique()} records, PGA {levels.min():g} to {levels.max():g} m/s². Azimuths are "
-        "counter-clockwise from east. Probabilities are shares of the jobs with an answer; their intervals (95 %) "
-        "count records, not jobs, since turned and scaled copies of one record are not independent.</p>"
+        f"{frame['record_id'].nunique()} records, PGA {levels.min():g} to {levels.max():g} m/s². Azimuths "
+        "are counter-clockwise from east. Probabilities are shares of the jobs with an answer; their "
+        "intervals (95 %) count records, not jobs, since turned and scaled copies of one record are not "
+        "independent.</p>"
     )
 
 

@@ -23,6 +23,16 @@ _RUN_COLUMN = {
     "description": "name of the run's folder",
 }
 
+_UNITS = {
+    "_m_s2": "m/s2",
+    "_m_s": "m/s",
+    "_km": "km",
+    "_deg": "deg",
+    "_s": "s",
+    "_m": "m",
+}
+"""Unit by the end of a name, the longest first."""
+
 
 class Run:
     """A run's folder, read anew at each question, so that a run that goes on shows what it has.
@@ -109,7 +119,8 @@ class Run:
         rows = [{"table": "results", **_RUN_COLUMN}]
         for name, table in (("results", SCHEMA), ("motions", self.motions()), ("scene", self.scene())):
             schema = table.schema if isinstance(table, pa.Table) else table
-            rows += [{"table": name, **describe(field)} for field in schema or ()]
+            told = _as_recorded if name == "motions" else describe
+            rows += [{"table": name, **told(field)} for field in schema or ()]
         return rows
 
 
@@ -169,6 +180,19 @@ def as_frame(table: pa.Table) -> pd.DataFrame:
     """Pandas frame of rows; a column `toppled` becomes a nullable boolean."""
     frame = table.to_pandas()
     return frame.astype({"toppled": "boolean"}) if "toppled" in frame else frame
+
+
+def _as_recorded(field: pa.Field) -> dict[str, str]:
+    """Describe a column of the catalogue; one without a description has its unit in its name."""
+    told = describe(field)
+    if not told["description"]:
+        imposed = SCHEMA.get_field_index(field.name)
+        meaning = (
+            describe(SCHEMA.field(imposed))["description"] if imposed >= 0 else field.name.replace("_", " ")
+        )
+        unit = next((unit for ending, unit in _UNITS.items() if field.name.endswith(ending)), "")
+        told |= {"group": "as recorded", "unit": unit, "description": meaning}
+    return told
 
 
 def _ask_once(runs: Sequence[Run], query: str) -> pa.Table:

@@ -1,0 +1,212 @@
+"""The two-dimensional reference of the maps: the rock as a plane body on two contact points.
+
+The section is the vertical plane through the centre of mass along an azimuth; the contact points are where
+it cuts the edge of the support polygon (Veeraraghavan, Hudnut and Krishnan, figure 7). The body rocks without
+slip or bounce (Housner 1963, Yim et al. 1980), shaken by each record's component along its own vector PGA, and
+a probit surface in PGA and PGV/PGA is fitted to the answers. It is this project's own surrogate, not a
+published relation.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from scipy.stats import norm
+
+from models import Scene
+from models.frames import horizontal_unit_vector
+from models.motions.ensemble import Ensemble
+from models.statics import support_polygon_m
+from results.fits import Fit, fit
+
+Array = NDArray[np.float64]
+
+TIME_STEP_S = 0.005
+SETTLING_S = 10.0
+"""Still ground after the record, in which a rocking body falls or comes to rest."""
+
+QUIET_SHARE = 0.01
+"""What is weaker than this share of the PGA before and after the strong motion is left out."""
+
+RECORDS_AT_ONCE = 20
+MEASURES = ("pga_m_s2", "pgv_pga_s")
+
+
+@dataclass(frozen=True, eq=False)
+class Section:
+    """A plane body on two corners.
+
+    Parameters
+    ----------
+    azimuth_deg : float
+        Of the section's positive direction.
+    arms_m : (2, 2) array
+        From corner to centre of mass, horizontal and up; first the corner on the positive side.
+    inertia_per_mass_m2 : float
+        About the centre of mass, axis perpendicular to the section.
+    """
+
+    azimuth_deg: float
+    arms_m: Array
+    inertia_per_mass_m2: float
+
+
+def section(scene: Scene, azimuth_deg: float) -> Section | None:
+    """Cut a scene through the centre of mass; None where it does not stand on two points of the cut."""
+    polygon = support_polygon_m(scene.rock, scene.pedestal)
+    if len(polygon) < 3:
+        return None
+    along = horizontal_unit_vector(azimuth_deg)
+    across = horizontal_unit_vector(azimuth_deg + 90.0)
+    start = polygon - scene.rock.com_m
+    end = np.roll(start, -1, axis=0)
+    side, next_side = start @ across, end @ across
+    cut = (side < 0) != (next_side < 0)
+    if cut.sum() != 2:
+        return None
+    share = (side[cut] / (side[cut] - next_side[cut]))[:, None]
+    crossing = start[cut] + share * (end[cut] - start[cut])
+    place = np.column_stack([crossing @ along, crossing[:, 2]])
+    left, right = place[np.argsort(place[:, 0])]
+    if not left[0] < 0 < right[0]:
+        return None
+    inertia = float(across @ scene.rock.inertia_per_mass_m2 @ across)
+    return Section(azimuth_deg, np.array([-right, -left]), inertia)
+
+
+def topples(
+    arms_m: Array, inertia: Array, unit: Array, record: NDArray[np.intp], pga_m_s2: Array, gravity_m_s2: float
+) -> NDArray[np.bool_]:
+    """Rock plane bodies, each under its own motion.
+
+    Parameters
+    ----------
+    arms_m : (n, 2, 2) array
+        `Section.arms_m` of each body.
+    inertia : (n,) array
+        `Section.inertia_per_mass_m2` of each body.
+    unit : (k, 2, m) array
+        Ground acceleration along the section and up over PGA, of m records at k steps of `TIME_STEP_S`.
+    record : (n,) int array
+        Which record shakes each body.
+    pga_m_s2 : (n,) array
+        What it is scaled to.
+    gravity_m_s2 : float
+
+    Returns
+    -------
+    (n,) bool array
+        Whether the body has turned by a right angle.
+    """
+    squared = (arms_m**2).sum(axis=2)
+    inertia_at = inertia[:, None] + squared
+    kept = np.clip((inertia + (arms_m[:, 0] * arms_m[:, 1]).sum(axis=1))[:, None] / inertia_at, 0.0, 1.0)
+    angle, rate = np.zeros(len(inertia)), np.zeros(len(inertia))
+    pick = np.arange(len(inertia))
+    for step in unit:
+        push, lift = step[:, record] * pga_m_s2
+        down = gravity_m_s2 + lift
+        rests = (angle == 0.0) & (rate == 0.0)
+        moments = arms_m[:, :, 0] * down[:, None] - arms_m[:, :, 1] * push[:, None]
+        # At rest a corner is left when the moment about the other one turns the body away from it.
+        starts = np.where(moments[:, 0] > 0, 1, np.where(moments[:, 1] < 0, -1, 0))
+        about = np.where(rests, starts < 0, (angle < 0) | ((angle == 0) & (rate < 0))).astype(int)
+        x, z = arms_m[pick, about, 0], arms_m[pick, about, 1]
+        sine, cosine = np.sin(angle), np.cos(angle)
+        turned_x, turned_z = x * cosine + z * sine, z * cosine - x * sine
+        torque = turned_x * down - turned_z * push
+        torque[rests & (starts == 0)] = 0.0
+        rate += TIME_STEP_S * torque / inertia_at[pick, about]
+        new = angle + TIME_STEP_S * rate
+        lands = angle * new < 0
+        # The step that crosses zero ends on the other corner; a rate that one step of gravity undoes is rest.
+        rate[lands] *= kept[pick, 1 - about][lands]
+        weak = lands & (
+            np.abs(rate) < TIME_STEP_S * np.abs(moments[pick, 1 - about]) / inertia_at[pick, 1 - about]
+        )
+        rate[weak] = 0.0
+        angle = np.where(lands, 0.0, new)
+        fallen = np.abs(angle) > np.pi / 2
+        angle[fallen], rate[fallen] = np.sign(angle[fallen]) * 3.0, 0.0
+    return np.abs(angle) > np.pi / 2
+
+
+def simulate(
+    scene: Scene, ensemble: Ensemble, levels_m_s2: Iterable[float], azimuths_deg: Iterable[float]
+) -> pd.DataFrame:
+    """Rock the arms_m along some azimuths under every record at every level.
+
+    Returns
+    -------
+    DataFrame
+        One row a record, level and azimuth that has a section: azimuth_deg, record_id, pga_m_s2, pgv_pga_s,
+        toppled.
+    """
+    cuts = [cut for azimuth in azimuths_deg if (cut := section(scene, azimuth)) is not None]
+    levels = np.asarray(list(levels_m_s2), float)
+    motions = sorted(
+        (_along_peak(ensemble, name) for name in ensemble.record_ids), key=lambda told: len(told[2])
+    )
+    tables = []
+    for first in range(0, len(motions), RECORDS_AT_ONCE) if cuts else ():
+        batch = motions[first : first + RECORDS_AT_ONCE]
+        steps = len(batch[-1][2]) + round(SETTLING_S / TIME_STEP_S)
+        unit = np.zeros((steps, 2, len(batch)))
+        for number, (_, _, components) in enumerate(batch):
+            unit[: len(components), :, number] = components
+        cut, record, level = (grid.ravel() for grid in np.indices((len(cuts), len(batch), len(levels))))
+        arms = np.array([each.arms_m for each in cuts])[cut]
+        inertia = np.array([each.inertia_per_mass_m2 for each in cuts])[cut]
+        toppled = topples(arms, inertia, unit, record, levels[level], scene.gravity_m_s2)
+        tables.append(pd.DataFrame({
+            "azimuth_deg": np.array([each.azimuth_deg for each in cuts])[cut],
+            "record_id": np.array([name for name, _, _ in batch])[record],
+            "pga_m_s2": levels[level],
+            "pgv_pga_s": np.array([pulse for _, pulse, _ in batch])[record],
+            "toppled": toppled,
+        }))  # fmt: skip
+    return pd.concat(tables, ignore_index=True) if tables else pd.DataFrame()
+
+
+def reference_lines(simulated: pd.DataFrame, probabilities: tuple[float, ...] = (0.01, 0.99)) -> pd.DataFrame:
+    """PGA at which the plane body topples with some probabilities, by PGV/PGA and azimuth.
+
+    Returns
+    -------
+    DataFrame
+        azimuth_deg, pgv_pga_s, probability, pga_m_s2; an azimuth whose answers have no fit is left out.
+    """
+    pulse = np.geomspace(simulated["pgv_pga_s"].min(), simulated["pgv_pga_s"].max(), 60)
+    lines = []
+    for azimuth, jobs in simulated.groupby("azimuth_deg"):
+        told: Fit = fit(jobs, MEASURES)
+        if told.problem or told.coefficients[1] <= 0:
+            continue
+        intercept, on_pga, on_pulse = told.coefficients
+        for probability in probabilities:
+            pga = np.exp((norm.ppf(probability) - intercept - on_pulse * np.log(pulse)) / on_pga)
+            lines.append(
+                pd.DataFrame(
+                    {"azimuth_deg": azimuth, "pgv_pga_s": pulse, "probability": probability, "pga_m_s2": pga}
+                )
+            )
+    empty = pd.DataFrame(columns=["azimuth_deg", "pgv_pga_s", "probability", "pga_m_s2"])
+    return pd.concat(lines, ignore_index=True) if lines else empty
+
+
+def _along_peak(ensemble: Ensemble, record_id: str) -> tuple[str, float, Array]:
+    """Name, PGV/PGA, and the components along the vector PGA and up at unit PGA and `TIME_STEP_S`."""
+    record = ensemble.record(record_id)
+    acceleration, step = record.motion.acceleration_m_s2, record.motion.time_step_s
+    size = np.hypot(acceleration[:, 0], acceleration[:, 1])
+    peak = int(size.argmax())
+    along = acceleration[:, :2] @ (acceleration[peak, :2] / size[peak])
+    unit = np.column_stack([along, acceleration[:, 2]]) / size[peak]
+    strong = np.flatnonzero(np.abs(unit[:, 0]) > QUIET_SHARE)
+    unit = unit[max(0, strong[0] - 1) : strong[-1] + 2]
+    time = np.arange(0.0, (len(unit) - 1) * step, TIME_STEP_S)
+    at = np.arange(len(unit)) * step
+    resampled = np.column_stack([np.interp(time, at, part) for part in unit.T])
+    return record_id, float(record.intensity["pgv_pga_s"]), resampled

@@ -1,6 +1,7 @@
 """From files to records: read, group, orient, doubt, process. What cannot be used is named."""
 
 import logging
+import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -10,7 +11,7 @@ from models.errors import InputError
 from models.motions.formats import read_file
 from models.motions.formats.component import UP, Component
 from models.motions.formats.seismic import is_station_xml, responses
-from models.motions.metadata import Entry
+from models.motions.metadata import Entry, looks_like_table
 from models.motions.processing import process
 from models.motions.quality import doubts
 from models.motions.record import Record
@@ -19,7 +20,8 @@ from models.motions.twins import Candidate, twins
 
 logger = logging.getLogger(__name__)
 
-IGNORED_SUFFIXES = {".csv", ".md", ".txt~", ".json", ".parquet", ".toml", ".py", ".pdf", ".png"}
+NO_RECORDS = {".md", ".json", ".parquet", ".toml", ".py", ".pdf", ".png"}
+"""Suffixes of what lies beside records in a folder and is none; a file given by name is always read."""
 
 
 @dataclass(frozen=True)
@@ -77,14 +79,20 @@ def record_files(paths: Iterable[Path]) -> list[Path]:
                 expected="records",
                 remedy="check the path",
             )
-        inside = sorted(path.rglob("*")) if path.is_dir() else [path]
-        for file in inside:
-            hidden = (
-                any(part.startswith(".") for part in file.relative_to(path).parts) if path.is_dir() else False
+        if path.is_dir():
+            found.update(
+                dict.fromkeys(file for file in sorted(path.rglob("*")) if _may_be_record(file, path))
             )
-            if file.is_file() and not hidden and file.suffix.lower() not in IGNORED_SUFFIXES:
-                found[file] = None
+        else:
+            found[path] = None
     return list(found)
+
+
+def _may_be_record(file: Path, folder: Path) -> bool:
+    hidden = any(part.startswith(".") for part in file.relative_to(folder).parts)
+    if hidden or not file.is_file() or file.suffix.lower() in NO_RECORDS:
+        return False
+    return not (file.suffix.lower() == ".csv" and looks_like_table(file))
 
 
 def import_records(
@@ -213,6 +221,7 @@ def _completed(channels: Triple, entry: Entry) -> Triple:
             component,
             acceleration_m_s2=values,
             unit_known=known,
+            time_step_s=_step(component, entry),
             direction=float(bearing % 360) if bearing is not None else component.direction,
             corrected=entry.corrected if entry.corrected is not None else component.corrected,
         )
@@ -229,9 +238,23 @@ def _completed(channels: Triple, entry: Entry) -> Triple:
     )
 
 
+def _step(component: Component, entry: Entry) -> float:
+    """Time step by the file, or by the table where the file has no times."""
+    if math.isfinite(component.time_step_s):
+        return component.time_step_s
+    return entry.time_step_s if entry.time_step_s and entry.time_step_s > 0 else math.nan
+
+
 def _candidate(name: str, channels: Triple, wishes: Wishes, entry: Entry | None) -> Candidate:
     first = channels.first
     for component in channels.channels:
+        if not math.isfinite(component.time_step_s):
+            raise InputError(
+                "the file does not say its time step",
+                where=component.where,
+                expected="a column of times, or the time step in the metadata table",
+                remedy="give a metadata table with the column 'dt' (--metadata)",
+            )
         if not component.unit_known:
             raise InputError(
                 "the file does not say in which unit its samples are",

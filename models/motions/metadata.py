@@ -18,6 +18,7 @@ COLUMNS = {
     "h2": ("h2",),
     "v": ("v",),
     "unit": ("unit",),
+    "time_step_s": ("time_step_s", "dt"),
     "processing": ("processing",),
     "corner_hz": ("corner_hz",),
     "h1_azimuth": ("h1_azimuth",),
@@ -30,7 +31,8 @@ COLUMNS = {
 class Entry:
     """One row: files of the components and what they do not say; None or empty where the table is silent too.
 
-    `h1_azimuth_deg` and `h2_azimuth_deg` are compass bearings; `unit_m_s2` is one unit of the file in m/s2.
+    `h1_azimuth_deg` and `h2_azimuth_deg` are compass bearings; `unit_m_s2` is one unit of the file in m/s2,
+    `time_step_s` that of a file without times.
     """
 
     where: str
@@ -43,6 +45,7 @@ class Entry:
     h2: Path
     v: Path | None
     unit_m_s2: float | None
+    time_step_s: float | None
     corrected: bool | None
     corner_hz: float | None
     h1_azimuth_deg: float | None
@@ -138,6 +141,7 @@ def _entry(row: dict[str, str | None], table: Path, line: int) -> Entry:
         h2=table.parent / text["h2"],
         v=table.parent / text["v"] if text["v"] else None,
         unit_m_s2=unit,
+        time_step_s=_number(text, "time_step_s", where),
         corrected=None if not processing else processing.startswith("corrected"),
         corner_hz=_number(text, "corner_hz", where),
         h1_azimuth_deg=_number(text, "h1_azimuth", where),

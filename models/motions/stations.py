@@ -16,6 +16,8 @@ LEAST_ANGLE_DEG = 30.0
 SAME_SHAKING_S = 60.0
 """Channels of one station that start farther apart than this belong to different records."""
 STEP_TOLERANCE = 1e-3
+SHARED_LENGTH = 0.9
+"""Components that share less than this of the longest are not cut to what they share, but refused."""
 _NAME = re.compile(
     r"^(?P<series>.*?)[._\- ]*(?P<label>[A-Z]{0,2}[ENZ]|NS\d?|EW\d?|UD\d?|UP|DWN|[LTV]|H1|H2|\d{3})$",
     re.IGNORECASE,
@@ -180,6 +182,13 @@ def _aligned(channels: Triple) -> tuple[float, np.ndarray, list[str]]:
         )
     history = []
     lengths = [len(c.acceleration_m_s2) for c in parts]
+    if count < SHARED_LENGTH * max(lengths):
+        raise InputError(
+            f"components of {', '.join(map(str, lengths))} samples share {count}: one seems truncated",
+            where=parts[lengths.index(min(lengths))].where,
+            expected=f"components that share {SHARED_LENGTH:.0%} of the longest",
+            remedy="fetch the short one again, or cut all to one length first",
+        )
     if len(set(lengths)) > 1 or any(skip):
         history.append(f"components of {', '.join(map(str, lengths))} samples cut to the {count} they share")
     series = np.stack([c.acceleration_m_s2[s : s + count] for c, s in zip(parts, skip, strict=True)])

@@ -62,6 +62,31 @@ def columns(folder: Path, a: np.ndarray) -> list[Path]:
     return paths
 
 
+def one_column(folder: Path, a: np.ndarray) -> list[Path]:
+    """Acceleration alone: unit and time step are the table's to say."""
+    paths = []
+    for label, series in (("E", a[:, 0]), ("N", a[:, 1]), ("Z", a[:, 2])):
+        path = folder / f"STA2_{label}.txt"
+        path.write_text("# plain\n" + "".join(f"{v * 100:.4f}\n" for v in series))
+        paths.append(path)
+    (folder / "table.csv").write_text(
+        "rec_id,h1,h2,v,unit,dt,processing\nO1,STA2_E.txt,STA2_N.txt,STA2_Z.txt,gal,0.01,corrected\n"
+    )
+    return paths
+
+
+def four_columns(folder: Path, a: np.ndarray) -> list[Path]:
+    """Time and three components under their names."""
+    time = np.arange(len(a)) * STEP_S
+    lines = [f"{t:.4f}, {n:.6f}, {e:.6f}, {z:.6f}" for t, (e, n, z) in zip(time, a / G, strict=True)]
+    path = folder / "STA3.csv"
+    path.write_text("time, N, E, UP\n" + "\n".join(lines) + "\n")
+    (folder / "table.csv").write_text(
+        "rec_id,h1,h2,v,unit,processing\nF1,STA3.csv,STA3.csv,STA3.csv,g,corrected\n"
+    )
+    return [path]
+
+
 def _volume_1_head(channel: str, count: int, length: float, units: str) -> str:
     return (
         "UNCORRECTED ACCELEROGRAM DATA              PROCESSED: 02/08/94, TEST\n"
@@ -416,6 +441,8 @@ WRITERS = {
     "peer": peer,
     "peer_old_header": lambda folder, a: peer(folder, a, old_style=True),
     "columns": columns,
+    "one_column": one_column,
+    "four_columns": four_columns,
     "csmip_v1": csmip_v1,
     "pairs_v1": pairs_v1,
     "bhrc": bhrc,

@@ -3,8 +3,10 @@
 from pathlib import Path
 
 import numpy as np
+import obspy
 import pytest
 from motion_samples import COUNT, STEP_S, WRITERS, columns, peer, shaking
+from obspy.core.inventory import Channel, Inventory, Network, Response, Station
 
 from models import InputError
 from models.motions.formats import read_file
@@ -105,16 +107,16 @@ def test_a_truncated_file_is_refused_and_named(name, tmp_path):
     content = victim.read_bytes()
     victim.write_bytes(content[: int(0.7 * len(content))])
     outcome = imported(tmp_path, process=False)
-    if (
-        name == "columns" and outcome.records
-    ):  # no header counts them: what is left is cut to the shortest, and said
-        assert any("cut to" in step for step in outcome.records[0].history)
-        return
-    if name in {"miniseed", "knet"} and outcome.records:  # whole blocks or lines are left
-        assert any("cut to" in step for step in outcome.records[0].history)
-        return
     assert not outcome.records
     assert any(str(victim) in refusal.reason.where for refusal in outcome.refusals)
+
+
+def test_components_of_slightly_different_length_are_cut_to_what_they_share(tmp_path):
+    path = columns(tmp_path, shaking())[0]
+    path.write_text("".join(path.read_text().splitlines(keepends=True)[:-3]))
+    (record,) = imported(tmp_path).records
+    assert len(record.motion.acceleration_m_s2) == COUNT - 3
+    assert any("cut to the 397 they share" in step for step in record.history)
 
 
 def damaged(path: Path, line: int, old: str, new: str) -> None:
@@ -247,3 +249,61 @@ def test_a_wrong_metadata_table_is_refused_with_its_line(row, what, tmp_path):
     with pytest.raises(InputError, match=what) as error:
         read_table(table)
     assert error.value.where == f"{table}:2"
+
+
+def test_a_seismometers_response_is_removed_and_the_xmls_azimuths_orient(tmp_path):
+    """Ground velocity by a broadband seismometer whose horizontals are at 30 and 120 degrees from north."""
+    a = shaking(4000)
+    velocity = np.zeros_like(a)
+    velocity[1:] = np.cumsum(0.5 * STEP_S * (a[1:] + a[:-1]), axis=0)
+    turned = {"1": 30.0, "2": 120.0}
+    series = {
+        code: velocity[:, 0] * np.sin(np.deg2rad(angle)) + velocity[:, 1] * np.cos(np.deg2rad(angle))
+        for code, angle in turned.items()
+    } | {"Z": velocity[:, 2]}
+    gain, corner = 1e6, 2 * np.pi / 120
+    poles = [corner * (-0.707 + 0.707j), corner * (-0.707 - 0.707j)]
+    channels = []
+    for code, counts in series.items():
+        header = {"network": "XX", "station": "BB", "channel": f"HH{code}", "delta": STEP_S}
+        trace = obspy.Trace(np.round(counts * gain).astype(np.int32), header)
+        trace.stats.starttime = obspy.UTCDateTime(2020, 1, 1)
+        trace.write(str(tmp_path / f"BB.HH{code}.mseed"), format="MSEED")
+        response = Response.from_paz(
+            [0, 0], poles, gain, 1.0, input_units="M/S", output_units="COUNTS", normalization_factor=1.0
+        )
+        channels.append(
+            Channel(
+                f"HH{code}",
+                "",
+                0,
+                0,
+                0,
+                0,
+                azimuth=turned.get(code, 0),
+                dip=-90 if code == "Z" else 0,
+                response=response,
+            )
+        )
+    Inventory([Network("XX", [Station("BB", 0, 0, 0, channels=channels)])], source="test").write(
+        str(tmp_path / "BB.xml"), format="STATIONXML"
+    )
+    (record,) = imported(tmp_path, process=False).records
+    assert record.north_known
+    assert any("response removed" in step for step in record.history)
+    # the burst's 0.5 to 6 Hz lie far inside of the band in which the response is removed
+    error = np.abs(record.motion.acceleration_m_s2 - a).max()
+    assert error < 0.02 * np.abs(a).max()
+
+
+def test_kik_net_borehole_and_surface_are_two_records(tmp_path):
+    for place, scale in (("1", 0.3), ("2", 1.0)):
+        for path in WRITERS["knet"](tmp_path, scale * shaking(seed=int(place))):
+            path.rename(path.with_suffix(path.suffix + place))
+        for path in tmp_path.glob(f"*{place}"):
+            direction = {"EW": {"1": "4", "2": "1"}, "NS": {"1": "5", "2": "2"}, "UD": {"1": "6", "2": "3"}}
+            text = path.read_text()
+            for letters in direction:
+                text = text.replace(f"{letters[0]}-{letters[1]}", direction[letters][place])
+            path.write_text(text)
+    assert len(imported(tmp_path).records) == 2

@@ -55,7 +55,7 @@ def is_sound(record) -> bool:
 @pytest.mark.parametrize("name", WRITERS)
 def test_a_mutated_file_gives_a_sound_record_or_a_clear_error(name, count, tmp_path):
     rng = np.random.default_rng(sum(name.encode()) + count)
-    files: list[Path] = [f for f in WRITERS[name](tmp_path, shaking(150)) if f.suffix != ".csv"]
+    files: list[Path] = [f for f in WRITERS[name](tmp_path, shaking(150)) if f.name != "table.csv"]
     table = read_table(tmp_path / "table.csv") if (tmp_path / "table.csv").exists() else []
     original = {path: path.read_bytes() for path in files}
     for _ in range(count):

@@ -61,7 +61,7 @@ def hidden_base(rock: NDArray[np.float64], pedestal: NDArray[np.float64], height
     seen_height, seen = _lowest(grid, low)
     closed = ndimage.binary_closing(np.pad(seen, 12), iterations=12)[12:-12, 12:-12] | seen
     hidden = ndimage.binary_fill_holes(closed) & ~seen
-    hidden = _largest(ndimage.binary_opening(hidden, iterations=1))
+    hidden = _largest(ndimage.binary_opening(hidden, iterations=3))
     lit = without_strays(pedestal[np.abs(pedestal[:, 2]) < 0.5 * RIM_PER_HEIGHT * height_m], alone=6.0)
     # Points at the border may be the pedestal beside the rock.
     within = ndimage.binary_erosion(hidden, iterations=3)

@@ -91,9 +91,16 @@ def judge_crevice(
     points_m: NDArray[np.float64], label: NDArray[np.int8], interface: Interface, height_m: float
 ) -> tuple[NDArray[np.int8], Interface]:
     """Labels of the points near the interface judged anew, and the interface fitted anew to what they show."""
+    low = points_m[label == ROCK]
+    low = low[np.abs(interface.flat(low)[:, 2]) < BAND_PER_HEIGHT * height_m]
+    margin = 0.15 * height_m
+    around = ((points_m > low.min(axis=0) - margin) & (points_m < low.max(axis=0) + margin)).all(axis=1)
+    near, near_label = points_m[around], label[around]
     for _ in range(2):
-        label = _relabelled(points_m, label, interface, height_m)
-        interface = _refitted(points_m, label, interface, height_m)
+        near_label = _relabelled(near, near_label, interface, height_m)
+        interface = _refitted(near, near_label, interface, height_m)
+    label = label.copy()
+    label[around] = near_label
     return label, interface
 
 
@@ -147,9 +154,11 @@ def _refitted(
     """Plane through the pedestal's points, each with a say that fades with its distance from the rock."""
     flat = interface.flat(points_m)
     rim = rim_polygon(flat[label == ROCK], height_m)
+    reach = 4 * NEAR_PER_HEIGHT * height_m
     pedestal = (label == PEDESTAL) & (np.abs(flat[:, 2]) < 0.5 * BAND_PER_HEIGHT * height_m)
+    pedestal &= ((flat[:, :2] > rim.min(axis=0) - reach) & (flat[:, :2] < rim.max(axis=0) + reach)).all(axis=1)
     away = _outside(rim, flat[pedestal][:, :2])
-    close = away < 4 * NEAR_PER_HEIGHT * height_m
+    close = away < reach
     points = points_m[pedestal][close]
     fade = np.exp(-((away[close] / (NEAR_PER_HEIGHT * height_m)) ** 2))
     # Equal say to equal areas: near stations see the same crevice more densely.

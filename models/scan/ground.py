@@ -87,10 +87,15 @@ def _lost(
         return np.zeros(nodes.shape[:2], bool)
     to_top = tree_top.query(nodes.reshape(-1, 2))[0].reshape(nodes.shape[:2])
     to_below = cKDTree(below[:, :2]).query(nodes.reshape(-1, 2))[0].reshape(nodes.shape[:2])
-    lost = (to_below < to_top) & ~standing
+    lost = ndimage.binary_opening(to_below < to_top, iterations=2)
+    # A cliff leads out of the map; a hole in its middle is a few strays below an unseen patch.
+    parts, _ = ndimage.label(lost)
+    rim = np.concatenate([parts[0], parts[-1], parts[:, 0], parts[:, -1]])
+    lost = np.isin(parts, rim[rim > 0]) & ~standing
     labels, _ = ndimage.label(~lost)
-    kept = np.bincount(labels[standing]).argmax() if standing.any() else 1
-    return labels != kept
+    if not standing.any():
+        return lost
+    return labels != np.bincount(labels[standing]).argmax()
 
 
 def _surface(

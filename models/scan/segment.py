@@ -23,6 +23,12 @@ COARSE_SURFELS = 25_000
 FINE_VOXELS_PER_HEIGHT = 100
 LEAST_PEAK_VOXELS = 6
 """A peak lower than this many coarse voxels is roughness."""
+CLUTTER_ROUGHNESS = 0.6
+"""Median thickness over width above which a neighbourhood is clutter."""
+LEAST_CONCAVE_SHARE = 0.3
+"""Share of the coarse cut's edges that must run through a crease: a hummock's foot has none."""
+RIVAL_SHARE = 0.6
+"""A second thing of this share of the first one's height may be the rock that is meant."""
 SURFACE_ROUGHNESS = 0.4
 """Thickness over width above which a neighbourhood is a bush's, not a surface's."""
 
@@ -61,8 +67,14 @@ class Segmentation:
     others: list[tuple[float, float, float, float]]
 
 
-def segment(points_m: NDArray[np.float64]) -> Segmentation:
+def segment(points_m: NDArray[np.float64], near_m: NDArray[np.float64] | None = None) -> Segmentation:
     """Split a cloud into rock, pedestal and neither.
+
+    Parameters
+    ----------
+    points_m : (n, 3) array
+    near_m : (2,) array, optional
+        x, y near the top of the rock that is meant, where several stand.
 
     Raises
     ------
@@ -71,7 +83,7 @@ def segment(points_m: NDArray[np.float64]) -> Segmentation:
     """
     coarse = _coarse_surfels(points_m)
     candidates = find_candidates(coarse)
-    chosen = _choose(candidates)
+    chosen = _choose(candidates, near_m)
     return _refine(points_m, coarse, chosen, [c for c in candidates if c is not chosen])
 
 
@@ -215,13 +227,24 @@ def _bend(surfels: Surfels, edges: NDArray[np.int64]) -> NDArray[np.float64]:
     return np.einsum("ij,ij->i", surfels.normals[b] - surfels.normals[a], along)
 
 
-def _choose(candidates: list[Candidate]) -> Candidate:
-    standing = [c for c in candidates if c.concave_share > 0.3]
+def _choose(candidates: list[Candidate], near_m: NDArray[np.float64] | None) -> Candidate:
+    """Pick the one thing that stands there, or the one nearest to where the user points."""
+    standing = [c for c in candidates if c.concave_share > LEAST_CONCAVE_SHARE]
     if not standing:
         raise InputError(
             "nothing in the cloud stands on anything", where="segmentation",
             expected="a rock above a crevice or narrowing, seen from several sides with some of its pedestal",
-            remedy="crop the cloud to the rock and its pedestal, or show the interface by --plane or --pick",
+            remedy="crop the cloud to the rock and its pedestal, and check that z points up",
+        )
+    if near_m is not None:
+        return min(standing, key=lambda c: float(np.hypot(*(c.top_m[:2] - near_m))))
+    rivals = [c for c in standing[1:] if c.height_m > RIVAL_SHARE * standing[0].height_m]
+    if rivals:
+        tops = "; ".join("{:.1f}, {:.1f} ({:.2g} m high)".format(*c.top_m[:2], c.height_m) for c in [standing[0], *rivals])
+        raise InputError(
+            f"{1 + len(rivals)} things of like size stand there, their tops at x, y from the local origin: {tops}",
+            where="segmentation", expected="one rock, or a word on which one",
+            remedy="name one by --near X Y in survey coordinates, or crop the cloud",
         )
     return standing[0]
 
@@ -245,10 +268,29 @@ def _refine(
     label = np.full(len(points_m), PEDESTAL, np.int8)
     nearest = np.where(index >= 0, index, cKDTree(surfels.points_m).query(points_m[around])[1]) if (index < 0).any() else index
     label[around] = surfel_label[nearest]
+    label[_clutter(points_m, coarse, chosen.rock)] = NEITHER
     return Segmentation(
         label, surfels, surfel_label, concave_share,
         [(*map(float, other.top_m), other.height_m) for other in others],
     )
+
+
+def _clutter(points_m: NDArray[np.float64], coarse: Surfels, rock: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Points of a bush or the like: coarse surfels whose neighbourhoods are as thick as they are wide.
+
+    Not beside the rock, where the two sides of the crevice make one thick neighbourhood.
+    """
+    _, near = cKDTree(coarse.points_m).query(coarse.points_m, 9)
+    thick = np.median(coarse.roughness[near], axis=1) > CLUTTER_ROUGHNESS
+    thick &= cKDTree(coarse.points_m[rock]).query(coarse.points_m)[0] > 4 * coarse.voxel_m
+    if not thick.any():
+        return np.zeros(len(points_m), bool)
+    low = coarse.points_m[thick].min(axis=0) - coarse.voxel_m
+    high = coarse.points_m[thick].max(axis=0) + coarse.voxel_m
+    around = np.flatnonzero(((points_m > low) & (points_m < high)).all(axis=1))
+    clutter = np.zeros(len(points_m), bool)
+    clutter[around] = thick[cKDTree(coarse.points_m).query(points_m[around])[1]]
+    return clutter
 
 
 def label_surfels(surfels: Surfels, points_m: NDArray[np.float64], label: NDArray[np.int8]) -> NDArray[np.int8]:

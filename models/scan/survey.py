@@ -8,18 +8,26 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import ConvexHull, cKDTree
 
+from models.errors import InputError
+from models.rock import Rock
 from models.scan.base import hidden_base
 from models.scan.close import close_rock
 from models.scan.crevice import judge_crevice
 from models.scan.ground import pedestal_ground
-from models.scan.interface import fit_interface
+from models.scan.interface import Interface, fit_interface
 from models.scan.picture import draw_scene
 from models.scan.read import Cloud
 from models.scan.segment import PEDESTAL, ROCK, Segmentation, label_surfels, segment
 from models.scene import Scene
 
 Progress = Callable[[str], None]
+
+OVERLAP_SHARE = 0.02
+"""Points of two stations this near, in sizes of a cloud, show the same place."""
+LEAST_OVERLAP = 0.05
+"""Share of a station's points that must show a place that another one shows too."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +47,9 @@ class Survey:
     segmentation: Segmentation
 
 
-def survey(cloud: Cloud, progress: Progress = lambda _: None) -> Survey:
+def survey(
+    cloud: Cloud, progress: Progress = lambda _: None, near_m: tuple[float, float] | None = None
+) -> Survey:
     """Segment, close and measure.
 
     Parameters
@@ -47,6 +57,8 @@ def survey(cloud: Cloud, progress: Progress = lambda _: None) -> Survey:
     cloud : Cloud
     progress : callable
         Told the name of each stage when it begins.
+    near_m : pair of float, optional
+        Survey coordinates x, y near the top of the rock that is meant, where several stand.
 
     Raises
     ------
@@ -54,7 +66,8 @@ def survey(cloud: Cloud, progress: Progress = lambda _: None) -> Survey:
         If the cloud shows no rock that stands on a pedestal.
     """
     progress("splitting rock from pedestal")
-    parts = segment(cloud.points_m)
+    check_overlap(cloud)
+    parts = segment(cloud.points_m, None if near_m is None else np.asarray(near_m) - cloud.origin_m[:2])
     rock_patches, pedestal_patches = parts.surfel_label == ROCK, parts.surfel_label == PEDESTAL
     progress("fitting the interface")
     interface = fit_interface(parts.surfels, rock_patches)
@@ -66,6 +79,7 @@ def survey(cloud: Cloud, progress: Progress = lambda _: None) -> Survey:
     flat = interface.flat(cloud.points_m)
     base = hidden_base(flat[label == ROCK], flat[label == PEDESTAL], height)
     closed = close_rock(parts.surfels, rock_patches, base, interface)
+    check_can_stand(closed.rock, interface)
     progress("meshing the pedestal")
     ground = pedestal_ground(parts.surfels, pedestal_patches, closed.rock, interface)
     report = {
@@ -90,6 +104,57 @@ def survey(cloud: Cloud, progress: Progress = lambda _: None) -> Survey:
     }
     scene = Scene(closed.rock, ground.pedestal, origin_m=cloud.origin_m, report=report)
     return Survey(scene, label, parts)
+
+
+def check_overlap(cloud: Cloud) -> None:
+    """Refuse stations that do not show the same place.
+
+    Raises
+    ------
+    InputError
+        If a file's cloud shares next to nothing with the others.
+    """
+    ends = np.cumsum([points for _, points in cloud.files])
+    parts = np.split(cloud.points_m, ends[:-1])
+    if len(parts) < 2:
+        return
+    samples = [part[:: max(1, len(part) // 20_000)] for part in parts]
+    sizes = [float(np.linalg.norm(np.ptp(np.quantile(sample, [0.02, 0.98], axis=0), axis=0))) for sample in samples]
+    for number, (name, _) in enumerate(cloud.files):
+        others = np.concatenate([sample for other, sample in enumerate(samples) if other != number])
+        distance, _ = cKDTree(others).query(samples[number])
+        typical = float(np.median([size for other, size in enumerate(sizes) if other != number]))
+        if (distance < OVERLAP_SHARE * typical).mean() < LEAST_OVERLAP:
+            ratio = sizes[number] / typical
+            units = "" if 0.4 < ratio < 2.5 else f"; it is {ratio:.3g} times as large: other units?"
+            raise InputError(
+                f"does not overlap the other clouds{units}", where=name,
+                expected="stations of one survey, registered to one coordinate system, in metres",
+                remedy="register the stations, or convert this file's units to metres, and export again",
+            )
+
+
+def check_can_stand(rock: Rock, interface: Interface) -> None:
+    """Refuse a rock that could not stand: the split must be wrong.
+
+    Raises
+    ------
+    InputError
+        If the centre of mass lies outside everything within 2 % of the height of the interface.
+    """
+    flat = interface.flat(rock.vertices_m)
+    support = flat[flat[:, 2] < 0.02 * rock.height_m, :2]
+    com = interface.flat(rock.com_m[None])[0]
+    down = np.array([0.0, 0.0, -1.0]) @ interface.axes
+    pierced = com[:2] - down[:2] / down[2] * com[2]
+    hull = ConvexHull(support)
+    outside = float((hull.equations[:, :2] @ pierced + hull.equations[:, 2]).max())
+    if outside > 0.0:
+        raise InputError(
+            f"the centre of mass lies {outside:.3g} m outside any support the rock could have", where="statics",
+            expected="a rock that stands: its centre of mass above its base",
+            remedy="look for a second support or a wrong split in the cloud; name the rock by --near X Y",
+        )
 
 
 def save_survey(result: Survey, folder: str | os.PathLike[str]) -> Path:

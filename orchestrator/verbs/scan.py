@@ -13,8 +13,11 @@ STAGES = 6
 @click.command()
 @click.argument("files", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option("--out", required=True, type=click.Path(path_type=Path), help="Folder of the scene; must not exist.")
+@click.option(
+    "--near", type=float, nargs=2, metavar="X Y", help="Survey coordinates near the rock's top, where several stand."
+)
 @click.option("--json", "as_json", is_flag=True, help="Print scene.json's content.")
-def scan(files: tuple[Path, ...], out: Path, as_json: bool) -> None:
+def scan(files: tuple[Path, ...], out: Path, near: tuple[float, float] | None, as_json: bool) -> None:
     r"""Turn laser scans into a rock on its pedestal.
 
     FILES are stations of one survey: LAZ, LAS, PLY, PCD, XYZ, PTS, CSV or E57, in metres, z up.
@@ -35,7 +38,7 @@ def scan(files: tuple[Path, ...], out: Path, as_json: bool) -> None:
             bar.update(task, advance=1, description=name)
 
         cloud = read_clouds(files)
-        result = survey(cloud, stage)
+        result = survey(cloud, stage, near)
         stage("writing")
         save_survey(result, out)
         bar.update(task, completed=STAGES, description="done")

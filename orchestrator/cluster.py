@@ -1,19 +1,38 @@
-"""Where the jobs run: workers on this machine, or a scheduler that exists."""
+"""Where the jobs run: workers on this machine, a scheduler that exists, or a batch system."""
 
 import contextlib
+import importlib
 import logging
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import dask
 from distributed import Client, LocalCluster
+from distributed.security import Security
+
+from models import InputError
 
 log = logging.getLogger(__name__)
+
+QUEUES = {
+    "slurm": "SLURMCluster",
+    "pbs": "PBSCluster",
+    "sge": "SGECluster",
+    "lsf": "LSFCluster",
+    "htcondor": "HTCondorCluster",
+}
+CONNECT_TIMEOUT_S = 30
+SETTINGS = Path(__file__).with_name("dask.yaml")
 
 
 def load_defaults() -> None:
     """Put the project's Dask settings below the user's files and DASK_* variables."""
-    dask.config.update_defaults(*dask.config.collect_yaml([str(Path(__file__).with_name("dask.yaml"))]))
+    for settings in dask.config.collect_yaml([str(SETTINGS)]):
+        dask.config.update_defaults(settings)
+    logging.getLogger("distributed").setLevel(
+        logging.CRITICAL
+    )  # every fault it reports is reported by the run
 
 
 @contextlib.contextmanager
@@ -27,8 +46,139 @@ def local(workers: int) -> Iterator[Client]:
             processes=True,
             host="127.0.0.1",
             dashboard_address="127.0.0.1:0",
-            silence_logs=logging.ERROR,
+            silence_logs=False,  # it would silence the root logger too, and with it the run's own warnings
         ) as cluster,
         Client(cluster) as client,
     ):
         yield client
+
+
+@contextlib.contextmanager
+def existing(address: str | None, scheduler_file: Path | None, tls: Security | None) -> Iterator[Client]:
+    """Connect to a scheduler that somebody else has started.
+
+    Parameters
+    ----------
+    address : str or None
+        Such as `tcp://host:8786`; without it and a file, the configuration's `scheduler-address`.
+    scheduler_file : Path or None
+        Written by `dask scheduler --scheduler-file`.
+    tls : Security or None
+        Certificates; None for the configuration's.
+
+    Raises
+    ------
+    InputError
+        If nothing answers there, or it refuses the connection.
+    """
+    load_defaults()
+    where = address or (str(scheduler_file) if scheduler_file else dask.config.get("scheduler-address", ""))
+    if scheduler_file is not None and not scheduler_file.is_file():
+        raise _unreachable(where, "no such file")
+    options: dict[str, Any] = {"security": tls} if tls else {}
+    try:
+        client = Client(
+            address, scheduler_file=str(scheduler_file) if scheduler_file else None,
+            timeout=CONNECT_TIMEOUT_S, set_as_default=False, **options,
+        )  # fmt: skip
+    except (OSError, ValueError, TypeError, RuntimeError) as error:
+        raise _unreachable(where, str(error).splitlines()[0]) from None
+    with client:
+        _check_scheduler(client)
+        yield client
+
+
+@contextlib.contextmanager
+def queue(kind: str, jobs: int) -> Iterator[Client]:
+    """Have a batch system start workers, as ~/.config/dask/jobqueue.yaml says.
+
+    Parameters
+    ----------
+    kind : str
+        One of `QUEUES`.
+    jobs : int
+        Batch jobs to submit.
+    """
+    with _queue_cluster(kind) as cluster, Client(cluster) as client:
+        cluster.scale(jobs=jobs)
+        yield client
+
+
+def job_script(kind: str) -> str:
+    """Tell what would be submitted to a batch system."""
+    with _queue_cluster(kind) as cluster:
+        return cluster.job_script()
+
+
+def tls_security(ca: Path, certificate: Path, key: Path) -> Security:
+    """Certificates of a cluster across hosts; without them nobody is let in, in either direction.
+
+    Raises
+    ------
+    InputError
+        If a file is absent.
+    """
+    for path in (ca, certificate, key):
+        if not path.is_file():
+            raise InputError(
+                "no such file",
+                where=str(path),
+                expected="the cluster's authority, and a certificate and key that it signed (PEM)",
+                remedy="see docs/faults.md, 'TLS', for the three openssl commands that make them",
+            )
+    return Security(
+        tls_ca_file=str(ca),
+        tls_client_cert=str(certificate),
+        tls_client_key=str(key),
+        require_encryption=True,
+    )
+
+
+def _queue_cluster(kind: str) -> Any:
+    load_defaults()
+    try:
+        jobqueue = importlib.import_module("dask_jobqueue")
+    except ImportError:
+        raise InputError(
+            "dask-jobqueue is not installed",
+            where=f"--queue {kind}",
+            expected="the extra hpc",
+            remedy="pip install 'toppling[hpc]'",
+        ) from None
+    try:
+        # A process a core: the engine is one per process, and its threads would wait for each other.
+        cores = dask.config.get(f"jobqueue.{kind}.cores") or 1
+        return getattr(jobqueue, QUEUES[kind])(cores=cores, processes=cores)
+    except (ValueError, KeyError) as error:
+        raise InputError(
+            str(error).splitlines()[0],
+            where=f"--queue {kind}",
+            expected=f"cores, memory, walltime ... in ~/.config/dask/jobqueue.yaml under jobqueue: {kind}:",
+            remedy="see https://jobqueue.dask.org/en/latest/configuration.html, and try --dry-run first",
+        ) from None
+
+
+def _check_scheduler(client: Client) -> None:
+    """Warn of settings that only where the scheduler starts can be set."""
+
+    def settings(dask_scheduler: Any = None) -> tuple[float, int]:
+        return dask_scheduler.WORKER_SATURATION, dask_scheduler.allowed_failures
+
+    saturation, failures = client.run_on_scheduler(settings)
+    if saturation != 1.0 or failures != 0:
+        log.warning(
+            "the scheduler runs with worker-saturation %g and allowed-failures %d instead of 1.0 and 0: "
+            "a crash will cost more retries. Start it with DASK_CONFIG=%s",
+            saturation,
+            failures,
+            SETTINGS,
+        )
+
+
+def _unreachable(where: str, what: str) -> InputError:
+    return InputError(
+        what,
+        where=f"scheduler {where}",
+        expected="a Dask scheduler that answers there, with the same kind of security",
+        remedy="check the address; start one with 'dask scheduler'; give --tls-* if it asks for certificates",
+    )

@@ -9,13 +9,12 @@ import time
 import uuid
 from collections import Counter
 from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
 
-from distributed import Client, Future, KilledWorker, as_completed
-from workers.job import JobSpec
+from distributed import Client, Future, KilledWorker, as_completed, performance_report
 
 from models import InputError, Scene
 from models.motions.ensemble import Ensemble
@@ -25,6 +24,7 @@ from orchestrator.folder import prepare, session
 from orchestrator.plan import Plan, plan
 from orchestrator.task import Order, Row, UnfitWorkerError, check, lost_row, shake_batch, versions
 from results.store import RESULTS_FILE, compact, finished_ids, result_files, write_part
+from workers.job import JobSpec
 
 log = logging.getLogger(__name__)
 
@@ -40,7 +40,6 @@ JOB_LIMIT_S = 300.0
 FLUSH_S = (5.0, 60.0)
 """Least and greatest time between part files; it grows with the run, so that a weekend makes few thousand."""
 
-Key = tuple[str, str, str]
 Task = Callable[[Order, Sequence[JobSpec], float], list[Row]]
 
 
@@ -108,6 +107,7 @@ def run(
     cluster: AbstractContextManager[Client],
     watch: Watcher,
     job_limit_s: float = JOB_LIMIT_S,
+    report: Path | None = None,
 ) -> Tally:
     """Carry a campaign out, or go on with it; the folder then holds `results.parquet`.
 
@@ -121,6 +121,8 @@ def run(
     watch : Watcher
     job_limit_s : float
         Wall time after which a worker is taken to hang.
+    report : Path or None
+        Where to write Dask's performance report.
 
     Returns
     -------
@@ -142,7 +144,7 @@ def run(
     with session(folder, {}) as notes:
         finished = finished_ids(folder)
         if len(planned.pending(finished)):
-            with cluster as client:
+            with cluster as client, client.as_current(), _reported(report):
                 check_workers(client, order)
                 tally = Execution(planned, finished, client, folder, order, watch, job_limit_s=job_limit_s)()
         else:
@@ -158,6 +160,10 @@ def run(
     return tally
 
 
+def _reported(report: Path | None) -> AbstractContextManager:
+    return performance_report(str(report)) if report else nullcontext()
+
+
 def check_workers(client: Client, order: Order) -> None:
     """Let every worker present load the run's assets.
 
@@ -168,7 +174,8 @@ def check_workers(client: Client, order: Order) -> None:
     """
     client.wait_for_workers(1)
     answers = client.run(check, order, on_error="return")
-    reasons = sorted({str(answer) for answer in answers.values() if answer is not None})
+    # Of a worker that just dies or just comes, its first task will tell.
+    reasons = sorted({str(answer) for answer in answers.values() if isinstance(answer, UnfitWorkerError)})
     if reasons:
         raise InputError(
             f"{len(reasons)} of {len(answers)} workers are unfit for this run: " + "; ".join(reasons[:5]),
@@ -224,8 +231,8 @@ class Execution:
         self._submitted = 0
         self._job_limit_s = job_limit_s
         self._looked = -math.inf
-        self._since: dict[tuple[str, Key], float] = {}
-        self._overdue: set[Key] = set()
+        self._since: dict[tuple[str, str], float] = {}
+        self._overdue: set[str] = set()
         self._flying: dict[Future, Batch] = {}
         self._unstored: list[Row] = []
         self._flushed = time.monotonic()
@@ -240,7 +247,7 @@ class Execution:
         OSError
             If a part cannot be written.
         """
-        arriving = as_completed(with_results=True, raise_errors=False)
+        arriving = as_completed(loop=self.client.loop, with_results=True, raise_errors=False)
         try:
             while self.dispatch.waiting or self._flying:
                 self._look()
@@ -303,12 +310,12 @@ class Execution:
             self._keep(rows)
             self.dispatch.came_back(batch, done=len(rows))
         elif status == "error":
-            self._take_error(future.key, batch, result[1])
+            self._take_error(str(future.key), batch, result[1])
         else:
             log.warning("%d jobs came back unfinished (%s) and go out again", len(batch.jobs), status)
             self.dispatch.came_back(batch, done=0)
 
-    def _take_error(self, key: Key, batch: Batch, error: BaseException) -> None:
+    def _take_error(self, key: str, batch: Batch, error: BaseException) -> None:
         if isinstance(error, KilledWorker):
             hung = key in self._overdue
             self.tally.deaths += 1
@@ -346,7 +353,7 @@ class Execution:
             return
         self._looked = now
         self.tally.workers = sum(self.client.nthreads().values())
-        working = {(worker, key) for worker, keys in self.client.processing().items() for key in keys}
+        working = {(worker, str(key)) for worker, keys in self.client.processing().items() for key in keys}
         self._since = {place: self._since.get(place, now) for place in working}
         late = {
             place for place, since in self._since.items() if now - since > BATCH_BUDGET_S + self._job_limit_s

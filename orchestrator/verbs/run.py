@@ -5,60 +5,94 @@ import logging
 import os
 import signal
 import sys
+from contextlib import AbstractContextManager
 from pathlib import Path
 from types import FrameType
+from typing import Any
 
 import click
 
 FAILED_JOBS = 3
 INTERRUPTED = 130
+FILE = click.Path(dir_okay=False, path_type=Path)
+FOLDER = click.Path(file_okay=False, path_type=Path)
 
 
 @click.command()
-@click.argument("campaign", type=click.Path(dir_okay=False, path_type=Path))
+@click.argument("campaign", type=FILE)
+@click.option("--out", "folder", type=FOLDER, help="Folder of the run.")
+@click.option("--workers", type=click.IntRange(min=1), help="Local workers; one a core if not given.")
+@click.option("--scheduler", help="Address of an existing scheduler; DASK_SCHEDULER_ADDRESS if set.")
+@click.option("--scheduler-file", type=FILE, help="File that 'dask scheduler --scheduler-file' wrote.")
 @click.option(
-    "--out",
-    "folder",
-    required=True,
-    type=click.Path(file_okay=False, path_type=Path),
-    help="Folder of the run.",
+    "--queue",
+    type=click.Choice(["slurm", "pbs", "sge", "lsf", "htcondor"]),
+    help="Batch system to ask for workers.",
 )
 @click.option(
-    "--workers", type=click.IntRange(min=1), default=None, help="Local workers [default: one a core]."
+    "--queue-jobs", type=click.IntRange(min=1), default=1, show_default=True, help="Batch jobs to submit."
 )
+@click.option("--dry-run", is_flag=True, help="With --queue: print the job script and stop.")
+@click.option("--tls-ca", type=FILE, help="Certificate of the cluster's authority (PEM).")
+@click.option("--tls-cert", type=FILE, help="Certificate of this client (PEM).")
+@click.option("--tls-key", type=FILE, help="Key of this client (PEM).")
+@click.option(
+    "--job-limit", type=click.FloatRange(1), default=300.0, show_default=True,
+    help="Wall time in seconds after which a worker is taken to hang.",
+)  # fmt: skip
+@click.option("--report", type=FILE, help="Write Dask's performance report (HTML).")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
-def run(campaign: Path, folder: Path, workers: int | None, as_json: bool) -> None:
+def run(
+    campaign: Path,
+    folder: Path | None,
+    workers: int | None,
+    queue: str | None,
+    dry_run: bool,
+    job_limit: float,
+    report: Path | None,
+    as_json: bool,
+    **where: Any,
+) -> None:
     """Shake: carry CAMPAIGN out on a cluster, or go on where an interrupted run stopped.
 
     \b
     toppling run campaign.toml --out runs/first --workers 2
+    toppling run campaign.toml --out runs/first --scheduler tcp://node1:8786
+    toppling run campaign.toml --queue slurm --dry-run
 
     The same command again resumes: only jobs without a row are done. Exit code 3: some jobs have no answer.
     """  # noqa: D301  (\b keeps click from rewrapping the example)
     from orchestrator.campaign import Campaign
-    from orchestrator.cluster import local
+    from orchestrator.cluster import job_script
     from orchestrator.progress import duration, watcher
     from orchestrator.run import RunError
     from orchestrator.run import run as carry_out
 
+    if dry_run:
+        if queue is None:
+            raise click.UsageError("--dry-run needs --queue")
+        click.echo(job_script(queue))
+        return
+    if folder is None:
+        raise click.UsageError("Missing option '--out'.")
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(message)s")
     signal.signal(signal.SIGTERM, _stop)
     chosen = Campaign.read(campaign)
+    cluster = _cluster(workers, queue, **where)
+    again = f"To go on: toppling run {campaign} --out {folder}"
     try:
         with watcher() as watch:
-            tally = carry_out(chosen, folder, local(workers or os.cpu_count() or 1), watch)
+            tally = carry_out(chosen, folder, cluster, watch, job_limit_s=job_limit, report=report)
     except RunError as error:
-        message = f"{error}; the rows so far are kept. To go on: toppling run {campaign} --out {folder}"
+        message = f"{error}; the rows so far are kept. {again}"
         raise click.ClickException(message) from None
     except KeyboardInterrupt:
-        click.echo(
-            f"stopped; the rows so far are kept. To go on: toppling run {campaign} --out {folder}",
-            err=True,
-        )
+        click.echo(f"stopped; the rows so far are kept. {again}", err=True)
         sys.exit(INTERRUPTED)
     summary = {
         "run": str(folder), "jobs": tally.total, "done_before": tally.before, "done": tally.done,
         "toppled": tally.toppled, "failed": tally.failed, "status": dict(tally.status),
+        "deaths": tally.deaths,
         "wall_s": round(tally.elapsed_s, 2), "work_s": round(tally.work_s, 2),
     }  # fmt: skip
     if as_json:
@@ -71,6 +105,38 @@ def run(campaign: Path, folder: Path, workers: int | None, as_json: bool) -> Non
         click.echo(f"next: toppling fragility {folder}")
     if tally.failed:
         sys.exit(FAILED_JOBS)
+
+
+def _cluster(
+    workers: int | None,
+    queue_kind: str | None,
+    queue_jobs: int,
+    scheduler: str | None,
+    scheduler_file: Path | None,
+    tls_ca: Path | None,
+    tls_cert: Path | None,
+    tls_key: Path | None,
+) -> AbstractContextManager:
+    from orchestrator.cluster import existing, local, queue, tls_security
+
+    given = {
+        "--workers": workers, "--queue": queue_kind, "--scheduler": scheduler, "--scheduler-file": scheduler_file,
+    }  # fmt: skip
+    ways = [name for name, value in given.items() if value]
+    if len(ways) > 1:
+        msg = f"{' and '.join(ways)} exclude each other"
+        raise click.UsageError(msg)
+    tls = None
+    if tls_ca or tls_cert or tls_key:
+        if tls_ca is None or tls_cert is None or tls_key is None:
+            msg = "--tls-ca, --tls-cert and --tls-key belong together"
+            raise click.UsageError(msg)
+        tls = tls_security(tls_ca, tls_cert, tls_key)
+    if queue_kind:
+        return queue(queue_kind, queue_jobs)
+    if scheduler or scheduler_file or (not workers and os.environ.get("DASK_SCHEDULER_ADDRESS")):
+        return existing(scheduler, scheduler_file, tls)
+    return local(workers or os.cpu_count() or 1)
 
 
 def _stop(signum: int, frame: FrameType | None) -> None:  # noqa: ARG001  (a signal handler's signature)

@@ -1,0 +1,105 @@
+"""A small real ensemble, its undisturbed rows, and a real cluster whose jobs can be told to go wrong."""
+
+import json
+import os
+from contextlib import nullcontext
+from pathlib import Path
+
+import pytest
+from answers import sorted_answers
+
+from models import Scene
+from models.motions.ensemble import Ensemble
+from models.motions.idealised import ricker
+from models.motions.record import Record
+from orchestrator.campaign import Campaign
+from orchestrator.cluster import local
+from orchestrator.plan import plan
+from orchestrator.run import run
+from workers.job import Assets, run_job
+
+FAULTS_VARIABLE = "TOPPLING_TEST_FAULTS"
+CAMPAIGN = """\
+scene = "scene"
+ensemble = "ensemble"
+pga_m_s2 = [2, 4, 6, 8]
+azimuth_deg = [0, 90, 200]
+friction = [0.9, [0.8, 0.6]]
+preset = "fast"
+"""
+
+
+@pytest.fixture(scope="session")
+def inputs(tmp_path_factory):
+    """Folder with campaign.toml, scene and ensemble: 72 jobs of some hundredths of a second."""
+    folder = tmp_path_factory.mktemp("inputs")
+    Scene.block(0.15, 0.2, 0.6).save(folder / "scene")
+    pulses = [Record.of(f"P{n}", ricker(2.0, 0.6 + 0.4 * n, 0.01), event=f"event {n}") for n in range(3)]
+    Ensemble.write(folder / "ensemble", pulses)
+    (folder / "campaign.toml").write_text(CAMPAIGN)
+    return folder
+
+
+@pytest.fixture(scope="session")
+def campaign(inputs):
+    return Campaign.read(inputs / "campaign.toml")
+
+
+@pytest.fixture(scope="session")
+def planned(campaign):
+    return plan(campaign, Scene.load(campaign.scene), Ensemble.load(campaign.ensemble))
+
+
+@pytest.fixture(scope="session")
+def undisturbed(planned, campaign):
+    """Rows as one process gives them without any cluster."""
+    assets = Assets(Scene.load(campaign.scene), Ensemble.load(campaign.ensemble))
+    return sorted_answers([run_job(planned.spec(row), assets) for row in range(len(planned))])
+
+
+class Faults:
+    """What goes wrong in which job."""
+
+    def __init__(self, path):
+        self.path = path
+
+    def set(self, **kinds):
+        self.clear()
+        self.path.write_text(json.dumps(kinds))
+
+    def clear(self):
+        for left in self.path.parent.glob(f"{self.path.name}*"):
+            left.unlink()
+
+
+@pytest.fixture(scope="session")
+def faults_file(tmp_path_factory):
+    path = tmp_path_factory.mktemp("faults") / "faults.json"
+    os.environ[FAULTS_VARIABLE] = str(path)
+    os.environ["DASK_DISTRIBUTED__WORKER__PRELOAD"] = json.dumps([str(Path(__file__).with_name("faults.py"))])
+    return path
+
+
+@pytest.fixture
+def faults(faults_file):
+    told = Faults(faults_file)
+    yield told
+    told.clear()
+
+
+@pytest.fixture(scope="module")
+def client(faults_file):
+    """Two real worker processes."""
+    import dask
+
+    dask.config.refresh()
+    with local(2) as client:
+        yield client
+
+
+@pytest.fixture
+def carry_out(campaign, client):
+    def go(folder, watch=lambda tally: None, **options):
+        return run(campaign, folder, nullcontext(client), watch, **options)
+
+    return go

@@ -1,0 +1,47 @@
+"""Loaded by workers in tests: makes named jobs crash, hang or wait, as a file tells."""
+
+import json
+import os
+import signal
+import time
+from pathlib import Path
+
+from orchestrator import task
+
+FAULTS_VARIABLE = "TOPPLING_TEST_FAULTS"
+
+
+def _strike(job_id):
+    control = Path(os.environ[FAULTS_VARIABLE])
+    if not control.exists():
+        return
+    faults = json.loads(control.read_text())
+    fault = faults.get(job_id) or faults.get("every")
+    if fault is None:
+        return
+    if "times" in fault:
+        tally = control.with_name(f"{control.name}.{job_id}")
+        with tally.open("a") as file:
+            file.write("x")
+        if tally.stat().st_size > fault["times"]:
+            return
+    if fault["kind"] == "segfault":
+        os.kill(os.getpid(), signal.SIGSEGV)
+    elif fault["kind"] == "freeze":
+        os.kill(os.getpid(), signal.SIGSTOP)
+    elif fault["kind"] == "hang":
+        time.sleep(10_000)
+    elif fault["kind"] == "raise":
+        1 / 0  # noqa: B018  (the exception is the point)
+    elif fault["kind"] == "wait":
+        time.sleep(fault["seconds"])
+
+
+if not hasattr(task, "genuine_run_job"):
+    task.genuine_run_job = task.run_job
+
+    def run_job(spec, assets):
+        _strike(spec.job_id)
+        return task.genuine_run_job(spec, assets)
+
+    task.run_job = run_job

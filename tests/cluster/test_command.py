@@ -1,0 +1,215 @@
+"""The command itself as a process of its own: exit codes, interruption, other people's schedulers."""
+
+import contextlib
+import json
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from answers import answers_of
+
+TOPPLING = str(Path(sys.executable).with_name("toppling"))
+DASK = str(Path(sys.executable).with_name("dask"))
+
+
+def command(inputs, run, *options):
+    return [TOPPLING, "run", str(inputs / "campaign.toml"), "--out", str(run), *options]
+
+
+def toppling(*arguments, **options):
+    return subprocess.run(arguments, capture_output=True, text=True, timeout=240, **options)
+
+
+def wait_for(condition, seconds=120):
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, "waited in vain"
+        time.sleep(0.1)
+
+
+def free_port():
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+def parts(run):
+    return list((run / "parts").glob("part-*.parquet"))
+
+
+def stored(run):
+    return json.loads(toppling(TOPPLING, "status", str(run), "--json").stdout)
+
+
+def test_ctrl_c_keeps_the_rows_and_says_how_to_go_on(inputs, undisturbed, tmp_path, faults):
+    faults.set(every={"kind": "wait", "seconds": 0.4})
+    run = tmp_path / "run"
+    # A session of its own, so that the signal reaches workers and client together, as from a terminal.
+    process = subprocess.Popen(
+        command(inputs, run, "--workers", "2"), start_new_session=True, stderr=subprocess.PIPE, text=True
+    )
+    wait_for(lambda: parts(run))
+    os.killpg(process.pid, signal.SIGINT)
+    _, told = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert f"To go on: toppling run {inputs / 'campaign.toml'} --out {run}" in told
+    state = stored(run)
+    assert state["state"] == "interrupted"
+    assert 0 < state["stored"] < len(undisturbed)
+    faults.clear()
+    done = toppling(*command(inputs, run, "--workers", "2", "--json"))
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["done_before"] == state["stored"]
+    assert answers_of(run) == undisturbed
+
+
+@pytest.mark.slow
+def test_a_client_killed_between_writing_and_renaming_leaves_a_run_that_resumes(
+    inputs, undisturbed, tmp_path
+):
+    run = tmp_path / "run"
+    # The renaming of a part is where this client dies.
+    dies = (
+        "import os, pathlib, signal, sys; from orchestrator.cli import main; replace = pathlib.Path.replace\n"
+        "def fatal(self, target):\n"
+        "    if 'part-' in self.name: os.kill(os.getpid(), signal.SIGKILL)\n"
+        "    return replace(self, target)\n"
+        "pathlib.Path.replace = fatal\n"
+        "if __name__ == '__main__': main()\n"
+    )
+    script = tmp_path / "dies.py"
+    script.write_text(dies)
+    died = subprocess.run(
+        [sys.executable, str(script), *command(inputs, run, "--workers", "2")[1:]], timeout=240
+    )
+    assert died.returncode == -signal.SIGKILL
+    assert [path.name for path in (run / "parts").iterdir() if not path.name.startswith(".")] == []
+    assert len(list((run / "parts").glob(".*.tmp"))) == 1
+    assert toppling(*command(inputs, run, "--workers", "2")).returncode == 0
+    assert answers_of(run) == undisturbed
+    assert list(run.rglob(".*.tmp")) == []
+
+
+@pytest.mark.slow
+def test_failed_jobs_make_exit_code_three(inputs, planned, tmp_path, faults):
+    faults.set(**{planned.spec(3).job_id: {"kind": "raise"}})
+    done = toppling(*command(inputs, tmp_path / "run", "--workers", "2"))
+    assert done.returncode == 3
+    assert "1 failed" in done.stdout
+
+
+@contextlib.contextmanager
+def processes(*commands, **options):
+    started = [
+        subprocess.Popen(each, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, **options)
+        for each in commands
+    ]
+    try:
+        yield started
+    finally:
+        for process in started:
+            process.terminate()
+        for process in started:
+            try:
+                process.wait(20)
+            except subprocess.TimeoutExpired:
+                process.kill()
+
+
+def scheduler_and_workers(port, *security, protocol="tcp"):
+    address = f"{protocol}://127.0.0.1:{port}"
+    return (
+        [DASK, "scheduler", "--host", address, "--no-dashboard", *security],
+        *[[DASK, "worker", address, "--nthreads", "1", "--no-dashboard", "--host", "127.0.0.1", *security]]
+        * 2,
+    )
+
+
+@pytest.mark.slow
+def test_an_existing_scheduler_gives_the_same_rows_and_losing_it_loses_no_row(
+    inputs, undisturbed, tmp_path, faults
+):
+    run, port = tmp_path / "run", free_port()
+    going = command(inputs, run, "--scheduler", f"tcp://127.0.0.1:{port}")
+    faults.set(every={"kind": "wait", "seconds": 0.4})
+    with processes(*scheduler_and_workers(port)) as (scheduler, *_):
+        client = subprocess.Popen(going, stderr=subprocess.PIPE, text=True)
+        wait_for(lambda: parts(run))
+        scheduler.kill()
+        _, told = client.communicate(timeout=120)
+    assert client.returncode == 1
+    assert "scheduler" in told
+    assert "To go on" in told
+    assert 0 < stored(run)["stored"] < len(undisturbed)
+    faults.clear()
+    with processes(*scheduler_and_workers(port)):
+        environment = {**os.environ, "DASK_SCHEDULER_ADDRESS": f"tcp://127.0.0.1:{port}"}
+        done = toppling(*command(inputs, run), env=environment)
+    assert done.returncode == 0, done.stderr
+    assert answers_of(run) == undisturbed
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which("openssl") is None, reason="openssl makes the certificates")
+def test_a_client_without_a_certificate_is_refused(inputs, undisturbed, tmp_path):
+    make = [
+        "openssl req -x509 -newkey rsa:2048 -nodes -days 2 -subj /CN=ca -keyout ca.key -out ca.pem",
+        "openssl req -newkey rsa:2048 -nodes -subj /CN=cluster -keyout cluster.key -out cluster.csr",
+        "openssl x509 -req -days 2 -in cluster.csr -CA ca.pem -CAkey ca.key -CAcreateserial -out cluster.pem",
+    ]
+    for line in make:
+        subprocess.run(line.split(), cwd=tmp_path, check=True, capture_output=True)
+    ca, certificate, key = (str(tmp_path / name) for name in ("ca.pem", "cluster.pem", "cluster.key"))
+    port = free_port()
+    security = ["--tls-ca-file", ca, "--tls-cert", certificate, "--tls-key", key]
+    there = ["--scheduler", f"tls://127.0.0.1:{port}"]
+    with processes(*scheduler_and_workers(port, *security, protocol="tls")):
+        refused = toppling(*command(inputs, tmp_path / "refused", *there))
+        assert refused.returncode == 1
+        assert "--tls-" in refused.stderr
+        let_in = toppling(
+            *command(
+                inputs, tmp_path / "run", *there, "--tls-ca", ca, "--tls-cert", certificate, "--tls-key", key
+            )
+        )
+        assert let_in.returncode == 0, let_in.stderr
+    assert answers_of(tmp_path / "run") == undisturbed
+
+
+def test_the_job_script_of_a_batch_system_can_be_read_before_it_is_submitted(inputs, tmp_path):
+    pytest.importorskip("dask_jobqueue", reason="the extra hpc is not installed")
+    settings = {"DASK_JOBQUEUE__SLURM__CORES": "8", "DASK_JOBQUEUE__SLURM__MEMORY": "16GB"}
+    told = toppling(
+        TOPPLING,
+        "run",
+        str(inputs / "campaign.toml"),
+        "--queue",
+        "slurm",
+        "--dry-run",
+        env={**os.environ, **settings},
+    )
+    assert told.returncode == 0, told.stderr
+    assert "#SBATCH --cpus-per-task=8" in told.stdout
+    assert "--nworkers 8 --nthreads 1" in told.stdout
+
+
+@pytest.mark.parametrize(
+    ("options", "code", "told"),
+    [
+        (["--workers", "0"], 2, "--workers"),
+        (["--workers", "2", "--scheduler", "tcp://x:1"], 2, "exclude each other"),
+        (["--tls-ca", "ca.pem"], 2, "belong together"),
+        (["--dry-run"], 2, "--queue"),
+    ],
+)
+def test_wrong_usage_is_told_and_writes_nothing(inputs, tmp_path, options, code, told):
+    done = toppling(*command(inputs, tmp_path / "run", *options))
+    assert done.returncode == code
+    assert told in done.stderr
+    assert not (tmp_path / "run").exists()

@@ -1,0 +1,232 @@
+"""Real jobs on two real worker processes: the same rows whatever goes wrong."""
+
+import os
+import signal
+import threading
+
+import pyarrow.parquet as pq
+import pytest
+from answers import answers_of
+
+from models import InputError
+from orchestrator import run as run_module
+from orchestrator.status import state_of
+from results.run import open_run
+from results.store import write_part
+
+
+def test_two_workers_give_the_rows_of_one_process_bit_for_bit(carry_out, undisturbed, tmp_path):
+    tally = carry_out(tmp_path / "run")
+    assert answers_of(tmp_path / "run") == undisturbed
+    assert (tally.done, tally.failed, tally.before) == (len(undisturbed), 0, 0)
+    assert state_of(tmp_path / "run")["state"] == "complete"
+    assert len({row["outcome"] for row in undisturbed}) > 1, "the ensemble must not be trivial"
+
+
+@pytest.mark.slow
+def test_the_same_command_again_does_nothing(carry_out, tmp_path):
+    carry_out(tmp_path / "run")
+    before = (tmp_path / "run" / "results.parquet").stat().st_mtime_ns
+    assert carry_out(tmp_path / "run").done == 0
+    assert (tmp_path / "run" / "results.parquet").stat().st_mtime_ns == before
+
+
+def test_an_interrupted_run_goes_on_where_it_stopped(carry_out, undisturbed, tmp_path, faults):
+    def stop_after_ten(tally):
+        if tally.done >= 10:
+            raise KeyboardInterrupt
+
+    faults.set(every={"kind": "wait", "seconds": 0.05})
+    with pytest.raises(KeyboardInterrupt):
+        carry_out(tmp_path / "run", stop_after_ten)
+    stored = state_of(tmp_path / "run")["stored"]
+    assert state_of(tmp_path / "run")["state"] == "interrupted"
+    assert 10 <= stored < len(undisturbed)
+    faults.clear()
+    tally = carry_out(tmp_path / "run")
+    assert (tally.before, tally.done) == (stored, len(undisturbed) - stored)
+    assert answers_of(tmp_path / "run") == undisturbed
+
+
+def test_killed_workers_cost_no_job(carry_out, client, undisturbed, tmp_path, faults):
+    faults.set(every={"kind": "wait", "seconds": 0.05})
+    killed = []
+
+    def kill(tally):
+        if len(killed) < 2 and tally.done >= 10 * (len(killed) + 1):
+            pid = next(iter(client.run(os.getpid, on_error="ignore").values()))
+            killed.append(pid)
+            os.kill(pid, signal.SIGKILL)
+
+    tally = carry_out(tmp_path / "run", kill)
+    assert len(killed) == 2
+    assert tally.deaths >= 1
+    assert answers_of(tmp_path / "run") == undisturbed
+
+
+def test_a_job_that_crashes_the_engine_is_the_only_one_lost(
+    carry_out, undisturbed, planned, tmp_path, faults
+):
+    culprit = planned.spec(30).job_id
+    faults.set(**{culprit: {"kind": "segfault"}})
+    tally = carry_out(tmp_path / "run")
+    rows = {row["job_id"]: row for row in answers_of(tmp_path / "run")}
+    assert rows[culprit]["status"] == "crashed"
+    assert rows[culprit]["toppled"] is None
+    assert "died" in rows[culprit]["message"]
+    assert tally.status == {"ok": len(undisturbed) - 1, "crashed": 1}
+    assert [row for row in rows.values() if row["job_id"] != culprit] == [
+        row for row in undisturbed if row["job_id"] != culprit
+    ]
+
+
+@pytest.mark.slow
+def test_a_job_that_crashes_once_is_tried_again(carry_out, undisturbed, planned, tmp_path, faults):
+    culprit = planned.spec(5).job_id
+    faults.set(**{culprit: {"kind": "segfault", "times": 2}})
+    carry_out(tmp_path / "run")
+    assert answers_of(tmp_path / "run") == undisturbed
+    attempts = open_run(tmp_path / "run").sql(f"select attempt from results where job_id = '{culprit}'")
+    assert attempts["attempt"].to_pylist() == [3]
+
+
+@pytest.mark.slow
+def test_an_exception_in_a_job_is_a_row(carry_out, undisturbed, planned, tmp_path, faults):
+    culprit = planned.spec(7).job_id
+    faults.set(**{culprit: {"kind": "raise"}})
+    tally = carry_out(tmp_path / "run")
+    assert tally.status == {"ok": len(undisturbed) - 1, "failed": 1}
+    assert "ZeroDivisionError" in state_of(tmp_path / "run")["failures"][0]["message"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["hang", "freeze"])
+def test_a_worker_that_hangs_is_replaced(carry_out, undisturbed, planned, tmp_path, faults, kind):
+    culprit = planned.spec(20).job_id
+    faults.set(**{culprit: {"kind": kind, "times": 1}})
+    tally = carry_out(tmp_path / "run", job_limit_s=3.0)
+    assert tally.deaths >= 1
+    assert answers_of(tmp_path / "run") == undisturbed
+
+
+@pytest.mark.slow
+def test_torn_and_foreign_files_in_the_run_are_passed_over(carry_out, undisturbed, tmp_path, faults, caplog):
+    def stop(tally):
+        if tally.done >= 10:
+            raise KeyboardInterrupt
+
+    faults.set(every={"kind": "wait", "seconds": 0.05})
+    with pytest.raises(KeyboardInterrupt):
+        carry_out(tmp_path / "run", stop)
+    faults.clear()
+    parts = tmp_path / "run" / "parts"
+    part = next(parts.glob("part-*.parquet"))
+    lost = len(pq.read_table(part))
+    part.write_bytes(part.read_bytes()[:-100])
+    (parts / "notes.parquet").write_text("not Parquet")
+    pq.write_table(pq.read_table(tmp_path / "run" / "jobs.parquet"), parts / "part-foreign.parquet")
+    assert lost >= 1
+    carry_out(tmp_path / "run")
+    assert "torn" in caplog.text
+    assert answers_of(tmp_path / "run") == undisturbed
+
+
+@pytest.mark.slow
+def test_a_part_that_cannot_be_written_stops_the_run_and_nothing_is_lost(
+    carry_out, undisturbed, tmp_path, monkeypatch
+):
+    def full(folder, rows):
+        raise OSError(28, "No space left on device", str(folder))
+
+    with monkeypatch.context() as patched:
+        patched.setattr(run_module, "write_part", full)
+        with pytest.raises(OSError, match="No space left"):
+            carry_out(tmp_path / "run")
+    carry_out(tmp_path / "run")
+    assert answers_of(tmp_path / "run") == undisturbed
+
+
+@pytest.mark.slow
+def test_a_second_writer_is_refused(carry_out, tmp_path, faults):
+    faults.set(every={"kind": "wait", "seconds": 0.05})
+    refused = []
+
+    def another(tally):
+        if not refused:
+            thread = threading.Thread(target=lambda: refused.append(_error_of(carry_out, tmp_path / "run")))
+            thread.start()
+            thread.join()
+
+    carry_out(tmp_path / "run", another)
+    assert "another process writes" in str(refused[0])
+
+
+def _error_of(carry_out, folder):
+    try:
+        carry_out(folder)
+    except InputError as error:
+        return error
+    return None
+
+
+def test_workers_without_the_run_are_refused_before_any_job(client, planned, tmp_path):
+    from orchestrator.task import Order, versions
+
+    order = Order(str(tmp_path / "absent"), planned.scene_id, planned.ensemble_id, versions())
+    with pytest.raises(InputError, match=r"workers are unfit.*cannot read the run"):
+        run_module.check_workers(client, order)
+
+
+def test_workers_of_another_version_are_refused_before_any_job(client, planned, inputs):
+    from orchestrator.task import Order, versions
+
+    other = tuple((name, "0.0" if name == "pybullet" else version) for name, version in versions())
+    order = Order(str(inputs), planned.scene_id, planned.ensemble_id, other)
+    with pytest.raises(InputError, match=r"pybullet 3\.2\.7, the client has 0\.0"):
+        run_module.check_workers(client, order)
+
+
+def test_workers_that_see_another_scene_are_refused(client, planned, inputs):
+    from orchestrator.task import Order, versions
+
+    order = Order(str(inputs), "0" * 20, planned.ensemble_id, versions())
+    with pytest.raises(InputError, match=f"holds scene {planned.scene_id}, not 0000"):
+        run_module.check_workers(client, order)
+
+
+@pytest.mark.slow
+def test_rows_are_readable_while_the_run_goes_on(carry_out, tmp_path, faults, monkeypatch):
+    monkeypatch.setattr(run_module, "FLUSH_S", (0.2, 0.2))
+    faults.set(every={"kind": "wait", "seconds": 0.05})
+    seen = []
+
+    def look(tally):
+        if tally.stored and not seen:
+            counted = open_run(tmp_path / "run").sql("select count(*) n from results")["n"][0].as_py()
+            seen.append((state_of(tmp_path / "run"), counted, tally.stored))
+
+    carry_out(tmp_path / "run", look)
+    state, counted, stored = seen[0]
+    assert state["state"] == "running"
+    assert state["stored"] == counted == stored
+
+
+@pytest.mark.slow
+def test_a_stored_row_is_not_computed_again(carry_out, planned, tmp_path, faults, undisturbed):
+    def stop(tally):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        carry_out(tmp_path / "run", stop)
+    spec = planned.spec(0)
+    row = {
+        **next(row for row in undisturbed if row["job_id"] == spec.job_id),
+        "attempt": 1,
+        "max_tilt_deg": 77.0,
+    }
+    for part in (tmp_path / "run" / "parts").iterdir():
+        part.unlink()
+    write_part(tmp_path / "run", [row])
+    carry_out(tmp_path / "run")
+    again = {row["job_id"]: row for row in answers_of(tmp_path / "run")}
+    assert again[spec.job_id]["max_tilt_deg"] == 77.0

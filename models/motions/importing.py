@@ -123,8 +123,9 @@ def import_records(
     channels = _read_files(files, outcome, advance)
     found: list[Candidate] = []
     used: set[Path] = set()
+    place = {path.resolve(): path for path in files}
     for entry in table:
-        here = [path for path in files if path.resolve() in {file.resolve() for file in entry.files}]
+        here = [place[file.resolve()] for file in entry.files if file.resolve() in place]
         if here:
             used.update(here)
             with _noting(entry.record_id or entry.where, outcome):

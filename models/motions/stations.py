@@ -16,7 +16,7 @@ LEAST_ANGLE_DEG = 30.0
 SAME_SHAKING_S = 60.0
 """Channels of one station that start farther apart than this belong to different records."""
 STEP_TOLERANCE = 1e-3
-SHARED_LENGTH = 0.9
+SHARED_LENGTH = 0.8
 """Components that share less than this of the longest are not cut to what they share, but refused."""
 _NAME = re.compile(
     r"^(?P<series>.*?)[._\- ]*(?P<label>[A-Z]{0,2}[ENZ]|NS\d?|EW\d?|UD\d?|UP|DWN|[LTV]|H1|H2|\d{3})$",

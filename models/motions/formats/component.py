@@ -106,7 +106,12 @@ def numbers_in(
         At the first line with something that is not a finite number.
     """
     try:
-        values = np.array([float(token) for line in lines for token in _tokens(line, width)])
+        tokens = (
+            " ".join(lines).split()
+            if width is None
+            else [token for line in lines for token in _tokens(line, width)]
+        )
+        values = np.array(list(map(float, tokens)))
         if np.isfinite(values).all():
             return values
     except ValueError:

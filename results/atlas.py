@@ -14,7 +14,11 @@ from results.friction import compare_cells, compare_jobs
 
 
 def write_maps(
-    frame: pd.DataFrame, folder: Path, planes: Iterable[Plane], directions: int = 8
+    frame: pd.DataFrame,
+    folder: Path,
+    planes: Iterable[Plane],
+    directions: int = 8,
+    reference: pd.DataFrame | None = None,
 ) -> Iterator[Path]:
     """Write the maps of each plane, over all directions and direction by direction.
 
@@ -27,6 +31,8 @@ def write_maps(
     planes : iterable of Plane
     directions : int
         Direction bins of the vector PGA.
+    reference : DataFrame or None
+        From `results.plane_reference.reference_lines`: drawn over the cells of PGV/PGA and PGA.
 
     Yields
     ------
@@ -46,7 +52,10 @@ def write_maps(
             split = cells_by_direction(jobs, plane, bins=directions)
             stem = place / f"{plane.name}_by_direction"
             yield save_table(split, stem.with_name(f"{stem.name}.csv"))
-            yield from figures.save(figures.direction_figure(split, plane, directions, contact), stem)
+            lines = reference if plane.name == "pga_pgv_pga" else None
+            if lines is not None:
+                yield save_table(lines, stem.with_name(f"{stem.name}_reference.csv"))
+            yield from figures.save(figures.direction_figure(split, plane, directions, contact, lines), stem)
 
 
 def write_directions(

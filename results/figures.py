@@ -75,7 +75,9 @@ def map_figure(table: pd.DataFrame, plane: Plane, title: str = "") -> Figure:
     return figure
 
 
-def direction_figure(table: pd.DataFrame, plane: Plane, bins: int, title: str = "") -> Figure:
+def direction_figure(
+    table: pd.DataFrame, plane: Plane, bins: int, title: str = "", reference: pd.DataFrame | None = None
+) -> Figure:
     """One map for each direction bin of the vector PGA, on shared axes.
 
     Parameters
@@ -87,6 +89,8 @@ def direction_figure(table: pd.DataFrame, plane: Plane, bins: int, title: str = 
     bins : int
         Direction bins around the circle.
     title : str
+    reference : DataFrame or None
+        From `results.plane_reference.reference_lines`, for a plane of PGV/PGA and PGA.
     """
     directions = sorted(table["direction_deg"].dropna().unique())
     columns = min(4, max(1, len(directions)))
@@ -103,6 +107,8 @@ def direction_figure(table: pd.DataFrame, plane: Plane, bins: int, title: str = 
             cells = table[table["direction_deg"] == direction]
             _draw_cells(axes, cells, plane, told, full_share=_full_share(table))
             axes.xaxis.set_major_locator(MaxNLocator(4, prune="upper"))
+            if reference is not None:
+                _draw_lines(axes, reference[reference["azimuth_deg"] == direction])
         for axes in grid.flat[len(directions) :]:
             axes.set_axis_off()
         figure.supxlabel(_label(plane.x), size=8)
@@ -365,6 +371,16 @@ def _draw_cells(axes: Axes, table: pd.DataFrame, plane: Plane, title: str, full_
     axes.set_xlim(min(0.0, low.min(initial=0.0)), high.max(initial=low.min(initial=0.0) + 1e-9))
     axes.set_ylim(0.0, top.max(initial=1e-9))
     axes.autoscale_view()
+
+
+def _draw_lines(axes: Axes, lines: pd.DataFrame) -> None:
+    """Draw the plane reference's probabilities, inside the cells' frame."""
+    frame = axes.axis()
+    for probability, line in lines.groupby("probability"):
+        dashes = "-" if probability > 0.5 else "--"
+        axes.plot(line["pgv_pga_s"], line["pga_m_s2"], dashes, color="white", lw=2.0)
+        axes.plot(line["pgv_pga_s"], line["pga_m_s2"], dashes, color="black", lw=0.9)
+    axes.axis(frame)
 
 
 def _full_share(table: pd.DataFrame) -> float:

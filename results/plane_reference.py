@@ -2,11 +2,12 @@
 
 The section is the vertical plane through the centre of mass along an azimuth; the contact points are where
 it cuts the edge of the support polygon (Veeraraghavan, Hudnut and Krishnan, figure 7). The body rocks without
-slip or bounce (Housner 1963, Yim et al. 1980), shaken by each record's component along its own vector PGA, and
-a probit surface in PGA and PGV/PGA is fitted to the answers. It is this project's own surrogate, not a
+slip or bounce (Housner 1963, Yim et al. 1980), shaken by each record's component along its own vector PGA,
+and a probit surface in PGA and PGV/PGA is fitted to the answers. It is this project's own surrogate, not a
 published relation.
 """
 
+import logging
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -20,6 +21,8 @@ from models.frames import horizontal_unit_vector
 from models.motions.ensemble import Ensemble
 from models.statics import support_polygon_m
 from results.fits import Fit, fit
+
+log = logging.getLogger(__name__)
 
 Array = NDArray[np.float64]
 
@@ -144,7 +147,13 @@ def simulate(
         One row a record, level and azimuth that has a section: azimuth_deg, record_id, pga_m_s2, pgv_pga_s,
         toppled.
     """
-    cuts = [cut for azimuth in azimuths_deg if (cut := section(scene, azimuth)) is not None]
+    found = {azimuth: section(scene, azimuth) for azimuth in azimuths_deg}
+    cuts = [cut for cut in found.values() if cut is not None]
+    if len(cuts) < len(found):
+        without = ", ".join(f"{azimuth:g}" for azimuth, cut in found.items() if cut is None)
+        log.warning(
+            "the rock does not stand on two points of its section along %s degrees: no reference", without
+        )
     levels = np.asarray(list(levels_m_s2), float)
     motions = sorted(
         (_along_peak(ensemble, name) for name in ensemble.record_ids), key=lambda told: len(told[2])
@@ -167,7 +176,8 @@ def simulate(
             "pgv_pga_s": np.array([pulse for _, pulse, _ in batch])[record],
             "toppled": toppled,
         }))  # fmt: skip
-    return pd.concat(tables, ignore_index=True) if tables else pd.DataFrame()
+    columns = ["azimuth_deg", "record_id", "pga_m_s2", "pgv_pga_s", "toppled"]
+    return pd.concat(tables, ignore_index=True) if tables else pd.DataFrame(columns=columns)
 
 
 def reference_lines(simulated: pd.DataFrame, probabilities: tuple[float, ...] = (0.01, 0.99)) -> pd.DataFrame:
@@ -178,13 +188,13 @@ def reference_lines(simulated: pd.DataFrame, probabilities: tuple[float, ...] = 
     DataFrame
         azimuth_deg, pgv_pga_s, probability, pga_m_s2; an azimuth whose answers have no fit is left out.
     """
-    pulse = np.geomspace(simulated["pgv_pga_s"].min(), simulated["pgv_pga_s"].max(), 60)
-    lines = []
+    lines = [pd.DataFrame(columns=["azimuth_deg", "pgv_pga_s", "probability", "pga_m_s2"], dtype=float)]
     for azimuth, jobs in simulated.groupby("azimuth_deg"):
         told: Fit = fit(jobs, MEASURES)
         if told.problem or told.coefficients[1] <= 0:
             continue
         intercept, on_pga, on_pulse = told.coefficients
+        pulse = np.geomspace(jobs["pgv_pga_s"].min(), jobs["pgv_pga_s"].max(), 60)
         for probability in probabilities:
             pga = np.exp((norm.ppf(probability) - intercept - on_pulse * np.log(pulse)) / on_pga)
             lines.append(
@@ -192,8 +202,7 @@ def reference_lines(simulated: pd.DataFrame, probabilities: tuple[float, ...] = 
                     {"azimuth_deg": azimuth, "pgv_pga_s": pulse, "probability": probability, "pga_m_s2": pga}
                 )
             )
-    empty = pd.DataFrame(columns=["azimuth_deg", "pgv_pga_s", "probability", "pga_m_s2"])
-    return pd.concat(lines, ignore_index=True) if lines else empty
+    return pd.concat(lines, ignore_index=True)
 
 
 def _along_peak(ensemble: Ensemble, record_id: str) -> tuple[str, float, Array]:

@@ -5,14 +5,17 @@ from dataclasses import replace
 from pathlib import Path
 
 import click
+import pandas as pd
 from rich.console import Console
 from rich.progress import track
 
-from models import InputError
+from models import InputError, Scene
+from models.motions.ensemble import Ensemble
 from results.atlas import write_directions, write_fits, write_friction, write_maps
 from results.directions import SECTOR_DEG
 from results.fragility import DURATION, LEVEL, PGV, PLANES, PULSE, by_contact
-from results.run import as_frame, open_run
+from results.plane_reference import reference_lines, simulate
+from results.run import Run, as_frame, open_run
 
 WIDTH = click.FloatRange(0, min_open=True)
 FOLDER = click.Path(path_type=Path, file_okay=False)
@@ -33,6 +36,7 @@ FOLDER = click.Path(path_type=Path, file_okay=False)
     "--sector", type=float, nargs=2, default=SECTOR_DEG, show_default=True, help="Of toppling, deg."
 )
 @click.option("--fit", is_flag=True, help="Fit curves and surfaces too, and rank the intensity measures.")
+@click.option("--reference", is_flag=True, help="Where a plane section topples at 1 and 99 %.")
 @click.option(
     "--samples", type=click.IntRange(1), default=200, show_default=True, help="Bootstrap, of records."
 )
@@ -47,6 +51,7 @@ def fragility(
     directions: int,
     sector: tuple[float, float],
     fit: bool,
+    reference: bool,
     samples: int,
 ) -> None:
     """Draw the study's figures of a run: PNG, SVG and the table behind each as CSV.
@@ -87,14 +92,24 @@ def fragility(
     }
     folder = out or run / "fragility"
     frictions = sorted(jobs["friction_static"].unique())
+    lines = _plane_reference(opened, jobs, directions) if reference else None
     written = itertools.chain(
-        write_maps(jobs, folder, planes.values(), directions),
+        write_maps(jobs, folder, planes.values(), directions, lines),
         write_directions(jobs, opened.quasi_static(), folder, sector),
         write_friction(jobs, folder, planes["pga_pgv"], reference=frictions[-1]),
         write_fits(jobs, folder, opened.name, samples) if fit else (),
     )
     # For each contact: maps of three files, directions of four, fits of eight. Once: friction of four.
     maps = sum(1 + plane.by_direction for plane in planes.values())
-    total = len(by_contact(jobs)) * (3 * maps + 4 + 8 * fit) + 4 * (len(frictions) > 1)
+    total = len(by_contact(jobs)) * (3 * maps + 4 + 8 * fit + reference) + 4 * (len(frictions) > 1)
     for path in track(written, "figures", total=total, console=Console(stderr=True), transient=True):
         click.echo(path)
+
+
+def _plane_reference(run: Run, jobs: pd.DataFrame, directions: int) -> pd.DataFrame:
+    scene, ensemble = Scene.load(run.path / "scene"), Ensemble.load(run.path / "ensemble")
+    levels = sorted(jobs["level_pga_m_s2"].unique())
+    azimuths = [number * 360.0 / directions for number in range(directions)]
+    with Console(stderr=True).status(f"plane reference: {len(azimuths)} sections, {len(levels)} levels"):
+        simulated = simulate(scene, ensemble, levels, azimuths)
+    return reference_lines(simulated)

@@ -1,4 +1,4 @@
-"""The batch of plane bodies agrees with the exact event-by-event solution, and its lines with what they stand for."""
+"""The batch of plane bodies agrees with the exact solution, and its lines with what they stand for."""
 
 import numpy as np
 import pandas as pd

@@ -9,12 +9,13 @@ import time
 import uuid
 from collections import Counter
 from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager, nullcontext, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
 
 from distributed import Client, Future, KilledWorker, as_completed, performance_report
+from distributed.comm import CommClosedError
 
 from models import InputError, Scene
 from models.motions.ensemble import Ensemble
@@ -31,6 +32,7 @@ log = logging.getLogger(__name__)
 BATCH_BUDGET_S = 2.0
 """Work of one task: a hundred times what handing it out costs, yet little to lose with a worker."""
 
+LOST = "the connection to the scheduler is lost"
 POLL_S = 0.02
 LOOK_S = 2.0
 """Time between looks at the cluster: how many threads it has, and whether a batch is overdue."""
@@ -257,11 +259,14 @@ class Execution:
                     self._take(future, result)
                 self._flush()
                 self.watch(self.tally)
+        except (CommClosedError, TimeoutError) as error:
+            raise RunError(LOST) from error
         finally:
             arriving.clear()
             self._flush(last=True)
             if self._flying and self.client.status == "running":
-                self.client.cancel(list(self._flying), force=True)
+                with suppress(CommClosedError, TimeoutError):
+                    self.client.cancel(list(self._flying), force=True)
             self.watch(self.tally)
         return self.tally
 
@@ -298,8 +303,7 @@ class Execution:
         while not arriving.has_ready() and time.monotonic() < until:
             time.sleep(POLL_S)
             if self.client.status not in ("running", "connecting"):
-                msg = "the connection to the scheduler is lost"
-                raise RunError(msg)
+                raise RunError(LOST)
 
     def _take(self, future: Future, result: Any) -> None:
         batch = self._flying.pop(future)

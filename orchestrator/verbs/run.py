@@ -120,7 +120,8 @@ def _cluster(
     from orchestrator.cluster import existing, local, queue, tls_security
 
     given = {
-        "--workers": workers, "--queue": queue_kind, "--scheduler": scheduler, "--scheduler-file": scheduler_file,
+        "--workers": workers, "--queue": queue_kind,
+        "--scheduler": scheduler, "--scheduler-file": scheduler_file,
     }  # fmt: skip
     ways = [name for name, value in given.items() if value]
     if len(ways) > 1:

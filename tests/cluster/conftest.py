@@ -24,7 +24,7 @@ scene = "scene"
 ensemble = "ensemble"
 pga_m_s2 = [2, 4, 6, 8]
 azimuth_deg = [0, 90, 200]
-friction = [0.9, [0.8, 0.6]]
+friction = [0.9, 0.7]
 preset = "fast"
 """
 

@@ -1,0 +1,158 @@
+"""From axes to jobs, and the folder that keeps them."""
+
+import dataclasses
+import shutil
+import subprocess
+import sys
+
+import pytest
+
+from models import InputError, Scene
+from models.motions.ensemble import Ensemble
+from models.motions.idealised import ricker
+from models.motions.record import Record
+from orchestrator.campaign import Campaign
+from orchestrator.folder import describe, prepare
+from orchestrator.plan import plan
+
+VERSIONS = {"physics": "1"}
+
+
+@pytest.fixture(scope="module")
+def campaign(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("inputs")
+    Scene.block(0.15, 0.2, 0.6).save(folder / "scene")
+    records = [Record.of(f"P{n}", ricker(2.0, 0.6 + 0.4 * n, 0.01)) for n in range(3)]
+    Ensemble.write(folder / "ensemble", records)
+    content = {
+        "scene": "scene", "ensemble": "ensemble", "pga_m_s2": [2, 4], "azimuth_deg": [0, 90], "friction": [0.9],
+    }  # fmt: skip
+    return Campaign.of(content, folder)
+
+
+def planned(campaign, **changes):
+    changed = dataclasses.replace(campaign, **changes)
+    return plan(changed, Scene.load(campaign.scene), Ensemble.load(campaign.ensemble))
+
+
+def test_every_point_of_the_product_is_one_job_with_an_id_of_its_own(campaign):
+    whole = planned(campaign, restitution=(0.0, 0.1), realisations=3)
+    assert (
+        len(whole)
+        == 3 * 2 * 2 * 2 * 3
+        == 3 * dataclasses.replace(campaign, restitution=(0.0, 0.1), realisations=3).axes_per_record()
+    )
+    assert len(set(whole.jobs["job_id"].to_pylist())) == len(whole)
+
+
+def test_the_table_and_the_specifications_agree(campaign):
+    whole = planned(campaign)
+    assert [whole.spec(row).job_id for row in range(len(whole))] == whole.jobs["job_id"].to_pylist()
+
+
+def test_the_longest_record_starts_first(campaign):
+    whole = planned(campaign)
+    names = list(dict.fromkeys(whole.jobs["record_id"].to_pylist()))
+    ensemble = Ensemble.load(campaign.ensemble)
+    durations = [ensemble.record(name).motion.duration_s for name in names]
+    assert durations == sorted(durations, reverse=True)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"preset": "fast"},
+        {"pga_m_s2": (2.0,)},
+        {"records": ("P1",)},
+        {"peak_displacement_m": 0.1},
+        {"realisations": 2},
+    ],
+)
+def test_whatever_can_change_an_answer_changes_the_plan(campaign, change):
+    assert planned(campaign, **change).id != planned(campaign).id
+
+
+def test_the_order_of_the_axes_in_the_file_does_not_change_a_job(campaign):
+    ids = set(planned(campaign).jobs["job_id"].to_pylist())
+    assert set(planned(campaign, pga_m_s2=(4.0, 2.0)).jobs["job_id"].to_pylist()) == ids
+
+
+def test_a_record_that_is_not_there_is_named(campaign):
+    with pytest.raises(InputError, match="P9"):
+        planned(campaign, records=("P1", "P9"))
+
+
+def test_pending_is_the_plan_without_what_is_finished(campaign):
+    whole = planned(campaign)
+    ids = whole.jobs["job_id"].to_pylist()
+    assert whole.pending(set(ids[3:5]) | {"of another run"}).tolist() == [0, 1, 2, *range(5, len(ids))]
+
+
+def test_a_run_holds_all_that_is_needed_to_repeat_it(campaign, tmp_path):
+    whole = planned(campaign)
+    prepare(tmp_path / "run", whole, VERSIONS)
+    copied = Campaign.read(tmp_path / "run" / "campaign.toml")
+    assert copied.scene == tmp_path / "run" / "scene"
+    assert plan(copied, Scene.load(copied.scene), Ensemble.load(copied.ensemble)).id == whole.id
+    assert describe(tmp_path / "run")["jobs"] == len(whole)
+
+
+def test_another_campaign_or_version_is_refused_and_the_run_is_left_as_it_was(campaign, tmp_path):
+    prepare(tmp_path / "run", planned(campaign), VERSIONS)
+    before = (tmp_path / "run" / "run.json").read_bytes()
+    with pytest.raises(InputError, match="another campaign"):
+        prepare(tmp_path / "run", planned(campaign, preset="fast"), VERSIONS)
+    with pytest.raises(InputError, match="physics 1, now 2"):
+        prepare(tmp_path / "run", planned(campaign), {"physics": "2"})
+    assert (tmp_path / "run" / "run.json").read_bytes() == before
+
+
+def test_a_run_that_leads_outside_itself_is_refused(campaign, tmp_path):
+    whole = planned(campaign)
+    prepare(tmp_path / "run", whole, VERSIONS)
+    (tmp_path / "elsewhere").mkdir()
+    shutil.rmtree(tmp_path / "run" / "parts")
+    (tmp_path / "run" / "parts").symlink_to(tmp_path / "elsewhere")
+    with pytest.raises(InputError, match="leads elsewhere"):
+        prepare(tmp_path / "run", whole, VERSIONS)
+
+
+def test_a_folder_that_is_no_run_is_left_alone(campaign, tmp_path):
+    (tmp_path / "mine").mkdir()
+    with pytest.raises(InputError, match="not a run's folder"):
+        prepare(tmp_path / "mine", planned(campaign), VERSIONS)
+    assert list((tmp_path / "mine").iterdir()) == []
+
+
+MILLION = """
+import dataclasses, resource, sys
+from pathlib import Path
+from models import Scene
+from models.motions.ensemble import Ensemble
+from orchestrator.campaign import Campaign
+from orchestrator.dispatch import Dispatch
+from orchestrator.plan import plan
+folder = Path(sys.argv[1])
+content = {"scene": "scene", "ensemble": "ensemble", "pga_m_s2": {"start": 0.1, "stop": 10, "step": 0.1},
+           "azimuth_deg": list(range(0, 360, 3)), "friction": [0.9], "realisations": 28}
+campaign = Campaign.of(content, folder)
+whole = plan(campaign, Scene.load(campaign.scene), Ensemble.load(campaign.ensemble))
+finished = set(whole.jobs["job_id"].to_pylist()[::2])
+dispatch = Dispatch(whole.pending(finished), whole.record_of)
+while batch := dispatch.next_batch(2):
+    dispatch.came_back(batch, done=len(batch.jobs))
+print(len(whole), resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
+"""
+
+
+@pytest.mark.slow
+def test_a_million_jobs_are_planned_and_tracked_in_two_gigabytes(campaign):
+    told = subprocess.run(
+        [sys.executable, "-c", MILLION, str(campaign.scene.parent)],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    jobs, memory_kb = map(int, told.stdout.split()[-2:])
+    assert jobs > 1_000_000
+    assert memory_kb < 2_000_000

@@ -116,4 +116,6 @@ def _hole_depth(grid: Grid, lit: NDArray[np.float64]) -> NDArray[np.float64]:
     distance, nearest = tree.query(grid.nodes_m.reshape(-1, 2))
     used, inverse = np.unique(nearest, return_inverse=True)
     spacing = np.maximum(tree.query(lit[used, :2], 7)[0][:, -1], grid.cell_m)[inverse]
-    return np.minimum(np.maximum(distance - HOLE_SPACINGS * spacing, 0.0) / grid.cell_m, 10.0).reshape(grid.shape)
+    return np.minimum(np.maximum(distance - HOLE_SPACINGS * spacing, 0.0) / grid.cell_m, 10.0).reshape(
+        grid.shape
+    )

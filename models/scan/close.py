@@ -11,6 +11,8 @@ import manifold3d
 import numpy as np
 import open3d as o3d
 from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from models.errors import InputError
@@ -54,7 +56,7 @@ def close_rock(surfels: Surfels, rock: NDArray[np.bool_], base: Base, interface:
         If the seen surface does not close to one body that reaches the interface.
     """
     flat, flat_normals = interface.flat(surfels.points_m[rock]), surfels.normals[rock] @ interface.axes
-    above = flat[:, 2] > 0.0
+    above = (flat[:, 2] > 0.0) & _together(flat, 3.0 * surfels.voxel_m)
     flat, flat_normals = flat[above], flat_normals[above]
     within = base.grid.nodes_m[base.hidden]
     sunk = np.column_stack([within, base.height_m[base.hidden] - surfels.voxel_m])
@@ -73,27 +75,48 @@ def close_rock(surfels: Surfels, rock: NDArray[np.bool_], base: Base, interface:
     return ClosedRock(rock_body, *_shares(vertices, faces, flat, surfels.voxel_m))
 
 
+def _together(points: NDArray[np.float64], reach_m: float) -> NDArray[np.bool_]:
+    """Which points belong to the largest group of neighbours."""
+    pairs = cKDTree(points).query_pairs(reach_m, output_type="ndarray")
+    graph = coo_matrix((np.ones(len(pairs)), pairs.T), shape=(len(points),) * 2)
+    group = connected_components(graph, directed=False)[1]
+    return group == np.bincount(group).argmax()
+
+
 def _above(base: Base, top_m: float) -> manifold3d.Manifold:
     """Everything above the base, as a body: its floor the base and, beyond it, the interface plane."""
     reach = int(np.ceil(top_m / base.grid.cell_m))
     steps = [np.concatenate([[-reach], np.arange(n), [n - 1 + reach]]) for n in base.grid.shape]
-    u, v = np.meshgrid(*(first + step * base.grid.cell_m for first, step in zip(base.grid.first_m, steps, strict=True)), indexing="ij")
+    u, v = np.meshgrid(
+        *(first + step * base.grid.cell_m for first, step in zip(base.grid.first_m, steps, strict=True)),
+        indexing="ij",
+    )
     floor = np.pad(base.height_m, 1)
     floor[[0, 1, -2, -1]] = 0.0
     floor[:, [0, 1, -2, -1]] = 0.0
     count = u.size
-    vertices = np.vstack([
-        np.column_stack([u.ravel(), v.ravel(), floor.ravel()]),
-        np.column_stack([u.ravel(), v.ravel(), np.full(count, top_m)]),
-    ])
+    vertices = np.vstack(
+        [
+            np.column_stack([u.ravel(), v.ravel(), floor.ravel()]),
+            np.column_stack([u.ravel(), v.ravel(), np.full(count, top_m)]),
+        ]
+    )
     number = np.arange(count).reshape(u.shape)
-    a, b, c, d = number[:-1, :-1].ravel(), number[1:, :-1].ravel(), number[1:, 1:].ravel(), number[:-1, 1:].ravel()
+    a, b, c, d = (
+        number[:-1, :-1].ravel(),
+        number[1:, :-1].ravel(),
+        number[1:, 1:].ravel(),
+        number[:-1, 1:].ravel(),
+    )
     up = np.concatenate([np.column_stack([a, b, c]), np.column_stack([a, c, d])])
     border = np.concatenate([number[:-1, 0], number[-1, :-1], number[:0:-1, -1], number[0, :0:-1]])
     after = np.roll(border, -1)
-    sides = np.concatenate([
-        np.column_stack([border, after, after + count]), np.column_stack([border, after + count, border + count])
-    ])
+    sides = np.concatenate(
+        [
+            np.column_stack([border, after, after + count]),
+            np.column_stack([border, after + count, border + count]),
+        ]
+    )
     faces = np.concatenate([up[:, ::-1], up + count, sides])
     return manifold3d.Manifold(manifold3d.Mesh64(vertices, faces.astype(np.uint64)))
 
@@ -106,11 +129,32 @@ def _poisson(points: NDArray[np.float64], normals: NDArray[np.float64]) -> manif
             mesh, _ = o3d.geometry.TriangleMesh.create_from_point_cloud_poisson(
                 cloud, depth=POISSON_DEPTH, scale=scale, n_threads=1
             )
-        vertices = np.asarray(mesh.vertices, dtype=np.float64)
-        body = manifold3d.Manifold(manifold3d.Mesh64(vertices, np.asarray(mesh.triangles).astype(np.uint64)))
+        vertices, faces = _capped(np.asarray(mesh.vertices), np.asarray(mesh.triangles))
+        body = manifold3d.Manifold(manifold3d.Mesh64(vertices, faces.astype(np.uint64)))
         if body.status() == manifold3d.Error.NoError and not body.is_empty():
             return body
     raise _not_closed(f"the reconstructed surface is no closed body ({body.status().name})")
+
+
+def _capped(
+    vertices: NDArray[np.float64], faces: NDArray[np.int64]
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Mesh with its open loops, cracks between the octree's levels, closed by fans about their centres."""
+    directed = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).astype(np.int64)
+    forward, backward = directed @ [len(vertices), 1], directed @ [1, len(vertices)]
+    open_edges = directed[~np.isin(forward, backward)]
+    following = {int(b): int(a) for a, b in open_edges}
+    new_vertices, new_faces = [np.asarray(vertices, float)], [faces.astype(np.int64)]
+    count = len(vertices)
+    while following:
+        loop = [next(iter(following))]
+        while loop[-1] in following:
+            loop.append(following.pop(loop[-1]))
+        ring = np.array(loop[:-1])
+        new_vertices.append(vertices[ring].mean(axis=0)[None])
+        new_faces.append(np.column_stack([ring, np.roll(ring, -1), np.full(len(ring), count)]))
+        count += 1
+    return np.concatenate(new_vertices), np.concatenate(new_faces)
 
 
 def _shares(
@@ -126,6 +170,8 @@ def _shares(
 
 def _not_closed(what: str) -> InputError:
     return InputError(
-        what, where="closing the rock", expected="a rock seen from several sides",
+        what,
+        where="closing the rock",
+        expected="a rock seen from several sides",
         remedy="add stations, or check the segmentation in the scene's picture",
     )

@@ -61,7 +61,10 @@ class Grid:
     @property
     def nodes_m(self) -> NDArray[np.float64]:
         """Centres of the cells (*shape, 2)."""
-        return np.stack(np.meshgrid(*(np.arange(n) * self.cell_m for n in self.shape), indexing="ij"), -1) + self.first_m
+        return (
+            np.stack(np.meshgrid(*(np.arange(n) * self.cell_m for n in self.shape), indexing="ij"), -1)
+            + self.first_m
+        )
 
 
 def smooth_sheet(
@@ -78,10 +81,12 @@ def smooth_sheet(
 
 def _laplacian(shape: tuple[int, int]) -> csc_matrix:
     number = np.arange(shape[0] * shape[1]).reshape(shape)
-    pairs = np.vstack([
-        np.column_stack([number[:-1].ravel(), number[1:].ravel()]),
-        np.column_stack([number[:, :-1].ravel(), number[:, 1:].ravel()]),
-    ])
+    pairs = np.vstack(
+        [
+            np.column_stack([number[:-1].ravel(), number[1:].ravel()]),
+            np.column_stack([number[:, :-1].ravel(), number[:, 1:].ravel()]),
+        ]
+    )
     adjacent = coo_matrix((np.ones(len(pairs)), pairs.T), shape=(number.size, number.size))
     adjacent = adjacent + adjacent.T
     return csc_matrix(diags(np.asarray(adjacent.sum(axis=1)).ravel()) - adjacent)
@@ -111,7 +116,9 @@ def _relabelled(
     rock = flat[label == ROCK]
     low = rock[rock[:, 2] < BAND_PER_HEIGHT * height_m]
     margin = 0.12 * height_m
-    grid = Grid.over(low[:, :2].min(axis=0) - margin, low[:, :2].max(axis=0) + margin, height_m / CELLS_PER_HEIGHT)
+    grid = Grid.over(
+        low[:, :2].min(axis=0) - margin, low[:, :2].max(axis=0) + margin, height_m / CELLS_PER_HEIGHT
+    )
     inside = np.abs(flat[:, 2]) < BAND_PER_HEIGHT * height_m
     inside &= ((flat[:, :2] > grid.first_m) & (flat[:, :2] < grid.nodes_m[-1, -1])).all(axis=1)
     near, near_label = flat[inside], label[inside]
@@ -156,13 +163,17 @@ def _refitted(
     rim = rim_polygon(flat[label == ROCK], height_m)
     reach = 4 * NEAR_PER_HEIGHT * height_m
     pedestal = (label == PEDESTAL) & (np.abs(flat[:, 2]) < 0.5 * BAND_PER_HEIGHT * height_m)
-    pedestal &= ((flat[:, :2] > rim.min(axis=0) - reach) & (flat[:, :2] < rim.max(axis=0) + reach)).all(axis=1)
+    pedestal &= ((flat[:, :2] > rim.min(axis=0) - reach) & (flat[:, :2] < rim.max(axis=0) + reach)).all(
+        axis=1
+    )
     away = _outside(rim, flat[pedestal][:, :2])
     close = away < reach
     points = points_m[pedestal][close]
     fade = np.exp(-((away[close] / (NEAR_PER_HEIGHT * height_m)) ** 2))
     # Equal say to equal areas: near stations see the same crevice more densely.
-    cell = np.unique(np.floor(flat[pedestal][close][:, :2] / (0.01 * height_m)), axis=0, return_inverse=True)[1].ravel()
+    cell = np.unique(np.floor(flat[pedestal][close][:, :2] / (0.01 * height_m)), axis=0, return_inverse=True)[
+        1
+    ].ravel()
     fade /= np.bincount(cell)[cell]
     weight = fade
     for _ in range(20):

@@ -42,7 +42,9 @@ class Ground:
     edges_m: list[NDArray[np.float64]]
 
 
-def pedestal_ground(surfels: Surfels, pedestal: NDArray[np.bool_], rock: Rock, interface: Interface) -> Ground:
+def pedestal_ground(
+    surfels: Surfels, pedestal: NDArray[np.bool_], rock: Rock, interface: Interface
+) -> Ground:
     """The pedestal as a height over the interface plane, within reach of the rock, ending at cliff edges."""
     outline_m = support_polygon_m(rock, Pedestal(interface.point_m, interface.normal))
     outline = interface.flat(outline_m)[:, :2]
@@ -78,7 +80,11 @@ def _inside(nodes: NDArray[np.float64], polygon: NDArray[np.float64]) -> NDArray
 
 
 def _lost(
-    flat: NDArray[np.float64], top: NDArray[np.bool_], nodes: NDArray[np.float64], cell: float, standing: NDArray[np.bool_]
+    flat: NDArray[np.float64],
+    top: NDArray[np.bool_],
+    nodes: NDArray[np.float64],
+    cell: float,
+    standing: NDArray[np.bool_],
 ) -> NDArray[np.bool_]:
     """Nodes where there is no pedestal: nearer to a cliff's face, or to the land below it, than to its top."""
     tree_top = cKDTree(flat[top, :2])
@@ -99,7 +105,11 @@ def _lost(
 
 
 def _surface(
-    top: NDArray[np.float64], nodes: NDArray[np.float64], cell: float, standing: NDArray[np.bool_], lost: NDArray[np.bool_]
+    top: NDArray[np.float64],
+    nodes: NDArray[np.float64],
+    cell: float,
+    standing: NDArray[np.bool_],
+    lost: NDArray[np.bool_],
 ) -> NDArray[np.float64]:
     """Heights at the nodes: the mean of what was seen, zero where the rock stands, smooth (membrane) elsewhere."""
     shape = nodes.shape[:2]
@@ -116,10 +126,12 @@ def _surface(
 
 def _grid_laplacian(shape: tuple[int, ...]) -> coo_matrix:
     number = np.arange(shape[0] * shape[1]).reshape(shape)
-    pairs = np.vstack([
-        np.column_stack([number[:-1].ravel(), number[1:].ravel()]),
-        np.column_stack([number[:, :-1].ravel(), number[:, 1:].ravel()]),
-    ])
+    pairs = np.vstack(
+        [
+            np.column_stack([number[:-1].ravel(), number[1:].ravel()]),
+            np.column_stack([number[:, :-1].ravel(), number[:, 1:].ravel()]),
+        ]
+    )
     one = np.ones(len(pairs))
     size = number.size
     adjacent = coo_matrix((one, pairs.T), shape=(size, size))
@@ -127,7 +139,9 @@ def _grid_laplacian(shape: tuple[int, ...]) -> coo_matrix:
     return diags(np.asarray(adjacent.sum(axis=1)).ravel()) - adjacent
 
 
-def _underside(flat_rock: NDArray[np.float64], nodes: NDArray[np.float64], cell: float) -> NDArray[np.float64]:
+def _underside(
+    flat_rock: NDArray[np.float64], nodes: NDArray[np.float64], cell: float
+) -> NDArray[np.float64]:
     """Lowest point of the rock near each node, infinite beside the rock: the pedestal may not reach into the rock."""
     shape = nodes.shape[:2]
     low = np.full(shape, np.inf)
@@ -148,7 +162,9 @@ def _triangles(
     return vertices, faces.reshape(-1, 3)
 
 
-def _edges(nodes: NDArray[np.float64], surface: NDArray[np.float64], lost: NDArray[np.bool_]) -> list[NDArray[np.float64]]:
+def _edges(
+    nodes: NDArray[np.float64], surface: NDArray[np.float64], lost: NDArray[np.bool_]
+) -> list[NDArray[np.float64]]:
     """Boundary between kept and lost, smoothed and straightened, the kept side on the left."""
     if not lost.any():
         return []
@@ -164,7 +180,9 @@ def _edges(nodes: NDArray[np.float64], surface: NDArray[np.float64], lost: NDArr
         if len(line) < 5:
             continue
         straight = _straightened(line, 0.6 * cell)
-        edges.append(np.column_stack([_left_kept(straight, smooth, nodes[0, 0], cell), np.zeros(len(straight))]))
+        edges.append(
+            np.column_stack([_left_kept(straight, smooth, nodes[0, 0], cell), np.zeros(len(straight))])
+        )
         edges[-1][:, 2] = height(edges[-1][:, :2])
     return edges
 
@@ -188,7 +206,12 @@ def _straightened(line: NDArray[np.float64], tolerance: float) -> NDArray[np.flo
     if length < 1e-12:
         off = np.linalg.norm(line - line[0], axis=1)
     else:
-        off = np.abs(np.cross(np.append(chord, 0.0), np.column_stack([line - line[0], np.zeros(len(line))]))[:, 2]) / length
+        off = (
+            np.abs(
+                np.cross(np.append(chord, 0.0), np.column_stack([line - line[0], np.zeros(len(line))]))[:, 2]
+            )
+            / length
+        )
     far = int(np.argmax(off))
     if off[far] <= tolerance or len(line) < 3:
         return line[[0, -1]]

@@ -54,7 +54,8 @@ def fit_interface(surfels: Surfels, rock: NDArray[np.bool_]) -> Interface:
     lining = ~rock & (distance < CREVICE_VOXELS * surfels.voxel_m) & (surfels.normals[:, 2] > 0.3)
     if lining.sum() < LEAST_CREVICE_SURFELS:
         raise InputError(
-            f"only {int(lining.sum())} patches of the pedestal were seen beside the rock", where="interface",
+            f"only {int(lining.sum())} patches of the pedestal were seen beside the rock",
+            where="interface",
             expected=f"at least {LEAST_CREVICE_SURFELS} patches of {surfels.voxel_m:.3g} m around the rock's foot",
             remedy="scan the crevice from nearer, or give the interface by --plane or --pick",
         )
@@ -70,4 +71,6 @@ def fit_interface(surfels: Surfels, rock: NDArray[np.bool_]) -> Interface:
         weight = np.where(np.abs(height) < spread, (1 - (height / spread) ** 2) ** 2, 0.0)
     kept = weight > 0.05
     u, v = plane_axes(normal)
-    return Interface(centre, normal, np.column_stack([u, v, normal]), float(np.sqrt((height[kept] ** 2).mean())))
+    return Interface(
+        centre, normal, np.column_stack([u, v, normal]), float(np.sqrt((height[kept] ** 2).mean()))
+    )

@@ -29,7 +29,7 @@ def draw_scene(scene: Scene, path: Path) -> None:
     figure.savefig(path, dpi=110)
 
 
-def _draw_view(axes, scene: Scene, elevation_deg: float, azimuth_deg: float) -> None:  # noqa: ANN001  (matplotlib)
+def _draw_view(axes, scene: Scene, elevation_deg: float, azimuth_deg: float) -> None:
     """Triangles painted from far to near (orthographic)."""
     turn, lift = np.deg2rad(azimuth_deg), np.deg2rad(elevation_deg)
     toward = np.array([np.cos(lift) * np.cos(turn), np.cos(lift) * np.sin(turn), np.sin(lift)])
@@ -50,11 +50,16 @@ def _draw_view(axes, scene: Scene, elevation_deg: float, azimuth_deg: float) -> 
         colours.append(shade[:, None] * rgb)
     corner, colour = np.concatenate(corners), np.concatenate(colours)
     order = np.argsort(corner[:, :, 2].mean(axis=1))
-    axes.add_collection(PolyCollection(corner[order][:, :, :2], facecolors=colour[order], edgecolors="face", linewidths=0.2))
+    axes.add_collection(
+        PolyCollection(corner[order][:, :, :2], facecolors=colour[order], edgecolors="face", linewidths=0.2)
+    )
     for line, style in _lines(scene):
         flat = line @ frame
         axes.plot(flat[:, 0], flat[:, 1], style, color=INTERFACE_COLOUR, linewidth=1.5)
-    axes.set(aspect="equal", title=f"seen from azimuth {azimuth_deg:.0f}° ({float(compass_deg(azimuth_deg)):.0f}° compass)")
+    axes.set(
+        aspect="equal",
+        title=f"seen from azimuth {azimuth_deg:.0f}° ({float(compass_deg(azimuth_deg)):.0f}° compass)",
+    )
     axes.autoscale()
     axes.set_xlabel("m")
 
@@ -66,16 +71,21 @@ def _lines(scene: Scene) -> list[tuple[NDArray[np.float64], str]]:
     return lines + [(np.array(edge), "--") for edge in interface.get("edges_m", [])]
 
 
-def _draw_plan(axes, scene: Scene) -> None:  # noqa: ANN001
+def _draw_plan(axes, scene: Scene) -> None:
     hull = scene.rock.vertices_m
     axes.plot(hull[:, 0], hull[:, 1], ",", color=ROCK_COLOUR, alpha=0.4)
     for line, style in _lines(scene):
         axes.plot(line[:, 0], line[:, 1], style, color=INTERFACE_COLOUR)
     axes.plot(*scene.rock.com_m[:2], "k+", markersize=12)
-    axes.set(aspect="equal", xlabel="east, m", ylabel="north, m", title="contact outline, cliff edge (dashed), centre of mass")
+    axes.set(
+        aspect="equal",
+        xlabel="east, m",
+        ylabel="north, m",
+        title="contact outline, cliff edge (dashed), centre of mass",
+    )
 
 
-def _draw_statics(axes, scene: Scene) -> None:  # noqa: ANN001
+def _draw_statics(axes, scene: Scene) -> None:
     table = scene.to_json()["quasi_static_toppling_m_s2"]
     azimuth = np.deg2rad([row["azimuth_deg"] for row in table])
     value = np.array([row["value"] for row in table])
@@ -84,7 +94,7 @@ def _draw_statics(axes, scene: Scene) -> None:  # noqa: ANN001
     axes.set_title("quasi-static toppling acceleration, m/s², by azimuth of the ground's acceleration")
 
 
-def _write_numbers(axes, scene: Scene) -> None:  # noqa: ANN001
+def _write_numbers(axes, scene: Scene) -> None:
     axes.axis("off")
     surface = scene.report.get("surface", {})
     downhill = scene.pedestal.downhill_azimuth_deg

@@ -108,7 +108,9 @@ def _read_e57(path: Path) -> tuple[NDArray[np.float64], NDArray]:
         scans.append(np.column_stack([scan["cartesianX"], scan["cartesianY"], scan["cartesianZ"]]))
     if not scans:
         return np.empty((0, 3)), np.empty(0, np.int32)
-    return np.concatenate(scans), np.repeat(np.arange(len(scans), dtype=np.int32), [len(scan) for scan in scans])
+    return np.concatenate(scans), np.repeat(
+        np.arange(len(scans), dtype=np.int32), [len(scan) for scan in scans]
+    )
 
 
 def _read_tensor(path: Path) -> tuple[NDArray[np.float64], NDArray]:
@@ -118,7 +120,10 @@ def _read_tensor(path: Path) -> tuple[NDArray[np.float64], NDArray]:
     if "positions" not in cloud.point:
         return np.empty((0, 3)), np.empty(0, np.int32)
     points = cloud.point.positions.numpy().astype(float)
-    station = next((cloud.point[key].numpy().ravel() for key in ("station", "point_source_id") if key in cloud.point), None)
+    station = next(
+        (cloud.point[key].numpy().ravel() for key in ("station", "point_source_id") if key in cloud.point),
+        None,
+    )
     return points, np.zeros(len(points), np.int32) if station is None else station.astype(np.int32)
 
 
@@ -130,7 +135,9 @@ def _read_columns(path: Path) -> NDArray[np.float64]:
     if skip is None:
         return np.empty((0, 3))
     delimiter = "," if "," in head[skip] else ";" if ";" in head[skip] else None
-    return np.loadtxt(path, delimiter=delimiter, skiprows=skip, usecols=(0, 1, 2), ndmin=2, comments=("#", "//"))
+    return np.loadtxt(
+        path, delimiter=delimiter, skiprows=skip, usecols=(0, 1, 2), ndmin=2, comments=("#", "//")
+    )
 
 
 def _numbers(line: str) -> int:
@@ -146,22 +153,33 @@ def _numbers(line: str) -> int:
 
 
 def _counted(station: NDArray) -> NDArray[np.int32]:
-    return np.unique(station, return_inverse=True)[1].astype(np.int32) if len(station) else station.astype(np.int32)
+    return (
+        np.unique(station, return_inverse=True)[1].astype(np.int32)
+        if len(station)
+        else station.astype(np.int32)
+    )
 
 
 def _check_points(points: NDArray[np.float64], path: Path) -> None:
     bad = ~np.isfinite(points).all(axis=1)
     if bad.any():
-        raise _unreadable(f"{int(bad.sum())} points have coordinates that are not finite, first point {int(np.argmax(bad))}", path)
+        raise _unreadable(
+            f"{int(bad.sum())} points have coordinates that are not finite, first point {int(np.argmax(bad))}",
+            path,
+        )
     if len(points) < MINIMUM_POINTS:
         raise InputError(
-            f"holds {len(points)} points", where=str(path), expected=f"at least {MINIMUM_POINTS}",
+            f"holds {len(points)} points",
+            where=str(path),
+            expected=f"at least {MINIMUM_POINTS}",
             remedy="check that the export was complete and that the file's extension names its format",
         )
 
 
 def _unreadable(what: str, path: Path) -> InputError:
     return InputError(
-        what, where=str(path), expected="a point cloud: " + ", ".join(FORMATS),
+        what,
+        where=str(path),
+        expected="a point cloud: " + ", ".join(FORMATS),
         remedy="check the path, or export the cloud again as LAZ, PLY or XYZ in metres",
     )

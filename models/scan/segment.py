@@ -94,7 +94,9 @@ def _coarse_surfels(points_m: NDArray[np.float64]) -> Surfels:
     for _ in range(6):
         if 0.7 * COARSE_SURFELS < len(thinned) < 1.4 * COARSE_SURFELS or len(thinned) > 0.5 * len(sample):
             break
-        voxel *= np.sqrt(len(thinned) / COARSE_SURFELS)  # a surface's voxels go with the inverse square of their size
+        voxel *= np.sqrt(
+            len(thinned) / COARSE_SURFELS
+        )  # a surface's voxels go with the inverse square of their size
         thinned, _ = thin(sample, voxel)
     return orient(thinned, voxel)
 
@@ -106,13 +108,16 @@ def find_candidates(surfels: Surfels) -> list[Candidate]:
     for peak, level in _peaks(surfels, edges):
         candidate = _cut_off(surfels, edges, peak, level)
         if candidate is not None and not any(
-            (candidate.rock & other.rock).sum() > 0.5 * min(candidate.rock.sum(), other.rock.sum()) for other in found
+            (candidate.rock & other.rock).sum() > 0.5 * min(candidate.rock.sum(), other.rock.sum())
+            for other in found
         ):
             found.append(candidate)
     return sorted(found, key=lambda each: -each.height_m)
 
 
-def _neighbourhood(points_m: NDArray[np.float64], voxel_m: float) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+def _neighbourhood(
+    points_m: NDArray[np.float64], voxel_m: float
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Pairs (m, 2) of neighbouring surfels, each once, and their distances."""
     distance, near = cKDTree(points_m).query(points_m, 13)
     start = np.repeat(np.arange(len(points_m)), 12)
@@ -232,7 +237,8 @@ def _choose(candidates: list[Candidate], near_m: NDArray[np.float64] | None) -> 
     standing = [c for c in candidates if c.concave_share > LEAST_CONCAVE_SHARE]
     if not standing:
         raise InputError(
-            "nothing in the cloud stands on anything", where="segmentation",
+            "nothing in the cloud stands on anything",
+            where="segmentation",
             expected="a rock above a crevice or narrowing, seen from several sides with some of its pedestal",
             remedy="crop the cloud to the rock and its pedestal, and check that z points up",
         )
@@ -240,10 +246,13 @@ def _choose(candidates: list[Candidate], near_m: NDArray[np.float64] | None) -> 
         return min(standing, key=lambda c: float(np.hypot(*(c.top_m[:2] - near_m))))
     rivals = [c for c in standing[1:] if c.height_m > RIVAL_SHARE * standing[0].height_m]
     if rivals:
-        tops = "; ".join("{:.1f}, {:.1f} ({:.2g} m high)".format(*c.top_m[:2], c.height_m) for c in [standing[0], *rivals])
+        tops = "; ".join(
+            "{:.1f}, {:.1f} ({:.2g} m high)".format(*c.top_m[:2], c.height_m) for c in [standing[0], *rivals]
+        )
         raise InputError(
             f"{1 + len(rivals)} things of like size stand there, their tops at x, y from the local origin: {tops}",
-            where="segmentation", expected="one rock, or a word on which one",
+            where="segmentation",
+            expected="one rock, or a word on which one",
             remedy="name one by --near X Y in survey coordinates, or crop the cloud",
         )
     return standing[0]
@@ -256,7 +265,9 @@ def _refine(
     rock = coarse.points_m[chosen.rock]
     axis, height = rock[:, :2].mean(axis=0), chosen.height_m
     reach = np.hypot(*(rock[:, :2] - axis).T).max() + 0.5 * height
-    around = (np.hypot(*(points_m[:, :2] - axis).T) < reach) & (points_m[:, 2] > rock[:, 2].min() - 0.7 * height)
+    around = (np.hypot(*(points_m[:, :2] - axis).T) < reach) & (
+        points_m[:, 2] > rock[:, 2].min() - 0.7 * height
+    )
     voxel = height / FINE_VOXELS_PER_HEIGHT
     thinned, index = thin(points_m[around], voxel)
     surfels = orient(thinned, voxel)
@@ -266,11 +277,18 @@ def _refine(
     fine_rock, concave_share = _minimum_cut(surfels, edges, votes == 1.0, votes == 0.0)
     surfel_label = np.where(fine_rock, ROCK, PEDESTAL).astype(np.int8)
     label = np.full(len(points_m), PEDESTAL, np.int8)
-    nearest = np.where(index >= 0, index, cKDTree(surfels.points_m).query(points_m[around])[1]) if (index < 0).any() else index
+    nearest = (
+        np.where(index >= 0, index, cKDTree(surfels.points_m).query(points_m[around])[1])
+        if (index < 0).any()
+        else index
+    )
     label[around] = surfel_label[nearest]
     label[_clutter(points_m, coarse, chosen.rock)] = NEITHER
     return Segmentation(
-        label, surfels, surfel_label, concave_share,
+        label,
+        surfels,
+        surfel_label,
+        concave_share,
         [(*map(float, other.top_m), other.height_m) for other in others],
     )
 
@@ -293,7 +311,9 @@ def _clutter(points_m: NDArray[np.float64], coarse: Surfels, rock: NDArray[np.bo
     return clutter
 
 
-def label_surfels(surfels: Surfels, points_m: NDArray[np.float64], label: NDArray[np.int8]) -> NDArray[np.int8]:
+def label_surfels(
+    surfels: Surfels, points_m: NDArray[np.float64], label: NDArray[np.int8]
+) -> NDArray[np.int8]:
     """Label of the point nearest to each surfel."""
     low, high = surfels.points_m.min(axis=0) - surfels.voxel_m, surfels.points_m.max(axis=0) + surfels.voxel_m
     around = np.flatnonzero(((points_m > low) & (points_m < high)).all(axis=1))

@@ -63,7 +63,9 @@ def orient(points_m: NDArray[np.float64], voxel_m: float) -> Surfels:
     return Surfels(points_m, np.where(outside < 0, -1.0, 1.0)[:, None] * normals, roughness, voxel_m)
 
 
-def _escapes(points_m: NDArray[np.float64], normals: NDArray[np.float64], voxel_m: float) -> NDArray[np.float64]:
+def _escapes(
+    points_m: NDArray[np.float64], normals: NDArray[np.float64], voxel_m: float
+) -> NDArray[np.float64]:
     """How many rays to the sky, from a little above each patch, meet no other patch.
 
     Rays below the horizon would pass under the ground, which the scan shows from above only.

@@ -119,7 +119,9 @@ def check_overlap(cloud: Cloud) -> None:
     if len(parts) < 2:
         return
     samples = [part[:: max(1, len(part) // 20_000)] for part in parts]
-    sizes = [float(np.linalg.norm(np.ptp(np.quantile(sample, [0.02, 0.98], axis=0), axis=0))) for sample in samples]
+    sizes = [
+        float(np.linalg.norm(np.ptp(np.quantile(sample, [0.02, 0.98], axis=0), axis=0))) for sample in samples
+    ]
     for number, (name, _) in enumerate(cloud.files):
         others = np.concatenate([sample for other, sample in enumerate(samples) if other != number])
         distance, _ = cKDTree(others).query(samples[number])
@@ -128,7 +130,8 @@ def check_overlap(cloud: Cloud) -> None:
             ratio = sizes[number] / typical
             units = "" if 0.4 < ratio < 2.5 else f"; it is {ratio:.3g} times as large: other units?"
             raise InputError(
-                f"does not overlap the other clouds{units}", where=name,
+                f"does not overlap the other clouds{units}",
+                where=name,
                 expected="stations of one survey, registered to one coordinate system, in metres",
                 remedy="register the stations, or convert this file's units to metres, and export again",
             )
@@ -151,7 +154,8 @@ def check_can_stand(rock: Rock, interface: Interface) -> None:
     outside = float((hull.equations[:, :2] @ pierced + hull.equations[:, 2]).max())
     if outside > 0.0:
         raise InputError(
-            f"the centre of mass lies {outside:.3g} m outside any support the rock could have", where="statics",
+            f"the centre of mass lies {outside:.3g} m outside any support the rock could have",
+            where="statics",
             expected="a rock that stands: its centre of mass above its base",
             remedy="look for a second support or a wrong split in the cloud; name the rock by --near X Y",
         )

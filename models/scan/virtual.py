@@ -97,7 +97,11 @@ def scan_from(
     elevation = np.clip(elevation0 + steps, -89.0, 89.0)
     azimuth = azimuth0 + steps / np.cos(np.deg2rad(elevation0))
     level = np.cos(np.deg2rad(elevation))[:, None, None]
-    rays = level * horizontal_unit_vector(azimuth)[None] + np.sin(np.deg2rad(elevation))[:, None, None] * [0, 0, 1.0]
+    rays = level * horizontal_unit_vector(azimuth)[None] + np.sin(np.deg2rad(elevation))[:, None, None] * [
+        0,
+        0,
+        1.0,
+    ]
     ranges, label = _cast(bodies, position_m, rays)
     ranges = ranges + rng.normal(0.0, range_noise_m, ranges.shape)
     finite = np.where(np.isfinite(ranges), ranges, 0.0)
@@ -168,7 +172,9 @@ def scan_around(
         position = target + (2.6 + 0.8 * rng.random()) * height * way + raised
         distance = float(np.linalg.norm(target - position))
         step = np.rad2deg(resolution_per_height * height / distance)
-        station = scan_from(truth.bodies, position, target, 1.5 * height, step, noise_per_height * height, rng)
+        station = scan_from(
+            truth.bodies, position, target, 1.5 * height, step, noise_per_height * height, rng
+        )
         shift = rng.normal(0.0, misregistration_per_height * height, 3)
         points, label = station.points_m + shift, station.label
         if clutter:
@@ -203,25 +209,42 @@ def lathe(
     """Closed body of horizontal rings: radius (k, sides), height (k,), centre (k, 2); flat below, pointed above."""
     angle = 2 * np.pi * np.arange(sides) / sides
     ring = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
-    body = np.concatenate([radius_m[:, :, None] * ring + centre_m[:, None, :], np.broadcast_to(height_m[:, None, None], (*radius_m.shape, 1))], axis=-1)
+    body = np.concatenate(
+        [
+            radius_m[:, :, None] * ring + centre_m[:, None, :],
+            np.broadcast_to(height_m[:, None, None], (*radius_m.shape, 1)),
+        ],
+        axis=-1,
+    )
     rings = len(height_m)
     vertices = np.vstack([body.reshape(-1, 3), [[*centre_m[0], height_m[0]], [*centre_m[-1], height_m[-1]]]])
     number = np.arange(rings * sides).reshape(rings, sides)
     after = np.roll(number, -1, axis=1)
     a, b, c, d = number[:-1], after[:-1], after[1:], number[1:]
     below, above = rings * sides, rings * sides + 1
-    faces = np.concatenate([
-        np.stack([a, b, c], -1).reshape(-1, 3),
-        np.stack([a, c, d], -1).reshape(-1, 3),
-        np.stack([after[0], number[0], np.full(sides, below)], -1),
-        np.stack([number[-1], after[-1], np.full(sides, above)], -1),
-    ])
+    faces = np.concatenate(
+        [
+            np.stack([a, b, c], -1).reshape(-1, 3),
+            np.stack([a, c, d], -1).reshape(-1, 3),
+            np.stack([after[0], number[0], np.full(sides, below)], -1),
+            np.stack([number[-1], after[-1], np.full(sides, above)], -1),
+        ]
+    )
     return vertices, faces
 
 
 def boulder(
-    height_m: float, width_m: float, base_m: float, seed: int, *, lean_m: tuple[float, float] = (0.0, 0.0),
-    bumps: float = 0.03, squareness: float = 0.0, nose: float = 0.0, nose_azimuth_deg: float = 0.0, sides: int = 96,
+    height_m: float,
+    width_m: float,
+    base_m: float,
+    seed: int,
+    *,
+    lean_m: tuple[float, float] = (0.0, 0.0),
+    bumps: float = 0.03,
+    squareness: float = 0.0,
+    nose: float = 0.0,
+    nose_azimuth_deg: float = 0.0,
+    sides: int = 96,
 ) -> Mesh:
     """Rough rock, widest at two fifths of its height, standing on a flat base at height 0.
 
@@ -254,7 +277,8 @@ def boulder(
     plan = (1 - squareness) + squareness * np.minimum(block, 1.35)
     rough = sum(
         rng.normal() / k * np.cos(k * angle[None, :] + m * np.pi * share[:, None] + rng.uniform(0, 2 * np.pi))
-        for k in range(2, 7) for m in range(0, 6)
+        for k in range(2, 7)
+        for m in range(6)
     )
     rough *= bumps * np.minimum(share / 0.02, 1.0)[:, None]
     turn = (angle - np.deg2rad(nose_azimuth_deg) + np.pi) % (2 * np.pi) - np.pi
@@ -266,8 +290,16 @@ def boulder(
 
 
 def ground(
-    reach_m: float, contact_m: float, seed: int, *, cliff_m: float = np.inf, cliff_azimuth_deg: float = 0.0,
-    drop_m: float = 0.0, bumps_m: float = 0.0, neck_drop_m: float = 0.0, cells: int = 200,
+    reach_m: float,
+    contact_m: float,
+    seed: int,
+    *,
+    cliff_m: float = np.inf,
+    cliff_azimuth_deg: float = 0.0,
+    drop_m: float = 0.0,
+    bumps_m: float = 0.0,
+    neck_drop_m: float = 0.0,
+    cells: int = 200,
 ) -> Mesh:
     """Pedestal surface over its interface plane: flat where the rock stands, uneven beyond, ending at a cliff.
 
@@ -294,7 +326,9 @@ def ground(
     away = np.clip((np.hypot(u, v) - contact_m) / (0.5 * reach_m), 0.0, 1.0)
     waves = sum(
         np.cos((2 * np.pi / reach_m) * (k * (u * np.cos(t) + v * np.sin(t))) + p) / k
-        for k, t, p in zip(range(1, 6), rng.uniform(0, 2 * np.pi, 5), rng.uniform(0, 2 * np.pi, 5), strict=True)
+        for k, t, p in zip(
+            range(1, 6), rng.uniform(0, 2 * np.pi, 5), rng.uniform(0, 2 * np.pi, 5), strict=True
+        )
     )
     h = bumps_m * away * waves
     if neck_drop_m:
@@ -303,14 +337,21 @@ def ground(
     if np.isfinite(cliff_m):
         h = np.where(u > cliff_m, h - drop_m, h)
     number = np.arange(cells * cells).reshape(cells, cells)
-    a, b, c, d = number[:-1, :-1].ravel(), number[1:, :-1].ravel(), number[1:, 1:].ravel(), number[:-1, 1:].ravel()
+    a, b, c, d = (
+        number[:-1, :-1].ravel(),
+        number[1:, :-1].ravel(),
+        number[1:, 1:].ravel(),
+        number[:-1, 1:].ravel(),
+    )
     turn = np.deg2rad(cliff_azimuth_deg)
     x, y = u * np.cos(turn) - v * np.sin(turn), u * np.sin(turn) + v * np.cos(turn)
     faces = np.concatenate([np.column_stack([a, b, c]), np.column_stack([a, c, d])])
     return np.column_stack([x.ravel(), y.ravel(), h.ravel()]), faces
 
 
-def on_slope(rock: Mesh, pedestal: Mesh, slope_deg: float, downhill_azimuth_deg: float, *neighbours: Body) -> Truth:
+def on_slope(
+    rock: Mesh, pedestal: Mesh, slope_deg: float, downhill_azimuth_deg: float, *neighbours: Body
+) -> Truth:
     """Rock and pedestal, made over a level plane, tilted together to an interface that slopes."""
     normal = plane_normal(slope_deg, downhill_azimuth_deg)
     turn = rotation_between((0.0, 0.0, 1.0), normal)
@@ -321,6 +362,23 @@ def on_slope(rock: Mesh, pedestal: Mesh, slope_deg: float, downhill_azimuth_deg:
     )
 
 
+def two_rocks_side_by_side(seed: int) -> Truth:
+    """Two boulders of like size a width apart: which one is meant only the user knows."""
+    rock = boulder(2.0, 1.3, 1.0, seed, bumps=0.02)
+    vertices, faces = boulder(1.9, 1.2, 1.0, seed + 1, bumps=0.02)
+    pedestal = ground(6.0, 3.0, seed, bumps_m=0.1)
+    return on_slope(rock, pedestal, 3.0, 40.0, Body(vertices + [2.0, 0.0, 0.0], faces, NEITHER))
+
+
+def rock_in_a_crevice(seed: int) -> Truth:
+    """Boulder between two walls that reach to half its height."""
+    rock = boulder(3.0, 2.0, 1.5, seed, bumps=0.03)
+    pedestal = ground(9.0, 1.0, seed, bumps_m=0.15)
+    wall, faces = lathe(np.full((12, 4), 0.9), np.linspace(-0.2, 1.4, 12), np.zeros((12, 2)), 4)
+    walls = [Body(wall * [1.0, 3.0, 1.0] + [x, 0.0, 0.0], faces, PEDESTAL) for x in (-2.1, 2.1)]
+    return on_slope(rock, pedestal, 4.0, 120.0, *walls)
+
+
 def echo_cliffs_like(seed: int) -> Truth:
     """Rock like the Echo Cliffs one: 14 m tall, 10 m wide, 4 m over the cliff's edge, on a slope of 5 degrees.
 
@@ -329,7 +387,13 @@ def echo_cliffs_like(seed: int) -> Truth:
     downhill = 135.0
     lean = -0.25 * horizontal_unit_vector(downhill)
     rock = boulder(
-        13.9, 8.6, 4.1, seed, lean_m=(float(lean[0]), float(lean[1])), bumps=0.025, nose=0.37,
+        13.9,
+        8.6,
+        4.1,
+        seed,
+        lean_m=(float(lean[0]), float(lean[1])),
+        bumps=0.025,
+        nose=0.37,
         nose_azimuth_deg=downhill,
     )
     pedestal = ground(

@@ -12,9 +12,15 @@ STAGES = 6
 
 @click.command()
 @click.argument("files", nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option("--out", required=True, type=click.Path(path_type=Path), help="Folder of the scene; must not exist.")
 @click.option(
-    "--near", type=float, nargs=2, metavar="X Y", help="Survey coordinates near the rock's top, where several stand."
+    "--out", required=True, type=click.Path(path_type=Path), help="Folder of the scene; must not exist."
+)
+@click.option(
+    "--near",
+    type=float,
+    nargs=2,
+    metavar="X Y",
+    help="Survey coordinates near the rock's top, where several stand.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print scene.json's content.")
 def scan(files: tuple[Path, ...], out: Path, near: tuple[float, float] | None, as_json: bool) -> None:
@@ -29,7 +35,7 @@ def scan(files: tuple[Path, ...], out: Path, near: tuple[float, float] | None, a
     from models.scan.survey import save_survey, survey
 
     if out.exists():
-        raise FileExistsError(f"{out} exists already: choose another name, or remove it first")  # noqa: EM102
+        raise FileExistsError(f"{out} exists already: choose another name, or remove it first")
     columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), TimeRemainingColumn())
     with Progress(*columns, console=Console(stderr=True)) as bar:
         task = bar.add_task("reading", total=STAGES)

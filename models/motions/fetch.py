@@ -38,6 +38,27 @@ class Fetched:
     missing: list[str] = field(default_factory=list)
 
 
+def utc(text: str, where: str) -> Any:
+    """Time of a text such as 2019-07-06T03:19:23.
+
+    Raises
+    ------
+    InputError
+        If it is none.
+    """
+    from obspy import UTCDateTime
+
+    try:
+        return UTCDateTime(text)
+    except (TypeError, ValueError) as error:
+        raise InputError(
+            f"{text!r} is no time",
+            where=where,
+            expected="2019-07-06T03:19:23",
+            remedy="give date and time in UTC",
+        ) from error
+
+
 def connect(service: str) -> Any:
     """Client of a service, by ObsPy's short name for it or by its address.
 

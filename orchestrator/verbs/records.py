@@ -11,7 +11,6 @@ import click
 from models.errors import InputError
 
 if TYPE_CHECKING:
-    from obspy import UTCDateTime
     from rich.progress import Progress, TaskID
 
     from models.motions.importing import Refusal
@@ -19,11 +18,11 @@ if TYPE_CHECKING:
 
 @click.group()
 def records() -> None:
-    r"""Ground motions: import, fetch, make, select and show ensembles of records.
+    """Ground motions: import, fetch, make, select and show ensembles of records.
 
     \b
     toppling records import records/ --out ensembles/quakes --metadata records/catalog.csv
-    """
+    """  # noqa: D301  (\b keeps click from rewrapping the example)
 
 
 @records.command("import")
@@ -61,14 +60,14 @@ def import_(
     replace: bool,
     as_json: bool,
 ) -> None:
-    r"""Read records of any agency's format into the ensemble OUT.
+    """Read records of any agency's format into the ensemble OUT.
 
     The format is found by content. What cannot be read is left out and listed with its reason.
 
     \b
     toppling records import RSN1158_KOCAELI_DZC*.AT2 --out ensembles/duzce
     toppling records import records/ --out ensembles/quakes --metadata records/catalog.csv
-    """
+    """  # noqa: D301  (\b keeps click from rewrapping the example)
     from models.motions.ensemble import Ensemble
     from models.motions.importing import Wishes, import_records, record_files
     from models.motions.metadata import looks_like_table, read_table
@@ -143,7 +142,7 @@ def fetch(
     corner_hz: float | None,
     replace: bool,
 ) -> None:
-    r"""Fetch records from an FDSN service, remove the instruments' response and import them.
+    """Fetch records from an FDSN service, remove the instruments' response and import them.
 
     Waveforms and StationXML as they came are kept in OUT/raw, from where 'records import' reads them again.
 
@@ -151,9 +150,9 @@ def fetch(
     toppling records fetch --service SCEDC --event 38457511 --radius 50 --out ensembles/ridgecrest
     toppling records fetch --service SCEDC --stations CI.CLC,CI.CCC --start 2019-07-06T03:19:23 \\
         --end 2019-07-06T03:25:53 --out ensembles/two
-    """
+    """  # noqa: D301  (\b keeps click from rewrapping the example)
     from models.motions.ensemble import Ensemble
-    from models.motions.fetch import connect, find_event
+    from models.motions.fetch import connect, find_event, utc
     from models.motions.fetch import fetch as fetched
     from models.motions.importing import Wishes, import_records
     from models.motions.metadata import read_table
@@ -162,7 +161,7 @@ def fetch(
         message = "give --event with --radius or --stations, or --stations with --start and --end"
         raise click.UsageError(message)
     _refuse_existing(out, replace)
-    window = (_time(start, "--start"), _time(end, "--end")) if start and end else None
+    window = (utc(start, "--start"), utc(end, "--end")) if start and end else None
     client = connect(service)
     event = find_event(connect(event_service) if event_service else client, event_id) if event_id else None
     names = [name.strip() for name in stations.split(",")] if stations else []
@@ -191,16 +190,6 @@ def fetch(
     click.echo(f"{len(outcome.records)} records in {out}, as they came in {out / 'raw'}")
 
 
-def _time(text: str, where: str) -> "UTCDateTime":
-    from obspy import UTCDateTime
-
-    try:
-        return UTCDateTime(text)
-    except (TypeError, ValueError) as error:
-        message = f"{text!r} is no time such as 2019-07-06T03:19:23"
-        raise click.BadParameter(message, param_hint=where) from error
-
-
 @records.command()
 @click.argument("ensemble", type=click.Path(path_type=Path, file_okay=False, exists=True))
 @click.option(
@@ -208,11 +197,11 @@ def _time(text: str, where: str) -> "UTCDateTime":
 )
 @click.option("--json", "as_json", is_flag=True, help="Print the catalogue as JSON lines.")
 def show(ensemble: Path, figure: Path | None, as_json: bool) -> None:
-    r"""Show an ensemble as a table, and draw it.
+    """Show an ensemble as a table, and draw it.
 
     \b
     toppling records show ensembles/quakes --figure quakes.png
-    """
+    """  # noqa: D301  (\b keeps click from rewrapping the example)
     from models.motions.ensemble import Ensemble
 
     loaded = Ensemble.load(ensemble)
@@ -262,11 +251,11 @@ def select(
     deaggregation: Path | None,
     replace: bool,
 ) -> None:
-    r"""Make an ensemble of some records of another, weighted by a site's hazard if asked.
+    """Make an ensemble of some records of another, weighted by a site's hazard if asked.
 
     \b
     toppling records select ensembles/quakes --out ensembles/near --distance 0 20 --per-event 3
-    """
+    """  # noqa: D301  (\b keeps click from rewrapping the example)
     import dataclasses
 
     from models.motions.ensemble import Ensemble
@@ -303,13 +292,13 @@ def select(
 )
 @click.option("--replace", is_flag=True, help="Replace an ensemble that is there.")
 def synthesise(out: Path, count: int, seed: int, pulse_share: float, replace: bool) -> None:
-    r"""Make an ensemble of synthetic records, and print what it should be beside what it is.
+    """Make an ensemble of synthetic records, and print what it should be beside what it is.
 
     Magnitudes are 6 to 8, distances 5 to 100 km.
 
     \b
     toppling records synthesise --count 140 --seed 1 --out ensembles/synthetic
-    """
+    """  # noqa: D301  (\b keeps click from rewrapping the example)
     from models.motions.ensemble import Ensemble
     from models.motions.synthetic import against_targets, synthetic_ensemble
 

@@ -8,6 +8,7 @@ import trimesh
 from models import InputError, Motion, Scene
 from models.shapes import box, cylinder, ellipsoid
 from workers import shake
+from workers.reference.closed_forms import landing_boundary
 
 G = case.G
 SINK = 1e-3  # of R: the contact tolerance
@@ -223,6 +224,28 @@ def test_a_friction_of_ten_never_slips_under_a_weak_motion():
 def test_every_time_step_is_stable_or_refused_with_a_reason(time_step):
     scene = Scene.block(0.2, 0.2, 0.6, friction=0.8)
     sound(shake(scene, record(3, 100, 0.45 * G), time_step=time_step, shortcuts=False), scene)
+
+
+@pytest.mark.parametrize(
+    "down_m_s",
+    [
+        0.1,
+        pytest.param(
+            0.6 * landing_boundary(3.0, 0.6),
+            marks=pytest.mark.xfail(
+                strict=True,
+                reason="measured: one step of 14.7 s where a landing is cut, then diverged at 500 m",
+            ),
+        ),
+        1.0,
+    ],
+)
+def test_a_landing_never_stretches_a_step(down_m_s):
+    scene = Scene.block(0.2, 0.2, 0.6, friction=0.6)
+    start = {"velocity_m_s": (0.5, 0.0, -down_m_s)}
+    result = shake(scene, case.STILL, shortcuts=False, initial=start, trajectory=True)
+    assert np.diff(result.trajectory.time_s).max() < 2.0 * result.time_step_s
+    assert result.status == "ok"
 
 
 def test_a_step_far_too_long_is_refused():

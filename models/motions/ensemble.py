@@ -40,6 +40,7 @@ _IDENTITY = [
     ("samples", pa.int64()),
     ("north_known", pa.bool_()),
     ("components", pa.int64()),
+    ("quality", pa.string()),
     ("weight", pa.float64()),
 ]
 _ORIGIN = [("history", pa.list_(pa.string())), ("files", pa.list_(pa.string())), ("sha", pa.string())]
@@ -183,6 +184,7 @@ class Ensemble:
             files=tuple(entry["files"]),
             sha=entry["sha"],
             components=entry["components"],
+            quality=entry["quality"],
             weight=entry["weight"],
         )
 
@@ -211,6 +213,7 @@ def _catalog(records: list[Record]) -> pa.Table:
             "samples": len(record.motion.acceleration_m_s2),
             "north_known": record.north_known,
             "components": record.components,
+            "quality": record.quality,
             "weight": record.weight,
             **record.intensity,
             "history": list(record.history),

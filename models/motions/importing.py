@@ -12,7 +12,7 @@ from models.motions.formats import read_file
 from models.motions.formats.component import UP, Component
 from models.motions.formats.seismic import is_station_xml, responses
 from models.motions.metadata import Entry, looks_like_table
-from models.motions.processing import process
+from models.motions.processing import DRIFTS, process
 from models.motions.quality import doubts
 from models.motions.record import Record
 from models.motions.stations import Triple, grouped, oriented, triple
@@ -280,9 +280,11 @@ def _candidate(name: str, channels: Triple, wishes: Wishes, entry: Entry | None)
         *history,
     ]
     corrected = bool(first.corrected) if first.corrected is not None else True
+    quality = "corrected" if corrected else "uncorrected"
     if wishes.process if wishes.process is not None else not corrected:
         motion, done = process(motion, wishes.corner_hz or (entry.corner_hz if entry else None))
         steps.extend(done)
+        quality = "drifting" if any(DRIFTS in step for step in done) else "processed"
     else:
         steps.append("left as the agency corrected it" if corrected else "left uncorrected, as asked")
     says = entry.magnitude if entry else None, entry.distance_km if entry else None
@@ -297,6 +299,7 @@ def _candidate(name: str, channels: Triple, wishes: Wishes, entry: Entry | None)
         history=steps,
         files=dict.fromkeys(str(c.path) for c in channels.channels),
         components=len(channels.channels),
+        quality=quality,
     )
     shaking = (
         (first.event.lower(), first.station.lower(), first.series) if first.event and first.station else None

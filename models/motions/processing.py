@@ -21,6 +21,10 @@ QUIET_SHARE, DRIFT_SHARE = 0.1, 0.25
 """A sound displacement stays within the second share of its peak over the last, first share of the record."""
 
 
+DRIFTS = "highest tried; the displacement still drifts at the end"
+"""How the history says that no corner passed the displacement check."""
+
+
 def high_pass(motion: Motion, corner_hz: float, order: int = HIGH_PASS_ORDER) -> Motion:
     """Acausal Butterworth high-pass: no phase shift, half the power at the corner for each of its two passes.
 
@@ -132,4 +136,4 @@ def _corner_by_displacement(motion: Motion) -> tuple[float, str]:
     for corner in CORNERS_HZ:
         if displacement_drift(motion, corner) <= DRIFT_SHARE:
             return corner, "lowest that passes the displacement check"
-    return CORNERS_HZ[-1], "highest tried; the displacement still drifts at the end"
+    return CORNERS_HZ[-1], DRIFTS

@@ -36,6 +36,8 @@ class Record:
         Hash of what can change an answer: samples, time step, azimuth of the strong component.
     components : int
         3, or 2 if the vertical is missing (and zero).
+    quality : str
+        "corrected" by its agency, "processed" here, "drifting" after processing, "uncorrected" or "made".
     weight : float
         Share of the record in a weighted ensemble; 1 unless the ensemble was weighted.
     """
@@ -52,6 +54,7 @@ class Record:
     files: tuple[str, ...] = ()
     sha: str = field(default="")
     components: int = 3
+    quality: str = "made"
     weight: float = 1.0
 
     def __eq__(self, other: object) -> bool:
@@ -74,6 +77,7 @@ class Record:
         history: Iterable[str] = (),
         files: Iterable[str] = (),
         components: int = 3,
+        quality: str = "made",
     ) -> "Record":
         """Measure a motion and name it.
 
@@ -109,6 +113,7 @@ class Record:
             files=tuple(files),
             sha=motion_sha(motion, intensity["strong_azimuth_deg"]),
             components=components,
+            quality=quality,
         )
 
 

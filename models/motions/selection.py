@@ -27,6 +27,8 @@ class Choice:
         At least so many.
     most_per_event : int
         At most so many of one event: the nearest to the source, then by id.
+    quality : tuple of str
+        Any of these, as in `Record.quality`; empty for every quality.
     """
 
     magnitude: tuple[float, float] | None = None
@@ -34,6 +36,7 @@ class Choice:
     event: str | None = None
     components: int = 0
     most_per_event: int = 0
+    quality: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -54,7 +57,7 @@ def select(ensemble: Ensemble, choice: Choice) -> list[str]:
         If no record is.
     """
     rows = ensemble.catalog.select(
-        ["record_id", "event", "magnitude", "distance_km", "components"]
+        ["record_id", "event", "magnitude", "distance_km", "components", "quality"]
     ).to_pylist()
     fit = [
         row
@@ -62,6 +65,7 @@ def select(ensemble: Ensemble, choice: Choice) -> list[str]:
         if _within(row["magnitude"], choice.magnitude)
         and _within(row["distance_km"], choice.distance_km)
         and row["components"] >= choice.components
+        and (not choice.quality or row["quality"] in choice.quality)
         and (choice.event is None or choice.event.lower() in row["event"].lower())
     ]
     if choice.most_per_event:

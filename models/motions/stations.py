@@ -45,7 +45,7 @@ def grouped(components: Iterable[Component]) -> list[list[Component]]:
     groups: dict[tuple, list[Component]] = defaultdict(list)
     for component in components:
         groups[_key(component)].append(component)
-    return [part for group in groups.values() for part in _by_start(group)]
+    return [part for group in groups.values() for part in _apart(group)]
 
 
 def triple(group: Sequence[Component]) -> Triple:
@@ -143,8 +143,26 @@ def _key(component: Component) -> tuple:
     return component.file_format, str(component.path.parent), name_series(component)[0]
 
 
+def _apart(group: list[Component]) -> list[list[Component]]:
+    """Tell apart records of one station and event that are given twice: by file, start, folder or name."""
+    if len(group) <= 3:
+        return [group]
+    ways = (
+        lambda c: c.path,
+        lambda c: c.path.parent,
+        lambda c: (c.path.parent, name_series(c)[0]),
+    )
+    for way in ways:
+        parts: dict[object, list[Component]] = defaultdict(list)
+        for component in group:
+            parts[way(component)].append(component)
+        if len(parts) > 1 and all(len(part) == 3 for part in parts.values()):
+            return list(parts.values())
+    return _by_start(group)
+
+
 def _by_start(group: list[Component]) -> list[list[Component]]:
-    if len(group) <= 3 or any(c.start_s is None for c in group):
+    if any(c.start_s is None for c in group):
         return [group]
     ordered = sorted(group, key=lambda c: c.start_s or 0.0)
     parts = [[ordered[0]]]

@@ -234,6 +234,12 @@ def show(ensemble: Path, figure: Path | None, as_json: bool) -> None:
     "--per-event", type=click.IntRange(min=0), default=0, help="At most so many of one event, the nearest."
 )
 @click.option(
+    "--quality",
+    multiple=True,
+    type=click.Choice(["corrected", "processed", "drifting", "uncorrected", "made"]),
+    help="Only records of this quality; may be given again.",
+)
+@click.option(
     "--deaggregation",
     type=click.Path(path_type=Path, dir_okay=False, exists=True),
     help="CSV table that weights the records:"
@@ -248,6 +254,7 @@ def select(
     event: str | None,
     components: int,
     per_event: int,
+    quality: tuple[str, ...],
     deaggregation: Path | None,
     replace: bool,
 ) -> None:
@@ -264,7 +271,9 @@ def select(
 
     _refuse_existing(out, replace)
     loaded = Ensemble.load(ensemble)
-    names = chosen(loaded, Choice(magnitude or None, distance_km or None, event, components, per_event))
+    names = chosen(
+        loaded, Choice(magnitude or None, distance_km or None, event, components, per_event, quality)
+    )
     weights = dict.fromkeys(names, 1.0)
     if deaggregation:
         weights, empty = hazard_weights(loaded, names, read_deaggregation(deaggregation))

@@ -59,6 +59,7 @@ def test_uncorrected_records_are_processed_and_corrected_ones_left_alone(name, t
     WRITERS[name](tmp_path, shaking())
     (record,) = imported(tmp_path).records
     assert any("high-pass" in step for step in record.history) is (name in RAW)
+    assert (record.quality == "corrected") is (name not in RAW)
 
 
 def test_the_two_peer_headers_mean_the_same(tmp_path):
@@ -215,6 +216,17 @@ def test_two_records_that_are_one_are_found(tmp_path):
     outcome = imported(tmp_path)
     assert len(outcome.records) == 1
     assert "the same shaking as" in outcome.refusals[0].reason.what
+
+
+@pytest.mark.parametrize("name", ["peer", "esm", "cosmos_v2", "knet"])
+def test_a_record_that_is_given_twice_is_kept_once(name, tmp_path):
+    for folder in ("a", "b"):
+        (tmp_path / folder).mkdir()
+        WRITERS[name](tmp_path / folder, shaking())
+    outcome = imported(tmp_path)
+    assert len(outcome.records) == 1
+    (refusal,) = outcome.refusals
+    assert "the same shaking as" in refusal.reason.what
 
 
 def test_horizontals_along_one_line_are_refused_and_oblique_ones_resolved(tmp_path):

@@ -1,4 +1,4 @@
-"""The rock's underside: seen at the rim, hidden within, and able to touch only where the pedestal is hidden too."""
+"""The rock's underside: seen at the rim, hidden within, touching only where the pedestal is hidden too."""
 
 from dataclasses import dataclass
 
@@ -85,7 +85,7 @@ def _largest(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 def _deepest(depth: NDArray[np.float64], hidden: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Where the rock rests: the core of each hole, as skimming rays do not reach into its border; all of a wide one."""
+    """Where the rock rests: the core of each hole, whose border skimming rays miss; all of a wide one."""
     holes, count = ndimage.label(depth > 0)
     if count == 0:
         return depth > 0

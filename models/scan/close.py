@@ -1,7 +1,9 @@
 """Closing: one closed body from the rock's surfels, its base on the interface plane.
 
-The seen surface is joined by screened Poisson reconstruction (Kazhdan and Hoppe 2013); where the base is hidden,
-points sunk below the base close it, and the base is then cut exactly (Manifold), so that where the rock rests its
+The seen surface is joined by screened Poisson reconstruction (Kazhdan and Hoppe 2013); where the base is
+hidden,
+points sunk below the base close it, and the base is then cut exactly (Manifold), so that where the rock
+rests its
 vertices lie on the interface plane.
 """
 
@@ -23,7 +25,7 @@ from models.scan.surfels import Surfels
 
 POISSON_DEPTH = 7
 POISSON_SCALES = (1.15, 1.17, 1.2, 1.24)
-"""Sizes of the octree's cube over the rock's, tried in turn: on an unlucky grid the surface touches itself."""
+"""Sizes of the octree's cube over the rock's, tried in turn: an unlucky grid tears the surface."""
 SIMPLIFIED_SHARE_OF_HEIGHT = 0.0015
 """Triangles are joined where the surface moves by less than this: noise, not shape."""
 BASE_SHARE_OF_HEIGHT = 0.0003

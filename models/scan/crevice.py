@@ -1,7 +1,9 @@
 """The crevice at full resolution: which points below the rock are pedestal, and where neither side was seen.
 
-A scanner that looks under a rock sees the pedestal through the crevice long before it sees the rock's underside.
-The pedestal is therefore followed as one smooth sheet from outside to under the rock; what lies on the sheet is
+A scanner that looks under a rock sees the pedestal through the crevice long before it sees the rock's
+underside.
+The pedestal is therefore followed as one smooth sheet from outside to under the rock; what lies on the
+sheet is
 pedestal, what hangs above it is rock, and the rock can touch it only where the sheet was not seen.
 """
 
@@ -48,7 +50,7 @@ class Grid:
         return cls(np.asarray(low_m, float), cell_m, (int(size[0]), int(size[1])))
 
     def index(self, flat_m: NDArray[np.float64]) -> NDArray[np.int64]:
-        """Number of the cell that each point (n, 2 or more) is nearest to, the border's for points outside."""
+        """Return the number of the cell nearest to each point, the border's for those outside."""
         where = np.rint((flat_m[:, :2] - self.first_m) / self.cell_m).astype(np.int64)
         where = np.clip(where, 0, np.array(self.shape) - 1)
         return where[:, 0] * self.shape[1] + where[:, 1]
@@ -95,7 +97,7 @@ def _laplacian(shape: tuple[int, int]) -> csc_matrix:
 def judge_crevice(
     points_m: NDArray[np.float64], label: NDArray[np.int8], interface: Interface, height_m: float
 ) -> tuple[NDArray[np.int8], Interface]:
-    """Labels of the points near the interface judged anew, and the interface fitted anew to what they show."""
+    """Judge the labels near the interface anew, and fit the interface anew to what they show."""
     low = points_m[label == ROCK]
     low = low[np.abs(interface.flat(low)[:, 2]) < BAND_PER_HEIGHT * height_m]
     margin = 0.15 * height_m

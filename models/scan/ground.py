@@ -17,8 +17,8 @@ from models.scan.surfels import Surfels
 from models.statics import support_polygon_m
 
 REACH_HEIGHTS = 0.6
-"""How far beyond the rock's outline the pedestal is kept, in rock heights: a rock whose centre of mass has left its
-support by half its height is falling, whatever it meets."""
+"""How far beyond the rock's outline the pedestal is kept, in rock heights: a rock whose centre of mass
+has left its support by half its height is falling, whatever it meets."""
 CELLS_PER_HEIGHT = 60
 STEEP = 0.5
 """Cosine to the interface normal below which a surfel belongs to a cliff."""
@@ -45,7 +45,7 @@ class Ground:
 def pedestal_ground(
     surfels: Surfels, pedestal: NDArray[np.bool_], rock: Rock, interface: Interface
 ) -> Ground:
-    """The pedestal as a height over the interface plane, within reach of the rock, ending at cliff edges."""
+    """Mesh the pedestal as a height over the interface plane, within reach of the rock, up to cliff edges."""
     outline_m = support_polygon_m(rock, Pedestal(interface.point_m, interface.normal))
     outline = interface.flat(outline_m)[:, :2]
     flat_rock = interface.flat(rock.vertices_m)
@@ -62,7 +62,7 @@ def pedestal_ground(
     lost = _lost(flat, top, nodes, cell, standing)
     # Every cell that the outline crosses lies in the plane, so that the whole base rests on it.
     seat = ndimage.binary_dilation(standing, np.ones((3, 3)), iterations=2)
-    surface = _surface(flat[top], nodes, cell, seat, lost)
+    surface = _surface(flat[top], nodes, cell, seat)
     surface = np.where(seat, 0.0, np.minimum(surface, _underside(flat_rock, nodes, cell)))
     vertices, faces = _triangles(nodes, surface, ~lost)
     edges = _edges(nodes, surface, lost)
@@ -86,7 +86,7 @@ def _lost(
     cell: float,
     standing: NDArray[np.bool_],
 ) -> NDArray[np.bool_]:
-    """Nodes where there is no pedestal: nearer to a cliff's face, or to the land below it, than to its top."""
+    """Nodes without pedestal: nearer to a cliff's face, or to the land below it, than to its top."""
     tree_top = cKDTree(flat[top, :2])
     below = flat[~top & (flat[:, 2] < -2 * cell)]
     if len(below) < 20:
@@ -109,9 +109,8 @@ def _surface(
     nodes: NDArray[np.float64],
     cell: float,
     standing: NDArray[np.bool_],
-    lost: NDArray[np.bool_],
 ) -> NDArray[np.float64]:
-    """Heights at the nodes: the mean of what was seen, zero where the rock stands, smooth (membrane) elsewhere."""
+    """Heights at the nodes: the mean of what was seen, zero where the rock stands, a membrane elsewhere."""
     shape = nodes.shape[:2]
     index = np.rint((top[:, :2] - nodes[0, 0]) / cell).astype(int)
     index = np.clip(index, 0, np.array(shape) - 1)
@@ -142,7 +141,7 @@ def _grid_laplacian(shape: tuple[int, ...]) -> coo_matrix:
 def _underside(
     flat_rock: NDArray[np.float64], nodes: NDArray[np.float64], cell: float
 ) -> NDArray[np.float64]:
-    """Lowest point of the rock near each node, infinite beside the rock: the pedestal may not reach into the rock."""
+    """Lowest point of the rock near each node, infinite beside it: no pedestal reaches into it."""
     shape = nodes.shape[:2]
     low = np.full(shape, np.inf)
     index = np.rint((flat_rock[:, :2] - nodes[0, 0]) / cell).astype(int)
@@ -176,7 +175,7 @@ def _edges(
         surface, ((line - nodes[0, 0]) / cell).T, order=1, mode="nearest"
     )
     edges = []
-    for line in lines:
+    for line in map(np.asarray, lines):
         if len(line) < 5:
             continue
         straight = _straightened(line, 0.6 * cell)

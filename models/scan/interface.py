@@ -56,8 +56,8 @@ def fit_interface(surfels: Surfels, rock: NDArray[np.bool_]) -> Interface:
         raise InputError(
             f"only {int(lining.sum())} patches of the pedestal were seen beside the rock",
             where="interface",
-            expected=f"at least {LEAST_CREVICE_SURFELS} patches of {surfels.voxel_m:.3g} m around the rock's foot",
-            remedy="scan the crevice from nearer, or give the interface by --plane or --pick",
+            expected=f"at least {LEAST_CREVICE_SURFELS} patches of {surfels.voxel_m:.3g} m at its foot",
+            remedy="scan the crevice from nearer and from more sides",
         )
     points = surfels.points_m[lining]
     weight = np.ones(len(points))

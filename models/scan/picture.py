@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
@@ -29,7 +30,7 @@ def draw_scene(scene: Scene, path: Path) -> None:
     figure.savefig(path, dpi=110)
 
 
-def _draw_view(axes, scene: Scene, elevation_deg: float, azimuth_deg: float) -> None:
+def _draw_view(axes: Axes, scene: Scene, elevation_deg: float, azimuth_deg: float) -> None:
     """Triangles painted from far to near (orthographic)."""
     turn, lift = np.deg2rad(azimuth_deg), np.deg2rad(elevation_deg)
     toward = np.array([np.cos(lift) * np.cos(turn), np.cos(lift) * np.sin(turn), np.sin(lift)])
@@ -48,10 +49,10 @@ def _draw_view(axes, scene: Scene, elevation_deg: float, azimuth_deg: float) -> 
         corners.append(corner @ frame)
         rgb = np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)]) / 255
         colours.append(shade[:, None] * rgb)
-    corner, colour = np.concatenate(corners), np.concatenate(colours)
+    corner, painted = np.concatenate(corners), np.concatenate(colours)
     order = np.argsort(corner[:, :, 2].mean(axis=1))
     axes.add_collection(
-        PolyCollection(corner[order][:, :, :2], facecolors=colour[order], edgecolors="face", linewidths=0.2)
+        PolyCollection(list(corner[order][:, :, :2]), facecolors=painted[order], edgecolors="face", linewidths=0.2)
     )
     for line, style in _lines(scene):
         flat = line @ frame
@@ -71,7 +72,7 @@ def _lines(scene: Scene) -> list[tuple[NDArray[np.float64], str]]:
     return lines + [(np.array(edge), "--") for edge in interface.get("edges_m", [])]
 
 
-def _draw_plan(axes, scene: Scene) -> None:
+def _draw_plan(axes: Axes, scene: Scene) -> None:
     hull = scene.rock.vertices_m
     axes.plot(hull[:, 0], hull[:, 1], ",", color=ROCK_COLOUR, alpha=0.4)
     for line, style in _lines(scene):
@@ -85,7 +86,7 @@ def _draw_plan(axes, scene: Scene) -> None:
     )
 
 
-def _draw_statics(axes, scene: Scene) -> None:
+def _draw_statics(axes: Axes, scene: Scene) -> None:
     table = scene.to_json()["quasi_static_toppling_m_s2"]
     azimuth = np.deg2rad([row["azimuth_deg"] for row in table])
     value = np.array([row["value"] for row in table])
@@ -94,14 +95,15 @@ def _draw_statics(axes, scene: Scene) -> None:
     axes.set_title("quasi-static toppling acceleration, m/s², by azimuth of the ground's acceleration")
 
 
-def _write_numbers(axes, scene: Scene) -> None:
+def _write_numbers(axes: Axes, scene: Scene) -> None:
     axes.axis("off")
     surface = scene.report.get("surface", {})
     downhill = scene.pedestal.downhill_azimuth_deg
     lines = [
         f"volume {scene.rock.volume_m3:.5g} m³, height {scene.rock.height_m:.4g} m",
         "centre of mass {:.3f}, {:.3f}, {:.3f} m".format(*scene.rock.com_m),
-        f"interface falls {scene.pedestal.slope_deg:.2f}° toward azimuth {downhill:.1f}° ({float(compass_deg(downhill)):.0f}° compass)",
+        f"interface falls {scene.pedestal.slope_deg:.2f}° toward azimuth {downhill:.1f}° "
+        f"({float(compass_deg(downhill)):.0f}° compass)",
         f"roughness {scene.report.get('interface', {}).get('roughness_m', 0.0):.3g} m",
         "surface seen {:.1%}, closed at the interface {:.1%}, invented {:.1%}".format(
             *(surface.get(key, 0.0) for key in ("seen_share", "closed_share", "invented_share"))

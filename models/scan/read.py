@@ -46,7 +46,9 @@ def read_clouds(paths: Sequence[str | Path]) -> Cloud:
     InputError
         If a file is absent, unreadable, of an unknown format, or holds too few or non-finite points.
     """
-    survey, stations, files = [], [], []
+    survey: list[NDArray[np.float64]] = []
+    stations: list[NDArray[np.int32]] = []
+    files: list[tuple[str, int]] = []
     for path in map(Path, paths):
         points, station = _read_file(path)
         _check_points(points, path)
@@ -116,7 +118,7 @@ def _read_e57(path: Path) -> tuple[NDArray[np.float64], NDArray]:
 def _read_tensor(path: Path) -> tuple[NDArray[np.float64], NDArray]:
     """Open3D's tensor reader: keeps doubles and extra properties, which its legacy reader drops."""
     with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
-        cloud = o3d.t.io.read_point_cloud(str(path))
+        cloud = o3d.t.io.read_point_cloud(path)
     if "positions" not in cloud.point:
         return np.empty((0, 3)), np.empty(0, np.int32)
     points = cloud.point.positions.numpy().astype(float)
@@ -128,7 +130,7 @@ def _read_tensor(path: Path) -> tuple[NDArray[np.float64], NDArray]:
 
 
 def _read_columns(path: Path) -> NDArray[np.float64]:
-    """The first three columns of a text file; a header line and the count line of PTS are passed over."""
+    """Read the first three columns of a text file, past a header line and the count line of PTS."""
     with path.open(errors="replace") as lines:
         head = [line for _, line in zip(range(20), lines, strict=False)]
     skip = next((i for i, line in enumerate(head) if _numbers(line) >= 3), None)
@@ -164,7 +166,7 @@ def _check_points(points: NDArray[np.float64], path: Path) -> None:
     bad = ~np.isfinite(points).all(axis=1)
     if bad.any():
         raise _unreadable(
-            f"{int(bad.sum())} points have coordinates that are not finite, first point {int(np.argmax(bad))}",
+            f"{int(bad.sum())} points are not finite, first point {int(np.argmax(bad))}",
             path,
         )
     if len(points) < MINIMUM_POINTS:

@@ -1,8 +1,11 @@
 """Segmentation: the rock is what stands on the pedestal, above the narrowing or crevice.
 
-Two passes. The coarse one sweeps a horizontal plane down through the surfels and keeps the peaks that rise far
-above the level at which they join something else; the fine one cuts the surface around the chosen peak along the
-loop that is short and concave (a minimum cut between peak and surroundings, after Boykov and Kolmogorov 2004, with
+Two passes. The coarse one sweeps a horizontal plane down through the surfels and keeps the peaks that rise
+far
+above the level at which they join something else; the fine one cuts the surface around the chosen peak
+along the
+loop that is short and concave (a minimum cut between peak and surroundings, after Boykov and Kolmogorov
+2004, with
 the convexity of Stein, Schoeler, Papon and Woergoetter 2014 as capacity).
 """
 
@@ -102,7 +105,7 @@ def _coarse_surfels(points_m: NDArray[np.float64]) -> Surfels:
 
 
 def find_candidates(surfels: Surfels) -> list[Candidate]:
-    """What stands on something in the cloud, the highest first."""
+    """Find what stands on something in the cloud, the highest first."""
     edges, _ = _neighbourhood(surfels.points_m, surfels.voxel_m)
     found: list[Candidate] = []
     for peak, level in _peaks(surfels, edges):
@@ -129,7 +132,7 @@ def _neighbourhood(
 
 
 def _peaks(surfels: Surfels, edges: NDArray[np.int64]) -> list[tuple[int, float]]:
-    """Peaks and the level at which each joins something of its own size or larger, the most prominent first."""
+    """Peaks and the level at which each joins something of its size, the most prominent first."""
     z = surfels.points_m[:, 2]
     order = np.argsort(-z)
     rank = np.empty(len(z), np.int64)
@@ -169,7 +172,7 @@ def _peaks(surfels: Surfels, edges: NDArray[np.int64]) -> list[tuple[int, float]
 
 
 def _cut_off(surfels: Surfels, edges: NDArray[np.int64], peak: int, level: float) -> Candidate | None:
-    """The minimum cut between a peak and its surroundings; None if what it cuts off is no rock."""
+    """Cut a peak off its surroundings; None if what comes off is no rock."""
     points = surfels.points_m
     height = points[peak, 2] - level
     high = (points[:, 2] > level + 0.4 * height) & (np.hypot(*(points[:, :2] - points[peak, :2]).T) < height)
@@ -225,7 +228,7 @@ def _reachable(graph: coo_matrix, start: int) -> NDArray[np.bool_]:
 
 
 def _bend(surfels: Surfels, edges: NDArray[np.int64]) -> NDArray[np.float64]:
-    """How the surface bends between neighbours: positive convex, negative concave, of the order of the angle."""
+    """How the surface bends between neighbours: positive convex, negative concave, about the angle."""
     a, b = edges.T
     along = surfels.points_m[b] - surfels.points_m[a]
     along /= np.linalg.norm(along, axis=1, keepdims=True)
@@ -250,7 +253,7 @@ def _choose(candidates: list[Candidate], near_m: NDArray[np.float64] | None) -> 
             "{:.1f}, {:.1f} ({:.2g} m high)".format(*c.top_m[:2], c.height_m) for c in [standing[0], *rivals]
         )
         raise InputError(
-            f"{1 + len(rivals)} things of like size stand there, their tops at x, y from the local origin: {tops}",
+            f"{1 + len(rivals)} things of like size stand there, tops at x, y from the origin: {tops}",
             where="segmentation",
             expected="one rock, or a word on which one",
             remedy="name one by --near X Y in survey coordinates, or crop the cloud",
@@ -261,7 +264,7 @@ def _choose(candidates: list[Candidate], near_m: NDArray[np.float64] | None) -> 
 def _refine(
     points_m: NDArray[np.float64], coarse: Surfels, chosen: Candidate, others: list[Candidate]
 ) -> Segmentation:
-    """The cut again at a hundredth of the rock's height, and every point labelled."""
+    """Cut again at a hundredth of the rock's height, and label every point."""
     rock = coarse.points_m[chosen.rock]
     axis, height = rock[:, :2].mean(axis=0), chosen.height_m
     reach = np.hypot(*(rock[:, :2] - axis).T).max() + 0.5 * height
@@ -289,7 +292,10 @@ def _refine(
         surfels,
         surfel_label,
         concave_share,
-        [(*map(float, other.top_m), other.height_m) for other in others],
+        [
+            (float(other.top_m[0]), float(other.top_m[1]), float(other.top_m[2]), other.height_m)
+            for other in others
+        ],
     )
 
 

@@ -38,7 +38,8 @@ class Surfels:
 def thin(points_m: NDArray[np.float64], voxel_m: float) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """One mean point per voxel of a surface, and the index of each point's voxel, -1 for strays.
 
-    A voxel with far fewer points than its neighbours holds strays: mixed pixels hang between surfaces, thinly.
+    A voxel with far fewer points than its neighbours holds strays: mixed pixels hang between surfaces,
+    thinly.
     """
     cell = np.floor((points_m - points_m.min(axis=0)) / voxel_m).astype(np.int64)
     size = cell.max(axis=0) + 1
@@ -76,9 +77,10 @@ def _escapes(
     up = np.cross(normals, side)
     corners = np.stack([points_m + side, points_m + up, points_m - side, points_m - up], axis=1)
     first = 4 * np.arange(len(points_m))[:, None]
-    faces = np.concatenate([first + [0, 1, 2], first + [0, 2, 3]])
+    faces = np.concatenate([first + np.array([0, 1, 2]), first + np.array([0, 2, 3])])
     scene.add_triangles(
-        o3d.core.Tensor(corners.reshape(-1, 3).astype(np.float32)), o3d.core.Tensor(faces.astype(np.uint32))
+        o3d.core.Tensor.from_numpy(corners.reshape(-1, 3).astype(np.float32)),
+        o3d.core.Tensor.from_numpy(faces.astype(np.uint32)),
     )
     turn = np.pi * (3 - np.sqrt(5)) * np.arange(ESCAPE_DIRECTIONS)
     z = -0.15 + 1.1 * (np.arange(ESCAPE_DIRECTIONS) + 0.5) / ESCAPE_DIRECTIONS
@@ -87,14 +89,14 @@ def _escapes(
     free = np.zeros(len(points_m))
     for direction in sky.astype(np.float32):
         rays = np.concatenate([start, np.broadcast_to(direction, start.shape)], axis=1)
-        free += ~scene.test_occlusions(o3d.core.Tensor(rays), nthreads=1).numpy()
+        free += ~scene.test_occlusions(o3d.core.Tensor.from_numpy(rays), nthreads=1).numpy()
     return free
 
 
 def _agreed(
     points_m: NDArray[np.float64], normals: NDArray[np.float64], vote: NDArray[np.float64], voxel_m: float
 ) -> NDArray[np.float64]:
-    """Votes averaged with those of neighbours on the same sheet: in a deep crevice no ray escapes on either side."""
+    """Votes averaged with those of neighbours on the same sheet: deep in a crevice no ray escapes."""
     distance, near = cKDTree(points_m).query(points_m, 10)
     same = np.einsum("ij,ikj->ik", normals, normals[near]) * (distance < 3 * voxel_m)
     for _ in range(4):

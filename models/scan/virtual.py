@@ -17,12 +17,12 @@ Mesh = tuple[NDArray[np.float64], NDArray[np.int64]]
 
 DEMO_ORIGIN_M = np.array([331_000.0, 3_777_000.0, 480.0])
 MIXED_SHARE = 0.3
-"""Share of the beams at a range jump whose footprint falls on both surfaces, in the scanners' usual geometry."""
+"""Share of the beams at a range jump whose footprint falls on both surfaces."""
 
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """A mesh that the scanner sees, and what a right segmentation calls it (0 rock, 1 pedestal, 2 neither)."""
+    """A mesh that the scanner sees, and its true label (0 rock, 1 pedestal, 2 neither)."""
 
     vertices_m: NDArray[np.float64]
     faces: NDArray[np.int64]
@@ -86,7 +86,8 @@ def scan_from(
 ) -> Station:
     """Scan a ball of `radius_m` around a target from one position.
 
-    Rays go out on a grid of azimuth and elevation; ranges carry normal noise; at range jumps between neighbouring
+    Rays go out on a grid of azimuth and elevation; ranges carry normal noise; at range jumps between
+    neighbouring
     rays some ranges fall between the two surfaces (mixed pixels).
     """
     aim = target_m - position_m
@@ -123,12 +124,12 @@ def _cast(
     label_of = {}
     for body in bodies:  # relative to the station: the ray caster computes in single precision
         number = scene.add_triangles(
-            o3d.core.Tensor((body.vertices_m - position_m).astype(np.float32)),
-            o3d.core.Tensor(body.faces.astype(np.uint32)),
+            o3d.core.Tensor.from_numpy((body.vertices_m - position_m).astype(np.float32)),
+            o3d.core.Tensor.from_numpy(body.faces.astype(np.uint32)),
         )
         label_of[number] = body.label
     start_and_way = np.concatenate([np.zeros_like(rays), rays], axis=-1).astype(np.float32)
-    hit = scene.cast_rays(o3d.core.Tensor(start_and_way), nthreads=1)
+    hit = scene.cast_rays(o3d.core.Tensor.from_numpy(start_and_way), nthreads=1)
     ranges = hit["t_hit"].numpy().astype(float)
     numbers = hit["geometry_ids"].numpy()
     label = np.full(ranges.shape, NEITHER, np.int8)
@@ -206,7 +207,7 @@ def cloud_of(stations: Sequence[Station], origin_m: NDArray[np.float64]) -> tupl
 def lathe(
     radius_m: NDArray[np.float64], height_m: NDArray[np.float64], centre_m: NDArray[np.float64], sides: int
 ) -> Mesh:
-    """Closed body of horizontal rings: radius (k, sides), height (k,), centre (k, 2); flat below, pointed above."""
+    """Close a stack of horizontal rings: radius (k, sides), height (k,), centre (k, 2)."""
     angle = 2 * np.pi * np.arange(sides) / sides
     ring = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
     body = np.concatenate(
@@ -301,7 +302,7 @@ def ground(
     neck_drop_m: float = 0.0,
     cells: int = 200,
 ) -> Mesh:
-    """Pedestal surface over its interface plane: flat where the rock stands, uneven beyond, ending at a cliff.
+    """Pedestal over its interface plane: flat where the rock stands, uneven beyond, ending at a cliff.
 
     Parameters
     ----------
@@ -367,7 +368,7 @@ def two_rocks_side_by_side(seed: int) -> Truth:
     rock = boulder(2.0, 1.3, 1.0, seed, bumps=0.02)
     vertices, faces = boulder(1.9, 1.2, 1.0, seed + 1, bumps=0.02)
     pedestal = ground(6.0, 3.0, seed, bumps_m=0.1)
-    return on_slope(rock, pedestal, 3.0, 40.0, Body(vertices + [2.0, 0.0, 0.0], faces, NEITHER))
+    return on_slope(rock, pedestal, 3.0, 40.0, Body(vertices + np.array([2.0, 0.0, 0.0]), faces, NEITHER))
 
 
 def rock_in_a_crevice(seed: int) -> Truth:
@@ -380,7 +381,7 @@ def rock_in_a_crevice(seed: int) -> Truth:
 
 
 def echo_cliffs_like(seed: int) -> Truth:
-    """Rock like the Echo Cliffs one: 14 m tall, 10 m wide, 4 m over the cliff's edge, on a slope of 5 degrees.
+    """Rock like the Echo Cliffs one: 14 m tall, 10 m wide, 4 m over the cliff's edge, slope 5 degrees.
 
     The sizes are the study's (`Veeraraghavan, Hudnut and Krishnan 2017`); the shape is made up.
     """

@@ -52,7 +52,9 @@ def scan(files: tuple[Path, ...], out: Path, near: tuple[float, float] | None, a
     if as_json:
         click.echo(json.dumps(scene.to_json()))
         return
+    rock, pedestal = scene.rock, scene.pedestal
     click.echo(
-        f"{out}: rock of {scene.rock.volume_m3:.4g} m³, {scene.rock.height_m:.3g} m high, on a pedestal that falls "
-        f"{scene.pedestal.slope_deg:.2f}° toward azimuth {scene.pedestal.downhill_azimuth_deg:.1f}°; see {out / 'scene.png'}"
+        f"{out}: rock of {rock.volume_m3:.4g} m³, {rock.height_m:.3g} m high, on a pedestal that falls "
+        f"{pedestal.slope_deg:.2f}° toward azimuth {pedestal.downhill_azimuth_deg:.1f}°; "
+        f"see {out / 'scene.png'}"
     )

@@ -8,6 +8,8 @@ of a rocking motion. It keeps the plane's normal at every contact, and carries t
 holds for relief that is flat against its distance and for slips that are short against it.
 """
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, cKDTree
@@ -23,6 +25,7 @@ NEIGHBOURS = 24
 """Triangles, nearest by centre, in which a point is looked for."""
 
 
+@lru_cache(maxsize=8)  # rocks and pedestals compare by identity
 def contact_feet_m(rock: Rock, pedestal: Pedestal) -> Array:
     """Points of the rock that can touch the interface plane, the pedestal's relief taken into them.
 

@@ -7,6 +7,7 @@ import math
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -170,7 +171,7 @@ class Scene:
         """The same scene with other contact properties."""
         return dataclasses.replace(self, contact=contact)
 
-    @property
+    @cached_property
     def id(self) -> str:
         """Hash of all that can change the motion except the contact properties, which belong to the job."""
         digest = hashlib.sha256()

@@ -60,7 +60,7 @@ def support_polygon_m(rock: Rock, pedestal: Pedestal) -> Array:
     its relief and its edges are taken into the rock's feet (:mod:`models.relief`). Fewer than three corners mean that the rock stands on a point or a line within
     ``CONTACT_SHARE_OF_HEIGHT``: it rolls, or is not seated.
     """
-    return _ring(_contact_points(rock, pedestal), pedestal, CONTACT_SHARE_OF_HEIGHT * rock.height_m)
+    return polygon(_contact_points(rock, pedestal), pedestal.normal, CONTACT_SHARE_OF_HEIGHT * rock.height_m)
 
 
 def lift_off_m_s2(
@@ -87,7 +87,7 @@ def quasi_static_toppling_m_s2(
 
     The end of the quasi-static path (see the module): the acceleration beyond which no rest is left with a
     tilt up to ``TOPPLED_TILT_DEG`` and a centre of mass fallen by no more than ``TOPPLED_FALL``. A rock with
-    a flat sharp-edged base topples when it lifts off; one with a rounded base rolls before. No slip. 
+    a flat sharp-edged base topples when it lifts off; one with a rounded base rolls before. No slip.
 
     Returns
     -------
@@ -122,18 +122,51 @@ def equilibrium_possible(scene: Scene, acceleration_m_s2: ArrayLike) -> NDArray[
     -------
     (n,) bool array
     """
-    acceleration = np.atleast_2d(np.asarray(acceleration_m_s2, float))
     corners = support_polygon_m(scene.rock, scene.pedestal)
-    if len(corners) < 3:
-        return np.zeros(len(acceleration), bool)
-    normal = scene.pedestal.normal
-    weight = np.array([0.0, 0.0, -scene.gravity_m_s2]) - acceleration
-    pressing = -weight @ normal
-    along = np.linalg.norm(weight + pressing[:, None] * normal, axis=1)
-    margin = EQUILIBRIUM_MARGIN * np.linalg.norm(weight, axis=1)
-    grips = along <= scene.contact.friction_static * pressing - margin
-    holding = weight @ _moment_arms(corners, scene.rock.com_m, normal).T  # (n, edges)
-    held = (holding >= margin[:, None] * scene.rock.half_diagonal_m).all(axis=1)
+    gravity = np.array([0.0, 0.0, -scene.gravity_m_s2])
+    pull = gravity - np.atleast_2d(np.asarray(acceleration_m_s2, float))
+    normal, friction = scene.pedestal.normal, scene.contact.friction_static
+    return holds_still(corners, scene.rock.com_m, normal, friction, pull)
+
+
+def polygon(points_m: Array, normal: Array, width_m: float) -> Array:
+    """Corners of the convex hull of points (k, 3) of a plane, counter-clockwise; all points if it is thinner."""
+    if len(points_m) < 3:
+        return points_m
+    order = _planar_hull(points_m @ np.column_stack(plane_axes(normal)), width_m)
+    return points_m if order is None else points_m[order]
+
+
+def holds_still(
+    corners_m: Array, com_m: Array, normal: Array, friction: float, pull_m_s2: Array
+) -> NDArray[np.bool_]:
+    """The cone of :func:`equilibrium_possible` for a support polygon in any pose and frame.
+
+    Parameters
+    ----------
+    corners_m : (k, 3) array
+        Counter-clockwise seen against the normal; fewer than three hold nothing.
+    com_m : (3,) array
+    normal : (3,) array
+        Upward unit normal of the plane.
+    friction : float
+        Static coefficient.
+    pull_m_s2 : (n, 3) array
+        Gravity less ground acceleration.
+
+    Returns
+    -------
+    (n,) bool array
+    """
+    if len(corners_m) < 3 or _planar_hull(corners_m @ np.column_stack(plane_axes(normal)), 0.0) is None:
+        return np.zeros(len(pull_m_s2), bool)
+    pressing = -pull_m_s2 @ normal
+    along = np.linalg.norm(pull_m_s2 + pressing[:, None] * normal, axis=1)
+    margin = EQUILIBRIUM_MARGIN * np.linalg.norm(pull_m_s2, axis=1)
+    grips = along <= friction * pressing - margin
+    holding = pull_m_s2 @ _moment_arms(corners_m, com_m, normal).T  # (n, edges)
+    arm = np.linalg.norm(corners_m - com_m, axis=1).max()
+    held = (holding >= margin[:, None] * arm).all(axis=1)
     return (pressing > margin) & grips & held
 
 
@@ -150,14 +183,6 @@ def _contact_points(rock: Rock, pedestal: Pedestal) -> Array:
     feet = contact_feet_m(rock, pedestal)
     gap = (feet - pedestal.point_m) @ pedestal.normal
     return feet[gap <= gap.min() + CONTACT_SHARE_OF_HEIGHT * rock.height_m]
-
-
-def _ring(points: Array, pedestal: Pedestal, width_m: float) -> Array:
-    """Corners of the counter-clockwise convex hull of points of a plane; all points where it is too thin."""
-    if len(points) < 3:
-        return points
-    order = _planar_hull((points - pedestal.point_m) @ np.column_stack(plane_axes(pedestal.normal)), width_m)
-    return points if order is None else points[order]
 
 
 def _planar_hull(points: Array, width_m: float) -> NDArray[np.intp] | None:

@@ -80,8 +80,8 @@ def plan(campaign: Campaign, scene: Scene, ensemble: Ensemble) -> Plan:
     Raises
     ------
     InputError
-        If the campaign names a record that the ensemble lacks, the ensemble is empty, or the engine does not support
-        the contact properties.
+        If the campaign names a record that the ensemble lacks, the ensemble is empty, or the engine does not
+        support the contact properties.
     """
     for static, kinetic in campaign.friction:
         for restitution in campaign.restitution:

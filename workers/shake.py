@@ -15,8 +15,15 @@ from numpy.typing import ArrayLike, NDArray
 from models.errors import InputError
 from models.frames import azimuth_deg
 from models.motions.motion import Motion
-from models.scene import Scene
-from models.statics import TOPPLED_FALL, TOPPLED_TILT_DEG, equilibrium_possible, support_polygon_m
+from models.scene import ContactProperties, Scene
+from models.statics import (
+    TOPPLED_FALL,
+    TOPPLED_TILT_DEG,
+    equilibrium_possible,
+    holds_still,
+    polygon,
+    support_polygon_m,
+)
 from workers import quaternion as quat
 from workers.contact import LARGEST_OPEN_TILT_DEG, REACH_DEG, ContactModel
 from workers.engine import Pose
@@ -31,6 +38,12 @@ BLOCK = 64
 
 REST_SPEED = 2e-4
 """A rock whose points move slower than this share of sqrt(g R) over a block is taken to rest."""
+
+TOUCHING_SHARE = 1e-5
+"""Feet within this share of R of the plane carry a rock at rest: the engine holds them within a tenth of it."""
+
+PLANE = np.array([0.0, 0.0, 1.0])
+"""Normal of the interface in the support frame."""
 
 CAP_AFTER_MOTION = 60.0
 """Time after the motion, over sqrt(R / g), until which a rock must have come to rest, or its fate is undecided."""
@@ -163,6 +176,7 @@ def shake(
         If a setting is out of range, or the rock does not stand by itself where the scene puts it.
     """
     began = time.perf_counter()
+    check_supported(scene.contact)
     start_from = State(**initial) if isinstance(initial, Mapping) else initial
     if start_from is None:
         scene = settled(scene)
@@ -170,15 +184,33 @@ def shake(
     step_s = settings_of(preset).time_step_s(contact.half_diagonal_m, scene.gravity_m_s2)
     if time_step is not None:
         step_s = _checked_step(time_step, contact.half_diagonal_m, scene.gravity_m_s2)
-    can_hold = equilibrium_possible(scene, motion.acceleration_m_s2)
-    start_s = 0.0
-    if shortcuts and start_from is None:
-        if can_hold.all():
-            return _never_moved(scene, contact, motion, step_s, began, trajectory)
-        start_s = step_s * np.floor(max(int(np.argmin(can_hold)) - 1, 0) * motion.time_step_s / step_s)
-    run = _Run(scene, contact, motion, step_s, start_s, start_from, shortcuts)
+    run = _Run(scene, contact, motion, step_s, start_from, shortcuts)
     status, ended_by = run.to_the_end()
     return run.report(status, ended_by, began, trajectory)
+
+
+def check_supported(contact: ContactProperties) -> None:
+    """Refuse contact properties that the engine does not follow truly.
+
+    Raises
+    ------
+    InputError
+        If kinetic friction differs from static friction, or restitution is not zero.
+    """
+    if contact.friction_kinetic != contact.friction_static:
+        raise InputError(
+            f"friction is {contact.friction_static} static, {contact.friction_kinetic} kinetic",
+            where="contact properties",
+            expected="one coefficient for both: the engine's contacts know no transition between sticking and sliding",
+            remedy="give the two as separate friction values, and see how far the answers lie apart",
+        )
+    if contact.restitution != 0.0:
+        raise InputError(
+            f"restitution is {contact.restitution}",
+            where="contact properties",
+            expected="0: contacts are closed before they meet, which leaves the engine no rebound",
+            remedy="use 0, as measured for rock on rock (Purvance, Anooshehpoor and Brune 2008)",
+        )
 
 
 class _Run:
@@ -190,14 +222,14 @@ class _Run:
         contact: ContactModel,
         motion: Motion,
         step_s: float,
-        start_s: float,
         start: State | None,
         shortcuts: bool,
     ) -> None:
         self.scene, self.contact, self.motion, self.step_s, self.shortcuts = scene, contact, motion, step_s, shortcuts
         turn = contact.scene_from_support
         self.gravity = np.array([0.0, 0.0, -scene.gravity_m_s2]) @ turn
-        self.start_s = start_s
+        self.skipped_s = 0.0
+        self.starts_at_rest = start is None
         self.up = np.array([0.0, 0.0, 1.0]) @ turn
         self.rest_speed = REST_SPEED * float(np.sqrt(scene.gravity_m_s2 * contact.half_diagonal_m))
         self.barrier_j_kg = _barrier(scene)
@@ -210,7 +242,6 @@ class _Run:
             self.gravity,
             lambda times: motion.velocity_at(times) @ turn,
             step_s,
-            start_s,
             pose,
             velocity,
             spin,
@@ -222,6 +253,8 @@ class _Run:
             self.contact.half_diagonal_m / self.scene.gravity_m_s2
         )
         seen = 0
+        if self.shortcuts and self.starts_at_rest and self._rests_for_good():
+            return "ok", "never_moved"
         while True:
             self.stepper.advance(BLOCK)
             position, quaternion = self._poses(seen)
@@ -231,14 +264,44 @@ class _Run:
                 return "ok", "fallen"
             if self._tilt(quaternion).max() > LARGEST_OPEN_TILT_DEG:
                 return "ok", "tilted"
+            at_rest = self._at_rest(seen)
             if self.stepper.time_s > self.motion.duration_s:
-                if self._at_rest(seen):
+                if at_rest and self._holds(self.gravity[None])[0]:
                     return "ok", "rest"
                 if self.shortcuts and self._energy() < REST_CERTAIN_SHARE * self.barrier_j_kg:
                     return "ok", "rest_certain"
                 if self.stepper.time_s > cap_s:
                     return ("ok", "rest_certain") if self._energy() < self.barrier_j_kg else ("undecided", "time_cap")
+            elif at_rest and self.shortcuts and self._rests_for_good():
+                return "ok", "rest_certain"
             seen = len(self.stepper.poses) - 1
+
+    def _rests_for_good(self) -> bool:
+        """Skip to the last sample before equilibrium becomes impossible; true if it stays possible to the end.
+
+        The pulls that friction and the support can hold form a convex cone, and the motion is linear between its
+        samples: a rock at rest stays so up to the last sample of those that all lie in the cone.
+        """
+        first = int(self.stepper.time_s / self.motion.time_step_s)
+        pulls = self.gravity - self.motion.acceleration_m_s2[first:] @ self.contact.scene_from_support
+        held = self._holds(pulls)
+        if held.all():
+            self.skipped_s += max(self.motion.duration_s - self.stepper.time_s, 0.0)
+            return True
+        until_s = (first + max(int(np.argmin(held)) - 1, 0)) * self.motion.time_step_s
+        grid = int(until_s / self.step_s)
+        if grid * self.step_s > self.stepper.time_s + BLOCK * self.step_s:
+            self.skipped_s += grid * self.step_s - self.stepper.time_s
+            self.stepper.rest_until(grid)
+        return False
+
+    def _holds(self, pulls_m_s2: Array) -> NDArray[np.bool_]:
+        """Whether the feet that touch in the latest pose can hold the rock under each pull, support frame."""
+        com, attitude = (np.array(part) for part in self.stepper.poses[-1])
+        feet = com + self.contact.points_body_m @ quat.matrix(attitude).T
+        touching = feet[feet[:, 2] <= TOUCHING_SHARE * self.contact.half_diagonal_m]
+        corners = polygon(touching, PLANE, TOUCHING_SHARE * self.contact.half_diagonal_m)
+        return holds_still(corners, com, PLANE, self.scene.contact.friction_static, pulls_m_s2)
 
     def report(self, status: str, ended_by: str, began: float, keep: bool) -> ShakeResult:
         """Measure the whole way."""
@@ -267,12 +330,17 @@ class _Run:
             penetration_m=max(-float(self.contact.gaps_m(position, quaternion).min()), 0.0),
             ended_by=ended_by,
             steps=self.stepper.steps,
-            simulated_s=self.stepper.time_s - self.start_s,
-            skipped_s=self.start_s,
+            simulated_s=self.simulated_s(),
+            skipped_s=self.skipped_s,
             wall_s=time.perf_counter() - began,
             time_step_s=self.step_s,
             trajectory=_trajectory(self.contact, self.stepper.times_s, position, quaternion) if keep else None,
         )
+
+    def simulated_s(self) -> float:
+        """Time stepped through: what was skipped before the latest pose is left out."""
+        times = np.diff(self.stepper.times_s)
+        return float(times[times < 2.0 * self.step_s].sum())
 
     def _poses(self, since: int) -> tuple[Array, Array]:
         position, quaternion = zip(*self.stepper.poses[since:], strict=True)
@@ -427,33 +495,6 @@ def _trajectory(contact: ContactModel, times_s: list[float], position: Array, qu
     relative = quat.product(quaternion, quat.inverse(contact.start_quaternion_xyzw))
     in_scene = np.column_stack([relative[:, :3] @ turn.T, relative[:, 3]])
     return Trajectory(np.array(times_s), position @ turn.T + contact.origin_m, in_scene)
-
-
-def _never_moved(
-    scene: Scene, contact: ContactModel, motion: Motion, step_s: float, began: float, keep: bool
-) -> ShakeResult:
-    """The result of a motion that friction and the support hold throughout: no step is taken."""
-    del scene
-    pose = np.array([contact.com_m]), np.array([contact.start_quaternion_xyzw])
-    return ShakeResult(
-        status="ok",
-        outcome="stands",
-        toppled=False,
-        topple_time_s=None,
-        topple_azimuth_deg=None,
-        max_tilt_deg=0.0,
-        residual_tilt_deg=0.0,
-        residual_yaw_deg=0.0,
-        slip_m=0.0,
-        penetration_m=0.0,
-        ended_by="never_moved",
-        steps=0,
-        simulated_s=0.0,
-        skipped_s=motion.duration_s,
-        wall_s=time.perf_counter() - began,
-        time_step_s=step_s,
-        trajectory=_trajectory(contact, [0.0], *pose) if keep else None,
-    )
 
 
 def _barrier(scene: Scene) -> float:

@@ -27,8 +27,8 @@ Array = NDArray[np.float64]
 CHUNK = 16
 """Steps between two looks at the clearances: a landing costs half of it in repeated steps, a look costs some steps."""
 
-FAST_LANDING = 0.01
-"""Landings slower than this share of sqrt(g R) are left to the contact solver: they carry 1e-4 of the energy of a fall
+FAST_LANDING = 1e-4
+"""Landings slower than this share of sqrt(g R) are left to the contact solver: they carry 1e-8 of the energy of a fall
 from R."""
 
 REACH_MARGIN_DEG = 2.0
@@ -54,10 +54,8 @@ class Stepper:
     ground_velocity_m_s : callable
         Ground velocity (k, 3), support frame, at times (k,); its differences are imposed.
     time_step_s : float
-    start_s : float
-        A whole number of steps.
     pose, velocity_m_s, angular_velocity_rad_s
-        State at the start, support frame; the velocities belong to the start itself, not to a step's middle.
+        State at time 0, support frame; the velocities belong to the start itself, not to a step's middle.
     """
 
     def __init__(
@@ -67,7 +65,6 @@ class Stepper:
         gravity_m_s2: Array,
         ground_velocity_m_s: Callable[[Array], Array],
         time_step_s: float,
-        start_s: float,
         pose: Pose,
         velocity_m_s: Array,
         angular_velocity_rad_s: Array,
@@ -78,16 +75,16 @@ class Stepper:
         self._ground_velocity = ground_velocity_m_s
         self._step = time_step_s
         self._fast = FAST_LANDING * float(np.sqrt(np.linalg.norm(gravity_m_s2) * contact.half_diagonal_m))
-        self._grid = round(start_s / time_step_s)
+        self._grid = 0
         self._pulls: list[list[float]] = []
-        self._pulls_from = self._grid
+        self._pulls_from = 0
         self.steps = 0
         """Engine steps taken, repeated ones included."""
         self.landings = 0
         """Landings that a step was cut at."""
         self.poses: list[Pose] = [pose]
-        self.times_s: list[float] = [self._grid * time_step_s]
-        self._kicked_s: list[float] = [self.times_s[0]]
+        self.times_s: list[float] = [0.0]
+        self._kicked_s: list[float] = [0.0]
         self._given = velocity_m_s, angular_velocity_rad_s
         self._upright = tuple(contact.start_quaternion_xyzw.tolist())
         self._reach = 0
@@ -104,6 +101,14 @@ class Stepper:
         goal = self._grid + steps
         while self._grid < goal:
             self._chunk(min(CHUNK, goal - self._grid))
+
+    def rest_until(self, grid: int) -> None:
+        """Let the rock rest where it is up to a step of the grid."""
+        self._grid = grid
+        self.poses.append(self.poses[-1])
+        self.times_s.append(grid * self._step)
+        self._kicked_s.append(self.times_s[-1])
+        self._engine.set_state(self.poses[-1], np.zeros(3), np.zeros(3))
 
     def tilt_deg(self) -> float:
         """Angle of the latest pose to the pose of the scene."""
@@ -198,7 +203,8 @@ class Stepper:
         _, spin = self.velocities(back + here)
         arc = RESIDUAL_ROTATION * float(spin @ spin) * touch**2 * self._contact.half_diagonal_m
         touch -= arc / float(closing[here - 1, points].max())
-        return (back + here, touch) if touch > 0.1 * self._step else None
+        # A landing that the next one and a half steps do not bring was an extrapolation's error.
+        return (back + here, touch) if 0.1 * self._step < touch <= 1.6 * self._step else None
 
     @staticmethod
     def _time_to_touch(gaps: Array, closing: Array, durations: Array, here: int, points: NDArray[np.intp]) -> float:

@@ -1,6 +1,7 @@
 """`toppling constrain`: what standing rocks say about the ground motion that has not happened."""
 
 import json
+import math
 from pathlib import Path
 
 import click
@@ -70,6 +71,9 @@ def constrain(
         for path, years in zip(rocks, ages * len(rocks) if len(ages) == 1 else ages, strict=True)
     ]
     told = single_event(standing, confidence)
+    for path, rock in zip(rocks, told["rocks"], strict=True):
+        if path.is_dir():
+            rock |= _basis(path, over)
     bound = bound_table(standing, confidence) if age else None
     table = branch_table(standing, branches) if branches else None
     if table is not None:
@@ -97,6 +101,17 @@ def _branch(text: str, site: tuple[float, float] | None, ratio: float) -> Hazard
         msg = f"the weight of {path} is {weight!r}: give a positive number"
         raise click.UsageError(msg)
     return read_hazard(Path(path), share, site, ratio)
+
+
+def _basis(path: Path, measure: str) -> dict[str, float]:
+    """Say what a run's fragility rests on, and up to where it is no extrapolation."""
+    jobs = answered(open_run(path).frame())
+    return {
+        "jobs": len(jobs),
+        "toppled": int(jobs["toppled"].sum()),
+        "records": int(jobs["record_id"].nunique()),
+        "strongest_shaken": float(jobs[measure].max()),
+    }
 
 
 def _measure(asked: str | None, branches: list[HazardCurve]) -> str:
@@ -147,6 +162,13 @@ def _words(told: dict) -> str:
         f"No single event exceeded {told['measure']} = {told['unexceeded']:.3g} {unit} while they stood, "
         f"at {100 * told['confidence']:g} % confidence."
     )
+    for rock in told["rocks"]:
+        if told["unexceeded"] > rock.get("strongest_shaken", math.inf):
+            seen = f"{rock['toppled']} toppled of {rock['jobs']} jobs, {rock['records']} records"
+            lines.append(
+                f"  an extrapolation beyond the strongest shaking of {rock['name']}, "
+                f"{rock['strongest_shaken']:.3g} {unit} ({seen})"
+            )
     for branch in told.get("branches", ()):
         verdict = "rejected" if branch["rejected"] else "kept"
         lines.append(

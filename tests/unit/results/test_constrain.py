@@ -39,6 +39,16 @@ def test_a_run_alone_bounds_a_single_event(tmp_path):
     assert told["unexceeded"] == pytest.approx(THETA_M_S, rel=0.12)
 
 
+def test_a_bound_beyond_what_the_run_shook_is_called_an_extrapolation(tmp_path):
+    write_part(tmp_path, rows(records=30, levels=(2, 5, 8), azimuths=(0.0,)))
+    told = json.loads(constrain(str(tmp_path), "--json", "--confidence", "0.5").output)
+    strongest = told["rocks"][0]["strongest_shaken"]
+    assert told["unexceeded"] < strongest
+    assert "extrapolation" not in constrain(str(tmp_path), "--confidence", "0.5").output
+    far = constrain(str(tmp_path), "--confidence", "0.99999999")
+    assert "extrapolation" in far.output
+
+
 def test_branches_are_kept_or_rejected_and_weighted_anew(tmp_path, curves, hazards):
     folder = tmp_path / "out"
     weighted = ["--hazard", f"{hazards[0]}=1", "--hazard", f"{hazards[1]}=3"]

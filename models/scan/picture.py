@@ -52,7 +52,9 @@ def _draw_view(axes: Axes, scene: Scene, elevation_deg: float, azimuth_deg: floa
     corner, painted = np.concatenate(corners), np.concatenate(colours)
     order = np.argsort(corner[:, :, 2].mean(axis=1))
     axes.add_collection(
-        PolyCollection(list(corner[order][:, :, :2]), facecolors=painted[order], edgecolors="face", linewidths=0.2)
+        PolyCollection(
+            list(corner[order][:, :, :2]), facecolors=painted[order], edgecolors="face", linewidths=0.2
+        )
     )
     for line, style in _lines(scene):
         flat = line @ frame

@@ -1,0 +1,82 @@
+"""A scene as one page that turns with the mouse, and as files for other programs."""
+
+from pathlib import Path
+
+import numpy as np
+import plotly.graph_objects as go
+import trimesh
+
+from models.errors import InputError
+from models.frames import compass_deg
+from models.scan.picture import INTERFACE_COLOUR, PEDESTAL_COLOUR, ROCK_COLOUR
+from models.scene import Scene
+
+EXPORTS = (".glb", ".gltf", ".ply", ".obj")
+
+
+def write_page(scene: Scene, path: Path) -> None:
+    """Write a standalone HTML page: rock, pedestal, contact outline and cliff edges."""
+    figure = go.Figure()
+    for name, mesh, colour in _meshes(scene):
+        x, y, z = mesh.vertices.T
+        i, j, k = mesh.faces.T
+        figure.add_mesh3d(x=x, y=y, z=z, i=i, j=j, k=k, color=colour, name=name, flatshading=True)
+    interface = scene.report.get("interface", {})
+    outline = interface.get("outline_m", [])
+    for name, points in [
+        ("contact", [*outline, *outline[:1]]),
+        *(("edge", e) for e in interface.get("edges_m", [])),
+    ]:
+        if len(points):
+            x, y, z = np.array(points).T
+            figure.add_scatter3d(
+                x=x, y=y, z=z, mode="lines", name=name, line={"color": INTERFACE_COLOUR, "width": 6}
+            )
+    slope, downhill = scene.pedestal.slope_deg, scene.pedestal.downhill_azimuth_deg
+    figure.update_layout(
+        title=f"{scene.id}: {scene.rock.volume_m3:.4g} m³, {scene.rock.height_m:.3g} m high; interface falls "
+        f"{slope:.1f}° toward azimuth {downhill:.0f}° ({float(compass_deg(downhill)):.0f}° compass)",
+        scene={
+            "aspectmode": "data",
+            "xaxis_title": "east, m",
+            "yaxis_title": "north, m",
+            "zaxis_title": "up, m",
+        },
+    )
+    figure.write_html(path, include_plotlyjs=True)
+
+
+def export_scene(scene: Scene, path: Path) -> None:
+    """Write rock and pedestal as one glTF, PLY or OBJ file, in the scene's local frame, z up.
+
+    Raises
+    ------
+    InputError
+        If the file's extension is none of these.
+    """
+    if path.suffix.lower() not in EXPORTS:
+        raise InputError(
+            f"cannot export to '{path.suffix}'",
+            where=str(path),
+            expected=" or ".join(EXPORTS),
+            remedy="name the file by the format that you want",
+        )
+    meshes = [(name, mesh) for name, mesh, _ in _meshes(scene)]
+    if path.suffix.lower() in (".glb", ".gltf"):
+        parts = trimesh.Scene()
+        for name, mesh in meshes:
+            parts.add_geometry(mesh, node_name=name, geom_name=name)
+        parts.export(path)
+    else:
+        trimesh.util.concatenate([mesh for _, mesh in meshes]).export(path)
+
+
+def _meshes(scene: Scene) -> list[tuple[str, trimesh.Trimesh, str]]:
+    surfaces = [("rock", scene.rock.vertices_m, scene.rock.faces, ROCK_COLOUR)]
+    if scene.pedestal.vertices_m is not None and scene.pedestal.faces is not None:
+        surfaces.append(("pedestal", scene.pedestal.vertices_m, scene.pedestal.faces, PEDESTAL_COLOUR))
+    meshes = []
+    for name, vertices, faces, colour in surfaces:
+        rgb = [int(colour[i : i + 2], 16) for i in (1, 3, 5)]
+        meshes.append((name, trimesh.Trimesh(vertices, faces, face_colors=rgb, process=False), colour))
+    return meshes

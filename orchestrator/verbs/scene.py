@@ -1,0 +1,52 @@
+"""`toppling scene`: look at a scene, hand it to other programs."""
+
+from pathlib import Path
+
+import click
+
+from models import Scene
+
+
+@click.group()
+def scene() -> None:
+    r"""Show a scene or export it.
+
+    \b
+    toppling scene show scenes/rock
+    toppling scene export scenes/rock rock.glb
+    """
+
+
+@scene.command()
+@click.argument("folder", type=click.Path(path_type=Path))
+@click.option("--out", type=click.Path(path_type=Path), help="Where to write; the scene's folder by default.")
+def show(folder: Path, out: Path | None) -> None:
+    r"""Write a picture (scene.png) and a page that turns with the mouse (scene.html).
+
+    \b
+    toppling scene show scenes/rock --out pictures
+    """
+    from models.scan.page import write_page
+    from models.scan.picture import draw_scene
+
+    loaded = Scene.load(folder)
+    target = out or folder
+    target.mkdir(parents=True, exist_ok=True)
+    draw_scene(loaded, target / "scene.png")
+    write_page(loaded, target / "scene.html")
+    click.echo(f"{target / 'scene.png'}\n{target / 'scene.html'}")
+
+
+@scene.command()
+@click.argument("folder", type=click.Path(path_type=Path))
+@click.argument("file", type=click.Path(path_type=Path))
+def export(folder: Path, file: Path) -> None:
+    r"""Write rock and pedestal as one file: .glb, .gltf, .ply or .obj.
+
+    \b
+    toppling scene export scenes/rock rock.glb
+    """
+    from models.scan.page import export_scene
+
+    export_scene(Scene.load(folder), file)
+    click.echo(str(file))

@@ -17,7 +17,7 @@ from models.motions.motion import Motion
 from models.motions.record import Record
 
 CATALOG, MOTIONS = "catalog.parquet", "motions.parquet"
-SCHEMA_VERSION = "1"
+SCHEMA_VERSION = "2"
 RECORDS_IN_MEMORY = 16
 
 _MOTION_SCHEMA = pa.schema(
@@ -89,6 +89,9 @@ class Ensemble:
             or len({mark[b"toppling_ensemble"] for mark in marks}) != 1
         ):
             raise _ensemble_error("catalogue and motions do not belong together", path)
+        version = marks[0].get(b"version", b"").decode()
+        if version != SCHEMA_VERSION:
+            raise _ensemble_error(f"it is of version {version}, this program reads {SCHEMA_VERSION}", path)
         ensemble = cls(path, catalog)
         ensemble._motions = motions
         return ensemble

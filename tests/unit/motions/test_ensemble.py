@@ -68,3 +68,11 @@ def test_a_folder_without_an_ensemble_and_an_unknown_record_are_refused(ensemble
         Ensemble.load(tmp_path)
     with pytest.raises(InputError, match="no record 'R9'"):
         ensemble.record("R9")
+
+
+def test_an_ensemble_of_another_version_is_refused(made, tmp_path, monkeypatch):
+    with monkeypatch.context() as other:
+        other.setattr("models.motions.ensemble.SCHEMA_VERSION", "0")
+        Ensemble.write(tmp_path / "old", made[:1])
+    with pytest.raises(InputError, match="of version 0"):
+        Ensemble.load(tmp_path / "old")

@@ -70,14 +70,18 @@ def contact_feet_m(rock: Rock, pedestal: Pedestal) -> Array:
     return feet[corners[corners < len(feet)]] @ frame + pedestal.point_m
 
 
-def _rim_crossings(ground: Array, ground_faces: NDArray[np.int64], rock: Array, rock_faces: NDArray[np.int64]) -> Array:
+def _rim_crossings(
+    ground: Array, ground_faces: NDArray[np.int64], rock: Array, rock_faces: NDArray[np.int64]
+) -> Array:
     """Points (k, 3) of the pedestal's rim above or below edges of the rock, where a rim's contact begins or ends."""
     edges = np.sort(ground_faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
     pairs, count = np.unique(edges, axis=0, return_counts=True)
     rim = ground[pairs[count == 1]]
     low, high = rock[:, :2].min(axis=0), rock[:, :2].max(axis=0)
     rim = rim[((rim[:, :, :2].max(axis=1) >= low) & (rim[:, :, :2].min(axis=1) <= high)).all(axis=1)]
-    other = rock[np.unique(np.sort(rock_faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1), axis=0)][:, :, :2]
+    other = rock[np.unique(np.sort(rock_faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1), axis=0)][
+        :, :, :2
+    ]
     other_start, other_way = other[:, 0], other[:, 1] - other[:, 0]
     found = [np.zeros((0, 3))]
     for start, end in rim:

@@ -55,7 +55,9 @@ class Rock:
             raise _mesh_error(f"{len(mesh.faces)} triangles enclose nothing", where)
         if not mesh.is_watertight:
             once = np.bincount(mesh.edges_unique_inverse)
-            raise _mesh_error(f"the mesh is open: {int((once != 2).sum())} edges do not join two triangles", where)
+            raise _mesh_error(
+                f"the mesh is open: {int((once != 2).sum())} edges do not join two triangles", where
+            )
         if not mesh.is_winding_consistent:
             raise _mesh_error("triangles are not consistently oriented", where)
         if mesh.body_count != 1:
@@ -110,5 +112,5 @@ def _mesh_error(what: str, where: str) -> InputError:
         what,
         where=where,
         expected="one closed body of triangles, oriented outward, in metres",
-        remedy="close the mesh (every edge joins exactly two triangles), or make the scene from a scan with 'toppling scan'",
+        remedy="close the mesh (every edge joins two triangles), or make the scene with 'toppling scan'",
     )

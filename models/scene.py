@@ -113,10 +113,16 @@ class Scene:
         gravity : float
             m/s2.
         """
-        for name, value in (("half_width", half_width), ("half_depth", half_depth), ("half_height", half_height)):
+        for name, value in (
+            ("half_width", half_width),
+            ("half_depth", half_depth),
+            ("half_height", half_height),
+        ):
             if not (math.isfinite(value) and value > 0):
                 raise InputError(
-                    f"{name} is {value}", where="Scene.block", expected="a positive length in metres",
+                    f"{name} is {value}",
+                    where="Scene.block",
+                    expected="a positive length in metres",
                     remedy="give half of the block's size",
                 )
         rock = box(half_width, half_depth, half_height).moved(np.eye(3), (0.0, 0.0, half_height))
@@ -154,7 +160,9 @@ class Scene:
         """
         if not 0.0 <= slope_deg < 90.0:
             raise InputError(
-                f"slope_deg is {slope_deg}", where="Scene.from_mesh", expected="0 to below 90 degrees",
+                f"slope_deg is {slope_deg}",
+                where="Scene.from_mesh",
+                expected="0 to below 90 degrees",
                 remedy="give the slope as a positive angle and its downhill azimuth as slope_azimuth_deg",
             )
         if isinstance(mesh, tuple):
@@ -293,16 +301,20 @@ def read_triangles(path: str | os.PathLike[str]) -> tuple[NDArray[np.float64], N
         If the file is absent or holds no triangles.
     """
     try:
-        mesh = trimesh.load(path, force="mesh", process=False)
-        vertices, faces = np.array(mesh.vertices, float), np.array(mesh.faces, np.int64)
+        mesh: Any = trimesh.load(os.fspath(path), force="mesh", process=False)
+        vertices, faces = np.array(mesh.vertices, np.float64), np.array(mesh.faces, np.int64)
     except Exception as error:  # trimesh's readers raise whatever their parser raises
         raise InputError(
-            f"cannot be read as a mesh ({type(error).__name__}: {error})", where=str(path),
-            expected="a triangle mesh: PLY, STL, OBJ, OFF or glTF", remedy="check the path and the file's format",
+            f"cannot be read as a mesh ({type(error).__name__}: {error})",
+            where=str(path),
+            expected="a triangle mesh: PLY, STL, OBJ, OFF or glTF",
+            remedy="check the path and the file's format",
         ) from error
     if len(faces) == 0:
         raise InputError(
-            "holds no triangles", where=str(path), expected="a triangle mesh",
+            "holds no triangles",
+            where=str(path),
+            expected="a triangle mesh",
             remedy="a point cloud becomes a scene with 'toppling scan'",
         )
     return vertices, faces
@@ -327,13 +339,18 @@ def _plane(slope_deg: float, downhill_azimuth_deg: float) -> Pedestal:
 def _gravity(gravity: float) -> float:
     if not (math.isfinite(gravity) and gravity > 0):
         raise InputError(
-            f"gravity is {gravity}", where="scene", expected="a positive number in m/s2", remedy="9.81 on Earth"
+            f"gravity is {gravity}",
+            where="scene",
+            expected="a positive number in m/s2",
+            remedy="9.81 on Earth",
         )
     return float(gravity)
 
 
 def _scene_error(what: str, folder: Path) -> InputError:
     return InputError(
-        what, where=str(folder), expected=f"a scene folder of schema version {SCHEMA_VERSION}, as written",
+        what,
+        where=str(folder),
+        expected=f"a scene folder of schema version {SCHEMA_VERSION}, as written",
         remedy="make the scene anew with 'toppling scan' or Scene.save",
     )

@@ -57,8 +57,9 @@ def support_polygon_m(rock: Rock, pedestal: Pedestal) -> Array:
     """Corners (k, 3), scene frame, of the convex hull of the rock's contact with the interface plane.
 
     Counter-clockwise seen along the plane's normal from above. Where the pedestal is a surface,
-    its relief and its edges are taken into the rock's feet (:mod:`models.relief`). Fewer than three corners mean that the rock stands on a point or a line within
-    ``CONTACT_SHARE_OF_HEIGHT``: it rolls, or is not seated.
+    its relief and its edges are taken into the rock's feet (:mod:`models.relief`). Fewer than three corners
+    mean that the rock stands on a point or a line within ``CONTACT_SHARE_OF_HEIGHT``: it rolls, or is not
+    seated.
     """
     return polygon(_contact_points(rock, pedestal), pedestal.normal, CONTACT_SHARE_OF_HEIGHT * rock.height_m)
 

@@ -43,7 +43,7 @@ class LazyGroup(click.Group):
 )
 @click.version_option(package_name="toppling")
 def cli() -> None:
-    """How strong a shaking topples this rock, and with what probability?
+    """Say how strong a shaking topples this rock, and with what probability.
 
     \b
     toppling scan station1.laz station2.laz --out scenes/rock

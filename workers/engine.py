@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 Pose = tuple[tuple[float, float, float], tuple[float, float, float, float]]
 
 POINT_RADIUS_SHARE = 1e-5
-"""Radius of a contact point over R. The sphere's lowest point is the contact point, so this is a fillet, not an offset."""
+"""Radius of a contact point over R. The sphere's lowest point is the contact point: a fillet, not an offset."""
 
 NEAR_SHARE, FAR_SHARE = 3e-4, 3e-2
 """Contacts are prepared within these shares of R, so that a landing stops at the surface and not below it. The near one
@@ -25,8 +25,8 @@ cut."""
 SOLVER_ITERATIONS = 20
 
 RESIDUAL_SHARE = 1e-3
-"""The solver stops before its last iteration once no impulse (at unit mass) changes by more than this share of gravity's
-in a step: overturning thresholds then agree with fifty iterations within 0.05 %, at a third of the cost."""
+"""The solver stops before its last iteration once no impulse (at unit mass) changes by more than this share of
+gravity's in a step: overturning thresholds then agree with fifty iterations within 0.05 %, at a third of the cost."""
 
 
 class Engine:
@@ -45,7 +45,9 @@ class Engine:
         Which of the process's worlds to use; an earlier engine in it is lost.
     """
 
-    def __init__(self, contact: ContactModel, points: int, friction: float, impulse_m_s: float, slot: int) -> None:
+    def __init__(
+        self, contact: ContactModel, points: int, friction: float, impulse_m_s: float, slot: int
+    ) -> None:
         self._client = _client(slot)
         self._contact = contact
         self.points = points
@@ -69,7 +71,9 @@ class Engine:
         # Bullet multiplies the two bodies' coefficients; the rock's is 1.
         pybullet.changeDynamics(self._ground, -1, lateralFriction=friction, physicsClientId=self._client)
 
-    def set_state(self, pose: Pose, velocity_m_s: Array, angular_velocity_rad_s: Array, *, far: bool = False) -> None:
+    def set_state(
+        self, pose: Pose, velocity_m_s: Array, angular_velocity_rad_s: Array, *, far: bool = False
+    ) -> None:
         """Place the rock and set it going; forgets all contacts.
 
         From here on contacts are prepared within FAR_SHARE of R (`far`) or NEAR_SHARE.

@@ -20,7 +20,7 @@ from workers.presets import PHYSICS_VERSION
 from workers.shake import ShakeResult, shake
 
 COM_SPREAD_SHARE = 0.005
-"""Standard deviation of the centre of mass over the rock's height in a realisation of a scene that knows none of its own."""
+"""Standard deviation of the centre of mass over the height, in a realisation of a scene that knows none of its own."""
 
 FRICTION_SPREAD = 0.05
 """Coefficient of variation of friction in a realisation."""
@@ -113,10 +113,16 @@ def _realised(scene: Scene, spec: JobSpec) -> Scene:
         return _with_contact(scene, contact)
     seed = hashlib.sha256(f"{spec.scene_id}:{spec.realisation}".encode()).digest()[:8]
     random = np.random.default_rng(int.from_bytes(seed, "little"))
-    spread = scene.report.get("uncertainty", {}).get("com_std_m", [COM_SPREAD_SHARE * scene.rock.height_m] * 3)
-    rock = dataclasses.replace(scene.rock, com_m=scene.rock.com_m + random.normal(size=3) * np.asarray(spread, float))
+    spread = scene.report.get("uncertainty", {}).get(
+        "com_std_m", [COM_SPREAD_SHARE * scene.rock.height_m] * 3
+    )
+    rock = dataclasses.replace(
+        scene.rock, com_m=scene.rock.com_m + random.normal(size=3) * np.asarray(spread, float)
+    )
     factor = float(np.exp(random.normal() * FRICTION_SPREAD))
-    drawn = ContactProperties(contact.friction_static * factor, contact.friction_kinetic * factor, contact.restitution)
+    drawn = ContactProperties(
+        contact.friction_static * factor, contact.friction_kinetic * factor, contact.restitution
+    )
     return dataclasses.replace(scene, rock=rock, contact=drawn)
 
 

@@ -46,6 +46,9 @@ def settings_of(preset: str) -> Settings:
     """
     if preset not in PRESETS:
         raise InputError(
-            f"no preset {preset!r}", where="preset", expected=", ".join(PRESETS), remedy="'standard' suits most runs"
+            f"no preset {preset!r}",
+            where="preset",
+            expected=", ".join(PRESETS),
+            remedy="'standard' suits most runs",
         )
     return PRESETS[preset]

@@ -225,7 +225,13 @@ class _Run:
         start: State | None,
         shortcuts: bool,
     ) -> None:
-        self.scene, self.contact, self.motion, self.step_s, self.shortcuts = scene, contact, motion, step_s, shortcuts
+        self.scene, self.contact, self.motion, self.step_s, self.shortcuts = (
+            scene,
+            contact,
+            motion,
+            step_s,
+            shortcuts,
+        )
         turn = contact.scene_from_support
         self.gravity = np.array([0.0, 0.0, -scene.gravity_m_s2]) @ turn
         self.skipped_s = 0.0
@@ -271,7 +277,11 @@ class _Run:
                 if self.shortcuts and self._energy() < REST_CERTAIN_SHARE * self.barrier_j_kg:
                     return "ok", "rest_certain"
                 if self.stepper.time_s > cap_s:
-                    return ("ok", "rest_certain") if self._energy() < self.barrier_j_kg else ("undecided", "time_cap")
+                    return (
+                        ("ok", "rest_certain")
+                        if self._energy() < self.barrier_j_kg
+                        else ("undecided", "time_cap")
+                    )
             elif at_rest and self.shortcuts and self._rests_for_good():
                 return "ok", "rest_certain"
             seen = len(self.stepper.poses) - 1
@@ -334,7 +344,9 @@ class _Run:
             skipped_s=self.skipped_s,
             wall_s=time.perf_counter() - began,
             time_step_s=self.step_s,
-            trajectory=_trajectory(self.contact, self.stepper.times_s, position, quaternion) if keep else None,
+            trajectory=_trajectory(self.contact, self.stepper.times_s, position, quaternion)
+            if keep
+            else None,
         )
 
     def simulated_s(self) -> float:
@@ -347,11 +359,11 @@ class _Run:
         return np.array(position), np.array(quaternion)
 
     def _tilt(self, quaternion: Array) -> Array:
-        now = quat.matrix(quat.product(quaternion, quat.inverse(self.start_pose[1])))
+        now = quat.matrix(quat.product(quaternion, quat.inverse(np.array(self.start_pose[1]))))
         return np.rad2deg(np.arccos(np.clip(now @ self.up @ self.up, -1.0, 1.0)))
 
     def _yaw(self, quaternion: Array) -> float:
-        x, y, z, w = quat.product(quaternion, quat.inverse(self.start_pose[1]))
+        x, y, z, w = quat.product(quaternion, quat.inverse(np.array(self.start_pose[1])))
         return abs(float(np.rad2deg(2.0 * np.arctan2(self.up @ (x, y, z), w)) + 180.0) % 360.0 - 180.0)
 
     def _slip(self, position: Array, quaternion: Array) -> float:
@@ -385,7 +397,9 @@ class _Run:
         velocity, spin = self.stepper.velocities(len(self.stepper.poses) - 1)
         position, quaternion = self.stepper.poses[-1]
         spin_body = spin @ quat.matrix(np.array(quaternion))
-        kinetic = 0.5 * float(velocity @ velocity) + 0.5 * float(self.contact.principal_inertia_m2 @ spin_body**2)
+        kinetic = 0.5 * float(velocity @ velocity) + 0.5 * float(
+            self.contact.principal_inertia_m2 @ spin_body**2
+        )
         # Measured along the normal: what a slope gives to a rock that slides is taken by friction.
         return kinetic + self.scene.gravity_m_s2 * max(position[2] - self.start_pose[0][2], 0.0)
 
@@ -410,7 +424,9 @@ def settled(scene: Scene) -> Scene:
         If the rock does not come to rest, or only far from the pose of the scene.
     """
     seated = scene
-    for _ in range(SETTLING_PASSES):  # an uneven pedestal's feet change a little with the pose they were made for
+    for _ in range(
+        SETTLING_PASSES
+    ):  # an uneven pedestal's feet change a little with the pose they were made for
         if equilibrium_possible(seated, np.zeros((1, 3)))[0]:
             break
         seated = _let_down(seated)
@@ -431,7 +447,7 @@ def _let_down(scene: Scene) -> Scene:
     step_s = settings_of("standard").time_step_s(contact.half_diagonal_m, scene.gravity_m_s2)
     friction, impulse = scene.contact.friction_static, scene.gravity_m_s2 * step_s
     engine = engine_for(contact, LARGEST_OPEN_TILT_DEG, friction, impulse, len(REACH_DEG) - 1)
-    pose: Pose = (tuple(contact.com_m), tuple(contact.start_quaternion_xyzw))  # type: ignore[assignment]
+    pose: Pose = (tuple(contact.com_m), tuple(contact.start_quaternion_xyzw))
     lowest = contact.gaps_m(np.array([pose[0]]), np.array([pose[1]])).min()
     pose = ((pose[0][0], pose[0][1], pose[0][2] - lowest), pose[1])
     engine.set_state(pose, np.zeros(3), np.zeros(3))
@@ -477,7 +493,7 @@ def _start_of(contact: ContactModel, start: State | None) -> tuple[Pose, Array, 
     """Pose and velocities in the engine's frames."""
     if start is None:
         pose = (tuple(contact.com_m.tolist()), tuple(contact.start_quaternion_xyzw.tolist()))
-        return pose, np.zeros(3), np.zeros(3)  # type: ignore[return-value]
+        return pose, np.zeros(3), np.zeros(3)
     turn = contact.scene_from_support
     position = contact.com_m
     if start.position_m is not None:
@@ -487,10 +503,12 @@ def _start_of(contact: ContactModel, start: State | None) -> tuple[Pose, Array, 
     attitude = quat.product(relative, contact.start_quaternion_xyzw)
     pose = (tuple(position.tolist()), tuple(attitude.tolist()))
     velocity = np.asarray(start.velocity_m_s, float) @ turn
-    return pose, velocity, np.asarray(start.angular_velocity_rad_s, float) @ turn  # type: ignore[return-value]
+    return pose, velocity, np.asarray(start.angular_velocity_rad_s, float) @ turn
 
 
-def _trajectory(contact: ContactModel, times_s: list[float], position: Array, quaternion: Array) -> Trajectory:
+def _trajectory(
+    contact: ContactModel, times_s: list[float], position: Array, quaternion: Array
+) -> Trajectory:
     turn = contact.scene_from_support
     relative = quat.product(quaternion, quat.inverse(contact.start_quaternion_xyzw))
     in_scene = np.column_stack([relative[:, :3] @ turn.T, relative[:, 3]])

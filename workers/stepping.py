@@ -161,7 +161,7 @@ class Stepper:
         offset = self._grid - self._pulls_from
         if offset + steps > len(self._pulls):
             self._pulls_from, offset = self._grid, 0
-            middles = (self._grid - 0.5 + np.arange(PULLS_AT_ONCE + 1)) * self._step
+            middles: Array = (self._grid - 0.5 + np.arange(PULLS_AT_ONCE + 1, dtype=np.float64)) * self._step
             kicks = np.diff(self._ground_velocity(middles), axis=0) / self._step
             self._pulls = (self._gravity - kicks).tolist()
         return self._pulls[offset : offset + steps]
@@ -207,7 +207,9 @@ class Stepper:
         return (back + here, touch) if 0.1 * self._step < touch <= 1.6 * self._step else None
 
     @staticmethod
-    def _time_to_touch(gaps: Array, closing: Array, durations: Array, here: int, points: NDArray[np.intp]) -> float:
+    def _time_to_touch(
+        gaps: Array, closing: Array, durations: Array, here: int, points: NDArray[np.intp]
+    ) -> float:
         """Time from pose `here` to the first touch, for a step whose velocity is kicked up to the touch itself."""
         gap, speed = gaps[here, points], closing[here - 1, points]
         middle_to_middle = 0.5 * (durations[here - 1, 0] + durations[here - 2, 0])
@@ -247,7 +249,9 @@ class Stepper:
         self.landings += 1
 
 
-def engine_for(contact: ContactModel, tilt_deg: float, friction: float, impulse_m_s: float, slot: int) -> Engine:
+def engine_for(
+    contact: ContactModel, tilt_deg: float, friction: float, impulse_m_s: float, slot: int
+) -> Engine:
     """A world for the tilts up to `tilt_deg`, kept while the same rock is shaken again; one at a time in a slot."""
     wanted = (contact, tilt_deg, friction, impulse_m_s)
     if slot not in _IN_SLOT or _IN_SLOT[slot][0] != wanted:  # making a world destroys the slot's former one

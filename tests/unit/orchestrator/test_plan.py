@@ -24,10 +24,8 @@ def campaign(tmp_path_factory):
     Scene.block(0.15, 0.2, 0.6).save(folder / "scene")
     records = [Record.of(f"P{n}", ricker(2.0, 0.6 + 0.4 * n, 0.01)) for n in range(3)]
     Ensemble.write(folder / "ensemble", records)
-    content = {
-        "scene": "scene", "ensemble": "ensemble", "pga_m_s2": [2, 4], "azimuth_deg": [0, 90], "friction": [0.9],
-    }  # fmt: skip
-    return Campaign.of(content, folder)
+    axes = {"pga_m_s2": [2, 4], "azimuth_deg": [0, 90], "friction": [0.9]}
+    return Campaign.of({"scene": "scene", "ensemble": "ensemble", **axes}, folder)
 
 
 def planned(campaign, **changes):
@@ -36,7 +34,7 @@ def planned(campaign, **changes):
 
 
 def test_every_point_of_the_product_is_one_job_with_an_id_of_its_own(campaign):
-    whole = planned(campaign, restitution=(0.0, 0.1), realisations=3)
+    whole = planned(campaign, friction=((0.8, 0.8), (0.6, 0.6)), realisations=3)
     assert (
         len(whole)
         == 3 * 2 * 2 * 2 * 3
@@ -75,6 +73,12 @@ def test_whatever_can_change_an_answer_changes_the_plan(campaign, change):
 def test_the_order_of_the_axes_in_the_file_does_not_change_a_job(campaign):
     ids = set(planned(campaign).jobs["job_id"].to_pylist())
     assert set(planned(campaign, pga_m_s2=(4.0, 2.0)).jobs["job_id"].to_pylist()) == ids
+
+
+@pytest.mark.parametrize("change", [{"friction": ((0.8, 0.6),)}, {"restitution": (0.1,)}])
+def test_contact_that_the_engine_refuses_is_refused_before_anything_is_written(campaign, change):
+    with pytest.raises(InputError, match="contact properties"):
+        planned(campaign, **change)
 
 
 def test_a_record_that_is_not_there_is_named(campaign):

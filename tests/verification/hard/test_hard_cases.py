@@ -55,9 +55,6 @@ def test_five_centimetres_and_thirty_metres_answer(half_diagonal):
     assert result.toppled == (half_diagonal < 1.0)  # a large rock needs a longer push
 
 
-@pytest.mark.xfail(
-    strict=True, reason="measured: taken to rest after 64 steps, still leaning, because it moves slowly there"
-)
 def test_a_release_at_0_999_alpha_falls_back():
     scene, b, h = case.block(18, 1.0)
     start = case.leaning(b, h, 0.999 * np.arctan2(b, h))
@@ -68,9 +65,6 @@ def test_a_release_at_0_999_alpha_falls_back():
         assert abs(case.lean(result.trajectory)[-1]) < 1e-3
 
 
-@pytest.mark.xfail(
-    strict=True, reason="measured: taken to rest after 64 steps, still leaning, because it moves slowly there"
-)
 def test_a_release_at_1_001_alpha_falls_over():
     scene, b, h = case.block(18, 1.0)
     start = case.leaning(b, h, 1.001 * np.arctan2(b, h))
@@ -120,11 +114,11 @@ def test_ground_that_falls_away_throws_the_rock_and_catches_it():
     assert result.slip_m < 1e-3
 
 
-@pytest.mark.parametrize("restitution", [0.0, 0.3, 0.9])
-def test_every_restitution_ends_at_rest(restitution):
+@pytest.mark.parametrize("restitution", [0.3, 0.9])
+def test_a_restitution_that_the_engine_cannot_give_is_refused_with_the_reason(restitution):
     scene = Scene.block(0.2, 0.2, 0.6, friction=0.8, restitution=restitution)
-    result = shake(scene, record(4, 100, 0.4 * G), shortcuts=False)
-    sound(result, scene)
+    with pytest.raises(InputError, match="restitution"):
+        shake(scene, case.STILL)
 
 
 @pytest.mark.parametrize("height", [0.0, 1e-3, -0.01])

@@ -1,0 +1,103 @@
+"""The rules around a shake: what is refused, what is skipped, what stays the same."""
+
+import hashlib
+
+import numpy as np
+import pytest
+
+from models import InputError, Motion, Scene
+from models.shapes import box
+from workers import shake
+
+G = 9.81
+
+
+def pulse(peak_m_s2, period_s=0.5, azimuth_deg=0.0, samples=200):
+    time = np.linspace(0.0, period_s, samples + 1)
+    along = peak_m_s2 * np.sin(2 * np.pi * time / period_s)
+    way = np.array([np.cos(np.deg2rad(azimuth_deg)), np.sin(np.deg2rad(azimuth_deg)), 0.0])
+    return Motion(along[:, None] * way, period_s / samples)
+
+
+def noise(seed, peak_m_s2, seconds=6.0):
+    random = np.random.default_rng(seed)
+    samples = random.normal(size=(int(seconds * 50), 3))
+    return Motion(peak_m_s2 * samples / np.abs(samples).max(), 0.02)
+
+
+def fingerprint(result):
+    way = result.trajectory
+    return hashlib.sha256(way.position_m.tobytes() + way.quaternion_xyzw.tobytes()).hexdigest()
+
+
+def test_the_same_job_gives_the_same_bits_after_any_other():
+    tall, flat = Scene.block(0.2, 0.2, 0.6), Scene.block(0.5, 0.3, 0.4)
+    first = fingerprint(shake(tall, pulse(5.0), trajectory=True))
+    shake(flat, noise(1, 20.0))
+    shake(tall, pulse(9.0))
+    assert fingerprint(shake(tall, pulse(5.0), trajectory=True)) == first
+
+
+def test_a_motion_within_the_static_cone_takes_no_step():
+    scene = Scene.block(0.2, 0.2, 0.6, friction=0.8)
+    result = shake(scene, pulse(0.99 * G / 3))
+    assert (result.steps, result.ended_by, result.outcome) == (0, "never_moved", "stands")
+
+
+def test_a_motion_just_beyond_the_static_cone_lifts_the_rock():
+    result = shake(Scene.block(0.2, 0.2, 0.6), pulse(1.05 * G / 3))
+    assert result.steps > 0
+    assert (
+        result.max_tilt_deg > 0.005
+    )  # 5 % above lift-off for a tenth of a second turns it by a hundredth of a degree
+
+
+def test_skipping_changes_no_answer():
+    # White noise rattles the block by tenths of a degree, where each landing doubles a difference: the tilts can
+    # agree only within the rattling itself.
+    scene = Scene.block(0.2, 0.25, 0.6)
+    quiet = np.zeros((150, 3))
+    for seed in range(12):
+        motion = noise(seed, 6.0)
+        motion = Motion(np.vstack([quiet, motion.acceleration_m_s2, quiet]), motion.time_step_s)
+        short, whole = (shake(scene, motion, shortcuts=s) for s in (True, False))
+        assert short.toppled == whole.toppled
+        assert short.max_tilt_deg == pytest.approx(whole.max_tilt_deg, abs=0.3)
+        assert short.steps < whole.steps
+
+
+def test_no_point_sinks_by_more_than_a_thousandth_of_the_half_diagonal():
+    for scene in (Scene.block(0.2, 0.2, 0.6), Scene.block(0.5, 0.4, 0.3), Scene.block(3.0, 2.0, 7.0)):
+        for seed in range(4):
+            result = shake(scene, noise(seed, 15.0), shortcuts=False)
+            assert result.penetration_m < 1e-3 * scene.rock.half_diagonal_m
+
+
+@pytest.mark.parametrize(("friction", "restitution"), [((0.9, 0.6), 0.0), (0.8, 0.3)])
+def test_contact_that_the_engine_does_not_follow_is_refused(friction, restitution):
+    with pytest.raises(InputError, match="expected"):
+        shake(Scene.block(0.2, 0.2, 0.6, friction=friction, restitution=restitution), pulse(5.0))
+
+
+@pytest.mark.parametrize("time_step", [0.0, -0.001, 1.0, float("nan")])
+def test_a_step_that_resolves_nothing_is_refused(time_step):
+    with pytest.raises(InputError, match="time_step"):
+        shake(Scene.block(0.2, 0.2, 0.6), pulse(5.0), time_step=time_step)
+
+
+def test_an_unknown_preset_is_refused():
+    with pytest.raises(InputError, match="preset"):
+        shake(Scene.block(0.2, 0.2, 0.6), pulse(5.0), preset="exact")
+
+
+def test_a_rock_that_does_not_stand_is_refused():
+    rock = box(0.05, 0.05, 0.6)
+    with pytest.raises(InputError, match="does not stand"):
+        shake(Scene.from_mesh((rock.vertices_m, rock.faces), slope_deg=20.0), pulse(5.0))
+
+
+def test_a_rock_over_which_the_ground_only_slides_has_moved():
+    result = shake(Scene.block(0.5, 0.5, 0.2, friction=0.3), pulse(8.0))
+    assert result.outcome == "moved"
+    assert result.slip_m > 0.01
+    assert result.max_tilt_deg < 0.1

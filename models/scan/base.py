@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
-from scipy.spatial import cKDTree
+from scipy.spatial import ConvexHull, cKDTree
 
 from models.scan.crevice import Grid, smooth_sheet, without_strays
 
@@ -17,8 +17,8 @@ RESTING_PER_HEIGHT = 0.0008
 """The rock rests where the closed underside is nearer to the plane than this: below what a scan resolves."""
 HOLE_SPACINGS = 1.3
 """A gap between seen points is a hole from this many of their spacings (to the seventh neighbour)."""
-CORE_OF_HOLE = 0.8
-"""The rock rests where a foot's hole is at least this share of its greatest depth."""
+CORES_OF_HOLES = (0.8, 0.6, 0.4, 0.2, 0.0)
+"""The rock rests where a foot's hole is at least this share of its greatest depth: the first that holds it."""
 FLAT_SHARE = 0.5
 """A hole that takes up more than this share of the hidden base is a flat base, not a foot."""
 SIDE_PER_HEIGHT = 0.006
@@ -45,7 +45,9 @@ class Base:
     hidden: NDArray[np.bool_]
 
 
-def hidden_base(rock: NDArray[np.float64], pedestal: NDArray[np.float64], height_m: float) -> Base:
+def hidden_base(
+    rock: NDArray[np.float64], pedestal: NDArray[np.float64], height_m: float, core: float
+) -> Base:
     """Close the underside: as little bent as its seen rim allows, resting where the pedestal was not seen.
 
     Parameters
@@ -54,6 +56,8 @@ def hidden_base(rock: NDArray[np.float64], pedestal: NDArray[np.float64], height
         Points of each as u, v, h over the interface plane.
     height_m : float
         Height of the rock.
+    core : float
+        Share of a hole's depth from which the rock rests in it; smaller gives wider feet.
     """
     cell = height_m / CELLS_PER_HEIGHT
     low = without_strays(rock[rock[:, 2] < RIM_PER_HEIGHT * height_m])
@@ -66,7 +70,7 @@ def hidden_base(rock: NDArray[np.float64], pedestal: NDArray[np.float64], height
     # Points at the border may be the pedestal beside the rock.
     within = ndimage.binary_erosion(hidden, iterations=3)
     depth = _hole_depth(grid, lit[within.ravel()[grid.index(lit)]]) * hidden
-    rests = _deepest(depth, hidden)
+    rests = _deepest(depth, hidden, core)
     weight = np.where(seen, 3.0, np.where(rests, HOLE_STIFFNESS * depth**2, 0.0))
     sheet = smooth_sheet(grid, np.where(seen, seen_height, 0.0), weight, stiffness=1.0)
     to_the_side = ndimage.binary_dilation(seen & (seen_height < SIDE_PER_HEIGHT * height_m), iterations=3)
@@ -78,22 +82,31 @@ def hidden_base(rock: NDArray[np.float64], pedestal: NDArray[np.float64], height
     return Base(grid, np.where(sheet < RESTING_PER_HEIGHT * height_m, 0.0, sheet), hidden)
 
 
+def holds(base: Base, pierced_m: NDArray[np.float64]) -> bool:
+    """Whether a point of the interface plane (u, v) lies among the places where the rock rests."""
+    rests = base.grid.nodes_m[base.hidden & (base.height_m == 0.0)]
+    if len(rests) < 3 or np.linalg.matrix_rank(rests - rests.mean(axis=0), tol=base.grid.cell_m) < 2:
+        return False
+    hull = ConvexHull(rests)
+    return bool((hull.equations[:, :2] @ pierced_m + hull.equations[:, 2]).max() < -base.grid.cell_m)
+
+
 def _largest(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Keep the largest connected part."""
     parts, count = ndimage.label(mask)
     return parts == 1 + np.argmax(np.bincount(parts.ravel())[1:]) if count else mask
 
 
-def _deepest(depth: NDArray[np.float64], hidden: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _deepest(depth: NDArray[np.float64], hidden: NDArray[np.bool_], core: float) -> NDArray[np.bool_]:
     """Where the rock rests: the core of each hole, whose border skimming rays miss; all of a wide one."""
     holes, count = ndimage.label(depth > 0)
     if count == 0:
         return depth > 0
     deepest = np.append(0.0, ndimage.maximum(depth, holes, np.arange(1, count + 1)))
-    deepest[deepest < 2.0] = np.inf  # cells: a gap between rows of points
+    deepest = np.where(deepest < 2.0, 1e9, deepest)  # cells: a gap between rows of points
     share = np.append(1.0, np.bincount(holes.ravel(), minlength=count + 1)[1:] / hidden.sum())
-    core = np.where(share > FLAT_SHARE, 0.0, CORE_OF_HOLE * deepest)
-    return (depth > 0) & (depth >= core[holes])
+    least = np.where(share > FLAT_SHARE, 0.0, core * deepest)
+    return (depth > 0) & (depth >= least[holes])
 
 
 def _lowest(grid: Grid, points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:

@@ -184,7 +184,7 @@ def _refitted(
         normal = np.linalg.svd(offset * np.sqrt(weight)[:, None], full_matrices=False)[2][2]
         normal *= np.sign(normal[2]) or 1.0
         height = offset @ normal
-        spread = 4.7 * 1.4826 * max(_weighted_median(np.abs(height), fade), 1e-4 * height_m)
+        spread = 4.7 * max(float(np.sqrt(np.average(height**2, weights=weight))), 1e-4 * height_m)
         weight = fade * np.where(np.abs(height) < spread, (1 - (height / spread) ** 2) ** 2, 0.0)
     roughness = float(np.sqrt(np.average(height**2, weights=weight)))
     return Interface(centre, normal, np.column_stack([*plane_axes(normal), normal]), roughness)
@@ -218,9 +218,3 @@ def without_strays(points: NDArray[np.float64], alone: float = 3.0) -> NDArray[n
     """Points with their neighbours near: mixed pixels hang alone between rock and pedestal."""
     distance = cKDTree(points).query(points, 7)[0][:, 1:].mean(axis=1)
     return points[distance < alone * np.median(distance)]
-
-
-def _weighted_median(values: NDArray[np.float64], weight: NDArray[np.float64]) -> float:
-    order = np.argsort(values)
-    total = np.cumsum(weight[order])
-    return float(values[order][np.searchsorted(total, 0.5 * total[-1])])

@@ -12,7 +12,7 @@ from scipy.spatial import ConvexHull, cKDTree
 
 from models.errors import InputError
 from models.rock import Rock
-from models.scan.base import hidden_base
+from models.scan.base import CORES_OF_HOLES, hidden_base, holds
 from models.scan.close import close_rock
 from models.scan.crevice import judge_crevice
 from models.scan.ground import pedestal_ground
@@ -77,8 +77,15 @@ def survey(
     rock_patches, pedestal_patches = surfel_label == ROCK, surfel_label == PEDESTAL
     progress("closing the rock")
     flat = interface.flat(cloud.points_m)
-    base = hidden_base(flat[label == ROCK], flat[label == PEDESTAL], height)
+    rock_flat, pedestal_flat = flat[label == ROCK], flat[label == PEDESTAL]
+    base = hidden_base(rock_flat, pedestal_flat, height, CORES_OF_HOLES[0])
     closed = close_rock(parts.surfels, rock_patches, base, interface)
+    pierced = _pierced(closed.rock, interface)
+    if not holds(base, pierced):
+        # The rock stood when it was scanned: its feet are as wide as that takes.
+        wider = (hidden_base(rock_flat, pedestal_flat, height, core) for core in CORES_OF_HOLES[1:])
+        base = next((each for each in wider if holds(each, pierced)), base)
+        closed = close_rock(parts.surfels, rock_patches, base, interface)
     check_can_stand(closed.rock, interface)
     progress("meshing the pedestal")
     ground = pedestal_ground(parts.surfels, pedestal_patches, closed.rock, interface)
@@ -147,9 +154,7 @@ def check_can_stand(rock: Rock, interface: Interface) -> None:
     """
     flat = interface.flat(rock.vertices_m)
     support = flat[flat[:, 2] < 0.02 * rock.height_m, :2]
-    com = interface.flat(rock.com_m[None])[0]
-    down = np.array([0.0, 0.0, -1.0]) @ interface.axes
-    pierced = com[:2] - down[:2] / down[2] * com[2]
+    pierced = _pierced(rock, interface)
     hull = ConvexHull(support)
     outside = float((hull.equations[:, :2] @ pierced + hull.equations[:, 2]).max())
     if outside > 0.0:
@@ -159,6 +164,13 @@ def check_can_stand(rock: Rock, interface: Interface) -> None:
             expected="a rock that stands: its centre of mass above its base",
             remedy="look for a second support or a wrong split in the cloud; name the rock by --near X Y",
         )
+
+
+def _pierced(rock: Rock, interface: Interface) -> NDArray[np.float64]:
+    """Where the vertical through the centre of mass meets the interface plane, u and v."""
+    com = interface.flat(rock.com_m[None])[0]
+    down = np.array([0.0, 0.0, -1.0]) @ interface.axes
+    return com[:2] - down[:2] / down[2] * com[2]
 
 
 def save_survey(result: Survey, folder: str | os.PathLike[str]) -> Path:

@@ -76,6 +76,8 @@ class Faults:
 def faults_file(tmp_path_factory):
     path = tmp_path_factory.mktemp("faults") / "faults.json"
     os.environ[FAULTS_VARIABLE] = str(path)
+    # A frozen worker without a job is only missed by the scheduler; a minute for each would make the tests long.
+    os.environ["DASK_DISTRIBUTED__SCHEDULER__WORKER_TTL"] = "15s"
     os.environ["DASK_DISTRIBUTED__WORKER__PRELOAD"] = json.dumps([str(Path(__file__).with_name("faults.py"))])
     return path
 

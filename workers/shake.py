@@ -33,7 +33,7 @@ from workers.stepping import Stepper, engine_for
 
 Array = NDArray[np.float64]
 
-BLOCK = 64
+BLOCK = 128
 """Steps between two looks at whether the answer is certain."""
 
 REST_SPEED = 2e-4

@@ -24,8 +24,9 @@ from workers.quaternion import turn_vector
 
 Array = NDArray[np.float64]
 
-CHUNK = 16
-"""Steps between two looks at the clearances: a landing costs half of it in repeated steps, a look costs some steps."""
+SHORT_CHUNK, LONG_CHUNK = 8, 64
+"""Steps between two looks at the clearances: a landing costs half of it in repeated steps, a look costs some steps. The
+chunks are short after a landing and double in length while none comes."""
 
 FAST_LANDING = 1e-4
 """Landings slower than this share of sqrt(g R) are left to the contact solver: they carry 1e-8 of the energy of a fall
@@ -76,6 +77,7 @@ class Stepper:
         self._step = time_step_s
         self._fast = FAST_LANDING * float(np.sqrt(np.linalg.norm(gravity_m_s2) * contact.half_diagonal_m))
         self._grid = 0
+        self._ahead = SHORT_CHUNK
         self._pulls: list[list[float]] = []
         self._pulls_from = 0
         self.steps = 0
@@ -100,7 +102,7 @@ class Stepper:
         """Go on by about this many steps of the grid."""
         goal = self._grid + steps
         while self._grid < goal:
-            self._chunk(min(CHUNK, goal - self._grid))
+            self._chunk(min(self._ahead, goal - self._grid))
 
     def rest_until(self, grid: int) -> None:
         """Let the rock rest where it is up to a step of the grid."""
@@ -174,6 +176,7 @@ class Stepper:
         sunk = gaps.min(axis=1) < -SUNK_SHARE * self._contact.half_diagonal_m
         sinks = np.flatnonzero(sunk[1:] & ~sunk[:-1]) + back
         landing = self._first_landing(gaps, back, first)
+        self._ahead = min(2 * self._ahead, LONG_CHUNK) if landing is None else SHORT_CHUNK
         if landing is not None and not (len(sinks) and sinks[0] < landing[0]):
             self._cut_at(*landing)
         elif len(sinks) and sinks[0] >= first:

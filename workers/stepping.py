@@ -28,8 +28,8 @@ SHORT_CHUNK, LONG_CHUNK = 8, 64
 """Steps between two looks at the clearances: a landing costs half of it in repeated steps, a look costs some steps. The
 chunks are short after a landing and double in length while none comes."""
 
-FAST_LANDING = 1e-4
-"""Landings slower than this share of sqrt(g R) are left to the contact solver: they carry 1e-8 of the energy of a fall
+FAST_LANDING = 1e-3
+"""Landings slower than this share of sqrt(g R) are left to the contact solver: they carry 1e-6 of the energy of a fall
 from R."""
 
 REACH_MARGIN_DEG = 2.0

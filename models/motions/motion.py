@@ -1,6 +1,7 @@
 """A ground motion: three components of acceleration at equal time steps."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -53,6 +54,14 @@ class Motion:
         """Times of the samples, (n,)."""
         return np.arange(len(self.acceleration_m_s2), dtype=np.float64) * self.time_step_s
 
+    @cached_property
+    def _velocity_m_s(self) -> NDArray[np.float64]:
+        """Ground velocity at the samples, (n, 3)."""
+        velocity = np.zeros_like(self.acceleration_m_s2)
+        means = 0.5 * (self.acceleration_m_s2[1:] + self.acceleration_m_s2[:-1])
+        np.cumsum(self.time_step_s * means, axis=0, out=velocity[1:])
+        return velocity
+
     def velocity_at(self, time_s: ArrayLike) -> NDArray[np.float64]:
         """Ground velocity at any times, m/s: the exact integral of the piecewise linear acceleration.
 
@@ -66,9 +75,7 @@ class Motion:
         -------
         (k, 3) array
         """
-        acceleration, step = self.acceleration_m_s2, self.time_step_s
-        at_sample = np.zeros_like(acceleration)
-        np.cumsum(0.5 * step * (acceleration[1:] + acceleration[:-1]), axis=0, out=at_sample[1:])
+        acceleration, step, at_sample = self.acceleration_m_s2, self.time_step_s, self._velocity_m_s
         time = np.clip(np.asarray(time_s, float), 0.0, self.duration_s)
         index = np.minimum((time / step).astype(np.int64), len(acceleration) - 2)
         since = (time - index * step)[:, None]

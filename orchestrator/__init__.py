@@ -1,1 +1,1 @@
-"""TODO."""
+"""Campaign to jobs, jobs to a cluster, rows to the store; and the command line."""

@@ -62,7 +62,7 @@ _COLUMNS = {
         ("residual_yaw_deg", _REAL, _MAY, "deg", "turn about the vertical, at the end"),
         ("slip_m", _REAL, _MAY, "m", "way of the first contact's centroid along the interface, at the end"),
         ("penetration_m", _REAL, _MAY, "m", "deepest overlap of rock and pedestal on the way"),
-        ("ended_by", _TEXT, _MAY, "", "what ended it: rest, topple_certain, never_moved, time_cap ..."),
+        ("ended_by", _TEXT, _MAY, "", "what ended it: fallen, tilted, rest, rest_certain, never_moved, time_cap ..."),
         ("message", _TEXT, _MAY, "", "why, where status is not ok"),
     ],
     "cost": [

@@ -52,18 +52,21 @@ def test_a_motion_just_beyond_the_static_cone_lifts_the_rock():
     )  # 5 % above lift-off for a tenth of a second turns it by a hundredth of a degree
 
 
-def test_skipping_changes_no_answer():
-    # White noise rattles the block by tenths of a degree, where each landing doubles a difference: the tilts can
-    # agree only within the rattling itself.
+def test_skipping_rest_neither_raises_nor_lowers_the_rocking():
+    # White noise rattles the block by tenths of a degree, where each landing doubles a difference: single tilts
+    # differ by half of themselves between a run and one whose motion is scaled by 1 + 1e-6. Over many seeds the
+    # differences must cancel: three standard errors of their mean.
     scene = Scene.block(0.2, 0.25, 0.6)
     quiet = np.zeros((150, 3))
-    for seed in range(12):
-        motion = noise(seed, 6.0)
-        motion = Motion(np.vstack([quiet, motion.acceleration_m_s2, quiet]), motion.time_step_s)
+    differences = []
+    for seed in range(24):
+        shaken = noise(seed, 8.0)
+        motion = Motion(np.vstack([quiet, shaken.acceleration_m_s2, quiet]), shaken.time_step_s)
         short, whole = (shake(scene, motion, shortcuts=s) for s in (True, False))
         assert short.toppled == whole.toppled
-        assert short.max_tilt_deg == pytest.approx(whole.max_tilt_deg, abs=0.3)
         assert short.steps < whole.steps
+        differences.append(np.log(short.max_tilt_deg / whole.max_tilt_deg))
+    assert abs(np.mean(differences)) < 3 * np.std(differences) / np.sqrt(len(differences))
 
 
 def test_no_point_sinks_by_more_than_a_thousandth_of_the_half_diagonal():

@@ -24,13 +24,13 @@ STAGES = 6
 )
 @click.option("--json", "as_json", is_flag=True, help="Print scene.json's content.")
 def scan(files: tuple[Path, ...], out: Path, near: tuple[float, float] | None, as_json: bool) -> None:
-    r"""Turn laser scans into a rock on its pedestal.
+    """Turn laser scans into a rock on its pedestal.
 
     FILES are stations of one survey: LAZ, LAS, PLY, PCD, XYZ, PTS, CSV or E57, in metres, z up.
 
     \b
     toppling scan station1.laz station2.laz --out scenes/rock
-    """
+    """  # noqa: D301  (\b keeps click from rewrapping the example)
     from models.scan.read import read_clouds
     from models.scan.survey import save_survey, survey
 

@@ -9,23 +9,23 @@ from models import Scene
 
 @click.group()
 def scene() -> None:
-    r"""Show a scene or export it.
+    """Show a scene or export it.
 
     \b
     toppling scene show scenes/rock
     toppling scene export scenes/rock rock.glb
-    """
+    """  # noqa: D301  (\b keeps click from rewrapping the example)
 
 
 @scene.command()
 @click.argument("folder", type=click.Path(path_type=Path))
 @click.option("--out", type=click.Path(path_type=Path), help="Where to write; the scene's folder by default.")
 def show(folder: Path, out: Path | None) -> None:
-    r"""Write a picture (scene.png) and a page that turns with the mouse (scene.html).
+    """Write a picture (scene.png) and a page that turns with the mouse (scene.html).
 
     \b
     toppling scene show scenes/rock --out pictures
-    """
+    """  # noqa: D301  (\b keeps click from rewrapping the example)
     from models.scan.page import write_page
     from models.scan.picture import draw_scene
 
@@ -41,11 +41,11 @@ def show(folder: Path, out: Path | None) -> None:
 @click.argument("folder", type=click.Path(path_type=Path))
 @click.argument("file", type=click.Path(path_type=Path))
 def export(folder: Path, file: Path) -> None:
-    r"""Write rock and pedestal as one file: .glb, .gltf, .ply or .obj.
+    """Write rock and pedestal as one file: .glb, .gltf, .ply or .obj.
 
     \b
     toppling scene export scenes/rock rock.glb
-    """
+    """  # noqa: D301  (\b keeps click from rewrapping the example)
     from models.scan.page import export_scene
 
     export_scene(Scene.load(folder), file)

@@ -225,13 +225,8 @@ class _Run:
         start: State | None,
         shortcuts: bool,
     ) -> None:
-        self.scene, self.contact, self.motion, self.step_s, self.shortcuts = (
-            scene,
-            contact,
-            motion,
-            step_s,
-            shortcuts,
-        )
+        self.scene, self.contact, self.motion = scene, contact, motion
+        self.step_s, self.shortcuts = step_s, shortcuts
         turn = contact.scene_from_support
         self.gravity = np.array([0.0, 0.0, -scene.gravity_m_s2]) @ turn
         self.skipped_s = 0.0
@@ -277,11 +272,8 @@ class _Run:
                 if self.shortcuts and self._energy() < REST_CERTAIN_SHARE * self.barrier_j_kg:
                     return "ok", "rest_certain"
                 if self.stepper.time_s > cap_s:
-                    return (
-                        ("ok", "rest_certain")
-                        if self._energy() < self.barrier_j_kg
-                        else ("undecided", "time_cap")
-                    )
+                    certain = self._energy() < self.barrier_j_kg
+                    return ("ok", "rest_certain") if certain else ("undecided", "time_cap")
             elif at_rest and self.shortcuts and self._rests_for_good():
                 return "ok", "rest_certain"
             seen = len(self.stepper.poses) - 1
@@ -294,7 +286,7 @@ class _Run:
         """
         first = int(self.stepper.time_s / self.motion.time_step_s)
         pulls = self.gravity - self.motion.acceleration_m_s2[first:] @ self.contact.scene_from_support
-        held = self._holds(pulls)
+        held = self._holds(np.vstack([pulls, self.gravity]))  # after its last sample the ground is still
         if held.all():
             self.skipped_s += max(self.motion.duration_s - self.stepper.time_s, 0.0)
             return True

@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import dask
-from distributed import Client, LocalCluster
+from distributed import Client, LocalCluster, Nanny
+from distributed.core import Status
 from distributed.security import Security
 
 from models import InputError
@@ -51,6 +52,25 @@ def local(workers: int) -> Iterator[Client]:
         Client(cluster) as client,
     ):
         yield client
+
+
+def dead_workers(client: Client) -> list[Nanny]:
+    """Workers of a local cluster that have no process at this moment."""
+    if not isinstance(client.cluster, LocalCluster):
+        return []
+    return [nanny for nanny in list(client.cluster.workers.values()) if not nanny.is_alive()]
+
+
+def revive(client: Client) -> None:
+    """Restart workers of a local cluster that have died for good.
+
+    Dask restarts a worker that dies, but not one that dies before its start is complete, as happens on a busy machine
+    to one whose first job kills it: then nobody works any more and nobody says so.
+    """
+    for nanny in dead_workers(client):
+        log.warning("a worker was not restarted after its death: it is now")
+        nanny.status = Status.running
+        client.sync(nanny.instantiate)
 
 
 @contextlib.contextmanager

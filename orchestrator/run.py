@@ -20,6 +20,7 @@ from distributed.comm import CommClosedError
 from models import InputError, Scene
 from models.motions.ensemble import Ensemble
 from orchestrator.campaign import Campaign
+from orchestrator.cluster import dead_workers, revive
 from orchestrator.dispatch import DEATHS_ALLOWED, Batch, Dispatch
 from orchestrator.folder import prepare, session
 from orchestrator.plan import Plan, plan
@@ -36,6 +37,12 @@ LOST = "the connection to the scheduler is lost"
 POLL_S = 0.02
 LOOK_S = 2.0
 """Time between looks at the cluster: how many threads it has, and whether a batch is overdue."""
+
+REVIVE_AFTER_S = 10.0
+"""Dask has this long to bring back a worker that died: several times what a start takes on a busy machine."""
+
+NOBODY_AFTER_S = 90.0
+"""A local run without any worker for this long ends instead of waiting for ever."""
 
 JOB_LIMIT_S = 300.0
 """Wall time that no job needs: a worker that takes longer hangs, and is replaced."""
@@ -174,7 +181,11 @@ def check_workers(client: Client, order: Order) -> None:
     InputError
         If one cannot, because of another version or because it does not see the run's folder.
     """
-    client.wait_for_workers(1)
+    while not client.nthreads():
+        with suppress(TimeoutError):
+            client.wait_for_workers(1, timeout=REVIVE_AFTER_S)
+            break
+        revive(client)
     answers = client.run(check, order, on_error="return")
     # Of a worker that just dies or just comes, its first task will tell.
     reasons = sorted({str(answer) for answer in answers.values() if isinstance(answer, UnfitWorkerError)})
@@ -233,6 +244,7 @@ class Execution:
         self._submitted = 0
         self._job_limit_s = job_limit_s
         self._looked = -math.inf
+        self._all_alive = time.monotonic()
         self._since: dict[tuple[str, str], float] = {}
         self._overdue: set[str] = set()
         self._flying: dict[Future, Batch] = {}
@@ -357,6 +369,13 @@ class Execution:
             return
         self._looked = now
         self.tally.workers = sum(self.client.nthreads().values())
+        if not dead_workers(self.client):
+            self._all_alive = now
+        elif now - self._all_alive > NOBODY_AFTER_S and not self.tally.workers:
+            msg = "every worker has died and none comes back: the same command again resumes"
+            raise RunError(msg)
+        elif now - self._all_alive > REVIVE_AFTER_S:
+            revive(self.client)
         working = {(worker, str(key)) for worker, keys in self.client.processing().items() for key in keys}
         self._since = {place: self._since.get(place, now) for place in working}
         late = {

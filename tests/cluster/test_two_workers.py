@@ -7,6 +7,7 @@ import threading
 import pyarrow.parquet as pq
 import pytest
 from answers import answers_of
+from distributed.core import Status
 
 from models import InputError
 from orchestrator import run as run_module
@@ -64,6 +65,7 @@ def test_killed_workers_cost_no_job(carry_out, client, undisturbed, tmp_path, fa
     assert answers_of(tmp_path / "run") == undisturbed
 
 
+@pytest.mark.slow
 def test_a_job_that_crashes_the_engine_is_the_only_one_lost(
     carry_out, undisturbed, planned, tmp_path, faults
 ):
@@ -88,6 +90,27 @@ def test_a_job_that_crashes_once_is_tried_again(carry_out, undisturbed, planned,
     assert answers_of(tmp_path / "run") == undisturbed
     attempts = open_run(tmp_path / "run").sql(f"select attempt from results where job_id = '{culprit}'")
     assert attempts["attempt"].to_pylist() == [3]
+
+
+@pytest.mark.slow
+def test_workers_that_die_before_their_start_is_complete_are_brought_back(
+    carry_out, client, undisturbed, tmp_path, faults
+):
+    # Dask's own restart leaves out a worker that dies in this state, where a job that kills its worker at once can
+    # meet it.
+    faults.set(every={"kind": "wait", "seconds": 0.05})
+    killed = []
+
+    def kill(tally):
+        if not killed and tally.done >= 5:
+            for nanny in client.cluster.workers.values():
+                nanny.status = Status.starting
+                killed.append(nanny.pid)
+                os.kill(nanny.pid, signal.SIGKILL)
+
+    carry_out(tmp_path / "run", kill)
+    assert len(killed) == 2
+    assert answers_of(tmp_path / "run") == undisturbed
 
 
 @pytest.mark.slow

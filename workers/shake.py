@@ -416,15 +416,14 @@ def settled(scene: Scene) -> Scene:
         If the rock does not come to rest, or only far from the pose of the scene.
     """
     seated = scene
-    for _ in range(
-        SETTLING_PASSES
-    ):  # an uneven pedestal's feet change a little with the pose they were made for
+    # Several passes: an uneven pedestal's feet change a little with the pose they were made for.
+    for _ in range(SETTLING_PASSES):
         if equilibrium_possible(seated, np.zeros((1, 3)))[0]:
             break
         seated = _let_down(seated)
-    up = scene.rock.com_m - seated.rock.com_m
-    if np.linalg.norm(up) > 0.1 * scene.rock.height_m:
-        raise _falls(scene, f"its centre of mass moves by {np.linalg.norm(up):.3g} m")
+    way_m = float(np.linalg.norm(seated.rock.com_m - scene.rock.com_m))
+    if way_m > 0.1 * scene.rock.height_m:
+        raise _falls(scene, f"its centre of mass moves by {way_m:.3g} m")
     return seated
 
 

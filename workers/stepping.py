@@ -82,8 +82,6 @@ class Stepper:
         self._pulls_from = 0
         self.steps = 0
         """Engine steps taken, repeated ones included."""
-        self.landings = 0
-        """Landings that a step was cut at."""
         self.poses: list[Pose] = [pose]
         self.times_s: list[float] = [0.0]
         self._kicked_s: list[float] = [0.0]
@@ -249,7 +247,6 @@ class Stepper:
         self._single(rest, touch_at + 0.5 * rest)
         self.times_s[-1] = self._grid * self._step
         self._engine.set_state(self.poses[-1], *self.velocities(len(self.poses) - 1))
-        self.landings += 1
 
 
 def engine_for(

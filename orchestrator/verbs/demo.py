@@ -124,7 +124,6 @@ def _plan(out: Path, workers: int) -> None:
         cost_s.append(time.perf_counter() - start)
     affordable = min(workers, os.cpu_count() or 1) * SHAKING_S / (sum(cost_s[1:]) / len(SAMPLE_LEVELS_M_S2))
     jobs_of = {design: RECORDS * (1 + 18 // design[0]) * design[1] for design in DESIGNS}
-    jobs_of = {design: RECORDS * (1 + 18 // design[0]) * design[1] for design in DESIGNS}
     step, sides = next((design for design in DESIGNS if jobs_of[design] <= affordable), DESIGNS[-1])
     azimuths = [45 + 360 * side / sides for side in range(sides)]
     text = CAMPAIGN.format(step=step, azimuths=[azimuth % 360 for azimuth in azimuths])

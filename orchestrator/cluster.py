@@ -8,8 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import dask
-from distributed import Client, LocalCluster, Nanny
-from distributed.core import Status
+from distributed import Client, LocalCluster
 from distributed.security import Security
 
 from models import InputError
@@ -24,6 +23,7 @@ QUEUES = {
     "htcondor": "HTCondorCluster",
 }
 CONNECT_TIMEOUT_S = 30
+REPLACE_TIMEOUT_S = 30
 SETTINGS = Path(__file__).with_name("dask.yaml")
 
 
@@ -41,6 +41,8 @@ def local(workers: int) -> Iterator[Client]:
     """Start worker processes with one thread each, bound to the loopback interface."""
     load_defaults()
     with (
+        # After this time Dask would drop a worker whose successor happens to be starting, and start no other.
+        dask.config.set({"distributed.deploy.lost-worker-timeout": "1000 days"}),
         LocalCluster(
             n_workers=workers,
             threads_per_worker=1,
@@ -54,23 +56,29 @@ def local(workers: int) -> Iterator[Client]:
         yield client
 
 
-def dead_workers(client: Client) -> list[Nanny]:
-    """Workers of a local cluster that have no process at this moment."""
-    if not isinstance(client.cluster, LocalCluster):
+def dead_workers(client: Client) -> list[Any]:
+    """Names of a local cluster's workers that have no process at this moment."""
+    cluster = client.cluster
+    if not isinstance(cluster, LocalCluster):
         return []
-    return [nanny for nanny in list(client.cluster.workers.values()) if not nanny.is_alive()]
+    nannies = dict(cluster.workers)
+    return [name for name in list(cluster.worker_spec) if name not in nannies or not nannies[name].is_alive()]
 
 
-def revive(client: Client) -> None:
-    """Restart workers of a local cluster that have died for good.
+def replace_dead_workers(client: Client) -> None:
+    """Start new workers of a local cluster in place of those that have died for good.
 
-    Dask restarts a worker that dies, but not one that dies before its start is complete, as happens on a busy machine
-    to one whose first job kills it: then nobody works any more and nobody says so.
+    Dask restarts a worker that dies, but not one that dies while it starts, as happens on a busy machine to one
+    whose first job kills it: then nobody works any more and nobody says so.
     """
-    for nanny in dead_workers(client):
-        log.warning("a worker was not restarted after its death: it is now")
-        nanny.status = Status.running
-        client.sync(nanny.instantiate)
+    dead = dead_workers(client)
+    if not dead:
+        return
+    log.warning("%d workers did not come back after their death: new ones start", len(dead))
+    wanted = len(client.cluster.worker_spec)
+    with contextlib.suppress(TimeoutError):  # the next look finds what is left to do
+        client.sync(client.cluster.scale_down, dead, callback_timeout=REPLACE_TIMEOUT_S)
+    client.cluster.scale(wanted)
 
 
 @contextlib.contextmanager

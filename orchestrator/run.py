@@ -20,7 +20,7 @@ from distributed.comm import CommClosedError
 from models import InputError, Scene
 from models.motions.ensemble import Ensemble
 from orchestrator.campaign import Campaign
-from orchestrator.cluster import dead_workers, revive
+from orchestrator.cluster import dead_workers, replace_dead_workers
 from orchestrator.dispatch import DEATHS_ALLOWED, Batch, Dispatch
 from orchestrator.folder import prepare, session
 from orchestrator.plan import Plan, plan
@@ -38,7 +38,7 @@ POLL_S = 0.02
 LOOK_S = 2.0
 """Time between looks at the cluster: how many threads it has, and whether a batch is overdue."""
 
-REVIVE_AFTER_S = 10.0
+REPLACE_AFTER_S = 10.0
 """Dask has this long to bring back a worker that died: several times what a start takes on a busy machine."""
 
 NOBODY_AFTER_S = 90.0
@@ -183,9 +183,9 @@ def check_workers(client: Client, order: Order) -> None:
     """
     while not client.nthreads():
         with suppress(TimeoutError):
-            client.wait_for_workers(1, timeout=REVIVE_AFTER_S)
+            client.wait_for_workers(1, timeout=REPLACE_AFTER_S)
             break
-        revive(client)
+        replace_dead_workers(client)
     answers = client.run(check, order, on_error="return")
     # Of a worker that just dies or just comes, its first task will tell.
     reasons = sorted({str(answer) for answer in answers.values() if isinstance(answer, UnfitWorkerError)})
@@ -374,8 +374,8 @@ class Execution:
         elif now - self._all_alive > NOBODY_AFTER_S and not self.tally.workers:
             msg = "every worker has died and none comes back: the same command again resumes"
             raise RunError(msg)
-        elif now - self._all_alive > REVIVE_AFTER_S:
-            revive(self.client)
+        elif now - self._all_alive > REPLACE_AFTER_S:
+            replace_dead_workers(self.client)
         working = {(worker, str(key)) for worker, keys in self.client.processing().items() for key in keys}
         self._since = {place: self._since.get(place, now) for place in working}
         late = {

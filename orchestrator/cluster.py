@@ -44,7 +44,7 @@ def local(workers: int) -> Iterator[Client]:
         # After this time Dask would drop a worker whose successor happens to be starting, and start no other.
         dask.config.set({"distributed.deploy.lost-worker-timeout": "1000 days"}),
         LocalCluster(
-            n_workers=workers,
+            n_workers=0,
             threads_per_worker=1,
             processes=True,
             host="127.0.0.1",
@@ -53,16 +53,16 @@ def local(workers: int) -> Iterator[Client]:
         ) as cluster,
         Client(cluster) as client,
     ):
+        cluster.scale(workers)  # not at once: the cluster would fail with a worker that dies while it starts
         yield client
 
 
-def dead_workers(client: Client) -> list[Any]:
-    """Names of a local cluster's workers that have no process at this moment."""
+def workers_missing(client: Client) -> int:
+    """Count a local cluster's workers that have no process at this moment."""
     cluster = client.cluster
     if not isinstance(cluster, LocalCluster):
-        return []
-    nannies = dict(cluster.workers)
-    return [name for name in list(cluster.worker_spec) if name not in nannies or not nannies[name].is_alive()]
+        return 0
+    return len(cluster.worker_spec) - sum(nanny.is_alive() for nanny in list(cluster.workers.values()))
 
 
 def replace_dead_workers(client: Client) -> None:
@@ -71,14 +71,16 @@ def replace_dead_workers(client: Client) -> None:
     Dask restarts a worker that dies, but not one that dies while it starts, as happens on a busy machine to one
     whose first job kills it: then nobody works any more and nobody says so.
     """
-    dead = dead_workers(client)
-    if not dead:
+    cluster = client.cluster
+    if not isinstance(cluster, LocalCluster):
         return
-    log.warning("%d workers did not come back after their death: new ones start", len(dead))
-    wanted = len(client.cluster.worker_spec)
-    with contextlib.suppress(TimeoutError):  # the next look finds what is left to do
-        client.sync(client.cluster.scale_down, dead, callback_timeout=REPLACE_TIMEOUT_S)
-    client.cluster.scale(wanted)
+    wanted = len(cluster.worker_spec)
+    dead = [name for name, nanny in list(cluster.workers.items()) if not nanny.is_alive()]
+    if dead:
+        log.warning("%d workers did not come back after their death: new ones start", len(dead))
+        with contextlib.suppress(TimeoutError):  # the next look finds what is left to do
+            client.sync(cluster.scale_down, dead, callback_timeout=REPLACE_TIMEOUT_S)
+    cluster.scale(wanted)
 
 
 @contextlib.contextmanager

@@ -2,7 +2,7 @@
 
 Jobs of one record travel in batches, so that the engine's own work outweighs the cluster's. A batch whose
 worker died says only that one of its jobs may be to blame: each is then tried alone, and a job whose workers
-died `DEATHS_ALLOWED` times while it ran alone is given up.
+died `TRIES` times while it ran alone is given up.
 """
 
 import math
@@ -18,7 +18,7 @@ JOBS_IN_BATCH = 256
 BATCHES_LEFT_PER_WORKER = 4
 """Batches shrink near the end, so that every worker gets this many of the last ones and none idles."""
 
-DEATHS_ALLOWED = 3
+TRIES = 3
 """Deaths of a worker under one lone job before the job is given up.
 
 Bad luck, such as a node taken away, hardly strikes one job so often; one that crashes the engine always does.
@@ -53,9 +53,14 @@ class Dispatch:
         Rows of the plan, in the order to start them.
     record_of : (m,) int array
         For every row of the plan the number of its record.
+    tries : int
+        Deaths of a worker under one lone job before the job is given up.
     """
 
-    def __init__(self, pending: NDArray[np.int64], record_of: NDArray[np.integer]) -> None:
+    def __init__(
+        self, pending: NDArray[np.int64], record_of: NDArray[np.integer], tries: int = TRIES
+    ) -> None:
+        self._tries = tries
         self._segments = deque([pending] if len(pending) else [])
         self._record_of = record_of
         self._suspects: deque[int] = deque()
@@ -103,7 +108,7 @@ class Dispatch:
         if batch.alone:
             (job,) = batch.jobs
             self._deaths[job] = self._deaths.get(job, 0) + 1
-            if self._deaths[job] >= DEATHS_ALLOWED:
+            if self._deaths[job] >= self._tries:
                 return job
         self._suspects.extend(batch.jobs)
         return None

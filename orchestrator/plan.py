@@ -59,6 +59,11 @@ class Plan:
         return hash_of(self.jobs.column("job_id").to_pylist())
 
     @cached_property
+    def ids(self) -> frozenset[str]:
+        """Ids of all jobs."""
+        return frozenset(self.jobs.column("job_id").to_pylist())
+
+    @cached_property
     def record_of(self) -> NDArray[np.int32]:
         """For every job the number of its record, (n,)."""
         return self.jobs.column("record_id").combine_chunks().indices.to_numpy()

@@ -5,6 +5,7 @@ What to do next is decided in :mod:`orchestrator.dispatch`; here is all that tal
 
 import logging
 import math
+import os
 import time
 import uuid
 from collections import Counter
@@ -14,24 +15,29 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
 
+import pyarrow.parquet as pq
 from distributed import Client, Future, KilledWorker, as_completed, performance_report
 from distributed.comm import CommClosedError
 
 from models import InputError, Scene
 from models.motions.ensemble import Ensemble
 from orchestrator.campaign import Campaign
-from orchestrator.cluster import dead_workers, replace_dead_workers
-from orchestrator.dispatch import DEATHS_ALLOWED, Batch, Dispatch
+from orchestrator.cluster import replace_dead_workers, workers_missing
+from orchestrator.dispatch import TRIES, Batch, Dispatch
 from orchestrator.folder import prepare, session
+from orchestrator.journal import journal, tell
 from orchestrator.plan import Plan, plan
 from orchestrator.task import Order, Row, UnfitWorkerError, check, lost_row, shake_batch, versions
-from results.store import RESULTS_FILE, compact, finished_ids, result_files, write_part
+from results.store import RESULTS_FILE, compact, result_files, write_part
 from workers.job import JobSpec
 
 log = logging.getLogger(__name__)
 
 BATCH_BUDGET_S = 2.0
 """Work of one task: a hundred times what handing it out costs, yet little to lose with a worker."""
+
+ROUNDS = 3
+"""Goes at the plan: more than one only if a stored part was lost, to another program or a failing disk."""
 
 LOST = "the connection to the scheduler is lost"
 POLL_S = 0.02
@@ -48,6 +54,23 @@ JOB_LIMIT_S = 300.0
 """Wall time that no job needs: a worker that takes longer hangs, and is replaced."""
 FLUSH_S = (5.0, 60.0)
 """Least and greatest time between part files; it grows with the run, so that a weekend makes few thousand."""
+
+
+@dataclass(frozen=True)
+class Limits:
+    """When a job is given up.
+
+    Parameters
+    ----------
+    job_s : float
+        Wall time after which a worker is taken to hang, and is replaced.
+    tries : int
+        Deaths of a worker under one job that runs alone; cost more than blame where workers are often taken away.
+    """
+
+    job_s: float = JOB_LIMIT_S
+    tries: int = TRIES
+
 
 Task = Callable[[Order, Sequence[JobSpec], float], list[Row]]
 
@@ -101,6 +124,19 @@ class Tally:
         """Jobs of this session that have no answer."""
         return self.done - self.status["ok"]
 
+    def told(self) -> dict[str, Any]:
+        """State in words that a program reads."""
+        return {
+            "done": self.done,
+            "stored": self.stored,
+            "total": self.total,
+            "toppled": self.toppled,
+            "failed": self.failed,
+            "workers": self.workers,
+            "deaths": self.deaths,
+            "elapsed_s": round(self.elapsed_s, 1),
+        }
+
     def count(self, rows: Sequence[Row]) -> None:
         """Add rows."""
         self.done += len(rows)
@@ -115,7 +151,7 @@ def run(
     folder: Path,
     cluster: AbstractContextManager[Client],
     watch: Watcher,
-    job_limit_s: float = JOB_LIMIT_S,
+    limits: Limits = Limits(),
     report: Path | None = None,
 ) -> Tally:
     """Carry a campaign out, or go on with it; the folder then holds `results.parquet`.
@@ -128,8 +164,7 @@ def run(
     cluster : context manager of Client
         Entered only if there is work.
     watch : Watcher
-    job_limit_s : float
-        Wall time after which a worker is taken to hang.
+    limits : Limits
     report : Path or None
         Where to write Dask's performance report.
 
@@ -150,23 +185,63 @@ def run(
     here = versions()
     prepare(folder, planned, dict(here))
     order = Order(str(folder), planned.scene_id, planned.ensemble_id, here)
-    with session(folder, {}) as notes:
-        finished = finished_ids(folder)
-        if len(planned.pending(finished)):
-            with cluster as client, client.as_current(), _reported(report):
-                check_workers(client, order)
-                tally = Execution(planned, finished, client, folder, order, watch, job_limit_s=job_limit_s)()
-        else:
-            tally = Tally(len(planned), len(planned))
+    with session(folder, {}) as notes, journal(folder):
+        tell("session began", process=os.getpid(), jobs=len(planned), versions=dict(here))
+        try:
+            tally = _until_complete(planned, folder, cluster, watch, order, limits, report)
+        except BaseException as error:
+            tell("session ended", how=type(error).__name__, why=str(error))
+            raise
+        if result_files(folder) != [folder / RESULTS_FILE]:
+            compact(folder)
         notes |= {
             "ended": "complete",
             "done": tally.done,
             "status": dict(tally.status),
             "deaths": tally.deaths,
         }
-    if result_files(folder) != [folder / RESULTS_FILE]:
-        compact(folder)
+        tell("session ended", how="complete", **tally.told())
     return tally
+
+
+def _until_complete(
+    planned: Plan,
+    folder: Path,
+    cluster: AbstractContextManager[Client],
+    watch: Watcher,
+    order: Order,
+    limits: Limits,
+    report: Path | None,
+) -> Tally:
+    finished = _finished(folder, planned)
+    tally = Tally(len(planned), len(finished))
+    if len(finished) == len(planned):
+        return tally
+    with cluster as client, client.as_current(), _reported(report):
+        check_workers(client, order)
+        for _ in range(ROUNDS):
+            Execution(planned, finished, client, folder, order, watch, tally, limits)()
+            finished = _finished(folder, planned)
+            if len(finished) == len(planned):
+                return tally
+            log.warning("%d rows were lost after they were stored", len(planned) - len(finished))
+    msg = f"rows are lost after they are stored: is the disk of {folder} sound?"
+    raise RunError(msg)
+
+
+def _finished(folder: Path, planned: Plan) -> set[str]:
+    """Ids of the plan's jobs that have a row; files with rows of other jobs are set aside, not merged."""
+    known = planned.ids
+    finished: set[str] = set()
+    for path in result_files(folder):
+        ids = set(pq.read_table(path, columns=["job_id"])["job_id"].to_pylist())
+        if ids <= known:
+            finished |= ids
+        else:
+            aside = path.with_name(f"_{path.name}")
+            log.warning("%s holds rows of another run: set aside as %s", path, aside.name)
+            path.rename(aside)
+    return finished
 
 
 def _reported(report: Path | None) -> AbstractContextManager:
@@ -212,10 +287,11 @@ class Execution:
     order : Order
         What workers must find.
     watch : Watcher
+    tally : Tally
+        Counted on.
+    limits : Limits
     task : callable
         What a worker does with a batch.
-    job_limit_s : float
-        Wall time after which a worker is taken to hang.
     """
 
     def __init__(
@@ -226,23 +302,16 @@ class Execution:
         folder: Path,
         order: Order,
         watch: Watcher,
+        tally: Tally,
+        limits: Limits = Limits(),
         task: Task = shake_batch,
-        job_limit_s: float = JOB_LIMIT_S,
     ) -> None:
         pending = plan.pending(finished)
-        self.plan, self.client, self.folder, self.order, self.watch, self.task = (
-            plan,
-            client,
-            folder,
-            order,
-            watch,
-            task,
-        )
-        self.dispatch = Dispatch(pending, plan.record_of)
-        self.tally = Tally(total=len(plan), before=len(plan) - len(pending))
+        self.plan, self.client, self.folder, self.order = plan, client, folder, order
+        self.watch, self.tally, self.limits, self.task = watch, tally, limits, task
+        self.dispatch = Dispatch(pending, plan.record_of, limits.tries)
         self._session = uuid.uuid4().hex[:8]
         self._submitted = 0
-        self._job_limit_s = job_limit_s
         self._looked = -math.inf
         self._all_alive = time.monotonic()
         self._since: dict[tuple[str, str], float] = {}
@@ -335,7 +404,13 @@ class Execution:
         if isinstance(error, KilledWorker):
             hung = key in self._overdue
             self.tally.deaths += 1
-            log.warning("a worker %s with %d jobs at hand", "hung" if hung else "died", len(batch.jobs))
+            told = {"worker": error.last_worker.address, "alone": batch.alone, "attempt": batch.attempt}
+            log.warning(
+                "a worker %s with %d jobs at hand",
+                "hung" if hung else "died",
+                len(batch.jobs),
+                extra={"fields": told},
+            )
             lost = self.dispatch.died(batch)
             if lost is not None:
                 self._give_up(lost, batch, hung=hung)
@@ -354,12 +429,13 @@ class Execution:
         if hung:
             status, message = (
                 "timeout",
-                f"took more than {self._job_limit_s:g} s in each of {DEATHS_ALLOWED} lone tries",
+                f"took more than {self.limits.job_s:g} s in each of {self.limits.tries} lone tries",
             )
         else:
-            status, message = "crashed", f"its worker process died in each of {DEATHS_ALLOWED} lone tries"
+            status, message = "crashed", f"its worker process died in each of {self.limits.tries} lone tries"
         spec = self.plan.spec(job)
-        log.warning("job %s of record %s: %s, %s", spec.job_id, spec.record_id, status, message)
+        told = {"job_id": spec.job_id, "record_id": spec.record_id, "status": status}
+        log.warning("job %s of record %s: %s, %s", *told.values(), message, extra={"fields": told})
         self._keep([{**lost_row(spec, status, message), "attempt": batch.attempt}])
 
     def _look(self) -> None:
@@ -368,8 +444,11 @@ class Execution:
         if now - self._looked < LOOK_S:
             return
         self._looked = now
-        self.tally.workers = sum(self.client.nthreads().values())
-        if not dead_workers(self.client):
+        workers = sum(self.client.nthreads().values())
+        if workers != self.tally.workers:
+            tell("workers changed", workers=workers, before=self.tally.workers)
+        self.tally.workers = workers
+        if not workers_missing(self.client):
             self._all_alive = now
         elif now - self._all_alive > NOBODY_AFTER_S and not self.tally.workers:
             msg = "every worker has died and none comes back: the same command again resumes"
@@ -379,14 +458,14 @@ class Execution:
         working = {(worker, str(key)) for worker, keys in self.client.processing().items() for key in keys}
         self._since = {place: self._since.get(place, now) for place in working}
         late = {
-            place for place, since in self._since.items() if now - since > BATCH_BUDGET_S + self._job_limit_s
+            place for place, since in self._since.items() if now - since > BATCH_BUDGET_S + self.limits.job_s
         }
         if late:
             self._overdue |= {key for _, key in late}
             for place in late:
                 del self._since[place]
             workers = sorted({worker for worker, _ in late})
-            log.warning("no answer for %g s from %s: replaced", self._job_limit_s, ", ".join(workers))
+            log.warning("no answer for %g s from %s: replaced", self.limits.job_s, ", ".join(workers))
             self.client.restart_workers(workers, raise_for_error=False)
 
     def _keep(self, rows: list[Row]) -> None:
@@ -400,4 +479,5 @@ class Execution:
             write_part(self.folder, self._unstored)
             self.tally.stored += len(self._unstored)
             self._unstored = []
+            tell("rows stored", **self.tally.told())
             self._flushed = time.monotonic()

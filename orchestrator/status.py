@@ -9,6 +9,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from orchestrator.folder import describe, is_running
+from orchestrator.journal import last
 from results.store import newest_attempts, result_files
 
 WINDOW_S = 60.0
@@ -33,8 +34,10 @@ def state_of(run: Path) -> dict[str, Any]:
     state: dict[str, Any] = {
         "state": "running" if running else "complete" if stored == jobs else "interrupted",
         "jobs": jobs, "stored": stored, "toppled": 0, "failed": 0, "status": {}, "failures": [],
-        "rate_per_s": None, "left_s": None, "sessions": described["sessions"],
+        "rate_per_s": None, "left_s": None, "workers": None, "deaths": None, "sessions": described["sessions"],
     }  # fmt: skip
+    if running and (told := last(run, "rows stored")):
+        state["workers"], state["deaths"] = told["workers"], told["deaths"]
     if rows is None:
         return state
     counted = pc.value_counts(rows["status"]).to_pylist()

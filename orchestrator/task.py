@@ -1,5 +1,6 @@
 """What a worker does: load the run's scene and ensemble once, then shake one job after another."""
 
+import hashlib
 import logging
 import os
 import platform
@@ -16,6 +17,8 @@ from typing import Any
 
 from distributed import get_worker
 
+import models.motions
+import workers
 from models import InputError, Scene
 from models.motions.ensemble import Ensemble
 from workers.job import Assets, JobSpec, run_job
@@ -27,6 +30,19 @@ ONE_AT_A_TIME = threading.Lock()
 """The engine is one per process; on a cluster whose workers have several threads, jobs must queue for it."""
 
 Row = dict[str, Any]
+
+
+def _code() -> str:
+    """Hash of the source of all that decides an answer: releases tell it too, but not what was changed by hand."""
+    source = hashlib.blake2b(digest_size=8)
+    for package in (models, models.motions, workers):
+        for path in sorted(Path(package.__path__[0]).glob("*.py")):
+            source.update(path.read_bytes())
+    return source.hexdigest()
+
+
+CODE = _code()
+"""As this process has loaded it."""
 
 
 class UnfitWorkerError(RuntimeError):
@@ -74,6 +90,7 @@ def versions() -> tuple[tuple[str, str], ...]:
     return (
         *packages,
         ("physics", PHYSICS_VERSION),
+        ("code", CODE),
         ("python", ".".join(platform.python_version_tuple()[:2])),
     )
 

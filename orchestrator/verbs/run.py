@@ -40,7 +40,11 @@ FOLDER = click.Path(file_okay=False, path_type=Path)
     "--job-limit", type=click.FloatRange(1), default=300.0, show_default=True,
     help="Wall time in seconds after which a worker is taken to hang.",
 )  # fmt: skip
-@click.option("--report", type=FILE, help="Write Dask's performance report (HTML).")
+@click.option(
+    "--tries", type=click.IntRange(min=1), default=3, show_default=True,
+    help="Deaths of its worker after which a job is given up; more where workers are often taken away.",
+)  # fmt: skip
+@click.option("--performance-report", "report", type=FILE, help="Write Dask's performance report (HTML).")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 def run(
     campaign: Path,
@@ -49,6 +53,7 @@ def run(
     queue: str | None,
     dry_run: bool,
     job_limit: float,
+    tries: int,
     report: Path | None,
     as_json: bool,
     **where: Any,
@@ -65,7 +70,7 @@ def run(
     from orchestrator.campaign import Campaign
     from orchestrator.cluster import job_script
     from orchestrator.progress import duration, watcher
-    from orchestrator.run import RunError
+    from orchestrator.run import Limits, RunError
     from orchestrator.run import run as carry_out
 
     if dry_run:
@@ -82,7 +87,7 @@ def run(
     again = f"To go on: toppling run {campaign} --out {folder}"
     try:
         with watcher() as watch:
-            tally = carry_out(chosen, folder, cluster, watch, job_limit_s=job_limit, report=report)
+            tally = carry_out(chosen, folder, cluster, watch, Limits(job_limit, tries), report)
     except RunError as error:
         message = f"{error}; the rows so far are kept. {again}"
         raise click.ClickException(message) from None

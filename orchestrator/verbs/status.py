@@ -25,6 +25,8 @@ def status(run: Path, as_json: bool) -> None:
     click.echo(f"{run}: {state['state']}, {state['stored']} of {state['jobs']} jobs stored")
     if state["rate_per_s"]:
         click.echo(f"rate {state['rate_per_s']:.1f}/s over the last minute, {duration(state['left_s'])} left")
+    if state["workers"] is not None:
+        click.echo(f"{state['workers']} workers, {state['deaths']} deaths of workers in this session")
     click.echo(f"toppled {state['toppled']}, failed {state['failed']} ({_counts(state['status'])})")
     for failure in state["failures"]:
         click.echo(

@@ -65,7 +65,9 @@ class Faults:
 
     def set(self, **kinds):
         self.clear()
-        self.path.write_text(json.dumps(kinds))
+        hidden = self.path.with_name("hidden")  # a worker may read at any time
+        hidden.write_text(json.dumps(kinds))
+        hidden.replace(self.path)
 
     def clear(self):
         for left in self.path.parent.glob(f"{self.path.name}*"):

@@ -11,6 +11,7 @@ from distributed.core import Status
 
 from models import InputError
 from orchestrator import run as run_module
+from orchestrator.run import Limits
 from orchestrator.status import state_of
 from results.run import open_run
 from results.store import write_part
@@ -127,7 +128,7 @@ def test_an_exception_in_a_job_is_a_row(carry_out, undisturbed, planned, tmp_pat
 def test_a_worker_that_hangs_is_replaced(carry_out, undisturbed, planned, tmp_path, faults, kind):
     culprit = planned.spec(20).job_id
     faults.set(**{culprit: {"kind": kind, "times": 1}})
-    tally = carry_out(tmp_path / "run", job_limit_s=3.0)
+    tally = carry_out(tmp_path / "run", limits=Limits(job_s=3.0))
     assert tally.deaths >= 1
     assert answers_of(tmp_path / "run") == undisturbed
 

@@ -1,0 +1,84 @@
+"""What happened in a run, a JSON object a line in `run.log`: for programs, and for the morning after.
+
+Events are told with :func:`tell`; warnings of the orchestrator and the store come along by themselves.
+"""
+
+import json
+import logging
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+LOG_FILE = "run.log"
+TAIL_BYTES = 65_536
+
+_events = logging.getLogger("orchestrator.journal")
+_events.propagate = False  # a terminal shows progress and warnings, not every part that is stored
+_events.setLevel(logging.INFO)
+
+
+def tell(event: str, **fields: Any) -> None:
+    """Note an event with what belongs to it."""
+    _events.info(event, extra={"fields": fields})
+
+
+@contextmanager
+def journal(run: Path) -> Iterator[None]:
+    """Write events and warnings to the run's log while the block runs."""
+    handler = _JsonLines(run / LOG_FILE)
+    loggers = [_events, logging.getLogger("orchestrator"), logging.getLogger("results")]
+    for logger in loggers:
+        logger.addHandler(handler)
+    try:
+        yield
+    finally:
+        for logger in loggers:
+            logger.removeHandler(handler)
+        handler.close()
+
+
+def last(run: Path, event: str) -> dict[str, Any] | None:
+    """Find the newest entry of a kind near the end of a run's log."""
+    try:
+        with (run / LOG_FILE).open("rb") as file:
+            file.seek(max(file.seek(0, os.SEEK_END) - TAIL_BYTES, 0))
+            lines = file.read().splitlines()
+    except OSError:
+        return None
+    for line in reversed(lines):
+        with suppress(ValueError):  # cut by a crash, or by where the reading began
+            entry = json.loads(line)
+            if isinstance(entry, dict) and entry.get("event") == event:
+                return entry
+    return None
+
+
+class _JsonLines(logging.Handler):
+    """One write a line, so that a crash cuts at most the last one."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__()
+        flags = os.O_RDWR | os.O_APPEND | os.O_CREAT | os.O_NOFOLLOW
+        self._file = os.open(path, flags, 0o666)
+        size = os.fstat(self._file).st_size
+        if size and os.pread(self._file, 1, size - 1) != b"\n":
+            with suppress(OSError):
+                os.write(self._file, b"\n")
+
+    def emit(self, record: logging.LogRecord) -> None:
+        told = {
+            "time": datetime.fromtimestamp(record.created, UTC).isoformat(timespec="milliseconds"),
+            "level": record.levelname.lower(),
+            "event": record.getMessage(),
+            **getattr(record, "fields", {}),
+        }
+        # A full disk stops the run where rows are stored, and says so there.
+        with suppress(OSError):
+            os.write(self._file, json.dumps(told, default=str).encode() + b"\n")
+
+    def close(self) -> None:
+        os.close(self._file)
+        super().close()

@@ -181,10 +181,11 @@ def shake(
     if start_from is None:
         scene = settled(scene)
     contact = contact_of(scene)
-    step_s = settings_of(preset).time_step_s(contact.half_diagonal_m, scene.gravity_m_s2)
+    settings = settings_of(preset)
+    step_s = settings.time_step_s(contact.half_diagonal_m, scene.gravity_m_s2)
     if time_step is not None:
         step_s = _checked_step(time_step, contact.half_diagonal_m, scene.gravity_m_s2)
-    run = _Run(scene, contact, motion, step_s, start_from, shortcuts)
+    run = _Run(scene, contact, motion, step_s, settings.resolved_landing, start_from, shortcuts)
     status, ended_by = run.to_the_end()
     return run.report(status, ended_by, began, trajectory)
 
@@ -222,6 +223,7 @@ class _Run:
         contact: ContactModel,
         motion: Motion,
         step_s: float,
+        resolved_landing: float,
         start: State | None,
         shortcuts: bool,
     ) -> None:
@@ -232,7 +234,8 @@ class _Run:
         self.skipped_s = 0.0
         self.starts_at_rest = start is None
         self.up = np.array([0.0, 0.0, 1.0]) @ turn
-        self.rest_speed = REST_SPEED * float(np.sqrt(scene.gravity_m_s2 * contact.half_diagonal_m))
+        speed_m_s = float(np.sqrt(scene.gravity_m_s2 * contact.half_diagonal_m))
+        self.rest_speed = REST_SPEED * speed_m_s
         self.barrier_j_kg = _barrier(scene)
         self.speed_limit_m_s = _speed_limit(scene, contact, motion, start)
         pose, velocity, spin = _start_of(contact, start)
@@ -243,6 +246,7 @@ class _Run:
             self.gravity,
             lambda times: motion.velocity_at(times) @ turn,
             step_s,
+            resolved_landing * speed_m_s,
             pose,
             velocity,
             spin,
@@ -329,7 +333,7 @@ class _Run:
             residual_tilt_deg=float(tilt[-1]),
             residual_yaw_deg=yaw,
             slip_m=slip,
-            penetration_m=max(-float(self.contact.gaps_m(position, quaternion).min()), 0.0),
+            penetration_m=max(-float(self.stepper.gaps_m(position, quaternion).min()), 0.0),
             ended_by=ended_by,
             steps=self.stepper.steps,
             simulated_s=self.simulated_s(),

@@ -28,15 +28,15 @@ SHORT_CHUNK, LONG_CHUNK = 8, 64
 """Steps between two looks at the clearances: a landing costs half of it in repeated steps, a look costs some steps. The
 chunks are short after a landing and double in length while none comes."""
 
-FAST_LANDING = 1e-3
-"""Landings slower than this share of sqrt(g R) are left to the contact solver: they carry 1e-6 of the energy of a fall
-from R."""
-
 REACH_MARGIN_DEG = 2.0
 """The set of points is changed this much before its reach ends; a chunk turns a rock by less."""
 
 SUNK_SHARE = 1e-4
 """A point that newly sinks by this share of R was not seen coming: its step is taken again with foresight."""
+
+PARTS_OF_A_REPEATED_STEP = 4
+"""A step in which a point sank is taken again in so many parts: what is left is the arc that a point leaves its tangent
+by, half of (rotation in a step)^2 times its lever arm."""
 
 RESIDUAL_ROTATION = 0.55
 """A step moves points along tangents, off their arcs by half of (rotation)^2 R: the step that ends at a touch must stop
@@ -55,6 +55,8 @@ class Stepper:
     ground_velocity_m_s : callable
         Ground velocity (k, 3), support frame, at times (k,); its differences are imposed.
     time_step_s : float
+    resolved_landing_m_s : float
+        Steps are cut at landings that are faster than this.
     pose, velocity_m_s, angular_velocity_rad_s
         State at time 0, support frame; the velocities belong to the start itself, not to a step's middle.
     """
@@ -66,6 +68,7 @@ class Stepper:
         gravity_m_s2: Array,
         ground_velocity_m_s: Callable[[Array], Array],
         time_step_s: float,
+        resolved_landing_m_s: float,
         pose: Pose,
         velocity_m_s: Array,
         angular_velocity_rad_s: Array,
@@ -75,7 +78,7 @@ class Stepper:
         self._gravity = gravity_m_s2
         self._ground_velocity = ground_velocity_m_s
         self._step = time_step_s
-        self._fast = FAST_LANDING * float(np.sqrt(np.linalg.norm(gravity_m_s2) * contact.half_diagonal_m))
+        self._fast = resolved_landing_m_s
         self._grid = 0
         self._ahead = SHORT_CHUNK
         self._pulls: list[list[float]] = []
@@ -109,6 +112,10 @@ class Stepper:
         self.times_s.append(grid * self._step)
         self._kicked_s.append(self.times_s[-1])
         self._engine.set_state(self.poses[-1], np.zeros(3), np.zeros(3))
+
+    def gaps_m(self, positions_m: Array, quaternions_xyzw: Array) -> Array:
+        """Clearances (m, points) of all points that were in reach so far."""
+        return self._contact.gaps_m(positions_m, quaternions_xyzw, self._engine.points)
 
     def tilt_deg(self) -> float:
         """Angle of the latest pose to the pose of the scene."""
@@ -170,7 +177,7 @@ class Stepper:
         """Look at the clearances since pose `first`; take back what a landing or a sinking point has spoilt."""
         back = max(first - 2, 0)
         flat = np.array([position + quaternion for position, quaternion in self.poses[back:]])
-        gaps = self._contact.gaps_m(flat[:, :3], flat[:, 3:], self._engine.points)
+        gaps = self.gaps_m(flat[:, :3], flat[:, 3:])
         sunk = gaps.min(axis=1) < -SUNK_SHARE * self._contact.half_diagonal_m
         sinks = np.flatnonzero(sunk[1:] & ~sunk[:-1]) + back
         landing = self._first_landing(gaps, back, first)
@@ -221,11 +228,13 @@ class Stepper:
         return float(time.min())
 
     def _repeat(self, index: int) -> None:
-        """Take the step from pose `index` again, with contacts prepared far ahead."""
-        end_s, kick_s = self.times_s[index + 1], self._kicked_s[index + 1]
+        """Take the step from pose `index` again, in parts and with contacts prepared far ahead."""
+        end_s = self.times_s[index + 1]
         velocity, spin = self._back_to(index)
         self._engine.set_state(self.poses[index], velocity, spin, far=True)
-        self._single(end_s - self.time_s, kick_s)
+        part = (end_s - self.time_s) / PARTS_OF_A_REPEATED_STEP
+        for _ in range(PARTS_OF_A_REPEATED_STEP):
+            self._single(part, self.time_s + 0.5 * part)
         self.times_s[-1] = end_s
         self._grid = round(end_s / self._step)
         self._engine.set_state(self.poses[-1], *self.velocities(len(self.poses) - 1))

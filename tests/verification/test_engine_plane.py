@@ -47,10 +47,9 @@ MISSED: dict[tuple, str] = {
     ("sine", "standard", 2, 1, "no impact"): "-0.46 %",
     ("sine", "reference", 2, 1, "no impact"): "0.07 %",
     ("onto flat", "standard", 0.4, 0.8): "a rate 8e-4 p off",
-    ("onto flat", "standard", 0.4, 1.2): "a rate 1.4e-3 p off",
     ("onto flat", "standard", 0.6, 0.8): "a rate 2.6e-3 p off",
     ("onto flat", "standard", 1.0, 0.8): "a rate 3.8e-2 p off, a corner that slips",
-    ("onto flat", "standard", 1.0, 1.2): "a rate 3.8e-2 p off, a corner that slips",
+    ("onset", "standard", 0.4, 0.98): "a corner 1.2e-4 R off after 40 ms",
     ("onset", "standard", 2.0, 0.98): "a corner 1.4e-3 R off after 40 ms: slip in the first steps",
     ("onset", "standard", 2.0, 1.02): "a corner 2.8e-3 R off after 40 ms: slip in the first steps",
     (

@@ -50,22 +50,25 @@ def test_a_mirrored_record_and_rock_give_the_mirrored_motion(plain):
 
 
 @pytest.mark.parametrize("azimuth_deg", [30, 90])
-def test_scene_and_record_turned_together_give_the_same_motion_turned(plain, azimuth_deg):
+def test_scene_and_record_turned_together_give_the_same_motion_turned(azimuth_deg):
     turn = Rotation.from_euler("z", azimuth_deg, degrees=True).as_matrix()
-    turned = state((ROCK.vertices_m @ turn.T, ROCK.faces), shaking() @ turn.T)
+    plain = state((ROCK.vertices_m, ROCK.faces), shaking(), "reference")
+    turned = state((ROCK.vertices_m @ turn.T, ROCK.faces), shaking() @ turn.T, "reference")
     back = turned.copy()
     back[:, :2], back[:, 2:4] = turned[:, :2] @ turn[:2, :2], turned[:, 2:4] @ turn[:2, :2]
-    assert np.abs(back - plain).max() < 3e-3
+    # The axes of friction at rest and the order of the contacts do not turn: 1e-4 here, and up to 1e-2 at longer
+    # steps, where a landing may come one step sooner or later.
+    assert np.abs(back - plain).max() < 1e-3
 
 
-@pytest.mark.parametrize("scale", [0.1, 5.0])
+@pytest.mark.parametrize("scale", [0.25, 4.0])
 def test_length_times_s_and_time_times_root_s_give_the_same_angles(plain, scale):
     root = np.sqrt(scale)
     scaled = state(
         (ROCK.vertices_m * scale, ROCK.faces), shaking(), time_step=0.01 * root, times=TIMES * root
     )
     scaled[:, 2:] /= scale
-    # The preset's step scales too, so that only rounding differs, unless its upper bound is met.
+    # The preset's step scales too, and powers of four without rounding; Bullet takes slip below 1e-8 m/s for none.
     assert np.abs(scaled - plain).max() < 1e-6
 
 

@@ -1,4 +1,6 @@
-"""Error against cost of the presets: overturning thresholds, answers that flip, time. Writes docs/accuracy.md.
+"""Error against cost of the presets: overturning thresholds, answers that flip, time.
+
+Writes docs/accuracy.md, and results/preset_budget.json for the report of a run.
 
     .venv/bin/python benchmarks/accuracy.py [JOBS]
 
@@ -6,6 +8,7 @@ Answers near a threshold are chaotic, so the share that flips between presets is
 flips in the reference preset when the motion is scaled by 1 + 1e-6.
 """
 
+import json
 import sys
 import time
 from pathlib import Path
@@ -16,10 +19,11 @@ from models import Motion, Scene
 from models.motions.impose import impose
 from models.motions.synthetic import synthetic_ensemble
 from workers import shake
-from workers.presets import PRESETS
+from workers.presets import PHYSICS_VERSION, PRESETS
 from workers.reference.rocking import Ground, PlaneBody, overturns
 
 PAGE = Path(__file__).parent.parent / "docs" / "accuracy.md"
+BUDGET = Path(__file__).parent.parent / "results" / "preset_budget.json"
 BLOCKS = ((0.1, 0.6), (0.2, 0.6), (0.4, 0.6))
 SCENES = {
     "block 0.5 x 0.4 x 1.2 m": Scene.block(0.25, 0.2, 0.6, friction=0.7),
@@ -86,11 +90,15 @@ def main() -> None:
         jobs.append((scene, impose(record, random.uniform(3.0, 14.0), random.uniform(0.0, 360.0)).motion))
     reference, _, _ = answers(jobs, "reference")
     floor = float((answers(jobs, "reference", 1.0 + 1e-6)[0] != reference).mean())
-    rows = []
+    rows, budget = [], {}
     for preset, settings in PRESETS.items():
         errors = np.array(threshold_errors(preset))
         toppled, wall_s, simulated_s = answers(jobs, preset)
         up, down = int((toppled & ~reference).sum()), int((~toppled & reference).sum())
+        budget[preset] = {
+            "flips_to_toppled": up, "flips_to_standing": down,
+            "largest_threshold_error": round(float(np.abs(errors).max()), 6),
+        }  # fmt: skip
         rows.append(
             f"| `{preset}` | 1/{1 / settings.step_share:.0f} | {100 * np.abs(errors).max():.3f} % "
             f"| {100 * errors.mean():+.3f} % | {100 * (up + down) / count:.1f} % ({up} up, {down} down) "
@@ -108,6 +116,11 @@ def main() -> None:
         "| jobs / s |\n|---|---|---|---|---|---|---|\n"
     )
     PAGE.write_text(head + "\n".join(rows) + "\n")
+    told = {
+        "physics_version": PHYSICS_VERSION, "jobs": count, "toppled_share": round(float(reference.mean()), 4),
+        "floor_of_chaos": round(floor, 4), "presets": budget,
+    }  # fmt: skip
+    BUDGET.write_text(json.dumps(told, indent=1) + "\n")
     print(PAGE.read_text())
 
 

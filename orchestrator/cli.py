@@ -18,6 +18,9 @@ VERBS = {
     "query": "orchestrator.verbs.query:query",
     "fragility": "orchestrator.verbs.fragility:fragility",
     "constrain": "orchestrator.verbs.constrain:constrain",
+    "check": "orchestrator.verbs.check:check",
+    "pulse": "orchestrator.verbs.pulse:pulse",
+    "replay": "orchestrator.verbs.replay:replay",
     "report": "orchestrator.verbs.report:report",
     "demo": "orchestrator.verbs.demo:demo",
 }

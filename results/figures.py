@@ -23,6 +23,7 @@ from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, StrMethodF
 from numpy.typing import NDArray
 from scipy.stats import norm
 
+from models import Motion
 from models.frames import compass_deg
 from results.fits import Lognormal
 from results.fragility import THIN_RECORDS, Axis, Plane
@@ -250,6 +251,56 @@ def fit_figure(
             xlabel="predicted probability", ylabel="observed share", title="other records predicted",
             xlim=(0, 1), ylim=(0, 1), aspect="equal",
         )  # fmt: skip
+    return figure
+
+
+def way_figure(table: pd.DataFrame, motion: Motion, title: str, topple_time_s: float | None = None) -> Figure:
+    """Ground motion, tilt and way of the rock against time.
+
+    Parameters
+    ----------
+    table : DataFrame
+        From `results.replay.way_table`.
+    motion : Motion
+        As imposed: drawn whole, where the table leaves out the time that the engine skips.
+    title : str
+    topple_time_s : float or None
+        Time of no return, marked by a line.
+    """
+    axes_of_the_frame = (("x", "east", "-"), ("y", "north", "--"), ("z", "up", ":"))
+    with style():
+        figure = Figure(figsize=(FULL_WIDTH_IN, 6.0))
+        grid = figure.subplots(
+            4, 1, sharex=True, gridspec_kw={"left": 0.1, "right": 0.88, "top": 0.95, "bottom": 0.07}
+        )
+        times = motion.time_s
+        velocity = motion.velocity_at(times)
+        for column, (axis, name, dashes) in enumerate(axes_of_the_frame):
+            look = {"color": COLOURS((0.1, 0.5, 0.75)[column]), "ls": dashes, "lw": 0.9, "label": name}
+            grid[0].plot(times, motion.acceleration_m_s2[:, column], **look)
+            grid[1].plot(times, velocity[:, column], **look)
+            grid[3].plot(table["time_s"], table[f"com_{axis}_m"] - table[f"com_{axis}_m"].iloc[0], **look)
+        grid[2].plot(table["time_s"], table["tilt_deg"], color=COLOURS(0.1), lw=0.9)
+        labels = (
+            "ground acceleration\n(m/s²)",
+            "ground velocity\n(m/s)",
+            "tilt (°)",
+            "centre of mass,\nway (m)",
+        )
+        for axes, label in zip(grid, labels, strict=True):
+            axes.set_ylabel(label)
+            if topple_time_s is not None:
+                axes.axvline(topple_time_s, color="0.4", lw=0.8, dashes=(4, 2))
+        if topple_time_s is not None:
+            grid[2].annotate(
+                "no return", (topple_time_s, 0.9), xycoords=("data", "axes fraction"), size=7,
+                ha="right", xytext=(-3, 0), textcoords="offset points",
+            )  # fmt: skip
+        for axes in grid[[0, 1, 3]]:
+            axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
+        grid[-1].set_xlabel("time (s)")
+        figure.align_ylabels(grid)
+        figure.suptitle(title, size=8)
     return figure
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from models.errors import InputError
 from models.motions.ensemble import Ensemble
-from models.motions.impose import impose
+from models.motions.impose import Imposed, impose
 from models.motions.record import Record
 from models.scene import ContactProperties, Scene
 from workers.presets import PHYSICS_VERSION
@@ -92,6 +92,20 @@ def run_job(spec: JobSpec, assets: Assets) -> dict[str, Any]:
     InputError
         If the assets are not those of the specification, or the job asks for what the engine refuses.
     """
+    scene, imposed = prepared(spec, assets)
+    result = shake(scene, imposed.motion, spec.preset)
+    record = assets.ensemble.record(spec.record_id)
+    return {**_identity(spec, record), **imposed.intensity, **outcome_of(result)}
+
+
+def prepared(spec: JobSpec, assets: Assets) -> tuple[Scene, Imposed]:
+    """What a job shakes, and with what.
+
+    Raises
+    ------
+    InputError
+        If the assets are not those of the specification.
+    """
     record = assets.ensemble.record(spec.record_id)
     if (assets.scene.id, record.sha) != (spec.scene_id, spec.record_sha):
         raise InputError(
@@ -101,9 +115,7 @@ def run_job(spec: JobSpec, assets: Assets) -> dict[str, Any]:
             remedy="plan the campaign anew: its scene or ensemble has changed",
         )
     imposed = impose(record, spec.pga_m_s2, spec.azimuth_deg, spec.peak_displacement_m)
-    scene = _realised(assets.scene, spec)
-    result = shake(scene, imposed.motion, spec.preset)
-    return {**_identity(spec, record), **imposed.intensity, **_outcome(result)}
+    return _realised(assets.scene, spec), imposed
 
 
 def _realised(scene: Scene, spec: JobSpec) -> Scene:
@@ -138,7 +150,8 @@ def _identity(spec: JobSpec, record: Record) -> dict[str, Any]:
     return {**columns, "job_id": spec.job_id, "event": record.event, "physics_version": PHYSICS_VERSION}
 
 
-def _outcome(result: ShakeResult) -> dict[str, Any]:
+def outcome_of(result: ShakeResult) -> dict[str, Any]:
+    """Columns of a row that the shake fills: what happened and what it cost."""
     columns = {field.name: getattr(result, field.name) for field in dataclasses.fields(result)}
     del columns["trajectory"]
     message = None if result.status == "ok" else f"{result.status}: ended by {result.ended_by}"

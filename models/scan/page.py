@@ -16,6 +16,11 @@ EXPORTS = (".glb", ".gltf", ".ply", ".obj")
 
 def write_page(scene: Scene, path: Path) -> None:
     """Write a standalone HTML page: rock, pedestal, contact outline and cliff edges."""
+    scene_figure(scene).write_html(path, include_plotlyjs=True)
+
+
+def scene_figure(scene: Scene) -> go.Figure:
+    """Draw rock (the first trace), pedestal, contact outline and cliff edges, to be turned with the mouse."""
     figure = go.Figure()
     for name, mesh, colour in _meshes(scene):
         x, y, z = mesh.vertices.T
@@ -43,7 +48,7 @@ def write_page(scene: Scene, path: Path) -> None:
             "zaxis_title": "up, m",
         },
     )
-    figure.write_html(path, include_plotlyjs=True)
+    return figure
 
 
 def export_scene(scene: Scene, path: Path) -> None:

@@ -3,18 +3,25 @@
 import base64
 import html.parser
 import io
+import json
 import re
+import sys
+from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
 from PIL import Image
 from seeded import row, rows
 
+sys.path.insert(0, str(Path(__file__).parents[2]))
+from browser import needs_browser, shown
+
 from models import InputError, Scene
 from orchestrator.cli import cli
 from results import open_run
-from results.report import SECTIONS, report_page
+from results.report import _BUDGET, SECTIONS, report_page
 from results.store import write_part
+from workers.presets import PRESETS
 
 
 class Page(html.parser.HTMLParser):
@@ -80,9 +87,31 @@ def test_what_users_wrote_is_shown_and_not_run(page):
 
 
 @pytest.mark.slow
-def test_the_page_says_what_is_missing(page):
-    assert "was not measured for this run" in page
+def test_the_page_says_what_is_missing_and_how_sure_the_answers_are(page):
     assert "73 jobs, 72 with an answer" in page
+    # Of every preset that the engine has, the share of answers that flip is known.
+    told = json.loads(_BUDGET.read_text())
+    assert set(told["presets"]) == set(PRESETS)
+    flips = sum(told["presets"]["standard"][name] for name in ("flips_to_toppled", "flips_to_standing"))
+    assert f"{100 * flips / told['jobs']:.1f} % have another answer with preset standard" in page
+
+
+@pytest.mark.slow
+@needs_browser
+def test_a_browser_without_a_network_shows_every_picture(page, tmp_path):
+    # The page tells the size of each of its pictures once it is loaded; a broken one has none.
+    probe = (
+        "<script>addEventListener('load', () => document.body.dataset.widths = "
+        "[...document.images].map(image => image.naturalWidth).join(' '))</script></body>"
+    )
+    file = tmp_path / "report.html"
+    file.write_text(page.replace("</body>", probe))
+    document, complaints = shown(file, tmp_path / "profile")
+    widths = [int(width) for width in re.search(r'data-widths="([0-9 ]*)"', document).group(1).split()]
+    assert len(widths) == page.count("<img")
+    assert min(widths) > 300
+    assert all(f"<h2>{section}</h2>" in document for section in SECTIONS)
+    assert not complaints
 
 
 def test_a_run_without_answers_has_no_page(tmp_path):

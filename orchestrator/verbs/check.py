@@ -1,0 +1,207 @@
+"""`toppling check`: whether given seismograms, as they are, topple the rock at this site."""
+
+import json
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import click
+from rich import box
+from rich.console import Console
+from rich.progress import Progress
+from rich.table import Table
+
+from models import ContactProperties, InputError, Motion, Scene
+from models.motions.ensemble import CATALOG, Ensemble
+from models.motions.record import Record
+from workers import shake
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What one seismogram does to the rock, and what its neighbours in strength do.
+
+    Parameters
+    ----------
+    record_id, event, station : str
+    north_known : bool
+        Whether the components' azimuths are known; if not, the first horizontal was taken as east.
+    pga_m_s2, pgv_m_s : float
+        Peaks of the horizontal vector, as recorded.
+    outcome : str
+        Of the seismogram as it is: stands, moved, toppled, or the status of a shake without an answer.
+    max_tilt_deg : float
+    toppled, shaken : int
+        Of the neighbours in strength that have an answer, the seismogram itself among them.
+    probability : float or None
+        Share of these that toppled. They are copies of one motion: no interval is given, as it would claim more.
+    least_factor : float or None
+        Least factor among them that toppled.
+    """
+
+    record_id: str
+    event: str
+    station: str
+    north_known: bool
+    pga_m_s2: float
+    pgv_m_s: float
+    outcome: str
+    max_tilt_deg: float
+    toppled: int
+    shaken: int
+    probability: float | None
+    least_factor: float | None
+
+
+@click.command()
+@click.argument("scene", type=click.Path(path_type=Path))
+@click.argument("seismograms", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option("--friction", type=click.FloatRange(0, min_open=True), help="The scene's own if not given.")
+@click.option(
+    "--metadata", type=click.Path(path_type=Path, exists=True), help="Table as of 'records import'."
+)
+@click.option("--missing-vertical", is_flag=True, help="Allow seismograms without a vertical component.")
+@click.option(
+    "--range", "largest", type=click.FloatRange(1, 10), default=1.25, show_default=True,
+    help="Neighbours in strength: from 1/RANGE to RANGE times the seismogram.",
+)  # fmt: skip
+@click.option(
+    "--neighbours",
+    type=click.IntRange(0, 100),
+    default=5,
+    show_default=True,
+    help="On each side; 0 for none.",
+)
+@click.option("--preset", type=click.Choice(["fast", "standard", "reference"]), default="standard")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+def check(
+    scene: Path,
+    seismograms: tuple[Path, ...],
+    friction: float | None,
+    metadata: Path | None,
+    missing_vertical: bool,
+    largest: float,
+    neighbours: int,
+    preset: str,
+    as_json: bool,
+) -> None:
+    """Say whether SEISMOGRAMS, unscaled and in their own directions, topple the rock of SCENE.
+
+    For the motions of a scenario simulation at the site, or a record from nearby. SEISMOGRAMS are files or
+    folders that 'records import' reads, or folders of ensembles. Near its threshold a rock's answer flips with
+    a millimetre, so each is shaken a little weaker and stronger too: the share that topples is the statement.
+
+    \b
+    toppling check scenes/rock simulated.csv --metadata simulated_table.csv
+    toppling check scenes/rock ensembles/scenario --friction 0.7 --json
+    """  # noqa: D301  (\b keeps click from rewrapping the example)
+    loaded = Scene.load(scene)
+    if friction is not None:
+        loaded = loaded.with_contact(ContactProperties.of(friction))
+    records = list(_records(seismograms, metadata, missing_vertical))
+    factors = neighbouring_factors(largest, neighbours)
+    verdicts = []
+    with Progress(console=Console(stderr=True), transient=True) as progress:
+        task = progress.add_task("shaking", total=len(records) * len(factors))
+        for record in records:
+            verdicts.append(judged(loaded, record, factors, preset, lambda: progress.advance(task)))
+    if as_json:
+        click.echo(json.dumps([asdict(verdict) for verdict in verdicts], indent=1))
+    else:
+        _show(verdicts, largest)
+
+
+def neighbouring_factors(largest: float, neighbours: int) -> list[float]:
+    """Factors from 1/largest to largest in equal ratios, 1 in the middle."""
+    return [float(largest ** (k / max(neighbours, 1))) for k in range(-neighbours, neighbours + 1)]
+
+
+def judged(
+    scene: Scene,
+    record: Record,
+    factors: Sequence[float],
+    preset: str,
+    advance: Callable[[], object] = lambda: None,
+) -> Verdict:
+    """Shake a rock with a record as it is, and a little weaker and stronger."""
+    answers: dict[float, bool | None] = {}
+    outcome, tilt = "", math.nan
+    for factor in factors:
+        motion = Motion(factor * record.motion.acceleration_m_s2, record.motion.time_step_s)
+        result = shake(scene, motion, preset)
+        answers[factor] = result.toppled
+        if factor == 1.0:
+            outcome, tilt = result.outcome or result.status, result.max_tilt_deg
+        advance()
+    known = [answer for answer in answers.values() if answer is not None]
+    return Verdict(
+        record_id=record.record_id,
+        event=record.event,
+        station=record.station,
+        north_known=record.north_known,
+        pga_m_s2=float(record.intensity["pga_m_s2"]),
+        pgv_m_s=float(record.intensity["pgv_m_s"]),
+        outcome=outcome,
+        max_tilt_deg=tilt,
+        toppled=sum(known),
+        shaken=len(known),
+        probability=sum(known) / len(known) if known else None,
+        least_factor=min((factor for factor, answer in answers.items() if answer), default=None),
+    )
+
+
+def _records(paths: Sequence[Path], metadata: Path | None, missing_vertical: bool) -> Iterator[Record]:
+    """Records of ensembles, and of files as 'records import' reads them."""
+    from models.motions.importing import Wishes, import_records, record_files
+    from models.motions.metadata import read_table
+
+    for folder in (path for path in paths if (path / CATALOG).is_file()):
+        ensemble = Ensemble.load(folder)
+        yield from (ensemble.record(record_id) for record_id in ensemble.record_ids)
+    files = record_files([path for path in paths if not (path / CATALOG).is_file()])
+    if not files:
+        return
+    came = import_records(
+        files, read_table(metadata) if metadata else [], Wishes(missing_vertical=missing_vertical)
+    )
+    for refusal in came.refusals:
+        click.echo(f"left out {refusal.subject}: {refusal.reason}", err=True)
+    if not came.records:
+        raise InputError(
+            f"none of {len(files)} files became a seismogram",
+            where=", ".join(map(str, paths)),
+            expected="three-component seismograms",
+            remedy="see above why; a metadata table says what the files do not (--metadata)",
+        )
+    yield from came.records
+
+
+def _show(verdicts: Sequence[Verdict], largest: float) -> None:
+    table = Table(box=box.SIMPLE)
+    heads = ("seismogram", "event", "station", "PGA m/s²", "PGV m/s", "as it is", "tilt °", "toppled near it",
+             "least factor")  # fmt: skip
+    for index, head in enumerate(heads):
+        table.add_column(
+            head, justify="left" if index in (0, 1, 2, 5) else "right", max_width=28, no_wrap=True
+        )
+    for told in verdicts:
+        table.add_row(
+            told.record_id + ("" if told.north_known else " (north?)"),
+            told.event,
+            told.station,
+            f"{told.pga_m_s2:.2f}",
+            f"{told.pgv_m_s:.3f}",
+            told.outcome,
+            f"{told.max_tilt_deg:.2f}",
+            "-" if told.probability is None else f"{told.toppled} of {told.shaken}",
+            "-" if told.least_factor is None else f"{told.least_factor:.3g}",
+        )
+    console = Console()
+    Console(width=None if console.is_terminal else 150).print(table)
+    click.echo(
+        f"toppled near it: of the seismogram scaled from {1 / largest:.3g} to {largest:.3g} in equal ratios;\n"
+        "least factor: the least of these that toppled the rock"
+    )
+    if not all(told.north_known for told in verdicts):
+        click.echo("(north?): the directions are not known; the first horizontal component was taken as east")

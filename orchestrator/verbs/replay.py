@@ -1,0 +1,128 @@
+"""`toppling replay`: one job of a run again, seen closely."""
+
+import math
+from pathlib import Path
+
+import click
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
+from rich.console import Console
+
+from models import InputError, Motion, Scene
+from models.motions.ensemble import Ensemble
+from orchestrator.campaign import Campaign
+from results.replay import Way, write_way
+from results.run import open_run
+from results.schema import SCHEMA, describe
+from workers import ShakeResult, shake
+from workers.job import Assets, JobSpec, outcome_of, prepared
+from workers.shake import settled
+
+SAME = 1e-9
+"""Relative difference up to which two numbers are the same answer."""
+
+
+@click.command()
+@click.argument("run", type=click.Path(path_type=Path))
+@click.argument("job")
+@click.option("--out", type=click.Path(path_type=Path, file_okay=False), help="RUN/replay/JOB if not given.")
+def replay(run: Path, job: str, out: Path | None) -> None:
+    """Do one JOB of RUN again, and show how the rock moves.
+
+    Writes the trajectory as a table (Parquet, CSV) and as plots (PNG, SVG), a page that plays and turns with
+    the mouse, and a GIF. Says whether the answer is that of the run, and ends with 1 if it is not. The
+    beginning of a job's id is enough.
+
+    \b
+    toppling query runs/first "select job_id, max_tilt_deg from results where toppled limit 3"
+    toppling replay runs/first 3dea16b1
+    """  # noqa: D301  (\b keeps click from rewrapping the example)
+    spec, job_id = _specification(run, job)
+    assets = Assets(Scene.load(run / "scene"), Ensemble.load(run / "ensemble"))
+    scene, imposed = prepared(spec, assets)
+    with Console(stderr=True).status(f"job {job_id}") as status:
+        way, result = way_of(scene, imposed.motion, spec.preset)
+        title = (
+            f"{spec.record_id}, PGA {spec.pga_m_s2:g} m/s², azimuth {spec.azimuth_deg:g}°, "
+            f"friction {spec.friction_static:g}: {result.outcome or result.status}"
+        )
+        for path in write_way(way, out or run / "replay" / job_id, title):
+            click.echo(path)
+            status.update(f"after {path.name}")
+    row = _row(run, job_id)
+    again = outcome_of(result)
+    differing = [] if row is None else [_difference(name, row[name], again[name]) for name in _OUTCOME]
+    click.echo(title)
+    if row is None:
+        click.echo("The run has no answer to this job yet.")
+    elif any(differing):
+        version = row["physics_version"]
+        if spec.job_id != job_id:
+            click.echo(
+                f"The run was done with physics version {version}, which is not this program's.", err=True
+            )
+        raise InputError(
+            "; ".join(filter(None, differing)),
+            where=f"job {job_id}",
+            expected="the answer of the run",
+            remedy="see 'versions' in run.json: the run may come from another version or machine",
+        )
+    else:
+        click.echo("The answer is that of the run.")
+
+
+def way_of(scene: Scene, motion: Motion, preset: str) -> tuple[Way, ShakeResult]:
+    """Shake a scene and keep the rock's way."""
+    result = shake(scene, motion, preset, trajectory=True)
+    assert result.trajectory is not None  # was asked for
+    kept = result.trajectory
+    poses = kept.time_s, kept.position_m, kept.quaternion_xyzw
+    return Way(settled(scene), motion, *poses, topple_time_s=result.topple_time_s), result
+
+
+_OUTCOME = [
+    field.name for field in SCHEMA if describe(field)["group"] == "outcome" and field.name != "message"
+]
+
+
+def _specification(run: Path, job: str) -> tuple[JobSpec, str]:
+    """Specification of the job whose id begins as given, and its whole id."""
+    open_run(run)  # refuses what is no run
+    path = run / "jobs.parquet"
+    if not path.exists():
+        raise _error(
+            run, "the folder holds no plan (jobs.parquet)", "give the folder that 'toppling run' made"
+        )
+    jobs = pq.read_table(path)
+    found = jobs.filter(pc.starts_with(jobs.column("job_id"), job)).to_pylist()
+    if len(found) != 1:
+        what = f"{len(found)} jobs begin with {job!r}" if found else f"no job begins with {job!r}"
+        raise _error(run, what, 'see the ids with: toppling query RUN "select job_id from results"')
+    campaign, (chosen,) = Campaign.read(run / "campaign.toml"), found
+    job_id = chosen.pop("job_id")
+    ensemble = Ensemble.load(run / "ensemble")
+    return JobSpec(
+        scene_id=Scene.load(run / "scene").id,
+        record_sha=ensemble.sha(chosen["record_id"]),
+        preset=campaign.preset,
+        peak_displacement_m=campaign.peak_displacement_m,
+        **chosen,
+    ), job_id
+
+
+def _row(run: Path, job_id: str) -> dict | None:
+    rows = open_run(run).table()
+    found = rows.filter(pc.equal(rows.column("job_id"), job_id)).to_pylist()
+    return found[0] if found else None
+
+
+def _difference(name: str, was: object, now: object) -> str:
+    if isinstance(was, float) and isinstance(now, float):
+        same = math.isclose(was, now, rel_tol=SAME, abs_tol=SAME)
+    else:
+        same = was == now
+    return "" if same else f"{name} is {now}, in the run {was}"
+
+
+def _error(run: Path, what: str, remedy: str) -> InputError:
+    return InputError(what, where=str(run), expected="one job of this run", remedy=remedy)

@@ -1,0 +1,200 @@
+"""A job seen again is the job that was done; seismograms are judged as they are; a pulse is shown."""
+
+import json
+import re
+import sys
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from click.testing import CliRunner
+from PIL import Image
+
+sys.path.insert(0, str(Path(__file__).parents[2]))
+from browser import needs_browser, shown
+
+from models import Scene
+from models.motions import idealised
+from models.motions.ensemble import Ensemble
+from models.motions.record import Record
+from orchestrator.campaign import Campaign
+from orchestrator.cli import cli
+from orchestrator.folder import prepare
+from orchestrator.plan import plan
+from results.store import write_part
+from workers.job import Assets, run_job
+
+HALF_WIDTH_M, HALF_HEIGHT_M = 0.2, 0.6
+UPLIFT_M_S2 = 9.81 * HALF_WIDTH_M / HALF_HEIGHT_M
+"""Least acceleration that tips the block; of a pulse of 2 s, not much more than what overturns it."""
+
+
+def record(name, pga_m_s2):
+    return Record.of(name, idealised.full_sine(pga_m_s2, 2.0), event="made", component_azimuths_deg=(0, 90))
+
+
+def told(*words):
+    return CliRunner().invoke(cli, [str(word) for word in words])
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("scenes") / "block"
+    Scene.block(HALF_WIDTH_M, HALF_WIDTH_M, HALF_HEIGHT_M, friction=0.8).save(folder)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory, scene):
+    """A run of one job that topples and one that does not, with a drawn realisation each."""
+    folder = tmp_path_factory.mktemp("runs")
+    ensemble = Ensemble.write(folder / "ensemble", [record("sine", 1.0)])
+    content = {
+        "scene": str(scene), "ensemble": str(folder / "ensemble"), "pga_m_s2": [2.0, 6.0],
+        "azimuth_deg": [0.0], "friction": [0.7], "realisations": 2, "preset": "fast",
+    }  # fmt: skip
+    planned = plan(Campaign.of(content, folder), Scene.load(scene), ensemble)
+    prepare(folder / "run", planned, {})
+    assets = Assets(Scene.load(scene), ensemble)
+    rows = [run_job(planned.spec(k), assets) | {"attempt": 1} for k in range(len(planned))]
+    write_part(folder / "run", rows)
+    return folder / "run", rows
+
+
+@pytest.fixture(scope="module")
+def replayed(run, tmp_path_factory):
+    folder, rows = run
+    row = next(row for row in rows if row["toppled"] and row["realisation"] == 1)
+    out = tmp_path_factory.mktemp("replayed")
+    return told("replay", folder, row["job_id"][:12], "--out", out), row, out
+
+
+def test_a_job_seen_again_has_the_answer_of_the_run_to_the_last_digit(replayed):
+    done, _, _ = replayed
+    assert done.exit_code == 0, done.output
+    assert "The answer is that of the run" in done.output
+
+
+def test_the_way_in_the_table_is_the_way_of_the_row(replayed):
+    _, row, out = replayed
+    table = pq.read_table(out / "trajectory.parquet")
+    assert all(field.metadata[b"unit"] and field.metadata[b"description"] for field in table.schema)
+    way = table.to_pandas()
+    # The quaternions have 16 digits, and an arc near 0 keeps half of them.
+    assert way["tilt_deg"].max() == pytest.approx(row["max_tilt_deg"], abs=1e-5)
+    assert way["tilt_deg"].iloc[0] == pytest.approx(0.0, abs=1e-5)
+    assert way["time_s"].is_monotonic_increasing
+    assert way["time_s"].min() <= row["topple_time_s"] <= way["time_s"].max()
+    assert way["ground_x_m_s2"].abs().max() <= row["pga_m_s2"] * (1 + 1e-9)
+
+
+def test_pictures_of_a_way_are_whole_and_move(replayed):
+    _, _, out = replayed
+    for name in ("trajectory.png", "replay.gif"):
+        with Image.open(out / name) as picture:
+            picture.load()
+    with Image.open(out / "replay.gif") as moving:
+        first = np.asarray(moving.convert("RGB"), int)
+        moving.seek(moving.n_frames - 1)
+        last = np.asarray(moving.convert("RGB"), int)
+    assert (np.abs(first - last).sum(axis=2) > 60).mean() > 0.05  # the rock has left its place
+    assert (out / "trajectory.svg").read_text().rstrip().endswith("</svg>")
+
+
+@needs_browser
+def test_the_page_plays_in_a_browser_without_a_network(replayed, tmp_path):
+    _, _, out = replayed
+    page = out / "replay.html"
+    asked = tmp_path / "asked.html"
+    # Ask for the last pose as a hand on the slider would.
+    asked.write_text(
+        page.read_text().replace(
+            "</script></body>", "slider.value = slider.max; slider.oninput();</script></body>"
+        )
+    )
+    document, complaints = shown(asked, tmp_path / "profile")
+    poses = int(re.search(r'id="time"[^>]* max="(\d+)"', document).group(1))
+    assert poses > 10
+    assert f'data-frame="{poses}"' in document
+    assert float(re.search(r"tilt ([0-9.]+)°", document).group(1)) > 45
+    assert "<canvas" in document
+    assert not [line for line in complaints if "Uncaught" in line or "ERR_" in line]
+
+
+def test_an_answer_that_is_not_the_runs_is_said_and_ends_with_1(run, tmp_path):
+    folder, rows = run
+    other = tmp_path / "run"
+    for name in ("scene", "ensemble", "jobs.parquet", "campaign.toml", "run.json"):
+        (other / name).parent.mkdir(exist_ok=True)
+        (other / name).symlink_to(folder / name)
+    row = next(row for row in rows if not row["toppled"])
+    write_part(other, [row | {"max_tilt_deg": row["max_tilt_deg"] + 1.0}])
+    done = told("replay", other, row["job_id"], "--out", tmp_path / "out")
+    assert done.exit_code == 1
+    assert "max_tilt_deg" in str(done.exception)
+    assert (tmp_path / "out" / "replay.gif").exists()
+
+
+@pytest.mark.parametrize(("job", "what"), [("", "4 jobs begin"), ("none", "no job begins")])
+def test_what_names_no_single_job_is_refused(run, tmp_path, job, what):
+    done = told("replay", run[0], job, "--out", tmp_path / "out")
+    assert done.exit_code == 1
+    assert what in str(done.exception)
+    assert not (tmp_path / "out").exists()
+
+
+def test_seismograms_are_judged_as_they_are_and_beside_their_neighbours(scene, tmp_path):
+    # Below the uplift a block rests, whatever the pulse; three times of it overturn one of this size within 2 s.
+    strengths = {"far-below": 0.7, "far-above": 3.0}
+    made = [record(name, factor * UPLIFT_M_S2) for name, factor in strengths.items()]
+    Ensemble.write(tmp_path / "motions", made)
+    done = told("check", scene, tmp_path / "motions", "--neighbours", 2, "--preset", "fast", "--json")
+    assert done.exit_code == 0, done.output
+    below, above = sorted(json.loads(done.stdout), key=lambda verdict: verdict["pga_m_s2"])
+    assert (below["outcome"], below["toppled"], below["shaken"], below["least_factor"]) == (
+        "stands",
+        0,
+        5,
+        None,
+    )
+    assert (above["outcome"], above["probability"], above["least_factor"]) == ("toppled", 1.0, 0.8)
+    assert above["pga_m_s2"] == pytest.approx(3.0 * UPLIFT_M_S2, rel=1e-3)  # unscaled; sampled every 5 ms
+
+
+def test_a_threshold_within_the_neighbours_shows_as_a_share(scene, tmp_path):
+    Ensemble.write(tmp_path / "motions", [record("across", 1.3 * UPLIFT_M_S2)])
+    done = told(
+        "check", scene, tmp_path / "motions", "--range", 2, "--neighbours", 3, "--preset", "fast", "--json"
+    )
+    (verdict,) = json.loads(done.stdout)
+    assert 0 < verdict["toppled"] < verdict["shaken"] == 7
+    assert verdict["least_factor"] > 1 / 1.3  # nothing topples below the uplift
+
+
+def test_a_folder_without_seismograms_is_refused(scene, tmp_path):
+    (tmp_path / "odd.txt").write_text("no seismogram\n")
+    done = told("check", scene, tmp_path / "odd.txt")
+    assert done.exit_code == 1
+    assert "none of 1 files" in str(done.exception)
+
+
+@pytest.mark.parametrize("shape", ["sawtooth", "sine", "cosine", "ricker"])
+def test_every_pulse_reaches_its_velocity_along_its_azimuth(shape):
+    from orchestrator.verbs.pulse import pulse_motion
+
+    motion = pulse_motion(shape, 5.0, 3.5, 135.0)
+    velocity = motion.velocity_at(motion.time_s)
+    peak = velocity[np.argmax(np.hypot(velocity[:, 0], velocity[:, 1]))]
+    assert np.hypot(peak[0], peak[1]) == pytest.approx(5.0, rel=1e-6)
+    assert abs(peak[0] + peak[1]) < 1e-9
+
+
+def test_the_studys_pulse_is_drawn_by_one_command(scene, tmp_path):
+    done = told("pulse", scene, "--out", tmp_path / "pulse", "--preset", "fast")
+    assert done.exit_code == 0, done.output
+    ground = pq.read_table(tmp_path / "pulse" / "trajectory.parquet").to_pandas()
+    assert ground["ground_x_m_s"].max() <= 5.0 + 1e-9
+    assert {path.suffix for path in (tmp_path / "pulse").iterdir()} == {
+        ".parquet", ".csv", ".png", ".svg", ".html", ".gif",
+    }  # fmt: skip

@@ -73,15 +73,25 @@ class Dispatch:
         """Jobs that are not handed out now."""
         return self._waiting + len(self._suspects)
 
-    def next_batch(self, workers: int) -> Batch | None:
-        """Hand out the next batch for a cluster of so many workers, or None if nothing waits."""
+    def next_batch(self, workers: int, room: int = JOBS_IN_BATCH) -> Batch | None:
+        """Hand out the next batch, or None if nothing waits.
+
+        Parameters
+        ----------
+        workers : int
+            Of the cluster.
+        room : int
+            Jobs that the time budget of a batch leaves room for, as far as known.
+        """
         if self._suspects:
             job = self._suspects.popleft()
             return Batch((job,), self._attempts[job], alone=True)
         if not self._segments:
             return None
         segment = self._segments.popleft()
-        size = min(JOBS_IN_BATCH, math.ceil(self._waiting / (BATCHES_LEFT_PER_WORKER * max(workers, 1))))
+        size = min(
+            room, JOBS_IN_BATCH, math.ceil(self._waiting / (BATCHES_LEFT_PER_WORKER * max(workers, 1)))
+        )
         head = segment[:size]
         others = np.flatnonzero(self._record_of[head] != self._record_of[head[0]])
         taken = int(others[0]) if len(others) else len(head)

@@ -68,6 +68,15 @@ class Plan:
         """For every job the number of its record, (n,)."""
         return self.jobs.column("record_id").combine_chunks().indices.to_numpy()
 
+    @cached_property
+    def _records(self) -> list[str]:
+        return self.jobs.column("record_id").combine_chunks().dictionary.to_pylist()
+
+    @cached_property
+    def _columns(self) -> list[NDArray]:
+        """Columns after the record's, as arrays: a job's specification is made when it goes out, often again."""
+        return [self.jobs.column(name).to_numpy() for name in COLUMNS.names[2:]]
+
     def pending(self, finished: set[str]) -> NDArray[np.int64]:
         """Rows of the jobs without a result, in the order to start them."""
         done = pc.is_in(self.jobs.column("job_id"), value_set=pa.array(sorted(finished), pa.string()))
@@ -75,8 +84,9 @@ class Plan:
 
     def spec(self, row: int) -> JobSpec:
         """Specification of one job."""
-        values = {name: self.jobs.column(name)[row].as_py() for name in COLUMNS.names if name != "job_id"}
-        return _spec(self.campaign, self.scene_id, self.record_sha[values["record_id"]], **values)
+        record_id = self._records[self.record_of[row]]
+        values = (column[row].item() for column in self._columns)
+        return _spec(self.campaign, self.scene_id, self.record_sha[record_id], record_id, *values)
 
 
 def plan(campaign: Campaign, scene: Scene, ensemble: Ensemble) -> Plan:

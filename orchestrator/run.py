@@ -23,7 +23,7 @@ from models import InputError, Scene
 from models.motions.ensemble import Ensemble
 from orchestrator.campaign import Campaign
 from orchestrator.cluster import replace_dead_workers, workers_missing
-from orchestrator.dispatch import TRIES, Batch, Dispatch
+from orchestrator.dispatch import JOBS_IN_BATCH, TRIES, Batch, Dispatch
 from orchestrator.folder import prepare, session
 from orchestrator.journal import journal, tell
 from orchestrator.plan import Plan, plan
@@ -35,6 +35,9 @@ log = logging.getLogger(__name__)
 
 BATCH_BUDGET_S = 2.0
 """Work of one task: a hundred times what handing it out costs, yet little to lose with a worker."""
+
+BATCHES_A_SECOND = 200
+"""What a scheduler hands out and takes back without being late; on larger clusters a task's work grows."""
 
 ROUNDS = 3
 """Goes at the plan: more than one only if a stored part was lost, to another program or a failing disk."""
@@ -213,7 +216,7 @@ def _until_complete(
     limits: Limits,
     report: Path | None,
 ) -> Tally:
-    finished = _finished(folder, planned)
+    finished = finished_jobs(folder, planned)
     tally = Tally(len(planned), len(finished))
     if len(finished) == len(planned):
         return tally
@@ -221,7 +224,7 @@ def _until_complete(
         check_workers(client, order)
         for _ in range(ROUNDS):
             Execution(planned, finished, client, folder, order, watch, tally, limits)()
-            finished = _finished(folder, planned)
+            finished = finished_jobs(folder, planned)
             if len(finished) == len(planned):
                 return tally
             log.warning("%d rows were lost after they were stored", len(planned) - len(finished))
@@ -229,7 +232,7 @@ def _until_complete(
     raise RunError(msg)
 
 
-def _finished(folder: Path, planned: Plan) -> set[str]:
+def finished_jobs(folder: Path, planned: Plan) -> set[str]:
     """Ids of the plan's jobs that have a row; files with rows of other jobs are set aside, not merged."""
     known = planned.ids
     finished: set[str] = set()
@@ -273,6 +276,17 @@ def check_workers(client: Client, order: Order) -> None:
         )
 
 
+def budget_s(workers: int) -> float:
+    """Work of one task on a cluster of so many workers, in seconds."""
+    return max(BATCH_BUDGET_S, workers / BATCHES_A_SECOND)
+
+
+def room_for(rows: Sequence[Row], budget_s: float) -> int:
+    """Jobs to send in the next batch: twice what fits at the pace of this one, so that few travel in vain."""
+    spent_s = sum(row.get("wall_s") or 0.0 for row in rows)
+    return math.ceil(min(2 * budget_s * len(rows) / max(spent_s, 1e-3), JOBS_IN_BATCH))
+
+
 class Execution:
     """One session of a run.
 
@@ -312,6 +326,7 @@ class Execution:
         self.dispatch = Dispatch(pending, plan.record_of, limits.tries)
         self._session = uuid.uuid4().hex[:8]
         self._submitted = 0
+        self._room = JOBS_IN_BATCH
         self._looked = -math.inf
         self._all_alive = time.monotonic()
         self._since: dict[tuple[str, str], float] = {}
@@ -356,7 +371,7 @@ class Execution:
         batches: list[Batch] = []
         # More than two a worker: Dask then keeps the waiting ones on the scheduler, out of reach of a crash.
         while len(self._flying) + len(batches) < 2 * workers + 2 and (
-            batch := self.dispatch.next_batch(workers)
+            batch := self.dispatch.next_batch(workers, self._room)
         ):
             batches.append(batch)
         if not batches:
@@ -372,7 +387,7 @@ class Execution:
             self.task,
             [self.order] * len(batches),
             specs,
-            [BATCH_BUDGET_S] * len(batches),
+            [budget_s(workers)] * len(batches),
             key=keys,
             pure=False,
         )
@@ -393,6 +408,7 @@ class Execution:
         if status == "finished":
             rows = [{**row, "attempt": batch.attempt} for row in result]
             self._keep(rows)
+            self._room = room_for(rows, budget_s(self.tally.workers))
             self.dispatch.came_back(batch, done=len(rows))
         elif status == "error":
             self._take_error(str(future.key), batch, result[1])
@@ -458,7 +474,9 @@ class Execution:
         working = {(worker, str(key)) for worker, keys in self.client.processing().items() for key in keys}
         self._since = {place: self._since.get(place, now) for place in working}
         late = {
-            place for place, since in self._since.items() if now - since > BATCH_BUDGET_S + self.limits.job_s
+            place
+            for place, since in self._since.items()
+            if now - since > budget_s(self.tally.workers) + self.limits.job_s
         }
         if late:
             self._overdue |= {key for _, key in late}

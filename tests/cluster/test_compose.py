@@ -7,6 +7,7 @@ Starts an engine of its own where none runs and the test may (root, Debian's `do
 import os
 import shutil
 import subprocess
+import tempfile
 import time
 import uuid
 from pathlib import Path
@@ -45,7 +46,7 @@ def works(*command):
 
 
 @pytest.fixture(scope="module")
-def engine(tmp_path_factory):
+def engine():
     """A container engine that answers to `docker`."""
     if shutil.which("docker") is None:
         pytest.skip("no docker: apt-get install docker.io docker-compose debootstrap")
@@ -54,7 +55,7 @@ def engine(tmp_path_factory):
         return
     if os.geteuid() != 0 or shutil.which("dockerd") is None:
         pytest.skip("no container engine runs, and only root can start one with dockerd")
-    folder = tmp_path_factory.mktemp("engine")
+    folder = Path(tempfile.mkdtemp(prefix="toppling-engine-"))
     socket = f"unix://{folder}/docker.sock"
     command = [
         "dockerd",
@@ -81,6 +82,10 @@ def engine(tmp_path_factory):
     finally:
         daemon.terminate()
         daemon.wait(60)
+        subprocess.run(
+            ["umount", str(folder / "exec/netns/default")], capture_output=True
+        )  # the engine leaves it
+        shutil.rmtree(folder, ignore_errors=True)
         os.environ.pop("DOCKER_HOST")
         if before is not None:
             os.environ["DOCKER_HOST"] = before

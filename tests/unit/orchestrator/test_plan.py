@@ -1,7 +1,6 @@
 """From axes to jobs, and the folder that keeps them."""
 
 import dataclasses
-import shutil
 import subprocess
 import sys
 
@@ -111,14 +110,20 @@ def test_another_campaign_or_version_is_refused_and_the_run_is_left_as_it_was(ca
     assert (tmp_path / "run" / "run.json").read_bytes() == before
 
 
-def test_a_run_that_leads_outside_itself_is_refused(campaign, tmp_path):
-    whole = planned(campaign)
+@pytest.mark.parametrize("name", ["parts", "scene", "run.json", "run.log", "results.parquet", ".lock"])
+def test_a_run_that_leads_outside_itself_is_refused_and_nothing_there_is_touched(campaign, tmp_path, name):
+    whole, place = planned(campaign), tmp_path / "run" / name
     prepare(tmp_path / "run", whole, VERSIONS)
-    (tmp_path / "elsewhere").mkdir()
-    shutil.rmtree(tmp_path / "run" / "parts")
-    (tmp_path / "run" / "parts").symlink_to(tmp_path / "elsewhere")
+    elsewhere = tmp_path / "elsewhere"
+    if place.exists():
+        place.rename(elsewhere)
+    else:
+        elsewhere.write_text("mine")
+    before = elsewhere.stat()
+    place.symlink_to(elsewhere)
     with pytest.raises(InputError, match="leads elsewhere"):
         prepare(tmp_path / "run", whole, VERSIONS)
+    assert elsewhere.stat() == before
 
 
 def test_a_folder_that_is_no_run_is_left_alone(campaign, tmp_path):

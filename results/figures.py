@@ -71,6 +71,7 @@ def map_figure(table: pd.DataFrame, plane: Plane, title: str = "") -> Figure:
         figure = Figure(figsize=(HALF_WIDTH_IN, 3.0))
         axes = figure.subplots(gridspec_kw=_margins(HALF_WIDTH_IN, 3.0))
         _draw_cells(axes, table, plane, f"{title}\n".lstrip(), full_share=_full_share(table))
+        _frame_cells(axes, table, plane)
         axes.set(xlabel=_label(plane.x), ylabel=_label(plane.y))
         _colour_bar(figure)
     return figure
@@ -107,6 +108,7 @@ def direction_figure(
             told = f"{direction - half:g}° to {direction + half:g}°\ncompass {compass:g}°, "
             cells = table[table["direction_deg"] == direction]
             _draw_cells(axes, cells, plane, told, full_share=_full_share(table))
+            _frame_cells(axes, table, plane)
             axes.xaxis.set_major_locator(MaxNLocator(4, prune="upper"))
             if reference is not None:
                 _draw_lines(axes, reference[reference["azimuth_deg"] == direction])
@@ -149,7 +151,11 @@ def rose_figure(rose: pd.DataFrame, quasi_static: pd.DataFrame | None, sector: d
             closed = pd.concat([quasi_static, quasi_static.iloc[:1]])
             right.plot(np.deg2rad(closed["azimuth_deg"]), closed["value"], color=COLOURS(0.35), lw=1.2)
             right.set_rlim(0.0)
-        right.set_title("quasi-static toppling acceleration (m/s²)\nby azimuth of the ground's acceleration")
+            right.set_title(
+                "quasi-static toppling acceleration (m/s²)\nby azimuth of the ground's acceleration"
+            )
+        else:
+            right.set_visible(False)
         for axes in (left, right):
             axes.tick_params(labelsize=6.5)
             axes.grid(linewidth=0.4)
@@ -417,11 +423,15 @@ def _draw_cells(axes: Axes, table: pd.DataFrame, plane: Plane, title: str, full_
     axes.add_collection(bars)
     thin = table["thin"].to_numpy()
     beside = (middle + half + 0.06 * (high - low))[thin]
-    axes.plot(beside, ((bottom + top) / 2)[thin], linestyle="", marker=".", markersize=1.2, color="0.2")
+    axes.plot(beside, ((bottom + top) / 2)[thin], ".", ms=1.2, color="0.2", clip_on=False)
     axes.set_title(f"{title}{table['jobs'].sum()} jobs")
-    axes.set_xlim(min(0.0, low.min(initial=0.0)), high.max(initial=low.min(initial=0.0) + 1e-9))
-    axes.set_ylim(0.0, top.max(initial=1e-9))
-    axes.autoscale_view()
+
+
+def _frame_cells(axes: Axes, table: pd.DataFrame, plane: Plane) -> None:
+    """Limits that hold all cells of a table, so that maps on shared axes hide none of each other's."""
+    low, high = table[f"{plane.x.column}_low"], table[f"{plane.x.column}_high"]
+    axes.set_xlim(min(0.0, low.min()) if len(low) else 0.0, high.max() if len(high) else 1.0)
+    axes.set_ylim(0.0, table[f"{plane.y.column}_high"].max() if len(table) else 1.0)
 
 
 def _draw_lines(axes: Axes, lines: pd.DataFrame) -> None:

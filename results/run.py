@@ -230,14 +230,19 @@ def _scene_table(told: dict[str, Any]) -> pa.Table:
             "azimuth toward which the plane falls",
         ),
         ("gravity_m_s2", told["gravity_m_s2"], "m/s2", "gravity"),
-        ("default_friction_static", contact["friction_static"], "1", "scene's own value; a campaign's wins"),
+        (
+            "default_friction_static",
+            contact["friction_static"],
+            "1",
+            "static friction where a campaign states none",
+        ),
         (
             "default_friction_kinetic",
             contact["friction_kinetic"],
             "1",
-            "scene's own value; a campaign's wins",
+            "kinetic friction where a campaign states none",
         ),
-        ("default_restitution", contact["restitution"], "1", "scene's own value; a campaign's wins"),
+        ("default_restitution", contact["restitution"], "1", "restitution where a campaign states none"),
         (
             "least_quasi_static_m_s2",
             min(finite, default=None),

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from seeded import row, rows
 
 from orchestrator.cli import cli
-from results.figures import map_figure, save
+from results.figures import direction_figure, map_figure, save
 from results.fragility import PLANES, by_contact, cells, cells_by_direction, direction_bin_deg, wilson
 from results.run import open_run
 from results.store import write_part
@@ -137,3 +137,20 @@ def test_a_run_without_answers_is_refused(tmp_path):
     done = CliRunner().invoke(cli, ["fragility", str(tmp_path)])
     assert done.exit_code == 1
     assert "none with an answer" in str(done.exception)
+
+
+@pytest.mark.parametrize(
+    "plane", [plane for plane in PLANES.values() if plane.by_direction], ids=lambda p: p.name
+)
+def test_no_map_on_shared_axes_hides_a_cell_of_another(plane):
+    # One direction is shaken by short weak pulses only, the other by long strong ones too.
+    near = pd.DataFrame(rows(records=4, levels=(1, 2), azimuths=(0.0,))).assign(pga_azimuth_deg=315.0)
+    far = pd.DataFrame(rows(records=20, levels=range(1, 20), azimuths=(0.0,))).assign(pga_azimuth_deg=90.0)
+    table = cells_by_direction(pd.concat([near, far], ignore_index=True), plane)
+    figure = direction_figure(table, plane, 8)
+    for axes in figure.axes:
+        for bars in axes.collections[:1] if axes.get_title() else []:
+            (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
+            corners = np.vstack([path.vertices for path in bars.get_paths()])
+            assert left - 1e-9 <= corners[:, 0].min() <= corners[:, 0].max() <= right + 1e-9
+            assert bottom - 1e-9 <= corners[:, 1].min() <= corners[:, 1].max() <= top + 1e-9

@@ -12,6 +12,7 @@ import pyarrow.dataset as ds
 import pyarrow.parquet as pq
 
 from models import InputError
+from models.motions.catalogue import meaning
 from results.schema import SCHEMA, describe
 from results.store import PathLike, newest_attempts, read_files, result_files
 
@@ -22,16 +23,6 @@ _RUN_COLUMN = {
     "unit": "",
     "description": "name of the run's folder",
 }
-
-_UNITS = {
-    "_m_s2": "m/s2",
-    "_m_s": "m/s",
-    "_km": "km",
-    "_deg": "deg",
-    "_s": "s",
-    "_m": "m",
-}
-"""Unit by the end of a name, the longest first."""
 
 
 class Run:
@@ -183,16 +174,7 @@ def as_frame(table: pa.Table) -> pd.DataFrame:
 
 
 def _as_recorded(field: pa.Field) -> dict[str, str]:
-    """Describe a column of the catalogue; one without a description has its unit in its name."""
-    told = describe(field)
-    if not told["description"]:
-        imposed = SCHEMA.get_field_index(field.name)
-        meaning = (
-            describe(SCHEMA.field(imposed))["description"] if imposed >= 0 else field.name.replace("_", " ")
-        )
-        unit = next((unit for ending, unit in _UNITS.items() if field.name.endswith(ending)), "")
-        told |= {"group": "as recorded", "unit": unit, "description": meaning}
-    return told
+    return describe(field) | {"group": "as recorded"} | meaning(field.name)
 
 
 def _ask_once(runs: Sequence[Run], query: str) -> pa.Table:

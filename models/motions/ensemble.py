@@ -13,6 +13,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from models.errors import InputError
+from models.motions.catalogue import meaning
 from models.motions.motion import Motion
 from models.motions.record import Record
 
@@ -225,7 +226,8 @@ def _catalog(records: list[Record]) -> pa.Table:
         }
         for record in records
     ]
-    fields = [*_IDENTITY, *((name, pa.float64()) for name in measures), *_ORIGIN]
+    columns = [*_IDENTITY, *((name, pa.float64()) for name in measures), *_ORIGIN]
+    fields = [pa.field(name, kind, metadata=meaning(name)) for name, kind in columns]
     return pa.Table.from_pylist(rows, schema=pa.schema(fields))
 
 

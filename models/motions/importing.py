@@ -7,18 +7,23 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+import numpy as np
+
 from models.errors import InputError
 from models.motions.formats import read_file
 from models.motions.formats.component import UP, Component
 from models.motions.formats.seismic import is_station_xml, responses
 from models.motions.metadata import Entry, looks_like_table
-from models.motions.processing import DRIFTS, process
+from models.motions.processing import DRIFTS, process, resample
 from models.motions.quality import doubts
 from models.motions.record import Record
 from models.motions.stations import Triple, grouped, oriented, triple
 from models.motions.twins import Candidate, twins
 
 logger = logging.getLogger(__name__)
+
+SAME_INSTRUMENT = 1.25
+"""Factor within which the sensitivities of one instrument's channels lie."""
 
 NO_RECORDS = {".md", ".json", ".parquet", ".toml", ".py", ".pdf", ".png"}
 """Suffixes of what lies beside records in a folder and is none; a file given by name is always read."""
@@ -38,12 +43,15 @@ class Wishes:
         None processes what the agency has not corrected; True all, False none.
     corner_hz : float or None
         Corner of the high-pass; None chooses one by record.
+    time_step_s : float or None
+        Time step that every record is resampled to; None leaves each its own.
     """
 
     missing_vertical: bool = False
     doubtful: bool = False
     process: bool | None = None
     corner_hz: float | None = None
+    time_step_s: float | None = None
 
 
 @dataclass(frozen=True)
@@ -232,11 +240,51 @@ def _completed(channels: Triple, entry: Entry) -> Triple:
         vertical = complete(vertical, None)
         if not isinstance(vertical.direction, str):
             vertical = replace(vertical, direction=UP)
-    return Triple(
+    completed = Triple(
         complete(channels.first, entry.h1_azimuth_deg),
         complete(channels.second, entry.h2_azimuth_deg),
         vertical,
     )
+    return completed if completed.first.unit_known else _scaled_to_peaks(completed, entry)
+
+
+def _scaled_to_peaks(channels: Triple, entry: Entry) -> Triple:
+    """Channels in a unit that nobody names, scaled to the peaks about the mean that the table states.
+
+    The channels of one instrument have nearly one sensitivity: the same scale of all shows that the peaks are
+    those of these samples.
+
+    Raises
+    ------
+    InputError
+        If the scales differ, by which the peaks are of other samples.
+    """
+    parts = [channels.first, channels.second, *([channels.vertical] if channels.vertical else [])]
+    scales = []
+    for component, peak in zip(parts, entry.peaks_m_s2, strict=False):
+        about_mean = float(np.abs(component.acceleration_m_s2 - component.acceleration_m_s2.mean()).max())
+        if not peak or peak < 0 or about_mean == 0:
+            return channels
+        scales.append(peak / about_mean)
+    if max(scales) > SAME_INSTRUMENT * min(scales):
+        told = ", ".join(f"{scale:.4g}" for scale in scales)
+        raise InputError(
+            f"the peaks that the table states scale the channels by {told} m/s2",
+            where=entry.where,
+            expected=f"one scale within a factor of {SAME_INSTRUMENT:g}, as one instrument has",
+            remedy="state the samples' unit in the column 'unit', or give the StationXML",
+        )
+    note = f"scaled to the peaks of the metadata table, {1 / np.mean(scales):.6g} counts per m/s2 on average"
+    scaled = [
+        replace(
+            component,
+            acceleration_m_s2=component.acceleration_m_s2 * scale,
+            unit_known=True,
+            notes=(*component.notes, note),
+        )
+        for component, scale in zip(parts, scales, strict=True)
+    ]
+    return Triple(scaled[0], scaled[1], scaled[2] if channels.vertical else None)
 
 
 def _step(component: Component, entry: Entry) -> float:
@@ -287,6 +335,9 @@ def _candidate(name: str, channels: Triple, wishes: Wishes, entry: Entry | None)
         quality = "drifting" if any(DRIFTS in step for step in done) else "processed"
     else:
         steps.append("left as the agency corrected it" if corrected else "left uncorrected, as asked")
+    if wishes.time_step_s and abs(wishes.time_step_s / motion.time_step_s - 1) > 1e-9:
+        steps.append(f"resampled from {motion.time_step_s:g} to {wishes.time_step_s:g} s, low-passed before")
+        motion = resample(motion, wishes.time_step_s)
     says = entry.magnitude if entry else None, entry.distance_km if entry else None
     record = Record.of(
         name,

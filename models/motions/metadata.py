@@ -23,6 +23,9 @@ COLUMNS = {
     "corner_hz": ("corner_hz",),
     "h1_azimuth": ("h1_azimuth",),
     "h2_azimuth": ("h2_azimuth",),
+    "pga_h1": ("pga_h1_m_s2", "pga_h1"),
+    "pga_h2": ("pga_h2_m_s2", "pga_h2"),
+    "pga_v": ("pga_v_m_s2", "pga_v"),
 }
 """What is read, and the names that a table may give it; other columns are left alone."""
 
@@ -32,7 +35,8 @@ class Entry:
     """One row: files of the components and what they do not say; None or empty where the table is silent too.
 
     `h1_azimuth_deg` and `h2_azimuth_deg` are compass bearings; `unit_m_s2` is one unit of the file in m/s2,
-    `time_step_s` that of a file without times.
+    `time_step_s` that of a file without times. `peaks_m_s2` are the components' peaks, by which samples of no known
+    unit are scaled.
     """
 
     where: str
@@ -50,6 +54,7 @@ class Entry:
     corner_hz: float | None
     h1_azimuth_deg: float | None
     h2_azimuth_deg: float | None
+    peaks_m_s2: tuple[float | None, float | None, float | None] = (None, None, None)
 
     @property
     def files(self) -> tuple[Path, ...]:
@@ -146,6 +151,11 @@ def _entry(row: dict[str, str | None], table: Path, line: int) -> Entry:
         corner_hz=_number(text, "corner_hz", where),
         h1_azimuth_deg=_number(text, "h1_azimuth", where),
         h2_azimuth_deg=_number(text, "h2_azimuth", where),
+        peaks_m_s2=(
+            _number(text, "pga_h1", where),
+            _number(text, "pga_h2", where),
+            _number(text, "pga_v", where),
+        ),
     )
 
 

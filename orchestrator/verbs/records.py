@@ -35,7 +35,8 @@ def records() -> None:
 @click.option(
     "--metadata",
     type=click.Path(path_type=Path, dir_okay=False, exists=True),
-    help="CSV table, a row a record: h1, h2, v (paths relative to it), unit, event, mag, dist_km, station.",
+    help="CSV table, a row a record: h1, h2, v (paths relative to it), unit, event, mag, dist_km, station;"
+    " pga_h1, pga_h2, pga_v (m/s2) scale counts of no known unit.",
 )
 @click.option("--missing-vertical", is_flag=True, help="Allow records without a vertical component.")
 @click.option("--doubtful", is_flag=True, help="Allow peaks beyond 5 g, clipping, spikes and filled gaps.")
@@ -47,6 +48,10 @@ def records() -> None:
 @click.option(
     "--corner", "corner_hz", type=click.FloatRange(min=0, min_open=True), help="High-pass corner in Hz."
 )
+@click.option(
+    "--time-step", "time_step_s", type=click.FloatRange(0, 0.1, min_open=True), metavar="S",
+    help="Resample every record to this step, without aliasing.",
+)  # fmt: skip
 @click.option("--replace", is_flag=True, help="Replace an ensemble that is there.")
 @click.option("--json", "as_json", is_flag=True, help="Print what was read and left out as JSON.")
 def import_(
@@ -57,6 +62,7 @@ def import_(
     doubtful: bool,
     process: bool | None,
     corner_hz: float | None,
+    time_step_s: float | None,
     replace: bool,
     as_json: bool,
 ) -> None:
@@ -75,7 +81,7 @@ def import_(
     _refuse_existing(out, replace)
     table = read_table(metadata) if metadata else []
     files = record_files(paths)
-    wishes = Wishes(missing_vertical, doubtful, process, corner_hz)
+    wishes = Wishes(missing_vertical, doubtful, process, corner_hz, time_step_s)
     with _progress("reading") as (progress, task):
         progress.update(task, total=2 * len(files))
         outcome = import_records(files, table, wishes, lambda count: progress.advance(task, count))

@@ -76,3 +76,10 @@ def test_an_ensemble_of_another_version_is_refused(made, tmp_path, monkeypatch):
         Ensemble.write(tmp_path / "old", made[:1])
     with pytest.raises(InputError, match="of version 0"):
         Ensemble.load(tmp_path / "old")
+
+
+def test_every_column_of_the_catalogue_says_what_it_means_and_its_unit(ensemble):
+    for field in pq.read_table(ensemble.folder / CATALOG).schema:
+        assert field.metadata[b"description"], field.name
+        ending = field.name.rpartition("_")[2]
+        assert bool(field.metadata[b"unit"]) == (ending in {"s", "s2", "m", "km", "deg"}), field.name

@@ -1,6 +1,8 @@
 """The 140 records of the development data against the catalogue that comes with them."""
 
 import csv
+import dataclasses
+import re
 from pathlib import Path
 
 import pytest
@@ -58,8 +60,22 @@ def test_every_peer_record_has_the_catalogues_peaks():
     assert not outcome.refusals
 
 
-def test_miniseed_is_read_where_its_stationxml_is_there_and_refused_where_not():
+def test_counts_are_scaled_to_the_peaks_that_the_table_states_or_by_their_response():
     outcome = compared(["miniseed"])
+    assert len(outcome.records) == 11
+    assert not outcome.refusals
+    # Accelerometers of one network and make: some 213,800 counts per m/s2, whatever the shaking.
+    for record in outcome.records:
+        (told,) = [step for step in record.history if "counts per m/s2" in step]
+        assert float(re.search(r"([0-9.e+]+) counts", told).group(1)) == pytest.approx(213_800, rel=0.08)
+
+
+def test_counts_without_peaks_and_response_are_refused():
+    table = [
+        dataclasses.replace(entry, peaks_m_s2=(None, None, None))
+        for entry in read_table(RECORDS / "catalog.csv")
+    ]
+    outcome = import_records(record_files([RECORDS / "miniseed"]), table)
     with_response = any(path.suffix == ".xml" for path in (RECORDS / "miniseed").iterdir())
     assert len(outcome.records) == (11 if with_response else 0)
     assert all("unit" in refusal.reason.what for refusal in outcome.refusals)

@@ -2,6 +2,7 @@
 
 import json
 
+import numpy as np
 import pytest
 from click.testing import CliRunner
 from motion_samples import WRITERS, shaking
@@ -100,3 +101,38 @@ def test_select_makes_a_smaller_ensemble_of_the_same_records(made, tmp_path):
 @pytest.mark.parametrize("verb", ["import", "show", "select", "synthesise"])
 def test_help_shows_a_working_example(verb):
     assert f"toppling records {verb} " in run(verb, "--help").output
+
+
+def test_import_resamples_when_told_and_keeps_what_both_steps_can_hold(tmp_path):
+    folder = tmp_path / "in"
+    folder.mkdir()
+    WRITERS["peer"](folder, shaking())
+    run("import", folder, "--out", tmp_path / "own")
+    run("import", folder, "--out", tmp_path / "finer", "--time-step", 0.0025)
+    own, finer = (Ensemble.load(tmp_path / name) for name in ("own", "finer"))
+    (name,) = own.record_ids
+    assert finer.record(name).motion.time_step_s == 0.0025
+    assert any("resampled" in step for step in finer.record(name).history)
+    assert not any("resampled" in step for step in own.record(name).history)
+    # Velocity has little above a hundred hertz: a finer step shows the same peak.
+    assert finer.record(name).intensity["pgv_m_s"] == pytest.approx(
+        own.record(name).intensity["pgv_m_s"], rel=0.01
+    )
+
+
+@pytest.mark.parametrize(("peaks", "records"), [("2,4,1", 1), ("2,40,1", 0), ("2,,1", 0)])
+def test_peaks_of_the_table_scale_counts_of_one_instrument_and_no_others(tmp_path, peaks, records):
+    time = np.arange(2000) * 0.01
+    shape = np.sin(2 * np.pi * time) * np.exp(-((time - 10) ** 2))
+    # Counts with an offset; the sensitivity is 1000 counts per m/s2.
+    counts = [1000 * peak * shape / np.abs(shape).max() + 7 for peak in (2.0, 4.0, 1.0)]
+    np.savetxt(tmp_path / "rec.txt", np.column_stack([time, *counts]), fmt="%.6f")
+    table = tmp_path / "table.csv"
+    table.write_text(f"rec_id,h1,h2,v,pga_h1,pga_h2,pga_v\nA,rec.txt,rec.txt,rec.txt,{peaks}\n")
+    result = run("import", tmp_path / "rec.txt", "--out", tmp_path / "out", "--metadata", table, expect=None)
+    if records:
+        intensity = Ensemble.load(tmp_path / "out").record("A").intensity
+        assert intensity["pga_h1_m_s2"] == pytest.approx(2.0, rel=0.01)
+        assert intensity["pga_h2_m_s2"] == pytest.approx(4.0, rel=0.01)
+    else:
+        assert isinstance(result.exception, InputError)

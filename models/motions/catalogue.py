@@ -1,0 +1,66 @@
+"""What the columns of an ensemble's catalogue mean, and in which unit they are."""
+
+import re
+
+_MEANINGS = {
+    "record_id": "name of the record, unique in the ensemble",
+    "event": "earthquake",
+    "station": "station, or what stands for it",
+    "magnitude": "moment magnitude, or what the source states",
+    "distance_km": "distance to the source, of the kind that the source states",
+    "time_step_s": "time between samples",
+    "duration_s": "time of the last sample",
+    "samples": "samples of each component",
+    "north_known": "whether the components' azimuths are known; if not, the first horizontal is x",
+    "components": "3, or 2 where the vertical is missing and zero",
+    "quality": "corrected by its agency, processed here, drifting after it, uncorrected, or made",
+    "weight": "share of the record in a weighted ensemble; 1 in one without weights",
+    "history": "what was done to the motion, step by step",
+    "files": "paths as read",
+    "sha": "hash of samples, time step and azimuth of the strong component",
+    "pga_m_s2": "peak of the horizontal acceleration vector",
+    "pga_azimuth_deg": "azimuth of the horizontal acceleration at its peak",
+    "strong_azimuth_deg": "azimuth of the stronger horizontal component as recorded",
+    "pgv_m_s": "peak of the horizontal velocity vector",
+    "pgv_pga_s": "pgv_m_s over pga_m_s2",
+    "pgd_m": "peak of the horizontal displacement vector",
+    "arias_m_s": "Arias intensity, sum of the two horizontal components",
+    "cav_m_s": "cumulative absolute velocity of the horizontal vector",
+    "duration_energy_s": "5 to 95 % of the stronger component's integrated squared velocity (Anderson 2004)",
+    "duration_energy_vector_s": "5 to 95 % of the horizontal vector's integrated squared velocity",
+    "duration_arias_s": "5 to 95 % of integrated squared acceleration",
+    "directionality": "share of the peak reached more than 22.5 degrees away from its axis",
+}
+
+_PATTERNS = {
+    r"pg([av])_h([12])_": "peak {0} of horizontal component {1} as recorded",
+    r"pg([av])_vertical_": "peak of the vertical {0}'s size",
+    r"pg([av])_rotd(50|100)_": "{1} % quantile over all azimuths of the peak {0} (RotD{1}, Boore 2010)",
+    r"sa_rotd(50|100)_([0-9.]+)s_": "pseudo-spectral acceleration at {1} s, 5 % damping, RotD{0}",
+    r"sa_([0-9.]+)s_": "pseudo-spectral acceleration at {0} s, 5 % damping, largest of all azimuths",
+}
+"""Families of measures, by the beginning of their names."""
+
+_UNITS = {"_m_s2": "m/s2", "_m_s": "m/s", "_km": "km", "_deg": "deg", "_s": "s", "_m": "m"}
+"""Unit by the end of a name, the longest first."""
+
+
+def meaning(name: str) -> dict[str, str]:
+    """Unit and description of a column; both empty where the name says nothing.
+
+    Parameters
+    ----------
+    name : str
+        With its unit at the end where it has one.
+    """
+    unit = next((unit for ending, unit in _UNITS.items() if name.endswith(ending)), "")
+    return {"unit": unit, "description": _MEANINGS.get(name) or _by_pattern(name)}
+
+
+def _by_pattern(name: str) -> str:
+    for pattern, text in _PATTERNS.items():
+        if found := re.match(pattern, name):
+            return text.format(
+                *({"a": "acceleration", "v": "velocity"}.get(part, part) for part in found.groups())
+            )
+    return ""

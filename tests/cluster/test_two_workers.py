@@ -1,5 +1,6 @@
 """Real jobs on two real worker processes: the same rows whatever goes wrong."""
 
+import json
 import os
 import signal
 import threading
@@ -66,7 +67,6 @@ def test_killed_workers_cost_no_job(carry_out, client, undisturbed, tmp_path, fa
     assert answers_of(tmp_path / "run") == undisturbed
 
 
-@pytest.mark.slow
 def test_a_job_that_crashes_the_engine_is_the_only_one_lost(
     carry_out, undisturbed, planned, tmp_path, faults
 ):
@@ -114,7 +114,6 @@ def test_workers_that_die_before_their_start_is_complete_are_brought_back(
     assert answers_of(tmp_path / "run") == undisturbed
 
 
-@pytest.mark.slow
 def test_an_exception_in_a_job_is_a_row(carry_out, undisturbed, planned, tmp_path, faults):
     culprit = planned.spec(7).job_id
     faults.set(**{culprit: {"kind": "raise"}})
@@ -153,6 +152,49 @@ def test_torn_and_foreign_files_in_the_run_are_passed_over(carry_out, undisturbe
     carry_out(tmp_path / "run")
     assert "torn" in caplog.text
     assert answers_of(tmp_path / "run") == undisturbed
+
+
+def test_a_part_that_is_lost_while_the_run_goes_on_is_done_again(
+    carry_out, undisturbed, tmp_path, faults, monkeypatch, caplog
+):
+    monkeypatch.setattr(run_module, "FLUSH_S", (0.2, 0.2))
+    faults.set(every={"kind": "wait", "seconds": 0.02})
+    torn = []
+
+    def tear(tally):
+        if tally.stored and not torn:
+            torn.append(next((tmp_path / "run" / "parts").glob("part-*")))
+            torn[0].write_bytes(torn[0].read_bytes()[:50])
+
+    carry_out(tmp_path / "run", tear)
+    assert "rows were lost after they were stored" in caplog.text
+    assert answers_of(tmp_path / "run") == undisturbed
+
+
+def test_rows_of_another_run_are_set_aside(carry_out, undisturbed, tmp_path, faults):
+    def stop(tally):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        carry_out(tmp_path / "run", stop)
+    foreign = write_part(tmp_path / "run", [{**undisturbed[0], "job_id": "0" * 24, "attempt": 1}])
+    carry_out(tmp_path / "run")
+    assert not foreign.exists()
+    assert foreign.with_name(f"_{foreign.name}").exists()
+    assert answers_of(tmp_path / "run") == undisturbed
+
+
+def test_the_log_tells_the_session_from_begin_to_end(carry_out, undisturbed, tmp_path):
+    carry_out(tmp_path / "run")
+    told = [json.loads(line) for line in (tmp_path / "run" / "run.log").read_text().splitlines()]
+    assert told[0]["event"] == "session began"
+    assert told[0]["jobs"] == len(undisturbed)
+    assert (told[-1]["event"], told[-1]["how"], told[-1]["done"]) == (
+        "session ended",
+        "complete",
+        len(undisturbed),
+    )
+    assert sum(entry["event"] == "rows stored" for entry in told) >= 1
 
 
 @pytest.mark.slow

@@ -325,9 +325,14 @@ def _design(frame: pd.DataFrame, measures: Sequence[str]) -> NDArray[np.float64]
 
 
 def _grouped(frame: pd.DataFrame, measures: Sequence[str]) -> pd.DataFrame:
-    """Jobs of one record with equal measures together: the same likelihood at a fraction of the cost."""
-    grouped = frame.groupby(["record_id", *measures], sort=False)["toppled"]
-    return grouped.agg(share="mean", trials="size").reset_index()
+    """Jobs of one record with equal measures together: the same likelihood at a fraction of the cost.
+
+    A column `record_weight` (`Run.weighted`) multiplies the record's part of the likelihood.
+    """
+    weight = frame.get("record_weight", 1.0)
+    grouped = frame.assign(weight=weight).groupby(["record_id", *measures], sort=False)
+    table = grouped.agg(share=("toppled", "mean"), trials=("weight", "sum"))
+    return table.reset_index()
 
 
 def _regress(

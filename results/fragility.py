@@ -3,6 +3,9 @@
 A cell's probability is the share of its jobs that toppled. Its interval is Wilson's, with as many trials as
 there are distinct records in the cell: turned and perturbed copies of one record are not independent of each
 other. Jobs without an answer are counted, and left out of the probability.
+
+Where the frame has a column `record_weight` (`Run.weighted`), jobs count by it, and the number of records behind
+an interval is Kish's effective one, (sum of weights)^2 / sum of squared weights.
 """
 
 from collections.abc import Iterable
@@ -126,14 +129,20 @@ def cells(frame: pd.DataFrame, plane: Plane, *, thin_records: int = THIN_RECORDS
             "record_id": jobs["record_id"],
             "answered": jobs["toppled"].notna(),
             "toppled": jobs["toppled"].fillna(False).astype(bool),
+            "weight": jobs.get("record_weight", 1.0),
         }
     )
+    binned["answered_weight"] = binned["weight"] * binned["answered"]
+    binned["toppled_weight"] = binned["weight"] * binned["toppled"]
     grouped = binned.groupby(["x", "y"])
     counts = grouped.agg(all_jobs=("answered", "size"), jobs=("answered", "sum"), toppled=("toppled", "sum"))
     counts["records"] = binned[binned["answered"]].groupby(["x", "y"])["record_id"].nunique()
-    counts = counts.fillna({"records": 0}).astype(int).reset_index()
+    counts = counts.fillna({"records": 0}).astype(int)
+    counts[_WEIGHTS] = grouped[_WEIGHTS].sum()
+    counts["effective"] = _effective_records(binned[binned["answered"]])
+    counts = counts.fillna({"effective": 0.0}).reset_index()
     pool = {None: None, plane.x.column: "x", plane.y.column: "y"}[plane.share_within]
-    total = counts.groupby(pool)["all_jobs"].transform("sum") if pool else counts["all_jobs"].sum()
+    total = counts.groupby(pool)["weight"].transform("sum") if pool else counts["weight"].sum()
     table = pd.DataFrame(
         {
             **_bounds(plane.x, jobs[plane.x.column], x, counts["x"]),
@@ -144,12 +153,22 @@ def cells(frame: pd.DataFrame, plane: Plane, *, thin_records: int = THIN_RECORDS
             "toppled": counts["toppled"],
         }
     )
-    probability = (table["toppled"] / table["jobs"]).where(table["jobs"] > 0)
+    probability = (counts["toppled_weight"] / counts["answered_weight"]).where(table["jobs"] > 0)
     table["probability"] = probability
-    table["wilson_low"], table["wilson_high"] = wilson(probability, table["records"])
-    table["share"] = counts["all_jobs"] / total
-    table["thin"] = table["records"] < thin_records
+    table["wilson_low"], table["wilson_high"] = wilson(probability, counts["effective"])
+    table["share"] = counts["weight"] / total
+    table["thin"] = counts["effective"] < thin_records
     return table
+
+
+_WEIGHTS = ["weight", "answered_weight", "toppled_weight"]
+
+
+def _effective_records(binned: pd.DataFrame) -> "pd.Series[float]":
+    """Kish's number of records in each cell, by which weights of different size widen an interval."""
+    weight = binned.groupby(["x", "y", "record_id"])["weight"].first()
+    cell = ["x", "y"]
+    return weight.groupby(cell).sum() ** 2 / (weight**2).groupby(cell).sum()
 
 
 def cells_by_direction(

@@ -54,7 +54,7 @@ def report_page(run: Run, samples: int = 100, advance: Callable[[str], Any] = la
     InputError
         If no job has an answer yet.
     """
-    frame = run.frame()
+    frame = run.weighted(run.frame())
     if not frame["toppled"].notna().any():
         raise InputError(
             what=f"{len(frame)} jobs, none with an answer",
@@ -137,6 +137,12 @@ def _ensemble(run: Run, frame: pd.DataFrame) -> str:
     motions = run.motions()
     used = frame.drop_duplicates("record_id")
     lines = [f"<p>{len(used)} records of {used['event'].nunique()} named earthquakes.</p>"]
+    if "record_weight" in frame:
+        least, most = used["record_weight"].min(), used["record_weight"].max()
+        lines.append(
+            f"<p>The records are weighted by a hazard deaggregation, from {least:.3g} to {most:.3g} of an even share: "
+            "maps and fits count each by its weight.</p>"
+        )
     if motions is not None:
         catalogue = motions.to_pandas()
         catalogue = catalogue[catalogue["record_id"].isin(used["record_id"])]

@@ -75,6 +75,22 @@ class Run:
         """All rows as a pandas frame; `toppled` is a nullable boolean."""
         return as_frame(self.table())
 
+    def weighted(self, frame: pd.DataFrame) -> pd.DataFrame:
+        """Add `record_weight` (1 on average over the records in use) to rows of a run whose ensemble has weights.
+
+        Weights come from 'toppling records select --deaggregation'; without them the frame stays as it is.
+        """
+        motions = self.motions()
+        if motions is None or "weight" not in motions.column_names:
+            return frame
+        weights = dict(
+            zip(*(motions.column(name).to_pylist() for name in ("record_id", "weight")), strict=True)
+        )
+        used = [weights[name] for name in frame["record_id"].unique() if name in weights]
+        if len(set(used)) < 2:
+            return frame
+        return frame.assign(record_weight=frame["record_id"].map(weights) * (len(used) / sum(used)))
+
     def sql(self, query: str) -> pa.Table:
         """Answer of a DuckDB query over the tables `results`, `motions` and `scene`.
 

@@ -139,7 +139,8 @@ def _curve(path: Path, measure: str) -> Lognormal:
 
 
 def _fit(path: Path, measure: str) -> Lognormal | None:
-    jobs = answered(open_run(path).frame())
+    run = open_run(path)
+    jobs = answered(run.weighted(run.frame()))
     contacts = by_contact(jobs)
     if len(contacts) > 1:
         raise InputError(

@@ -25,6 +25,7 @@ FOLDER = click.Path(path_type=Path, file_okay=False)
 @click.argument("run", type=click.Path(path_type=Path))
 @click.option("--out", type=FOLDER, help="Folder; RUN/fragility if not given.")
 @click.option("--where", help="Only jobs that this condition of SQL holds for.")
+@click.option("--unweighted", is_flag=True, help="Leave the ensemble's weights aside.")
 @click.option("--pga-bin", type=WIDTH, help="m/s2; one bin a level if not given.")
 @click.option("--pgv-bin", type=WIDTH, default=0.25, show_default=True, help="m/s")
 @click.option("--pgv-pga-bin", type=WIDTH, default=0.05, show_default=True, help="s")
@@ -44,6 +45,7 @@ def fragility(
     run: Path,
     out: Path | None,
     where: str | None,
+    unweighted: bool,
     pga_bin: float | None,
     pgv_bin: float,
     pgv_pga_bin: float,
@@ -61,6 +63,8 @@ def fragility(
 
     The binning is the study's unless told otherwise. Direction bins are of the azimuth of the vector PGA,
     degrees counter-clockwise from east. Contacts that differ (friction, restitution) get their own folders.
+    Where the ensemble has weights (records select --deaggregation), maps and fits count each record by its own;
+    the ranking of measures, the rose and friction against friction count jobs.
 
     \b
     toppling fragility runs/first --fit
@@ -68,6 +72,8 @@ def fragility(
     """  # noqa: D301
     opened = open_run(run)
     jobs = as_frame(opened.sql(f"select * from results {f'where {where}' if where else ''}"))
+    if not unweighted:
+        jobs = opened.weighted(jobs)
     if not jobs["toppled"].notna().any():
         what = f"{len(jobs)} jobs, none with an answer"
         raise InputError(

@@ -2,6 +2,8 @@
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 from click.testing import CliRunner
 from hypothesis import Phase, given, settings
@@ -10,6 +12,7 @@ from seeded import row, rows
 
 from orchestrator.cli import cli
 from results.figures import direction_figure, map_figure, save
+from results.fits import answered, fit
 from results.fragility import PLANES, by_contact, cells, cells_by_direction, direction_bin_deg, wilson
 from results.run import open_run
 from results.store import write_part
@@ -154,3 +157,53 @@ def test_no_map_on_shared_axes_hides_a_cell_of_another(plane):
             corners = np.vstack([path.vertices for path in bars.get_paths()])
             assert left - 1e-9 <= corners[:, 0].min() <= corners[:, 0].max() <= right + 1e-9
             assert bottom - 1e-9 <= corners[:, 1].min() <= corners[:, 1].max() <= top + 1e-9
+
+
+def weighted(frame, weights):
+    return frame.assign(record_weight=frame["record_id"].map(weights))
+
+
+def test_a_record_of_whole_weight_counts_as_that_many_copies_in_cells_and_in_fits():
+    frame = answered(pd.DataFrame(rows(records=12, levels=range(1, 16, 2), azimuths=(0.0,))))
+    whole = {name: 1 + number % 3 for number, name in enumerate(sorted(frame["record_id"].unique()))}
+    copies = pd.concat(
+        [frame[frame["record_id"].map(whole) > copy].assign(copy=copy) for copy in range(3)],
+        ignore_index=True,
+    )
+    once, often = (cells(f, PLANES["pga_pgv"]) for f in (weighted(frame, whole), copies))
+    assert once["probability"].to_numpy() == pytest.approx(often["probability"].to_numpy())
+    assert once["share"].to_numpy() == pytest.approx(often["share"].to_numpy())
+    assert (once["records"] == often["records"]).all()  # copies are no new records
+    heavy, copied = fit(weighted(frame, whole), ["pgv_m_s"]), fit(copies, ["pgv_m_s"])
+    assert heavy.coefficients == pytest.approx(copied.coefficients, rel=1e-6)
+
+
+def test_equal_weights_change_nothing_and_unequal_ones_widen_the_interval():
+    frame = pd.DataFrame(rows(records=20, levels=range(1, 16, 2), azimuths=(0.0,)))
+    plain = cells(frame, PLANES["pga_duration"])
+    names = sorted(frame["record_id"].unique())
+    even = cells(weighted(frame, dict.fromkeys(names, 2.5)), PLANES["pga_duration"])
+    pd.testing.assert_frame_equal(plain, even)
+    # With one toppling share for all, weights leave the share alone and only shrink the number of records.
+    standing = frame.assign(toppled=pd.array([False] * len(frame), "boolean"))
+    uneven = cells(
+        weighted(standing, {name: 1.0 + 9.0 * (k % 2) for k, name in enumerate(names)}),
+        PLANES["pga_duration"],
+    )
+    level = cells(standing, PLANES["pga_duration"])
+    assert (uneven["wilson_high"] >= level["wilson_high"] - 1e-12).all()
+    assert (uneven["wilson_high"] > level["wilson_high"] + 1e-3).any()
+
+
+def test_a_run_takes_the_weights_of_its_ensemble(tmp_path):
+    write_part(tmp_path, rows(records=3, levels=(2, 4), azimuths=(0.0,)))
+    run = open_run(tmp_path)
+    assert "record_weight" not in run.weighted(run.frame())
+    (tmp_path / "ensemble").mkdir()
+    names = ["R000", "R001", "R002", "unused"]
+    for weights, told in (([1.0, 1.0, 1.0, 1.0], None), ([0.1, 0.2, 0.3, 0.4], {0.5, 1.0, 1.5})):
+        catalogue = pa.table({"record_id": names, "weight": weights})
+        pq.write_table(catalogue, tmp_path / "ensemble" / "catalog.parquet")
+        frame = run.weighted(run.frame())
+        found = set(frame["record_weight"].round(12)) if "record_weight" in frame else None
+        assert found == told

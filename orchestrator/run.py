@@ -36,7 +36,7 @@ log = logging.getLogger(__name__)
 BATCH_BUDGET_S = 2.0
 """Work of one task: a hundred times what handing it out costs, yet little to lose with a worker."""
 
-BATCHES_A_SECOND = 200
+BATCHES_A_SECOND = 100
 """What a scheduler hands out and takes back without being late; on larger clusters a task's work grows."""
 
 ROUNDS = 3

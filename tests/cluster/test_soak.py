@@ -38,6 +38,9 @@ QUIET = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
 RUN_BYTES = 6_000_000
 """Of the disk that fills up: the run's folder a few times over."""
 
+STRIKES_BEFORE_THE_END = 4
+"""Strikes that a session lives through before one may end it; otherwise none would get far."""
+
 ENDS_THE_CLIENT = {
     "client killed", "client killed before renaming", "Ctrl-C", "SIGTERM", "scheduler killed", "disk full",
 }  # fmt: skip
@@ -102,8 +105,8 @@ class Storm:
     def carry_out(self, run):
         """Start the command again and again until the run is complete."""
         self.run, complete = run, False
-        culprits = self.random.sample(self.job_ids, 4)
-        kinds = ("segfault", "segfault", "segfault", "hang")
+        kinds = ["segfault"] * 7 + ["hang"]
+        culprits = self.random.sample(self.job_ids, len(kinds))
         told = {job: {"kind": kind, "times": 1} for job, kind in zip(culprits, kinds, strict=True)}
         self.faults.set(every={"kind": "wait", "seconds": 0.04}, **told)
         while not complete:
@@ -112,7 +115,7 @@ class Storm:
         self.tally.update(f"job {told[job]['kind']}s" for job in struck)
 
     def _session(self):
-        self.session, environment = set(), dict(os.environ)
+        self.session, self.strikes, environment = set(), 0, dict(os.environ)
         if self.cluster and self.random.random() < 0.6:
             self.cluster.mend()
             where, host = ["--scheduler", SCHEDULER], self.cluster.hosts.hub
@@ -134,13 +137,17 @@ class Storm:
             return self._judge(told.read())
 
     def _strike_until_it_ends(self, *, outside):
-        pause, end = self.random.uniform(2, 6), time.monotonic() + 240
+        pause, end = self.random.uniform(1, 5), time.monotonic() + 240
+        stored = self.random.random() < 0.7 and len(self._parts())
         while True:
             try:
                 self.client.wait(pause)
             except subprocess.TimeoutExpired:
                 assert time.monotonic() < end, f"a run hangs after {self.tally}"
-                pause = self.random.uniform(0.1, 1.0)
+                if stored is not False and len(self._parts()) <= stored:
+                    pause = 0.3  # most sessions get to work before they are struck
+                    continue
+                stored, pause = False, self.random.uniform(0.2, 1.5)
                 if not self.over:
                     self._strike(outside)
                 elif outside:
@@ -189,12 +196,15 @@ class Storm:
         return True
 
     def _torn_part(self):
-        parts = sorted((self.run / "parts").glob("part-*-*"))
+        parts = self._parts()
         if not parts:
             return False
         part = self.random.choice(parts)
         os.truncate(part, self.random.randrange(max(part.stat().st_size, 1)))
         return True
+
+    def _parts(self):
+        return sorted((self.run / "parts").glob("part-*-*"))
 
     def _foreign_file(self):
         if not (self.run / "parts").exists():

@@ -148,4 +148,4 @@ def test_a_batch_is_as_long_as_its_time_leaves_room_for():
 
 def test_tasks_grow_with_the_cluster_so_that_the_scheduler_keeps_up():
     assert budget_s(1) == budget_s(100) == 2.0
-    assert budget_s(1000) == 5.0
+    assert budget_s(1000) == 10.0

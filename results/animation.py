@@ -5,12 +5,9 @@ from html import escape
 from pathlib import Path
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.collections import PolyCollection
 from matplotlib.colors import to_rgb
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
-from PIL import Image
+from PIL import Image, ImageDraw, ImageFont
 
 from models.scan.page import scene_figure
 from models.scan.picture import PEDESTAL_COLOUR, ROCK_COLOUR
@@ -23,6 +20,9 @@ PAGE_HZ, PAGE_POSES = 25.0, 1500
 
 GIF_HZ, GIF_FRAMES = 12.5, 75
 """Frames a second of a moving picture, and how many at most: a longer way is played faster."""
+
+GIF_PIXELS, OVERSAMPLING = 360, 2
+"""Width of a moving picture, and how much finer it is drawn, so that its edges are smooth."""
 
 ELEVATION_DEG = 15.0
 EYE = 1.6
@@ -182,18 +182,16 @@ def _picture(
         corners.append(seen[facing > 0])
         colours.append(np.outer(0.35 + 0.65 * facing[facing > 0], to_rgb(colour)))
     triangles, shades = np.vstack(corners), np.vstack(colours)
-    order = np.argsort(triangles[:, :, 2].mean(axis=1))
-    figure = Figure(figsize=(4.0, 4.0), dpi=90)
-    canvas = FigureCanvasAgg(figure)
-    axes = figure.add_axes((0, 0, 1, 1))
-    axes.add_collection(
-        PolyCollection(
-            list(triangles[order, :, :2]), facecolors=shades[order], antialiased=False, linewidths=0
-        )
-    )
     (x, y), half = window
-    axes.set(xlim=(x - half, x + half), ylim=(y - half, y + half))
-    axes.set_axis_off()
-    axes.text(0.02, 0.98, text, transform=axes.transAxes, va="top", size=10)
-    canvas.draw()
-    return Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
+    order = np.argsort(triangles[:, :, 2].mean(axis=1))
+    size = OVERSAMPLING * GIF_PIXELS
+    places = 0.5 * size * (1.0 + (triangles[order, :, :2] - (x, y)) / half * (1.0, -1.0))
+    image = Image.new("RGB", (size, size), "white")
+    draw = ImageDraw.Draw(image)
+    for corner, shade in zip(
+        places.reshape(-1, 6).tolist(), (255 * shades[order]).astype(int).tolist(), strict=True
+    ):
+        draw.polygon(corner, fill=tuple(shade))
+    small = image.resize((GIF_PIXELS, GIF_PIXELS), Image.Resampling.BOX)
+    ImageDraw.Draw(small).text((6, 6), text, fill="black", font=ImageFont.load_default(14))
+    return small

@@ -8,8 +8,7 @@ from rich.console import Console
 
 from models import ContactProperties, Motion, Scene
 from models.motions import idealised
-from orchestrator.verbs.replay import way_of
-from results.replay import write_way
+from orchestrator.verbs.replay import way_of, write_out
 
 SHAPES = ("sawtooth", "sine", "cosine", "ricker")
 
@@ -54,7 +53,7 @@ def pulse(
     """Shake the rock of SCENE with one pulse of velocity and show how it moves.
 
     Writes what 'toppling replay' writes: table, plots, a page that plays and turns with the mouse, and a GIF.
-    The defaults are the pulse of the study's figure 8. The same pulse sheds light on two rocks alike.
+    The defaults are the pulse of the study's figure 8.
 
     \b
     toppling pulse scenes/rock --azimuth 135 --out pulse
@@ -63,15 +62,13 @@ def pulse(
     if friction is not None:
         loaded = loaded.with_contact(ContactProperties.of(friction))
     motion = pulse_motion(shape, pgv_m_s, period_s, azimuth)
-    with Console(stderr=True).status("shaking") as status:
+    with Console(stderr=True).status("shaking"):
         way, result = way_of(loaded, motion, preset)
-        title = (
-            f"{shape}, PGV {pgv_m_s:g} m/s, period {period_s:g} s, azimuth {azimuth:g}°, "
-            f"friction {loaded.contact.friction_static:g}: {result.outcome or result.status}"
-        )
-        for path in write_way(way, out, title):
-            click.echo(path)
-            status.update(f"after {path.name}")
+    title = (
+        f"{shape}, PGV {pgv_m_s:g} m/s, period {period_s:g} s, azimuth {azimuth:g}°, "
+        f"friction {loaded.contact.friction_static:g}: {result.outcome or result.status}"
+    )
+    write_out(way, out, title)
     click.echo(title)
 
 

@@ -7,6 +7,7 @@ import click
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 from rich.console import Console
+from rich.progress import track
 
 from models import InputError, Motion, Scene
 from models.motions.ensemble import Ensemble
@@ -40,15 +41,13 @@ def replay(run: Path, job: str, out: Path | None) -> None:
     spec, job_id = _specification(run, job)
     assets = Assets(Scene.load(run / "scene"), Ensemble.load(run / "ensemble"))
     scene, imposed = prepared(spec, assets)
-    with Console(stderr=True).status(f"job {job_id}") as status:
+    with Console(stderr=True).status("shaking"):
         way, result = way_of(scene, imposed.motion, spec.preset)
-        title = (
-            f"{spec.record_id}, PGA {spec.pga_m_s2:g} m/s², azimuth {spec.azimuth_deg:g}°, "
-            f"friction {spec.friction_static:g}: {result.outcome or result.status}"
-        )
-        for path in write_way(way, out or run / "replay" / job_id, title):
-            click.echo(path)
-            status.update(f"after {path.name}")
+    title = (
+        f"{spec.record_id}, PGA {spec.pga_m_s2:g} m/s², azimuth {spec.azimuth_deg:g}°, "
+        f"friction {spec.friction_static:g}: {result.outcome or result.status}"
+    )
+    write_out(way, out or run / "replay" / job_id, title)
     row = _row(run, job_id)
     again = outcome_of(result)
     differing = [] if row is None else [_difference(name, row[name], again[name]) for name in _OUTCOME]
@@ -78,6 +77,14 @@ def way_of(scene: Scene, motion: Motion, preset: str) -> tuple[Way, ShakeResult]
     kept = result.trajectory
     poses = kept.time_s, kept.position_m, kept.quaternion_xyzw
     return Way(settled(scene), motion, *poses, topple_time_s=result.topple_time_s), result
+
+
+def write_out(way: Way, folder: Path, title: str) -> None:
+    """Write all that shows a way, and name each file."""
+    for path in track(
+        write_way(way, folder, title), "drawing", total=6, console=Console(stderr=True), transient=True
+    ):
+        click.echo(path)
 
 
 _OUTCOME = [

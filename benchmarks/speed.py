@@ -39,8 +39,10 @@ def record(seed: int, peak_m_s2: float, seconds: float = 20.0) -> Motion:
 def bare_loop(scene: Scene, motion: Motion, steps: int) -> float:
     """Seconds for setGravity and stepSimulation alone, over the same world and the same pulls."""
     contact = contact_of(settled(scene))
-    step_s = settings_of("standard").time_step_s(contact.half_diagonal_m, scene.gravity_m_s2)
-    engine = engine_for(contact, 8.0, scene.contact.friction_static, scene.gravity_m_s2 * step_s, 0)
+    settings = settings_of("standard")
+    step_s = settings.time_step_s(contact.half_diagonal_m, scene.gravity_m_s2)
+    impulse = scene.gravity_m_s2 * step_s
+    engine = engine_for(contact, 8.0, scene.contact.friction_static, impulse, settings.iterations, 0)
     engine.set_state((tuple(contact.com_m), tuple(contact.start_quaternion_xyzw)), np.zeros(3), np.zeros(3))
     pulls = np.array([0.0, 0.0, -scene.gravity_m_s2]) - motion.mean_between(np.arange(steps + 1) * step_s)
     pulls = pulls.tolist()

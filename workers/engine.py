@@ -22,14 +22,12 @@ NEAR_SHARE, FAR_SHARE = 3e-4, 3e-2
 catches every landing that is too slow to cut a step at, and keeps the solver's work small; the far one serves around a
 cut."""
 
-SOLVER_ITERATIONS = 20
-
 COLD_ITERATIONS = 100
 """Of the first step in a new state, which has no impulses of a step before to start from."""
 
 RESIDUAL_SHARE = 1e-3
 """The solver stops before its last iteration once no impulse (at unit mass) changes by more than this share of
-gravity's in a step: overturning thresholds then agree with fifty iterations within 0.05 %, at a third of the cost."""
+gravity's in a step."""
 
 
 class Engine:
@@ -44,20 +42,29 @@ class Engine:
         Coefficient of the pair.
     impulse_m_s : float
         Velocity that gravity gives in one step: what the solver's residual is measured against.
+    iterations : int
+        Most iterations of the solver in a step.
     slot : int
         Which of the process's worlds to use; an earlier engine in it is lost.
     """
 
     def __init__(
-        self, contact: ContactModel, points: int, friction: float, impulse_m_s: float, slot: int
+        self,
+        contact: ContactModel,
+        points: int,
+        friction: float,
+        impulse_m_s: float,
+        iterations: int,
+        slot: int,
     ) -> None:
         self._client = _client(slot)
         self._contact = contact
+        self._iterations = iterations
         self.points = points
         pybullet.resetSimulation(physicsClientId=self._client)
         pybullet.setPhysicsEngineParameter(
             numSubSteps=0,
-            numSolverIterations=SOLVER_ITERATIONS,
+            numSolverIterations=iterations,
             solverResidualThreshold=(RESIDUAL_SHARE * impulse_m_s) ** 2,
             deterministicOverlappingPairs=1,
             enableConeFriction=1,
@@ -84,7 +91,7 @@ class Engine:
         """
         pybullet.setPhysicsEngineParameter(
             contactBreakingThreshold=FAR_SHARE if far else NEAR_SHARE,
-            numSolverIterations=COLD_ITERATIONS,
+            numSolverIterations=max(COLD_ITERATIONS, self._iterations),
             physicsClientId=self._client,
         )
         self._cold = True
@@ -110,7 +117,7 @@ class Engine:
         if self._cold:
             self._cold = False
             pybullet.setPhysicsEngineParameter(
-                numSolverIterations=SOLVER_ITERATIONS, physicsClientId=self._client
+                numSolverIterations=self._iterations, physicsClientId=self._client
             )
         return pybullet.getBasePositionAndOrientation(self._rock, self._client)
 

@@ -27,7 +27,7 @@ from models.statics import (
 from workers import quaternion as quat
 from workers.contact import LARGEST_OPEN_TILT_DEG, REACH_DEG, ContactModel
 from workers.engine import Pose
-from workers.presets import settings_of
+from workers.presets import Settings, settings_of
 from workers.quaternion import turn_vector
 from workers.stepping import Stepper, engine_for
 
@@ -185,7 +185,7 @@ def shake(
     step_s = settings.time_step_s(contact.half_diagonal_m, scene.gravity_m_s2)
     if time_step is not None:
         step_s = _checked_step(time_step, contact.half_diagonal_m, scene.gravity_m_s2)
-    run = _Run(scene, contact, motion, step_s, settings.resolved_landing, start_from, shortcuts)
+    run = _Run(scene, contact, motion, step_s, settings, start_from, shortcuts)
     status, ended_by = run.to_the_end()
     return run.report(status, ended_by, began, trajectory)
 
@@ -223,7 +223,7 @@ class _Run:
         contact: ContactModel,
         motion: Motion,
         step_s: float,
-        resolved_landing: float,
+        settings: Settings,
         start: State | None,
         shortcuts: bool,
     ) -> None:
@@ -246,7 +246,8 @@ class _Run:
             self.gravity,
             lambda times: motion.velocity_at(times) @ turn,
             step_s,
-            resolved_landing * speed_m_s,
+            settings.resolved_landing * speed_m_s,
+            settings.iterations,
             pose,
             velocity,
             spin,
@@ -439,9 +440,12 @@ def _let_down(scene: Scene) -> Scene:
     contact = contact_of(scene)
     turn = contact.scene_from_support
     gravity = np.array([0.0, 0.0, -scene.gravity_m_s2]) @ turn
-    step_s = settings_of("standard").time_step_s(contact.half_diagonal_m, scene.gravity_m_s2)
+    settings = settings_of("standard")
+    step_s = settings.time_step_s(contact.half_diagonal_m, scene.gravity_m_s2)
     friction, impulse = scene.contact.friction_static, scene.gravity_m_s2 * step_s
-    engine = engine_for(contact, LARGEST_OPEN_TILT_DEG, friction, impulse, len(REACH_DEG) - 1)
+    engine = engine_for(
+        contact, LARGEST_OPEN_TILT_DEG, friction, impulse, settings.iterations, len(REACH_DEG) - 1
+    )
     pose: Pose = (tuple(contact.com_m), tuple(contact.start_quaternion_xyzw))
     lowest = contact.gaps_m(np.array([pose[0]]), np.array([pose[1]])).min()
     pose = ((pose[0][0], pose[0][1], pose[0][2] - lowest), pose[1])

@@ -57,6 +57,8 @@ class Stepper:
     time_step_s : float
     resolved_landing_m_s : float
         Steps are cut at landings that are faster than this.
+    iterations : int
+        Most iterations of the contact solver in a step.
     pose, velocity_m_s, angular_velocity_rad_s
         State at time 0, support frame; the velocities belong to the start itself, not to a step's middle.
     """
@@ -69,6 +71,7 @@ class Stepper:
         ground_velocity_m_s: Callable[[Array], Array],
         time_step_s: float,
         resolved_landing_m_s: float,
+        iterations: int,
         pose: Pose,
         velocity_m_s: Array,
         angular_velocity_rad_s: Array,
@@ -79,6 +82,7 @@ class Stepper:
         self._ground_velocity = ground_velocity_m_s
         self._step = time_step_s
         self._fast = resolved_landing_m_s
+        self._iterations = iterations
         self._grid = 0
         self._ahead = SHORT_CHUNK
         self._pulls: list[list[float]] = []
@@ -126,7 +130,8 @@ class Stepper:
         while self._reach < len(REACH_DEG) - 1 and tilt_deg > REACH_DEG[self._reach] - REACH_MARGIN_DEG:
             self._reach += 1
         impulse = float(np.linalg.norm(self._gravity)) * self._step
-        return engine_for(self._contact, REACH_DEG[self._reach], self._friction, impulse, self._reach)
+        tilt, contact = REACH_DEG[self._reach], self._contact
+        return engine_for(contact, tilt, self._friction, impulse, self._iterations, self._reach)
 
     def velocities(self, index: int) -> tuple[Array, Array]:
         """Velocity (m/s) and angular velocity (rad/s) in the step that led to pose `index`."""
@@ -259,16 +264,17 @@ class Stepper:
 
 
 def engine_for(
-    contact: ContactModel, tilt_deg: float, friction: float, impulse_m_s: float, slot: int
+    contact: ContactModel, tilt_deg: float, friction: float, impulse_m_s: float, iterations: int, slot: int
 ) -> Engine:
     """A world for the tilts up to `tilt_deg`, kept while the same rock is shaken again; one at a time in a slot."""
-    wanted = (contact, tilt_deg, friction, impulse_m_s)
+    wanted = (contact, tilt_deg, friction, impulse_m_s, iterations)
     if slot not in _IN_SLOT or _IN_SLOT[slot][0] != wanted:  # making a world destroys the slot's former one
-        _IN_SLOT[slot] = wanted, Engine(contact, contact.points_within(tilt_deg), friction, impulse_m_s, slot)
+        points = contact.points_within(tilt_deg)
+        _IN_SLOT[slot] = wanted, Engine(contact, points, friction, impulse_m_s, iterations, slot)
     return _IN_SLOT[slot][1]
 
 
-_IN_SLOT: dict[int, tuple[tuple[ContactModel, float, float, float], Engine]] = {}
+_IN_SLOT: dict[int, tuple[tuple[ContactModel, float, float, float, int], Engine]] = {}
 
 
 PULLS_AT_ONCE = 1024

@@ -29,7 +29,7 @@ from orchestrator.plan import plan
 from workers.job import Assets, run_job
 
 FAULTS = int(os.environ.get("TOPPLING_SOAK_FAULTS", "300"))
-LIMIT_S = float(os.environ.get("TOPPLING_SOAK_S", "900"))
+LIMIT_S = float(os.environ.get("TOPPLING_SOAK_S", "1500"))
 SEED = 20260611
 SCHEDULER = f"tcp://{HUB_ADDRESS}:8786"
 PROGRAM = str(Path(__file__).with_name("soaked_client.py"))

@@ -168,8 +168,11 @@ def _core(points_m: Array, directions: Array, tolerance_m: float) -> NDArray[np.
 
 def _open_directions(hull: ConvexHull) -> Array:
     """Normals of the hull's facets, and a direction within each vertex's cone, up to the largest open tilt."""
-    normals, corners = hull.equations[:, :3], hull.simplices.ravel()
-    around = np.repeat(normals, 3, axis=0)
+    normals = hull.equations[:, :3]
+    # Each flat face counts once at a vertex, however many triangles it has there.
+    flat, face = np.unique(normals.round(9), axis=0, return_inverse=True)
+    corners, at = np.unique(np.column_stack([hull.simplices.ravel(), np.repeat(face.ravel(), 3)]), axis=0).T
+    around = flat[at]
     mean, lowest = np.zeros_like(hull.points), np.zeros_like(hull.points)
     np.add.at(mean, corners, around)
     by_height = np.argsort(-around[:, 2], kind="stable")

@@ -208,14 +208,14 @@ class Scene:
         target.parent.mkdir(parents=True, exist_ok=True)
         staging = target.with_name(f".{target.name}.{os.getpid()}.tmp")
         staging.mkdir()
-        (staging / "scene.json").write_text(json.dumps(self.to_json(), indent=1) + "\n")
+        (staging / "scene.json").write_text(json.dumps(self.to_json(), indent=1, allow_nan=False) + "\n")
         write_ply(staging / "rock.ply", self.rock.vertices_m, self.rock.faces)
         write_ply(staging / "pedestal.ply", *self._pedestal_triangles())
         staging.rename(target)
         return target
 
     def to_json(self) -> dict[str, Any]:
-        """The content of `scene.json`."""
+        """The content of `scene.json`; what is not finite (an acceleration that nothing reaches) is null."""
         slope, downhill = self.pedestal.slope_deg, self.pedestal.downhill_azimuth_deg
         interface = {
             "slope_deg": slope,
@@ -224,7 +224,7 @@ class Scene:
             "normal": self.pedestal.normal.tolist(),
         }
         report = {key: value for key, value in self.report.items() if key != "interface"}
-        return {
+        content = {
             "schema_version": SCHEMA_VERSION,
             "id": self.id,
             "origin_m": self.origin_m.tolist(),
@@ -247,6 +247,7 @@ class Scene:
             ],
             "report": report,
         }
+        return _finite(content)
 
     @classmethod
     def load(cls, folder: str | os.PathLike[str]) -> "Scene":
@@ -330,6 +331,15 @@ def write_ply(path: Path, vertices_m: NDArray[np.float64], faces: NDArray[np.int
     rows = np.empty(len(faces), dtype=[("count", "u1"), ("index", "<i4", 3)])
     rows["count"], rows["index"] = 3, faces
     path.write_bytes(header.encode() + np.ascontiguousarray(vertices_m, "<f8").tobytes() + rows.tobytes())
+
+
+def _finite(value: Any) -> Any:
+    """The same content with null for numbers that JSON cannot say."""
+    if isinstance(value, Mapping):
+        return {key: _finite(each) for key, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(each) for each in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def _plane(slope_deg: float, downhill_azimuth_deg: float) -> Pedestal:

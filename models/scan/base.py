@@ -5,9 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
-from scipy.spatial import ConvexHull, cKDTree
+from scipy.spatial import cKDTree
 
 from models.scan.crevice import Grid, smooth_sheet, without_strays
+from models.scan.word import Word
 
 CELLS_PER_HEIGHT = 200
 RIM_PER_HEIGHT = 0.06
@@ -18,7 +19,7 @@ RESTING_PER_HEIGHT = 0.0008
 HOLE_SPACINGS = 1.3
 """A gap between seen points is a hole from this many of their spacings (to the seventh neighbour)."""
 CORES_OF_HOLES = (0.8, 0.6, 0.4, 0.2, 0.0)
-"""The rock rests where a foot's hole is at least this share of its greatest depth: the first that holds it."""
+"""The rock rests where a foot's hole is at least this share of its greatest depth: the first on which it stands."""
 FLAT_SHARE = 0.5
 """A hole that takes up more than this share of the hidden base is a flat base, not a foot."""
 SIDE_PER_HEIGHT = 0.006
@@ -46,7 +47,11 @@ class Base:
 
 
 def hidden_base(
-    rock: NDArray[np.float64], pedestal: NDArray[np.float64], height_m: float, core: float
+    rock: NDArray[np.float64],
+    pedestal: NDArray[np.float64],
+    height_m: float,
+    core: float,
+    word: Word | None = None,
 ) -> Base:
     """Close the underside: as little bent as its seen rim allows, resting where the pedestal was not seen.
 
@@ -58,6 +63,8 @@ def hidden_base(
         Height of the rock.
     core : float
         Share of a hole's depth from which the rock rests in it; smaller gives wider feet.
+    word : Word, optional
+        If it is a contact outline, the rock rests inside it and nowhere else.
     """
     cell = height_m / CELLS_PER_HEIGHT
     low = without_strays(rock[rock[:, 2] < RIM_PER_HEIGHT * height_m])
@@ -66,29 +73,25 @@ def hidden_base(
     closed = ndimage.binary_closing(np.pad(seen, 12), iterations=12)[12:-12, 12:-12] | seen
     hidden = ndimage.binary_fill_holes(closed) & ~seen
     hidden = _largest(ndimage.binary_opening(hidden, iterations=3))
+    outline = word.inside(grid.nodes_m) if word is not None and word.encloses else None
+    if outline is not None:
+        seen, hidden = seen & ~outline, hidden | outline
     lit = without_strays(pedestal[np.abs(pedestal[:, 2]) < 0.5 * RIM_PER_HEIGHT * height_m], alone=6.0)
     # Points at the border may be the pedestal beside the rock.
     within = ndimage.binary_erosion(hidden, iterations=3)
     depth = _hole_depth(grid, lit[within.ravel()[grid.index(lit)]]) * hidden
     rests = _deepest(depth, hidden, core)
+    if outline is not None:
+        rests, depth = outline, np.where(outline, 10.0, 0.0)
     weight = np.where(seen, 3.0, np.where(rests, HOLE_STIFFNESS * depth**2, 0.0))
     sheet = smooth_sheet(grid, np.where(seen, seen_height, 0.0), weight, stiffness=1.0)
     to_the_side = ndimage.binary_dilation(seen & (seen_height < SIDE_PER_HEIGHT * height_m), iterations=3)
-    sheet = np.where(to_the_side & rests, 0.0, sheet)
+    sheet = np.where(rests & (to_the_side if outline is None else outline), 0.0, sheet)
     sheet = np.where(hidden & ~rests, np.maximum(sheet, LEAST_GAP_PER_HEIGHT * height_m), sheet)
     into_seen = ndimage.distance_transform_edt(~hidden)
     # Beside the hidden part the seen surface rules: the sheet gives way to it within a few cells.
     sheet = sheet - 0.002 * height_m * np.maximum(into_seen - 1.0, 0.0)
     return Base(grid, np.where(sheet < RESTING_PER_HEIGHT * height_m, 0.0, sheet), hidden)
-
-
-def holds(base: Base, pierced_m: NDArray[np.float64]) -> bool:
-    """Whether a point of the interface plane (u, v) lies among the places where the rock rests."""
-    rests = base.grid.nodes_m[base.hidden & (base.height_m == 0.0)]
-    if len(rests) < 3 or np.linalg.matrix_rank(rests - rests.mean(axis=0), tol=base.grid.cell_m) < 2:
-        return False
-    hull = ConvexHull(rests)
-    return bool((hull.equations[:, :2] @ pierced_m + hull.equations[:, 2]).max() < -base.grid.cell_m)
 
 
 def _largest(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:

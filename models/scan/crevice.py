@@ -95,9 +95,14 @@ def _laplacian(shape: tuple[int, int]) -> csc_matrix:
 
 
 def judge_crevice(
-    points_m: NDArray[np.float64], label: NDArray[np.int8], interface: Interface, height_m: float
+    points_m: NDArray[np.float64],
+    label: NDArray[np.int8],
+    interface: Interface,
+    height_m: float,
+    *,
+    refit: bool = True,
 ) -> tuple[NDArray[np.int8], Interface]:
-    """Judge the labels near the interface anew, and fit the interface anew to what they show."""
+    """Judge the labels near the interface anew, and fit the interface anew to what they show unless it is given."""
     low = points_m[label == ROCK]
     low = low[np.abs(interface.flat(low)[:, 2]) < BAND_PER_HEIGHT * height_m]
     margin = 0.15 * height_m
@@ -105,7 +110,8 @@ def judge_crevice(
     near, near_label = points_m[around], label[around]
     for _ in range(2):
         near_label = _relabelled(near, near_label, interface, height_m)
-        interface = _refitted(near, near_label, interface, height_m)
+        if refit:
+            interface = refitted(near, near_label, interface, height_m)
     label = label.copy()
     label[around] = near_label
     return label, interface
@@ -157,7 +163,7 @@ def pedestal_sheet(
     return sheet, tolerance
 
 
-def _refitted(
+def refitted(
     points_m: NDArray[np.float64], label: NDArray[np.int8], interface: Interface, height_m: float
 ) -> Interface:
     """Plane through the pedestal's points, each with a say that fades with its distance from the rock."""

@@ -1,6 +1,7 @@
 """The pedestal's surface around the rock, over the interface plane, and the edges where it ends."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import contourpy
 import numpy as np
@@ -71,6 +72,24 @@ def pedestal_ground(
         outline_m,
         [interface.scene(edge) for edge in edges],
     )
+
+
+def kept_of(ground: Ground, seen_m: NDArray[np.float64], interface: Interface) -> dict[str, Any]:
+    """How much of what was seen of the pedestal the scene keeps, and why not the rest."""
+    assert ground.pedestal.vertices_m is not None
+    assert ground.pedestal.faces is not None
+    kept = interface.flat(ground.pedestal.vertices_m)[:, :2]
+    step = max(1, len(seen_m) // 100_000)
+    flat = interface.flat(seen_m[::step])[:, :2]
+    cell = float(np.diff(np.unique(np.round(kept[:, 0], 9))).max()) if len(kept) else 0.0
+    inside = cKDTree(kept).query(flat, distance_upper_bound=cell)[0] <= cell
+    return {
+        "triangles": len(ground.pedestal.faces),
+        "resolution_m": cell,
+        "kept_share_of_points": float(inside.mean()),
+        "left_away": f"what lies farther from the rock's outline than {REACH_HEIGHTS} of its height, and below cliff "
+        "edges: a rock that gets there has toppled",
+    }
 
 
 def _inside(nodes: NDArray[np.float64], polygon: NDArray[np.float64]) -> NDArray[np.bool_]:

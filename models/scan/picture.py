@@ -91,9 +91,9 @@ def _draw_plan(axes: Axes, scene: Scene) -> None:
 def _draw_statics(axes: Axes, scene: Scene) -> None:
     table = scene.to_json()["quasi_static_toppling_m_s2"]
     azimuth = np.deg2rad([row["azimuth_deg"] for row in table])
-    value = np.array([row["value"] for row in table])
+    value = np.array([row["value"] for row in table], float)
     axes.plot(np.append(azimuth, azimuth[0]), np.append(value, value[0]), color=ROCK_COLOUR)
-    axes.set_ylim(0, min(2.0 * np.median(value), np.nanmax(value[np.isfinite(value)])) * 1.05)
+    axes.set_ylim(0, min(2.0 * np.nanmedian(value), np.nanmax(value)) * 1.05)
     axes.set_title("quasi-static toppling acceleration, m/s², by azimuth of the ground's acceleration")
 
 

@@ -19,6 +19,7 @@ from scipy.spatial import cKDTree
 
 from models.errors import InputError
 from models.scan.surfels import Surfels, orient, thin
+from models.scan.word import Word
 
 ROCK, PEDESTAL, NEITHER = 0, 1, 2
 
@@ -28,6 +29,8 @@ LEAST_PEAK_VOXELS = 6
 """A peak lower than this many coarse voxels is roughness."""
 CLUTTER_ROUGHNESS = 0.6
 """Median thickness over width above which a neighbourhood is clutter."""
+LEAST_SURFELS_ABOVE = 50
+"""Fewer patches above an interface that the user names are no rock."""
 LEAST_CONCAVE_SHARE = 0.3
 """Share of the coarse cut's edges that must run through a crease: a hummock's foot has none."""
 RIVAL_SHARE = 0.6
@@ -70,7 +73,9 @@ class Segmentation:
     others: list[tuple[float, float, float, float]]
 
 
-def segment(points_m: NDArray[np.float64], near_m: NDArray[np.float64] | None = None) -> Segmentation:
+def segment(
+    points_m: NDArray[np.float64], near_m: NDArray[np.float64] | None = None, word: Word | None = None
+) -> Segmentation:
     """Split a cloud into rock, pedestal and neither.
 
     Parameters
@@ -78,6 +83,8 @@ def segment(points_m: NDArray[np.float64], near_m: NDArray[np.float64] | None = 
     points_m : (n, 3) array
     near_m : (2,) array, optional
         x, y near the top of the rock that is meant, where several stand.
+    word : Word, optional
+        The interface as the user knows it: the rock is what stands on it.
 
     Raises
     ------
@@ -85,9 +92,48 @@ def segment(points_m: NDArray[np.float64], near_m: NDArray[np.float64] | None = 
         If nothing in the cloud stands on anything, or two things stand there equally.
     """
     coarse = _coarse_surfels(points_m)
+    if word is not None:
+        return _refine(points_m, coarse, _standing_on(coarse, word), [], word)
     candidates = find_candidates(coarse)
     chosen = _choose(candidates, near_m)
     return _refine(points_m, coarse, chosen, [c for c in candidates if c is not chosen])
+
+
+def _standing_on(surfels: Surfels, word: Word) -> Candidate:
+    """Cut off what stands on the interface that the user names."""
+    edges, _ = _neighbourhood(surfels.points_m, surfels.voxel_m)
+    points = surfels.points_m
+    height = word.interface.flat(points)[:, 2]
+    above = height > 2.0 * surfels.voxel_m
+    inside = edges[above[edges].all(axis=1)]
+    graph = coo_matrix((np.ones(len(inside)), inside.T), shape=(len(points),) * 2)
+    part = connected_components(graph, directed=False)[1]
+    away = np.median([np.linalg.norm(points - anchor, axis=1) for anchor in word.anchors_m], axis=0)
+    large = above & (np.bincount(part)[part] >= LEAST_SURFELS_ABOVE)
+    if not large.any():
+        raise InputError(
+            "nothing stands above the interface that is given",
+            where=f"the interface's {word.kind}",
+            expected="a plane below the rock, above the rest",
+            remedy="check its height and slope; azimuths are counted from east to north",
+        )
+    chosen = part == part[large][np.argmin(away[large])]
+    peak = int(np.argmax(np.where(chosen, height, -np.inf)))
+    seeds = _component_of(peak, chosen & (height > 0.4 * height[peak]), edges)
+    axis = np.median(points[seeds, :2], axis=0)
+    reach = 1.2 * height[peak] + np.quantile(np.hypot(*(points[seeds, :2] - axis).T), 0.95)
+    far = (np.hypot(*(points[:, :2] - axis).T) > reach) | (height < -2.0 * surfels.voxel_m)
+    far &= ~seeds
+    if not far.any():
+        raise InputError(
+            "nothing lies below the interface that is given",
+            where=f"the interface's {word.kind}",
+            expected="a plane below the rock, above the rest",
+            remedy="check its height; a cloud cropped to the rock shows no pedestal to stand on",
+        )
+    rock, concave_share = _minimum_cut(surfels, edges, seeds, far, height)
+    rock = _component_of(peak, rock, edges)
+    return Candidate(float(np.ptp(points[rock, 2])), points[peak], rock, concave_share)
 
 
 def _coarse_surfels(points_m: NDArray[np.float64]) -> Surfels:
@@ -198,12 +244,21 @@ def _component_of(member: int, among: NDArray[np.bool_], edges: NDArray[np.int64
 
 
 def _minimum_cut(
-    surfels: Surfels, edges: NDArray[np.int64], seeds: NDArray[np.bool_], far: NDArray[np.bool_]
+    surfels: Surfels,
+    edges: NDArray[np.int64],
+    seeds: NDArray[np.bool_],
+    far: NDArray[np.bool_],
+    height_m: NDArray[np.float64] | None = None,
 ) -> tuple[NDArray[np.bool_], float]:
-    """Surfels on the seeds' side of the cheapest cut, and the share of the cut edges that are concave."""
+    """Surfels on the seeds' side of the cheapest cut, and the share of the cut edges that are concave.
+
+    Where heights over a known interface are given, edges through it cost next to nothing.
+    """
     count = len(surfels.points_m)
     bend = _bend(surfels, edges)
     capacity = np.rint(10 + 1000 / (1 + np.exp(-(bend + 0.25) / 0.08))).astype(np.int32)
+    if height_m is not None:
+        capacity[(height_m[edges] > 0.0).sum(axis=1) == 1] = 1
     source, sink = count, count + 1
     big = np.int32(10_000_000)
     start = np.concatenate([edges[:, 0], edges[:, 1], np.full(seeds.sum(), source), np.flatnonzero(far)])
@@ -262,7 +317,11 @@ def _choose(candidates: list[Candidate], near_m: NDArray[np.float64] | None) -> 
 
 
 def _refine(
-    points_m: NDArray[np.float64], coarse: Surfels, chosen: Candidate, others: list[Candidate]
+    points_m: NDArray[np.float64],
+    coarse: Surfels,
+    chosen: Candidate,
+    others: list[Candidate],
+    word: Word | None = None,
 ) -> Segmentation:
     """Cut again at a hundredth of the rock's height, and label every point."""
     rock = coarse.points_m[chosen.rock]
@@ -277,7 +336,12 @@ def _refine(
     edges, _ = _neighbourhood(surfels.points_m, voxel)
     _, near = cKDTree(coarse.points_m).query(surfels.points_m, 8)
     votes = chosen.rock[near].mean(axis=1)
-    fine_rock, concave_share = _minimum_cut(surfels, edges, votes == 1.0, votes == 0.0)
+    if word is None:
+        fine_rock, concave_share = _minimum_cut(surfels, edges, votes == 1.0, votes == 0.0)
+    else:
+        over = word.interface.flat(surfels.points_m)[:, 2]
+        seeds, far = (votes == 1.0) & (over > 2.0 * voxel), (votes == 0.0) | (over < -2.0 * voxel)
+        fine_rock, concave_share = _minimum_cut(surfels, edges, seeds, far, over)
     surfel_label = np.where(fine_rock, ROCK, PEDESTAL).astype(np.int8)
     label = np.full(len(points_m), PEDESTAL, np.int8)
     nearest = (

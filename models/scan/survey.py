@@ -1,9 +1,11 @@
 """From clouds to a scene: the whole way of `toppling scan`."""
 
+import dataclasses
 import io
 import os
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -12,17 +14,20 @@ from scipy.spatial import ConvexHull, cKDTree
 
 from models.errors import InputError
 from models.rock import Rock
-from models.scan.base import CORES_OF_HOLES, hidden_base, holds
-from models.scan.close import close_rock
 from models.scan.crevice import judge_crevice
-from models.scan.ground import pedestal_ground
+from models.scan.ground import kept_of, pedestal_ground
 from models.scan.interface import Interface, fit_interface
+from models.scan.measure import SeenRock, close_standing, confidence, slenderness, uncertainty
 from models.scan.picture import draw_scene
 from models.scan.read import Cloud
-from models.scan.segment import PEDESTAL, ROCK, Segmentation, label_surfels, segment
+from models.scan.register import register
+from models.scan.segment import NEITHER, PEDESTAL, ROCK, Segmentation, label_surfels, segment
+from models.scan.word import Word, check_near
 from models.scene import Scene
 
 Progress = Callable[[str], None]
+
+STAGES = 5
 
 OVERLAP_SHARE = 0.02
 """Points of two stations this near, in sizes of a cloud, show the same place."""
@@ -48,49 +53,51 @@ class Survey:
 
 
 def survey(
-    cloud: Cloud, progress: Progress = lambda _: None, near_m: tuple[float, float] | None = None
+    cloud: Cloud,
+    progress: Progress = lambda _: None,
+    near_m: tuple[float, float] | None = None,
+    word: Word | None = None,
+    bootstrap: int = 0,
 ) -> Survey:
-    """Segment, close and measure.
+    """Register, segment, close and measure.
 
     Parameters
     ----------
     cloud : Cloud
     progress : callable
-        Told the name of each stage when it begins.
+        Told the name of each of the `STAGES` when it begins, and "resampling" after each realisation.
     near_m : pair of float, optional
         Survey coordinates x, y near the top of the rock that is meant, where several stand.
+    word : Word, optional
+        The interface as the user knows it, survey coordinates.
+    bootstrap : int
+        How often the rock is closed anew from resampled points, for the uncertainty in the report.
 
     Raises
     ------
     InputError
         If the cloud shows no rock that stands on a pedestal.
     """
-    progress("splitting rock from pedestal")
+    progress("registering stations")
     check_overlap(cloud)
-    parts = segment(cloud.points_m, None if near_m is None else np.asarray(near_m) - cloud.origin_m[:2])
-    rock_patches, pedestal_patches = parts.surfel_label == ROCK, parts.surfel_label == PEDESTAL
+    cloud, registration = register(cloud)
+    if word is not None:
+        word = word.moved(cloud.origin_m)
+        check_near(word, cloud.points_m.min(axis=0), cloud.points_m.max(axis=0), cloud.origin_m)
+    progress("splitting rock from pedestal")
+    parts = segment(cloud.points_m, None if near_m is None else np.asarray(near_m) - cloud.origin_m[:2], word)
     progress("fitting the interface")
-    interface = fit_interface(parts.surfels, rock_patches)
-    height = float(np.ptp(parts.surfels.points_m[rock_patches, 2]))
-    label, interface = judge_crevice(cloud.points_m, parts.label, interface, height)
-    surfel_label = label_surfels(parts.surfels, cloud.points_m, label)
-    rock_patches, pedestal_patches = surfel_label == ROCK, surfel_label == PEDESTAL
+    seen, label, interface = _judged(cloud, parts, word)
     progress("closing the rock")
-    flat = interface.flat(cloud.points_m)
-    rock_flat, pedestal_flat = flat[label == ROCK], flat[label == PEDESTAL]
-    base = hidden_base(rock_flat, pedestal_flat, height, CORES_OF_HOLES[0])
-    closed = close_rock(parts.surfels, rock_patches, base, interface)
-    pierced = _pierced(closed.rock, interface)
-    if not holds(base, pierced):
-        # The rock stood when it was scanned: its feet are as wide as that takes.
-        wider = (hidden_base(rock_flat, pedestal_flat, height, core) for core in CORES_OF_HOLES[1:])
-        base = next((each for each in wider if holds(each, pierced)), base)
-        closed = close_rock(parts.surfels, rock_patches, base, interface)
+    closed, core = close_standing(seen, interface)
     check_can_stand(closed.rock, interface)
     progress("meshing the pedestal")
-    ground = pedestal_ground(parts.surfels, pedestal_patches, closed.rock, interface)
+    pedestal = label_surfels(parts.surfels, cloud.points_m, label) == PEDESTAL
+    ground = pedestal_ground(parts.surfels, pedestal, closed.rock, interface)
+    scene = Scene(closed.rock, ground.pedestal, origin_m=cloud.origin_m)
     report = {
         "interface": {
+            "given_by": "fit" if word is None else word.kind,
             "roughness_m": interface.roughness_m,
             "outline_m": ground.outline_m.tolist(),
             "edges_m": [edge.tolist() for edge in ground.edges_m],
@@ -100,17 +107,37 @@ def survey(
             "closed_share": closed.closed_share,
             "invented_share": closed.invented_share,
         },
+        "slenderness": slenderness(scene),
         "segmentation": {
             "rock_points": int((label == ROCK).sum()),
             "pedestal_points": int((label == PEDESTAL).sum()),
-            "concave_share_of_cut": parts.concave_share,
+            "neither_points": int((label == NEITHER).sum()),
             "resolution_m": parts.surfels.voxel_m,
+            "confidence": confidence(parts, cloud.points_m, label, interface, seen.height_m),
             "other_candidates": [{"top_m": [*other[:3]], "height_m": other[3]} for other in parts.others],
         },
+        "pedestal": kept_of(ground, seen.pedestal_m, interface),
+        "registration": registration,
         "files": [{"name": name, "points": points} for name, points in cloud.files],
     }
-    scene = Scene(closed.rock, ground.pedestal, origin_m=cloud.origin_m, report=report)
-    return Survey(scene, label, parts)
+    if bootstrap:
+        resampled = partial(progress, "resampling")
+        report["uncertainty"] = uncertainty(seen, interface, core, bootstrap, resampled)
+    return Survey(dataclasses.replace(scene, report=report), label, parts)
+
+
+def _judged(
+    cloud: Cloud, parts: Segmentation, word: Word | None
+) -> tuple[SeenRock, NDArray[np.int8], Interface]:
+    """What was seen of rock and pedestal, the label of each point, and the interface."""
+    rock = parts.surfel_label == ROCK
+    interface = fit_interface(parts.surfels, rock) if word is None else word.interface
+    height = float(np.ptp(parts.surfels.points_m[rock, 2]))
+    label, interface = judge_crevice(cloud.points_m, parts.label, interface, height, refit=word is None)
+    rock = label_surfels(parts.surfels, cloud.points_m, label) == ROCK
+    points = cloud.points_m
+    seen = SeenRock(points[label == ROCK], points[label == PEDESTAL], parts.surfels, rock, height, word)
+    return seen, label, interface
 
 
 def check_overlap(cloud: Cloud) -> None:

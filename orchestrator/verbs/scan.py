@@ -7,7 +7,9 @@ import click
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-STAGES = 6
+from models import InputError
+
+REALISATIONS = 8
 
 
 @click.command()
@@ -22,35 +24,77 @@ STAGES = 6
     metavar="X Y",
     help="Survey coordinates near the rock's top, where several stand.",
 )
+@click.option(
+    "--plane",
+    type=float,
+    nargs=5,
+    metavar="X Y Z SLOPE AZIMUTH",
+    help="The interface as measured: a point of it, its slope and the azimuth toward which it falls, degrees from "
+    "east to north.",
+)
+@click.option(
+    "--point",
+    "points",
+    multiple=True,
+    metavar="X,Y,Z",
+    help="A place where rock and pedestal meet, in survey coordinates; give it three times or more.",
+)
+@click.option(
+    "--outline",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="CSV of the contact's outline: x,y,z of one vertex a line, in order, in survey coordinates.",
+)
+@click.option(
+    "--bootstrap",
+    type=click.IntRange(min=0),
+    default=REALISATIONS,
+    show_default=True,
+    help="Half samples that the uncertainty is drawn from; 0 for none.",
+)
 @click.option("--json", "as_json", is_flag=True, help="Print scene.json's content.")
-def scan(files: tuple[Path, ...], out: Path, near: tuple[float, float] | None, as_json: bool) -> None:
+def scan(
+    files: tuple[Path, ...],
+    out: Path,
+    near: tuple[float, float] | None,
+    plane: tuple[float, ...] | None,
+    points: tuple[str, ...],
+    outline: Path | None,
+    bootstrap: int,
+    as_json: bool,
+) -> None:
     """Turn laser scans into a rock on its pedestal.
 
-    FILES are stations of one survey: LAZ, LAS, PLY, PCD, XYZ, PTS, CSV or E57, in metres, z up.
+    FILES are stations of one survey: LAZ, LAS, PLY, PCD, XYZ, PTS, CSV or E57, in metres, z up. Rock and pedestal are
+    told apart without help; --plane, --point or --outline says where they meet if you know better.
 
     \b
     toppling scan station1.laz station2.laz --out scenes/rock
+    toppling scan cloud.e57 --out scenes/rock --point 331250.1,3777309.2,480.3 \\
+        --point 331251.0,3777310.4,480.2 --point 331249.4,3777310.8,480.4
     """  # noqa: D301  (\b keeps click from rewrapping the example)
     from models.scan.read import read_clouds
-    from models.scan.survey import save_survey, survey
+    from models.scan.survey import STAGES, save_survey, survey
+    from models.scan.word import word_of
 
     if out.exists():
         raise FileExistsError(f"{out} exists already: choose another name, or remove it first")
+    word = word_of(plane, [_coordinates(point) for point in points], outline)
+    total = STAGES + bootstrap + 2
     columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), TimeRemainingColumn())
     with Progress(*columns, console=Console(stderr=True)) as bar:
-        task = bar.add_task("reading", total=STAGES)
+        task = bar.add_task("reading", total=total)
 
         def stage(name: str) -> None:
             bar.update(task, advance=1, description=name)
 
-        cloud = read_clouds(files)
-        result = survey(cloud, stage, near)
+        result = survey(read_clouds(files), stage, near, word, bootstrap)
         stage("writing")
         save_survey(result, out)
-        bar.update(task, completed=STAGES, description="done")
+        bar.update(task, completed=total, description="done")
     scene = result.scene
     if as_json:
-        click.echo(json.dumps(scene.to_json()))
+        click.echo(json.dumps(scene.to_json(), allow_nan=False))
         return
     rock, pedestal = scene.rock, scene.pedestal
     click.echo(
@@ -58,3 +102,16 @@ def scan(files: tuple[Path, ...], out: Path, near: tuple[float, float] | None, a
         f"{pedestal.slope_deg:.2f}° toward azimuth {pedestal.downhill_azimuth_deg:.1f}°; "
         f"see {out / 'scene.png'}"
     )
+
+
+def _coordinates(text: str) -> tuple[float, ...]:
+    try:
+        x, y, z = (float(word) for word in text.replace(",", " ").split())
+    except ValueError:
+        raise InputError(
+            f"'{text}' is no place",
+            where="--point",
+            expected="three numbers: x,y,z in survey coordinates",
+            remedy="write it like --point 331250.1,3777309.2,480.3",
+        ) from None
+    return x, y, z

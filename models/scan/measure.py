@@ -1,0 +1,223 @@
+"""What the scan knows about its own result: the standing rock, how sure the split is, and the spread of the numbers."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from models.errors import InputError
+from models.frames import STANDARD_GRAVITY_M_S2
+from models.pedestal import Pedestal
+from models.rock import Rock
+from models.scan.base import CORES_OF_HOLES, hidden_base
+from models.scan.close import ClosedRock, close_rock
+from models.scan.crevice import refitted
+from models.scan.interface import Interface
+from models.scan.segment import PEDESTAL, ROCK, Segmentation
+from models.scan.surfels import Surfels
+from models.scan.word import Word
+from models.scene import Scene
+from models.statics import quasi_static_toppling_m_s2
+
+AZIMUTHS_DEG = np.arange(0.0, 360.0, 10.0)
+SECTORS = 36
+BESIDE_PER_HEIGHT = 0.02
+"""Pedestal seen this near to the rock shows the crevice."""
+
+
+@dataclass(frozen=True, eq=False)
+class SeenRock:
+    """What was seen of rock and pedestal.
+
+    Parameters
+    ----------
+    rock_m, pedestal_m : (n, 3) arrays
+        Points, scene frame.
+    surfels : Surfels
+    patches : (k,) bool array
+        Which surfels are the rock's.
+    height_m : float
+    word : Word or None
+        The user's word on the interface.
+    """
+
+    rock_m: NDArray[np.float64]
+    pedestal_m: NDArray[np.float64]
+    surfels: Surfels
+    patches: NDArray[np.bool_]
+    height_m: float
+    word: Word | None
+
+
+def close_standing(seen: SeenRock, interface: Interface) -> tuple[ClosedRock, float]:
+    """Close the rock on the narrowest feet on which it stands, and say how narrow: it stood when it was scanned."""
+    rock, pedestal = interface.flat(seen.rock_m), interface.flat(seen.pedestal_m)
+    cores = CORES_OF_HOLES if seen.word is None or not seen.word.encloses else CORES_OF_HOLES[:1]
+    for core in cores:
+        base = hidden_base(rock, pedestal, seen.height_m, core, seen.word)
+        closed = close_rock(seen.surfels, seen.patches, base, interface)
+        if stands(closed.rock, interface):
+            break
+    return closed, core
+
+
+def stands(rock: Rock, interface: Interface) -> bool:
+    """Whether the rock stays up by itself."""
+    return bool((toppling(rock, interface, AZIMUTHS_DEG[::3]) > 0.0).all())
+
+
+def toppling(rock: Rock, interface: Interface, azimuths_deg: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Quasi-static toppling accelerations (n,) on the interface plane, m/s2."""
+    plane = Pedestal(interface.point_m, interface.normal)
+    return np.array(quasi_static_toppling_m_s2(rock, plane, STANDARD_GRAVITY_M_S2, azimuths_deg))[:, 1]
+
+
+def slenderness(scene: Scene) -> list[dict[str, float]]:
+    """Slenderness angle by the azimuth toward which the rock topples.
+
+    tan(alpha) = a / g (Anooshehpoor, Brune and Zeng 2004), a the quasi-static toppling acceleration of the ground
+    the other way: for a flat sharp base the angle between the vertical and the line from the centre of mass to the
+    edge about which it tips.
+    """
+    ground = (AZIMUTHS_DEG + 180.0) % 360.0
+    table = quasi_static_toppling_m_s2(scene.rock, scene.pedestal, scene.gravity_m_s2, ground)
+    return [
+        {"azimuth_deg": float(azimuth), "alpha_deg": float(np.rad2deg(np.arctan(value / scene.gravity_m_s2)))}
+        for azimuth, (_, value) in zip(AZIMUTHS_DEG, table, strict=True)
+    ]
+
+
+def confidence(
+    parts: Segmentation,
+    points_m: NDArray[np.float64],
+    label: NDArray[np.int8],
+    interface: Interface,
+    height_m: float,
+) -> dict[str, float]:
+    """How sure the split is: four numbers, each 0 to 1.
+
+    Returns
+    -------
+    dict
+        `concave_share_of_cut`: share of the cut that runs through creases, 1 where a crevice goes all round.
+        `crevice_seen_share`: share of the directions in which the pedestal was seen beside the rock.
+        `undisputed_share`: share of the points near the interface whose six nearest neighbours have their label.
+        `runner_up`: height of the highest other thing that stands there, over the rock's.
+    """
+    flat = interface.flat(points_m)
+    near = (np.abs(flat[:, 2]) < 0.1 * height_m) & (label != 2)
+    flat, sides = flat[near], label[near]
+    step = max(1, len(flat) // 200_000)
+    flat, sides = flat[::step], sides[::step]
+    rock, pedestal = flat[sides == ROCK], flat[sides == PEDESTAL]
+    neighbours = cKDTree(flat).query(flat, 7)[1][:, 1:]
+    alone = (sides[neighbours] != sides[:, None]).any(axis=1)
+    beside = pedestal[cKDTree(rock).query(pedestal)[0] < BESIDE_PER_HEIGHT * height_m]
+    centre = 0.5 * (rock[:, :2].min(axis=0) + rock[:, :2].max(axis=0))
+    sector = np.floor(np.arctan2(*(beside[:, :2] - centre).T[::-1]) / (2 * np.pi / SECTORS)).astype(int)
+    return {
+        "concave_share_of_cut": parts.concave_share,
+        "crevice_seen_share": len(np.unique(sector)) / SECTORS,
+        "undisputed_share": 1.0 - float(alone.mean()),
+        "runner_up": max((other[3] for other in parts.others), default=0.0) / height_m,
+    }
+
+
+def uncertainty(
+    seen: SeenRock, interface: Interface, core: float, realisations: int, each: Callable[[], None]
+) -> dict[str, Any]:
+    """Spread of the numbers over half samples of what was seen (McCarthy 1969).
+
+    Each realisation keeps half of the points (noise and density), half of the directions around the contact for the
+    interface's fit (its choice), and draws how wide the feet are in their holes. The spread of an estimate over half
+    samples is that of the estimate itself.
+
+    Parameters
+    ----------
+    seen : SeenRock
+    interface : Interface
+    core : float
+        Of the feet on which the rock stands.
+    realisations : int
+    each : callable
+        Called after each.
+
+    Returns
+    -------
+    dict
+        Standard deviations, the statics' for the bare interface plane; none where fewer than three realisations
+        close.
+    """
+    closed: list[Rock] = []
+    planes: list[Interface] = []
+    for number in range(realisations):
+        rng = np.random.default_rng([2017, number])
+        try:
+            plane = interface if seen.word is not None else _half_fitted(seen, interface, rng)
+            drawn = float(np.clip(core + rng.uniform(-0.2, 0.2), 0.0, 0.9))
+            base = hidden_base(
+                plane.flat(_half(seen.rock_m, rng)),
+                plane.flat(_half(seen.pedestal_m, rng)),
+                seen.height_m,
+                drawn,
+                seen.word,
+            )
+            kept = seen.patches & (rng.random(len(seen.patches)) < 0.5)
+            closed.append(close_rock(seen.surfels, kept, base, plane).rock)
+            planes.append(plane)
+        except InputError:
+            pass  # counted: a half sample may leave too little
+        each()
+    found: dict[str, Any] = {"method": "half samples", "realisations": realisations, "closed": len(closed)}
+    if len(closed) < 3:
+        return found
+    limits = np.array(
+        [toppling(rock, plane, AZIMUTHS_DEG) for rock, plane in zip(closed, planes, strict=True)]
+    )
+    alpha = np.rad2deg(np.arctan(limits / STANDARD_GRAVITY_M_S2))
+    finite = np.where(np.isfinite(limits), limits, np.nan)
+    normals = np.array([plane.normal for plane in planes])
+    tilt = np.rad2deg(np.linalg.norm(normals - normals.mean(axis=0), axis=1))
+    volume = np.array([rock.volume_m3 for rock in closed])
+    return found | {
+        "volume_std_m3": _std(volume),
+        "com_std_m": _std([rock.com_m for rock in closed]),
+        "inertia_per_mass_std_m2": _std([rock.inertia_per_mass_m2 for rock in closed]),
+        "height_std_m": _std([rock.height_m for rock in closed]),
+        "interface_normal_std_deg": float(np.sqrt((tilt**2).sum() / (len(tilt) - 1))),
+        "quasi_static_toppling_m_s2": [
+            {"azimuth_deg": float(a), "std": s}
+            for a, s in zip(AZIMUTHS_DEG, np.nanstd(finite, axis=0, ddof=1).tolist(), strict=True)
+        ],
+        "slenderness": [
+            {"azimuth_deg": float((a + 180.0) % 360.0), "alpha_std_deg": s}
+            for a, s in zip(AZIMUTHS_DEG, _std(alpha), strict=True)
+        ],
+    }
+
+
+def _half(points: NDArray[np.float64], rng: np.random.Generator) -> NDArray[np.float64]:
+    return points[rng.random(len(points)) < 0.5]
+
+
+def _half_fitted(seen: SeenRock, interface: Interface, rng: np.random.Generator) -> Interface:
+    """Interface through the pedestal in half of the directions around the contact."""
+    points = np.concatenate([seen.rock_m, seen.pedestal_m])
+    label = np.repeat(np.array([ROCK, PEDESTAL], np.int8), [len(seen.rock_m), len(seen.pedestal_m)])
+    flat = interface.flat(points)
+    low = flat[(label == ROCK) & (flat[:, 2] < 0.1 * seen.height_m), :2]
+    centre = 0.5 * (low.min(axis=0) + low.max(axis=0))
+    sector = (
+        np.floor((np.arctan2(*(flat[:, :2] - centre).T[::-1]) / (2 * np.pi) + 0.5) * SECTORS).astype(int)
+        % SECTORS
+    )
+    kept = np.isin(sector, rng.choice(SECTORS, SECTORS // 2, replace=False))
+    kept |= label == ROCK
+    return refitted(points[kept], label[kept], interface, seen.height_m)
+
+
+def _std(values: Any) -> Any:
+    return np.std(np.asarray(values, float), axis=0, ddof=1).tolist()

@@ -1,0 +1,141 @@
+"""Registration: small misfits between stations taken out by point-to-plane ICP (Chen and Medioni 1992), all at once."""
+
+import dataclasses
+from dataclasses import dataclass
+from itertools import permutations
+from typing import Any
+
+import numpy as np
+import open3d as o3d
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
+
+from models.scan.read import Cloud
+
+VOXELS_PER_EXTENT = 250
+SAMPLES = 4000
+"""Points of a station that are compared with each other station."""
+REACH_VOXELS = (6.0, 6.0, 4.0, 4.0, 3.0, 3.0, 2.0, 2.0, 2.0)
+"""Distance up to which two points may show the same place, by iteration."""
+LEAST_PAIRS = 100
+SAME_WAY = 0.9
+"""Cosine between the normals of points that show the same place."""
+WORTH = 0.95
+"""A registration that leaves more than this share of the residual is not applied: it would follow the noise."""
+WEAK = 1e-3
+"""Directions in which the pairs hold the stations by less than this share of the best held one stay as they are."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Thinned:
+    points: NDArray[np.float64]
+    normals: NDArray[np.float64]
+
+
+def register(cloud: Cloud) -> tuple[Cloud, dict[str, Any]]:
+    """Move each station rigidly to where it fits the others best; the mean station stays where it is.
+
+    Returns
+    -------
+    Cloud
+        The same one where it has one station only or nothing is gained.
+    dict
+        Residual (robust standard deviation of the point-to-plane distances) before and after, shift and turn of
+        each station.
+    """
+    count = int(cloud.station.max()) + 1
+    if count < 2:
+        return cloud, {"stations": 1}
+    members = [np.flatnonzero(cloud.station == k) for k in range(count)]
+    low, high = np.quantile(cloud.points_m[:: max(1, len(cloud.points_m) // 100_000)], [0.02, 0.98], axis=0)
+    voxel = float((high - low).max()) / VOXELS_PER_EXTENT
+    within = lambda p: p[((p > low) & (p < high)).all(axis=1)]  # noqa: E731
+    stations = [_thinned(within(cloud.points_m[rows]), voxel) for rows in members]
+    pose = [np.eye(4) for _ in stations]
+    centre, size = 0.5 * (low + high), 0.5 * float((high - low).max())
+    before = _residual(stations, pose, REACH_VOXELS[-1] * voxel)
+    for reach in REACH_VOXELS:
+        step = _step(stations, pose, reach * voxel, centre, size)
+        pose = [_moved(each, centre, size) @ old for each, old in zip(step, pose, strict=True)]
+    after = _residual(stations, pose, REACH_VOXELS[-1] * voxel)
+    report: dict[str, Any] = {"stations": count, "residual_before_m": before}
+    if not after < WORTH * before:
+        return cloud, {**report, "residual_m": before, "applied": False}
+    points = np.empty_like(cloud.points_m)
+    for rows, each in zip(members, pose, strict=True):
+        points[rows] = cloud.points_m[rows] @ each[:3, :3].T + each[:3, 3]
+    shift = [(each[:3, :3] @ centre + each[:3, 3] - centre).tolist() for each in pose]
+    turn = [float(np.rad2deg(Rotation.from_matrix(each[:3, :3]).magnitude())) for each in pose]
+    report |= {"residual_m": after, "applied": True, "shift_m": shift, "turn_deg": turn}
+    return dataclasses.replace(cloud, points_m=points), report
+
+
+def _thinned(points: NDArray[np.float64], voxel_m: float) -> _Thinned:
+    cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points)).voxel_down_sample(voxel_m)
+    if len(cloud.points) < LEAST_PAIRS:
+        return _Thinned(np.empty((0, 3)), np.empty((0, 3)))
+    cloud.estimate_covariances(o3d.geometry.KDTreeSearchParamKNN(12))
+    variance, axes = np.linalg.eigh(np.asarray(cloud.covariances))
+    flat = variance[:, 0] < 0.05 * variance[:, 1]  # surfaces, not bushes and edges
+    return _Thinned(np.asarray(cloud.points)[flat], axes[flat, :, 0])
+
+
+def _pairs(
+    stations: list[_Thinned], pose: list[NDArray[np.float64]], reach_m: float
+) -> list[tuple[int, int, NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]]:
+    """Points of one station, normals of another and the distances between them, for all pairs of stations."""
+    placed = [
+        _Thinned(each.points @ p[:3, :3].T + p[:3, 3], each.normals @ p[:3, :3].T)
+        for each, p in zip(stations, pose, strict=True)
+    ]
+    trees = [cKDTree(each.points) if len(each.points) else None for each in placed]
+    found = []
+    for a, b in permutations(range(len(placed)), 2):
+        tree = trees[b]
+        if tree is None or trees[a] is None:
+            continue
+        step = max(1, len(placed[a].points) // SAMPLES)
+        points, normals = placed[a].points[::step], placed[a].normals[::step]
+        distance, near = tree.query(points, distance_upper_bound=reach_m)
+        met = np.isfinite(distance)
+        met[met] = np.abs(np.einsum("ij,ij->i", normals[met], placed[b].normals[near[met]])) > SAME_WAY
+        if met.sum() < LEAST_PAIRS:
+            continue
+        normal = placed[b].normals[near[met]]
+        gap = np.einsum("ij,ij->i", points[met] - placed[b].points[near[met]], normal)
+        found.append((a, b, points[met], normal, gap))
+    return found
+
+
+def _residual(stations: list[_Thinned], pose: list[NDArray[np.float64]], reach_m: float) -> float:
+    gaps = [np.abs(pair[4]) for pair in _pairs(stations, pose, reach_m)]
+    return 1.4826 * float(np.median(np.concatenate(gaps))) if gaps else 0.0
+
+
+def _step(
+    stations: list[_Thinned],
+    pose: list[NDArray[np.float64]],
+    reach_m: float,
+    centre: NDArray[np.float64],
+    size: float,
+) -> NDArray[np.float64]:
+    """Small motions (stations, 6) that close the gaps: turns (times size) and shifts, least squares of least norm."""
+    count = 6 * len(stations)
+    normal_matrix, right = np.zeros((count, count)), np.zeros(count)
+    for a, b, points, normal, gap in _pairs(stations, pose, reach_m):
+        spread = 1.4826 * float(np.median(np.abs(gap))) + 1e-12
+        weight = np.where(np.abs(gap) < 4.7 * spread, (1 - (gap / (4.7 * spread)) ** 2) ** 2, 0.0)
+        row = np.hstack([np.cross((points - centre) / size, normal), normal])
+        slots = np.concatenate([6 * a + np.arange(6), 6 * b + np.arange(6)])
+        both = np.hstack([row, -row])
+        normal_matrix[np.ix_(slots, slots)] += both.T @ (weight[:, None] * both)
+        right[slots] -= both.T @ (weight * gap)
+    return (np.linalg.pinv(normal_matrix, rcond=WEAK, hermitian=True) @ right).reshape(-1, 6)
+
+
+def _moved(motion: NDArray[np.float64], centre: NDArray[np.float64], size: float) -> NDArray[np.float64]:
+    matrix = np.eye(4)
+    matrix[:3, :3] = Rotation.from_rotvec(motion[:3] / size).as_matrix()
+    matrix[:3, 3] = centre - matrix[:3, :3] @ centre + motion[3:]
+    return matrix

@@ -42,7 +42,7 @@ def bare_loop(scene: Scene, motion: Motion, steps: int) -> float:
     settings = settings_of("standard")
     step_s = settings.time_step_s(contact.half_diagonal_m, scene.gravity_m_s2)
     impulse = scene.gravity_m_s2 * step_s
-    engine = engine_for(contact, 8.0, scene.contact.friction_static, impulse, settings.iterations, 0)
+    engine = engine_for(contact, 8.0, scene.contact, impulse, 0.0, settings.iterations, 0)
     engine.set_state((tuple(contact.com_m), tuple(contact.start_quaternion_xyzw)), np.zeros(3), np.zeros(3))
     pulls = np.array([0.0, 0.0, -scene.gravity_m_s2]) - motion.mean_between(np.arange(steps + 1) * step_s)
     pulls = pulls.tolist()

@@ -10,11 +10,10 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
-from models import ContactProperties, InputError, Scene
+from models import InputError, Scene
 from models.motions.ensemble import Ensemble
 from orchestrator.campaign import Campaign, hash_of
 from workers.job import JobSpec
-from workers.shake import check_supported
 
 COLUMNS = pa.schema(
     [
@@ -95,12 +94,8 @@ def plan(campaign: Campaign, scene: Scene, ensemble: Ensemble) -> Plan:
     Raises
     ------
     InputError
-        If the campaign names a record that the ensemble lacks, the ensemble is empty, or the engine does not
-        support the contact properties.
+        If the campaign names a record that the ensemble lacks, or the ensemble is empty.
     """
-    for static, kinetic in campaign.friction:
-        for restitution in campaign.restitution:
-            check_supported(ContactProperties(static, kinetic, restitution))
     records = _records(campaign, ensemble)
     sha = {record: ensemble.sha(record) for record in records}
     axes = list(_axes(campaign))

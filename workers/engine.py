@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import atexit
+import math
 import tempfile
 
 import numpy as np
 import pybullet
 from numpy.typing import NDArray
 
+from models.scene import ContactProperties
 from workers.contact import ContactModel
 
 Array = NDArray[np.float64]
@@ -22,12 +24,20 @@ NEAR_SHARE, FAR_SHARE = 3e-4, 3e-2
 catches every landing that is too slow to cut a step at, and keeps the solver's work small; the far one serves around a
 cut."""
 
-COLD_ITERATIONS = 100
+COLD_ITERATIONS = 50
 """Of the first step in a new state, which has no impulses of a step before to start from."""
 
 RESIDUAL_SHARE = 1e-3
 """The solver stops before its last iteration once no impulse (at unit mass) changes by more than this share of
 gravity's in a step."""
+
+
+ITERATIONS_FOR_SLIP = 50
+"""At least, where kinetic friction differs from static: friction that is not yet in balance looks like slip."""
+
+STARTS_TO_SLIP, STILL_SLIPS = 0.999, 0.7
+"""Shares of the limit of friction from which a contact that stuck slips, and down to which one that slipped still does:
+the solver's iterations leave the friction of a sliding contact a little below what its normal force allows."""
 
 
 class Engine:
@@ -38,10 +48,11 @@ class Engine:
     contact : ContactModel
     points : int
         How many of the rock's contact points the world holds, from the first.
-    friction : float
-        Coefficient of the pair.
+    surface : ContactProperties
     impulse_m_s : float
         Velocity that gravity gives in one step: what the solver's residual is measured against.
+    rebound_from_m_s : float
+        Landings slower than this do not rebound.
     iterations : int
         Most iterations of the solver in a step.
     slot : int
@@ -52,35 +63,65 @@ class Engine:
         self,
         contact: ContactModel,
         points: int,
-        friction: float,
+        surface: ContactProperties,
         impulse_m_s: float,
+        rebound_from_m_s: float,
         iterations: int,
         slot: int,
     ) -> None:
         self._client = _client(slot)
         self._contact = contact
+        self._surface = surface
         self._iterations = iterations
+        if surface.friction_kinetic != surface.friction_static:
+            self._iterations = max(iterations, ITERATIONS_FOR_SLIP)
         self.points = points
         pybullet.resetSimulation(physicsClientId=self._client)
         pybullet.setPhysicsEngineParameter(
             numSubSteps=0,
-            numSolverIterations=iterations,
+            numSolverIterations=self._iterations,
             solverResidualThreshold=(RESIDUAL_SHARE * impulse_m_s) ** 2,
             deterministicOverlappingPairs=1,
             enableConeFriction=1,
             contactSlop=0.0,
+            restitutionVelocityThreshold=rebound_from_m_s,
             physicsClientId=self._client,
         )
         self._time_step_s, self._cold = 0.0, True
-        self._aloft: Pose = ((0.0, 0.0, 100.0 * contact.half_diagonal_m), (0.0, 0.0, 0.0, 1.0))
         self._rock = self._add_rock()
         self._ground = self._add_pedestal()
-        self.set_friction(friction)
+        self.let_stick()
 
-    def set_friction(self, friction: float) -> None:
-        """Replace the coefficient of friction of the pair."""
+    def let_stick(self) -> None:
+        """Give the contact its static friction, as it has before it slips."""
+        self._grip = [0.0, 0.0, 0.0]
+        self._set_friction(self._surface.friction_static)
+
+    def _set_friction(self, friction: float) -> None:
         # Bullet multiplies the two bodies' coefficients; the rock's is 1.
         pybullet.changeDynamics(self._ground, -1, lateralFriction=friction, physicsClientId=self._client)
+        self._friction = friction
+
+    def _follow_slip(self) -> None:
+        """Choose the coefficient of the next step: the kinetic one while the contact as a whole slips.
+
+        It slips where the resultant of its friction uses up what the present coefficient allows. One state for all
+        points: they belong to one rigid body, and differ only while it turns on the spot.
+        """
+        pressing, along = 0.0, [0.0, 0.0, 0.0]
+        for point in pybullet.getContactPoints(physicsClientId=self._client):
+            pressing += point[9]
+            for i in range(3):
+                along[i] += point[10] * point[11][i] + point[12] * point[13][i]
+        turned = (
+            sum(a * b for a, b in zip(along, self._grip, strict=True)) < 0.0
+        )  # slip came to a halt on the way
+        share = STARTS_TO_SLIP if self._friction == self._surface.friction_static else STILL_SLIPS
+        slips = pressing > 0.0 and not turned and math.hypot(*along) >= share * self._friction * pressing
+        self._grip = along
+        wanted = self._surface.friction_kinetic if slips else self._surface.friction_static
+        if wanted != self._friction:
+            self._set_friction(wanted)
 
     def set_state(
         self, pose: Pose, velocity_m_s: Array, angular_velocity_rad_s: Array, *, far: bool = False
@@ -95,17 +136,27 @@ class Engine:
             physicsClientId=self._client,
         )
         self._cold = True
-        # A step out of reach, or the solver starts from remains of the last one.
-        pybullet.resetBasePositionAndOrientation(self._rock, *self._aloft, physicsClientId=self._client)
-        pybullet.resetBaseVelocity(self._rock, [0.0] * 3, [0.0] * 3, physicsClientId=self._client)
-        pybullet.setGravity(0.0, 0.0, 0.0, self._client)
-        pybullet.stepSimulation(self._client)
         pybullet.resetBasePositionAndOrientation(self._rock, *pose, physicsClientId=self._client)
         pybullet.resetBaseVelocity(
             self._rock, velocity_m_s.tolist(), angular_velocity_rad_s.tolist(), physicsClientId=self._client
         )
         # Takes the rock out of the broad phase and back: only so do contacts get the new threshold.
         pybullet.setCollisionFilterGroupMask(self._rock, -1, 1, -1, physicsClientId=self._client)
+
+    def rebound(self, duration_s: float, pull_m_s2: tuple[float, float, float]) -> Pose:
+        """Advance by the step that begins as points touch down: they leave with Newton's share of their speed.
+
+        Contacts that are only prepared must not rebound: Bullet would give them e times their speed less what closes
+        the gap, and so take speed from the fall.
+        """
+        restitution, client = self._surface.restitution, self._client
+        if restitution == 0.0:
+            return self.step(duration_s, pull_m_s2)
+        # Bullet multiplies the two bodies' coefficients; the rock's is 1.
+        pybullet.changeDynamics(self._ground, -1, restitution=restitution, physicsClientId=client)
+        pose = self.step(duration_s, pull_m_s2)
+        pybullet.changeDynamics(self._ground, -1, restitution=0.0, physicsClientId=client)
+        return pose
 
     def step(self, duration_s: float, pull_m_s2: tuple[float, float, float]) -> Pose:
         """Advance by one step under a constant pull (gravity less ground acceleration), support frame."""
@@ -119,6 +170,8 @@ class Engine:
             pybullet.setPhysicsEngineParameter(
                 numSolverIterations=self._iterations, physicsClientId=self._client
             )
+        if self._surface.friction_kinetic != self._surface.friction_static:
+            self._follow_slip()
         return pybullet.getBasePositionAndOrientation(self._rock, self._client)
 
     def run(self, duration_s: float, pulls_m_s2: list[list[float]], poses: list[Pose]) -> None:
@@ -127,6 +180,9 @@ class Engine:
             x, y, z = pulls_m_s2[0]
             poses.append(self.step(duration_s, (x, y, z)))
             pulls_m_s2 = pulls_m_s2[1:]
+        if self._surface.friction_kinetic != self._surface.friction_static:
+            poses += [self.step(duration_s, (x, y, z)) for x, y, z in pulls_m_s2]
+            return
         client, rock = self._client, self._rock
         set_gravity, step = pybullet.setGravity, pybullet.stepSimulation
         pose, append = pybullet.getBasePositionAndOrientation, poses.append
@@ -148,7 +204,6 @@ class Engine:
                 basePosition=contact.com_m.tolist(),
                 baseOrientation=contact.start_quaternion_xyzw.tolist(),
                 flags=pybullet.URDF_USE_INERTIA_FROM_FILE,  # else that of the shapes' bounding boxes
-                useMaximalCoordinates=1,  # a rigid body: its rows cost a third of a multibody's, and creep less
                 physicsClientId=self._client,
             )
         pybullet.changeDynamics(
@@ -159,7 +214,7 @@ class Engine:
             lateralFriction=1.0,
             spinningFriction=0.0,
             rollingFriction=0.0,
-            restitution=0.0,
+            restitution=1.0,
             linearDamping=0.0,
             angularDamping=0.0,
             jointDamping=0.0,
@@ -171,7 +226,7 @@ class Engine:
 
     def _add_pedestal(self) -> int:
         plane = pybullet.createCollisionShape(pybullet.GEOM_PLANE, physicsClientId=self._client)
-        ground = pybullet.createMultiBody(0.0, plane, useMaximalCoordinates=1, physicsClientId=self._client)
+        ground = pybullet.createMultiBody(0.0, plane, physicsClientId=self._client)
         pybullet.changeDynamics(ground, -1, restitution=0.0, physicsClientId=self._client)
         return ground
 

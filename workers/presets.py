@@ -38,8 +38,8 @@ class Settings:
 
 PRESETS = {
     "fast": Settings(step_share=1 / 64, resolved_landing=1e-2, iterations=20),
-    "standard": Settings(step_share=1 / 128, resolved_landing=1e-3, iterations=50),
-    "reference": Settings(step_share=1 / 512, resolved_landing=1e-3, iterations=200),
+    "standard": Settings(step_share=1 / 128, resolved_landing=1e-3, iterations=20),
+    "reference": Settings(step_share=1 / 512, resolved_landing=1e-3, iterations=50),
 }
 
 

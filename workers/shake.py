@@ -176,7 +176,6 @@ def shake(
         If a setting is out of range, or the rock does not stand by itself where the scene puts it.
     """
     began = time.perf_counter()
-    check_supported(scene.contact)
     start_from = State(**initial) if isinstance(initial, Mapping) else initial
     if start_from is None:
         scene = settled(scene)
@@ -188,30 +187,6 @@ def shake(
     run = _Run(scene, contact, motion, step_s, settings, start_from, shortcuts)
     status, ended_by = run.to_the_end()
     return run.report(status, ended_by, began, trajectory)
-
-
-def check_supported(contact: ContactProperties) -> None:
-    """Refuse contact properties that the engine does not follow truly.
-
-    Raises
-    ------
-    InputError
-        If kinetic friction differs from static friction, or restitution is not zero.
-    """
-    if contact.friction_kinetic != contact.friction_static:
-        raise InputError(
-            f"friction is {contact.friction_static} static, {contact.friction_kinetic} kinetic",
-            where="contact properties",
-            expected="one coefficient for both: the engine's contacts know no transition between sticking and sliding",
-            remedy="give the two as separate friction values, and see how far the answers lie apart",
-        )
-    if contact.restitution != 0.0:
-        raise InputError(
-            f"restitution is {contact.restitution}",
-            where="contact properties",
-            expected="0: contacts are closed before they meet, which leaves the engine no rebound",
-            remedy="use 0, as measured for rock on rock (Purvance, Anooshehpoor and Brune 2008)",
-        )
 
 
 class _Run:
@@ -242,7 +217,7 @@ class _Run:
         self.start_pose = pose
         self.stepper = Stepper(
             contact,
-            scene.contact.friction_static,
+            scene.contact,
             self.gravity,
             lambda times: motion.velocity_at(times) @ turn,
             step_s,
@@ -442,10 +417,9 @@ def _let_down(scene: Scene) -> Scene:
     gravity = np.array([0.0, 0.0, -scene.gravity_m_s2]) @ turn
     settings = settings_of("standard")
     step_s = settings.time_step_s(contact.half_diagonal_m, scene.gravity_m_s2)
-    friction, impulse = scene.contact.friction_static, scene.gravity_m_s2 * step_s
-    engine = engine_for(
-        contact, LARGEST_OPEN_TILT_DEG, friction, impulse, settings.iterations, len(REACH_DEG) - 1
-    )
+    impulse, slot = scene.gravity_m_s2 * step_s, len(REACH_DEG) - 1
+    surface = ContactProperties.of(scene.contact.friction_static)  # let down without a rebound
+    engine = engine_for(contact, LARGEST_OPEN_TILT_DEG, surface, impulse, 0.0, settings.iterations, slot)
     pose: Pose = (tuple(contact.com_m), tuple(contact.start_quaternion_xyzw))
     lowest = contact.gaps_m(np.array([pose[0]]), np.array([pose[1]])).min()
     pose = ((pose[0][0], pose[0][1], pose[0][2] - lowest), pose[1])

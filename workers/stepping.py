@@ -18,6 +18,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from models.scene import ContactProperties
 from workers.contact import REACH_DEG, ContactModel
 from workers.engine import Engine, Pose
 from workers.quaternion import turn_vector
@@ -49,7 +50,7 @@ class Stepper:
     Parameters
     ----------
     contact : ContactModel
-    friction : float
+    surface : ContactProperties
     gravity_m_s2 : (3,) array
         Support frame.
     ground_velocity_m_s : callable
@@ -66,7 +67,7 @@ class Stepper:
     def __init__(
         self,
         contact: ContactModel,
-        friction: float,
+        surface: ContactProperties,
         gravity_m_s2: Array,
         ground_velocity_m_s: Callable[[Array], Array],
         time_step_s: float,
@@ -77,7 +78,7 @@ class Stepper:
         angular_velocity_rad_s: Array,
     ) -> None:
         self._contact = contact
-        self._friction = friction
+        self._surface = surface
         self._gravity = gravity_m_s2
         self._ground_velocity = ground_velocity_m_s
         self._step = time_step_s
@@ -96,6 +97,7 @@ class Stepper:
         self._upright = tuple(contact.start_quaternion_xyzw.tolist())
         self._reach = 0
         self._engine = self._engine_for(self.tilt_deg())
+        self._engine.let_stick()
         self._engine.set_state(pose, velocity_m_s, angular_velocity_rad_s)
 
     @property
@@ -131,7 +133,7 @@ class Stepper:
             self._reach += 1
         impulse = float(np.linalg.norm(self._gravity)) * self._step
         tilt, contact = REACH_DEG[self._reach], self._contact
-        return engine_for(contact, tilt, self._friction, impulse, self._iterations, self._reach)
+        return engine_for(contact, tilt, self._surface, impulse, self._fast, self._iterations, self._reach)
 
     def velocities(self, index: int) -> tuple[Array, Array]:
         """Velocity (m/s) and angular velocity (rad/s) in the step that led to pose `index`."""
@@ -158,12 +160,13 @@ class Stepper:
             self.steps += steps
         self._mend(first)
 
-    def _single(self, duration_s: float, kick_until_s: float) -> None:
+    def _single(self, duration_s: float, kick_until_s: float, *, rebounds: bool = False) -> None:
         """One step of any duration whose kick covers the time from the last kick's end to `kick_until_s`."""
         kicked = self._kicked_s[-1]
         before, after = self._ground_velocity(np.array([kicked, kick_until_s]))
         pull = (self._gravity * (kick_until_s - kicked) - (after - before)) / duration_s
-        self.poses.append(self._engine.step(duration_s, tuple(pull.tolist())))
+        step = self._engine.rebound if rebounds else self._engine.step
+        self.poses.append(step(duration_s, tuple(pull.tolist())))
         self.times_s.append(self.time_s + duration_s)
         self._kicked_s.append(kick_until_s)
         self.steps += 1
@@ -258,23 +261,29 @@ class Stepper:
         self._single(touch_s, touch_at)
         self._grid = int(np.ceil(touch_at / self._step + 0.5))  # leaves half a step to one and a half
         rest = self._grid * self._step - touch_at
-        self._single(rest, touch_at + 0.5 * rest)
+        self._single(rest, touch_at + 0.5 * rest, rebounds=True)
         self.times_s[-1] = self._grid * self._step
         self._engine.set_state(self.poses[-1], *self.velocities(len(self.poses) - 1))
 
 
 def engine_for(
-    contact: ContactModel, tilt_deg: float, friction: float, impulse_m_s: float, iterations: int, slot: int
+    contact: ContactModel,
+    tilt_deg: float,
+    surface: ContactProperties,
+    impulse_m_s: float,
+    rebound_from_m_s: float,
+    iterations: int,
+    slot: int,
 ) -> Engine:
     """A world for the tilts up to `tilt_deg`, kept while the same rock is shaken again; one at a time in a slot."""
-    wanted = (contact, tilt_deg, friction, impulse_m_s, iterations)
+    wanted = (contact, tilt_deg, surface, impulse_m_s, rebound_from_m_s, iterations)
     if slot not in _IN_SLOT or _IN_SLOT[slot][0] != wanted:  # making a world destroys the slot's former one
         points = contact.points_within(tilt_deg)
-        _IN_SLOT[slot] = wanted, Engine(contact, points, friction, impulse_m_s, iterations, slot)
+        _IN_SLOT[slot] = wanted, Engine(contact, points, *wanted[2:], slot)
     return _IN_SLOT[slot][1]
 
 
-_IN_SLOT: dict[int, tuple[tuple[ContactModel, float, float, float, int], Engine]] = {}
+_IN_SLOT: dict[int, tuple[tuple[ContactModel, float, ContactProperties, float, float, int], Engine]] = {}
 
 
 PULLS_AT_ONCE = 1024

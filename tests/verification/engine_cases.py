@@ -67,6 +67,25 @@ def free_rocking(alpha_deg, half_diagonal, share, preset, **settings):
     return time_error, kept / ratio - 1, (1 - kept**2) / (1 - ratio**2) - 1
 
 
+def rebound_error(alpha_deg, restitution, preset, share=0.5):
+    """Errors of the lean over alpha, twice after the first impact of a block released at `share` of alpha."""
+    scene, b, h = block(alpha_deg, 1.0, restitution=restitution)
+    alpha, p = np.arctan2(b, h), exact.rocking_frequency(b, h)
+    times = np.array([1.3, 1.8]) * exact.free_rocking_time_s(alpha, p, share)
+    start = leaning(b, h, share * alpha)
+    result = shake(scene, STILL, preset, trajectory=True, shortcuts=False, initial=start)
+    stepped = slide_and_rock(
+        PlaneBody.rectangle(b, h),
+        PlaneContact(GRIP, GRIP, restitution),
+        lambda _: (0.0, -G),
+        times.max() + 0.01,
+        2e-5,
+        place=(start["position_m"][0], start["position_m"][2], share * alpha),
+    )
+    engine = np.interp(times, result.trajectory.time_s, lean(result.trajectory))
+    return (engine - np.interp(times, stepped.time_s, stepped.place[:, 2])) / alpha
+
+
 def first_landing(time, angle):
     """Zero of the angle, from the samples before it; never where it does not land."""
     landed = np.flatnonzero(angle <= 0)

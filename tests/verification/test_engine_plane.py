@@ -46,18 +46,11 @@ MISSED: dict[tuple, str] = {
     ("ratio", "reference", 45, 0.999): "0.12 %",
     ("sine", "standard", 2, 1, "no impact"): "-0.46 %",
     ("sine", "reference", 2, 1, "no impact"): "0.07 %",
-    ("onto flat", "standard", 0.4, 0.8): "a rate 8e-4 p off",
     ("onto flat", "standard", 0.6, 0.8): "a rate 2.6e-3 p off",
+    ("onto flat", "standard", 1.0, 1.2): "a rate 3.8e-2 p off, a corner that slips",
     ("onto flat", "standard", 1.0, 0.8): "a rate 3.8e-2 p off, a corner that slips",
-    ("onset", "standard", 0.4, 0.98): "a corner 1.2e-4 R off after 40 ms",
     ("onset", "standard", 2.0, 0.98): "a corner 1.4e-3 R off after 40 ms: slip in the first steps",
     ("onset", "standard", 2.0, 1.02): "a corner 2.8e-3 R off after 40 ms: slip in the first steps",
-    (
-        "coupled",
-        "standard",
-        0.4,
-        0.3,
-    ): "a corner 1.5e-2 R off: the engine knows no kinetic friction of its own",
 }
 
 
@@ -210,14 +203,41 @@ def test_a_translating_block_that_lands_flat_turns_as_the_impact_law_says(preset
 
 @pytest.mark.parametrize(
     ("preset", "static", "kinetic"),
-    cases("coupled", [("standard", 0.4, 0.4), ("standard", 0.4, 0.3)], [("reference", 0.4, 0.4)]),
+    cases(
+        "coupled",
+        [("standard", 0.4, 0.4), ("standard", 0.38, 0.3), ("standard", 0.35, 0.25)],
+        [("reference", 0.4, 0.4), ("reference", 0.38, 0.3), ("reference", 0.35, 0.25)],
+    ),
 )
 def test_a_block_that_slides_and_rocks_follows_the_reference(preset, static, kinetic):
     error = case.coupled(
         (static, kinetic), preset, [0.15, 0.3, 0.45], lambda t: -6 * np.sin(4 * np.pi * t), 0.5
     )
-    assert abs(error[0]).max() < 1e-3
+    # Where the coefficients differ, slip is seen a step after it began: an error of the first order.
+    first_order = {"standard": 2.5e-3, "reference": 5e-4}[preset] if static != kinetic else 0.0
+    assert abs(error[0]).max() < max(1e-3, first_order)
     assert abs(error[1]).max() < 5e-3
+
+
+@pytest.mark.parametrize("mu", [0.25, 0.3, 0.32])
+def test_a_tall_block_that_slides_slows_as_its_friction_says(mu):
+    # Close to tipping, the weight is on one edge, and friction on single corners would turn the block: no yaw.
+    error = case.coupled(mu, "standard", [0.15, 0.3, 0.45], lambda t: -6 * np.sin(4 * np.pi * t), 0.5)
+    assert abs(error[0]).max() < 1e-3
+
+
+@pytest.mark.parametrize(
+    ("preset", "alpha_deg", "restitution"),
+    cases(
+        "rebound",
+        [("standard", 18.4349, 0.1), ("standard", 18.4349, 0.3), ("standard", 10, 0.6)],
+        [("reference", 10, 0.3), ("reference", 18.4349, 0.6), ("reference", 30, 0.3)],
+    ),
+)
+def test_a_rocking_block_rebounds_as_newtons_law_at_each_corner_says(preset, alpha_deg, restitution):
+    error = case.rebound_error(alpha_deg, restitution, preset)
+    # Of alpha. The impact takes the pull of the step that follows with it: first order in the step.
+    assert abs(error).max() < {"standard": 5e-3, "reference": 2.5e-3}[preset]
 
 
 @pytest.mark.slow

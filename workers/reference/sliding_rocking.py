@@ -23,6 +23,9 @@ from workers.reference.rocking import PlaneBody
 
 Array = NDArray[np.float64]
 
+STEPS_OF_FLIGHT = 10
+"""A corner that has been off the ground for so many steps lands as one that slips."""
+
 _SLACK = 1e-12  # share of the speeds and impulses at hand by which a mode may miss its conditions
 
 
@@ -83,13 +86,19 @@ def slide_and_rock(
     places, velocities = np.empty((steps + 1, 3)), np.empty((steps + 1, 3))
     places[0], velocities[0] = at, moving
     touch_depth = 1e-12 * body.height_m
+    sticks, aloft = False, 0
     for step in range(steps):
         middle = at + 0.5 * time_step_s * moving
         offsets = _corner_offsets(body, middle[2])
         touching = [offset for offset in offsets if middle[1] + offset[1] <= touch_depth]
         g_x, g_z = gravity_m_s2((step + 0.5) * time_step_s)
         free = moving + time_step_s * np.array([g_x, g_z, 0.0])
-        after = _impulses(body.inertia_per_mass_m2, contact, touching, moving, free) if touching else free
+        after, stuck = free, None
+        if touching:
+            after, stuck = _impulses(body.inertia_per_mass_m2, contact, touching, moving, free, sticks)
+        # A pivot leaves the ground for single steps, by the arc that its step cuts short: it has not let go.
+        aloft = aloft + 1 if stuck is None else 0
+        sticks = sticks and aloft < STEPS_OF_FLIGHT if stuck is None else stuck
         at = at + 0.5 * time_step_s * (moving + after)
         moving = after
         places[step + 1], velocities[step + 1] = at, moving
@@ -115,20 +124,29 @@ def _corner_offsets(body: PlaneBody, angle: float) -> list[tuple[float, float]]:
 
 
 def _impulses(
-    inertia: float, contact: PlaneContact, touching: list[tuple[float, float]], before: Array, free: Array
-) -> Array:
-    """Velocity after the impulses of the corners that touch."""
+    inertia: float,
+    contact: PlaneContact,
+    touching: list[tuple[float, float]],
+    before: Array,
+    free: Array,
+    sticks: bool,
+) -> tuple[Array, bool | None]:
+    """Velocity after the impulses of the corners that touch, and whether they stick; None if they leave.
+
+    Whether they stuck in the step before must be told: a corner that does is moved along the ground by the turning of
+    a step, which looks like slip.
+    """
     normals = [np.array([0.0, 1.0, -x]) for x, _ in touching]
     tangent = np.array([1.0, 0.0, sum(z for _, z in touching) / len(touching)])
     compliance = np.array([1.0, 1.0, 1.0 / inertia])
     # Newton: the normal velocity that a corner must at least leave with.
     least = [-contact.restitution * min(float(n @ before), 0.0) for n in normals]
     if all(float(n @ free) >= v for n, v in zip(normals, least, strict=True)):
-        return free
+        return free, None
     scale = float(np.abs(free).max() + np.abs(before).max()) + 1e-300
     slack = _SLACK * scale
     slip = float(tangent @ before)
-    slipping = abs(slip) > 1e-9 * scale
+    slipping = not sticks and abs(slip) > 1e-9 * scale
     onward = int(np.sign(slip))
     # A corner that slides keeps sliding where that is consistent; one that rests keeps resting.
     ways = (onward, 0, -onward) if slipping else (0, 1, -1)
@@ -136,7 +154,7 @@ def _impulses(
     for way, pressing in product(ways, sets):
         after = _mode(contact, way, pressing, normals, tangent, compliance, least, free, slack)
         if after is not None:
-            return after
+            return after, way == 0
     msg = f"no contact mode is consistent: velocity before {before}, free {free}, corners {touching}"
     raise ArithmeticError(msg)
 

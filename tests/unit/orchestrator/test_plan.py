@@ -74,12 +74,6 @@ def test_the_order_of_the_axes_in_the_file_does_not_change_a_job(campaign):
     assert set(planned(campaign, pga_m_s2=(4.0, 2.0)).jobs["job_id"].to_pylist()) == ids
 
 
-@pytest.mark.parametrize("change", [{"friction": ((0.8, 0.6),)}, {"restitution": (0.1,)}])
-def test_contact_that_the_engine_refuses_is_refused_before_anything_is_written(campaign, change):
-    with pytest.raises(InputError, match="contact properties"):
-        planned(campaign, **change)
-
-
 def test_a_record_that_is_not_there_is_named(campaign):
     with pytest.raises(InputError, match="P9"):
         planned(campaign, records=("P1", "P9"))

@@ -76,10 +76,13 @@ def test_no_point_sinks_by_more_than_a_thousandth_of_the_half_diagonal():
             assert result.penetration_m < 1e-3 * scene.rock.half_diagonal_m
 
 
-@pytest.mark.parametrize(("friction", "restitution"), [((0.9, 0.6), 0.0), (0.8, 0.3)])
-def test_contact_that_the_engine_does_not_follow_is_refused(friction, restitution):
-    with pytest.raises(InputError, match="expected"):
-        shake(Scene.block(0.2, 0.2, 0.6, friction=friction, restitution=restitution), pulse(5.0))
+def test_a_rock_that_slips_slides_farther_where_kinetic_friction_is_lower():
+    slip = {}
+    for kinetic in (0.5, 0.3, 0.1):
+        scene = Scene.block(0.5, 0.5, 0.2, friction=(0.5, kinetic))
+        assert shake(scene, pulse(4.5)).slip_m < 1e-4  # static friction holds
+        slip[kinetic] = shake(scene, pulse(7.0)).slip_m
+    assert slip[0.1] > slip[0.3] > slip[0.5] > 0.0
 
 
 @pytest.mark.parametrize("time_step", [0.0, -0.001, 1.0, float("nan")])

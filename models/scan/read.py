@@ -14,6 +14,8 @@ from models.errors import InputError
 FORMATS = (".ply", ".pcd", ".xyz", ".pts", ".txt", ".csv", ".las", ".laz", ".e57")
 MINIMUM_POINTS = 1000
 """Fewer points than this cannot show a rock, its pedestal and the crevice between them."""
+COARSEST_STEP_M = 0.01
+"""Coordinates stored in steps wider than this have lost the crevice."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +46,8 @@ def read_clouds(paths: Sequence[str | Path]) -> Cloud:
     Raises
     ------
     InputError
-        If a file is absent, unreadable, of an unknown format, or holds too few or non-finite points.
+        If a file is absent, unreadable, of an unknown format, holds too few or non-finite points, or survey
+        coordinates in single precision.
     """
     survey: list[NDArray[np.float64]] = []
     stations: list[NDArray[np.int32]] = []
@@ -176,6 +179,24 @@ def _check_points(points: NDArray[np.float64], path: Path) -> None:
             expected=f"at least {MINIMUM_POINTS}",
             remedy="check that the export was complete and that the file's extension names its format",
         )
+    if not np.ptp(points, axis=0).any():
+        raise _unreadable("all points are one and the same", path)
+    step = single_precision_step_m(points)
+    if step > COARSEST_STEP_M:
+        raise InputError(
+            f"survey coordinates are stored in single precision, in steps of {step:.3g} m",
+            where=str(path),
+            expected=f"steps of at most {COARSEST_STEP_M} m",
+            remedy="export in double precision (LAZ, XYZ, PLY with doubles), or with an offset taken away",
+        )
+
+
+def single_precision_step_m(points: NDArray[np.float64]) -> float:
+    """Widest step between neighbouring single-precision numbers at the coordinates, 0 if they are not such numbers."""
+    sample = points[:: max(1, len(points) // 10_000)]
+    single = sample.astype(np.float32)
+    steps = np.spacing(np.abs(single).max(axis=0))
+    return float(np.max(steps, where=(single == sample).all(axis=0), initial=0.0))
 
 
 def _unreadable(what: str, path: Path) -> InputError:

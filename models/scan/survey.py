@@ -3,6 +3,7 @@
 import dataclasses
 import io
 import os
+import shutil
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -33,6 +34,12 @@ OVERLAP_SHARE = 0.02
 """Points of two stations this near, in sizes of a cloud, show the same place."""
 LEAST_OVERLAP = 0.05
 """Share of a station's points that must show a place that another one shows too."""
+LENGTHS_M = (0.3048, 0.0254, 0.01, 0.001)
+"""Foot, inch, centimetre, millimetre."""
+FITS_BETTER = 0.2
+"""Share of the points that conversion must bring into place to give a file away."""
+ROCK_HEIGHTS_M = (0.02, 100.0)
+"""From stones on a laboratory's shaking table to the tallest balanced rocks: beyond, the units are others."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +83,7 @@ def survey(
     Raises
     ------
     InputError
-        If the cloud shows no rock that stands on a pedestal.
+        If the cloud shows no rock that stands on a pedestal, or one of a size that no rock has.
     """
     progress("registering stations")
     check_overlap(cloud)
@@ -88,6 +95,7 @@ def survey(
     parts = segment(cloud.points_m, None if near_m is None else np.asarray(near_m) - cloud.origin_m[:2], word)
     progress("fitting the interface")
     seen, label, interface = _judged(cloud, parts, word)
+    check_size(seen.height_m)
     progress("closing the rock")
     closed, core = close_standing(seen, interface)
     check_can_stand(closed.rock, interface)
@@ -141,34 +149,86 @@ def _judged(
 
 
 def check_overlap(cloud: Cloud) -> None:
-    """Refuse stations that do not show the same place.
+    """Refuse stations that do not show the same place, or show it in other units.
 
     Raises
     ------
     InputError
-        If a file's cloud shares next to nothing with the others.
+        If a file's cloud shares next to nothing with the others, or fits them better in another unit of length.
     """
     ends = np.cumsum([points for _, points in cloud.files])
     parts = np.split(cloud.points_m, ends[:-1])
     if len(parts) < 2:
         return
     samples = [part[:: max(1, len(part) // 20_000)] for part in parts]
-    sizes = [
-        float(np.linalg.norm(np.ptp(np.quantile(sample, [0.02, 0.98], axis=0), axis=0))) for sample in samples
-    ]
+    sizes = [_size(sample) for sample in samples]
     for number, (name, _) in enumerate(cloud.files):
         others = np.concatenate([sample for other, sample in enumerate(samples) if other != number])
-        distance, _ = cKDTree(others).query(samples[number])
         typical = float(np.median([size for other, size in enumerate(sizes) if other != number]))
-        if (distance < OVERLAP_SHARE * typical).mean() < LEAST_OVERLAP:
-            ratio = sizes[number] / typical
-            units = "" if 0.4 < ratio < 2.5 else f"; it is {ratio:.3g} times as large: other units?"
-            raise InputError(
-                f"does not overlap the other clouds{units}",
-                where=name,
-                expected="stations of one survey, registered to one coordinate system, in metres",
-                remedy="register the stations, or convert this file's units to metres, and export again",
-            )
+        ratio = sizes[number] / typical
+        units = f"; it is {ratio:.3g} times as large: other units?"
+        if _near(samples[number], others, OVERLAP_SHARE * typical) < LEAST_OVERLAP:
+            raise _no_overlap(f"does not overlap the other clouds{'' if 0.4 < ratio < 2.5 else units}", name)
+        if _fits_in_other_units(samples[number], others, ratio, typical, cloud.origin_m):
+            raise _no_overlap(f"does not fit the other clouds{units}", name)
+
+
+def _fits_in_other_units(
+    points: NDArray[np.float64],
+    others: NDArray[np.float64],
+    ratio: float,
+    size_m: float,
+    origin_m: NDArray[np.float64],
+) -> bool:
+    """Whether a station of a telltale size shows the others' place clearly better after conversion.
+
+    A wide view and a close one differ in size too, but there one of the two lies on the other as it is.
+    """
+    for unit in (*LENGTHS_M, *(1.0 / unit for unit in LENGTHS_M)):
+        if 0.75 < ratio * unit < 1.33:
+            converted = (points + origin_m) * unit - origin_m
+            reach = OVERLAP_SHARE * size_m * min(1.0, ratio)
+            as_is = max(_near(points, others, reach), _near(others, points, reach))
+            if max(_near(converted, others, reach), _near(others, converted, reach)) > as_is + FITS_BETTER:
+                return True
+    return False
+
+
+def _size(points: NDArray[np.float64]) -> float:
+    return float(np.linalg.norm(np.ptp(np.quantile(points, [0.02, 0.98], axis=0), axis=0)))
+
+
+def _near(points: NDArray[np.float64], others: NDArray[np.float64], reach_m: float) -> float:
+    """Share of the points that have one of the others within reach."""
+    distance, _ = cKDTree(others).query(points, distance_upper_bound=reach_m)
+    return float(np.isfinite(distance).mean())
+
+
+def _no_overlap(what: str, name: str) -> InputError:
+    return InputError(
+        what,
+        where=name,
+        expected="stations of one survey, registered to one coordinate system, in metres",
+        remedy="register the stations, or convert this file's units to metres, and export again",
+    )
+
+
+def check_size(height_m: float) -> None:
+    """Refuse a rock that is not in metres.
+
+    Raises
+    ------
+    InputError
+        If its height is none of a rock that is worth shaking.
+    """
+    least, most = ROCK_HEIGHTS_M
+    if not least <= height_m <= most:
+        raise InputError(
+            f"the rock is {height_m:.4g} m high",
+            where="units",
+            expected=f"a rock of {least} to {most:.0f} m: coordinates in metres",
+            remedy="convert the clouds from millimetres, feet or whatever they are in, and export again",
+        )
 
 
 def check_can_stand(rock: Rock, interface: Interface) -> None:
@@ -215,8 +275,12 @@ def save_survey(result: Survey, folder: str | os.PathLike[str]) -> Path:
     labels = io.BytesIO()
     np.savez_compressed(labels, label=result.label)
     staging = target.with_name(f".{target.name}.{os.getpid()}.scan")
-    result.scene.save(staging)
-    (staging / "labels.npz").write_bytes(labels.getvalue())
-    draw_scene(result.scene, staging / "scene.png")
-    staging.rename(target)
+    try:
+        result.scene.save(staging)
+        (staging / "labels.npz").write_bytes(labels.getvalue())
+        draw_scene(result.scene, staging / "scene.png")
+        staging.rename(target)
+    except BaseException:
+        shutil.rmtree(staging, ignore_errors=True)
+        raise
     return target

@@ -88,7 +88,11 @@ def scan(
         def stage(name: str) -> None:
             bar.update(task, advance=1, description=name)
 
-        result = survey(read_clouds(files), stage, near, word, bootstrap)
+        cloud = read_clouds(files)
+        try:
+            result = survey(cloud, stage, near, word, bootstrap)
+        except InputError as error:
+            raise _in_files(error, files) from None
         stage("writing")
         save_survey(result, out)
         bar.update(task, completed=total, description="done")
@@ -101,6 +105,16 @@ def scan(
         f"{out}: rock of {rock.volume_m3:.4g} m³, {rock.height_m:.3g} m high, on a pedestal that falls "
         f"{pedestal.slope_deg:.2f}° toward azimuth {pedestal.downhill_azimuth_deg:.1f}°; "
         f"see {out / 'scene.png'}"
+    )
+
+
+def _in_files(error: InputError, files: tuple[Path, ...]) -> InputError:
+    """Name the files in an error about what they show together."""
+    if error.where in {file.name for file in files}:
+        return error
+    names = ", ".join(file.name for file in files[:3]) + (" ..." if len(files) > 3 else "")
+    return InputError(
+        error.what, where=f"{names}: {error.where}", expected=error.expected, remedy=error.remedy
     )
 
 

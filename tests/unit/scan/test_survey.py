@@ -168,6 +168,47 @@ def test_every_format_keeps_survey_coordinates_to_a_tenth_of_a_millimetre(tmp_pa
     np.testing.assert_allclose(cloud.points_m + cloud.origin_m, survey_points, atol=1e-4)
 
 
+def _write_e57(path, points, position):
+    import pye57
+
+    file = pye57.E57(str(path), mode="w")
+    file.write_scan_raw(
+        dict(zip(("cartesianX", "cartesianY", "cartesianZ"), points.T.copy(), strict=True)),
+        translation=np.asarray(position),
+    )
+    file.close()
+
+
+def test_stations_of_an_e57_file_keep_survey_coordinates_through_their_poses(tmp_path):
+    # The writer stores points in single precision, as scanners do: in the station's frame, within 10 m of it, that
+    # is a micrometre; the pose in double precision carries the survey coordinates.
+    local = np.random.default_rng(4).uniform(-10, 10, (2000, 3))
+    path = tmp_path / "cloud.e57"
+    _write_e57(path, local, virtual.DEMO_ORIGIN_M)
+    cloud = read_clouds([path])
+    np.testing.assert_allclose(cloud.points_m + cloud.origin_m, local + virtual.DEMO_ORIGIN_M, atol=1e-5)
+
+
+def test_an_e57_file_with_doubles_keeps_survey_coordinates(tmp_path, monkeypatch):
+    import pye57.e57
+
+    # The writer knows only singles; the format, and the reader, doubles too.
+    monkeypatch.setattr(pye57.e57.libe57, "E57_SINGLE", pye57.e57.libe57.E57_DOUBLE)
+    points = np.random.default_rng(4).uniform(-10, 10, (2000, 3)) + virtual.DEMO_ORIGIN_M
+    path = tmp_path / "cloud.e57"
+    _write_e57(path, points, np.zeros(3))
+    cloud = read_clouds([path])
+    np.testing.assert_allclose(cloud.points_m + cloud.origin_m, points, atol=1e-9)
+
+
+def test_an_e57_file_with_survey_coordinates_as_singles_is_refused(tmp_path):
+    points = np.random.default_rng(4).uniform(-10, 10, (2000, 3)) + virtual.DEMO_ORIGIN_M
+    path = tmp_path / "cloud.e57"
+    _write_e57(path, points, np.zeros(3))
+    with pytest.raises(InputError, match="single precision"):
+        read_clouds([path])
+
+
 def _write(path, points):
     if path.suffix in (".las", ".laz"):
         import laspy

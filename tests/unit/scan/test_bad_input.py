@@ -1,0 +1,191 @@
+"""What `toppling scan` says to clouds that it cannot use: exit 1, what, where, what to do, and nothing written."""
+
+import sys
+
+import numpy as np
+import pytest
+
+from models.scan import virtual
+from models.scan.read import Cloud
+from models.scan.survey import check_overlap
+from orchestrator.cli import main
+
+SEED = 1
+
+
+def scanned(rock, downhill_deg, spacing):
+    """Coarse scan of a rock on a slope: points of each station and their true labels."""
+    truth = virtual.on_slope(rock, virtual.ground(5.0, 0.7, 3, bumps_m=0.1, cells=80), 6.0, downhill_deg)
+    seen = virtual.scan_around(truth, SEED, stations=4, resolution_per_height=spacing, clutter=False)
+    return [station.points_m for station in seen], [station.label for station in seen]
+
+
+@pytest.fixture(scope="module")
+def stump():
+    return scanned(virtual.boulder(2.0, 1.3, 1.0, 3, bumps=0.02, sides=48), 250.0, 0.025)
+
+
+def write(path, survey_points):
+    np.savetxt(path, survey_points, fmt="%.4f")
+    return path
+
+
+def refusal(capsys, monkeypatch, folder, files, *options):
+    """Standard error of a scan that must fail and leave the folder as it was."""
+    before = sorted(folder.rglob("*"))
+    arguments = [*map(str, files), "--out", str(folder / "scene"), "--bootstrap", "0", *options]
+    monkeypatch.setattr(sys, "argv", ["toppling", "scan", *arguments])
+    with pytest.raises(SystemExit) as stop:
+        main()
+    told = capsys.readouterr().err
+    assert stop.value.code == 1
+    assert sorted(folder.rglob("*")) == before
+    said = told[told.index("toppling: ") :]
+    assert "expected: " in said
+    assert "remedy: " in said
+    return said
+
+
+def few(_):
+    return [np.random.default_rng(SEED).uniform(0, 1, (500, 3))]
+
+
+def one_place(_):
+    return [np.zeros((2000, 3))]
+
+
+def bare_slope(_):
+    rng = np.random.default_rng(SEED)
+    x, y = rng.uniform(-5, 5, (2, 20_000))
+    return [np.column_stack([x, y, 0.1 * x + 0.02 * np.sin(3 * y) + rng.normal(0, 0.003, len(x))])]
+
+
+def rock_alone(stump):
+    points, label = map(np.concatenate, stump)
+    return [points[label == 0]]
+
+
+def pedestal_alone(stump):
+    points, label = map(np.concatenate, stump)
+    return [points[label == 1]]
+
+
+def foot_hidden(stump):
+    """Nothing seen within 1.2 m of the rock's middle but the rock above half a metre."""
+    points, label = map(np.concatenate, stump)
+    middle = points[label == 0].mean(axis=0)
+    far = np.hypot(*(points - middle)[:, :2].T) > 1.2
+    return [points[far | ((label == 0) & (points[:, 2] > 0.5))]]
+
+
+def leaning(_):
+    """A boulder whose belly hangs 0.9 m beside a base of 0.5 m."""
+    rock = virtual.boulder(2.0, 1.0, 0.5, 3, bumps=0.02, sides=48, lean_m=(0.9, 0.0))
+    return [np.concatenate(scanned(rock, 0.0, 0.02)[0])]
+
+
+def apart(stump):
+    first, second, third, _ = stump[0]
+    return [first, second, third + np.array([300.0, 0.0, 0.0])]
+
+
+def in_feet(stump):
+    first, second, third, _ = stump[0]
+    return [first, second, third / 0.3048]
+
+
+def survey_in_feet(stump):
+    first, second, third, _ = (points + virtual.DEMO_ORIGIN_M for points in stump[0])
+    return [first, second, third / 0.3048]
+
+
+def in_millimetres(stump):
+    return [np.concatenate(stump[0]) * 1000.0]
+
+
+@pytest.mark.parametrize(
+    ("make", "where", "what"),
+    [
+        (few, "station0.xyz", "holds 500 points"),
+        (one_place, "station0.xyz", "one and the same"),
+        (bare_slope, "station0.xyz", "nothing in the cloud stands on anything"),
+        (rock_alone, "station0.xyz", "patches of the pedestal were seen beside the rock"),
+        (pedestal_alone, "station0.xyz", "nothing in the cloud stands on anything"),
+        (foot_hidden, "station0.xyz", "patches of the pedestal were seen beside the rock"),
+        (leaning, "station0.xyz", "outside any support"),
+        (apart, "station2.xyz", "does not overlap"),
+        (in_feet, "station2.xyz", "other units"),
+        (survey_in_feet, "station2.xyz", "other units"),
+        (in_millimetres, "station0.xyz", "m high"),
+    ],
+)
+def test_a_cloud_without_a_rock_that_stands_is_refused(
+    capsys, monkeypatch, tmp_path, stump, make, where, what
+):
+    files = [write(tmp_path / f"station{k}.xyz", points) for k, points in enumerate(make(stump))]
+    said = refusal(capsys, monkeypatch, tmp_path, files)
+    assert what in said
+    assert where in said.splitlines()[0]
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "what"),
+    [
+        ("absent.laz", None, "no such file"),
+        ("empty.laz", b"", "cannot be read"),
+        ("empty.e57", b"", "cannot be read"),
+        ("empty.xyz", b"", "holds 0 points"),
+        ("torn.laz", b"LASF" + bytes(200), "cannot be read"),
+        ("words.csv", b"this,is,not\na,point,cloud\n", "holds 0 points"),
+        ("report.pdf", b"%PDF", "unknown format"),
+    ],
+)
+def test_a_file_that_is_no_cloud_is_refused_by_name(capsys, monkeypatch, tmp_path, name, content, what):
+    path = tmp_path / name
+    if content is not None:
+        path.write_bytes(content)
+    said = refusal(capsys, monkeypatch, tmp_path, [path])
+    assert what in said
+    assert name in said.splitlines()[0]
+
+
+def test_one_bad_file_among_good_ones_is_the_one_that_is_named(capsys, monkeypatch, tmp_path, stump):
+    good = write(tmp_path / "good.xyz", stump[0][0])
+    bad = tmp_path / "bad.ply"
+    bad.write_bytes(b"ply\n")
+    said = refusal(capsys, monkeypatch, tmp_path, [good, bad])
+    assert "bad.ply" in said.splitlines()[0]
+    assert "good.xyz" not in said
+
+
+def test_survey_coordinates_in_single_precision_are_refused(capsys, monkeypatch, tmp_path, stump):
+    points = (np.concatenate(stump[0]) + virtual.DEMO_ORIGIN_M).astype("<f4")
+    path = tmp_path / "single.ply"
+    head = f"ply\nformat binary_little_endian 1.0\nelement vertex {len(points)}\n"
+    path.write_bytes(
+        (head + "".join(f"property float {axis}\n" for axis in "xyz")).encode() + b"end_header\n"
+    )
+    with path.open("ab") as file:
+        file.write(points.tobytes())
+    # 3,777,000 lies between 2^21 and 2^22: neighbouring single-precision numbers differ by 2^-2.
+    assert "steps of 0.25 m" in refusal(capsys, monkeypatch, tmp_path, [path])
+
+
+def test_a_scene_that_exists_is_left_alone(capsys, monkeypatch, tmp_path):
+    (tmp_path / "scene").mkdir()
+    (tmp_path / "scene" / "mine.txt").write_text("precious")
+    monkeypatch.setattr(sys, "argv", ["toppling", "scan", "cloud.laz", "--out", str(tmp_path / "scene")])
+    with pytest.raises(SystemExit) as stop:
+        main()
+    assert stop.value.code == 1
+    assert "choose another name" in capsys.readouterr().err
+    assert [path.name for path in (tmp_path / "scene").iterdir()] == ["mine.txt"]
+
+
+def test_a_close_view_among_wide_ones_is_no_other_unit(stump):
+    first, second, third, _ = stump[0]
+    middle = np.concatenate(stump[0])[np.concatenate(stump[1]) == 0].mean(axis=0)
+    near = np.linalg.norm(third - middle, axis=1) < 0.7
+    views = [first, second, third[near]]
+    files = tuple((f"station{k}", len(points)) for k, points in enumerate(views))
+    check_overlap(Cloud(np.concatenate(views), np.zeros(3), np.zeros(sum(map(len, views)), np.int32), files))

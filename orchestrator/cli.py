@@ -22,6 +22,7 @@ VERBS = {
     "pulse": "orchestrator.verbs.pulse:pulse",
     "replay": "orchestrator.verbs.replay:replay",
     "report": "orchestrator.verbs.report:report",
+    "accuracy": "orchestrator.verbs.accuracy:accuracy",
     "demo": "orchestrator.verbs.demo:demo",
 }
 

@@ -310,6 +310,41 @@ def way_figure(table: pd.DataFrame, motion: Motion, title: str, topple_time_s: f
     return figure
 
 
+def front_figure(table: pd.DataFrame, floor: str) -> Figure:
+    """Share of answers that flip against the cost of each setting, with the floor of chaos.
+
+    Parameters
+    ----------
+    table : DataFrame
+        Columns setting, flips_share, cpu_s_per_simulated_s.
+    floor : str
+        The setting whose flips are the floor.
+    """
+    with style():
+        figure = Figure(figsize=(HALF_WIDTH_IN * 1.3, HALF_WIDTH_IN))
+        axes = figure.subplots()
+        points = table[table["setting"] != floor]
+        cost, share = 1e3 * points["cpu_s_per_simulated_s"], 100.0 * points["flips_share"]
+        axes.scatter(cost, share, s=18, color=COLOURS(0.3), zorder=3)
+        for x, y, name in zip(cost, share, points["setting"], strict=True):
+            axes.annotate(name, (x, y), xytext=(4, 3), textcoords="offset points", fontsize=6.5)
+        level = 100.0 * float(table.loc[table["setting"] == floor, "flips_share"].iloc[0])
+        axes.axhline(level, color="0.5", linewidth=0.8, linestyle="--")
+        axes.annotate(
+            "floor of chaos", (1.0, level), xycoords=("axes fraction", "data"), xytext=(-2, 2),
+            textcoords="offset points", ha="right", fontsize=6.5, color="0.35",
+        )  # fmt: skip
+        axes.set_xscale("log")
+        _plain_log(axes.xaxis)
+        axes.margins(x=0.25)
+        axes.set_ylim(bottom=0.0)
+        axes.set_xlabel("cost (ms of processor per simulated second)")
+        axes.set_ylabel("answers that differ from the converged ones (%)")
+        sns.despine(figure)
+        figure.tight_layout()
+    return figure
+
+
 def constraint_figure(bound: pd.DataFrame, branches: Sequence[HazardCurve], confidence: float) -> Figure:
     """Which rates of exceedance the standing rocks reject, with the hazard curves that were asked about.
 

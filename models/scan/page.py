@@ -1,22 +1,81 @@
 """A scene as one page that turns with the mouse, and as files for other programs."""
 
+from html import escape
 from pathlib import Path
 
 import numpy as np
 import plotly.graph_objects as go
 import trimesh
+from numpy.typing import NDArray
 
 from models.errors import InputError
 from models.frames import compass_deg
-from models.scan.picture import INTERFACE_COLOUR, PEDESTAL_COLOUR, ROCK_COLOUR
+from models.scan.picture import (
+    BAND_TITLE,
+    INTERFACE_COLOUR,
+    PEDESTAL_COLOUR,
+    ROCK_COLOUR,
+    numbers_of,
+    polar_reach_m_s2,
+    toppling_band,
+)
 from models.scene import Scene
 
 EXPORTS = (".glb", ".gltf", ".ply", ".obj")
 
 
 def write_page(scene: Scene, path: Path) -> None:
-    """Write a standalone HTML page: rock, pedestal, contact outline and cliff edges."""
-    scene_figure(scene).write_html(path, include_plotlyjs=True)
+    """Write a standalone HTML page: rock, pedestal, contact outline and cliff edges, statics by azimuth, numbers."""
+    figure = scene_figure(scene)
+    azimuth, value, spread = toppling_band(scene)
+    _add_statics(figure, azimuth, value, spread)
+    figure.update_layout(
+        height=860,
+        scene_domain={"x": [0.0, 0.64], "y": [0.0, 1.0]},
+        legend={"x": 0.0, "y": 1.0},
+        polar={
+            "domain": {"x": [0.70, 0.98], "y": [0.52, 0.92]},
+            "radialaxis": {"range": [0.0, polar_reach_m_s2(value)]},
+        },
+    )
+    title = "Quasi-static toppling acceleration, m/s², by azimuth<br>of the ground's acceleration (from east to north)"
+    for text, y in ((title, 1.0), ("<br>".join(map(escape, numbers_of(scene))), 0.42)):
+        figure.add_annotation(
+            text=text,
+            x=0.66,
+            y=y,
+            xref="paper",
+            yref="paper",
+            xanchor="left",
+            yanchor="top",
+            align="left",
+            showarrow=False,
+        )
+    figure.write_html(path, include_plotlyjs=True)
+
+
+def _add_statics(
+    figure: go.Figure, azimuth: NDArray[np.float64], value: NDArray[np.float64], spread: NDArray[np.float64]
+) -> None:
+    """Least acceleration that topples, round the compass, with the band of one standard deviation."""
+    known = np.isfinite(value) & np.isfinite(spread)
+    if spread.any():
+        around = np.concatenate([azimuth[known], azimuth[known][::-1]])
+        edge = np.concatenate([(value + spread)[known], (value - spread)[known][::-1]])
+        figure.add_scatterpolar(
+            theta=around,
+            r=edge,
+            mode="lines",
+            fill="toself",
+            line={"width": 0},
+            fillcolor=ROCK_COLOUR,
+            opacity=0.35,
+            name=BAND_TITLE,
+            hoverinfo="skip",
+        )
+    figure.add_scatterpolar(
+        theta=azimuth, r=value, mode="lines", line={"color": ROCK_COLOUR, "width": 2}, name="topples, m/s²"
+    )
 
 
 def scene_figure(scene: Scene) -> go.Figure:

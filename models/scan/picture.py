@@ -15,6 +15,8 @@ from models.scene import Scene
 ROCK_COLOUR, PEDESTAL_COLOUR, INTERFACE_COLOUR = "#c0703a", "#7d8b99", "#d11f3f"
 VIEWS_DEG = ((20.0, 0.0), (20.0, 120.0), (20.0, 240.0))
 """Elevation and azimuth of the eye."""
+STATICS_TITLE = "quasi-static toppling acceleration, m/s², by azimuth of the ground's acceleration"
+BAND_TITLE = "band: one standard deviation"
 
 
 def draw_scene(scene: Scene, path: Path) -> None:
@@ -89,28 +91,73 @@ def _draw_plan(axes: Axes, scene: Scene) -> None:
 
 
 def _draw_statics(axes: Axes, scene: Scene) -> None:
+    azimuth_deg, value, spread = toppling_band(scene)
+    azimuth = np.deg2rad(azimuth_deg)
+    axes.fill_between(azimuth, value - spread, value + spread, color=ROCK_COLOUR, alpha=0.3, linewidth=0)
+    axes.plot(azimuth, value, color=ROCK_COLOUR)
+    axes.set_ylim(0, polar_reach_m_s2(value))
+    axes.set_title(f"{STATICS_TITLE}\n{BAND_TITLE}" if spread.any() else STATICS_TITLE, fontsize=10)
+
+
+def polar_reach_m_s2(value: NDArray[np.float64]) -> float:
+    """Radius of the statics' plot: where a few azimuths need much more than the rest, they leave it."""
+    finite = value[np.isfinite(value)]
+    return float(min(2.0 * np.median(finite), finite.max()) * 1.05) if len(finite) else 1.0
+
+
+def toppling_band(scene: Scene) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Azimuth of the ground's acceleration (a closed round), what topples (m/s2), and its standard deviation.
+
+    The latter comes from the scan's report, which has it every ten degrees; 0 without one.
+    """
     table = scene.to_json()["quasi_static_toppling_m_s2"]
-    azimuth = np.deg2rad([row["azimuth_deg"] for row in table])
-    value = np.array([row["value"] for row in table], float)
-    axes.plot(np.append(azimuth, azimuth[0]), np.append(value, value[0]), color=ROCK_COLOUR)
-    axes.set_ylim(0, min(2.0 * np.nanmedian(value), np.nanmax(value)) * 1.05)
-    axes.set_title("quasi-static toppling acceleration, m/s², by azimuth of the ground's acceleration")
+    rows = [*table, {**table[0], "azimuth_deg": 360.0}]
+    azimuth = np.array([row["azimuth_deg"] for row in rows], float)
+    value = np.array([row["value"] for row in rows], float)
+    known = scene.report.get("uncertainty", {}).get("quasi_static_toppling_m_s2", [])
+    if not known:
+        return azimuth, value, np.zeros(len(azimuth))
+    at = np.array([row["azimuth_deg"] for row in known], float)
+    std = np.array([row["std"] for row in known], float)
+    return azimuth, value, np.interp(azimuth, at, std, period=360.0)
 
 
-def _write_numbers(axes: Axes, scene: Scene) -> None:
-    axes.axis("off")
-    surface = scene.report.get("surface", {})
+def numbers_of(scene: Scene) -> list[str]:
+    """What a person wants to read beside the views: sizes with their spread, the interface, how sure the split is."""
+    rock, report = scene.rock, scene.report
+    spread, surface = report.get("uncertainty", {}), report.get("surface", {})
+    segmentation, registration = report.get("segmentation", {}), report.get("registration", {})
     downhill = scene.pedestal.downhill_azimuth_deg
+    volume, com = spread.get("volume_std_m3"), spread.get("com_std_m")
+    tilt = spread.get("interface_normal_std_deg")
     lines = [
-        f"volume {scene.rock.volume_m3:.5g} m³, height {scene.rock.height_m:.4g} m",
-        "centre of mass {:.3f}, {:.3f}, {:.3f} m".format(*scene.rock.com_m),
-        f"interface falls {scene.pedestal.slope_deg:.2f}° toward azimuth {downhill:.1f}° "
-        f"({float(compass_deg(downhill)):.0f}° compass)",
-        f"roughness {scene.report.get('interface', {}).get('roughness_m', 0.0):.3g} m",
+        f"volume {rock.volume_m3:.5g}{'' if volume is None else f' ± {volume:.2g}'} m³, "
+        f"height {rock.height_m:.4g} m",
+        "centre of mass {:.3f}, {:.3f}, {:.3f}".format(*rock.com_m)
+        + (" m" if com is None else " ± {:.2g}, {:.2g}, {:.2g} m".format(*com)),
+        f"interface falls {scene.pedestal.slope_deg:.2f}°{'' if tilt is None else f' ± {tilt:.2f}°'} toward azimuth "
+        f"{downhill:.1f}° ({float(compass_deg(downhill)):.0f}° compass)",
+        f"roughness {report.get('interface', {}).get('roughness_m', 0.0):.3g} m",
         "surface seen {:.1%}, closed at the interface {:.1%}, invented {:.1%}".format(
             *(surface.get(key, 0.0) for key in ("seen_share", "closed_share", "invented_share"))
         ),
         "origin {:.1f}, {:.1f}, {:.1f} m".format(*scene.origin_m),
-        "red: contact outline; dashed: cliff edge",
     ]
-    axes.text(0.0, 0.95, "\n".join(lines), va="top", fontsize=11, linespacing=1.8)
+    if sure := segmentation.get("confidence"):
+        lines += [
+            f"split: {sure['concave_share_of_cut']:.0%} of the cut lies in creases,",
+            f"  crevice seen in {sure['crevice_seen_share']:.0%} of the directions,",
+            f"  {sure['undisputed_share']:.1%} of the points beside it undisputed,",
+            f"  highest other candidate {sure['runner_up']:.0%} of the rock's height",
+        ]
+    if "residual_m" in registration:
+        lines.append(
+            f"{registration['stations']} stations fit each other within {1e3 * registration['residual_m']:.2g} mm"
+        )
+    return lines
+
+
+def _write_numbers(axes: Axes, scene: Scene) -> None:
+    axes.axis("off")
+    lines = [*numbers_of(scene), "red: contact outline; dashed: cliff edge"]
+    axes.text(0.0, 1.0, "\n".join(lines), va="top", fontsize=10, linespacing=1.7)

@@ -1,10 +1,13 @@
 """`toppling scene`: what it writes can be read by others."""
 
+import dataclasses
+
 import pytest
 import trimesh
 from click.testing import CliRunner
 
 from models import InputError, Scene
+from models.scan.picture import BAND_TITLE, toppling_band
 from orchestrator.verbs.scene import scene
 
 
@@ -22,6 +25,48 @@ def test_show_writes_a_picture_and_a_standalone_page(folder, tmp_path):
     page = (tmp_path / "seen/scene.html").read_text()
     assert "Plotly.newPlot" in page
     assert 'src="http' not in page
+
+
+def surveyed():
+    """A block whose report says what a scan's does."""
+    spread = [{"azimuth_deg": float(a), "std": 0.2} for a in range(0, 360, 10)]
+    return dataclasses.replace(
+        Scene.block(0.2, 0.3, 0.6),
+        report={
+            "segmentation": {
+                "confidence": {
+                    "concave_share_of_cut": 0.71,
+                    "crevice_seen_share": 0.83,
+                    "undisputed_share": 0.996,
+                    "runner_up": 0.25,
+                }
+            },
+            "uncertainty": {
+                "volume_std_m3": 0.0012,
+                "com_std_m": [0.0021, 0.0022, 0.0034],
+                "interface_normal_std_deg": 0.07,
+                "quasi_static_toppling_m_s2": spread,
+            },
+        },
+    )
+
+
+def test_show_says_how_sure_the_split_is_and_how_far_the_numbers_spread(tmp_path):
+    folder = surveyed().save(tmp_path / "block")
+    CliRunner().invoke(scene, ["show", str(folder)], catch_exceptions=False)
+    page = (folder / "scene.html").read_text()
+    for said in ("71%", "83%", "99.6%", "25%", "0.0012", "0.0021, 0.0022, 0.0034", "0.07"):
+        assert said in page
+    assert BAND_TITLE in page
+
+
+def test_the_band_round_the_compass_is_one_standard_deviation_wide():
+    azimuth, value, spread = toppling_band(surveyed())
+    assert azimuth[-1] - azimuth[0] == 360.0
+    assert value[0] == value[-1]
+    # Stated every 10 degrees, drawn every 5: constant in between.
+    assert spread == pytest.approx(0.2)
+    assert toppling_band(Scene.block(0.2, 0.3, 0.6))[2].max() == 0.0
 
 
 @pytest.mark.parametrize("suffix", [".glb", ".ply", ".obj"])

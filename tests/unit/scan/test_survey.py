@@ -29,7 +29,7 @@ def stump():
     cloud, label = virtual.cloud_of(
         virtual.scan_around(truth, seed=1, resolution_per_height=RESOLUTION), virtual.DEMO_ORIGIN_M
     )
-    return truth, cloud, label, survey(cloud)
+    return truth, cloud, label, survey(cloud, bootstrap=3)
 
 
 def test_nearly_every_point_gets_its_true_label(stump):
@@ -49,6 +49,17 @@ def test_mass_properties_are_those_of_the_true_body(stump):
     np.testing.assert_allclose(
         np.linalg.eigvalsh(rock.inertia_per_mass_m2), np.linalg.eigvalsh(true.inertia_per_mass_m2), rtol=0.02
     )
+
+
+def test_the_stated_spread_covers_the_true_error(stump):
+    truth, _, _, found = stump
+    rock, true, spread = found.scene.rock, truth.rock, found.scene.report["uncertainty"]
+    assert spread["closed"] == 3
+    # Half samples alone say 0.01 %: the bias that they share is stated as a floor.
+    assert min(spread["com_std_m"]) >= spread["bias"]["com_per_height"] * 0.99 * true.height_m
+    # Three standard deviations: one true shape in four hundred may lie outside, and this one is seeded.
+    assert (np.abs(rock.com_m - true.com_m) < 3 * np.array(spread["com_std_m"])).all()
+    assert abs(rock.volume_m3 - true.volume_m3) < 3 * spread["volume_std_m3"]
 
 
 def test_interface_slopes_as_the_true_one(stump):

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import repeat
 from pathlib import Path
 
@@ -31,11 +31,11 @@ CONVERGED = "reference"
 
 EXPLORED = {
     **PRESETS,
-    "1/32": Settings(step_share=1 / 32, resolved_landing=1e-2, iterations=20, longest_step_s=np.inf),
-    "1/64, 10 iterations": Settings(step_share=1 / 64, resolved_landing=1e-2, iterations=10),
-    "1/64, 50 iterations": Settings(step_share=1 / 64, resolved_landing=1e-2, iterations=50),
-    "1/64, all landings": Settings(step_share=1 / 64, resolved_landing=1e-3, iterations=20),
-    "1/256": Settings(step_share=1 / 256, resolved_landing=1e-3, iterations=20),
+    "1/32": replace(PRESETS["fast"], step_share=1 / 32, longest_step_s=np.inf),
+    "fast, 10 iterations": replace(PRESETS["fast"], iterations=10),
+    "fast, 50 iterations": replace(PRESETS["fast"], iterations=50),
+    "fast, all landings": replace(PRESETS["fast"], resolved_landing=1e-3),
+    "1/256": replace(PRESETS["standard"], step_share=1 / 256),
 }
 """Points of the front: the presets, and what lies beside and between them."""
 

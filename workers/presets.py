@@ -22,6 +22,9 @@ class Settings:
         at 1e-2 they carry 1e-4 of the energy of a fall from R.
     iterations : int
         Most iterations of the contact solver in a step. Too few let a rock creep that stands on one corner.
+    rest_speed : float
+        A rock whose points move slower than this share of sqrt(g R), on feet that can hold it, rests. The solver lets
+        a rock on few feet turn by up to 3e-4 of it.
     longest_step_s : float
         Upper bound of the time step, so that a large rock still follows the record.
     """
@@ -29,6 +32,7 @@ class Settings:
     step_share: float
     resolved_landing: float
     iterations: int
+    rest_speed: float
     longest_step_s: float = 0.016
 
     def time_step_s(self, half_diagonal_m: float, gravity_m_s2: float) -> float:
@@ -37,9 +41,9 @@ class Settings:
 
 
 PRESETS = {
-    "fast": Settings(step_share=1 / 64, resolved_landing=1e-2, iterations=20),
-    "standard": Settings(step_share=1 / 128, resolved_landing=1e-3, iterations=20),
-    "reference": Settings(step_share=1 / 512, resolved_landing=1e-3, iterations=50),
+    "fast": Settings(step_share=1 / 64, resolved_landing=1e-2, iterations=20, rest_speed=1e-3),
+    "standard": Settings(step_share=1 / 128, resolved_landing=1e-3, iterations=20, rest_speed=5e-4),
+    "reference": Settings(step_share=1 / 512, resolved_landing=1e-3, iterations=50, rest_speed=2e-4),
 }
 
 

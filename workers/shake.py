@@ -33,11 +33,8 @@ from workers.stepping import Stepper, engine_for
 
 Array = NDArray[np.float64]
 
-BLOCK = 128
+BLOCK = 64
 """Steps between two looks at whether the answer is certain."""
-
-REST_SPEED = 2e-4
-"""A rock whose points move slower than this share of sqrt(g R) over a block is taken to rest."""
 
 TOUCHING_SHARE = 1e-5
 """Feet within this share of R of the plane carry a rock at rest: the engine holds them within a tenth of it."""
@@ -210,7 +207,7 @@ class _Run:
         self.starts_at_rest = start is None
         self.up = np.array([0.0, 0.0, 1.0]) @ turn
         speed_m_s = float(np.sqrt(scene.gravity_m_s2 * contact.half_diagonal_m))
-        self.rest_speed = REST_SPEED * speed_m_s
+        self.rest_speed = settings.rest_speed * speed_m_s
         self.barrier_j_kg = _barrier(scene)
         self.speed_limit_m_s = _speed_limit(scene, contact, motion, start)
         pose, velocity, spin = _start_of(contact, start)

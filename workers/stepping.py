@@ -13,6 +13,7 @@ to the step before, which is replaced by one that ends at the moment of touch an
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -95,7 +96,7 @@ class Stepper:
         self._kicked_s: list[float] = [0.0]
         self._given = velocity_m_s, angular_velocity_rad_s
         self._upright = tuple(contact.start_quaternion_xyzw.tolist())
-        self._reach = 0
+        self._reach = self._farthest = 0
         self._engine = self._engine_for(self.tilt_deg())
         self._engine.let_stick()
         self._engine.set_state(pose, velocity_m_s, angular_velocity_rad_s)
@@ -121,18 +122,26 @@ class Stepper:
 
     def gaps_m(self, positions_m: Array, quaternions_xyzw: Array) -> Array:
         """Clearances (m, points) of all points that were in reach so far."""
-        return self._contact.gaps_m(positions_m, quaternions_xyzw, self._engine.points)
+        points = self._contact.points_within(REACH_DEG[self._farthest])
+        return self._contact.gaps_m(positions_m, quaternions_xyzw, points)
 
     def tilt_deg(self) -> float:
-        """Angle of the latest pose to the pose of the scene."""
-        return float(np.rad2deg(np.linalg.norm(turn_vector(self._upright, self.poses[-1][1]))))
+        """Angle of the interface's normal, carried along with the rock, to where it was in the pose of the scene."""
+        x, y, z = turn_vector(self._upright, self.poses[-1][1])
+        angle = math.sqrt(x * x + y * y + z * z)
+        across = math.hypot(x, y) / angle if angle > 0.0 else 0.0
+        return math.degrees(2.0 * math.asin(min(across * abs(math.sin(0.5 * angle)), 1.0)))
 
     def _engine_for(self, tilt_deg: float) -> Engine:
         """The engine whose points serve up to this tilt and a little more."""
-        while self._reach < len(REACH_DEG) - 1 and tilt_deg > REACH_DEG[self._reach] - REACH_MARGIN_DEG:
+        last = len(REACH_DEG) - 1
+        while self._reach < last and tilt_deg > REACH_DEG[self._reach] - REACH_MARGIN_DEG:
             self._reach += 1
-        impulse = float(np.linalg.norm(self._gravity)) * self._step
+        while self._reach > 0 and tilt_deg < REACH_DEG[self._reach - 1] - 2.0 * REACH_MARGIN_DEG:
+            self._reach -= 1
+        self._farthest = max(self._farthest, self._reach)
         tilt, contact = REACH_DEG[self._reach], self._contact
+        impulse = float(np.linalg.norm(self._gravity)) * self._step
         return engine_for(contact, tilt, self._surface, impulse, self._fast, self._iterations, self._reach)
 
     def velocities(self, index: int) -> tuple[Array, Array]:
@@ -143,9 +152,11 @@ class Stepper:
 
     def _chunk(self, steps: int) -> None:
         first = len(self.poses) - 1
-        if self._reach < len(REACH_DEG) - 1 and self.tilt_deg() > REACH_DEG[self._reach] - REACH_MARGIN_DEG:
-            self._engine = self._engine_for(self.tilt_deg())
-            self._engine.set_state(self.poses[-1], *self.velocities(first))
+        engine = self._engine_for(self.tilt_deg())
+        if engine is not self._engine:
+            self._engine = engine
+            engine.let_stick()
+            engine.set_state(self.poses[-1], *self.velocities(first))
         expected = (self._grid - 0.5) * self._step
         if abs(self._kicked_s[-1] - expected) > 1e-9 * self._step:
             self._single(self._step, self.time_s + 0.5 * self._step)
@@ -185,7 +196,7 @@ class Stepper:
         """Look at the clearances since pose `first`; take back what a landing or a sinking point has spoilt."""
         back = max(first - 2, 0)
         flat = np.array([position + quaternion for position, quaternion in self.poses[back:]])
-        gaps = self.gaps_m(flat[:, :3], flat[:, 3:])
+        gaps = self._contact.gaps_m(flat[:, :3], flat[:, 3:], self._engine.points)
         sunk = gaps.min(axis=1) < -SUNK_SHARE * self._contact.half_diagonal_m
         sinks = np.flatnonzero(sunk[1:] & ~sunk[:-1]) + back
         landing = self._first_landing(gaps, back, first)

@@ -1,21 +1,39 @@
-"""Virtual scans of known rocks against their truth: one line of errors a shape, to the terminal.
+"""What a scan costs and how right it is: time and memory by number of points, errors by shape.
 
-.venv/bin/python benchmarks/scan.py [SHAPE ...]
+Puts its two tables into docs/scan.md.
+
+    .venv/bin/python benchmarks/scan.py accuracy [--shape NAME ...] [--scans FOLDER]
+    .venv/bin/python benchmarks/scan.py cost [--million 1 5 10 20]
+
+FOLDER holds scans of known rocks from elsewhere: NAME.truth.json, NAME.truth_rock.ply, and NAME.laz or .ply.
 """
 
+import argparse
+import json
+import os
+import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable
+from pathlib import Path
 
+import laspy
 import numpy as np
+from numpy.typing import NDArray
 
-from models import Pedestal, Scene
-from models.frames import slope_of_normal
+from models import Pedestal, Rock, Scene
+from models.frames import plane_normal
 from models.scan import virtual
-from models.scan.survey import Survey, survey
+from models.scan.read import read_clouds
+from models.scan.survey import survey
+from models.scene import read_triangles
 from models.statics import quasi_static_toppling_m_s2
 
+PAGE = Path(__file__).parent.parent / "docs" / "scan.md"
 AZIMUTHS_DEG = np.arange(0.0, 360.0, 10.0)
+LIMIT_S, LIMIT_GB = 180.0, 4.0
+"""What a scan of twenty million points may cost."""
 
 
 def block() -> virtual.Truth:
@@ -53,53 +71,163 @@ SHAPES: dict[str, Callable[[], virtual.Truth]] = {
 }
 
 
-def errors(truth: virtual.Truth, found: Survey, label: np.ndarray) -> dict[str, float]:
-    """What the issue asks for, in its units."""
-    rock, true = found.scene.rock, truth.rock
-    slope, downhill = slope_of_normal(truth.pedestal.normal)
-    pedestal = found.scene.pedestal
-    turn = (pedestal.downhill_azimuth_deg - downhill + 180.0) % 360.0 - 180.0
-    plane = Pedestal(truth.pedestal.point_m, truth.pedestal.normal)
-    seen = _toppling(found.scene)
-    known = _toppling(Scene(true, plane))
-    principal = np.linalg.eigvalsh(rock.inertia_per_mass_m2) / np.linalg.eigvalsh(true.inertia_per_mass_m2)
+def errors(found: Scene, true: Scene) -> dict[str, float]:
+    """Errors of a scene in the units of the targets; of the toppling acceleration the least one too."""
+    rock, known = found.rock, true.rock
+    turn = (found.pedestal.downhill_azimuth_deg - true.pedestal.downhill_azimuth_deg + 180.0) % 360.0 - 180.0
+    seen, right = _toppling(found), _toppling(true)
+    principal = np.linalg.eigvalsh(rock.inertia_per_mass_m2) / np.linalg.eigvalsh(known.inertia_per_mass_m2)
+    moved = rock.com_m + found.origin_m - known.com_m - true.origin_m
     return {
-        "rock points right %": 100 * float((found.label[label == 0] == 0).mean()),
-        "pedestal points right %": 100 * float((found.label[label == 1] == 1).mean()),
-        "volume %": 100 * (rock.volume_m3 / true.volume_m3 - 1),
-        "centre of mass % of h": 100 * float(np.linalg.norm(rock.com_m - true.com_m)) / true.height_m,
+        "volume %": 100 * (rock.volume_m3 / known.volume_m3 - 1),
+        "centre of mass, % of height": 100 * float(np.linalg.norm(moved)) / known.height_m,
         "inertia %": 100 * float(np.abs(principal - 1).max()),
-        "slope deg": pedestal.slope_deg - slope,
-        "downhill deg": turn,
-        "toppling rms %": 100 * float(np.sqrt(np.mean((seen / known - 1) ** 2))),
-        "toppling worst %": 100 * float(np.abs(seen / known - 1).max()),
+        "slope °": found.pedestal.slope_deg - true.pedestal.slope_deg,
+        "its azimuth °": turn,
+        "toppling, rms %": 100 * float(np.sqrt(np.mean((seen / right - 1) ** 2))),
+        "worst %": 100 * float(np.abs(seen / right - 1).max()),
+        "least true m/s²": float(right.min()),
     }
 
 
-def _toppling(scene: Scene) -> np.ndarray:
+def _toppling(scene: Scene) -> NDArray[np.float64]:
     table = quasi_static_toppling_m_s2(scene.rock, scene.pedestal, 9.81, AZIMUTHS_DEG)
     return np.array(table)[:, 1]
 
 
-def accuracy(names: list[str]) -> dict[str, dict[str, float]]:
+def of_shapes(names: list[str]) -> dict[str, dict[str, float]]:
     """Errors of each shape, scanned from six stations at 0.6 % of its height."""
     rows = {}
     for name in names:
         truth = SHAPES[name]()
-        stations = virtual.scan_around(truth, seed=1)
-        cloud, label = virtual.cloud_of(stations, virtual.DEMO_ORIGIN_M)
-        start = time.perf_counter()
+        cloud, label = virtual.cloud_of(virtual.scan_around(truth, seed=1), virtual.DEMO_ORIGIN_M)
         near = truth.rock.vertices_m[np.argmax(truth.rock.vertices_m[:, 2]), :2] + virtual.DEMO_ORIGIN_M[:2]
         found = survey(cloud, near_m=(float(near[0]), float(near[1])))
-        rows[name] = {"points": len(label), **errors(truth, found, label)}
-        print(
-            name,
-            f"{time.perf_counter() - start:.1f} s",
-            {k: round(v, 3) for k, v in rows[name].items()},
-            flush=True,
-        )
+        plane = Pedestal(truth.pedestal.point_m, truth.pedestal.normal)
+        rows[name] = {
+            "rock's points right %": 100 * float((found.label[label == 0] == 0).mean()),
+            "pedestal's %": 100 * float((found.label[label == 1] == 1).mean()),
+            **errors(found.scene, Scene(truth.rock, plane, origin_m=virtual.DEMO_ORIGIN_M)),
+        }
+        print(name, {key: round(value, 3) for key, value in rows[name].items()}, flush=True)
     return rows
 
 
+def of_others(folder: Path) -> dict[str, dict[str, float]]:
+    """Errors of scans from elsewhere with known truth."""
+    rows = {}
+    for told in sorted(folder.glob("*.truth.json")):
+        name = told.name.removesuffix(".truth.json")
+        truth = json.loads(told.read_text())
+        rock = Rock.from_triangles(*read_triangles(folder / f"{name}.truth_rock.ply"))
+        normal = plane_normal(truth["interface_slope_deg"], truth["interface_downhill_azimuth_deg"])
+        foot = rock.vertices_m[np.argmin(rock.vertices_m @ normal)]
+        file = next(path for path in folder.glob(f"{name}.*") if path.suffix in (".laz", ".ply"))
+        found = survey(read_clouds([file]))
+        with np.load(folder / f"{name}.truth_labels.npz") as labels:
+            label = labels[labels.files[0]]
+        rows[name] = {
+            "rock's points right %": 100 * float((found.label[label == 0] == 0).mean()),
+            "pedestal's %": 100 * float((found.label[label == 1] == 1).mean()),
+            **errors(found.scene, Scene(rock, Pedestal(foot, normal), origin_m=np.array(truth["offset"]))),
+        }
+        print(name, {key: round(value, 3) for key, value in rows[name].items()}, flush=True)
+    return rows
+
+
+def write_cloud(path: Path, million: float) -> int:
+    """Scan the rock like Echo Cliffs as finely as gives so many points, into a LAZ file; how many they are."""
+    truth = virtual.echo_cliffs_like(0)
+    coarse = 0.006
+    few = sum(len(each.points_m) for each in virtual.scan_around(truth, seed=1, resolution_per_height=coarse))
+    stations = virtual.scan_around(
+        truth, seed=1, resolution_per_height=coarse * float(np.sqrt(few / (1e6 * million)))
+    )
+    header = laspy.LasHeader(point_format=1, version="1.2")
+    header.offsets, header.scales = virtual.DEMO_ORIGIN_M, np.full(3, 1e-4)
+    with laspy.open(path, mode="w", header=header) as file:
+        for number, station in enumerate(stations):
+            record = laspy.ScaleAwarePointRecord.zeros(len(station.points_m), header=header)
+            record.x, record.y, record.z = (station.points_m + virtual.DEMO_ORIGIN_M).T
+            record.point_source_id[:] = number
+            file.write_points(record)
+    return sum(len(each.points_m) for each in stations)
+
+
+def cost(million: float) -> dict[str, float]:
+    """Wall time and peak memory of one `toppling scan`, in a process of its own."""
+    with tempfile.TemporaryDirectory() as folder:
+        cloud = Path(folder) / "cloud.laz"
+        # A process of its own, so that the scanner's memory is gone when the scan is measured.
+        made = subprocess.run(
+            [sys.executable, __file__, "make", str(cloud), str(million)],
+            check=True,
+            capture_output=True,
+            text=True,
+        )
+        scan = [str(Path(sys.executable).parent / "toppling"), "scan", str(cloud), "--out", f"{folder}/scene"]
+        begin = time.perf_counter()
+        with subprocess.Popen(scan, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
+            _, status, used = os.wait4(process.pid, 0)
+            process.returncode = os.waitstatus_to_exitcode(status)
+        wall = time.perf_counter() - begin
+        if process.returncode:
+            raise RuntimeError(f"scan of {million} million points ended with {process.returncode}")
+    row = {
+        "points, million": int(made.stdout) / 1e6,
+        "wall s": wall,
+        "processor s": used.ru_utime + used.ru_stime,
+        "peak memory GB": used.ru_maxrss * 1024 / 1e9,
+    }
+    print({key: round(value, 2) for key, value in row.items()}, flush=True)
+    return row
+
+
+def table(rows: dict[str, dict[str, float]], first: str) -> str:
+    """Markdown."""
+    columns = list(next(iter(rows.values())))
+    lines = [f"| {first} | {' | '.join(columns)} |", "|---" * (1 + len(columns)) + "|"]
+    lines += [f"| {name} | {' | '.join(f'{row[c]:.2f}' for c in columns)} |" for name, row in rows.items()]
+    return "\n".join(lines)
+
+
+def put(name: str, text: str) -> None:
+    """Replace the page's table of this name."""
+    begin, end = f"<!-- {name} -->", f"<!-- end of {name} -->"
+    before, rest = PAGE.read_text().split(begin)
+    PAGE.write_text(f"{before}{begin}\n{text}\n{end}{rest.split(end)[1]}")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    commands = parser.add_subparsers(dest="command", required=True)
+    accuracy = commands.add_parser("accuracy")
+    accuracy.add_argument("--shape", nargs="+", choices=SHAPES, default=list(SHAPES))
+    accuracy.add_argument("--scans", type=Path)
+    costs = commands.add_parser("cost")
+    costs.add_argument("--million", nargs="+", type=float, default=[1.0, 5.0, 10.0, 20.0])
+    make = commands.add_parser("make")
+    make.add_argument("path", type=Path)
+    make.add_argument("million", type=float)
+    given = parser.parse_args()
+    if given.command == "make":
+        print(write_cloud(given.path, given.million))
+    elif given.command == "accuracy":
+        rows = of_shapes(given.shape) | (of_others(given.scans) if given.scans else {})
+        put("accuracy", table(rows, "shape"))
+    else:
+        rows = {}
+        for million in given.million:
+            row = cost(million)
+            within = row["wall s"] < LIMIT_S and row["peak memory GB"] < LIMIT_GB
+            rows[f"{million:g} million"] = row
+            put("cost", table(rows, "asked for"))
+            if not within:
+                print(f"beyond {LIMIT_S} s or {LIMIT_GB} GB: larger clouds are left out", flush=True)
+                break
+
+
 if __name__ == "__main__":
-    accuracy(sys.argv[1:] or list(SHAPES))
+    main()

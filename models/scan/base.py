@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.spatial import cKDTree
 
-from models.scan.crevice import Grid, smooth_sheet, without_strays
+from models.scan.crevice import Grid, not_strays, smooth_sheet
 from models.scan.word import Word
 
 CELLS_PER_HEIGHT = 200
@@ -46,9 +46,28 @@ class Base:
     hidden: NDArray[np.bool_]
 
 
+def near_the_interface(
+    rock: NDArray[np.float64], pedestal: NDArray[np.float64], height_m: float
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Which points shape the base: the rock's low ones and the pedestal's beside and below it, without strays.
+
+    Parameters
+    ----------
+    rock, pedestal : (n, 3) arrays
+        Points of each as u, v, h over the interface plane.
+    height_m : float
+        Height of the rock.
+    """
+    low = rock[:, 2] < RIM_PER_HEIGHT * height_m
+    lit = np.abs(pedestal[:, 2]) < 0.5 * RIM_PER_HEIGHT * height_m
+    low[low] = not_strays(rock[low])
+    lit[lit] = not_strays(pedestal[lit], alone=6.0)
+    return low, lit
+
+
 def hidden_base(
-    rock: NDArray[np.float64],
-    pedestal: NDArray[np.float64],
+    low: NDArray[np.float64],
+    lit: NDArray[np.float64],
     height_m: float,
     core: float,
     word: Word | None = None,
@@ -57,8 +76,8 @@ def hidden_base(
 
     Parameters
     ----------
-    rock, pedestal : (n, 3) arrays
-        Points of each as u, v, h over the interface plane.
+    low, lit : (n, 3) arrays
+        Points of rock and pedestal near the interface, as u, v, h over its plane.
     height_m : float
         Height of the rock.
     core : float
@@ -67,7 +86,6 @@ def hidden_base(
         If it is a contact outline, the rock rests inside it and nowhere else.
     """
     cell = height_m / CELLS_PER_HEIGHT
-    low = without_strays(rock[rock[:, 2] < RIM_PER_HEIGHT * height_m])
     grid = Grid.over(low[:, :2].min(axis=0) - 6 * cell, low[:, :2].max(axis=0) + 6 * cell, cell)
     seen_height, seen = _lowest(grid, low)
     closed = ndimage.binary_closing(np.pad(seen, 12), iterations=12)[12:-12, 12:-12] | seen
@@ -76,7 +94,6 @@ def hidden_base(
     outline = word.inside(grid.nodes_m) if word is not None and word.encloses else None
     if outline is not None:
         seen, hidden = seen & ~outline, hidden | outline
-    lit = without_strays(pedestal[np.abs(pedestal[:, 2]) < 0.5 * RIM_PER_HEIGHT * height_m], alone=6.0)
     # Points at the border may be the pedestal beside the rock.
     within = ndimage.binary_erosion(hidden, iterations=3)
     depth = _hole_depth(grid, lit[within.ravel()[grid.index(lit)]]) * hidden

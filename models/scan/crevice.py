@@ -198,7 +198,8 @@ def refitted(
 
 def rim_polygon(flat_rock: NDArray[np.float64], height_m: float) -> NDArray[np.float64]:
     """Convex polygon (k, 2), u and v, through the lowest seen point of the rock in each of 48 directions."""
-    low = without_strays(flat_rock[np.abs(flat_rock[:, 2]) < BAND_PER_HEIGHT * height_m])
+    low = flat_rock[np.abs(flat_rock[:, 2]) < BAND_PER_HEIGHT * height_m]
+    low = low[not_strays(low)]
     centre = 0.5 * (low[:, :2].min(axis=0) + low[:, :2].max(axis=0))
     sector = (np.arctan2(*(low[:, :2] - centre).T[::-1]) // (2 * np.pi / 48)).astype(int)
     order = np.lexsort((low[:, 2], sector))
@@ -220,7 +221,7 @@ def _outside(polygon: NDArray[np.float64], points: NDArray[np.float64]) -> NDArr
     return np.where(inside, 0.0, nearest)
 
 
-def without_strays(points: NDArray[np.float64], alone: float = 3.0) -> NDArray[np.float64]:
-    """Points with their neighbours near: mixed pixels hang alone between rock and pedestal."""
+def not_strays(points: NDArray[np.float64], alone: float = 3.0) -> NDArray[np.bool_]:
+    """Which points have their neighbours near: mixed pixels hang alone between rock and pedestal."""
     distance = cKDTree(points).query(points, 7)[0][:, 1:].mean(axis=1)
-    return points[distance < alone * np.median(distance)]
+    return distance < alone * np.median(distance)

@@ -26,6 +26,8 @@ AZIMUTHS_DEG = np.arange(0.0, 360.0, 10.0)
 SECTORS = 36
 BESIDE_PER_HEIGHT = 0.02
 """Pedestal seen this near to the rock shows the crevice."""
+BESIDE_BAND_PER_HEIGHT = 0.1
+"""Points this far above or below the interface are enough to fit it anew."""
 
 # What all realisations share, half samples cannot tell: the reconstruction rounds edges off and smooths the hidden
 # base. Errors against known rocks bound it (docs/scan.md): seven virtual shapes and two scans of others.
@@ -43,6 +45,8 @@ class SeenRock:
     ----------
     rock_m, pedestal_m : (n, 3) arrays
         Points, scene frame.
+    low_m, lit_m : (n, 3) arrays
+        Those of them that shape the base (`near_the_interface`).
     surfels : Surfels
     patches : (k,) bool array
         Which surfels are the rock's.
@@ -53,6 +57,8 @@ class SeenRock:
 
     rock_m: NDArray[np.float64]
     pedestal_m: NDArray[np.float64]
+    low_m: NDArray[np.float64]
+    lit_m: NDArray[np.float64]
     surfels: Surfels
     patches: NDArray[np.bool_]
     height_m: float
@@ -61,10 +67,10 @@ class SeenRock:
 
 def close_standing(seen: SeenRock, interface: Interface) -> tuple[ClosedRock, float]:
     """Close the rock on the narrowest feet on which it stands, and say how narrow: it stood when it was scanned."""
-    rock, pedestal = interface.flat(seen.rock_m), interface.flat(seen.pedestal_m)
+    low, lit = interface.flat(seen.low_m), interface.flat(seen.lit_m)
     cores = CORES_OF_HOLES if seen.word is None or not seen.word.encloses else CORES_OF_HOLES[:1]
     for core in cores:
-        base = hidden_base(rock, pedestal, seen.height_m, core, seen.word)
+        base = hidden_base(low, lit, seen.height_m, core, seen.word)
         closed = close_rock(seen.surfels, seen.patches, base, interface)
         if stands(closed.rock, interface):
             break
@@ -162,16 +168,17 @@ def uncertainty(
         Standard deviations with their floors (`bias`), the statics' for the bare interface plane; none where fewer
         than three realisations close.
     """
+    beside = _Beside.of(seen, interface)
     closed: list[Rock] = []
     planes: list[Interface] = []
     for number in range(realisations):
         rng = np.random.default_rng([2017, number])
         try:
-            plane = interface if seen.word is not None else _half_fitted(seen, interface, rng)
+            plane = interface if seen.word is not None else _half_fitted(beside, interface, rng)
             drawn = float(np.clip(core + rng.uniform(-0.2, 0.2), 0.0, 0.9))
             base = hidden_base(
-                plane.flat(_half(seen.rock_m, rng)),
-                plane.flat(_half(seen.pedestal_m, rng)),
+                plane.flat(_half(seen.low_m, rng)),
+                plane.flat(_half(seen.lit_m, rng)),
                 seen.height_m,
                 drawn,
                 seen.word,
@@ -230,20 +237,36 @@ def _half(points: NDArray[np.float64], rng: np.random.Generator) -> NDArray[np.f
     return points[rng.random(len(points)) < 0.5]
 
 
-def _half_fitted(seen: SeenRock, interface: Interface, rng: np.random.Generator) -> Interface:
+@dataclass(frozen=True, eq=False)
+class _Beside:
+    """Points on both sides of the interface, from which it is fitted, and the direction in which each lies."""
+
+    points_m: NDArray[np.float64]
+    label: NDArray[np.int8]
+    sector: NDArray[np.int64]
+    height_m: float
+
+    @classmethod
+    def of(cls, seen: SeenRock, interface: Interface) -> "_Beside":
+        band = BESIDE_BAND_PER_HEIGHT * seen.height_m
+        flat_rock, flat_pedestal = interface.flat(seen.rock_m), interface.flat(seen.pedestal_m)
+        rock, pedestal = np.abs(flat_rock[:, 2]) < band, np.abs(flat_pedestal[:, 2]) < band
+        low = flat_rock[rock, :2]
+        centre = 0.5 * (low.min(axis=0) + low.max(axis=0))
+        offset = np.concatenate([low, flat_pedestal[pedestal, :2]]) - centre
+        turn = np.arctan2(offset[:, 1], offset[:, 0]) / (2 * np.pi) + 0.5
+        return cls(
+            np.concatenate([seen.rock_m[rock], seen.pedestal_m[pedestal]]),
+            np.repeat(np.array([ROCK, PEDESTAL], np.int8), [rock.sum(), pedestal.sum()]),
+            np.floor(turn * SECTORS).astype(int) % SECTORS,
+            seen.height_m,
+        )
+
+
+def _half_fitted(beside: _Beside, interface: Interface, rng: np.random.Generator) -> Interface:
     """Interface through the pedestal in half of the directions around the contact."""
-    points = np.concatenate([seen.rock_m, seen.pedestal_m])
-    label = np.repeat(np.array([ROCK, PEDESTAL], np.int8), [len(seen.rock_m), len(seen.pedestal_m)])
-    flat = interface.flat(points)
-    low = flat[(label == ROCK) & (flat[:, 2] < 0.1 * seen.height_m), :2]
-    centre = 0.5 * (low.min(axis=0) + low.max(axis=0))
-    sector = (
-        np.floor((np.arctan2(*(flat[:, :2] - centre).T[::-1]) / (2 * np.pi) + 0.5) * SECTORS).astype(int)
-        % SECTORS
-    )
-    kept = np.isin(sector, rng.choice(SECTORS, SECTORS // 2, replace=False))
-    kept |= label == ROCK
-    return refitted(points[kept], label[kept], interface, seen.height_m)
+    kept = np.isin(beside.sector, rng.choice(SECTORS, SECTORS // 2, replace=False)) | (beside.label == ROCK)
+    return refitted(beside.points_m[kept], beside.label[kept], interface, beside.height_m)
 
 
 def _std(values: Any) -> Any:

@@ -15,6 +15,7 @@ from scipy.spatial import ConvexHull, cKDTree
 
 from models.errors import InputError
 from models.rock import Rock
+from models.scan.base import near_the_interface
 from models.scan.crevice import judge_crevice
 from models.scan.ground import kept_of, pedestal_ground
 from models.scan.interface import Interface, fit_interface
@@ -143,8 +144,9 @@ def _judged(
     height = float(np.ptp(parts.surfels.points_m[rock, 2]))
     label, interface = judge_crevice(cloud.points_m, parts.label, interface, height, refit=word is None)
     rock = label_surfels(parts.surfels, cloud.points_m, label) == ROCK
-    points = cloud.points_m
-    seen = SeenRock(points[label == ROCK], points[label == PEDESTAL], parts.surfels, rock, height, word)
+    standing, below = cloud.points_m[label == ROCK], cloud.points_m[label == PEDESTAL]
+    low, lit = near_the_interface(interface.flat(standing), interface.flat(below), height)
+    seen = SeenRock(standing, below, standing[low], below[lit], parts.surfels, rock, height, word)
     return seen, label, interface
 
 

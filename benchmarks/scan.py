@@ -195,7 +195,7 @@ def put(name: str, text: str) -> None:
     """Replace the page's table of this name."""
     begin, end = f"<!-- {name} -->", f"<!-- end of {name} -->"
     before, rest = PAGE.read_text().split(begin)
-    PAGE.write_text(f"{before}{begin}\n{text}\n{end}{rest.split(end)[1]}")
+    PAGE.write_text(f"{before}{begin}\n\n{text}\n\n{end}{rest.split(end)[1]}")
 
 
 def main() -> None:

@@ -31,7 +31,10 @@ SHORT_CHUNK, LONG_CHUNK = 8, 64
 chunks are short after a landing and double in length while none comes."""
 
 REACH_MARGIN_DEG = 2.0
-"""The set of points is changed this much before its reach ends; a chunk turns a rock by less."""
+"""The set of points is changed this much before its reach ends."""
+
+FEWEST_STEPS = 4
+"""Of a chunk, however fast the rock turns toward the end of its points' reach."""
 
 SUNK_SHARE = 1e-4
 """A point that newly sinks by this share of R was not seen coming: its step is taken again with foresight."""
@@ -152,11 +155,13 @@ class Stepper:
 
     def _chunk(self, steps: int) -> None:
         first = len(self.poses) - 1
-        engine = self._engine_for(self.tilt_deg())
+        tilt_deg = self.tilt_deg()
+        engine = self._engine_for(tilt_deg)
         if engine is not self._engine:
             self._engine = engine
             engine.let_stick()
             engine.set_state(self.poses[-1], *self.velocities(first))
+        steps = self._within_reach(steps, tilt_deg, first)
         expected = (self._grid - 0.5) * self._step
         if abs(self._kicked_s[-1] - expected) > 1e-9 * self._step:
             self._single(self._step, self.time_s + 0.5 * self._step)
@@ -170,6 +175,14 @@ class Stepper:
             self._grid += steps
             self.steps += steps
         self._mend(first)
+
+    def _within_reach(self, steps: int, tilt_deg: float, first: int) -> int:
+        """As many of the steps as leave the rock within the reach of its points, at twice its present spin."""
+        if self._reach == len(REACH_DEG) - 1 or first == 0:
+            return steps
+        spin = float(np.linalg.norm(self.velocities(first)[1]))
+        room = math.radians(REACH_DEG[self._reach] - tilt_deg)
+        return max(min(steps, int(room / (2.0 * spin * self._step + 1e-12))), FEWEST_STEPS)
 
     def _single(self, duration_s: float, kick_until_s: float, *, rebounds: bool = False) -> None:
         """One step of any duration whose kick covers the time from the last kick's end to `kick_until_s`."""

@@ -23,7 +23,7 @@ from workers.reference.rocking import Ground, PlaneBody, overturns
 ROOT = Path(__file__).parent.parent
 PAGE, FIGURE = ROOT / "docs" / "accuracy.md", ROOT / "docs" / "figures" / "accuracy_front"
 BUDGET = ROOT / "results" / "preset_budget.json"
-SCENE, ENSEMBLE = ROOT / "runs" / "demo" / "scene", ROOT / "runs" / "demo" / "ensemble"
+SCENE, ENSEMBLE = ROOT / "demo" / "scene", ROOT / "demo" / "ensemble"
 PGA_M_S2 = (3.0, 12.0)
 BLOCKS = ((0.1, 0.6), (0.2, 0.6), (0.4, 0.6))
 FLOOR = f"{CONVERGED}, disturbed"

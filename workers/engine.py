@@ -72,9 +72,8 @@ class Engine:
         self._client = _client(slot)
         self._contact = contact
         self._surface = surface
-        self._iterations = iterations
-        if surface.friction_kinetic != surface.friction_static:
-            self._iterations = max(iterations, ITERATIONS_FOR_SLIP)
+        self._follows_slip = surface.friction_kinetic != surface.friction_static
+        self._iterations = max(iterations, ITERATIONS_FOR_SLIP) if self._follows_slip else iterations
         self.points = points
         pybullet.resetSimulation(physicsClientId=self._client)
         pybullet.setPhysicsEngineParameter(
@@ -170,7 +169,7 @@ class Engine:
             pybullet.setPhysicsEngineParameter(
                 numSolverIterations=self._iterations, physicsClientId=self._client
             )
-        if self._surface.friction_kinetic != self._surface.friction_static:
+        if self._follows_slip:
             self._follow_slip()
         return pybullet.getBasePositionAndOrientation(self._rock, self._client)
 
@@ -180,7 +179,7 @@ class Engine:
             x, y, z = pulls_m_s2[0]
             poses.append(self.step(duration_s, (x, y, z)))
             pulls_m_s2 = pulls_m_s2[1:]
-        if self._surface.friction_kinetic != self._surface.friction_static:
+        if self._follows_slip:
             poses += [self.step(duration_s, (x, y, z)) for x, y, z in pulls_m_s2]
             return
         client, rock = self._client, self._rock

@@ -86,6 +86,7 @@ class Stepper:
         self._gravity = gravity_m_s2
         self._ground_velocity = ground_velocity_m_s
         self._step = time_step_s
+        self._impulse = float(np.linalg.norm(gravity_m_s2)) * time_step_s
         self._fast = resolved_landing_m_s
         self._iterations = iterations
         self._grid = 0
@@ -144,8 +145,9 @@ class Stepper:
             self._reach -= 1
         self._farthest = max(self._farthest, self._reach)
         tilt, contact = REACH_DEG[self._reach], self._contact
-        impulse = float(np.linalg.norm(self._gravity)) * self._step
-        return engine_for(contact, tilt, self._surface, impulse, self._fast, self._iterations, self._reach)
+        return engine_for(
+            contact, tilt, self._surface, self._impulse, self._fast, self._iterations, self._reach
+        )
 
     def velocities(self, index: int) -> tuple[Array, Array]:
         """Velocity (m/s) and angular velocity (rad/s) in the step that led to pose `index`."""

@@ -16,6 +16,7 @@ from models import ContactProperties, InputError, Motion, Scene
 from models.motions.ensemble import CATALOG, Ensemble
 from models.motions.record import Record
 from workers import shake
+from workers.presets import PRESETS
 
 
 @dataclass(frozen=True)
@@ -73,7 +74,7 @@ class Verdict:
     show_default=True,
     help="On each side; 0 for none.",
 )
-@click.option("--preset", type=click.Choice(["fast", "standard", "reference"]), default="standard")
+@click.option("--preset", type=click.Choice(list(PRESETS)), default="standard")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def check(
     scene: Path,

@@ -9,6 +9,7 @@ from rich.console import Console
 from models import ContactProperties, Motion, Scene
 from models.motions import idealised
 from orchestrator.verbs.replay import way_of, write_out
+from workers.presets import PRESETS
 
 SHAPES = ("sawtooth", "sine", "cosine", "ricker")
 
@@ -37,9 +38,7 @@ SHAPES = ("sawtooth", "sine", "cosine", "ricker")
     "--azimuth", type=float, default=0.0, show_default=True, help="Of the ground's first way, deg from east."
 )
 @click.option("--friction", type=click.FloatRange(0, min_open=True), help="The scene's own if not given.")
-@click.option(
-    "--preset", type=click.Choice(["fast", "standard", "reference"]), default="standard", show_default=True
-)
+@click.option("--preset", type=click.Choice(list(PRESETS)), default="standard", show_default=True)
 def pulse(
     scene: Path,
     out: Path,

@@ -32,9 +32,9 @@ from orchestrator.cluster import load_defaults
 from orchestrator.dispatch import Dispatch
 from orchestrator.folder import prepare
 from orchestrator.plan import Plan, plan
-from orchestrator.run import BATCH_BUDGET_S, Execution, Tally, finished_jobs
+from orchestrator.run import BATCH_BUDGET_S, Execution, Tally
 from orchestrator.task import Order, Row, lost_row, versions
-from results.store import compact, write_part
+from results.store import compact, finished_ids, write_part
 from workers.job import JobSpec
 
 LEVELS, AZIMUTHS, RECORDS = 19, 8, 140
@@ -93,7 +93,7 @@ def million() -> dict[str, float]:
         write_part(run, unstored)
         told |= {"jobs_a_second": len(planned) / (time.perf_counter() - began), "track_mb": peak_mb()}
         began = time.perf_counter()
-        finished_jobs(run, planned)
+        finished_ids(run, planned.ids)
         told |= {"resume_s": time.perf_counter() - began, "resume_mb": peak_mb()}
         began = time.perf_counter()
         compact(run)

@@ -15,7 +15,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
 
-import pyarrow.parquet as pq
 from distributed import Client, Future, KilledWorker, as_completed, performance_report
 from distributed.comm import CommClosedError
 
@@ -28,7 +27,7 @@ from orchestrator.folder import prepare, session
 from orchestrator.journal import journal, tell
 from orchestrator.plan import Plan, plan
 from orchestrator.task import Order, Row, UnfitWorkerError, check, lost_row, shake_batch, versions
-from results.store import RESULTS_FILE, compact, result_files, write_part
+from results.store import RESULTS_FILE, compact, finished_ids, result_files, write_part
 from workers.job import JobSpec
 
 log = logging.getLogger(__name__)
@@ -216,7 +215,7 @@ def _until_complete(
     limits: Limits,
     report: Path | None,
 ) -> Tally:
-    finished = finished_jobs(folder, planned)
+    finished = finished_ids(folder, planned.ids)
     tally = Tally(len(planned), len(finished))
     if len(finished) == len(planned):
         return tally
@@ -224,27 +223,12 @@ def _until_complete(
         check_workers(client, order)
         for _ in range(ROUNDS):
             Execution(planned, finished, client, folder, order, watch, tally, limits)()
-            finished = finished_jobs(folder, planned)
+            finished = finished_ids(folder, planned.ids)
             if len(finished) == len(planned):
                 return tally
             log.warning("%d rows were lost after they were stored", len(planned) - len(finished))
     msg = f"rows are lost after they are stored: is the disk of {folder} sound?"
     raise RunError(msg)
-
-
-def finished_jobs(folder: Path, planned: Plan) -> set[str]:
-    """Ids of the plan's jobs that have a row; files with rows of other jobs are set aside, not merged."""
-    known = planned.ids
-    finished: set[str] = set()
-    for path in result_files(folder):
-        ids = set(pq.read_table(path, columns=["job_id"])["job_id"].to_pylist())
-        if ids <= known:
-            finished |= ids
-        else:
-            aside = path.with_name(f"_{path.name}")
-            log.warning("%s holds rows of another run: set aside as %s", path, aside.name)
-            path.rename(aside)
-    return finished
 
 
 def _reported(report: Path | None) -> AbstractContextManager:

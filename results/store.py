@@ -56,12 +56,21 @@ def write_part(run_folder: PathLike, rows: Iterable[Mapping[str, Any]]) -> Path:
     return _write(table, folder / f"part-{time.time_ns():020d}-{uuid.uuid4().hex[:8]}.parquet")
 
 
-def finished_ids(run_folder: PathLike) -> set[str]:
-    """Ids of the jobs that have a row, whatever its status."""
-    ids: set[str] = set()
+def finished_ids(run_folder: PathLike, known: frozenset[str] | None = None) -> set[str]:
+    """Ids of the jobs that have a row, whatever its status.
+
+    Where the run's jobs are `known`, a file with rows of others is set aside as `_NAME`, not merged.
+    """
+    finished: set[str] = set()
     for path in result_files(run_folder):
-        ids.update(pq.read_table(path, columns=["job_id"]).column("job_id").to_pylist())
-    return ids
+        ids = set(pq.read_table(path, columns=["job_id"]).column("job_id").to_pylist())
+        if known is None or ids <= known:
+            finished |= ids
+        else:
+            aside = path.with_name(f"_{path.name}")
+            log.warning("%s holds rows of another run: set aside as %s", path, aside.name)
+            path.rename(aside)
+    return finished
 
 
 def compact(run_folder: PathLike) -> Path:

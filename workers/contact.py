@@ -32,6 +32,9 @@ REACH_DEG = (8.0, 25.0, LARGEST_OPEN_TILT_DEG)
 """Tilts up to which sets of points serve: a rock that rocks a little needs a tenth of the points of one that falls."""
 
 
+POINT_RADIUS_SHARE = 1e-5
+"""Radius of a contact point over R: a fillet."""
+
 CORE_SHARE = 5e-5
 """Contact points are left out while the hull of the others stays within this share of R of the whole: a twentieth of
 the contact tolerance, at two thirds of the cost of a scanned rock's step."""
@@ -94,6 +97,16 @@ class ContactModel:
             half_diagonal_m=scene.rock.half_diagonal_m,
         )
 
+    @property
+    def radius_m(self) -> float:
+        """Radius of the contact points' spheres."""
+        return POINT_RADIUS_SHARE * self.half_diagonal_m
+
+    @cached_property
+    def centres_body_m(self) -> Array:
+        """Centres (n, 3) of the contact points' spheres, whose lowest points are the contact points at the start."""
+        return self.points_body_m + self.radius_m * self.support_from_body[2]
+
     @cached_property
     def start_quaternion_xyzw(self) -> Array:
         """Attitude of the body frame in the pose of the scene."""
@@ -104,7 +117,7 @@ class ContactModel:
         return int(np.searchsorted(self.onset_deg, tilt_deg, side="right"))
 
     def gaps_m(self, positions_m: Array, quaternions_xyzw: Array, points: int | None = None) -> Array:
-        """Clearance of contact points in a sequence of poses, negative where one has sunk in.
+        """Clearance of contact points' spheres in a sequence of poses, negative where one has sunk in.
 
         Parameters
         ----------
@@ -121,7 +134,8 @@ class ContactModel:
         """
         x, y, z, w = quaternions_xyzw.T
         up_body = np.array([2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)])
-        return positions_m[:, 2:3] + up_body.T @ self.points_body_m[:points].T
+        above_centre_m = positions_m[:, 2:3] + up_body.T @ self.centres_body_m[:points].T
+        return np.asarray(above_centre_m - self.radius_m)
 
 
 def _vertices_that_can_touch(points_m: Array, size_m: float) -> tuple[Array, Array]:

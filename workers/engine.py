@@ -16,15 +16,12 @@ from workers.contact import ContactModel
 Array = NDArray[np.float64]
 Pose = tuple[tuple[float, float, float], tuple[float, float, float, float]]
 
-POINT_RADIUS_SHARE = 1e-5
-"""Radius of a contact point over R. The sphere's lowest point is the contact point: a fillet, not an offset."""
-
 NEAR_SHARE, FAR_SHARE = 3e-4, 3e-2
 """Contacts are prepared within these shares of R, so that a landing stops at the surface and not below it. The near one
 catches every landing that is too slow to cut a step at, and keeps the solver's work small; the far one serves around a
 cut."""
 
-COLD_ITERATIONS = 50
+COLD_ITERATIONS = 200
 """Of the first step in a new state, which has no impulses of a step before to start from."""
 
 RESIDUAL_SHARE = 1e-3
@@ -192,11 +189,8 @@ class Engine:
 
     def _add_rock(self) -> int:
         contact = self._contact
-        radius = POINT_RADIUS_SHARE * contact.half_diagonal_m
-        up_body = contact.support_from_body.T @ np.array([0.0, 0.0, 1.0])
         with tempfile.NamedTemporaryFile("w", suffix=".urdf") as file:
-            centres = contact.points_body_m[: self.points] + radius * up_body
-            file.write(_urdf(centres, radius, contact))
+            file.write(_urdf(contact.centres_body_m[: self.points], contact.radius_m, contact))
             file.flush()
             rock = pybullet.loadURDF(
                 file.name,

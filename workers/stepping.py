@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from models.scene import ContactProperties
 from workers.contact import REACH_DEG, ContactModel
 from workers.engine import Engine, Pose
-from workers.quaternion import turn_vector
+from workers.quaternion import matrix, turn_vector
 
 Array = NDArray[np.float64]
 
@@ -43,9 +43,21 @@ PARTS_OF_A_REPEATED_STEP = 4
 """A step in which a point sank is taken again in so many parts: what is left is the arc that a point leaves its tangent
 by, half of (rotation in a step)^2 times its lever arm."""
 
-RESIDUAL_ROTATION = 0.55
-"""A step moves points along tangents, off their arcs by half of (rotation)^2 R: the step that ends at a touch must stop
-short of the surface by that and a little more, or the solver would already act."""
+SHORT_OF_TOUCH = 0.02
+"""A step to a touch stops short of it by this share, or the solver would already act."""
+
+TRIES_TO_TOUCH = 3
+
+ALOFT = 1e-4
+"""A rock whose feet are higher than this share of R above where they rest is aloft."""
+
+SOON = 0.1
+"""Share of a step: a touch that comes sooner counts as one at the start."""
+
+IMPACT_STEP = 0.25
+"""Share of a step that follows a touch: it tells where the impact sends the other points."""
+
+MOST_IMPACTS_AT_ONCE = 8
 
 
 class Stepper:
@@ -90,6 +102,8 @@ class Stepper:
         self._fast = resolved_landing_m_s
         self._iterations = iterations
         self._grid = 0
+        self._smooth_from = 0
+        self._lifted_m: dict[int, float] = {}
         self._ahead = SHORT_CHUNK
         self._pulls: list[list[float]] = []
         self._pulls_from = 0
@@ -153,7 +167,36 @@ class Stepper:
         """Velocity (m/s) and angular velocity (rad/s) in the step that led to pose `index`."""
         (start, turned_from), (end, turned_to) = self.poses[index - 1], self.poses[index]
         duration = self.times_s[index] - self.times_s[index - 1]
-        return (np.array(end) - start) / duration, np.array(turn_vector(turned_from, turned_to)) / duration
+        velocity = (np.array(end) - start) / duration
+        velocity[2] -= self._lifted_m.get(index - 1, 0.0) / duration
+        return velocity, np.array(turn_vector(turned_from, turned_to)) / duration
+
+    def _set_state(self, velocity_m_s: Array, spin_rad_s: Array, next_step_s: float, *, kicked_share: float = 0.5, far: bool = False) -> None:
+        """Give the engine the latest pose, its feet at the height from which a step of that duration is smooth.
+
+        A step moves a foot that stays where it is along the tangent of its arc about the centre of mass, and so off
+        the plane by half of (duration)^2 times its acceleration; the next step takes it back. Feet that came with
+        steps of another duration would be taken back too fast or too slowly.
+        """
+        position, attitude = self.poses[-1]
+        gaps = self._gaps_since(len(self.poses) - 1)[0]
+        arcs = kicked_share * next_step_s**2 * self._centripetal_m_s2(attitude, spin_rad_s)
+        lift = self._lift_m(gaps, arcs)
+        self._lifted_m[len(self.poses) - 1] = lift
+        lifted = (position[0], position[1], position[2] + lift), attitude
+        self._engine.set_state(lifted, velocity_m_s, spin_rad_s, far=far)
+
+    def _lift_m(self, gaps_m: Array, arcs_m: Array) -> float:
+        """Way up that brings the lowest foot to its arc's height; 0 where the rock is aloft."""
+        lift = -float((gaps_m - arcs_m).min())
+        return lift if abs(lift) < ALOFT * self._contact.half_diagonal_m else 0.0
+
+    def _centripetal_m_s2(self, attitude: tuple[float, float, float, float], spin_rad_s: Array) -> Array:
+        """Acceleration of each point in reach toward its axis of rotation, along the normal."""
+        upright = matrix(np.array(attitude))
+        points = self._contact.centres_body_m[: self._engine.points]
+        along, above = points @ (upright.T @ spin_rad_s), points @ upright[2]
+        return np.asarray(spin_rad_s[2] * along - float(spin_rad_s @ spin_rad_s) * above)
 
     def _chunk(self, steps: int) -> None:
         first = len(self.poses) - 1
@@ -162,7 +205,7 @@ class Stepper:
         if engine is not self._engine:
             self._engine = engine
             engine.let_stick()
-            engine.set_state(self.poses[-1], *self.velocities(first))
+            self._set_state(*self.velocities(first), self._step)
         steps = self._within_reach(steps, tilt_deg, first)
         expected = (self._grid - 0.5) * self._step
         if abs(self._kicked_s[-1] - expected) > 1e-9 * self._step:
@@ -209,87 +252,150 @@ class Stepper:
 
     def _mend(self, first: int) -> None:
         """Look at the clearances since pose `first`; take back what a landing or a sinking point has spoilt."""
-        back = max(first - 2, 0)
-        flat = np.array([position + quaternion for position, quaternion in self.poses[back:]])
-        gaps = self._contact.gaps_m(flat[:, :3], flat[:, 3:], self._engine.points)
+        back = max(first - 3, 0)
+        gaps = self._gaps_since(back)
         sunk = gaps.min(axis=1) < -SUNK_SHARE * self._contact.half_diagonal_m
         sinks = np.flatnonzero(sunk[1:] & ~sunk[:-1]) + back
-        landing = self._first_landing(gaps, back, first)
+        smooth = max(back, self._smooth_from)
+        landing = self._first_landing(gaps[smooth - back :], smooth, first)
         self._ahead = min(2 * self._ahead, LONG_CHUNK) if landing is None else SHORT_CHUNK
         if landing is not None and not (len(sinks) and sinks[0] < landing[0]):
             self._cut_at(*landing)
         elif len(sinks) and sinks[0] >= first:
             self._repeat(int(sinks[0]))
 
+    def _gaps_since(self, index: int) -> Array:
+        """Clearances (m, poses x points in reach) from pose `index` on."""
+        flat = np.array([position + quaternion for position, quaternion in self.poses[index:]])
+        return self._contact.gaps_m(flat[:, :3], flat[:, 3:], self._engine.points)
+
     def _first_landing(self, gaps: Array, back: int, first: int) -> tuple[int, float] | None:
-        """Pose before the first fast landing after pose `first`, and the time from it to the touch."""
-        if len(gaps) < 4:
+        """Pose, not before pose `first`, ahead of the first fast landing, and the time from it to the touch."""
+        if len(gaps) < 3:
             return None
         durations = np.diff(self.times_s[back:])[:, None]
-        closing = (gaps[:-1] - gaps[1:]) / durations
+        closing = self._closing_m_s(gaps, back)
         # In interval i (pose i to i + 1) a point lands if the speed and its change before carry it through.
-        predicted = 2.0 * closing[1:-1] - closing[:-2]
-        before = gaps[2:-1]
-        lands = (closing[1:-1] > self._fast) & (before > 0.0) & (before < predicted * durations[2:])
+        predicted = closing[:-1].copy()
+        predicted[1:] += closing[1:-1] - closing[:-2]
+        before = gaps[1:-1]
+        lands = (closing[:-1] > self._fast) & (before > 0.0) & (before < predicted * durations[1:])
+        lands[: max(first - back - 1, 0)] = False
         rows = np.flatnonzero(lands.any(axis=1))
         if not len(rows):
             return None
-        row = int(rows[0])
-        points = np.flatnonzero(lands[row])
-        here = row + 2
-        touch = self._time_to_touch(gaps, closing, durations, here, points)
+        here = int(rows[0]) + 1
+        points = np.flatnonzero(lands[here - 1])
+        touch = self._time_to_touch(gaps, closing, back, here, points)
         regular = np.isclose(durations[:, 0], self._step, rtol=1e-9)
-        if touch < 0.5 * self._step and back + here - 1 > first and regular[here - 1] and regular[here - 2]:
+        steady = back + here - 1 > first and here > 2 and regular[here - 1] and regular[here - 2]
+        if touch < 0.5 * self._step and steady:
             here -= 1
-            touch = self._time_to_touch(gaps, closing, durations, here, points)
-        _, spin = self.velocities(back + here)
-        arc = RESIDUAL_ROTATION * float(spin @ spin) * touch**2 * self._contact.half_diagonal_m
-        touch -= arc / float(closing[here - 1, points].max())
+            touch = self._time_to_touch(gaps, closing, back, here, points)
         # A landing that the next one and a half steps do not bring was an extrapolation's error.
-        return (back + here, touch) if 0.1 * self._step < touch <= 1.6 * self._step else None
+        return (back + here, touch) if touch <= 1.6 * self._step else None
 
-    @staticmethod
     def _time_to_touch(
-        gaps: Array, closing: Array, durations: Array, here: int, points: NDArray[np.intp]
+        self, gaps: Array, closing: Array, back: int, here: int, points: NDArray[np.intp]
     ) -> float:
-        """Time from pose `here` to the first touch, for a step whose velocity is kicked up to the touch itself."""
+        """Time from pose `here` to the first touch, for a step whose velocity is kicked up to the touch itself.
+
+        Such a step moves points along their tangents at its start: they close in faster than the mean speeds of the
+        steps before by the arcs of half a step, and the pull alone changes that, not the turning of the tangent.
+        """
+        index = back + here
         gap, speed = gaps[here, points], closing[here - 1, points]
-        middle_to_middle = 0.5 * (durations[here - 1, 0] + durations[here - 2, 0])
-        growth = (speed - closing[here - 2, points]) / middle_to_middle
+        spin = self.velocities(index)[1]
+        arcs = self._centripetal_m_s2(self.poses[index][1], spin)
+        arc = arcs[points]
+        before_s = self.times_s[index] - self.times_s[index - 1]
+        growth = arc.copy()
+        if here > 1:
+            middle_to_middle = 0.5 * (self.times_s[index] - self.times_s[index - 2])
+            growth += (speed - closing[here - 2, points]) / middle_to_middle
+        tangent = speed - 0.5 * before_s * arc
         time = gap / speed
         for _ in range(4):
-            time = gap / np.maximum(speed + growth * (0.5 * durations[here - 1, 0] + time), 0.5 * speed)
+            way = gap + self._lift_m(gaps[here], arcs * time.min() ** 2)
+            time = (1.0 - SHORT_OF_TOUCH) * way / np.maximum(tangent + growth * (0.5 * before_s + time), 0.5 * speed)
         return float(time.min())
 
     def _repeat(self, index: int) -> None:
         """Take the step from pose `index` again, in parts and with contacts prepared far ahead."""
         end_s = self.times_s[index + 1]
         velocity, spin = self._back_to(index)
-        self._engine.set_state(self.poses[index], velocity, spin, far=True)
         part = (end_s - self.time_s) / PARTS_OF_A_REPEATED_STEP
+        self._set_state(velocity, spin, part, far=True)
         for _ in range(PARTS_OF_A_REPEATED_STEP):
             self._single(part, self.time_s + 0.5 * part)
         self.times_s[-1] = end_s
         self._grid = round(end_s / self._step)
-        self._engine.set_state(self.poses[-1], *self.velocities(len(self.poses) - 1))
+        self._smooth_from = len(self.poses) - 1
+        self._set_state(*self.velocities(len(self.poses) - 1), self._step)
 
     def _back_to(self, index: int) -> tuple[Array, Array]:
         """Forget what came after pose `index`; returns the velocities there."""
         velocities = self._given if index == 0 else self.velocities(index)
         del self.poses[index + 1 :], self.times_s[index + 1 :], self._kicked_s[index + 1 :]
+        self._lifted_m = {i: lift for i, lift in self._lifted_m.items() if i < index}
         return velocities
 
     def _cut_at(self, index: int, touch_s: float) -> None:
-        """Go back to pose `index`, step to the touch, and from there to the grid."""
+        """Go back to pose `index`, step to the touch, to those that follow at once, and from there to the grid."""
         velocity, spin = self._back_to(index)
-        self._engine.set_state(self.poses[index], velocity, spin, far=True)
-        touch_at = self.time_s + touch_s
-        self._single(touch_s, touch_at)
-        self._grid = int(np.ceil(touch_at / self._step + 0.5))  # leaves half a step to one and a half
-        rest = self._grid * self._step - touch_at
-        self._single(rest, touch_at + 0.5 * rest, rebounds=True)
+        for _ in range(MOST_IMPACTS_AT_ONCE):
+            if touch_s > SOON * self._step:
+                self._step_to_touch(touch_s, velocity, spin)
+                velocity, spin = self.velocities(len(self.poses) - 1)
+            if self._surface.restitution > 0.0 and 1e-6 < self._next_touch_s() / self._step < SOON:
+                self._step_to_touch(self._next_touch_s(), velocity, spin)  # only a point that touches rebounds
+                velocity, spin = self.velocities(len(self.poses) - 1)
+            impact_s = IMPACT_STEP * self._step
+            self._set_state(velocity, spin, impact_s, far=True)
+            self._single(impact_s, self.time_s + 0.5 * impact_s, rebounds=True)
+            velocity, spin = self.velocities(len(self.poses) - 1)
+            self._smooth_from = len(self.poses) - 1
+            self._grid = int(np.ceil(self.time_s / self._step + 0.5))  # leaves half a step to one and a half
+            rest = self._grid * self._step - self.time_s
+            touch_s = self._next_touch_s()
+            if touch_s > rest:
+                break
+        self._set_state(velocity, spin, rest, far=True)
+        self._single(rest, self.time_s + 0.5 * rest)
         self.times_s[-1] = self._grid * self._step
-        self._engine.set_state(self.poses[-1], *self.velocities(len(self.poses) - 1))
+        self._set_state(*self.velocities(len(self.poses) - 1), self._step)
+
+    def _step_to_touch(self, touch_s: float, velocity_m_s: Array, spin_rad_s: Array) -> None:
+        """A step that ends as a point touches down, and not so late that the point already carries."""
+        index = len(self.poses) - 1
+        for tries in reversed(range(TRIES_TO_TOUCH)):
+            self._set_state(velocity_m_s, spin_rad_s, touch_s, kicked_share=1.0, far=True)
+            self._single(touch_s, self.time_s + touch_s)
+            gaps = self._gaps_since(index)
+            closing = self._closing_m_s(gaps, index)[0]
+            arcs = 0.5 * touch_s**2 * self._centripetal_m_s2(self.poses[-1][1], spin_rad_s)
+            fast = closing > self._fast
+            # A point that the engine stopped is left with its arc alone.
+            late = gaps[1] - arcs < 0.25 * SHORT_OF_TOUCH * touch_s * closing
+            if not (fast & late).any() or tries == 0:
+                break
+            self._back_to(index)
+            touch_s *= 1.0 - 2.0 * SHORT_OF_TOUCH
+
+    def _next_touch_s(self) -> float:
+        """Time from the latest pose to the next fast touch at the speeds of the step before; infinite if none comes."""
+        back = len(self.poses) - 2
+        gaps = self._gaps_since(back)
+        closing = self._closing_m_s(gaps, back)
+        coming = np.flatnonzero((closing[0] > self._fast) & (gaps[1] > 0.0))
+        return self._time_to_touch(gaps, closing, back, 1, coming) if len(coming) else math.inf
+
+    def _closing_m_s(self, gaps: Array, back: int) -> Array:
+        """Mean speed at which points came down between the poses from `back` on."""
+        lifted = [self._lifted_m.get(i, 0.0) for i in range(back, back + len(gaps) - 1)]
+        return np.asarray(
+            (gaps[:-1] + np.array(lifted)[:, None] - gaps[1:]) / np.diff(self.times_s[back:])[:, None]
+        )
 
 
 def engine_for(

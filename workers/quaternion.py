@@ -70,3 +70,11 @@ def turn_vector(start: tuple[float, ...], end: tuple[float, ...]) -> tuple[float
         sine, w, x, y, z = sine, -w, -x, -y, -z
     scale = 2.0 * math.atan2(sine, w) / sine if sine > 1e-300 else 2.0
     return x * scale, y * scale, z * scale
+
+
+def to_body(vector: tuple[float, float, float], attitude: tuple[float, ...]) -> tuple[float, float, float]:
+    """Components of a vector in the axes of a body of this attitude."""
+    (a, b, c), (x, y, z, w) = vector, attitude
+    # twice the cross product of the vector and the axis, as q* v q written out
+    p, q, r = 2.0 * (b * z - c * y), 2.0 * (c * x - a * z), 2.0 * (a * y - b * x)
+    return a + w * p + q * z - r * y, b + w * q + r * x - p * z, c + w * r + p * y - q * x

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from models.scene import ContactProperties
 from workers.contact import REACH_DEG, ContactModel
 from workers.engine import Engine, Pose
-from workers.quaternion import matrix, turn_vector
+from workers.quaternion import to_body, turn_vector
 
 Array = NDArray[np.float64]
 
@@ -171,7 +171,15 @@ class Stepper:
         velocity[2] -= self._lifted_m.get(index - 1, 0.0) / duration
         return velocity, np.array(turn_vector(turned_from, turned_to)) / duration
 
-    def _set_state(self, velocity_m_s: Array, spin_rad_s: Array, next_step_s: float, *, kicked_share: float = 0.5, far: bool = False) -> None:
+    def _set_state(
+        self,
+        velocity_m_s: Array,
+        spin_rad_s: Array,
+        next_step_s: float,
+        *,
+        kicked_share: float = 0.5,
+        far: bool = False,
+    ) -> None:
         """Give the engine the latest pose, its feet at the height from which a step of that duration is smooth.
 
         A step moves a foot that stays where it is along the tangent of its arc about the centre of mass, and so off
@@ -192,11 +200,10 @@ class Stepper:
         return lift if abs(lift) < ALOFT * self._contact.half_diagonal_m else 0.0
 
     def _centripetal_m_s2(self, attitude: tuple[float, float, float, float], spin_rad_s: Array) -> Array:
-        """Acceleration of each point in reach toward its axis of rotation, along the normal."""
-        upright = matrix(np.array(attitude))
-        points = self._contact.centres_body_m[: self._engine.points]
-        along, above = points @ (upright.T @ spin_rad_s), points @ upright[2]
-        return np.asarray(spin_rad_s[2] * along - float(spin_rad_s @ spin_rad_s) * above)
+        """Acceleration of each point in reach toward its axis of rotation, spin x (spin x arm), along the normal."""
+        x, y, z = spin_rad_s.tolist()
+        direction = to_body((z * x, z * y, -x * x - y * y), attitude)
+        return np.asarray(self._contact.centres_body_m[: self._engine.points] @ np.array(direction))
 
     def _chunk(self, steps: int) -> None:
         first = len(self.poses) - 1
@@ -336,8 +343,9 @@ class Stepper:
     def _back_to(self, index: int) -> tuple[Array, Array]:
         """Forget what came after pose `index`; returns the velocities there."""
         velocities = self._given if index == 0 else self.velocities(index)
+        for later in range(index, len(self.poses)):
+            self._lifted_m.pop(later, None)
         del self.poses[index + 1 :], self.times_s[index + 1 :], self._kicked_s[index + 1 :]
-        self._lifted_m = {i: lift for i, lift in self._lifted_m.items() if i < index}
         return velocities
 
     def _cut_at(self, index: int, touch_s: float) -> None:

@@ -16,10 +16,9 @@ from workers.contact import ContactModel
 Array = NDArray[np.float64]
 Pose = tuple[tuple[float, float, float], tuple[float, float, float, float]]
 
-NEAR_SHARE, FAR_SHARE = 3e-4, 3e-2
-"""Contacts are prepared within these shares of R, so that a landing stops at the surface and not below it. The near one
-catches every landing that is too slow to cut a step at, and keeps the solver's work small; the far one serves around a
-cut."""
+NEAR_SHARE = 3e-4
+"""Contacts are prepared within this share of R, so that a landing stops at the surface and not below it. It catches
+every landing that is too slow to cut a step at, and keeps the solver's work small."""
 
 COLD_ITERATIONS = 200
 """Of the first step in a new state, which has no impulses of a step before to start from."""
@@ -120,14 +119,14 @@ class Engine:
             self._set_friction(wanted)
 
     def set_state(
-        self, pose: Pose, velocity_m_s: Array, angular_velocity_rad_s: Array, *, far: bool = False
+        self, pose: Pose, velocity_m_s: Array, angular_velocity_rad_s: Array, *, prepared_share: float = 0.0
     ) -> None:
         """Place the rock and set it going; forgets all contacts.
 
-        From here on contacts are prepared within FAR_SHARE of R (`far`) or NEAR_SHARE.
+        From here on contacts are prepared within `prepared_share` of R, at least NEAR_SHARE.
         """
         pybullet.setPhysicsEngineParameter(
-            contactBreakingThreshold=FAR_SHARE if far else NEAR_SHARE,
+            contactBreakingThreshold=max(prepared_share, NEAR_SHARE),
             numSolverIterations=max(COLD_ITERATIONS, self._iterations),
             physicsClientId=self._client,
         )

@@ -48,16 +48,19 @@ SHORT_OF_TOUCH = 0.02
 
 TRIES_TO_TOUCH = 3
 
+AHEAD = 3.0
+"""Around a landing contacts are prepared as far ahead as the rock gets in so many steps."""
+
 ALOFT = 1e-4
 """A rock whose feet are higher than this share of R above where they rest is aloft."""
 
 SOON = 0.1
 """Share of a step: a touch that comes sooner counts as one at the start."""
 
-IMPACT_STEP = 0.25
+IMPACT_STEP = 0.06
 """Share of a step that follows a touch: it tells where the impact sends the other points."""
 
-MOST_IMPACTS_AT_ONCE = 8
+MOST_IMPACTS_AT_ONCE = 40
 
 
 class Stepper:
@@ -192,7 +195,8 @@ class Stepper:
         lift = self._lift_m(gaps, arcs)
         self._lifted_m[len(self.poses) - 1] = lift
         lifted = (position[0], position[1], position[2] + lift), attitude
-        self._engine.set_state(lifted, velocity_m_s, spin_rad_s, far=far)
+        ahead = AHEAD * self._step * (np.abs(velocity_m_s[2]) / self._contact.half_diagonal_m + np.linalg.norm(spin_rad_s))
+        self._engine.set_state(lifted, velocity_m_s, spin_rad_s, prepared_share=float(ahead) if far else 0.0)
 
     def _lift_m(self, gaps_m: Array, arcs_m: Array) -> float:
         """Way up that brings the lowest foot to its arc's height; 0 where the rock is aloft."""

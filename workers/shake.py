@@ -246,7 +246,8 @@ class _Run:
             if self.stepper.time_s > self.motion.duration_s:
                 if at_rest and self._holds(self.gravity[None])[0]:
                     return "ok", "rest"
-                if self.shortcuts and self._energy() < REST_CERTAIN_SHARE * self.barrier_j_kg:
+                too_little = self._energy() < REST_CERTAIN_SHARE * self.barrier_j_kg
+                if self.shortcuts and too_little and not self._slides():
                     return "ok", "rest_certain"
                 if self.stepper.time_s > cap_s:
                     certain = self._energy() < self.barrier_j_kg
@@ -360,6 +361,13 @@ class _Run:
         velocity, spin = self.stepper.velocities(len(times) - 1)
         speed = np.linalg.norm(velocity) + np.linalg.norm(spin) * self.contact.half_diagonal_m
         return bool(max(way / (times[-1] - times[since]), speed) < self.rest_speed)
+
+    def _slides(self) -> bool:
+        """Whether the lowest foot moves along the interface: its way is not over yet."""
+        velocity, spin = self.stepper.velocities(len(self.stepper.poses) - 1)
+        arms = self.contact.points_body_m @ quat.matrix(np.array(self.stepper.poses[-1][1])).T
+        foot = velocity + np.cross(spin, arms[arms[:, 2].argmin()])
+        return bool(np.hypot(foot[0], foot[1]) > self.rest_speed)
 
     def _energy(self) -> float:
         """Kinetic energy and height above the start, per mass."""

@@ -3,6 +3,8 @@
 from itertools import pairwise
 
 import numpy as np
+import trimesh
+from scipy.spatial.transform import Rotation
 
 from models import Motion, Scene
 from models.frames import horizontal_unit_vector
@@ -293,3 +295,87 @@ def coupled(friction, preset, times, acceleration=None, duration=0.0, velocity=(
         alpha, p = np.arctan2(0.2, 0.6), exact.rocking_frequency(0.2, 0.6)
         rows.append([corner / size, at / alpha, (after - before) / (2 * around * p)])
     return np.array(rows[0]) - np.array(rows[1])
+
+
+def rolling_loss_error(sides, rate, preset):
+    """Error of the energy that a polygonal prism of radius 1 m loses as it rolls through 60 degrees.
+
+    It turns about a corner until the next face lands, corner by corner: the angular velocity goes down by
+    (I + m R^2 cos(2 pi / n)) / (I + m R^2) each time.
+    """
+    half = np.pi / sides
+    angle = 2 * half * (np.arange(sides) + 0.5) - np.pi / 2
+    ring = np.column_stack([np.cos(angle), np.zeros(sides), np.sin(angle)])
+    prism = trimesh.convex.convex_hull(np.vstack([ring - np.array([0, 1, 0]), ring + np.array([0, 1, 0])]))
+    prism.apply_translation([0.0, 0.0, -prism.vertices[:, 2].min()])
+    scene = Scene.from_mesh((prism.vertices, prism.faces), friction=GRIP)
+    com, inertia = scene.rock.com_m, scene.rock.inertia_per_mass_m2[1, 1]
+    corner = np.array([np.sin(half), 0.0, 0.0])
+    spin = np.array([0.0, rate, 0.0])
+    landings = int(np.deg2rad(60.0) / (2 * half) + 1e-6)
+    result = shake(
+        scene,
+        Motion(np.zeros((2, 3)), 1.2 * landings * 2 * half / rate),
+        preset,
+        trajectory=True,
+        shortcuts=False,
+        initial={
+            "position_m": com,
+            "angular_velocity_rad_s": spin,
+            "velocity_m_s": np.cross(spin, com - corner),
+        },
+    )
+    time, place = result.trajectory.time_s, result.trajectory.position_m
+    # The centre of mass moves on by one face's length a landing; look shortly after the last one.
+    seen = np.argmax(place[:, 0] - com[0] > (2 * landings + 0.2) * np.sin(half))
+    step = time[seen] - time[seen - 1]
+    speed = np.linalg.norm(place[seen] - place[seen - 1]) / step
+    height = 0.5 * (place[seen, 2] + place[seen - 1, 2]) - com[2]
+    turned = lean(result.trajectory)
+    energy = 0.5 * speed**2 + 0.5 * inertia * ((turned[seen] - turned[seen - 1]) / step) ** 2 + G * height
+    start = 0.5 * rate**2 * (1 + inertia)
+    kept = ((inertia + np.cos(2 * half)) / (inertia + 1)) ** (2 * landings)
+    return (start - energy) / (start * (1 - kept)) - 1
+
+
+def rattling_energy(sides, azimuth_deg, preset):
+    """Energy kept, over that which overturns, by a prism kicked up onto one corner, 3 sqrt(R / g) later.
+
+    It swings back, and the corners of its base land one after the other around the rim.
+    """
+    rock = cylinder(1.0, 1.5, sides)
+    scene = Scene.from_mesh((rock.vertices_m, rock.faces), friction=GRIP)
+    com, size = scene.rock.com_m, scene.rock.half_diagonal_m
+    feet = scene.rock.vertices_m[scene.rock.vertices_m[:, 2] < 1e-9]
+    toward = horizontal_unit_vector(azimuth_deg)
+    corner = feet[np.argmax(feet @ toward)]
+    axis = np.cross([0.0, 0.0, 1.0], toward)
+    arm = com - corner
+    about_corner = axis @ scene.rock.inertia_per_mass_m2 @ axis + np.sum(np.cross(axis, arm) ** 2)
+    barrier = G * (np.linalg.norm(arm) - arm[2])
+    spin = axis * np.sqrt(2 * 0.5 * barrier / about_corner)
+    still = Motion(np.zeros((2, 3)), 3.0 * np.sqrt(size / G))
+    result = shake(
+        scene,
+        still,
+        preset,
+        trajectory=True,
+        shortcuts=False,
+        initial={
+            "position_m": com,
+            "angular_velocity_rad_s": spin,
+            "velocity_m_s": np.cross(spin, arm),
+        },
+    )
+    time, place, turn = (
+        result.trajectory.time_s,
+        result.trajectory.position_m,
+        Rotation.from_quat(result.trajectory.quaternion_xyzw),
+    )
+    at = np.searchsorted(time, still.duration_s)
+    step = time[at] - time[at - 1]
+    spin = (turn[at] * turn[at - 1].inv()).as_rotvec() / step
+    inertia = turn[at].as_matrix() @ scene.rock.inertia_per_mass_m2 @ turn[at].as_matrix().T
+    speed = (place[at] - place[at - 1]) / step
+    height = 0.5 * (place[at, 2] + place[at - 1, 2]) - com[2]
+    return (0.5 * speed @ speed + 0.5 * spin @ inertia @ spin + G * height) / barrier

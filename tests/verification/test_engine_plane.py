@@ -22,7 +22,6 @@ MISSED: dict[tuple, str] = {
     ("ratio", "reference", 45, 0.5): "0.13 %",
     ("ratio", "reference", 45, 0.9): "0.12 %",
     ("loss", "standard", 2, 0.1): "-41 %",
-    ("loss", "standard", 2, 0.5): "-21 %",
     ("loss", "standard", 2, 0.9): "-9 %",
     ("landing", "standard", 2, 0.999): "1.81 %",
     ("loss", "standard", 2, 0.999): "-18 %",
@@ -43,7 +42,6 @@ MISSED: dict[tuple, str] = {
     ("landing", "reference", 45, 0.999): "-0.14 %",
     ("ratio", "reference", 45, 0.999): "0.12 %",
     ("sine", "standard", 2, 1, "no impact"): "-0.46 %",
-    ("onto flat", "standard", 0.6, 0.8): "a rate 2.6e-3 p off",
     ("onto flat", "standard", 1.0, 1.2): "a rate 3.8e-2 p off, a corner that slips",
     ("onto flat", "standard", 1.0, 0.8): "a rate 3.8e-2 p off, a corner that slips",
     ("onset", "standard", 2.0, 0.98): "a corner 1.4e-3 R off after 40 ms: slip in the first steps",
@@ -246,3 +244,17 @@ def test_the_threshold_converges_with_the_time_step():
     ]
     assert abs(errors[-1]) < 5e-4
     assert abs(errors[-1]) < max(abs(errors[0]), 2e-4)
+
+
+@pytest.mark.parametrize(
+    ("preset", "sides", "rate"),
+    cases(
+        "rolling",
+        [("standard", 12, 2.0), ("standard", 48, 2.0), ("standard", 48, 1.0), ("fast", 48, 1.0)],
+        [("reference", 12, 2.0), ("reference", 48, 2.0), ("reference", 48, 1.0), ("fast", 12, 2.0)],
+    ),
+)
+def test_a_polygon_that_rolls_loses_each_corners_share_of_the_energy(preset, sides, rate):
+    # One landing in 7 to 44 steps; a weight that moves to each corner as much as half a step early would add a
+    # tenth to a third.
+    assert abs(case.rolling_loss_error(sides, rate, preset)) < {"reference": 0.01}.get(preset, LOSS_TARGET)

@@ -60,13 +60,22 @@ def test_skipping_rest_neither_raises_nor_lowers_the_rocking():
     quiet = np.zeros((150, 3))
     differences = []
     for seed in range(24):
-        shaken = noise(seed, 8.0)
+        shaken = noise(seed, 6.0)
         motion = Motion(np.vstack([quiet, shaken.acceleration_m_s2, quiet]), shaken.time_step_s)
         short, whole = (shake(scene, motion, shortcuts=s) for s in (True, False))
         assert short.toppled == whole.toppled
         assert short.steps < whole.steps
         differences.append(np.log(short.max_tilt_deg / whole.max_tilt_deg))
     assert abs(np.mean(differences)) < 3 * np.std(differences) / np.sqrt(len(differences))
+
+
+def test_a_rock_that_still_slides_after_the_motion_slides_to_its_end():
+    scene = Scene.block(0.5, 0.5, 0.2, friction=0.3)
+    push = Motion(np.outer([*np.full(60, 6.0), 0.0], [1.0, 0.0, 0.0]), 0.005)  # ends at .9 m/s of slip
+    short, whole = (shake(scene, push, shortcuts=s).slip_m for s in (True, False))
+    assert whole > 0.1 * scene.rock.half_diagonal_m
+    # What is left below the speed of rest: (5e-4)^2 R / (2 mu), under 1e-6 R.
+    assert short == pytest.approx(whole, abs=1e-6)
 
 
 def test_no_point_sinks_by_more_than_a_thousandth_of_the_half_diagonal():

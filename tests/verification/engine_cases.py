@@ -1,5 +1,6 @@
 """Cases with exact answers, run through the engine: each returns the engine's relative error."""
 
+from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
@@ -146,27 +147,10 @@ def along(azimuth_deg, values, time_step):
 def full_sine_error(
     alpha_deg, half_diagonal, frequency_share, preset, branch="no impact", azimuth=0.0, **settings
 ):
-    """Threshold of a full sine of angular frequency `frequency_share` p, with no or after one impact."""
+    """Error of the threshold of a full sine of angular frequency `frequency_share` p."""
     scene, b, h = block(alpha_deg, half_diagonal)
     period = 2 * np.pi / (frequency_share * exact.rocking_frequency(b, h))
-    body, unit = PlaneBody.rectangle(b, h), G * b / h
-
-    def fate(ratio):
-        return overturns(body, Ground.sine(-ratio * unit, period))
-
-    if branch == "no impact":
-        high = 2.0
-        while fate(high) != 1:
-            high *= 1.3
-        reference = least(lambda a: fate(a) == 1, high / 1.3 if high > 2 else 1.0, high, 17)
-    else:
-        low = 1.0
-        while fate(low) != -1:
-            low *= 1.02
-            if fate(low) == 1:
-                msg = "no branch after an impact"
-                raise ValueError(msg)
-        reference = least(fate, low / 1.02, low, 12)
+    unit, reference = G * b / h, full_sine_threshold(b, h, period, branch)
 
     def motion_of(ratio):
         time = np.linspace(0, period, 801)
@@ -176,19 +160,49 @@ def full_sine_error(
     return threshold_error(scene, motion_of, reference, preset, toward, **settings)
 
 
+@lru_cache
+def full_sine_threshold(b, h, period, branch):
+    """Least amplitude over g b/h that overturns with no impact, or after one."""
+    body, unit = PlaneBody.rectangle(b, h), G * b / h
+
+    def fate(ratio):
+        return overturns(body, Ground.sine(-ratio * unit, period))
+
+    if branch == "no impact":
+        high = 2.0
+        while fate(high) != 1:
+            high *= 1.3
+        return least(lambda a: fate(a) == 1, high / 1.3 if high > 2 else 1.0, high, 17)
+    low = 1.0
+    while fate(low) != -1:
+        low *= 1.02
+        if fate(low) == 1:
+            msg = "no branch after an impact"
+            raise ValueError(msg)
+    return least(fate, low / 1.02, low, 12)
+
+
 def pulse_error(alpha_deg, half_diagonal, duration_share, preset, **settings):
     """Threshold of a constant acceleration for `duration_share` / p with ramps of a hundredth of that."""
     scene, b, h = block(alpha_deg, half_diagonal)
+    step = 0.01 * duration_share / exact.rocking_frequency(b, h)
+    shape = np.concatenate([[0.0], np.ones(100), [0.0]])
+    unit, reference = G * b / h, pulse_threshold(b, h, duration_share)
+    return threshold_error(
+        scene, lambda a: along(0.0, -a * unit * shape, step), reference, preset, **settings
+    )
+
+
+@lru_cache
+def pulse_threshold(b, h, duration_share):
+    """Least such acceleration over g b/h that overturns."""
     step = 0.01 * duration_share / exact.rocking_frequency(b, h)
     shape = np.concatenate([[0.0], np.ones(100), [0.0]])
     body, unit = PlaneBody.rectangle(b, h), G * b / h
     high = 2.0
     while not overturns(body, Ground.samples(step, -high * unit * shape)):
         high *= 2
-    reference = least(lambda a: overturns(body, Ground.samples(step, -a * unit * shape)), high / 2, high, 16)
-    return threshold_error(
-        scene, lambda a: along(0.0, -a * unit * shape, step), reference, preset, **settings
-    )
+    return least(lambda a: overturns(body, Ground.samples(step, -a * unit * shape)), high / 2, high, 16)
 
 
 def quasi_static_error(half_sizes, azimuth, preset, reference, scene=None, **settings):

@@ -23,10 +23,13 @@ def plan(campaign: Path, table: Path | None, as_json: bool) -> None:
     from models import Scene
     from models.motions.ensemble import Ensemble
     from orchestrator.campaign import Campaign
+    from orchestrator.plan import check_stands
     from orchestrator.plan import plan as expand
 
     chosen = Campaign.read(campaign)
-    planned = expand(chosen, Scene.load(chosen.scene), Ensemble.load(chosen.ensemble))
+    scene = Scene.load(chosen.scene)
+    planned = expand(chosen, scene, Ensemble.load(chosen.ensemble))
+    check_stands(chosen, scene)
     counts = {
         "jobs": len(planned), "records": len(planned.record_sha), "levels": len(chosen.pga_m_s2),
         "azimuths": len(chosen.azimuth_deg), "frictions": len(chosen.friction),

@@ -3,6 +3,7 @@
 import dataclasses
 import subprocess
 import sys
+from contextlib import nullcontext
 
 import pytest
 
@@ -13,6 +14,7 @@ from models.motions.record import Record
 from orchestrator.campaign import Campaign
 from orchestrator.folder import describe, prepare
 from orchestrator.plan import plan
+from orchestrator.run import run
 
 VERSIONS = {"physics": "1"}
 
@@ -125,6 +127,35 @@ def test_a_folder_that_is_no_run_is_left_alone(campaign, tmp_path):
     with pytest.raises(InputError, match="not a run's folder"):
         prepare(tmp_path / "mine", planned(campaign), VERSIONS)
     assert list((tmp_path / "mine").iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("half_width_m", "friction", "told"),
+    [
+        (
+            0.1,
+            [0.9],
+            "with friction 0.9: left alone, the rock does not stand",
+        ),  # .1 / .6 < tan 12 degrees: falls
+        (
+            0.2,
+            [0.9, 0.15],
+            "with friction 0.15: left alone, the rock does not stand",
+        ),  # slides
+    ],
+)
+def test_a_rock_that_does_not_stand_by_itself_is_refused_once_and_before_anything_is_written(
+    campaign, tmp_path, half_width_m, friction, told
+):
+    block = Scene.block(half_width_m, 0.2, 0.6).rock
+    Scene.from_mesh((block.vertices_m, block.faces), slope_deg=12.0).save(tmp_path / "scene")
+    axes = {"pga_m_s2": [2, 4], "azimuth_deg": [0, 90], "friction": friction}
+    content = {"scene": str(tmp_path / "scene"), "ensemble": str(campaign.ensemble), **axes}
+    leaning = Campaign.of(content, tmp_path)
+
+    with pytest.raises(InputError, match=told):
+        run(leaning, tmp_path / "run", nullcontext(None), watch=lambda tally: None)
+    assert not (tmp_path / "run").exists()
 
 
 MILLION = """

@@ -452,8 +452,10 @@ class Execution:
                 del self._since[place]
             workers = sorted({worker for worker, _ in late})
             log.warning("no answer for %g s from %s: replaced", self.limits.job_s, ", ".join(workers))
+            loop = self.client.loop
+            assert loop is not None  # as long as the client is open
             # Called on the client's own loop it does not wait: a worker that hangs takes seconds to be gone.
-            self.client.loop.add_callback(self.client.restart_workers, workers, raise_for_error=False)
+            loop.add_callback(self.client.restart_workers, workers, raise_for_error=False)
 
     def _keep(self, rows: list[Row]) -> None:
         self.tally.count(rows)

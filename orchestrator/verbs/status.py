@@ -10,7 +10,9 @@ import click
 @click.argument("run", type=click.Path(path_type=Path))
 @click.option("--json", "as_json", is_flag=True, help="Print the state as JSON.")
 def status(run: Path, as_json: bool) -> None:
-    """Say how far RUN is, while it runs and after; rows count once stored, seconds after they are done.
+    """Say how far RUN is, while it runs and after.
+
+    Rows count once they are stored, seconds after they are done.
 
     \b
     toppling status runs/first

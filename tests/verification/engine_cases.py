@@ -4,6 +4,7 @@ from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
+import trimesh
 
 from models import Motion, Scene
 from models.frames import horizontal_unit_vector
@@ -114,6 +115,66 @@ def swing_peaks(angle):
         bend = below - 2 * at + above
         peaks.append(float(at - (above - below) ** 2 / (8 * bend)) if bend < 0 else float(at))
     return peaks
+
+
+def many_corners_error(corners, preset, start_deg=13.0, radius=3.0, half_angle_deg=6.0, **settings):
+    """Error of the energy that is left after one swing of a body on `corners` corners that lie on an arc.
+
+    The body is let go at rest on its last corner and rolls, impact by impact, over all of them to its first.
+    """
+    angle = np.deg2rad(np.linspace(-half_angle_deg, half_angle_deg, corners))
+    base = radius * np.column_stack([np.sin(angle), 1 - np.cos(angle)])
+    base[:, 1] -= base[:, 1].min()
+    profile = np.vstack([base, [[base[-1, 0], 2.0], [base[0, 0], 2.0]]])
+    mesh = trimesh.convex.convex_hull(np.vstack([np.insert(profile, 1, y, axis=1) for y in (-0.4, 0.4)]))
+    scene = Scene.from_mesh((mesh.vertices, mesh.faces), friction=GRIP)
+    lean_rad, com = np.deg2rad(start_deg), scene.rock.com_m
+    feet = base - com[[0, 2]]
+    arm = -turned(feet[-1], lean_rad)
+    result = shake(
+        scene,
+        STILL,
+        preset,
+        trajectory=True,
+        shortcuts=False,
+        initial={
+            "position_m": (base[-1, 0] + arm[0], 0.0, arm[1]),
+            "quaternion_xyzw": (0.0, np.sin(lean_rad / 2), 0.0, np.cos(lean_rad / 2)),
+        },
+        **settings,
+    )
+    angles, height = lean(result.trajectory), result.trajectory.position_m[:, 2]
+    across = np.flatnonzero(angles < 0)
+    if len(across) == 0:
+        return np.nan
+    back = np.flatnonzero(angles[across[0] :] > 0)
+    swing = slice(0, across[0] + back[0] if len(back) else None)
+    left = G * (height[swing][np.argmin(angles[swing])] - com[2])
+    return float(
+        left / (energy_after_rolling(feet, scene.rock.inertia_per_mass_m2[1, 1], lean_rad) - G * com[2]) - 1
+    )
+
+
+def turned(arm, angle):
+    """A vector (x, z) of the body, leaning by an angle toward +x."""
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([arm[0] * c + arm[1] * s, arm[1] * c - arm[0] * s])
+
+
+def energy_after_rolling(feet, inertia, angle):
+    """Energy over mass of a body let go at rest on the last of its feet (n, 2), after the impact on the first.
+
+    Feet are seen from the centre of mass, the energy counts from where they touch. At each impact the angular momentum
+    about the new foot is kept: (I + r_new . r_old) / (I + r_new^2) of the angular velocity remains.
+    """
+    energy = -G * turned(feet[-1], angle)[1]
+    for new, old in zip(feet[-2::-1], feet[:0:-1], strict=True):
+        landing = np.arctan2(*(old - new)[::-1])
+        height = -turned(old, landing)[1]
+        speed = np.sqrt(2 * (energy - G * height) / (inertia + old @ old))
+        speed *= (inertia + new @ old) / (inertia + new @ new)
+        energy = G * height + 0.5 * (inertia + new @ new) * speed**2
+    return energy
 
 
 def least(overturning, low, high, steps):

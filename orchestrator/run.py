@@ -42,6 +42,7 @@ ROUNDS = 3
 """Goes at the plan: more than one only if a stored part was lost, to another program or a failing disk."""
 
 LOST = "the connection to the scheduler is lost"
+NOBODY = "every worker has died and none comes back"
 POLL_S = 0.02
 LOOK_S = 2.0
 """Time between looks at the cluster: how many threads it has, and whether a batch is overdue."""
@@ -226,12 +227,10 @@ def check_workers(client: Client, order: Order) -> None:
     ------
     InputError
         If one cannot, because of another version or because it does not see the run's folder.
+    RunError
+        If the workers of a local cluster die whenever they start.
     """
-    while not client.nthreads():
-        with suppress(TimeoutError):
-            client.wait_for_workers(1, timeout=REPLACE_AFTER_S)
-            break
-        replace_dead_workers(client)
+    _wait_for_a_worker(client)
     answers = client.run(check, order, on_error="return")
     # Of a worker that just dies or just comes, its first task will tell.
     reasons = sorted({str(answer) for answer in answers.values() if isinstance(answer, UnfitWorkerError)})
@@ -242,6 +241,22 @@ def check_workers(client: Client, order: Order) -> None:
             expected="the client's versions, and the run's folder at the same path on every host",
             remedy="install the same toppling everywhere; put the run on a file system that all hosts share",
         )
+
+
+def _wait_for_a_worker(client: Client) -> None:
+    """Wait for the first: for ever where somebody else starts it, such as a batch system."""
+    began, told = time.monotonic(), False
+    while not client.nthreads():
+        with suppress(TimeoutError):
+            client.wait_for_workers(1, timeout=REPLACE_AFTER_S)
+            return
+        if not told:
+            log.warning("no worker has come yet: waiting")
+            told = True
+        if workers_missing(client):
+            if time.monotonic() - began > NOBODY_AFTER_S:
+                raise RunError(NOBODY)
+            replace_dead_workers(client)
 
 
 def budget_s(workers: int) -> float:
@@ -435,8 +450,7 @@ class Execution:
         if not workers_missing(self.client):
             self._all_alive = now
         elif now - self._all_alive > NOBODY_AFTER_S and not self.tally.workers:
-            msg = "every worker has died and none comes back: the same command again resumes"
-            raise RunError(msg)
+            raise RunError(NOBODY)
         elif now - self._all_alive > REPLACE_AFTER_S:
             replace_dead_workers(self.client)
         working = {(worker, str(key)) for worker, keys in self.client.processing().items() for key in keys}

@@ -13,7 +13,7 @@ from orchestrator.journal import last
 from results.store import newest_attempts, result_files
 
 WINDOW_S = 60.0
-FAILURES_SHOWN = 10
+REASONS_SHOWN = 10
 _COLUMNS = ["job_id", "record_id", "status", "toppled", "message", "attempt", "finished_at"]
 
 
@@ -44,14 +44,20 @@ def state_of(run: Path) -> dict[str, Any]:
     state["status"] = {entry["values"]: entry["counts"] for entry in counted}
     state["failed"] = stored - state["status"].get("ok", 0)
     state["toppled"] = pc.sum(rows["toppled"]).as_py() or 0
-    failures = rows.filter(pc.not_equal(rows["status"], "ok"))
-    state["failures"] = failures.select(["job_id", "record_id", "status", "message"])[
-        :FAILURES_SHOWN
-    ].to_pylist()
+    state["failures"] = _failures(rows.filter(pc.not_equal(rows["status"], "ok")))
     if running and stored < jobs:
         state["rate_per_s"] = rate = _rate(rows["finished_at"])
         state["left_s"] = (jobs - stored) / rate if rate else None
     return state
+
+
+def _failures(rows: pa.Table) -> list[dict[str, Any]]:
+    """The most frequent reasons of failed jobs, each with its number of jobs and one of them."""
+    grouped = rows.group_by(["status", "message"], use_threads=False)
+    reasons = grouped.aggregate([("job_id", "count"), ("job_id", "first"), ("record_id", "first")])
+    reasons = reasons.sort_by([("job_id_count", "descending"), ("job_id_first", "ascending")])
+    names = {"job_id_count": "jobs", "job_id_first": "job_id", "record_id_first": "record_id"}
+    return reasons.rename_columns(names)[:REASONS_SHOWN].to_pylist()
 
 
 def _rate(finished_at: pa.ChunkedArray) -> float | None:

@@ -32,7 +32,8 @@ def status(run: Path, as_json: bool) -> None:
     click.echo(f"toppled {state['toppled']}, failed {state['failed']} ({_counts(state['status'])})")
     for failure in state["failures"]:
         click.echo(
-            f"  {failure['status']} {failure['job_id']} ({failure['record_id']}): {failure['message']}"
+            f"  {failure['jobs']} {failure['status']}, such as {failure['job_id']} ({failure['record_id']}): "
+            f"{failure['message']}"
         )
 
 

@@ -10,6 +10,7 @@ from orchestrator import task
 
 FAULTS_VARIABLE = "TOPPLING_TEST_FAULTS"
 OTHER_CODE_VARIABLE = "TOPPLING_TEST_OTHER_CODE"
+STILLBORN_VARIABLE = "TOPPLING_TEST_STILLBORN"
 
 
 def _strike(job_id):
@@ -48,3 +49,6 @@ if not hasattr(task, "genuine_run_job"):
     task.run_job = run_job
 
 task.CODE = os.environ.get(OTHER_CODE_VARIABLE, task.CODE)
+
+if STILLBORN_VARIABLE in os.environ:
+    os.kill(os.getpid(), signal.SIGKILL)

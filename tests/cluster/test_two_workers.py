@@ -6,15 +6,19 @@ import signal
 import threading
 import time
 
+import dask
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from answers import answers_of
+from conftest import STILLBORN_VARIABLE
 from distributed.core import Status
 
 from models import InputError
 from orchestrator import run as run_module
+from orchestrator.cluster import local
 from orchestrator.dispatch import Limits
+from orchestrator.run import RunError, run
 from orchestrator.status import state_of
 from results.run import open_run
 from results.store import write_part
@@ -113,6 +117,21 @@ def test_workers_that_die_before_their_start_is_complete_are_brought_back(
 
     carry_out(tmp_path / "run", kill)
     assert len(killed) == 2
+    assert answers_of(tmp_path / "run") == undisturbed
+
+
+@pytest.mark.slow
+def test_a_run_whose_workers_die_whenever_they_start_ends_and_says_so(
+    campaign, undisturbed, tmp_path, faults_file, monkeypatch
+):
+    dask.config.refresh()
+    with monkeypatch.context() as broken:
+        broken.setenv(STILLBORN_VARIABLE, "1")
+        broken.setattr(run_module, "NOBODY_AFTER_S", 6.0)
+        broken.setattr(run_module, "REPLACE_AFTER_S", 2.0)
+        with pytest.raises(RunError, match="every worker has died"):
+            run(campaign, tmp_path / "run", local(2), lambda tally: None)
+    run(campaign, tmp_path / "run", local(2), lambda tally: None)
     assert answers_of(tmp_path / "run") == undisturbed
 
 

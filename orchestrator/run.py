@@ -206,6 +206,7 @@ def _until_complete(
         return tally
     with cluster as client, client.as_current(), _reported(report):
         check_workers(client, order)
+        tally.began = time.monotonic()  # a batch system may have kept it waiting for hours
         for _ in range(ROUNDS):
             Execution(planned, finished, client, folder, order, watch, tally, limits)()
             finished = finished_ids(folder, planned.ids)

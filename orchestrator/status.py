@@ -1,6 +1,6 @@
 """The state of a run, read from its folder alone: works while it runs, after it, and on a copy."""
 
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,7 @@ from orchestrator.folder import describe, is_running
 from orchestrator.journal import last
 from results.store import newest_attempts, result_files
 
-WINDOW_S = 60.0
+WINDOW = timedelta(minutes=1)
 REASONS_SHOWN = 10
 _COLUMNS = ["job_id", "record_id", "status", "toppled", "message", "attempt", "finished_at"]
 
@@ -63,8 +63,7 @@ def _failures(rows: pa.Table) -> list[dict[str, Any]]:
 def _rate(finished_at: pa.ChunkedArray) -> float | None:
     """Jobs a second in the last minute of stored rows."""
     last = pc.max(finished_at).as_py()
-    if last is None or (datetime.now(UTC) - last).total_seconds() > 10 * WINDOW_S:
+    if last is None or datetime.now(UTC) - last > 10 * WINDOW:
         return None
-    ages = [(last - moment).total_seconds() for moment in finished_at.drop_null().to_pylist()]
-    recent = [age for age in ages if age < WINDOW_S]
-    return len(recent) / max(max(recent), 1.0)
+    recent = finished_at.filter(pc.greater(finished_at, pa.scalar(last - WINDOW, finished_at.type)))
+    return len(recent) / max((last - pc.min(recent).as_py()).total_seconds(), 1.0)

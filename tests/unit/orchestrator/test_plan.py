@@ -12,7 +12,7 @@ from models.motions.ensemble import Ensemble
 from models.motions.idealised import ricker
 from models.motions.record import Record
 from orchestrator.campaign import Campaign
-from orchestrator.folder import describe, prepare
+from orchestrator.folder import describe, place_in, prepare
 from orchestrator.plan import plan
 from orchestrator.run import run
 
@@ -120,6 +120,16 @@ def test_a_run_that_leads_outside_itself_is_refused_and_nothing_there_is_touched
     with pytest.raises(InputError, match="leads elsewhere"):
         prepare(tmp_path / "run", whole, VERSIONS)
     assert elsewhere.stat() == before
+
+
+@pytest.mark.parametrize("link", ["replay", "replay/one", "replay/one/way.csv", ".report.html.tmp"])
+def test_nothing_is_drawn_through_a_link_in_a_run(campaign, tmp_path, link):
+    prepare(tmp_path / "run", planned(campaign), VERSIONS)
+    assert place_in(tmp_path / "run", "replay/one") == tmp_path / "run" / "replay" / "one"
+    (tmp_path / "run" / link).parent.mkdir(parents=True, exist_ok=True)
+    (tmp_path / "run" / link).symlink_to(tmp_path)
+    with pytest.raises(InputError, match=f"{link} is a link that leads elsewhere"):
+        place_in(tmp_path / "run", "replay/one")
 
 
 def test_a_folder_that_is_no_run_is_left_alone(campaign, tmp_path):

@@ -1,5 +1,7 @@
 """What a run's folder tells of its state, without anything that runs."""
 
+from datetime import UTC, datetime, timedelta
+
 import pytest
 from click.testing import CliRunner
 
@@ -9,7 +11,7 @@ from models.motions.idealised import ricker
 from models.motions.record import Record
 from orchestrator.campaign import Campaign
 from orchestrator.cli import cli
-from orchestrator.folder import prepare
+from orchestrator.folder import prepare, session
 from orchestrator.plan import plan
 from orchestrator.status import REASONS_SHOWN, state_of
 from orchestrator.task import lost_row
@@ -64,6 +66,19 @@ def test_the_same_failure_of_many_jobs_is_told_once_with_their_number_the_most_f
 def test_no_more_reasons_are_told_than_a_person_reads(planned, tmp_path):
     write_part(tmp_path / "run", rows(planned, [("failed", f"reason {n}") for n in range(15)]))
     assert len(state_of(tmp_path / "run")["failures"]) == REASONS_SHOWN
+
+
+def test_the_rate_is_that_of_the_last_minute_of_stored_rows(planned, tmp_path):
+    now = datetime.now(UTC)
+    ages_s = [3600.0, 1800.0, *range(10)]
+    finished = [{"finished_at": now - timedelta(seconds=age)} for age in ages_s]
+    done = rows(planned, [("ok", "")] * len(ages_s))
+    write_part(tmp_path / "run", [row | moment for row, moment in zip(done, finished, strict=True)])
+    with session(tmp_path / "run", {}):
+        state = state_of(tmp_path / "run")
+    assert state["state"] == "running"
+    assert state["rate_per_s"] == pytest.approx(10 / 9)
+    assert state["left_s"] == pytest.approx((15 - 12) * 9 / 10)
 
 
 def test_what_is_no_run_is_refused(tmp_path):

@@ -1,6 +1,18 @@
 """Faults of all kinds at random moments, in processes that are all real; the tally is printed.
 
-`TOPPLING_SOAK_FAULTS` faults are injected (300 unless told), within `TOPPLING_SOAK_S` seconds.
+`TOPPLING_SOAK_FAULTS` faults are injected (300 unless told), within `TOPPLING_SOAK_S` seconds. Most wait for work that
+was stored since the last one, the others strike in a burst. Where else each kind is tested, on its own:
+
+    worker killed, aborts, segfaults    test_two_workers: killed, crash the engine, crash once, die before their start
+    job segfaults, job hangs, frozen    test_two_workers: crashes the engine, crashes once, that hangs is replaced
+    without the run, another version    test_two_workers: refused before any job; test_command: that joins later
+    scheduler killed                    test_command: losing it loses no row
+    client killed, before renaming      test_command: killed between writing and renaming
+    Ctrl-C, SIGTERM                     test_command: stopping it keeps the rows
+    disk full                           test_two_workers: a part that cannot be written
+    torn part, foreign file             test_two_workers: torn and foreign, lost while the run goes on, of another run
+    network cut, host of a worker lost  test_compose: whatever befalls them
+    worker leaves, worker joins         here only
 """
 
 import json

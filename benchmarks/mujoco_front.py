@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from functools import partial
@@ -22,14 +22,16 @@ import numpy as np
 import pandas as pd
 import pybullet
 import seaborn as sns
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 from mujoco_peer import Peer
 from mujoco_peer import shake as shake_in_mujoco
 
 from models import Motion, Scene
 from models.motions.ensemble import Ensemble
 from models.motions.impose import impose
-from orchestrator.front import CONVERGED, Answers, Job, answers, compare, draw_jobs
+from orchestrator.front import CONVERGED, Answers, Job, compare, draw_jobs
 from results.figures import COLOURS, FULL_WIDTH_IN, save, style
 from workers import shake
 from workers.presets import PRESETS
@@ -232,11 +234,14 @@ def exact_cases() -> pd.DataFrame:
 def scanned_rock(count: int) -> pd.DataFrame:
     """Answers on the demo's rock: flips against our converged preset and against MuJoCo's finest step."""
     jobs = draw_jobs(Ensemble.load(ENSEMBLE), count, PGA_M_S2)
-    said = {f"MuJoCo 1/{1 / share:.0f}": _mujoco_answers(jobs, Peer(share)) for share in ROCK_STEP_SHARES}
-    for name, settings in PRESETS.items():
-        said[f"{name}, shortcuts"] = answers(SCENE, ENSEMBLE, jobs, settings)
-    for name in ("fast", "standard"):
-        said[name] = answers(SCENE, ENSEMBLE, jobs, PRESETS[name], shortcuts=False)
+    asked = {
+        f"MuJoCo 1/{1 / share:.0f}": partial(shake_in_mujoco, preset=Peer(share))
+        for share in ROCK_STEP_SHARES
+    }
+    asked |= {f"{name}, shortcuts": partial(shake, preset=name) for name in PRESETS}
+    asked |= {name: partial(shake, preset=name, shortcuts=False) for name in ("fast", "standard")}
+    with ProcessPoolExecutor(2, initializer=_load) as pool:
+        said = {name: _answers(pool.map(partial(_rock_job, ask), jobs)) for name, ask in asked.items()}
     table = compare(jobs, said, said[f"{CONVERGED}, shortcuts"])
     finest = compare(jobs, said, said[FINEST])
     for column in ("flips_share", "flips_to_toppled", "flips_to_standing"):
@@ -245,11 +250,9 @@ def scanned_rock(count: int) -> pd.DataFrame:
     return table.drop(columns=["median_shift", "largest_penetration_share"])
 
 
-def _mujoco_answers(jobs: list[Job], peer: Peer) -> Answers:
-    with ProcessPoolExecutor(2, initializer=_load) as pool:
-        rows = list(pool.map(partial(_mujoco_job, peer=peer), jobs))
-    toppled, cost, simulated = zip(*rows, strict=True)
-    return Answers(np.array(toppled, bool), sum(cost), sum(simulated), float("nan"))
+def _answers(rows: Iterable[tuple[bool, float, float]]) -> Answers:
+    toppled, cpu_s, simulated_s = zip(*rows, strict=True)
+    return Answers(np.array(toppled, bool), sum(cpu_s), sum(simulated_s), float("nan"))
 
 
 _ASSETS: list[tuple[Scene, Ensemble]] = []
@@ -259,12 +262,11 @@ def _load() -> None:
     _ASSETS[:] = [(settled(Scene.load(SCENE)), Ensemble.load(ENSEMBLE))]
 
 
-def _mujoco_job(job: Job, peer: Peer) -> tuple[bool, float, float]:
+def _rock_job(ask: Callable[..., Any], job: Job) -> tuple[bool, float, float]:
     scene, ensemble = _ASSETS[0]
     motion = impose(ensemble.record(job.record_id), job.pga_m_s2, job.azimuth_deg).motion
-    began = time.thread_time()
-    result = shake_in_mujoco(scene, motion, peer)
-    return bool(result.toppled), time.thread_time() - began, result.simulated_s
+    result, cpu_s = _timed(partial(ask, scene, motion))
+    return bool(result.toppled), cpu_s, result.simulated_s
 
 
 def figure_of(cases: pd.DataFrame, rock: pd.DataFrame, count: int) -> Figure:
@@ -289,6 +291,7 @@ def figure_of(cases: pd.DataFrame, rock: pd.DataFrame, count: int) -> Figure:
                 axes.axhline(100.0 * TARGET_OF_STANDARD[label], color="0.7", lw=0.7, ls="--", zorder=0)
             axes.set(xscale="log", yscale="log", title=label)
             axes.margins(x=0.1, y=0.15)
+            _powers_of_ten(axes.yaxis)
         axes = panels[len(labels)]
         shortcuts = rock["setting"].str.contains("shortcuts")
         engine = np.where(rock["setting"].str.startswith("MuJoCo"), "MuJoCo", "toppling")
@@ -301,10 +304,18 @@ def figure_of(cases: pd.DataFrame, rock: pd.DataFrame, count: int) -> Figure:
             axes.set_xlabel("processor ms per simulated s")
         for axes in panels[0 : len(labels) : 3]:
             axes.set_ylabel("worst error (%)")
-        panels[3].legend(frameon=False, fontsize=6.0)
+        for axes in panels:
+            _powers_of_ten(axes.xaxis)
+        figure.legend(*panels[3].get_legend_handles_labels(), ncols=3, loc="upper center", frameon=False)
         sns.despine(figure)
-        figure.tight_layout()
+        figure.tight_layout(rect=(0.0, 0.0, 1.0, 0.96))
     return figure
+
+
+def _powers_of_ten(axis: Axis) -> None:
+    axis.set_major_locator(LogLocator())
+    axis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    axis.set_minor_formatter(NullFormatter())
 
 
 def _page(cases: pd.DataFrame, rock: pd.DataFrame, count: int) -> str:

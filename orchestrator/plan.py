@@ -137,11 +137,10 @@ def check_stands(campaign: Campaign, scene: Scene) -> None:
 
 
 def _axes(campaign: Campaign) -> Iterator[tuple[float, float, float, float, float, int]]:
-    """One record's points; the strongest shaking first, for it takes the longest."""
+    """One record's points: those of one scene together, and of them the strongest shaking, the longest, first."""
     levels = sorted(campaign.pga_m_s2, reverse=True)
-    realisations = range(campaign.realisations)
-    for pga, azimuth, (static, kinetic), restitution, realisation in product(
-        levels, campaign.azimuth_deg, campaign.friction, campaign.restitution, realisations
+    for (static, kinetic), restitution, realisation, pga, azimuth in product(
+        campaign.friction, campaign.restitution, range(campaign.realisations), levels, campaign.azimuth_deg
     ):
         yield pga, azimuth, static, kinetic, restitution, realisation
 

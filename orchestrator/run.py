@@ -309,7 +309,7 @@ class Execution:
         self.watch, self.tally, self.limits, self.task = watch, tally, limits, task
         self.dispatch = Dispatch(pending, plan.record_of, limits.tries)
         self._session = uuid.uuid4().hex[:8]
-        self.tasks = 0
+        self.tasks = 0  # handed out so far
         self._room = JOBS_IN_BATCH
         self._looked = -math.inf
         self._all_alive = time.monotonic()

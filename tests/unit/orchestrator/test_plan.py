@@ -4,6 +4,7 @@ import dataclasses
 import subprocess
 import sys
 from contextlib import nullcontext
+from itertools import pairwise
 
 import pytest
 
@@ -55,6 +56,13 @@ def test_the_longest_record_starts_first(campaign):
     ensemble = Ensemble.load(campaign.ensemble)
     durations = [ensemble.record(name).motion.duration_s for name in names]
     assert durations == sorted(durations, reverse=True)
+
+
+def test_jobs_that_a_worker_prepares_one_scene_for_follow_each_other(campaign):
+    whole = planned(campaign, friction=((0.8, 0.8), (0.6, 0.6)), realisations=3)
+    scenes = whole.jobs.select(["record_id", "friction_static", "realisation"]).to_pylist()
+    changes = sum(one != other for one, other in pairwise(scenes))
+    assert changes + 1 == 3 * 2 * 3  # records, frictions, realisations: each once
 
 
 @pytest.mark.parametrize(

@@ -182,6 +182,7 @@ def uncertainty(
                 seen.height_m,
                 drawn,
                 seen.word,
+                rng,
             )
             kept = seen.patches & (rng.random(len(seen.patches)) < 0.5)
             closed.append(close_rock(seen.surfels, kept, base, plane).rock)

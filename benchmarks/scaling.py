@@ -1,8 +1,9 @@
 """How far a run scales: memory of a million jobs, cost of handing out and storing, a thousand pretended workers.
 
-    .venv/bin/python benchmarks/scaling.py                        # all, some minutes
-    .venv/bin/python benchmarks/scaling.py --seconds-per-job 0.5  # for an engine or a scene of another cost
-    .venv/bin/python benchmarks/scaling.py --run runs/first       # with the costs of a real run's jobs
+    .venv/bin/python benchmarks/scaling.py                              # all, a quarter of an hour
+    .venv/bin/python benchmarks/scaling.py pretended --pretend 1000 10  # a thousand workers, jobs of ten seconds
+    .venv/bin/python benchmarks/scaling.py study --seconds-per-job 0.5  # for an engine or a scene of another cost
+    .venv/bin/python benchmarks/scaling.py study --run runs/first       # with the costs of a real run's jobs
 
 The workers that are pretended are Dask's own, hundreds in a process; scheduler and client have processes of their own,
 messages go over TCP, and only the engine is replaced by sleep. All share this machine's cores, so the rates are
@@ -291,31 +292,49 @@ def study_costs(seconds_per_job: float, run: Path | None) -> tuple[NDArray[np.fl
     return cost * seconds_per_job / cost.mean(), record_of
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--seconds-per-job", type=float, default=0.1)
-    parser.add_argument("--run", type=Path, help="take the costs of jobs from this run")
-    parser.add_argument(
-        "--pretend", type=float, nargs=2, action="append", metavar=("WORKERS", "SECONDS_A_JOB"),
-        help="a pretended run; several may be given",
-    )  # fmt: skip
-    parser.add_argument("--seconds", type=float, default=60.0, help="length of each pretended run")
-    parser.add_argument("--only-pretend", action="store_true", help="leave out the rest")
-    given = parser.parse_args()
-    for workers, seconds_per_job in given.pretend or PRETENDED:
-        told = pretended_run(int(workers), seconds_per_job, given.seconds)
-        print("pretended  " + "  ".join(f"{name} {value:,.3g}" for name, value in told.items()), flush=True)
-    if given.only_pretend:
-        return
+def tell_million() -> None:
     print("a million jobs, planned, handed out, counted and stored in one process")
     print("  " + "  ".join(f"{name} {value:,.0f}" for name, value in apart(million).items()))
-    cost, record_of = study_costs(given.seconds_per_job, given.run)
+
+
+def tell_pretended(runs: Sequence[tuple[float, float]], seconds: float) -> None:
+    print(f"pretended workers, for {seconds:g} s if nothing held them up")
+    for workers, seconds_per_job in runs:
+        told = pretended_run(int(workers), seconds_per_job, seconds)
+        print("  " + "  ".join(f"{name} {value:,.3g}" for name, value in told.items()), flush=True)
+
+
+def tell_study(seconds_per_job: float, run: Path | None) -> None:
+    cost, record_of = study_costs(seconds_per_job, run)
     print(f"the study's {STUDY} jobs, {cost.mean():.3f} s each on average, {cost.max():.1f} s at most")
     for workers in WORKERS:
         took, idle = played(cost, record_of, workers)
         print(f"  {workers:5d} workers  {took / 60:9.2f} min  idle at the end {100 * idle:.1f} %")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parts = ("million", "pretended", "study")
+    parser.add_argument(
+        "parts", nargs="*", choices=[*parts, parts], default=parts, metavar="|".join(parts),
+        help="all if none is named",
+    )  # fmt: skip
+    parser.add_argument("--seconds-per-job", type=float, default=0.1, help="of the study")
+    parser.add_argument("--run", type=Path, help="take the costs of the study's jobs from this run")
+    parser.add_argument(
+        "--pretend", type=float, nargs=2, action="append", metavar=("WORKERS", "SECONDS_A_JOB"),
+        help="a pretended run, 0 seconds for answers at once; several may be given",
+    )  # fmt: skip
+    parser.add_argument("--seconds", type=float, default=60.0, help="length of each pretended run")
+    given = parser.parse_args()
+    if "million" in given.parts:
+        tell_million()
+    if "pretended" in given.parts:
+        tell_pretended(given.pretend or PRETENDED, given.seconds)
+    if "study" in given.parts:
+        tell_study(given.seconds_per_job, given.run)
 
 
 if __name__ == "__main__":

@@ -78,7 +78,8 @@ def smooth_sheet(
     """
     laplacian = _laplacian(grid.shape)
     system = diags(weight.ravel()) + laplacian @ laplacian + tension * laplacian
-    return splu(csc_matrix(system)).solve(weight.ravel() * target.ravel()).reshape(grid.shape)
+    factors = splu(csc_matrix(system), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0)  # it is symmetric
+    return factors.solve(weight.ravel() * target.ravel()).reshape(grid.shape)
 
 
 def _laplacian(shape: tuple[int, int]) -> csc_matrix:

@@ -90,6 +90,7 @@ def errors(found: Scene, true: Scene) -> dict[str, float]:
     rock, known = found.rock, true.rock
     turn = (found.pedestal.downhill_azimuth_deg - true.pedestal.downhill_azimuth_deg + 180.0) % 360.0 - 180.0
     seen, right = _toppling(found), _toppling(true)
+    flat = _toppling(on_plane(true))
     principal = np.linalg.eigvalsh(rock.inertia_per_mass_m2) / np.linalg.eigvalsh(known.inertia_per_mass_m2)
     moved = rock.com_m + found.origin_m - known.com_m - true.origin_m
     return {
@@ -100,7 +101,21 @@ def errors(found: Scene, true: Scene) -> dict[str, float]:
         "its azimuth °": turn,
         "toppling, rms %": 100 * float(np.sqrt(np.mean((seen / right - 1) ** 2))),
         "worst %": 100 * float(np.abs(seen / right - 1).max()),
+        "worst of the plane's %": 100 * float(np.abs(seen / flat - 1).max()),
+        "plane against meshes, worst %": 100 * float(np.abs(flat / right - 1).max()),
         "least true m/s²": float(right.min()),
+        **_coverage(found, seen - right),
+    }
+
+
+def _coverage(found: Scene, error: NDArray[np.float64]) -> dict[str, float]:
+    """Share of the azimuths whose error lies within one and two stated standard deviations, and these in %."""
+    stated = found.report["uncertainty"]["quasi_static_toppling_m_s2"]
+    spread = np.array([each["std"] for each in stated])
+    return {
+        "stated %": 100 * float(np.mean(spread / _toppling(found))),
+        "within 1 std %": 100 * float((np.abs(error) < spread).mean()),
+        "within 2 std %": 100 * float((np.abs(error) < 2 * spread).mean()),
     }
 
 
@@ -291,9 +306,12 @@ def cost(million: float) -> dict[str, float]:
 
 def table(rows: dict[str, dict[str, float]], first: str) -> str:
     """Markdown."""
-    columns = list(next(iter(rows.values())))
+    columns = list(dict.fromkeys(column for row in rows.values() for column in row))
     lines = [f"| {first} | {' | '.join(columns)} |", "|---" * (1 + len(columns)) + "|"]
-    lines += [f"| {name} | {' | '.join(f'{row[c]:.2f}' for c in columns)} |" for name, row in rows.items()]
+    lines += [
+        f"| {name} | {' | '.join(f'{row[c]:.2f}' if c in row else '' for c in columns)} |"
+        for name, row in rows.items()
+    ]
     return "\n".join(lines)
 
 
@@ -331,10 +349,9 @@ def main() -> None:
             print(name, {key: round(value, 3) for key, value in rows[name].items()}, flush=True)
         put("accuracy", table(rows, "shape"))
     elif given.command == "answers":
-        rows = {
-            name: agreement(name, known, given.ensemble, given.jobs)
-            for name, known in all_known(given.shape, given.scans)
-        }
+        rows = {}
+        for name, known in all_known(given.shape, given.scans):
+            rows[name] = agreement(name, known, given.ensemble, given.jobs)
         put("answers", table(rows, "shape"))
     else:
         rows = {}

@@ -19,6 +19,7 @@ def plan(campaign: Path, table: Path | None, as_json: bool) -> None:
     toppling plan campaign.toml --out jobs.parquet
     """  # noqa: D301  (\b keeps click from rewrapping the example)
     import pyarrow.parquet as pq
+    from rich.console import Console
 
     from models import Scene
     from models.motions.ensemble import Ensemble
@@ -28,8 +29,9 @@ def plan(campaign: Path, table: Path | None, as_json: bool) -> None:
 
     chosen = Campaign.read(campaign)
     scene = Scene.load(chosen.scene)
-    planned = expand(chosen, scene, Ensemble.load(chosen.ensemble))
-    check_stands(chosen, scene)
+    with Console(stderr=True).status("letting the rock stand, counting jobs"):
+        check_stands(chosen, scene)
+        planned = expand(chosen, scene, Ensemble.load(chosen.ensemble))
     counts = {
         "jobs": len(planned), "records": len(planned.record_sha), "levels": len(chosen.pga_m_s2),
         "azimuths": len(chosen.azimuth_deg), "frictions": len(chosen.friction),

@@ -1,18 +1,22 @@
 """From axes to jobs, and the folder that keeps them."""
 
 import dataclasses
+import json
 import subprocess
 import sys
 from contextlib import nullcontext
 from itertools import pairwise
 
+import pyarrow.parquet as pq
 import pytest
+from click.testing import CliRunner
 
 from models import InputError, Scene
 from models.motions.ensemble import Ensemble
 from models.motions.idealised import ricker
 from models.motions.record import Record
 from orchestrator.campaign import Campaign
+from orchestrator.cli import cli
 from orchestrator.folder import describe, place_in, prepare
 from orchestrator.plan import plan
 from orchestrator.run import run
@@ -93,6 +97,19 @@ def test_pending_is_the_plan_without_what_is_finished(campaign):
     whole = planned(campaign)
     ids = whole.jobs["job_id"].to_pylist()
     assert whole.pending(set(ids[3:5]) | {"of another run"}).tolist() == [0, 1, 2, *range(5, len(ids))]
+
+
+def test_the_verb_counts_the_jobs_and_writes_their_table(campaign, tmp_path):
+    axes = {"pga_m_s2": [2, 4], "azimuth_deg": [0, 90], "friction": [0.9]}
+    folders = {"scene": str(campaign.scene), "ensemble": str(campaign.ensemble)}
+    text = "".join(f"{key} = {json.dumps(value)}\n" for key, value in {**folders, **axes}.items())
+    (tmp_path / "campaign.toml").write_text(text)
+    table = tmp_path / "jobs.parquet"
+    asked = ["plan", str(tmp_path / "campaign.toml"), "--out", str(table), "--json"]
+    counts = json.loads(CliRunner().invoke(cli, asked).stdout)
+    whole = planned(campaign)
+    assert (counts["jobs"], counts["records"], counts["plan_id"]) == (len(whole), 3, whole.id)
+    assert pq.read_table(table)["job_id"].to_pylist() == whole.jobs["job_id"].to_pylist()
 
 
 def test_a_run_holds_all_that_is_needed_to_repeat_it(campaign, tmp_path):

@@ -1,26 +1,33 @@
 """How far a run scales: memory of a million jobs, cost of handing out and storing, a thousand pretended workers.
 
-    .venv/bin/python benchmarks/scaling.py                        # all, some minutes
-    .venv/bin/python benchmarks/scaling.py --seconds-per-job 0.5  # for an engine or a scene of another cost
-    .venv/bin/python benchmarks/scaling.py --run runs/first       # with the costs of a real run's jobs
+    .venv/bin/python benchmarks/scaling.py                              # all, a quarter of an hour
+    .venv/bin/python benchmarks/scaling.py pretended --pretend 1000 10  # a thousand workers, jobs of ten seconds
+    .venv/bin/python benchmarks/scaling.py study --seconds-per-job 0.5  # for an engine or a scene of another cost
+    .venv/bin/python benchmarks/scaling.py study --run runs/first       # with the costs of a real run's jobs
 
-The workers that are pretended are Dask's own, with its scheduler and messages; only the engine is replaced by sleep.
-They share this process and one core with scheduler and client, so what they show is a lower limit.
+The workers that are pretended are Dask's own, hundreds in a process; scheduler and client have processes of their own,
+messages go over TCP, and only the engine is replaced by sleep. All share this machine's cores, so the rates are
+lower limits; the cores that scheduler and client used say how far each would go on a core of its own.
 """
 
 import argparse
+import asyncio
+import contextlib
 import heapq
 import multiprocessing
 import resource
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
 from datetime import UTC, datetime
+from multiprocessing.connection import Connection
 from pathlib import Path
 
 import dask
 import numpy as np
-from distributed import Client, LocalCluster
+import psutil
+from distributed import Client, Scheduler, Worker
 from numpy.typing import NDArray
 
 from models import Scene
@@ -29,10 +36,10 @@ from models.motions.idealised import ricker
 from models.motions.record import Record
 from orchestrator.campaign import Campaign
 from orchestrator.cluster import load_defaults
-from orchestrator.dispatch import Dispatch
+from orchestrator.dispatch import JOBS_IN_BATCH, Batch, Dispatch
 from orchestrator.folder import prepare
 from orchestrator.plan import Plan, plan
-from orchestrator.run import BATCH_BUDGET_S, Execution, Tally
+from orchestrator.run import Execution, Tally, budget_s, room_for
 from orchestrator.task import Order, Row, lost_row, versions
 from results.store import compact, finished_ids, write_part
 from workers.job import JobSpec
@@ -41,7 +48,19 @@ LEVELS, AZIMUTHS, RECORDS = 19, 8, 140
 STUDY = LEVELS * AZIMUTHS * RECORDS
 WORKERS = (1, 2, 4, 8, 16, 32, 64, 128, 256, 512, 1000)
 SEED = 1
+CREWS = 4
+"""Processes that the pretended workers share; each has one event loop, which some hundred workers do not fill."""
+
+START_S = 600.0
+TASKS_AT_ONCE = 5000
+"""Tasks of the run whose jobs take no time: what scheduler and client can do at most."""
+
+PRETENDED = ((1, 0.1), (10, 0.1), (100, 0.1), (300, 1.0), (1000, 1.0), (1000, 10.0), (100, 0.0))
+"""Workers and seconds a job; 0 for answers at once."""
+
 QUIET = {
+    "distributed.admin.tick.interval": "60s",  # else 50 times a second: a core for 500 workers
+    "distributed.admin.tick.limit": "1h",
     "distributed.admin.system-monitor.interval": "60s",
     "distributed.worker.profile.enabled": False,
     "distributed.scheduler.active-memory-manager.start": False,
@@ -125,71 +144,135 @@ def pretended_row(spec: JobSpec, wall_s: float = 0.0) -> Row:
 
 
 class Pretend:
-    """A worker's task that sleeps as long as the jobs would take."""
+    """A worker's task that sleeps as long as the jobs would take, or gives the answer at once."""
 
     def __init__(self, seconds_per_job: float) -> None:
         self.seconds_per_job = seconds_per_job
 
-    def __call__(self, order: Order, specs: Sequence[JobSpec], budget_s: float) -> list[Row]:  # noqa: ARG002
+    def __call__(self, order: Order, specs: Sequence[JobSpec], budget: float) -> list[Row]:  # noqa: ARG002
         """Do what fits into the budget, as the true task does."""
-        count = min(len(specs), max(1, int(np.ceil(budget_s / self.seconds_per_job))))
+        if not self.seconds_per_job:
+            return [pretended_row(specs[0], budget)]  # one job a task, as if it took the task's whole time
+        count = min(len(specs), max(1, int(np.ceil(budget / self.seconds_per_job))))
         time.sleep(count * self.seconds_per_job)
         return [pretended_row(spec, self.seconds_per_job) for spec in specs[:count]]
 
 
-def pretended_run(workers: int, seconds_per_job: float, seconds: float) -> dict[str, float]:
-    """Run as many jobs as so many workers can do in so many seconds, and tell how much longer it took."""
+def be_scheduler(told: Connection) -> None:
+    """Be a scheduler with the project's settings, and tell its address."""
+
+    async def serve() -> None:
+        async with Scheduler(host="127.0.0.1", port=0, dashboard=False) as scheduler:
+            told.send(scheduler.address)
+            await scheduler.finished()
+
+    load_defaults()
+    asyncio.run(serve())
+
+
+def be_workers(address: str, count: int) -> None:
+    """Be so many workers of one thread each."""
+
+    async def serve() -> None:
+        workers = [Worker(address, nthreads=1, memory_limit=0, dashboard=False) for _ in range(count)]
+        for worker in workers:
+            await worker
+        await asyncio.gather(*(worker.finished() for worker in workers))
+
     load_defaults()
     dask.config.set(QUIET)
-    jobs = int(workers * seconds / seconds_per_job)
-    with tempfile.TemporaryDirectory() as name:
+    asyncio.run(serve())
+
+
+@contextlib.contextmanager
+def pretended_cluster(workers: int) -> Iterator[tuple[Client, dict[str, list[psutil.Process]]]]:
+    """Scheduler and workers in processes of their own; yields a client, and whose processes are whose."""
+    context = multiprocessing.get_context("spawn")
+    here, there = context.Pipe()
+    scheduler = context.Process(target=be_scheduler, args=(there,), daemon=True)
+    scheduler.start()
+    address = here.recv()
+    share, left = divmod(workers, min(workers, CREWS))
+    counts = [share + (n < left) for n in range(min(workers, CREWS))]
+    crews = [context.Process(target=be_workers, args=(address, count), daemon=True) for count in counts]
+    for crew in crews:
+        crew.start()
+    try:
+        with Client(address) as client:
+            client.wait_for_workers(workers, timeout=START_S)
+            yield (
+                client,
+                {
+                    "scheduler": [psutil.Process(scheduler.pid)],
+                    "client": [psutil.Process()],
+                    "workers": [psutil.Process(crew.pid) for crew in crews],
+                },
+            )
+    finally:
+        for process in (*crews, scheduler):
+            process.kill()
+            process.join()
+
+
+def cpu_s(processes: Sequence[psutil.Process]) -> float:
+    """Time that processes have used so far."""
+    return sum(sum(process.cpu_times()[:2]) for process in processes)
+
+
+def pretended_run(workers: int, seconds_per_job: float, seconds: float) -> dict[str, float]:
+    """Run as many jobs as so many workers can do in so many seconds, and tell how fast it went amidst the run."""
+    load_defaults()
+    per_worker = seconds / seconds_per_job if seconds_per_job else TASKS_AT_ONCE / workers
+    with tempfile.TemporaryDirectory() as name, pretended_cluster(workers) as (client, processes):
         folder = Path(name)
-        planned = planned_in(folder, 40, max(1, round(jobs / 40 / LEVELS)))
+        planned = planned_in(folder, 40, max(1, round(workers * per_worker / 40 / LEVELS)))
         run = folder / "run"
         prepare(run, planned, {})
         order = Order(str(run), planned.scene_id, planned.ensemble_id, versions())
-        with (
-            LocalCluster(
-                n_workers=workers,
-                threads_per_worker=1,
-                processes=False,
-                dashboard_address=None,
-                memory_limit=0,
-            ) as cluster,
-            Client(cluster.scheduler_address) as client,
-        ):
-            client.wait_for_workers(workers, timeout=300)
-            tally = Tally(len(planned), 0)
-            cpu, began = time.process_time(), time.perf_counter()
-            Execution(planned, set(), client, run, order, unseen, tally, task=Pretend(seconds_per_job))()
-            took, cpu = time.perf_counter() - began, time.process_time() - cpu
-    ideal = len(planned) * seconds_per_job / workers
-    return {
-        "workers": workers, "jobs": len(planned), "ideal_s": ideal, "took_s": took,
-        "efficiency": ideal / took, "jobs_a_second": len(planned) / took, "cpu_s": cpu,
-    }  # fmt: skip
+        seen: list[tuple[float, int]] = []
+        before, began = {who: cpu_s(theirs) for who, theirs in processes.items()}, time.perf_counter()
+        execution = Execution(
+            planned, set(), client, run, order,
+            lambda tally: seen.append((time.perf_counter(), tally.done)),
+            Tally(len(planned), 0), task=Pretend(seconds_per_job),
+        )  # fmt: skip
+        execution()
+        took = time.perf_counter() - began
+        used = {f"{who}_cores": (cpu_s(theirs) - before[who]) / took for who, theirs in processes.items()}
+    rate = rate_amidst(seen)
+    told = {"workers": workers, "s_a_job": seconds_per_job, "jobs": len(planned), "took_s": took}
+    told |= {"jobs_a_second": rate, "tasks_a_second": execution.tasks / took}
+    if seconds_per_job:
+        told["share_of_ideal"] = rate * seconds_per_job / workers
+    return told | used
 
 
-def unseen(tally: Tally) -> None:
-    """Watch nothing."""
+def rate_amidst(seen: Sequence[tuple[float, int]]) -> float:
+    """Jobs a second in the middle half of a run: neither the first batches nor the tail tell how far it scales."""
+    moments, done = map(np.array, zip(*seen, strict=True))
+    first, last = np.searchsorted(done, [done[-1] / 4, 3 * done[-1] / 4])
+    return float((done[last] - done[first]) / max(moments[last] - moments[first], 1e-9))
 
 
 def played(cost_s: NDArray[np.float64], record_of: NDArray[np.integer], workers: int) -> tuple[float, float]:
-    """Play the dispatch of jobs in plan order against a clock: time, and the share that workers idle at the end."""
-    dispatch = Dispatch(np.arange(len(cost_s)), record_of)
+    """Play a run of jobs in plan order against a clock: time, and the share that workers idle at the end."""
+    dispatch, budget, room = Dispatch(np.arange(len(cost_s)), record_of), budget_s(workers), JOBS_IN_BATCH
+    waiting: deque[Batch] = deque()
     free = [(0.0, worker) for worker in range(workers)]
     ended = np.zeros(workers)
-    while dispatch.waiting:
-        now, worker = heapq.heappop(free)
-        batch = dispatch.next_batch(workers)
-        if batch is None:
-            break
+    while True:
+        # As many wait on the scheduler as work, and two more.
+        while len(waiting) < workers + 2 and (batch := dispatch.next_batch(workers, room)):
+            waiting.append(batch)
+        if not waiting:
+            return float(ended.max()), float(1 - ended.mean() / ended.max())
+        batch, (now, worker) = waiting.popleft(), heapq.heappop(free)
         spent = np.cumsum(cost_s[list(batch.jobs)])
-        done = min(int(np.searchsorted(spent, BATCH_BUDGET_S)) + 1, len(spent))
+        done = min(int(np.searchsorted(spent, budget)) + 1, len(spent))
         dispatch.came_back(batch, done)
+        room = room_for([{"wall_s": cost} for cost in cost_s[list(batch.jobs[:done])]], budget)
         ended[worker] = now + spent[done - 1]
         heapq.heappush(free, (ended[worker], worker))
-    return float(ended.max()), float(1 - ended.mean() / ended.max())
 
 
 def study_costs(seconds_per_job: float, run: Path | None) -> tuple[NDArray[np.float64], NDArray[np.integer]]:
@@ -209,26 +292,49 @@ def study_costs(seconds_per_job: float, run: Path | None) -> tuple[NDArray[np.fl
     return cost * seconds_per_job / cost.mean(), record_of
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--seconds-per-job", type=float, default=0.1)
-    parser.add_argument("--run", type=Path, help="take the costs of jobs from this run")
-    parser.add_argument("--workers", type=int, nargs="*", default=[1, 10, 100, 300, 1000])
-    parser.add_argument("--seconds", type=float, default=20.0, help="length of each pretended run")
-    given = parser.parse_args()
+def tell_million() -> None:
     print("a million jobs, planned, handed out, counted and stored in one process")
     print("  " + "  ".join(f"{name} {value:,.0f}" for name, value in apart(million).items()))
-    print(f"pretended workers, {given.seconds_per_job} s a job")
-    for workers in given.workers:
-        told = apart(pretended_run, workers, given.seconds_per_job, given.seconds)
+
+
+def tell_pretended(runs: Sequence[tuple[float, float]], seconds: float) -> None:
+    print(f"pretended workers, for {seconds:g} s if nothing held them up")
+    for workers, seconds_per_job in runs:
+        told = pretended_run(int(workers), seconds_per_job, seconds)
         print("  " + "  ".join(f"{name} {value:,.3g}" for name, value in told.items()), flush=True)
-    cost, record_of = study_costs(given.seconds_per_job, given.run)
+
+
+def tell_study(seconds_per_job: float, run: Path | None) -> None:
+    cost, record_of = study_costs(seconds_per_job, run)
     print(f"the study's {STUDY} jobs, {cost.mean():.3f} s each on average, {cost.max():.1f} s at most")
     for workers in WORKERS:
         took, idle = played(cost, record_of, workers)
         print(f"  {workers:5d} workers  {took / 60:9.2f} min  idle at the end {100 * idle:.1f} %")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parts = ("million", "pretended", "study")
+    parser.add_argument(
+        "parts", nargs="*", choices=[*parts, parts], default=parts, metavar="|".join(parts),
+        help="all if none is named",
+    )  # fmt: skip
+    parser.add_argument("--seconds-per-job", type=float, default=0.1, help="of the study")
+    parser.add_argument("--run", type=Path, help="take the costs of the study's jobs from this run")
+    parser.add_argument(
+        "--pretend", type=float, nargs=2, action="append", metavar=("WORKERS", "SECONDS_A_JOB"),
+        help="a pretended run, 0 seconds for answers at once; several may be given",
+    )  # fmt: skip
+    parser.add_argument("--seconds", type=float, default=60.0, help="length of each pretended run")
+    given = parser.parse_args()
+    if "million" in given.parts:
+        tell_million()
+    if "pretended" in given.parts:
+        tell_pretended(given.pretend or PRETENDED, given.seconds)
+    if "study" in given.parts:
+        tell_study(given.seconds_per_job, given.run)
 
 
 if __name__ == "__main__":

@@ -1,8 +1,9 @@
-"""What a scan costs and how right it is: time and memory by number of points, errors by shape.
+"""What a scan costs and how right it is: time and memory by number of points, errors and toppling answers by shape.
 
-Puts its two tables into docs/scan.md.
+Puts its three tables into docs/scan.md.
 
     .venv/bin/python benchmarks/scan.py accuracy [--shape NAME ...] [--scans FOLDER]
+    .venv/bin/python benchmarks/scan.py answers ENSEMBLE [--shape NAME ...] [--scans FOLDER] [--jobs 500]
     .venv/bin/python benchmarks/scan.py cost [--million 1 5 10 20]
 
 FOLDER holds scans of known rocks from elsewhere: NAME.truth.json, NAME.truth_rock.ply, and NAME.laz or .ply.
@@ -15,20 +16,27 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, replace
+from itertools import repeat
 from pathlib import Path
 
 import laspy
 import numpy as np
 from numpy.typing import NDArray
 
-from models import Pedestal, Rock, Scene
-from models.frames import plane_normal
+from models import Motion, Pedestal, Rock, Scene
+from models.frames import plane_normal, rotation_between
+from models.motions.ensemble import Ensemble
+from models.motions.impose import impose
 from models.scan import virtual
-from models.scan.read import read_clouds
+from models.scan.read import Cloud, read_clouds
 from models.scan.survey import survey
 from models.scene import read_triangles
 from models.statics import quasi_static_toppling_m_s2
+from orchestrator.front import DISTURBED, Job, draw_jobs
+from workers import shake
 
 PAGE = Path(__file__).parent.parent / "docs" / "scan.md"
 AZIMUTHS_DEG = np.arange(0.0, 360.0, 10.0)
@@ -69,6 +77,12 @@ SHAPES: dict[str, Callable[[], virtual.Truth]] = {
     "in a crevice": lambda: virtual.rock_in_a_crevice(4),
     "one of two": lambda: virtual.two_rocks_side_by_side(2),
 }
+CAUSES_OF = ("Echo Cliffs", "echo_like")
+"""Shapes of which the benchmark of answers tells what each error costs."""
+TOPS_M_S2 = 5.0 * 2.0 ** (0.5 * np.arange(10))
+"""Highest levels tried, until half of the jobs topple."""
+TRIED = 60
+"""Jobs that find the levels."""
 
 
 def errors(found: Scene, true: Scene) -> dict[str, float]:
@@ -76,6 +90,7 @@ def errors(found: Scene, true: Scene) -> dict[str, float]:
     rock, known = found.rock, true.rock
     turn = (found.pedestal.downhill_azimuth_deg - true.pedestal.downhill_azimuth_deg + 180.0) % 360.0 - 180.0
     seen, right = _toppling(found), _toppling(true)
+    flat = _toppling(on_plane(true))
     principal = np.linalg.eigvalsh(rock.inertia_per_mass_m2) / np.linalg.eigvalsh(known.inertia_per_mass_m2)
     moved = rock.com_m + found.origin_m - known.com_m - true.origin_m
     return {
@@ -86,7 +101,21 @@ def errors(found: Scene, true: Scene) -> dict[str, float]:
         "its azimuth °": turn,
         "toppling, rms %": 100 * float(np.sqrt(np.mean((seen / right - 1) ** 2))),
         "worst %": 100 * float(np.abs(seen / right - 1).max()),
+        "worst of the plane's %": 100 * float(np.abs(seen / flat - 1).max()),
+        "plane against meshes, worst %": 100 * float(np.abs(flat / right - 1).max()),
         "least true m/s²": float(right.min()),
+        **_coverage(found, seen - right),
+    }
+
+
+def _coverage(found: Scene, error: NDArray[np.float64]) -> dict[str, float]:
+    """Share of the azimuths whose error lies within one and two stated standard deviations, and these in %."""
+    stated = found.report["uncertainty"]["quasi_static_toppling_m_s2"]
+    spread = np.array([each["std"] for each in stated])
+    return {
+        "stated %": 100 * float(np.mean(spread / _toppling(found))),
+        "within 1 std %": 100 * float((np.abs(error) < spread).mean()),
+        "within 2 std %": 100 * float((np.abs(error) < 2 * spread).mean()),
     }
 
 
@@ -95,44 +124,136 @@ def _toppling(scene: Scene) -> NDArray[np.float64]:
     return np.array(table)[:, 1]
 
 
-def of_shapes(names: list[str]) -> dict[str, dict[str, float]]:
-    """Errors of each shape, scanned from six stations at 0.6 % of its height."""
-    rows = {}
+@dataclass(frozen=True, eq=False)
+class Known:
+    """A scan of a known rock: its cloud, each point's true label, and the true meshes as a scene."""
+
+    cloud: Cloud
+    label: NDArray[np.int8]
+    true: Scene
+    near_m: tuple[float, float] | None = None
+
+
+def own(name: str) -> Known:
+    """A virtual shape, scanned from six stations at 0.6 % of its height."""
+    truth = SHAPES[name]()
+    cloud, label = virtual.cloud_of(virtual.scan_around(truth, seed=1), virtual.DEMO_ORIGIN_M)
+    near = truth.rock.vertices_m[np.argmax(truth.rock.vertices_m[:, 2]), :2] + virtual.DEMO_ORIGIN_M[:2]
+    true = Scene(truth.rock, truth.pedestal, origin_m=virtual.DEMO_ORIGIN_M)
+    return Known(cloud, label, true, (float(near[0]), float(near[1])))
+
+
+def from_elsewhere(folder: Path, name: str) -> Known:
+    """A scan made by another scanner, with its truth beside it."""
+    truth = json.loads((folder / f"{name}.truth.json").read_text())
+    rock = Rock.from_triangles(*read_triangles(folder / f"{name}.truth_rock.ply"))
+    normal = plane_normal(truth["interface_slope_deg"], truth["interface_downhill_azimuth_deg"])
+    foot = rock.vertices_m[np.argmin(rock.vertices_m @ normal)]
+    pedestal = Pedestal(foot, normal, *read_triangles(folder / f"{name}.truth_pedestal.ply"))
+    file = next(path for path in (folder / f"{name}.laz", folder / f"{name}.ply") if path.exists())
+    with np.load(folder / f"{name}.truth_labels.npz") as labels:
+        label = labels[labels.files[0]]
+    return Known(read_clouds([file]), label, Scene(rock, pedestal, origin_m=np.array(truth["offset"])))
+
+
+def all_known(names: list[str], folder: Path | None) -> Iterator[tuple[str, Known]]:
+    """The named shapes, then the scans in the folder."""
     for name in names:
-        truth = SHAPES[name]()
-        cloud, label = virtual.cloud_of(virtual.scan_around(truth, seed=1), virtual.DEMO_ORIGIN_M)
-        near = truth.rock.vertices_m[np.argmax(truth.rock.vertices_m[:, 2]), :2] + virtual.DEMO_ORIGIN_M[:2]
-        found = survey(cloud, near_m=(float(near[0]), float(near[1])))
-        plane = Pedestal(truth.pedestal.point_m, truth.pedestal.normal)
-        rows[name] = {
-            "rock's points right %": 100 * float((found.label[label == 0] == 0).mean()),
-            "pedestal's %": 100 * float((found.label[label == 1] == 1).mean()),
-            **errors(found.scene, Scene(truth.rock, plane, origin_m=virtual.DEMO_ORIGIN_M)),
-        }
-        print(name, {key: round(value, 3) for key, value in rows[name].items()}, flush=True)
-    return rows
-
-
-def of_others(folder: Path) -> dict[str, dict[str, float]]:
-    """Errors of scans from elsewhere with known truth."""
-    rows = {}
-    for told in sorted(folder.glob("*.truth.json")):
+        yield name, own(name)
+    for told in sorted(folder.glob("*.truth.json")) if folder else ():
         name = told.name.removesuffix(".truth.json")
-        truth = json.loads(told.read_text())
-        rock = Rock.from_triangles(*read_triangles(folder / f"{name}.truth_rock.ply"))
-        normal = plane_normal(truth["interface_slope_deg"], truth["interface_downhill_azimuth_deg"])
-        foot = rock.vertices_m[np.argmin(rock.vertices_m @ normal)]
-        file = next(path for path in folder.glob(f"{name}.*") if path.suffix in (".laz", ".ply"))
-        found = survey(read_clouds([file]))
-        with np.load(folder / f"{name}.truth_labels.npz") as labels:
-            label = labels[labels.files[0]]
-        rows[name] = {
-            "rock's points right %": 100 * float((found.label[label == 0] == 0).mean()),
-            "pedestal's %": 100 * float((found.label[label == 1] == 1).mean()),
-            **errors(found.scene, Scene(rock, Pedestal(foot, normal), origin_m=np.array(truth["offset"]))),
-        }
-        print(name, {key: round(value, 3) for key, value in rows[name].items()}, flush=True)
-    return rows
+        yield name, from_elsewhere(told.parent, name)
+
+
+def on_plane(scene: Scene) -> Scene:
+    """The same rock on its bare interface plane."""
+    return replace(scene, pedestal=Pedestal(scene.pedestal.point_m, scene.pedestal.normal))
+
+
+def accuracy(known: Known, realisations: int) -> dict[str, float]:
+    """Errors of what `toppling scan` makes of a scan, in the units of the targets."""
+    found = survey(known.cloud, near_m=known.near_m, bootstrap=realisations)
+    right = {
+        "rock's points right %": 100 * float((found.label[known.label == 0] == 0).mean()),
+        "pedestal's %": 100 * float((found.label[known.label == 1] == 1).mean()),
+    }
+    return right | errors(found.scene, known.true)
+
+
+def answers(scene: Scene, ensemble: Path, jobs: list[Job], scale: float = 1.0) -> NDArray[np.bool_]:
+    """Which of the jobs topple the rock."""
+    with ProcessPoolExecutor(1, initializer=_load, initargs=(scene, ensemble)) as pool:
+        return np.array(list(pool.map(_topples, jobs, repeat(scale), chunksize=8)))
+
+
+_ASSETS: list[tuple[Scene, Ensemble]] = []
+
+
+def _load(scene: Scene, ensemble: Path) -> None:
+    _ASSETS[:] = [(scene, Ensemble.load(ensemble))]
+
+
+def _topples(job: Job, scale: float) -> bool:
+    scene, ensemble = _ASSETS[0]
+    motion = impose(ensemble.record(job.record_id), job.pga_m_s2, job.azimuth_deg).motion
+    return bool(shake(scene, Motion(motion.acceleration_m_s2 * scale, motion.time_step_s), "fast").toppled)
+
+
+def jobs_that_half_topple(scene: Scene, ensemble: Path, count: int) -> tuple[list[Job], float]:
+    """Jobs of random record, azimuth and level, and the highest level: such that about half topple the rock."""
+    records = Ensemble.load(ensemble)
+    for top in TOPS_M_S2:
+        tried = draw_jobs(records, TRIED, (1.0, float(top)))
+        if answers(scene, ensemble, tried).mean() > 0.4:
+            break
+    return draw_jobs(records, count, (1.0, float(top)), seed=11), float(top)
+
+
+def agreement(name: str, known: Known, ensemble: Path, count: int) -> dict[str, dict[str, float]]:
+    """Share of jobs in which the scan's scene says what the true meshes say, and beside it what else changes answers.
+
+    Answers near the threshold flip with anything: `chaos` is the true scene under a motion larger by a millionth.
+    """
+    true = known.true
+    found = survey(known.cloud, near_m=known.near_m).scene
+    jobs, top = jobs_that_half_topple(true, ensemble, count)
+    said = answers(true, ensemble, jobs)
+    compared = {"scan": found, "true rock, bare plane": on_plane(true)}
+    if name in CAUSES_OF:
+        compared |= parts_of_the_error(found, true)
+    row = {"levels up to, m/s²": top, "topple %": 100 * float(said.mean())}
+    row["chaos, % equal"] = 100 * float((answers(true, ensemble, jobs, DISTURBED) == said).mean())
+    for what, scene in compared.items():
+        row[f"{what}, % equal"] = 100 * float((answers(scene, ensemble, jobs) == said).mean())
+        print(name, row, flush=True)
+    return row
+
+
+def parts_of_the_error(found: Scene, true: Scene) -> dict[str, Scene]:
+    """Scenes that are the true one but for one thing that the scan got wrong."""
+    shift = found.origin_m - true.origin_m
+    turn = rotation_between(true.pedestal.normal, found.pedestal.normal)
+    sloped = replace(
+        true,
+        rock=true.rock.moved(turn),
+        pedestal=replace(
+            true.pedestal,
+            point_m=true.pedestal.point_m @ turn.T,
+            normal=found.pedestal.normal,
+            vertices_m=true.pedestal.vertices_m @ turn.T,
+        ),
+    )
+    return {
+        "the scan's mass": replace(true, rock=with_mass(true.rock, found.rock, shift)),
+        "the scan's slope": sloped,
+        "the scan's feet": replace(found, rock=with_mass(found.rock, true.rock, -shift)),
+        "the scan's rock, bare plane": on_plane(found),
+    }
+
+
+def with_mass(rock: Rock, other: Rock, shift_m: NDArray[np.float64]) -> Rock:
+    """A rock's surface with the centre of mass and the inertia of another, whose frame lies shifted by so much."""
+    return replace(rock, com_m=other.com_m + shift_m, inertia_per_mass_m2=other.inertia_per_mass_m2)
 
 
 def write_cloud(path: Path, million: float) -> int:
@@ -185,9 +306,12 @@ def cost(million: float) -> dict[str, float]:
 
 def table(rows: dict[str, dict[str, float]], first: str) -> str:
     """Markdown."""
-    columns = list(next(iter(rows.values())))
+    columns = list(dict.fromkeys(column for row in rows.values() for column in row))
     lines = [f"| {first} | {' | '.join(columns)} |", "|---" * (1 + len(columns)) + "|"]
-    lines += [f"| {name} | {' | '.join(f'{row[c]:.2f}' for c in columns)} |" for name, row in rows.items()]
+    lines += [
+        f"| {name} | {' | '.join(f'{row[c]:.2f}' if c in row else '' for c in columns)} |"
+        for name, row in rows.items()
+    ]
     return "\n".join(lines)
 
 
@@ -203,9 +327,13 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     commands = parser.add_subparsers(dest="command", required=True)
-    accuracy = commands.add_parser("accuracy")
-    accuracy.add_argument("--shape", nargs="+", choices=SHAPES, default=list(SHAPES))
-    accuracy.add_argument("--scans", type=Path)
+    right = commands.add_parser("accuracy")
+    compare = commands.add_parser("answers")
+    compare.add_argument("ensemble", type=Path)
+    compare.add_argument("--jobs", type=int, default=500)
+    for command in (right, compare):
+        command.add_argument("--shape", nargs="*", choices=SHAPES, default=list(SHAPES))
+        command.add_argument("--scans", type=Path)
     costs = commands.add_parser("cost")
     costs.add_argument("--million", nargs="+", type=float, default=[1.0, 5.0, 10.0, 20.0])
     make = commands.add_parser("make")
@@ -215,8 +343,16 @@ def main() -> None:
     if given.command == "make":
         print(write_cloud(given.path, given.million))
     elif given.command == "accuracy":
-        rows = of_shapes(given.shape) | (of_others(given.scans) if given.scans else {})
+        rows = {}
+        for name, known in all_known(given.shape, given.scans):
+            rows[name] = accuracy(known, 8)
+            print(name, {key: round(value, 3) for key, value in rows[name].items()}, flush=True)
         put("accuracy", table(rows, "shape"))
+    elif given.command == "answers":
+        rows = {}
+        for name, known in all_known(given.shape, given.scans):
+            rows[name] = agreement(name, known, given.ensemble, given.jobs)
+        put("answers", table(rows, "shape"))
     else:
         rows = {}
         for million in given.million:

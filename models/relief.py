@@ -9,6 +9,7 @@ holds for relief that is flat against its distance and for slips that are short 
 """
 
 from functools import lru_cache
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,9 +21,6 @@ from models.pedestal import Pedestal
 from models.rock import Rock
 
 Array = NDArray[np.float64]
-
-NEIGHBOURS = 24
-"""Triangles, nearest by centre, in which a point is looked for."""
 
 
 @lru_cache(maxsize=8)  # rocks and pedestals compare by identity
@@ -118,15 +116,19 @@ def height_below(places_m: Array, vertices_m: Array, faces: NDArray[np.int64], *
     area = edge1[:, 0] * edge2[:, 1] - edge1[:, 1] * edge2[:, 0]
     upright = np.abs(area) < 1e-12 * (np.ptp(vertices_m[:, :2], axis=0) ** 2).sum()
     corners, flat, edge1, edge2, area = (a[~upright] for a in (corners, flat, edge1, edge2, area))
-    count = min(NEIGHBOURS, len(corners))
-    near = cKDTree(flat.mean(axis=1)).query(places_m, k=count)[1].reshape(len(places_m), count)
-    offset = places_m[:, None, :] - flat[near, 0]
-    share1 = (offset[..., 0] * edge2[near, 1] - offset[..., 1] * edge2[near, 0]) / area[near]
-    share2 = (edge1[near, 0] * offset[..., 1] - edge1[near, 1] * offset[..., 0]) / area[near]
+    centre = flat.mean(axis=1)
+    reach = np.linalg.norm(flat - centre[:, None], axis=2).max(axis=1)
+    found = cKDTree(places_m).query_ball_point(centre, (1.0 + 1e-6) * reach) if len(places_m) else []
+    count = np.array([len(each) for each in found], int)
+    place = np.fromiter(chain.from_iterable(found), int, count.sum())
+    face = np.repeat(np.arange(len(count)), count)
+    offset = places_m[place] - flat[face, 0]
+    share1 = (offset[:, 0] * edge2[face, 1] - offset[:, 1] * edge2[face, 0]) / area[face]
+    share2 = (edge1[face, 0] * offset[:, 1] - edge1[face, 1] * offset[:, 0]) / area[face]
     inside = (share1 >= -1e-9) & (share2 >= -1e-9) & (share1 + share2 <= 1 + 1e-9)
-    base = corners[near, 0, 2]
-    height = base + share1 * (corners[near, 1, 2] - base) + share2 * (corners[near, 2, 2] - base)
-    none = -np.inf if highest else np.inf
-    layers = np.where(inside, height, none)
-    found = layers.max(axis=1) if highest else layers.min(axis=1)
-    return np.where(np.isfinite(found), found, np.nan)
+    rise1, rise2 = corners[:, 1, 2] - corners[:, 0, 2], corners[:, 2, 2] - corners[:, 0, 2]
+    layer = corners[face, 0, 2] + share1 * rise1[face] + share2 * rise2[face]
+    height = np.full(len(places_m), -np.inf if highest else np.inf)
+    outermost = np.maximum if highest else np.minimum
+    outermost.at(height, place[inside], layer[inside])
+    return np.where(np.isfinite(height), height, np.nan)

@@ -9,26 +9,27 @@ import click
 from models.errors import InputError
 
 VERBS = {
-    "scan": "orchestrator.verbs.scan:scan",
-    "scene": "orchestrator.verbs.scene:scene",
-    "records": "orchestrator.verbs.records:records",
-    "plan": "orchestrator.verbs.plan:plan",
-    "run": "orchestrator.verbs.run:run",
-    "status": "orchestrator.verbs.status:status",
-    "query": "orchestrator.verbs.query:query",
-    "fragility": "orchestrator.verbs.fragility:fragility",
-    "constrain": "orchestrator.verbs.constrain:constrain",
-    "check": "orchestrator.verbs.check:check",
-    "pulse": "orchestrator.verbs.pulse:pulse",
-    "replay": "orchestrator.verbs.replay:replay",
-    "report": "orchestrator.verbs.report:report",
-    "accuracy": "orchestrator.verbs.accuracy:accuracy",
-    "demo": "orchestrator.verbs.demo:demo",
+    "scan": "Turn laser scans into a rock on its pedestal.",
+    "scene": "Show a scene or export it.",
+    "records": "Ground motions: import, fetch, make, select and show ensembles of records.",
+    "plan": "Check CAMPAIGN against its scene and ensemble and count its jobs; run none.",
+    "run": "Shake: carry CAMPAIGN out on a cluster, or go on where an interrupted run stopped.",
+    "status": "Say how far RUN is, while it runs and after.",
+    "query": "Ask one or several runs in SQL (DuckDB), also while they go on.",
+    "fragility": "Draw the study's figures of a run: PNG, SVG and the table behind each as CSV.",
+    "constrain": "Say which ground motion one or several standing rocks reject.",
+    "check": "Say whether SEISMOGRAMS, unscaled and in their own directions, topple the rock of SCENE.",
+    "pulse": "Shake the rock of SCENE with one pulse of velocity and show how it moves.",
+    "replay": "Do one JOB of RUN again, and show how the rock moves.",
+    "report": "Write one HTML page about a run that can be read without a network.",
+    "accuracy": "Compare the presets' answers for the rock of SCENE under motions of ENSEMBLE, and their cost.",
+    "demo": "Scan a virtual rock, make earthquakes, shake, and draw the maps: minutes on two cores.",
 }
+"""Each is the command of its name in the module of its name in orchestrator/verbs; its line begins its own help."""
 
 
 class LazyGroup(click.Group):
-    """A group whose commands are imported when they are asked for."""
+    """A group whose commands are imported when they are called, not when they are listed."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002  (click's signature)
         """Verbs in the order of a campaign."""
@@ -38,8 +39,12 @@ class LazyGroup(click.Group):
         """Import the verb's module."""
         if cmd_name not in VERBS:
             return None
-        module, _, name = VERBS[cmd_name].partition(":")
-        return getattr(importlib.import_module(module), name)
+        return getattr(importlib.import_module(f"orchestrator.verbs.{cmd_name}"), cmd_name)
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
+        """List the verbs, each with its line."""
+        with formatter.section("Commands"):
+            formatter.write_dl(list(VERBS.items()))
 
 
 @click.group(

@@ -3,6 +3,8 @@
 import contextlib
 import importlib
 import logging
+import os
+import signal
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -54,7 +56,18 @@ def local(workers: int) -> Iterator[Client]:
         Client(cluster) as client,
     ):
         cluster.scale(workers)  # not at once: the cluster would fail with a worker that dies while it starts
-        yield client
+        try:
+            yield client
+        finally:
+            client.sync(_end_workers, cluster)
+
+
+async def _end_workers(cluster: LocalCluster) -> None:
+    """Kill the worker processes: none holds anything, and one that hangs would hold up the end, or a Ctrl-C."""
+    for nanny in cluster.workers.values():
+        nanny.close_gracefully()  # starts no other in its place
+        if nanny.is_alive():
+            os.kill(nanny.pid, signal.SIGKILL)
 
 
 def workers_missing(client: Client) -> int:

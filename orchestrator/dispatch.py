@@ -2,7 +2,7 @@
 
 Jobs of one record travel in batches, so that the engine's own work outweighs the cluster's. A batch whose
 worker died says only that one of its jobs may be to blame: each is then tried alone, and a job whose workers
-died `TRIES` times while it ran alone is given up.
+died again and again while it ran alone is given up.
 """
 
 import math
@@ -18,11 +18,25 @@ JOBS_IN_BATCH = 256
 BATCHES_LEFT_PER_WORKER = 4
 """Batches shrink near the end, so that every worker gets this many of the last ones and none idles."""
 
-TRIES = 3
-"""Deaths of a worker under one lone job before the job is given up.
 
-Bad luck, such as a node taken away, hardly strikes one job so often; one that crashes the engine always does.
-"""
+@dataclass(frozen=True)
+class Limits:
+    """When a job is given up.
+
+    Parameters
+    ----------
+    job_s : float
+        Wall time that no job needs: a worker that takes longer is taken to hang, and is replaced.
+    tries : int
+        Deaths of a worker under one job that runs alone. Bad luck, such as a node taken away, hardly strikes one job
+        so often; one that crashes the engine always does. More cost time where workers are often taken away.
+    """
+
+    job_s: float = 300.0
+    tries: int = 3
+
+
+USUAL_LIMITS = Limits()
 
 
 @dataclass(frozen=True)
@@ -58,7 +72,7 @@ class Dispatch:
     """
 
     def __init__(
-        self, pending: NDArray[np.int64], record_of: NDArray[np.integer], tries: int = TRIES
+        self, pending: NDArray[np.int64], record_of: NDArray[np.integer], tries: int = Limits.tries
     ) -> None:
         self._tries = tries
         self._segments = deque([pending] if len(pending) else [])

@@ -6,7 +6,7 @@ import json
 import os
 import shutil
 import socket
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -14,10 +14,11 @@ from typing import Any
 import pyarrow.parquet as pq
 
 from models import InputError
+from orchestrator.journal import LOG_FILE
 from orchestrator.plan import Plan
+from results.store import PARTS_FOLDER, RESULTS_FILE
 
 SCHEMA_VERSION = 1
-PARTS = "parts"
 
 
 def prepare(run: Path, plan: Plan, versions: dict[str, str]) -> None:
@@ -36,7 +37,7 @@ def prepare(run: Path, plan: Plan, versions: dict[str, str]) -> None:
     shutil.rmtree(staging, ignore_errors=True)
     try:
         staging.mkdir()
-        (staging / PARTS).mkdir()
+        (staging / PARTS_FOLDER).mkdir()
         shutil.copytree(plan.campaign.scene, staging / "scene")
         shutil.copytree(plan.campaign.ensemble, staging / "ensemble")
         (staging / "campaign.toml").write_text(plan.campaign.to_toml("scene", "ensemble"), encoding="utf-8")
@@ -118,6 +119,20 @@ def session(run: Path, told: dict[str, Any]) -> Iterator[dict[str, Any]]:
             _note(run, notes, new=False)
 
 
+def place_in(run: Path, name: str) -> Path:
+    """Tell where in a run a verb writes what it makes of it.
+
+    Raises
+    ------
+    InputError
+        If something there is a link: a run may come from a stranger.
+    """
+    place = run / name
+    above = [folder for folder in place.parents if run in folder.parents]
+    _refuse_links(run, [place, *above, *place.rglob("*"), *run.glob(".*")])
+    return place
+
+
 def is_running(run: Path) -> bool:
     """Whether a process writes to the run now."""
     try:
@@ -155,21 +170,15 @@ def _note(run: Path, notes: dict[str, Any], *, new: bool) -> None:
 
 def _sweep(run: Path) -> None:
     """Remove what a killed writer left half written; only the holder of the lock may."""
-    for folder in (run, run / PARTS):
+    for folder in (run, run / PARTS_FOLDER):
         for left in folder.glob(".*.tmp"):
             left.unlink(missing_ok=True)
 
 
 def _check(run: Path, plan: Plan, versions: dict[str, str]) -> None:
     content = describe(run)
-    for name in (PARTS, "scene", "ensemble", "run.json", "run.log", "results.parquet", ".lock"):
-        if (run / name).is_symlink():
-            raise _error(
-                run,
-                f"{name} is a link that leads elsewhere",
-                expected="a folder with its own content",
-                remedy="do not resume a run whose origin you do not know; start a new one with another --out",
-            )
+    written = (PARTS_FOLDER, "scene", "ensemble", "run.json", LOG_FILE, RESULTS_FILE, ".lock")
+    _refuse_links(run, [run / name for name in written])
     there = content.get("versions", {})
     differing = [
         f"{name} {there.get(name)}, now {version}"
@@ -190,6 +199,17 @@ def _check(run: Path, plan: Plan, versions: dict[str, str]) -> None:
             expected="the same campaign, scene and ensemble as when the run was begun",
             remedy="give another --out, or go on with the one that lies in the folder",
         )
+
+
+def _refuse_links(run: Path, places: Iterable[Path]) -> None:
+    for place in places:
+        if place.is_symlink():
+            raise _error(
+                run,
+                f"{place.relative_to(run)} is a link that leads elsewhere",
+                expected="a folder with its own content",
+                remedy="do not write to a run whose origin you do not know; give another --out",
+            )
 
 
 def _error(run: Path, what: str, expected: str, remedy: str) -> InputError:

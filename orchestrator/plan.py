@@ -10,10 +10,11 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
-from models import InputError, Scene
+from models import ContactProperties, InputError, Scene
 from models.motions.ensemble import Ensemble
 from orchestrator.campaign import Campaign, hash_of
 from workers.job import JobSpec
+from workers.shake import settled
 
 COLUMNS = pa.schema(
     [
@@ -113,12 +114,33 @@ def plan(campaign: Campaign, scene: Scene, ensemble: Ensemble) -> Plan:
     return Plan(campaign, scene_id, ensemble.id, sha, jobs)
 
 
+def check_stands(campaign: Campaign, scene: Scene) -> None:
+    """Make sure that the rock stands by itself with every friction of the campaign.
+
+    Otherwise every job would find it out anew. Where the campaign has realisations, only the nominal one is looked at.
+
+    Raises
+    ------
+    InputError
+        If it does not.
+    """
+    for static in sorted({static for static, _ in campaign.friction}):
+        try:
+            settled(scene.with_contact(ContactProperties.of(static)))
+        except InputError as error:
+            raise InputError(
+                f"with friction {static:g}: {error.what}",
+                where=str(campaign.scene),
+                expected=error.expected,
+                remedy=error.remedy,
+            ) from None
+
+
 def _axes(campaign: Campaign) -> Iterator[tuple[float, float, float, float, float, int]]:
-    """One record's points; the strongest shaking first, for it takes the longest."""
+    """One record's points: those of one scene together, and of them the strongest shaking, the longest, first."""
     levels = sorted(campaign.pga_m_s2, reverse=True)
-    realisations = range(campaign.realisations)
-    for pga, azimuth, (static, kinetic), restitution, realisation in product(
-        levels, campaign.azimuth_deg, campaign.friction, campaign.restitution, realisations
+    for (static, kinetic), restitution, realisation, pga, azimuth in product(
+        campaign.friction, campaign.restitution, range(campaign.realisations), levels, campaign.azimuth_deg
     ):
         yield pga, azimuth, static, kinetic, restitution, realisation
 

@@ -22,10 +22,10 @@ from models import InputError, Scene
 from models.motions.ensemble import Ensemble
 from orchestrator.campaign import Campaign
 from orchestrator.cluster import replace_dead_workers, workers_missing
-from orchestrator.dispatch import JOBS_IN_BATCH, TRIES, Batch, Dispatch
+from orchestrator.dispatch import JOBS_IN_BATCH, USUAL_LIMITS, Batch, Dispatch, Limits
 from orchestrator.folder import prepare, session
 from orchestrator.journal import journal, tell
-from orchestrator.plan import Plan, plan
+from orchestrator.plan import Plan, check_stands, plan
 from orchestrator.task import Order, Row, UnfitWorkerError, check, lost_row, shake_batch, versions
 from results.store import RESULTS_FILE, compact, finished_ids, result_files, write_part
 from workers.job import JobSpec
@@ -42,6 +42,7 @@ ROUNDS = 3
 """Goes at the plan: more than one only if a stored part was lost, to another program or a failing disk."""
 
 LOST = "the connection to the scheduler is lost"
+NOBODY = "every worker has died and none comes back"
 POLL_S = 0.02
 LOOK_S = 2.0
 """Time between looks at the cluster: how many threads it has, and whether a batch is overdue."""
@@ -52,27 +53,8 @@ REPLACE_AFTER_S = 10.0
 NOBODY_AFTER_S = 90.0
 """A local run without any worker for this long ends instead of waiting for ever."""
 
-JOB_LIMIT_S = 300.0
-"""Wall time that no job needs: a worker that takes longer hangs, and is replaced."""
 FLUSH_S = (5.0, 60.0)
 """Least and greatest time between part files; it grows with the run, so that a weekend makes few thousand."""
-
-
-@dataclass(frozen=True)
-class Limits:
-    """When a job is given up.
-
-    Parameters
-    ----------
-    job_s : float
-        Wall time after which a worker is taken to hang, and is replaced.
-    tries : int
-        Deaths of a worker under one job that runs alone; cost more than blame where workers are often taken away.
-    """
-
-    job_s: float = JOB_LIMIT_S
-    tries: int = TRIES
-
 
 Task = Callable[[Order, Sequence[JobSpec], float], list[Row]]
 
@@ -153,7 +135,7 @@ def run(
     folder: Path,
     cluster: AbstractContextManager[Client],
     watch: Watcher,
-    limits: Limits = Limits(),
+    limits: Limits = USUAL_LIMITS,
     report: Path | None = None,
 ) -> Tally:
     """Carry a campaign out, or go on with it; the folder then holds `results.parquet`.
@@ -183,7 +165,10 @@ def run(
         If the run cannot go on; what was done stays.
     """
     folder = folder.absolute()
-    planned = plan(campaign, Scene.load(campaign.scene), Ensemble.load(campaign.ensemble))
+    scene = Scene.load(campaign.scene)
+    planned = plan(campaign, scene, Ensemble.load(campaign.ensemble))
+    if not folder.exists():  # a run is only begun with a rock that stands
+        check_stands(campaign, scene)
     here = versions()
     prepare(folder, planned, dict(here))
     order = Order(str(folder), planned.scene_id, planned.ensemble_id, here)
@@ -221,6 +206,7 @@ def _until_complete(
         return tally
     with cluster as client, client.as_current(), _reported(report):
         check_workers(client, order)
+        tally.began = time.monotonic()  # a batch system may have kept it waiting for hours
         for _ in range(ROUNDS):
             Execution(planned, finished, client, folder, order, watch, tally, limits)()
             finished = finished_ids(folder, planned.ids)
@@ -242,12 +228,10 @@ def check_workers(client: Client, order: Order) -> None:
     ------
     InputError
         If one cannot, because of another version or because it does not see the run's folder.
+    RunError
+        If the workers of a local cluster die whenever they start.
     """
-    while not client.nthreads():
-        with suppress(TimeoutError):
-            client.wait_for_workers(1, timeout=REPLACE_AFTER_S)
-            break
-        replace_dead_workers(client)
+    _wait_for_a_worker(client)
     answers = client.run(check, order, on_error="return")
     # Of a worker that just dies or just comes, its first task will tell.
     reasons = sorted({str(answer) for answer in answers.values() if isinstance(answer, UnfitWorkerError)})
@@ -258,6 +242,22 @@ def check_workers(client: Client, order: Order) -> None:
             expected="the client's versions, and the run's folder at the same path on every host",
             remedy="install the same toppling everywhere; put the run on a file system that all hosts share",
         )
+
+
+def _wait_for_a_worker(client: Client) -> None:
+    """Wait for the first: for ever where somebody else starts it, such as a batch system."""
+    began, told = time.monotonic(), False
+    while not client.nthreads():
+        with suppress(TimeoutError):
+            client.wait_for_workers(1, timeout=REPLACE_AFTER_S)
+            return
+        if not told:
+            log.warning("no worker has come yet: waiting")
+            told = True
+        if workers_missing(client):
+            if time.monotonic() - began > NOBODY_AFTER_S:
+                raise RunError(NOBODY)
+            replace_dead_workers(client)
 
 
 def budget_s(workers: int) -> float:
@@ -301,7 +301,7 @@ class Execution:
         order: Order,
         watch: Watcher,
         tally: Tally,
-        limits: Limits = Limits(),
+        limits: Limits = USUAL_LIMITS,
         task: Task = shake_batch,
     ) -> None:
         pending = plan.pending(finished)
@@ -309,7 +309,7 @@ class Execution:
         self.watch, self.tally, self.limits, self.task = watch, tally, limits, task
         self.dispatch = Dispatch(pending, plan.record_of, limits.tries)
         self._session = uuid.uuid4().hex[:8]
-        self._submitted = 0
+        self.tasks = 0  # handed out so far
         self._room = JOBS_IN_BATCH
         self._looked = -math.inf
         self._all_alive = time.monotonic()
@@ -364,8 +364,8 @@ class Execution:
         # A key never returns, not even in another session: Dask would hand out the old answer.
         keys = []
         for batch_specs in specs:
-            self._submitted += 1
-            keys.append(("shake", batch_specs[0].job_id, f"{self._session}-{self._submitted}"))
+            self.tasks += 1
+            keys.append(("shake", batch_specs[0].job_id, f"{self._session}-{self.tasks}"))
         # In one graph: Dask takes its tasks for one group only if it sees them together.
         futures = self.client.map(
             self.task,
@@ -451,8 +451,7 @@ class Execution:
         if not workers_missing(self.client):
             self._all_alive = now
         elif now - self._all_alive > NOBODY_AFTER_S and not self.tally.workers:
-            msg = "every worker has died and none comes back: the same command again resumes"
-            raise RunError(msg)
+            raise RunError(NOBODY)
         elif now - self._all_alive > REPLACE_AFTER_S:
             replace_dead_workers(self.client)
         working = {(worker, str(key)) for worker, keys in self.client.processing().items() for key in keys}
@@ -468,7 +467,10 @@ class Execution:
                 del self._since[place]
             workers = sorted({worker for worker, _ in late})
             log.warning("no answer for %g s from %s: replaced", self.limits.job_s, ", ".join(workers))
-            self.client.restart_workers(workers, raise_for_error=False)
+            loop = self.client.loop
+            assert loop is not None  # as long as the client is open
+            # Called on the client's own loop it does not wait: a worker that hangs takes seconds to be gone.
+            loop.add_callback(self.client.restart_workers, workers, raise_for_error=False)
 
     def _keep(self, rows: list[Row]) -> None:
         self.tally.count(rows)

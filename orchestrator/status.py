@@ -1,6 +1,6 @@
 """The state of a run, read from its folder alone: works while it runs, after it, and on a copy."""
 
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +12,8 @@ from orchestrator.folder import describe, is_running
 from orchestrator.journal import last
 from results.store import newest_attempts, result_files
 
-WINDOW_S = 60.0
-FAILURES_SHOWN = 10
+WINDOW = timedelta(minutes=1)
+REASONS_SHOWN = 10
 _COLUMNS = ["job_id", "record_id", "status", "toppled", "message", "attempt", "finished_at"]
 
 
@@ -44,21 +44,26 @@ def state_of(run: Path) -> dict[str, Any]:
     state["status"] = {entry["values"]: entry["counts"] for entry in counted}
     state["failed"] = stored - state["status"].get("ok", 0)
     state["toppled"] = pc.sum(rows["toppled"]).as_py() or 0
-    failures = rows.filter(pc.not_equal(rows["status"], "ok"))
-    state["failures"] = failures.select(["job_id", "record_id", "status", "message"])[
-        :FAILURES_SHOWN
-    ].to_pylist()
+    state["failures"] = _failures(rows.filter(pc.not_equal(rows["status"], "ok")))
     if running and stored < jobs:
         state["rate_per_s"] = rate = _rate(rows["finished_at"])
         state["left_s"] = (jobs - stored) / rate if rate else None
     return state
 
 
+def _failures(rows: pa.Table) -> list[dict[str, Any]]:
+    """The most frequent reasons of failed jobs, each with its number of jobs and one of them."""
+    grouped = rows.group_by(["status", "message"], use_threads=False)
+    reasons = grouped.aggregate([("job_id", "count"), ("job_id", "first"), ("record_id", "first")])
+    reasons = reasons.sort_by([("job_id_count", "descending"), ("job_id_first", "ascending")])
+    names = {"job_id_count": "jobs", "job_id_first": "job_id", "record_id_first": "record_id"}
+    return reasons.rename_columns(names)[:REASONS_SHOWN].to_pylist()
+
+
 def _rate(finished_at: pa.ChunkedArray) -> float | None:
     """Jobs a second in the last minute of stored rows."""
     last = pc.max(finished_at).as_py()
-    if last is None or (datetime.now(UTC) - last).total_seconds() > 10 * WINDOW_S:
+    if last is None or datetime.now(UTC) - last > 10 * WINDOW:
         return None
-    ages = [(last - moment).total_seconds() for moment in finished_at.drop_null().to_pylist()]
-    recent = [age for age in ages if age < WINDOW_S]
-    return len(recent) / max(max(recent), 1.0)
+    recent = finished_at.filter(pc.greater(finished_at, pa.scalar(last - WINDOW, finished_at.type)))
+    return len(recent) / max((last - pc.min(recent).as_py()).total_seconds(), 1.0)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
-from scipy.spatial import cKDTree
+from scipy.spatial import ConvexHull, cKDTree
 
 from models.scan.crevice import Grid, not_strays, smooth_sheet
 from models.scan.word import Word
@@ -13,6 +13,21 @@ from models.scan.word import Word
 CELLS_PER_HEIGHT = 200
 RIM_PER_HEIGHT = 0.06
 """Height over the interface up to which the seen underside shapes the hidden one."""
+RIM_CELLS = 5
+"""Of seen cells so near to each other, the lowest carries the hidden base; the others are the rock's side."""
+RIM_SPREAD_PER_HEIGHT = 0.0003
+"""Cells this little higher than the lowest are as low."""
+TENSION = 0.05
+"""Of the hidden base's membrane over its plate's stiffness, cells: what keeps it from dipping below its rim."""
+CLOSING_CELLS = (12, 24, 48, 96)
+"""Gaps in the seen rim, half as wide, that are bridged: the first that leave a base of some size."""
+LEAST_BASE_SHARE = 0.3
+"""Share of the seen underside's convex hull that a hidden base takes up at least."""
+SHARP_RIM_PER_HEIGHT = 0.003
+"""Median height to which the rim of a flat, sharp-edged base is seen: the spacing of points."""
+RELIEF_OF_RIM = 0.6
+"""Relief of the hidden base over the rim's height beyond that: known bases have 0.2 to 0.6 of it."""
+RELIEF_LENGTH_PER_HEIGHT = 0.05
 HOLE_STIFFNESS = 0.02
 RESTING_PER_HEIGHT = 0.0008
 """The rock rests where the closed underside is nearer to the plane than this: below what a scan resolves."""
@@ -24,8 +39,10 @@ FLAT_SHARE = 0.5
 """A hole that takes up more than this share of the hidden base is a flat base, not a foot."""
 SIDE_PER_HEIGHT = 0.006
 """A side seen down to this height, with no pedestal seen behind it, stands on the pedestal."""
-LEAST_GAP_PER_HEIGHT = 0.001
-"""Gap left where the pedestal was seen below the rock: a ray went through."""
+LEAST_GAP_PER_HEIGHT = 0.003
+"""Gap left where the pedestal was seen below the rock: a ray went through, from a rim that is higher."""
+WIDEST_SPACING_CELLS = 4.0
+"""Points farther apart than this are strays: no ray went through between them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,8 +88,12 @@ def hidden_base(
     height_m: float,
     core: float,
     word: Word | None = None,
+    rng: np.random.Generator | None = None,
 ) -> Base:
-    """Close the underside: as little bent as its seen rim allows, resting where the pedestal was not seen.
+    """Close the underside: a sheet hung into its seen rim, resting where the pedestal was not seen.
+
+    The rim's lowest points alone carry the sheet. The slope of the sides above them says nothing about the base: led
+    inward, it would press every base flat.
 
     Parameters
     ----------
@@ -84,13 +105,13 @@ def hidden_base(
         Share of a hole's depth from which the rock rests in it; smaller gives wider feet.
     word : Word, optional
         If it is a contact outline, the rock rests inside it and nowhere else.
+    rng : numpy.random.Generator, optional
+        Draws the relief that nobody saw, as high as the rim's height lets expect, for the uncertainty.
     """
     cell = height_m / CELLS_PER_HEIGHT
     grid = Grid.over(low[:, :2].min(axis=0) - 6 * cell, low[:, :2].max(axis=0) + 6 * cell, cell)
     seen_height, seen = _lowest(grid, low)
-    closed = ndimage.binary_closing(np.pad(seen, 12), iterations=12)[12:-12, 12:-12] | seen
-    hidden = ndimage.binary_fill_holes(closed) & ~seen
-    hidden = _largest(ndimage.binary_opening(hidden, iterations=3))
+    hidden = _within_rim(seen)
     outline = word.inside(grid.nodes_m) if word is not None and word.encloses else None
     if outline is not None:
         seen, hidden = seen & ~outline, hidden | outline
@@ -100,15 +121,51 @@ def hidden_base(
     rests = _deepest(depth, hidden, core)
     if outline is not None:
         rests, depth = outline, np.where(outline, 10.0, 0.0)
-    weight = np.where(seen, 3.0, np.where(rests, HOLE_STIFFNESS * depth**2, 0.0))
-    sheet = smooth_sheet(grid, np.where(seen, seen_height, 0.0), weight, stiffness=1.0)
+    into_seen = ndimage.distance_transform_edt(~hidden)
+    carries = _lowest_of_rim(seen_height, seen, height_m) | (seen & (into_seen > 8.0))
+    weight = np.where(carries, 3.0, np.where(rests, HOLE_STIFFNESS * depth**2, 0.0))
+    sheet = smooth_sheet(grid, np.where(carries, seen_height, 0.0), weight, tension=TENSION)
     to_the_side = ndimage.binary_dilation(seen & (seen_height < SIDE_PER_HEIGHT * height_m), iterations=3)
     sheet = np.where(rests & (to_the_side if outline is None else outline), 0.0, sheet)
     sheet = np.where(hidden & ~rests, np.maximum(sheet, LEAST_GAP_PER_HEIGHT * height_m), sheet)
-    into_seen = ndimage.distance_transform_edt(~hidden)
-    # Beside the hidden part the seen surface rules: the sheet gives way to it within a few cells.
-    sheet = sheet - 0.002 * height_m * np.maximum(into_seen - 1.0, 0.0)
+    if rng is not None and outline is None:
+        rim = seen_height[carries & (into_seen <= 8.0)]
+        sheet = np.where(hidden, np.maximum(sheet + _unseen_relief(grid, rim, height_m, rng), 0.0), sheet)
+    # Beside the hidden part the seen surface rules: the sheet follows it, and gives way to it within a few cells.
+    side = smooth_sheet(grid, np.where(seen, seen_height, 0.0), np.where(seen, 3.0, 0.0))
+    sheet = np.where(hidden, sheet, side - 0.002 * height_m * np.maximum(into_seen - 1.0, 0.0))
     return Base(grid, np.where(sheet < RESTING_PER_HEIGHT * height_m, 0.0, sheet), hidden)
+
+
+def _within_rim(seen: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Cells within the seen rim, whose gaps (a wall stood before them) are bridged as far as is needed."""
+    hull = ConvexHull(np.argwhere(seen)).volume
+    for reach in CLOSING_CELLS:
+        closed = ndimage.binary_closing(np.pad(seen, reach), iterations=reach)[reach:-reach, reach:-reach]
+        hidden = ndimage.binary_fill_holes(closed | seen) & ~seen
+        hidden = _largest(ndimage.binary_opening(hidden, iterations=3))
+        if hidden.sum() > LEAST_BASE_SHARE * hull:
+            break
+    return hidden
+
+
+def _lowest_of_rim(
+    height: NDArray[np.float64], seen: NDArray[np.bool_], height_m: float
+) -> NDArray[np.bool_]:
+    """Seen cells that are the lowest around."""
+    known = np.where(seen, height, np.inf)
+    return seen & (known <= ndimage.minimum_filter(known, RIM_CELLS) + RIM_SPREAD_PER_HEIGHT * height_m)
+
+
+def _unseen_relief(
+    grid: Grid, rim: NDArray[np.float64], height_m: float, rng: np.random.Generator
+) -> NDArray[np.float64]:
+    """Smooth random heights, as rough as a base whose rim hangs so high over the pedestal may be."""
+    beyond = float(np.median(rim)) - SHARP_RIM_PER_HEIGHT * height_m if len(rim) else 0.0
+    waves = ndimage.gaussian_filter(
+        rng.normal(size=grid.shape), RELIEF_LENGTH_PER_HEIGHT * height_m / grid.cell_m
+    )
+    return RELIEF_OF_RIM * max(beyond, 0.0) * waves / waves.std()
 
 
 def _largest(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -148,7 +205,8 @@ def _hole_depth(grid: Grid, lit: NDArray[np.float64]) -> NDArray[np.float64]:
     tree = cKDTree(lit[:, :2])
     distance, nearest = tree.query(grid.nodes_m.reshape(-1, 2))
     used, inverse = np.unique(nearest, return_inverse=True)
-    spacing = np.maximum(tree.query(lit[used, :2], 7)[0][:, -1], grid.cell_m)[inverse]
+    spacing = tree.query(lit[used, :2], 7)[0][:, -1]
+    spacing = np.clip(spacing, grid.cell_m, WIDEST_SPACING_CELLS * grid.cell_m)[inverse]
     return np.minimum(np.maximum(distance - HOLE_SPACINGS * spacing, 0.0) / grid.cell_m, 10.0).reshape(
         grid.shape
     )

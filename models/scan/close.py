@@ -30,6 +30,8 @@ SIMPLIFIED_SHARE_OF_HEIGHT = 0.0015
 """Triangles are joined where the surface moves by less than this: noise, not shape."""
 BASE_SHARE_OF_HEIGHT = 0.0003
 """The same for the base, whose shape decides how the rock rolls."""
+APART_SHARE_OF_HEIGHT = 1e-6
+"""How far sheets that touch each other are drawn apart."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,8 +75,19 @@ def close_rock(surfels: Surfels, rock: NDArray[np.bool_], base: Base, interface:
     vertices = np.array(mesh.vert_properties[:, :3], float)
     faces = np.array(mesh.tri_verts, np.int64)
     vertices[np.abs(vertices[:, 2]) < 1e-9 * height, 2] = 0.0
+    vertices = _apart(vertices, faces, APART_SHARE_OF_HEIGHT * height)
     rock_body = Rock.from_triangles(interface.scene(vertices), faces, where="closed rock")
     return ClosedRock(rock_body, *_shares(vertices, faces, flat, surfels.voxel_m))
+
+
+def _apart(vertices: NDArray[np.float64], faces: NDArray[np.int64], reach_m: float) -> NDArray[np.float64]:
+    """Vertices, those of sheets that touch moved toward their own sheet: joined, they would be no closed body."""
+    touching = np.unique(cKDTree(vertices).query_pairs(0.1 * reach_m, output_type="ndarray"))
+    moved = vertices.copy()
+    for vertex in touching:
+        way = vertices[faces[(faces == vertex).any(axis=1)]].mean(axis=(0, 1)) - vertices[vertex]
+        moved[vertex] += reach_m * way / max(float(np.linalg.norm(way)), reach_m)
+    return moved
 
 
 def _together(points: NDArray[np.float64], reach_m: float) -> NDArray[np.bool_]:

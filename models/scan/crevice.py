@@ -70,15 +70,16 @@ class Grid:
 
 
 def smooth_sheet(
-    grid: Grid, target: NDArray[np.float64], weight: NDArray[np.float64], stiffness: float
+    grid: Grid, target: NDArray[np.float64], weight: NDArray[np.float64], tension: float = 1e-3
 ) -> NDArray[np.float64]:
     """Heights that bend least (thin plate) while they follow weighted targets; both of the grid's shape.
 
-    A trace of membrane keeps far ends level instead of running away.
+    A trace of membrane, its tension over the plate's stiffness, keeps far ends level instead of running away.
     """
     laplacian = _laplacian(grid.shape)
-    system = diags(weight.ravel()) + stiffness * (laplacian @ laplacian) + 1e-3 * stiffness * laplacian
-    return splu(csc_matrix(system)).solve(weight.ravel() * target.ravel()).reshape(grid.shape)
+    system = diags(weight.ravel()) + laplacian @ laplacian + tension * laplacian
+    factors = splu(csc_matrix(system), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0)  # it is symmetric
+    return factors.solve(weight.ravel() * target.ravel()).reshape(grid.shape)
 
 
 def _laplacian(shape: tuple[int, int]) -> csc_matrix:
@@ -155,7 +156,7 @@ def pedestal_sheet(
         total = np.bincount(index[taken], flat[taken, 2], minlength=len(count))
         weight = np.minimum(count, 3.0).reshape(grid.shape)
         target = (total / np.maximum(count, 1)).reshape(grid.shape)
-        sheet = smooth_sheet(grid, target, weight, stiffness=1.0)
+        sheet = smooth_sheet(grid, target, weight)
         gap = flat[:, 2] - grid.at(sheet, flat)
         noise = 1.4826 * float(np.median(np.abs(gap[taken])))
         tolerance = max(min(tolerance, 6.0 * noise), 3.5 * noise, 0.0015 * height_m)

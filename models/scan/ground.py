@@ -60,8 +60,8 @@ def pedestal_ground(
     top = surfels.normals[pedestal] @ interface.normal > STEEP
     top &= np.abs(flat[:, 2]) < 0.25 * height
     standing = _inside(nodes, outline)
-    lost = _lost(flat, top, nodes, cell, standing)
-    # Every cell that the outline crosses lies in the plane, so that the whole base rests on it.
+    # Every cell that the outline crosses is there and lies in the plane, so that the whole base rests on it.
+    lost = _lost(flat, top, nodes, cell, ndimage.binary_dilation(standing, np.ones((3, 3))))
     seat = ndimage.binary_dilation(standing, np.ones((3, 3)), iterations=2)
     surface = _surface(flat[top], nodes, cell, seat)
     surface = np.where(seat, 0.0, np.minimum(surface, _underside(flat_rock, nodes, cell)))

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
+from scipy.spatial import ConvexHull, cKDTree
 
 from models.errors import InputError
 from models.frames import STANDARD_GRAVITY_M_S2
@@ -26,6 +26,8 @@ AZIMUTHS_DEG = np.arange(0.0, 360.0, 10.0)
 SECTORS = 36
 BESIDE_PER_HEIGHT = 0.02
 """Pedestal seen this near to the rock shows the crevice."""
+SUPPORT_PER_HEIGHT = 0.02
+"""What lies so near to the interface could touch it."""
 BESIDE_BAND_PER_HEIGHT = 0.1
 """Points this far above or below the interface are enough to fit it anew."""
 
@@ -72,9 +74,19 @@ def close_standing(seen: SeenRock, interface: Interface) -> tuple[ClosedRock, fl
     for core in cores:
         base = hidden_base(low, lit, seen.height_m, core, seen.word)
         closed = close_rock(seen.surfels, seen.patches, base, interface)
-        if stands(closed.rock, interface):
-            break
+        if stands(closed.rock, interface) or outside_support_m(closed.rock, interface) > 0.0:
+            break  # no feet hold a rock whose centre of mass hangs beside all of its base
     return closed, core
+
+
+def outside_support_m(rock: Rock, interface: Interface) -> float:
+    """How far the vertical through the centre of mass passes outside all that is within 2 % of the height."""
+    flat = interface.flat(rock.vertices_m)
+    hull = ConvexHull(flat[flat[:, 2] < SUPPORT_PER_HEIGHT * rock.height_m, :2])
+    com = interface.flat(rock.com_m[None])[0]
+    down = np.array([0.0, 0.0, -1.0]) @ interface.axes
+    pierced = com[:2] - down[:2] / down[2] * com[2]
+    return float((hull.equations[:, :2] @ pierced + hull.equations[:, 2]).max())
 
 
 def stands(rock: Rock, interface: Interface) -> bool:
@@ -182,6 +194,7 @@ def uncertainty(
                 seen.height_m,
                 drawn,
                 seen.word,
+                rng,
             )
             kept = seen.patches & (rng.random(len(seen.patches)) < 0.5)
             closed.append(close_rock(seen.surfels, kept, base, plane).rock)

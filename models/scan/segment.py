@@ -18,7 +18,7 @@ from scipy.sparse.csgraph import connected_components, maximum_flow
 from scipy.spatial import cKDTree
 
 from models.errors import InputError
-from models.scan.surfels import Surfels, orient, thin
+from models.scan.surfels import Surfels, orient, roughness, thin
 from models.scan.word import Word
 
 ROCK, PEDESTAL, NEITHER = 0, 1, 2
@@ -37,6 +37,10 @@ RIVAL_SHARE = 0.6
 """A second thing of this share of the first one's height may be the rock that is meant."""
 SURFACE_ROUGHNESS = 0.4
 """Thickness over width above which a neighbourhood is a bush's, not a surface's."""
+SHEET_ROUGHNESS = 0.3
+"""The same for fine voxels among clutter, which are a surface's below this: the ground below a bush, a wall's edge."""
+FEWEST_OF_A_SURFACE = 100
+"""Fewer points among clutter are clutter."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -350,7 +354,7 @@ def _refine(
         else index
     )
     label[around] = surfel_label[nearest]
-    label[_clutter(points_m, coarse, chosen.rock)] = NEITHER
+    label[_clutter(points_m, coarse, chosen.rock, voxel)] = NEITHER
     return Segmentation(
         label,
         surfels,
@@ -363,22 +367,33 @@ def _refine(
     )
 
 
-def _clutter(points_m: NDArray[np.float64], coarse: Surfels, rock: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Points of a bush or the like: coarse surfels whose neighbourhoods are as thick as they are wide.
+def _clutter(
+    points_m: NDArray[np.float64], coarse: Surfels, rock: NDArray[np.bool_], fine_m: float
+) -> NDArray[np.bool_]:
+    """Points of a bush or the like: where neighbourhoods are as thick as they are wide, what lies on no surface.
 
     Not beside the rock, where the two sides of the crevice make one thick neighbourhood.
     """
     _, near = cKDTree(coarse.points_m).query(coarse.points_m, 9)
     thick = np.median(coarse.roughness[near], axis=1) > CLUTTER_ROUGHNESS
     thick &= cKDTree(coarse.points_m[rock]).query(coarse.points_m)[0] > 4 * coarse.voxel_m
+    clutter = np.zeros(len(points_m), bool)
     if not thick.any():
-        return np.zeros(len(points_m), bool)
+        return clutter
     low = coarse.points_m[thick].min(axis=0) - coarse.voxel_m
     high = coarse.points_m[thick].max(axis=0) + coarse.voxel_m
     around = np.flatnonzero(((points_m > low) & (points_m < high)).all(axis=1))
-    clutter = np.zeros(len(points_m), bool)
-    clutter[around] = thick[cKDTree(coarse.points_m).query(points_m[around])[1]]
+    around = around[thick[cKDTree(coarse.points_m).query(points_m[around])[1]]]
+    if len(around) > FEWEST_OF_A_SURFACE:
+        around = around[~_on_a_surface(points_m[around], fine_m)]
+    clutter[around] = True
     return clutter
+
+
+def _on_a_surface(points_m: NDArray[np.float64], voxel_m: float) -> NDArray[np.bool_]:
+    """Points whose voxel lies with its neighbours in a sheet, such as the ground below a bush."""
+    means, voxel = thin(points_m, voxel_m)
+    return (voxel >= 0) & (roughness(means)[voxel] < SHEET_ROUGHNESS)
 
 
 def label_surfels(

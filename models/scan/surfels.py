@@ -54,14 +54,24 @@ def thin(points_m: NDArray[np.float64], voxel_m: float) -> tuple[NDArray[np.floa
 
 def orient(points_m: NDArray[np.float64], voxel_m: float) -> Surfels:
     """Local planes of thinned points, their normals turned toward the side from which more sky is seen."""
+    normals, thickness = _local_planes(points_m)
+    outside = _escapes(points_m, normals, voxel_m) - _escapes(points_m, -normals, voxel_m)
+    outside = _agreed(points_m, normals, outside, voxel_m)
+    return Surfels(points_m, np.where(outside < 0, -1.0, 1.0)[:, None] * normals, thickness, voxel_m)
+
+
+def roughness(points_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Thickness over width of the neighbourhood of each of some thinned points."""
+    return _local_planes(points_m)[1]
+
+
+def _local_planes(points_m: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Normals, either way, of planes through the neighbourhoods, and how thick these are over their width."""
     cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points_m))
     cloud.estimate_covariances(o3d.geometry.KDTreeSearchParamKNN(NEIGHBOURS))
     variance, axes = np.linalg.eigh(np.asarray(cloud.covariances))
-    normals = axes[:, :, 0]
-    roughness = np.sqrt(np.maximum(variance[:, 0], 0.0) / np.maximum(variance[:, 1], 1e-30))
-    outside = _escapes(points_m, normals, voxel_m) - _escapes(points_m, -normals, voxel_m)
-    outside = _agreed(points_m, normals, outside, voxel_m)
-    return Surfels(points_m, np.where(outside < 0, -1.0, 1.0)[:, None] * normals, roughness, voxel_m)
+    thickness = np.sqrt(np.maximum(variance[:, 0], 0.0) / np.maximum(variance[:, 1], 1e-30))
+    return axes[:, :, 0], thickness
 
 
 def _escapes(

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import ConvexHull, cKDTree
+from scipy.spatial import cKDTree
 
 from models.errors import InputError
 from models.rock import Rock
@@ -19,7 +19,14 @@ from models.scan.base import near_the_interface
 from models.scan.crevice import judge_crevice
 from models.scan.ground import kept_of, pedestal_ground
 from models.scan.interface import Interface, fit_interface
-from models.scan.measure import SeenRock, close_standing, confidence, slenderness, uncertainty
+from models.scan.measure import (
+    SeenRock,
+    close_standing,
+    confidence,
+    outside_support_m,
+    slenderness,
+    uncertainty,
+)
 from models.scan.picture import draw_scene
 from models.scan.read import Cloud
 from models.scan.register import register
@@ -241,11 +248,7 @@ def check_can_stand(rock: Rock, interface: Interface) -> None:
     InputError
         If the centre of mass lies outside everything within 2 % of the height of the interface.
     """
-    flat = interface.flat(rock.vertices_m)
-    support = flat[flat[:, 2] < 0.02 * rock.height_m, :2]
-    pierced = _pierced(rock, interface)
-    hull = ConvexHull(support)
-    outside = float((hull.equations[:, :2] @ pierced + hull.equations[:, 2]).max())
+    outside = outside_support_m(rock, interface)
     if outside > 0.0:
         raise InputError(
             f"the centre of mass lies {outside:.3g} m outside any support the rock could have",
@@ -253,13 +256,6 @@ def check_can_stand(rock: Rock, interface: Interface) -> None:
             expected="a rock that stands: its centre of mass above its base",
             remedy="look for a second support or a wrong split in the cloud; name the rock by --near X Y",
         )
-
-
-def _pierced(rock: Rock, interface: Interface) -> NDArray[np.float64]:
-    """Where the vertical through the centre of mass meets the interface plane, u and v."""
-    com = interface.flat(rock.com_m[None])[0]
-    down = np.array([0.0, 0.0, -1.0]) @ interface.axes
-    return com[:2] - down[:2] / down[2] * com[2]
 
 
 def save_survey(result: Survey, folder: str | os.PathLike[str]) -> Path:

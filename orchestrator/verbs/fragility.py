@@ -11,6 +11,7 @@ from rich.progress import track
 
 from models import InputError, Scene
 from models.motions.ensemble import Ensemble
+from orchestrator.folder import place_in
 from results.atlas import write_directions, write_fits, write_friction, write_maps
 from results.directions import SECTOR_DEG
 from results.fragility import DURATION, LEVEL, PGV, PLANES, PULSE, by_contact
@@ -96,7 +97,7 @@ def fragility(
         )
         for plane in PLANES.values()
     }
-    folder = out or run / "fragility"
+    folder = out or place_in(run, "fragility")
     frictions = sorted(jobs["friction_static"].unique())
     lines = _plane_reference(opened, jobs, directions) if reference else None
     written = itertools.chain(

@@ -19,14 +19,19 @@ def plan(campaign: Path, table: Path | None, as_json: bool) -> None:
     toppling plan campaign.toml --out jobs.parquet
     """  # noqa: D301  (\b keeps click from rewrapping the example)
     import pyarrow.parquet as pq
+    from rich.console import Console
 
     from models import Scene
     from models.motions.ensemble import Ensemble
     from orchestrator.campaign import Campaign
+    from orchestrator.plan import check_stands
     from orchestrator.plan import plan as expand
 
     chosen = Campaign.read(campaign)
-    planned = expand(chosen, Scene.load(chosen.scene), Ensemble.load(chosen.ensemble))
+    scene = Scene.load(chosen.scene)
+    with Console(stderr=True).status("letting the rock stand, counting jobs"):
+        check_stands(chosen, scene)
+        planned = expand(chosen, scene, Ensemble.load(chosen.ensemble))
     counts = {
         "jobs": len(planned), "records": len(planned.record_sha), "levels": len(chosen.pga_m_s2),
         "azimuths": len(chosen.azimuth_deg), "frictions": len(chosen.friction),

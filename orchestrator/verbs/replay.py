@@ -12,6 +12,7 @@ from rich.progress import track
 from models import InputError, Motion, Scene
 from models.motions.ensemble import Ensemble
 from orchestrator.campaign import Campaign
+from orchestrator.folder import place_in
 from results.replay import Way, write_way
 from results.run import open_run
 from results.schema import SCHEMA, describe
@@ -47,7 +48,7 @@ def replay(run: Path, job: str, out: Path | None) -> None:
         f"{spec.record_id}, PGA {spec.pga_m_s2:g} m/s², azimuth {spec.azimuth_deg:g}°, "
         f"friction {spec.friction_static:g}: {result.outcome or result.status}"
     )
-    write_out(way, out or run / "replay" / job_id, title)
+    write_out(way, out or place_in(run, f"replay/{job_id}"), title)
     row = _row(run, job_id)
     again = outcome_of(result)
     differing = [] if row is None else [_difference(name, row[name], again[name]) for name in _OUTCOME]

@@ -6,6 +6,7 @@ import click
 from rich.console import Console
 from rich.progress import Progress
 
+from orchestrator.folder import place_in
 from results.report import SECTIONS, report_page, write_page
 from results.run import open_run
 
@@ -28,4 +29,4 @@ def report(run: Path, out: Path | None, samples: int) -> None:
     with Progress(console=Console(stderr=True), transient=True) as progress:
         task = progress.add_task("report", total=len(SECTIONS))
         page = report_page(opened, samples, lambda title: progress.update(task, advance=1, description=title))
-    click.echo(write_page(page, out or run / "report.html"))
+    click.echo(write_page(page, out or place_in(run, "report.html")))

@@ -12,6 +12,9 @@ from typing import Any
 
 import click
 
+from orchestrator.cluster import QUEUES
+from orchestrator.dispatch import Limits
+
 FAILED_JOBS = 3
 INTERRUPTED = 130
 FILE = click.Path(dir_okay=False, path_type=Path)
@@ -24,11 +27,7 @@ FOLDER = click.Path(file_okay=False, path_type=Path)
 @click.option("--workers", type=click.IntRange(min=1), help="Local workers; one a core if not given.")
 @click.option("--scheduler", help="Address of an existing scheduler; DASK_SCHEDULER_ADDRESS if set.")
 @click.option("--scheduler-file", type=FILE, help="File that 'dask scheduler --scheduler-file' wrote.")
-@click.option(
-    "--queue",
-    type=click.Choice(["slurm", "pbs", "sge", "lsf", "htcondor"]),
-    help="Batch system to ask for workers.",
-)
+@click.option("--queue", type=click.Choice(list(QUEUES)), help="Batch system to ask for workers.")
 @click.option(
     "--queue-jobs", type=click.IntRange(min=1), default=1, show_default=True, help="Batch jobs to submit."
 )
@@ -37,11 +36,11 @@ FOLDER = click.Path(file_okay=False, path_type=Path)
 @click.option("--tls-cert", type=FILE, help="Certificate of this client (PEM).")
 @click.option("--tls-key", type=FILE, help="Key of this client (PEM).")
 @click.option(
-    "--job-limit", type=click.FloatRange(1), default=300.0, show_default=True,
+    "--job-limit", type=click.FloatRange(1), default=Limits.job_s, show_default=True,
     help="Wall time in seconds after which a worker is taken to hang.",
 )  # fmt: skip
 @click.option(
-    "--tries", type=click.IntRange(min=1), default=3, show_default=True,
+    "--tries", type=click.IntRange(min=1), default=Limits.tries, show_default=True,
     help="Deaths of its worker after which a job is given up; more where workers are often taken away.",
 )  # fmt: skip
 @click.option("--performance-report", "report", type=FILE, help="Write Dask's performance report (HTML).")
@@ -70,7 +69,7 @@ def run(
     from orchestrator.campaign import Campaign
     from orchestrator.cluster import job_script
     from orchestrator.progress import duration, watcher
-    from orchestrator.run import Limits, RunError
+    from orchestrator.run import RunError
     from orchestrator.run import run as carry_out
 
     if dry_run:

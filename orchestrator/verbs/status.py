@@ -10,7 +10,9 @@ import click
 @click.argument("run", type=click.Path(path_type=Path))
 @click.option("--json", "as_json", is_flag=True, help="Print the state as JSON.")
 def status(run: Path, as_json: bool) -> None:
-    """Say how far RUN is, while it runs and after; rows count once stored, seconds after they are done.
+    """Say how far RUN is, while it runs and after.
+
+    Rows count once they are stored, seconds after they are done.
 
     \b
     toppling status runs/first
@@ -30,7 +32,8 @@ def status(run: Path, as_json: bool) -> None:
     click.echo(f"toppled {state['toppled']}, failed {state['failed']} ({_counts(state['status'])})")
     for failure in state["failures"]:
         click.echo(
-            f"  {failure['status']} {failure['job_id']} ({failure['record_id']}): {failure['message']}"
+            f"  {failure['jobs']} {failure['status']}, such as {failure['job_id']} ({failure['record_id']}): "
+            f"{failure['message']}"
         )
 
 

@@ -19,6 +19,8 @@ from orchestrator.run import run
 from workers.job import Assets, run_job
 
 FAULTS_VARIABLE = "TOPPLING_TEST_FAULTS"
+OTHER_CODE_VARIABLE = "TOPPLING_TEST_OTHER_CODE"
+STILLBORN_VARIABLE = "TOPPLING_TEST_STILLBORN"
 CAMPAIGN = """\
 scene = "scene"
 ensemble = "ensemble"

@@ -1,4 +1,4 @@
-"""Loaded by workers in tests: makes named jobs crash, hang or wait, as a file tells."""
+"""Loaded by workers in tests: makes named jobs crash, hang or wait, as a file tells, or the worker another version."""
 
 import json
 import os
@@ -9,6 +9,8 @@ from pathlib import Path
 from orchestrator import task
 
 FAULTS_VARIABLE = "TOPPLING_TEST_FAULTS"
+OTHER_CODE_VARIABLE = "TOPPLING_TEST_OTHER_CODE"
+STILLBORN_VARIABLE = "TOPPLING_TEST_STILLBORN"
 
 
 def _strike(job_id):
@@ -45,3 +47,8 @@ if not hasattr(task, "genuine_run_job"):
         return task.genuine_run_job(spec, assets)
 
     task.run_job = run_job
+
+task.CODE = os.environ.get(OTHER_CODE_VARIABLE, task.CODE)
+
+if STILLBORN_VARIABLE in os.environ:
+    os.kill(os.getpid(), signal.SIGKILL)

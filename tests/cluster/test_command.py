@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 from answers import answers_of
+from conftest import OTHER_CODE_VARIABLE
 
 TOPPLING = str(Path(sys.executable).with_name("toppling"))
 DASK = str(Path(sys.executable).with_name("dask"))
@@ -47,7 +48,15 @@ def stored(run):
     return json.loads(toppling(TOPPLING, "status", str(run), "--json").stdout)
 
 
-def test_ctrl_c_keeps_the_rows_and_says_how_to_go_on(inputs, undisturbed, tmp_path, faults):
+@pytest.mark.parametrize(
+    "stop",
+    [
+        lambda process: os.killpg(process.pid, signal.SIGINT),  # Ctrl-C
+        pytest.param(lambda process: process.terminate(), marks=pytest.mark.slow),  # a batch system's warning
+    ],
+    ids=["Ctrl-C", "SIGTERM"],
+)
+def test_stopping_it_keeps_the_rows_and_says_how_to_go_on(inputs, undisturbed, tmp_path, faults, stop):
     faults.set(every={"kind": "wait", "seconds": 0.4})
     run = tmp_path / "run"
     # A session of its own, so that the signal reaches workers and client together, as from a terminal.
@@ -55,7 +64,7 @@ def test_ctrl_c_keeps_the_rows_and_says_how_to_go_on(inputs, undisturbed, tmp_pa
         command(inputs, run, "--workers", "2"), start_new_session=True, stderr=subprocess.PIPE, text=True
     )
     wait_for(lambda: parts(run))
-    os.killpg(process.pid, signal.SIGINT)
+    stop(process)
     _, told = process.communicate(timeout=60)
     assert process.returncode == 130
     assert f"To go on: toppling run {inputs / 'campaign.toml'} --out {run}" in told
@@ -152,6 +161,27 @@ def test_an_existing_scheduler_gives_the_same_rows_and_losing_it_loses_no_row(
         environment = {**os.environ, "DASK_SCHEDULER_ADDRESS": f"tcp://127.0.0.1:{port}"}
         done = toppling(*command(inputs, run), env=environment)
     assert done.returncode == 0, done.stderr
+    assert answers_of(run) == undisturbed
+
+
+@pytest.mark.slow
+def test_a_worker_of_another_version_that_joins_later_is_sent_away_and_costs_no_row(
+    inputs, undisturbed, tmp_path, faults
+):
+    run, port = tmp_path / "run", free_port()
+    faults.set(every={"kind": "wait", "seconds": 0.4})
+    scheduler, *workers = scheduler_and_workers(port)
+    with processes(scheduler, *workers):
+        going = command(inputs, run, "--scheduler", f"tcp://127.0.0.1:{port}")
+        client = subprocess.Popen(going, stderr=subprocess.PIPE, text=True)
+        wait_for(lambda: parts(run))
+        with processes(workers[0], env={**os.environ, OTHER_CODE_VARIABLE: "other"}) as (unfit,):
+            wait_for(lambda: unfit.poll() is not None)
+            assert client.poll() is None, "the run was over before"
+            faults.clear()
+            _, told = client.communicate(timeout=120)
+    assert client.returncode == 0, told
+    assert "code other, the client has" in told
     assert answers_of(run) == undisturbed
 
 

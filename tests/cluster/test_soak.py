@@ -1,6 +1,18 @@
 """Faults of all kinds at random moments, in processes that are all real; the tally is printed.
 
-`TOPPLING_SOAK_FAULTS` faults are injected (300 unless told), within `TOPPLING_SOAK_S` seconds.
+`TOPPLING_SOAK_FAULTS` faults are injected (300 unless told), within `TOPPLING_SOAK_S` seconds. Most wait for work that
+was stored since the last one, the others strike in a burst. Where else each kind is tested, on its own:
+
+    worker killed, aborts, segfaults    test_two_workers: killed, crash the engine, crash once, die before their start
+    job segfaults, job hangs, frozen    test_two_workers: crashes the engine, crashes once, that hangs is replaced
+    without the run, another version    test_two_workers: refused before any job; test_command: that joins later
+    scheduler killed                    test_command: losing it loses no row
+    client killed, before renaming      test_command: killed between writing and renaming
+    Ctrl-C, SIGTERM                     test_command: stopping it keeps the rows
+    disk full                           test_two_workers: a part that cannot be written
+    torn part, foreign file             test_two_workers: torn and foreign, lost while the run goes on, of another run
+    network cut, host of a worker lost  test_compose: whatever befalls them
+    worker leaves, worker joins         here only
 """
 
 import json
@@ -18,7 +30,7 @@ from pathlib import Path
 import psutil
 import pytest
 from answers import answers_of, differences, sorted_answers
-from conftest import FAULTS_VARIABLE
+from conftest import FAULTS_VARIABLE, OTHER_CODE_VARIABLE
 from hosts import HUB_ADDRESS, Hosts, can_be_made
 from soaked_client import FATAL_RENAME_VARIABLE
 
@@ -38,11 +50,23 @@ QUIET = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
 RUN_BYTES = 6_000_000
 """Of the disk that fills up: the run's folder a few times over."""
 
-STRIKES_BEFORE_THE_END = 4
-"""Strikes that a session lives through before one may end it; otherwise none would get far."""
+STRIKES_IN_A_SESSION = (6, 16)
+"""Fewest and most strikes before the one that ends a session: its start costs as much as several of them."""
 
-ENDS_THE_CLIENT = {
-    "client killed", "client killed before renaming", "Ctrl-C", "SIGTERM", "scheduler killed", "disk full",
+HANGS_S = 240.0
+"""No session goes on for so long after its last strike."""
+
+PATIENCE_S = 15.0
+"""The longest wait for work between two strikes: nothing gets done while every worker is away."""
+
+BURSTS = 0.4
+"""Share of strikes that do not wait for work, but hit what still recovers from the last one."""
+
+ENDS_THE_CLIENT = ["client killed", "Ctrl-C", "SIGTERM", "disk full"]
+ENDS_THE_CLIENT_OF_A_CLUSTER = [*ENDS_THE_CLIENT, "scheduler killed", "scheduler killed"]
+MAY_END_THE_CLIENT = {
+    *ENDS_THE_CLIENT_OF_A_CLUSTER, "client killed before renaming",
+    "worker without the run joins", "worker of another version joins",
 }  # fmt: skip
 WORKER_SIGNALS = {
     "worker killed": signal.SIGKILL,
@@ -50,40 +74,68 @@ WORKER_SIGNALS = {
     "worker aborts": signal.SIGABRT,
     "worker frozen": signal.SIGSTOP,
 }
+STRIKES = [*WORKER_SIGNALS, *["worker killed"] * 3, "torn part", "foreign file"]
+STRIKES_ON_A_CLUSTER = [
+    *STRIKES, "worker leaves", "host of a worker lost", "network cut", "network cut",
+    "worker without the run joins", "worker of another version joins",
+]  # fmt: skip
 
 
 class Cluster:
     """A scheduler and workers on hosts of their own."""
 
-    def __init__(self, hosts, scratch):
-        self.hosts, self.scratch = hosts, scratch
-        self.scheduler, self.workers = None, {}
+    def __init__(self, hosts, scratch, disk):
+        self.hosts, self.scratch, self.disk = hosts, scratch, disk
+        self.scheduler, self.workers, self.unfit = None, {}, []
 
     def mend(self):
-        """Start whatever of it does not run, and plug every cable in."""
+        """Start whatever of it does not run, and plug every cable in; tells how many workers were started."""
         for host in self.hosts.workers:
             self.hosts.cable(host, plugged=True)
         if self.scheduler is None or self.scheduler.poll() is not None:
             command = [DASK, "scheduler", "--host", SCHEDULER, "--no-dashboard"]
             self.scheduler = subprocess.Popen(self.hosts.on(self.hosts.hub, command), **QUIET)
-        for host in self.hosts.workers:
-            if host not in self.workers or self.workers[host].poll() is not None:
-                command = [
-                    DASK,
-                    "worker",
-                    SCHEDULER,
-                    "--nthreads",
-                    "1",
-                    "--no-dashboard",
-                    "--local-directory",
-                ]
-                command = self.hosts.on(host, [*command, str(self.scratch)])
-                self.workers[host] = subprocess.Popen(command, **QUIET)
+        away = [host for host in self.hosts.workers if host not in self.alive()]
+        self.workers |= {host: self._worker(host) for host in away}
+        return len(away)
+
+    def alive(self):
+        """Worker processes by host."""
+        return {host: process for host, process in self.workers.items() if process.poll() is None}
+
+    def join_without_the_run(self, host):
+        """A worker joins on whose host the run's disk is not mounted."""
+        self.unfit.append(self._worker(host, "sh", "-c", 'umount --lazy "$0" && exec "$@"', str(self.disk)))
+
+    def join_of_another_version(self, host):
+        """A worker joins whose code is another."""
+        self.unfit.append(self._worker(host, "env", f"{OTHER_CODE_VARIABLE}=other"))
+
+    def dismiss_the_unfit(self):
+        """End the unfit workers that no run has sent away."""
+        for process in self.unfit:
+            end_with_children(process)
+        self.unfit = []
+
+    def _worker(self, host, *around):
+        command = [DASK, "worker", SCHEDULER, "--nthreads", "1", "--no-dashboard"]
+        command = [*around, *command, "--local-directory", str(self.scratch)]
+        return subprocess.Popen(self.hosts.on(host, command), **QUIET)
 
     def close(self):
+        self.dismiss_the_unfit()
         for process in (*self.workers.values(), self.scheduler):
             if process is not None and process.poll() is None:
-                process.kill()
+                end_with_children(process)
+
+
+def end_with_children(process):
+    """Kill a process and whatever it has started."""
+    with suppress(psutil.NoSuchProcess):
+        for each in [*psutil.Process(process.pid).children(recursive=True), process]:
+            with suppress(psutil.NoSuchProcess):
+                each.kill()
+    process.wait()
 
 
 class Storm:
@@ -94,7 +146,9 @@ class Storm:
         self.tally = Counter()
         self.campaign_file, self.cluster, self.disk, self.faults = campaign_file, cluster, disk, faults
         self.job_ids = job_ids
+        self.course = campaign_file.with_name("course.txt").open("w", buffering=1)  # for whom it went wrong
         self.session = set()
+        self.sessions = self.joined = 0
         self.client = self.run = None
         self.calm_at = time.monotonic() + LIMIT_S
 
@@ -105,7 +159,7 @@ class Storm:
     def carry_out(self, run):
         """Start the command again and again until the run is complete."""
         self.run, complete = run, False
-        kinds = ["segfault"] * 7 + ["hang"]
+        kinds = ["segfault"] * 10 + ["hang"] * 2
         culprits = self.random.sample(self.job_ids, len(kinds))
         told = {job: {"kind": kind, "times": 1} for job, kind in zip(culprits, kinds, strict=True)}
         self.faults.set(every={"kind": "wait", "seconds": 0.04}, **told)
@@ -115,14 +169,16 @@ class Storm:
         self.tally.update(f"job {told[job]['kind']}s" for job in struck)
 
     def _session(self):
-        self.session, self.strikes, environment = set(), 0, dict(os.environ)
+        self.session, environment = set(), dict(os.environ)
+        self.sessions += 1
+        self._note("session begins")
         if self.cluster and self.random.random() < 0.6:
             self.cluster.mend()
             where, host = ["--scheduler", SCHEDULER], self.cluster.hosts.hub
         else:
             where, host = ["--workers", "2"], None
-        if not self.over and self.random.random() < 0.25:
-            environment[FATAL_RENAME_VARIABLE] = str(self.random.randint(1, 3))
+        if not self.over and self.random.random() < 0.2:
+            environment[FATAL_RENAME_VARIABLE] = str(self.random.randint(1, 8))
             self.session.add("client killed before renaming")
         command = [sys.executable, PROGRAM, "run", str(self.campaign_file), "--out", str(self.run), *where]
         command += ["--job-limit", "3", "--tries", "9"]
@@ -132,50 +188,58 @@ class Storm:
             self.client = subprocess.Popen(
                 command, stdout=subprocess.DEVNULL, stderr=told, env=environment, start_new_session=True
             )
-            self._strike_until_it_ends(outside=host is not None)
+            try:
+                self._strike_until_it_ends(outside=host is not None)
+            finally:
+                if self.client.poll() is None:
+                    end_with_children(self.client)
             told.seek(0)
             return self._judge(told.read())
 
     def _strike_until_it_ends(self, *, outside):
-        pause, end = self.random.uniform(1, 5), time.monotonic() + 240
-        stored = self.random.random() < 0.7 and len(self._parts())
-        while True:
-            try:
-                self.client.wait(pause)
-            except subprocess.TimeoutExpired:
-                assert time.monotonic() < end, f"a run hangs after {self.tally}"
-                if stored is not False and len(self._parts()) <= stored:
-                    pause = 0.3  # most sessions get to work before they are struck
-                    continue
-                stored, pause = False, self.random.uniform(0.2, 1.5)
-                if not self.over:
-                    self._strike(outside)
-                elif outside:
-                    self.cluster.mend()
-                continue
-            return
+        left = self.random.randint(*STRIKES_IN_A_SESSION)
+        waits, stored, since = self.random.random() < 0.7, self._parts(), time.monotonic()
+        pause = 0.2 if waits else self.random.uniform(1, 5)
+        while self._goes_on(pause):
+            now, pause = time.monotonic(), 0.2
+            assert now - since < HANGS_S, f"a run hangs after {self.session} and {self.tally}"
+            if self.over:
+                self.joined += self.cluster.mend() if outside else 0
+            elif not waits or self._parts() != stored or now - since > PATIENCE_S:
+                self._strike(outside, last=left <= 0)
+                waits = left <= 0 or self.random.random() > BURSTS
+                pause = 0.2 if waits else self.random.uniform(0.05, 0.6)
+                left, stored, since = left - 1, self._parts(), now
+
+    def _note(self, event):
+        stored = len(self._parts())
+        self.course.write(f"{time.monotonic():.1f} {self.tally.total()} faults, {stored} parts: {event}\n")
+
+    def _goes_on(self, seconds):
+        try:
+            self.client.wait(seconds)
+        except subprocess.TimeoutExpired:
+            return True
+        return False
 
     def _judge(self, told):
         code = self.client.returncode
+        self._note(f"session ends with {code}")
         if code == -signal.SIGKILL and "client killed before renaming" in self.session:
             self.tally["client killed before renaming"] += "client killed" not in self.session
         if code != 0:
-            assert self.session & ENDS_THE_CLIENT, f"exit {code} without a fault that may end it:\n{told}"
+            assert self.session & MAY_END_THE_CLIENT, f"exit {code} without a fault that may end it:\n{told}"
             assert code in (1, 130, -signal.SIGKILL, -signal.SIGTERM, -signal.SIGINT), told
         (self.disk / "ballast").unlink(missing_ok=True)
+        if self.cluster:
+            self.cluster.dismiss_the_unfit()
         return code == 0
 
-    def _strike(self, outside):
-        kinds = [*WORKER_SIGNALS, *["worker killed"] * 5, "torn part", "foreign file", "Ctrl-C", "SIGTERM"]
-        kinds += ["client killed", "disk full"]
-        if outside:
-            kinds += [
-                "worker leaves",
-                "host of a worker lost",
-                "network cut",
-                "network cut",
-                "scheduler killed",
-            ]
+    def _strike(self, outside, *, last):
+        if last:
+            kinds = ENDS_THE_CLIENT_OF_A_CLUSTER if outside else ENDS_THE_CLIENT
+        else:
+            kinds = STRIKES_ON_A_CLUSTER if outside else STRIKES
         kind = self.random.choice(kinds)
         if WORKER_SIGNALS.get(kind):
             struck = self._worker_process(kind, outside)
@@ -184,8 +248,10 @@ class Storm:
         if struck:
             self.session.add(kind)
             self.tally[kind] += 1
+        self._note(f"{kind}{'' if struck else ': nothing to strike'}")
         if outside and self.random.random() < 0.5 and "scheduler killed" not in self.session:
-            self.cluster.mend()  # workers come (back) while the run goes on
+            self.joined += self.cluster.mend()  # workers come (back) while the run goes on
+            self._note("cluster mended")
 
     def _worker_process(self, kind, outside):
         parents = self.cluster.workers.values() if outside else [self.client]
@@ -246,14 +312,24 @@ class Storm:
         return self._end_host_process(signal.SIGKILL)
 
     def _end_host_process(self, number):
-        alive = [process for process in self.cluster.workers.values() if process.poll() is None]
+        alive = list(self.cluster.alive().values())
         if not alive:
             return False
         victim = self.random.choice(alive)
-        own = children(victim.pid) if number == signal.SIGKILL else []
-        victim.send_signal(number)
-        for process in own:
-            process.kill()
+        if number == signal.SIGKILL:
+            end_with_children(victim)
+        else:
+            victim.send_signal(number)
+        return True
+
+    def _worker_without_the_run_joins(self):
+        if not os.path.ismount(self.disk):
+            return False
+        self.cluster.join_without_the_run(self.random.choice(self.cluster.hosts.workers))
+        return True
+
+    def _worker_of_another_version_joins(self):
+        self.cluster.join_of_another_version(self.random.choice(self.cluster.hosts.workers))
         return True
 
     def _network_cut(self):
@@ -309,7 +385,7 @@ def test_random_faults_lose_no_row_and_change_none(inputs, tmp_path, disk, fault
     with ExitStack() as stack:
         cluster = None
         if can_be_made():
-            cluster = Cluster(stack.enter_context(Hosts(3)), tmp_path)
+            cluster = Cluster(stack.enter_context(Hosts(3)), tmp_path, disk)
             stack.callback(cluster.close)
         storm = Storm(campaign_file, cluster, disk, faults, job_ids)
         while not storm.over:
@@ -321,7 +397,10 @@ def test_random_faults_lose_no_row_and_change_none(inputs, tmp_path, disk, fault
     with capsys.disabled():
         told = json.dumps(dict(sorted(storm.tally.items())))
         seconds = time.monotonic() - began
-        print(f"\nsoak: {storm.tally.total()} faults in {runs} runs, {seconds:.0f} s, rows the same: {told}")  # noqa: T201
+        print(  # noqa: T201
+            f"\nsoak: {storm.tally.total()} faults in {storm.sessions} sessions of {runs} runs, {seconds:.0f} s, "
+            f"{storm.joined} workers came back by joining, rows the same: {told}"
+        )
     assert storm.tally.total() >= FAULTS, "too slow a machine: raise TOPPLING_SOAK_S"
     end = time.monotonic() + 60
     while left := [process for process in psutil.process_iter() if of_this_test(process, faults.path)]:

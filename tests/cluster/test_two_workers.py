@@ -4,15 +4,21 @@ import json
 import os
 import signal
 import threading
+import time
 
+import dask
+import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from answers import answers_of
+from conftest import STILLBORN_VARIABLE
 from distributed.core import Status
 
 from models import InputError
 from orchestrator import run as run_module
-from orchestrator.run import Limits
+from orchestrator.cluster import local
+from orchestrator.dispatch import Limits
+from orchestrator.run import RunError, run
 from orchestrator.status import state_of
 from results.run import open_run
 from results.store import write_part
@@ -114,6 +120,21 @@ def test_workers_that_die_before_their_start_is_complete_are_brought_back(
     assert answers_of(tmp_path / "run") == undisturbed
 
 
+@pytest.mark.slow
+def test_a_run_whose_workers_die_whenever_they_start_ends_and_says_so(
+    campaign, undisturbed, tmp_path, faults_file, monkeypatch
+):
+    dask.config.refresh()
+    with monkeypatch.context() as broken:
+        broken.setenv(STILLBORN_VARIABLE, "1")
+        broken.setattr(run_module, "NOBODY_AFTER_S", 6.0)
+        broken.setattr(run_module, "REPLACE_AFTER_S", 2.0)
+        with pytest.raises(RunError, match="every worker has died"):
+            run(campaign, tmp_path / "run", local(2), lambda tally: None)
+    run(campaign, tmp_path / "run", local(2), lambda tally: None)
+    assert answers_of(tmp_path / "run") == undisturbed
+
+
 def test_an_exception_in_a_job_is_a_row(carry_out, undisturbed, planned, tmp_path, faults):
     culprit = planned.spec(7).job_id
     faults.set(**{culprit: {"kind": "raise"}})
@@ -124,11 +145,16 @@ def test_an_exception_in_a_job_is_a_row(carry_out, undisturbed, planned, tmp_pat
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["hang", "freeze"])
-def test_a_worker_that_hangs_is_replaced(carry_out, undisturbed, planned, tmp_path, faults, kind):
+def test_a_worker_that_hangs_is_replaced_while_the_others_go_on(
+    carry_out, undisturbed, planned, tmp_path, faults, kind
+):
     culprit = planned.spec(20).job_id
-    faults.set(**{culprit: {"kind": kind, "times": 1}})
-    tally = carry_out(tmp_path / "run", limits=Limits(job_s=3.0))
+    faults.set(**{culprit: {"kind": kind, "times": 1}}, every={"kind": "wait", "seconds": 0.2})
+    seen = []
+    tally = carry_out(tmp_path / "run", lambda tally: seen.append(time.monotonic()), limits=Limits(job_s=3.0))
     assert tally.deaths >= 1
+    # Dask waits for four seconds before it kills a worker that hangs: the run must not.
+    assert max(np.diff(seen)) < 3.0
     assert answers_of(tmp_path / "run") == undisturbed
 
 

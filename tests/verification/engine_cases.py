@@ -1,5 +1,6 @@
 """Cases with exact answers, run through the engine: each returns the engine's relative error."""
 
+from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
@@ -117,6 +118,66 @@ def swing_peaks(angle):
     return peaks
 
 
+def many_corners_error(corners, preset, start_deg=13.0, radius=3.0, half_angle_deg=6.0, **settings):
+    """Error of the energy that is left after one swing of a body on `corners` corners that lie on an arc.
+
+    The body is let go at rest on its last corner and rolls, impact by impact, over all of them to its first.
+    """
+    angle = np.deg2rad(np.linspace(-half_angle_deg, half_angle_deg, corners))
+    base = radius * np.column_stack([np.sin(angle), 1 - np.cos(angle)])
+    base[:, 1] -= base[:, 1].min()
+    profile = np.vstack([base, [[base[-1, 0], 2.0], [base[0, 0], 2.0]]])
+    mesh = trimesh.convex.convex_hull(np.vstack([np.insert(profile, 1, y, axis=1) for y in (-0.4, 0.4)]))
+    scene = Scene.from_mesh((mesh.vertices, mesh.faces), friction=GRIP)
+    lean_rad, com = np.deg2rad(start_deg), scene.rock.com_m
+    feet = base - com[[0, 2]]
+    arm = -turned(feet[-1], lean_rad)
+    result = shake(
+        scene,
+        STILL,
+        preset,
+        trajectory=True,
+        shortcuts=False,
+        initial={
+            "position_m": (base[-1, 0] + arm[0], 0.0, arm[1]),
+            "quaternion_xyzw": (0.0, np.sin(lean_rad / 2), 0.0, np.cos(lean_rad / 2)),
+        },
+        **settings,
+    )
+    angles, height = lean(result.trajectory), result.trajectory.position_m[:, 2]
+    across = np.flatnonzero(angles < 0)
+    if len(across) == 0:
+        return np.nan
+    back = np.flatnonzero(angles[across[0] :] > 0)
+    swing = slice(0, across[0] + back[0] if len(back) else None)
+    left = G * (height[swing][np.argmin(angles[swing])] - com[2])
+    return float(
+        left / (energy_after_rolling(feet, scene.rock.inertia_per_mass_m2[1, 1], lean_rad) - G * com[2]) - 1
+    )
+
+
+def turned(arm, angle):
+    """A vector (x, z) of the body, leaning by an angle toward +x."""
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([arm[0] * c + arm[1] * s, arm[1] * c - arm[0] * s])
+
+
+def energy_after_rolling(feet, inertia, angle):
+    """Energy over mass of a body let go at rest on the last of its feet (n, 2), after the impact on the first.
+
+    Feet are seen from the centre of mass, the energy counts from where they touch. At each impact the angular momentum
+    about the new foot is kept: (I + r_new . r_old) / (I + r_new^2) of the angular velocity remains.
+    """
+    energy = -G * turned(feet[-1], angle)[1]
+    for new, old in zip(feet[-2::-1], feet[:0:-1], strict=True):
+        landing = np.arctan2(*(old - new)[::-1])
+        height = -turned(old, landing)[1]
+        speed = np.sqrt(2 * (energy - G * height) / (inertia + old @ old))
+        speed *= (inertia + new @ old) / (inertia + new @ new)
+        energy = G * height + 0.5 * (inertia + new @ new) * speed**2
+    return energy
+
+
 def least(overturning, low, high, steps):
     for _ in range(steps):
         middle = 0.5 * (low + high)
@@ -148,27 +209,10 @@ def along(azimuth_deg, values, time_step):
 def full_sine_error(
     alpha_deg, half_diagonal, frequency_share, preset, branch="no impact", azimuth=0.0, **settings
 ):
-    """Threshold of a full sine of angular frequency `frequency_share` p, with no or after one impact."""
+    """Error of the threshold of a full sine of angular frequency `frequency_share` p."""
     scene, b, h = block(alpha_deg, half_diagonal)
     period = 2 * np.pi / (frequency_share * exact.rocking_frequency(b, h))
-    body, unit = PlaneBody.rectangle(b, h), G * b / h
-
-    def fate(ratio):
-        return overturns(body, Ground.sine(-ratio * unit, period))
-
-    if branch == "no impact":
-        high = 2.0
-        while fate(high) != 1:
-            high *= 1.3
-        reference = least(lambda a: fate(a) == 1, high / 1.3 if high > 2 else 1.0, high, 17)
-    else:
-        low = 1.0
-        while fate(low) != -1:
-            low *= 1.02
-            if fate(low) == 1:
-                msg = "no branch after an impact"
-                raise ValueError(msg)
-        reference = least(fate, low / 1.02, low, 12)
+    unit, reference = G * b / h, full_sine_threshold(b, h, period, branch)
 
     def motion_of(ratio):
         time = np.linspace(0, period, 801)
@@ -178,19 +222,49 @@ def full_sine_error(
     return threshold_error(scene, motion_of, reference, preset, toward, **settings)
 
 
+@lru_cache
+def full_sine_threshold(b, h, period, branch):
+    """Least amplitude over g b/h that overturns with no impact, or after one."""
+    body, unit = PlaneBody.rectangle(b, h), G * b / h
+
+    def fate(ratio):
+        return overturns(body, Ground.sine(-ratio * unit, period))
+
+    if branch == "no impact":
+        high = 2.0
+        while fate(high) != 1:
+            high *= 1.3
+        return least(lambda a: fate(a) == 1, high / 1.3 if high > 2 else 1.0, high, 17)
+    low = 1.0
+    while fate(low) != -1:
+        low *= 1.02
+        if fate(low) == 1:
+            msg = "no branch after an impact"
+            raise ValueError(msg)
+    return least(fate, low / 1.02, low, 12)
+
+
 def pulse_error(alpha_deg, half_diagonal, duration_share, preset, **settings):
     """Threshold of a constant acceleration for `duration_share` / p with ramps of a hundredth of that."""
     scene, b, h = block(alpha_deg, half_diagonal)
+    step = 0.01 * duration_share / exact.rocking_frequency(b, h)
+    shape = np.concatenate([[0.0], np.ones(100), [0.0]])
+    unit, reference = G * b / h, pulse_threshold(b, h, duration_share)
+    return threshold_error(
+        scene, lambda a: along(0.0, -a * unit * shape, step), reference, preset, **settings
+    )
+
+
+@lru_cache
+def pulse_threshold(b, h, duration_share):
+    """Least such acceleration over g b/h that overturns."""
     step = 0.01 * duration_share / exact.rocking_frequency(b, h)
     shape = np.concatenate([[0.0], np.ones(100), [0.0]])
     body, unit = PlaneBody.rectangle(b, h), G * b / h
     high = 2.0
     while not overturns(body, Ground.samples(step, -high * unit * shape)):
         high *= 2
-    reference = least(lambda a: overturns(body, Ground.samples(step, -a * unit * shape)), high / 2, high, 16)
-    return threshold_error(
-        scene, lambda a: along(0.0, -a * unit * shape, step), reference, preset, **settings
-    )
+    return least(lambda a: overturns(body, Ground.samples(step, -a * unit * shape)), high / 2, high, 16)
 
 
 def quasi_static_error(half_sizes, azimuth, preset, reference, scene=None, **settings):

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from orchestrator.dispatch import JOBS_IN_BATCH, TRIES, Dispatch
+from orchestrator.dispatch import JOBS_IN_BATCH, Dispatch, Limits
 from orchestrator.run import budget_s, room_for
 
 
@@ -65,10 +65,10 @@ def test_after_a_death_every_job_of_the_batch_is_tried_alone():
 def test_only_a_job_that_kills_its_worker_alone_again_and_again_is_given_up():
     dispatch, _ = dispatch_of([1])
     assert dispatch.died(dispatch.next_batch(1)) is None
-    for _ in range(TRIES - 1):
+    for _ in range(Limits.tries - 1):
         assert dispatch.died(dispatch.next_batch(1)) is None
     last = dispatch.next_batch(1)
-    assert last.attempt == TRIES + 1
+    assert last.attempt == Limits.tries + 1
     assert dispatch.died(last) == 0
     assert dispatch.next_batch(1) is None
 

@@ -1,18 +1,25 @@
 """From axes to jobs, and the folder that keeps them."""
 
 import dataclasses
+import json
 import subprocess
 import sys
+from contextlib import nullcontext
+from itertools import pairwise
 
+import pyarrow.parquet as pq
 import pytest
+from click.testing import CliRunner
 
 from models import InputError, Scene
 from models.motions.ensemble import Ensemble
 from models.motions.idealised import ricker
 from models.motions.record import Record
 from orchestrator.campaign import Campaign
-from orchestrator.folder import describe, prepare
+from orchestrator.cli import cli
+from orchestrator.folder import describe, place_in, prepare
 from orchestrator.plan import plan
+from orchestrator.run import run
 
 VERSIONS = {"physics": "1"}
 
@@ -55,6 +62,13 @@ def test_the_longest_record_starts_first(campaign):
     assert durations == sorted(durations, reverse=True)
 
 
+def test_jobs_that_a_worker_prepares_one_scene_for_follow_each_other(campaign):
+    whole = planned(campaign, friction=((0.8, 0.8), (0.6, 0.6)), realisations=3)
+    scenes = whole.jobs.select(["record_id", "friction_static", "realisation"]).to_pylist()
+    changes = sum(one != other for one, other in pairwise(scenes))
+    assert changes + 1 == 3 * 2 * 3  # records, frictions, realisations: each once
+
+
 @pytest.mark.parametrize(
     "change",
     [
@@ -83,6 +97,19 @@ def test_pending_is_the_plan_without_what_is_finished(campaign):
     whole = planned(campaign)
     ids = whole.jobs["job_id"].to_pylist()
     assert whole.pending(set(ids[3:5]) | {"of another run"}).tolist() == [0, 1, 2, *range(5, len(ids))]
+
+
+def test_the_verb_counts_the_jobs_and_writes_their_table(campaign, tmp_path):
+    axes = {"pga_m_s2": [2, 4], "azimuth_deg": [0, 90], "friction": [0.9]}
+    folders = {"scene": str(campaign.scene), "ensemble": str(campaign.ensemble)}
+    text = "".join(f"{key} = {json.dumps(value)}\n" for key, value in {**folders, **axes}.items())
+    (tmp_path / "campaign.toml").write_text(text)
+    table = tmp_path / "jobs.parquet"
+    asked = ["plan", str(tmp_path / "campaign.toml"), "--out", str(table), "--json"]
+    counts = json.loads(CliRunner().invoke(cli, asked).stdout)
+    whole = planned(campaign)
+    assert (counts["jobs"], counts["records"], counts["plan_id"]) == (len(whole), 3, whole.id)
+    assert pq.read_table(table)["job_id"].to_pylist() == whole.jobs["job_id"].to_pylist()
 
 
 def test_a_run_holds_all_that_is_needed_to_repeat_it(campaign, tmp_path):
@@ -120,11 +147,50 @@ def test_a_run_that_leads_outside_itself_is_refused_and_nothing_there_is_touched
     assert elsewhere.stat() == before
 
 
+@pytest.mark.parametrize("link", ["replay", "replay/one", "replay/one/way.csv", ".report.html.tmp"])
+def test_nothing_is_drawn_through_a_link_in_a_run(campaign, tmp_path, link):
+    prepare(tmp_path / "run", planned(campaign), VERSIONS)
+    assert place_in(tmp_path / "run", "replay/one") == tmp_path / "run" / "replay" / "one"
+    (tmp_path / "run" / link).parent.mkdir(parents=True, exist_ok=True)
+    (tmp_path / "run" / link).symlink_to(tmp_path)
+    with pytest.raises(InputError, match=f"{link} is a link that leads elsewhere"):
+        place_in(tmp_path / "run", "replay/one")
+
+
 def test_a_folder_that_is_no_run_is_left_alone(campaign, tmp_path):
     (tmp_path / "mine").mkdir()
     with pytest.raises(InputError, match="not a run's folder"):
         prepare(tmp_path / "mine", planned(campaign), VERSIONS)
     assert list((tmp_path / "mine").iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("half_width_m", "friction", "told"),
+    [
+        (
+            0.1,
+            [0.9],
+            "with friction 0.9: left alone, the rock does not stand",
+        ),  # .1 / .6 < tan 12 degrees: falls
+        (
+            0.2,
+            [0.9, 0.15],
+            "with friction 0.15: left alone, the rock does not stand",
+        ),  # slides
+    ],
+)
+def test_a_rock_that_does_not_stand_by_itself_is_refused_once_and_before_anything_is_written(
+    campaign, tmp_path, half_width_m, friction, told
+):
+    block = Scene.block(half_width_m, 0.2, 0.6).rock
+    Scene.from_mesh((block.vertices_m, block.faces), slope_deg=12.0).save(tmp_path / "scene")
+    axes = {"pga_m_s2": [2, 4], "azimuth_deg": [0, 90], "friction": friction}
+    content = {"scene": str(tmp_path / "scene"), "ensemble": str(campaign.ensemble), **axes}
+    leaning = Campaign.of(content, tmp_path)
+
+    with pytest.raises(InputError, match=told):
+        run(leaning, tmp_path / "run", nullcontext(None), watch=lambda tally: None)
+    assert not (tmp_path / "run").exists()
 
 
 MILLION = """

@@ -27,7 +27,8 @@ def stump():
         250.0,
     )
     cloud, label = virtual.cloud_of(
-        virtual.scan_around(truth, seed=1, resolution_per_height=RESOLUTION), virtual.DEMO_ORIGIN_M
+        virtual.scan_around(truth, seed=1, stations=5, resolution_per_height=RESOLUTION),
+        virtual.DEMO_ORIGIN_M,
     )
     return truth, cloud, label, survey(cloud, bootstrap=3)
 

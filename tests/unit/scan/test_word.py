@@ -27,7 +27,7 @@ def stump():
         SLOPE_DEG,
         DOWNHILL_DEG,
     )
-    stations = virtual.scan_around(truth, seed=1, resolution_per_height=0.015)
+    stations = virtual.scan_around(truth, seed=1, stations=4, resolution_per_height=0.015)
     return truth, *virtual.cloud_of(stations, virtual.DEMO_ORIGIN_M)
 
 

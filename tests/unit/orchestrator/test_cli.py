@@ -1,0 +1,31 @@
+"""The table of verbs, which is listed without importing any of them."""
+
+import subprocess
+import sys
+
+import click
+import pytest
+from click.testing import CliRunner
+
+from orchestrator.cli import VERBS, cli
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_every_verb_is_there_and_begins_its_help_as_the_list_does(verb):
+    command = cli.get_command(click.Context(cli), verb)
+    assert command.name == verb
+    assert command.help.splitlines()[0] == VERBS[verb]
+    assert f"toppling {verb}" in command.help or isinstance(command, click.Group), "an example is missing"
+
+
+def test_the_list_of_verbs_imports_none():
+    program = (
+        "import sys; from orchestrator.cli import cli; cli(['--help'], standalone_mode=False); "
+        "assert not [name for name in sys.modules if name.startswith('orchestrator.verbs.')]"
+    )
+    told = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout
+    assert all(line in " ".join(told.split()) for line in VERBS.values())
+
+
+def test_an_unknown_verb_is_wrong_usage():
+    assert CliRunner().invoke(cli, ["shake"]).exit_code == 2

@@ -1,0 +1,86 @@
+"""What a run's folder tells of its state, without anything that runs."""
+
+from datetime import UTC, datetime, timedelta
+
+import pytest
+from click.testing import CliRunner
+
+from models import InputError, Scene
+from models.motions.ensemble import Ensemble
+from models.motions.idealised import ricker
+from models.motions.record import Record
+from orchestrator.campaign import Campaign
+from orchestrator.cli import cli
+from orchestrator.folder import prepare, session
+from orchestrator.plan import plan
+from orchestrator.status import REASONS_SHOWN, state_of
+from orchestrator.task import lost_row
+from results.store import write_part
+
+
+@pytest.fixture
+def planned(tmp_path):
+    Scene.block(0.15, 0.2, 0.6).save(tmp_path / "scene")
+    Ensemble.write(tmp_path / "ensemble", [Record.of("P", ricker(2.0, 0.6, 0.01))])
+    axes = {"pga_m_s2": {"start": 1, "stop": 5, "step": 1}, "azimuth_deg": [0, 90, 180], "friction": [0.9]}
+    campaign = Campaign.of({"scene": "scene", "ensemble": "ensemble", **axes}, tmp_path)
+    planned = plan(campaign, Scene.load(campaign.scene), Ensemble.load(campaign.ensemble))
+    prepare(tmp_path / "run", planned, {})
+    return planned
+
+
+def rows(planned, reasons):
+    """Rows of the first jobs, with such a status and message each."""
+    return [
+        {**lost_row(planned.spec(job), status, message), "attempt": 1}
+        for job, (status, message) in enumerate(reasons)
+    ]
+
+
+def test_a_run_that_has_not_begun_has_no_rows_and_no_rate(planned, tmp_path):
+    state = state_of(tmp_path / "run")
+    assert (state["state"], state["jobs"], state["stored"], state["failures"]) == ("interrupted", 15, 0, [])
+    assert state["rate_per_s"] is None
+
+
+def test_the_same_failure_of_many_jobs_is_told_once_with_their_number_the_most_frequent_first(
+    planned, tmp_path
+):
+    write_part(
+        tmp_path / "run", rows(planned, [("crashed", "died"), *[("failed", "it falls")] * 9, ("ok", "")])
+    )
+    state = state_of(tmp_path / "run")
+    assert (state["stored"], state["failed"], state["status"]) == (
+        11,
+        10,
+        {"crashed": 1, "failed": 9, "ok": 1},
+    )
+    told = [(reason["jobs"], reason["status"], reason["message"]) for reason in state["failures"]]
+    assert told == [(9, "failed", "it falls"), (1, "crashed", "died")]
+    assert state["failures"][1]["job_id"] == planned.spec(0).job_id
+    said = CliRunner().invoke(cli, ["status", str(tmp_path / "run")]).output
+    assert said.count("it falls") == 1
+    assert "9 failed, such as " in said
+
+
+def test_no_more_reasons_are_told_than_a_person_reads(planned, tmp_path):
+    write_part(tmp_path / "run", rows(planned, [("failed", f"reason {n}") for n in range(15)]))
+    assert len(state_of(tmp_path / "run")["failures"]) == REASONS_SHOWN
+
+
+def test_the_rate_is_that_of_the_last_minute_of_stored_rows(planned, tmp_path):
+    now = datetime.now(UTC)
+    ages_s = [3600.0, 1800.0, *range(10)]
+    finished = [{"finished_at": now - timedelta(seconds=age)} for age in ages_s]
+    done = rows(planned, [("ok", "")] * len(ages_s))
+    write_part(tmp_path / "run", [row | moment for row, moment in zip(done, finished, strict=True)])
+    with session(tmp_path / "run", {}):
+        state = state_of(tmp_path / "run")
+    assert state["state"] == "running"
+    assert state["rate_per_s"] == pytest.approx(10 / 9)
+    assert state["left_s"] == pytest.approx((15 - 12) * 9 / 10)
+
+
+def test_what_is_no_run_is_refused(tmp_path):
+    with pytest.raises(InputError, match="not a run's folder"):
+        state_of(tmp_path)

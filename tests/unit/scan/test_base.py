@@ -1,0 +1,83 @@
+"""The hidden base and the pedestal below it: what follows from the seen rim alone."""
+
+import numpy as np
+import pytest
+
+from models import Pedestal
+from models.scan.base import hidden_base
+from models.scan.ground import pedestal_ground
+from models.scan.interface import Interface
+from models.scan.surfels import Surfels
+from models.shapes import box
+from models.statics import quasi_static_toppling_m_s2
+
+HEIGHT_M = 2.0
+RADIUS_M = 0.45
+SPACING_M = 0.006 * HEIGHT_M
+
+
+def side(gap_deg=0.0, rim_m=0.0):
+    """Points of a round rock's side that leans outward from its base, unseen over an angle, above a rim's height."""
+    turn = np.deg2rad(np.arange(gap_deg, 360.0, np.rad2deg(SPACING_M / RADIUS_M)))
+    up = rim_m + np.arange(0.0, 0.06 * HEIGHT_M, 0.5 * SPACING_M)
+    turn, up = (each.ravel() for each in np.meshgrid(turn, up))
+    out = RADIUS_M + 0.6 * up
+    return np.column_stack([out * np.cos(turn), out * np.sin(turn), up])
+
+
+def ground_around():
+    along = np.arange(-0.9, 0.9, SPACING_M)
+    x, y = (each.ravel() for each in np.meshgrid(along, along))
+    beside = np.hypot(x, y) > RADIUS_M
+    return np.column_stack([x, y, np.zeros(len(x))])[beside]
+
+
+def true_area():
+    return np.pi * RADIUS_M**2
+
+
+@pytest.mark.parametrize("gap_deg", [0.0, 90.0])
+def test_a_flat_base_is_flat_even_where_a_wall_hides_a_quarter_of_its_rim(gap_deg):
+    base = hidden_base(side(gap_deg), ground_around(), HEIGHT_M, 0.8)
+    resting = (base.height_m == 0.0) & base.hidden
+    # The chord of a quarter cuts off 9 % of a disc; the rim is known to a cell of 0.01 m, 4 % of the area.
+    assert resting.sum() * base.grid.cell_m**2 == pytest.approx(true_area(), rel=0.09 + 0.04)
+
+
+def test_scattered_strays_below_the_rock_are_no_sight_through():
+    strays = np.column_stack([np.full(11, 0.25), np.linspace(-0.3, 0.3, 11), np.zeros(11)])
+    base, without = (
+        hidden_base(side(), lit, HEIGHT_M, 0.8)
+        for lit in (np.vstack([ground_around(), strays]), ground_around())
+    )
+    away = base.grid.nodes_m[..., 0] < 0.1
+    np.testing.assert_array_equal((base.height_m == 0.0)[away], (without.height_m == 0.0)[away])
+
+
+def test_relief_is_drawn_where_the_rim_hangs_and_none_where_it_is_sharp():
+    drawn = [
+        hidden_base(side(rim_m=rim), ground_around(), HEIGHT_M, 0.8, rng=np.random.default_rng(1))
+        for rim in (0.0, 0.02 * HEIGHT_M)
+    ]
+    sharp, hanging = (base.height_m[base.hidden] for base in drawn)
+    assert np.median(sharp) == 0.0
+    # 0.6 of 0.02 - 0.003 heights is the standard deviation; what lies below the plane is cut.
+    assert 0.002 * HEIGHT_M < hanging.std() < 0.0102 * HEIGHT_M
+
+
+def test_a_cliff_beside_the_base_takes_no_support_away():
+    """The pedestal ends 5 mm beside a block's edge, less than a cell of its mesh: the block tips over its own edge."""
+    level = Interface(np.zeros(3), np.array([0.0, 0.0, 1.0]), np.eye(3), 0.0)
+    rock = box(0.51, 0.4, 1.0).moved(np.eye(3), (0.0, 0.0, 1.0))
+    along = np.arange(-2.0, 2.0, 0.02)
+    x, y = (each.ravel() for each in np.meshgrid(along, along))
+    points = np.column_stack([x, y, np.where(x < 0.515, 0.0, -1.0)])
+    surfels = Surfels(points, np.tile([0.0, 0.0, 1.0], (len(x), 1)), np.zeros(len(x)), 0.02)
+    found = pedestal_ground(surfels, np.ones(len(x), bool), rock, level)
+    azimuths = np.arange(0.0, 360.0, 15.0)
+    on_surface, on_plane = (
+        np.array(quasi_static_toppling_m_s2(rock, pedestal, 9.81, azimuths))[:, 1]
+        for pedestal in (found.pedestal, Pedestal(level.point_m, level.normal))
+    )
+    assert len(found.edges_m) == 1
+    np.testing.assert_allclose(on_surface, on_plane, rtol=1e-6)

@@ -49,7 +49,7 @@ PARTS_OF_A_REPEATED_STEP = 4
 """A step in which a point sank is taken again in so many parts: what is left is the arc that a point leaves its tangent
 by, half of (rotation in a step)^2 times its lever arm."""
 
-SHORT_OF_TOUCH = 0.02
+SHORT_OF_TOUCH = 0.01
 """A step to a touch stops short of it by this share, or the solver would already act."""
 
 TRIES_TO_TOUCH = 3

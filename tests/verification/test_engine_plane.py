@@ -15,30 +15,22 @@ LOSS_TARGET = 0.03  # of the energy lost in an impact
 G = case.G
 
 MISSED: dict[tuple, str] = {
-    ("loss", "standard", 5, 0.9): "10 %",
     ("ratio", "standard", 2, 0.1): "1.7 %",
-    ("ratio", "standard", 15, 0.9): "0.23 %",
     ("ratio", "reference", 2, 0.1): "0.48 %",
     ("ratio", "reference", 45, 0.5): "0.13 %",
     ("ratio", "reference", 45, 0.9): "0.12 %",
     ("loss", "standard", 2, 0.1): "-41 %",
+    ("loss", "standard", 2, 0.5): "-4.9 %",
     ("loss", "standard", 2, 0.9): "-9 %",
     ("landing", "standard", 2, 0.999): "1.81 %",
     ("loss", "standard", 2, 0.999): "-18 %",
     ("landing", "standard", 5, 0.999): "1.33 %",
-    ("ratio", "standard", 30, 0.9): "0.39 %",
-    ("ratio", "standard", 30, 0.999): "0.21 %",
-    ("ratio", "standard", 45, 0.1): "-0.92 %",
     ("ratio", "standard", 45, 0.5): "1.36 %",
     ("ratio", "standard", 45, 0.9): "0.46 %",
     ("ratio", "standard", 45, 0.999): "2.20 %",
     ("loss", "reference", 2, 0.1): "-15 %",
     ("landing", "reference", 15, 0.999): "-0.09 %",
-    ("ratio", "reference", 30, 0.5): "0.09 %",
-    ("ratio", "reference", 30, 0.9): "0.07 %",
     ("landing", "reference", 30, 0.999): "-0.14 %",
-    ("ratio", "reference", 30, 0.999): "0.10 %",
-    ("ratio", "reference", 45, 0.1): "0.08 %",
     ("landing", "reference", 45, 0.999): "-0.14 %",
     ("ratio", "reference", 45, 0.999): "0.12 %",
     ("sine", "standard", 2, 1, "no impact"): "-0.46 %",
@@ -244,6 +236,12 @@ def test_the_threshold_converges_with_the_time_step():
     ]
     assert abs(errors[-1]) < 5e-4
     assert abs(errors[-1]) < max(abs(errors[0]), 2e-4)
+
+
+@pytest.mark.parametrize("corners", [8, 16, pytest.param(32, marks=pytest.mark.slow)])
+def test_a_body_that_rolls_over_an_arc_of_corners_keeps_the_energy_of_its_impacts(corners):
+    # Measured -.06, -.21 and -.24 %.
+    assert abs(case.many_corners_error(corners, "standard")) < 4e-3
 
 
 @pytest.mark.parametrize(

@@ -98,9 +98,9 @@ def missed(measured):
     [
         pytest.param("standard", 0.2, 0.6, 10, 0.01, marks=pytest.mark.slow),
         pytest.param("reference", 0.2, 0.6, 10, 0.003, marks=pytest.mark.slow),
-        pytest.param("standard", 0.2, 0.02, 10, 0.01, marks=missed("2.4 %")),
+        pytest.param("standard", 0.2, 0.02, 10, 0.01, marks=pytest.mark.slow),
         pytest.param("reference", 0.2, 0.02, 10, 0.003, marks=missed("0.6 %")),
-        pytest.param("standard", 2.0, 2.0, 5, 0.01, marks=missed("2.3 %")),
+        pytest.param("standard", 2.0, 2.0, 5, 0.01, marks=pytest.mark.slow),
     ],
 )
 def test_a_cylinder_wobbles_at_the_exact_rate(preset, radius, half_height, tilt_deg, target):

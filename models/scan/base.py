@@ -26,7 +26,7 @@ LEAST_BASE_SHARE = 0.3
 SHARP_RIM_PER_HEIGHT = 0.003
 """Median height to which the rim of a flat, sharp-edged base is seen: the spacing of points."""
 RELIEF_OF_RIM = 0.6
-"""Relief of the hidden base over the rim's height beyond that: known bases have 0.2 to 0.6 of it."""
+"""Relief of the hidden base over the rim's height beyond that: known bases are off by 0.2 to 0.7 of it."""
 RELIEF_LENGTH_PER_HEIGHT = 0.05
 HOLE_STIFFNESS = 0.02
 RESTING_PER_HEIGHT = 0.0008

@@ -59,6 +59,7 @@ def pedestal_ground(
     flat = interface.flat(surfels.points_m[pedestal])
     top = surfels.normals[pedestal] @ interface.normal > STEEP
     top &= np.abs(flat[:, 2]) < 0.25 * height
+    top[top] = _among_its_like(flat[top], cell)
     standing = _inside(nodes, outline)
     # Every cell that the outline crosses is there and lies in the plane, so that the whole base rests on it.
     lost = _lost(flat, top, nodes, cell, ndimage.binary_dilation(standing, np.ones((3, 3))))
@@ -90,6 +91,12 @@ def kept_of(ground: Ground, seen_m: NDArray[np.float64], interface: Interface) -
         "left_away": f"what lies farther from the rock's outline than {REACH_HEIGHTS} of its height, and below cliff "
         "edges: a rock that gets there has toppled",
     }
+
+
+def _among_its_like(flat: NDArray[np.float64], reach_m: float) -> NDArray[np.bool_]:
+    """Which patches lie within reach of the median height around: strays between rock and pedestal make spikes."""
+    near = cKDTree(flat[:, :2]).query(flat[:, :2], min(13, len(flat)))[1]
+    return np.abs(flat[:, 2] - np.median(flat[near, 2], axis=1)) < reach_m
 
 
 def _inside(nodes: NDArray[np.float64], polygon: NDArray[np.float64]) -> NDArray[np.bool_]:

@@ -146,7 +146,7 @@ class Storm:
         self.tally = Counter()
         self.campaign_file, self.cluster, self.disk, self.faults = campaign_file, cluster, disk, faults
         self.job_ids = job_ids
-        self.course = campaign_file.with_name("course.txt").open("w", buffering=1)  # for whom it went wrong
+        self.course = campaign_file.with_name("course.txt")  # for whom it went wrong
         self.session = set()
         self.sessions = self.joined = 0
         self.client = self.run = None
@@ -213,7 +213,8 @@ class Storm:
 
     def _note(self, event):
         stored = len(self._parts())
-        self.course.write(f"{time.monotonic():.1f} {self.tally.total()} faults, {stored} parts: {event}\n")
+        with self.course.open("a") as course:
+            course.write(f"{time.monotonic():.1f} {self.tally.total()} faults, {stored} parts: {event}\n")
 
     def _goes_on(self, seconds):
         try:
@@ -241,7 +242,7 @@ class Storm:
         else:
             kinds = STRIKES_ON_A_CLUSTER if outside else STRIKES
         kind = self.random.choice(kinds)
-        if WORKER_SIGNALS.get(kind):
+        if kind in WORKER_SIGNALS:
             struck = self._worker_process(kind, outside)
         else:
             struck = getattr(self, f"_{kind.lower().replace(' ', '_').replace('-', '_')}")()

@@ -115,15 +115,16 @@ def prepared(spec: JobSpec, assets: Assets) -> tuple[Scene, Imposed]:
             remedy="plan the campaign anew: its scene or ensemble has changed",
         )
     imposed = impose(record, spec.pga_m_s2, spec.azimuth_deg, spec.peak_displacement_m)
-    return _realised(assets.scene, spec), imposed
-
-
-def _realised(scene: Scene, spec: JobSpec) -> Scene:
-    """The scene with the job's contact properties, and with what the realisation draws."""
     contact = ContactProperties(spec.friction_static, spec.friction_kinetic, spec.restitution)
-    if spec.realisation == 0:
-        return _with_contact(scene, contact)
-    seed = hashlib.sha256(f"{spec.scene_id}:{spec.realisation}".encode()).digest()[:8]
+    return _realised(assets.scene, contact, spec.realisation), imposed
+
+
+@lru_cache(maxsize=8)  # scenes compare by identity: one object a realisation lets the settled pose be kept
+def _realised(scene: Scene, contact: ContactProperties, realisation: int) -> Scene:
+    """The scene with the job's contact properties, and with what the realisation draws."""
+    if realisation == 0:
+        return scene.with_contact(contact)
+    seed = hashlib.sha256(f"{scene.id}:{realisation}".encode()).digest()[:8]
     random = np.random.default_rng(int.from_bytes(seed, "little"))
     spread = scene.report.get("uncertainty", {}).get(
         "com_std_m", [COM_SPREAD_SHARE * scene.rock.height_m] * 3
@@ -136,11 +137,6 @@ def _realised(scene: Scene, spec: JobSpec) -> Scene:
         contact.friction_static * factor, contact.friction_kinetic * factor, contact.restitution
     )
     return dataclasses.replace(scene, rock=rock, contact=drawn)
-
-
-@lru_cache(maxsize=8)  # scenes compare by identity: one object a contact lets the settled pose be kept
-def _with_contact(scene: Scene, contact: ContactProperties) -> Scene:
-    return scene.with_contact(contact)
 
 
 def _identity(spec: JobSpec, record: Record) -> dict[str, Any]:

@@ -452,8 +452,12 @@ def _let_down(scene: Scene) -> Scene:
     relative = quat.matrix(quat.product(np.array(pose[1]), quat.inverse(contact.start_quaternion_xyzw)))
     rotation = turn @ relative @ turn.T
     tilt = np.rad2deg(np.arccos(np.clip(rotation[2, 2], -1.0, 1.0)))
-    if tilt > TOPPLED_TILT_DEG or max(way, previous) >= limit:
+    if tilt > TOPPLED_TILT_DEG:
         raise _falls(scene, f"it tilts by {tilt:.1f} degrees")
+    if max(way, previous) >= limit:
+        raise _falls(
+            scene, f"it still moves at {max(way, previous) / step_s:.1g} m/s, tilted by {tilt:.1f} degrees"
+        )
     com = np.array(pose[0]) @ turn.T + contact.origin_m
     return dataclasses.replace(scene, rock=scene.rock.moved(rotation, com - rotation @ scene.rock.com_m))
 

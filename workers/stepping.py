@@ -32,7 +32,7 @@ from workers.quaternion import to_body, turn_vector
 
 Array = NDArray[np.float64]
 
-SHORT_CHUNK, LONG_CHUNK = 8, 64
+SHORT_CHUNK, LONG_CHUNK = 6, 64
 """Steps between two looks at the clearances: a landing costs half of it in repeated steps, a look costs some steps. The
 chunks are short after a landing and double in length while none comes."""
 
@@ -55,8 +55,8 @@ SHORT_OF_TOUCH = 0.01
 TRIES_TO_TOUCH = 3
 """A step that came too late is taken again, shorter by twice that share."""
 
-AHEAD = 3.0
-"""Around a landing contacts are prepared as far ahead as the rock gets in so many steps."""
+AHEAD = 1.5
+"""Around a landing contacts are prepared this many times as far ahead as the rock's present speed takes its points."""
 
 ALOFT = 1e-4
 """A rock whose feet are higher than this share of R above where they rest is aloft."""
@@ -185,10 +185,11 @@ class Stepper:
         velocity[2] -= self._lifted_m.get(index - 1, 0.0) / duration
         return velocity, np.array(turn_vector(turned_from, turned_to)) / duration
 
-    def _set_state(self, next_step_s: float, *, kicked_share: float = 0.5, far: bool = False) -> None:
+    def _set_state(self, next_step_s: float, *, kicked_share: float = 0.5, ahead_s: float = 0.0) -> None:
         """Give the engine the latest pose, its feet at the height that belongs to a step of that duration.
 
-        That step's velocity is the one at `kicked_share` of it.
+        That step's velocity is the one at `kicked_share` of it. Contacts are prepared for what the rock may do in
+        `ahead_s`.
         """
         index = len(self.poses) - 1
         (x, y, z), attitude = self.poses[index]
@@ -196,8 +197,8 @@ class Stepper:
         arcs = kicked_share * next_step_s**2 * self._centripetal_m_s2(attitude, spin)
         lift = self._lift_m(self._gaps_since(index)[0], arcs)
         self._lifted_m[index] = lift
-        ahead = self._step * (abs(velocity[2]) / self._contact.half_diagonal_m + np.linalg.norm(spin))
-        prepared = AHEAD * float(ahead) if far else 0.0
+        speed_1_s = abs(velocity[2]) / self._contact.half_diagonal_m + np.linalg.norm(spin)
+        prepared = AHEAD * ahead_s * float(speed_1_s)
         self._engine.set_state(((x, y, z + lift), attitude), velocity, spin, prepared_share=prepared)
 
     def _lift_m(self, gaps_m: Array, arcs_m: Array) -> float:
@@ -340,7 +341,7 @@ class Stepper:
         end_s = self.times_s[index + 1]
         self._back_to(index)
         part = (end_s - self.time_s) / PARTS_OF_A_REPEATED_STEP
-        self._set_state(part, far=True)
+        self._set_state(part, ahead_s=end_s - self.time_s)
         for _ in range(PARTS_OF_A_REPEATED_STEP):
             self._single(part, self.time_s + 0.5 * part)
         self.times_s[-1] = end_s
@@ -363,7 +364,7 @@ class Stepper:
             if self._surface.restitution > 0.0 and 1e-6 < self._next_touch_s() / self._step < SOON:
                 self._step_to_touch(self._next_touch_s())  # only a point that touches rebounds
             impact_s = IMPACT_STEP * self._step
-            self._set_state(impact_s, far=True)
+            self._set_state(impact_s, ahead_s=impact_s)
             self._single(impact_s, self.time_s + 0.5 * impact_s, rebounds=True)
             self._smooth_from = len(self.poses) - 1
             self._grid = math.ceil(self.time_s / self._step + 0.5)  # leaves half a step to one and a half
@@ -371,7 +372,7 @@ class Stepper:
             touch_s = self._next_touch_s()
             if touch_s > rest:
                 break
-        self._set_state(rest, far=True)
+        self._set_state(rest, ahead_s=rest)
         self._single(rest, self.time_s + 0.5 * rest)
         self.times_s[-1] = self._grid * self._step
         self._set_state(self._step)
@@ -380,7 +381,7 @@ class Stepper:
         """A step that ends as a point touches down, and not so late that the point already carries."""
         index = len(self.poses) - 1
         for tries_left in reversed(range(TRIES_TO_TOUCH)):
-            self._set_state(touch_s, kicked_share=1.0, far=True)
+            self._set_state(touch_s, kicked_share=1.0, ahead_s=touch_s)
             self._single(touch_s, self.time_s + touch_s)
             gaps = self._gaps_since(index)
             closing = self._closing_m_s(gaps, index)[0]

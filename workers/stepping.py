@@ -49,10 +49,10 @@ PARTS_OF_A_REPEATED_STEP = 4
 """A step in which a point sank is taken again in so many parts: what is left is the arc that a point leaves its tangent
 by, half of (rotation in a step)^2 times its lever arm."""
 
-SHORT_OF_TOUCH = 0.01
+SHORT_OF_TOUCH = 0.013
 """A step to a touch stops short of it by this share, or the solver would already act."""
 
-TRIES_TO_TOUCH = 3
+TRIES_TO_TOUCH = 4
 """A step that came too late is taken again, shorter by twice that share."""
 
 AHEAD = 1.5
@@ -388,7 +388,7 @@ class Stepper:
             attitude, spin = self.poses[-1][1], self.velocities(index + 1)[1]
             arcs = 0.5 * touch_s**2 * self._centripetal_m_s2(attitude, spin)
             # A point that the engine stopped is left with its arc alone.
-            late = gaps[1] - arcs < 0.25 * SHORT_OF_TOUCH * touch_s * closing
+            late = gaps[1] - arcs < 0.6 * SHORT_OF_TOUCH * touch_s * closing
             if tries_left == 0 or not ((closing > self._fast) & late).any():
                 return
             self._back_to(index)

@@ -20,7 +20,7 @@ MISSED: dict[tuple, str] = {
     ("ratio", "reference", 45, 0.5): "0.08 %",
     ("ratio", "reference", 45, 0.9): "0.09 %",
     ("loss", "standard", 2, 0.1): "895 %: a landing too slow to be resolved",
-    ("loss", "standard", 2, 0.5): "-4.9 %",
+    ("loss", "standard", 2, 0.5): "-3.1 %",
     ("loss", "standard", 2, 0.9): "5.8 %",
     ("landing", "standard", 2, 0.999): "0.57 %",
     ("loss", "standard", 2, 0.999): "7.4 %",

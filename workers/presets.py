@@ -19,7 +19,7 @@ class Settings:
         Time step over sqrt(R / g), R the rock's half diagonal: rocks of one shape and all sizes are resolved alike.
     resolved_landing : float
         Landings slower than this share of sqrt(g R) are left to the contact solver, with an error of the first order;
-        at 1e-2 they carry 1e-4 of the energy of a fall from R.
+        at 3e-3 they carry 1e-5 of the energy of a fall from R.
     iterations : int
         Most iterations of the contact solver in a step. Too few let a rock creep that stands on one corner.
     rest_speed : float

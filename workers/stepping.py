@@ -361,8 +361,10 @@ class Stepper:
         for _ in range(MOST_IMPACTS_AT_ONCE):
             if touch_s > SOON * self._step:
                 self._step_to_touch(touch_s)
-            if self._surface.restitution > 0.0 and 1e-6 < self._next_touch_s() / self._step < SOON:
-                self._step_to_touch(self._next_touch_s())  # only a point that touches rebounds
+            if self._surface.restitution > 0.0:  # only a point that touches rebounds
+                left_s = self._next_touch_s()
+                if 1e-6 < left_s / self._step < SOON:
+                    self._step_to_touch(left_s)
             impact_s = IMPACT_STEP * self._step
             self._set_state(impact_s, ahead_s=impact_s)
             self._single(impact_s, self.time_s + 0.5 * impact_s, rebounds=True)

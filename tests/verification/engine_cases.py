@@ -37,6 +37,32 @@ def leaning(b, h, angle, rate=0.0):
     }
 
 
+def let_go(scene, start, preset, motion=STILL, **settings):
+    """A shake from this start, without shortcuts, with the rock's way."""
+    return shake(scene, motion, preset, trajectory=True, shortcuts=False, initial=start, **settings)
+
+
+def turning_about(scene, corner, spin):
+    """The rock where the scene has it, turning about a corner."""
+    com = scene.rock.com_m
+    return {
+        "position_m": com,
+        "angular_velocity_rad_s": spin,
+        "velocity_m_s": np.cross(spin, com - corner),
+    }
+
+
+def energy_before(scene, trajectory, sample):
+    """Energy over mass in the middle of the step that leads to a sample; heights count from the scene's pose."""
+    step = trajectory.time_s[sample] - trajectory.time_s[sample - 1]
+    before, after = trajectory.position_m[sample - 1 : sample + 1]
+    turned_from, turned_to = Rotation.from_quat(trajectory.quaternion_xyzw[sample - 1 : sample + 1])
+    speed, spin = (after - before) / step, (turned_to * turned_from.inv()).as_rotvec() / step
+    inertia = turned_to.as_matrix() @ scene.rock.inertia_per_mass_m2 @ turned_to.as_matrix().T
+    height = 0.5 * (before[2] + after[2]) - scene.rock.com_m[2]
+    return 0.5 * speed @ speed + 0.5 * spin @ inertia @ spin + G * height
+
+
 def lean(trajectory):
     """Angle (n,) toward +x of a motion in the plane y = 0."""
     q = trajectory.quaternion_xyzw
@@ -51,15 +77,7 @@ def free_rocking(alpha_deg, half_diagonal, share, preset, **settings):
     """
     scene, b, h = block(alpha_deg, half_diagonal)
     alpha, p = np.arctan2(b, h), exact.rocking_frequency(b, h)
-    result = shake(
-        scene,
-        STILL,
-        preset,
-        trajectory=True,
-        shortcuts=False,
-        initial=leaning(b, h, share * alpha),
-        **settings,
-    )
+    result = let_go(scene, leaning(b, h, share * alpha), preset, **settings)
     time, angle = result.trajectory.time_s, lean(result.trajectory)
     time_error = first_landing(time, angle) / exact.free_rocking_time_s(alpha, p, share) - 1
     peaks = swing_peaks(angle)
@@ -76,7 +94,7 @@ def rebound_error(alpha_deg, restitution, preset, share=0.5):
     alpha, p = np.arctan2(b, h), exact.rocking_frequency(b, h)
     times = np.array([1.3, 1.8]) * exact.free_rocking_time_s(alpha, p, share)
     start = leaning(b, h, share * alpha)
-    result = shake(scene, STILL, preset, trajectory=True, shortcuts=False, initial=start)
+    result = let_go(scene, start, preset)
     stepped = slide_and_rock(
         PlaneBody.rectangle(b, h),
         PlaneContact(GRIP, GRIP, restitution),
@@ -132,18 +150,11 @@ def many_corners_error(corners, preset, start_deg=13.0, radius=3.0, half_angle_d
     lean_rad, com = np.deg2rad(start_deg), scene.rock.com_m
     feet = base - com[[0, 2]]
     arm = -turned(feet[-1], lean_rad)
-    result = shake(
-        scene,
-        STILL,
-        preset,
-        trajectory=True,
-        shortcuts=False,
-        initial={
-            "position_m": (base[-1, 0] + arm[0], 0.0, arm[1]),
-            "quaternion_xyzw": (0.0, np.sin(lean_rad / 2), 0.0, np.cos(lean_rad / 2)),
-        },
-        **settings,
-    )
+    start = {
+        "position_m": (base[-1, 0] + arm[0], 0.0, arm[1]),
+        "quaternion_xyzw": (0.0, np.sin(lean_rad / 2), 0.0, np.cos(lean_rad / 2)),
+    }
+    result = let_go(scene, start, preset, **settings)
     angles, height = lean(result.trajectory), result.trajectory.position_m[:, 2]
     across = np.flatnonzero(angles < 0)
     if len(across) == 0:
@@ -383,30 +394,15 @@ def rolling_loss_error(sides, rate, preset):
     prism = trimesh.convex.convex_hull(np.vstack([ring - np.array([0, 1, 0]), ring + np.array([0, 1, 0])]))
     prism.apply_translation([0.0, 0.0, -prism.vertices[:, 2].min()])
     scene = Scene.from_mesh((prism.vertices, prism.faces), friction=GRIP)
-    com, inertia = scene.rock.com_m, scene.rock.inertia_per_mass_m2[1, 1]
+    inertia = scene.rock.inertia_per_mass_m2[1, 1]
     corner = np.array([np.sin(half), 0.0, 0.0])
     spin = np.array([0.0, rate, 0.0])
     landings = int(np.deg2rad(60.0) / (2 * half) + 1e-6)
-    result = shake(
-        scene,
-        Motion(np.zeros((2, 3)), 1.2 * landings * 2 * half / rate),
-        preset,
-        trajectory=True,
-        shortcuts=False,
-        initial={
-            "position_m": com,
-            "angular_velocity_rad_s": spin,
-            "velocity_m_s": np.cross(spin, com - corner),
-        },
-    )
-    time, place = result.trajectory.time_s, result.trajectory.position_m
+    rolling = Motion(np.zeros((2, 3)), 1.2 * landings * 2 * half / rate)
+    way = let_go(scene, turning_about(scene, corner, spin), preset, rolling).trajectory
     # The centre of mass moves on by one face's length a landing; look shortly after the last one.
-    seen = np.argmax(place[:, 0] - com[0] > (2 * landings + 0.2) * np.sin(half))
-    step = time[seen] - time[seen - 1]
-    speed = np.linalg.norm(place[seen] - place[seen - 1]) / step
-    height = 0.5 * (place[seen, 2] + place[seen - 1, 2]) - com[2]
-    turned = lean(result.trajectory)
-    energy = 0.5 * speed**2 + 0.5 * inertia * ((turned[seen] - turned[seen - 1]) / step) ** 2 + G * height
+    seen = np.argmax(way.position_m[:, 0] - scene.rock.com_m[0] > (2 * landings + 0.2) * np.sin(half))
+    energy = energy_before(scene, way, seen)
     start = 0.5 * rate**2 * (1 + inertia)
     kept = ((inertia + np.cos(2 * half)) / (inertia + 1)) ** (2 * landings)
     return (start - energy) / (start * (1 - kept)) - 1
@@ -419,37 +415,14 @@ def rattling_energy(sides, azimuth_deg, preset):
     """
     rock = cylinder(1.0, 1.5, sides)
     scene = Scene.from_mesh((rock.vertices_m, rock.faces), friction=GRIP)
-    com, size = scene.rock.com_m, scene.rock.half_diagonal_m
     feet = scene.rock.vertices_m[scene.rock.vertices_m[:, 2] < 1e-9]
     toward = horizontal_unit_vector(azimuth_deg)
     corner = feet[np.argmax(feet @ toward)]
     axis = np.cross([0.0, 0.0, 1.0], toward)
-    arm = com - corner
+    arm = scene.rock.com_m - corner
     about_corner = axis @ scene.rock.inertia_per_mass_m2 @ axis + np.sum(np.cross(axis, arm) ** 2)
     barrier = G * (np.linalg.norm(arm) - arm[2])
     spin = axis * np.sqrt(2 * 0.5 * barrier / about_corner)
-    still = Motion(np.zeros((2, 3)), 3.0 * np.sqrt(size / G))
-    result = shake(
-        scene,
-        still,
-        preset,
-        trajectory=True,
-        shortcuts=False,
-        initial={
-            "position_m": com,
-            "angular_velocity_rad_s": spin,
-            "velocity_m_s": np.cross(spin, arm),
-        },
-    )
-    time, place, turn = (
-        result.trajectory.time_s,
-        result.trajectory.position_m,
-        Rotation.from_quat(result.trajectory.quaternion_xyzw),
-    )
-    at = np.searchsorted(time, still.duration_s)
-    step = time[at] - time[at - 1]
-    spin = (turn[at] * turn[at - 1].inv()).as_rotvec() / step
-    inertia = turn[at].as_matrix() @ scene.rock.inertia_per_mass_m2 @ turn[at].as_matrix().T
-    speed = (place[at] - place[at - 1]) / step
-    height = 0.5 * (place[at, 2] + place[at - 1, 2]) - com[2]
-    return (0.5 * speed @ speed + 0.5 * spin @ inertia @ spin + G * height) / barrier
+    still = Motion(np.zeros((2, 3)), 3.0 * np.sqrt(scene.rock.half_diagonal_m / G))
+    way = let_go(scene, turning_about(scene, corner, spin), preset, still).trajectory
+    return energy_before(scene, way, np.searchsorted(way.time_s, still.duration_s)) / barrier

@@ -223,8 +223,8 @@ def test_a_tall_block_that_slides_slows_as_its_friction_says(mu):
 )
 def test_a_rocking_block_rebounds_as_newtons_law_at_each_corner_says(preset, alpha_deg, restitution):
     error = case.rebound_error(alpha_deg, restitution, preset)
-    # Of alpha. The impact takes the pull of the step that follows with it: first order in the step.
-    assert abs(error).max() < {"standard": 8e-3, "reference": 2.5e-3}[preset]
+    # Of alpha. Measured at most 4.7e-4 and, after the stronger rebound of the reference cases, 1.2e-3.
+    assert abs(error).max() < {"standard": 1e-3, "reference": 2.5e-3}[preset]
 
 
 @pytest.mark.slow

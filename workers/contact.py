@@ -28,8 +28,8 @@ Array = NDArray[np.float64]
 LARGEST_OPEN_TILT_DEG = 75.0
 """Beyond this tilt a rock's fate is no longer open; points that touch only later are left out."""
 
-REACH_DEG = (8.0, 25.0, LARGEST_OPEN_TILT_DEG)
-"""Tilts up to which sets of points serve: a rock that rocks a little needs a tenth of the points of one that falls."""
+REACH_DEG = (1.0, 3.0, 8.0, 25.0, LARGEST_OPEN_TILT_DEG)
+"""Tilts up to which sets of points serve: a rock that rattles needs twenty points, one that falls hundreds."""
 
 
 POINT_RADIUS_SHARE = 1e-5
@@ -97,7 +97,7 @@ class ContactModel:
             half_diagonal_m=scene.rock.half_diagonal_m,
         )
 
-    @property
+    @cached_property
     def radius_m(self) -> float:
         """Radius of the contact points' spheres."""
         return POINT_RADIUS_SHARE * self.half_diagonal_m
@@ -136,6 +136,12 @@ class ContactModel:
         up_body = np.array([2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)])
         above_centre_m = positions_m[:, 2:3] + up_body.T @ self.centres_body_m[:points].T
         return np.asarray(above_centre_m - self.radius_m)
+
+    def gaps_of_pose_m(self, pose: tuple[tuple[float, ...], tuple[float, ...]], points: int) -> Array:
+        """The same for one pose and the first so many points, (points,)."""
+        (_, _, height), (x, y, z, w) = pose
+        up_body = np.array([2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)])
+        return np.asarray(self.centres_body_m[:points] @ up_body + (height - self.radius_m))
 
 
 def _vertices_that_can_touch(points_m: Array, size_m: float) -> tuple[Array, Array]:

@@ -16,9 +16,13 @@ from workers.contact import ContactModel
 Array = NDArray[np.float64]
 Pose = tuple[tuple[float, float, float], tuple[float, float, float, float]]
 
-NEAR_SHARE = 3e-4
-"""Contacts are prepared within this share of R, so that a landing stops at the surface and not below it. It catches
-every landing that is too slow to cut a step at, and keeps the solver's work small."""
+NEAR_STEPS = 0.8
+"""Contacts are prepared for points that gravity brings down within a step, and a little less: within this share of
+g (step)^2, so that a landing that is too slow to cut a step at stops at the surface and not below it. Points farther
+off only add to the solver's work."""
+
+NEAREST_SHARE = 2e-5
+"""Of R: within so much contacts are prepared however short the step, as feet at rest stand off by a tenth of it."""
 
 COLD_ITERATIONS = 200
 """Of the first step in a new state, which has no impulses of a step before to start from."""
@@ -47,6 +51,8 @@ class Engine:
     surface : ContactProperties
     impulse_m_s : float
         Velocity that gravity gives in one step: what the solver's residual is measured against.
+    fall_m : float
+        What gravity moves in one step, g (step)^2.
     rebound_from_m_s : float
         Landings slower than this do not rebound.
     iterations : int
@@ -61,6 +67,7 @@ class Engine:
         points: int,
         surface: ContactProperties,
         impulse_m_s: float,
+        fall_m: float,
         rebound_from_m_s: float,
         iterations: int,
         slot: int,
@@ -70,6 +77,7 @@ class Engine:
         self._surface = surface
         self._follows_slip = surface.friction_kinetic != surface.friction_static
         self._iterations = max(iterations, ITERATIONS_FOR_SLIP) if self._follows_slip else iterations
+        self._near_share = max(NEAR_STEPS * fall_m / contact.half_diagonal_m, NEAREST_SHARE)
         self.points = points
         pybullet.resetSimulation(physicsClientId=self._client)
         pybullet.setPhysicsEngineParameter(
@@ -119,21 +127,26 @@ class Engine:
             self._set_friction(wanted)
 
     def set_state(
-        self, pose: Pose, velocity_m_s: Array, angular_velocity_rad_s: Array, *, prepared_share: float = 0.0
+        self,
+        pose: Pose,
+        velocity_m_s: tuple[float, float, float],
+        angular_velocity_rad_s: tuple[float, float, float],
+        *,
+        prepared_share: float = 0.0,
     ) -> None:
         """Place the rock and set it going; forgets all contacts.
 
-        From here on contacts are prepared within `prepared_share` of R, at least NEAR_SHARE.
+        From here on contacts are prepared within `prepared_share` of R, at least as far as a step's fall.
         """
         pybullet.setPhysicsEngineParameter(
-            contactBreakingThreshold=max(prepared_share, NEAR_SHARE),
+            contactBreakingThreshold=max(prepared_share, self._near_share),
             numSolverIterations=max(COLD_ITERATIONS, self._iterations),
             physicsClientId=self._client,
         )
         self._cold = True
         pybullet.resetBasePositionAndOrientation(self._rock, *pose, physicsClientId=self._client)
         pybullet.resetBaseVelocity(
-            self._rock, velocity_m_s.tolist(), angular_velocity_rad_s.tolist(), physicsClientId=self._client
+            self._rock, velocity_m_s, angular_velocity_rad_s, physicsClientId=self._client
         )
         # Takes the rock out of the broad phase and back: only so do contacts get the new threshold.
         pybullet.setCollisionFilterGroupMask(self._rock, -1, 1, -1, physicsClientId=self._client)

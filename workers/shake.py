@@ -6,11 +6,12 @@ import dataclasses
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
 
 from models.errors import InputError
 from models.frames import azimuth_deg
@@ -22,14 +23,15 @@ from models.statics import (
     equilibrium_possible,
     holds_still,
     polygon,
-    support_polygon_m,
+    quasi_static_toppling_m_s2,
 )
 from workers import quaternion as quat
 from workers.contact import LARGEST_OPEN_TILT_DEG, REACH_DEG, ContactModel
 from workers.engine import Pose
 from workers.presets import Settings, settings_of
-from workers.quaternion import turn_vector
+from workers.quaternion import to_body, turn_vector
 from workers.stepping import Stepper, engine_for
+from workers.way import Vector
 
 Array = NDArray[np.float64]
 
@@ -38,6 +40,8 @@ BLOCK = 64
 
 TOUCHING_SHARE = 1e-5
 """Feet within this share of R of the plane carry a rock at rest: the engine holds them within a tenth of it."""
+
+STILL: Vector = (0.0, 0.0, 0.0)
 
 PLANE = np.array([0.0, 0.0, 1.0])
 """Normal of the interface in the support frame."""
@@ -212,6 +216,7 @@ class _Run:
         self.speed_limit_m_s = _speed_limit(scene, contact, motion, start)
         pose, velocity, spin = _start_of(contact, start)
         self.start_pose = pose
+        self.up_body = to_body(self.up.tolist(), pose[1])
         self.stepper = Stepper(
             contact,
             scene.contact,
@@ -246,15 +251,14 @@ class _Run:
             if self.stepper.time_s > self.motion.duration_s:
                 if at_rest and self._holds(self.gravity[None])[0]:
                     return "ok", "rest"
-                too_little = self._energy() < REST_CERTAIN_SHARE * self.barrier_j_kg
-                if self.shortcuts and too_little and not self._slides():
+                if self.shortcuts and self._too_little_energy():
                     return "ok", "rest_certain"
                 if self.stepper.time_s > cap_s:
                     certain = self._energy() < self.barrier_j_kg
                     return ("ok", "rest_certain") if certain else ("undecided", "time_cap")
-            elif at_rest and self.shortcuts and self._rests_for_good():
+            elif self.shortcuts and ((at_rest and self._rests_for_good()) or self._calms_down()):
                 return "ok", "rest_certain"
-            seen = len(self.stepper.poses) - 1
+            seen = len(self.stepper.way.poses) - 1
 
     def _rests_for_good(self) -> bool:
         """Skip to the last sample before equilibrium becomes impossible; true if it stays possible to the end.
@@ -275,9 +279,44 @@ class _Run:
             self.stepper.rest_until(grid)
         return False
 
+    def _calms_down(self) -> bool:
+        """Whether all that is left of the motion is weak, so is the rocking, and the rock has moved for good anyway."""
+        if self.stepper.time_s <= self._weak_from_s or not self._too_little_energy():
+            return False
+        position, quaternion = self._poses(self.stepper.way.last)
+        return self._is_displaced(position[0], quaternion[0])
+
+    def _is_displaced(self, position: Array, quaternion: Array) -> bool:
+        """Whether the rock has slid or turned about the vertical so far that it counts as moved, however it rocks."""
+        slid = self._slip(position, quaternion) > MOVED_SHARE * self.contact.half_diagonal_m
+        return slid or self._yaw(quaternion) > MOVED_DEG
+
+    @cached_property
+    def _weak_from_s(self) -> float:
+        """Time from which the motion could be 1 / WEAK_SHARE times as strong and still neither tip nor drag the rock.
+
+        Tipped is what a slow acceleration of that azimuth would topple (:mod:`models.statics`).
+        """
+        stronger = self.motion.acceleration_m_s2 / WEAK_SHARE
+        downward = self.scene.gravity_m_s2 + stronger[:, 2]
+        azimuth = np.rad2deg(np.arctan2(stronger[:, 1], stronger[:, 0])) % 360.0
+        before = (azimuth // TIPPING_AZIMUTHS_DEG).astype(np.int64)
+        ratio = _tipping_ratios(self.scene)
+        tips = np.hypot(stronger[:, 0], stronger[:, 1]) >= downward * np.minimum(
+            ratio[before % len(ratio)], ratio[(before + 1) % len(ratio)]
+        )
+        pulls = self.gravity - stronger @ self.contact.scene_from_support
+        drags = np.hypot(pulls[:, 0], pulls[:, 1]) >= -self.scene.contact.friction_kinetic * pulls[:, 2]
+        strong = np.flatnonzero(tips | drags)
+        return (strong[-1] + 1) * self.motion.time_step_s if len(strong) else 0.0
+
+    def _too_little_energy(self) -> bool:
+        """Whether the rock rocks with far less energy than overturns it, and does not slide."""
+        return self._energy() < REST_CERTAIN_SHARE * self.barrier_j_kg and not self._slides()
+
     def _holds(self, pulls_m_s2: Array) -> NDArray[np.bool_]:
         """Whether the feet that touch in the latest pose can hold the rock under each pull, support frame."""
-        com, attitude = (np.array(part) for part in self.stepper.poses[-1])
+        com, attitude = (np.array(part) for part in self.stepper.way.poses[-1])
         feet = com + self.contact.points_body_m @ quat.matrix(attitude).T
         touching = feet[feet[:, 2] <= TOUCHING_SHARE * self.contact.half_diagonal_m]
         corners = polygon(touching, PLANE, TOUCHING_SHARE * self.contact.half_diagonal_m)
@@ -295,13 +334,13 @@ class _Run:
         slip, yaw = self._slip(position[-1], quaternion[-1]), self._yaw(quaternion[-1])
         outcome = None
         if status == "ok":
-            still = slip <= MOVED_SHARE * self.contact.half_diagonal_m and max(yaw, tilt[-1]) <= MOVED_DEG
-            outcome = "toppled" if toppled else "stands" if still else "moved"
+            displaced = self._is_displaced(position[-1], quaternion[-1]) or tilt[-1] > MOVED_DEG
+            outcome = "toppled" if toppled else "moved" if displaced else "stands"
         return ShakeResult(
             status=status,
             outcome=outcome,
             toppled=toppled,
-            topple_time_s=None if crossing is None else self.stepper.times_s[crossing],
+            topple_time_s=None if crossing is None else self.stepper.way.times_s[crossing],
             topple_azimuth_deg=None if crossing is None else azimuth_deg(moved[crossing]),
             max_tilt_deg=float(np.nanmax(tilt)),
             residual_tilt_deg=float(tilt[-1]),
@@ -314,23 +353,25 @@ class _Run:
             skipped_s=self.skipped_s,
             wall_s=time.perf_counter() - began,
             time_step_s=self.step_s,
-            trajectory=_trajectory(self.contact, self.stepper.times_s, position, quaternion)
+            trajectory=_trajectory(self.contact, self.stepper.way.times_s, position, quaternion)
             if keep
             else None,
         )
 
     def simulated_s(self) -> float:
         """Time stepped through: what was skipped before the latest pose is left out."""
-        times = np.diff(self.stepper.times_s)
+        times = np.diff(self.stepper.way.times_s)
         return float(times[times < 2.0 * self.step_s].sum())
 
     def _poses(self, since: int) -> tuple[Array, Array]:
-        position, quaternion = zip(*self.stepper.poses[since:], strict=True)
+        position, quaternion = zip(*self.stepper.way.poses[since:], strict=True)
         return np.array(position), np.array(quaternion)
 
     def _tilt(self, quaternion: Array) -> Array:
-        now = quat.matrix(quat.product(quaternion, quat.inverse(np.array(self.start_pose[1]))))
-        return np.rad2deg(np.arccos(np.clip(now @ self.up @ self.up, -1.0, 1.0)))
+        vector, w = quaternion[:, :3], quaternion[:, 3:]
+        across = 2.0 * np.cross(vector, self.up_body)
+        now = self.up_body + w * across + np.cross(vector, across)
+        return np.rad2deg(np.arccos(np.clip(now @ self.up, -1.0, 1.0)))
 
     def _yaw(self, quaternion: Array) -> float:
         x, y, z, w = quat.product(quaternion, quat.inverse(np.array(self.start_pose[1])))
@@ -348,41 +389,52 @@ class _Run:
 
     def _speed(self, since: int) -> float:
         """Largest speed of the centre of mass since a pose, m/s."""
-        position = np.array([pose[0] for pose in self.stepper.poses[since:]])
-        times = np.array(self.stepper.times_s[since:])
+        position = np.array([pose[0] for pose in self.stepper.way.poses[since:]])
+        times = np.array(self.stepper.way.times_s[since:])
         return float((np.linalg.norm(np.diff(position, axis=0), axis=1) / np.diff(times)).max(initial=0.0))
 
     def _at_rest(self, since: int) -> bool:
         """Whether no point of the rock has moved faster than the speed of rest since a pose."""
-        times = self.stepper.times_s
-        (start, turned_from), (end, turned_to) = self.stepper.poses[since], self.stepper.poses[-1]
+        times = self.stepper.way.times_s
+        (start, turned_from), (end, turned_to) = self.stepper.way.poses[since], self.stepper.way.poses[-1]
         angle = np.linalg.norm(turn_vector(turned_from, turned_to))
         way = np.linalg.norm(np.array(end) - start) + angle * self.contact.half_diagonal_m
-        velocity, spin = self.stepper.velocities(len(times) - 1)
+        velocity, spin = self.stepper.way.velocities(self.stepper.way.last)
         speed = np.linalg.norm(velocity) + np.linalg.norm(spin) * self.contact.half_diagonal_m
         return bool(max(way / (times[-1] - times[since]), speed) < self.rest_speed)
 
     def _slides(self) -> bool:
         """Whether the lowest foot moves along the interface: its way is not over yet."""
-        velocity, spin = self.stepper.velocities(len(self.stepper.poses) - 1)
-        arms = self.contact.points_body_m @ quat.matrix(np.array(self.stepper.poses[-1][1])).T
+        velocity, spin = self.stepper.way.velocities(self.stepper.way.last)
+        arms = self.contact.points_body_m @ quat.matrix(np.array(self.stepper.way.poses[-1][1])).T
         foot = velocity + np.cross(spin, arms[arms[:, 2].argmin()])
         return bool(np.hypot(foot[0], foot[1]) > self.rest_speed)
 
     def _energy(self) -> float:
         """Kinetic energy and height above the start, per mass."""
-        velocity, spin = self.stepper.velocities(len(self.stepper.poses) - 1)
-        position, quaternion = self.stepper.poses[-1]
-        spin_body = spin @ quat.matrix(np.array(quaternion))
-        kinetic = 0.5 * float(velocity @ velocity) + 0.5 * float(
-            self.contact.principal_inertia_m2 @ spin_body**2
-        )
+        velocity, spin = self.stepper.way.velocities(self.stepper.way.last)
+        position, quaternion = self.stepper.way.poses[-1]
+        squared = np.array(to_body(spin, quaternion)) ** 2
+        kinetic = 0.5 * (np.dot(velocity, velocity) + float(self.contact.principal_inertia_m2 @ squared))
         # Measured along the normal: what a slope gives to a rock that slides is taken by friction.
         return kinetic + self.scene.gravity_m_s2 * max(position[2] - self.start_pose[0][2], 0.0)
 
 
 REST_CERTAIN_SHARE = 0.1
-"""Share of the least energy that overturns, below which a rock on ground at rest is certain to stay."""
+"""Share of the least energy that overturns, below which a rock on ground at rest or weakly moved is certain to stay."""
+
+WEAK_SHARE = 0.25
+"""A motion is weak that stays within this share of what would tip the rock slowly or drag it over its pedestal."""
+
+TIPPING_AZIMUTHS_DEG = 10.0
+
+
+@lru_cache(maxsize=8)
+def _tipping_ratios(scene: Scene) -> Array:
+    """Constant horizontal acceleration that topples the rock, over gravity, by azimuth from 0 up."""
+    azimuths = np.arange(0.0, 360.0, TIPPING_AZIMUTHS_DEG).tolist()
+    least = quasi_static_toppling_m_s2(scene.rock, scene.pedestal, scene.gravity_m_s2, azimuths)
+    return np.array([value for _, value in least]) / scene.gravity_m_s2
 
 
 @lru_cache(maxsize=8)  # scenes compare by identity
@@ -429,11 +481,13 @@ def _let_down(scene: Scene) -> Scene:
     step_s = settings.time_step_s(contact.half_diagonal_m, scene.gravity_m_s2)
     impulse, slot = scene.gravity_m_s2 * step_s, len(REACH_DEG) - 1
     surface = ContactProperties.of(scene.contact.friction_static)  # let down without a rebound
-    engine = engine_for(contact, LARGEST_OPEN_TILT_DEG, surface, impulse, 0.0, SETTLING_ITERATIONS, slot)
+    engine = engine_for(
+        contact, LARGEST_OPEN_TILT_DEG, surface, impulse, impulse * step_s, 0.0, SETTLING_ITERATIONS, slot
+    )
     pose: Pose = (tuple(contact.com_m), tuple(contact.start_quaternion_xyzw))
     lowest = contact.gaps_m(np.array([pose[0]]), np.array([pose[1]])).min()
     pose = ((pose[0][0], pose[0][1], pose[0][2] - lowest), pose[1])
-    engine.set_state(pose, np.zeros(3), np.zeros(3))
+    engine.set_state(pose, STILL, STILL)
     strict = 3e-7 * contact.half_diagonal_m  # the solver lets a rock at rest creep by a quarter of it
     previous = np.inf
     for look in range(5000):
@@ -445,7 +499,7 @@ def _let_down(scene: Scene) -> Scene:
         pose = poses[-1]
         # Past the lowest point of this swing: let it go from here at rest. What is left in the end dies by itself.
         if way < previous and way > SETTLING_SHARE * contact.half_diagonal_m:
-            engine.set_state(pose, np.zeros(3), np.zeros(3))
+            engine.set_state(pose, STILL, STILL)
         if max(way, previous) < limit:
             break
         previous = way
@@ -479,11 +533,11 @@ def _way(start: Pose, end: Pose, radius_m: float) -> float:
     return float(np.linalg.norm(np.array(end[0]) - start[0]) + turn * radius_m)
 
 
-def _start_of(contact: ContactModel, start: State | None) -> tuple[Pose, Array, Array]:
+def _start_of(contact: ContactModel, start: State | None) -> tuple[Pose, Vector, Vector]:
     """Pose and velocities in the engine's frames."""
     if start is None:
         pose = (tuple(contact.com_m.tolist()), tuple(contact.start_quaternion_xyzw.tolist()))
-        return pose, np.zeros(3), np.zeros(3)
+        return pose, STILL, STILL
     turn = contact.scene_from_support
     position = contact.com_m
     if start.position_m is not None:
@@ -492,8 +546,11 @@ def _start_of(contact: ContactModel, start: State | None) -> tuple[Pose, Array, 
     relative = quat.from_matrix(turn.T @ quat.matrix(given / np.linalg.norm(given)) @ turn)
     attitude = quat.product(relative, contact.start_quaternion_xyzw)
     pose = (tuple(position.tolist()), tuple(attitude.tolist()))
-    velocity = np.asarray(start.velocity_m_s, float) @ turn
-    return pose, velocity, np.asarray(start.angular_velocity_rad_s, float) @ turn
+    velocity, spin = (
+        tuple((np.asarray(given, float) @ turn).tolist())
+        for given in (start.velocity_m_s, start.angular_velocity_rad_s)
+    )
+    return pose, velocity, spin
 
 
 def _trajectory(
@@ -505,23 +562,30 @@ def _trajectory(
     return Trajectory(np.array(times_s), position @ turn.T + contact.origin_m, in_scene)
 
 
+@lru_cache(maxsize=8)
 def _barrier(scene: Scene) -> float:
-    """Least energy per mass that lifts the centre of mass over an edge of the support polygon, J/kg.
+    """Least energy per mass that overturns the rock, J/kg.
 
-    Tipping about an edge of direction t carries the centre of mass, at r from the edge, along a circle in the plane
-    across t; it rises by |z'| |r'| - z' . r', primes for the parts across t. Zero where the rock stands on less than
-    three points: a base that rolls has no such edge.
+    Whatever overturns it passes every tilt, so the least energy at the tilt where that is largest is needed in any
+    case. At a tilt the rock stands on its lowest foot, which touches the plane where it lay above it at the start: so
+    does the foot of a base that is nearly flat. For a block it is g R (1 - cos alpha).
     """
-    corners = support_polygon_m(scene.rock, scene.pedestal)
-    if len(corners) < 3:
-        return 0.0
-    along = np.roll(corners, -1, axis=0) - corners
-    along /= np.linalg.norm(along, axis=1)[:, None]
-    arm = scene.rock.com_m - corners
-    arm -= np.einsum("ij,ij->i", arm, along)[:, None] * along
-    up = np.array([0.0, 0.0, 1.0]) - along[:, 2:3] * along
-    rise = np.linalg.norm(up, axis=1) * np.linalg.norm(arm, axis=1) - np.einsum("ij,ij->i", up, arm)
-    return scene.gravity_m_s2 * float(rise.min())
+    contact = contact_of(scene)
+    up = np.array([0.0, 0.0, 1.0]) @ contact.scene_from_support
+    arms = -contact.points_body_m @ contact.support_from_body.T
+    contact_points = (contact.com_m - arms) * (1.0, 1.0, 0.0)
+    azimuth = np.deg2rad(np.arange(0.0, 360.0, BARRIER_AZIMUTHS_DEG))
+    axes = np.column_stack([np.cos(azimuth), np.sin(azimuth), np.zeros(len(azimuth))])
+    least = []
+    for tilt in np.deg2rad(np.arange(1.0, LARGEST_OPEN_TILT_DEG)):
+        turned = arms @ Rotation.from_rotvec(tilt * axes).as_matrix().transpose(0, 2, 1)
+        lowest = turned[..., 2].argmax(axis=1)
+        com = contact_points[lowest] + turned[np.arange(len(axes)), lowest]
+        least.append(((com - contact.com_m) @ up).min())
+    return scene.gravity_m_s2 * max(float(max(least)), 0.0)
+
+
+BARRIER_AZIMUTHS_DEG = 5.0
 
 
 def _speed_limit(scene: Scene, contact: ContactModel, motion: Motion, start: State | None) -> float:

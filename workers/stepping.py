@@ -28,16 +28,14 @@ from numpy.typing import NDArray
 from models.scene import ContactProperties
 from workers.contact import REACH_DEG, ContactModel
 from workers.engine import Engine, Pose
-from workers.quaternion import to_body, turn_vector
+from workers.quaternion import turn_vector
+from workers.way import Vector, Way
 
 Array = NDArray[np.float64]
 
 SHORT_CHUNK, LONG_CHUNK = 6, 64
 """Steps between two looks at the clearances: a landing costs half of it in repeated steps, a look costs some steps. The
 chunks are short after a landing and double in length while none comes."""
-
-REACH_MARGIN_DEG = 2.0
-"""The set of points is changed this much before its reach ends."""
 
 FEWEST_STEPS = 4
 """Of a chunk, however fast the rock turns toward the end of its points' reach."""
@@ -57,9 +55,6 @@ TRIES_TO_TOUCH = 4
 
 AHEAD = 1.5
 """Around a landing contacts are prepared this many times as far ahead as the rock's present speed takes its points."""
-
-ALOFT = 1e-4
-"""A rock whose feet are higher than this share of R above where they rest is aloft."""
 
 SOON = 0.1
 """Share of a step: a touch that comes sooner counts as one at the start."""
@@ -102,8 +97,8 @@ class Stepper:
         resolved_landing_m_s: float,
         iterations: int,
         pose: Pose,
-        velocity_m_s: Array,
-        angular_velocity_rad_s: Array,
+        velocity_m_s: Vector,
+        angular_velocity_rad_s: Vector,
     ) -> None:
         self._contact = contact
         self._surface = surface
@@ -111,30 +106,26 @@ class Stepper:
         self._ground_velocity = ground_velocity_m_s
         self._step = time_step_s
         self._impulse = float(np.linalg.norm(gravity_m_s2)) * time_step_s
+        self._fall = self._impulse * time_step_s
         self._fast = resolved_landing_m_s
         self._iterations = iterations
         self._grid = 0
         self._smooth_from = 0
-        self._lifted_m: dict[int, float] = {}
         self._ahead = SHORT_CHUNK
         self._pulls: list[list[float]] = []
         self._pulls_from = 0
         self.steps = 0
         """Engine steps taken, repeated ones included."""
-        self.poses: list[Pose] = [pose]
-        self.times_s: list[float] = [0.0]
-        self._kicked_s: list[float] = [0.0]
-        self._given = velocity_m_s, angular_velocity_rad_s
+        self.way = Way(contact, pose, velocity_m_s, angular_velocity_rad_s)
         self._upright = tuple(contact.start_quaternion_xyzw.tolist())
         self._reach = self._farthest = 0
-        self._engine = self._engine_for(self.tilt_deg())
-        self._engine.let_stick()
+        self._take_engine()
         self._set_state(time_step_s)
 
     @property
     def time_s(self) -> float:
         """Time of the latest pose."""
-        return self.times_s[-1]
+        return self.way.times_s[-1]
 
     def advance(self, steps: int) -> None:
         """Go on by about this many steps of the grid."""
@@ -145,10 +136,9 @@ class Stepper:
     def rest_until(self, grid: int) -> None:
         """Let the rock rest where it is up to a step of the grid."""
         self._grid = grid
-        self.poses.append(self.poses[-1])
-        self.times_s.append(grid * self._step)
-        self._kicked_s.append(self.times_s[-1])
-        self._engine.set_state(self.poses[-1], np.zeros(3), np.zeros(3))
+        pose, time_s = self.way.poses[-1], grid * self._step
+        self.way.append(pose, time_s, time_s)
+        self._engine.set_state(pose, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
     def gaps_m(self, positions_m: Array, quaternions_xyzw: Array) -> Array:
         """Clearances (m, points) of all points that were in reach so far."""
@@ -157,33 +147,46 @@ class Stepper:
 
     def tilt_deg(self) -> float:
         """Angle of the interface's normal, carried along with the rock, to where it was in the pose of the scene."""
-        x, y, z = turn_vector(self._upright, self.poses[-1][1])
+        x, y, z = turn_vector(self._upright, self.way.poses[-1][1])
         angle = math.sqrt(x * x + y * y + z * z)
         across = math.hypot(x, y) / angle if angle > 0.0 else 0.0
         return math.degrees(2.0 * math.asin(min(across * abs(math.sin(0.5 * angle)), 1.0)))
 
-    def _engine_for(self, tilt_deg: float) -> Engine:
-        """The engine whose points serve up to this tilt and a little more."""
-        last = len(REACH_DEG) - 1
-        while self._reach < last and tilt_deg > REACH_DEG[self._reach] - REACH_MARGIN_DEG:
-            self._reach += 1
-        while self._reach > 0 and tilt_deg < REACH_DEG[self._reach - 1] - 2.0 * REACH_MARGIN_DEG:
-            self._reach -= 1
-        self._farthest = max(self._farthest, self._reach)
-        tilt, contact = REACH_DEG[self._reach], self._contact
-        return engine_for(
-            contact, tilt, self._surface, self._impulse, self._fast, self._iterations, self._reach
-        )
+    def _room_steps(self) -> int:
+        """Steps for which the rock stays within reach of its points at twice its spin; changes the points for that.
 
-    def velocities(self, index: int) -> tuple[Array, Array]:
-        """Velocity (m/s) and angular velocity (rad/s) in the step that led to pose `index`, or at the start."""
-        if index == 0:
-            return self._given
-        (start, turned_from), (end, turned_to) = self.poses[index - 1], self.poses[index]
-        duration = self.times_s[index] - self.times_s[index - 1]
-        velocity = (np.array(end) - start) / duration
-        velocity[2] -= self._lifted_m.get(index - 1, 0.0) / duration
-        return velocity, np.array(turn_vector(turned_from, turned_to)) / duration
+        To fewer points only where they leave twice the room, or the sets would change to and fro.
+        """
+        tilt, last = math.radians(self.tilt_deg()), len(REACH_DEG) - 1
+        turned = 2.0 * math.hypot(*self.way.velocities(self.way.last)[1]) * self._step + 1e-12
+
+        def room(reach: int) -> int:
+            return LONG_CHUNK if reach == last else int((math.radians(REACH_DEG[reach]) - tilt) / turned)
+
+        reach = self._reach
+        while room(reach) < FEWEST_STEPS:
+            reach += 1
+        while (
+            reach > 0
+            and tilt < 0.5 * math.radians(REACH_DEG[reach - 1])
+            and room(reach - 1) > 2 * SHORT_CHUNK
+        ):
+            reach -= 1
+        if reach != self._reach:
+            self._reach = reach
+            self._farthest = max(self._farthest, reach)
+            self._take_engine()
+        return room(reach)
+
+    def _take_engine(self) -> None:
+        """Go on with the engine that has the points of the present reach."""
+        tilt, contact = REACH_DEG[self._reach], self._contact
+        self._engine = engine_for(
+            contact, tilt, self._surface, self._impulse, self._fall, self._fast, self._iterations, self._reach
+        )
+        self.way.look_at(self._engine.points)
+        self._engine.let_stick()
+        self._engine.set_state(self.way.lifted_pose(), *self.way.velocities(self.way.last))
 
     def _set_state(self, next_step_s: float, *, kicked_share: float = 0.5, ahead_s: float = 0.0) -> None:
         """Give the engine the latest pose, its feet at the height that belongs to a step of that duration.
@@ -191,67 +194,36 @@ class Stepper:
         That step's velocity is the one at `kicked_share` of it. Contacts are prepared for what the rock may do in
         `ahead_s`.
         """
-        index = len(self.poses) - 1
-        (x, y, z), attitude = self.poses[index]
-        velocity, spin = self.velocities(index)
-        arcs = kicked_share * next_step_s**2 * self._centripetal_m_s2(attitude, spin)
-        lift = self._lift_m(self._gaps_since(index)[0], arcs)
-        self._lifted_m[index] = lift
-        speed_1_s = abs(velocity[2]) / self._contact.half_diagonal_m + np.linalg.norm(spin)
-        prepared = AHEAD * ahead_s * float(speed_1_s)
-        self._engine.set_state(((x, y, z + lift), attitude), velocity, spin, prepared_share=prepared)
-
-    def _lift_m(self, gaps_m: Array, arcs_m: Array) -> float:
-        """Way up that brings the lowest foot to its arc's height; 0 where the rock is aloft."""
-        lift = -float((gaps_m - arcs_m).min())
-        return lift if abs(lift) < ALOFT * self._contact.half_diagonal_m else 0.0
-
-    def _centripetal_m_s2(self, attitude: tuple[float, float, float, float], spin_rad_s: Array) -> Array:
-        """Acceleration of each point in reach toward its axis of rotation, spin x (spin x arm), along the normal."""
-        x, y, z = spin_rad_s.tolist()
-        direction = to_body((z * x, z * y, -x * x - y * y), attitude)
-        return np.asarray(self._contact.centres_body_m[: self._engine.points] @ np.array(direction))
+        way, index = self.way, self.way.last
+        arcs = kicked_share * next_step_s**2 * way.centripetal_m_s2(index)
+        way.lift(way.lift_m(index, arcs))
+        prepared = AHEAD * ahead_s * way.speed_1_s(index)
+        self._engine.set_state(way.lifted_pose(), *way.velocities(index), prepared_share=prepared)
 
     def _chunk(self, steps: int) -> None:
-        first = len(self.poses) - 1
-        tilt_deg = self.tilt_deg()
-        engine = self._engine_for(tilt_deg)
-        if engine is not self._engine:
-            self._engine = engine
-            engine.let_stick()
-            self._set_state(self._step)
-        steps = self._within_reach(steps, tilt_deg, first)
+        way, first = self.way, self.way.last
+        steps = min(steps, self._room_steps())
         expected = (self._grid - 0.5) * self._step
-        if abs(self._kicked_s[-1] - expected) > 1e-9 * self._step:
+        if abs(way.kicked_s[-1] - expected) > 1e-9 * self._step:
             self._single(self._step, self.time_s + 0.5 * self._step)
             self._grid += 1
             steps -= 1
         if steps > 0:
-            self._engine.run(self._step, self._pulls_of(steps), self.poses)
-            grid = self._grid + np.arange(1, steps + 1)
-            self.times_s += (grid * self._step).tolist()
-            self._kicked_s += ((grid - 0.5) * self._step).tolist()
+            self._engine.run(self._step, self._pulls_of(steps), way.poses)
+            grid = range(self._grid + 1, self._grid + steps + 1)
+            way.times_s += [n * self._step for n in grid]
+            way.kicked_s += [(n - 0.5) * self._step for n in grid]
             self._grid += steps
             self.steps += steps
         self._mend(first)
 
-    def _within_reach(self, steps: int, tilt_deg: float, first: int) -> int:
-        """As many of the steps as leave the rock within the reach of its points, at twice its present spin."""
-        if self._reach == len(REACH_DEG) - 1:
-            return steps
-        spin = float(np.linalg.norm(self.velocities(first)[1]))
-        room = math.radians(REACH_DEG[self._reach] - tilt_deg)
-        return max(min(steps, int(room / (2.0 * spin * self._step + 1e-12))), FEWEST_STEPS)
-
     def _single(self, duration_s: float, kick_until_s: float, *, rebounds: bool = False) -> None:
         """One step of any duration whose kick covers the time from the last kick's end to `kick_until_s`."""
-        kicked = self._kicked_s[-1]
+        kicked = self.way.kicked_s[-1]
         before, after = self._ground_velocity(np.array([kicked, kick_until_s]))
         pull = (self._gravity * (kick_until_s - kicked) - (after - before)) / duration_s
         step = self._engine.rebound if rebounds else self._engine.step
-        self.poses.append(step(duration_s, tuple(pull.tolist())))
-        self.times_s.append(self.time_s + duration_s)
-        self._kicked_s.append(kick_until_s)
+        self.way.append(step(duration_s, tuple(pull.tolist())), self.time_s + duration_s, kick_until_s)
         self.steps += 1
 
     def _pulls_of(self, steps: int) -> list[list[float]]:
@@ -267,97 +239,97 @@ class Stepper:
     def _mend(self, first: int) -> None:
         """Look at the clearances since pose `first`; take back what a landing or a sinking point has spoilt."""
         back = max(first - 3, 0)
-        gaps = self._gaps_since(back)
+        gaps = self.way.gaps_since_m(back)
         sunk = gaps.min(axis=1) < -SUNK_SHARE * self._contact.half_diagonal_m
         sinks = np.flatnonzero(sunk[1:] & ~sunk[:-1]) + back
         smooth = max(back, self._smooth_from)
         landing = self._first_landing(gaps[smooth - back :], smooth, first)
-        self._ahead = min(2 * self._ahead, LONG_CHUNK) if landing is None else SHORT_CHUNK
+        if landing is None:
+            self._ahead = min(2 * self._ahead, LONG_CHUNK, self._steps_to_touch(gaps))
+        else:
+            self._ahead = SHORT_CHUNK
         if landing is not None and not (len(sinks) and sinks[0] < landing[0]):
             self._cut_at(*landing)
         elif len(sinks) and sinks[0] >= first:
             self._repeat(int(sinks[0]))
 
-    def _gaps_since(self, index: int) -> Array:
-        """Clearances (m, poses x points in reach) from pose `index` on."""
-        flat = np.array([position + quaternion for position, quaternion in self.poses[index:]])
-        return self._contact.gaps_m(flat[:, :3], flat[:, 3:], self._engine.points)
+    def _steps_to_touch(self, gaps: Array) -> int:
+        """Steps by whose end the next fast landing will be seen, if the points go on at their speeds."""
+        closing = (gaps[-2] - gaps[-1]) / self._step
+        coming = (closing > self._fast) & (gaps[-1] > 0.0)
+        if not coming.any():
+            return LONG_CHUNK
+        return max(
+            math.ceil(float((gaps[-1][coming] / closing[coming]).min()) / self._step) + 1, FEWEST_STEPS
+        )
 
     def _first_landing(self, gaps: Array, back: int, first: int) -> tuple[int, float] | None:
         """Pose, not before pose `first`, ahead of the first fast landing, and the time from it to the touch."""
         if len(gaps) < 3:
             return None
-        durations = np.diff(self.times_s[back:])[:, None]
-        closing = self._closing_m_s(gaps, back)
+        times_s = self.way.times_s[back:]
+        closing = self.way.closing_since_m_s(back, gaps)
         # In interval i (pose i to i + 1) a point lands if the speed and its change before carry it through.
         predicted = closing[:-1].copy()
         predicted[1:] += closing[1:-1] - closing[:-2]
         before = gaps[1:-1]
-        lands = (closing[:-1] > self._fast) & (before > 0.0) & (before < predicted * durations[1:])
+        lands = (closing[:-1] > self._fast) & (before > 0.0)
+        lands &= before < predicted * np.diff(times_s[1:])[:, None]
         lands[: max(first - back - 1, 0)] = False
         rows = np.flatnonzero(lands.any(axis=1))
         if not len(rows):
             return None
         here = int(rows[0]) + 1
         points = np.flatnonzero(lands[here - 1])
-        touch = self._time_to_touch(gaps, closing, back, here, points)
-        regular = np.isclose(durations[:, 0], self._step, rtol=1e-9)
-        steady = back + here - 1 > first and here > 2 and regular[here - 1] and regular[here - 2]
-        if touch < 0.5 * self._step and steady:
-            here -= 1
-            touch = self._time_to_touch(gaps, closing, back, here, points)
+        touch = self._time_to_touch(back + here, points, back)
+        if touch < 0.5 * self._step and back + here - 1 > first and here > 2:
+            durations = np.diff(times_s[here - 2 : here + 1])
+            if abs(durations - self._step).max() < 1e-9 * self._step:  # from a whole step further back
+                here -= 1
+                touch = self._time_to_touch(back + here, points, back)
         # A landing that the next one and a half steps do not bring was an extrapolation's error.
         return (back + here, touch) if touch <= 1.6 * self._step else None
 
-    def _time_to_touch(
-        self, gaps: Array, closing: Array, back: int, here: int, points: NDArray[np.intp]
-    ) -> float:
-        """Time from pose `here` to the first touch, for a step whose velocity is kicked up to the touch itself.
+    def _time_to_touch(self, index: int, points: NDArray[np.intp], smooth_from: int) -> float:
+        """Time from pose `index` to the first touch, for a step whose velocity is kicked up to the touch itself.
 
         Such a step moves points along their tangents at its start: what the mean speeds of the steps before have lost
         or gained by the turning of the tangent is taken out of their change, and half a step's of it is put back.
-        Unknown changes are taken as zero.
+        Unknown changes, those across pose `smooth_from`, are taken as zero.
         """
-        index = back + here
-        gap, speed = gaps[here, points], closing[here - 1, points]
-        spin = self.velocities(index)[1]
-        arcs = self._centripetal_m_s2(self.poses[index][1], spin)
+        way = self.way
+        gap, speed = way.gaps_m(index)[points], way.closing_m_s(index)[points]
+        arcs = way.centripetal_m_s2(index)
         arc = arcs[points]
-        before_s = self.times_s[index] - self.times_s[index - 1]
-        growth = arc.copy()
-        if here > 1:
-            middle_to_middle = 0.5 * (self.times_s[index] - self.times_s[index - 2])
-            growth += (speed - closing[here - 2, points]) / middle_to_middle
+        before_s = way.times_s[index] - way.times_s[index - 1]
+        growth = arc
+        if index - 2 >= smooth_from:
+            middle_to_middle = 0.5 * (way.times_s[index] - way.times_s[index - 2])
+            growth = arc + (speed - way.closing_m_s(index - 1)[points]) / middle_to_middle
         tangent = speed - 0.5 * before_s * arc
-        time = gap / speed
+        soonest = float((gap / speed).min())
         for _ in range(4):
-            way = gap + self._lift_m(gaps[here], arcs * time.min() ** 2)
-            closing_at_touch = np.maximum(tangent + growth * (0.5 * before_s + time), 0.5 * speed)
-            time = (1.0 - SHORT_OF_TOUCH) * way / closing_at_touch
-        return float(time.min())
+            lifted = gap + way.lift_m(index, arcs * soonest**2)
+            at_touch = np.maximum(tangent + growth * (0.5 * before_s + soonest), 0.5 * speed)
+            soonest = (1.0 - SHORT_OF_TOUCH) * float((lifted / at_touch).min())
+        return soonest
 
     def _repeat(self, index: int) -> None:
         """Take the step from pose `index` again, in parts and with contacts prepared far ahead."""
-        end_s = self.times_s[index + 1]
-        self._back_to(index)
+        end_s = self.way.times_s[index + 1]
+        self.way.back_to(index)
         part = (end_s - self.time_s) / PARTS_OF_A_REPEATED_STEP
         self._set_state(part, ahead_s=end_s - self.time_s)
         for _ in range(PARTS_OF_A_REPEATED_STEP):
             self._single(part, self.time_s + 0.5 * part)
-        self.times_s[-1] = end_s
+        self.way.times_s[-1] = end_s
         self._grid = round(end_s / self._step)
-        self._smooth_from = len(self.poses) - 1
+        self._smooth_from = self.way.last
         self._set_state(self._step)
-
-    def _back_to(self, index: int) -> None:
-        """Forget what came after pose `index`."""
-        for later in range(index, len(self.poses)):
-            self._lifted_m.pop(later, None)
-        del self.poses[index + 1 :], self.times_s[index + 1 :], self._kicked_s[index + 1 :]
 
     def _cut_at(self, index: int, touch_s: float) -> None:
         """Go back to pose `index`, step to the touch, to those that follow at once, and from there to the grid."""
-        self._back_to(index)
+        self.way.back_to(index)
         for _ in range(MOST_IMPACTS_AT_ONCE):
             if touch_s > SOON * self._step:
                 self._step_to_touch(touch_s)
@@ -368,7 +340,7 @@ class Stepper:
             impact_s = IMPACT_STEP * self._step
             self._set_state(impact_s, ahead_s=impact_s)
             self._single(impact_s, self.time_s + 0.5 * impact_s, rebounds=True)
-            self._smooth_from = len(self.poses) - 1
+            self._smooth_from = self.way.last
             self._grid = math.ceil(self.time_s / self._step + 0.5)  # leaves half a step to one and a half
             rest = self._grid * self._step - self.time_s
             touch_s = self._next_touch_s()
@@ -376,40 +348,30 @@ class Stepper:
                 break
         self._set_state(rest, ahead_s=rest)
         self._single(rest, self.time_s + 0.5 * rest)
-        self.times_s[-1] = self._grid * self._step
+        self.way.times_s[-1] = self._grid * self._step
         self._set_state(self._step)
 
     def _step_to_touch(self, touch_s: float) -> None:
         """A step that ends as a point touches down, and not so late that the point already carries."""
-        index = len(self.poses) - 1
+        way, index = self.way, self.way.last
         for tries_left in reversed(range(TRIES_TO_TOUCH)):
             self._set_state(touch_s, kicked_share=1.0, ahead_s=touch_s)
             self._single(touch_s, self.time_s + touch_s)
-            gaps = self._gaps_since(index)
-            closing = self._closing_m_s(gaps, index)[0]
-            attitude, spin = self.poses[-1][1], self.velocities(index + 1)[1]
-            arcs = 0.5 * touch_s**2 * self._centripetal_m_s2(attitude, spin)
+            closing = way.closing_m_s(index + 1)
+            arcs = 0.5 * touch_s**2 * way.centripetal_m_s2(index + 1)
             # A point that the engine stopped is left with its arc alone.
-            late = gaps[1] - arcs < 0.6 * SHORT_OF_TOUCH * touch_s * closing
+            late = way.gaps_m(index + 1) - arcs < 0.6 * SHORT_OF_TOUCH * touch_s * closing
             if tries_left == 0 or not ((closing > self._fast) & late).any():
                 return
-            self._back_to(index)
+            way.back_to(index)
             touch_s *= 1.0 - 2.0 * SHORT_OF_TOUCH
 
     def _next_touch_s(self) -> float:
         """Time from the latest pose to the next fast touch at the speeds of the step before; infinite if none comes."""
-        back = len(self.poses) - 2
-        gaps = self._gaps_since(back)
-        closing = self._closing_m_s(gaps, back)
-        coming = np.flatnonzero((closing[0] > self._fast) & (gaps[1] > 0.0))
-        return self._time_to_touch(gaps, closing, back, 1, coming) if len(coming) else math.inf
-
-    def _closing_m_s(self, gaps: Array, back: int) -> Array:
-        """Mean speed at which points came down between the poses from `back` on."""
-        lifted = [self._lifted_m.get(i, 0.0) for i in range(back, back + len(gaps) - 1)]
-        return np.asarray(
-            (gaps[:-1] + np.array(lifted)[:, None] - gaps[1:]) / np.diff(self.times_s[back:])[:, None]
-        )
+        index = self.way.last
+        coming = (self.way.closing_m_s(index) > self._fast) & (self.way.gaps_m(index) > 0.0)
+        points = np.flatnonzero(coming)
+        return self._time_to_touch(index, points, index - 1) if len(points) else math.inf
 
 
 def engine_for(
@@ -417,19 +379,22 @@ def engine_for(
     tilt_deg: float,
     surface: ContactProperties,
     impulse_m_s: float,
+    fall_m: float,
     rebound_from_m_s: float,
     iterations: int,
     slot: int,
 ) -> Engine:
     """A world for the tilts up to `tilt_deg`, kept while the same rock is shaken again; one at a time in a slot."""
-    wanted = (contact, tilt_deg, surface, impulse_m_s, rebound_from_m_s, iterations)
+    wanted = (contact, tilt_deg, surface, impulse_m_s, fall_m, rebound_from_m_s, iterations)
     if slot not in _IN_SLOT or _IN_SLOT[slot][0] != wanted:  # making a world destroys the slot's former one
         points = contact.points_within(tilt_deg)
         _IN_SLOT[slot] = wanted, Engine(contact, points, *wanted[2:], slot)
     return _IN_SLOT[slot][1]
 
 
-_IN_SLOT: dict[int, tuple[tuple[ContactModel, float, ContactProperties, float, float, int], Engine]] = {}
+_IN_SLOT: dict[
+    int, tuple[tuple[ContactModel, float, ContactProperties, float, float, float, int], Engine]
+] = {}
 
 
 PULLS_AT_ONCE = 1024

@@ -15,8 +15,9 @@ import pybullet
 
 from models import ContactProperties, Motion, Scene
 from workers import shake
+from workers.contact import contact_of
 from workers.presets import settings_of
-from workers.shake import contact_of, settled
+from workers.shake import settled
 from workers.stepping import engine_for
 
 ROUNDS = 7

@@ -12,7 +12,7 @@ edges of triangle meshes gives.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -142,6 +142,12 @@ class ContactModel:
         (_, _, height), (x, y, z, w) = pose
         up_body = np.array([2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)])
         return np.asarray(self.centres_body_m[:points] @ up_body + (height - self.radius_m))
+
+
+@lru_cache(maxsize=8)  # scenes compare by identity
+def contact_of(scene: Scene) -> ContactModel:
+    """Contact model of a scene, made once."""
+    return ContactModel.of(scene)
 
 
 def _vertices_that_can_touch(points_m: Array, size_m: float) -> tuple[Array, Array]:

@@ -6,12 +6,11 @@ import dataclasses
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial.transform import Rotation
 
 from models.errors import InputError
 from models.frames import azimuth_deg
@@ -23,10 +22,10 @@ from models.statics import (
     equilibrium_possible,
     holds_still,
     polygon,
-    quasi_static_toppling_m_s2,
 )
 from workers import quaternion as quat
-from workers.contact import LARGEST_OPEN_TILT_DEG, REACH_DEG, ContactModel
+from workers.certainty import REST_CERTAIN_SHARE, least_overturning_j_kg, weak_from_s
+from workers.contact import LARGEST_OPEN_TILT_DEG, REACH_DEG, ContactModel, contact_of
 from workers.engine import Pose
 from workers.presets import Settings, settings_of
 from workers.quaternion import to_body, turn_vector
@@ -212,7 +211,8 @@ class _Run:
         self.up = np.array([0.0, 0.0, 1.0]) @ turn
         speed_m_s = float(np.sqrt(scene.gravity_m_s2 * contact.half_diagonal_m))
         self.rest_speed = settings.rest_speed * speed_m_s
-        self.barrier_j_kg = _barrier(scene)
+        self.barrier_j_kg = least_overturning_j_kg(scene)
+        self.weak_from_s = weak_from_s(scene, motion) if shortcuts else np.inf
         self.speed_limit_m_s = _speed_limit(scene, contact, motion, start)
         pose, velocity, spin = _start_of(contact, start)
         self.start_pose = pose
@@ -281,7 +281,7 @@ class _Run:
 
     def _calms_down(self) -> bool:
         """Whether all that is left of the motion is weak, so is the rocking, and the rock has moved for good anyway."""
-        if self.stepper.time_s <= self._weak_from_s or not self._too_little_energy():
+        if self.stepper.time_s <= self.weak_from_s or not self._too_little_energy():
             return False
         position, quaternion = self._poses(self.stepper.way.last)
         return self._is_displaced(position[0], quaternion[0])
@@ -290,25 +290,6 @@ class _Run:
         """Whether the rock has slid or turned about the vertical so far that it counts as moved, however it rocks."""
         slid = self._slip(position, quaternion) > MOVED_SHARE * self.contact.half_diagonal_m
         return slid or self._yaw(quaternion) > MOVED_DEG
-
-    @cached_property
-    def _weak_from_s(self) -> float:
-        """Time from which the motion could be 1 / WEAK_SHARE times as strong and still neither tip nor drag the rock.
-
-        Tipped is what a slow acceleration of that azimuth would topple (:mod:`models.statics`).
-        """
-        stronger = self.motion.acceleration_m_s2 / WEAK_SHARE
-        downward = self.scene.gravity_m_s2 + stronger[:, 2]
-        azimuth = np.rad2deg(np.arctan2(stronger[:, 1], stronger[:, 0])) % 360.0
-        before = (azimuth // TIPPING_AZIMUTHS_DEG).astype(np.int64)
-        ratio = _tipping_ratios(self.scene)
-        tips = np.hypot(stronger[:, 0], stronger[:, 1]) >= downward * np.minimum(
-            ratio[before % len(ratio)], ratio[(before + 1) % len(ratio)]
-        )
-        pulls = self.gravity - stronger @ self.contact.scene_from_support
-        drags = np.hypot(pulls[:, 0], pulls[:, 1]) >= -self.scene.contact.friction_kinetic * pulls[:, 2]
-        strong = np.flatnonzero(tips | drags)
-        return (strong[-1] + 1) * self.motion.time_step_s if len(strong) else 0.0
 
     def _too_little_energy(self) -> bool:
         """Whether the rock rocks with far less energy than overturns it, and does not slide."""
@@ -418,29 +399,6 @@ class _Run:
         kinetic = 0.5 * (np.dot(velocity, velocity) + float(self.contact.principal_inertia_m2 @ squared))
         # Measured along the normal: what a slope gives to a rock that slides is taken by friction.
         return kinetic + self.scene.gravity_m_s2 * max(position[2] - self.start_pose[0][2], 0.0)
-
-
-REST_CERTAIN_SHARE = 0.1
-"""Share of the least energy that overturns, below which a rock on ground at rest or weakly moved is certain to stay."""
-
-WEAK_SHARE = 0.25
-"""A motion is weak that stays within this share of what would tip the rock slowly or drag it over its pedestal."""
-
-TIPPING_AZIMUTHS_DEG = 10.0
-
-
-@lru_cache(maxsize=8)
-def _tipping_ratios(scene: Scene) -> Array:
-    """Constant horizontal acceleration that topples the rock, over gravity, by azimuth from 0 up."""
-    azimuths = np.arange(0.0, 360.0, TIPPING_AZIMUTHS_DEG).tolist()
-    least = quasi_static_toppling_m_s2(scene.rock, scene.pedestal, scene.gravity_m_s2, azimuths)
-    return np.array([value for _, value in least]) / scene.gravity_m_s2
-
-
-@lru_cache(maxsize=8)  # scenes compare by identity
-def contact_of(scene: Scene) -> ContactModel:
-    """Contact model of a scene, made once."""
-    return ContactModel.of(scene)
 
 
 @lru_cache(maxsize=8)
@@ -560,32 +518,6 @@ def _trajectory(
     relative = quat.product(quaternion, quat.inverse(contact.start_quaternion_xyzw))
     in_scene = np.column_stack([relative[:, :3] @ turn.T, relative[:, 3]])
     return Trajectory(np.array(times_s), position @ turn.T + contact.origin_m, in_scene)
-
-
-@lru_cache(maxsize=8)
-def _barrier(scene: Scene) -> float:
-    """Least energy per mass that overturns the rock, J/kg.
-
-    Whatever overturns it passes every tilt, so the least energy at the tilt where that is largest is needed in any
-    case. At a tilt the rock stands on its lowest foot, which touches the plane where it lay above it at the start: so
-    does the foot of a base that is nearly flat. For a block it is g R (1 - cos alpha).
-    """
-    contact = contact_of(scene)
-    up = np.array([0.0, 0.0, 1.0]) @ contact.scene_from_support
-    arms = -contact.points_body_m @ contact.support_from_body.T
-    contact_points = (contact.com_m - arms) * (1.0, 1.0, 0.0)
-    azimuth = np.deg2rad(np.arange(0.0, 360.0, BARRIER_AZIMUTHS_DEG))
-    axes = np.column_stack([np.cos(azimuth), np.sin(azimuth), np.zeros(len(azimuth))])
-    least = []
-    for tilt in np.deg2rad(np.arange(1.0, LARGEST_OPEN_TILT_DEG)):
-        turned = arms @ Rotation.from_rotvec(tilt * axes).as_matrix().transpose(0, 2, 1)
-        lowest = turned[..., 2].argmax(axis=1)
-        com = contact_points[lowest] + turned[np.arange(len(axes)), lowest]
-        least.append(((com - contact.com_m) @ up).min())
-    return scene.gravity_m_s2 * max(float(max(least)), 0.0)
-
-
-BARRIER_AZIMUTHS_DEG = 5.0
 
 
 def _speed_limit(scene: Scene, contact: ContactModel, motion: Motion, start: State | None) -> float:

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from models import InputError, Motion, Scene
-from models.shapes import box
+from models.shapes import box, ellipsoid
 from workers import shake
+from workers.certainty import least_overturning_j_kg
 
 G = 9.81
 
@@ -67,6 +68,31 @@ def test_skipping_rest_neither_raises_nor_lowers_the_rocking():
         assert short.steps < whole.steps
         differences.append(np.log(short.max_tilt_deg / whole.max_tilt_deg))
     assert abs(np.mean(differences)) < 3 * np.std(differences) / np.sqrt(len(differences))
+
+
+def test_a_weak_end_of_a_motion_is_left_out_and_a_strong_one_is_not():
+    rock = ellipsoid(
+        (0.5, 0.5, 0.3), 3
+    )  # nothing resists its rolling: it is never at rest while the ground moves
+    scene = Scene.from_mesh((rock.vertices_m, rock.faces), friction=0.5)
+    strong, weak = noise(3, 12.0, 3.0), noise(4, 0.15, 30.0)
+    weak_end = Motion(np.vstack([strong.acceleration_m_s2, weak.acceleration_m_s2]), 0.02)
+    short, whole = (shake(scene, weak_end, "fast", shortcuts=s) for s in (True, False))
+    assert (short.ended_by, short.outcome) == ("rest_certain", "moved")
+    assert whole.outcome == "moved"
+    assert short.simulated_s < 5.0 < 30.0 < whole.simulated_s
+    strong_end = Motion(np.vstack([weak_end.acceleration_m_s2, strong.acceleration_m_s2]), 0.02)
+    assert shake(scene, strong_end, "fast").simulated_s > weak_end.duration_s
+
+
+@pytest.mark.parametrize("slope_deg", [0.0, 5.0])
+def test_the_least_energy_that_overturns_a_block_lifts_it_over_its_lower_edge(slope_deg):
+    rock = box(0.2, 0.35, 0.6)
+    scene = Scene.from_mesh((rock.vertices_m, rock.faces), slope_deg=slope_deg, slope_azimuth_deg=0.0)
+    alpha = np.arctan2(0.2, 0.6) - np.deg2rad(slope_deg)
+    exact = G * np.hypot(0.2, 0.6) * (1.0 - np.cos(alpha))
+    # Looked for at whole degrees of tilt: a miss by half a degree costs (.5 / alpha)^2 / 2 of it.
+    assert least_overturning_j_kg(scene) == pytest.approx(exact, rel=2e-3)
 
 
 def test_a_rock_that_still_slides_after_the_motion_slides_to_its_end():

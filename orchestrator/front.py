@@ -1,7 +1,7 @@
 """The front of speed against error: how often each setting's answers differ from the converged ones, and its cost.
 
 Answers near a threshold are chaotic. The share that flips is therefore read against a floor: the share that flips in
-the converged setting when the motion is scaled by 1 + 1e-6.
+the converged setting when the rock starts a millionth of its height above where it rests.
 """
 
 from __future__ import annotations
@@ -16,15 +16,16 @@ import numpy as np
 import pandas as pd
 from scipy.stats import binomtest
 
-from models import Motion, Scene
+from models import Scene
 from models.motions.ensemble import Ensemble
 from models.motions.impose import impose
 from results.fits import fit
 from workers import shake
 from workers.presets import PRESETS, Settings
+from workers.shake import State, settled
 
-DISTURBED = 1.0 + 1e-6
-"""Factor on the motion that measures the floor of chaos."""
+RAISED_SHARE = 1e-6
+"""Of its height, by which the rock is raised at the start to measure the floor of chaos."""
 
 CONVERGED = "reference"
 """The preset that the others are compared with."""
@@ -82,19 +83,27 @@ def answers(
     jobs: list[Job],
     settings: Settings,
     *,
-    scale: float = 1.0,
+    disturbed: bool = False,
     shortcuts: bool = True,
     processes: int = 2,
     seen: Callable[[], None] = lambda: None,
 ) -> Answers:
-    """Shake every job with one setting, in some processes; `seen` is called after each job."""
+    """Shake every job with one setting, in some processes; `seen` is called after each job.
+
+    Where `disturbed`, the rock starts as :func:`raised` says.
+    """
     rows = []
     with ProcessPoolExecutor(processes, initializer=_load, initargs=(scene, ensemble)) as pool:
-        for row in pool.map(_shake, jobs, repeat(settings), repeat(scale), repeat(shortcuts)):
+        for row in pool.map(_shake, jobs, repeat(settings), repeat(disturbed), repeat(shortcuts)):
             rows.append(row)
             seen()
     toppled, cost, simulated, depth = zip(*rows, strict=True)
     return Answers(np.array(toppled, bool), float(sum(cost)), float(sum(simulated)), float(max(depth)))
+
+
+def raised(scene: Scene) -> State:
+    """The rock of a settled scene a millionth of its height above where it rests."""
+    return State(position_m=scene.rock.com_m + np.array([0.0, 0.0, RAISED_SHARE * scene.rock.height_m]))
 
 
 def compare(jobs: list[Job], said: Mapping[str, Answers], converged: Answers) -> pd.DataFrame:
@@ -137,13 +146,15 @@ _ASSETS: list[tuple[Scene, Ensemble]] = []
 
 
 def _load(scene: Path, ensemble: Path) -> None:
-    _ASSETS.append((Scene.load(scene), Ensemble.load(ensemble)))
+    _ASSETS.append((settled(Scene.load(scene)), Ensemble.load(ensemble)))
 
 
-def _shake(job: Job, settings: Settings, scale: float, shortcuts: bool) -> tuple[bool, float, float, float]:
+def _shake(
+    job: Job, settings: Settings, disturbed: bool, shortcuts: bool
+) -> tuple[bool, float, float, float]:
     scene, ensemble = _ASSETS[0]
     motion = impose(ensemble.record(job.record_id), job.pga_m_s2, job.azimuth_deg).motion
-    scaled = Motion(motion.acceleration_m_s2 * scale, motion.time_step_s)
-    result = shake(scene, scaled, settings, shortcuts=shortcuts)
+    start = raised(scene) if disturbed else None
+    result = shake(scene, motion, settings, shortcuts=shortcuts, initial=start)
     depth = result.penetration_m / scene.rock.half_diagonal_m
     return bool(result.toppled), result.wall_s, result.simulated_s, depth

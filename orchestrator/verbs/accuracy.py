@@ -7,7 +7,7 @@ from rich.console import Console
 from rich.progress import Progress
 
 from models.motions.ensemble import Ensemble
-from orchestrator.front import CONVERGED, DISTURBED, EXPLORED, answers, compare, draw_jobs
+from orchestrator.front import CONVERGED, EXPLORED, answers, compare, draw_jobs
 from results.figures import front_figure, save
 from workers.presets import PRESETS
 
@@ -40,7 +40,8 @@ def accuracy(
 
     Jobs of any record, level and azimuth are shaken with every preset. Answers near a threshold are chaotic: the share
     that flips against 'reference' is to be read beside the floor, the share that flips in 'reference' itself when the
-    motion is scaled by 1 + 1e-6. Writes accuracy.csv and the front of error against cost (front.png, front.svg).
+    rock starts a millionth of its height above where it rests. Writes accuracy.csv and the front of error against cost
+    (front.png, front.svg).
 
     \b
     toppling accuracy scenes/rock ensembles/quakes --jobs 200 --out accuracy
@@ -58,7 +59,7 @@ def accuracy(
             for name, one in settings.items()
         }
         disturbed = answers(
-            scene, ensemble, jobs, PRESETS[CONVERGED], scale=DISTURBED, processes=workers, seen=seen
+            scene, ensemble, jobs, PRESETS[CONVERGED], disturbed=True, processes=workers, seen=seen
         )
     table = compare(jobs, {**said, f"{CONVERGED}, disturbed": disturbed}, said[CONVERGED])
     out.mkdir(parents=True, exist_ok=True)

@@ -1,4 +1,8 @@
-"""What makes it certain, before a motion has ended, that a rock will stand."""
+"""When it is certain, before a motion has ended, that a rock will stand.
+
+On ground at rest that is a matter of energy, which never grows. On ground that still moves weakly it is measured
+(docs/shortcuts.md), not proven: a motion in step with the rocking might feed it.
+"""
 
 from __future__ import annotations
 
@@ -10,8 +14,8 @@ from scipy.spatial.transform import Rotation
 
 from models.motions.motion import Motion
 from models.scene import Scene
-from models.statics import quasi_static_toppling_m_s2
-from workers.contact import LARGEST_OPEN_TILT_DEG, contact_of
+from models.statics import TOPPLED_TILT_DEG, quasi_static_toppling_m_s2
+from workers.contact import contact_of
 
 Array = NDArray[np.float64]
 
@@ -21,42 +25,51 @@ REST_CERTAIN_SHARE = 0.1
 WEAK_SHARE = 0.25
 """A motion is weak that stays within this share of what would tip the rock slowly or drag it over its pedestal."""
 
+WEAK_TILT_DEG, WEAK_YAW_DEG = 3.0, 30.0
+"""What tips the rock is known for the pose that it started in, so only near that pose is a motion called weak."""
+
 AZIMUTH_STEP_DEG = 10.0
 
 
 def weak_from_s(scene: Scene, motion: Motion) -> float:
     """Time from which a motion is weak, s: at 1 / WEAK_SHARE times its strength it would neither tip nor drag the rock.
 
-    What tips it is the constant acceleration of that azimuth which, slowly applied, topples (:mod:`models.statics`).
+    What tips it is the least constant acceleration of any azimuth that, slowly applied, topples
+    (:mod:`models.statics`): of any, since a rock that has turned has its weakest side elsewhere.
     """
     stronger = motion.acceleration_m_s2 / WEAK_SHARE
     downward = scene.gravity_m_s2 + stronger[:, 2]
-    azimuth = np.rad2deg(np.arctan2(stronger[:, 1], stronger[:, 0])) % 360.0
-    before = (azimuth // AZIMUTH_STEP_DEG).astype(np.int64)
-    ratio = _tipping_ratios(scene)
-    least = np.minimum(ratio[before % len(ratio)], ratio[(before + 1) % len(ratio)])
-    tips = np.hypot(stronger[:, 0], stronger[:, 1]) >= downward * least
+    holds = np.hypot(stronger[:, 0], stronger[:, 1]) < downward * _tipping_ratio(scene)
     pulls = (np.array([0.0, 0.0, -scene.gravity_m_s2]) - stronger) @ contact_of(scene).scene_from_support
-    drags = np.hypot(pulls[:, 0], pulls[:, 1]) >= -scene.contact.friction_kinetic * pulls[:, 2]
-    strong = np.flatnonzero(tips | drags)
+    grips = np.hypot(pulls[:, 0], pulls[:, 1]) < -scene.contact.friction_kinetic * pulls[:, 2]
+    strong = np.flatnonzero(~(holds & grips))
     return (strong[-1] + 1) * motion.time_step_s if len(strong) else 0.0
 
 
 @lru_cache(maxsize=8)
-def _tipping_ratios(scene: Scene) -> Array:
-    """Constant horizontal acceleration that topples the rock, over gravity, by azimuth from 0 up."""
+def _tipping_ratio(scene: Scene) -> float:
+    """Least constant horizontal acceleration that topples the rock, over gravity."""
     azimuths = np.arange(0.0, 360.0, AZIMUTH_STEP_DEG).tolist()
     least = quasi_static_toppling_m_s2(scene.rock, scene.pedestal, scene.gravity_m_s2, azimuths)
-    return np.array([value for _, value in least]) / scene.gravity_m_s2
+    return min(value for _, value in least) / scene.gravity_m_s2
+
+
+def least_overturning_j_kg(scene: Scene, tilt_deg: float = 0.0) -> float:
+    """Least energy per mass, above that of the start, that overturns a rock tilted so far, J/kg.
+
+    Whatever overturns it passes every larger tilt, up to that at which it counts as toppled: the least energy at the
+    tilt where that is largest is needed in any case. For a block it is g R (1 - cos alpha).
+    """
+    by_tilt = _least_energies_j_kg(scene)
+    return float(by_tilt[min(int(tilt_deg), len(by_tilt) - 1) :].max())
 
 
 @lru_cache(maxsize=8)
-def least_overturning_j_kg(scene: Scene) -> float:
-    """Least energy per mass that overturns the rock, J/kg.
+def _least_energies_j_kg(scene: Scene) -> Array:
+    """Least potential energy per mass at each whole degree of tilt, above that of the start.
 
-    Whatever overturns it passes every tilt, so the least energy at the tilt where that is largest is needed in any
-    case. At a tilt the rock stands on its lowest foot, which touches the plane where it lay above it at the start: so
-    does the foot of a base that is nearly flat. For a block it is g R (1 - cos alpha).
+    The rock stands on its lowest foot, which touches the plane where it lay above it at the start: so does the foot of
+    a base that is nearly flat.
     """
     contact = contact_of(scene)
     up = np.array([0.0, 0.0, 1.0]) @ contact.scene_from_support
@@ -65,9 +78,9 @@ def least_overturning_j_kg(scene: Scene) -> float:
     azimuth = np.deg2rad(np.arange(0.0, 360.0, AZIMUTH_STEP_DEG))
     axes = np.column_stack([np.cos(azimuth), np.sin(azimuth), np.zeros(len(azimuth))])
     least = []
-    for tilt in np.deg2rad(np.arange(1.0, LARGEST_OPEN_TILT_DEG)):
+    for tilt in np.deg2rad(np.arange(0.0, TOPPLED_TILT_DEG + 1.0)):
         turned = arms @ Rotation.from_rotvec(tilt * axes).as_matrix().transpose(0, 2, 1)
         lowest = turned[..., 2].argmax(axis=1)
         com = contact_points[lowest] + turned[np.arange(len(axes)), lowest]
         least.append(((com - contact.com_m) @ up).min())
-    return scene.gravity_m_s2 * max(float(max(least)), 0.0)
+    return scene.gravity_m_s2 * np.array(least)

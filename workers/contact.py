@@ -132,16 +132,22 @@ class ContactModel:
         -------
         (m, points) array
         """
-        x, y, z, w = quaternions_xyzw.T
-        up_body = np.array([2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)])
-        above_centre_m = positions_m[:, 2:3] + up_body.T @ self.centres_body_m[:points].T
+        above_centre_m = (
+            positions_m[:, 2:3] + _normals_body(quaternions_xyzw).T @ self.centres_body_m[:points].T
+        )
         return np.asarray(above_centre_m - self.radius_m)
 
     def gaps_of_pose_m(self, pose: tuple[tuple[float, ...], tuple[float, ...]], points: int) -> Array:
         """The same for one pose and the first so many points, (points,)."""
-        (_, _, height), (x, y, z, w) = pose
-        up_body = np.array([2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)])
-        return np.asarray(self.centres_body_m[:points] @ up_body + (height - self.radius_m))
+        (_, _, height), attitude = pose
+        above_m = height - self.radius_m
+        return np.asarray(self.centres_body_m[:points] @ _normals_body(np.array(attitude)) + above_m)
+
+
+def _normals_body(quaternions_xyzw: Array) -> Array:
+    """The interface's normal (3,) or (3, m) in the body frame, for attitudes (4,) or (m, 4)."""
+    x, y, z, w = quaternions_xyzw.T
+    return np.array([2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)])
 
 
 @lru_cache(maxsize=8)  # scenes compare by identity

@@ -17,9 +17,8 @@ Array = NDArray[np.float64]
 Pose = tuple[tuple[float, float, float], tuple[float, float, float, float]]
 
 NEAR_STEPS = 0.8
-"""Contacts are prepared for points that gravity brings down within a step, and a little less: within this share of
-g (step)^2, so that a landing that is too slow to cut a step at stops at the surface and not below it. Points farther
-off only add to the solver's work."""
+"""Contacts are prepared within this share of g (step)^2, what gravity adds to a way in a step, so that a landing too
+slow to cut a step at stops at the surface and not below it. Points farther off only add to the solver's work."""
 
 NEAREST_SHARE = 2e-5
 """Of R: within so much contacts are prepared however short the step, as feet at rest stand off by a tenth of it."""
@@ -99,6 +98,11 @@ class Engine:
         """Give the contact its static friction, as it has before it slips."""
         self._grip = [0.0, 0.0, 0.0]
         self._set_friction(self._surface.friction_static)
+
+    def hold_as(self, other: Engine) -> None:
+        """Let the contact stick or slip as in another engine, from which this one takes the rock over."""
+        self._grip = other._grip
+        self._set_friction(other._friction)
 
     def _set_friction(self, friction: float) -> None:
         # Bullet multiplies the two bodies' coefficients; the rock's is 1.

@@ -6,7 +6,7 @@ import dataclasses
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -24,7 +24,13 @@ from models.statics import (
     polygon,
 )
 from workers import quaternion as quat
-from workers.certainty import REST_CERTAIN_SHARE, least_overturning_j_kg, weak_from_s
+from workers.certainty import (
+    REST_CERTAIN_SHARE,
+    WEAK_TILT_DEG,
+    WEAK_YAW_DEG,
+    least_overturning_j_kg,
+    weak_from_s,
+)
 from workers.contact import LARGEST_OPEN_TILT_DEG, REACH_DEG, ContactModel, contact_of
 from workers.engine import Pose
 from workers.presets import Settings, settings_of
@@ -211,8 +217,6 @@ class _Run:
         self.up = np.array([0.0, 0.0, 1.0]) @ turn
         speed_m_s = float(np.sqrt(scene.gravity_m_s2 * contact.half_diagonal_m))
         self.rest_speed = settings.rest_speed * speed_m_s
-        self.barrier_j_kg = least_overturning_j_kg(scene)
-        self.weak_from_s = weak_from_s(scene, motion) if shortcuts else np.inf
         self.speed_limit_m_s = _speed_limit(scene, contact, motion, start)
         pose, velocity, spin = _start_of(contact, start)
         self.start_pose = pose
@@ -254,7 +258,7 @@ class _Run:
                 if self.shortcuts and self._too_little_energy():
                     return "ok", "rest_certain"
                 if self.stepper.time_s > cap_s:
-                    certain = self._energy() < self.barrier_j_kg
+                    certain = self._energy() < self._barrier()
                     return ("ok", "rest_certain") if certain else ("undecided", "time_cap")
             elif self.shortcuts and ((at_rest and self._rests_for_good()) or self._calms_down()):
                 return "ok", "rest_certain"
@@ -268,6 +272,9 @@ class _Run:
         """
         first = int(self.stepper.time_s / self.motion.time_step_s)
         pulls = self.gravity - self.motion.acceleration_m_s2[first:] @ self.contact.scene_from_support
+        soon = int(BLOCK * self.step_s / self.motion.time_step_s) + 1
+        if not self._holds(pulls[:soon]).all():  # spares a look at the whole record
+            return False
         held = self._holds(np.vstack([pulls, self.gravity]))  # after its last sample the ground is still
         if held.all():
             self.skipped_s += max(self.motion.duration_s - self.stepper.time_s, 0.0)
@@ -280,11 +287,19 @@ class _Run:
         return False
 
     def _calms_down(self) -> bool:
-        """Whether all that is left of the motion is weak, so is the rocking, and the rock has moved for good anyway."""
-        if self.stepper.time_s <= self.weak_from_s or not self._too_little_energy():
+        """Whether all that is left of the motion is weak, so is the rocking, and the rock is displaced anyway."""
+        if self.stepper.time_s <= self._weak_from_s or not self._too_little_energy():
             return False
         position, quaternion = self._poses(self.stepper.way.last)
-        return self._is_displaced(position[0], quaternion[0])
+        near = self._tilt(quaternion)[0] < WEAK_TILT_DEG and self._yaw(quaternion[0]) < WEAK_YAW_DEG
+        calm = bool(near and self._is_displaced(position[0], quaternion[0]))
+        if calm:
+            self.skipped_s += self.motion.duration_s - self.stepper.time_s
+        return calm
+
+    @cached_property
+    def _weak_from_s(self) -> float:
+        return weak_from_s(self.scene, self.motion)
 
     def _is_displaced(self, position: Array, quaternion: Array) -> bool:
         """Whether the rock has slid or turned about the vertical so far that it counts as moved, however it rocks."""
@@ -293,7 +308,11 @@ class _Run:
 
     def _too_little_energy(self) -> bool:
         """Whether the rock rocks with far less energy than overturns it, and does not slide."""
-        return self._energy() < REST_CERTAIN_SHARE * self.barrier_j_kg and not self._slides()
+        return self._energy() < REST_CERTAIN_SHARE * self._barrier() and not self._slides()
+
+    def _barrier(self) -> float:
+        """Energy above that of the start that overturns the rock from its latest tilt, per mass."""
+        return least_overturning_j_kg(self.scene, float(self._tilt(self._poses(self.stepper.way.last)[1])[0]))
 
     def _holds(self, pulls_m_s2: Array) -> NDArray[np.bool_]:
         """Whether the feet that touch in the latest pose can hold the rock under each pull, support frame."""

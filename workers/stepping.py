@@ -28,17 +28,16 @@ from numpy.typing import NDArray
 from models.scene import ContactProperties
 from workers.contact import REACH_DEG, ContactModel
 from workers.engine import Engine, Pose
-from workers.quaternion import turn_vector
 from workers.way import Vector, Way
 
 Array = NDArray[np.float64]
 
 SHORT_CHUNK, LONG_CHUNK = 6, 64
 """Steps between two looks at the clearances: a landing costs half of it in repeated steps, a look costs some steps. The
-chunks are short after a landing and double in length while none comes."""
+chunks are short after a landing and double in length while none comes, but end where the next one is expected."""
 
 FEWEST_STEPS = 4
-"""Of a chunk, however fast the rock turns toward the end of its points' reach."""
+"""Of a chunk: the points are changed where the rock may leave their reach within so many steps."""
 
 SUNK_SHARE = 1e-4
 """A point that newly sinks by this share of R was not seen coming: its step is taken again with foresight."""
@@ -117,9 +116,14 @@ class Stepper:
         self.steps = 0
         """Engine steps taken, repeated ones included."""
         self.way = Way(contact, pose, velocity_m_s, angular_velocity_rad_s)
-        self._upright = tuple(contact.start_quaternion_xyzw.tolist())
-        self._reach = self._farthest = 0
-        self._take_engine()
+        counts = [contact.points_within(tilt) for tilt in REACH_DEG]
+        self._reaches = [i for i, count in enumerate(counts) if count not in counts[i + 1 :]]
+        """Of each number of points, the farthest reach."""
+        self._narrow_from = 0
+        self._reach = self._farthest = self._reaches[0]
+        self._widen(self.way.largest_tilt_deg(0))
+        self._engine = self._engine_in_reach()
+        self._engine.let_stick()
         self._set_state(time_step_s)
 
     @property
@@ -145,48 +149,57 @@ class Stepper:
         points = self._contact.points_within(REACH_DEG[self._farthest])
         return self._contact.gaps_m(positions_m, quaternions_xyzw, points)
 
-    def tilt_deg(self) -> float:
-        """Angle of the interface's normal, carried along with the rock, to where it was in the pose of the scene."""
-        x, y, z = turn_vector(self._upright, self.way.poses[-1][1])
-        angle = math.sqrt(x * x + y * y + z * z)
-        across = math.hypot(x, y) / angle if angle > 0.0 else 0.0
-        return math.degrees(2.0 * math.asin(min(across * abs(math.sin(0.5 * angle)), 1.0)))
-
     def _room_steps(self) -> int:
         """Steps for which the rock stays within reach of its points at twice its spin; changes the points for that.
 
-        To fewer points only where they leave twice the room, or the sets would change to and fro.
+        To fewer points only below half their reach, and where they leave ample room, or the sets would change to and
+        fro.
         """
-        tilt, last = math.radians(self.tilt_deg()), len(REACH_DEG) - 1
-        turned = 2.0 * math.hypot(*self.way.velocities(self.way.last)[1]) * self._step + 1e-12
+        way, last = self.way, len(REACH_DEG) - 1
+        tilt_deg = way.largest_tilt_deg(way.last)
+        turned_deg = math.degrees(2.0 * math.hypot(*way.velocities(way.last)[1]) * self._step) + 1e-9
 
         def room(reach: int) -> int:
-            return LONG_CHUNK if reach == last else int((math.radians(REACH_DEG[reach]) - tilt) / turned)
+            return LONG_CHUNK if reach == last else int((REACH_DEG[reach] - tilt_deg) / turned_deg)
 
-        reach = self._reach
-        while room(reach) < FEWEST_STEPS:
-            reach += 1
-        while (
-            reach > 0
-            and tilt < 0.5 * math.radians(REACH_DEG[reach - 1])
-            and room(reach - 1) > 2 * SHORT_CHUNK
-        ):
-            reach -= 1
-        if reach != self._reach:
-            self._reach = reach
-            self._farthest = max(self._farthest, reach)
-            self._take_engine()
-        return room(reach)
+        before = self._reach
+        self._widen(tilt_deg + FEWEST_STEPS * turned_deg)
+        if self._reach == before and way.last >= self._narrow_from:
+            for reach in self._reaches:
+                if reach < before and tilt_deg < 0.5 * REACH_DEG[reach] and room(reach) > 2 * SHORT_CHUNK:
+                    self._reach = reach
+                    break
+        if self._reach != before:
+            self._change_engine()
+        return room(self._reach)
 
-    def _take_engine(self) -> None:
+    def _widen(self, tilt_deg: float) -> None:
+        """Reach at least as far as this tilt."""
+        reached = [reach for reach in self._reaches if REACH_DEG[reach] >= tilt_deg] or self._reaches[-1:]
+        self._reach = max(self._reach, reached[0])
+        self._farthest = max(self._farthest, self._reach)
+
+    def _change_engine(self) -> None:
         """Go on with the engine that has the points of the present reach."""
-        tilt, contact = REACH_DEG[self._reach], self._contact
-        self._engine = engine_for(
-            contact, tilt, self._surface, self._impulse, self._fall, self._fast, self._iterations, self._reach
-        )
-        self.way.look_at(self._engine.points)
-        self._engine.let_stick()
+        before = self._engine
+        self._engine = self._engine_in_reach()
+        self._engine.hold_as(before)
         self._engine.set_state(self.way.lifted_pose(), *self.way.velocities(self.way.last))
+
+    def _engine_in_reach(self) -> Engine:
+        reach = self._reach
+        engine = engine_for(
+            self._contact,
+            REACH_DEG[reach],
+            self._surface,
+            self._impulse,
+            self._fall,
+            self._fast,
+            self._iterations,
+            reach,
+        )
+        self.way.look_at(engine.points)
+        return engine
 
     def _set_state(self, next_step_s: float, *, kicked_share: float = 0.5, ahead_s: float = 0.0) -> None:
         """Give the engine the latest pose, its feet at the height that belongs to a step of that duration.
@@ -201,7 +214,7 @@ class Stepper:
         self._engine.set_state(way.lifted_pose(), *way.velocities(index), prepared_share=prepared)
 
     def _chunk(self, steps: int) -> None:
-        way, first = self.way, self.way.last
+        way, first, grid = self.way, self.way.last, self._grid
         steps = min(steps, self._room_steps())
         expected = (self._grid - 0.5) * self._step
         if abs(way.kicked_s[-1] - expected) > 1e-9 * self._step:
@@ -210,12 +223,29 @@ class Stepper:
             steps -= 1
         if steps > 0:
             self._engine.run(self._step, self._pulls_of(steps), way.poses)
-            grid = range(self._grid + 1, self._grid + steps + 1)
-            way.times_s += [n * self._step for n in grid]
-            way.kicked_s += [(n - 0.5) * self._step for n in grid]
+            coming = range(self._grid + 1, self._grid + steps + 1)
+            way.date([n * self._step for n in coming], [(n - 0.5) * self._step for n in coming])
             self._grid += steps
             self.steps += steps
-        self._mend(first)
+        if not self._left_reach(first, grid):
+            self._mend(first)
+
+    def _left_reach(self, first: int, grid: int) -> bool:
+        """Whether the rock left its points' reach after pose `first`: at rest it does not tell how fast it will turn.
+
+        Goes back to that pose then, with points that reach as far as the rock did.
+        """
+        if self._reach == len(REACH_DEG) - 1:
+            return False
+        farthest_deg = self.way.largest_tilt_deg(first)
+        if farthest_deg <= REACH_DEG[self._reach]:
+            return False
+        self._narrow_from, self._ahead = self.way.last, SHORT_CHUNK
+        self.way.back_to(first)
+        self._grid = grid
+        self._widen(farthest_deg)
+        self._change_engine()
+        return True
 
     def _single(self, duration_s: float, kick_until_s: float, *, rebounds: bool = False) -> None:
         """One step of any duration whose kick covers the time from the last kick's end to `kick_until_s`."""
@@ -242,26 +272,25 @@ class Stepper:
         gaps = self.way.gaps_since_m(back)
         sunk = gaps.min(axis=1) < -SUNK_SHARE * self._contact.half_diagonal_m
         sinks = np.flatnonzero(sunk[1:] & ~sunk[:-1]) + back
+        sinks = sinks[sinks >= first]
         smooth = max(back, self._smooth_from)
         landing = self._first_landing(gaps[smooth - back :], smooth, first)
         if landing is None:
-            self._ahead = min(2 * self._ahead, LONG_CHUNK, self._steps_to_touch(gaps))
+            self._ahead = min(2 * self._ahead, LONG_CHUNK, self._steps_to_touch())
         else:
             self._ahead = SHORT_CHUNK
         if landing is not None and not (len(sinks) and sinks[0] < landing[0]):
             self._cut_at(*landing)
-        elif len(sinks) and sinks[0] >= first:
+        elif len(sinks):
             self._repeat(int(sinks[0]))
 
-    def _steps_to_touch(self, gaps: Array) -> int:
+    def _steps_to_touch(self) -> int:
         """Steps by whose end the next fast landing will be seen, if the points go on at their speeds."""
-        closing = (gaps[-2] - gaps[-1]) / self._step
-        coming = (closing > self._fast) & (gaps[-1] > 0.0)
+        gaps, closing = self.way.gaps_m(self.way.last), self.way.closing_m_s(self.way.last)
+        coming = (closing > self._fast) & (gaps > 0.0)
         if not coming.any():
             return LONG_CHUNK
-        return max(
-            math.ceil(float((gaps[-1][coming] / closing[coming]).min()) / self._step) + 1, FEWEST_STEPS
-        )
+        return max(math.ceil(float((gaps[coming] / closing[coming]).min()) / self._step) + 1, FEWEST_STEPS)
 
     def _first_landing(self, gaps: Array, back: int, first: int) -> tuple[int, float] | None:
         """Pose, not before pose `first`, ahead of the first fast landing, and the time from it to the touch."""
@@ -322,7 +351,7 @@ class Stepper:
         self._set_state(part, ahead_s=end_s - self.time_s)
         for _ in range(PARTS_OF_A_REPEATED_STEP):
             self._single(part, self.time_s + 0.5 * part)
-        self.way.times_s[-1] = end_s
+        self.way.end_at(end_s)
         self._grid = round(end_s / self._step)
         self._smooth_from = self.way.last
         self._set_state(self._step)
@@ -348,7 +377,7 @@ class Stepper:
                 break
         self._set_state(rest, ahead_s=rest)
         self._single(rest, self.time_s + 0.5 * rest)
-        self.way.times_s[-1] = self._grid * self._step
+        self.way.end_at(self._grid * self._step)
         self._set_state(self._step)
 
     def _step_to_touch(self, touch_s: float) -> None:

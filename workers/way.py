@@ -18,6 +18,10 @@ ALOFT = 1e-4
 """A rock whose feet are higher than this share of R above where they rest is aloft."""
 
 
+CLEARANCES_KEPT = 32
+"""Of the latest poses that were asked for."""
+
+
 class Way:
     """Where the rock has been, support frame.
 
@@ -35,6 +39,7 @@ class Way:
         self, contact: ContactModel, pose: Pose, velocity_m_s: Vector, angular_velocity_rad_s: Vector
     ) -> None:
         self._contact = contact
+        self._normal_body = contact.support_from_body[2].tolist()
         self._given = velocity_m_s, angular_velocity_rad_s
         self.poses: list[Pose] = [pose]
         self.times_s: list[float] = [0.0]
@@ -60,13 +65,30 @@ class Way:
         self.times_s.append(time_s)
         self.kicked_s.append(kicked_s)
 
+    def date(self, time_s: list[float], kicked_s: list[float]) -> None:
+        """Give times to the latest poses, which the engine has added."""
+        self.times_s += time_s
+        self.kicked_s += kicked_s
+
+    def end_at(self, time_s: float) -> None:
+        """Take the latest pose as one of exactly this time, which sums of durations reach but for rounding."""
+        self.times_s[-1] = time_s
+
     def back_to(self, index: int) -> None:
-        """Forget what came after pose `index`, and that it was lifted."""
-        for later in range(index, len(self.poses)):
+        """Forget what came after pose `index`."""
+        for later in range(index + 1, len(self.poses)):
             self._lifted_m.pop(later, None)
-            if later > index:
-                self._gaps.pop(later, None)
+            self._gaps.pop(later, None)
         del self.poses[index + 1 :], self.times_s[index + 1 :], self.kicked_s[index + 1 :]
+
+    def largest_tilt_deg(self, index: int) -> float:
+        """Largest angle, from pose `index` on, of the interface's normal carried along to where it was in the scene."""
+        a, b, c = self._normal_body
+        cosine = min(
+            2 * ((x * z - y * w) * a + (y * z + x * w) * b) + (1 - 2 * (x * x + y * y)) * c
+            for _, (x, y, z, w) in self.poses[index:]
+        )
+        return math.degrees(math.acos(min(max(cosine, -1.0), 1.0)))
 
     def lift(self, way_m: float) -> None:
         """Take the latest pose as higher by `way_m`; its step's velocity does not count that way."""
@@ -95,6 +117,8 @@ class Way:
     def gaps_m(self, index: int) -> Array:
         """Clearances (points,) in pose `index`."""
         if index not in self._gaps:
+            if len(self._gaps) == CLEARANCES_KEPT:
+                self._gaps.clear()
             self._gaps[index] = self._contact.gaps_of_pose_m(self.poses[index], self._points)
         return self._gaps[index]
 

@@ -20,6 +20,7 @@ MISSED: dict[tuple, str] = {
     ("ratio", "reference", 45, 0.5): "0.08 %",
     ("ratio", "reference", 45, 0.9): "0.09 %",
     ("loss", "standard", 2, 0.1): "895 %: a landing too slow to be resolved",
+    ("loss", "standard", 2, 0.5): "-3.1 %",
     ("loss", "standard", 2, 0.9): "5.8 %",
     ("landing", "standard", 2, 0.999): "0.57 %",
     ("loss", "standard", 2, 0.999): "7.4 %",
@@ -222,8 +223,8 @@ def test_a_tall_block_that_slides_slows_as_its_friction_says(mu):
 )
 def test_a_rocking_block_rebounds_as_newtons_law_at_each_corner_says(preset, alpha_deg, restitution):
     error = case.rebound_error(alpha_deg, restitution, preset)
-    # Of alpha. Measured at most 1.2e-3: it depends on where in a step a rebound falls.
-    assert abs(error).max() < 2.5e-3
+    # Of alpha. Measured at most 4.7e-4 and, after the stronger rebound of the reference cases, 1.2e-3.
+    assert abs(error).max() < {"standard": 1e-3, "reference": 2.5e-3}[preset]
 
 
 @pytest.mark.slow

@@ -4,11 +4,13 @@ import hashlib
 
 import numpy as np
 import pytest
+import trimesh
 
 from models import InputError, Motion, Scene
 from models.shapes import box, ellipsoid
 from workers import shake
 from workers.certainty import least_overturning_j_kg
+from workers.shake import State
 
 G = 9.81
 
@@ -75,7 +77,7 @@ def test_a_weak_end_of_a_motion_is_left_out_and_a_strong_one_is_not():
         (0.5, 0.5, 0.3), 3
     )  # nothing resists its rolling: it is never at rest while the ground moves
     scene = Scene.from_mesh((rock.vertices_m, rock.faces), friction=0.5)
-    strong, weak = noise(3, 12.0, 3.0), noise(4, 0.15, 30.0)
+    strong, weak = noise(2, 8.0, 3.0), noise(4, 0.15, 30.0)
     weak_end = Motion(np.vstack([strong.acceleration_m_s2, weak.acceleration_m_s2]), 0.02)
     short, whole = (shake(scene, weak_end, "fast", shortcuts=s) for s in (True, False))
     assert (short.ended_by, short.outcome) == ("rest_certain", "moved")
@@ -83,6 +85,48 @@ def test_a_weak_end_of_a_motion_is_left_out_and_a_strong_one_is_not():
     assert short.simulated_s < 5.0 < 30.0 < whole.simulated_s
     strong_end = Motion(np.vstack([weak_end.acceleration_m_s2, strong.acceleration_m_s2]), 0.02)
     assert shake(scene, strong_end, "fast").simulated_s > weak_end.duration_s
+
+
+def test_it_does_not_matter_at_which_step_a_rock_at_rest_is_pushed():
+    # Points are taken in as the rock tilts; a push from rest turns it past all that are in at once.
+    rock = ellipsoid((0.5, 0.5, 0.42), 3)
+    scene = Scene.from_mesh((rock.vertices_m, rock.faces), friction=0.8)
+    push = np.repeat([20.0, -20.0], 12)
+    largest = []
+    for quiet in range(20, 41, 5):
+        along = np.concatenate([np.zeros(quiet), push, np.zeros(60 - quiet)])
+        result = shake(scene, Motion(np.outer(along, [1.0, 0.0, 0.0]), 0.01), "fast")
+        assert result.penetration_m < 1e-3 * scene.rock.half_diagonal_m
+        largest.append(result.max_tilt_deg)
+    assert np.ptp(largest) < 0.5  # measured .2: the grid of steps falls elsewhere on the push
+
+
+def test_a_rock_that_turned_its_thin_side_to_a_weak_motion_is_not_called_certain():
+    rock = box(0.1, 0.6, 0.6)
+    scene = Scene.from_mesh((rock.vertices_m, rock.faces), friction=0.8)
+    along = np.concatenate(
+        [np.zeros(100), np.full(500, 0.2 * G)]
+    )  # tips it at g / 6, or at g where it stood first
+    quarter = State(quaternion_xyzw=(0.0, 0.0, np.sqrt(0.5), np.sqrt(0.5)), velocity_m_s=(0.6, 0.0, 0.0))
+    result = shake(scene, Motion(np.outer(along, [0.0, 1.0, 0.0]), 0.01), "fast", initial=quarter)
+    assert result.toppled
+
+
+def test_a_peak_beyond_the_tilt_that_counts_as_toppled_holds_nothing():
+    # A foot of half width .05 m, and a facet at 50 degrees on which the rock would lie toppled.
+    corners = [
+        (side * x, y, z)
+        for side in (1, -1)
+        for y in (-0.6, 0.6)
+        for x, z in ((0.05, 0.0), (0.6, 0.655), (0.3, 0.8))
+    ]
+    hull = trimesh.convex.convex_hull(np.array(corners))
+    scene = Scene.from_mesh((hull.vertices, hull.faces), friction=0.9)
+    height = scene.rock.com_m[2]
+    edge = G * (np.hypot(0.05, height) - height)
+    assert least_overturning_j_kg(scene) == pytest.approx(
+        edge, rel=0.05
+    )  # it is passed between whole degrees
 
 
 @pytest.mark.parametrize("slope_deg", [0.0, 5.0])

@@ -35,7 +35,6 @@ def write_part(run_folder: PathLike, rows: Iterable[Mapping[str, Any]]) -> Path:
     Parameters
     ----------
     run_folder : path
-        Made if absent.
     rows : iterable of mapping
         Column name to value; a nullable column may be left out, and NaN is kept as null.
 
@@ -48,10 +47,12 @@ def write_part(run_folder: PathLike, rows: Iterable[Mapping[str, Any]]) -> Path:
     ------
     ValueError
         If there are no rows, a row has a column that the schema does not know, or lacks a required one.
+    FileNotFoundError
+        If there is no such folder: one that vanished under a run is not made anew, its earlier rows are gone.
     """
     table = _table_of(list(rows))
     folder = Path(run_folder) / PARTS_FOLDER
-    folder.mkdir(parents=True, exist_ok=True)
+    folder.mkdir(exist_ok=True)
     # Names sort by time of writing; the random tail keeps two writers by mistake from overwriting each other.
     return _write(table, folder / f"part-{time.time_ns():020d}-{uuid.uuid4().hex[:8]}.parquet")
 

@@ -112,6 +112,7 @@ def as_frame_of(jobs):
 
 
 def test_the_command_draws_every_map_with_the_table_behind_it(tmp_path):
+    (tmp_path / "run").mkdir()
     write_part(tmp_path / "run", rows(records=6, levels=(2, 6, 10), azimuths=(0.0, 135.0)))
     done = CliRunner().invoke(cli, ["fragility", str(tmp_path / "run"), "--out", str(tmp_path / "maps")])
     assert done.exit_code == 0, done.output

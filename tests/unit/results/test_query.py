@@ -18,6 +18,7 @@ from results.store import compact, write_part
 @pytest.fixture
 def run_folder(tmp_path):
     folder = tmp_path / "run"
+    folder.mkdir()
     write_part(folder, rows(records=3, levels=(1, 2), azimuths=(0.0,)))
     Scene.block(0.2, 0.2, 0.6).save(folder / "scene")
     (folder / "ensemble").mkdir()
@@ -52,6 +53,7 @@ def test_results_join_their_records_and_their_scene(run_folder):
 
 def test_several_runs_are_told_apart_by_their_folder(run_folder, tmp_path):
     other = tmp_path / "other"
+    other.mkdir()
     write_part(other, rows(records=2, levels=(1,), azimuths=(0.0,), friction=0.6))
     counts = ask(
         [open_run(run_folder), open_run(other)],

@@ -52,6 +52,7 @@ class Page(html.parser.HTMLParser):
 @pytest.fixture(scope="module")
 def page(tmp_path_factory):
     folder = tmp_path_factory.mktemp("report") / "run <1>"
+    folder.mkdir()
     write_part(folder, rows(records=12, levels=(4, 8, 12), azimuths=(0.0, 135.0)))
     write_part(folder, [row("lost", status="crashed", message="worker <died>")])
     Scene.block(0.2, 0.2, 0.6).save(folder / "scene")

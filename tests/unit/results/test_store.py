@@ -37,6 +37,13 @@ def test_a_run_compacts_to_one_row_a_job_in_order(tmp_path):
     assert table.schema.field("pga_m_s2").metadata[b"unit"] == b"m/s2"
 
 
+def test_a_run_whose_folder_vanished_stores_nothing_more(tmp_path):
+    # Made anew, it would lack the rows stored before, and nobody would know.
+    with pytest.raises(FileNotFoundError, match="gone"):
+        write_part(tmp_path / "gone", [row("a")])
+    assert not (tmp_path / "gone").exists()
+
+
 def test_the_newest_attempt_counts_and_compacting_again_adds_what_came_later(tmp_path):
     write_part(tmp_path, [row("a", status="crashed"), row("b")])
     compact(tmp_path)

@@ -99,9 +99,9 @@ def _page(table: pd.DataFrame, errors: dict[str, np.ndarray], count: int, topple
     head = (
         "# Accuracy and cost of the presets\n\n"
         f"Written by `benchmarks/accuracy.py` with physics version {PHYSICS_VERSION}; do not edit. Thresholds: least\n"
-        "full sine that overturns a block of alpha 9.5, 18.4 and 33.7 degrees (half height 0.6 m, periods 1 and 1.5 s),\n"
-        f"against the exact integrator of `workers/reference`. Flips: {count} jobs on the demo's scanned rock (any record\n"
-        "of its ensemble, "
+        "full sine that overturns a block of alpha 9.5, 18.4 and 33.7 degrees (half height 0.6 m, periods 1 and\n"
+        "1.5 s), against the exact integrator of `workers/reference`. "
+        f"Flips: {count} jobs on the demo's scanned rock\n(any record of its ensemble, "
         f"{PGA_M_S2[0]:g} to\n{PGA_M_S2[1]:g} m/s2, any azimuth) against the preset `{CONVERGED}`, "
         f"{100 * toppled:.0f} % of which topple. *Disturbed* is `{CONVERGED}`\n"
         "itself from a start a millionth of the rock's height above where it rests: the floor of chaos. Median: the\n"

@@ -24,7 +24,7 @@ NEAREST_SHARE = 2e-5
 """Of R: within so much contacts are prepared however short the step, as feet at rest stand off by a tenth of it."""
 
 COLD_ITERATIONS = 200
-"""Of the first step in a new state, which has no impulses of a step before to start from."""
+"""Of the first step in a new state: around a landing many contacts are prepared, and take longer to agree."""
 
 RESIDUAL_SHARE = 1e-3
 """The solver stops before its last iteration once no impulse (at unit mass) changes by more than this share of

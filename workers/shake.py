@@ -311,8 +311,8 @@ class _Run:
         return self._energy() < REST_CERTAIN_SHARE * self._barrier() and not self._slides()
 
     def _barrier(self) -> float:
-        """Energy above that of the start that overturns the rock from its latest tilt, per mass."""
-        return least_overturning_j_kg(self.scene, float(self._tilt(self._poses(self.stepper.way.last)[1])[0]))
+        """Energy above that of the scene's pose that overturns the rock from its latest tilt, per mass."""
+        return least_overturning_j_kg(self.scene, self.stepper.way.largest_tilt_deg(self.stepper.way.last))
 
     def _holds(self, pulls_m_s2: Array) -> NDArray[np.bool_]:
         """Whether the feet that touch in the latest pose can hold the rock under each pull, support frame."""
@@ -411,13 +411,13 @@ class _Run:
         return bool(np.hypot(foot[0], foot[1]) > self.rest_speed)
 
     def _energy(self) -> float:
-        """Kinetic energy and height above the start, per mass."""
+        """Kinetic energy and height above the scene's pose, per mass."""
         velocity, spin = self.stepper.way.velocities(self.stepper.way.last)
         position, quaternion = self.stepper.way.poses[-1]
         squared = np.array(to_body(spin, quaternion)) ** 2
         kinetic = 0.5 * (np.dot(velocity, velocity) + float(self.contact.principal_inertia_m2 @ squared))
         # Measured along the normal: what a slope gives to a rock that slides is taken by friction.
-        return kinetic + self.scene.gravity_m_s2 * max(position[2] - self.start_pose[0][2], 0.0)
+        return kinetic + self.scene.gravity_m_s2 * max(position[2] - self.contact.com_m[2], 0.0)
 
 
 @lru_cache(maxsize=8)

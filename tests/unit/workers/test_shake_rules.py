@@ -112,6 +112,22 @@ def test_a_rock_that_turned_its_thin_side_to_a_weak_motion_is_not_called_certain
     assert result.toppled
 
 
+@pytest.mark.parametrize("share", [0.99, 1.01])
+def test_a_rock_let_go_near_its_balance_is_not_certain_before_it_has_come_down(share):
+    scene = Scene.block(0.2, 0.35, 0.6, friction=2.0)
+    radius, alpha = np.hypot(0.2, 0.6), np.arctan2(0.2, 0.6)
+    lean = share * alpha
+    start = State(
+        position_m=[0.2 - radius * np.sin(alpha - lean), 0.0, radius * np.cos(alpha - lean)],
+        quaternion_xyzw=(0.0, np.sin(lean / 2), 0.0, np.cos(lean / 2)),
+    )
+    still = Motion(np.zeros((2, 3)), 0.01)
+    short, whole = (shake(scene, still, "fast", shortcuts=s, initial=start) for s in (True, False))
+    assert short.toppled == whole.toppled == (share > 1.0)
+    if share < 1.0:  # what is left of the rocking turns it by half a degree more
+        assert short.residual_tilt_deg == pytest.approx(whole.residual_tilt_deg, abs=1.0)
+
+
 def test_a_peak_beyond_the_tilt_that_counts_as_toppled_holds_nothing():
     # A foot of half width .05 m, and a facet at 50 degrees on which the rock would lie toppled.
     corners = [

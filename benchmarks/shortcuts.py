@@ -11,6 +11,7 @@ not near its threshold.
 import sys
 from collections import Counter
 from concurrent.futures import ProcessPoolExecutor
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -56,17 +57,14 @@ def compare(number: int, job: Job) -> dict[str, object]:
     }
 
 
-_KEPT: dict[object, object] = {}
-
-
+@cache
 def _scene(number: int) -> Scene:
-    if number not in _KEPT:
-        _KEPT[number] = Scene.block(*BLOCKS[number]) if number < len(BLOCKS) else settled(Scene.load(SCANNED))
-    return _KEPT[number]  # type: ignore[return-value]
+    return Scene.block(*BLOCKS[number]) if number < len(BLOCKS) else settled(Scene.load(SCANNED))
 
 
+@cache
 def _ensemble() -> Ensemble:
-    return _KEPT.setdefault("ensemble", Ensemble.load(ENSEMBLE))  # type: ignore[return-value]
+    return Ensemble.load(ENSEMBLE)
 
 
 def main() -> None:

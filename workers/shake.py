@@ -262,7 +262,7 @@ class _Run:
                     return ("ok", "rest_certain") if certain else ("undecided", "time_cap")
             elif self.shortcuts and ((at_rest and self._rests_for_good()) or self._calms_down()):
                 return "ok", "rest_certain"
-            seen = len(self.stepper.way.poses) - 1
+            seen = self.stepper.way.last
 
     def _rests_for_good(self) -> bool:
         """Skip to the last sample before equilibrium becomes impossible; true if it stays possible to the end.

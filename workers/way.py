@@ -17,7 +17,6 @@ Vector = tuple[float, float, float]
 ALOFT = 1e-4
 """A rock whose feet are higher than this share of R above where they rest is aloft."""
 
-
 CLEARANCES_KEPT = 32
 """Of the latest poses that were asked for."""
 

@@ -73,9 +73,8 @@ def test_skipping_rest_neither_raises_nor_lowers_the_rocking():
 
 
 def test_a_weak_end_of_a_motion_is_left_out_and_a_strong_one_is_not():
-    rock = ellipsoid(
-        (0.5, 0.5, 0.3), 3
-    )  # nothing resists its rolling: it is never at rest while the ground moves
+    # Nothing resists its rolling: it is never at rest while the ground moves.
+    rock = ellipsoid((0.5, 0.5, 0.3), 3)
     scene = Scene.from_mesh((rock.vertices_m, rock.faces), friction=0.5)
     strong, weak = noise(2, 8.0, 3.0), noise(4, 0.15, 30.0)
     weak_end = Motion(np.vstack([strong.acceleration_m_s2, weak.acceleration_m_s2]), 0.02)
@@ -104,9 +103,8 @@ def test_it_does_not_matter_at_which_step_a_rock_at_rest_is_pushed():
 def test_a_rock_that_turned_its_thin_side_to_a_weak_motion_is_not_called_certain():
     rock = box(0.1, 0.6, 0.6)
     scene = Scene.from_mesh((rock.vertices_m, rock.faces), friction=0.8)
-    along = np.concatenate(
-        [np.zeros(100), np.full(500, 0.2 * G)]
-    )  # tips it at g / 6, or at g where it stood first
+    # Its thin side tips at g / 6, the one that it stood with first at g.
+    along = np.concatenate([np.zeros(100), np.full(500, 0.2 * G)])
     quarter = State(quaternion_xyzw=(0.0, 0.0, np.sqrt(0.5), np.sqrt(0.5)), velocity_m_s=(0.6, 0.0, 0.0))
     result = shake(scene, Motion(np.outer(along, [0.0, 1.0, 0.0]), 0.01), "fast", initial=quarter)
     assert result.toppled
@@ -140,9 +138,8 @@ def test_a_peak_beyond_the_tilt_that_counts_as_toppled_holds_nothing():
     scene = Scene.from_mesh((hull.vertices, hull.faces), friction=0.9)
     height = scene.rock.com_m[2]
     edge = G * (np.hypot(0.05, height) - height)
-    assert least_overturning_j_kg(scene) == pytest.approx(
-        edge, rel=0.05
-    )  # it is passed between whole degrees
+    # The edge is passed between whole degrees of tilt.
+    assert least_overturning_j_kg(scene) == pytest.approx(edge, rel=0.05)
 
 
 @pytest.mark.parametrize("slope_deg", [0.0, 5.0])

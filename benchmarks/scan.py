@@ -17,9 +17,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
-from itertools import repeat
 from pathlib import Path
 
 import laspy
@@ -29,18 +27,17 @@ from numpy.typing import NDArray
 from models import Pedestal, Rock, Scene
 from models.frames import plane_normal, rotation_between
 from models.motions.ensemble import Ensemble
-from models.motions.impose import impose
 from models.scan import virtual
 from models.scan.read import Cloud, read_clouds
 from models.scan.survey import survey
 from models.scene import read_triangles
 from models.statics import quasi_static_toppling_m_s2
-from orchestrator.front import Job, draw_jobs, raised
-from workers import shake
-from workers.shake import settled
+from orchestrator.front import Job, Setting, answers, draw_jobs
+from workers.presets import PRESETS
 
 PAGE = Path(__file__).parent.parent / "docs" / "scan.md"
 AZIMUTHS_DEG = np.arange(0.0, 360.0, 10.0)
+FAST = Setting(PRESETS["fast"])
 LIMIT_S, LIMIT_GB = 180.0, 4.0
 """What a scan of twenty million points may cost."""
 
@@ -181,52 +178,33 @@ def accuracy(known: Known, realisations: int) -> dict[str, float]:
     return right | errors(found.scene, known.true)
 
 
-def answers(scene: Scene, ensemble: Path, jobs: list[Job], *, disturbed: bool = False) -> NDArray[np.bool_]:
-    """Which of the jobs topple the rock."""
-    with ProcessPoolExecutor(1, initializer=_load, initargs=(scene, ensemble)) as pool:
-        return np.array(list(pool.map(_topples, jobs, repeat(disturbed), chunksize=8)))
-
-
-_ASSETS: list[tuple[Scene, Ensemble]] = []
-
-
-def _load(scene: Scene, ensemble: Path) -> None:
-    _ASSETS[:] = [(settled(scene), Ensemble.load(ensemble))]
-
-
-def _topples(job: Job, disturbed: bool) -> bool:
-    scene, ensemble = _ASSETS[0]
-    motion = impose(ensemble.record(job.record_id), job.pga_m_s2, job.azimuth_deg).motion
-    return bool(shake(scene, motion, "fast", initial=raised(scene) if disturbed else None).toppled)
-
-
-def jobs_that_half_topple(scene: Scene, ensemble: Path, count: int) -> tuple[list[Job], float]:
+def jobs_that_half_topple(scene: Scene, ensemble: Ensemble, count: int) -> tuple[list[Job], float]:
     """Jobs of random record, azimuth and level, and the highest level: such that about half topple the rock."""
-    records = Ensemble.load(ensemble)
     for top in TOPS_M_S2:
-        tried = draw_jobs(records, TRIED, (1.0, float(top)))
-        if answers(scene, ensemble, tried).mean() > 0.4:
+        tried = draw_jobs(ensemble, TRIED, (1.0, float(top)))
+        if answers(scene, ensemble, tried, FAST).toppled.mean() > 0.4:
             break
-    return draw_jobs(records, count, (1.0, float(top)), seed=11), float(top)
+    return draw_jobs(ensemble, count, (1.0, float(top)), seed=11), float(top)
 
 
-def agreement(name: str, known: Known, ensemble: Path, count: int) -> dict[str, dict[str, float]]:
+def agreement(name: str, known: Known, ensemble: Ensemble, count: int) -> dict[str, dict[str, float]]:
     """Share of jobs in which the scan's scene says what the true meshes say, and beside it what else changes answers.
 
-    Answers near the threshold flip with anything: `chaos` is the true scene with its rock
-    started a millionth of its height above where it rests.
+    Answers near the threshold flip with anything: `chaos` is the true scene from a start that is disturbed by a
+    millionth of the height.
     """
     true = known.true
     found = survey(known.cloud, near_m=known.near_m).scene
     jobs, top = jobs_that_half_topple(true, ensemble, count)
-    said = answers(true, ensemble, jobs)
+    said = answers(true, ensemble, jobs, FAST).toppled
     compared = {"scan": found, "true rock, bare plane": on_plane(true)}
     if name in CAUSES_OF:
         compared |= parts_of_the_error(found, true)
     row = {"levels up to, m/s²": top, "topple %": 100 * float(said.mean())}
-    row["chaos, % equal"] = 100 * float((answers(true, ensemble, jobs, disturbed=True) == said).mean())
+    disturbed = answers(true, ensemble, jobs, replace(FAST, disturbed_toward_deg=0.0)).toppled
+    row["chaos, % equal"] = 100 * float((disturbed == said).mean())
     for what, scene in compared.items():
-        row[f"{what}, % equal"] = 100 * float((answers(scene, ensemble, jobs) == said).mean())
+        row[f"{what}, % equal"] = 100 * float((answers(scene, ensemble, jobs, FAST).toppled == said).mean())
         print(name, row, flush=True)
     return row
 
@@ -353,7 +331,7 @@ def main() -> None:
     elif given.command == "answers":
         rows = {}
         for name, known in all_known(given.shape, given.scans):
-            rows[name] = agreement(name, known, given.ensemble, given.jobs)
+            rows[name] = agreement(name, known, Ensemble.load(given.ensemble), given.jobs)
         put("answers", table(rows, "shape"))
     else:
         rows = {}

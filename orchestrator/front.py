@@ -1,14 +1,15 @@
 """The front of speed against error: how often each setting's answers differ from the converged ones, and its cost.
 
 Answers near a threshold are chaotic. The share that flips is therefore read against a floor: the share that flips in
-the converged setting when the rock starts a millionth of its height above where it rests.
+the converged setting when the rock's start is disturbed by a millionth of its height.
 """
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable, Mapping
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from itertools import repeat
 from pathlib import Path
 
@@ -21,14 +22,20 @@ from models.motions.ensemble import Ensemble
 from models.motions.impose import impose
 from results.fits import fit
 from workers import shake
-from workers.presets import PRESETS, Settings
+from workers.presets import PHYSICS_VERSION, PRESETS, Settings
 from workers.shake import State, settled
 
-RAISED_SHARE = 1e-6
-"""Of its height, by which the rock is raised at the start to measure the floor of chaos."""
+DISTURBED_SHARE = 1e-6
+"""Of its height, by which the rock's start is disturbed to measure the floor of chaos."""
+
+KEPT_AT_ONCE = 50
+"""Answers written together."""
 
 CONVERGED = "reference"
 """The preset that the others are compared with."""
+
+FLOOR = f"{CONVERGED}, disturbed"
+"""Name of the setting that shows the floor of chaos."""
 
 EXPLORED = {
     **PRESETS,
@@ -50,25 +57,25 @@ class Job:
     azimuth_deg: float
 
 
-@dataclass(frozen=True, eq=False)
-class Answers:
-    """What one setting says to all jobs.
+@dataclass(frozen=True)
+class Setting:
+    """One way of shaking all jobs.
 
     Parameters
     ----------
-    toppled : (n,) bool array
-    cpu_s, simulated_s, largest_penetration_share : float
-        Cost, time stepped through, and deepest penetration over R.
+    settings : Settings
+    shortcuts : bool
+    disturbed_toward_deg : float or None
+        Azimuth toward which the start is disturbed as :func:`disturbed_start` says; None for a start at rest.
     """
 
-    toppled: np.ndarray
-    cpu_s: float
-    simulated_s: float
-    largest_penetration_share: float
+    settings: Settings
+    shortcuts: bool = True
+    disturbed_toward_deg: float | None = None
 
 
 def draw_jobs(ensemble: Ensemble, count: int, pga_m_s2: tuple[float, float], seed: int = 7) -> list[Job]:
-    """Jobs of any record, level and azimuth, uniformly at random."""
+    """Jobs of any record, level and azimuth, uniformly at random; more of them begin with the same ones."""
     random = np.random.default_rng(seed)
     ids = ensemble.record_ids
     return [
@@ -78,83 +85,105 @@ def draw_jobs(ensemble: Ensemble, count: int, pga_m_s2: tuple[float, float], see
 
 
 def answers(
-    scene: Path,
-    ensemble: Path,
+    scene: Scene,
+    ensemble: Ensemble,
     jobs: list[Job],
-    settings: Settings,
+    setting: Setting,
     *,
-    disturbed: bool = False,
-    shortcuts: bool = True,
     processes: int = 2,
     seen: Callable[[], None] = lambda: None,
-) -> Answers:
-    """Shake every job with one setting, in some processes; `seen` is called after each job.
+    kept: Path | None = None,
+) -> pd.DataFrame:
+    """Shake every job with one setting, in some processes; `seen` is called for each job.
 
-    Where `disturbed`, the rock starts as :func:`raised` says.
+    Answers are written to the folder `kept` and taken from there when the same jobs are asked for again: a comparison
+    may be interrupted, or grow. Whatever could make another answer makes another file there.
+
+    Returns
+    -------
+    pandas.DataFrame
+        A row a job: its fields, toppled, ended_by, wall_s, simulated_s and penetration_share (of R).
     """
-    rows = []
+    name = (PHYSICS_VERSION, scene.id, ensemble.id, setting)
+    path = kept / f"{hashlib.sha256(repr(name).encode()).hexdigest()[:16]}.parquet" if kept else None
+    rows = pd.read_parquet(path).to_dict("records") if path and path.exists() else []
+    known = {Job(row["record_id"], row["pga_m_s2"], row["azimuth_deg"]): row for row in rows}
+    missing = [job for job in jobs if job not in known]
+    for _ in range(len(jobs) - len(missing)):
+        seen()
     with ProcessPoolExecutor(processes, initializer=_load, initargs=(scene, ensemble)) as pool:
-        for row in pool.map(_shake, jobs, repeat(settings), repeat(disturbed), repeat(shortcuts)):
-            rows.append(row)
+        for job, row in zip(missing, pool.map(_shake, missing, repeat(setting)), strict=True):
+            known[job] = row
             seen()
-    toppled, cost, simulated, depth = zip(*rows, strict=True)
-    return Answers(np.array(toppled, bool), float(sum(cost)), float(sum(simulated)), float(max(depth)))
+            if path and (len(known) % KEPT_AT_ONCE == 0 or job == missing[-1]):
+                _write(path, pd.DataFrame(known.values()))
+    return pd.DataFrame([known[job] for job in jobs])
 
 
-def raised(scene: Scene) -> State:
-    """The rock of a settled scene a millionth of its height above where it rests."""
-    return State(position_m=scene.rock.com_m + np.array([0.0, 0.0, RAISED_SHARE * scene.rock.height_m]))
+def _write(path: Path, frame: pd.DataFrame) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    part = path.with_suffix(".part")
+    frame.to_parquet(part)
+    part.rename(path)
 
 
-def compare(jobs: list[Job], said: Mapping[str, Answers], converged: Answers) -> pd.DataFrame:
+def disturbed_start(scene: Scene, toward_deg: float) -> State:
+    """The rock of a settled scene raised by a millionth of its height, and tilted by a millionth toward an azimuth.
+
+    Raised alone, a block would land flat and go on as if nothing had been.
+    """
+    up = np.array([0.0, 0.0, DISTURBED_SHARE * scene.rock.height_m])
+    half, azimuth = 0.5 * DISTURBED_SHARE, np.deg2rad(toward_deg)
+    turn = (-half * np.sin(azimuth), half * np.cos(azimuth), 0.0, 1.0)  # about the vertical cross the azimuth
+    return State(position_m=scene.rock.com_m + up, quaternion_xyzw=turn)
+
+
+def compare(said: Mapping[str, pd.DataFrame], converged: pd.DataFrame) -> pd.DataFrame:
     """One row a setting: flips against the converged answers, their sign test, shift of the median, cost."""
     rows = []
-    median = _median(jobs, converged)
+    median = _median(converged)
     for name, one in said.items():
         up = int((one.toppled & ~converged.toppled).sum())
         down = int((~one.toppled & converged.toppled).sum())
         rows.append(
             {
                 "setting": name,
-                "flips_share": (up + down) / len(jobs),
+                "flips_share": (up + down) / len(one),
                 "flips_to_toppled": up,
                 "flips_to_standing": down,
                 "sign_test_p": binomtest(up, up + down).pvalue if up + down else 1.0,
-                "median_shift": _median(jobs, one) / median - 1.0,
-                "cpu_s_per_simulated_s": one.cpu_s / one.simulated_s,
-                "cpu_s_per_job": one.cpu_s / len(jobs),
-                "largest_penetration_share": one.largest_penetration_share,
+                "median_shift": _median(one) / median - 1.0,
+                "wall_s_per_simulated_s": one.wall_s.sum() / one.simulated_s.sum(),
+                "wall_s_per_job": one.wall_s.mean(),
+                "largest_penetration_share": one.penetration_share.max(),
             }
         )
     return pd.DataFrame(rows)
 
 
-def _median(jobs: list[Job], said: Answers) -> float:
+def _median(said: pd.DataFrame) -> float:
     """PGA at which one in two topples; NaN where the answers allow no fit."""
-    frame = pd.DataFrame(
-        {
-            "record_id": [job.record_id for job in jobs],
-            "pga_m_s2": [job.pga_m_s2 for job in jobs],
-            "toppled": said.toppled,
-        }
-    )
-    fragility = fit(frame, ["pga_m_s2"]).lognormal
+    fragility = fit(said, ["pga_m_s2"]).lognormal
     return fragility.median if fragility else float("nan")
 
 
 _ASSETS: list[tuple[Scene, Ensemble]] = []
 
 
-def _load(scene: Path, ensemble: Path) -> None:
-    _ASSETS.append((settled(Scene.load(scene)), Ensemble.load(ensemble)))
+def _load(scene: Scene, ensemble: Ensemble) -> None:
+    _ASSETS[:] = [(settled(scene), ensemble)]
 
 
-def _shake(
-    job: Job, settings: Settings, disturbed: bool, shortcuts: bool
-) -> tuple[bool, float, float, float]:
+def _shake(job: Job, setting: Setting) -> dict[str, object]:
     scene, ensemble = _ASSETS[0]
     motion = impose(ensemble.record(job.record_id), job.pga_m_s2, job.azimuth_deg).motion
-    start = raised(scene) if disturbed else None
-    result = shake(scene, motion, settings, shortcuts=shortcuts, initial=start)
-    depth = result.penetration_m / scene.rock.half_diagonal_m
-    return bool(result.toppled), result.wall_s, result.simulated_s, depth
+    toward = setting.disturbed_toward_deg
+    start = None if toward is None else disturbed_start(scene, toward)
+    result = shake(scene, motion, setting.settings, shortcuts=setting.shortcuts, initial=start)
+    return asdict(job) | {
+        "toppled": bool(result.toppled),
+        "ended_by": result.ended_by,
+        "wall_s": result.wall_s,
+        "simulated_s": result.simulated_s,
+        "penetration_share": result.penetration_m / scene.rock.half_diagonal_m,
+    }

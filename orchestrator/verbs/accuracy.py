@@ -6,8 +6,9 @@ import click
 from rich.console import Console
 from rich.progress import Progress
 
+from models import Scene
 from models.motions.ensemble import Ensemble
-from orchestrator.front import CONVERGED, EXPLORED, answers, compare, draw_jobs
+from orchestrator.front import CONVERGED, EXPLORED, FLOOR, Setting, answers, compare, draw_jobs
 from results.figures import front_figure, save
 from workers.presets import PRESETS
 
@@ -40,30 +41,30 @@ def accuracy(
 
     Jobs of any record, level and azimuth are shaken with every preset. Answers near a threshold are chaotic: the share
     that flips against 'reference' is to be read beside the floor, the share that flips in 'reference' itself when the
-    rock starts a millionth of its height above where it rests. Writes accuracy.csv and the front of error against cost
-    (front.png, front.svg).
+    rock's start is disturbed by a millionth of its height. Writes accuracy.csv and the front of error against cost
+    (front.png, front.svg). Answers are kept in OUT/answers: the same command goes on where it was stopped, and more
+    jobs add to those that were shaken.
 
     \b
     toppling accuracy scenes/rock ensembles/quakes --jobs 200 --out accuracy
     """  # noqa: D301  (\b keeps click from rewrapping the example)
-    jobs = draw_jobs(Ensemble.load(ensemble), count, pga_m_s2)
-    settings = EXPLORED if explore else PRESETS
+    rock, motions = Scene.load(scene), Ensemble.load(ensemble)
+    jobs = draw_jobs(motions, count, pga_m_s2)
+    compared = {name: Setting(one) for name, one in (EXPLORED if explore else PRESETS).items()}
+    compared[FLOOR] = Setting(PRESETS[CONVERGED], disturbed_toward_deg=0.0)
     with Progress(console=Console(stderr=True), transient=True) as progress:
-        task = progress.add_task("shaking", total=count * (len(settings) + 1))
+        task = progress.add_task("shaking", total=count * len(compared))
 
         def seen() -> None:
             progress.advance(task)
 
         said = {
-            name: answers(scene, ensemble, jobs, one, processes=workers, seen=seen)
-            for name, one in settings.items()
+            name: answers(rock, motions, jobs, one, processes=workers, seen=seen, kept=out / "answers")
+            for name, one in compared.items()
         }
-        disturbed = answers(
-            scene, ensemble, jobs, PRESETS[CONVERGED], disturbed=True, processes=workers, seen=seen
-        )
-    table = compare(jobs, {**said, f"{CONVERGED}, disturbed": disturbed}, said[CONVERGED])
+    table = compare(said, said[CONVERGED])
     out.mkdir(parents=True, exist_ok=True)
     table.to_csv(out / "accuracy.csv", index=False)
-    save(front_figure(table, f"{CONVERGED}, disturbed"), out / "front")
+    save(front_figure(table, FLOOR), out / "front")
     click.echo(table.to_string(index=False, float_format=lambda value: f"{value:.4g}"))
     click.echo(f"{out / 'accuracy.csv'}\n{out / 'front.png'}")

@@ -137,13 +137,15 @@ class Engine:
         angular_velocity_rad_s: tuple[float, float, float],
         *,
         prepared_share: float = 0.0,
+        at_most_share: float = math.inf,
     ) -> None:
         """Place the rock and set it going; forgets all contacts.
 
-        From here on contacts are prepared within `prepared_share` of R, at least as far as a step's fall.
+        From here on contacts are prepared within `prepared_share` of R, at least as far as a step's fall, and nowhere
+        beyond `at_most_share`.
         """
         pybullet.setPhysicsEngineParameter(
-            contactBreakingThreshold=max(prepared_share, self._near_share),
+            contactBreakingThreshold=min(max(prepared_share, self._near_share), at_most_share),
             numSolverIterations=max(COLD_ITERATIONS, self._iterations),
             physicsClientId=self._client,
         )

@@ -36,7 +36,7 @@ from workers.engine import Pose
 from workers.presets import Settings, settings_of
 from workers.quaternion import to_body, turn_vector
 from workers.stepping import Stepper, engine_for
-from workers.way import Vector
+from workers.way import STILL, Vector
 
 Array = NDArray[np.float64]
 
@@ -45,8 +45,6 @@ BLOCK = 64
 
 TOUCHING_SHARE = 1e-5
 """Feet within this share of R of the plane carry a rock at rest: the engine holds them within a tenth of it."""
-
-STILL: Vector = (0.0, 0.0, 0.0)
 
 PLANE = np.array([0.0, 0.0, 1.0])
 """Normal of the interface in the support frame."""
@@ -212,8 +210,12 @@ class _Run:
         self.step_s, self.shortcuts = step_s, shortcuts
         turn = contact.scene_from_support
         self.gravity = np.array([0.0, 0.0, -scene.gravity_m_s2]) @ turn
-        self.skipped_s = 0.0
-        self.starts_at_rest = start is None
+        self.pulls_m_s2 = np.vstack([self.gravity - motion.acceleration_m_s2 @ turn, self.gravity])
+        """At the motion's samples, and after the last of them."""
+        self.skipped_s = self.left_s = 0.0
+        self.rests = start is None
+        """Whether the rock has rested, held by its feet, for the last block."""
+        self.deepest_m = 0.0
         self.up = np.array([0.0, 0.0, 1.0]) @ turn
         speed_m_s = float(np.sqrt(scene.gravity_m_s2 * contact.half_diagonal_m))
         self.rest_speed = settings.rest_speed * speed_m_s
@@ -240,7 +242,7 @@ class _Run:
             self.contact.half_diagonal_m / self.scene.gravity_m_s2
         )
         seen = 0
-        if self.shortcuts and self.starts_at_rest and self._rests_for_good():
+        if self.shortcuts and self.rests and self._rests_for_good():
             return "ok", "never_moved"
         while True:
             self.stepper.advance(BLOCK)
@@ -252,38 +254,56 @@ class _Run:
             if self._tilt(quaternion).max() > LARGEST_OPEN_TILT_DEG:
                 return "ok", "tilted"
             at_rest = self._at_rest(seen)
+            self._stay(seen)
             if self.stepper.time_s > self.motion.duration_s:
-                if at_rest and self._holds(self.gravity[None])[0]:
+                if at_rest and self._holds(self.gravity[None], self.stepper.way.last)[0]:
                     return "ok", "rest"
                 if self.shortcuts and self._too_little_energy():
                     return "ok", "rest_certain"
                 if self.stepper.time_s > cap_s:
                     certain = self._energy() < self._barrier()
                     return ("ok", "rest_certain") if certain else ("undecided", "time_cap")
-            elif self.shortcuts and ((at_rest and self._rests_for_good()) or self._calms_down()):
+            elif self.shortcuts and ((self.rests and self._rests_for_good()) or self._calms_down()):
                 return "ok", "rest_certain"
             seen = self.stepper.way.last
 
+    def _stay(self, since: int) -> None:
+        """Take back what the solver let a rock creep since a pose in which it rested, if its feet can hold it there.
+
+        In the block in which it comes to rest it stays where it is: only what follows is known to be creep.
+        """
+        way, step, rested = self.stepper.way, self.motion.time_step_s, self.rests
+        meanwhile = self.pulls_m_s2[int(way.times_s[since] / step) : int(self.stepper.time_s / step) + 2]
+        if len(meanwhile) == 0:  # the motion was over before
+            meanwhile = self.gravity[None]
+        stays = self._drift_m_s(since) < self.rest_speed if rested else self._at_rest(since)
+        self.rests = stays and bool(self._holds(meanwhile, since if rested else way.last).all())
+        if rested and self.rests:
+            self.deepest_m = max(self.deepest_m, self._penetration_m(*self._poses(since)))
+            way.back_to(since)
+            self.stepper.rest_until(self.stepper.grid)
+
     def _rests_for_good(self) -> bool:
-        """Skip to the last sample before equilibrium becomes impossible; true if it stays possible to the end.
+        """Skip to the last block before equilibrium becomes impossible; true if it stays possible to the end.
 
         The pulls that friction and the support can hold form a convex cone, and the motion is linear between its
-        samples: a rock at rest stays so up to the last sample of those that all lie in the cone.
+        samples: a rock at rest stays so up to the last sample of those that all lie in the cone. Blocks are skipped
+        whole, so that what comes after is to the bit what it is without the skip.
         """
         first = int(self.stepper.time_s / self.motion.time_step_s)
-        pulls = self.gravity - self.motion.acceleration_m_s2[first:] @ self.contact.scene_from_support
+        pulls = self.pulls_m_s2[first:]
         soon = int(BLOCK * self.step_s / self.motion.time_step_s) + 1
-        if not self._holds(pulls[:soon]).all():  # spares a look at the whole record
+        if not self._holds(pulls[:soon], self.stepper.way.last).all():  # spares a look at the whole record
             return False
-        held = self._holds(np.vstack([pulls, self.gravity]))  # after its last sample the ground is still
+        held = self._holds(pulls, self.stepper.way.last)
         if held.all():
-            self.skipped_s += max(self.motion.duration_s - self.stepper.time_s, 0.0)
+            self.left_s = max(self.motion.duration_s - self.stepper.time_s, 0.0)
             return True
         until_s = (first + max(int(np.argmin(held)) - 1, 0)) * self.motion.time_step_s
-        grid = int(until_s / self.step_s)
-        if grid * self.step_s > self.stepper.time_s + BLOCK * self.step_s:
-            self.skipped_s += grid * self.step_s - self.stepper.time_s
-            self.stepper.rest_until(grid)
+        blocks = (int(until_s / self.step_s) - self.stepper.grid) // BLOCK
+        if blocks > 0:
+            self.skipped_s += blocks * BLOCK * self.step_s
+            self.stepper.rest_until(self.stepper.grid + blocks * BLOCK)
         return False
 
     def _calms_down(self) -> bool:
@@ -294,7 +314,7 @@ class _Run:
         near = self._tilt(quaternion)[0] < WEAK_TILT_DEG and self._yaw(quaternion[0]) < WEAK_YAW_DEG
         calm = bool(near and self._is_displaced(position[0], quaternion[0]))
         if calm:
-            self.skipped_s += self.motion.duration_s - self.stepper.time_s
+            self.left_s = self.motion.duration_s - self.stepper.time_s
         return calm
 
     @cached_property
@@ -314,9 +334,9 @@ class _Run:
         """Energy above that of the scene's pose that overturns the rock from its latest tilt, per mass."""
         return least_overturning_j_kg(self.scene, self.stepper.way.largest_tilt_deg(self.stepper.way.last))
 
-    def _holds(self, pulls_m_s2: Array) -> NDArray[np.bool_]:
-        """Whether the feet that touch in the latest pose can hold the rock under each pull, support frame."""
-        com, attitude = (np.array(part) for part in self.stepper.way.poses[-1])
+    def _holds(self, pulls_m_s2: Array, index: int) -> NDArray[np.bool_]:
+        """Whether the feet that touch in a pose can hold the rock under each pull, support frame."""
+        com, attitude = (np.array(part) for part in self.stepper.way.poses[index])
         feet = com + self.contact.points_body_m @ quat.matrix(attitude).T
         touching = feet[feet[:, 2] <= TOUCHING_SHARE * self.contact.half_diagonal_m]
         corners = polygon(touching, PLANE, TOUCHING_SHARE * self.contact.half_diagonal_m)
@@ -346,11 +366,11 @@ class _Run:
             residual_tilt_deg=float(tilt[-1]),
             residual_yaw_deg=yaw,
             slip_m=slip,
-            penetration_m=max(-float(self.stepper.gaps_m(position, quaternion).min()), 0.0),
+            penetration_m=max(self.deepest_m, self._penetration_m(position, quaternion)),
             ended_by=ended_by,
             steps=self.stepper.steps,
-            simulated_s=self.simulated_s(),
-            skipped_s=self.skipped_s,
+            simulated_s=self.stepper.time_s - self.skipped_s,
+            skipped_s=self.skipped_s + self.left_s,
             wall_s=time.perf_counter() - began,
             time_step_s=self.step_s,
             trajectory=_trajectory(self.contact, self.stepper.way.times_s, position, quaternion)
@@ -358,10 +378,8 @@ class _Run:
             else None,
         )
 
-    def simulated_s(self) -> float:
-        """Time stepped through: what was skipped before the latest pose is left out."""
-        times = np.diff(self.stepper.way.times_s)
-        return float(times[times < 2.0 * self.step_s].sum())
+    def _penetration_m(self, position: Array, quaternion: Array) -> float:
+        return max(-float(self.stepper.gaps_m(position, quaternion).min()), 0.0)
 
     def _poses(self, since: int) -> tuple[Array, Array]:
         position, quaternion = zip(*self.stepper.way.poses[since:], strict=True)
@@ -394,14 +412,16 @@ class _Run:
         return float((np.linalg.norm(np.diff(position, axis=0), axis=1) / np.diff(times)).max(initial=0.0))
 
     def _at_rest(self, since: int) -> bool:
-        """Whether no point of the rock has moved faster than the speed of rest since a pose."""
-        times = self.stepper.way.times_s
-        (start, turned_from), (end, turned_to) = self.stepper.way.poses[since], self.stepper.way.poses[-1]
-        angle = np.linalg.norm(turn_vector(turned_from, turned_to))
-        way = np.linalg.norm(np.array(end) - start) + angle * self.contact.half_diagonal_m
+        """Whether no point of the rock has moved faster than the speed of rest since a pose, nor does now."""
         velocity, spin = self.stepper.way.velocities(self.stepper.way.last)
         speed = np.linalg.norm(velocity) + np.linalg.norm(spin) * self.contact.half_diagonal_m
-        return bool(max(way / (times[-1] - times[since]), speed) < self.rest_speed)
+        return max(self._drift_m_s(since), float(speed)) < self.rest_speed
+
+    def _drift_m_s(self, since: int) -> float:
+        """Mean speed since a pose of the point that moved most."""
+        way = self.stepper.way
+        drift_m = _way(way.poses[since], way.poses[-1], self.contact.half_diagonal_m)
+        return float(drift_m / (way.times_s[-1] - way.times_s[since]))
 
     def _slides(self) -> bool:
         """Whether the lowest foot moves along the interface: its way is not over yet."""

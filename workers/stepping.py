@@ -36,6 +36,9 @@ SHORT_CHUNK, LONG_CHUNK = 6, 64
 """Steps between two looks at the clearances: a landing costs half of it in repeated steps, a look costs some steps. The
 chunks are short after a landing and double in length while none comes, but end where the next one is expected."""
 
+PULLS_AT_ONCE = 1024
+"""Steps whose pulls are made together."""
+
 FEWEST_STEPS = 4
 """Of a chunk: the points are changed where the rock may leave their reach within so many steps."""
 
@@ -48,6 +51,15 @@ by, half of (rotation in a step)^2 times its lever arm."""
 
 SHORT_OF_TOUCH = 0.013
 """A step to a touch stops short of it by this share, or the solver would already act."""
+
+LEFT_OUT = 0.5
+"""Share of the clearance of the nearest foot that comes down, beyond which no contact is prepared in the step that ends
+short of its landing. In the solver's first iterations such a foot may take weight from one that carries. As that one
+takes it back, Bullet no longer looks at the friction of a foot without weight, and leaves it as it is: a rock that
+rolled from foot to foot lost up to twice the energy of its impacts."""
+
+CARRYING_SHARE = 3e-6
+"""Feet that carry are within this share of R."""
 
 TRIES_TO_TOUCH = 4
 """A step that came too late is taken again, shorter by twice that share."""
@@ -108,23 +120,18 @@ class Stepper:
         self._fall = self._impulse * time_step_s
         self._fast = resolved_landing_m_s
         self._iterations = iterations
-        self._grid = 0
-        self._smooth_from = 0
-        self._ahead = SHORT_CHUNK
+        self.grid = 0
+        """Steps of the grid from time 0 to the latest pose."""
         self._pulls: list[list[float]] = []
-        self._pulls_from = 0
+        self._pulls_from = -1
         self.steps = 0
         """Engine steps taken, repeated ones included."""
         self.way = Way(contact, pose, velocity_m_s, angular_velocity_rad_s)
         counts = [contact.points_within(tilt) for tilt in REACH_DEG]
         self._reaches = [i for i, count in enumerate(counts) if count not in counts[i + 1 :]]
         """Of each number of points, the farthest reach."""
-        self._narrow_from = 0
-        self._reach = self._farthest = self._reaches[0]
-        self._widen(self.way.largest_tilt_deg(0))
-        self._engine = self._engine_in_reach()
-        self._engine.let_stick()
-        self._set_state(time_step_s)
+        self._farthest = self._reaches[0]
+        self._begin()
 
     @property
     def time_s(self) -> float:
@@ -133,16 +140,24 @@ class Stepper:
 
     def advance(self, steps: int) -> None:
         """Go on by about this many steps of the grid."""
-        goal = self._grid + steps
-        while self._grid < goal:
-            self._chunk(min(self._ahead, goal - self._grid))
+        goal = self.grid + steps
+        while self.grid < goal:
+            self._chunk(min(self._ahead, goal - self.grid))
 
     def rest_until(self, grid: int) -> None:
-        """Let the rock rest where it is up to a step of the grid."""
-        self._grid = grid
-        pose, time_s = self.way.poses[-1], grid * self._step
-        self.way.append(pose, time_s, time_s)
-        self._engine.set_state(pose, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+        """Let the rock rest where it is up to a step of the grid; what comes then depends on that pose alone."""
+        self.grid = grid
+        self.way.stay(grid * self._step)
+        self._begin()
+
+    def _begin(self) -> None:
+        """Give the latest pose to an engine that remembers nothing."""
+        self._narrow_from, self._smooth_from, self._ahead = 0, self.way.last, SHORT_CHUNK
+        self._reach = self._reaches[0]
+        self._widen(self.way.largest_tilt_deg(self.way.last))
+        self._engine = self._engine_in_reach()
+        self._engine.let_stick()
+        self._set_state(self._step)
 
     def gaps_m(self, positions_m: Array, quaternions_xyzw: Array) -> Array:
         """Clearances (m, points) of all points that were in reach so far."""
@@ -201,31 +216,47 @@ class Stepper:
         self.way.look_at(engine.points)
         return engine
 
-    def _set_state(self, next_step_s: float, *, kicked_share: float = 0.5, ahead_s: float = 0.0) -> None:
+    def _set_state(
+        self,
+        next_step_s: float,
+        *,
+        kicked_share: float = 0.5,
+        ahead_s: float = 0.0,
+        carrying_only: bool = False,
+    ) -> None:
         """Give the engine the latest pose, its feet at the height that belongs to a step of that duration.
 
         That step's velocity is the one at `kicked_share` of it. Contacts are prepared for what the rock may do in
-        `ahead_s`.
+        `ahead_s`, or only those of the feet that carry.
         """
         way, index = self.way, self.way.last
         arcs = kicked_share * next_step_s**2 * way.centripetal_m_s2(index)
         way.lift(way.lift_m(index, arcs))
         prepared = AHEAD * ahead_s * way.speed_1_s(index)
-        self._engine.set_state(way.lifted_pose(), *way.velocities(index), prepared_share=prepared)
+        left_out = LEFT_OUT * self._nearest_coming_share() if carrying_only else math.inf
+        self._engine.set_state(
+            way.lifted_pose(), *way.velocities(index), prepared_share=prepared, at_most_share=left_out
+        )
+
+    def _nearest_coming_share(self) -> float:
+        """Clearance, over R, of the nearest foot that is about to land in the latest pose."""
+        gaps = self.way.gaps_m(self.way.last) / self._contact.half_diagonal_m
+        coming = (self.way.closing_m_s(self.way.last) > 0.5 * self._fast) & (gaps > CARRYING_SHARE)
+        return float(gaps[coming].min(initial=math.inf))
 
     def _chunk(self, steps: int) -> None:
-        way, first, grid = self.way, self.way.last, self._grid
+        way, first, grid = self.way, self.way.last, self.grid
         steps = min(steps, self._room_steps())
-        expected = (self._grid - 0.5) * self._step
+        expected = (self.grid - 0.5) * self._step
         if abs(way.kicked_s[-1] - expected) > 1e-9 * self._step:
             self._single(self._step, self.time_s + 0.5 * self._step)
-            self._grid += 1
+            self.grid += 1
             steps -= 1
         if steps > 0:
             self._engine.run(self._step, self._pulls_of(steps), way.poses)
-            coming = range(self._grid + 1, self._grid + steps + 1)
+            coming = range(self.grid + 1, self.grid + steps + 1)
             way.date([n * self._step for n in coming], [(n - 0.5) * self._step for n in coming])
-            self._grid += steps
+            self.grid += steps
             self.steps += steps
         if not self._left_reach(first, grid):
             self._mend(first)
@@ -242,7 +273,7 @@ class Stepper:
             return False
         self._narrow_from, self._ahead = self.way.last, SHORT_CHUNK
         self.way.back_to(first)
-        self._grid = grid
+        self.grid = grid
         self._widen(farthest_deg)
         self._change_engine()
         return True
@@ -257,14 +288,18 @@ class Stepper:
         self.steps += 1
 
     def _pulls_of(self, steps: int) -> list[list[float]]:
-        """Pulls of the next whole steps, from a table that is filled a stretch at a time."""
-        offset = self._grid - self._pulls_from
-        if offset + steps > len(self._pulls):
-            self._pulls_from, offset = self._grid, 0
-            middles: Array = (self._grid - 0.5 + np.arange(PULLS_AT_ONCE + 1, dtype=np.float64)) * self._step
-            kicks = np.diff(self._ground_velocity(middles), axis=0) / self._step
+        """Pulls of the next whole steps.
+
+        They come from a table that starts at a multiple of its length, whichever step is asked for: matrix products
+        of other lengths differ in their last bits.
+        """
+        start = self.grid - self.grid % PULLS_AT_ONCE
+        if self._pulls_from != start:
+            self._pulls_from = start
+            rows = np.arange(PULLS_AT_ONCE + LONG_CHUNK + 1, dtype=np.float64)
+            kicks = np.diff(self._ground_velocity((start - 0.5 + rows) * self._step), axis=0) / self._step
             self._pulls = (self._gravity - kicks).tolist()
-        return self._pulls[offset : offset + steps]
+        return self._pulls[self.grid - start : self.grid - start + steps]
 
     def _mend(self, first: int) -> None:
         """Look at the clearances since pose `first`; take back what a landing or a sinking point has spoilt."""
@@ -352,7 +387,7 @@ class Stepper:
         for _ in range(PARTS_OF_A_REPEATED_STEP):
             self._single(part, self.time_s + 0.5 * part)
         self.way.end_at(end_s)
-        self._grid = round(end_s / self._step)
+        self.grid = round(end_s / self._step)
         self._smooth_from = self.way.last
         self._set_state(self._step)
 
@@ -370,21 +405,21 @@ class Stepper:
             self._set_state(impact_s, ahead_s=impact_s)
             self._single(impact_s, self.time_s + 0.5 * impact_s, rebounds=True)
             self._smooth_from = self.way.last
-            self._grid = math.ceil(self.time_s / self._step + 0.5)  # leaves half a step to one and a half
-            rest = self._grid * self._step - self.time_s
+            self.grid = math.ceil(self.time_s / self._step + 0.5)  # leaves half a step to one and a half
+            rest = self.grid * self._step - self.time_s
             touch_s = self._next_touch_s()
             if touch_s > rest:
                 break
         self._set_state(rest, ahead_s=rest)
         self._single(rest, self.time_s + 0.5 * rest)
-        self.way.end_at(self._grid * self._step)
+        self.way.end_at(self.grid * self._step)
         self._set_state(self._step)
 
     def _step_to_touch(self, touch_s: float) -> None:
         """A step that ends as a point touches down, and not so late that the point already carries."""
         way, index = self.way, self.way.last
         for tries_left in reversed(range(TRIES_TO_TOUCH)):
-            self._set_state(touch_s, kicked_share=1.0, ahead_s=touch_s)
+            self._set_state(touch_s, kicked_share=1.0, ahead_s=touch_s, carrying_only=True)
             self._single(touch_s, self.time_s + touch_s)
             closing = way.closing_m_s(index + 1)
             arcs = 0.5 * touch_s**2 * way.centripetal_m_s2(index + 1)
@@ -424,6 +459,3 @@ def engine_for(
 _IN_SLOT: dict[
     int, tuple[tuple[ContactModel, float, ContactProperties, float, float, float, int], Engine]
 ] = {}
-
-
-PULLS_AT_ONCE = 1024

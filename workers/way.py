@@ -14,6 +14,8 @@ from workers.quaternion import to_body, turn_vector
 Array = NDArray[np.float64]
 Vector = tuple[float, float, float]
 
+STILL: Vector = (0.0, 0.0, 0.0)
+
 ALOFT = 1e-4
 """A rock whose feet are higher than this share of R above where they rest is aloft."""
 
@@ -64,6 +66,11 @@ class Way:
         self.times_s.append(time_s)
         self.kicked_s.append(kicked_s)
 
+    def stay(self, time_s: float) -> None:
+        """Add the latest pose once more: until then the rock rests in it."""
+        self._lifted_m.pop(self.last, None)
+        self.append(self.poses[-1], time_s, time_s)
+
     def date(self, time_s: list[float], kicked_s: list[float]) -> None:
         """Give times to the latest poses, which the engine has added."""
         self.times_s += time_s
@@ -102,6 +109,8 @@ class Way:
         """Velocity (m/s) and angular velocity (rad/s) in the step that led to pose `index`, or at the start."""
         if index == 0:
             return self._given
+        if self.poses[index] is self.poses[index - 1]:  # it stayed: to the bit, however long
+            return STILL, STILL
         ((x0, y0, z0), turned_from), ((x, y, z), turned_to) = self.poses[index - 1], self.poses[index]
         rate = 1.0 / (self.times_s[index] - self.times_s[index - 1])
         z0 += self._lifted_m.get(index - 1, 0.0)

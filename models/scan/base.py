@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.spatial import ConvexHull, cKDTree
 
-from models.scan.crevice import Grid, not_strays, smooth_sheet
+from models.scan.crevice import Grid, check_seen, not_strays, smooth_sheet
 from models.scan.word import Word
 
 CELLS_PER_HEIGHT = 200
@@ -107,7 +107,13 @@ def hidden_base(
         If it is a contact outline, the rock rests inside it and nowhere else.
     rng : numpy.random.Generator, optional
         Draws the relief that nobody saw, as high as the rim's height lets expect, for the uncertainty.
+
+    Raises
+    ------
+    InputError
+        If next to nothing of the rock shows near the interface.
     """
+    check_seen(len(low), "rock", given=word is not None)
     cell = height_m / CELLS_PER_HEIGHT
     grid = Grid.over(low[:, :2].min(axis=0) - 6 * cell, low[:, :2].max(axis=0) + 6 * cell, cell)
     seen_height, seen = _lowest(grid, low)

@@ -16,6 +16,7 @@ from scipy.sparse import coo_matrix, csc_matrix, diags
 from scipy.sparse.linalg import splu
 from scipy.spatial import ConvexHull, cKDTree
 
+from models.errors import InputError
 from models.frames import plane_axes
 from models.scan.interface import Interface
 from models.scan.segment import PEDESTAL, ROCK
@@ -25,6 +26,8 @@ BAND_PER_HEIGHT = 0.08
 """Height over the interface plane up to which points are judged anew."""
 NEAR_PER_HEIGHT = 0.012
 """Distance from the rock over which a pedestal point's say in the interface plane fades."""
+LEAST_SEEN = 30
+"""Fewer points of rock or pedestal near the interface show no crevice."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,14 +106,21 @@ def judge_crevice(
     *,
     refit: bool = True,
 ) -> tuple[NDArray[np.int8], Interface]:
-    """Judge the labels near the interface anew, and fit the interface anew to what they show unless it is given."""
+    """Judge the labels near the interface anew, and fit the interface anew to what they show unless it is given.
+
+    Raises
+    ------
+    InputError
+        If next to nothing of the rock or of the pedestal shows near the interface.
+    """
     low = points_m[label == ROCK]
     low = low[np.abs(interface.flat(low)[:, 2]) < BAND_PER_HEIGHT * height_m]
+    check_seen(len(low), "rock", given=not refit)
     margin = 0.15 * height_m
     around = ((points_m > low.min(axis=0) - margin) & (points_m < low.max(axis=0) + margin)).all(axis=1)
     near, near_label = points_m[around], label[around]
     for _ in range(2):
-        near_label = _relabelled(near, near_label, interface, height_m)
+        near_label = _relabelled(near, near_label, interface, height_m, given=not refit)
         if refit:
             interface = refitted(near, near_label, interface, height_m)
     label = label.copy()
@@ -118,12 +128,44 @@ def judge_crevice(
     return label, interface
 
 
+def check_seen(points: int, side: str, *, given: bool) -> None:
+    """Refuse an interface near which next to nothing of one side, rock or pedestal, was seen.
+
+    Raises
+    ------
+    InputError
+        With another remedy where the interface is given than where it was fitted.
+    """
+    if points >= LEAST_SEEN:
+        return
+    if given:
+        raise InputError(
+            f"only {points} points of the {side} lie near the interface that is given",
+            where="the interface",
+            expected="a plane on which rock and pedestal meet",
+            remedy="check its height and slope: given too high it cuts the rock, too low it runs below the pedestal",
+        )
+    raise InputError(
+        f"only {points} points of the {side} are left near the interface",
+        where="interface",
+        expected="rock and pedestal seen once each, on both sides of the crevice",
+        remedy="check that the stations fit each other, as one that is off shows the rock's foot twice (leave them "
+        "out one by one); or scan the crevice from nearer and from more sides",
+    )
+
+
 def _relabelled(
-    points_m: NDArray[np.float64], label: NDArray[np.int8], interface: Interface, height_m: float
+    points_m: NDArray[np.float64],
+    label: NDArray[np.int8],
+    interface: Interface,
+    height_m: float,
+    *,
+    given: bool,
 ) -> NDArray[np.int8]:
     flat = interface.flat(points_m)
     rock = flat[label == ROCK]
     low = rock[rock[:, 2] < BAND_PER_HEIGHT * height_m]
+    check_seen(len(low), "rock", given=given)
     margin = 0.12 * height_m
     grid = Grid.over(
         low[:, :2].min(axis=0) - margin, low[:, :2].max(axis=0) + margin, height_m / CELLS_PER_HEIGHT
@@ -131,6 +173,7 @@ def _relabelled(
     inside = np.abs(flat[:, 2]) < BAND_PER_HEIGHT * height_m
     inside &= ((flat[:, :2] > grid.first_m) & (flat[:, :2] < grid.nodes_m[-1, -1])).all(axis=1)
     near, near_label = flat[inside], label[inside]
+    check_seen(int((near_label == PEDESTAL).sum()), "pedestal", given=given)
     sheet, tolerance = pedestal_sheet(grid, near, near_label == PEDESTAL, height_m)
     gap = near[:, 2] - grid.at(sheet, near)
     on_sheet = np.abs(gap) < tolerance
@@ -167,7 +210,13 @@ def pedestal_sheet(
 def refitted(
     points_m: NDArray[np.float64], label: NDArray[np.int8], interface: Interface, height_m: float
 ) -> Interface:
-    """Plane through the pedestal's points, each with a say that fades with its distance from the rock."""
+    """Plane through the pedestal's points, each with a say that fades with its distance from the rock.
+
+    Raises
+    ------
+    InputError
+        If next to nothing of the rock or of the pedestal shows near the interface.
+    """
     flat = interface.flat(points_m)
     rim = rim_polygon(flat[label == ROCK], height_m)
     reach = 4 * NEAR_PER_HEIGHT * height_m
@@ -178,6 +227,7 @@ def refitted(
     away = _outside(rim, flat[pedestal][:, :2])
     close = away < reach
     points = points_m[pedestal][close]
+    check_seen(len(points), "pedestal", given=False)
     fade = np.exp(-((away[close] / (NEAR_PER_HEIGHT * height_m)) ** 2))
     # Equal say to equal areas: near stations see the same crevice more densely.
     cell = np.unique(np.floor(flat[pedestal][close][:, :2] / (0.01 * height_m)), axis=0, return_inverse=True)[
@@ -198,9 +248,16 @@ def refitted(
 
 
 def rim_polygon(flat_rock: NDArray[np.float64], height_m: float) -> NDArray[np.float64]:
-    """Convex polygon (k, 2), u and v, through the lowest seen point of the rock in each of 48 directions."""
+    """Convex polygon (k, 2), u and v, through the lowest seen point of the rock in each of 48 directions.
+
+    Raises
+    ------
+    InputError
+        If next to nothing of the rock shows near the interface.
+    """
     low = flat_rock[np.abs(flat_rock[:, 2]) < BAND_PER_HEIGHT * height_m]
     low = low[not_strays(low)]
+    check_seen(len(low), "rock", given=False)
     centre = 0.5 * (low[:, :2].min(axis=0) + low[:, :2].max(axis=0))
     sector = (np.arctan2(*(low[:, :2] - centre).T[::-1]) // (2 * np.pi / 48)).astype(int)
     order = np.lexsort((low[:, 2], sector))
@@ -224,5 +281,7 @@ def _outside(polygon: NDArray[np.float64], points: NDArray[np.float64]) -> NDArr
 
 def not_strays(points: NDArray[np.float64], alone: float = 3.0) -> NDArray[np.bool_]:
     """Which points have their neighbours near: mixed pixels hang alone between rock and pedestal."""
+    if len(points) < 7:
+        return np.zeros(len(points), bool)  # nobody has six neighbours
     distance = cKDTree(points).query(points, 7)[0][:, 1:].mean(axis=1)
     return distance < alone * np.median(distance)

@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 from models.errors import InputError
 from models.rock import Rock
 from models.scan.base import near_the_interface
-from models.scan.crevice import judge_crevice
+from models.scan.crevice import BAND_PER_HEIGHT, check_seen, judge_crevice
 from models.scan.ground import kept_of, pedestal_ground
 from models.scan.interface import Interface, fit_interface
 from models.scan.measure import (
@@ -46,6 +46,8 @@ LENGTHS_M = (0.3048, 0.0254, 0.01, 0.001)
 """Foot, inch, centimetre, millimetre."""
 FITS_BETTER = 0.2
 """Share of the points that conversion must bring into place to give a file away."""
+UPWARD = 0.3
+"""Cosine to the interface's normal above which a patch of the pedestal can carry a rock."""
 ROCK_HEIGHTS_M = (0.02, 100.0)
 """From stones on a laboratory's shaking table to the tallest balanced rocks: beyond, the units are others."""
 
@@ -150,10 +152,14 @@ def _judged(
     interface = fit_interface(parts.surfels, rock) if word is None else word.interface
     height = float(np.ptp(parts.surfels.points_m[rock, 2]))
     label, interface = judge_crevice(cloud.points_m, parts.label, interface, height, refit=word is None)
-    rock = label_surfels(parts.surfels, cloud.points_m, label) == ROCK
+    surfels, surfel_label = parts.surfels, label_surfels(parts.surfels, cloud.points_m, label)
+    rock = surfel_label == ROCK
+    top = (surfel_label == PEDESTAL) & (surfels.normals @ interface.normal > UPWARD)
+    top &= np.abs(interface.flat(surfels.points_m)[:, 2]) < BAND_PER_HEIGHT * height
+    check_seen(int(top.sum()), "pedestal's top", given=word is not None)
     standing, below = cloud.points_m[label == ROCK], cloud.points_m[label == PEDESTAL]
     low, lit = near_the_interface(interface.flat(standing), interface.flat(below), height)
-    seen = SeenRock(standing, below, standing[low], below[lit], parts.surfels, rock, height, word)
+    seen = SeenRock(standing, below, standing[low], below[lit], surfels, rock, height, word)
     return seen, label, interface
 
 

@@ -5,9 +5,11 @@ import sys
 import numpy as np
 import pytest
 
+from models import InputError
 from models.scan import virtual
 from models.scan.read import Cloud
-from models.scan.survey import check_overlap
+from models.scan.survey import check_overlap, survey
+from models.scan.word import Word
 from orchestrator.cli import main
 
 SEED = 1
@@ -180,6 +182,13 @@ def test_a_scene_that_exists_is_left_alone(capsys, monkeypatch, tmp_path):
     assert stop.value.code == 1
     assert "choose another name" in capsys.readouterr().err
     assert [path.name for path in (tmp_path / "scene").iterdir()] == ["mine.txt"]
+
+
+def test_an_interface_given_half_way_up_the_rock_is_refused(stump):
+    points = np.concatenate(stump[0])
+    cloud = Cloud(points, np.zeros(3), np.zeros(len(points), np.int32), (("stump", len(points)),))
+    with pytest.raises(InputError, match="near the interface that is given"):
+        survey(cloud, word=Word.plane((0.0, 0.0, 0.5), 6.0, 250.0))
 
 
 def test_a_close_view_among_wide_ones_is_no_other_unit(stump):

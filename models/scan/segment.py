@@ -35,6 +35,8 @@ LEAST_CONCAVE_SHARE = 0.3
 """Share of the coarse cut's edges that must run through a crease: a hummock's foot has none."""
 RIVAL_SHARE = 0.6
 """A second thing of this share of the first one's height may be the rock that is meant."""
+NEAR_HEIGHTS = 1.5
+"""A top farther from where the user points than this many of its heights is not meant."""
 SURFACE_ROUGHNESS = 0.4
 """Thickness over width above which a neighbourhood is a bush's, not a surface's."""
 SHEET_ROUGHNESS = 0.3
@@ -78,28 +80,34 @@ class Segmentation:
 
 
 def segment(
-    points_m: NDArray[np.float64], near_m: NDArray[np.float64] | None = None, word: Word | None = None
+    points_m: NDArray[np.float64],
+    origin_m: NDArray[np.float64],
+    near_m: NDArray[np.float64] | None = None,
+    word: Word | None = None,
 ) -> Segmentation:
     """Split a cloud into rock, pedestal and neither.
 
     Parameters
     ----------
     points_m : (n, 3) array
+    origin_m : (3,) array
+        Survey coordinates of the points' origin, in which places are told to the user.
     near_m : (2,) array, optional
-        x, y near the top of the rock that is meant, where several stand.
+        x, y in the points' frame, near the top of the rock that is meant, where several stand.
     word : Word, optional
         The interface as the user knows it: the rock is what stands on it.
 
     Raises
     ------
     InputError
-        If nothing in the cloud stands on anything, or two things stand there equally.
+        If nothing in the cloud stands on anything, two things stand there equally, or none near where the user
+        points.
     """
     coarse = _coarse_surfels(points_m)
     if word is not None:
         return _refine(points_m, coarse, _standing_on(coarse, word), [], word)
     candidates = find_candidates(coarse)
-    chosen = _choose(candidates, near_m)
+    chosen = _choose(candidates, near_m, origin_m)
     return _refine(points_m, coarse, chosen, [c for c in candidates if c is not chosen])
 
 
@@ -294,7 +302,9 @@ def _bend(surfels: Surfels, edges: NDArray[np.int64]) -> NDArray[np.float64]:
     return np.einsum("ij,ij->i", surfels.normals[b] - surfels.normals[a], along)
 
 
-def _choose(candidates: list[Candidate], near_m: NDArray[np.float64] | None) -> Candidate:
+def _choose(
+    candidates: list[Candidate], near_m: NDArray[np.float64] | None, origin_m: NDArray[np.float64]
+) -> Candidate:
     """Pick the one thing that stands there, or the one nearest to where the user points."""
     standing = [c for c in candidates if c.concave_share > LEAST_CONCAVE_SHARE]
     if not standing:
@@ -305,19 +315,43 @@ def _choose(candidates: list[Candidate], near_m: NDArray[np.float64] | None) -> 
             remedy="crop the cloud to the rock and its pedestal, and check that z points up",
         )
     if near_m is not None:
-        return min(standing, key=lambda c: float(np.hypot(*(c.top_m[:2] - near_m))))
+        return _nearest(standing, near_m, origin_m)
     rivals = [c for c in standing[1:] if c.height_m > RIVAL_SHARE * standing[0].height_m]
     if rivals:
-        tops = "; ".join(
-            "{:.1f}, {:.1f} ({:.2g} m high)".format(*c.top_m[:2], c.height_m) for c in [standing[0], *rivals]
-        )
         raise InputError(
-            f"{1 + len(rivals)} things of like size stand there, tops at x, y from the origin: {tops}",
+            f"{1 + len(rivals)} things of like size stand there, tops at x, y: "
+            + _tops([standing[0], *rivals], origin_m),
             where="segmentation",
             expected="one rock, or a word on which one",
-            remedy="name one by --near X Y in survey coordinates, or crop the cloud",
+            remedy="name one by --near X Y in survey coordinates, as printed here, or crop the cloud",
         )
     return standing[0]
+
+
+def _nearest(
+    standing: list[Candidate], near_m: NDArray[np.float64], origin_m: NDArray[np.float64]
+) -> Candidate:
+    """Pick what stands nearest to where the user points, if that is near."""
+    away = [float(np.hypot(*(c.top_m[:2] - near_m))) for c in standing]
+    first = int(np.argmin(away))
+    if away[first] > NEAR_HEIGHTS * standing[first].height_m:
+        raise InputError(
+            f"the nearest thing that stands there has its top {away[first]:.3g} m away and is "
+            f"{standing[first].height_m:.2g} m high",
+            where="--near",
+            expected=f"a place within {NEAR_HEIGHTS} heights of a top; those found, at x, y: "
+            + _tops(standing, origin_m),
+            remedy="name one of them by --near X Y in survey coordinates; if yours is not among them, crop the cloud "
+            "to it and its pedestal",
+        )
+    return standing[first]
+
+
+def _tops(candidates: list[Candidate], origin_m: NDArray[np.float64]) -> str:
+    """Where things stand, survey coordinates."""
+    return "; ".join(
+        "{:.1f}, {:.1f} ({:.2g} m high)".format(*(c.top_m + origin_m)[:2], c.height_m) for c in candidates
+    )
 
 
 def _refine(

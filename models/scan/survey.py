@@ -97,12 +97,13 @@ def survey(
     """
     progress("registering stations")
     check_overlap(cloud)
+    near = None if near_m is None else _inside_cloud(near_m, cloud)
     cloud, registration = register(cloud)
     if word is not None:
         word = word.moved(cloud.origin_m)
         check_near(word, cloud.points_m.min(axis=0), cloud.points_m.max(axis=0), cloud.origin_m)
     progress("splitting rock from pedestal")
-    parts = segment(cloud.points_m, None if near_m is None else np.asarray(near_m) - cloud.origin_m[:2], word)
+    parts = segment(cloud.points_m, cloud.origin_m, near, word)
     progress("fitting the interface")
     seen, label, interface = _judged(cloud, parts, word)
     check_size(seen.height_m)
@@ -142,6 +143,21 @@ def survey(
         resampled = partial(progress, "resampling")
         report["uncertainty"] = uncertainty(seen, interface, core, bootstrap, resampled)
     return Survey(dataclasses.replace(scene, report=report), label, parts)
+
+
+def _inside_cloud(near_m: tuple[float, float], cloud: Cloud) -> NDArray[np.float64]:
+    """x, y near the rock's top in the cloud's frame, refused where the cloud shows nothing."""
+    near = np.asarray(near_m, float) - cloud.origin_m[:2]
+    low, high = cloud.points_m[:, :2].min(axis=0), cloud.points_m[:, :2].max(axis=0)
+    if not ((near >= low) & (near <= high)).all():
+        raise InputError(
+            "{:.2f}, {:.2f} lies outside the cloud".format(*near_m),
+            where="--near",
+            expected="survey coordinates from {:.2f}, {:.2f}".format(*(low + cloud.origin_m[:2]))
+            + " to {:.2f}, {:.2f}".format(*(high + cloud.origin_m[:2])),
+            remedy="give x and y of the rock's top in the coordinates of the clouds, in metres",
+        )
+    return near
 
 
 def _judged(

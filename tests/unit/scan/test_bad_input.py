@@ -1,5 +1,6 @@
 """What `toppling scan` says to clouds that it cannot use: exit 1, what, where, what to do, and nothing written."""
 
+import re
 import sys
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 from models import InputError
 from models.scan import virtual
 from models.scan.read import Cloud
+from models.scan.segment import segment
 from models.scan.survey import check_overlap, survey
 from models.scan.word import Word
 from orchestrator.cli import main
@@ -189,6 +191,35 @@ def test_an_interface_given_half_way_up_the_rock_is_refused(stump):
     cloud = Cloud(points, np.zeros(3), np.zeros(len(points), np.int32), (("stump", len(points)),))
     with pytest.raises(InputError, match="near the interface that is given"):
         survey(cloud, word=Word.plane((0.0, 0.0, 0.5), 6.0, 250.0))
+
+
+@pytest.fixture(scope="module")
+def twins():
+    """Points of two like rocks, 2 m apart, less the survey's origin."""
+    truth = virtual.two_rocks_side_by_side(seed=2)
+    seen = virtual.scan_around(truth, SEED, stations=4, resolution_per_height=0.03, clutter=False)
+    return np.concatenate([station.points_m for station in seen])
+
+
+def test_tops_are_told_as_near_wants_them_in_survey_coordinates(twins):
+    with pytest.raises(InputError, match="2 things of like size") as error:
+        segment(twins, virtual.DEMO_ORIGIN_M)
+    for east, north in re.findall(r"(\d+\.\d), (\d+\.\d) \(", error.value.what):
+        # The rocks stand at 0, 0 and 2, 0; a coarse scan's highest point lies within 0.3 m of the middle.
+        offset = np.array([float(east), float(north)]) - virtual.DEMO_ORIGIN_M[:2]
+        assert min(np.hypot(*offset), np.hypot(*(offset - [2.0, 0.0]))) < 0.3
+
+
+def test_a_place_beside_which_nothing_stands_names_no_rock(twins):
+    with pytest.raises(InputError, match=r"the nearest thing .* 5\.\d+ m away") as error:
+        segment(twins, virtual.DEMO_ORIGIN_M, np.array([5.5, 4.5]))
+    assert "331000." in error.value.expected
+
+
+def test_a_place_outside_the_cloud_names_no_rock(twins):
+    cloud = Cloud(twins, virtual.DEMO_ORIGIN_M, np.zeros(len(twins), np.int32), (("twins", len(twins)),))
+    with pytest.raises(InputError, match=r"3\.00, 0\.00 lies outside the cloud"):
+        survey(cloud, near_m=(3.0, 0.0))
 
 
 def test_a_close_view_among_wide_ones_is_no_other_unit(stump):

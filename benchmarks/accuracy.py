@@ -1,4 +1,4 @@
-"""Error against cost of the presets: overturning thresholds, answers that flip, time.
+"""Error against cost of the presets: answers that flip, time, thresholds, cases with exact answers, hard cases.
 
     make demo && .venv/bin/python benchmarks/accuracy.py [JOBS]
 
@@ -7,20 +7,24 @@ with the exact integrator, answers with those of the preset `reference` on the d
 """
 
 import json
+import subprocess
 import sys
+import tempfile
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pandas as pd
+from exact_cases import CASES, TARGET_OF_STANDARD
+from representations import compared, threshold_errors
 from rich.progress import Progress
 
-from models import Motion, Scene
+from models import Scene
 from models.motions.ensemble import Ensemble
 from orchestrator.front import CONVERGED, FLOOR, Setting, answers, compare, draw_jobs
 from results.figures import front_figure, save
 from workers import shake
 from workers.presets import PHYSICS_VERSION, PRESETS
-from workers.reference.rocking import Ground, PlaneBody, overturns
 
 ROOT = Path(__file__).parent.parent
 PAGE, FIGURE = ROOT / "docs" / "accuracy.md", ROOT / "docs" / "figures" / "accuracy_front"
@@ -28,42 +32,40 @@ BUDGET = ROOT / "results" / "preset_budget.json"
 SCENE, ENSEMBLE = ROOT / "demo" / "scene", ROOT / "demo" / "ensemble"
 KEPT = ROOT / "runs" / "accuracy"
 PGA_M_S2 = (3.0, 12.0)
-BLOCKS = ((0.1, 0.6), (0.2, 0.6), (0.4, 0.6))
 
 
-def full_sine(amplitude_m_s2: float, period_s: float, samples: int = 400) -> Motion:
-    """One sine along x."""
-    phase = np.linspace(0.0, 2 * np.pi, samples + 1)
-    return Motion(np.outer(amplitude_m_s2 * np.sin(phase), [1.0, 0.0, 0.0]), period_s / samples)
+def case_errors() -> pd.DataFrame:
+    """Worst error of each kind of exact case (index) with each preset (columns)."""
+    return pd.DataFrame(
+        {
+            preset: {
+                label: error
+                for labels, run in CASES
+                for label, error in zip(
+                    labels,
+                    np.abs(np.array(run(preset), float).reshape(-1, len(labels))).max(axis=0),
+                    strict=True,
+                )
+            }
+            for preset in PRESETS
+        }
+    )
 
 
-def least(low: float, high: float, topples: object) -> float:
-    """Least amplitude within 1e-4 that topples, from one that does not and one that does."""
-    while high - low > 1e-4 * low:
-        middle = 0.5 * (low + high)
-        low, high = (low, middle) if topples(middle) else (middle, high)  # type: ignore[operator]
-    return 0.5 * (low + high)
-
-
-def threshold_errors(preset: str) -> list[float]:
-    """Relative errors of the least full sine that overturns, over blocks and periods."""
-    errors = []
-    for b, h in BLOCKS:
-        scene, body = Scene.block(b, b, h, friction=10.0), PlaneBody.rectangle(b, h)
-        uplift = 9.81 * b / h
-        for period in (1.0, 1.5):
-            grid = uplift * np.arange(1.02, 8.0, 0.02)
-            first = next(a for a in grid if overturns(body, Ground.sine(a, period)))
-            exact = least(
-                first - 0.02 * uplift, first, lambda a, t=period, o=body: overturns(o, Ground.sine(a, t))
-            )
-            found = least(
-                0.97 * exact,
-                1.03 * exact,
-                lambda a, t=period, s=scene: bool(shake(s, full_sine(a, t), preset).toppled),
-            )
-            errors.append(found / exact - 1.0)
-    return errors
+def hard_cases() -> list[tuple[str, int, int]]:
+    """Each law of the hard cases, how many cases it has, and in how many it holds: from their tests."""
+    with tempfile.NamedTemporaryFile(suffix=".xml") as report:
+        subprocess.run(
+            [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-m", "slow or not slow",
+             f"--junitxml={report.name}", str(ROOT / "tests" / "verification" / "hard")],
+            check=False, cwd=ROOT, stdout=subprocess.DEVNULL,
+        )  # fmt: skip
+        tests = list(ElementTree.parse(report.name).iter("testcase"))
+    laws: dict[str, list[bool]] = {}
+    for test in tests:
+        name = test.attrib["name"].split("[")[0].removeprefix("test_").replace("_", " ")
+        laws.setdefault(name, []).append(len(test) == 0)  # children: failure, error or an expected failure
+    return [(law, len(held), sum(held)) for law, held in laws.items()]
 
 
 def main() -> None:
@@ -71,20 +73,26 @@ def main() -> None:
     count = int(sys.argv[1]) if len(sys.argv) > 1 else 300
     scene, ensemble = Scene.load(SCENE), Ensemble.load(ENSEMBLE)
     jobs = draw_jobs(ensemble, count, PGA_M_S2)
-    compared = {name: Setting(settings) for name, settings in PRESETS.items()} | {
+    settings = {name: Setting(one) for name, one in PRESETS.items()} | {
         "fast, no shortcuts": Setting(PRESETS["fast"], shortcuts=False),
         FLOOR: Setting(PRESETS[CONVERGED], disturbed_toward_deg=0.0),
     }
     with Progress() as progress:
-        task = progress.add_task("shaking", total=count * len(compared))
+        task = progress.add_task("shaking", total=count * len(settings))
         said = {
             name: answers(scene, ensemble, jobs, one, kept=KEPT, seen=lambda: progress.advance(task))
-            for name, one in compared.items()
+            for name, one in settings.items()
         }
     table = compare(said, said[CONVERGED])
     save(front_figure(table, FLOOR), FIGURE)
-    errors = {name: np.array(threshold_errors(name)) for name in PRESETS}
-    PAGE.write_text(_page(table, errors, count, float(said[CONVERGED].toppled.mean())))
+    errors = {
+        name: np.array(
+            threshold_errors(lambda scene, motion, name=name: bool(shake(scene, motion, name).toppled))
+        )
+        for name in PRESETS
+    }
+    page = _page(table, errors, count, float(said[CONVERGED].toppled.mean()))
+    PAGE.write_text(page + _more(compared(), errors, case_errors(), hard_cases()))
     flips = table.set_index("setting")
     told = {
         "physics_version": PHYSICS_VERSION,
@@ -102,6 +110,50 @@ def main() -> None:
     }
     BUDGET.write_text(json.dumps(told, indent=1) + "\n")
     print(PAGE.read_text())
+
+
+def _more(
+    bare: pd.DataFrame, ours: dict[str, np.ndarray], cases: pd.DataFrame, hard: list[tuple[str, int, int]]
+) -> str:
+    """What the contact is made of, the cases with exact answers, the hard cases."""
+    lines = [
+        "\n## Contact representations\n",
+        "The same thresholds in a bare loop of Bullet over its own shapes, and with the presets, whose points are the",
+        "vertices of the rock's convex hull and whose steps end at landings. Steps are shares of sqrt(R/g).\n",
+        "| representation | step | mean error | largest |",
+        "|---|---|---|---|",
+    ]
+    lines += [
+        f"| {row.representation} | 1/{1 / row.step:.0f} | {100 * row.mean:+.3f} % | {100 * row.largest:.3f} % |"
+        for row in bare.itertuples()
+    ]
+    lines += [
+        f"| points, landings resolved (`{name}`) | 1/{1 / PRESETS[name].step_share:.0f} | {100 * error.mean():+.3f} % "
+        f"| {100 * np.abs(error).max():.3f} % |"
+        for name, error in ours.items()
+    ]
+    lines += [
+        "\n## Cases with exact answers\n",
+        "The worst error over the cases of `benchmarks/exact_cases.py`, without shortcuts. Order: of the error in the",
+        "time step, between `standard` and `reference`; where an error is that of the case (sides of a polygon, the",
+        "bracket of a bisection) and not of the step it is low.\n",
+        f"| case | {' | '.join(PRESETS)} | order | target of `standard` |",
+        "|---" * (len(PRESETS) + 3) + "|",
+    ]
+    finer = np.log(PRESETS["standard"].step_share / PRESETS["reference"].step_share)
+    for label, row in cases.iterrows():
+        order = np.log(row["standard"] / row["reference"]) / finer
+        target = f"{100 * TARGET_OF_STANDARD[label]:g} %" if label in TARGET_OF_STANDARD else "-"
+        told = " | ".join(f"{100 * row[name]:.3g} %" for name in PRESETS)
+        lines.append(f"| {label} | {told} | {order:.1f} | {target} |")
+    lines += [
+        "\n## Hard cases\n",
+        "The laws of `tests/verification/hard`, and in how many of their cases they hold.\n",
+        "| law | cases | held |",
+        "|---|---|---|",
+    ]
+    lines += [f"| {law} | {count} | {held} |" for law, count, held in hard]
+    return "\n".join(lines) + "\n"
 
 
 def _page(table: pd.DataFrame, errors: dict[str, np.ndarray], count: int, toppled: float) -> str:

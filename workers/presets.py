@@ -41,7 +41,7 @@ class Settings:
 
 
 PRESETS = {
-    "fast": Settings(step_share=1 / 64, resolved_landing=3e-3, iterations=20, rest_speed=1e-3),
+    "fast": Settings(step_share=1 / 96, resolved_landing=3e-3, iterations=20, rest_speed=1e-3),
     "standard": Settings(step_share=1 / 128, resolved_landing=1e-3, iterations=50, rest_speed=5e-4),
     "reference": Settings(step_share=1 / 512, resolved_landing=1e-3, iterations=50, rest_speed=2e-4),
 }

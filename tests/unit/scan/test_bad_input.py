@@ -222,10 +222,45 @@ def test_a_place_outside_the_cloud_names_no_rock(twins):
         survey(cloud, near_m=(3.0, 0.0))
 
 
+def views(*points):
+    """A cloud of one file a view."""
+    files = tuple((f"station{k}", len(each)) for k, each in enumerate(points))
+    return Cloud(np.concatenate(points), np.zeros(3), np.zeros(sum(map(len, points)), np.int32), files)
+
+
+@pytest.mark.parametrize("feet", [0, 1])
+def test_of_two_files_the_one_in_feet_is_named_even_where_both_lie_on_the_ground(stump, feet):
+    # Sloping ground through the origin is like itself at every scale: many points of one lie on the other.
+    pair = [points / 0.3048 if k == feet else points for k, points in enumerate(stump[0][:2])]
+    with pytest.raises(InputError, match="read as feet it fits the others") as error:
+        check_overlap(views(*pair))
+    assert error.value.where == f"station{feet}"
+
+
+def test_of_three_files_the_one_in_feet_is_named_not_the_first_that_misses_it(stump):
+    """The first two look at the rock from opposite sides: without the third, they hardly overlap."""
+    first, between, opposite, _ = stump[0]
+    local = np.array([1000.0, 2000.0, 100.0])
+    with pytest.raises(InputError, match="other units") as error:
+        check_overlap(views(first + local, opposite + local, (between + local) / 0.3048))
+    assert error.value.where == "station2"
+
+
+def test_the_one_file_in_metres_is_told_that_the_others_are_not(stump):
+    first, second, third, _ = stump[0]
+    with pytest.raises(InputError, match="the others, read as feet, fit it") as error:
+        check_overlap(views(first / 0.3048, second, third / 0.3048))
+    assert error.value.where == "station1"
+
+
 def test_a_close_view_among_wide_ones_is_no_other_unit(stump):
     first, second, third, _ = stump[0]
     middle = np.concatenate(stump[0])[np.concatenate(stump[1]) == 0].mean(axis=0)
     near = np.linalg.norm(third - middle, axis=1) < 0.7
-    views = [first, second, third[near]]
-    files = tuple((f"station{k}", len(points)) for k, points in enumerate(views))
-    check_overlap(Cloud(np.concatenate(views), np.zeros(3), np.zeros(sum(map(len, views)), np.int32), files))
+    check_overlap(views(first, second, third[near]))
+
+
+def test_a_close_view_beside_one_wide_view_is_no_other_unit(stump):
+    first, second, *_ = stump[0]
+    middle = np.concatenate(stump[0])[np.concatenate(stump[1]) == 0].mean(axis=0)
+    check_overlap(views(first, second[np.linalg.norm(second - middle, axis=1) < 1.1]))

@@ -95,7 +95,8 @@ def test_a_weak_end_of_a_motion_is_left_out_and_a_strong_one_is_not():
     short, whole = (shake(scene, weak_end, "fast", shortcuts=s) for s in (True, False))
     assert (short.ended_by, short.outcome) == ("rest_certain", "moved")
     assert whole.outcome == "moved"
-    assert short.simulated_s < 5.0 < 30.0 < whole.simulated_s
+    # After three strong seconds the rock rolls on for a while: how long differs with every landing.
+    assert short.simulated_s < 8.0 < 30.0 < whole.simulated_s
     strong_end = Motion(np.vstack([weak_end.acceleration_m_s2, strong.acceleration_m_s2]), 0.02)
     assert shake(scene, strong_end, "fast").simulated_s > weak_end.duration_s
 

@@ -278,7 +278,7 @@ def _no_overlap(what: str, name: str) -> InputError:
         what,
         where=name,
         expected="stations of one survey, registered to one coordinate system, in metres",
-        remedy="register the stations, or convert this file's units to metres, and export again",
+        remedy="register the stations, or convert what is not in metres, and export again",
     )
 
 

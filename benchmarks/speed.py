@@ -15,10 +15,11 @@ import pybullet
 
 from models import ContactProperties, Motion, Scene
 from workers import shake
-from workers.contact import contact_of
+from workers.contact import REACH_DEG, contact_of
 from workers.presets import settings_of
 from workers.shake import settled
 from workers.stepping import engine_for
+from workers.way import STILL
 
 ROUNDS = 7
 SCENES = {
@@ -43,8 +44,10 @@ def bare_loop(scene: Scene, motion: Motion, steps: int) -> float:
     settings = settings_of("standard")
     step_s = settings.time_step_s(contact.half_diagonal_m, scene.gravity_m_s2)
     impulse = scene.gravity_m_s2 * step_s
-    engine = engine_for(contact, 8.0, scene.contact, impulse, 0.0, settings.iterations, 0)
-    engine.set_state((tuple(contact.com_m), tuple(contact.start_quaternion_xyzw)), np.zeros(3), np.zeros(3))
+    engine = engine_for(
+        contact, REACH_DEG[0], scene.contact, impulse, impulse * step_s, 0.0, settings.iterations, 0
+    )
+    engine.set_state((tuple(contact.com_m), tuple(contact.start_quaternion_xyzw)), STILL, STILL)
     pulls = np.array([0.0, 0.0, -scene.gravity_m_s2]) - motion.mean_between(np.arange(steps + 1) * step_s)
     pulls = pulls.tolist()
     client = engine._client

@@ -1,5 +1,6 @@
 """Clouds from files: every format ends as local points in metres and one double-precision origin."""
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,6 +15,19 @@ from models.errors import InputError
 FORMATS = (".ply", ".pcd", ".xyz", ".pts", ".txt", ".csv", ".las", ".laz", ".e57")
 MINIMUM_POINTS = 1000
 """Fewer points than this cannot show a rock, its pedestal and the crevice between them."""
+AXES = {
+    "x": ("x", "easting", "east", "e"),
+    "y": ("y", "northing", "north", "n"),
+    "z": ("z", "elevation", "elev", "height", "up"),
+}
+"""What headers of text files call east, north and up, in lower case."""
+OTHER_COLUMNS = frozenset(
+    "id point station intensity reflectance red green blue r g b nx ny nz latitude longitude lat lon range azimuth "
+    "zenith theta phi time".split()
+)
+EASTINGS_M = (1e5, 1e6)
+"""Within these lie all eastings of UTM; northings lie beyond nearly everywhere."""
+NORTHINGS_BELOW_M = 1e7
 COARSEST_STEP_M = 0.01
 """Coordinates stored in steps wider than this have lost the crevice."""
 
@@ -133,16 +147,83 @@ def _read_tensor(path: Path) -> tuple[NDArray[np.float64], NDArray]:
 
 
 def _read_columns(path: Path) -> NDArray[np.float64]:
-    """Read the first three columns of a text file, past a header line and the count line of PTS."""
+    """Read x, y, z of a text file: the columns that a header names, else the first three."""
     with path.open(errors="replace") as lines:
         head = [line for _, line in zip(range(20), lines, strict=False)]
     skip = next((i for i, line in enumerate(head) if _numbers(line) >= 3), None)
     if skip is None:
         return np.empty((0, 3))
     delimiter = "," if "," in head[skip] else ";" if ";" in head[skip] else None
-    return np.loadtxt(
-        path, delimiter=delimiter, skiprows=skip, usecols=(0, 1, 2), ndmin=2, comments=("#", "//")
+    named = _named_columns(head[:skip], head[skip], delimiter, path)
+    with path.open(errors="replace") as lines:
+        counted = path.suffix.lower() == ".pts"  # filtering costs time, so for these files alone
+        points = np.loadtxt(
+            filter(_no_count, lines) if counted else path,
+            delimiter=delimiter,
+            skiprows=sum(map(_no_count, head[:skip])) if counted else skip,
+            usecols=named or (0, 1, 2),
+            ndmin=2,
+            comments=("#", "//"),
+        )
+    if named is None:
+        _check_easting_first(points, path)
+    return points
+
+
+def _no_count(line: str) -> bool:
+    """Whether a line is none of the counts of points that stand before each scan in a PTS file."""
+    return not line.strip().isdigit()
+
+
+def _named_columns(
+    head: list[str], first: str, delimiter: str | None, path: Path
+) -> tuple[int, int, int] | None:
+    """Columns of x, y, z by the header before the first line of numbers, None if there is no header."""
+    titles = [line for line in head if line.strip() and _no_count(line)]
+    if not titles:
+        return None
+    columns = len(first.strip().split(delimiter))
+    title = titles[-1].strip().lstrip("#/ ").lower()
+    names = [_bare(word) for word in title.split(delimiter)]
+    if len(names) != columns:
+        names = [_bare(word) for word in title.replace(",", " ").replace(";", " ").split()]
+    x, y, z = (next((names.index(word) for word in words if word in names), None) for words in AXES.values())
+    if (
+        x is not None
+        and y is not None
+        and z is not None
+        and (len(names) == columns or (x, y, z) == (0, 1, 2))
+    ):
+        return x, y, z
+    known = {word for words in AXES.values() for word in words} | OTHER_COLUMNS
+    if len(known.intersection(names)) < 2:
+        return None  # a remark
+    raise InputError(
+        f"the header names its columns {', '.join(names)}",
+        where=str(path),
+        expected="; ".join(f"{axis}: {' or '.join(words)}" for axis, words in AXES.items())
+        + f"; and as many names as columns ({columns})",
+        remedy="name the columns of easting, northing and height x, y and z, in metres",
     )
+
+
+def _bare(word: str) -> str:
+    """A column's name without quotes and unit: "X [m]" is x."""
+    return re.split(r"[(\[]", word.strip().strip("\"'"))[0].strip().removesuffix("_m")
+
+
+def _check_easting_first(points: NDArray[np.float64], path: Path) -> None:
+    """Refuse what looks like northing before easting: the scene would be mirrored."""
+    if not len(points):
+        return
+    x, y = np.abs(np.median(points[:, :2], axis=0))
+    if EASTINGS_M[1] < x < NORTHINGS_BELOW_M and EASTINGS_M[0] < y < EASTINGS_M[1]:
+        raise InputError(
+            f"the first column, about {x:.0f}, looks like a northing and the second, about {y:.0f}, like an easting",
+            where=str(path),
+            expected="x (east), y (north), z in this order, or a header line that names them",
+            remedy="put a line with the columns' names before the first point: y,x,z, or x,y,z if they are in order",
+        )
 
 
 def _numbers(line: str) -> int:

@@ -21,10 +21,11 @@ AXES = {
     "z": ("z", "elevation", "elev", "height", "up"),
 }
 """What headers of text files call east, north and up, in lower case."""
-OTHER_COLUMNS = frozenset(
-    "id point station intensity reflectance red green blue r g b nx ny nz latitude longitude lat lon range azimuth "
-    "zenith theta phi time".split()
+OTHER_COLUMNS = (
+    *("id", "point", "station", "time", "intensity", "reflectance", "red", "green", "blue", "r", "g", "b"),
+    *("nx", "ny", "nz", "latitude", "longitude", "lat", "lon", "range", "azimuth", "zenith", "theta", "phi"),
 )
+"""What headers call columns that are no coordinates of a survey."""
 EASTINGS_M = (1e5, 1e6)
 """Within these lie all eastings of UTM; northings lie beyond nearly everywhere."""
 NORTHINGS_BELOW_M = 1e7
@@ -195,7 +196,7 @@ def _named_columns(
         and (len(names) == columns or (x, y, z) == (0, 1, 2))
     ):
         return x, y, z
-    known = {word for words in AXES.values() for word in words} | OTHER_COLUMNS
+    known = {*OTHER_COLUMNS, *(word for words in AXES.values() for word in words)}
     if len(known.intersection(names)) < 2:
         return None  # a remark
     raise InputError(

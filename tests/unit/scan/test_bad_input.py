@@ -239,17 +239,11 @@ def test_of_two_files_the_one_in_feet_is_named_even_where_both_lie_on_the_ground
 
 def test_of_three_files_the_one_in_feet_is_named_not_the_first_that_overlaps_nothing(stump):
     """The first two show the two sides of a strip, which only the third shows: as it is, none overlaps another."""
-    third = stump[0][0]
-    first, second = (third[way * third[:, 0] > 0.3] for way in (-1.0, 1.0))
+    third = stump[0][0] + np.array([1000.0, 2000.0, 100.0])
+    first, second = (third[way * (third[:, 0] - 1000.0) > 0.3] for way in (-1.0, 1.0))
     with pytest.raises(InputError, match="read as feet it fits the others") as error:
-        check_overlap(
-            views(*(points + [1000.0, 2000.0, 100.0] for points in (first, second)), in_feet_at(third))
-        )
+        check_overlap(views(first, second, third / 0.3048))
     assert error.value.where == "station2"
-
-
-def in_feet_at(points):
-    return (points + [1000.0, 2000.0, 100.0]) / 0.3048
 
 
 def test_the_one_file_in_metres_is_told_that_the_others_are_not(stump):

@@ -22,6 +22,8 @@ from models.scan.picture import (
 from models.scene import Scene
 
 EXPORTS = (".glb", ".gltf", ".ply", ".obj")
+Y_UP = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
+"""Turn of -90 degrees about x, from z up to glTF's y up."""
 
 
 def write_page(scene: Scene, path: Path) -> None:
@@ -111,7 +113,10 @@ def scene_figure(scene: Scene) -> go.Figure:
 
 
 def export_scene(scene: Scene, path: Path) -> None:
-    """Write rock and pedestal as one glTF, PLY or OBJ file, in the scene's local frame, z up.
+    """Write rock and pedestal as one glTF, PLY or OBJ file, in the scene's local frame.
+
+    In PLY and OBJ z is up, as in the scene. glTF prescribes that y is (its specification 2.0, section 3.4): there east is
+    x, up y and south z. Every format is one file that needs no other beside it.
 
     Raises
     ------
@@ -129,8 +134,8 @@ def export_scene(scene: Scene, path: Path) -> None:
     if path.suffix.lower() in (".glb", ".gltf"):
         parts = trimesh.Scene()
         for name, mesh in meshes:
-            parts.add_geometry(mesh, node_name=name, geom_name=name)
-        parts.export(path)
+            parts.add_geometry(mesh, node_name=name, geom_name=name, transform=Y_UP)
+        parts.export(path, **({"embed_buffers": True} if path.suffix.lower() == ".gltf" else {}))
     else:
         trimesh.util.concatenate([mesh for _, mesh in meshes]).export(path)
 

@@ -41,7 +41,7 @@ def show(folder: Path, out: Path | None) -> None:
 @click.argument("folder", type=click.Path(path_type=Path))
 @click.argument("file", type=click.Path(path_type=Path))
 def export(folder: Path, file: Path) -> None:
-    """Write rock and pedestal as one file: .glb, .gltf, .ply or .obj.
+    """Write rock and pedestal as one file: .glb or .gltf (y up, as glTF prescribes), .ply or .obj (z up).
 
     \b
     toppling scene export scenes/rock rock.glb

@@ -2,6 +2,7 @@
 
 import dataclasses
 
+import numpy as np
 import pytest
 import trimesh
 from click.testing import CliRunner
@@ -69,11 +70,41 @@ def test_the_band_round_the_compass_is_one_standard_deviation_wide():
     assert toppling_band(Scene.block(0.2, 0.3, 0.6))[2].max() == 0.0
 
 
-@pytest.mark.parametrize("suffix", [".glb", ".ply", ".obj"])
-def test_an_exported_scene_holds_the_rock_in_place(folder, tmp_path, suffix):
+@pytest.mark.parametrize(("suffix", "up"), [(".glb", 1), (".gltf", 1), (".ply", 2), (".obj", 2)])
+def test_an_exported_scene_holds_the_rock_in_place_and_upright_by_the_formats_rule(
+    folder, tmp_path, suffix, up
+):
     target = tmp_path / f"block{suffix}"
     CliRunner().invoke(scene, ["export", str(folder), str(target)], catch_exceptions=False)
-    assert trimesh.load(target, force="mesh").bounds[1][2] == pytest.approx(1.2)
+    assert trimesh.load(target, force="mesh").bounds[1][up] == pytest.approx(1.2)
+
+
+def test_gltf_turns_the_scene_and_does_not_mirror_it(folder, tmp_path):
+    target = tmp_path / "block.glb"
+    CliRunner().invoke(scene, ["export", str(folder), str(target)], catch_exceptions=False)
+    parts = trimesh.load(target, force="scene")
+    seen = trimesh.load(folder / "rock.ply", process=False).vertices
+    rock = trimesh.transform_points(parts.geometry["rock"].vertices, parts.graph["rock"][0])
+    # East is x, up is y, so south is z for the frame to be right-handed; glTF holds single precision.
+    for vertex in rock:
+        assert np.abs(seen - vertex[[0, 2, 1]] * [1.0, -1.0, 1.0]).max(axis=1).min() < 1e-6
+
+
+@pytest.mark.parametrize("suffix", [".glb", ".gltf", ".ply", ".obj"])
+def test_two_exports_into_one_folder_leave_each_other_alone(folder, tmp_path, suffix):
+    other = Scene.block(0.4, 0.4, 1.0).save(tmp_path / "other")
+    out = tmp_path / "out"
+    out.mkdir()
+    for name in (folder, other):
+        CliRunner().invoke(
+            scene, ["export", str(name), str(out / f"{name.name}{suffix}")], catch_exceptions=False
+        )
+    assert {path.name for path in out.iterdir()} == {f"block{suffix}", f"other{suffix}"}
+    heights = [
+        np.ptp(trimesh.load(out / f"{name}{suffix}", force="mesh").bounds, axis=0)
+        for name in ("block", "other")
+    ]
+    assert not np.allclose(*heights)
 
 
 def test_an_unknown_format_is_refused(folder, tmp_path):

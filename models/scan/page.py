@@ -115,8 +115,8 @@ def scene_figure(scene: Scene) -> go.Figure:
 def export_scene(scene: Scene, path: Path) -> None:
     """Write rock and pedestal as one glTF, PLY or OBJ file, in the scene's local frame.
 
-    In PLY and OBJ z is up, as in the scene. glTF prescribes that y is (its specification 2.0, section 3.4): there east is
-    x, up y and south z. Every format is one file that needs no other beside it.
+    In PLY and OBJ z is up, as in the scene. glTF prescribes that y is (its specification 2.0, section 3.4): there
+    x is east, y up and z south. Every format is one file that needs no other beside it.
 
     Raises
     ------

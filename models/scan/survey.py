@@ -140,7 +140,9 @@ def survey(
     }
     if bootstrap:
         resampled = partial(progress, "resampling")
-        report["uncertainty"] = uncertainty(seen, interface, core, bootstrap, resampled)
+        report["uncertainty"] = uncertainty(
+            seen, interface, core, closed.invented_share, bootstrap, resampled
+        )
     return Survey(dataclasses.replace(scene, report=report), label, parts)
 
 

@@ -7,7 +7,7 @@ import click
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from models import InputError
+from models import InputError, Scene
 
 REALISATIONS = 8
 
@@ -73,6 +73,7 @@ def scan(
     toppling scan cloud.e57 --out scenes/rock --point 331250.1,3777309.2,480.3 \\
         --point 331251.0,3777310.4,480.2 --point 331249.4,3777310.8,480.4
     """  # noqa: D301  (\b keeps click from rewrapping the example)
+    from models.scan.measure import invention_warning
     from models.scan.read import read_clouds
     from models.scan.survey import STAGES, save_survey, survey
     from models.scan.word import word_of
@@ -96,12 +97,15 @@ def scan(
         stage("writing")
         save_survey(result, out)
         bar.update(task, completed=total, description="done")
-    scene = result.scene
-    if as_json:
-        click.echo(json.dumps(scene.to_json(), allow_nan=False))
-        return
+    click.echo(json.dumps(result.scene.to_json(), allow_nan=False) if as_json else _told(result.scene, out))
+    if warning := invention_warning(result.scene):
+        click.echo(warning, err=as_json)
+
+
+def _told(scene: Scene, out: Path) -> str:
+    """Say what the scan found in one line."""
     rock, pedestal = scene.rock, scene.pedestal
-    click.echo(
+    return (
         f"{out}: rock of {rock.volume_m3:.4g} m³, {rock.height_m:.3g} m high, on a pedestal that falls "
         f"{pedestal.slope_deg:.2f}° toward azimuth {pedestal.downhill_azimuth_deg:.1f}°; "
         f"see {out / 'scene.png'}"

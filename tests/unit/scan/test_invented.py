@@ -1,0 +1,93 @@
+"""What no station saw is said: in the floors of the stated spread, and on the command line."""
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from models import Scene
+from models.scan import virtual
+from models.scan.measure import cap_share, floors, invention_warning
+from models.scan.survey import Survey, survey
+from orchestrator.verbs.scan import scan
+
+
+def with_invented(share):
+    surface = {"seen_share": 0.9 - share, "closed_share": 0.1, "invented_share": share}
+    return dataclasses.replace(Scene.block(0.2, 0.3, 0.6), report={"surface": surface})
+
+
+@pytest.mark.parametrize("height", [0.1, 0.5, 1.3, 2.0])
+def test_a_cap_holds_the_share_of_the_ball_that_geometry_says(height):
+    # Of a ball of radius 1, a cap of height h has the surface 2 pi h and the volume pi h^2 (3 - h) / 3.
+    assert cap_share(height / 2.0) == pytest.approx(height**2 * (3.0 - height) / 4.0)
+
+
+def test_a_rock_that_was_seen_is_told_without_a_warning():
+    assert invention_warning(with_invented(0.05)) is None
+    assert invention_warning(Scene.block(0.2, 0.3, 0.6)) is None
+
+
+def test_a_rock_that_is_invented_in_part_is_told_with_how_much_and_what_follows():
+    told = invention_warning(with_invented(0.41))
+    assert "41% of the rock's surface was not seen" in told
+    assert "volume, centre of mass and inertia are guesses" in told
+    # 3 * 0.41^2 - 2 * 0.41^3
+    assert "±37%" in told
+
+
+def test_floors_are_those_of_known_rocks_where_all_was_seen_and_the_caps_where_much_was_not():
+    seen, partly = floors(0.0), floors(0.41)
+    assert seen == {
+        "com_per_height": 0.001,
+        "volume_share": 0.003,
+        "inertia_share": 0.003,
+        "toppling_share": 0.02,
+    }
+    assert partly["volume_share"] == pytest.approx(0.367, abs=0.001)
+    assert partly["inertia_share"] == pytest.approx(0.367, abs=0.001)
+    assert partly["com_per_height"] == pytest.approx(0.2 * 0.367, abs=0.001)
+
+
+@pytest.mark.parametrize("as_json", [False, True])
+def test_the_command_line_warns_of_an_invented_rock_beside_its_answer(monkeypatch, tmp_path, as_json):
+    found = Survey(with_invented(0.41), np.zeros(0, np.int8), None)
+    monkeypatch.setattr("models.scan.read.read_clouds", lambda _: None)
+    monkeypatch.setattr("models.scan.survey.survey", lambda *_: found)
+    monkeypatch.setattr("models.scan.survey.save_survey", lambda *_: None)
+    options = ["--json"] if as_json else []
+    done = CliRunner().invoke(scan, ["a.laz", "--out", str(tmp_path / "a"), *options], catch_exceptions=False)
+    assert "41% of the rock's surface was not seen" in (done.stderr if as_json else done.stdout)
+    if as_json:
+        assert json.loads(done.stdout)["report"]["surface"]["invented_share"] == 0.41
+
+
+@pytest.fixture(scope="module")
+def one_sided():
+    """A leaning rock seen by three of six stations around it: truth, and what the survey made of it."""
+    truth = virtual.on_slope(
+        virtual.boulder(2.5, 1.4, 0.9, 7, bumps=0.04, sides=64, lean_m=(0.15, 0.1)),
+        virtual.ground(6.0, 0.7, 7, bumps_m=0.1, cells=80),
+        8.0,
+        120.0,
+    )
+    seen = virtual.scan_around(truth, 1, stations=6, resolution_per_height=0.02, clutter=False)[:3]
+    return truth, survey(virtual.cloud_of(seen, np.zeros(3))[0], bootstrap=3).scene
+
+
+@pytest.mark.slow
+def test_the_spread_of_a_rock_seen_from_one_side_covers_its_error(one_sided):
+    truth, found = one_sided
+    rock, true, spread = found.rock, truth.rock, found.report["uncertainty"]
+    assert found.report["surface"]["invented_share"] > 0.4
+    # The error is half of the volume, and half samples say a few per cent: two standard deviations must hold it.
+    off = abs(rock.volume_m3 - true.volume_m3)
+    assert 0.3 * true.volume_m3 < off < 2.0 * spread["volume_std_m3"]
+    assert (np.abs(rock.com_m - true.com_m) < 2.0 * np.array(spread["com_std_m"])).all()
+    inertia = np.abs(rock.inertia_per_mass_m2 - true.inertia_per_mass_m2)
+    assert (inertia < 2.0 * np.array(spread["inertia_per_mass_std_m2"])).all()
+    assert spread["bias"]["volume_share"] == pytest.approx(
+        cap_share(found.report["surface"]["invented_share"]), rel=1e-3
+    )

@@ -151,8 +151,10 @@ def numbers_of(scene: Scene) -> list[str]:
             f"  highest other candidate {sure['runner_up']:.0%} of the rock's height",
         ]
     if "residual_m" in registration:
+        alone = [each["residual_m"] or 0.0 for each in registration.get("of_stations", [])]
         lines.append(
             f"{registration['stations']} stations fit each other within {1e3 * registration['residual_m']:.2g} mm"
+            + (f", the worst within {1e3 * max(alone):.2g} mm" if alone else "")
         )
     return lines
 

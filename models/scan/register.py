@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
+from models.errors import InputError
 from models.scan.read import Cloud
 
 VOXELS_PER_EXTENT = 250
@@ -23,6 +24,11 @@ SAME_WAY = 0.9
 """Cosine between the normals of points that show the same place."""
 WORTH = 0.95
 """A registration that leaves more than this share of the residual is not applied: it would follow the noise."""
+NEARBY_VOXELS = 10.0
+"""Points of a station this near to another's should show places that it shows too."""
+FAR_BELOW, FAR_ABOVE = 0.25, 3.0
+"""A station whose paired share and residual are these times the others' does not fit them. Known ones that do fit have
+0.6 of the others' share and their residual; such as are off by two voxels or more, 0.15 of it and 30 times theirs."""
 WEAK = 1e-3
 """Directions in which the pairs hold the stations by less than this share of the best held one stay as they are."""
 
@@ -42,7 +48,8 @@ def register(cloud: Cloud) -> tuple[Cloud, dict[str, Any]]:
         The same one where it has one station only or nothing is gained.
     dict
         Residual (robust standard deviation of the point-to-plane distances) before and after, shift and turn of
-        each station.
+        each station; `of_stations`: the residual of each, and the share of its points near to others' that show the
+        same place, none where nothing is near.
     """
     count = int(cloud.station.max()) + 1
     if count < 2:
@@ -61,6 +68,7 @@ def register(cloud: Cloud) -> tuple[Cloud, dict[str, Any]]:
     after = _residual(stations, pose, REACH_VOXELS[-1] * voxel)
     report: dict[str, Any] = {"stations": count, "residual_before_m": before}
     if not after < WORTH * before:
+        report["of_stations"] = _fits(stations, [np.eye(4) for _ in stations], voxel)
         return cloud, {**report, "residual_m": before, "applied": False}
     points = np.empty_like(cloud.points_m)
     for rows, each in zip(members, pose, strict=True):
@@ -68,7 +76,45 @@ def register(cloud: Cloud) -> tuple[Cloud, dict[str, Any]]:
     shift = [(each[:3, :3] @ centre + each[:3, 3] - centre).tolist() for each in pose]
     turn = [float(np.rad2deg(Rotation.from_matrix(each[:3, :3]).magnitude())) for each in pose]
     report |= {"residual_m": after, "applied": True, "shift_m": shift, "turn_deg": turn}
+    report["of_stations"] = _fits(stations, pose, voxel)
     return dataclasses.replace(cloud, points_m=points), report
+
+
+def check_fit(cloud: Cloud, told: dict[str, Any]) -> None:
+    """Refuse a station that lies where the others are but shows other places than they do: it is off.
+
+    Parameters
+    ----------
+    cloud : Cloud
+    told : dict
+        What `register` says.
+
+    Raises
+    ------
+    InputError
+        If one of three stations or more pairs far less and far worse than the others.
+    """
+    fits = [
+        (k, each) for k, each in enumerate(told.get("of_stations", [])) if each["paired_share"] is not None
+    ]
+    if len(fits) < 3:
+        return  # of two nobody can say which is off
+    number, worst = min(fits, key=lambda fit: fit[1]["paired_share"])
+    others = [each for k, each in fits if k != number]
+    usual = float(np.median([each["paired_share"] for each in others]))
+    residual = float(np.median([each["residual_m"] for each in others]))
+    if worst["paired_share"] >= FAR_BELOW * usual or 0.0 < worst["residual_m"] <= FAR_ABOVE * residual:
+        return
+    file = int(
+        np.searchsorted(np.cumsum([n for _, n in cloud.files]), np.argmax(cloud.station == number), "right")
+    )
+    raise InputError(
+        f"station {number + 1} of {told['stations']} does not fit the others: {worst['paired_share']:.0%} of its "
+        f"points near theirs show the same place, of theirs {usual:.0%}",
+        where=cloud.files[file][0],
+        expected="stations registered to each other, with what is left small enough to be taken out here",
+        remedy="register this station anew, or leave it out",
+    )
 
 
 def _thinned(points: NDArray[np.float64], voxel_m: float) -> _Thinned:
@@ -85,10 +131,7 @@ def _pairs(
     stations: list[_Thinned], pose: list[NDArray[np.float64]], reach_m: float
 ) -> list[tuple[int, int, NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]]:
     """Points of one station, normals of another and the distances between them, for all pairs of stations."""
-    placed = [
-        _Thinned(each.points @ p[:3, :3].T + p[:3, 3], each.normals @ p[:3, :3].T)
-        for each, p in zip(stations, pose, strict=True)
-    ]
+    placed = _placed(stations, pose)
     trees = [cKDTree(each.points) if len(each.points) else None for each in placed]
     found = []
     for a, b in permutations(range(len(placed)), 2):
@@ -105,6 +148,43 @@ def _pairs(
         normal = placed[b].normals[near[met]]
         gap = np.einsum("ij,ij->i", points[met] - placed[b].points[near[met]], normal)
         found.append((a, b, points[met], normal, gap))
+    return found
+
+
+def _placed(stations: list[_Thinned], pose: list[NDArray[np.float64]]) -> list[_Thinned]:
+    return [
+        _Thinned(each.points @ p[:3, :3].T + p[:3, 3], each.normals @ p[:3, :3].T)
+        for each, p in zip(stations, pose, strict=True)
+    ]
+
+
+def _fits(
+    stations: list[_Thinned], pose: list[NDArray[np.float64]], voxel_m: float
+) -> list[dict[str, float | None]]:
+    """How well each station fits all others together."""
+    placed = _placed(stations, pose)
+    found: list[dict[str, float | None]] = []
+    for number, each in enumerate(placed):
+        points = np.concatenate([other.points for k, other in enumerate(placed) if k != number])
+        normals = np.concatenate([other.normals for k, other in enumerate(placed) if k != number])
+        step = max(1, len(each.points) // SAMPLES)
+        own, facing = each.points[::step], each.normals[::step]
+        if len(own) and len(points):
+            distance, near = cKDTree(points).query(own, distance_upper_bound=NEARBY_VOXELS * voxel_m)
+            nearby = np.isfinite(distance)
+        if not len(own) or not len(points) or nearby.sum() < LEAST_PAIRS:
+            found.append({"residual_m": None, "paired_share": None})
+            continue
+        normal = normals[near[nearby]]
+        met = distance[nearby] < REACH_VOXELS[-1] * voxel_m
+        met &= np.abs(np.einsum("ij,ij->i", facing[nearby], normal)) > SAME_WAY
+        gap = np.abs(np.einsum("ij,ij->i", own[nearby] - points[near[nearby]], normal))[met]
+        found.append(
+            {
+                "residual_m": 1.4826 * float(np.median(gap)) if met.any() else 0.0,
+                "paired_share": float(met.mean()),
+            }
+        )
     return found
 
 

@@ -29,7 +29,7 @@ from models.scan.measure import (
 )
 from models.scan.picture import draw_scene
 from models.scan.read import Cloud
-from models.scan.register import register
+from models.scan.register import check_fit, register
 from models.scan.segment import NEITHER, PEDESTAL, ROCK, Segmentation, label_surfels, segment
 from models.scan.word import Word, check_near
 from models.scene import Scene
@@ -98,6 +98,7 @@ def survey(
     check_overlap(cloud)
     near = None if near_m is None else _inside_cloud(near_m, cloud)
     cloud, registration = register(cloud)
+    check_fit(cloud, registration)
     if word is not None:
         word = word.moved(cloud.origin_m)
         check_near(word, cloud.points_m.min(axis=0), cloud.points_m.max(axis=0), cloud.origin_m)

@@ -1,0 +1,78 @@
+"""Stations that do not fit: each is told by itself, and one that is off is refused by its file's name."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from models import InputError, Scene
+from models.scan import virtual
+from models.scan.picture import numbers_of
+from models.scan.read import Cloud
+from models.scan.register import check_fit, register
+from models.scan.survey import survey
+
+
+@pytest.fixture(scope="module")
+def cloud():
+    truth = virtual.on_slope(
+        virtual.boulder(2.0, 1.3, 1.0, 3, bumps=0.02, sides=48),
+        virtual.ground(5.0, 0.7, 3, bumps_m=0.1, cells=80),
+        6.0,
+        250.0,
+    )
+    seen = virtual.scan_around(truth, 1, stations=5, resolution_per_height=0.025, clutter=False)
+    return virtual.cloud_of(seen, np.zeros(3))[0]
+
+
+def with_one_off(cloud, number, shift_m):
+    points = cloud.points_m.copy()
+    points[cloud.station == number] += shift_m
+    return Cloud(points, cloud.origin_m, cloud.station, cloud.files)
+
+
+def test_stations_that_fit_are_told_one_by_one(cloud):
+    same, told = register(cloud)
+    check_fit(same, told)
+    assert len(told["of_stations"]) == 5
+    # Range noise of 0.8 mm, averaged over the points of a voxel.
+    assert max(each["residual_m"] for each in told["of_stations"]) < 0.002
+    # What one station alone sees of rock and ground beside what others see is not paired.
+    assert min(each["paired_share"] for each in told["of_stations"]) > 0.6
+
+
+def test_a_station_that_is_too_far_off_to_be_brought_back_is_refused_by_its_file(cloud):
+    with pytest.raises(InputError, match="station 3 of 5 does not fit the others") as error:
+        survey(with_one_off(cloud, 2, [0.15, 0.15, 0.15]))
+    assert error.value.where == "station3"
+    assert "leave it out" in error.value.remedy
+
+
+def test_the_one_residual_over_all_hides_a_station_that_is_off_and_its_own_does_not(cloud):
+    _, told = register(with_one_off(cloud, 2, [0.15, 0.15, 0.15]))
+    assert told["residual_m"] < 0.002
+    assert told["of_stations"][2]["residual_m"] > 0.02
+    assert told["of_stations"][2]["paired_share"] < 0.15
+
+
+def test_the_page_tells_how_well_the_worst_station_fits():
+    fits = [{"residual_m": 0.0007, "paired_share": 0.9}, {"residual_m": 0.0031, "paired_share": 0.8}]
+    report = {"registration": {"stations": 2, "residual_m": 0.0008, "of_stations": fits}}
+    told = numbers_of(dataclasses.replace(Scene.block(0.2, 0.3, 0.6), report=report))
+    assert "2 stations fit each other within 0.8 mm, the worst within 3.1 mm" in told
+
+
+def test_a_station_that_is_brought_back_is_taken(cloud):
+    back, told = register(with_one_off(cloud, 2, [0.0, 0.0, 0.05]))
+    assert told["applied"]
+    check_fit(back, told)
+
+
+def test_a_close_view_and_one_of_another_part_are_taken(cloud):
+    """The third station saw the rock alone, the fourth a quarter of the ground alone."""
+    near = np.linalg.norm(cloud.points_m - [0.0, 0.0, 1.0], axis=1) < 0.9
+    corner = (cloud.points_m[:, :2] > 0.8).all(axis=1)
+    kept = np.select([cloud.station == 2, cloud.station == 3], [near, corner], True)
+    numbers = cloud.station[kept]
+    files = tuple((f"station{k + 1}", int((numbers == k).sum())) for k in range(5))
+    check_fit(*register(Cloud(cloud.points_m[kept], cloud.origin_m, numbers, files)))

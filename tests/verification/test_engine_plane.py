@@ -243,7 +243,7 @@ def test_the_threshold_converges_with_the_time_step():
     [
         8,
         16,
-        pytest.param(32, marks=[pytest.mark.slow, pytest.mark.xfail(strict=True, reason="measured -0.43 %")]),
+        pytest.param(32, marks=pytest.mark.slow),
     ],
 )
 def test_a_body_that_rolls_over_an_arc_of_corners_keeps_the_energy_of_its_impacts(corners):

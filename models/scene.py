@@ -294,7 +294,7 @@ class Scene:
 
 
 def read_triangles(path: str | os.PathLike[str]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Vertices (n, 3) in metres and triangles (m, 3) of a mesh file.
+    """Vertices (n, 3) in metres, z up, and triangles (m, 3) of a mesh file; glTF's up is y, by its rule.
 
     Raises
     ------
@@ -318,6 +318,8 @@ def read_triangles(path: str | os.PathLike[str]) -> tuple[NDArray[np.float64], N
             expected="a triangle mesh",
             remedy="a point cloud becomes a scene with 'toppling scan'",
         )
+    if Path(path).suffix.lower() in (".glb", ".gltf"):
+        vertices = vertices[:, [0, 2, 1]] * (1.0, -1.0, 1.0)
     return vertices, faces
 
 

@@ -9,6 +9,7 @@ from click.testing import CliRunner
 
 from models import InputError, Scene
 from models.scan.picture import BAND_TITLE, toppling_band
+from models.scene import read_triangles
 from orchestrator.verbs.scene import scene
 
 
@@ -88,6 +89,16 @@ def test_gltf_turns_the_scene_and_does_not_mirror_it(folder, tmp_path):
     # East is x, up is y, so south is z for the frame to be right-handed; glTF holds single precision.
     for vertex in rock:
         assert np.abs(seen - vertex[[0, 2, 1]] * [1.0, -1.0, 1.0]).max(axis=1).min() < 1e-6
+
+
+@pytest.mark.parametrize("suffix", [".glb", ".gltf", ".ply", ".obj"])
+def test_what_was_exported_is_read_as_it_stands(folder, tmp_path, suffix):
+    target = tmp_path / f"block{suffix}"
+    CliRunner().invoke(scene, ["export", str(folder), str(target)], catch_exceptions=False)
+    vertices, _ = read_triangles(target)
+    assert vertices[:, 2].max() == pytest.approx(1.2)
+    top = vertices[vertices[:, 2] > 1.1]
+    assert np.abs(top[:, :2]).max(axis=0) == pytest.approx([0.2, 0.3])
 
 
 @pytest.mark.parametrize("suffix", [".glb", ".gltf", ".ply", ".obj"])

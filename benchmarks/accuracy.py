@@ -10,6 +10,7 @@ import json
 import subprocess
 import sys
 import tempfile
+from functools import partial
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -109,32 +110,52 @@ def main() -> None:
         },
     }
     BUDGET.write_text(json.dumps(told, indent=1) + "\n")
-    # Half an hour and more: what was measured so far is on the page already.
-    PAGE.write_text(page + _more(compared(), errors, case_errors(), hard_cases()))
+    # The last takes half an hour and more: what was measured before is on the page already.
+    for section in (partial(_representations, errors), _hard_cases, _exact_cases):
+        page += section()
+        PAGE.write_text(page)
     print(PAGE.read_text())
 
 
-def _more(
-    bare: pd.DataFrame, ours: dict[str, np.ndarray], cases: pd.DataFrame, hard: list[tuple[str, int, int]]
-) -> str:
-    """What the contact is made of, the cases with exact answers, the hard cases."""
+def _representations(ours: dict[str, np.ndarray]) -> str:
+    return "\n".join(
+        [
+            "\n## Contact representations\n",
+            "The same thresholds in a bare loop of Bullet over its own shapes, and with the presets, whose points are",
+            "the vertices of the rock's convex hull and whose steps end at landings. Steps are shares of sqrt(R/g).\n",
+            "| representation | step | mean error | largest |",
+            "|---|---|---|---|",
+            *(
+                f"| {row.representation} | 1/{1 / row.step:.0f} | {100 * row.mean:+.3f} % | {100 * row.largest:.3f} % |"
+                for row in compared().itertuples()
+            ),
+            *(
+                f"| points, landings resolved (`{name}`) | 1/{1 / PRESETS[name].step_share:.0f} "
+                f"| {100 * error.mean():+.3f} % | {100 * np.abs(error).max():.3f} % |"
+                for name, error in ours.items()
+            ),
+            "",
+        ]
+    )
+
+
+def _hard_cases() -> str:
+    return "\n".join(
+        [
+            "\n## Hard cases\n",
+            "The laws of `tests/verification/hard`, and in how many of their cases they hold.\n",
+            "| law | cases | held |",
+            "|---|---|---|",
+            *(f"| {law} | {count} | {held} |" for law, count, held in hard_cases()),
+            "",
+        ]
+    )
+
+
+def _exact_cases() -> str:
+    cases = case_errors()
+    finer = np.log(PRESETS["standard"].step_share / PRESETS["reference"].step_share)
     lines = [
-        "\n## Contact representations\n",
-        "The same thresholds in a bare loop of Bullet over its own shapes, and with the presets, whose points are the",
-        "vertices of the rock's convex hull and whose steps end at landings. Steps are shares of sqrt(R/g).\n",
-        "| representation | step | mean error | largest |",
-        "|---|---|---|---|",
-    ]
-    lines += [
-        f"| {row.representation} | 1/{1 / row.step:.0f} | {100 * row.mean:+.3f} % | {100 * row.largest:.3f} % |"
-        for row in bare.itertuples()
-    ]
-    lines += [
-        f"| points, landings resolved (`{name}`) | 1/{1 / PRESETS[name].step_share:.0f} | {100 * error.mean():+.3f} % "
-        f"| {100 * np.abs(error).max():.3f} % |"
-        for name, error in ours.items()
-    ]
-    lines += [
         "\n## Cases with exact answers\n",
         "The worst error over the cases of `benchmarks/exact_cases.py`, without shortcuts. Order: of the error in the",
         "time step, between `standard` and `reference`; where an error is that of the case (sides of a polygon, the",
@@ -142,20 +163,12 @@ def _more(
         f"| case | {' | '.join(PRESETS)} | order | target of `standard` |",
         "|---" * (len(PRESETS) + 3) + "|",
     ]
-    finer = np.log(PRESETS["standard"].step_share / PRESETS["reference"].step_share)
     for label, row in cases.iterrows():
         order = np.log(row["standard"] / row["reference"]) / finer
         target = f"{100 * TARGET_OF_STANDARD[label]:g} %" if label in TARGET_OF_STANDARD else "-"
         told = " | ".join(f"{100 * row[name]:.3g} %" for name in PRESETS)
         lines.append(f"| {label} | {told} | {order:.1f} | {target} |")
-    lines += [
-        "\n## Hard cases\n",
-        "The laws of `tests/verification/hard`, and in how many of their cases they hold.\n",
-        "| law | cases | held |",
-        "|---|---|---|",
-    ]
-    lines += [f"| {law} | {count} | {held} |" for law, count, held in hard]
-    return "\n".join(lines) + "\n"
+    return "\n".join([*lines, ""])
 
 
 def _page(table: pd.DataFrame, errors: dict[str, np.ndarray], count: int, toppled: float) -> str:

@@ -16,7 +16,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pandas as pd
-from exact_cases import CASES, TARGET_OF_STANDARD
+from exact_cases import CASES, TARGET_OF_STANDARD, worst_errors
 from representations import compared, threshold_errors
 from rich.progress import Progress
 
@@ -42,11 +42,7 @@ def case_errors() -> pd.DataFrame:
             preset: {
                 label: error
                 for labels, run in CASES
-                for label, error in zip(
-                    labels,
-                    np.abs(np.array(run(preset), float).reshape(-1, len(labels))).max(axis=0),
-                    strict=True,
-                )
+                for label, error in zip(labels, worst_errors(run(preset), labels), strict=True)
             }
             for preset in PRESETS
         }

@@ -82,3 +82,8 @@ TARGET_OF_STANDARD = {
     "slip": 0.002,
     "rate of wobble": 0.01,
 }
+
+
+def worst_errors(found: list[Any], labels: tuple[str, ...]) -> np.ndarray:
+    """Largest error (labels,) of each kind among what a group's cases found."""
+    return np.asarray(np.abs(np.array(found, float).reshape(-1, len(labels))).max(axis=0))

@@ -23,7 +23,7 @@ import numpy as np
 import pandas as pd
 import pybullet
 import seaborn as sns
-from exact_cases import CASES, TARGET_OF_STANDARD, case, slips, thresholds
+from exact_cases import CASES, TARGET_OF_STANDARD, case, slips, thresholds, worst_errors
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullLocator, StrMethodFormatter
@@ -143,7 +143,7 @@ def exact_cases() -> pd.DataFrame:
                 continue  # they start in motion
             timed = Timed(shake_with, shortcuts=shortcuts, bare_step_s=bare_s)
             with cases_run_by(timed):
-                errors = np.abs(np.array(run(preset), float).reshape(-1, len(labels))).max(axis=0)
+                errors = worst_errors(run(preset), labels)
             rows += [
                 {
                     "engine": "MuJoCo" if isinstance(preset, Peer) else "toppling",

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import cache
 
 import numpy as np
 import pandas as pd
@@ -40,6 +41,7 @@ def least(low: float, high: float, topples: Callable[[float], bool]) -> float:
     return 0.5 * (low + high)
 
 
+@cache
 def exact_threshold_m_s2(half_width_m: float, half_height_m: float, period_s: float) -> float:
     """Least full sine that overturns a block that does not slip, by the event-driven integrator."""
     body, uplift = PlaneBody.rectangle(half_width_m, half_height_m), G * half_width_m / half_height_m

@@ -254,7 +254,7 @@ class _Run:
             if self._tilt(quaternion).max() > LARGEST_OPEN_TILT_DEG:
                 return "ok", "tilted"
             at_rest = self._at_rest(seen)
-            self._stay(seen)
+            self._stay(seen, at_rest)
             if self.stepper.time_s > self.motion.duration_s:
                 if at_rest and self._holds(self.gravity[None], self.stepper.way.last)[0]:
                     return "ok", "rest"
@@ -267,7 +267,7 @@ class _Run:
                 return "ok", "rest_certain"
             seen = self.stepper.way.last
 
-    def _stay(self, since: int) -> None:
+    def _stay(self, since: int, at_rest: bool) -> None:
         """Take back what the solver let a rock creep since a pose in which it rested, if its feet can hold it there.
 
         In the block in which it comes to rest it stays where it is: only what follows is known to be creep.
@@ -276,7 +276,7 @@ class _Run:
         meanwhile = self.pulls_m_s2[int(way.times_s[since] / step) : int(self.stepper.time_s / step) + 2]
         if len(meanwhile) == 0:  # the motion was over before
             meanwhile = self.gravity[None]
-        stays = self._drift_m_s(since) < self.rest_speed if rested else self._at_rest(since)
+        stays = self._drift_m_s(since) < self.rest_speed if rested else at_rest
         self.rests = stays and bool(self._holds(meanwhile, since if rested else way.last).all())
         if rested and self.rests:
             self.deepest_m = max(self.deepest_m, self._penetration_m(*self._poses(since)))

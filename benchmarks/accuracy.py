@@ -188,7 +188,7 @@ def _page(table: pd.DataFrame, errors: dict[str, np.ndarray], count: int, topple
         rows.append(
             f"| {row.setting} | {threshold} | {100 * row.flips_share:.1f} % ({row.flips_to_toppled} up, "
             f"{row.flips_to_standing} down) | {row.sign_test_p:.2f} | {100 * row.median_shift:+.2f} % "
-            f"| {1e3 * row.wall_s_per_simulated_s:.1f} | {row.wall_s_per_job:.2f} "
+            f"| {1e3 * row.processor_s_per_simulated_s:.1f} | {row.processor_s_per_job:.2f} "
             f"| {row.largest_penetration_share:.1e} |"
         )
     return head + "\n".join(rows) + "\n"

@@ -316,7 +316,7 @@ def front_figure(table: pd.DataFrame, floor: str) -> Figure:
     Parameters
     ----------
     table : DataFrame
-        Columns setting, flips_share, wall_s_per_simulated_s.
+        Columns setting, flips_share, processor_s_per_simulated_s.
     floor : str
         The setting whose flips are the floor.
     """
@@ -324,7 +324,7 @@ def front_figure(table: pd.DataFrame, floor: str) -> Figure:
         figure = Figure(figsize=(HALF_WIDTH_IN * 1.3, HALF_WIDTH_IN))
         axes = figure.subplots()
         points = table[table["setting"] != floor]
-        cost, share = 1e3 * points["wall_s_per_simulated_s"], 100.0 * points["flips_share"]
+        cost, share = 1e3 * points["processor_s_per_simulated_s"], 100.0 * points["flips_share"]
         axes.scatter(cost, share, s=18, color=COLOURS(0.3), zorder=3)
         for x, y, name in zip(cost, share, points["setting"], strict=True):
             axes.annotate(name, (x, y), xytext=(4, 3), textcoords="offset points", fontsize=6.5)

@@ -19,13 +19,13 @@ COUNT = 40
 FAST = Setting(PRESETS["fast"])
 
 
-def said(toppled, wall_s=10.0):
+def said(toppled, processor_s=10.0):
     return pd.DataFrame(
         {
             "record_id": [f"R{k % 8}" for k in range(COUNT)],
             "pga_m_s2": 1.0 + 0.25 * np.arange(COUNT),
             "toppled": np.asarray(toppled, bool),
-            "wall_s": wall_s / COUNT,
+            "processor_s": processor_s / COUNT,
             "simulated_s": 100.0 / COUNT,
             "penetration_share": 1e-5,
         }
@@ -46,10 +46,10 @@ def ensemble(tmp_path_factory):
 
 
 def test_equal_answers_have_no_flips_no_bias_and_no_shift(converged):
-    row = compare({"same": said(converged.toppled, wall_s=3.0)}, converged).iloc[0]
+    row = compare({"same": said(converged.toppled, processor_s=3.0)}, converged).iloc[0]
     assert (row.flips_share, row.sign_test_p, row.median_shift) == (0.0, 1.0, 0.0)
-    assert row.wall_s_per_simulated_s == pytest.approx(0.03)
-    assert row.wall_s_per_job == pytest.approx(3.0 / COUNT)
+    assert row.processor_s_per_simulated_s == pytest.approx(0.03)
+    assert row.processor_s_per_job == pytest.approx(3.0 / COUNT)
 
 
 def test_flips_one_way_only_are_a_bias_and_shift_the_median(converged):
@@ -66,7 +66,7 @@ def test_kept_answers_are_not_computed_again_and_more_jobs_add_to_them(tmp_path,
     scene, jobs = Scene.block(0.25, 0.2, 0.6), draw_jobs(ensemble, 3, (3.0, 9.0))
     first = answers(scene, ensemble, jobs[:2], FAST, processes=1, kept=tmp_path)
     more = answers(scene, ensemble, jobs, FAST, processes=1, kept=tmp_path)
-    assert more[:2].equals(first)  # wall_s too: a job that is shaken again takes another time
+    assert more[:2].equals(first)  # processor_s too: a job that is shaken again takes another time
     assert len(list(tmp_path.glob("*.parquet"))) == 1
     answers(scene, ensemble, jobs[:1], replace(FAST, disturbed_toward_deg=0.0), processes=1, kept=tmp_path)
     assert len(list(tmp_path.glob("*.parquet"))) == 2
@@ -98,5 +98,5 @@ def test_the_command_compares_the_presets_and_draws_the_front(tmp_path, ensemble
     table = pd.read_csv(tmp_path / "out" / "accuracy.csv").set_index("setting")
     assert list(table.index) == ["fast", "standard", "reference", "reference, disturbed"]
     assert table.loc["reference", "flips_share"] == 0.0
-    assert table.loc["fast", "wall_s_per_simulated_s"] < table.loc["reference", "wall_s_per_simulated_s"]
+    assert table.loc["fast", "processor_s_per_simulated_s"] < table.loc["reference", "processor_s_per_simulated_s"]
     assert (tmp_path / "out" / "front.svg").stat().st_size > 0

@@ -225,7 +225,9 @@ def figure_of(cases: pd.DataFrame, rock: pd.DataFrame, count: int) -> Figure:
         shortcuts = rock["setting"].str.contains("shortcuts")
         engine = np.where(rock["setting"].str.startswith("MuJoCo"), "MuJoCo", "toppling")
         for key, line in rock.groupby([engine, shortcuts]):
-            axes.plot(line["processor_s_per_job"], 100.0 * line["toppled"] / count, ms=3.5, lw=0.9, **looks[key])
+            axes.plot(
+                line["processor_s_per_job"], 100.0 * line["toppled"] / count, ms=3.5, lw=0.9, **looks[key]
+            )
         axes.set(xscale="log", title=f"scanned rock, {count} jobs", xlabel="processor s per job")
         axes.set(ylim=(0.0, None), ylabel="jobs that topple (%)")
         for axes in panels[len(labels) - 3 : len(labels)]:

@@ -105,14 +105,14 @@ def segment(
     """
     coarse = _coarse_surfels(points_m)
     if word is not None:
-        return _refine(points_m, coarse, _standing_on(coarse, word), [], word)
+        return _refine(points_m, coarse, _standing_on(coarse, word, near_m), [], word)
     candidates = find_candidates(coarse)
     chosen = _choose(candidates, near_m, origin_m)
     return _refine(points_m, coarse, chosen, [c for c in candidates if c is not chosen])
 
 
-def _standing_on(surfels: Surfels, word: Word) -> Candidate:
-    """Cut off what stands on the interface that the user names."""
+def _standing_on(surfels: Surfels, word: Word, near_m: NDArray[np.float64] | None) -> Candidate:
+    """Cut off what stands on the interface that the user names: where they point, or else nearest to its anchors."""
     edges, _ = _neighbourhood(surfels.points_m, surfels.voxel_m)
     points = surfels.points_m
     height = word.interface.flat(points)[:, 2]
@@ -120,7 +120,10 @@ def _standing_on(surfels: Surfels, word: Word) -> Candidate:
     inside = edges[above[edges].all(axis=1)]
     graph = coo_matrix((np.ones(len(inside)), inside.T), shape=(len(points),) * 2)
     part = connected_components(graph, directed=False)[1]
-    away = np.median([np.linalg.norm(points - anchor, axis=1) for anchor in word.anchors_m], axis=0)
+    if near_m is None:
+        away = np.median([np.linalg.norm(points - anchor, axis=1) for anchor in word.anchors_m], axis=0)
+    else:
+        away = np.hypot(*(points[:, :2] - near_m).T)
     large = above & (np.bincount(part)[part] >= LEAST_SURFELS_ABOVE)
     if not large.any():
         raise InputError(

@@ -11,6 +11,7 @@ from models.scan import virtual
 from models.scan.read import Cloud, read_clouds
 from models.scan.segment import NEITHER, PEDESTAL, ROCK
 from models.scan.survey import save_survey, survey
+from models.scan.word import Word
 from models.statics import quasi_static_toppling_m_s2
 
 RESOLUTION = 0.01
@@ -132,6 +133,16 @@ def test_of_two_rocks_the_named_one_is_taken(twins):
     truth, cloud = twins
     found = survey(cloud, near_m=tuple(truth.rock.com_m[:2]))
     assert found.scene.rock.volume_m3 == pytest.approx(truth.rock.volume_m3, rel=0.03)
+
+
+@pytest.mark.slow
+def test_of_two_rocks_on_a_given_plane_the_named_one_is_taken(twins):
+    truth, cloud = twins
+    pedestal = truth.pedestal
+    plane = Word.plane(pedestal.point_m, pedestal.slope_deg, pedestal.downhill_azimuth_deg)
+    found = survey(cloud, near_m=(2.0, 0.0), word=plane)
+    # The other rock's axis is 2 m from the plane's point; half a rock's width is enough to tell them apart.
+    assert np.hypot(*(found.scene.rock.com_m[:2] + found.scene.origin_m[:2] - [2.0, 0.0])) < 0.5
 
 
 def test_stations_that_show_different_places_are_refused(stump):

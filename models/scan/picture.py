@@ -15,6 +15,8 @@ from models.scene import Scene
 ROCK_COLOUR, PEDESTAL_COLOUR, INTERFACE_COLOUR = "#c0703a", "#7d8b99", "#d11f3f"
 VIEWS_DEG = ((20.0, 0.0), (20.0, 120.0), (20.0, 240.0))
 """Elevation and azimuth of the eye."""
+VIEW_REACH = 0.7
+"""From the centre of mass to the edge of a view, as share of the rock's largest side."""
 STATICS_TITLE = "quasi-static toppling acceleration, m/s², by azimuth of the ground's acceleration"
 BAND_TITLE = "band: one standard deviation"
 
@@ -61,11 +63,14 @@ def _draw_view(axes: Axes, scene: Scene, elevation_deg: float, azimuth_deg: floa
     for line, style in _lines(scene):
         flat = line @ frame
         axes.plot(flat[:, 0], flat[:, 1], style, color=INTERFACE_COLOUR, linewidth=1.5)
+    # The same scale in all views, about the rock: a wide pedestal would make it small.
+    middle, reach = scene.rock.com_m @ frame, VIEW_REACH * float(np.ptp(scene.rock.vertices_m, axis=0).max())
     axes.set(
         aspect="equal",
+        xlim=(middle[0] - reach, middle[0] + reach),
+        ylim=(middle[1] - reach, middle[1] + reach),
         title=f"seen from azimuth {azimuth_deg:.0f}° ({float(compass_deg(azimuth_deg)):.0f}° compass)",
     )
-    axes.autoscale()
     axes.set_xlabel("m")
 
 

@@ -21,7 +21,7 @@ from exact_cases import CASES, TARGET_OF_STANDARD, worst_errors
 from representations import compared, threshold_errors
 from rich.progress import Progress
 
-from models import Scene
+from models import Motion, Scene
 from models.motions.ensemble import Ensemble
 from orchestrator.front import CONVERGED, FLOOR, Job, Setting, answers, compare, draw_jobs
 from results.figures import front_figure, save
@@ -86,12 +86,7 @@ def main() -> None:
         }
     table = compare(said, said[CONVERGED])
     save(front_figure(table, FLOOR), FIGURE)
-    errors = {
-        name: np.array(
-            threshold_errors(lambda scene, motion, name=name: bool(shake(scene, motion, name).toppled))
-        )
-        for name in PRESETS
-    }
+    errors = {name: np.array(threshold_errors(partial(_topples, name))) for name in PRESETS}
     timed = int(min(one.processor_s.count() for one in said.values()))
     page = _page(table, errors, count, timed, float(said[CONVERGED].toppled.mean()))
     PAGE.write_text(page)
@@ -122,6 +117,10 @@ def main() -> None:
         page += section()
         PAGE.write_text(page)
     print(PAGE.read_text())
+
+
+def _topples(preset: str, scene: Scene, motion: Motion) -> bool:
+    return bool(shake(scene, motion, preset).toppled)
 
 
 def _disturbances(scene: Scene, ensemble: Ensemble, jobs: list[Job]) -> str:

@@ -134,6 +134,7 @@ def bare_step_s() -> float:
 def exact_cases() -> pd.DataFrame:
     """One row for each engine, setting and case: the worst error and the cost."""
     rows = []
+    settings: list[tuple[str, Callable[..., Any], Any, bool]]
     settings = [(f"MuJoCo 1/{1 / share:.0f}", shake_in_mujoco, Peer(share), False) for share in STEP_SHARES]
     settings += [(preset, shake, preset, shortcuts) for shortcuts in (False, True) for preset in PRESETS]
     for name, shake_with, preset, shortcuts in settings:
@@ -163,7 +164,7 @@ def exact_cases() -> pd.DataFrame:
 def scanned_rock(count: int) -> pd.DataFrame:
     """Answers on the demo's rock: flips against our converged preset and against MuJoCo's finest step."""
     jobs = draw_jobs(Ensemble.load(ENSEMBLE), count, PGA_M_S2)
-    asked = {
+    asked: dict[str, Callable[..., Any]] = {
         f"MuJoCo 1/{1 / share:.0f}": partial(shake_in_mujoco, preset=Peer(share))
         for share in ROCK_STEP_SHARES
     }

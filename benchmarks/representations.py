@@ -47,7 +47,7 @@ def exact_threshold_m_s2(half_width_m: float, half_height_m: float, period_s: fl
     body, uplift = PlaneBody.rectangle(half_width_m, half_height_m), G * half_width_m / half_height_m
     grid = uplift * np.arange(1.02, 8.0, 0.02)
     first = next(a for a in grid if overturns(body, Ground.sine(a, period_s)))
-    return least(first - 0.02 * uplift, first, lambda a: overturns(body, Ground.sine(a, period_s)))
+    return least(first - 0.02 * uplift, first, lambda a: bool(overturns(body, Ground.sine(a, period_s))))
 
 
 def threshold_errors(topples: Callable[[Scene, Motion], bool]) -> list[float]:

@@ -187,7 +187,7 @@ def jobs_that_half_topple(scene: Scene, ensemble: Ensemble, count: int) -> tuple
     return draw_jobs(ensemble, count, (1.0, float(top)), seed=11), float(top)
 
 
-def agreement(name: str, known: Known, ensemble: Ensemble, count: int) -> dict[str, dict[str, float]]:
+def agreement(name: str, known: Known, ensemble: Ensemble, count: int) -> dict[str, float]:
     """Share of jobs in which the scan's scene says what the true meshes say, and beside it what else changes answers.
 
     Answers near the threshold flip with anything: `chaos` is the true scene from a start that is disturbed by a
@@ -213,6 +213,7 @@ def parts_of_the_error(found: Scene, true: Scene) -> dict[str, Scene]:
     """Scenes that are the true one but for one thing that the scan got wrong."""
     shift = found.origin_m - true.origin_m
     turn = rotation_between(true.pedestal.normal, found.pedestal.normal)
+    surface = true.pedestal.vertices_m
     sloped = replace(
         true,
         rock=true.rock.moved(turn),
@@ -220,7 +221,7 @@ def parts_of_the_error(found: Scene, true: Scene) -> dict[str, Scene]:
             true.pedestal,
             point_m=true.pedestal.point_m @ turn.T,
             normal=found.pedestal.normal,
-            vertices_m=true.pedestal.vertices_m @ turn.T,
+            vertices_m=None if surface is None else surface @ turn.T,
         ),
     )
     return {

@@ -70,9 +70,7 @@ def main() -> None:
         task = progress.add_task("shaking", total=(2 + 1 / FLOOR_OF) * count)
         rows = pd.concat(
             compare(
-                lambda some, setting, scene=scene: answers(
-                    scene, ensemble, some, setting, kept=KEPT, seen=partial(progress.advance, task)
-                ),
+                partial(answers, scene, ensemble, kept=KEPT, seen=partial(progress.advance, task)),
                 jobs[number :: len(scenes)],
             )
             for number, scene in enumerate(scenes)

@@ -98,5 +98,8 @@ def test_the_command_compares_the_presets_and_draws_the_front(tmp_path, ensemble
     table = pd.read_csv(tmp_path / "out" / "accuracy.csv").set_index("setting")
     assert list(table.index) == ["fast", "standard", "reference", "reference, disturbed"]
     assert table.loc["reference", "flips_share"] == 0.0
-    assert table.loc["fast", "processor_s_per_simulated_s"] < table.loc["reference", "processor_s_per_simulated_s"]
+    assert (
+        table.loc["fast", "processor_s_per_simulated_s"]
+        < table.loc["reference", "processor_s_per_simulated_s"]
+    )
     assert (tmp_path / "out" / "front.svg").stat().st_size > 0

@@ -16,6 +16,7 @@ import trimesh
 from numpy.typing import ArrayLike, NDArray
 
 from models.errors import InputError
+from models.folder import new_folder
 from models.frames import STANDARD_GRAVITY_M_S2, plane_normal, rotation_between
 from models.pedestal import Pedestal
 from models.rock import Rock
@@ -202,17 +203,15 @@ class Scene:
             If the folder exists already.
         """
         target = Path(folder)
-        if target.exists():
-            msg = f"{target} exists already: choose another name, or remove it first"
-            raise FileExistsError(msg)
-        target.parent.mkdir(parents=True, exist_ok=True)
-        staging = target.with_name(f".{target.name}.{os.getpid()}.tmp")
-        staging.mkdir()
-        (staging / "scene.json").write_text(json.dumps(self.to_json(), indent=1, allow_nan=False) + "\n")
-        write_ply(staging / "rock.ply", self.rock.vertices_m, self.rock.faces)
-        write_ply(staging / "pedestal.ply", *self._pedestal_triangles())
-        staging.rename(target)
+        with new_folder(target) as staging:
+            self.write_into(staging)
         return target
+
+    def write_into(self, folder: Path) -> None:
+        """Write the files of :meth:`save` into a folder that is there."""
+        (folder / "scene.json").write_text(json.dumps(self.to_json(), indent=1, allow_nan=False) + "\n")
+        write_ply(folder / "rock.ply", self.rock.vertices_m, self.rock.faces)
+        write_ply(folder / "pedestal.ply", *self._pedestal_triangles())
 
     def to_json(self) -> dict[str, Any]:
         """The content of `scene.json`; what is not finite (an acceleration that nothing reaches) is null."""

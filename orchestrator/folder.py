@@ -14,6 +14,7 @@ from typing import Any
 import pyarrow.parquet as pq
 
 from models import InputError
+from models.folder import new_folder
 from orchestrator.journal import LOG_FILE
 from orchestrator.plan import Plan
 from results.store import PARTS_FOLDER, RESULTS_FILE
@@ -32,11 +33,7 @@ def prepare(run: Path, plan: Plan, versions: dict[str, str]) -> None:
     if run.exists() or run.is_symlink():
         _check(run, plan, versions)
         return
-    run.parent.mkdir(parents=True, exist_ok=True)
-    staging = run.with_name(f".{run.name}.{os.getpid()}.tmp")
-    shutil.rmtree(staging, ignore_errors=True)
-    try:
-        staging.mkdir()
+    with new_folder(run) as staging:
         (staging / PARTS_FOLDER).mkdir()
         shutil.copytree(plan.campaign.scene, staging / "scene")
         shutil.copytree(plan.campaign.ensemble, staging / "ensemble")
@@ -53,10 +50,6 @@ def prepare(run: Path, plan: Plan, versions: dict[str, str]) -> None:
             "sessions": [],
         }
         write_json(staging / "run.json", described)
-        staging.rename(run)
-    except BaseException:
-        shutil.rmtree(staging, ignore_errors=True)
-        raise
 
 
 def describe(run: Path) -> dict[str, Any]:

@@ -1,9 +1,7 @@
 """From clouds to a scene: the whole way of `toppling scan`."""
 
 import dataclasses
-import io
 import os
-import shutil
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -14,6 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from models.errors import InputError
+from models.folder import new_folder
 from models.rock import Rock
 from models.scan.base import near_the_interface
 from models.scan.crevice import BAND_PER_HEIGHT, check_seen, judge_crevice
@@ -330,18 +329,8 @@ def save_survey(result: Survey, folder: str | os.PathLike[str]) -> Path:
         If the folder exists already.
     """
     target = Path(folder)
-    if target.exists():
-        msg = f"{target} exists already: choose another name, or remove it first"
-        raise FileExistsError(msg)
-    labels = io.BytesIO()
-    np.savez_compressed(labels, label=result.label)
-    staging = target.with_name(f".{target.name}.{os.getpid()}.scan")
-    try:
-        result.scene.save(staging)
-        (staging / "labels.npz").write_bytes(labels.getvalue())
+    with new_folder(target) as staging:
+        result.scene.write_into(staging)
+        np.savez_compressed(staging / "labels.npz", label=result.label)
         draw_scene(result.scene, staging / "scene.png")
-        staging.rename(target)
-    except BaseException:
-        shutil.rmtree(staging, ignore_errors=True)
-        raise
     return target

@@ -8,6 +8,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from models import InputError, Scene
+from models.folder import refuse_existing
 
 REALISATIONS = 8
 
@@ -78,8 +79,7 @@ def scan(
     from models.scan.survey import STAGES, save_survey, survey
     from models.scan.word import word_of
 
-    if out.exists():
-        raise FileExistsError(f"{out} exists already: choose another name, or remove it first")
+    refuse_existing(out)
     word = word_of(plane, [_coordinates(point) for point in points], outline)
     total = STAGES + bootstrap + 2
     columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), TimeRemainingColumn())

@@ -1,0 +1,41 @@
+"""Folders that appear complete or not at all."""
+
+import os
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+
+def refuse_existing(target: Path) -> None:
+    """Say so, before work is done that could not be written.
+
+    Raises
+    ------
+    FileExistsError
+        If something has the name already.
+    """
+    if target.exists() or target.is_symlink():
+        raise FileExistsError(f"{target} exists already: choose another name, or remove it first")
+
+
+@contextmanager
+def new_folder(target: Path) -> Iterator[Path]:
+    """A folder to write into, which gets its name when all is written; nothing is left of it if that fails.
+
+    Raises
+    ------
+    FileExistsError
+        If something has the name already.
+    """
+    refuse_existing(target)
+    target.parent.mkdir(parents=True, exist_ok=True)
+    staging = target.with_name(f".{target.name}.{os.getpid()}.tmp")
+    shutil.rmtree(staging, ignore_errors=True)
+    staging.mkdir()
+    try:
+        yield staging
+        staging.rename(target)
+    except BaseException:
+        shutil.rmtree(staging, ignore_errors=True)
+        raise

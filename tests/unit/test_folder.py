@@ -1,0 +1,27 @@
+"""Folders appear complete or not at all."""
+
+import pytest
+
+from models.folder import new_folder
+
+
+def test_a_folder_has_its_name_only_when_all_is_written(tmp_path):
+    target = tmp_path / "deep" / "scene"
+    with new_folder(target) as staging:
+        (staging / "a").write_text("1")
+        assert not target.exists()
+    assert [path.name for path in target.iterdir()] == ["a"]
+    assert list(target.parent.iterdir()) == [target]
+
+
+def test_what_fails_leaves_nothing(tmp_path):
+    with pytest.raises(OSError, match="full"), new_folder(tmp_path / "scene") as staging:
+        (staging / "a").write_text("1")
+        raise OSError("the disk is full")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_name_that_is_taken_is_refused_even_by_a_link_to_nothing(tmp_path):
+    (tmp_path / "scene").symlink_to(tmp_path / "gone")
+    with pytest.raises(FileExistsError, match="choose another name"), new_folder(tmp_path / "scene"):
+        pytest.fail("there is nothing to write into")

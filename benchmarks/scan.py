@@ -1,8 +1,9 @@
 """What a scan costs and how right it is: time and memory by number of points, errors and toppling answers by shape.
 
-Puts its three tables into docs/scan.md.
+Puts its tables into docs/scan.md.
 
     .venv/bin/python benchmarks/scan.py accuracy [--shape NAME ...] [--scans FOLDER]
+    .venv/bin/python benchmarks/scan.py blind [--first 101] [--count 16]
     .venv/bin/python benchmarks/scan.py answers ENSEMBLE [--shape NAME ...] [--scans FOLDER] [--jobs 500]
     .venv/bin/python benchmarks/scan.py cost [--million 1 5 10 20]
 
@@ -22,6 +23,7 @@ from pathlib import Path
 
 import laspy
 import numpy as np
+from blind_rocks import blind_rock
 from numpy.typing import NDArray
 
 from models import Pedestal, Rock, Scene
@@ -139,6 +141,14 @@ def own(name: str) -> Known:
     near = truth.rock.vertices_m[np.argmax(truth.rock.vertices_m[:, 2]), :2] + virtual.DEMO_ORIGIN_M[:2]
     true = Scene(truth.rock, truth.pedestal, origin_m=virtual.DEMO_ORIGIN_M)
     return Known(cloud, label, true, (float(near[0]), float(near[1])))
+
+
+def blind(seed: int) -> tuple[str, Known]:
+    """A random rock that nothing was tuned on, its name saying pedestal and survey."""
+    truth, kind, stations = blind_rock(seed)
+    cloud, label = virtual.cloud_of(stations, virtual.DEMO_ORIGIN_M)
+    name = f"{seed}: {truth.rock.height_m:.1f} m, {kind}, {len(stations)} stations"
+    return name, Known(cloud, label, Scene(truth.rock, truth.pedestal, origin_m=virtual.DEMO_ORIGIN_M))
 
 
 def from_elsewhere(folder: Path, name: str) -> Known:
@@ -312,6 +322,9 @@ def main() -> None:
     compare = commands.add_parser("answers")
     compare.add_argument("ensemble", type=Path)
     compare.add_argument("--jobs", type=int, default=500)
+    unseen = commands.add_parser("blind")
+    unseen.add_argument("--first", type=int, default=101)
+    unseen.add_argument("--count", type=int, default=16)
     for command in (right, compare):
         command.add_argument("--shape", nargs="*", choices=SHAPES, default=list(SHAPES))
         command.add_argument("--scans", type=Path)
@@ -329,6 +342,12 @@ def main() -> None:
             rows[name] = accuracy(known, 8)
             print(name, {key: round(value, 3) for key, value in rows[name].items()}, flush=True)
         put("accuracy", table(rows, "shape"))
+    elif given.command == "blind":
+        rows = {}
+        for name, known in map(blind, range(given.first, given.first + given.count)):
+            rows[name] = accuracy(known, 8)
+            print(name, {key: round(value, 3) for key, value in rows[name].items()}, flush=True)
+        put("blind", table(rows, "rock"))
     elif given.command == "answers":
         rows = {}
         for name, known in all_known(given.shape, given.scans):

@@ -7,6 +7,7 @@ the converged setting when the rock's start is disturbed by a millionth of its h
 from __future__ import annotations
 
 import hashlib
+import math
 import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import ProcessPoolExecutor
@@ -149,10 +150,12 @@ def compare(said: Mapping[str, pd.DataFrame], converged: pd.DataFrame) -> pd.Dat
     for name, one in said.items():
         up = int((one.toppled & ~converged.toppled).sum())
         down = int((~one.toppled & converged.toppled).sum())
+        share = (up + down) / len(one)
         rows.append(
             {
                 "setting": name,
-                "flips_share": (up + down) / len(one),
+                "flips_share": share,
+                "flips_share_std": math.sqrt(share * (1.0 - share) / len(one)),
                 "flips_to_toppled": up,
                 "flips_to_standing": down,
                 "sign_test_p": binomtest(up, up + down).pvalue if up + down else 1.0,

@@ -234,8 +234,8 @@ def _page(table: pd.DataFrame, count: int, timed: int, toppled: float) -> str:
         rows.append(
             f"| {row.setting} | {threshold} | {100 * row.flips_share:.1f} ± {100 * row.flips_share_std:.1f} % "
             f"({row.flips_to_toppled} up, {row.flips_to_standing} down) | {row.sign_test_p:.2f} "
-            f"| {100 * row.median_shift:+.2f} % | {1e3 * row.processor_s_per_simulated_s:.1f} | {row.processor_s_per_job:.2f} "
-            f"| {row.largest_penetration_share:.1e} |"
+            f"| {100 * row.median_shift:+.2f} % | {1e3 * row.processor_s_per_simulated_s:.1f} "
+            f"| {row.processor_s_per_job:.2f} | {row.largest_penetration_share:.1e} |"
         )
     return head + "\n".join(rows) + "\n"
 

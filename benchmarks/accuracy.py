@@ -99,6 +99,7 @@ def main() -> None:
         "jobs": count,
         "toppled_share": round(float(said[CONVERGED].toppled.mean()), 4),
         "floor_of_chaos": round(float(flips.loc[FLOOR, "flips_share"]), 4),
+        "flips_of_half_the_step": round(float(flips.loc[FINER, "flips_share"]), 4),
         "presets": {
             name: {
                 "flips_to_toppled": int(flips.loc[name, "flips_to_toppled"]),

@@ -26,6 +26,10 @@ BAND_PER_HEIGHT = 0.08
 """Height over the interface plane up to which points are judged anew."""
 NEAR_PER_HEIGHT = 0.012
 """Distance from the rock over which a pedestal point's say in the interface plane fades."""
+FOOT_PER_HEIGHT = 0.006
+"""What hangs over the sheet, no farther outside the rock's outline on the ground than this, is its foot."""
+LEVEL_PER_HEIGHT = 0.02
+"""Near to the interface plane the sheet's cells tell how rough the pedestal is; on steep sides they do not."""
 LEAST_SEEN = 30
 """Fewer points of rock or pedestal near the interface show no crevice."""
 
@@ -179,8 +183,13 @@ def _relabelled(
     on_sheet = np.abs(gap) < tolerance
     # Only what the cut called rock is judged: a steep pedestal beside the rock stays pedestal.
     near_label = np.where((near_label == ROCK) & (gap < tolerance), PEDESTAL, near_label)
+    near_label = np.where(on_sheet, PEDESTAL, near_label)
+    # The cut runs through patches: what it cut off the rock's foot hangs over the sheet, at the rock's outline.
+    rim = rim_polygon(near[near_label == ROCK], height_m, given=given)
+    hanging = np.flatnonzero((near_label == PEDESTAL) & (gap > tolerance))
+    near_label[hanging[_outside(rim, near[hanging, :2]) < FOOT_PER_HEIGHT * height_m]] = ROCK
     changed = label.copy()
-    changed[inside] = np.where(on_sheet, PEDESTAL, near_label)
+    changed[inside] = near_label
     return changed
 
 
@@ -204,7 +213,20 @@ def pedestal_sheet(
         noise = 1.4826 * float(np.median(np.abs(gap[taken])))
         tolerance = max(min(tolerance, 6.0 * noise), 3.5 * noise, 0.0015 * height_m)
         taken = np.abs(gap) < tolerance
-    return sheet, tolerance
+    # A sheet too stiff for a shoulder lies off its points there: how far points of one cell lie apart does not tell.
+    taken &= np.abs(flat[:, 2]) < LEVEL_PER_HEIGHT * height_m
+    return sheet, min(tolerance, max(5.0 * _scatter_m(gap[taken], index[taken]), 0.0015 * height_m))
+
+
+def _scatter_m(gap: NDArray[np.float64], cell: NDArray[np.int64]) -> float:
+    """Standard deviation of gaps about the mean of their cell, robust; infinite where too few cells have several."""
+    _, number, count = np.unique(cell, return_inverse=True, return_counts=True)
+    mean = np.bincount(number, gap) / count
+    several = (count > 1)[number]
+    if several.sum() < LEAST_SEEN:
+        return np.inf
+    spread = np.sqrt(count / np.maximum(count - 1, 1))[number]
+    return 1.4826 * float(np.median((np.abs(gap - mean[number]) * spread)[several]))
 
 
 def refitted(
@@ -218,7 +240,7 @@ def refitted(
         If next to nothing of the rock or of the pedestal shows near the interface.
     """
     flat = interface.flat(points_m)
-    rim = rim_polygon(flat[label == ROCK], height_m)
+    rim = rim_polygon(flat[label == ROCK], height_m, given=False)
     reach = 4 * NEAR_PER_HEIGHT * height_m
     pedestal = (label == PEDESTAL) & (np.abs(flat[:, 2]) < 0.5 * BAND_PER_HEIGHT * height_m)
     pedestal &= ((flat[:, :2] > rim.min(axis=0) - reach) & (flat[:, :2] < rim.max(axis=0) + reach)).all(
@@ -247,7 +269,7 @@ def refitted(
     return Interface(centre, normal, np.column_stack([*plane_axes(normal), normal]), roughness)
 
 
-def rim_polygon(flat_rock: NDArray[np.float64], height_m: float) -> NDArray[np.float64]:
+def rim_polygon(flat_rock: NDArray[np.float64], height_m: float, *, given: bool) -> NDArray[np.float64]:
     """Convex polygon (k, 2), u and v, through the lowest seen point of the rock in each of 48 directions.
 
     Raises
@@ -257,7 +279,7 @@ def rim_polygon(flat_rock: NDArray[np.float64], height_m: float) -> NDArray[np.f
     """
     low = flat_rock[np.abs(flat_rock[:, 2]) < BAND_PER_HEIGHT * height_m]
     low = low[not_strays(low)]
-    check_seen(len(low), "rock", given=False)
+    check_seen(len(low), "rock", given=given)
     centre = 0.5 * (low[:, :2].min(axis=0) + low[:, :2].max(axis=0))
     sector = (np.arctan2(*(low[:, :2] - centre).T[::-1]) // (2 * np.pi / 48)).astype(int)
     order = np.lexsort((low[:, 2], sector))

@@ -1,4 +1,4 @@
-"""The crevice: an interface beside which one side was not seen is refused, whoever named it."""
+"""The crevice: what is rock and what pedestal beside it; where one side was not seen the interface is refused."""
 
 import numpy as np
 import pytest
@@ -16,9 +16,9 @@ def level_at(height_m):
     return Interface(np.array([0.0, 0.0, height_m]), np.array([0.0, 0.0, 1.0]), np.eye(3), 0.0)
 
 
-def sheet(height_m):
-    """Ground of 2 m by 2 m, 2 cm between its points, and a little noise."""
-    along = np.arange(-1.0, 1.0, 0.02)
+def sheet(height_m, apart_m=0.02):
+    """Ground of 2 m by 2 m, and a little noise."""
+    along = np.arange(-1.0, 1.0, apart_m)
     x, y = (each.ravel() for each in np.meshgrid(along, along))
     return np.column_stack([x, y, height_m + np.random.default_rng(1).normal(0.0, 1e-3, len(x))])
 
@@ -51,6 +51,24 @@ def test_an_interface_given_through_the_rock_or_below_the_pedestal_is_refused(he
     with pytest.raises(InputError, match=missing) as error:
         judged(side(0.0, 2.0), sheet(0.0), level_at(height_m), refit=False)
     assert "height and slope" in error.value.remedy
+
+
+def test_what_the_cut_took_off_the_rocks_foot_is_given_back_to_it():
+    # The sheet is rough by 1 mm: what hangs 1 cm over it, at the rock's outline, is no pedestal.
+    cut_off = side(0.01, 0.06)
+    label, _ = judged(side(0.06, 2.0), np.concatenate([cut_off, sheet(0.0)]), level_at(0.0), refit=True)
+    foot, ground = np.split(label[-len(cut_off) - len(sheet(0.0)) :], [len(cut_off)])
+    assert (foot == ROCK).all()
+    assert (ground == PEDESTAL).all()
+
+
+def test_a_shoulder_that_the_sheet_cannot_follow_takes_nothing_from_the_rock():
+    ground = sheet(0.0, apart_m=0.008)  # the sheet's cells are 1.7 cm wide
+    ground[:, 2] -= 1.5 * np.maximum(np.hypot(*ground[:, :2].T) - 0.43, 0.0)  # a neck of the rock's own width
+    rock = side(0.008, 2.0)
+    label, _ = judged(rock, ground, level_at(0.0), refit=True)
+    assert (label[: len(rock)] == ROCK).all()
+    assert (label[len(rock) :] == PEDESTAL).all()
 
 
 def test_no_base_hangs_in_a_rim_that_was_not_seen():

@@ -65,7 +65,7 @@ def test_what_the_cut_took_off_the_rocks_foot_is_given_back_to_it():
 def test_a_shoulder_that_the_sheet_cannot_follow_takes_nothing_from_the_rock():
     ground = sheet(0.0, apart_m=0.008)  # the sheet's cells are 1.7 cm wide
     ground[:, 2] -= 1.5 * np.maximum(np.hypot(*ground[:, :2].T) - 0.43, 0.0)  # a neck of the rock's own width
-    rock = side(0.008, 2.0)
+    rock = side(0.009, 2.0)
     label, _ = judged(rock, ground, level_at(0.0), refit=True)
     assert (label[: len(rock)] == ROCK).all()
     assert (label[len(rock) :] == PEDESTAL).all()

@@ -186,7 +186,8 @@ def _relabelled(
     near_label = np.where(on_sheet, PEDESTAL, near_label)
     # The cut runs through patches: what it cut off the rock's foot hangs over the sheet, at the rock's outline.
     rim = rim_polygon(near[near_label == ROCK], height_m, given=given)
-    hanging = np.flatnonzero((near_label == PEDESTAL) & (gap > tolerance))
+    # What lies below the interface's plane is a cliff's face, over which the sheet falls short.
+    hanging = np.flatnonzero((near_label == PEDESTAL) & (np.minimum(gap, near[:, 2]) > tolerance))
     near_label[hanging[_outside(rim, near[hanging, :2]) < FOOT_PER_HEIGHT * height_m]] = ROCK
     changed = label.copy()
     changed[inside] = near_label

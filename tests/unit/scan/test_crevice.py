@@ -71,6 +71,18 @@ def test_a_shoulder_that_the_sheet_cannot_follow_takes_nothing_from_the_rock():
     assert (label[len(rock) :] == PEDESTAL).all()
 
 
+def test_the_face_of_a_cliff_below_the_rock_stays_the_pedestals():
+    # The rock is flush with the edge; half way down the face begins a ledge, to which the sheet falls too early.
+    ground = sheet(0.0)
+    ground[ground[:, 0] > 0.4, 2] -= 0.12
+    across, up = (
+        each.ravel() for each in np.meshgrid(np.arange(-0.3, 0.3, 0.01), np.arange(-0.11, 0.0, 0.01))
+    )
+    face = np.column_stack([np.full(len(across), 0.4), across, up])
+    label, _ = judged(side(0.01, 2.0), np.concatenate([face, ground]), level_at(0.0), refit=True)
+    assert (label[-len(ground) - len(face) : -len(ground)] == PEDESTAL).all()
+
+
 def test_no_base_hangs_in_a_rim_that_was_not_seen():
     with pytest.raises(InputError, match="only 0 points of the rock"):
         hidden_base(np.empty((0, 3)), sheet(0.0), HEIGHT_M, 0.8)

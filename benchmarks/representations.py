@@ -65,17 +65,23 @@ def threshold_errors(topples: Callable[[Scene, Motion], bool]) -> list[float]:
     return errors
 
 
-def box(half_m: np.ndarray) -> int:
+def box(half_m: np.ndarray, client: int) -> int:
     """Bullet's own box."""
-    return int(pybullet.createCollisionShape(pybullet.GEOM_BOX, halfExtents=half_m.tolist()))
+    return int(
+        pybullet.createCollisionShape(pybullet.GEOM_BOX, halfExtents=half_m.tolist(), physicsClientId=client)
+    )
 
 
-def hull(half_m: np.ndarray) -> int:
+def hull(half_m: np.ndarray, client: int) -> int:
     """Convex hull of the corners, as a mesh is loaded."""
-    return int(pybullet.createCollisionShape(pybullet.GEOM_MESH, vertices=_corners(half_m).tolist()))
+    return int(
+        pybullet.createCollisionShape(
+            pybullet.GEOM_MESH, vertices=_corners(half_m).tolist(), physicsClientId=client
+        )
+    )
 
 
-def corner_points(half_m: np.ndarray) -> int:
+def corner_points(half_m: np.ndarray, client: int) -> int:
     """A small sphere at every corner."""
     radius = CLEAR_SHARE * float(np.linalg.norm(half_m))
     return int(
@@ -83,6 +89,7 @@ def corner_points(half_m: np.ndarray) -> int:
             shapeTypes=[pybullet.GEOM_SPHERE] * 8,
             radii=[radius] * 8,
             collisionFramePositions=(_corners(half_m) * (1.0 - radius / half_m * (0, 0, 1))).tolist(),
+            physicsClientId=client,
         )
     )
 
@@ -95,38 +102,47 @@ REPRESENTATIONS = {"box": box, "convex hull": hull, "corner points": corner_poin
 
 
 @contextmanager
-def world(scene: Scene, shape_of: Callable[[np.ndarray], int]) -> Iterator[int]:
-    """Bullet's world of a block on a plane, 50 iterations, no damping; yields the block."""
+def world(scene: Scene, shape_of: Callable[[np.ndarray, int], int]) -> Iterator[tuple[int, int]]:
+    """Bullet's world of a block on a plane, 50 iterations, no damping; yields the client and the block.
+
+    Every call names the client: in a process that has shaken, the default one is a world of the program's own.
+    """
     client = pybullet.connect(pybullet.DIRECT)
     try:
         half_m = 0.5 * np.ptp(scene.rock.vertices_m, axis=0)
-        ground = pybullet.createMultiBody(0.0, pybullet.createCollisionShape(pybullet.GEOM_PLANE))
-        block = pybullet.createMultiBody(1.0, shape_of(half_m), basePosition=scene.rock.com_m.tolist())
-        pybullet.setPhysicsEngineParameter(contactSlop=0.0, numSolverIterations=50)
-        pybullet.changeDynamics(ground, -1, lateralFriction=FRICTION, restitution=0.0)
+        plane = pybullet.createCollisionShape(pybullet.GEOM_PLANE, physicsClientId=client)
+        ground = pybullet.createMultiBody(0.0, plane, physicsClientId=client)
+        block = pybullet.createMultiBody(
+            1.0, shape_of(half_m, client), basePosition=scene.rock.com_m.tolist(), physicsClientId=client
+        )
+        pybullet.setPhysicsEngineParameter(contactSlop=0.0, numSolverIterations=50, physicsClientId=client)
+        pybullet.changeDynamics(ground, -1, lateralFriction=FRICTION, restitution=0.0, physicsClientId=client)
         pybullet.changeDynamics(
             block, -1, localInertiaDiagonal=np.diag(scene.rock.inertia_per_mass_m2).tolist(),
             lateralFriction=1.0, linearDamping=0.0, angularDamping=0.0, restitution=0.0,
-            activationState=pybullet.ACTIVATION_STATE_DISABLE_SLEEPING,
+            activationState=pybullet.ACTIVATION_STATE_DISABLE_SLEEPING, physicsClientId=client,
         )  # fmt: skip
-        yield block
+        yield client, block
     finally:
         pybullet.disconnect(client)
 
 
-def bare_loop(shape_of: Callable[[np.ndarray], int], step_share: float) -> Callable[[Scene, Motion], bool]:
+def bare_loop(
+    shape_of: Callable[[np.ndarray, int], int], step_share: float
+) -> Callable[[Scene, Motion], bool]:
     """Whether a block falls in a loop of setGravity and stepSimulation with a step of this share of sqrt(R / g)."""
 
     def topples(scene: Scene, motion: Motion) -> bool:
         step_s = step_share * float(np.sqrt(scene.rock.half_diagonal_m / G))
         times = np.arange(int((motion.duration_s + 4.0) / step_s) + 1) * step_s
         pulls = (np.array([0.0, 0.0, -G]) - motion.mean_between(times)).tolist()
-        with world(scene, shape_of) as block:
-            pybullet.setTimeStep(step_s)
+        with world(scene, shape_of) as (client, block):
+            pybullet.setTimeStep(step_s, client)
             for x, y, z in pulls:
-                pybullet.setGravity(x, y, z)
-                pybullet.stepSimulation()
-            return bool(pybullet.getBasePositionAndOrientation(block)[0][2] < 0.8 * scene.rock.com_m[2])
+                pybullet.setGravity(x, y, z, client)
+                pybullet.stepSimulation(client)
+            place, _ = pybullet.getBasePositionAndOrientation(block, client)
+            return bool(place[2] < 0.8 * scene.rock.com_m[2])
 
     return topples
 

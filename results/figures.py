@@ -4,6 +4,7 @@ Readable at paper width (178 mm), colour-blind safe, units on every axis. Empty 
 carry a dot.
 """
 
+import math
 import os
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
@@ -355,7 +356,7 @@ def front_figure(table: pd.DataFrame, floor: str) -> Figure:
             axes.set_ylabel(label)
         figure.legend(*axes.get_legend_handles_labels(), loc="upper center", ncols=3, frameon=False)
         sns.despine(figure)
-        figure.tight_layout(rect=(0.0, 0.0, 1.0, 0.86))
+        figure.tight_layout(rect=(0.0, 0.0, 1.0, 1.0 - 0.07 * math.ceil(len(table) / 3)))
     return figure
 
 

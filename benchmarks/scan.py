@@ -79,7 +79,7 @@ SHAPES: dict[str, Callable[[], virtual.Truth]] = {
 }
 CAUSES_OF = ("Echo Cliffs", "echo_like")
 """Shapes of which the benchmark of answers tells what each error costs."""
-TOPS_M_S2 = 5.0 * 2.0 ** (0.5 * np.arange(10))
+TOPS_M_S2 = 0.5 * 2.0 ** (0.5 * np.arange(17))
 """Highest levels tried, until half of the jobs topple."""
 TRIED = 60
 """Jobs that find the levels."""
@@ -191,10 +191,10 @@ def accuracy(known: Known, realisations: int) -> dict[str, float]:
 def jobs_that_half_topple(scene: Scene, ensemble: Ensemble, count: int) -> tuple[list[Job], float]:
     """Jobs of random record, azimuth and level, and the highest level: such that about half topple the rock."""
     for top in TOPS_M_S2:
-        tried = draw_jobs(ensemble, TRIED, (1.0, float(top)))
-        if answers(scene, ensemble, tried, FAST).toppled.mean() > 0.4:
+        levels = (min(1.0, 0.2 * float(top)), float(top))
+        if answers(scene, ensemble, draw_jobs(ensemble, TRIED, levels), FAST).toppled.mean() > 0.4:
             break
-    return draw_jobs(ensemble, count, (1.0, float(top)), seed=11), float(top)
+    return draw_jobs(ensemble, count, levels, seed=11), float(top)
 
 
 def agreement(name: str, known: Known, ensemble: Ensemble, count: int) -> dict[str, float]:

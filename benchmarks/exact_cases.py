@@ -33,6 +33,14 @@ def thresholds(preset: Any) -> list[Any]:
     ]
 
 
+def many_feet(preset: Any) -> list[Any]:
+    """Full sines that overturn prisms whose bases have 12 to 48 feet."""
+    return [
+        case.many_feet_error(sides, leading, preset, span=0.05)
+        for sides, leading in ((12, "edge"), (24, "edge"), (48, "edge"), (29, "vertex"))
+    ]
+
+
 def slips(preset: Any) -> list[Any]:
     """A flat block on the level and on a slope, under pulses."""
     return [
@@ -69,6 +77,7 @@ def many_corners(preset: Any) -> list[Any]:
 CASES: tuple[tuple[tuple[str, ...], Callable[[Any], list[Any]]], ...] = (
     (("time to the first impact", "impact ratio", "energy lost in an impact"), free_rocking),
     (("overturning threshold",), thresholds),
+    (("threshold on many feet",), many_feet),
     (("slip",), slips),
     (("dropped body",), drops),
     (("rate of wobble",), wobbles),
@@ -79,6 +88,7 @@ TARGET_OF_STANDARD = {
     "impact ratio": 0.002,
     "energy lost in an impact": 0.03,
     "overturning threshold": 0.002,
+    "threshold on many feet": 0.002,
     "slip": 0.002,
     "rate of wobble": 0.01,
 }

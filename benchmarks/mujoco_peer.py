@@ -49,6 +49,9 @@ REST_SPEED = 5e-4
 CAP_AFTER_MOTION = 60.0
 """Time after the motion, over sqrt(R / g)."""
 
+ROUND_FROM_SIDES = 200
+"""A prism of fewer sides is no cylinder: it stands on the middles of its edges, 1e-4 of the radius farther in."""
+
 STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS.value
 FORCE = mujoco.mjtState.mjSTATE_XFRC_APPLIED.value
 
@@ -187,12 +190,13 @@ def _world(scene: Scene, step_s: float) -> _World:
 
 
 def _shape(spec: Any, feet_m: Array) -> dict[str, Any]:
-    """A box or an upright cylinder as such, any other body as the convex hull of its feet."""
+    """A box or a nearly round upright cylinder as such, any other body as the convex hull of its feet."""
     middle, half = 0.5 * (feet_m.max(axis=0) + feet_m.min(axis=0)), 0.5 * np.ptp(feet_m, axis=0)
     out = np.abs(feet_m - middle)
     if len(feet_m) == 8 and np.allclose(out, half):
         return {"type": mujoco.mjtGeom.mjGEOM_BOX, "size": half, "pos": middle}
-    if np.allclose(out[:, 2], half[2]) and np.allclose(np.hypot(out[:, 0], out[:, 1]), half[0]):
+    upright = np.allclose(out[:, 2], half[2]) and np.allclose(np.hypot(out[:, 0], out[:, 1]), half[0])
+    if upright and len(feet_m) >= 2 * ROUND_FROM_SIDES:
         return {"type": mujoco.mjtGeom.mjGEOM_CYLINDER, "size": [half[0], half[2], 0.0], "pos": middle}
     mesh = spec.add_mesh(
         name="hull", uservert=feet_m.ravel(), inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX

@@ -45,7 +45,7 @@ def bare_loop(scene: Scene, motion: Motion, steps: int) -> float:
     step_s = settings.time_step_s(contact.half_diagonal_m, scene.gravity_m_s2)
     impulse = scene.gravity_m_s2 * step_s
     engine = engine_for(
-        contact, REACH_DEG[0], scene.contact, impulse, impulse * step_s, 0.0, settings.iterations, 0
+        contact, REACH_DEG[0], scene.contact, impulse, impulse * step_s, 0.0, settings.solver, 0
     )
     engine.set_state((tuple(contact.com_m), tuple(contact.start_quaternion_xyzw)), STILL, STILL)
     pulls = np.array([0.0, 0.0, -scene.gravity_m_s2]) - motion.mean_between(np.arange(steps + 1) * step_s)

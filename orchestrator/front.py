@@ -24,7 +24,7 @@ from models.motions.ensemble import Ensemble
 from models.motions.impose import impose
 from results.fits import fit
 from workers import shake
-from workers.presets import PHYSICS_VERSION, PRESETS, Settings
+from workers.presets import PHYSICS_VERSION, PRESETS, Settings, Solver
 from workers.shake import State, settled
 
 DISTURBED_SHARE = 1e-6
@@ -42,8 +42,8 @@ FLOOR = f"{CONVERGED}, disturbed"
 EXPLORED = {
     **PRESETS,
     "1/32": replace(PRESETS["fast"], step_share=1 / 32, longest_step_s=np.inf),
-    "fast, 10 iterations": replace(PRESETS["fast"], iterations=10),
-    "fast, 50 iterations": replace(PRESETS["fast"], iterations=50),
+    "fast, 20 iterations": replace(PRESETS["fast"], solver=Solver(20, 1e-3)),
+    "fast, 500 iterations": replace(PRESETS["fast"], solver=Solver(500, 1e-5)),
     "fast, all landings": replace(PRESETS["fast"], resolved_landing=1e-3),
     "1/256": replace(PRESETS["standard"], step_share=1 / 256),
 }

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from models.scene import ContactProperties
 from workers.contact import ContactModel
+from workers.presets import Solver
 
 Array = NDArray[np.float64]
 Pose = tuple[tuple[float, float, float], tuple[float, float, float, float]]
@@ -25,14 +26,6 @@ NEAREST_SHARE = 2e-5
 
 COLD_ITERATIONS = 200
 """Of the first step in a new state: around a landing many contacts are prepared, and take longer to agree."""
-
-RESIDUAL_SHARE = 1e-3
-"""The solver stops before its last iteration once no impulse (at unit mass) changes by more than this share of
-gravity's in a step."""
-
-
-ITERATIONS_FOR_SLIP = 50
-"""At least, where kinetic friction differs from static: friction that is not yet in balance looks like slip."""
 
 STARTS_TO_SLIP, STILL_SLIPS = 0.999, 0.7
 """Shares of the limit of friction from which a contact that stuck slips, and down to which one that slipped still does:
@@ -54,8 +47,7 @@ class Engine:
         What gravity moves in one step, g (step)^2.
     rebound_from_m_s : float
         Landings slower than this do not rebound.
-    iterations : int
-        Most iterations of the solver in a step.
+    solver : Solver
     slot : int
         Which of the process's worlds to use; an earlier engine in it is lost.
     """
@@ -68,21 +60,21 @@ class Engine:
         impulse_m_s: float,
         fall_m: float,
         rebound_from_m_s: float,
-        iterations: int,
+        solver: Solver,
         slot: int,
     ) -> None:
         self._client = _client(slot)
         self._contact = contact
         self._surface = surface
         self._follows_slip = surface.friction_kinetic != surface.friction_static
-        self._iterations = max(iterations, ITERATIONS_FOR_SLIP) if self._follows_slip else iterations
+        self._iterations = solver.iterations
         self._near_share = max(NEAR_STEPS * fall_m / contact.half_diagonal_m, NEAREST_SHARE)
         self.points = points
         pybullet.resetSimulation(physicsClientId=self._client)
         pybullet.setPhysicsEngineParameter(
             numSubSteps=0,
             numSolverIterations=self._iterations,
-            solverResidualThreshold=(RESIDUAL_SHARE * impulse_m_s) ** 2,
+            solverResidualThreshold=(solver.residual_share * impulse_m_s) ** 2,
             deterministicOverlappingPairs=1,
             enableConeFriction=1,
             contactSlop=0.0,

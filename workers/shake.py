@@ -33,7 +33,7 @@ from workers.certainty import (
 )
 from workers.contact import LARGEST_OPEN_TILT_DEG, REACH_DEG, ContactModel, contact_of
 from workers.engine import Pose
-from workers.presets import Settings, settings_of
+from workers.presets import Settings, Solver, settings_of
 from workers.quaternion import to_body, turn_vector
 from workers.stepping import Stepper, engine_for
 from workers.way import STILL, Vector
@@ -230,7 +230,7 @@ class _Run:
             lambda times: motion.velocity_at(times) @ turn,
             step_s,
             settings.resolved_landing * speed_m_s,
-            settings.iterations,
+            settings.solver,
             pose,
             velocity,
             spin,
@@ -463,7 +463,7 @@ def settled(scene: Scene) -> Scene:
 
 SETTLING_PASSES = 3
 
-SETTLING_ITERATIONS = 200
+SETTLING = Solver(iterations=200, residual_share=1e-3)
 
 SETTLING_SHARE = 1e-5
 """Way in a look, over R, below which a rock that settles is no longer stopped: each stop costs it its contacts."""
@@ -479,7 +479,7 @@ def _let_down(scene: Scene) -> Scene:
     impulse, slot = scene.gravity_m_s2 * step_s, len(REACH_DEG) - 1
     surface = ContactProperties.of(scene.contact.friction_static)  # let down without a rebound
     engine = engine_for(
-        contact, LARGEST_OPEN_TILT_DEG, surface, impulse, impulse * step_s, 0.0, SETTLING_ITERATIONS, slot
+        contact, LARGEST_OPEN_TILT_DEG, surface, impulse, impulse * step_s, 0.0, SETTLING, slot
     )
     pose: Pose = (tuple(contact.com_m), tuple(contact.start_quaternion_xyzw))
     lowest = contact.gaps_m(np.array([pose[0]]), np.array([pose[1]])).min()

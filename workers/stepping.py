@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 from models.scene import ContactProperties
 from workers.contact import REACH_DEG, ContactModel
 from workers.engine import Engine, Pose
+from workers.presets import Solver
 from workers.way import Vector, Way
 
 Array = NDArray[np.float64]
@@ -92,8 +93,7 @@ class Stepper:
     time_step_s : float
     resolved_landing_m_s : float
         Steps are cut at landings that are faster than this.
-    iterations : int
-        Most iterations of the contact solver in a step.
+    solver : Solver
     pose, velocity_m_s, angular_velocity_rad_s
         State at time 0, support frame; the velocities belong to the start itself, not to a step's middle.
     """
@@ -106,7 +106,7 @@ class Stepper:
         ground_velocity_m_s: Callable[[Array], Array],
         time_step_s: float,
         resolved_landing_m_s: float,
-        iterations: int,
+        solver: Solver,
         pose: Pose,
         velocity_m_s: Vector,
         angular_velocity_rad_s: Vector,
@@ -119,7 +119,7 @@ class Stepper:
         self._impulse = float(np.linalg.norm(gravity_m_s2)) * time_step_s
         self._fall = self._impulse * time_step_s
         self._fast = resolved_landing_m_s
-        self._iterations = iterations
+        self._solver = solver
         self.grid = 0
         """Steps of the grid from time 0 to the latest pose."""
         self._pulls: list[list[float]] = []
@@ -210,7 +210,7 @@ class Stepper:
             self._impulse,
             self._fall,
             self._fast,
-            self._iterations,
+            self._solver,
             reach,
         )
         self.way.look_at(engine.points)
@@ -445,11 +445,11 @@ def engine_for(
     impulse_m_s: float,
     fall_m: float,
     rebound_from_m_s: float,
-    iterations: int,
+    solver: Solver,
     slot: int,
 ) -> Engine:
     """A world for the tilts up to `tilt_deg`, kept while the same rock is shaken again; one at a time in a slot."""
-    wanted = (contact, tilt_deg, surface, impulse_m_s, fall_m, rebound_from_m_s, iterations)
+    wanted = (contact, tilt_deg, surface, impulse_m_s, fall_m, rebound_from_m_s, solver)
     if slot not in _IN_SLOT or _IN_SLOT[slot][0] != wanted:  # making a world destroys the slot's former one
         points = contact.points_within(tilt_deg)
         _IN_SLOT[slot] = wanted, Engine(contact, points, *wanted[2:], slot)
@@ -457,5 +457,5 @@ def engine_for(
 
 
 _IN_SLOT: dict[
-    int, tuple[tuple[ContactModel, float, ContactProperties, float, float, float, int], Engine]
+    int, tuple[tuple[ContactModel, float, ContactProperties, float, float, float, Solver], Engine]
 ] = {}

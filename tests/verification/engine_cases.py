@@ -8,7 +8,7 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from models import Motion, Scene
-from models.frames import horizontal_unit_vector
+from models.frames import azimuth_deg, horizontal_unit_vector
 from models.shapes import box, cylinder
 from workers import shake
 from workers.reference import closed_forms as exact
@@ -223,7 +223,8 @@ def full_sine_error(
     """Error of the threshold of a full sine of angular frequency `frequency_share` p."""
     scene, b, h = block(alpha_deg, half_diagonal)
     period = 2 * np.pi / (frequency_share * exact.rocking_frequency(b, h))
-    unit, reference = G * b / h, full_sine_threshold(b, h, period, branch)
+    unit = G * b / h
+    reference = full_sine_threshold(PlaneBody.rectangle(b, h), unit, period, branch)
 
     def motion_of(ratio):
         time = np.linspace(0, period, 801)
@@ -233,10 +234,39 @@ def full_sine_error(
     return threshold_error(scene, motion_of, reference, preset, toward, **settings)
 
 
+def many_feet_error(sides, leading, preset, **settings):
+    """Error of the threshold of a full sine for a prism of many sides, radius 0.2 and half height 0.6 m.
+
+    The motion goes toward the middle of an edge, or toward a vertex, of the base: the prism turns about it in a plane.
+    Its angular frequency is 2 p for an edge; 4 p for a vertex, on which it cannot stand for long.
+    """
+    rock = cylinder(0.2, 0.6, sides)
+    scene = Scene.from_mesh((rock.vertices_m, rock.faces), friction=GRIP)
+    feet = scene.rock.vertices_m[scene.rock.vertices_m[:, 2] < 1e-9]
+    azimuth = azimuth_deg(feet[0]) + (180.0 / sides if leading == "edge" else 0.0)
+    toward = horizontal_unit_vector(azimuth)
+    axis = np.cross([0.0, 0.0, 1.0], toward)
+    body = PlaneBody(
+        (feet @ toward).max(),
+        -(feet @ toward).min(),
+        scene.rock.com_m[2],
+        axis @ scene.rock.inertia_per_mass_m2 @ axis,
+    )
+    unit = G * body.right_m / body.height_m
+    p = np.sqrt(G * body.arm_m(1) / body.inertia_about_corner_m2(1))
+    period = 2 * np.pi / ((2.0 if leading == "edge" else 4.0) * p)
+    reference = full_sine_threshold(body, unit, period, "no impact")
+
+    def motion_of(ratio):
+        time = np.linspace(0, period, 801)
+        return along(azimuth, -ratio * unit * np.sin(2 * np.pi * time / period), period / 800)
+
+    return threshold_error(scene, motion_of, reference, preset, azimuth, **settings)
+
+
 @lru_cache
-def full_sine_threshold(b, h, period, branch):
-    """Least amplitude over g b/h that overturns with no impact, or after one."""
-    body, unit = PlaneBody.rectangle(b, h), G * b / h
+def full_sine_threshold(body, unit, period, branch):
+    """Least amplitude over `unit` that overturns with no impact, or after one."""
 
     def fate(ratio):
         return overturns(body, Ground.sine(-ratio * unit, period))

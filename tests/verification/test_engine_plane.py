@@ -15,29 +15,29 @@ LOSS_TARGET = 0.03  # of the energy lost in an impact
 G = case.G
 
 MISSED: dict[tuple, str] = {
-    ("ratio", "standard", 2, 0.1): "-1.65 %: a landing too slow to be resolved",
-    ("ratio", "reference", 2, 0.1): "-0.48 %",
-    ("ratio", "reference", 45, 0.5): "0.08 %",
+    ("ratio", "reference", 45, 0.5): "0.07 %",
     ("ratio", "reference", 45, 0.9): "0.09 %",
-    ("loss", "standard", 2, 0.1): "895 %: a landing too slow to be resolved",
-    ("loss", "standard", 2, 0.5): "-3.1 %",
-    ("loss", "standard", 2, 0.9): "5.8 %",
-    ("landing", "standard", 2, 0.999): "0.57 %",
-    ("loss", "standard", 2, 0.999): "7.4 %",
-    ("landing", "standard", 5, 0.999): "0.26 %",
-    ("ratio", "standard", 45, 0.5): "0.64 %",
-    ("ratio", "standard", 45, 0.9): "0.45 %",
-    ("ratio", "standard", 45, 0.999): "0.93 %",
-    ("loss", "reference", 2, 0.1): "263 %",
-    ("landing", "reference", 15, 0.999): "-0.12 %",
+    ("loss", "standard", 2, 0.1): "27 %: a landing too slow to be resolved",
+    ("loss", "standard", 2, 0.5): "6.5 %",
+    ("loss", "standard", 2, 0.9): "15 %",
+    ("loss", "standard", 2, 0.999): "17 %",
+    ("loss", "standard", 5, 0.1): "4.3 %",
+    ("ratio", "standard", 45, 0.5): "0.35 %",
+    ("ratio", "standard", 45, 0.9): "0.33 %",
+    ("ratio", "standard", 45, 0.999): "0.66 %",
+    ("loss", "reference", 2, 0.1): "6.7 %",
+    ("loss", "reference", 2, 0.5): "4.1 %",
+    # A corner of radius 1e-5 R stands 1e-5 alpha farther from balance: 1 % of what 0.999 alpha leaves.
+    ("landing", "reference", 2, 0.999): "-0.13 %",
+    ("landing", "reference", 5, 0.999): "-0.13 %",
+    ("landing", "reference", 15, 0.999): "-0.13 %",
     ("landing", "reference", 30, 0.999): "-0.14 %",
     ("landing", "reference", 45, 0.999): "-0.14 %",
     ("ratio", "reference", 45, 0.999): "0.11 %",
-    ("sine", "standard", 2, 1, "no impact"): "-0.46 %",
     ("onto flat", "standard", 1.0, 1.2): "a rate 3.8e-2 p off, a corner that slips",
     ("onto flat", "standard", 1.0, 0.8): "a rate 3.8e-2 p off, a corner that slips",
     ("onset", "standard", 2.0, 0.98): "a corner 1.4e-3 R off after 40 ms: slip in the first steps",
-    ("onset", "standard", 2.0, 1.02): "a corner 2.8e-3 R off after 40 ms: slip in the first steps",
+    ("onset", "standard", 2.0, 1.02): "a corner 3.5e-3 R off after 40 ms: slip in the first steps",
 }
 
 
@@ -112,6 +112,23 @@ def test_a_full_sine_overturns_from_the_exact_amplitude_on(preset, alpha_deg, ha
     frequency = 4.0 if branch == "no impact" else 3.0
     error = case.full_sine_error(alpha_deg, half_diagonal, frequency, preset, branch)
     assert abs(error) < TARGET[preset]
+
+
+@pytest.mark.parametrize(
+    ("preset", "sides", "leading"),
+    cases(
+        "many feet",
+        [("standard", 24, "edge")],
+        [
+            *[("standard", n, leads) for n, leads in ((12, "edge"), (48, "edge"), (29, "vertex"))],
+            *[("reference", n, leads) for n, leads in ((24, "edge"), (29, "vertex"))],
+        ],
+    ),
+)
+def test_a_base_of_many_feet_overturns_about_its_leading_edge_or_foot(preset, sides, leading):
+    # What errs is the solver, which moves the weight to the leading feet in proportion to its iterations. Measured with
+    # standard -.01 to -.12 %, with reference -.015 %; with 20 and 50 iterations -.8 and -.3 %.
+    assert abs(case.many_feet_error(sides, leading, preset)) < TARGET[preset]
 
 
 @pytest.mark.parametrize(

@@ -36,7 +36,7 @@ from models.motions.impose import impose
 from orchestrator.front import CONVERGED, Job, compare, draw_jobs
 from results.figures import COLOURS, FULL_WIDTH_IN, save, style
 from workers import shake
-from workers.presets import PRESETS
+from workers.presets import PHYSICS_VERSION, PRESETS
 from workers.shake import settled
 
 ROOT = Path(__file__).parent.parent
@@ -257,8 +257,8 @@ def _page(cases: pd.DataFrame, rock: pd.DataFrame, count: int) -> str:
         "Written by `benchmarks/mujoco_front.py`; do not edit. "
         f"MuJoCo {mujoco.__version__} with the best settings found for hard contact\n"
         "(`benchmarks/mujoco_peer.py` names them and what else was tried), in calls of 256 steps of C, against the "
-        "presets in the\nprogram's own loop. Steps are shares of sqrt(R/g). Errors are the worst over the cases "
-        "named in the benchmark, against\nexact answers; without shortcuts unless said. Costs are processor time on "
+        f"presets of\nphysics version {PHYSICS_VERSION} in the program's own loop. Steps are shares of sqrt(R/g). Errors "
+        "are the worst over the cases named in\nthe benchmark, against exact answers; without shortcuts unless said. Costs are processor time on "
         "a shared two-core machine: only their ratios\nmean anything. The bare loop is PyBullet's step of a block on "
         f"eight spheres, {bare.min():.1f} to {bare.max():.1f} us, at the same time step.\n"
         "The dashed lines are the targets of `standard`. Left out is what MuJoCo has not: Newton's restitution, and a "

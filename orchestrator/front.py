@@ -144,24 +144,30 @@ def disturbed_start(scene: Scene, toward_deg: float, share: float = DISTURBED_SH
 
 
 def compare(said: Mapping[str, pd.DataFrame], converged: pd.DataFrame) -> pd.DataFrame:
-    """One row a setting: flips against the converged answers, their sign test, shift of the median, cost."""
+    """One row a setting: flips against the converged answers, their sign test, shift of the median, cost.
+
+    A setting may have answered the first of the jobs only; costs are those of the jobs that all have answered.
+    """
     rows = []
-    median = _median(converged)
+    shared = min(len(one) for one in said.values())
     for name, one in said.items():
-        up = int((one.toppled & ~converged.toppled).sum())
-        down = int((~one.toppled & converged.toppled).sum())
+        same = converged.iloc[: len(one)]
+        up = int((one.toppled & ~same.toppled).sum())
+        down = int((~one.toppled & same.toppled).sum())
+        timed = one.iloc[:shared]
         share = (up + down) / len(one)
         rows.append(
             {
                 "setting": name,
+                "jobs": len(one),
                 "flips_share": share,
                 "flips_share_std": math.sqrt(share * (1.0 - share) / len(one)),
                 "flips_to_toppled": up,
                 "flips_to_standing": down,
                 "sign_test_p": binomtest(up, up + down).pvalue if up + down else 1.0,
-                "median_shift": _median(one) / median - 1.0,
-                "processor_s_per_simulated_s": one.processor_s.sum() / one.simulated_s.sum(),
-                "processor_s_per_job": one.processor_s.mean(),
+                "median_shift": _median(one) / _median(same) - 1.0,
+                "processor_s_per_simulated_s": timed.processor_s.sum() / timed.simulated_s.sum(),
+                "processor_s_per_job": timed.processor_s.mean(),
                 "largest_penetration_share": one.penetration_share.max(),
             }
         )

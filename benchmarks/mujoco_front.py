@@ -257,12 +257,12 @@ def _page(cases: pd.DataFrame, rock: pd.DataFrame, count: int) -> str:
         "Written by `benchmarks/mujoco_front.py`; do not edit. "
         f"MuJoCo {mujoco.__version__} with the best settings found for hard contact\n"
         "(`benchmarks/mujoco_peer.py` names them and what else was tried), in calls of 256 steps of C, against the "
-        f"presets of\nphysics version {PHYSICS_VERSION} in the program's own loop. Steps are shares of sqrt(R/g). Errors "
-        "are the worst over the cases named in\nthe benchmark, against exact answers; without shortcuts unless said. Costs are processor time on "
-        "a shared two-core machine: only their ratios\nmean anything. The bare loop is PyBullet's step of a block on "
-        f"eight spheres, {bare.min():.1f} to {bare.max():.1f} us, at the same time step.\n"
-        "The dashed lines are the targets of `standard`. Left out is what MuJoCo has not: Newton's restitution, and a "
-        "kinetic\nfriction unlike the static one.\n\n![Error against cost](figures/mujoco_front.png)\n\n"
+        f"presets of\nphysics version {PHYSICS_VERSION} in the program's own loop. Steps are shares of sqrt(R/g). "
+        "Errors are the worst over the cases named in\nthe benchmark, against exact answers; without shortcuts unless said. "
+        "Costs are processor time on a shared two-core\nmachine: only their ratios mean anything. The bare loop is "
+        f"PyBullet's step of a block on eight spheres, {bare.min():.1f} to {bare.max():.1f} us,\nat the same time "
+        "step. The dashed lines are the targets of `standard`. Left out is what MuJoCo has not: Newton's\nrestitution, and a "
+        "kinetic friction unlike the static one.\n\n![Error against cost](figures/mujoco_front.png)\n\n"
     )
     wide = cases.assign(
         setting=cases["setting"] + np.where(cases["shortcuts"], ", shortcuts", ""),

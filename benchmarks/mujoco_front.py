@@ -16,6 +16,7 @@ from contextlib import contextmanager
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
+from textwrap import fill
 from typing import Any
 
 import mujoco
@@ -252,18 +253,19 @@ def _few_numbers(axis: Axis) -> None:
 
 def _page(cases: pd.DataFrame, rock: pd.DataFrame, count: int) -> str:
     bare = cases["bare_loop_us_per_step"]
-    head = (
-        "# MuJoCo and the presets\n\n"
-        "Written by `benchmarks/mujoco_front.py`; do not edit. "
-        f"MuJoCo {mujoco.__version__} with the best settings found for hard contact\n"
-        "(`benchmarks/mujoco_peer.py` names them and what else was tried), in calls of 256 steps of C, against the "
-        f"presets of\nphysics version {PHYSICS_VERSION} in the program's own loop. Steps are shares of sqrt(R/g). "
-        "Errors are the worst over the cases named in\nthe benchmark, against exact answers; without shortcuts unless said. "
-        "Costs are processor time on a shared two-core\nmachine: only their ratios mean anything. The bare loop is "
-        f"PyBullet's step of a block on eight spheres, {bare.min():.1f} to {bare.max():.1f} us,\nat the same time "
-        "step. The dashed lines are the targets of `standard`. Left out is what MuJoCo has not: Newton's\nrestitution, and a "
-        "kinetic friction unlike the static one.\n\n![Error against cost](figures/mujoco_front.png)\n\n"
+    told = fill(
+        f"Written by `benchmarks/mujoco_front.py`; do not edit. MuJoCo {mujoco.__version__} with the best settings "
+        "found for hard contact (`benchmarks/mujoco_peer.py` names them and what else was tried), in calls of 256 "
+        f"steps of C, against the presets of physics version {PHYSICS_VERSION} in the program's own loop. Steps are "
+        "shares of sqrt(R/g). Errors are the worst over the cases named in the benchmark, against exact answers; "
+        "without shortcuts unless said. Costs are processor time on a shared two-core machine: only their ratios mean "
+        "anything. The bare loop is PyBullet's step of a block on eight spheres, "
+        f"{bare.min():.1f} to {bare.max():.1f} us, at the same time step. The dashed lines are the targets of "
+        "`standard`. Left out is what MuJoCo has not: Newton's restitution, and a kinetic friction unlike the static "
+        "one.",
+        110,
     )
+    head = f"# MuJoCo and the presets\n\n{told}\n\n![Error against cost](figures/mujoco_front.png)\n\n"
     wide = cases.assign(
         setting=cases["setting"] + np.where(cases["shortcuts"], ", shortcuts", ""),
         text=[

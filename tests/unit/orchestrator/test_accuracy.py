@@ -62,6 +62,16 @@ def test_flips_one_way_only_are_a_bias_and_shift_the_median(converged):
     assert row.median_shift > 0.05
 
 
+def test_a_setting_that_answered_the_first_jobs_is_compared_over_these(converged):
+    # All flips come later than the jobs that the second setting has answered; costs are those of the shared jobs.
+    few = COUNT // 2
+    costly = converged.assign(processor_s=np.where(np.arange(COUNT) < few, 1.0, 9.0))
+    table = compare({"all": costly, "few": converged.iloc[:few]}, converged)
+    assert table.jobs.tolist() == [COUNT, few]
+    assert table.flips_share.tolist() == [0.0, 0.0]
+    assert table.processor_s_per_job[0] == 1.0
+
+
 def test_kept_answers_are_not_computed_again_and_more_jobs_add_to_them(tmp_path, ensemble):
     scene, jobs = Scene.block(0.25, 0.2, 0.6), draw_jobs(ensemble, 3, (3.0, 9.0))
     first = answers(scene, ensemble, jobs[:2], FAST, processes=1, kept=tmp_path)

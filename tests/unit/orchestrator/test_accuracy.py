@@ -63,12 +63,13 @@ def test_flips_one_way_only_are_a_bias_and_shift_the_median(converged):
 
 
 def test_a_setting_that_answered_the_first_jobs_is_compared_over_these(converged):
-    # All flips come later than the jobs that the second setting has answered; costs are those of the shared jobs.
+    # One of these flips; costs are those of the jobs that both have answered.
     few = COUNT // 2
     costly = converged.assign(processor_s=np.where(np.arange(COUNT) < few, 1.0, 9.0))
-    table = compare({"all": costly, "few": converged.iloc[:few]}, converged)
+    other = converged.iloc[:few].assign(toppled=converged.toppled[:few] ^ (np.arange(few) == 0))
+    table = compare({"all": costly, "few": other}, converged)
     assert table.jobs.tolist() == [COUNT, few]
-    assert table.flips_share.tolist() == [0.0, 0.0]
+    assert table.flips_share.tolist() == [0.0, 1.0 / few]
     assert table.processor_s_per_job[0] == 1.0
 
 

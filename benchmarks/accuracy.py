@@ -149,7 +149,8 @@ def _disturbances(scene: Scene, ensemble: Ensemble, jobs: list[Job], at_rest: pd
         [
             "\n## Flips against the size of a disturbance\n",
             f"The same {len(jobs)} jobs with `fast` against `fast` itself, whose rock starts raised by a share of its",
-            "height and tilted by as much: what an error of that size does to the answers, whatever makes it.\n",
+            "height and tilted by as much. It falls back and lies flat before it is shaken, so much is forgotten:",
+            "errors made on the way, such as a step's, do more.\n",
             "| disturbed by | answers that flip | sign test p | shift of the median |",
             "|---|---|---|---|",
             *(

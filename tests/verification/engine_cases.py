@@ -223,15 +223,7 @@ def full_sine_error(
     """Error of the threshold of a full sine of angular frequency `frequency_share` p."""
     scene, b, h = block(alpha_deg, half_diagonal)
     period = 2 * np.pi / (frequency_share * exact.rocking_frequency(b, h))
-    unit = G * b / h
-    reference = full_sine_threshold(PlaneBody.rectangle(b, h), unit, period, branch)
-
-    def motion_of(ratio):
-        time = np.linspace(0, period, 801)
-        return along(azimuth, -ratio * unit * np.sin(2 * np.pi * time / period), period / 800)
-
-    toward = azimuth if branch == "no impact" else azimuth + 180
-    return threshold_error(scene, motion_of, reference, preset, toward, **settings)
+    return sine_threshold_error(scene, PlaneBody.rectangle(b, h), period, branch, azimuth, preset, **settings)
 
 
 def many_feet_error(sides, leading, preset, **settings):
@@ -252,21 +244,27 @@ def many_feet_error(sides, leading, preset, **settings):
         scene.rock.com_m[2],
         axis @ scene.rock.inertia_per_mass_m2 @ axis,
     )
-    unit = G * body.right_m / body.height_m
     p = np.sqrt(G * body.arm_m(1) / body.inertia_about_corner_m2(1))
     period = 2 * np.pi / ((2.0 if leading == "edge" else 4.0) * p)
-    reference = full_sine_threshold(body, unit, period, "no impact")
+    return sine_threshold_error(scene, body, period, "no impact", azimuth, preset, **settings)
+
+
+def sine_threshold_error(scene, body, period, branch, azimuth, preset, **settings):
+    """Error of the least full sine that overturns a rock whose motion in the plane of an azimuth is that of `body`."""
+    unit, reference = G * body.right_m / body.height_m, full_sine_threshold(body, period, branch)
 
     def motion_of(ratio):
         time = np.linspace(0, period, 801)
         return along(azimuth, -ratio * unit * np.sin(2 * np.pi * time / period), period / 800)
 
-    return threshold_error(scene, motion_of, reference, preset, azimuth, **settings)
+    toward = azimuth if branch == "no impact" else azimuth + 180
+    return threshold_error(scene, motion_of, reference, preset, toward, **settings)
 
 
 @lru_cache
-def full_sine_threshold(body, unit, period, branch):
-    """Least amplitude over `unit` that overturns with no impact, or after one."""
+def full_sine_threshold(body, period, branch):
+    """Least amplitude over g b/h, b the leading corner's distance, that overturns with no impact, or after one."""
+    unit = G * body.right_m / body.height_m
 
     def fate(ratio):
         return overturns(body, Ground.sine(-ratio * unit, period))

@@ -23,6 +23,11 @@ def free_rocking(preset: Any) -> list[Any]:
     return [case.free_rocking(*block, share, preset) for block in BLOCKS for share in (0.5, 0.9)]
 
 
+def small_swings(preset: Any) -> list[Any]:
+    """A block let go at three and at one hundredth of its slenderness, eight swings long."""
+    return [error for share in (0.03, 0.01) for error in case.small_swing_errors(share, preset)]
+
+
 def thresholds(preset: Any) -> list[Any]:
     """Full sines that overturn without and after an impact, and a rectangular pulse."""
     return [
@@ -76,6 +81,7 @@ def many_corners(preset: Any) -> list[Any]:
 
 CASES: tuple[tuple[tuple[str, ...], Callable[[Any], list[Any]]], ...] = (
     (("time to the first impact", "impact ratio", "energy lost in an impact"), free_rocking),
+    (("decay of small swings",), small_swings),
     (("overturning threshold",), thresholds),
     (("threshold on many feet",), many_feet),
     (("slip",), slips),

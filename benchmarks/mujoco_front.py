@@ -8,6 +8,7 @@ Writes mujoco.md into FOLDER (docs), its figure and its table as JSON into FOLDE
 from __future__ import annotations
 
 import json
+import math
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -46,6 +47,9 @@ PGA_M_S2 = (3.0, 12.0)
 STEP_SHARES = (1 / 512, 1 / 256, 1 / 128, 1 / 64, 1 / 32)
 ROCK_STEP_SHARES = (1 / 2048, 1 / 512, 1 / 128, 1 / 64)
 FINEST = "MuJoCo 1/2048"
+COLUMNS = 2
+"""Of the figure's panels."""
+
 BLOCK_ROUNDS, BLOCK_STEPS = 3, 4000
 LONG_S = 0.5
 """Shakes that cost less are repeated: the world of a new scene takes ten milliseconds, and is kept for a campaign."""
@@ -212,7 +216,7 @@ def figure_of(cases: pd.DataFrame, rock: pd.DataFrame, count: int) -> Figure:
     }  # fmt: skip
     with style():
         figure = Figure(figsize=(FULL_WIDTH_IN, 9.5))
-        panels = figure.subplots(5, 2).ravel()
+        panels = figure.subplots(math.ceil((len(labels) + 1) / COLUMNS), COLUMNS).ravel()
         for axes, label in zip(panels, labels, strict=False):
             shown = cases[(cases["case"] == label) & cases["worst_error"].notna()]
             for key, line in shown.groupby(["engine", "shortcuts"]):
@@ -232,9 +236,9 @@ def figure_of(cases: pd.DataFrame, rock: pd.DataFrame, count: int) -> Figure:
             )
         axes.set(xscale="log", title=f"scanned rock, {count} jobs", xlabel="processor s per job")
         axes.set(ylim=(0.0, None), ylabel="jobs that topple (%)")
-        for axes in panels[len(labels) - 2 : len(labels)]:
+        for axes in panels[len(labels) - COLUMNS : len(labels)]:
             axes.set_xlabel("processor ms per simulated s")
-        for axes in panels[0 : len(labels) : 2]:
+        for axes in panels[0 : len(labels) : COLUMNS]:
             axes.set_ylabel("worst error (%)")
         for axes in panels:
             _few_numbers(axes.xaxis)

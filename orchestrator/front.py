@@ -44,7 +44,7 @@ EXPLORED = {
     "1/32": replace(PRESETS["fast"], step_share=1 / 32, longest_step_s=np.inf),
     "fast, 20 iterations": replace(PRESETS["fast"], solver=Solver(20, 1e-3)),
     "fast, 500 iterations": replace(PRESETS["fast"], solver=Solver(500, 1e-5)),
-    "fast, all landings": replace(PRESETS["fast"], resolved_landing=1e-3),
+    "fast, landings from 3e-3": replace(PRESETS["fast"], resolved_landing=3e-3),
     "1/256": replace(PRESETS["standard"], step_share=1 / 256),
 }
 """Points of the front: the presets, and what lies beside and between them."""
@@ -141,6 +141,11 @@ def disturbed_start(scene: Scene, toward_deg: float, share: float = DISTURBED_SH
     half, azimuth = 0.5 * share, np.deg2rad(toward_deg)
     turn = (-half * np.sin(azimuth), half * np.cos(azimuth), 0.0, 1.0)  # about the vertical cross the azimuth
     return State(position_m=scene.rock.com_m + up, quaternion_xyzw=turn)
+
+
+def disturbed_motions(jobs: list[Job], share: float = DISTURBED_SHARE) -> list[Job]:
+    """The same jobs, stronger by a share: a disturbance that a rock which lies flat again has not forgotten."""
+    return [replace(job, pga_m_s2=job.pga_m_s2 * (1.0 + share)) for job in jobs]
 
 
 def compare(said: Mapping[str, pd.DataFrame], converged: pd.DataFrame) -> pd.DataFrame:

@@ -8,8 +8,12 @@ A landing spoils the order: the contact solver lets a point that would sink in a
 moves the rock's weight to the new support at the start of the step in which it lands, half a step too early on the
 average. The energy lost in an impact is then too large in proportion to the step, and a base of many corners rolls as
 if braked. Therefore steps are taken in small chunks, the clearances of the chunk are looked at together, and where a
-point has landed fast the chunk is taken back to the step before. It is replaced by a step that ends at the moment of
-touch, a short one for the impact, as many such pairs as other points land at once, and one that leads to the grid.
+point has landed fast the chunk is taken back to the step before. It is replaced by steps that end at the moment of
+touch, a short one for the impact, as many such groups as other points land at once, and one that leads to the grid.
+
+The impact must meet the velocity at the touch, and the feet that carry until then must give what they hold up: the pull
+is therefore imposed up to the touch before the impact's step. That moves the rock too fast, so a step of second order
+leads nearly there and only a last bit has the velocity of its end.
 
 Steps of unequal length need care: in a steady step a foot that carries leaves its arc by half of (step)^2 times its
 centripetal acceleration, and the next step takes that back. After a change of step the feet are therefore set to the
@@ -53,6 +57,14 @@ by, half of (rotation in a step)^2 times its lever arm."""
 SHORT_OF_TOUCH = 0.013
 """A step to a touch stops short of it by this share, or the solver would already act."""
 
+PULLED_BIT = 0.1
+"""Share of a step: the last bit of the way to a touch, on which the rock has its velocity at the touch itself, so that
+the impact meets that one. With it the whole way, the rock came early by half of its pull times the way's time squared
+over its speed: swings of a few steps lost too much energy, in proportion to the square of the step."""
+
+LEAST_BIT = 0.2
+"""Share of that bit. The touch is foretold once more where it begins: it takes what is left, but no less than this."""
+
 LEFT_OUT = 0.5
 """Share of the clearance of the nearest foot that comes down, beyond which no contact is prepared in the step that ends
 short of its landing. In the solver's first iterations such a foot may take weight from one that carries. As that one
@@ -68,8 +80,8 @@ TRIES_TO_TOUCH = 4
 AHEAD = 1.5
 """Around a landing contacts are prepared this many times as far ahead as the rock's present speed takes its points."""
 
-SOON = 0.1
-"""Share of a step: a touch that comes sooner counts as one at the start."""
+SOON = 0.02
+"""Share of a step: a touch that comes sooner counts as one at the start. At .1 small swings lost up to 2 % too much."""
 
 IMPACT_STEP = 0.06
 """Share of a step that follows a touch: it tells where the impact sends the other points. Points that land within it
@@ -355,7 +367,7 @@ class Stepper:
         return (back + here, touch) if touch <= 1.6 * self._step else None
 
     def _time_to_touch(self, index: int, points: NDArray[np.intp], smooth_from: int) -> float:
-        """Time from pose `index` to the first touch, for a step whose velocity is kicked up to the touch itself.
+        """Time from pose `index` to the first touch, for a step whose last bit has the velocity at the touch itself.
 
         Such a step moves points along their tangents at its start: what the mean speeds of the steps before have lost
         or gained by the turning of the tangent is taken out of their change, and half a step's of it is put back.
@@ -373,10 +385,18 @@ class Stepper:
         tangent = speed - 0.5 * before_s * arc
         soonest = float((gap / speed).min())
         for _ in range(4):
-            lifted = gap + way.lift_m(index, arcs * soonest**2)
-            at_touch = np.maximum(tangent + growth * (0.5 * before_s + soonest), 0.5 * speed)
-            soonest = (1.0 - SHORT_OF_TOUCH) * float((lifted / at_touch).min())
+            bit = self._bit_s(soonest, gap)
+            last = float(bit.min())
+            lifted = gap + way.lift_m(index, arcs * (0.5 * (soonest - last) ** 2 + last**2))
+            pulled = 0.5 * (soonest**2 + bit**2) / max(soonest, 1e-300)
+            on_the_way = np.maximum(tangent + growth * (0.5 * before_s + pulled), 0.5 * speed)
+            soonest = (1.0 - SHORT_OF_TOUCH) * float((lifted / on_the_way).min())
         return soonest
+
+    def _bit_s(self, touch_s: float, gaps_m: Array) -> Array:
+        """Last bit of the way of points (n,) that touch down, in which they can still be told from feet that carry."""
+        told_apart = 2.0 * CARRYING_SHARE * self._contact.half_diagonal_m * touch_s / gaps_m
+        return np.minimum(np.maximum(PULLED_BIT * self._step, told_apart), touch_s)
 
     def _repeat(self, index: int) -> None:
         """Take the step from pose `index` again, in parts and with contacts prepared far ahead."""
@@ -416,26 +436,35 @@ class Stepper:
         self._set_state(self._step)
 
     def _step_to_touch(self, touch_s: float) -> None:
-        """A step that ends as a point touches down, and not so late that the point already carries."""
+        """Steps that end as a point touches down, and not so late that the point already carries."""
         way, index = self.way, self.way.last
+        nearest_m = self._nearest_coming_share() * self._contact.half_diagonal_m
         for tries_left in reversed(range(TRIES_TO_TOUCH)):
-            self._set_state(touch_s, kicked_share=1.0, ahead_s=touch_s, carrying_only=True)
-            self._single(touch_s, self.time_s + touch_s)
-            closing = way.closing_m_s(index + 1)
-            arcs = 0.5 * touch_s**2 * way.centripetal_m_s2(index + 1)
+            bit_s = float(self._bit_s(touch_s, np.array([nearest_m]))[0])
+            if bit_s < touch_s:
+                before_s = touch_s - bit_s
+                self._set_state(before_s, ahead_s=before_s, carrying_only=True)
+                self._single(before_s, self.time_s + 0.5 * before_s)
+                left_s = self._next_touch_s()
+                if left_s < 2.0 * bit_s:
+                    bit_s = max(left_s, LEAST_BIT * bit_s)
+            self._set_state(bit_s, kicked_share=1.0, ahead_s=bit_s, carrying_only=True)
+            self._single(bit_s, self.time_s + bit_s)
+            closing = way.closing_m_s(way.last)
+            arcs = 0.5 * bit_s**2 * way.centripetal_m_s2(way.last)
             # A point that the engine stopped is left with its arc alone.
-            late = way.gaps_m(index + 1) - arcs < 0.6 * SHORT_OF_TOUCH * touch_s * closing
+            late = way.gaps_m(way.last) - arcs < 0.6 * SHORT_OF_TOUCH * bit_s * closing
             if tries_left == 0 or not ((closing > self._fast) & late).any():
                 return
             way.back_to(index)
             touch_s *= 1.0 - 2.0 * SHORT_OF_TOUCH
 
     def _next_touch_s(self) -> float:
-        """Time from the latest pose to the next fast touch at the speeds of the step before; infinite if none comes."""
+        """Time from the latest pose to the next fast touch; infinite if none comes."""
         index = self.way.last
         coming = (self.way.closing_m_s(index) > self._fast) & (self.way.gaps_m(index) > 0.0)
         points = np.flatnonzero(coming)
-        return self._time_to_touch(index, points, index - 1) if len(points) else math.inf
+        return self._time_to_touch(index, points, self._smooth_from) if len(points) else math.inf
 
 
 def engine_for(

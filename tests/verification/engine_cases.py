@@ -13,6 +13,7 @@ from models.shapes import box, cylinder
 from workers import shake
 from workers.reference import closed_forms as exact
 from workers.reference.rocking import Ground, PlaneBody, overturns
+from workers.reference.rocking import rock as rock_in_plane
 from workers.reference.sliding_rocking import PlaneContact, slide_and_rock
 
 G = 9.81
@@ -86,6 +87,20 @@ def free_rocking(alpha_deg, half_diagonal, share, preset, **settings):
     ratio, top = exact.impact_ratio(b, h), np.cos(alpha)
     kept = np.sqrt((np.cos(alpha - peaks[0]) - top) / (np.cos(alpha * (1 - share)) - top))
     return time_error, kept / ratio - 1, (1 - kept**2) / (1 - ratio**2) - 1
+
+
+def small_swing_errors(share, preset, swings=8, **settings):
+    """Error of each swing's peak over that of the swing before, for a block of alpha 18.4 degrees let go at `share`.
+
+    While a block swings at a hundredth of alpha, few steps lie between two landings.
+    """
+    scene, b, h = block(18.4349, 0.632)
+    start = share * np.arctan2(b, h)
+    found = swing_peaks(lean(let_go(scene, leaning(b, h, start), preset, **settings).trajectory))[:swings]
+    pieces = rock_in_plane(PlaneBody.rectangle(b, h), Ground.still(), 10.0, start).pieces[1 : swings + 1]
+    exact_peaks = [np.abs(swing(np.linspace(begin, end, 400))[0]).max() for begin, end, swing in pieces]
+    found, exact_peaks = np.array([start, *found]), np.array([start, *exact_peaks])
+    return (found[1:] / found[:-1]) / (exact_peaks[1:] / exact_peaks[:-1]) - 1
 
 
 def rebound_error(alpha_deg, restitution, preset, share=0.5):

@@ -15,17 +15,10 @@ LOSS_TARGET = 0.03  # of the energy lost in an impact
 G = case.G
 
 MISSED: dict[tuple, str] = {
-    ("ratio", "reference", 45, 0.5): "0.07 %",
-    ("ratio", "reference", 45, 0.9): "0.09 %",
-    ("loss", "standard", 2, 0.1): "27 %: a landing too slow to be resolved",
-    ("loss", "standard", 2, 0.5): "6.5 %",
-    ("loss", "standard", 2, 0.9): "15 %",
-    ("loss", "standard", 2, 0.999): "17 %",
-    ("loss", "standard", 5, 0.1): "4.3 %",
-    ("ratio", "standard", 45, 0.5): "0.35 %",
-    ("ratio", "standard", 45, 0.9): "0.33 %",
-    ("ratio", "standard", 45, 0.999): "0.66 %",
-    ("loss", "reference", 2, 0.1): "6.7 %",
+    ("loss", "standard", 2, 0.1): "43 %: so slow that the last bit of its way is most of a step",
+    ("loss", "standard", 2, 0.5): "4.8 %",
+    ("loss", "standard", 2, 0.9): "3.3 %",
+    ("loss", "standard", 2, 0.999): "3.3 %",
     ("loss", "reference", 2, 0.5): "4.1 %",
     # A corner of radius 1e-5 R stands 1e-5 alpha farther from balance: 1 % of what 0.999 alpha leaves.
     ("landing", "reference", 2, 0.999): "-0.13 %",
@@ -33,7 +26,6 @@ MISSED: dict[tuple, str] = {
     ("landing", "reference", 15, 0.999): "-0.13 %",
     ("landing", "reference", 30, 0.999): "-0.14 %",
     ("landing", "reference", 45, 0.999): "-0.14 %",
-    ("ratio", "reference", 45, 0.999): "0.11 %",
     ("onto flat", "standard", 1.0, 1.2): "a rate 3.8e-2 p off, a corner that slips",
     ("onto flat", "standard", 1.0, 0.8): "a rate 3.8e-2 p off, a corner that slips",
     ("onset", "standard", 2.0, 0.98): "a corner 1.4e-3 R off after 40 ms: slip in the first steps",
@@ -88,6 +80,15 @@ def test_an_impact_keeps_housners_share_of_the_angular_velocity(free_rocking, pr
 @pytest.mark.parametrize(("preset", "alpha_deg", "share"), cases("loss", FREE_FAST, FREE_SLOW))
 def test_an_impact_loses_housners_share_of_the_energy(free_rocking, preset, alpha_deg, share):
     assert abs(free_rocking(preset, alpha_deg, share)[2]) < LOSS_TARGET
+
+
+@pytest.mark.parametrize("preset", ["fast", "standard", "reference"])
+def test_small_swings_die_away_by_housners_share(preset):
+    # A corner of radius 1e-5 R is worth .1 to .2 % of such a swing. Where the step that leads to a touch has the
+    # velocity at the touch for more than its last bit, swings lose up to 3 %.
+    errors = case.small_swing_errors(0.01, preset)
+    assert len(errors) == 8
+    assert np.abs(errors).max() < 3e-3
 
 
 @pytest.mark.parametrize(

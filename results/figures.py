@@ -348,7 +348,7 @@ def front_figure(table: pd.DataFrame, floor: str) -> Figure:
             if column == "median_shift":
                 axes.axhline(0.0, color="0.5", linewidth=0.8)
             else:
-                axes.set_ylim(bottom=0.0)
+                axes.set_ylim(0.0, 1.1 * axes.get_ylim()[1])  # settings may all have one value
             axes.set_xscale("log")
             _plain_log(axes.xaxis)
             axes.margins(x=0.15)

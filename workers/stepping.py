@@ -388,7 +388,7 @@ class Stepper:
             bit = self._bit_s(soonest, gap)
             last = float(bit.min())
             lifted = gap + way.lift_m(index, arcs * (0.5 * (soonest - last) ** 2 + last**2))
-            pulled = 0.5 * (soonest**2 + bit**2) / max(soonest, 1e-300)
+            pulled = 0.5 * (soonest**2 + bit**2) / max(soonest, 1e-300)  # a lift may leave none
             on_the_way = np.maximum(tangent + growth * (0.5 * before_s + pulled), 0.5 * speed)
             soonest = (1.0 - SHORT_OF_TOUCH) * float((lifted / on_the_way).min())
         return soonest

@@ -89,14 +89,14 @@ def free_rocking(alpha_deg, half_diagonal, share, preset, **settings):
     return time_error, kept / ratio - 1, (1 - kept**2) / (1 - ratio**2) - 1
 
 
-def small_swing_errors(share, preset, swings=8, **settings):
+def small_swing_errors(share, preset, swings=8):
     """Error of each swing's peak over that of the swing before, for a block of alpha 18.4 degrees let go at `share`.
 
     While a block swings at a hundredth of alpha, few steps lie between two landings.
     """
     scene, b, h = block(18.4349, 0.632)
     start = share * np.arctan2(b, h)
-    found = swing_peaks(lean(let_go(scene, leaning(b, h, start), preset, **settings).trajectory))[:swings]
+    found = swing_peaks(lean(let_go(scene, leaning(b, h, start), preset).trajectory))[:swings]
     pieces = rock_in_plane(PlaneBody.rectangle(b, h), Ground.still(), 10.0, start).pieces[1 : swings + 1]
     exact_peaks = [np.abs(swing(np.linspace(begin, end, 400))[0]).max() for begin, end, swing in pieces]
     found, exact_peaks = np.array([start, *found]), np.array([start, *exact_peaks])

@@ -241,14 +241,15 @@ def _page(table: pd.DataFrame, count: int, toppled: float) -> str:
         f"`{CONVERGED}`, {100 * toppled:.0f} % of which topple; after ± one standard deviation. *Disturbed* is "
         f"`{CONVERGED}` itself from a start disturbed by a millionth of the rock's height: the floor of chaos, dashed "
         "in the figure; *motion times* disturbs the motion instead, which is not forgotten; *half the step* says how "
-        "far it is itself from converged. Median: the PGA at which one in two topples. Costs: the processor's, of the "
+        "far it is itself from converged. Median: the PGA at which one in two topples. Tilt: mean log ratio of the "
+        "largest tilts where both stand, ± its standard error. Costs: the processor's, of the "
         f"first {count} jobs, on a machine of two cores; only their ratios mean anything.",
         110,
     )
     head = (
         f"# Accuracy and cost of the presets\n\n{told}\n\n![Flips against cost](figures/accuracy_front.png)\n\n"
-        "| setting | largest threshold error | jobs | answers that flip | sign test p | shift of the median "
-        "| ms per simulated s | s per job | deepest penetration / R |\n|---|---|---|---|---|---|---|---|---|\n"
+        "| setting | largest threshold error | jobs | answers that flip | sign test p | shift of the median | tilt "
+        "| ms per simulated s | s per job | deepest penetration / R |\n|---|---|---|---|---|---|---|---|---|---|\n"
     )
     rows = []
     for row in table.itertuples():
@@ -258,7 +259,8 @@ def _page(table: pd.DataFrame, count: int, toppled: float) -> str:
             f"| {row.setting} | {threshold} | {row.jobs} "
             f"| {100 * row.flips_share:.1f} ± {100 * row.flips_share_std:.1f} % "
             f"({row.flips_to_toppled} up, {row.flips_to_standing} down) | {row.sign_test_p:.2f} "
-            f"| {100 * row.median_shift:+.2f} % | {1e3 * row.processor_s_per_simulated_s:.1f} "
+            f"| {100 * row.median_shift:+.2f} % | {row.tilt_log_ratio:+.2f} ± {row.tilt_log_ratio_std:.2f} "
+            f"| {1e3 * row.processor_s_per_simulated_s:.1f} "
             f"| {row.processor_s_per_job:.2f} | {row.largest_penetration_share:.1e} |"
         )
     return head + "\n".join(rows) + "\n"

@@ -182,7 +182,9 @@ def scanned_rock(count: int) -> pd.DataFrame:
     for column in ("flips_share", "flips_to_toppled", "flips_to_standing"):
         table[f"{column}_against_finest_mujoco"] = finest[column]
     table["toppled"] = [int(said[name].toppled.sum()) for name in table["setting"]]
-    return table.drop(columns=["median_shift", "largest_penetration_share"])
+    return table.drop(
+        columns=["median_shift", "tilt_log_ratio", "tilt_log_ratio_std", "largest_penetration_share"]
+    )
 
 
 _ASSETS: list[tuple[Scene, Ensemble]] = []
@@ -198,6 +200,7 @@ def _rock_job(ask: Callable[..., Any], job: Job) -> dict[str, Any]:
     result, cpu_s = _timed(partial(ask, scene, motion))
     return asdict(job) | {
         "toppled": bool(result.toppled),
+        "max_tilt_deg": result.max_tilt_deg,
         "processor_s": cpu_s,
         "simulated_s": result.simulated_s,
         "penetration_share": np.nan,

@@ -30,6 +30,9 @@ from workers.shake import State, settled
 DISTURBED_SHARE = 1e-6
 """Of its height, by which the rock's start is disturbed to measure the floor of chaos."""
 
+LEAST_TILT_DEG = 1e-3
+"""Tilts below count as this one: a rock at rest has none, and no logarithm."""
+
 KEPT_AT_ONCE = 50
 """Answers written together."""
 
@@ -107,7 +110,7 @@ def answers(
     Returns
     -------
     pandas.DataFrame
-        A row a job: its fields, toppled, ended_by, processor_s, simulated_s and penetration_share (of R).
+        A row a job: its fields, toppled, max_tilt_deg, ended_by, processor_s, simulated_s and penetration_share (of R).
     """
     name = (PHYSICS_VERSION, scene.id, ensemble.id, setting)
     path = kept / f"{hashlib.sha256(repr(name).encode()).hexdigest()[:16]}.parquet" if kept else None
@@ -149,9 +152,10 @@ def disturbed_motions(jobs: list[Job], share: float = DISTURBED_SHARE) -> list[J
 
 
 def compare(said: Mapping[str, pd.DataFrame], converged: pd.DataFrame) -> pd.DataFrame:
-    """One row a setting: flips against the converged answers, their sign test, shift of the median, cost.
+    """One row a setting: flips against the converged answers, their sign test, shift of the median, tilts, cost.
 
-    A setting may have answered the first of the jobs only; costs are those of the jobs that all have answered.
+    A setting may have answered the first of the jobs only; costs are those of the jobs that all have answered. Largest
+    tilts tell a lean with fewer jobs than flips do: the mean of the logarithm of their ratio, where both stand.
     """
     rows = []
     shared = min(len(one) for one in said.values())
@@ -161,6 +165,9 @@ def compare(said: Mapping[str, pd.DataFrame], converged: pd.DataFrame) -> pd.Dat
         down = int((~one.toppled & same.toppled).sum())
         timed = one.iloc[:shared]
         share = (up + down) / len(one)
+        stand = ~(one.toppled | same.toppled)
+        tilt, tilt_same = (part.max_tilt_deg[stand].clip(lower=LEAST_TILT_DEG) for part in (one, same))
+        log_ratio = np.log(tilt / tilt_same)
         rows.append(
             {
                 "setting": name,
@@ -171,6 +178,8 @@ def compare(said: Mapping[str, pd.DataFrame], converged: pd.DataFrame) -> pd.Dat
                 "flips_to_standing": down,
                 "sign_test_p": binomtest(up, up + down).pvalue if up + down else 1.0,
                 "median_shift": _median(one) / _median(same) - 1.0,
+                "tilt_log_ratio": log_ratio.mean(),
+                "tilt_log_ratio_std": log_ratio.std() / math.sqrt(len(log_ratio)),
                 "processor_s_per_simulated_s": timed.processor_s.sum() / timed.simulated_s.sum(),
                 "processor_s_per_job": timed.processor_s.mean(),
                 "largest_penetration_share": one.penetration_share.max(),
@@ -201,6 +210,7 @@ def _shake(job: Job, setting: Setting) -> dict[str, object]:
     result = shake(scene, motion, setting.settings, shortcuts=setting.shortcuts, initial=start)
     return asdict(job) | {
         "toppled": bool(result.toppled),
+        "max_tilt_deg": result.max_tilt_deg,
         "ended_by": result.ended_by,
         "processor_s": time.process_time() - began_s,
         "simulated_s": result.simulated_s,

@@ -49,8 +49,13 @@ TOUCHING_SHARE = 1e-5
 PLANE = np.array([0.0, 0.0, 1.0])
 """Normal of the interface in the support frame."""
 
-CAP_AFTER_MOTION = 60.0
-"""Time after the motion, over sqrt(R / g), until which a rock must have come to rest, or its fate is undecided."""
+CALMED_AFTER_MOTION = 60.0
+"""Time after the motion, over sqrt(R / g), until which a rock is given to come near rest; from then on it is enough
+that its energy cannot overturn it."""
+
+CAP_AFTER_MOTION = 600.0
+"""The same until which that must be so, or its fate is undecided: a rock that rolls round its rim loses its energy in
+hundreds of it."""
 
 MOVED_SHARE = 0.01
 """A rock that slid by more than this share of R, or turned by more than MOVED_DEG, has moved."""
@@ -238,8 +243,9 @@ class _Run:
 
     def to_the_end(self) -> tuple[str, str]:
         """Step until the answer is certain; returns status and the rule that ended it."""
-        cap_s = self.motion.duration_s + CAP_AFTER_MOTION * np.sqrt(
-            self.contact.half_diagonal_m / self.scene.gravity_m_s2
+        unit_s = np.sqrt(self.contact.half_diagonal_m / self.scene.gravity_m_s2)
+        calmed_s, cap_s = (
+            self.motion.duration_s + n * unit_s for n in (CALMED_AFTER_MOTION, CAP_AFTER_MOTION)
         )
         seen = 0
         if self.shortcuts and self.rests and self._rests_for_good():
@@ -260,9 +266,10 @@ class _Run:
                     return "ok", "rest"
                 if self.shortcuts and self._too_little_energy():
                     return "ok", "rest_certain"
+                if self.stepper.time_s > calmed_s and self._energy() < self._barrier():
+                    return "ok", "rest_certain"
                 if self.stepper.time_s > cap_s:
-                    certain = self._energy() < self._barrier()
-                    return ("ok", "rest_certain") if certain else ("undecided", "time_cap")
+                    return "undecided", "time_cap"
             elif self.shortcuts and ((self.rests and self._rests_for_good()) or self._calms_down()):
                 return "ok", "rest_certain"
             seen = self.stepper.way.last

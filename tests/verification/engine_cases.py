@@ -362,20 +362,13 @@ def wobble_error(radius, half_height, tilt_deg, preset, sides=512, turns=1.0, **
     rate = exact.wobble_rate_rad_s(radius, half_height, tilt)
     rock = cylinder(radius, half_height, sides)
     scene = Scene.from_mesh((rock.vertices_m, rock.faces), friction=GRIP)
-    s, c = np.sin(tilt), np.cos(tilt)
-    toward_contact = radius * c - half_height * s
-    spin = -rate * toward_contact / radius
     result = shake(
         scene,
         Motion(np.zeros((2, 3)), turns * 2 * np.pi / rate),
         preset=preset,
         trajectory=True,
         shortcuts=False,
-        initial={
-            "position_m": (0.0, 0.0, half_height * c + radius * s),
-            "quaternion_xyzw": (0.0, np.sin(tilt / 2), 0.0, np.cos(tilt / 2)),
-            "angular_velocity_rad_s": (spin * s, 0.0, rate + spin * c),
-        },
+        initial=rolling_start(radius, half_height, tilt),
         **settings,
     )
     x, y, z, w = result.trajectory.quaternion_xyzw.T
@@ -383,6 +376,19 @@ def wobble_error(radius, half_height, tilt_deg, preset, sides=512, turns=1.0, **
     time = result.trajectory.time_s
     within = time <= turns * 2 * np.pi / rate
     return float((azimuth[within][-1] - azimuth[0]) / (time[within][-1] - time[0]) / rate - 1)
+
+
+def rolling_start(radius, half_height, tilt_rad):
+    """State of a cylinder in steady precession on its rim."""
+    rate = exact.wobble_rate_rad_s(radius, half_height, tilt_rad)
+    s, c = np.sin(tilt_rad), np.cos(tilt_rad)
+    toward_contact = radius * c - half_height * s
+    spin = -rate * toward_contact / radius
+    return {
+        "position_m": (0.0, 0.0, half_height * c + radius * s),
+        "quaternion_xyzw": (0.0, np.sin(tilt_rad / 2), 0.0, np.cos(tilt_rad / 2)),
+        "angular_velocity_rad_s": (spin * s, 0.0, rate + spin * c),
+    }
 
 
 def corner_x(lean_rad, com_x, b=0.2, h=0.6):

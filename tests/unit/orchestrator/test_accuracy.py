@@ -28,6 +28,7 @@ def said(toppled, processor_s=10.0):
             "processor_s": processor_s / COUNT,
             "simulated_s": 100.0 / COUNT,
             "penetration_share": 1e-5,
+            "max_tilt_deg": np.where(toppled, 90.0, 2.0),
         }
     )
 
@@ -71,6 +72,19 @@ def test_a_setting_that_answered_the_first_jobs_is_compared_over_these(converged
     assert table.jobs.tolist() == [COUNT, few]
     assert table.flips_share.tolist() == [0.0, 1.0 / few]
     assert table.processor_s_per_job[0] == 1.0
+
+
+def test_a_lean_of_the_tilts_is_the_mean_log_ratio_where_both_stand(converged):
+    # Half of the tilts are e times the converged ones; toppled rocks and those that never moved say nothing.
+    first, *others = np.flatnonzero(~converged.toppled)
+    tilt = converged.max_tilt_deg.to_numpy(copy=True)
+    tilt[others[::2]] *= np.e
+    still = [converged.assign(max_tilt_deg=np.where(np.arange(COUNT) == first, 0.0, t))
+             for t in (tilt, converged.max_tilt_deg)]  # fmt: skip
+    row = compare({"larger": still[0]}, still[1]).iloc[0]
+    share = len(others[::2]) / (len(others) + 1)
+    assert row.tilt_log_ratio == pytest.approx(share)
+    assert row.tilt_log_ratio_std == pytest.approx(np.sqrt(share * (1 - share) / len(others)))
 
 
 def test_kept_answers_are_not_computed_again_and_more_jobs_add_to_them(tmp_path, ensemble):

@@ -100,11 +100,13 @@ def million() -> dict[str, float]:
         told = {"jobs": len(planned), "plan_s": time.perf_counter() - began, "plan_mb": peak_mb()}
         run = folder / "run"
         prepare(run, planned, {})
-        dispatch, tally = Dispatch(planned.pending(set()), planned.record_of), Tally(len(planned), 0)
+        pending = planned.pending(set())
+        dispatch = Dispatch(pending, planned.record_of)
+        tally = Tally(len(planned), 0, planned.motion_s(pending))
         began, unstored = time.perf_counter(), []
         while batch := dispatch.next_batch(1000):
             rows = [pretended_row(planned.spec(job)) for job in batch.jobs]
-            tally.count(rows)
+            tally.count(rows, planned.duration_s)
             unstored += rows
             if len(unstored) > 20_000:
                 write_part(run, unstored)
@@ -234,7 +236,7 @@ def pretended_run(workers: int, seconds_per_job: float, seconds: float) -> dict[
         execution = Execution(
             planned, set(), client, run, order,
             lambda tally: seen.append((time.perf_counter(), tally.done)),
-            Tally(len(planned), 0), task=Pretend(seconds_per_job),
+            Tally(len(planned), 0, planned.motion_s(planned.pending(set()))), task=Pretend(seconds_per_job),
         )  # fmt: skip
         execution()
         took = time.perf_counter() - began

@@ -40,6 +40,8 @@ class Plan:
     scene_id, ensemble_id : str
     record_sha : dict
         Hash of every record in use.
+    duration_s : dict
+        Duration of every record in use.
     jobs : pyarrow.Table
         One row a job, the longest records first.
     """
@@ -48,6 +50,7 @@ class Plan:
     scene_id: str
     ensemble_id: str
     record_sha: dict[str, str]
+    duration_s: dict[str, float]
     jobs: pa.Table
 
     def __len__(self) -> int:
@@ -77,6 +80,11 @@ class Plan:
         """Columns after the record's, as arrays: a job's specification is made when it goes out, often again."""
         return [self.jobs.column(name).to_numpy() for name in COLUMNS.names[2:]]
 
+    def motion_s(self, rows: NDArray[np.int64]) -> float:
+        """Durations of the records of some jobs together: what jobs cost goes with it."""
+        durations = np.array([self.duration_s[record] for record in self._records])
+        return float(durations[self.record_of[rows]].sum())
+
     def pending(self, finished: set[str]) -> NDArray[np.int64]:
         """Rows of the jobs without a result, in the order to start them."""
         done = pc.is_in(self.jobs.column("job_id"), value_set=pa.array(sorted(finished), pa.string()))
@@ -97,7 +105,8 @@ def plan(campaign: Campaign, scene: Scene, ensemble: Ensemble) -> Plan:
     InputError
         If the campaign names a record that the ensemble lacks, or the ensemble is empty.
     """
-    records = _records(campaign, ensemble)
+    duration_s = _durations_s(campaign, ensemble)
+    records = list(duration_s)
     sha = {record: ensemble.sha(record) for record in records}
     axes = list(_axes(campaign))
     scene_id = scene.id
@@ -111,7 +120,7 @@ def plan(campaign: Campaign, scene: Scene, ensemble: Ensemble) -> Plan:
         [ids, pa.DictionaryArray.from_arrays(codes, pa.array(records)), *map(pa.array, per_record)],
         names=COLUMNS.names,
     ).cast(COLUMNS)
-    return Plan(campaign, scene_id, ensemble.id, sha, jobs)
+    return Plan(campaign, scene_id, ensemble.id, sha, duration_s, jobs)
 
 
 def check_stands(campaign: Campaign, scene: Scene) -> None:
@@ -172,8 +181,8 @@ def _spec(
     )
 
 
-def _records(campaign: Campaign, ensemble: Ensemble) -> list[str]:
-    """Ids of the records to use, the longest motion first."""
+def _durations_s(campaign: Campaign, ensemble: Ensemble) -> dict[str, float]:
+    """Durations of the records to use by their ids, the longest motion first."""
     known = ensemble.record_ids
     missing = [name for name in campaign.records or () if name not in set(known)]
     if missing:
@@ -195,4 +204,4 @@ def _records(campaign: Campaign, ensemble: Ensemble) -> list[str]:
         )
     catalog = ensemble.catalog
     duration = dict(zip(catalog["record_id"].to_pylist(), catalog["duration_s"].to_pylist(), strict=True))
-    return sorted(chosen, key=lambda name: (-duration[name], name))
+    return {name: duration[name] for name in sorted(chosen, key=lambda name: (-duration[name], name))}

@@ -49,10 +49,9 @@ def _lines(console: Console) -> Watcher:
 
 def told(tally: Tally) -> str:
     """Rate, time left, toppled and failed jobs of a session in one line."""
-    left = tally.total - tally.before - tally.done
     parts = [f"{tally.rate:.1f}/s", f"{tally.toppled} toppled", f"{tally.failed} failed"]
-    if tally.rate and left:
-        parts.insert(1, f"{duration(left / tally.rate)} left")
+    if tally.left_s is not None and tally.before + tally.done < tally.total:
+        parts.insert(1, f"{duration(tally.left_s)} left")
     return "  ".join(parts)
 
 

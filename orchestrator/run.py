@@ -9,7 +9,7 @@ import os
 import time
 import uuid
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -80,10 +80,14 @@ class Tally:
         Jobs of the plan.
     before : int
         Jobs that had a row when this session began.
+    motion_s : float
+        Durations of the records of this session's jobs together.
     """
 
     total: int
     before: int
+    motion_s: float
+    motion_done_s: float = 0.0
     done: int = 0
     stored: int = 0
     toppled: int = 0
@@ -104,6 +108,13 @@ class Tally:
         return self.done / self.elapsed_s
 
     @property
+    def left_s(self) -> float | None:
+        """Time left: jobs cost in proportion to their records' durations, and those of the longest go first."""
+        if not self.motion_done_s:
+            return None
+        return self.elapsed_s * max(self.motion_s / self.motion_done_s - 1.0, 0.0)
+
+    @property
     def failed(self) -> int:
         """Jobs of this session that have no answer."""
         return self.done - self.status["ok"]
@@ -121,9 +132,10 @@ class Tally:
             "elapsed_s": round(self.elapsed_s, 1),
         }
 
-    def count(self, rows: Sequence[Row]) -> None:
-        """Add rows."""
+    def count(self, rows: Sequence[Row], duration_s: Mapping[str, float]) -> None:
+        """Add rows of records of such durations."""
         self.done += len(rows)
+        self.motion_done_s += sum(duration_s[row["record_id"]] for row in rows)
         for row in rows:
             self.status[row["status"]] += 1
             self.toppled += row.get("toppled") is True
@@ -201,7 +213,7 @@ def _until_complete(
     report: Path | None,
 ) -> Tally:
     finished = finished_ids(folder, planned.ids)
-    tally = Tally(len(planned), len(finished))
+    tally = Tally(len(planned), len(finished), planned.motion_s(planned.pending(finished)))
     if len(finished) == len(planned):
         return tally
     with cluster as client, client.as_current(), _reported(report):
@@ -473,7 +485,7 @@ class Execution:
             loop.add_callback(self.client.restart_workers, workers, raise_for_error=False)
 
     def _keep(self, rows: list[Row]) -> None:
-        self.tally.count(rows)
+        self.tally.count(rows, self.plan.duration_s)
         self._unstored += rows
 
     def _flush(self, *, last: bool = False) -> None:

@@ -46,8 +46,7 @@ def state_of(run: Path) -> dict[str, Any]:
     state["toppled"] = pc.sum(rows["toppled"]).as_py() or 0
     state["failures"] = _failures(rows.filter(pc.not_equal(rows["status"], "ok")))
     if running and stored < jobs:
-        state["rate_per_s"] = rate = _rate(rows["finished_at"])
-        state["left_s"] = (jobs - stored) / rate if rate else None
+        state["rate_per_s"], state["left_s"] = _pace(run, rows)
     return state
 
 
@@ -60,10 +59,22 @@ def _failures(rows: pa.Table) -> list[dict[str, Any]]:
     return reasons.rename_columns(names)[:REASONS_SHOWN].to_pylist()
 
 
-def _rate(finished_at: pa.ChunkedArray) -> float | None:
-    """Jobs a second in the last minute of stored rows."""
-    last = pc.max(finished_at).as_py()
+def _pace(run: Path, rows: pa.Table) -> tuple[float | None, float | None]:
+    """Jobs a second in the last minute of stored rows, and the time left at the pace of that minute.
+
+    Jobs cost in proportion to their records' durations, and those of the longest records go first.
+    """
+    last = pc.max(rows["finished_at"]).as_py()
     if last is None or datetime.now(UTC) - last > 10 * WINDOW:
-        return None
-    recent = finished_at.filter(pc.greater(finished_at, pa.scalar(last - WINDOW, finished_at.type)))
-    return len(recent) / max((last - pc.min(recent).as_py()).total_seconds(), 1.0)
+        return None, None
+    recent = rows.filter(pc.greater(rows["finished_at"], pa.scalar(last - WINDOW, rows["finished_at"].type)))
+    seconds = max((last - pc.min(recent["finished_at"]).as_py()).total_seconds(), 1.0)
+    catalog = pq.read_table(run / "ensemble" / "catalog.parquet", columns=["record_id", "duration_s"])
+    duration_s = dict(zip(*(column.to_pylist() for column in catalog.columns), strict=True))
+
+    def motion_s(jobs: pa.Table) -> float:
+        counted = pc.value_counts(jobs["record_id"].cast(pa.string())).to_pylist()
+        return sum(duration_s[entry["values"]] * entry["counts"] for entry in counted)
+
+    left_s = motion_s(pq.read_table(run / "jobs.parquet", columns=["record_id"])) - motion_s(rows)
+    return len(recent) / seconds, left_s * seconds / motion_s(recent)

@@ -18,15 +18,20 @@ from orchestrator.task import lost_row
 from results.store import write_part
 
 
-@pytest.fixture
-def planned(tmp_path):
+def plan_of(records, tmp_path):
+    """A run's folder of 15 jobs a record, and its plan."""
     Scene.block(0.15, 0.2, 0.6).save(tmp_path / "scene")
-    Ensemble.write(tmp_path / "ensemble", [Record.of("P", ricker(2.0, 0.6, 0.01))])
+    Ensemble.write(tmp_path / "ensemble", records)
     axes = {"pga_m_s2": {"start": 1, "stop": 5, "step": 1}, "azimuth_deg": [0, 90, 180], "friction": [0.9]}
     campaign = Campaign.of({"scene": "scene", "ensemble": "ensemble", **axes}, tmp_path)
     planned = plan(campaign, Scene.load(campaign.scene), Ensemble.load(campaign.ensemble))
     prepare(tmp_path / "run", planned, {})
     return planned
+
+
+@pytest.fixture
+def planned(tmp_path):
+    return plan_of([Record.of("P", ricker(2.0, 0.6, 0.01))], tmp_path)
 
 
 def rows(planned, reasons):
@@ -79,6 +84,21 @@ def test_the_rate_is_that_of_the_last_minute_of_stored_rows(planned, tmp_path):
     assert state["state"] == "running"
     assert state["rate_per_s"] == pytest.approx(10 / 9)
     assert state["left_s"] == pytest.approx((15 - 12) * 9 / 10)
+
+
+def test_the_time_left_counts_what_is_left_of_the_records_not_of_the_jobs(tmp_path):
+    brief, long = (Record.of(name, ricker(2.0, period_s)) for name, period_s in (("B", 0.3), ("L", 1.5)))
+    planned = plan_of([brief, long], tmp_path)
+    # All jobs of the long record, which go first, in a minute; the brief one's then take their share of it.
+    done = rows(planned, [("ok", "")] * 15)
+    now = datetime.now(UTC)
+    ended = [{"finished_at": now - timedelta(seconds=59.0 * n / 14)} for n in range(15)]
+    write_part(tmp_path / "run", [row | moment for row, moment in zip(done, ended, strict=True)])
+    with session(tmp_path / "run", {}):
+        left_s = state_of(tmp_path / "run")["left_s"]
+    share = planned.duration_s["B"] / planned.duration_s["L"]
+    assert share < 0.5
+    assert left_s == pytest.approx(59.0 * share)
 
 
 def test_what_is_no_run_is_refused(tmp_path):

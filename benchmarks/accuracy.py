@@ -4,8 +4,8 @@
 
 Writes docs/accuracy.md with its figure, and results/preset_budget.json for the report of a run. Thresholds are compared
 with the exact integrator, answers with those of the preset `reference` on the demo's scanned rock and records. The
-presets may be given more of the jobs than what is compared with them. Answers are kept in runs/accuracy: a later call
-with more jobs goes on.
+presets may be given more of the jobs than what is compared with them. Answers are kept in benchmarks/answers, a file a
+setting: a later call with more jobs goes on, on another machine too where its demo makes the same scene.
 """
 
 import json
@@ -44,7 +44,7 @@ ROOT = Path(__file__).parent.parent
 PAGE, FIGURE = ROOT / "docs" / "accuracy.md", ROOT / "docs" / "figures" / "accuracy_front"
 BUDGET = ROOT / "results" / "preset_budget.json"
 SCENE, ENSEMBLE = ROOT / "demo" / "scene", ROOT / "demo" / "ensemble"
-KEPT = ROOT / "runs" / "accuracy"
+KEPT = ROOT / "benchmarks" / "answers"
 PGA_M_S2 = (3.0, 12.0)
 FINER = f"{CONVERGED}, half the step"
 FLOOR_OF_MOTION = f"{CONVERGED}, motion times 1 + 1e-6"

@@ -47,7 +47,7 @@ PGA_M_S2 = (3.0, 12.0)
 STEP_SHARES = (1 / 512, 1 / 256, 1 / 128, 1 / 64, 1 / 32)
 ROCK_STEP_SHARES = (1 / 2048, 1 / 512, 1 / 128, 1 / 64)
 FINEST = "MuJoCo 1/2048"
-COLUMNS = 2
+COLUMNS = 3
 """Of the figure's panels."""
 
 BLOCK_ROUNDS, BLOCK_STEPS = 3, 4000
@@ -218,7 +218,7 @@ def figure_of(cases: pd.DataFrame, rock: pd.DataFrame, count: int) -> Figure:
         },
     }  # fmt: skip
     with style():
-        figure = Figure(figsize=(FULL_WIDTH_IN, 9.5))
+        figure = Figure(figsize=(FULL_WIDTH_IN, 8.5))
         panels = figure.subplots(math.ceil((len(labels) + 1) / COLUMNS), COLUMNS).ravel()
         for axes, label in zip(panels, labels, strict=False):
             shown = cases[(cases["case"] == label) & cases["worst_error"].notna()]
@@ -243,9 +243,12 @@ def figure_of(cases: pd.DataFrame, rock: pd.DataFrame, count: int) -> Figure:
             axes.set_xlabel("processor ms per simulated s")
         for axes in panels[0 : len(labels) : COLUMNS]:
             axes.set_ylabel("worst error (%)")
-        for axes in panels:
+        for axes in panels[: len(labels) + 1]:
             _few_numbers(axes.xaxis)
-        figure.legend(*panels[3].get_legend_handles_labels(), ncols=3, loc="upper center", frameon=False)
+        for axes in panels[len(labels) + 1 :]:
+            axes.set_axis_off()
+        all_looks = panels[labels.index("overturning threshold")].get_legend_handles_labels()
+        figure.legend(*all_looks, ncols=3, loc="upper center", frameon=False)
         sns.despine(figure)
         figure.tight_layout(rect=(0.0, 0.0, 1.0, 0.97))
     return figure

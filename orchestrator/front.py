@@ -30,8 +30,8 @@ from workers.shake import State, settled
 DISTURBED_SHARE = 1e-6
 """Of its height, by which the rock's start is disturbed to measure the floor of chaos."""
 
-LEAST_TILT_DEG = 1e-3
-"""Tilts below count as this one: a rock at rest has none, and no logarithm."""
+LEAST_TILT_DEG = 0.1
+"""Tilts below count as this one: rocks that are hardly lifted would outweigh those that rock."""
 
 KEPT_AT_ONCE = 50
 """Answers written together."""

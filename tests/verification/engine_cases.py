@@ -92,14 +92,16 @@ def free_rocking(alpha_deg, half_diagonal, share, preset, **settings):
 def small_swing_errors(share, preset, swings=8):
     """Error of each swing's peak over that of the swing before, for a block of alpha 18.4 degrees let go at `share`.
 
-    While a block swings at a hundredth of alpha, few steps lie between two landings.
+    While a block swings at a hundredth of alpha, few steps lie between two landings. NaN for swings that do not come.
     """
     scene, b, h = block(18.4349, 0.632)
     start = share * np.arctan2(b, h)
-    found = swing_peaks(lean(let_go(scene, leaning(b, h, start), preset).trajectory))[:swings]
+    peaks = swing_peaks(lean(let_go(scene, leaning(b, h, start), preset).trajectory))[:swings]
+    found = np.full(swings + 1, np.nan)
+    found[: len(peaks) + 1] = start, *peaks
     pieces = rock_in_plane(PlaneBody.rectangle(b, h), Ground.still(), 10.0, start).pieces[1 : swings + 1]
     exact_peaks = [np.abs(swing(np.linspace(begin, end, 400))[0]).max() for begin, end, swing in pieces]
-    found, exact_peaks = np.array([start, *found]), np.array([start, *exact_peaks])
+    exact_peaks = np.array([start, *exact_peaks])
     return (found[1:] / found[:-1]) / (exact_peaks[1:] / exact_peaks[:-1]) - 1
 
 

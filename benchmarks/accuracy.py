@@ -29,6 +29,7 @@ from models.motions.ensemble import Ensemble
 from orchestrator.front import (
     CONVERGED,
     FLOOR,
+    LEAST_TILT_DEG,
     Job,
     Setting,
     answers,
@@ -242,8 +243,9 @@ def _page(table: pd.DataFrame, count: int, toppled: float) -> str:
         f"`{CONVERGED}` itself from a start disturbed by a millionth of the rock's height: the floor of chaos, dashed "
         "in the figure; *motion times* disturbs the motion instead, which is not forgotten; *half the step* says how "
         "far it is itself from converged. Median: the PGA at which one in two topples. Tilt: mean log ratio of the "
-        "largest tilts where both stand, ± its standard error. Costs: the processor's, of the "
-        f"first {count} jobs, on a machine of two cores; only their ratios mean anything.",
+        f"largest tilts where both stand (those below {LEAST_TILT_DEG:g} degrees count as that), ± its standard error. "
+        f"Costs: the processor's, of the first {count} jobs, on a machine of two cores; only their "
+        "ratios mean anything.",
         110,
     )
     head = (

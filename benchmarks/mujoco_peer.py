@@ -123,9 +123,12 @@ def _result(
     attitude = Rotation.from_quat(places[:, [4, 5, 6, 3]])
     foot = np.array([0.0, 0.0, -world.com_m[2]])
     moved = places[-1, :3] - world.com_m
+    up = world.scene_from_world.T @ [0.0, 0.0, 1.0]
+    upright = np.clip(attitude.apply(up) @ up, -1.0, 1.0)
     return SimpleNamespace(
         status="diverged" if toppled is None else "ok",
         toppled=toppled,
+        max_tilt_deg=float(np.rad2deg(np.arccos(upright.min()))),
         topple_azimuth_deg=azimuth_deg(world.scene_from_world @ moved) if toppled else None,
         slip_m=float(np.hypot(*(moved + attitude[-1].apply(foot) - foot)[:2])),
         simulated_s=(len(places) - 1) * step_s,

@@ -53,9 +53,9 @@ CALMED_AFTER_MOTION = 60.0
 """Time after the motion, over sqrt(R / g), until which a rock is given to come near rest; from then on it is enough
 that its energy cannot overturn it."""
 
-CAP_AFTER_MOTION = 600.0
-"""The same until which that must be so, or its fate is undecided: a rock that rolls round its rim loses its energy in
-hundreds of it."""
+CAP_AFTER_MOTION = 300.0
+"""The same until which that must be so, or its fate is undecided: rocks that roll round their rims took up to 175.
+Longer shakes of a base of hundreds of feet would come near the time after which a worker counts as hung."""
 
 MOVED_SHARE = 0.01
 """A rock that slid by more than this share of R, or turned by more than MOVED_DEG, has moved."""

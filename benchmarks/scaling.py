@@ -233,10 +233,11 @@ def pretended_run(workers: int, seconds_per_job: float, seconds: float) -> dict[
         order = Order(str(run), planned.scene_id, planned.ensemble_id, versions())
         seen: list[tuple[float, int]] = []
         before, began = {who: cpu_s(theirs) for who, theirs in processes.items()}, time.perf_counter()
+        pending = planned.pending(set())
         execution = Execution(
-            planned, set(), client, run, order,
+            planned, pending, client, run, order,
             lambda tally: seen.append((time.perf_counter(), tally.done)),
-            Tally(len(planned), 0, planned.motion_s(planned.pending(set()))), task=Pretend(seconds_per_job),
+            Tally(len(planned), 0, planned.motion_s(pending)), task=Pretend(seconds_per_job),
         )  # fmt: skip
         execution()
         took = time.perf_counter() - began

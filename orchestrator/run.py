@@ -15,8 +15,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
 
+import numpy as np
 from distributed import Client, Future, KilledWorker, as_completed, performance_report
 from distributed.comm import CommClosedError
+from numpy.typing import NDArray
 
 from models import InputError, Scene
 from models.motions.ensemble import Ensemble
@@ -212,19 +214,19 @@ def _until_complete(
     limits: Limits,
     report: Path | None,
 ) -> Tally:
-    finished = finished_ids(folder, planned.ids)
-    tally = Tally(len(planned), len(finished), planned.motion_s(planned.pending(finished)))
-    if len(finished) == len(planned):
+    pending = planned.pending(finished_ids(folder, planned.ids))
+    tally = Tally(len(planned), len(planned) - len(pending), planned.motion_s(pending))
+    if not len(pending):
         return tally
     with cluster as client, client.as_current(), _reported(report):
         check_workers(client, order)
         tally.began = time.monotonic()  # a batch system may have kept it waiting for hours
         for _ in range(ROUNDS):
-            Execution(planned, finished, client, folder, order, watch, tally, limits)()
-            finished = finished_ids(folder, planned.ids)
-            if len(finished) == len(planned):
+            Execution(planned, pending, client, folder, order, watch, tally, limits)()
+            pending = planned.pending(finished_ids(folder, planned.ids))
+            if not len(pending):
                 return tally
-            log.warning("%d rows were lost after they were stored", len(planned) - len(finished))
+            log.warning("%d rows were lost after they were stored", len(pending))
     msg = f"rows are lost after they are stored: is the disk of {folder} sound?"
     raise RunError(msg)
 
@@ -289,8 +291,8 @@ class Execution:
     Parameters
     ----------
     plan : Plan
-    finished : set of str
-        Ids of jobs that need no work.
+    pending : (n,) int array
+        Rows of the plan that need work, in the order to start them.
     client : Client
     folder : Path
         The run's folder.
@@ -307,7 +309,7 @@ class Execution:
     def __init__(
         self,
         plan: Plan,
-        finished: set[str],
+        pending: NDArray[np.int64],
         client: Client,
         folder: Path,
         order: Order,
@@ -316,7 +318,6 @@ class Execution:
         limits: Limits = USUAL_LIMITS,
         task: Task = shake_batch,
     ) -> None:
-        pending = plan.pending(finished)
         self.plan, self.client, self.folder, self.order = plan, client, folder, order
         self.watch, self.tally, self.limits, self.task = watch, tally, limits, task
         self.dispatch = Dispatch(pending, plan.record_of, limits.tries)

@@ -75,7 +75,7 @@ def test_a_setting_that_answered_the_first_jobs_is_compared_over_these(converged
 
 
 def test_a_lean_of_the_tilts_is_the_mean_log_ratio_where_both_stand(converged):
-    # Half of the tilts are e times the converged ones; toppled rocks and those that never moved say nothing.
+    # Half of the tilts are e times the converged ones; toppled rocks say nothing, one that never moved no lean.
     first, *others = np.flatnonzero(~converged.toppled)
     tilt = converged.max_tilt_deg.to_numpy(copy=True)
     tilt[others[::2]] *= np.e

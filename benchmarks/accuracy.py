@@ -258,7 +258,7 @@ def _page(table: pd.DataFrame, count: int, toppled: float) -> str:
         error = row.largest_threshold_error
         threshold = "-" if np.isnan(error) else f"{100 * error:.3f} %"
         rows.append(
-            f"| {row.setting} | {threshold} | {row.jobs} "
+            f"| {row.setting} | {threshold} | {row.jobs}{f' ({row.no_answer} more have none)' * (row.no_answer > 0)} "
             f"| {100 * row.flips_share:.1f} ± {100 * row.flips_share_std:.1f} % "
             f"({row.flips_to_toppled} up, {row.flips_to_standing} down) | {row.sign_test_p:.2f} "
             f"| {100 * row.median_shift:+.2f} % | {row.tilt_log_ratio:+.2f} ± {row.tilt_log_ratio_std:.2f} "

@@ -81,7 +81,7 @@ class Scene:
         Survey coordinates of the local origin.
     report : mapping
         What the scan found out on the way (interface, uncertainty, shares of the surface seen and invented ...):
-        kept and shown, without influence on the motion or on the id.
+        kept and shown, without influence on the motion or on the id, the spread of the centre of mass aside.
     """
 
     rock: Rock
@@ -180,6 +180,12 @@ class Scene:
         """The same scene with other contact properties."""
         return dataclasses.replace(self, contact=contact)
 
+    @property
+    def com_std_m(self) -> NDArray[np.float64] | None:
+        """Standard deviation (3,) of the centre of mass, where the scan states it; realisations draw from it."""
+        spread = self.report.get("uncertainty", {}).get("com_std_m")
+        return None if spread is None else np.array(spread, float)
+
     @cached_property
     def id(self) -> str:
         """Hash of all that can change the motion except the contact properties, which belong to the job."""
@@ -187,6 +193,8 @@ class Scene:
         geometry = [self.rock.vertices_m, self.rock.faces, self.pedestal.point_m, self.pedestal.normal]
         if self.pedestal.vertices_m is not None and self.pedestal.faces is not None:
             geometry += [self.pedestal.vertices_m, self.pedestal.faces]
+        if self.com_std_m is not None:
+            geometry.append(self.com_std_m)
         for array in geometry:
             canonical = np.ascontiguousarray(array, dtype="<f8" if array.dtype.kind == "f" else "<i8")
             digest.update(repr(canonical.shape).encode())

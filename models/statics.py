@@ -200,7 +200,7 @@ def _planar_hull(points: Array, width_m: float) -> NDArray[np.intp] | None:
 
 @dataclass(frozen=True)
 class _Pose:
-    """Hull vertices, centre of mass and up axis in the frame of the plane (z along its normal, 0 in it)."""
+    """Hull vertices, centre of mass and the normal carried along, in the frame of the plane (z its normal, 0 in it)."""
 
     points: Array
     com: Array
@@ -233,7 +233,8 @@ class _Seat:
         points = (contact_feet_m(rock, pedestal) - pedestal.point_m) @ frame.T
         tolerance = CONTACT_SHARE_OF_HEIGHT * rock.height_m
         lowest = np.array([0.0, 0.0, points[:, 2].min()])
-        pose = _Pose(points - lowest, (rock.com_m - pedestal.point_m) @ frame.T - lowest, frame[:, 2])
+        up = np.array([0.0, 0.0, 1.0])
+        pose = _Pose(points - lowest, (rock.com_m - pedestal.point_m) @ frame.T - lowest, up)
         touching = _touching(pose, tolerance)
         return cls(pose, touching if len(touching) > 2 else None, frame, tolerance)
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass, replace
 from itertools import repeat
@@ -51,6 +51,9 @@ EXPLORED = {
     "1/256": replace(PRESETS["standard"], step_share=1 / 256),
 }
 """Points of the front: the presets, and what lies beside and between them."""
+
+
+Row = dict[str, object]
 
 
 @dataclass(frozen=True)
@@ -110,9 +113,10 @@ def answers(
     Returns
     -------
     pandas.DataFrame
-        A row a job: its fields, toppled, max_tilt_deg, ended_by, processor_s, simulated_s and penetration_share (of R).
+        A row a job: its fields, toppled (null without an answer), max_tilt_deg, ended_by, processor_s, simulated_s and
+        penetration_share (of R).
     """
-    name = (PHYSICS_VERSION, scene.id, ensemble.id, setting)
+    name = (PHYSICS_VERSION, scene.id, scene.contact, ensemble.id, setting)
     path = kept / f"{hashlib.sha256(repr(name).encode()).hexdigest()[:16]}.parquet" if kept else None
     rows = pd.read_parquet(path).to_dict("records") if path and path.exists() else []
     known = {Job(row["record_id"], row["pga_m_s2"], row["azimuth_deg"]): row for row in rows}
@@ -124,8 +128,12 @@ def answers(
             known[job] = row
             seen()
             if path and (len(known) % KEPT_AT_ONCE == 0 or job == missing[-1]):
-                _write(path, pd.DataFrame(known.values()))
-    return pd.DataFrame([known[job] for job in jobs])
+                _write(path, _frame(known.values()))
+    return _frame(known[job] for job in jobs)
+
+
+def _frame(rows: Iterable[Row]) -> pd.DataFrame:
+    return pd.DataFrame(rows).astype({"toppled": "boolean"})
 
 
 def _write(path: Path, frame: pd.DataFrame) -> None:
@@ -154,16 +162,18 @@ def disturbed_motions(jobs: list[Job], share: float = DISTURBED_SHARE) -> list[J
 def compare(said: Mapping[str, pd.DataFrame], converged: pd.DataFrame) -> pd.DataFrame:
     """One row a setting: flips against the converged answers, their sign test, shift of the median, tilts, cost.
 
-    A setting may have answered the first of the jobs only; costs are those of the jobs that all have answered. Largest
-    tilts tell a lean with fewer jobs than flips do: the mean of the logarithm of their ratio, where both stand.
+    A setting may have been asked for the first of the jobs only; costs are those of the jobs that all were asked for. A
+    job counts where both have an answer. Largest tilts tell a lean with fewer jobs than flips do: the mean of the
+    logarithm of their ratio, where both stand.
     """
     rows = []
     shared = min(len(one) for one in said.values())
-    for name, one in said.items():
-        same = converged.iloc[: len(one)]
+    for name, asked in said.items():
+        answered = (asked.toppled.notna() & converged.toppled.iloc[: len(asked)].notna()).to_numpy()
+        one, same = (frame.iloc[: len(asked)][answered] for frame in (asked, converged))
         up = int((one.toppled & ~same.toppled).sum())
         down = int((~one.toppled & same.toppled).sum())
-        timed = one.iloc[:shared]
+        timed = asked.iloc[:shared]
         share = (up + down) / len(one)
         stand = ~(one.toppled | same.toppled)
         tilt, tilt_same = (part.max_tilt_deg[stand].clip(lower=LEAST_TILT_DEG) for part in (one, same))
@@ -172,6 +182,7 @@ def compare(said: Mapping[str, pd.DataFrame], converged: pd.DataFrame) -> pd.Dat
             {
                 "setting": name,
                 "jobs": len(one),
+                "no_answer": int((~answered).sum()),
                 "flips_share": share,
                 "flips_share_std": math.sqrt(share * (1.0 - share) / len(one)),
                 "flips_to_toppled": up,
@@ -182,7 +193,7 @@ def compare(said: Mapping[str, pd.DataFrame], converged: pd.DataFrame) -> pd.Dat
                 "tilt_log_ratio_std": log_ratio.std() / math.sqrt(len(log_ratio)),
                 "processor_s_per_simulated_s": timed.processor_s.sum() / timed.simulated_s.sum(),
                 "processor_s_per_job": timed.processor_s.mean(),
-                "largest_penetration_share": one.penetration_share.max(),
+                "largest_penetration_share": asked.penetration_share.max(),
             }
         )
     return pd.DataFrame(rows)
@@ -201,7 +212,7 @@ def _load(scene: Scene, ensemble: Ensemble) -> None:
     _ASSETS[:] = [(settled(scene), ensemble)]
 
 
-def _shake(job: Job, setting: Setting) -> dict[str, object]:
+def _shake(job: Job, setting: Setting) -> Row:
     scene, ensemble = _ASSETS[0]
     motion = impose(ensemble.record(job.record_id), job.pga_m_s2, job.azimuth_deg).motion
     toward = setting.disturbed_toward_deg
@@ -209,7 +220,7 @@ def _shake(job: Job, setting: Setting) -> dict[str, object]:
     began_s = time.process_time()  # of the processor: what a job costs also on a machine with other work
     result = shake(scene, motion, setting.settings, shortcuts=setting.shortcuts, initial=start)
     return asdict(job) | {
-        "toppled": bool(result.toppled),
+        "toppled": result.toppled,
         "max_tilt_deg": result.max_tilt_deg,
         "ended_by": result.ended_by,
         "processor_s": time.process_time() - began_s,

@@ -133,9 +133,9 @@ def check_stands(campaign: Campaign, scene: Scene) -> None:
     InputError
         If it does not.
     """
-    for static in sorted({static for static, _ in campaign.friction}):
+    for static, kinetic in sorted(set(campaign.friction)):
         try:
-            settled(scene.with_contact(ContactProperties.of(static)))
+            settled(scene.with_contact(ContactProperties.of((static, kinetic))))
         except InputError as error:
             raise InputError(
                 f"with friction {static:g}: {error.what}",

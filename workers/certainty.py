@@ -1,6 +1,6 @@
 """When it is certain, before a motion has ended, that a rock will stand.
 
-On ground at rest that is a matter of energy, which never grows. On ground that still moves weakly it is measured
+On ground at rest that is a matter of energy, which does not grow. On ground that still moves weakly it is measured
 (docs/shortcuts.md), not proven: a motion in step with the rocking might feed it.
 """
 
@@ -15,7 +15,8 @@ from scipy.spatial.transform import Rotation
 from models.motions.motion import Motion
 from models.scene import Scene
 from models.statics import TOPPLED_TILT_DEG, quasi_static_toppling_m_s2
-from workers.contact import contact_of
+from workers.contact import ContactModel, contact_of
+from workers.quaternion import inverse, matrix, product
 
 Array = NDArray[np.float64]
 
@@ -29,6 +30,12 @@ WEAK_TILT_DEG, WEAK_YAW_DEG = 3.0, 30.0
 """What tips the rock is known for the pose that it started in, so only near that pose is a motion called weak."""
 
 AZIMUTH_STEP_DEG = 10.0
+
+AXES_STEP_DEG = 2.0
+"""Between axes of tilt. Between them the centre of mass is taken as lower by up to 1.5e-4 of its lever arm."""
+
+TURNS = 72
+"""About the normal, for which the least energy is known: a slope has another side of the rock downhill in each."""
 
 
 def weak_from_s(scene: Scene, motion: Motion) -> float:
@@ -54,33 +61,110 @@ def _tipping_ratio(scene: Scene) -> float:
     return min(value for _, value in least) / scene.gravity_m_s2
 
 
-def least_overturning_j_kg(scene: Scene, tilt_deg: float = 0.0) -> float:
-    """Least energy per mass, above that of the start, that overturns a rock tilted so far, J/kg.
+def least_overturning_j_kg(scene: Scene, tilt_deg: float = 0.0, turn_deg: float | None = 0.0) -> float:
+    """Least energy per mass that overturns a rock tilted so far, J/kg; counts as :func:`potential_j_kg` does.
 
     Whatever overturns it passes every larger tilt, up to that at which it counts as toppled: the least energy at the
     tilt where that is largest is needed in any case. For a block it is g R (1 - cos alpha).
+
+    Parameters
+    ----------
+    scene : Scene
+    tilt_deg : float
+        Whole degrees below do not count: a peak that was passed holds nothing.
+    turn_deg : float or None
+        Turn about the interface's normal since the start, which says what sides a slope has downhill; None for the
+        weakest turn of all.
     """
-    by_tilt = _least_energies_j_kg(scene)
-    return float(by_tilt[min(int(tilt_deg), len(by_tilt) - 1) :].max())
+    if scene.pedestal.slope_deg == 0.0:
+        turns = [0]
+    elif turn_deg is None:
+        turns = list(range(TURNS))
+    else:
+        turns = [round(turn_deg * TURNS / 360.0) % TURNS]
+    reached = min(int(np.ceil(tilt_deg)), int(TOPPLED_TILT_DEG))
+    return min(float(_least_by_tilt_j_kg(scene, turn)[reached:].max()) for turn in turns)
+
+
+def potential_j_kg(scene: Scene, com_height_m: float, attitude: Array) -> float:
+    """Potential energy per mass of a rock above that of the same one lying as it stood at the start, J/kg.
+
+    It lies there on the same spot: its lowest foot is where it is now, and it has the same turn about the normal. What
+    a slope gave to a rock that slid does not count, since friction took it.
+
+    Parameters
+    ----------
+    scene : Scene
+    com_height_m : float
+        Of the centre of mass above the interface plane.
+    attitude : (4,) array
+        Of the body frame, support frame.
+    """
+    contact = contact_of(scene)
+    feet = contact.points_body_m @ matrix(attitude).T
+    lowest = int(feet[:, 2].argmin())
+    now = np.array([*-feet[lowest, :2], com_height_m])
+    then = Rotation.from_euler("z", turn_rad(contact, attitude)).apply(_lying_m(contact)[lowest])
+    return float(scene.gravity_m_s2 * contact.scene_from_support[2] @ (now - then))
+
+
+def turn_rad(contact: ContactModel, attitude: Array) -> float:
+    """Turn since the start about the interface's normal: what is left of a rotation without the tilt."""
+    _, _, z, w = product(attitude, inverse(contact.start_quaternion_xyzw))
+    return float(2.0 * np.arctan2(z, w))
+
+
+def _lying_m(contact: ContactModel) -> Array:
+    """From each foot (n, 3) to the centre of mass as the rock stood at the start, support frame.
+
+    A foot touches the plane where it lay above it then: so does the foot of a base that is nearly flat.
+    """
+    return contact.com_m * (0.0, 0.0, 1.0) + _arms_m(contact) * (1.0, 1.0, 0.0)
+
+
+def _arms_m(contact: ContactModel) -> Array:
+    return -contact.points_body_m @ contact.support_from_body.T
+
+
+@lru_cache(maxsize=8 * TURNS)
+def _least_by_tilt_j_kg(scene: Scene, turn: int) -> Array:
+    """Least potential energy per mass at each whole degree of tilt, of the rock turned by one of the turns."""
+    up = contact_of(scene).scene_from_support[2]
+    up_of_turned = Rotation.from_euler("z", -2.0 * np.pi * turn / TURNS).apply(up)
+    return np.asarray(scene.gravity_m_s2 * (_lifts_m(scene) @ up_of_turned).min(axis=1))
 
 
 @lru_cache(maxsize=8)
-def _least_energies_j_kg(scene: Scene) -> Array:
-    """Least potential energy per mass at each whole degree of tilt, above that of the start.
+def _lifts_m(scene: Scene) -> Array:
+    """Ways (tilts, ways, 3) of the centre of mass from where the rock lay to each whole degree of tilt, support frame.
 
-    The rock stands on its lowest foot, which touches the plane where it lay above it at the start: so does the foot of
-    a base that is nearly flat.
+    Tilted about axes all around, it stands on its lowest foot. Where neighbouring axes have different ones it may stand
+    on both between: there its centre of mass is lowest, since that of a rock on one foot rises and falls with the axis
+    as a cosine and lies above its chords. Left out, a slab that is turned by 5 degrees against the axes would seem to
+    need up to twelve times the energy.
     """
     contact = contact_of(scene)
-    up = np.array([0.0, 0.0, 1.0]) @ contact.scene_from_support
-    arms = -contact.points_body_m @ contact.support_from_body.T
-    contact_points = (contact.com_m - arms) * (1.0, 1.0, 0.0)
-    azimuth = np.deg2rad(np.arange(0.0, 360.0, AZIMUTH_STEP_DEG))
+    arms, lying = _arms_m(contact), _lying_m(contact)
+    azimuth = np.arange(0.0, 2.0 * np.pi, np.deg2rad(AXES_STEP_DEG))
     axes = np.column_stack([np.cos(azimuth), np.sin(azimuth), np.zeros(len(azimuth))])
-    least = []
+    here = np.arange(len(axes))
+    after = np.roll(here, -1)
+    by_tilt = []
     for tilt in np.deg2rad(np.arange(0.0, TOPPLED_TILT_DEG + 1.0)):
-        turned = arms @ Rotation.from_rotvec(tilt * axes).as_matrix().transpose(0, 2, 1)
-        lowest = turned[..., 2].argmax(axis=1)
-        com = contact_points[lowest] + turned[np.arange(len(axes)), lowest]
-        least.append(((com - contact.com_m) @ up).min())
-    return scene.gravity_m_s2 * np.array(least)
+        turned = Rotation.from_rotvec(tilt * axes).as_matrix()
+        heights = turned[:, 2] @ arms.T  # of the centre of mass over each foot
+
+        def lift_m(foot: NDArray[np.intp], axis: NDArray[np.intp], turned: Array = turned) -> Array:
+            return np.einsum("aij,aj->ai", turned[axis], arms[foot]) - lying[foot]
+
+        foot = heights.argmax(axis=1)
+        other = foot[after]
+        above = heights[here, foot] - heights[here, other]
+        below = heights[after, other] - heights[after, foot]
+        share = (above / np.maximum(above + below, 1e-300))[:, None]
+        both = [
+            (1.0 - share) * lift_m(one, here) + share * lift_m(one, after)  # at the axis with both feet down
+            for one in (foot, other)
+        ]
+        by_tilt.append(np.vstack([lift_m(foot, here), *both]))
+    return np.array(by_tilt)

@@ -116,6 +116,11 @@ class ContactModel:
         """Number of the points that can touch up to a tilt; they come first."""
         return int(np.searchsorted(self.onset_deg, tilt_deg, side="right"))
 
+    def tilts_deg(self, quaternions_xyzw: Array) -> Array:
+        """Angle (m,) between the interface's normal and where the rock has carried it, for attitudes (m, 4)."""
+        cosines = self.support_from_body[2] @ _normals_body(quaternions_xyzw)
+        return np.rad2deg(np.arccos(np.clip(cosines, -1.0, 1.0)))
+
     def gaps_m(self, positions_m: Array, quaternions_xyzw: Array, points: int | None = None) -> Array:
         """Clearance of contact points' spheres in a sequence of poses, negative where one has sunk in.
 

@@ -126,12 +126,10 @@ def _realised(scene: Scene, contact: ContactProperties, realisation: int) -> Sce
         return scene.with_contact(contact)
     seed = hashlib.sha256(f"{scene.id}:{realisation}".encode()).digest()[:8]
     random = np.random.default_rng(int.from_bytes(seed, "little"))
-    spread = scene.report.get("uncertainty", {}).get(
-        "com_std_m", [COM_SPREAD_SHARE * scene.rock.height_m] * 3
-    )
-    rock = dataclasses.replace(
-        scene.rock, com_m=scene.rock.com_m + random.normal(size=3) * np.asarray(spread, float)
-    )
+    spread_m = scene.com_std_m
+    if spread_m is None:
+        spread_m = np.full(3, COM_SPREAD_SHARE * scene.rock.height_m)
+    rock = dataclasses.replace(scene.rock, com_m=scene.rock.com_m + random.normal(size=3) * spread_m)
     factor = float(np.exp(random.normal() * FRICTION_SPREAD))
     drawn = ContactProperties(
         contact.friction_static * factor, contact.friction_kinetic * factor, contact.restitution

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -11,6 +12,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.spatial import ConvexHull
 
 from models.errors import InputError
 from models.frames import azimuth_deg
@@ -29,6 +31,8 @@ from workers.certainty import (
     WEAK_TILT_DEG,
     WEAK_YAW_DEG,
     least_overturning_j_kg,
+    potential_j_kg,
+    turn_rad,
     weak_from_s,
 )
 from workers.contact import LARGEST_OPEN_TILT_DEG, REACH_DEG, ContactModel, contact_of
@@ -115,7 +119,7 @@ class ShakeResult:
     topple_time_s, topple_azimuth_deg : float or None
         When the rock crossed its point of no return, and where its centre of mass was then, seen from its start.
     max_tilt_deg, residual_tilt_deg, residual_yaw_deg : float
-        Largest and last angle between the rock's up axis at the start and now; last turn about the vertical.
+        Largest and last angle between the interface's normal and where the rock has carried it; last turn about it.
     slip_m : float
         Way along the interface of the material point that was the centroid of the first contact, at the end.
     penetration_m : float
@@ -182,7 +186,8 @@ def shake(
     Raises
     ------
     InputError
-        If a setting is out of range, or the rock does not stand by itself where the scene puts it.
+        If a setting is out of range, the rock does not stand by itself where the scene puts it, or it starts inside
+        the ground.
     """
     began = time.perf_counter()
     start_from = State(**initial) if isinstance(initial, Mapping) else initial
@@ -217,17 +222,17 @@ class _Run:
         self.gravity = np.array([0.0, 0.0, -scene.gravity_m_s2]) @ turn
         self.pulls_m_s2 = np.vstack([self.gravity - motion.acceleration_m_s2 @ turn, self.gravity])
         """At the motion's samples, and after the last of them."""
+        self.ends = _ends_of_pedestal(scene)
         self.skipped_s = self.left_s = 0.0
         self.rests = start is None
         """Whether the rock has rested, held by its feet, for the last block."""
         self.deepest_m = 0.0
-        self.up = np.array([0.0, 0.0, 1.0]) @ turn
         speed_m_s = float(np.sqrt(scene.gravity_m_s2 * contact.half_diagonal_m))
         self.rest_speed = settings.rest_speed * speed_m_s
         self.speed_limit_m_s = _speed_limit(scene, contact, motion, start)
         pose, velocity, spin = _start_of(contact, start)
+        _refuse_buried(contact, pose)
         self.start_pose = pose
-        self.up_body = to_body(self.up.tolist(), pose[1])
         self.stepper = Stepper(
             contact,
             scene.contact,
@@ -257,8 +262,10 @@ class _Run:
                 return "diverged", "speed_limit"
             if position[:, 2].min() < (1.0 - TOPPLED_FALL) * self.contact.com_m[2]:
                 return "ok", "fallen"
-            if self._tilt(quaternion).max() > LARGEST_OPEN_TILT_DEG:
+            if self.contact.tilts_deg(quaternion).max() > LARGEST_OPEN_TILT_DEG:
                 return "ok", "tilted"
+            if (self.ends @ [*position[-1, :2], 1.0]).max(initial=-1.0) > 0.0:
+                return "ok", "slid_off"
             at_rest = self._at_rest(seen)
             self._stay(seen, at_rest)
             if self.stepper.time_s > self.motion.duration_s:
@@ -266,7 +273,7 @@ class _Run:
                     return "ok", "rest"
                 if self.shortcuts and self._too_little_energy():
                     return "ok", "rest_certain"
-                if self.stepper.time_s > calmed_s and self._energy() < self._barrier():
+                if self.stepper.time_s > calmed_s and self._cannot_overturn():
                     return "ok", "rest_certain"
                 if self.stepper.time_s > cap_s:
                     return "undecided", "time_cap"
@@ -280,7 +287,9 @@ class _Run:
         In the block in which it comes to rest it stays where it is: only what follows is known to be creep.
         """
         way, step, rested = self.stepper.way, self.motion.time_step_s, self.rests
-        meanwhile = self.pulls_m_s2[int(way.times_s[since] / step) : int(self.stepper.time_s / step) + 2]
+        meanwhile = self.pulls_m_s2[
+            int(way.times_s[since] / step) : math.ceil(self.stepper.time_s / step) + 1
+        ]
         if len(meanwhile) == 0:  # the motion was over before
             meanwhile = self.gravity[None]
         stays = self._drift_m_s(since) < self.rest_speed if rested else at_rest
@@ -318,7 +327,9 @@ class _Run:
         if self.stepper.time_s <= self._weak_from_s or not self._too_little_energy():
             return False
         position, quaternion = self._poses(self.stepper.way.last)
-        near = self._tilt(quaternion)[0] < WEAK_TILT_DEG and self._yaw(quaternion[0]) < WEAK_YAW_DEG
+        near = (
+            self.contact.tilts_deg(quaternion)[0] < WEAK_TILT_DEG and self._yaw(quaternion[0]) < WEAK_YAW_DEG
+        )
         calm = bool(near and self._is_displaced(position[0], quaternion[0]))
         if calm:
             self.left_s = self.motion.duration_s - self.stepper.time_s
@@ -335,11 +346,18 @@ class _Run:
 
     def _too_little_energy(self) -> bool:
         """Whether the rock rocks with far less energy than overturns it, and does not slide."""
-        return self._energy() < REST_CERTAIN_SHARE * self._barrier() and not self._slides()
+        turn_deg = float(np.rad2deg(turn_rad(self.contact, np.array(self.stepper.way.poses[-1][1]))))
+        return self._energy() < REST_CERTAIN_SHARE * self._barrier(turn_deg) and not self._slides()
 
-    def _barrier(self) -> float:
-        """Energy above that of the scene's pose that overturns the rock from its latest tilt, per mass."""
-        return least_overturning_j_kg(self.scene, self.stepper.way.largest_tilt_deg(self.stepper.way.last))
+    def _cannot_overturn(self) -> bool:
+        """Whether the rock's energy overturns it in no turn that it may roll to, and no slope keeps it sliding."""
+        kinetic, slope = self.scene.contact.friction_kinetic, np.deg2rad(self.scene.pedestal.slope_deg)
+        return self._energy() < self._barrier(None) and (kinetic >= np.tan(slope) or not self._slides())
+
+    def _barrier(self, turn_deg: float | None) -> float:
+        """Energy that overturns the rock from its latest tilt, per mass."""
+        tilt_deg = self.stepper.way.largest_tilt_deg(self.stepper.way.last)
+        return least_overturning_j_kg(self.scene, tilt_deg, turn_deg)
 
     def _holds(self, pulls_m_s2: Array, index: int) -> NDArray[np.bool_]:
         """Whether the feet that touch in a pose can hold the rock under each pull, support frame."""
@@ -352,10 +370,12 @@ class _Run:
     def report(self, status: str, ended_by: str, began: float, keep: bool) -> ShakeResult:
         """Measure the whole way."""
         position, quaternion = self._poses(0)
-        tilt = self._tilt(quaternion)
-        fallen = ended_by in ("fallen", "tilted")
+        tilt = self.contact.tilts_deg(quaternion)
+        fallen = ended_by in ("fallen", "tilted", "slid_off")
         toppled = (fallen or bool(tilt[-1] > TOPPLED_TILT_DEG)) if status == "ok" else None
         crossing = _point_of_no_return(position[:, 2]) if toppled else None
+        if ended_by == "slid_off":
+            crossing = self.stepper.way.last
         turn = self.contact.scene_from_support
         moved = (position - self.start_pose[0]) @ turn.T
         slip, yaw = self._slip(position[-1], quaternion[-1]), self._yaw(quaternion[-1])
@@ -392,22 +412,15 @@ class _Run:
         position, quaternion = zip(*self.stepper.way.poses[since:], strict=True)
         return np.array(position), np.array(quaternion)
 
-    def _tilt(self, quaternion: Array) -> Array:
-        vector, w = quaternion[:, :3], quaternion[:, 3:]
-        across = 2.0 * np.cross(vector, self.up_body)
-        now = self.up_body + w * across + np.cross(vector, across)
-        return np.rad2deg(np.arccos(np.clip(now @ self.up, -1.0, 1.0)))
-
     def _yaw(self, quaternion: Array) -> float:
-        x, y, z, w = quat.product(quaternion, quat.inverse(np.array(self.start_pose[1])))
-        return abs(float(np.rad2deg(2.0 * np.arctan2(self.up @ (x, y, z), w)) + 180.0) % 360.0 - 180.0)
+        return abs(float(np.rad2deg(turn_rad(self.contact, quaternion)) + 180.0) % 360.0 - 180.0)
 
     def _slip(self, position: Array, quaternion: Array) -> float:
         """Way of the material point at the centroid of the first contact, along the interface."""
         start, turned_from = self.start_pose
         gaps = self.contact.gaps_m(np.array([start]), np.array([turned_from]))[0]
-        touching = gaps[: len(self.contact.points_body_m)] <= gaps.min() + 1e-4 * self.contact.half_diagonal_m
-        point = self.contact.points_body_m[touching[: len(self.contact.points_body_m)]].mean(axis=0)
+        touching = gaps <= gaps.min() + 1e-4 * self.contact.half_diagonal_m
+        point = self.contact.points_body_m[touching].mean(axis=0)
         now = position + quat.matrix(quaternion) @ point
         then = np.array(start) + quat.matrix(np.array(turned_from)) @ point
         return float(np.hypot(*(now - then)[:2]))
@@ -438,13 +451,12 @@ class _Run:
         return bool(np.hypot(foot[0], foot[1]) > self.rest_speed)
 
     def _energy(self) -> float:
-        """Kinetic energy and height above the scene's pose, per mass."""
+        """Kinetic energy, and potential energy above that of the rock lying where it is, per mass."""
         velocity, spin = self.stepper.way.velocities(self.stepper.way.last)
         position, quaternion = self.stepper.way.poses[-1]
         squared = np.array(to_body(spin, quaternion)) ** 2
         kinetic = 0.5 * (np.dot(velocity, velocity) + float(self.contact.principal_inertia_m2 @ squared))
-        # Measured along the normal: what a slope gives to a rock that slides is taken by friction.
-        return kinetic + self.scene.gravity_m_s2 * max(position[2] - self.contact.com_m[2], 0.0)
+        return kinetic + potential_j_kg(self.scene, position[2], np.array(quaternion))
 
 
 @lru_cache(maxsize=8)
@@ -454,9 +466,17 @@ def settled(scene: Scene) -> Scene:
     Raises
     ------
     InputError
-        If the rock does not come to rest, or only far from the pose of the scene.
+        If the rock does not come to rest, or only far from the pose of the scene, or slides for ever once it slips.
     """
-    seated = scene
+    kinetic, slope_deg = scene.contact.friction_kinetic, scene.pedestal.slope_deg
+    if kinetic < min(scene.contact.friction_static, np.tan(np.deg2rad(slope_deg))):
+        raise InputError(
+            f"friction_kinetic is {kinetic} on a slope of {slope_deg:.1f} degrees: a rock that slips never stops",
+            where=f"scene {scene.id}",
+            expected=f"at least tan(slope), {np.tan(np.deg2rad(slope_deg)):.3f}",
+            remedy="raise it: a rock that lies still after a slip shows that it is higher",
+        )
+    seated = _on_its_pedestal(scene)
     # Several passes: an uneven pedestal's feet change a little with the pose they were made for.
     for _ in range(SETTLING_PASSES):
         if equilibrium_possible(seated, np.zeros((1, 3)))[0]:
@@ -466,6 +486,26 @@ def settled(scene: Scene) -> Scene:
     if way_m > 0.1 * scene.rock.height_m:
         raise _falls(scene, f"its centre of mass moves by {way_m:.3g} m")
     return seated
+
+
+def _on_its_pedestal(scene: Scene) -> Scene:
+    """The scene with its rock shifted along the normal to where its lowest foot touches."""
+    contact = contact_of(scene)
+    start = np.array([contact.com_m]), np.array([contact.start_quaternion_xyzw])
+    lowest_m = float(contact.gaps_m(*start).min())
+    if abs(lowest_m) <= TOUCHING_SHARE * contact.half_diagonal_m:
+        return scene
+    return dataclasses.replace(scene, rock=scene.rock.moved(np.eye(3), -lowest_m * scene.pedestal.normal))
+
+
+@lru_cache(maxsize=8)
+def _ends_of_pedestal(scene: Scene) -> Array:
+    """Lines (n, 3) around a scanned pedestal, support frame: a x + b y + c > 0 beyond one; none around a plane."""
+    if scene.pedestal.vertices_m is None:
+        return np.zeros((0, 3))
+    contact = contact_of(scene)
+    flat = (scene.pedestal.vertices_m - contact.origin_m) @ contact.scene_from_support[:, :2]
+    return np.asarray(ConvexHull(flat).equations)
 
 
 SETTLING_PASSES = 3
@@ -555,6 +595,22 @@ def _start_of(contact: ContactModel, start: State | None) -> tuple[Pose, Vector,
         for given in (start.velocity_m_s, start.angular_velocity_rad_s)
     )
     return pose, velocity, spin
+
+
+def _refuse_buried(contact: ContactModel, pose: Pose) -> None:
+    gaps_m = contact.gaps_m(np.array([pose[0]]), np.array([pose[1]]))
+    deepest_share = -float(gaps_m.min()) / contact.half_diagonal_m
+    if deepest_share > DEEPEST_START_SHARE:
+        raise InputError(
+            f"the rock starts inside the ground, {deepest_share:.2g} of its half diagonal deep",
+            where="shake, initial",
+            expected=f"a lowest point no deeper than {DEEPEST_START_SHARE} of the half diagonal",
+            remedy="raise position_m, which is that of the centre of mass",
+        )
+
+
+DEEPEST_START_SHARE = 0.1
+"""A rock that starts deeper is let out at meters a second: no start that anybody means."""
 
 
 def _trajectory(

@@ -52,7 +52,7 @@ def impose(
         Degrees counter-clockwise from x.
     peak_displacement_m : float or None
         Largest horizontal displacement that a shaking table can follow. A motion beyond it is high-passed
-        after scaling (acausal Butterworth, lowest corner that suffices), which takes some of its PGA too: the
+        after scaling (acausal Butterworth, a corner that suffices), which takes some of its PGA too: the
         intensity is that of the motion as imposed.
 
     Raises

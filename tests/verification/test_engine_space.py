@@ -142,7 +142,7 @@ def turn_product(first, second):
 
 
 def test_a_dropped_block_stays_down():
-    # Restitution 0, the only one that the engine offers.
+    # Restitution 0: nothing that landed rises again.
     start = {"position_m": (0, 0, 0.7)}
     scene = Scene.block(0.5, 0.5, 0.5, friction=0.5)
     way = shake(scene, case.STILL, trajectory=True, shortcuts=False, initial=start).trajectory
@@ -155,18 +155,23 @@ def test_a_dropped_block_stays_down():
 @pytest.mark.parametrize("alpha_deg", [5, 18, 40])
 def test_energy_never_grows_in_free_rocking(alpha_deg):
     scene, b, h = case.block(alpha_deg, 1.0)
+    alpha = np.arctan2(b, h)
     result = shake(
-        scene,
-        case.STILL,
-        trajectory=True,
-        shortcuts=False,
-        initial=case.leaning(b, h, 0.8 * np.arctan2(b, h)),
+        scene, case.STILL, trajectory=True, shortcuts=False, initial=case.leaning(b, h, 0.8 * alpha)
     )
-    peaks = case.swing_peaks(case.lean(result.trajectory))
+    way, step = result.trajectory, result.time_step_s
+    # Between whole steps: poses around a landing are a few hundredths of a step apart, and tell no velocity.
+    whole = np.flatnonzero(abs(np.diff(way.time_s) - step) < 1e-9) + 1
+    whole = whole[np.isin(whole - 1, whole)]
+    energy = np.array([case.energy_before(scene, way, sample) for sample in whole])
+    barrier = G * 1.0 * (1.0 - np.cos(alpha))
+    # The scheme keeps energy to the second order of the step: at most 3.3e-4 measured.
+    assert (energy - np.minimum.accumulate(energy)).max() < 5e-4 * barrier
+    peaks = case.swing_peaks(case.lean(way))
     assert len(peaks) > 2
     assert (np.diff(peaks) < 0).all()
     if result.ended_by == "rest":
-        assert abs(case.lean(result.trajectory)[-1]) < 1e-3
+        assert abs(case.lean(way)[-1]) < 1e-3
 
 
 @pytest.mark.slow  # two interpreters

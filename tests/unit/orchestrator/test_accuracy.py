@@ -8,7 +8,7 @@ import pytest
 from click.testing import CliRunner
 from scipy.spatial.transform import Rotation
 
-from models import Scene
+from models import ContactProperties, Scene
 from models.motions.ensemble import Ensemble
 from models.motions.synthetic import synthetic_ensemble
 from orchestrator.front import Setting, answers, compare, disturbed_motions, disturbed_start, draw_jobs
@@ -63,6 +63,13 @@ def test_flips_one_way_only_are_a_bias_and_shift_the_median(converged):
     assert row.median_shift > 0.05
 
 
+def test_a_job_without_an_answer_is_no_flip_and_counts_in_no_share(converged):
+    toppled = converged.toppled.astype("boolean")
+    toppled[:4] = pd.NA
+    row = compare({"some": converged.assign(toppled=toppled)}, converged).iloc[0]
+    assert (row.jobs, row.no_answer, row.flips_share) == (COUNT - 4, 4, 0.0)
+
+
 def test_a_setting_that_answered_the_first_jobs_is_compared_over_these(converged):
     # One of these flips; costs are those of the jobs that both have answered.
     few = COUNT // 2
@@ -95,6 +102,9 @@ def test_kept_answers_are_not_computed_again_and_more_jobs_add_to_them(tmp_path,
     assert len(list(tmp_path.glob("*.parquet"))) == 1
     answers(scene, ensemble, jobs[:1], replace(FAST, disturbed_toward_deg=0.0), processes=1, kept=tmp_path)
     assert len(list(tmp_path.glob("*.parquet"))) == 2
+    smoother = scene.with_contact(ContactProperties.of(0.5))
+    answers(smoother, ensemble, jobs[:1], FAST, processes=1, kept=tmp_path)
+    assert len(list(tmp_path.glob("*.parquet"))) == 3
 
 
 def test_a_disturbed_start_tilts_toward_its_azimuth_and_touches_nothing():

@@ -1,15 +1,20 @@
 """The rules around a shake: what is refused, what is skipped, what stays the same."""
 
 import hashlib
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import trimesh
+from scipy.spatial.transform import Rotation
 
 from models import InputError, Motion, Scene
+from models.pedestal import Pedestal
 from models.shapes import box, ellipsoid
+from workers import quaternion as quat
 from workers import shake
-from workers.certainty import least_overturning_j_kg
+from workers.certainty import least_overturning_j_kg, potential_j_kg
+from workers.contact import contact_of
 from workers.shake import State
 
 G = 9.81
@@ -157,14 +162,158 @@ def test_a_peak_beyond_the_tilt_that_counts_as_toppled_holds_nothing():
     assert least_overturning_j_kg(scene) == pytest.approx(edge, rel=0.05)
 
 
-@pytest.mark.parametrize("slope_deg", [0.0, 5.0])
-def test_the_least_energy_that_overturns_a_block_lifts_it_over_its_lower_edge(slope_deg):
-    rock = box(0.2, 0.35, 0.6)
-    scene = Scene.from_mesh((rock.vertices_m, rock.faces), slope_deg=slope_deg, slope_azimuth_deg=0.0)
-    alpha = np.arctan2(0.2, 0.6) - np.deg2rad(slope_deg)
-    exact = G * np.hypot(0.2, 0.6) * (1.0 - np.cos(alpha))
-    # Looked for at whole degrees of tilt: a miss by half a degree costs (.5 / alpha)^2 / 2 of it.
-    assert least_overturning_j_kg(scene) == pytest.approx(exact, rel=2e-3)
+def turned_block(half_sizes, turn_deg, slope_deg=0.0, **contact):
+    rock = box(*half_sizes).moved(Rotation.from_euler("z", turn_deg, degrees=True).as_matrix())
+    return Scene.from_mesh((rock.vertices_m, rock.faces), slope_deg=slope_deg, **contact)
+
+
+def over_the_edge(half_width, half_height, slope_deg=0.0):
+    """Least energy per mass that overturns a block over its lower edge."""
+    alpha = np.arctan2(half_width, half_height) - np.deg2rad(slope_deg)
+    return G * np.hypot(half_width, half_height) * (1.0 - np.cos(alpha))
+
+
+@pytest.mark.parametrize("half_width", [0.1, 0.2])
+@pytest.mark.parametrize("half_depth", [0.35, 3.0])
+@pytest.mark.parametrize("turn_deg", [0.0, 2.5, 5.0, 22.0, 45.0])
+def test_the_least_energy_that_overturns_a_block_lifts_it_over_an_edge_however_it_is_turned(
+    half_width, half_depth, turn_deg
+):
+    scene = turned_block((half_width, half_depth, 0.6), turn_deg)
+    # Looked for at whole degrees of tilt: a miss by half a degree costs (.5 / alpha)^2 = .3 % of it. Never above.
+    assert 0.995 < least_overturning_j_kg(scene) / over_the_edge(half_width, 0.6) <= 1.0 + 1e-12
+
+
+@pytest.mark.parametrize(("turn_deg", "half_width"), [(0.0, 0.2), (90.0, 0.35), (180.0, 0.2)])
+def test_on_a_slope_the_least_energy_is_that_of_the_side_that_is_turned_downhill(turn_deg, half_width):
+    scene = turned_block((0.2, 0.35, 0.6), 0.0, slope_deg=5.0)
+    exact = over_the_edge(half_width, 0.6, 5.0)
+    if half_width == 0.35:  # then it tips more easily over its short side, which lies along the slope
+        exact = min(exact, np.cos(np.deg2rad(5.0)) * over_the_edge(0.2, 0.6))
+    assert least_overturning_j_kg(scene, turn_deg=turn_deg) == pytest.approx(exact, rel=5e-3)
+    assert least_overturning_j_kg(scene, turn_deg=None) <= least_overturning_j_kg(scene, turn_deg=turn_deg)
+
+
+@pytest.mark.parametrize("tilt_deg", [0.0, 4.0])
+@pytest.mark.parametrize("toward_deg", [0.0, 180.0])
+def test_potential_energy_is_what_lifting_the_block_over_its_edge_takes_wherever_it_slid(
+    tilt_deg, toward_deg
+):
+    scene = turned_block((0.2, 0.35, 0.6), 0.0, slope_deg=10.0)
+    contact, tilt, slope = contact_of(scene), np.deg2rad(tilt_deg), np.deg2rad(10.0)
+    # The slope falls toward x: over the lower edge the arm of the centre of mass starts nearer to the vertical.
+    downhill = np.array([np.cos(np.deg2rad(toward_deg)), 0.0, 0.0])
+    sign = downhill[0]
+    alpha, radius = np.arctan2(0.2, 0.6), np.hypot(0.2, 0.6)
+    exact = G * radius * (np.cos(alpha - tilt - sign * slope) - np.cos(alpha - sign * slope))
+    start = scene.rock.com_m
+    axis = np.cross(scene.pedestal.normal, Rotation.from_euler("y", 10.0, degrees=True).apply(downhill))
+    foot = scene.rock.vertices_m[
+        ((scene.rock.vertices_m - start) @ np.cross(axis, scene.pedestal.normal)).argmax()
+    ]
+    turn = Rotation.from_rotvec(tilt * axis)
+    com = foot + turn.apply(start - foot)
+    height = (com - scene.pedestal.point_m) @ scene.pedestal.normal
+    axes = contact.scene_from_support
+    attitude = quat.from_matrix(axes.T @ turn.as_matrix() @ axes @ contact.support_from_body)
+    assert potential_j_kg(scene, height, attitude) == pytest.approx(exact, abs=1e-9)
+
+
+def test_a_turned_slab_that_is_pushed_over_is_not_called_standing():
+    # It tips over its long side, half width .1 m; the axes that its energy is looked for along lie elsewhere.
+    scene = turned_block((0.1, 3.0, 1.0), 5.0, friction=2.0)
+    strength = 1.5 * G / 10.0
+    way = np.append(Rotation.from_euler("z", 5.0, degrees=True).apply([1.0, 0.0, 0.0])[:2], 0.0)
+
+    def pushed(share):
+        return Motion(np.outer([*np.full(round(share * 400), strength), 0.0], way), 1e-3)
+
+    standing, toppling = 0.2, 1.0
+    for _ in range(6):
+        share = 0.5 * (standing + toppling)
+        if shake(scene, pushed(share), "fast", shortcuts=False).toppled:
+            toppling = share
+        else:
+            standing = share
+    assert shake(scene, pushed(1.02 * toppling), "fast").toppled
+    assert shake(scene, pushed(1.1 * toppling), "fast").toppled
+
+
+def test_a_slab_that_a_slope_overturns_from_where_it_leans_is_not_called_standing():
+    # Its thin side, turned downhill, balances at 10.4 - 10 degrees: its wide one would stand.
+    scene = turned_block((0.6, 0.11, 0.6), 0.0, slope_deg=10.0, friction=2.0)
+    normal, com = scene.pedestal.normal, scene.rock.com_m
+    quarter = Rotation.from_rotvec(0.5 * np.pi * normal)
+    down = Rotation.from_euler("y", 10.0, degrees=True).apply([1.0, 0.0, 0.0])
+    foot = com - 0.6 * normal + 0.11 * down
+    lean = Rotation.from_rotvec(
+        np.deg2rad(np.rad2deg(np.arctan2(0.11, 0.6)) - 10.0 + 0.05) * np.cross(normal, down)
+    )
+    start = State(position_m=foot + lean.apply(com - foot), quaternion_xyzw=(lean * quarter).as_quat())
+    still = Motion(np.zeros((2, 3)), 0.01)
+    short, whole = (shake(scene, still, "fast", shortcuts=s, initial=start) for s in (True, False))
+    assert whole.toppled
+    assert short.toppled
+
+
+@pytest.mark.parametrize("slope_deg", [0.0, 25.0])
+def test_a_slab_that_spins_flat_on_a_slope_has_turned_and_not_tilted(slope_deg):
+    scene = turned_block((0.5, 0.5, 0.1), 0.0, slope_deg=slope_deg, friction=0.9)
+    spin = State(angular_velocity_rad_s=12.0 * scene.pedestal.normal)
+    result = shake(scene, Motion(np.zeros((2, 3)), 0.01), "fast", initial=spin)
+    assert result.outcome == "moved"
+    assert result.residual_yaw_deg > 45.0
+    assert result.max_tilt_deg < 0.1
+
+
+def on_a_table(half_sizes, half_table, **contact):
+    block, top = (
+        Scene.block(*half_sizes, **contact),
+        half_table * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]),
+    )
+    table = Pedestal(
+        np.zeros(3),
+        np.array([0.0, 0.0, 1.0]),
+        np.column_stack([top, np.zeros(4)]),
+        np.array([[0, 1, 2], [0, 2, 3]]),
+    )
+    return replace(block, pedestal=table)
+
+
+def test_a_rock_that_slides_over_the_end_of_its_pedestal_falls_and_one_that_stops_before_stands():
+    scene = on_a_table((0.3, 0.3, 0.2), 0.35, friction=0.3)
+    for peak_m_s2, outcome in ((5.0, "moved"), (9.0, "toppled")):
+        push = Motion(np.outer([*np.full(60, peak_m_s2), 0.0], [1.0, 0.0, 0.0]), 0.005)
+        result = shake(scene, push, "fast")
+        assert result.outcome == outcome
+    assert result.ended_by == "slid_off"
+    assert result.topple_azimuth_deg == pytest.approx(180.0, abs=1.0)
+    assert 0.0 < result.topple_time_s < 2.0
+
+
+def test_a_slope_on_which_slips_never_end_is_refused():
+    scene = turned_block((0.3, 0.3, 0.3), 0.0, slope_deg=20.0, friction=(0.6, 0.36))  # tan 20 degrees is .364
+    with pytest.raises(InputError, match="never stops"):
+        shake(scene, pulse(5.0))
+    assert (
+        shake(turned_block((0.3, 0.3, 0.3), 0.0, 20.0, friction=(0.6, 0.37)), pulse(0.5)).outcome == "stands"
+    )
+
+
+@pytest.mark.parametrize("height_m", [0.05, -0.05])
+def test_a_rock_off_its_surface_is_set_on_it(height_m):
+    seated = Scene.block(0.2, 0.2, 0.6)
+    moved = replace(seated, rock=seated.rock.moved(np.eye(3), (0.0, 0.0, height_m)))
+    results = [shake(scene, pulse(4.5), trajectory=True) for scene in (seated, moved)]
+    assert results[1].penetration_m < 1e-3 * seated.rock.half_diagonal_m
+    # The same bits but for those of the height's sum.
+    assert results[1].max_tilt_deg == pytest.approx(results[0].max_tilt_deg, rel=1e-6)
+
+
+def test_a_rock_far_off_its_surface_is_refused():
+    seated = Scene.block(0.2, 0.2, 0.6)
+    with pytest.raises(InputError, match="does not stand"):
+        shake(replace(seated, rock=seated.rock.moved(np.eye(3), (0.0, 0.0, 0.3))), pulse(5.0))
 
 
 def test_a_rock_that_still_slides_after_the_motion_slides_to_its_end():

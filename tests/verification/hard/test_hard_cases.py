@@ -8,7 +8,10 @@ import trimesh
 from models import InputError, Motion, Scene
 from models.shapes import box, cylinder, ellipsoid
 from workers import shake
+from workers.contact import contact_of
+from workers.presets import PRESETS
 from workers.reference.closed_forms import landing_boundary
+from workers.shake import State, _Run
 
 G = case.G
 SINK = 1e-3  # of R: the contact tolerance
@@ -254,13 +257,22 @@ def test_a_step_far_too_long_is_refused():
         shake(Scene.block(0.02, 0.02, 0.06), case.STILL, time_step=0.05)
 
 
-def test_a_speed_that_no_energy_could_give_ends_as_diverged_never_as_toppled():
+def test_a_start_deep_inside_the_ground_is_refused():
+    with pytest.raises(InputError, match="inside"):
+        shake(Scene.block(0.2, 0.2, 0.6), case.STILL, initial={"position_m": (0, 0, 0.05)})
+
+
+@pytest.mark.parametrize(
+    ("velocity_m_s", "limit_m_s"), [((np.nan, 0.0, 0.0), np.inf), ((0.0, 0.0, 5.0), 4.9)]
+)
+def test_a_state_that_is_not_finite_or_too_fast_ends_as_diverged_never_as_toppled(velocity_m_s, limit_m_s):
     scene = Scene.block(0.2, 0.2, 0.6)
-    start = {"position_m": (0, 0, 0.05)}  # deep inside the ground
-    result = shake(scene, case.STILL, shortcuts=False, initial=start)
-    assert result.status in ("ok", "diverged")
-    if result.status == "diverged":
-        assert result.toppled is None
+    start, settings = State(velocity_m_s=velocity_m_s), PRESETS["fast"]
+    step_s = settings.time_step_s(scene.rock.half_diagonal_m, G)
+    run = _Run(scene, contact_of(scene), case.STILL, step_s, settings, start, shortcuts=False)
+    run.speed_limit_m_s = limit_m_s  # nothing that a caller may ask for makes the engine faster than its own
+    result = run.report(*run.to_the_end(), began=0.0, keep=False)
+    assert (result.status, result.toppled, result.outcome) == ("diverged", None, None)
 
 
 @pytest.mark.slow

@@ -86,26 +86,31 @@ def least_overturning_j_kg(scene: Scene, tilt_deg: float = 0.0, turn_deg: float 
     return min(float(_least_by_tilt_j_kg(scene, turn)[reached:].max()) for turn in turns)
 
 
-def potential_j_kg(scene: Scene, com_height_m: float, attitude: Array) -> float:
-    """Potential energy per mass of a rock above that of the same one lying as it stood at the start, J/kg.
+def potential_j_kg(scene: Scene, com_m: Array, attitude: Array) -> float:
+    """Potential energy per mass of a rock above that of the same one lying where it is, J/kg.
 
-    It lies there on the same spot: its lowest foot is where it is now, and it has the same turn about the normal. What
-    a slope gave to a rock that slid does not count, since friction took it.
+    What a slope gave to a rock that slid does not count, since friction took it.
 
     Parameters
     ----------
     scene : Scene
-    com_height_m : float
-        Of the centre of mass above the interface plane.
+    com_m : (3,) array
+        Centre of mass, support frame.
     attitude : (4,) array
         Of the body frame, support frame.
     """
     contact = contact_of(scene)
+    up = contact.scene_from_support[2]
+    return float(scene.gravity_m_s2 * up @ (com_m - lying_com_m(contact, com_m, attitude)))
+
+
+def lying_com_m(contact: ContactModel, com_m: Array, attitude: Array) -> Array:
+    """Centre of mass (3,) if the rock lay where it is: turned as now, its lowest foot on the same spot."""
     feet = contact.points_body_m @ matrix(attitude).T
     lowest = int(feet[:, 2].argmin())
-    now = np.array([*-feet[lowest, :2], com_height_m])
-    then = Rotation.from_euler("z", turn_rad(contact, attitude)).apply(_lying_m(contact)[lowest])
-    return float(scene.gravity_m_s2 * contact.scene_from_support[2] @ (now - then))
+    foot = (com_m + feet[lowest]) * (1.0, 1.0, 0.0)
+    turned = Rotation.from_euler("z", turn_rad(contact, attitude))
+    return np.asarray(foot + turned.apply(_lying_m(contact)[lowest]))
 
 
 def turn_rad(contact: ContactModel, attitude: Array) -> float:

@@ -31,6 +31,7 @@ from workers.certainty import (
     WEAK_TILT_DEG,
     WEAK_YAW_DEG,
     least_overturning_j_kg,
+    lying_com_m,
     potential_j_kg,
     turn_rad,
     weak_from_s,
@@ -264,7 +265,7 @@ class _Run:
                 return "ok", "fallen"
             if self.contact.tilts_deg(quaternion).max() > LARGEST_OPEN_TILT_DEG:
                 return "ok", "tilted"
-            if (self.ends @ [*position[-1, :2], 1.0]).max(initial=-1.0) > 0.0:
+            if self._slid_off(position[-1], quaternion[-1]):
                 return "ok", "slid_off"
             at_rest = self._at_rest(seen)
             self._stay(seen, at_rest)
@@ -280,6 +281,15 @@ class _Run:
             elif self.shortcuts and ((self.rests and self._rests_for_good()) or self._calms_down()):
                 return "ok", "rest_certain"
             seen = self.stepper.way.last
+
+    def _slid_off(self, position: Array, quaternion: Array) -> bool:
+        """Whether the rock has slid so far that even lying it would tip over the end of its pedestal."""
+        return self._beyond_end(position) and self._beyond_end(
+            lying_com_m(self.contact, position, quaternion)
+        )
+
+    def _beyond_end(self, place_m: Array) -> bool:
+        return bool((self.ends @ [place_m[0], place_m[1], 1.0]).max(initial=-1.0) > 0.0)
 
     def _stay(self, since: int, at_rest: bool) -> None:
         """Take back what the solver let a rock creep since a pose in which it rested, if its feet can hold it there.
@@ -456,7 +466,7 @@ class _Run:
         position, quaternion = self.stepper.way.poses[-1]
         squared = np.array(to_body(spin, quaternion)) ** 2
         kinetic = 0.5 * (np.dot(velocity, velocity) + float(self.contact.principal_inertia_m2 @ squared))
-        return kinetic + potential_j_kg(self.scene, position[2], np.array(quaternion))
+        return kinetic + potential_j_kg(self.scene, np.array(position), np.array(quaternion))
 
 
 @lru_cache(maxsize=8)

@@ -123,7 +123,9 @@ def page(way: Way, title: str) -> str:
         "arms": np.round(way.scene.rock.vertices_m - way.scene.rock.com_m, 5).T.tolist(),
         "start": float(times[0]),
         "step": float(times[1] - times[0]),
-        "tilt": np.round(tilt_deg(np.vstack([way.quaternion_xyzw[:1], turn]))[1:], 3).tolist(),
+        "tilt": np.round(
+            tilt_deg(np.vstack([way.quaternion_xyzw[:1], turn]), way.scene.pedestal.normal)[1:], 3
+        ).tolist(),
         "poses": np.round(poses, 6).tolist(),
     }
     view = figure.to_html(full_html=False, include_plotlyjs=True, div_id="view", default_height="78vh")
@@ -134,7 +136,7 @@ def moving_picture(way: Way, path: Path) -> None:
     """Write a GIF of the part of the way in which something is to be seen, across the plane of the fall."""
     times = _times(way, GIF_HZ, GIF_FRAMES)
     position, turn = way.at(times)
-    tilts = tilt_deg(np.vstack([way.quaternion_xyzw[:1], turn]))[1:]
+    tilts = tilt_deg(np.vstack([way.quaternion_xyzw[:1], turn]), way.scene.pedestal.normal)[1:]
     toward = _eye(way)
     right = np.array([-toward[1], toward[0], 0.0]) / np.hypot(toward[0], toward[1])
     frame = np.column_stack([right, np.cross(toward, right), toward])

@@ -51,8 +51,8 @@ class Way:
 
     @property
     def tilt_deg(self) -> Array:
-        """Angle between the rock's up axis at the start and now, (n,)."""
-        return tilt_deg(self.quaternion_xyzw)
+        """Angle between the interface's normal and where the rock has carried it since the way's start, (n,)."""
+        return tilt_deg(self.quaternion_xyzw, self.scene.pedestal.normal)
 
     def at(self, time_s: Array) -> tuple[Array, Array]:
         """Centres of mass (k, 3) and turns (k, 4) at any times of the way."""
@@ -76,11 +76,11 @@ class Way:
         return position_m + Rotation.from_quat(quaternion_xyzw).apply(arms)
 
 
-def tilt_deg(quaternion_xyzw: Array) -> Array:
-    """Angle between the rock's up axis at the first pose and at each, (n,)."""
+def tilt_deg(quaternion_xyzw: Array, normal: Array) -> Array:
+    """Angle (n,) between a normal (3,) and where it is carried from the first pose to each."""
     turns = Rotation.from_quat(quaternion_xyzw)
-    up = (turns * turns[0].inv()).apply([0.0, 0.0, 1.0])
-    return np.rad2deg(np.arctan2(np.hypot(up[:, 0], up[:, 1]), up[:, 2]))
+    carried = (turns * turns[0].inv()).apply(normal)
+    return np.rad2deg(np.arctan2(np.linalg.norm(np.cross(normal, carried), axis=1), carried @ normal))
 
 
 def way_table(way: Way) -> pa.Table:
@@ -95,7 +95,12 @@ def way_table(way: Way) -> pa.Table:
             (f"turn_{axis}", part, "1", f"quaternion from the pose at the start, {axis}")
             for axis, part in zip("xyzw", way.quaternion_xyzw.T, strict=True)
         ),
-        ("tilt_deg", way.tilt_deg, "deg", "angle of the rock's up axis to its start"),
+        (
+            "tilt_deg",
+            way.tilt_deg,
+            "deg",
+            "angle between the interface's normal and where the rock carried it",
+        ),
         ("displacement_m", np.hypot(off[:, 0], off[:, 1]), "m", "way of the centre of mass, horizontal"),
         *_three("ground_{}_m_s2", ground, "m/s2", "acceleration of the ground"),
         *_three("ground_{}_m_s", velocity, "m/s", "velocity of the ground"),

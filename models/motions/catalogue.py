@@ -13,7 +13,7 @@ _MEANINGS = {
     "samples": "samples of each component",
     "north_known": "whether the components' azimuths are known; if not, the first horizontal is x",
     "components": "3, or 2 where the vertical is missing and zero",
-    "quality": "corrected by its agency, processed here, drifting after it, uncorrected, or made",
+    "quality": "corrected by its agency, processed here, drifting after it, sound as it came, uncorrected, or made",
     "weight": "share of the record in a weighted ensemble; 1 in one without weights",
     "history": "what was done to the motion, step by step",
     "files": "paths as read",

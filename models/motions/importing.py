@@ -14,7 +14,8 @@ from models.motions.formats import read_file
 from models.motions.formats.component import UP, Component
 from models.motions.formats.seismic import is_station_xml, responses
 from models.motions.metadata import Entry, looks_like_table
-from models.motions.processing import DRIFTS, process, resample
+from models.motions.motion import Motion
+from models.motions.processing import DRIFTS, drifts, process, resample
 from models.motions.quality import doubts
 from models.motions.record import Record
 from models.motions.stations import Triple, grouped, oriented, triple
@@ -24,6 +25,13 @@ logger = logging.getLogger(__name__)
 
 SAME_INSTRUMENT = 1.25
 """Factor within which the sensitivities of one instrument's channels lie."""
+
+LEFT = {
+    "corrected": "left as the agency corrected it",
+    "sound": "left as it came",
+    "uncorrected": "left uncorrected, as asked",
+}
+"""What the history says of a motion that is not processed, by its quality."""
 
 NO_RECORDS = {".md", ".json", ".parquet", ".toml", ".py", ".pdf", ".png"}
 """Suffixes of what lies beside records in a folder and is none; a file given by name is always read."""
@@ -40,7 +48,7 @@ class Wishes:
     doubtful : bool
         Allow records beyond 5 g, clipped, with a spike or with a gap filled by a constant.
     process : bool or None
-        None processes what the agency has not corrected; True all, False none.
+        None processes what is uncorrected, and what drifts where nobody says; True all, False none.
     corner_hz : float or None
         Corner of the high-pass; None chooses one by record.
     time_step_s : float or None
@@ -249,10 +257,10 @@ def _completed(channels: Triple, entry: Entry) -> Triple:
 
 
 def _scaled_to_peaks(channels: Triple, entry: Entry) -> Triple:
-    """Channels in a unit that nobody names, scaled to the peaks about the mean that the table states.
+    """Counts, in a unit that nobody names: without their mean, scaled to the peaks that the table states.
 
     The channels of one instrument have nearly one sensitivity: the same scale of all shows that the peaks are
-    those of these samples.
+    those of these samples. Counts are as the instrument gave them, unless the table says otherwise.
 
     Raises
     ------
@@ -274,12 +282,16 @@ def _scaled_to_peaks(channels: Triple, entry: Entry) -> Triple:
             expected=f"one scale within a factor of {SAME_INSTRUMENT:g}, as one instrument has",
             remedy="state the samples' unit in the column 'unit', or give the StationXML",
         )
-    note = f"scaled to the peaks of the metadata table, {1 / np.mean(scales):.6g} counts per m/s2 on average"
+    note = (
+        "mean removed, scaled to the peaks of the metadata table,"
+        f" {1 / np.mean(scales):.6g} counts per m/s2 on average"
+    )
     scaled = [
         replace(
             component,
-            acceleration_m_s2=component.acceleration_m_s2 * scale,
+            acceleration_m_s2=(component.acceleration_m_s2 - component.acceleration_m_s2.mean()) * scale,
             unit_known=True,
+            corrected=bool(component.corrected),
             notes=(*component.notes, note),
         )
         for component, scale in zip(parts, scales, strict=True)
@@ -327,14 +339,11 @@ def _candidate(name: str, channels: Triple, wishes: Wishes, entry: Entry | None)
         *dict.fromkeys(n for c in channels.channels for n in c.notes),
         *history,
     ]
-    corrected = bool(first.corrected) if first.corrected is not None else True
-    quality = "corrected" if corrected else "uncorrected"
-    if wishes.process if wishes.process is not None else not corrected:
-        motion, done = process(motion, wishes.corner_hz or (entry.corner_hz if entry else None))
-        steps.extend(done)
-        quality = "drifting" if any(DRIFTS in step for step in done) else "processed"
-    else:
-        steps.append("left as the agency corrected it" if corrected else "left uncorrected, as asked")
+    corrected = _corrected(channels)
+    motion, quality, done = _processed(
+        motion, corrected, wishes.process, wishes.corner_hz or (entry.corner_hz if entry else None)
+    )
+    steps.extend(done)
     if wishes.time_step_s and abs(wishes.time_step_s / motion.time_step_s - 1) > 1e-9:
         steps.append(f"resampled from {motion.time_step_s:g} to {wishes.time_step_s:g} s, low-passed before")
         motion = resample(motion, wishes.time_step_s)
@@ -355,7 +364,30 @@ def _candidate(name: str, channels: Triple, wishes: Wishes, entry: Entry | None)
     shaking = (
         (first.event.lower(), first.station.lower(), first.series) if first.event and first.station else None
     )
-    return Candidate(record, shaking, corrected)
+    return Candidate(record, shaking, bool(corrected))
+
+
+def _corrected(channels: Triple) -> bool | None:
+    """Whether the agency has corrected all channels; None if nobody says."""
+    said = [component.corrected for component in channels.channels]
+    return False if False in said else None if None in said else True
+
+
+def _processed(
+    motion: Motion, corrected: bool | None, wish: bool | None, corner_hz: float | None
+) -> tuple[Motion, str, list[str]]:
+    """Motion, processed if it is wished or needed, its quality, and what was found and done."""
+    quality, steps = "corrected" if corrected else "uncorrected", []
+    if corrected is None:
+        drifting = drifts(motion)
+        quality = "uncorrected" if drifting else "sound"
+        steps.append(
+            f"nobody says if it was corrected: its displacement {'drifts' if drifting else 'is sound'}"
+        )
+    if wish if wish is not None else quality == "uncorrected":
+        motion, done = process(motion, corner_hz)
+        return motion, "drifting" if any(DRIFTS in step for step in done) else "processed", [*steps, *done]
+    return motion, quality, [*steps, LEFT[quality]]
 
 
 def _name(group: Sequence[Component]) -> str:

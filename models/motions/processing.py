@@ -24,6 +24,16 @@ QUIET_SHARE, DRIFT_SHARE = 0.1, 0.25
 DRIFTS = "highest tried; the displacement still drifts at the end"
 """How the history says that no corner passed the displacement check."""
 
+RETURNED_SHARE = 0.5
+"""Without a filter a sound displacement stays within this share of its peak over the last tenth of the record.
+
+Of 110 records that agencies corrected 99 do; of 30 uncorrected ones each reaches .99.
+"""
+LEVEL_SHARE, CARRIED_S = 0.05, 5.0
+"""Or it moves by less than the first share of its peak there, a permanent displacement, if the peak velocity
+could have made it in so many seconds: what drifts to and fro may be level at the end, but is far larger.
+"""
+
 
 def high_pass(motion: Motion, corner_hz: float, order: int = HIGH_PASS_ORDER) -> Motion:
     """Acausal Butterworth high-pass: no phase shift, half the power at the corner for each of its two passes.
@@ -129,6 +139,18 @@ def displacement_drift(motion: Motion, corner_hz: float) -> float:
     end = ground[pad + round((1 - QUIET_SHARE) * samples) : pad + samples].max(axis=0)
     peak = ground.max(axis=0)
     return float((end / np.where(peak > 0, peak, 1.0)).max())
+
+
+def drifts(motion: Motion) -> bool:
+    """Whether a component's displacement neither returns nor stays where it is, as of an offset left in."""
+    ground = displacement_m(motion)
+    size: NDArray[np.float64] = np.abs(ground)
+    start = int((1 - QUIET_SHARE) * len(ground))
+    peak = size.max(axis=0)
+    returns = size[start:].max(axis=0) <= RETURNED_SHARE * peak
+    level = np.ptp(ground[start:], axis=0) <= LEVEL_SHARE * peak
+    carried = peak <= CARRIED_S * np.abs(velocity_m_s(motion)).max(axis=0)
+    return not (returns | level & carried).all()
 
 
 def _corner_by_displacement(motion: Motion) -> tuple[float, str]:

@@ -37,7 +37,8 @@ class Record:
     components : int
         3, or 2 if the vertical is missing (and zero).
     quality : str
-        "corrected" by its agency, "processed" here, "drifting" after processing, "uncorrected" or "made".
+        "corrected" by its agency, "processed" here, "drifting" after processing, "sound" (nobody says if it was
+        corrected, but its displacement does not drift), "uncorrected" or "made".
     weight : float
         Share of the record in a weighted ensemble; 1 unless the ensemble was weighted.
     """

@@ -168,6 +168,13 @@ def _records(paths: Sequence[Path], metadata: Path | None, missing_vertical: boo
     )
     for refusal in came.refusals:
         click.echo(f"left out {refusal.subject}: {refusal.reason}", err=True)
+    for record in came.records:
+        if record.quality in {"processed", "drifting"}:
+            click.echo(
+                f"{record.record_id} is not as it came: uncorrected or drifting, it was processed"
+                " ('corrected' in the table's column 'processing' leaves it)",
+                err=True,
+            )
     if not came.records:
         raise InputError(
             f"none of {len(files)} files became a seismogram",

@@ -36,14 +36,16 @@ def records() -> None:
     "--metadata",
     type=click.Path(path_type=Path, dir_okay=False, exists=True),
     help="CSV table, a row a record: h1, h2, v (paths relative to it), unit, event, mag, dist_km, station;"
-    " pga_h1, pga_h2, pga_v (m/s2) scale counts of no known unit.",
+    " processing (corrected or uncorrected) where the file does not say it; pga_h1, pga_h2, pga_v (m/s2) scale"
+    " counts of no known unit.",
 )
 @click.option("--missing-vertical", is_flag=True, help="Allow records without a vertical component.")
 @click.option("--doubtful", is_flag=True, help="Allow peaks beyond 5 g, clipping, spikes and filled gaps.")
 @click.option(
     "--process/--no-process",
     default=None,
-    help="Process every record or none; by default those that their agency has not corrected.",
+    help="Process every record or none; by default those that their agency has not corrected, and those that drift"
+    " where nobody says.",
 )
 @click.option(
     "--corner", "corner_hz", type=click.FloatRange(min=0, min_open=True), help="High-pass corner in Hz."
@@ -242,7 +244,7 @@ def show(ensemble: Path, figure: Path | None, as_json: bool) -> None:
 @click.option(
     "--quality",
     multiple=True,
-    type=click.Choice(["corrected", "processed", "drifting", "uncorrected", "made"]),
+    type=click.Choice(["corrected", "processed", "drifting", "sound", "uncorrected", "made"]),
     help="Only records of this quality; may be given again.",
 )
 @click.option(

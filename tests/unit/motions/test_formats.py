@@ -13,6 +13,9 @@ from models.motions.formats import read_file
 from models.motions.formats.component import bearing
 from models.motions.importing import Wishes, import_records, record_files
 from models.motions.metadata import read_table
+from models.motions.motion import Motion
+from models.motions.processing import end_at_rest
+from models.motions.record import Record
 
 # what each format's printing rounds off, m/s2: half of its last digit
 ROUNDING = {
@@ -319,3 +322,71 @@ def test_kik_net_borehole_and_surface_are_two_records(tmp_path):
                 text = text.replace(f"{letters[0]}-{letters[1]}", direction[letters][place])
             path.write_text(text)
     assert len(imported(tmp_path).records) == 2
+
+
+def unstated(folder: Path, motion: np.ndarray, header: str = "unit", says: str = "m/s2"):
+    """Time and three columns of which the table does not say if they were corrected."""
+    time = np.arange(len(motion)) * STEP_S
+    np.savetxt(folder / "rec.txt", np.column_stack([time, motion]), fmt="%.6f")
+    (folder / "table.csv").write_text(f"rec_id,h1,h2,v,{header}\nA,rec.txt,rec.txt,rec.txt,{says}\n")
+    return folder
+
+
+def long_shaking() -> np.ndarray:
+    """A minute that begins and ends at rest, displacement and velocity zero."""
+    return end_at_rest(Motion(shaking(6000), STEP_S)).acceleration_m_s2.copy()
+
+
+def test_columns_that_nobody_calls_corrected_are_left_only_if_their_displacement_does_not_drift(tmp_path):
+    a = long_shaking()
+    for name, motion in (("sound", a), ("offset", a + np.array([0.0, 0.0, 0.02]))):
+        (tmp_path / name).mkdir()
+        unstated(tmp_path / name, motion)
+    (sound,), (offset,) = (imported(tmp_path / name).records for name in ("sound", "offset"))
+    assert sound.quality == "sound"
+    assert np.abs(sound.motion.acceleration_m_s2 - a).max() < 1e-6  # as it was printed
+    assert offset.quality == "processed"
+    assert not any("agency" in step for step in (*sound.history, *offset.history))
+
+
+def test_an_offset_of_columns_does_not_become_their_velocity(tmp_path):
+    a = long_shaking()
+    pgv = Record.of("a", Motion(a, STEP_S)).intensity["pgv_m_s"]
+    (record,) = imported(unstated(tmp_path, a + 0.02)).records
+    # the offset alone reaches 1.2 m/s; processing takes some per cent of a velocity of half a hertz and more
+    assert record.intensity["pgv_m_s"] == pytest.approx(pgv, rel=0.05)
+
+
+def test_a_permanent_displacement_is_no_drift(tmp_path):
+    a = long_shaking()
+    time = np.arange(len(a)) * STEP_S - 20.0
+    a[:, 0] += np.where(np.abs(time) < 2.0, 0.4 * np.sin(np.pi * time / 2.0), 0.0)  # 1 m in 4 s
+    (record,) = imported(unstated(tmp_path, a)).records
+    assert record.quality == "sound"
+
+
+@pytest.mark.parametrize(("says", "quality"), [("corrected", "corrected"), ("raw", "processed")])
+def test_the_tables_word_on_processing_decides_whatever_drifts(says, quality, tmp_path):
+    a = long_shaking() + (0.02 if says == "corrected" else 0.0)
+    (record,) = imported(unstated(tmp_path, a, "unit,processing", f"m/s2,{says}")).records
+    assert record.quality == quality
+
+
+def test_counts_scaled_to_peaks_are_uncorrected_and_their_zero_is_taken_off(tmp_path):
+    a = long_shaking()
+    peaks, pgv = np.abs(a).max(axis=0), Record.of("a", Motion(a, STEP_S)).intensity["pgv_m_s"]
+    unstated(tmp_path, 1000 * a + 350, "pga_h1,pga_h2,pga_v", ",".join(map(str, peaks)))
+    for process, quality in ((None, "processed"), (False, "uncorrected")):
+        (record,) = imported(tmp_path, process=process).records
+        assert record.quality == quality
+        # processing takes some per cent of a velocity of half a hertz and more; the zero left in makes 21 m/s
+        assert record.intensity["pgv_m_s"] == pytest.approx(pgv, rel=0.05)
+
+
+@pytest.mark.parametrize("letter", "ENZ")
+def test_one_uncorrected_channel_makes_a_record_uncorrected(letter, tmp_path):
+    (path,) = (p for p in WRITERS["esm"](tmp_path, shaking()) if f"HN{letter}" in p.name)
+    header, samples = path.read_text().split("PROCESSING: manual (Paolucci et al., 2011)")
+    path.write_text(f"{header}PROCESSING: NONE{samples}")
+    (record,) = imported(tmp_path).records
+    assert record.quality == "processed"

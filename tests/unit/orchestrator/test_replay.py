@@ -172,6 +172,20 @@ def test_a_threshold_within_the_neighbours_shows_as_a_share(scene, tmp_path):
     assert verdict["least_factor"] > 1 / 1.3  # nothing topples below the uplift
 
 
+@pytest.mark.parametrize(("word", "told_so"), [("", True), ("corrected", False)])
+def test_a_seismogram_that_was_processed_is_said_to_be(scene, tmp_path, word, told_so):
+    time = np.arange(0.0, 60.0, 0.02)
+    columns = np.column_stack([time, *[0.1 * np.sin(6 * time) + 0.02] * 3])
+    np.savetxt(tmp_path / "simulated.txt", columns, fmt="%.6f")
+    names = ",".join(["simulated.txt"] * 3)
+    (tmp_path / "table.csv").write_text(f"rec_id,h1,h2,v,unit,processing\nA,{names},m/s2,{word}\n")
+    done = told(
+        "check", scene, tmp_path / "simulated.txt", "--metadata", tmp_path / "table.csv", "--neighbours", 0
+    )
+    assert done.exit_code == 0, done.output
+    assert ("A is not as it came" in done.stderr) is told_so
+
+
 def test_a_folder_without_seismograms_is_refused(scene, tmp_path):
     (tmp_path / "odd.txt").write_text("no seismogram\n")
     done = told("check", scene, tmp_path / "odd.txt")

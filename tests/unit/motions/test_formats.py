@@ -365,6 +365,14 @@ def test_a_permanent_displacement_is_no_drift(tmp_path):
     assert record.quality == "sound"
 
 
+def test_a_far_slow_wander_is_a_drift_though_it_is_level_at_the_end(tmp_path):
+    a = long_shaking()
+    time = np.arange(len(a)) * STEP_S
+    a[:, 1] += 10 * 0.5 * (np.pi / time[-1]) ** 2 * np.cos(np.pi * time / time[-1])  # 10 m within a minute
+    (record,) = imported(unstated(tmp_path, a)).records
+    assert record.quality == "processed"
+
+
 @pytest.mark.parametrize(("says", "quality"), [("corrected", "corrected"), ("raw", "processed")])
 def test_the_tables_word_on_processing_decides_whatever_drifts(says, quality, tmp_path):
     a = long_shaking() + (0.02 if says == "corrected" else 0.0)

@@ -15,11 +15,13 @@ import pyarrow.parquet as pq
 from models.errors import InputError
 from models.motions.catalogue import meaning
 from models.motions.motion import Motion
-from models.motions.record import Record
+from models.motions.record import Record, motion_sha
 
 CATALOG, MOTIONS = "catalog.parquet", "motions.parquet"
 SCHEMA_VERSION = "2"
 RECORDS_IN_MEMORY = 16
+PGA_TOLERANCE = 1e-9
+"""Share by which two machines' roots may differ in the catalogue's PGA, by which every motion is scaled."""
 
 _MOTION_SCHEMA = pa.schema(
     [
@@ -174,6 +176,7 @@ class Ensemble:
         ]
         motion = Motion(np.column_stack(columns), row.column("time_step_s")[0].as_py())
         entry: dict[str, Any] = self.catalog.slice(index, 1).to_pylist()[0]
+        _refuse_other_motion(motion, entry, self.folder)
         known = {name for name, _ in (*_IDENTITY, *_ORIGIN)}
         return Record(
             record_id=record_id,
@@ -194,6 +197,16 @@ class Ensemble:
 
     def __reduce__(self) -> tuple:
         return Ensemble.load, (self.folder,)
+
+
+def _refuse_other_motion(motion: Motion, entry: Mapping[str, Any], folder: Path) -> None:
+    """Refuse samples that are not those of the catalogue: by its hash, and by the PGA that scales them."""
+    name, told = entry["record_id"], entry["pga_m_s2"]
+    if motion_sha(motion, entry["strong_azimuth_deg"]) != entry["sha"]:
+        raise _ensemble_error(f"the motion of {name!r} does not have the hash in the catalogue", folder)
+    pga = float(np.hypot(*motion.acceleration_m_s2[:, :2].T).max())
+    if not abs(told - pga) <= PGA_TOLERANCE * pga:
+        raise _ensemble_error(f"the PGA of {name!r} is {pga:.6g} m/s2, {told:.6g} in the catalogue", folder)
 
 
 def _motion_row(record: Record) -> pa.Table:

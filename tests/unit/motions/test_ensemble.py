@@ -4,6 +4,7 @@ import pickle
 import shutil
 
 import numpy as np
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
@@ -61,6 +62,34 @@ def test_a_catalogue_of_other_motions_is_refused(ensemble, made, tmp_path):
     shutil.copy(ensemble.folder / CATALOG, other.folder / CATALOG)
     with pytest.raises(InputError, match="do not belong together"):
         Ensemble.load(other.folder)
+
+
+def rewritten(ensemble, folder, name, column, change):
+    """Copy of an ensemble with one column of a file changed, its metadata kept."""
+    shutil.copytree(ensemble.folder, folder)
+    table = pq.read_table(folder / name)
+    changed = pa.array([change(value) for value in table.column(column).to_pylist()])
+    index = table.schema.get_field_index(column)
+    pq.write_table(
+        table.set_column(index, table.schema.field(column), changed), folder / name, row_group_size=1
+    )
+    return Ensemble.load(folder)
+
+
+@pytest.mark.parametrize(
+    ("name", "column", "change", "what"),
+    [
+        (MOTIONS, "acceleration_x_m_s2", lambda values: [2 * v for v in values], "hash"),
+        (MOTIONS, "acceleration_z_m_s2", lambda values: [*values[:-1], values[-1] + 1e-12], "hash"),
+        (MOTIONS, "time_step_s", lambda step: step / 2, "hash"),
+        (CATALOG, "strong_azimuth_deg", lambda azimuth: azimuth + 90, "hash"),
+        (CATALOG, "pga_m_s2", lambda pga: 1.01 * pga, "PGA"),
+    ],
+)
+def test_a_motion_that_is_not_the_catalogues_is_refused(ensemble, tmp_path, name, column, change, what):
+    other = rewritten(ensemble, tmp_path / "other", name, column, change)
+    with pytest.raises(InputError, match=what):
+        other.record(other.record_ids[1])
 
 
 def test_a_folder_without_an_ensemble_and_an_unknown_record_are_refused(ensemble, tmp_path):

@@ -8,6 +8,8 @@ from models.motions.formats.component import Component, bearing, exactly, number
 NAME = "PEER AT2"
 _COUNT = re.compile(r"NPTS\s*=?\s*(\d+)", re.IGNORECASE)
 _STEP = re.compile(r"DT\s*=?\s*([-+0-9.Ee]+)", re.IGNORECASE)
+_DATE = re.compile(r"\d+[/.-]\d+[/.-]\d+")
+_AGENCY = re.compile(r"\s*\([^()]*\)\s*$")
 _OLD = re.compile(r"^\s*(\d+)\s+([0-9.Ee+-]+)\s+NPTS\s*,\s*DT", re.IGNORECASE)
 
 
@@ -74,11 +76,16 @@ def _count_and_step(line: str, path: Path) -> tuple[int, float]:
 
 
 def _title(line: str) -> tuple[str, str, str]:
-    """Event, station and component of 'Kocaeli Turkey, 8/17/1999, Duzce, 180'; stations may have commas."""
-    parts = [part.strip() for part in line.split(",")]
-    if len(parts) < 4:
-        return line.strip(), "", parts[-1] if len(parts) > 1 else ""
-    return parts[0], ", ".join(parts[2:-1]), parts[-1]
+    """Event, station and component of either style of title; the date tells where event and station part.
+
+    'Kocaeli Turkey, 8/17/1999, Duzce, 180': event and station may have commas. Older: 'KOCAELI 08/17/99, DUZCE, 180
+    (ERD STATION 12)', where the date stays with the event, which has no number to tell it from its aftershocks.
+    """
+    parts = [part.strip() for part in _AGENCY.sub("", line).split(",")]
+    at = next((i for i, part in enumerate(parts) if _DATE.search(part)), 0)
+    event = parts[:at] if _DATE.fullmatch(parts[at]) else parts[: at + 1]
+    behind = parts[at + 1 :]
+    return ", ".join(event), ", ".join(behind[:-1]), behind[-1] if behind else ""
 
 
 def _series(path: Path) -> str:

@@ -37,11 +37,16 @@ def peer(folder: Path, a: np.ndarray, old_style: bool = False) -> list[Path]:
             if old_style
             else f"NPTS= {len(series):6d}, DT=   .0100 SEC,"
         )
+        title = (
+            f"TESTQUAKE 01/02/03 0405, STATION, {label} (ABC STATION 678)"
+            if old_style
+            else f"Testquake, 1/2/2003, Station, {label}"
+        )
         body = rows(series / G, "15.7E", 5).replace(" 0.", "  .").replace("-0.", " -.")
-        path = folder / f"RSN9_TEST_STA{label}.AT2"
+        path = folder / (f"STA{label}.AT2" if old_style else f"RSN9_TEST_STA{label}.AT2")
         path.write_text(
             "PEER NGA STRONG MOTION DATABASE RECORD\n"
-            f"Testquake, 1/2/2003, Station, {label}\nACCELERATION TIME SERIES IN UNITS OF G\n{count}\n{body}"
+            f"{title}\nACCELERATION TIME {'HISTORY' if old_style else 'SERIES'} IN UNITS OF G\n{count}\n{body}"
         )
         paths.append(path)
     return paths

@@ -73,6 +73,33 @@ def test_the_two_peer_headers_mean_the_same(tmp_path):
     assert a.sha == b.sha
 
 
+@pytest.mark.parametrize(
+    ("title", "event", "station", "label"),
+    [
+        ("Nowhere-02, 3/14/1999, Hill Street, 35", "Nowhere-02", "Hill Street", "35"),
+        ("Far Isle, Nowhere-03, 3/14/1999, ABC080, E", "Far Isle, Nowhere-03", "ABC080", "E"),
+        ("Nowhere, 3/14/1999, Dam, left abutment, 35", "Nowhere", "Dam, left abutment", "35"),
+        ("Nowhere, 3/14/1999, Dam (left, top), 35", "Nowhere", "Dam (left, top)", "35"),
+        (
+            "NOWHERE 03/14/79 15:09, HILL STREET, 035 (XYZ STATION 12)",
+            "NOWHERE 03/14/79 15:09",
+            "HILL STREET",
+            "035",
+        ),
+        ("NOWHERE 03/14/79 1509, HILL STREET #5, UP", "NOWHERE 03/14/79 1509", "HILL STREET #5", "UP"),
+        ("Nowhere, Hill Street, 35", "Nowhere", "Hill Street", "35"),
+        ("a record of ours", "a record of ours", "", ""),
+    ],
+)
+def test_the_titles_of_peer_are_event_station_and_component(title, event, station, label, tmp_path):
+    path = peer(tmp_path, shaking())[0]
+    lines = path.read_text().splitlines()
+    path.write_text("\n".join([lines[0], title, *lines[2:]]) + "\n")
+    (component,) = read_file(path)
+    assert (component.event, component.station, component.label) == (event, station, label)
+    assert component.direction == bearing(label)
+
+
 def test_counts_without_a_response_are_refused(tmp_path):
     WRITERS["miniseed"](tmp_path, shaking(), response=False)
     outcome = imported(tmp_path)

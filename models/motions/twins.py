@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import correlate
 
-from models.motions.processing import resample
 from models.motions.record import Record
 
 LIKE_PEAKS = 0.1
@@ -57,10 +56,13 @@ def _are_one(a: Candidate, b: Candidate) -> bool:
 
 
 def _length(record: Record) -> NDArray[np.float64]:
-    """Length of the horizontal vector on a common step: the same whichever way the instrument was set up."""
-    step = record.motion.time_step_s
-    motion = resample(record.motion, COMPARED_STEP_S) if step < COMPARED_STEP_S else record.motion
-    return np.hypot(motion.acceleration_m_s2[:, 0], motion.acceleration_m_s2[:, 1])
+    """Length of the horizontal vector on a common step: the same whichever way the instrument was set up.
+
+    Means over the step are as good as a resampling to tell records apart, at any ratio of the steps.
+    """
+    time = np.arange(np.ceil(record.motion.duration_s / COMPARED_STEP_S) + 1) * COMPARED_STEP_S
+    horizontal = record.motion.mean_between(time)[:, :2]
+    return np.hypot(horizontal[:, 0], horizontal[:, 1])
 
 
 def _likeness(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:

@@ -248,6 +248,21 @@ def test_two_records_that_are_one_are_found(tmp_path):
     assert "the same shaking as" in outcome.refusals[0].reason.what
 
 
+@pytest.mark.parametrize("step_s", [0.00833, 0.01, 0.0237])
+def test_two_records_that_are_one_are_found_at_any_two_time_steps(step_s, tmp_path):
+    a = shaking(2000)
+    peer(tmp_path, a)
+    # tones of up to 6 Hz, which each of the steps holds
+    times = np.arange(0, 1999 * STEP_S, step_s)
+    other = np.column_stack([np.interp(times, np.arange(2000) * STEP_S, column) for column in a.T])
+    np.savetxt(tmp_path / "rec.txt", np.column_stack([times, other]), fmt="%.6f")
+    table = tmp_path / "table.csv"
+    table.write_text("rec_id,h1,h2,v,unit,processing\nA,rec.txt,rec.txt,rec.txt,m/s2,corrected\n")
+    outcome = imported(tmp_path)
+    assert len(outcome.records) == 1
+    assert "the same shaking as" in outcome.refusals[0].reason.what
+
+
 @pytest.mark.parametrize("name", ["peer", "esm", "cosmos_v2", "knet"])
 def test_a_record_that_is_given_twice_is_kept_once(name, tmp_path):
     for folder in ("a", "b"):

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from models.errors import InputError
-from models.motions.formats.component import DOWN, UP, Component, bearing
+from models.motions.formats.component import DOWN, UP, Component, bearing, code_direction
 from models.motions.motion import Motion
 
 LEAST_ANGLE_DEG = 30.0
@@ -134,7 +134,7 @@ def _direction(component: Component) -> float | str | None:
     if component.direction is not None or component.label:
         return component.direction
     label = name_series(component)[1].upper()
-    return bearing(label[-1] if re.fullmatch(r"[A-Z]{2}[ENZ]", label) else label)
+    return code_direction(label[-1] if re.fullmatch(r"[A-Z]{2}[ENZ]", label) else label)
 
 
 def _key(component: Component) -> tuple:

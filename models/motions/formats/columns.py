@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from models.motions.formats.component import UP, Component, bearing, numbers_in, positive, refuse
+from models.motions.formats.component import UP, Component, code_direction, numbers_in, positive, refuse
 
 NAME = "plain columns"
 COMMENT = ("#", "%", "!", "//", ";")
@@ -57,7 +57,7 @@ def read(path: Path, text: str) -> list[Component]:
         Component(
             acceleration_m_s2=values[:, max(width - len(labels), 0) + column],
             time_step_s=step,
-            direction=UP if label == "v" else bearing(label),
+            direction=UP if label == "v" else code_direction(label),
             path=path,
             line=first + 1,
             file_format=NAME,

@@ -185,6 +185,14 @@ def bearing(label: str) -> float | str | None:
     return None
 
 
+def code_direction(code: str) -> float | str | None:
+    """Direction that a channel's code or a file's suffix names: no bearing if it only numbers the channels.
+
+    SEED's 2 and 3, and what a person calls 1 and 2, are two horizontals of unknown bearing; 0 is north.
+    """
+    return None if len(code) == 1 and code in "123456789" else bearing(code)
+
+
 def _tokens(line: str, width: int | None) -> list[str]:
     if width is None:
         return line.split()

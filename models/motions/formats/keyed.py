@@ -7,6 +7,7 @@ from models.motions.formats.component import (
     UNITS_M_S2,
     Component,
     bearing,
+    code_direction,
     exactly,
     numbers_in,
     positive,
@@ -58,7 +59,7 @@ class esm:  # noqa: N801  (a reader, as the modules are)
             Component(
                 acceleration_m_s2=values * unit,
                 time_step_s=positive(step, "SAMPLING_INTERVAL_S", path, 1),
-                direction=bearing(stream[-1:]),
+                direction=code_direction(stream[-1:]),
                 path=path,
                 line=ESM_LINES + 1,
                 file_format=esm.NAME,

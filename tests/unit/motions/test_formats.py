@@ -10,7 +10,7 @@ from obspy.core.inventory import Channel, Inventory, Network, Response, Station
 
 from models import InputError
 from models.motions.formats import read_file
-from models.motions.formats.component import bearing
+from models.motions.formats.component import bearing, code_direction
 from models.motions.importing import Wishes, import_records, record_files
 from models.motions.metadata import read_table
 from models.motions.motion import Motion
@@ -129,6 +129,33 @@ def test_counts_without_a_response_are_refused(tmp_path):
 )
 def test_bearings_are_read_as_they_are_written(label, direction):
     assert bearing(label) == direction
+
+
+def test_channels_that_are_only_numbered_have_no_azimuth(tmp_path):
+    a = shaking()
+    for path, number in zip(WRITERS["esm"](tmp_path, a), "23Z", strict=True):
+        header, samples = path.read_text().split("STREAM: HN", 1)
+        path.write_text(f"{header}STREAM: HN{number}{samples[1:]}")
+    time = np.arange(COUNT) * STEP_S
+    other = shaking(seed=1)
+    for number, column in enumerate(other.T, 1):
+        np.savetxt(tmp_path / f"single.{number}", np.column_stack([time, column]), fmt="%.6f")
+    table = np.column_stack([time, shaking(seed=2)])
+    np.savetxt(tmp_path / "rec.txt", table, fmt="%.6f", header="time 1 2 Z", comments="")
+    (tmp_path / "table.csv").write_text(
+        "rec_id,h1,h2,v,unit,processing\nA,rec.txt,rec.txt,rec.txt,m/s2,corrected\n"
+        "B,single.1,single.2,single.3,m/s2,corrected\n"
+    )
+    outcome = imported(tmp_path)
+    assert [str(refusal.reason) for refusal in outcome.refusals] == []
+    assert [record.north_known for record in outcome.records] == [False] * 3
+
+
+@pytest.mark.parametrize(
+    ("code", "direction"), [("0", 0.0), ("1", None), ("3", None), ("90", 90.0), ("E", 90.0)]
+)
+def test_a_code_is_a_number_of_a_channel_or_a_direction(code, direction):
+    assert code_direction(code) == direction
 
 
 @pytest.mark.parametrize("name", WRITERS)

@@ -203,19 +203,17 @@ def read_hazard(
 def parse_age(text: str) -> NDArray[np.float64]:
     """Read an age: `20000`, `15000..30000` (uniform) or `20000+-3000` years (normal, cut at zero).
 
-    A path to a CSV of one column of years, or of years and weights, is read.
+    A path to a CSV with the header `years`, or `years,weight`, is read.
 
     Raises
     ------
     InputError
-        If the text is none of these.
+        If the text is none of these, or the file has no header.
     """
     levels = (np.arange(AGE_SAMPLES) + 0.5) / AGE_SAMPLES
     try:
         if Path(text).is_file():
-            table = np.atleast_2d(np.genfromtxt(text, delimiter=",", skip_header=1))
-            table = table.T if table.shape[0] == 1 and table.shape[1] > 2 else table
-            years, weights = table[:, 0], table[:, 1] if table.shape[1] > 1 else np.ones(len(table))
+            years, weights = _read_ages(Path(text))
             order = np.argsort(years)
             cumulated = np.cumsum(weights[order]) / weights.sum()
             ages = years[order][np.searchsorted(cumulated, levels)]
@@ -228,7 +226,9 @@ def parse_age(text: str) -> NDArray[np.float64]:
             ages = low + levels * (high - low)
         else:
             ages = np.array([float(text)])
-    except (ValueError, IndexError):
+    except InputError:
+        raise
+    except ValueError:
         ages = np.array([math.nan])
     if not (np.isfinite(ages).all() and (ages > 0).all()):
         raise InputError(
@@ -238,6 +238,35 @@ def parse_age(text: str) -> NDArray[np.float64]:
             remedy="leave --age out for the statement about a single event",
         )
     return ages
+
+
+def _read_ages(path: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Years and weights of a file, weights of one where it has none."""
+    text = path.read_text(
+        encoding="utf-8-sig"
+    )  # a byte order mark would hide that the first line is a number
+    header, *rows = [line for line in text.splitlines() if line.strip()] or [""]
+    if _is_number(header.split(",")[0]):
+        raise InputError(
+            what=f"the first line, {header!r}, is no header",
+            where=str(path),
+            expected="the header 'years' or 'years,weight', then one age a line",
+            remedy="put the header above the ages",
+        )
+    table = np.loadtxt(rows, delimiter=",", ndmin=2) if rows else np.empty((0, 1))
+    years, weights = table[:, 0], table[:, 1] if table.shape[1] > 1 else np.ones(len(table))
+    if not (len(years) and table.shape[1] <= 2 and (weights >= 0).all() and 0 < weights.sum() < math.inf):
+        msg = "ages and weights, one of them above zero"
+        raise ValueError(msg)
+    return years, weights
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
 
 
 def _draws(rocks: Sequence[Standing]) -> int:

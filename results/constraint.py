@@ -11,25 +11,29 @@ from results.hazard import (
     Standing,
     any_topples,
     branch_weights,
+    continued,
     rejected_rate,
     survival,
     toppling_rate,
     unexceeded,
-    unstated_share,
+    unstated_shares,
 )
 
-REJECTED_BELOW = 0.05
-"""A branch is rejected where the rocks survive with less than this probability (Stirling et al. 2021)."""
 
-
-def branch_table(rocks: Sequence[Standing], branches: Sequence[HazardCurve]) -> pd.DataFrame:
+def branch_table(
+    rocks: Sequence[Standing], branches: Sequence[HazardCurve], confidence: float
+) -> pd.DataFrame:
     """Survival, verdict and Bayes weight of each hazard branch.
+
+    A branch is rejected where the rocks survive with less than 1 - confidence (5 % in Stirling et al. 2021).
 
     Returns
     -------
     DataFrame
-        One row a branch: branch, toppling_rate (annual, any of the rocks), unstated_share (`results.hazard`),
-        survival, rejected, prior_weight, posterior_weight (null where no branch lets the rocks survive).
+        One row a branch: branch, toppling_rate (annual, any of the rocks), unstated_below and unstated_above
+        (shares of the rate outside the curve's points, not counted: `results.hazard`), survival, survival_least
+        (with these counted), rejected (by survival), prior_weight, posterior_weight (null where no branch lets
+        the rocks survive).
     """
     curves = [rock.curve for rock in rocks]
     prior = np.array([branch.weight for branch in branches]) / sum(branch.weight for branch in branches)
@@ -37,13 +41,16 @@ def branch_table(rocks: Sequence[Standing], branches: Sequence[HazardCurve]) -> 
     posterior = (
         branch_weights(prior, survivals) if (prior * survivals).sum() > 0 else np.full(len(prior), np.nan)
     )
+    below, above = zip(*(unstated_shares(curves, branch) for branch in branches), strict=True)
     return pd.DataFrame(
         {
             "branch": [branch.name for branch in branches],
             "toppling_rate": [toppling_rate(curves, branch) for branch in branches],
-            "unstated_share": [unstated_share(curves, branch) for branch in branches],
+            "unstated_below": below,
+            "unstated_above": above,
             "survival": survivals,
-            "rejected": survivals < REJECTED_BELOW,
+            "survival_least": [survival(rocks, continued(branch, curves)) for branch in branches],
+            "rejected": survivals < 1.0 - confidence,
             "prior_weight": prior,
             "posterior_weight": posterior,
         }

@@ -28,7 +28,10 @@ from results.schema import SCHEMA, describe
     "--age", multiple=True, help="Years each rock has stood: 20000, 15000..30000, 20000+-3000 or a CSV."
 )
 @click.option("--measure", help="Column of the results; the hazard curves' own, or pgv_m_s, if not given.")
-@click.option("--confidence", type=click.FloatRange(0.5, 1, max_open=True), default=0.95, show_default=True)
+@click.option(
+    "--confidence", type=click.FloatRange(0.5, 1, max_open=True), default=0.95, show_default=True,
+    help="Of all bounds; a branch is rejected where survival is below 1 - confidence.",
+)  # fmt: skip
 @click.option("--site", type=float, nargs=2, metavar="LON LAT", help="Site in an OpenQuake file.")
 @click.option(
     "--ratio", type=click.FloatRange(0, min_open=True), default=1.0, show_default=True,
@@ -75,7 +78,7 @@ def constrain(
         if path.is_dir():
             rock |= _basis(path, over)
     bound = bound_table(standing, confidence) if age else None
-    table = branch_table(standing, branches) if branches else None
+    table = branch_table(standing, branches, confidence) if branches else None
     if table is not None:
         told["branches"] = table.astype(object).where(table.notna(), None).to_dict("records")
     if bound is not None:
@@ -181,9 +184,7 @@ def _words(told: dict) -> str:
                 else f"weight {branch['prior_weight']:.3g} becomes {branch['posterior_weight']:.3g}"
             )
         )
-        if branch["unstated_share"] > 0.01:
-            share = f"{100 * branch['unstated_share']:.0f} %"
-            lines.append(f"  up to {share} of its toppling rate lies beyond the curve's end, not counted")
+        lines += _outside(branch, 1.0 - told["confidence"])
     rejected = told.get("rejected", ())
     lines += [
         f"{told['measure']} = {row[told['measure']]:.3g} {unit} is rejected at return periods below "
@@ -191,3 +192,22 @@ def _words(told: dict) -> str:
         for row in rejected[9::10]
     ]
     return "\n".join(lines)
+
+
+def _outside(branch: dict, least: float) -> list[str]:
+    """Say what may lie outside a hazard curve's points, and whether the verdict hangs on it."""
+    shares = {
+        "beyond the curve's last point": branch["unstated_above"],
+        "below its first point, if its first slope goes on": branch["unstated_below"],
+    }
+    lines = [
+        f"  {100 * share:.0f} % of its toppling rate may lie {where}: not counted"
+        for where, share in shares.items()
+        if share > 0.01
+    ]
+    if branch["survival_least"] < least <= branch["survival"]:
+        lines.append(
+            f"  with what lies outside the curve survival would be {branch['survival_least']:.3g}, and the branch "
+            "rejected: give a curve that reaches further"
+        )
+    return lines

@@ -77,6 +77,32 @@ def test_two_rocks_reject_more_than_one(curves, hazards, tmp_path):
     assert two["branches"][0]["survival"] < one["branches"][0]["survival"]
 
 
+def test_a_verdict_that_hangs_on_what_the_curve_leaves_out_is_told(tmp_path, curves):
+    for name, low in (("whole", 0.01), ("late", 0.8)):
+        lines = [f"{x},{1.5e-3 * x**-3}" for x in (low, 1, 10, 100)]
+        (tmp_path / f"{name}.csv").write_text("\n".join(["pgv_m_s,annual_rate", *lines]))
+    both = [
+        argument for name in ("whole", "late") for argument in ("--hazard", str(tmp_path / f"{name}.csv"))
+    ]
+    whole, late = json.loads(constrain(curves, "--age", "2000", *both, "--json").output)["branches"]
+    assert (whole["rejected"], late["rejected"]) == (True, False)
+    # The late curve is the whole one without its low end: the same power law goes on below it.
+    assert late["survival_least"] == pytest.approx(whole["survival"], rel=1e-4)
+    assert late["unstated_below"] > 0.1
+    assert whole["unstated_below"] < 1e-4
+    words = constrain(curves, "--age", "2000", *both).output
+    assert words.count("may lie below its first point") == 1
+    assert words.count("and the branch rejected: give a curve that reaches further") == 1
+
+
+@pytest.mark.parametrize(("confidence", "rejected"), [("0.5", True), ("0.95", False)])
+def test_a_branch_is_rejected_at_the_confidence_that_is_asked_for(curves, hazards, confidence, rejected):
+    age, asked = ["--age", "100000"], ["--hazard", hazards[0], "--confidence", confidence]
+    branch = json.loads(constrain(curves, *age, *asked, "--json").output)["branches"][0]
+    assert branch["survival"] == pytest.approx(math.exp(-1e5 * 1e-5 / 1.44 * math.exp(0.32)), rel=1e-3)
+    assert branch["rejected"] == rejected
+
+
 def test_words_are_for_people(curves, hazards):
     done = constrain(curves, "--age", "10000", "--hazard", hazards[1])
     assert "rejected" in done.output

@@ -10,7 +10,7 @@ import pyarrow.parquet as pq
 
 from orchestrator.folder import describe, is_running
 from orchestrator.journal import last
-from results.store import newest_attempts, result_files
+from results.store import newest_attempts, read_steady, result_files
 
 WINDOW = timedelta(minutes=1)
 REASONS_SHOWN = 10
@@ -26,9 +26,8 @@ def state_of(run: Path) -> dict[str, Any]:
         If the folder is no run.
     """
     described = describe(run)
-    tables = [pq.read_table(path, columns=_COLUMNS) for path in result_files(run)]
+    rows = read_steady([run], lambda: _rows(run))
     jobs = described["jobs"]
-    rows = newest_attempts(pa.concat_tables(tables)) if tables else None
     stored = len(rows) if rows else 0
     running = is_running(run)
     state: dict[str, Any] = {
@@ -48,6 +47,11 @@ def state_of(run: Path) -> dict[str, Any]:
     if running and stored < jobs:
         state["rate_per_s"], state["left_s"] = _pace(run, rows)
     return state
+
+
+def _rows(run: Path) -> pa.Table | None:
+    tables = [pq.read_table(path, columns=_COLUMNS) for path in result_files(run)]
+    return newest_attempts(pa.concat_tables(tables)) if tables else None
 
 
 def _failures(rows: pa.Table) -> list[dict[str, Any]]:

@@ -14,7 +14,7 @@ import pyarrow.parquet as pq
 from models import InputError
 from models.motions.catalogue import meaning
 from results.schema import SCHEMA, describe
-from results.store import PathLike, newest_attempts, read_files, result_files
+from results.store import PathLike, newest_attempts, read_files, read_steady, result_files
 
 _RUN_COLUMN = {
     "column": "run",
@@ -57,10 +57,13 @@ class Run:
 
     def table(self) -> pa.Table:
         """All rows under `results.schema.SCHEMA`, one a job."""
-        return newest_attempts(read_files(result_files(self.path)))
+        return read_steady([self.path], lambda: newest_attempts(read_files(result_files(self.path))))
 
     def dataset(self) -> ds.Dataset:
-        """Rows as a pyarrow dataset, read lazily unless a job has several rows."""
+        """Rows as a pyarrow dataset, read lazily unless a job has several rows.
+
+        While the run goes on its files may be merged away before they are read: `table` reads at once.
+        """
         files = result_files(self.path)
         if not files:
             return ds.dataset(SCHEMA.empty_table())
@@ -152,10 +155,7 @@ def ask(runs: Sequence[Run], query: str) -> pa.Table:
     InputError
         If DuckDB refuses the query, or two runs have the same name.
     """
-    try:
-        return _ask_once(runs, query)
-    except (FileNotFoundError, duckdb.IOException):
-        return _ask_once(runs, query)  # a part was merged into results.parquet between listing and reading
+    return read_steady([run.path for run in runs], lambda: _ask_once(runs, query))
 
 
 def connect(runs: Sequence[Run]) -> duckdb.DuckDBPyConnection:
@@ -198,8 +198,6 @@ def _ask_once(runs: Sequence[Run], query: str) -> pa.Table:
         try:
             answer = connection.sql(query)
             return answer.to_arrow_table() if answer is not None else pa.table({})
-        except (duckdb.IOException, FileNotFoundError):
-            raise
         except duckdb.Error as error:
             raise InputError(
                 str(error),

@@ -9,9 +9,10 @@ import logging
 import os
 import time
 import uuid
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import pyarrow as pa
 import pyarrow.compute as pc
@@ -27,6 +28,7 @@ ROWS_IN_GROUP = 20_000
 """Rows in a row group: small enough that a query of one record skips most of a large run."""
 
 PathLike = str | os.PathLike[str]
+Answer = TypeVar("Answer")
 
 
 def write_part(run_folder: PathLike, rows: Iterable[Mapping[str, Any]]) -> Path:
@@ -106,10 +108,26 @@ def result_files(run_folder: PathLike) -> list[Path]:
 
     Torn and foreign files are named in the log and left out.
     """
-    run = Path(run_folder)
-    found = [run / RESULTS_FILE, *sorted((run / PARTS_FOLDER).glob("*"))]
-    shown = [path for path in found if path.exists() and not path.name.startswith(("_", "."))]
-    return [path for path in shown if _is_ours(path)]
+    return [path for path in _listed(Path(run_folder)) if path.exists() and _is_ours(path)]
+
+
+def read_steady(run_folders: Iterable[PathLike], read: Callable[[], Answer]) -> Answer:
+    """Answer of a reading, which is done again if files of the runs were merged away meanwhile.
+
+    Such a reading fails, in each library's own way, or lacks the rows of files that were gone before it came to
+    them. Files that only came are no reason: they may count or not.
+    """
+    folders = [Path(folder) for folder in run_folders]
+    before = _stamps(folders)
+    try:
+        answer = read()
+    except Exception:
+        if before <= _stamps(folders):
+            raise
+    else:
+        if before <= _stamps(folders):
+            return answer
+    return read()
 
 
 def read_files(files: Sequence[Path]) -> pa.Table:
@@ -162,6 +180,22 @@ def _write(table: pa.Table, target: Path) -> Path:
     finally:
         os.close(folder)
     return target
+
+
+def _listed(run: Path) -> list[Path]:
+    found = [run / RESULTS_FILE, *sorted((run / PARTS_FOLDER).glob("*"))]
+    return [path for path in found if not path.name.startswith(("_", "."))]
+
+
+def _stamps(runs: Iterable[Path]) -> set[tuple[Path, int, int]]:
+    """Tell the files of some runs apart from those of any other moment, whatever their names."""
+    stamps = set()
+    for run in runs:
+        for path in _listed(run):
+            with suppress(FileNotFoundError):
+                state = path.stat()
+                stamps.add((path, state.st_ino, state.st_mtime_ns))
+    return stamps
 
 
 def _is_ours(path: Path) -> bool:

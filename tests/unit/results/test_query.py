@@ -8,11 +8,16 @@ import pytest
 from click.testing import CliRunner
 from seeded import row, rows
 
+import orchestrator.status
+import results.run
+import results.store
 from models import InputError, Scene
 from orchestrator.cli import cli
+from orchestrator.folder import SCHEMA_VERSION
+from orchestrator.status import state_of
 from results import open_run
 from results.run import ask
-from results.store import compact, write_part
+from results.store import compact, read_steady, write_part
 
 
 @pytest.fixture
@@ -35,6 +40,70 @@ def test_a_run_that_goes_on_shows_each_job_once(run_folder):
     assert len(run.table()) == len(run.frame()) == run.dataset().count_rows() == 7
     compact(run_folder)
     assert run.sql("select count(*) n from results").to_pylist() == [{"n": 7}]
+
+
+@pytest.fixture
+def merge(run_folder, monkeypatch):
+    """Merge the parts for real where a run's end may fall: once, around a step of the reading."""
+
+    def around(module, name, *, before=False):
+        step = getattr(module, name)
+
+        def merging(*arguments):
+            monkeypatch.setattr(module, name, step)  # before it merges, which takes the same steps
+            if before:
+                compact(run_folder)
+                return step(*arguments)
+            answer = step(*arguments)
+            compact(run_folder)
+            return answer
+
+        monkeypatch.setattr(module, name, merging)
+
+    write_part(run_folder, [row("late")])
+    return around
+
+
+READERS = {
+    "sql": (results.run, lambda run: run.sql("select count(*) n from results")["n"][0].as_py()),
+    "table": (results.run, lambda run: len(run.table())),
+    "status": (orchestrator.status, lambda run: state_of(run.path)["stored"]),
+}
+
+
+@pytest.fixture(params=READERS)
+def reader(request, run_folder):
+    described = {"schema_version": SCHEMA_VERSION, "jobs": 7, "sessions": []}
+    (run_folder / "run.json").write_text(json.dumps(described))
+    return READERS[request.param]
+
+
+def test_parts_that_are_merged_once_they_are_listed_do_not_stop_a_reader(run_folder, merge, reader):
+    module, count = reader
+    merge(module, "result_files")
+    assert count(open_run(run_folder)) == 7
+
+
+def test_parts_that_are_merged_before_they_are_looked_at_are_not_missed(run_folder, merge, reader):
+    merge(results.store, "_is_ours", before=True)
+    assert reader[1](open_run(run_folder)) == 7
+
+
+def test_parts_that_are_merged_under_a_lazy_query_do_not_stop_it(run_folder, merge):
+    merge(results.run, "connect")
+    assert READERS["sql"][1](open_run(run_folder)) == 7
+
+
+def test_a_reading_that_fails_by_itself_is_not_tried_again(run_folder):
+    tries = []
+
+    def read():
+        tries.append(write_part(run_folder, [row("new")]))
+        raise ValueError("by itself")
+
+    with pytest.raises(ValueError, match="by itself"):
+        read_steady([run_folder], read)
+    assert len(tries) == 1
 
 
 def test_a_run_without_rows_yet_answers_with_none(tmp_path):

@@ -253,7 +253,12 @@ def fit_figure(
         middle.set_yticks(places, [_short(name) for name in ranking["measures"]])
         middle.set(xlabel="log loss above the best's", title="which measure predicts best")
         right.plot([0, 1], [0, 1], "k--", lw=0.8)
-        right.plot(calibrated["predicted"], calibrated["observed"], "o", ms=3, color=COLOURS(0.35))
+        bars = np.abs(
+            calibrated[["wilson_low", "wilson_high"]].to_numpy().T - calibrated["observed"].to_numpy()
+        )
+        right.errorbar(
+            calibrated["predicted"], calibrated["observed"], bars, fmt="o", ms=3, lw=0.6, color=COLOURS(0.35)
+        )
         right.set(
             xlabel="predicted probability", ylabel="observed share", title="other records predicted",
             xlim=(0, 1), ylim=(0, 1), aspect="equal",

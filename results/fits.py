@@ -21,7 +21,7 @@ from sklearn.metrics import brier_score_loss, log_loss, roc_auc_score
 from sklearn.model_selection import GroupKFold
 from statsmodels.tools.sm_exceptions import ConvergenceWarning, DomainWarning, PerfectSeparationWarning
 
-from results.fragility import wilson
+from results.fragility import effective_records, wilson
 
 MEASURES = (
     *("pga_m_s2", "pgv_m_s", "pgd_m", "pgv_pga_s", "sa_1s_m_s2", "sa_2s_m_s2"),
@@ -255,16 +255,11 @@ def calibration(frame: pd.DataFrame, predicted: pd.Series, bins: int = 10) -> pd
     Returns
     -------
     DataFrame
-        One row a bin: predicted (mean), observed, jobs, records.
+        One row a bin: predicted (mean), observed, jobs, records, wilson_low and wilson_high of observed.
     """
-    known = frame.assign(predicted=predicted, toppled=frame["toppled"].astype(bool))[predicted.notna()]
-    if not len(known):
-        return pd.DataFrame(columns=["predicted", "observed", "jobs", "records"])
-    bin_of = (known["predicted"].rank(method="average") - 0.5).mul(bins / len(known)).astype(int)
-    return known.groupby(bin_of).agg(
-        predicted=("predicted", "mean"), observed=("toppled", "mean"), jobs=("toppled", "size"),
-        records=("record_id", "nunique"),
-    ).reset_index(drop=True)  # fmt: skip
+    known = predicted.notna()
+    table = _binned_shares(frame[known], predicted[known], bins)
+    return table.rename(columns={"value": "predicted", "probability": "observed"})
 
 
 def observed_shares(frame: pd.DataFrame, measure: str, bins: int = 12) -> pd.DataFrame:
@@ -275,17 +270,8 @@ def observed_shares(frame: pd.DataFrame, measure: str, bins: int = 12) -> pd.Dat
     DataFrame
         One row a bin: value (geometric mean), probability, wilson_low, wilson_high, jobs, records.
     """
-    place = ((frame[measure].rank(method="average") - 0.5) * bins / len(frame)).astype(int)
-    grouped = frame.assign(logarithm=np.log(frame[measure])).groupby(place)
-    table = grouped.agg(
-        value=("logarithm", "mean"),
-        probability=("toppled", "mean"),
-        jobs=("toppled", "size"),
-        records=("record_id", "nunique"),
-    ).reset_index(drop=True)
-    table["value"] = np.exp(table["value"])
-    table["wilson_low"], table["wilson_high"] = wilson(table["probability"], table["records"])
-    return table
+    table = _binned_shares(frame, np.log(frame[measure]), bins)
+    return table.assign(value=np.exp(table["value"]))
 
 
 def summary(
@@ -322,6 +308,27 @@ def answered(frame: pd.DataFrame) -> pd.DataFrame:
 
 def _design(frame: pd.DataFrame, measures: Sequence[str]) -> NDArray[np.float64]:
     return np.column_stack([np.ones(len(frame)), np.log(frame[list(measures)].to_numpy(float))])
+
+
+def _binned_shares(frame: pd.DataFrame, value: pd.Series, bins: int) -> pd.DataFrame:
+    """Mean value and share of toppling in bins of equally many jobs, each job by its record's weight.
+
+    What the fit is held against has to count records as the fit does. Wilson's trials are Kish's number.
+    """
+    place = ((value.rank(method="average") - 0.5) * bins / max(1, len(value))).astype(int)
+    jobs = frame.assign(value=value, bin=place, weight=frame.get("record_weight", 1.0))
+    grouped = jobs.assign(
+        value=jobs["weight"] * value, toppled=jobs["weight"] * jobs["toppled"].astype(float)
+    ).groupby("bin")
+    total = grouped["weight"].sum()
+    table = pd.DataFrame({
+        "value": grouped["value"].sum() / total,
+        "probability": grouped["toppled"].sum() / total,
+        "jobs": grouped.size(),
+        "records": grouped["record_id"].nunique(),
+    })  # fmt: skip
+    table["wilson_low"], table["wilson_high"] = wilson(table["probability"], effective_records(jobs, ["bin"]))
+    return table.reset_index(drop=True)
 
 
 def _grouped(frame: pd.DataFrame, measures: Sequence[str]) -> pd.DataFrame:

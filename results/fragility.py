@@ -8,7 +8,7 @@ Where the frame has a column `record_weight` (`Run.weighted`), jobs count by it,
 an interval is Kish's effective one, (sum of weights)^2 / sum of squared weights.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -139,7 +139,7 @@ def cells(frame: pd.DataFrame, plane: Plane, *, thin_records: int = THIN_RECORDS
     counts["records"] = binned[binned["answered"]].groupby(["x", "y"])["record_id"].nunique()
     counts = counts.fillna({"records": 0}).astype(int)
     counts[_WEIGHTS] = grouped[_WEIGHTS].sum()
-    counts["effective"] = _effective_records(binned[binned["answered"]])
+    counts["effective"] = effective_records(binned[binned["answered"]], ["x", "y"])
     counts = counts.fillna({"effective": 0.0}).reset_index()
     pool = {None: None, plane.x.column: "x", plane.y.column: "y"}[plane.share_within]
     total = counts.groupby(pool)["weight"].transform("sum") if pool else counts["weight"].sum()
@@ -164,11 +164,10 @@ def cells(frame: pd.DataFrame, plane: Plane, *, thin_records: int = THIN_RECORDS
 _WEIGHTS = ["weight", "answered_weight", "toppled_weight"]
 
 
-def _effective_records(binned: pd.DataFrame) -> "pd.Series[float]":
-    """Kish's number of records in each cell, by which weights of different size widen an interval."""
-    weight = binned.groupby(["x", "y", "record_id"])["weight"].first()
-    cell = ["x", "y"]
-    return weight.groupby(cell).sum() ** 2 / (weight**2).groupby(cell).sum()
+def effective_records(jobs: pd.DataFrame, group: Sequence[str]) -> "pd.Series[float]":
+    """Kish's number of records in each group, by which a `weight` that differs between them widens an interval."""
+    weight = jobs.groupby([*group, "record_id"])["weight"].first()
+    return weight.groupby(list(group)).sum() ** 2 / (weight**2).groupby(list(group)).sum()
 
 
 def cells_by_direction(

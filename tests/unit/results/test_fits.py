@@ -16,9 +16,11 @@ from results.fits import (
     compare_measures,
     fit,
     lognormal_interval,
+    observed_shares,
     out_of_fold,
     scores,
 )
+from results.fragility import wilson
 from results.schema import SCHEMA
 
 
@@ -144,6 +146,52 @@ def test_a_true_model_is_calibrated(jobs):
     # About 340 jobs a bin: a standard error of at most 0.027; four of them.
     assert (told["predicted"] - told["observed"]).abs().max() < 0.11
     assert told["jobs"].sum() == len(jobs)
+
+
+@pytest.fixture(scope="module")
+def one_heavy_half(jobs):
+    """The law's records, each beside one that topples always and weighs a thousandth."""
+    light = jobs.assign(record_id=jobs["record_id"] + "x", toppled=True, record_weight=1e-3)
+    return pd.concat([jobs.assign(record_weight=1.0), light], ignore_index=True)
+
+
+def test_a_weighted_fit_is_held_against_shares_of_the_same_weights(one_heavy_half):
+    curve = fit(one_heavy_half, ["pgv_m_s"]).lognormal
+    told = observed_shares(one_heavy_half, "pgv_m_s")
+    inside = curve.probability(told["value"]).clip(told["wilson_low"], told["wilson_high"])
+    # Intervals of 60 records hold the shares of 285 jobs; a bin is wide where the curve bends, hence 0.02.
+    np.testing.assert_allclose(inside, curve.probability(told["value"]), atol=0.02)
+
+
+def test_a_weighted_model_is_calibrated_by_the_same_weights(one_heavy_half):
+    told = calibration(one_heavy_half, out_of_fold(one_heavy_half, ["pgv_m_s"]))
+    assert (told["predicted"] - told["observed"]).abs().max() < 0.11  # as without weights
+
+
+def test_shares_are_weighted_means_with_the_effective_number_of_records_behind_them():
+    frame = tiny([1.0, 1.0, 4.0], [True, True, False]).assign(record_weight=[1.0, 1.0, 2.0])
+    told = observed_shares(frame, "pgv_m_s", bins=1).iloc[0]
+    assert told["probability"] == pytest.approx(0.5)
+    assert told["value"] == pytest.approx(2.0)
+    # Kish: (1 + 1 + 2)^2 / (1 + 1 + 4) records.
+    low, high = wilson(pd.Series([0.5]), pd.Series([16 / 6]))
+    assert (told["wilson_low"], told["wilson_high"]) == (low[0], high[0])
+    assert (told["jobs"], told["records"]) == (3, 3)
+
+
+@pytest.mark.parametrize("weight", [None, 2.5])
+def test_equal_weights_change_no_share(jobs, weight):
+    frame = jobs if weight is None else jobs.assign(record_weight=weight)
+    told = observed_shares(frame, "pgv_m_s", bins=5)
+    place = ((jobs["pgv_m_s"].rank() - 0.5) * 5 / len(jobs)).astype(int)
+    np.testing.assert_allclose(told["probability"], jobs["toppled"].groupby(place).mean())
+    np.testing.assert_allclose(told["wilson_low"], wilson(told["probability"], told["records"])[0])
+
+
+def test_no_prediction_gives_an_empty_calibration(jobs):
+    told = calibration(jobs, pd.Series(np.nan, index=jobs.index))
+    assert len(told) == 0
+    assert {"predicted", "observed", "wilson_low", "wilson_high"} <= set(told.columns)
 
 
 def test_a_lognormal_curve_and_its_inverse_agree():

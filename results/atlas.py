@@ -125,10 +125,11 @@ def write_fits(frame: pd.DataFrame, folder: Path, name: str, samples: int = 200)
         resampled = [None if told.problem else fits.bootstrap(known, told, samples) for told in models]
         yield save_table(fits.summary(models, resampled), place / "fits.csv")
         curves = [told.lognormal for told in models if told.lognormal]
-        for suffix in (".csv", ".json", ".xml"):
-            if any(curve.measure in OPENQUAKE for curve in curves):
-                yield write_curves(place / f"curves{suffix}", curves, name)
         if curves:
+            for suffix in (".csv", ".json"):
+                yield write_curves(place / f"curves{suffix}", curves, name)
+            if any(curve.measure in OPENQUAKE for curve in curves):
+                yield write_curves(place / "curves.xml", curves, name)
             best = curves[0].measure
             calibrated = fits.calibration(known, fits.out_of_fold(known, [best]))
             yield save_table(calibrated, place / "calibration.csv")

@@ -3,14 +3,18 @@
 import math
 
 import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import lognorm
+from seeded import rows
 
 from models import InputError
+from results.atlas import write_fits
 from results.exchange import OPENQUAKE, moments, of_moments, read_curves, write_curves
-from results.fits import Lognormal
+from results.fits import MEASURES, Lognormal
+from results.fragility import CONTACT_COLUMNS
 
 CURVES = st.builds(
     Lognormal, st.sampled_from(sorted(OPENQUAKE)), median=st.floats(1e-3, 1e3), beta=st.floats(0.01, 2.0)
@@ -75,3 +79,16 @@ def test_a_file_without_curves_is_refused_by_name(tmp_path, name, text):
         read_curves(tmp_path / name)
     with pytest.raises(InputError, match="does not exist"):
         read_curves(tmp_path / "absent.json")
+
+
+def test_fits_over_measures_that_openquake_has_no_name_for_go_to_csv_and_json(tmp_path):
+    pulse = ["pgv_pga_s", "toppled", "record_id", *CONTACT_COLUMNS]
+    frame = pd.DataFrame(rows(records=30, azimuths=(0.0,))).reindex(columns=[*MEASURES, *pulse])
+    frame = frame.loc[:, ~frame.columns.duplicated()]
+    others = [measure for measure in MEASURES if measure in OPENQUAKE]
+    # The measure that made the answers, under a name that OpenQuake lacks.
+    unnamed = frame.assign(pgv_pga_s=frame["pgv_m_s"], **dict.fromkeys(others))
+    written = {path.name for path in write_fits(unnamed, tmp_path, "rock", samples=2)}
+    assert {"curves.csv", "curves.json"} <= written
+    assert "curves.xml" not in written
+    assert "pgv_pga_s" in read_curves(tmp_path / "fits" / "curves.json")

@@ -10,7 +10,7 @@ from results import figures, fits
 from results.directions import sector_share, topple_rose
 from results.exchange import OPENQUAKE, write_curves
 from results.fragility import Plane, by_contact, cells, cells_by_direction
-from results.friction import compare_cells, compare_jobs
+from results.friction import compare_frictions
 
 
 def write_maps(
@@ -77,21 +77,22 @@ def write_directions(
         yield from figures.save(figures.rose_figure(rose, quasi_static, sector), place / "directions")
 
 
-def write_friction(frame: pd.DataFrame, folder: Path, plane: Plane, reference: float) -> Iterator[Path]:
-    """Write the comparison of each friction with a reference, cell by cell and job by job.
+def write_friction(frame: pd.DataFrame, folder: Path, plane: Plane) -> Iterator[Path]:
+    """Write the comparison of each friction with the greatest, cell by cell and job by job.
+
+    Scenes, presets and restitutions go to a folder each if there are several.
 
     Yields
     ------
     Path
         Each file, once it is complete; none where there is one friction only.
     """
-    jobs = compare_jobs(frame, reference)
-    table = compare_cells(frame, plane, reference)
-    if len(jobs) and len(table):
-        folder.mkdir(parents=True, exist_ok=True)
-        yield save_table(table, folder / "friction_cells.csv")
-        yield save_table(jobs, folder / "friction_jobs.csv")
-        yield from figures.save(figures.friction_figure(table, jobs), folder / "friction")
+    for surroundings, table, jobs in compare_frictions(frame, plane):
+        place = folder / surroundings
+        place.mkdir(parents=True, exist_ok=True)
+        yield save_table(table, place / "friction_cells.csv")
+        yield save_table(jobs, place / "friction_jobs.csv")
+        yield from figures.save(figures.friction_figure(table, jobs), place / "friction")
 
 
 def write_fits(frame: pd.DataFrame, folder: Path, name: str, samples: int = 200) -> Iterator[Path]:

@@ -28,6 +28,7 @@ from models import Motion
 from models.frames import compass_deg
 from results.fits import Lognormal
 from results.fragility import THIN_RECORDS, Axis, Plane
+from results.friction import FRICTION
 from results.hazard import HazardCurve
 from results.schema import SCHEMA, describe
 
@@ -175,20 +176,20 @@ def friction_figure(table: pd.DataFrame, jobs: pd.DataFrame) -> Figure:
     jobs : DataFrame
         From `results.friction.compare_jobs`.
     """
-    frictions = list(jobs["friction_static"])
-    reference = jobs["reference_friction_static"].iloc[0]
+    reference = _friction(jobs.iloc[0], "reference_")
     with style():
-        width = min(FULL_WIDTH_IN, 0.8 + 2.6 * len(frictions))
-        figure = Figure(figsize=(width, 0.9 + (width - 0.8) / len(frictions)))
+        width = min(FULL_WIDTH_IN, 0.8 + 2.6 * len(jobs))
+        figure = Figure(figsize=(width, 0.9 + (width - 0.8) / len(jobs)))
         grid = figure.subplots(
             1,
-            len(frictions),
+            len(jobs),
             sharey=True,
             squeeze=False,
             gridspec_kw={"bottom": 0.16, "top": 0.86, "left": 0.12},
         )
         for axes, (_, counts) in zip(grid.flat, jobs.iterrows(), strict=True):
-            cells = table[table["friction_static"] == counts["friction_static"]]
+            friction = _friction(counts)
+            cells = table[(table[FRICTION] == counts[FRICTION]).all(axis=1)]
             for thin, face in ((False, COLOURS(0.35)), (True, "none")):
                 some = cells[cells["thin"] == thin]
                 axes.scatter(
@@ -210,13 +211,18 @@ def friction_figure(table: pd.DataFrame, jobs: pd.DataFrame) -> Figure:
                 xlim=(0, 1),
                 ylim=(0, 1),
                 aspect="equal",
-                xlabel=f"toppling probability, friction {reference:g}",
+                xlabel=f"toppling probability, friction {reference}",
                 title=f"of {counts['pairs']:g} pairs of jobs, {counts['only_this']:g} topple only at "
-                f"{counts['friction_static']:g},\n{counts['only_reference']:g} only at {reference:g}",
+                f"{friction},\n{counts['only_reference']:g} only at {reference}",
             )
-            axes.set_ylabel(f"toppling probability, friction {counts['friction_static']:g}")
+            axes.set_ylabel(f"toppling probability, friction {friction}")
         grid.flat[-1].legend(loc="lower right", frameon=False)
     return figure
+
+
+def _friction(counts: pd.Series, prefix: str = "") -> str:
+    static, kinetic = (counts[prefix + name] for name in FRICTION)
+    return f"{static:g}" if static == kinetic else f"{static:g} ({kinetic:g} kinetic)"
 
 
 def fit_figure(

@@ -186,9 +186,9 @@ def cells_by_direction(
     return table[["direction_deg", *table.columns.drop("direction_deg")]]
 
 
-def by_contact(frame: pd.DataFrame) -> dict[str, pd.DataFrame]:
+def by_contact(frame: pd.DataFrame, columns: Sequence[str] = CONTACT_COLUMNS) -> dict[str, pd.DataFrame]:
     """Rows of each scene, preset and contact, under a short name of what differs between them."""
-    differing = [name for name in CONTACT_COLUMNS if frame[name].nunique() > 1]
+    differing = [name for name in columns if frame[name].nunique() > 1]
     if (frame["friction_kinetic"] == frame["friction_static"]).all():
         differing = [name for name in differing if name != "friction_kinetic"]
     if not differing:

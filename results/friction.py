@@ -1,66 +1,105 @@
-"""Friction against friction: the same cells, and the same jobs, under two coefficients."""
+"""Friction against friction: the same cells, and the same jobs, under two pairs of coefficients."""
+
+from collections.abc import Iterator
 
 import pandas as pd
 
-from results.fragility import Plane, cells
+from results.fragility import CONTACT_COLUMNS, Plane, by_contact, cells
 
-_JOB = ["scene_id", "preset", "restitution", "record_id", "level_pga_m_s2", "azimuth_deg", "realisation"]
+FRICTION = ["friction_static", "friction_kinetic"]
+_SURROUNDINGS = [name for name in CONTACT_COLUMNS if name not in FRICTION]
+_JOB = [*_SURROUNDINGS, "record_id", "level_pga_m_s2", "azimuth_deg", "realisation"]
+
+Friction = tuple[float, float]
+"""Static and kinetic coefficient."""
 
 
-def compare_cells(frame: pd.DataFrame, plane: Plane, reference: float) -> pd.DataFrame:
-    """Toppling probability of each cell under each static friction against that under a reference friction.
+def frictions(frame: pd.DataFrame) -> list[Friction]:
+    """Pairs of static and kinetic friction that rows have, rising."""
+    return sorted(frame[FRICTION].drop_duplicates().itertuples(index=False, name=None))
+
+
+def by_surroundings(frame: pd.DataFrame) -> dict[str, pd.DataFrame]:
+    """Rows whose frictions may be compared: of each scene, preset and restitution, where it has several."""
+    parts = by_contact(frame, _SURROUNDINGS)
+    return {name: jobs for name, jobs in parts.items() if len(frictions(jobs)) > 1}
+
+
+def compare_frictions(frame: pd.DataFrame, plane: Plane) -> Iterator[tuple[str, pd.DataFrame, pd.DataFrame]]:
+    """Compare each friction with the greatest, in each of the surroundings: a name, the cells, the jobs."""
+    for name, jobs in by_surroundings(frame).items():
+        reference = frictions(jobs)[-1]
+        table, pairs = compare_cells(jobs, plane, reference), compare_jobs(jobs, reference)
+        if len(table) and len(pairs):
+            yield name, table, pairs
+
+
+def compare_cells(frame: pd.DataFrame, plane: Plane, reference: Friction) -> pd.DataFrame:
+    """Toppling probability of each cell under each friction against that under a reference friction.
 
     Only jobs that were answered under both are compared, so that a difference is friction's.
 
     Parameters
     ----------
     frame : DataFrame
-        Rows of results of one scene, preset and restitution.
+        Rows of results of one scene, preset and restitution (`by_surroundings`).
     plane : Plane
-    reference : float
-        Static friction on the horizontal axis.
+    reference : pair of float
+        Static and kinetic friction on the horizontal axis.
 
     Returns
     -------
     DataFrame
-        One row a friction and cell: friction_static, the cell's bounds, records, probability, wilson_low,
-        wilson_high, and the same three with `reference_` before them, thin.
+        One row a friction and cell: friction_static, friction_kinetic, the cell's bounds, records, probability,
+        wilson_low, wilson_high, and the same without the bounds and records with `reference_` before them, thin.
     """
     answered = frame[frame["toppled"].notna()]
-    base = answered[answered["friction_static"] == reference]
+    base = _under(answered, reference)
     tables = []
-    for friction, jobs in answered.groupby("friction_static"):
+    for friction in frictions(answered):
         if friction == reference:
             continue
+        jobs = _under(answered, friction)
         shared = base[_JOB].merge(jobs[_JOB])
         ours, theirs = (cells(part.merge(shared), plane) for part in (jobs, base))
         bounds = [name for name in ours.columns if name.endswith(("_low", "_high")) and "wilson" not in name]
         numbers = ["probability", "wilson_low", "wilson_high"]
         renamed = theirs[[*bounds, *numbers]].rename(columns={name: f"reference_{name}" for name in numbers})
         both = ours[[*bounds, "records", *numbers, "thin"]].merge(renamed, on=bounds)
-        tables.append(both.assign(friction_static=friction, reference_friction_static=reference))
+        tables.append(both.assign(**_named(friction, reference)))
     return pd.concat(tables, ignore_index=True) if tables else pd.DataFrame()
 
 
-def compare_jobs(frame: pd.DataFrame, reference: float) -> pd.DataFrame:
+def compare_jobs(frame: pd.DataFrame, reference: Friction) -> pd.DataFrame:
     """Pair each job with the same one under a reference friction, and count how the answers differ.
 
     Returns
     -------
     DataFrame
-        One row a friction: friction_static, pairs, both, neither, only_this, only_reference.
+        One row a friction: friction_static, friction_kinetic, the reference's, pairs, both, neither, only_this,
+        only_reference.
     """
     answered = frame[frame["toppled"].notna()].astype({"toppled": bool})
-    base = answered.loc[answered["friction_static"] == reference, [*_JOB, "toppled"]]
+    base = _under(answered, reference)[[*_JOB, "toppled"]]
     lines = []
-    for friction, jobs in answered.groupby("friction_static"):
+    for friction in frictions(answered):
         if friction == reference:
             continue
-        pairs = jobs[[*_JOB, "toppled"]].merge(base, on=_JOB, suffixes=("", "_reference"))
+        jobs = _under(answered, friction)[[*_JOB, "toppled"]]
+        pairs = jobs.merge(base, on=_JOB, suffixes=("", "_reference"), validate="one_to_one")
         this, that = pairs["toppled"], pairs["toppled_reference"]
         lines.append({
-            "friction_static": friction, "reference_friction_static": reference, "pairs": len(pairs),
+            **_named(friction, reference), "pairs": len(pairs),
             "both": int((this & that).sum()), "neither": int((~this & ~that).sum()),
             "only_this": int((this & ~that).sum()), "only_reference": int((~this & that).sum()),
         })  # fmt: skip
     return pd.DataFrame(lines)
+
+
+def _under(frame: pd.DataFrame, friction: Friction) -> pd.DataFrame:
+    return frame[(frame[FRICTION].to_numpy() == friction).all(axis=1)]
+
+
+def _named(friction: Friction, reference: Friction) -> dict[str, float]:
+    names = [*FRICTION, *(f"reference_{name}" for name in FRICTION)]
+    return dict(zip(names, (*friction, *reference), strict=True))

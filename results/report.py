@@ -16,7 +16,7 @@ from models import InputError
 from results import figures, fits
 from results.directions import SECTOR_DEG, sector_share, topple_rose
 from results.fragility import PLANES, by_contact, cells, cells_by_direction
-from results.friction import compare_cells, compare_jobs
+from results.friction import compare_frictions
 from results.run import Run
 
 _LOOK = """
@@ -172,14 +172,10 @@ def _maps(run: Run, frame: pd.DataFrame) -> str:
         parts.append(
             _figure(drawn, "Where the rock topples to, and the least constant acceleration that topples it")
         )
-    frictions = sorted(frame["friction_static"].unique())
-    if len(frictions) > 1:
-        table = compare_cells(frame, PLANES["pga_pgv"], frictions[-1])
-        pairs = compare_jobs(frame, frictions[-1])
-        if len(table) and len(pairs):
-            parts.append(
-                _figure(figures.friction_figure(table, pairs), "One friction against another, cell by cell")
-            )
+    for surroundings, table, pairs in compare_frictions(frame, PLANES["pga_pgv"]):
+        parts.append(_heading(surroundings, 3) if surroundings else "")
+        drawn = figures.friction_figure(table, pairs)
+        parts.append(_figure(drawn, "One friction against another, cell by cell"))
     return "".join(parts)
 
 

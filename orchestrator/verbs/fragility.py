@@ -15,6 +15,7 @@ from orchestrator.folder import place_in
 from results.atlas import write_directions, write_fits, write_friction, write_maps
 from results.directions import SECTOR_DEG
 from results.fragility import DURATION, LEVEL, PGV, PLANES, PULSE, by_contact
+from results.friction import by_surroundings
 from results.plane_reference import reference_lines, simulate
 from results.run import Run, as_frame, open_run
 
@@ -65,7 +66,7 @@ def fragility(
     The binning is the study's unless told otherwise. Direction bins are of the azimuth of the vector PGA,
     degrees counter-clockwise from east. Contacts that differ (friction, restitution) get their own folders.
     Where the ensemble has weights (records select --deaggregation), maps and fits count each record by its own;
-    the ranking of measures, the rose and friction against friction count jobs.
+    the ranking of measures, the rose and the pairs of friction against friction count jobs.
 
     \b
     toppling fragility runs/first --fit
@@ -98,17 +99,16 @@ def fragility(
         for plane in PLANES.values()
     }
     folder = out or place_in(run, "fragility")
-    frictions = sorted(jobs["friction_static"].unique())
     lines = _plane_reference(opened, jobs, directions) if reference else None
     written = itertools.chain(
         write_maps(jobs, folder, planes.values(), directions, lines),
         write_directions(jobs, opened.quasi_static(), folder, sector),
-        write_friction(jobs, folder, planes["pga_pgv"], reference=frictions[-1]),
+        write_friction(jobs, folder, planes["pga_pgv"]),
         write_fits(jobs, folder, opened.name, samples) if fit else (),
     )
-    # For each contact: maps of three files, directions of four, fits of eight. Once: friction of four.
+    # For each contact: maps of three files, directions of four, fits of eight. A comparison of frictions: four.
     maps = sum(1 + plane.by_direction for plane in planes.values())
-    total = len(by_contact(jobs)) * (3 * maps + 4 + 8 * fit + reference) + 4 * (len(frictions) > 1)
+    total = len(by_contact(jobs)) * (3 * maps + 4 + 8 * fit + reference) + 4 * len(by_surroundings(jobs))
     for path in track(written, "figures", total=total, console=Console(stderr=True), transient=True):
         click.echo(path)
 

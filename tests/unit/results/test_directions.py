@@ -8,8 +8,9 @@ from seeded import row, rows
 from models import Scene
 from orchestrator.cli import cli
 from results.directions import sector_share, topple_rose
-from results.fragility import PLANES
-from results.friction import compare_cells, compare_jobs
+from results.figures import friction_figure
+from results.fragility import CONTACT_COLUMNS, PLANES
+from results.friction import compare_cells, compare_frictions, compare_jobs
 from results.store import write_part
 
 
@@ -44,25 +45,59 @@ def test_the_rose_counts_each_toppled_job_in_the_petal_nearest_to_it(four):
     assert rose.to_dict() == {0.0: 1, 45.0: 0, 90.0: 0, 135.0: 1, 180.0: 1, 225.0: 0, 270.0: 0, 315.0: 0}
 
 
-@pytest.fixture
-def two_frictions():
-    """Three records at one level; a lower friction topples one more, and its fourth job has no partner."""
-    answers = {1.0: [False, False, True], 0.6: [True, False, True, True]}
+ANSWERS = {(1.0, 1.0): [False, False, True], (0.6, 0.6): [True, False, True, True]}
+"""Three records at one level; a lower friction topples one more, and its fourth job has no partner."""
+
+
+def under(answers, **values):
+    """Rows of as many records as there are answers, for each pair of static and kinetic friction."""
     return frame_of(
         [
-            row(f"{mu}-{number}", record_id=f"R{number}", friction_static=mu, pgv_m_s=0.3, toppled=toppled)
-            for mu, told in answers.items()
+            row(f"{static}-{kinetic}-{number}", record_id=f"R{number}", pgv_m_s=0.3, toppled=toppled,
+                friction_static=static, friction_kinetic=kinetic) | values
+            for (static, kinetic), told in answers.items()
             for number, toppled in enumerate(told)
         ]
     )  # fmt: skip
 
 
-def test_frictions_are_compared_over_the_jobs_that_both_have(two_frictions):
-    cell = compare_cells(two_frictions, PLANES["pga_pgv"], reference=1.0).iloc[0]
+COUNTS = ["pairs", "both", "neither", "only_this", "only_reference"]
+
+
+def test_frictions_are_compared_over_the_jobs_that_both_have():
+    cell = compare_cells(under(ANSWERS), PLANES["pga_pgv"], reference=(1.0, 1.0)).iloc[0]
     assert cell["probability"] == pytest.approx(2 / 3)
     assert cell["reference_probability"] == pytest.approx(1 / 3)
-    pairs = compare_jobs(two_frictions, reference=1.0).iloc[0]
-    assert pairs[["pairs", "both", "neither", "only_this", "only_reference"]].tolist() == [3, 1, 1, 1, 0]
+    pairs = compare_jobs(under(ANSWERS), reference=(1.0, 1.0)).iloc[0]
+    assert pairs[COUNTS].tolist() == [3, 1, 1, 1, 0]
+
+
+def test_frictions_that_differ_in_the_kinetic_value_alone_are_compared():
+    answers = {(1.0, 1.0): [False, False, True], (1.0, 0.8): [True, False, True]}
+    [(name, table, pairs)] = compare_frictions(under(answers), PLANES["pga_pgv"])
+    assert name == ""
+    assert table[["friction_static", "friction_kinetic"]].to_numpy().tolist() == [[1.0, 0.8]]
+    assert pairs.iloc[0][COUNTS].tolist() == [3, 1, 1, 1, 0]
+    assert "friction 1 (0.8 kinetic)" in friction_figure(table, pairs).axes[0].get_ylabel()
+
+
+def test_jobs_are_paired_once_however_many_kinetic_frictions_there_are():
+    answers = ANSWERS | {(0.6, 0.5): [True, True, True], (1.0, 0.9): [False, True, True]}
+    pairs = compare_jobs(under(answers), reference=(1.0, 1.0))
+    assert pairs[["friction_static", "friction_kinetic", "pairs"]].to_numpy().tolist() == [
+        [0.6, 0.5, 3], [0.6, 0.6, 3], [1.0, 0.9, 3],
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("column", [name for name in CONTACT_COLUMNS if not name.startswith("friction")])
+def test_what_is_no_friction_is_never_pooled_when_frictions_are_compared(column):
+    one = under(ANSWERS)
+    other = under({pair: [True] * len(told) for pair, told in ANSWERS.items()})
+    two = pd.concat([one.assign(**{column: 0.1}), other.assign(**{column: 0.2})])
+    compared = {name: (table, pairs) for name, table, pairs in compare_frictions(two, PLANES["pga_pgv"])}
+    assert len(compared) == 2
+    assert [told["reference_probability"].tolist() for told, _ in compared.values()] == [[1 / 3], [1.0]]
+    assert [told["pairs"].tolist() for _, told in compared.values()] == [[3], [3]]
 
 
 @pytest.mark.slow

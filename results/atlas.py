@@ -9,7 +9,7 @@ import pandas as pd
 from results import figures, fits
 from results.directions import sector_share, topple_rose
 from results.exchange import OPENQUAKE, write_curves
-from results.fragility import Plane, by_contact, cells, cells_by_direction
+from results.fragility import Plane, by_contact, cells, cells_by_direction, unplaced
 from results.friction import compare_frictions
 
 
@@ -20,7 +20,7 @@ def write_maps(
     directions: int = 8,
     reference: pd.DataFrame | None = None,
 ) -> Iterator[Path]:
-    """Write the maps of each plane, over all directions and direction by direction.
+    """Write the maps of each plane, over all directions and direction by direction, and what is on none.
 
     Parameters
     ----------
@@ -43,19 +43,26 @@ def write_maps(
     for contact, jobs in by_contact(frame).items():
         place = folder / contact
         place.mkdir(parents=True, exist_ok=True)
+        missing = {}
         for plane in planes:
             table = cells(jobs, plane)
+            missing[plane.name] = unplaced(jobs, plane)
             yield save_table(table, place / f"{plane.name}.csv")
-            yield from figures.save(figures.map_figure(table, plane, contact), place / plane.name)
+            drawn = figures.map_figure(table, plane, contact, missing[plane.name])
+            yield from figures.save(drawn, place / plane.name)
             if not plane.by_direction:
                 continue
             split = cells_by_direction(jobs, plane, bins=directions)
             stem = place / f"{plane.name}_by_direction"
+            missing[stem.name] = unplaced(jobs, plane, by_direction=True)
             yield save_table(split, stem.with_name(f"{stem.name}.csv"))
             lines = reference if plane.name == "pga_pgv_pga" else None
             if lines is not None:
                 yield save_table(lines, stem.with_name(f"{stem.name}_reference.csv"))
-            yield from figures.save(figures.direction_figure(split, plane, directions, contact, lines), stem)
+            drawn = figures.direction_figure(split, plane, directions, contact, lines, missing[stem.name])
+            yield from figures.save(drawn, stem)
+        told = pd.DataFrame({"map": missing.keys(), "jobs": len(jobs), "unplaced": missing.values()})
+        yield save_table(told, place / "unplaced.csv")
 
 
 def write_directions(

@@ -34,6 +34,8 @@ from results.schema import SCHEMA, describe
 
 FULL_WIDTH_IN = 7.0
 HALF_WIDTH_IN = 3.6
+HEADING_IN = 0.15
+"""Height of a line above all panels."""
 FULL_SHARE = 0.4
 """Share of the jobs from which on a cell fills its bin; without it, the narrow columns would vanish."""
 
@@ -58,7 +60,7 @@ _STYLE = {
 }
 
 
-def map_figure(table: pd.DataFrame, plane: Plane, title: str = "") -> Figure:
+def map_figure(table: pd.DataFrame, plane: Plane, title: str = "", unplaced: int = 0) -> Figure:
     """One map: toppling probability in the cells of a plane.
 
     Parameters
@@ -68,11 +70,14 @@ def map_figure(table: pd.DataFrame, plane: Plane, title: str = "") -> Figure:
     plane : Plane
         The plane it was made for.
     title : str
+    unplaced : int
+        From `results.fragility.unplaced`.
     """
     with style():
         figure = Figure(figsize=(HALF_WIDTH_IN, 3.0))
         axes = figure.subplots(gridspec_kw=_margins(HALF_WIDTH_IN, 3.0))
         _draw_cells(axes, table, plane, f"{title}\n".lstrip(), full_share=_full_share(table))
+        axes.set_title(axes.get_title() + _missing(unplaced))
         _frame_cells(axes, table, plane)
         axes.set(xlabel=_label(plane.x), ylabel=_label(plane.y))
         _colour_bar(figure)
@@ -80,7 +85,12 @@ def map_figure(table: pd.DataFrame, plane: Plane, title: str = "") -> Figure:
 
 
 def direction_figure(
-    table: pd.DataFrame, plane: Plane, bins: int, title: str = "", reference: pd.DataFrame | None = None
+    table: pd.DataFrame,
+    plane: Plane,
+    bins: int,
+    title: str = "",
+    reference: pd.DataFrame | None = None,
+    unplaced: int = 0,
 ) -> Figure:
     """One map for each direction bin of the vector PGA, on shared axes.
 
@@ -95,15 +105,19 @@ def direction_figure(
     title : str
     reference : DataFrame or None
         From `results.plane_reference.reference_lines`, for a plane of PGV/PGA and PGA.
+    unplaced : int
+        From `results.fragility.unplaced`.
     """
     directions = sorted(table["direction_deg"].dropna().unique())
     columns = min(4, max(1, len(directions)))
     lines = max(1, -(-len(directions) // columns))
     half = 180.0 / bins
+    heading = (title + _missing(unplaced)).removeprefix(", ")
     with style():
-        width, height = FULL_WIDTH_IN if columns > 2 else HALF_WIDTH_IN, 0.6 + 2.1 * lines
+        width = FULL_WIDTH_IN if columns > 2 else HALF_WIDTH_IN
+        height = 0.6 + 2.1 * lines + (HEADING_IN if heading else 0.0)
         figure = Figure(figsize=(width, height))
-        margins = {**_margins(width, height), "wspace": 0.1, "hspace": 0.3}
+        margins = {**_margins(width, height, heading), "wspace": 0.1, "hspace": 0.3}
         grid = figure.subplots(lines, columns, sharex=True, sharey=True, squeeze=False, gridspec_kw=margins)
         for axes, direction in zip(grid.flat, directions, strict=False):
             compass = float(compass_deg(direction))
@@ -118,8 +132,8 @@ def direction_figure(
             axes.set_axis_off()
         figure.supxlabel(_label(plane.x), size=8)
         figure.supylabel(_label(plane.y), size=8)
-        figure.text(0.01, 0.99, title, size=8, va="top")
-        _colour_bar(figure)
+        figure.text(0.01, 0.99, heading, size=8, va="top")
+        _colour_bar(figure, heading)
     return figure
 
 
@@ -488,6 +502,10 @@ def _draw_cells(axes: Axes, table: pd.DataFrame, plane: Plane, title: str, full_
     axes.set_title(f"{title}{table['jobs'].sum()} jobs")
 
 
+def _missing(unplaced: int) -> str:
+    return f", {unplaced} more in no cell: measures not known" if unplaced else ""
+
+
 def _frame_cells(axes: Axes, table: pd.DataFrame, plane: Plane) -> None:
     """Limits that hold all cells of a table, so that maps on shared axes hide none of each other's."""
     low, high = table[f"{plane.x.column}_low"], table[f"{plane.x.column}_high"]
@@ -509,19 +527,19 @@ def _full_share(table: pd.DataFrame) -> float:
     return min(FULL_SHARE, table["share"].max()) if len(table) else FULL_SHARE
 
 
-def _margins(width_in: float, height_in: float) -> dict[str, float]:
+def _margins(width_in: float, height_in: float, heading: str = "") -> dict[str, float]:
     """Room for labels and colour bar, in inches whatever the figure's size; a layout engine costs seconds."""
     return {
         "left": 0.55 / width_in,
         "right": 1 - 0.75 / width_in,
         "bottom": 0.5 / height_in,
-        "top": 1 - 0.4 / height_in,
+        "top": 1 - (0.4 + (HEADING_IN if heading else 0.0)) / height_in,
     }
 
 
-def _colour_bar(figure: Figure) -> None:
+def _colour_bar(figure: Figure, heading: str = "") -> None:
     width, height = figure.get_size_inches()
-    margins = _margins(width, height)
+    margins = _margins(width, height, heading)
     place = (1 - 0.65 / width, margins["bottom"], 0.12 / width, margins["top"] - margins["bottom"])
     label = f"toppling probability (dot: < {THIN_RECORDS} records)"
     figure.colorbar(ScalarMappable(Normalize(0, 1), COLOURS), cax=figure.add_axes(place), label=label)

@@ -2,7 +2,8 @@
 
 A cell's probability is the share of its jobs that toppled. Its interval is Wilson's, with as many trials as
 there are distinct records in the cell: turned and perturbed copies of one record are not independent of each
-other. Jobs without an answer are counted, and left out of the probability.
+other. Jobs without an answer are counted, and left out of the probability. Those that also lack the measures of
+their motion, as the worker died or was too slow, lie in no cell: `unplaced` counts them.
 
 Where the frame has a column `record_weight` (`Run.weighted`), jobs count by it, and the number of records behind
 an interval is Kish's effective one, (sum of weights)^2 / sum of squared weights.
@@ -118,9 +119,7 @@ def cells(frame: pd.DataFrame, plane: Plane, *, thin_records: int = THIN_RECORDS
         answer, no_answer, records, toppled, probability, wilson_low and wilson_high (95 %), share of the jobs
         (see `Plane`), thin.
     """
-    imposed = frame[[plane.x.column, plane.y.column]].notna().all(axis=1)
-    inside = imposed & _below(frame, plane.x) & _below(frame, plane.y)
-    jobs = frame.loc[inside]
+    jobs = frame.loc[_below(frame, plane.x) & _below(frame, plane.y)]
     x, y = _edges(jobs[plane.x.column], plane.x), _edges(jobs[plane.y.column], plane.y)
     binned = pd.DataFrame(
         {
@@ -159,6 +158,12 @@ def cells(frame: pd.DataFrame, plane: Plane, *, thin_records: int = THIN_RECORDS
     table["share"] = counts["weight"] / total
     table["thin"] = counts["effective"] < thin_records
     return table
+
+
+def unplaced(frame: pd.DataFrame, plane: Plane, *, by_direction: bool = False) -> int:
+    """Jobs that lie in no cell of a plane, or of a plane by direction, as a measure of their motion is not known."""
+    needed = [plane.x.column, plane.y.column, *(["pga_azimuth_deg"] if by_direction else [])]
+    return int(frame[needed].isna().any(axis=1).sum())
 
 
 _WEIGHTS = ["weight", "answered_weight", "toppled_weight"]

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from models import InputError
 from results import figures, fits
 from results.directions import SECTOR_DEG, sector_share, topple_rose
-from results.fragility import PLANES, by_contact, cells, cells_by_direction
+from results.fragility import PLANES, by_contact, cells, cells_by_direction, unplaced
 from results.friction import compare_frictions
 from results.run import Run
 
@@ -161,11 +161,12 @@ def _maps(run: Run, frame: pd.DataFrame) -> str:
     for contact, jobs in by_contact(frame).items():
         parts.append(_heading(contact, 3) if contact else "")
         for plane in PLANES.values():
-            drawn = figures.map_figure(cells(jobs, plane), plane)
+            drawn = figures.map_figure(cells(jobs, plane), plane, unplaced=unplaced(jobs, plane))
             parts.append(_figure(drawn, f"Toppling probability over {plane.x.label} and {plane.y.label}"))
             if plane.by_direction:
                 split = cells_by_direction(jobs, plane)
-                drawn = figures.direction_figure(split, plane, 8)
+                missing = unplaced(jobs, plane, by_direction=True)
+                drawn = figures.direction_figure(split, plane, 8, unplaced=missing)
                 parts.append(_figure(drawn, "The same by azimuth of the vector PGA"))
         sector = sector_share(jobs, *SECTOR_DEG)
         drawn = figures.rose_figure(topple_rose(jobs), run.quasi_static(), sector)

@@ -106,9 +106,9 @@ def fragility(
         write_friction(jobs, folder, planes["pga_pgv"]),
         write_fits(jobs, folder, opened.name, samples) if fit else (),
     )
-    # For each contact: maps of three files, directions of four, fits of eight. A comparison of frictions: four.
+    # Each contact: maps of three files and one about all, directions of four, fits of eight. A comparison: four.
     maps = sum(1 + plane.by_direction for plane in planes.values())
-    total = len(by_contact(jobs)) * (3 * maps + 4 + 8 * fit + reference) + 4 * len(by_surroundings(jobs))
+    total = len(by_contact(jobs)) * (3 * maps + 5 + 8 * fit + reference) + 4 * len(by_surroundings(jobs))
     for path in track(written, "figures", total=total, console=Console(stderr=True), transient=True):
         click.echo(path)
 

@@ -11,9 +11,18 @@ from hypothesis import strategies as st
 from seeded import row, rows
 
 from orchestrator.cli import cli
+from results.atlas import write_maps
 from results.figures import direction_figure, map_figure, save
 from results.fits import answered, fit
-from results.fragility import PLANES, by_contact, cells, cells_by_direction, direction_bin_deg, wilson
+from results.fragility import (
+    PLANES,
+    by_contact,
+    cells,
+    cells_by_direction,
+    direction_bin_deg,
+    unplaced,
+    wilson,
+)
 from results.run import open_run
 from results.store import write_part
 
@@ -119,14 +128,41 @@ def test_the_command_draws_every_map_with_the_table_behind_it(tmp_path):
     names = {path.name for path in (tmp_path / "maps").iterdir()}
     stems = {*PLANES, "pga_pgv_pga_by_direction", "pga_pgv_by_direction"}
     stems.add("directions")
-    assert names == {f"{stem}.{suffix}" for stem in stems for suffix in ("png", "svg", "csv")} | {
-        "sector.csv"
-    }
+    drawn = {f"{stem}.{suffix}" for stem in stems for suffix in ("png", "svg", "csv")}
+    assert names == drawn | {"sector.csv", "unplaced.csv"}
     table = pd.read_csv(tmp_path / "maps" / "pga_pgv_pga.csv")
     assert table["jobs"].sum() == 36
     drawing = (tmp_path / "maps" / "pga_pgv_pga.svg").read_text()
     assert "PGA (m/s²)" in drawing
     assert "PGV/PGA (s)" in drawing
+
+
+def test_every_job_is_in_a_cell_or_counted_as_unplaced(hand_made):
+    crashed = frame_with(hand_made, row("f", status="crashed"), row("g", status="timeout"))
+    for plane in (PLANES["pga_pgv_pga"], PLANES["pga_pgv"]):
+        table = cells(crashed, plane)
+        assert table["jobs"].sum() + table["no_answer"].sum() + unplaced(crashed, plane) == len(crashed)
+        split = cells_by_direction(crashed, plane)
+        missing = unplaced(crashed, plane, by_direction=True)
+        assert split["jobs"].sum() + split["no_answer"].sum() + missing == len(crashed)
+
+
+def frame_with(frame, *lost):
+    return pd.concat([frame, as_frame_of([{"toppled": None} | job for job in lost])], ignore_index=True)
+
+
+def test_jobs_in_no_cell_are_told_in_the_title_and_in_a_table_beside_the_maps(tmp_path):
+    lost = [row(str(number), status="crashed") for number in range(3)]
+    frame = frame_with(as_frame_of(rows(records=4, levels=(2, 6), azimuths=(0.0,))), *lost)
+    list(write_maps(frame, tmp_path, [PLANES["pga_pgv_pga"]]))
+    told = pd.read_csv(tmp_path / "unplaced.csv")
+    assert told.to_dict("records") == [
+        {"map": "pga_pgv_pga", "jobs": 11, "unplaced": 3},
+        {"map": "pga_pgv_pga_by_direction", "jobs": 11, "unplaced": 3},
+    ]
+    for name in told["map"]:
+        assert "3 more in no cell: measures not known" in (tmp_path / f"{name}.svg").read_text()
+    assert "8 jobs, 3 more in no cell" in (tmp_path / "pga_pgv_pga.svg").read_text()
 
 
 def test_the_same_table_gives_the_same_figure_files(hand_made, tmp_path):

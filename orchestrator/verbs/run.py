@@ -71,6 +71,7 @@ def run(
     from orchestrator.progress import duration, watcher
     from orchestrator.run import RunError
     from orchestrator.run import run as carry_out
+    from orchestrator.status import state_of
 
     if dry_run:
         if queue is None:
@@ -93,9 +94,10 @@ def run(
     except KeyboardInterrupt:
         click.echo(f"stopped; the rows so far are kept. {again}", err=True)
         sys.exit(INTERRUPTED)
+    state = state_of(folder)  # of all sessions: what an earlier one left without an answer still has none
     summary = {
         "run": str(folder), "jobs": tally.total, "done_before": tally.before, "done": tally.done,
-        "toppled": tally.toppled, "failed": tally.failed, "status": dict(tally.status),
+        "toppled": state["toppled"], "failed": state["failed"], "status": state["status"],
         "deaths": tally.deaths,
         "wall_s": round(tally.elapsed_s, 2), "work_s": round(tally.work_s, 2),
     }  # fmt: skip
@@ -104,10 +106,10 @@ def run(
     else:
         click.echo(
             f"{folder}: {tally.done} jobs done in {duration(tally.elapsed_s)} ({tally.rate:.1f}/s), "
-            f"{tally.before} done before; {tally.toppled} toppled, {tally.failed} failed"
+            f"{tally.before} done before; in all {state['toppled']} toppled, {state['failed']} failed"
         )
         click.echo(f"next: toppling fragility {folder}")
-    if tally.failed:
+    if state["failed"]:
         sys.exit(FAILED_JOBS)
 
 

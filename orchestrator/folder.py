@@ -6,10 +6,11 @@ import json
 import os
 import shutil
 import socket
+import time
 from collections.abc import Iterable, Iterator
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import pyarrow.parquet as pq
 
@@ -20,6 +21,9 @@ from orchestrator.plan import Plan
 from results.store import PARTS_FOLDER, RESULTS_FILE
 
 SCHEMA_VERSION = 1
+
+LOCK_PATIENCE_S = 1.0
+"""A writer has the lock for the whole of its session; who has it for less than this only looks."""
 
 
 def prepare(run: Path, plan: Plan, versions: dict[str, str]) -> None:
@@ -90,7 +94,7 @@ def session(run: Path, told: dict[str, Any]) -> Iterator[dict[str, Any]]:
     """
     with (run / ".lock").open("a+") as lock:
         try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            _take(lock)
         except OSError:
             lock.seek(0)
             raise _error(
@@ -152,6 +156,20 @@ def write_json(path: Path, content: dict[str, Any]) -> None:
 def now() -> str:
     """Tell the time, UTC, to the second."""
     return datetime.now(UTC).isoformat(timespec="seconds")
+
+
+def _take(lock: IO[str]) -> None:
+    """Lock for writing, past readers: each look at whether the run goes on holds the lock for an instant."""
+    end = time.monotonic() + LOCK_PATIENCE_S
+    while True:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            if time.monotonic() > end:
+                raise
+            time.sleep(0.01)
+        else:
+            return
 
 
 def _note(run: Path, notes: dict[str, Any], *, new: bool) -> None:

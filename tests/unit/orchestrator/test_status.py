@@ -1,5 +1,8 @@
 """What a run's folder tells of its state, without anything that runs."""
 
+import fcntl
+import os
+import threading
 from datetime import UTC, datetime, timedelta
 
 import pytest
@@ -99,6 +102,26 @@ def test_the_time_left_counts_what_is_left_of_the_records_not_of_the_jobs(tmp_pa
     share = planned.duration_s["B"] / planned.duration_s["L"]
     assert share < 0.5
     assert left_s == pytest.approx(59.0 * share)
+
+
+def test_a_look_at_the_state_keeps_no_session_from_beginning(planned, tmp_path):
+    # As long as state_of looks, it holds the lock, shared; here for longer, so that the session meets it.
+    with (tmp_path / "run" / ".lock").open("a") as lock:
+        fcntl.flock(lock, fcntl.LOCK_SH)
+        looked = threading.Timer(0.2, fcntl.flock, (lock, fcntl.LOCK_UN))
+        looked.start()
+        with session(tmp_path / "run", {}):
+            assert state_of(tmp_path / "run")["state"] == "running"
+        looked.join()
+
+
+def test_a_session_that_goes_on_lets_no_other_begin(planned, tmp_path):
+    with (
+        session(tmp_path / "run", {}),
+        pytest.raises(InputError, match=f"another process writes to this run .*:{os.getpid()}"),
+        session(tmp_path / "run", {}),
+    ):
+        pass
 
 
 def test_what_is_no_run_is_refused(tmp_path):

@@ -6,7 +6,7 @@ died again and again while it ran alone is given up.
 """
 
 import math
-from collections import deque
+from collections import Counter, deque
 from dataclasses import dataclass
 
 import numpy as np
@@ -37,6 +37,16 @@ class Limits:
 
 
 USUAL_LIMITS = Limits()
+
+
+def why_given_up(limits: Limits, hung: int) -> tuple[str, str]:
+    """Status and message of a job whose worker hung in so many of its lone tries, and died in the others."""
+    slow, tries = f"took more than {limits.job_s:g} s", limits.tries
+    if hung == tries:
+        return "timeout", f"{slow} in each of {tries} lone tries"
+    if not hung:
+        return "crashed", f"its worker process died in each of {tries} lone tries"
+    return "crashed", f"of {tries} lone tries {tries - hung} ended with its worker's death, {hung} {slow}"
 
 
 @dataclass(frozen=True)
@@ -79,7 +89,8 @@ class Dispatch:
         self._record_of = record_of
         self._suspects: deque[int] = deque()
         self._attempts: dict[int, int] = {}
-        self._deaths: dict[int, int] = {}
+        self._deaths: Counter[int] = Counter()
+        self.hung: Counter[int] = Counter()  # of a job's deaths those of a worker that hung
         self._waiting = len(pending)
 
     @property
@@ -125,13 +136,14 @@ class Dispatch:
             self._segments.appendleft(rest)
             self._waiting += len(rest)
 
-    def died(self, batch: Batch) -> int | None:
+    def died(self, batch: Batch, *, hung: bool = False) -> int | None:
         """Take note that a batch cost its worker; returns the job that is thereby given up, if any."""
         for job in batch.jobs:
             self._attempts[job] = batch.attempt + 1
         if batch.alone:
             (job,) = batch.jobs
-            self._deaths[job] = self._deaths.get(job, 0) + 1
+            self._deaths[job] += 1
+            self.hung[job] += hung
             if self._deaths[job] >= self._tries:
                 return job
         self._suspects.extend(batch.jobs)

@@ -24,7 +24,7 @@ from models import InputError, Scene
 from models.motions.ensemble import Ensemble
 from orchestrator.campaign import Campaign
 from orchestrator.cluster import replace_dead_workers, workers_missing
-from orchestrator.dispatch import JOBS_IN_BATCH, USUAL_LIMITS, Batch, Dispatch, Limits
+from orchestrator.dispatch import JOBS_IN_BATCH, USUAL_LIMITS, Batch, Dispatch, Limits, why_given_up
 from orchestrator.folder import prepare, session
 from orchestrator.journal import journal, tell
 from orchestrator.plan import Plan, check_stands, plan
@@ -424,9 +424,9 @@ class Execution:
                 len(batch.jobs),
                 extra={"fields": told},
             )
-            lost = self.dispatch.died(batch)
+            lost = self.dispatch.died(batch, hung=hung)
             if lost is not None:
-                self._give_up(lost, batch, hung=hung)
+                self._give_up(lost, batch)
         elif isinstance(error, UnfitWorkerError):
             log.warning("%s; it is sent away", error)
             self.dispatch.came_back(batch, done=0)
@@ -438,14 +438,8 @@ class Execution:
         else:
             raise error
 
-    def _give_up(self, job: int, batch: Batch, *, hung: bool) -> None:
-        if hung:
-            status, message = (
-                "timeout",
-                f"took more than {self.limits.job_s:g} s in each of {self.limits.tries} lone tries",
-            )
-        else:
-            status, message = "crashed", f"its worker process died in each of {self.limits.tries} lone tries"
+    def _give_up(self, job: int, batch: Batch) -> None:
+        status, message = why_given_up(self.limits, self.dispatch.hung[job])
         spec = self.plan.spec(job)
         told = {"job_id": spec.job_id, "record_id": spec.record_id, "status": status}
         log.warning("job %s of record %s: %s, %s", *told.values(), message, extra={"fields": told})

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from orchestrator.dispatch import JOBS_IN_BATCH, Dispatch, Limits
+from orchestrator.dispatch import JOBS_IN_BATCH, Dispatch, Limits, why_given_up
 from orchestrator.run import budget_s, room_for
 
 
@@ -71,6 +71,23 @@ def test_only_a_job_that_kills_its_worker_alone_again_and_again_is_given_up():
     assert last.attempt == Limits.tries + 1
     assert dispatch.died(last) == 0
     assert dispatch.next_batch(1) is None
+
+
+@pytest.mark.parametrize(
+    ("hung", "status", "told"),
+    [
+        ([False, False, False], "crashed", "its worker process died in each of 3 lone tries"),
+        ([True, True, True], "timeout", "took more than 9 s in each of 3 lone tries"),
+        ([False, False, True], "crashed", "of 3 lone tries 2 ended with its worker's death, 1 took more than 9 s"),
+        ([True, False, True], "crashed", "of 3 lone tries 1 ended with its worker's death, 2 took more than 9 s"),
+    ],
+)  # fmt: skip
+def test_a_job_that_is_given_up_is_told_by_all_its_lone_tries(hung, status, told):
+    dispatch, _ = dispatch_of([1])
+    dispatch.died(dispatch.next_batch(1), hung=True)  # not alone: says nothing of this job
+    lost = [dispatch.died(dispatch.next_batch(1), hung=each) for each in hung]
+    assert lost == [None, None, 0]
+    assert why_given_up(Limits(job_s=9.0), dispatch.hung[0]) == (status, told)
 
 
 @settings(max_examples=60)

@@ -9,10 +9,11 @@ import os
 import time
 import uuid
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Protocol
 
 import numpy as np
@@ -29,7 +30,7 @@ from orchestrator.folder import prepare, session
 from orchestrator.journal import journal, tell
 from orchestrator.plan import Plan, check_stands, plan
 from orchestrator.task import Order, Row, UnfitWorkerError, check, lost_row, shake_batch, versions
-from results.store import RESULTS_FILE, compact, finished_ids, result_files, write_part
+from results.store import RESULTS_FILE, attempts_with, compact, finished_ids, result_files, write_part
 from workers.job import JobSpec
 
 log = logging.getLogger(__name__)
@@ -81,7 +82,7 @@ class Tally:
     total : int
         Jobs of the plan.
     before : int
-        Jobs that had a row when this session began.
+        Jobs that had a row when this session began, those to be done again aside.
     motion_s : float
         Durations of the records of this session's jobs together.
     """
@@ -151,6 +152,7 @@ def run(
     watch: Watcher,
     limits: Limits = USUAL_LIMITS,
     report: Path | None = None,
+    again: Collection[str] = (),
 ) -> Tally:
     """Carry a campaign out, or go on with it; the folder then holds `results.parquet`.
 
@@ -165,6 +167,8 @@ def run(
     limits : Limits
     report : Path or None
         Where to write Dask's performance report.
+    again : collection of str
+        Statuses whose jobs are done again; what they have counts until there is a newer row.
 
     Returns
     -------
@@ -187,9 +191,9 @@ def run(
     prepare(folder, planned, dict(here))
     order = Order(str(folder), planned.scene_id, planned.ensemble_id, here)
     with session(folder, {}) as notes, journal(folder):
-        tell("session began", process=os.getpid(), jobs=len(planned), versions=dict(here))
+        tell("session began", process=os.getpid(), jobs=len(planned), versions=dict(here), again=[*again])
         try:
-            tally = _until_complete(planned, folder, cluster, watch, order, limits, report)
+            tally = _until_complete(planned, folder, cluster, watch, order, limits, report, again)
         except BaseException as error:
             tell("session ended", how=type(error).__name__, why=str(error))
             raise
@@ -213,8 +217,11 @@ def _until_complete(
     order: Order,
     limits: Limits,
     report: Path | None,
+    again: Collection[str],
 ) -> Tally:
-    pending = planned.pending(finished_ids(folder, planned.ids))
+    finished = finished_ids(folder, planned.ids)  # first, as it sets rows of other runs aside
+    redo = attempts_with(folder, again) if again else {}
+    pending = planned.pending(finished - redo.keys())
     tally = Tally(len(planned), len(planned) - len(pending), planned.motion_s(pending))
     if not len(pending):
         return tally
@@ -222,8 +229,8 @@ def _until_complete(
         check_workers(client, order)
         tally.began = time.monotonic()  # a batch system may have kept it waiting for hours
         for _ in range(ROUNDS):
-            Execution(planned, pending, client, folder, order, watch, tally, limits)()
-            pending = planned.pending(finished_ids(folder, planned.ids))
+            Execution(planned, pending, client, folder, order, watch, tally, limits, redo=redo)()
+            pending = planned.pending(finished_ids(folder, planned.ids, redo))
             if not len(pending):
                 return tally
             log.warning("%d rows were lost after they were stored", len(pending))
@@ -304,6 +311,8 @@ class Execution:
     limits : Limits
     task : callable
         What a worker does with a batch.
+    redo : mapping
+        Of the pending jobs those that have a row already, each with the number of its newest attempt.
     """
 
     def __init__(
@@ -317,9 +326,11 @@ class Execution:
         tally: Tally,
         limits: Limits = USUAL_LIMITS,
         task: Task = shake_batch,
+        redo: Mapping[str, int] = MappingProxyType({}),
     ) -> None:
         self.plan, self.client, self.folder, self.order = plan, client, folder, order
         self.watch, self.tally, self.limits, self.task = watch, tally, limits, task
+        self.redo = redo
         self.dispatch = Dispatch(pending, plan.record_of, limits.tries)
         self._session = uuid.uuid4().hex[:8]
         self.tasks = 0  # handed out so far
@@ -403,10 +414,9 @@ class Execution:
         status = future.status
         future.release()
         if status == "finished":
-            rows = [{**row, "attempt": batch.attempt} for row in result]
-            self._keep(rows)
-            self._room = room_for(rows, budget_s(self.tally.workers))
-            self.dispatch.came_back(batch, done=len(rows))
+            self._keep(result, batch.attempt)
+            self._room = room_for(result, budget_s(self.tally.workers))
+            self.dispatch.came_back(batch, done=len(result))
         elif status == "error":
             self._take_error(str(future.key), batch, result[1])
         else:
@@ -443,7 +453,7 @@ class Execution:
         spec = self.plan.spec(job)
         told = {"job_id": spec.job_id, "record_id": spec.record_id, "status": status}
         log.warning("job %s of record %s: %s, %s", *told.values(), message, extra={"fields": told})
-        self._keep([{**lost_row(spec, status, message), "attempt": batch.attempt}])
+        self._keep([lost_row(spec, status, message)], batch.attempt)
 
     def _look(self) -> None:
         """See how many threads there are, and replace workers that hang."""
@@ -479,9 +489,10 @@ class Execution:
             # Called on the client's own loop it does not wait: a worker that hangs takes seconds to be gone.
             loop.add_callback(self.client.restart_workers, workers, raise_for_error=False)
 
-    def _keep(self, rows: list[Row]) -> None:
+    def _keep(self, rows: list[Row], attempt: int) -> None:
         self.tally.count(rows, self.plan.duration_s)
-        self._unstored += rows
+        # Of a job's rows the newest attempt counts: one that is done again goes on from where it was.
+        self._unstored += [{**row, "attempt": self.redo.get(row["job_id"], 0) + attempt} for row in rows]
 
     def _flush(self, *, last: bool = False) -> None:
         now = time.monotonic()

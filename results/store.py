@@ -9,9 +9,10 @@ import logging
 import os
 import time
 import uuid
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, TypeVar
 
 import pyarrow as pa
@@ -59,21 +60,35 @@ def write_part(run_folder: PathLike, rows: Iterable[Mapping[str, Any]]) -> Path:
     return _write(table, folder / f"part-{time.time_ns():020d}-{uuid.uuid4().hex[:8]}.parquet")
 
 
-def finished_ids(run_folder: PathLike, known: frozenset[str] | None = None) -> set[str]:
+def finished_ids(
+    run_folder: PathLike,
+    known: frozenset[str] | None = None,
+    redo: Mapping[str, int] = MappingProxyType({}),
+) -> set[str]:
     """Ids of the jobs that have a row, whatever its status.
 
-    Where the run's jobs are `known`, a file with rows of others is set aside as `_NAME`, not merged.
+    Where the run's jobs are `known`, a file with rows of others is set aside as `_NAME`, not merged. A job to
+    `redo` counts only with an attempt above the one that stands there.
     """
     finished: set[str] = set()
     for path in result_files(run_folder):
-        ids = set(pq.read_table(path, columns=["job_id"]).column("job_id").to_pylist())
-        if known is None or ids <= known:
-            finished |= ids
+        table = pq.read_table(path, columns=["job_id", "attempt"], schema=SCHEMA)
+        ids = table["job_id"].to_pylist()
+        if known is None or known.issuperset(ids):
+            rows = zip(ids, table["attempt"].to_pylist(), strict=True)
+            finished.update(job for job, attempt in rows if job not in redo or (attempt or 0) > redo[job])
         else:
             aside = path.with_name(f"_{path.name}")
             log.warning("%s holds rows of another run: set aside as %s", path, aside.name)
             path.rename(aside)
     return finished
+
+
+def attempts_with(run_folder: PathLike, statuses: Collection[str]) -> dict[str, int]:
+    """Jobs whose newest row has one of some statuses, each with the number of that attempt."""
+    newest = newest_attempts(read_files(result_files(run_folder), ["job_id", "status", "attempt"]))
+    chosen = newest.filter(pc.is_in(newest["status"], pa.array(list(statuses), pa.string()))).drop_null()
+    return dict(zip(chosen["job_id"].to_pylist(), chosen["attempt"].to_pylist(), strict=True))
 
 
 def compact(run_folder: PathLike) -> Path:
@@ -130,9 +145,9 @@ def read_steady(run_folders: Iterable[PathLike], read: Callable[[], Answer]) -> 
     return read()
 
 
-def read_files(files: Sequence[Path]) -> pa.Table:
+def read_files(files: Sequence[Path], columns: list[str] | None = None) -> pa.Table:
     """Rows of some files under `SCHEMA`, in the files' order; a nullable column that a file lacks is null."""
-    tables = [pq.read_table(path, schema=SCHEMA) for path in files]
+    tables = [pq.read_table(path, columns=columns, schema=SCHEMA) for path in files]
     return pa.concat_tables(tables) if tables else SCHEMA.empty_table()
 
 

@@ -17,8 +17,21 @@ from orchestrator.dispatch import Limits
 
 FAILED_JOBS = 3
 INTERRUPTED = 130
+AGAIN = ("crashed", "timeout", "failed")
+"""Statuses that something transient may cause. What is undecided or diverged would be so again."""
+
 FILE = click.Path(dir_okay=False, path_type=Path)
 FOLDER = click.Path(file_okay=False, path_type=Path)
+
+
+def _statuses(context: click.Context, parameter: click.Parameter, value: str | None) -> list[str]:  # noqa: ARG001
+    """Read the value of --again, as click calls it."""
+    names = [] if value is None else [name.strip() for name in value.split(",")]
+    for name in names:
+        if name not in AGAIN:
+            msg = f"{name!r} is none of {', '.join(AGAIN)}"
+            raise click.BadParameter(msg)
+    return names
 
 
 @click.command()
@@ -43,6 +56,10 @@ FOLDER = click.Path(file_okay=False, path_type=Path)
     "--tries", type=click.IntRange(min=1), default=Limits.tries, show_default=True,
     help="Deaths of its worker after which a job is given up; more where workers are often taken away.",
 )  # fmt: skip
+@click.option(
+    "--again", callback=_statuses, metavar="STATUS,...",
+    help=f"Also do jobs again that ended without an answer: {', '.join(AGAIN)}.",
+)  # fmt: skip
 @click.option("--performance-report", "report", type=FILE, help="Write Dask's performance report (HTML).")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 def run(
@@ -53,6 +70,7 @@ def run(
     dry_run: bool,
     job_limit: float,
     tries: int,
+    again: list[str],
     report: Path | None,
     as_json: bool,
     **where: Any,
@@ -63,8 +81,10 @@ def run(
     toppling run campaign.toml --out runs/first --workers 2
     toppling run campaign.toml --out runs/first --scheduler tcp://node1:8786
     toppling run campaign.toml --queue slurm --dry-run
+    toppling run campaign.toml --out runs/first --again crashed,timeout
 
-    The same command again resumes: only jobs without a row are done. Exit code 3: some jobs have no answer.
+    The same command again resumes: only jobs without a row are done. Exit code 3: some jobs have no answer, of
+    this session or an earlier one; --again does them again, once what was in their way is mended.
     """  # noqa: D301  (\b keeps click from rewrapping the example)
     from orchestrator.campaign import Campaign
     from orchestrator.cluster import job_script
@@ -84,15 +104,16 @@ def run(
     signal.signal(signal.SIGTERM, _stop)
     chosen = Campaign.read(campaign)
     cluster = _cluster(workers, queue, **where)
-    again = f"To go on: toppling run {campaign} --out {folder}"
+    command = f"toppling run {campaign} --out {folder}"
+    to_go_on = " ".join([f"To go on: {command}", *(["--again", ",".join(again)] if again else [])])
     try:
         with watcher() as watch:
-            tally = carry_out(chosen, folder, cluster, watch, Limits(job_limit, tries), report)
+            tally = carry_out(chosen, folder, cluster, watch, Limits(job_limit, tries), report, again)
     except RunError as error:
-        message = f"{error}; the rows so far are kept. {again}"
+        message = f"{error}; the rows so far are kept. {to_go_on}"
         raise click.ClickException(message) from None
     except KeyboardInterrupt:
-        click.echo(f"stopped; the rows so far are kept. {again}", err=True)
+        click.echo(f"stopped; the rows so far are kept. {to_go_on}", err=True)
         sys.exit(INTERRUPTED)
     state = state_of(folder)  # of all sessions: what an earlier one left without an answer still has none
     summary = {
@@ -108,6 +129,10 @@ def run(
             f"{folder}: {tally.done} jobs done in {duration(tally.elapsed_s)} ({tally.rate:.1f}/s), "
             f"{tally.before} done before; in all {state['toppled']} toppled, {state['failed']} failed"
         )
+        if state["failed"]:
+            click.echo(f"why some failed: toppling status {folder}")
+        if there := [name for name in AGAIN if name in state["status"]]:
+            click.echo(f"to do them again: {command} --again {','.join(there)}")
         click.echo(f"next: toppling fragility {folder}")
     if state["failed"]:
         sys.exit(FAILED_JOBS)

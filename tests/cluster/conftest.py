@@ -14,8 +14,11 @@ from models.motions.idealised import ricker
 from models.motions.record import Record
 from orchestrator.campaign import Campaign
 from orchestrator.cluster import local
+from orchestrator.folder import prepare
 from orchestrator.plan import plan
 from orchestrator.run import run
+from orchestrator.task import lost_row, versions
+from results.store import write_part
 from workers.job import Assets, run_job
 
 FAULTS_VARIABLE = "TOPPLING_TEST_FAULTS"
@@ -57,6 +60,23 @@ def undisturbed(planned, campaign):
     """Rows as one process gives them without any cluster."""
     assets = Assets(Scene.load(campaign.scene), Ensemble.load(campaign.ensemble))
     return sorted_answers([run_job(planned.spec(row), assets) for row in range(len(planned))])
+
+
+@pytest.fixture
+def finished(planned, undisturbed, tmp_path):
+    """Make the folder of a run that an earlier session finished; its jobs in `lost` ended so, with such attempts."""
+
+    def make(lost):
+        prepare(tmp_path / "run", planned, dict(versions()))
+        specs = {job: planned.spec(job) for job in lost}
+        ids = {spec.job_id for spec in specs.values()}
+        rows = [row | {"attempt": 1} for row in undisturbed if row["job_id"] not in ids]
+        for job, (status, attempt) in lost.items():
+            rows.append(lost_row(specs[job], status, "as of an earlier session") | {"attempt": attempt})
+        write_part(tmp_path / "run", rows)
+        return tmp_path / "run"
+
+    return make
 
 
 class Faults:

@@ -15,10 +15,6 @@ import pytest
 from answers import answers_of
 from conftest import OTHER_CODE_VARIABLE
 
-from orchestrator.folder import prepare
-from orchestrator.task import lost_row, versions
-from results.store import write_part
-
 TOPPLING = str(Path(sys.executable).with_name("toppling"))
 DASK = str(Path(sys.executable).with_name("dask"))
 
@@ -117,25 +113,24 @@ def test_failed_jobs_make_exit_code_three(inputs, planned, tmp_path, faults):
     assert "1 failed" in done.stdout
 
 
-def test_failures_of_earlier_sessions_still_make_exit_code_three(inputs, planned, undisturbed, tmp_path):
-    run = run_with_a_crashed_job(planned, undisturbed, tmp_path)
+def test_failures_of_earlier_sessions_still_make_exit_code_three(inputs, planned, finished):
+    run = finished({3: ("crashed", 4)})
     again = toppling(*command(inputs, run))
     assert again.returncode == 3, again.stderr
     assert "1 failed" in again.stdout
-    summary = json.loads(toppling(*command(inputs, run, "--json")).stdout)
+    assert "--again crashed" in again.stdout
+    summary = json.loads(toppling(*command(inputs, run, "--again", "failed,timeout", "--json")).stdout)
     assert (summary["done"], summary["done_before"]) == (0, len(planned))
     assert (summary["failed"], summary["status"]) == (1, {"ok": len(planned) - 1, "crashed": 1})
     assert summary["toppled"] == sum(row["toppled"] is True for row in answers_of(run)) > 0
 
 
-def run_with_a_crashed_job(planned, undisturbed, tmp_path):
-    """A run of which a session did all jobs; one of them crashed, and so has no answer."""
-    run, culprit = tmp_path / "run", planned.spec(3)
-    prepare(run, planned, dict(versions()))
-    done = [row for row in undisturbed if row["job_id"] != culprit.job_id]
-    lost = lost_row(culprit, "crashed", "its worker process died")
-    write_part(run, [row | {"attempt": 1} for row in done] + [lost | {"attempt": 4}])
-    return run
+def test_jobs_without_an_answer_are_done_again_on_demand_and_no_others(inputs, undisturbed, finished, faults):
+    run = finished({3: ("crashed", 4)})
+    done = toppling(*command(inputs, run, "--workers", "1", "--again", "crashed, failed", "--json"))
+    assert done.returncode == 0, done.stderr
+    assert (json.loads(done.stdout)["done"], json.loads(done.stdout)["failed"]) == (1, 0)
+    assert answers_of(run) == undisturbed
 
 
 @contextlib.contextmanager

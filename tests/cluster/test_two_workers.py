@@ -143,6 +143,72 @@ def test_an_exception_in_a_job_is_a_row(carry_out, undisturbed, planned, tmp_pat
     assert "ZeroDivisionError" in state_of(tmp_path / "run")["failures"][0]["message"]
 
 
+def test_failed_jobs_are_done_again_and_an_interruption_meanwhile_loses_nothing(
+    carry_out, finished, undisturbed, planned, tmp_path, faults, monkeypatch
+):
+    monkeypatch.setattr(run_module, "FLUSH_S", (0.0, 0.0))
+    culprits = [planned.spec(job).job_id for job in (5, 6, 40)]
+    run = finished(dict.fromkeys((5, 6, 40), ("failed", 1)))
+    before = rows_of(run)
+
+    def stop_at_two(tally):
+        if tally.stored >= 2:
+            raise KeyboardInterrupt
+
+    faults.set(**{culprits[1]: {"kind": "raise"}, culprits[2]: {"kind": "wait", "seconds": 3.0}})
+    with pytest.raises(KeyboardInterrupt):
+        carry_out(run, stop_at_two, again={"failed"})
+    halfway = rows_of(run)
+    assert halfway.keys() == before.keys()
+    assert before.items() - halfway.items() <= {(culprit, ("failed", 1)) for culprit in culprits}
+    failed = sum(status == "failed" for status, _ in halfway.values())
+    assert failed in (1, 2)  # of three, one of which fails again, two or three have a new row
+
+    faults.clear()
+    tally = carry_out(run, again={"failed"})
+    assert (tally.before, tally.done) == (len(planned) - failed, failed)
+    assert answers_of(run) == undisturbed
+    assert all(rows_of(run)[culprit][1] > 1 for culprit in culprits)
+    assert carry_out(run, again={"failed"}).done == 0
+
+
+def rows_of(run):
+    """Status and attempt of every job."""
+    found = open_run(run).sql("select job_id, status, attempt from results").to_pylist()
+    return {row["job_id"]: (row["status"], row["attempt"]) for row in found}
+
+
+def test_a_row_that_is_lost_while_its_job_is_done_again_is_made_up_for(
+    carry_out, finished, planned, undisturbed, tmp_path, faults, monkeypatch, caplog
+):
+    monkeypatch.setattr(run_module, "FLUSH_S", (0.0, 0.0))
+    run, culprit = finished({3: ("crashed", 4)}), planned.spec(3).job_id
+    faults.set(**{culprit: {"kind": "raise", "times": 1}})
+    torn = []
+
+    def tear(tally):
+        if tally.stored and not torn:
+            torn.append(max((run / "parts").glob("part-*")))
+            torn[0].write_bytes(torn[0].read_bytes()[:50])
+
+    tally = carry_out(run, tear, again={"crashed"})
+    assert tally.status == {"failed": 1, "ok": 1}
+    assert "1 rows were lost after they were stored" in caplog.text
+    assert rows_of(run)[culprit] == ("ok", 5)
+    assert answers_of(run) == undisturbed
+
+
+def test_a_job_that_crashes_again_is_a_newer_row_and_does_not_hold_the_session_up(
+    carry_out, finished, planned, faults
+):
+    run, culprit = finished({3: ("crashed", 4)}), planned.spec(3).job_id
+    faults.set(**{culprit: {"kind": "segfault"}})
+    tally = carry_out(run, limits=Limits(tries=1), again={"crashed"})
+    assert tally.status == {"crashed": 1}
+    # In a batch of its own it died as attempt 5, and alone as 6.
+    assert rows_of(run)[culprit] == ("crashed", 6)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["hang", "freeze"])
 def test_a_worker_that_hangs_is_replaced_while_the_others_go_on(

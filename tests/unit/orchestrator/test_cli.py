@@ -27,5 +27,15 @@ def test_the_list_of_verbs_imports_none():
     assert all(line in " ".join(told.split()) for line in VERBS.values())
 
 
+@pytest.mark.parametrize(
+    ("statuses", "told"),
+    [("crashed,ok", "'ok' is none of"), ("diverged", "crashed, timeout, failed"), ("", "'' is none of")],
+)
+def test_only_what_something_transient_may_have_caused_is_done_again(statuses, told, tmp_path):
+    done = CliRunner().invoke(cli, ["run", "c.toml", "--out", str(tmp_path / "run"), "--again", statuses])
+    assert done.exit_code == 2
+    assert told in done.output
+
+
 def test_an_unknown_verb_is_wrong_usage():
     assert CliRunner().invoke(cli, ["shake"]).exit_code == 2

@@ -9,7 +9,7 @@ import pytest
 from seeded import row
 
 from results.schema import GROUPS, SCHEMA, columns, describe
-from results.store import compact, finished_ids, result_files, write_part
+from results.store import attempts_with, compact, finished_ids, result_files, write_part
 
 
 def test_every_column_has_a_unit_or_is_no_quantity_and_says_what_it_means():
@@ -51,6 +51,20 @@ def test_the_newest_attempt_counts_and_compacting_again_adds_what_came_later(tmp
     assert finished_ids(tmp_path) == {"a", "b", "c"}
     table = pq.read_table(compact(tmp_path)).to_pylist()
     assert [(line["job_id"], line["attempt"]) for line in table] == [("a", 2), ("b", 1), ("c", 1)]
+
+
+def test_a_job_to_be_done_again_is_finished_only_by_a_newer_attempt(tmp_path):
+    write_part(tmp_path, [row("a", status="crashed", attempt=4), row("b"), row("c", status="failed")])
+    write_part(tmp_path, [row("c", status="ok", attempt=2)])
+    redo = attempts_with(tmp_path, {"crashed", "failed"})
+    assert redo == {"a": 4}  # the newest row of c has an answer
+    assert finished_ids(tmp_path, redo=redo) == {"b", "c"}
+    write_part(tmp_path, [row("a", status="crashed", attempt=8)])
+    assert finished_ids(tmp_path, redo=redo) == {"a", "b", "c"}
+    compact(tmp_path)
+    assert finished_ids(tmp_path, redo=redo) == {"a", "b", "c"}
+    assert attempts_with(tmp_path, {"crashed", "failed"}) == {"a": 8}
+    assert attempts_with(tmp_path, set()) == {}
 
 
 def test_torn_and_foreign_files_are_named_and_skipped(tmp_path, caplog):

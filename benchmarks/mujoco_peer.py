@@ -52,6 +52,9 @@ CAP_AFTER_MOTION = 60.0
 ROUND_FROM_SIDES = 200
 """A prism of fewer sides is no cylinder: it stands on the middles of its edges, 1e-4 of the radius farther in."""
 
+NORMAL = np.array([0.0, 0.0, 1.0])
+"""Of the interface, in the world's frame."""
+
 STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS.value
 FORCE = mujoco.mjtState.mjSTATE_XFRC_APPLIED.value
 
@@ -106,7 +109,7 @@ def shake(
         places.append(out[0, :, 1:8])
         if not np.isfinite(state).all():
             break
-        tilt_deg = np.rad2deg(np.arccos(np.clip(_up_after(out[0, :, 4:8], up) @ up, -1.0, 1.0)))
+        tilt_deg = np.rad2deg(np.arccos(np.clip(_after(out[0, :, 4:8], NORMAL) @ NORMAL, -1.0, 1.0)))
         if out[0, :, 3].min() < (1.0 - TOPPLED_FALL) * world.com_m[2] or tilt_deg.max() > LARGEST_TILT_DEG:
             toppled = True
         elif steps * step_s > motion.duration_s:
@@ -123,8 +126,7 @@ def _result(
     attitude = Rotation.from_quat(places[:, [4, 5, 6, 3]])
     foot = np.array([0.0, 0.0, -world.com_m[2]])
     moved = places[-1, :3] - world.com_m
-    up = world.scene_from_world.T @ [0.0, 0.0, 1.0]
-    upright = np.clip(attitude.apply(up) @ up, -1.0, 1.0)
+    upright = np.clip(attitude.apply(NORMAL) @ NORMAL, -1.0, 1.0)
     return SimpleNamespace(
         status="diverged" if toppled is None else "ok",
         toppled=toppled,
@@ -141,11 +143,11 @@ def _result(
     )
 
 
-def _up_after(quaternion_wxyz: Array, up: Array) -> Array:
+def _after(quaternion_wxyz: Array, carried: Array) -> Array:
     """A body's vector (3,), turned by each attitude, (n, 3)."""
     scalar, vector = quaternion_wxyz[:, :1], quaternion_wxyz[:, 1:]
-    across = np.cross(vector, up)
-    return up + 2.0 * (scalar * across + np.cross(vector, across))
+    across = np.cross(vector, carried)
+    return carried + 2.0 * (scalar * across + np.cross(vector, across))
 
 
 def _start(world: _World, scene: Scene, initial: dict[str, Any]) -> Array:

@@ -65,7 +65,9 @@ def least_overturning_j_kg(scene: Scene, tilt_deg: float = 0.0, turn_deg: float 
     """Least energy per mass that overturns a rock tilted so far, J/kg; counts as :func:`potential_j_kg` does.
 
     Whatever overturns it passes every larger tilt, up to that at which it counts as toppled: the least energy at the
-    tilt where that is largest is needed in any case. For a block it is g R (1 - cos alpha).
+    tilt where that is largest is needed in any case. For a block it is g R (1 - cos alpha). It is what a rock needs
+    that rocks on the edges and corners of its base. One that rolls down a slope on a rounded base gains what this does
+    not count: on 15 degrees up to a sixth.
 
     Parameters
     ----------
@@ -76,14 +78,10 @@ def least_overturning_j_kg(scene: Scene, tilt_deg: float = 0.0, turn_deg: float 
         Turn about the interface's normal since the start, which says what sides a slope has downhill; None for the
         weakest turn of all.
     """
-    if scene.pedestal.slope_deg == 0.0:
-        turns = [0]
-    elif turn_deg is None:
-        turns = list(range(TURNS))
-    else:
-        turns = [round(turn_deg * TURNS / 360.0) % TURNS]
-    reached = min(int(np.ceil(tilt_deg)), int(TOPPLED_TILT_DEG))
-    return min(float(_least_by_tilt_j_kg(scene, turn)[reached:].max()) for turn in turns)
+    by_turn = _least_by_turn_j_kg(scene)
+    turns = slice(None) if turn_deg is None else [round(turn_deg * TURNS / 360.0) % len(by_turn)]
+    by_tilt = by_turn[turns].min(axis=0)
+    return float(by_tilt[min(int(np.ceil(tilt_deg)), len(by_tilt) - 1) :].max())
 
 
 def potential_j_kg(scene: Scene, com_m: Array, attitude: Array) -> float:
@@ -131,16 +129,16 @@ def _arms_m(contact: ContactModel) -> Array:
     return -contact.points_body_m @ contact.support_from_body.T
 
 
-@lru_cache(maxsize=8 * TURNS)
-def _least_by_tilt_j_kg(scene: Scene, turn: int) -> Array:
-    """Least potential energy per mass at each whole degree of tilt, of the rock turned by one of the turns."""
-    up = contact_of(scene).scene_from_support[2]
-    up_of_turned = Rotation.from_euler("z", -2.0 * np.pi * turn / TURNS).apply(up)
-    return np.asarray(scene.gravity_m_s2 * (_lifts_m(scene) @ up_of_turned).min(axis=1))
-
-
 @lru_cache(maxsize=8)
-def _lifts_m(scene: Scene) -> Array:
+def _least_by_turn_j_kg(scene: Scene) -> Array:
+    """Least potential energy per mass (turns, tilts) at each whole degree of tilt; on the level one turn is all."""
+    lifts_m, up = _lifts_m(contact_of(scene)), contact_of(scene).scene_from_support[2]
+    turns_rad = np.arange(0.0, 2.0 * np.pi, 2.0 * np.pi / TURNS) if up[2] < 1.0 else np.zeros(1)
+    ups = Rotation.from_euler("z", -turns_rad[:, None]).apply(up)
+    return np.array([scene.gravity_m_s2 * (lifts_m @ one).min(axis=1) for one in ups])
+
+
+def _lifts_m(contact: ContactModel) -> Array:
     """Ways (tilts, ways, 3) of the centre of mass from where the rock lay to each whole degree of tilt, support frame.
 
     Tilted about axes all around, it stands on its lowest foot. Where neighbouring axes have different ones it may stand
@@ -148,7 +146,6 @@ def _lifts_m(scene: Scene) -> Array:
     as a cosine and lies above its chords. Left out, a slab that is turned by 5 degrees against the axes would seem to
     need up to twelve times the energy.
     """
-    contact = contact_of(scene)
     arms, lying = _arms_m(contact), _lying_m(contact)
     azimuth = np.arange(0.0, 2.0 * np.pi, np.deg2rad(AXES_STEP_DEG))
     axes = np.column_stack([np.cos(azimuth), np.sin(azimuth), np.zeros(len(azimuth))])

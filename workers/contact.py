@@ -16,8 +16,9 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import ConvexHull, cKDTree
+from scipy.spatial import ConvexHull, QhullError, cKDTree
 
+from models.errors import InputError
 from models.frames import plane_axes
 from models.relief import contact_feet_m
 from models.scene import Scene
@@ -169,7 +170,15 @@ def _vertices_that_can_touch(points_m: Array, size_m: float) -> tuple[Array, Arr
     A vertex is lowest for the directions in its normal cone, bounded by arcs between the normals of neighbouring
     facets: the least tilt is the angle from straight down to the nearest of its arcs, or 0 within the cone.
     """
-    hull = ConvexHull(points_m)
+    try:
+        hull = ConvexHull(points_m)
+    except QhullError:
+        raise InputError(
+            "all points of the rock that can touch lie in one plane or line",
+            where="scene",
+            expected="a rock with a volume over its pedestal",
+            remedy="check that the pedestal lies below the rock",
+        ) from None
     normals = hull.equations[:, :3]
     facet, across = np.repeat(np.arange(len(normals)), 3), hull.neighbors.ravel()
     from_arc = _angle_to_arc_deg(normals[facet], normals[across])

@@ -288,8 +288,9 @@ class _Run:
             lying_com_m(self.contact, position, quaternion)
         )
 
-    def _beyond_end(self, place_m: Array) -> bool:
-        return bool((self.ends @ [place_m[0], place_m[1], 1.0]).max(initial=-1.0) > 0.0)
+    def _beyond_end(self, com_m: Array) -> bool:
+        x, y = _plumb_m(self.contact, com_m)
+        return bool((self.ends @ [x, y, 1.0]).max(initial=-1.0) > 0.0)
 
     def _stay(self, since: int, at_rest: bool) -> None:
         """Take back what the solver let a rock creep since a pose in which it rested, if its feet can hold it there.
@@ -350,14 +351,16 @@ class _Run:
         return weak_from_s(self.scene, self.motion)
 
     def _is_displaced(self, position: Array, quaternion: Array) -> bool:
-        """Whether the rock has slid or turned about the vertical so far that it counts as moved, however it rocks."""
+        """Whether the rock has slid or turned about the normal so far that it counts as moved, however it rocks."""
         slid = self._slip(position, quaternion) > MOVED_SHARE * self.contact.half_diagonal_m
         return slid or self._yaw(quaternion) > MOVED_DEG
 
     def _too_little_energy(self) -> bool:
         """Whether the rock rocks with far less energy than overturns it, and does not slide."""
         turn_deg = float(np.rad2deg(turn_rad(self.contact, np.array(self.stepper.way.poses[-1][1]))))
-        return self._energy() < REST_CERTAIN_SHARE * self._barrier(turn_deg) and not self._slides()
+        # Past its balance all of a rock's energies are below that of lying: no share of them holds it.
+        energy = max(self._energy(), 0.0)
+        return energy < REST_CERTAIN_SHARE * self._barrier(turn_deg) and not self._slides()
 
     def _cannot_overturn(self) -> bool:
         """Whether the rock's energy overturns it in no turn that it may roll to, and no slope keeps it sliding."""
@@ -510,12 +513,28 @@ def _on_its_pedestal(scene: Scene) -> Scene:
 
 @lru_cache(maxsize=8)
 def _ends_of_pedestal(scene: Scene) -> Array:
-    """Lines (n, 3) around a scanned pedestal, support frame: a x + b y + c > 0 beyond one; none around a plane."""
+    """Lines (n, 3) where a scanned pedestal ends: a x + b y + c > 0 beyond one, at places of :func:`_plumb_m`."""
     if scene.pedestal.vertices_m is None:
         return np.zeros((0, 3))
     contact = contact_of(scene)
-    flat = (scene.pedestal.vertices_m - contact.origin_m) @ contact.scene_from_support[:, :2]
-    return np.asarray(ConvexHull(flat).equations)
+    ground, rock = (
+        _plumb_m(contact, (vertices_m - contact.origin_m) @ contact.scene_from_support)
+        for vertices_m in (scene.pedestal.vertices_m, scene.rock.vertices_m)
+    )
+    lines = ConvexHull(ground).equations
+    room_m = -(rock @ lines[:, :2].T + lines[:, 2]).max(axis=0)
+    return np.asarray(lines[room_m < END_WITHIN_HEIGHTS * scene.rock.height_m])
+
+
+END_WITHIN_HEIGHTS = 0.5
+"""A mesh that goes on for more of the rock's height beside it ends with the scan and not with the ground: models/scan
+keeps .6 of it."""
+
+
+def _plumb_m(contact: ContactModel, places_m: Array) -> Array:
+    """Where plumb lines through places (..., 3) of the support frame meet the interface plane, (..., 2)."""
+    up = contact.scene_from_support[2]
+    return np.asarray(places_m[..., :2] - places_m[..., 2:] * up[:2] / up[2])
 
 
 SETTLING_PASSES = 3

@@ -8,8 +8,9 @@ import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
 
-from models import InputError, Motion, Scene
+from models import ContactProperties, InputError, Motion, Scene
 from models.pedestal import Pedestal
+from models.rock import Rock
 from models.shapes import box, ellipsoid
 from workers import quaternion as quat
 from workers import shake
@@ -256,6 +257,19 @@ def test_a_slab_that_a_slope_overturns_from_where_it_leans_is_not_called_standin
     assert short.toppled
 
 
+@pytest.mark.parametrize("push_m_s2", [2.3, 2.6])
+def test_a_rock_that_falls_from_facet_to_facet_is_not_called_standing_on_its_way(push_m_s2):
+    # Past its balance, and what it loses as it lands on a facet leaves it less energy than it had lying.
+    section = ((0.12, 0.0), (0.75, 0.3), (0.9, 0.56), (0.9, 2.2))
+    corners = [(side * a, y, b) for side in (1, -1) for y in (-1.5, 1.5) for a, b in section]
+    hull = trimesh.convex.convex_hull(np.array(corners))
+    scene = Scene.from_mesh((hull.vertices, hull.faces), friction=1.0)
+    push = Motion(np.outer([*np.full(50, -push_m_s2), 0.0], [1.0, 0.0, 0.0]), 0.005)
+    short, whole = (shake(scene, push, "fast", shortcuts=s) for s in (True, False))
+    assert whole.toppled
+    assert short.toppled
+
+
 @pytest.mark.parametrize("slope_deg", [0.0, 25.0])
 def test_a_slab_that_spins_flat_on_a_slope_has_turned_and_not_tilted(slope_deg):
     scene = turned_block((0.5, 0.5, 0.1), 0.0, slope_deg=slope_deg, friction=0.9)
@@ -289,6 +303,51 @@ def test_a_rock_that_slides_over_the_end_of_its_pedestal_falls_and_one_that_stop
     assert result.ended_by == "slid_off"
     assert result.topple_azimuth_deg == pytest.approx(180.0, abs=1.0)
     assert 0.0 < result.topple_time_s < 2.0
+
+
+def plumb_rock_on_a_slope(end_m, uphill):
+    """A block .5 m wide and 1.7 m high whose centre of mass lies over its base's middle, on a mesh that ends there.
+
+    The slope of 20 degrees falls toward x; the mesh ends at `end_m` along it from the foot of the plumb line.
+    """
+    slope = np.deg2rad(20.0)
+    normal = np.array([np.sin(slope), 0.0, np.cos(slope)])
+    down = np.array([np.cos(slope), 0.0, -np.sin(slope)])
+    heels = [side * 0.25 * down for side in (-1.0, 1.0)]
+    tops = [heel + np.array([0.0, 0.0, 1.7]) for heel in heels]  # walls that stand plumb
+    corners = [np.add(point, (0.0, y, 0.0)) for point in (*heels, *tops) for y in (-0.25, 0.25)]
+    hull = trimesh.convex.convex_hull(np.array(corners)).subdivide()
+    ends = (-end_m, 6.0) if uphill else (-6.0, end_m)
+    ground = np.array([np.add(along * down, (0.0, y, 0.0)) for along in ends for y in (-3.0, 3.0)])
+    pedestal = Pedestal(np.zeros(3), normal, ground, np.array([[0, 2, 1], [1, 2, 3]]))
+    return Scene(Rock.from_triangles(hull.vertices, hull.faces), pedestal, ContactProperties.of((0.6, 0.45)))
+
+
+def test_a_rock_whose_plumb_line_is_over_its_pedestal_has_not_slid_off_a_slope():
+    # The mesh ends at its uphill heel, behind where the interface's normal through the centre of mass meets it.
+    scene = plumb_rock_on_a_slope(0.25, uphill=True)
+    along = np.concatenate([np.full(20, 3.7), np.full(20, -3.4), [0.0]])
+    result = shake(scene, Motion(np.outer(along, [1.0, 0.0, 0.0]), 0.005), "fast")
+    assert result.steps > 0
+    assert not result.toppled
+
+
+def test_a_rock_whose_plumb_line_is_beyond_its_pedestal_has_slid_off_a_slope():
+    scene = plumb_rock_on_a_slope(0.32, uphill=False)
+    # Friction stops it after .4 m, before the normal through its centre of mass comes to the end.
+    push = Motion(np.outer([*np.full(42, -4.0), 0.0], [1.0, 0.0, 0.0]), 0.005)
+    result = shake(scene, push, "fast")
+    assert (result.toppled, result.ended_by) == (True, "slid_off")
+    far = plumb_rock_on_a_slope(2.0, uphill=False)
+    assert 0.32 < shake(far, push, "fast").slip_m < 0.6
+
+
+def test_the_end_of_a_scan_is_no_end_of_the_ground():
+    scene = on_a_table((1.0, 1.0, 0.2), 1.24, friction=0.2)  # scans keep .6 heights beside the rock
+    push = Motion(np.outer([*np.full(200, 9.0), 0.0], [1.0, 0.0, 0.0]), 0.005)
+    result = shake(scene, push, "fast")
+    assert result.slip_m > 1.3
+    assert result.outcome == "moved"
 
 
 def test_a_rock_that_tips_beyond_its_pedestal_and_comes_back_has_not_slid_off():

@@ -19,7 +19,7 @@ from models.errors import InputError
 from models.folder import new_folder
 from models.frames import STANDARD_GRAVITY_M_S2, plane_normal, rotation_between
 from models.pedestal import Pedestal
-from models.rock import Rock
+from models.rock import Rock, check_size, origin_beside_m
 from models.shapes import box
 from models.statics import quasi_static_toppling_m_s2
 
@@ -142,7 +142,8 @@ class Scene:
         """A closed mesh on a plane.
 
         The mesh keeps its own attitude to the plane: one with z up stands square on the slope. It is shifted along
-        the plane's normal until its lowest point touches.
+        the plane's normal until its lowest point touches. One in survey coordinates is moved to a local origin beside
+        it, which the scene keeps as `origin_m`.
 
         Parameters
         ----------
@@ -157,7 +158,7 @@ class Scene:
         Raises
         ------
         InputError
-            If the file cannot be read as a mesh or the mesh is not one closed body.
+            If the file cannot be read as a mesh, or the mesh is not one closed body or not of a rock's height.
         """
         if not 0.0 <= slope_deg < 90.0:
             raise InputError(
@@ -166,15 +167,18 @@ class Scene:
                 expected="0 to below 90 degrees",
                 remedy="give the slope as a positive angle and its downhill azimuth as slope_azimuth_deg",
             )
-        if isinstance(mesh, tuple):
-            rock = Rock.from_triangles(*mesh)
-        else:
-            rock = Rock.from_triangles(*read_triangles(mesh), where=str(mesh))
+        where = "rock mesh" if isinstance(mesh, tuple) else str(mesh)
+        rock = Rock.from_triangles(*(mesh if isinstance(mesh, tuple) else read_triangles(mesh)), where=where)
+        check_size(rock.height_m, where)
+        origin = origin_beside_m(rock.vertices_m)
+        if origin.any():
+            rock = rock.moved(np.eye(3), -origin)
         pedestal = _plane(slope_deg, slope_azimuth_deg)
         turned = rock.moved(rotation_between((0.0, 0.0, 1.0), pedestal.normal))
         lowest = float((turned.vertices_m @ pedestal.normal).min())
         seated = turned.moved(np.eye(3), -lowest * pedestal.normal)
-        return cls(seated, pedestal, ContactProperties.of(friction, restitution), _gravity(gravity))
+        contact = ContactProperties.of(friction, restitution)
+        return cls(seated, pedestal, contact, _gravity(gravity), origin)
 
     def with_contact(self, contact: ContactProperties) -> "Scene":
         """The same scene with other contact properties."""

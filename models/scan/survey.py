@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 
 from models.errors import InputError
 from models.folder import new_folder
-from models.rock import Rock
+from models.rock import Rock, check_size
 from models.scan.base import near_the_interface
 from models.scan.crevice import BAND_PER_HEIGHT, check_seen, judge_crevice
 from models.scan.ground import kept_of, pedestal_ground
@@ -46,8 +46,6 @@ FITS_BETTER = 0.2
 """Share of the points that conversion must bring into place to give a file away; known ones gain 0.25 or more."""
 UPWARD = 0.3
 """Cosine to the interface's normal above which a patch of the pedestal can carry a rock."""
-ROCK_HEIGHTS_M = (0.02, 100.0)
-"""From stones on a laboratory's shaking table to the tallest balanced rocks: beyond, the units are others."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +103,7 @@ def survey(
     parts = segment(cloud.points_m, cloud.origin_m, near, word)
     progress("fitting the interface")
     seen, label, interface = _judged(cloud, parts, word)
-    check_size(seen.height_m)
+    check_size(seen.height_m, "units")
     progress("closing the rock")
     closed, core = close_standing(seen, interface)
     check_can_stand(closed.rock, interface)
@@ -282,24 +280,6 @@ def _no_overlap(what: str, name: str) -> InputError:
         expected="stations of one survey, registered to one coordinate system, in metres",
         remedy="register the stations, or convert what is not in metres, and export again",
     )
-
-
-def check_size(height_m: float) -> None:
-    """Refuse a rock that is not in metres.
-
-    Raises
-    ------
-    InputError
-        If its height is none of a rock that is worth shaking.
-    """
-    least, most = ROCK_HEIGHTS_M
-    if not least <= height_m <= most:
-        raise InputError(
-            f"the rock is {height_m:.4g} m high",
-            where="units",
-            expected=f"a rock of {least} to {most:.0f} m: coordinates in metres",
-            remedy="convert the clouds from millimetres, feet or whatever they are in, and export again",
-        )
 
 
 def check_can_stand(rock: Rock, interface: Interface) -> None:

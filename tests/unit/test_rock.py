@@ -1,0 +1,56 @@
+"""Laws of a rock's mass properties, and meshes that are none of a rock."""
+
+import numpy as np
+import pytest
+
+from models import InputError, Rock, Scene
+from models.shapes import ellipsoid
+
+UTM_M = np.array([431_234.0, 3_777_345.0, 480.25])
+ROCK = ellipsoid((0.6, 0.5, 0.9), 3)
+
+
+def test_mass_properties_do_not_depend_on_where_the_mesh_lies():
+    far = Rock.from_triangles(ROCK.vertices_m + UTM_M, ROCK.faces)
+    assert far.volume_m3 == pytest.approx(ROCK.volume_m3, rel=1e-8)
+    # Vertices near 3.8e6 m are kept to 2e-10 m.
+    np.testing.assert_allclose(far.com_m - UTM_M, ROCK.com_m, atol=1e-8)
+    np.testing.assert_allclose(far.inertia_per_mass_m2, ROCK.inertia_per_mass_m2, atol=1e-8)
+    np.testing.assert_array_equal(far.vertices_m, ROCK.vertices_m + UTM_M)
+
+
+def test_a_mesh_in_survey_coordinates_becomes_a_scene_beside_its_origin():
+    local, far = (Scene.from_mesh((ROCK.vertices_m + shift, ROCK.faces)) for shift in (0.0, UTM_M))
+    np.testing.assert_allclose(
+        far.rock.vertices_m + far.origin_m, ROCK.vertices_m + UTM_M, rtol=0.0, atol=1e-8
+    )
+    assert np.abs(far.rock.vertices_m).max() < 3.0
+    assert local.origin_m.tolist() == [0.0, 0.0, 0.0]
+
+
+def test_the_origin_of_a_mesh_in_survey_coordinates_is_saved_and_read_back(tmp_path):
+    scene = Scene.from_mesh((ROCK.vertices_m + UTM_M, ROCK.faces), slope_deg=5.0)
+    again = Scene.load(scene.save(tmp_path / "scene"))
+    np.testing.assert_array_equal(again.origin_m, scene.origin_m)
+    assert again.id == scene.id
+
+
+@pytest.mark.parametrize(("scale", "height"), [(1000.0, "1800 m"), (0.01, "0.018 m")])
+def test_a_mesh_that_is_not_in_metres_is_refused(scale, height):
+    with pytest.raises(InputError, match=f"the rock is {height} high") as error:
+        Scene.from_mesh((ROCK.vertices_m * scale, ROCK.faces))
+    assert "millimetres" in error.value.remedy
+
+
+def test_a_mesh_with_a_part_turned_inside_out_is_refused():
+    """A square prism with a long thin wing that crosses itself, and counts as less than nothing out there."""
+    ring = np.array(
+        [(-1, -1), (1, -1), (1, -0.001), (100, 0.03), (100, -0.03), (1, 0.001), (1, 1), (-1, 1)], float
+    )
+    number = np.arange(len(ring))
+    after = np.roll(number, -1)
+    cap = np.column_stack([np.zeros(6, int), number[1:-1], number[2:]])
+    sides = [np.column_stack([number, after, after + 8]), np.column_stack([number, after + 8, number + 8])]
+    vertices = np.vstack([np.column_stack([ring, np.full(8, z)]) for z in (0.0, 2.0)])
+    with pytest.raises(InputError, match="moment of inertia"):
+        Rock.from_triangles(vertices, np.concatenate([cap[:, ::-1], cap + 8, *sides]))

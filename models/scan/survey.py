@@ -46,6 +46,10 @@ FITS_BETTER = 0.2
 """Share of the points that conversion must bring into place to give a file away; known ones gain 0.25 or more."""
 UPWARD = 0.3
 """Cosine to the interface's normal above which a patch of the pedestal can carry a rock."""
+HANGING_PER_HEIGHT = 0.03
+HANGING_SHARE = 0.002
+"""More than this share of the rock's patches so far below the interface are a part of it, not strays: of twelve known
+rocks at most 0.0001 lie there, of one of 2 m with a lip over a cliff 0.005 (hanging by 0.1 m) to 0.037 (0.4 m)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +93,8 @@ def survey(
     Raises
     ------
     InputError
-        If the cloud shows no rock that stands on a pedestal, or one of a size that no rock has.
+        If the cloud shows no rock that stands on a pedestal, one that hangs below its base, or one of a size that no
+        rock has.
     """
     progress("registering stations")
     check_overlap(cloud)
@@ -104,6 +109,7 @@ def survey(
     progress("fitting the interface")
     seen, label, interface = _judged(cloud, parts, word)
     check_size(seen.height_m, "units")
+    check_above(seen, interface)
     progress("closing the rock")
     closed, core = close_standing(seen, interface)
     check_can_stand(closed.rock, interface)
@@ -279,6 +285,29 @@ def _no_overlap(what: str, name: str) -> InputError:
         where=name,
         expected="stations of one survey, registered to one coordinate system, in metres",
         remedy="register the stations, or convert what is not in metres, and export again",
+    )
+
+
+def check_above(seen: SeenRock, interface: Interface) -> None:
+    """Refuse a rock that hangs below its interface: closed at the plane, it would get a foot there that it has not.
+
+    Raises
+    ------
+    InputError
+        If more than strays of it were seen below the plane.
+    """
+    over = interface.flat(seen.surfels.points_m[seen.patches])[:, 2]
+    below = over < -HANGING_PER_HEIGHT * seen.height_m
+    if below.mean() <= HANGING_SHARE:
+        return
+    # A tenth of them may be strays.
+    deepest = -float(np.quantile(over[below], 0.1))
+    raise InputError(
+        f"{below.mean():.1%} of the rock's seen surface hangs below the interface, by up to about {deepest:.2g} m",
+        where="interface",
+        expected="a rock that lies above the plane on which it meets its pedestal",
+        remedy="rocks that reach below their base, as with a lip over a cliff, are not supported; if what hangs there "
+        "is pedestal, crop the cloud, or say where rock and pedestal meet by --plane, --point or --outline",
     )
 
 

@@ -3,6 +3,7 @@
 import re
 import sys
 
+import manifold3d
 import numpy as np
 import pytest
 
@@ -88,6 +89,23 @@ def leaning(_):
     return [np.concatenate(scanned(rock, 0.0, 0.02)[0])]
 
 
+def lip(_):
+    """A boulder beside a cliff whose side hangs 0.3 m below its base, over the edge."""
+    body = virtual.boulder(2.0, 1.3, 1.0, 3, bumps=0.02, sides=48)
+    side, faces = virtual.lathe(np.full((30, 4), 0.35), np.linspace(-0.3, 0.9, 30), np.zeros((30, 2)), 4)
+    parts = [
+        manifold3d.Manifold(manifold3d.Mesh64(v, f.astype(np.uint64)))
+        for v, f in (body, (side + np.array([0.9, 0.0, 0.0]), faces))
+    ]
+    rock = (parts[0] + parts[1]).to_mesh64()
+    cliff = virtual.ground(5.0, 0.52, 3, cliff_m=0.53, drop_m=3.0, bumps_m=0.05, cells=80)
+    truth = virtual.on_slope(
+        (np.array(rock.vert_properties), np.array(rock.tri_verts, np.int64)), cliff, 0.0, 0.0
+    )
+    seen = virtual.scan_around(truth, SEED, stations=4, resolution_per_height=0.02, clutter=False)
+    return [np.concatenate([station.points_m for station in seen])]
+
+
 def apart(stump):
     first, second, third, _ = stump[0]
     return [first, second, third + np.array([300.0, 0.0, 0.0])]
@@ -117,6 +135,7 @@ def in_millimetres(stump):
         (pedestal_alone, "station0.xyz", "nothing in the cloud stands on anything"),
         (foot_hidden, "station0.xyz", "patches of the pedestal were seen beside the rock"),
         (leaning, "station0.xyz", "outside any support"),
+        (lip, "station0.xyz", "hangs below the interface"),
         (apart, "station2.xyz", "does not overlap"),
         (in_feet, "station2.xyz", "other units"),
         (survey_in_feet, "station2.xyz", "other units"),

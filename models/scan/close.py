@@ -67,7 +67,7 @@ def close_rock(surfels: Surfels, rock: NDArray[np.bool_], base: Base, interface:
     down = np.tile([0.0, 0.0, -1.0], (len(sunk), 1))
     height = float(np.ptp(flat[:, 2]))
     body = _poisson(np.vstack([flat, sunk]), np.vstack([flat_normals, down]))
-    body = body.simplify(SIMPLIFIED_SHARE_OF_HEIGHT * height) ^ _above(base, 2.0 * height)
+    body = body.simplify(SIMPLIFIED_SHARE_OF_HEIGHT * height) ^ _above(base, flat, height)
     parts = body.simplify(BASE_SHARE_OF_HEIGHT * height).decompose()
     if not parts:
         raise _not_closed("the reconstructed surface lies below the interface")
@@ -98,9 +98,15 @@ def _together(points: NDArray[np.float64], reach_m: float) -> NDArray[np.bool_]:
     return group == np.bincount(group).argmax()
 
 
-def _above(base: Base, top_m: float) -> manifold3d.Manifold:
-    """Everything above the base, as a body: its floor the base and, beyond it, the interface plane."""
-    reach = int(np.ceil(top_m / base.grid.cell_m))
+def _above(base: Base, flat: NDArray[np.float64], height_m: float) -> manifold3d.Manifold:
+    """Everything above the base, as a body: its floor the base and, beyond it, the interface plane.
+
+    It reaches two heights beyond the base, or as far as the rock's points and a quarter of its height.
+    """
+    first, last = base.grid.nodes_m[0, 0], base.grid.nodes_m[-1, -1]
+    overhang = max(float((first - flat[:, :2]).max()), float((flat[:, :2] - last).max()))
+    top_m = 2.0 * height_m
+    reach = int(np.ceil(max(top_m, overhang + 0.25 * height_m) / base.grid.cell_m))
     steps = [np.concatenate([[-reach], np.arange(n), [n - 1 + reach]]) for n in base.grid.shape]
     u, v = np.meshgrid(
         *(first + step * base.grid.cell_m for first, step in zip(base.grid.first_m, steps, strict=True)),

@@ -2,9 +2,12 @@
 
 import numpy as np
 import pytest
+import trimesh
 
 from models import Pedestal
-from models.scan.base import hidden_base
+from models.scan.base import Base, hidden_base
+from models.scan.close import close_rock
+from models.scan.crevice import Grid
 from models.scan.ground import pedestal_ground
 from models.scan.interface import Interface
 from models.scan.surfels import Surfels
@@ -94,3 +97,19 @@ def test_strays_beside_the_rock_raise_no_spikes_on_the_pedestal():
     found = pedestal_ground(surfels, np.ones(len(points), bool), rock, level)
     # A cell of the mesh is 0.033 m: what lies lower is taken for the surface's own relief, and there is none.
     assert np.abs(found.pedestal.vertices_m[:, 2]).max() < 1e-3
+
+
+def test_a_slab_that_overhangs_its_base_by_three_heights_keeps_its_ends():
+    """A table on one leg: its points, as if all of it but the leg's base had been seen."""
+    top, leg = trimesh.creation.box((7.0, 1.6, 0.4)), trimesh.creation.box((0.8, 0.8, 0.6))
+    table = trimesh.boolean.union([top.apply_translation([0, 0, 0.8]), leg.apply_translation([0, 0, 0.3])])
+    points, face = trimesh.sample.sample_surface_even(table, 40_000, seed=1)
+    seen = points[:, 2] > 0.005
+    surfels = Surfels(points[seen], table.face_normals[face[seen]], np.zeros(seen.sum()), 0.03)
+    grid = Grid.over(np.array([-0.45, -0.45]), np.array([0.45, 0.45]), 0.01)
+    base = Base(grid, np.zeros(grid.shape), (np.abs(grid.nodes_m) < 0.4).all(axis=-1))
+    level = Interface(np.zeros(3), np.array([0.0, 0.0, 1.0]), np.eye(3), 0.0)
+    rock = close_rock(surfels, np.ones(seen.sum(), bool), base, level).rock
+    # The octree's cells are 0.07 m wide, and round the edges off by as much.
+    np.testing.assert_allclose(np.ptp(rock.vertices_m, axis=0), [7.0, 1.6, 1.0], atol=0.07)
+    assert rock.volume_m3 == pytest.approx(table.volume, rel=0.03)

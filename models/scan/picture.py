@@ -1,6 +1,8 @@
 """The scene's picture: rock, interface and pedestal in colours, so that a wrong split is seen at once."""
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -156,12 +158,20 @@ def numbers_of(scene: Scene) -> list[str]:
             f"  highest other candidate {sure['runner_up']:.0%} of the rock's height",
         ]
     if "residual_m" in registration:
-        alone = [each["residual_m"] or 0.0 for each in registration.get("of_stations", [])]
-        lines.append(
-            f"{registration['stations']} stations fit each other within {1e3 * registration['residual_m']:.2g} mm"
-            + (f", the worst within {1e3 * max(alone):.2g} mm" if alone else "")
-        )
+        lines.append(_fit_of(registration))
     return lines
+
+
+def _fit_of(registration: Mapping[str, Any]) -> str:
+    """How well the stations fit each other, if they show common places."""
+    stations, residual = registration["stations"], registration["residual_m"]
+    if residual is None:
+        return f"{stations} stations show no common places: how well they fit each other cannot be told"
+    each = [fit["residual_m"] for fit in registration.get("of_stations", [])]
+    alone = [one for one in each if one is not None]
+    return f"{stations} stations fit each other within {1e3 * residual:.2g} mm" + (
+        f", the worst within {1e3 * max(alone):.2g} mm" if alone else ""
+    )
 
 
 def _write_numbers(axes: Axes, scene: Scene) -> None:

@@ -61,8 +61,8 @@ def read_clouds(paths: Sequence[str | Path]) -> Cloud:
     Raises
     ------
     InputError
-        If a file is absent, unreadable, of an unknown format, holds too few or non-finite points, or survey
-        coordinates in single precision.
+        If a file is absent, unreadable, of an unknown format, holds too few or non-finite points, survey coordinates
+        in single precision, or points at 0, 0, 0 far from all others.
     """
     survey: list[NDArray[np.float64]] = []
     stations: list[NDArray[np.int32]] = []
@@ -263,6 +263,7 @@ def _check_points(points: NDArray[np.float64], path: Path) -> None:
         )
     if not np.ptp(points, axis=0).any():
         raise _unreadable("all points are one and the same", path)
+    _check_returns(points, path)
     step = single_precision_step_m(points)
     if step > COARSEST_STEP_M:
         raise InputError(
@@ -270,6 +271,22 @@ def _check_points(points: NDArray[np.float64], path: Path) -> None:
             where=str(path),
             expected=f"steps of at most {COARSEST_STEP_M} m",
             remedy="export in double precision (LAZ, XYZ, PLY with doubles), or with an offset taken away",
+        )
+
+
+def _check_returns(points: NDArray[np.float64], path: Path) -> None:
+    """Refuse beams without a return that are written as points at the origin, far from where anything was seen."""
+    nothing = ~points.any(axis=1)
+    if not nothing.any():
+        return
+    low, high = points[~nothing].min(axis=0), points[~nothing].max(axis=0)
+    away = np.linalg.norm(np.maximum(np.maximum(low, -high), 0.0))
+    if away > np.linalg.norm(high - low):
+        raise InputError(
+            f"{int(nothing.sum())} points lie at 0, 0, 0, {away:.3g} m from all others",
+            where=str(path),
+            expected="points that a beam came back from",
+            remedy="leave beams without a return out of the export, or delete the points at 0, 0, 0",
         )
 
 

@@ -49,7 +49,7 @@ def register(cloud: Cloud) -> tuple[Cloud, dict[str, Any]]:
     dict
         Residual (robust standard deviation of the point-to-plane distances) before and after, shift and turn of
         each station; `of_stations`: the residual of each, and the share of its points near to others' that show the
-        same place, none where nothing is near.
+        same place, none where nothing is near. A residual is none where no two stations show a common place.
     """
     count = int(cloud.station.max()) + 1
     if count < 2:
@@ -67,7 +67,7 @@ def register(cloud: Cloud) -> tuple[Cloud, dict[str, Any]]:
         pose = [_moved(each, centre, size) @ old for each, old in zip(step, pose, strict=True)]
     after = _residual(stations, pose, REACH_VOXELS[-1] * voxel)
     report: dict[str, Any] = {"stations": count, "residual_before_m": before}
-    if not after < WORTH * before:
+    if before is None or after is None or not after < WORTH * before:
         report["of_stations"] = _fits(stations, [np.eye(4) for _ in stations], voxel)
         return cloud, {**report, "residual_m": before, "applied": False}
     points = np.empty_like(cloud.points_m)
@@ -102,8 +102,10 @@ def check_fit(cloud: Cloud, told: dict[str, Any]) -> None:
     number, worst = min(fits, key=lambda fit: fit[1]["paired_share"])
     others = [each for k, each in fits if k != number]
     usual = float(np.median([each["paired_share"] for each in others]))
-    residual = float(np.median([each["residual_m"] for each in others]))
-    if worst["paired_share"] >= FAR_BELOW * usual or 0.0 < worst["residual_m"] <= FAR_ABOVE * residual:
+    if worst["paired_share"] >= FAR_BELOW * usual:
+        return
+    residual = float(np.median([each["residual_m"] for each in others if each["residual_m"] is not None]))
+    if worst["residual_m"] is not None and worst["residual_m"] <= FAR_ABOVE * residual:
         return
     file = int(
         np.searchsorted(np.cumsum([n for _, n in cloud.files]), np.argmax(cloud.station == number), "right")
@@ -181,16 +183,16 @@ def _fits(
         gap = np.abs(np.einsum("ij,ij->i", own[nearby] - points[near[nearby]], normal))[met]
         found.append(
             {
-                "residual_m": 1.4826 * float(np.median(gap)) if met.any() else 0.0,
+                "residual_m": 1.4826 * float(np.median(gap)) if met.any() else None,
                 "paired_share": float(met.mean()),
             }
         )
     return found
 
 
-def _residual(stations: list[_Thinned], pose: list[NDArray[np.float64]], reach_m: float) -> float:
+def _residual(stations: list[_Thinned], pose: list[NDArray[np.float64]], reach_m: float) -> float | None:
     gaps = [np.abs(pair[4]) for pair in _pairs(stations, pose, reach_m)]
-    return 1.4826 * float(np.median(np.concatenate(gaps))) if gaps else 0.0
+    return 1.4826 * float(np.median(np.concatenate(gaps))) if gaps else None
 
 
 def _step(

@@ -9,7 +9,7 @@ import pytest
 
 from models import InputError
 from models.scan import virtual
-from models.scan.read import Cloud
+from models.scan.read import Cloud, read_clouds
 from models.scan.segment import segment
 from models.scan.survey import check_overlap, survey
 from models.scan.word import Word
@@ -179,6 +179,21 @@ def test_one_bad_file_among_good_ones_is_the_one_that_is_named(capsys, monkeypat
     said = refusal(capsys, monkeypatch, tmp_path, [good, bad])
     assert "bad.ply" in said.splitlines()[0]
     assert "good.xyz" not in said
+
+
+def test_beams_without_a_return_beside_survey_coordinates_are_refused(capsys, monkeypatch, tmp_path, stump):
+    points = np.concatenate(stump[0]) + virtual.DEMO_ORIGIN_M
+    points[::20] = 0.0
+    path = write(tmp_path / "returns.xyz", points)
+    told = refusal(capsys, monkeypatch, tmp_path, [path])
+    assert f"{len(points[::20])} points lie at 0, 0, 0" in told
+    assert "returns.xyz" in told.splitlines()[0]
+
+
+def test_a_scanner_at_the_origin_may_stand_among_its_points(tmp_path, stump):
+    points = np.concatenate(stump[0])
+    points[0] = 0.0
+    assert len(read_clouds([write(tmp_path / "local.xyz", points)]).points_m) == len(points)
 
 
 def test_survey_coordinates_in_single_precision_are_refused(capsys, monkeypatch, tmp_path, stump):

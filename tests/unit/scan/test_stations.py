@@ -62,6 +62,16 @@ def test_the_page_tells_how_well_the_worst_station_fits():
     assert "2 stations fit each other within 0.8 mm, the worst within 3.1 mm" in told
 
 
+def test_of_stations_without_a_common_place_nothing_is_said_to_fit(cloud):
+    kept = cloud.station < 2
+    points = cloud.points_m[kept] + np.where(cloud.station[kept] == 1, 50.0, 0.0)[:, None]
+    files = tuple((f"station{k + 1}", int((cloud.station == k).sum())) for k in range(2))
+    _, told = register(Cloud(points, cloud.origin_m, cloud.station[kept], files))
+    assert told["residual_m"] is None
+    said = numbers_of(dataclasses.replace(Scene.block(0.2, 0.3, 0.6), report={"registration": told}))
+    assert "2 stations show no common places: how well they fit each other cannot be told" in said
+
+
 def test_a_station_that_is_brought_back_is_taken(cloud):
     back, told = register(with_one_off(cloud, 2, [0.0, 0.0, 0.05]))
     assert told["applied"]

@@ -292,7 +292,11 @@ class Scene:
             report={**described["report"], "interface": plane},
         )
         if scene.id != described["id"]:
-            raise _scene_error(f"the content hashes to {scene.id}, scene.json says {described['id']}", source)
+            raise _scene_error(
+                f"the content hashes to {scene.id}, scene.json says {described['id']}: a file was changed, or a "
+                "program of another version wrote the scene",
+                source,
+            )
         return scene
 
     def _pedestal_triangles(self) -> tuple[NDArray[np.float64], NDArray[np.int64]]:

@@ -211,7 +211,7 @@ def uncertainty(
     -------
     dict
         Standard deviations with their floors (`bias`), the statics' for the bare interface plane; none where fewer
-        than three realisations close.
+        than three realisations close, and none of the interface where the user gives it: its error nobody drew.
     """
     beside = _Beside.of(seen, interface)
     closed: list[Rock] = []
@@ -235,7 +235,12 @@ def uncertainty(
         except InputError:
             pass  # counted: a half sample may leave too little
         each()
-    found: dict[str, Any] = {"method": "half samples", "realisations": realisations, "closed": len(closed)}
+    found: dict[str, Any] = {
+        "method": "half samples"
+        + ("" if seen.word is None else "; the error of the interface that is given is not in them"),
+        "realisations": realisations,
+        "closed": len(closed),
+    }
     if len(closed) < 3:
         return found
     limits = np.array(
@@ -245,6 +250,7 @@ def uncertainty(
     finite = np.where(np.isfinite(limits), limits, np.nan)
     normals = np.array([plane.normal for plane in planes])
     tilt = np.rad2deg(np.linalg.norm(normals - normals.mean(axis=0), axis=1))
+    tilt_std = float(np.sqrt((tilt**2).sum() / (len(tilt) - 1)))
     height = float(np.mean([rock.height_m for rock in closed]))
     floor = floors(invented_share)
     # a / g is the arm over the height of the centre of mass: a shift moves it by as much over that height.
@@ -265,7 +271,7 @@ def uncertainty(
         "com_std_m": _joined(_std([rock.com_m for rock in closed]), floor["com_per_height"] * height),
         "inertia_per_mass_std_m2": _joined(_std(inertia), floor["inertia_share"] * np.outer(radius, radius)),
         "height_std_m": _std([rock.height_m for rock in closed]),
-        "interface_normal_std_deg": float(np.sqrt((tilt**2).sum() / (len(tilt) - 1))),
+        **({"interface_normal_std_deg": tilt_std} if seen.word is None else {}),
         "quasi_static_toppling_m_s2": [
             {"azimuth_deg": float(a), "std": s}
             for a, s in zip(

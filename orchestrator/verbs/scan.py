@@ -11,6 +11,16 @@ from models import InputError, Scene
 from models.folder import refuse_existing
 
 REALISATIONS = 8
+LEAST_REALISATIONS = 3
+"""Fewer give no spread."""
+
+
+def _enough(_: click.Context, __: click.Parameter, realisations: int) -> int:
+    if 0 < realisations < LEAST_REALISATIONS:
+        raise click.BadParameter(
+            f"{realisations} give no spread; 0 for none, or {LEAST_REALISATIONS} and more."
+        )
+    return realisations
 
 
 @click.command()
@@ -51,7 +61,8 @@ REALISATIONS = 8
     type=click.IntRange(min=0),
     default=REALISATIONS,
     show_default=True,
-    help="Half samples that the uncertainty is drawn from; 0 for none.",
+    callback=_enough,
+    help=f"Half samples that the uncertainty is drawn from, at least {LEAST_REALISATIONS}; 0 for none.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print scene.json's content.")
 def scan(

@@ -8,6 +8,7 @@ from click.testing import CliRunner
 
 from models import InputError
 from models.scan import virtual
+from models.scan.picture import numbers_of
 from models.scan.read import Cloud
 from models.scan.register import register
 from models.scan.segment import PEDESTAL, ROCK
@@ -55,6 +56,16 @@ def test_a_true_word_gives_the_true_rock(stump, tmp_path, kind):
     assert found.scene.rock.volume_m3 == pytest.approx(truth.rock.volume_m3, rel=0.015)
 
 
+def test_a_given_interface_has_no_spread_and_the_report_says_so(stump, tmp_path):
+    truth, cloud, _ = stump
+    found = survey(cloud, word=words(truth, tmp_path)["plane"], bootstrap=3).scene
+    spread = found.report["uncertainty"]
+    assert spread["closed"] == 3
+    assert "interface_normal_std_deg" not in spread
+    assert "the error of the interface that is given is not in them" in spread["method"]
+    assert not any("°" in line and "±" in line for line in numbers_of(found))
+
+
 @pytest.mark.parametrize(
     ("word", "what"),
     [
@@ -80,6 +91,14 @@ def test_two_words_at_once_are_refused_and_nothing_is_written(tmp_path):
     with pytest.raises(InputError, match="given together"):
         CliRunner().invoke(scan, arguments, catch_exceptions=False)
     assert not out.exists()
+
+
+@pytest.mark.parametrize("realisations", ["1", "2", "-1"])
+def test_resamplings_too_few_for_a_spread_are_wrong_usage(tmp_path, realisations):
+    out = tmp_path / "scene"
+    done = CliRunner().invoke(scan, ["cloud.laz", "--out", str(out), "--bootstrap", realisations])
+    assert done.exit_code == 2
+    assert "--bootstrap" in done.output
 
 
 def test_stations_shifted_against_each_other_are_brought_back(stump):

@@ -223,7 +223,7 @@ class Scene:
         """Write the files of :meth:`save` into a folder that is there."""
         (folder / "scene.json").write_text(json.dumps(self.to_json(), indent=1, allow_nan=False) + "\n")
         write_ply(folder / "rock.ply", self.rock.vertices_m, self.rock.faces)
-        write_ply(folder / "pedestal.ply", *self._pedestal_triangles())
+        write_ply(folder / "pedestal.ply", *self.pedestal_triangles())
 
     def to_json(self) -> dict[str, Any]:
         """The content of `scene.json`; what is not finite (an acceleration that nothing reaches) is null."""
@@ -299,7 +299,8 @@ class Scene:
             )
         return scene
 
-    def _pedestal_triangles(self) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    def pedestal_triangles(self) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        """Vertices (n, 3) and triangles (m, 3) of the pedestal to be shown; of an endless plane a square of it."""
         if self.pedestal.vertices_m is not None and self.pedestal.faces is not None:
             return self.pedestal.vertices_m, self.pedestal.faces
         reach = 2.0 * float(np.linalg.norm(np.ptp(self.rock.vertices_m, axis=0)))

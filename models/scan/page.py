@@ -141,9 +141,10 @@ def export_scene(scene: Scene, path: Path) -> None:
 
 
 def _meshes(scene: Scene) -> list[tuple[str, trimesh.Trimesh, str]]:
-    surfaces = [("rock", scene.rock.vertices_m, scene.rock.faces, ROCK_COLOUR)]
-    if scene.pedestal.vertices_m is not None and scene.pedestal.faces is not None:
-        surfaces.append(("pedestal", scene.pedestal.vertices_m, scene.pedestal.faces, PEDESTAL_COLOUR))
+    surfaces = [
+        ("rock", scene.rock.vertices_m, scene.rock.faces, ROCK_COLOUR),
+        ("pedestal", *scene.pedestal_triangles(), PEDESTAL_COLOUR),
+    ]
     meshes = []
     for name, vertices, faces, colour in surfaces:
         rgb = [int(colour[i : i + 2], 16) for i in (1, 3, 5)]

@@ -8,6 +8,7 @@ import trimesh
 from click.testing import CliRunner
 
 from models import InputError, Scene
+from models.scan.page import scene_figure
 from models.scan.picture import BAND_TITLE, toppling_band
 from models.scene import read_triangles
 from orchestrator.verbs.scene import scene
@@ -89,6 +90,22 @@ def test_gltf_turns_the_scene_and_does_not_mirror_it(folder, tmp_path):
     # East is x, up is y, so south is z for the frame to be right-handed; glTF holds single precision.
     for vertex in rock:
         assert np.abs(seen - vertex[[0, 2, 1]] * [1.0, -1.0, 1.0]).max(axis=1).min() < 1e-6
+
+
+@pytest.mark.parametrize("suffix", [".glb", ".gltf", ".ply", ".obj"])
+def test_an_export_holds_the_pedestal_beside_the_rock_also_where_it_is_an_endless_plane(
+    folder, tmp_path, suffix
+):
+    target = tmp_path / f"block{suffix}"
+    CliRunner().invoke(scene, ["export", str(folder), str(target)], catch_exceptions=False)
+    rock, pedestal = (read_triangles(folder / f"{name}.ply") for name in ("rock", "pedestal"))
+    vertices, faces = read_triangles(target)
+    assert len(faces) == len(rock[1]) + len(pedestal[1])
+    assert vertices.min(axis=0) == pytest.approx(pedestal[0].min(axis=0), abs=1e-6)  # single precision
+
+
+def test_the_page_shows_the_pedestal_also_where_it_is_an_endless_plane(folder):
+    assert [trace.name for trace in scene_figure(Scene.load(folder)).data] == ["rock", "pedestal"]
 
 
 @pytest.mark.parametrize("suffix", [".glb", ".gltf", ".ply", ".obj"])

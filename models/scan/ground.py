@@ -12,6 +12,7 @@ from scipy.sparse.linalg import spsolve
 from scipy.spatial import cKDTree
 
 from models.pedestal import Pedestal
+from models.relief import height_below
 from models.rock import Rock
 from models.scan.interface import Interface
 from models.scan.surfels import Surfels
@@ -65,7 +66,7 @@ def pedestal_ground(
     lost = _lost(flat, top, nodes, cell, ndimage.binary_dilation(standing, np.ones((3, 3))))
     seat = ndimage.binary_dilation(standing, np.ones((3, 3)), iterations=2)
     surface = _surface(flat[top], nodes, cell, seat)
-    surface = np.where(seat, 0.0, np.minimum(surface, _underside(flat_rock, nodes, cell)))
+    surface = np.where(seat, 0.0, np.minimum(surface, _underside(flat_rock, rock.faces, nodes, cell)))
     vertices, faces = _triangles(nodes, surface, ~lost)
     edges = _edges(nodes, surface, lost)
     return Ground(
@@ -165,14 +166,16 @@ def _grid_laplacian(shape: tuple[int, ...]) -> coo_matrix:
 
 
 def _underside(
-    flat_rock: NDArray[np.float64], nodes: NDArray[np.float64], cell: float
+    flat_rock: NDArray[np.float64], faces: NDArray[np.int64], nodes: NDArray[np.float64], cell: float
 ) -> NDArray[np.float64]:
-    """Lowest point of the rock near each node, infinite beside it: no pedestal reaches into it."""
+    """Lowest of the rock's vertices near each node and of its faces over it, huge beside it: no pedestal reaches in."""
     shape = nodes.shape[:2]
     low = np.full(shape, np.inf)
     index = np.rint((flat_rock[:, :2] - nodes[0, 0]) / cell).astype(int)
     np.minimum.at(low, (index[:, 0], index[:, 1]), flat_rock[:, 2])
-    return ndimage.grey_erosion(np.where(np.isfinite(low), low, 1e30), size=3)
+    low = ndimage.grey_erosion(np.where(np.isfinite(low), low, 1e30), size=3)
+    over = height_below(nodes.reshape(-1, 2), flat_rock, faces, highest=False).reshape(shape)
+    return np.fmin(low, over)
 
 
 def _triangles(

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from models import Pedestal
+from models import Pedestal, Rock
+from models.relief import contact_feet_m
 from models.scan.base import Base, hidden_base
 from models.scan.close import close_rock
 from models.scan.crevice import Grid
@@ -97,6 +98,22 @@ def test_strays_beside_the_rock_raise_no_spikes_on_the_pedestal():
     found = pedestal_ground(surfels, np.ones(len(points), bool), rock, level)
     # A cell of the mesh is 0.033 m: what lies lower is taken for the surface's own relief, and there is none.
     assert np.abs(found.pedestal.vertices_m[:, 2]).max() < 1e-3
+
+
+def test_a_bump_seen_below_a_wide_flat_face_does_not_reach_into_the_rock():
+    """A block on a low foot: the pedestal, seen 3 mm too high below its face of two triangles, would lift the rock."""
+    level = Interface(np.zeros(3), np.array([0.0, 0.0, 1.0]), np.eye(3), 0.0)
+    foot, block = trimesh.creation.box((0.6, 0.6, 0.1)), trimesh.creation.box((1.6, 1.6, 1.0))
+    mesh = trimesh.boolean.union(
+        [foot.apply_translation([0, 0, 0.05]), block.apply_translation([0, 0, 0.52])]
+    )
+    rock = Rock.from_triangles(mesh.vertices, mesh.faces)
+    along = np.arange(-2.0, 2.0, 0.02)
+    x, y = (each.ravel() for each in np.meshgrid(along, along))
+    points = np.column_stack([x, y, 0.023 * np.exp(-((x - 0.55) ** 2 + y**2) / 0.01)])
+    surfels = Surfels(points, np.tile([0.0, 0.0, 1.0], (len(x), 1)), np.zeros(len(x)), 0.02)
+    found = pedestal_ground(surfels, np.ones(len(x), bool), rock, level)
+    assert contact_feet_m(rock, found.pedestal)[:, 2].min() > -1e-9
 
 
 def test_a_slab_that_overhangs_its_base_by_three_heights_keeps_its_ends():

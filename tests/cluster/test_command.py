@@ -125,6 +125,7 @@ def test_failures_of_earlier_sessions_still_make_exit_code_three(inputs, planned
     assert summary["toppled"] == sum(row["toppled"] is True for row in answers_of(run)) > 0
 
 
+@pytest.mark.slow  # test_two_workers.py has the law; this is the command's part
 def test_jobs_without_an_answer_are_done_again_on_demand_and_no_others(inputs, undisturbed, finished, faults):
     run = finished({3: ("crashed", 4)})
     done = toppling(*command(inputs, run, "--workers", "1", "--again", "crashed, failed", "--json"))

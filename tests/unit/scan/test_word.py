@@ -56,6 +56,7 @@ def test_a_true_word_gives_the_true_rock(stump, tmp_path, kind):
     assert found.scene.rock.volume_m3 == pytest.approx(truth.rock.volume_m3, rel=0.015)
 
 
+@pytest.mark.slow
 def test_a_given_interface_has_no_spread_and_the_report_says_so(stump, tmp_path):
     truth, cloud, _ = stump
     found = survey(cloud, word=words(truth, tmp_path)["plane"], bootstrap=3).scene

@@ -309,7 +309,7 @@ def _holds(ring: Array, com: Array, weight: Array) -> bool:
 def _leaves(ring: Array, com: Array, gravity: Array, push: Array, least: float) -> float:
     """Least acceleration, not below one that holds, at which an edge lets go."""
     hold, change = _edge_moments(ring, com, gravity), _edge_moments(ring, com, push)
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         root = np.where(change < 0, -hold / change, np.inf)
     return max(float(root.min()), least)
 

@@ -10,7 +10,7 @@ import pyarrow.parquet as pq
 
 from orchestrator.folder import describe, is_running
 from orchestrator.journal import last
-from results.store import newest_attempts, read_steady, result_files
+from results.store import newest_rows, read_steady, result_files
 
 WINDOW = timedelta(minutes=1)
 REASONS_SHOWN = 10
@@ -26,9 +26,9 @@ def state_of(run: Path) -> dict[str, Any]:
         If the folder is no run.
     """
     described = describe(run)
-    rows = read_steady([run], lambda: _rows(run))
+    rows = read_steady([run], lambda: newest_rows(result_files(run), _COLUMNS))
     jobs = described["jobs"]
-    stored = len(rows) if rows else 0
+    stored = len(rows)
     running = is_running(run)
     state: dict[str, Any] = {
         "state": "running" if running else "complete" if stored == jobs else "interrupted",
@@ -37,8 +37,6 @@ def state_of(run: Path) -> dict[str, Any]:
     }  # fmt: skip
     if running and (told := last(run, "rows stored")):
         state["workers"], state["deaths"] = told["workers"], told["deaths"]
-    if rows is None:
-        return state
     counted = pc.value_counts(rows["status"]).to_pylist()
     state["status"] = {entry["values"]: entry["counts"] for entry in counted}
     state["failed"] = stored - state["status"].get("ok", 0)
@@ -47,11 +45,6 @@ def state_of(run: Path) -> dict[str, Any]:
     if running and stored < jobs:
         state["rate_per_s"], state["left_s"] = _pace(run, rows)
     return state
-
-
-def _rows(run: Path) -> pa.Table | None:
-    tables = [pq.read_table(path, columns=_COLUMNS) for path in result_files(run)]
-    return newest_attempts(pa.concat_tables(tables)) if tables else None
 
 
 def _failures(rows: pa.Table) -> list[dict[str, Any]]:

@@ -14,7 +14,7 @@ import pyarrow.parquet as pq
 from models import InputError
 from models.motions.catalogue import meaning
 from results.schema import SCHEMA, describe
-from results.store import PathLike, newest_attempts, read_files, read_steady, result_files
+from results.store import PathLike, newest_rows, read_steady, result_files
 
 _RUN_COLUMN = {
     "column": "run",
@@ -57,7 +57,7 @@ class Run:
 
     def table(self) -> pa.Table:
         """All rows under `results.schema.SCHEMA`, one a job."""
-        return read_steady([self.path], lambda: newest_attempts(read_files(result_files(self.path))))
+        return read_steady([self.path], lambda: newest_rows(result_files(self.path)))
 
     def dataset(self) -> ds.Dataset:
         """Rows as a pyarrow dataset, read lazily unless a job has several rows.

@@ -86,7 +86,7 @@ def finished_ids(
 
 def attempts_with(run_folder: PathLike, statuses: Collection[str]) -> dict[str, int]:
     """Jobs whose newest row has one of some statuses, each with the number of that attempt."""
-    newest = newest_attempts(read_files(result_files(run_folder), ["job_id", "status", "attempt"]))
+    newest = newest_rows(result_files(run_folder), ["job_id", "status", "attempt"])
     chosen = newest.filter(pc.is_in(newest["status"], pa.array(list(statuses), pa.string()))).drop_null()
     return dict(zip(chosen["job_id"].to_pylist(), chosen["attempt"].to_pylist(), strict=True))
 
@@ -107,7 +107,7 @@ def compact(run_folder: PathLike) -> Path:
     if not files:
         msg = f"{run} holds no results: 'toppling run' writes them"
         raise FileNotFoundError(msg)
-    table = newest_attempts(read_files(files)).sort_by([(name, "ascending") for name in SORT_ORDER])
+    table = newest_rows(files).sort_by([(name, "ascending") for name in SORT_ORDER])
     texts = {name: run / name for name in ("run.json", "campaign.toml")}
     told = {name.encode(): path.read_bytes() for name, path in texts.items() if path.exists()}
     table = table.replace_schema_metadata({**(SCHEMA.metadata or {}), **told})
@@ -145,13 +145,13 @@ def read_steady(run_folders: Iterable[PathLike], read: Callable[[], Answer]) -> 
     return read()
 
 
-def read_files(files: Sequence[Path], columns: list[str] | None = None) -> pa.Table:
-    """Rows of some files under `SCHEMA`, in the files' order; a nullable column that a file lacks is null."""
+def newest_rows(files: Sequence[Path], columns: list[str] | None = None) -> pa.Table:
+    """Rows of some files under `SCHEMA`, one a job; a nullable column that a file lacks is null."""
     tables = [pq.read_table(path, columns=columns, schema=SCHEMA) for path in files]
-    return pa.concat_tables(tables) if tables else SCHEMA.empty_table()
+    return _newest_attempts(pa.concat_tables(tables)) if tables else SCHEMA.empty_table()
 
 
-def newest_attempts(table: pa.Table) -> pa.Table:
+def _newest_attempts(table: pa.Table) -> pa.Table:
     """One row a job: the highest attempt, and of equal ones the last written."""
     if pc.count_distinct(table.column("job_id")).as_py() == len(table):
         return table

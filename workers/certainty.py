@@ -75,8 +75,8 @@ def least_overturning_j_kg(scene: Scene, tilt_deg: float = 0.0, turn_deg: float 
     tilt_deg : float
         Whole degrees below do not count: a peak that was passed holds nothing.
     turn_deg : float or None
-        Turn about the interface's normal since the start, which says what sides a slope has downhill; None for the
-        weakest turn of all.
+        Turn about the interface's normal from the pose of the scene, which says what sides a slope has downhill; None
+        for the weakest turn of all.
     """
     by_turn = _least_by_turn_j_kg(scene)
     turns = slice(None) if turn_deg is None else [round(turn_deg * TURNS / 360.0) % len(by_turn)]
@@ -107,16 +107,17 @@ def lying_com_m(contact: ContactModel, com_m: Array, attitude: Array) -> Array:
     feet = contact.points_body_m @ matrix(attitude).T
     lowest = int(feet[:, 2].argmin())
     foot = (com_m + feet[lowest]) * (1.0, 1.0, 0.0)
-    turned = Rotation.from_euler("z", turn_rad(contact, attitude))
+    turned = Rotation.from_euler("z", turn_rad(attitude, contact.start_quaternion_xyzw))
     return np.asarray(foot + turned.apply(_lying_m(contact)[lowest]))
 
 
-def turn_rad(contact: ContactModel, attitude: Array) -> float:
-    """Turn since the start about the interface's normal: what is left of a rotation without the tilt."""
-    _, _, z, w = product(attitude, inverse(contact.start_quaternion_xyzw))
+def turn_rad(attitude: Array, since: Array) -> float:
+    """Turn since another attitude about the interface's normal: what is left of a rotation without the tilt."""
+    _, _, z, w = product(attitude, inverse(since))
     return float(2.0 * np.arctan2(z, w))
 
 
+@lru_cache(maxsize=8)
 def _lying_m(contact: ContactModel) -> Array:
     """From each foot (n, 3) to the centre of mass as the rock stood at the start, support frame.
 
@@ -151,22 +152,22 @@ def _lifts_m(contact: ContactModel) -> Array:
     axes = np.column_stack([np.cos(azimuth), np.sin(azimuth), np.zeros(len(azimuth))])
     here = np.arange(len(axes))
     after = np.roll(here, -1)
+
+    def lifts_m(turned: Array, foot: NDArray[np.intp]) -> Array:
+        return np.einsum("aij,aj->ai", turned, arms[foot]) - lying[foot]
+
     by_tilt = []
     for tilt in np.deg2rad(np.arange(0.0, TOPPLED_TILT_DEG + 1.0)):
         turned = Rotation.from_rotvec(tilt * axes).as_matrix()
         heights = turned[:, 2] @ arms.T  # of the centre of mass over each foot
-
-        def lift_m(foot: NDArray[np.intp], axis: NDArray[np.intp], turned: Array = turned) -> Array:
-            return np.einsum("aij,aj->ai", turned[axis], arms[foot]) - lying[foot]
-
         foot = heights.argmax(axis=1)
         other = foot[after]
         above = heights[here, foot] - heights[here, other]
         below = heights[after, other] - heights[after, foot]
         share = (above / np.maximum(above + below, 1e-300))[:, None]
         both = [
-            (1.0 - share) * lift_m(one, here) + share * lift_m(one, after)  # at the axis with both feet down
+            (1.0 - share) * lifts_m(turned, one) + share * lifts_m(turned[after], one)  # with both feet down
             for one in (foot, other)
         ]
-        by_tilt.append(np.vstack([lift_m(foot, here), *both]))
+        by_tilt.append(np.vstack([lifts_m(turned, foot), *both]))
     return np.array(by_tilt)

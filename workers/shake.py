@@ -120,7 +120,8 @@ class ShakeResult:
     topple_time_s, topple_azimuth_deg : float or None
         When the rock crossed its point of no return, and where its centre of mass was then, seen from its start.
     max_tilt_deg, residual_tilt_deg, residual_yaw_deg : float
-        Largest and last angle between the interface's normal and where the rock has carried it; last turn about it.
+        Largest and last angle between the interface's normal and where the rock has carried it from its pose in the
+        scene; last turn about it, since the start.
     slip_m : float
         Way along the interface of the material point that was the centroid of the first contact, at the end.
     penetration_m : float
@@ -357,15 +358,16 @@ class _Run:
 
     def _too_little_energy(self) -> bool:
         """Whether the rock rocks with far less energy than overturns it, and does not slide."""
-        turn_deg = float(np.rad2deg(turn_rad(self.contact, np.array(self.stepper.way.poses[-1][1]))))
+        attitude = np.array(self.stepper.way.poses[-1][1])
+        turn_deg = float(np.rad2deg(turn_rad(attitude, self.contact.start_quaternion_xyzw)))
         # Past its balance all of a rock's energies are below that of lying: no share of them holds it.
         energy = max(self._energy(), 0.0)
         return energy < REST_CERTAIN_SHARE * self._barrier(turn_deg) and not self._slides()
 
     def _cannot_overturn(self) -> bool:
         """Whether the rock's energy overturns it in no turn that it may roll to, and no slope keeps it sliding."""
-        kinetic, slope = self.scene.contact.friction_kinetic, np.deg2rad(self.scene.pedestal.slope_deg)
-        return self._energy() < self._barrier(None) and (kinetic >= np.tan(slope) or not self._slides())
+        slip_ends = self.scene.contact.friction_kinetic >= _friction_that_stops(self.scene)
+        return self._energy() < self._barrier(None) and (slip_ends or not self._slides())
 
     def _barrier(self, turn_deg: float | None) -> float:
         """Energy that overturns the rock from its latest tilt, per mass."""
@@ -386,9 +388,10 @@ class _Run:
         tilt = self.contact.tilts_deg(quaternion)
         fallen = ended_by in ("fallen", "tilted", "slid_off")
         toppled = (fallen or bool(tilt[-1] > TOPPLED_TILT_DEG)) if status == "ok" else None
-        crossing = _point_of_no_return(position[:, 2]) if toppled else None
         if ended_by == "slid_off":
-            crossing = self.stepper.way.last
+            crossing: int | None = self.stepper.way.last
+        else:
+            crossing = _point_of_no_return(position[:, 2]) if toppled else None
         turn = self.contact.scene_from_support
         moved = (position - self.start_pose[0]) @ turn.T
         slip, yaw = self._slip(position[-1], quaternion[-1]), self._yaw(quaternion[-1])
@@ -426,7 +429,8 @@ class _Run:
         return np.array(position), np.array(quaternion)
 
     def _yaw(self, quaternion: Array) -> float:
-        return abs(float(np.rad2deg(turn_rad(self.contact, quaternion)) + 180.0) % 360.0 - 180.0)
+        turned_rad = turn_rad(quaternion, np.array(self.start_pose[1]))
+        return abs(float(np.rad2deg(turned_rad) + 180.0) % 360.0 - 180.0)
 
     def _slip(self, position: Array, quaternion: Array) -> float:
         """Way of the material point at the centroid of the first contact, along the interface."""
@@ -481,12 +485,13 @@ def settled(scene: Scene) -> Scene:
     InputError
         If the rock does not come to rest, or only far from the pose of the scene, or slides for ever once it slips.
     """
-    kinetic, slope_deg = scene.contact.friction_kinetic, scene.pedestal.slope_deg
-    if kinetic < min(scene.contact.friction_static, np.tan(np.deg2rad(slope_deg))):
+    kinetic, least = scene.contact.friction_kinetic, _friction_that_stops(scene)
+    if kinetic < min(scene.contact.friction_static, least):
         raise InputError(
-            f"friction_kinetic is {kinetic} on a slope of {slope_deg:.1f} degrees: a rock that slips never stops",
+            f"friction_kinetic is {kinetic} on a slope of {scene.pedestal.slope_deg:.1f} degrees: "
+            "a rock that slips never stops",
             where=f"scene {scene.id}",
-            expected=f"at least tan(slope), {np.tan(np.deg2rad(slope_deg)):.3f}",
+            expected=f"at least tan(slope), {least:.3f}",
             remedy="raise it: a rock that lies still after a slip shows that it is higher",
         )
     seated = _on_its_pedestal(scene)
@@ -501,11 +506,20 @@ def settled(scene: Scene) -> Scene:
     return seated
 
 
+def _friction_that_stops(scene: Scene) -> float:
+    """Kinetic friction, tan(slope), below which a rock that slips on the pedestal slides for ever."""
+    return float(np.tan(np.deg2rad(scene.pedestal.slope_deg)))
+
+
+def _lowest_m(contact: ContactModel, pose: Pose) -> float:
+    """Clearance of the lowest foot in a pose."""
+    return float(contact.gaps_m(np.array([pose[0]]), np.array([pose[1]])).min())
+
+
 def _on_its_pedestal(scene: Scene) -> Scene:
     """The scene with its rock shifted along the normal to where its lowest foot touches."""
     contact = contact_of(scene)
-    start = np.array([contact.com_m]), np.array([contact.start_quaternion_xyzw])
-    lowest_m = float(contact.gaps_m(*start).min())
+    lowest_m = _lowest_m(contact, _start_of(contact, None)[0])
     if abs(lowest_m) <= TOUCHING_SHARE * contact.half_diagonal_m:
         return scene
     return dataclasses.replace(scene, rock=scene.rock.moved(np.eye(3), -lowest_m * scene.pedestal.normal))
@@ -557,9 +571,8 @@ def _let_down(scene: Scene) -> Scene:
     engine = engine_for(
         contact, LARGEST_OPEN_TILT_DEG, surface, impulse, impulse * step_s, 0.0, SETTLING, slot
     )
-    pose: Pose = (tuple(contact.com_m), tuple(contact.start_quaternion_xyzw))
-    lowest = contact.gaps_m(np.array([pose[0]]), np.array([pose[1]])).min()
-    pose = ((pose[0][0], pose[0][1], pose[0][2] - lowest), pose[1])
+    (x, y, z), attitude = pose = _start_of(contact, None)[0]
+    pose = ((x, y, z - _lowest_m(contact, pose)), attitude)
     engine.set_state(pose, STILL, STILL)
     strict = 3e-7 * contact.half_diagonal_m  # the solver lets a rock at rest creep by a quarter of it
     previous = np.inf
@@ -627,8 +640,7 @@ def _start_of(contact: ContactModel, start: State | None) -> tuple[Pose, Vector,
 
 
 def _refuse_buried(contact: ContactModel, pose: Pose) -> None:
-    gaps_m = contact.gaps_m(np.array([pose[0]]), np.array([pose[1]]))
-    deepest_share = -float(gaps_m.min()) / contact.half_diagonal_m
+    deepest_share = -_lowest_m(contact, pose) / contact.half_diagonal_m
     if deepest_share > DEEPEST_START_SHARE:
         raise InputError(
             f"the rock starts inside the ground, {deepest_share:.2g} of its half diagonal deep",
@@ -639,7 +651,7 @@ def _refuse_buried(contact: ContactModel, pose: Pose) -> None:
 
 
 DEEPEST_START_SHARE = 0.1
-"""A rock that starts deeper is let out at meters a second: no start that anybody means."""
+"""A rock that starts deeper is let out at metres a second: no start that anybody means."""
 
 
 def _trajectory(

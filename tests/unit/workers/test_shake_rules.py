@@ -280,6 +280,13 @@ def test_a_slab_that_spins_flat_on_a_slope_has_turned_and_not_tilted(slope_deg):
     assert result.max_tilt_deg < 0.1
 
 
+def test_a_rock_that_starts_turned_and_stays_so_has_not_moved():
+    quarter = State(quaternion_xyzw=(0.0, 0.0, np.sqrt(0.5), np.sqrt(0.5)))
+    result = shake(Scene.block(0.2, 0.35, 0.6), Motion(np.zeros((2, 3)), 0.01), "fast", initial=quarter)
+    assert result.outcome == "stands"
+    assert result.residual_yaw_deg < 1e-4  # the solver turns it by 2.6e-6
+
+
 def on_a_table(half_sizes, half_table, **contact):
     block, top = (
         Scene.block(*half_sizes, **contact),

@@ -79,5 +79,5 @@ def main() -> None:
         sys.exit(1)
     except OSError as error:
         where = f"{Path(error.filename)}: " if error.filename else ""
-        click.echo(f"toppling: {where}{error.strerror}", err=True)
+        click.echo(f"toppling: {where}{error.strerror or error}", err=True)  # Arrow's have a message only
         sys.exit(1)

@@ -6,11 +6,10 @@ from typing import Any
 
 import pyarrow as pa
 import pyarrow.compute as pc
-import pyarrow.parquet as pq
 
 from orchestrator.folder import describe, is_running
 from orchestrator.journal import last
-from results.store import newest_rows, read_steady, result_files
+from results.store import newest_rows, read_steady, result_files, whole_table
 
 WINDOW = timedelta(minutes=1)
 REASONS_SHOWN = 10
@@ -66,12 +65,12 @@ def _pace(run: Path, rows: pa.Table) -> tuple[float | None, float | None]:
         return None, None
     recent = rows.filter(pc.greater(rows["finished_at"], pa.scalar(last - WINDOW, rows["finished_at"].type)))
     seconds = max((last - pc.min(recent["finished_at"]).as_py()).total_seconds(), 1.0)
-    catalog = pq.read_table(run / "ensemble" / "catalog.parquet", columns=["record_id", "duration_s"])
+    catalog = whole_table(run / "ensemble" / "catalog.parquet", columns=["record_id", "duration_s"])
     duration_s = dict(zip(*(column.to_pylist() for column in catalog.columns), strict=True))
 
     def motion_s(jobs: pa.Table) -> float:
         counted = pc.value_counts(jobs["record_id"].cast(pa.string())).to_pylist()
         return sum(duration_s[entry["values"]] * entry["counts"] for entry in counted)
 
-    left_s = motion_s(pq.read_table(run / "jobs.parquet", columns=["record_id"])) - motion_s(rows)
+    left_s = motion_s(whole_table(run / "jobs.parquet", columns=["record_id"])) - motion_s(rows)
     return len(recent) / seconds, left_s * seconds / motion_s(recent)

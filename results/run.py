@@ -9,12 +9,11 @@ import duckdb
 import pandas as pd
 import pyarrow as pa
 import pyarrow.dataset as ds
-import pyarrow.parquet as pq
 
 from models import InputError
 from models.motions.catalogue import meaning
 from results.schema import SCHEMA, describe
-from results.store import PathLike, newest_rows, read_steady, result_files
+from results.store import PathLike, damaged, newest_rows, read_steady, result_files, whole_table
 
 _RUN_COLUMN = {
     "column": "run",
@@ -107,12 +106,18 @@ class Run:
     def motions(self) -> pa.Table | None:
         """Catalogue of the run's records, one row a record; None where the run has no ensemble."""
         path = self.path / "ensemble" / "catalog.parquet"
-        return pq.read_table(path) if path.exists() else None
+        return whole_table(path) if path.exists() else None
 
     def scene(self) -> pa.Table | None:
         """One row about the scene; None where the run has none."""
         path = self.path / "scene" / "scene.json"
-        return _scene_table(json.loads(path.read_text())) if path.exists() else None
+        if not path.exists():
+            return None
+        told = _json(path)
+        try:
+            return _scene_table(told)
+        except (KeyError, TypeError) as error:
+            raise damaged(path, error) from error
 
     def quasi_static(self) -> pd.DataFrame | None:
         """Least constant ground acceleration (`value`, m/s2) that topples, by azimuth_deg."""
@@ -122,7 +127,7 @@ class Run:
     def provenance(self) -> dict[str, Any]:
         """Content of `run.json`, how the run was made; empty where there is none."""
         path = self.path / "run.json"
-        return json.loads(path.read_text()) if path.exists() else {}
+        return _json(path) if path.exists() else {}
 
     def describe(self) -> list[dict[str, str]]:
         """Every column of every table with its unit and meaning."""
@@ -187,6 +192,13 @@ def as_frame(table: pa.Table) -> pd.DataFrame:
     """Pandas frame of rows; a column `toppled` becomes a nullable boolean."""
     frame = table.to_pandas()
     return frame.astype({"toppled": "boolean"}) if "toppled" in frame else frame
+
+
+def _json(path: Path) -> dict[str, Any]:
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except ValueError as error:
+        raise damaged(path, error) from error
 
 
 def _as_recorded(field: pa.Field) -> dict[str, str]:

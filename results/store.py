@@ -19,6 +19,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
+from models import InputError
 from results.schema import SCHEMA, SORT_ORDER
 
 log = logging.getLogger(__name__)
@@ -72,7 +73,7 @@ def finished_ids(
     """
     finished: set[str] = set()
     for path in result_files(run_folder):
-        table = pq.read_table(path, columns=["job_id", "attempt"], schema=SCHEMA)
+        table = whole_table(path, columns=["job_id", "attempt"], schema=SCHEMA)
         ids = table["job_id"].to_pylist()
         if known is None or known.issuperset(ids):
             rows = zip(ids, table["attempt"].to_pylist(), strict=True)
@@ -145,9 +146,35 @@ def read_steady(run_folders: Iterable[PathLike], read: Callable[[], Answer]) -> 
     return read()
 
 
+def whole_table(path: Path, **how: Any) -> pa.Table:
+    """Read a Parquet file of a run, by the options of `pyarrow.parquet.read_table`.
+
+    Raises
+    ------
+    InputError
+        If it is damaged: a footer that is whole says nothing about the pages before it.
+    """
+    try:
+        return pq.read_table(path, **how)
+    except FileNotFoundError:
+        raise  # merged away meanwhile: `read_steady` looks again
+    except (pa.ArrowException, OSError) as error:
+        raise damaged(path, error) from error
+
+
+def damaged(path: Path, error: Exception) -> InputError:
+    """Say that a file of a run is not as it was written."""
+    return InputError(
+        f"cannot be read ({str(error).splitlines()[0]})",
+        where=str(path),
+        expected="the file as it was written",
+        remedy="copy the run again from where it was made, or start it anew with another --out",
+    )
+
+
 def newest_rows(files: Sequence[Path], columns: list[str] | None = None) -> pa.Table:
     """Rows of some files under `SCHEMA`, one a job; a nullable column that a file lacks is null."""
-    tables = [pq.read_table(path, columns=columns, schema=SCHEMA) for path in files]
+    tables = [whole_table(path, columns=columns, schema=SCHEMA) for path in files]
     return _newest_attempts(pa.concat_tables(tables)) if tables else SCHEMA.empty_table()
 
 

@@ -5,7 +5,6 @@ from pathlib import Path
 
 import click
 import pyarrow.compute as pc
-import pyarrow.parquet as pq
 from rich.console import Console
 from rich.progress import track
 
@@ -16,6 +15,7 @@ from orchestrator.folder import place_in
 from results.replay import Way, write_way
 from results.run import open_run
 from results.schema import SCHEMA, describe
+from results.store import whole_table
 from workers import ShakeResult, shake
 from workers.job import Assets, JobSpec, outcome_of, prepared
 from workers.shake import settled
@@ -101,7 +101,7 @@ def _specification(run: Path, job: str) -> tuple[JobSpec, str]:
         raise _error(
             run, "the folder holds no plan (jobs.parquet)", "give the folder that 'toppling run' made"
         )
-    jobs = pq.read_table(path)
+    jobs = whole_table(path)
     found = jobs.filter(pc.starts_with(jobs.column("job_id"), job)).to_pylist()
     if len(found) != 1:
         what = f"{len(found)} jobs begin with {job!r}" if found else f"no job begins with {job!r}"

@@ -7,7 +7,7 @@ import click
 import pytest
 from click.testing import CliRunner
 
-from orchestrator.cli import VERBS, cli
+from orchestrator.cli import VERBS, cli, main
 
 
 @pytest.mark.parametrize("verb", VERBS)
@@ -39,3 +39,14 @@ def test_only_what_something_transient_may_have_caused_is_done_again(statuses, t
 
 def test_an_unknown_verb_is_wrong_usage():
     assert CliRunner().invoke(cli, ["shake"]).exit_code == 2
+
+
+def test_an_error_of_the_system_without_a_number_is_told_in_its_own_words(monkeypatch, capsys):
+    def fails(**_: str) -> None:
+        raise OSError("Corrupt data page")
+
+    monkeypatch.setattr(cli, "main", fails)
+    with pytest.raises(SystemExit) as stop:
+        main()
+    assert stop.value.code == 1
+    assert "toppling: Corrupt data page" in capsys.readouterr().err

@@ -166,3 +166,22 @@ def test_describe_names_every_column_of_every_table(run_folder):
 
 def test_a_run_without_a_query_is_wrong_usage(run_folder):
     assert CliRunner().invoke(cli, ["query", str(run_folder)]).exit_code == 2
+
+
+@pytest.mark.parametrize(
+    "name", ["ensemble/catalog.parquet", "scene/scene.json", "results.parquet", "jobs.parquet"]
+)
+def test_a_damaged_file_of_a_run_is_named(run_folder, name):
+    pq.write_table(
+        pa.table({"job_id": [f"{number:024x}" for number in range(2000)]}), run_folder / "jobs.parquet"
+    )
+    compact(run_folder)
+    victim = run_folder / name
+    content = bytearray(victim.read_bytes())
+    for at in range(60, 160):  # pages, not the footer, which alone tells whose file it is
+        content[at] ^= 0x5A
+    victim.write_bytes(content)
+    verb = ["replay", str(run_folder), "0"] if name == "jobs.parquet" else ["report", str(run_folder)]
+    done = CliRunner().invoke(cli, verb)
+    assert isinstance(done.exception, InputError)
+    assert f"{victim}: cannot be read (" in str(done.exception)

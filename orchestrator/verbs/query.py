@@ -1,10 +1,14 @@
 """`toppling query`: SQL over runs."""
 
 import json
+import math
 import os
+from decimal import Decimal
 from pathlib import Path
+from typing import Any
 
 import click
+import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
@@ -40,15 +44,33 @@ def query(runs: tuple[str, ...], form: str | None, parquet: Path | None, describ
     if parquet:
         _write_parquet(table, parquet)
     if form == "csv":
-        click.echo(table.to_pandas().to_csv(index=False), nl=False)
+        click.echo(_frame(table).to_csv(index=False), nl=False)
     elif form == "json":
-        click.echo(json.dumps(table.to_pylist(), indent=1, default=str))
+        click.echo(json.dumps(_plain(table.to_pylist()), indent=1, allow_nan=False))
     elif not parquet:
         click.echo(_readable(table))
 
 
+def _frame(table: pa.Table) -> pd.DataFrame:
+    """Rows as pandas prints them: whole numbers stay whole beside a null."""
+    return table.to_pandas(integer_object_nulls=True)
+
+
+def _plain(value: Any) -> Any:
+    """Value as JSON has it: DuckDB's sums of whole numbers are decimals, and infinity is no number there."""
+    if isinstance(value, list):
+        return [_plain(part) for part in value]
+    if isinstance(value, dict):
+        return {key: _plain(part) for key, part in value.items()}
+    if isinstance(value, Decimal):
+        return int(value) if value == int(value) else float(value)
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return value if value is None or isinstance(value, bool | int | str) else str(value)
+
+
 def _readable(table: pa.Table) -> str:
-    shown = table.slice(0, SHOWN_ROWS).to_pandas().to_string(index=False, na_rep="", max_colwidth=None)
+    shown = _frame(table.slice(0, SHOWN_ROWS)).to_string(index=False, na_rep="", max_colwidth=None)
     left = len(table) - SHOWN_ROWS
     return f"{shown}\n({left} more rows: --csv, --json or --parquet FILE give all)" if left > 0 else shown
 

@@ -156,6 +156,22 @@ def test_the_command_line_gives_the_answer_in_every_form(run_folder, tmp_path, f
     assert answer == [{"level_pga_m_s2": 1.0, "n": 3}, {"level_pga_m_s2": 2.0, "n": 3}]
 
 
+def test_counts_stay_whole_numbers_and_json_holds_no_infinity(run_folder):
+    sql = (
+        "select level_pga_m_s2::int l, sum(1) n, 1 / 0.0 odds, [1.5::decimal(3, 1)] d, "
+        "case when level_pga_m_s2 > 1 then 7 end k from results group by all order by l"
+    )
+
+    def asked(form):
+        return CliRunner().invoke(cli, ["query", str(run_folder), sql, form], catch_exceptions=False).output
+
+    assert json.loads(asked("--json")) == [
+        {"l": 1, "n": 3, "odds": None, "d": [1.5], "k": None},
+        {"l": 2, "n": 3, "odds": None, "d": [1.5], "k": 7},
+    ]
+    assert [line.rpartition(",")[2] for line in asked("--csv").splitlines()] == ["k", "", "7"]
+
+
 def test_describe_names_every_column_of_every_table(run_folder):
     done = CliRunner().invoke(cli, ["query", str(run_folder), "--describe", "--json"], catch_exceptions=False)
     told = json.loads(done.output)

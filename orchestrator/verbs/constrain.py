@@ -12,7 +12,7 @@ from results import figures
 from results.atlas import save_table
 from results.constraint import bound_table, branch_table, single_event
 from results.exchange import read_curves
-from results.fits import Lognormal, answered, fit
+from results.fits import MEASURES, Lognormal, answered, fit
 from results.fragility import by_contact
 from results.hazard import HazardCurve, Standing, parse_age, read_hazard
 from results.run import open_run
@@ -118,6 +118,13 @@ def _basis(path: Path, measure: str) -> dict[str, float]:
 
 
 def _measure(asked: str | None, branches: list[HazardCurve]) -> str:
+    if asked and asked not in MEASURES:
+        raise InputError(
+            what=f"{asked!r} is no measure of intensity with a fragility",
+            where="--measure",
+            expected=f"one of {', '.join(MEASURES)}",
+            remedy="leave it out for the hazard curves' own, or pgv_m_s",
+        )
     stated = sorted({branch.measure for branch in branches})
     if len(stated) > 1 or (asked and stated and asked != stated[0]):
         raise InputError(

@@ -117,3 +117,12 @@ def test_wrong_usage_and_wrong_data_are_told_apart(curves, hazards):
     assert isinstance(wrong.exception, InputError)
     lacking = constrain(curves, "--measure", "pga_m_s2")
     assert "no fragility over pga_m_s2" in str(lacking.exception)
+
+
+@pytest.mark.parametrize("column", ["event", "pga_azimuth_deg", "bogus"])
+def test_what_is_no_measure_of_intensity_has_no_fragility(tmp_path, column):
+    write_part(tmp_path, rows(records=4, azimuths=(0.0,)))
+    refused = constrain(str(tmp_path), "--measure", column).exception
+    assert isinstance(refused, InputError)
+    assert f"--measure: {column!r} is no measure of intensity" in str(refused)
+    assert "pgv_m_s" in refused.expected

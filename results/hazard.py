@@ -225,9 +225,11 @@ def read_hazard(
         If the file is absent, is neither, or needs a site.
     """
     try:
-        lines = path.read_text().splitlines()
+        lines = path.read_text(encoding="utf-8-sig").splitlines()  # spreadsheets begin with a byte order mark
     except FileNotFoundError:
         raise _hazard_error(path, "does not exist") from None
+    except UnicodeDecodeError as error:
+        raise _hazard_error(path, "is no text in UTF-8") from error
     if not lines:
         raise _hazard_error(path, "is empty")
     try:
@@ -377,16 +379,17 @@ def _openquake(
         )
     header, *rows = list(csv.reader(lines[1:]))
     places = [number for number, name in enumerate(header) if name.startswith("poe-")]
-    table = np.array([[float(value) for value in row] for row in rows])
+    # Other columns may hold text: a site model's own names (custom_site_id).
+    at = [header.index("lon"), header.index("lat"), *places]
+    table = np.array([[float(row[place]) for place in at] for row in rows])
     if len(table) > 1 and site is None:
         raise _hazard_error(path, f"has {len(table)} sites: choose one with --site LONGITUDE LATITUDE")
-    at = [header.index("lon"), header.index("lat")]
-    east = math.cos(math.radians(table[0, at[1]]))
-    nearest = np.hypot((table[:, at[0]] - site[0]) * east, table[:, at[1]] - site[1]).argmin() if site else 0
+    east = math.cos(math.radians(table[0, 1]))
+    nearest = np.hypot((table[:, 0] - site[0]) * east, table[:, 1] - site[1]).argmin() if site else 0
     measure, factor = measures[imt[1]]
     levels = np.array([float(header[place].removeprefix("poe-")) for place in places])
     # A probability of one in the investigation time is a rate without bound: such points are left out.
-    exceeded = np.minimum(table[nearest, places], 1.0)
+    exceeded = np.minimum(table[nearest, 2:], 1.0)
     stated = exceeded < 1.0
     return measure, levels[stated] / factor, -np.log1p(-exceeded[stated]) / float(time[1])
 

@@ -176,12 +176,23 @@ def test_openquake_curves_become_annual_rates_in_si(tmp_path):
     np.testing.assert_allclose(curve.annual_rate, -np.log(1 - np.array([0.5, 0.1])) / 50.0)
 
 
+def test_an_openquake_file_may_name_its_sites(tmp_path):
+    path = tmp_path / "hazard_curve-mean-PGV.csv"
+    path.write_text(
+        "#,,,,,\"generated_by='OpenQuake engine 3.16.3', kind='mean', investigation_time=1.0, imt='PGV'\"\n"
+        "custom_site_id,lon,lat,depth,poe-10,poe-100\nrock1,-118.0,34.0,0.0,0.5,0.1\n"
+    )
+    np.testing.assert_allclose(read_hazard(path).annual_rate, -np.log(1 - np.array([0.5, 0.1])))
+
+
 def test_two_columns_are_read_in_si_or_in_openquakes_units(tmp_path):
     (tmp_path / "si.csv").write_text("pga_m_s2,annual_rate\n0.980665,0.01\n9.80665,0.0001\n")
     (tmp_path / "g.csv").write_text("PGA,annual_rate\n0.1,0.01\n1,0.0001\n")
     si, g = (read_hazard(tmp_path / name) for name in ("si.csv", "g.csv"))
     np.testing.assert_allclose(si.intensity, g.intensity)
     assert read_hazard(tmp_path / "si.csv", ratio=1.2).intensity[0] == pytest.approx(1.2 * 0.980665)
+    (tmp_path / "spreadsheet.csv").write_text("\ufeffPGA,annual_rate\n0.1,0.01\n1,0.0001\n", encoding="utf-8")
+    assert read_hazard(tmp_path / "spreadsheet.csv").measure == "pga_m_s2"
 
 
 @pytest.mark.parametrize(
@@ -194,6 +205,12 @@ def test_a_file_that_is_no_hazard_curve_is_refused(tmp_path, text):
     path.write_text(text)
     with pytest.raises(InputError, match="annual rates of exceedance"):
         read_hazard(path)
+
+
+def test_a_picture_is_no_hazard_curve(tmp_path):
+    (tmp_path / "scene.png").write_bytes(b"\x89PNG\r\n")
+    with pytest.raises(InputError, match="is no text in UTF-8"):
+        read_hazard(tmp_path / "scene.png")
 
 
 def test_ages_are_numbers_ranges_distributions_or_files(tmp_path):

@@ -40,7 +40,7 @@ def sector_share(frame: pd.DataFrame, low_deg: float, high_deg: float) -> dict[s
     dict
         low_deg, high_deg, jobs (with an answer), toppled, toppled_within, share_of_jobs, share_of_toppled.
     """
-    width = (high_deg - low_deg) % 360.0
+    width = (high_deg - low_deg) % 360.0 or (360.0 if high_deg != low_deg else 0.0)
     toppled = _toppled(frame)
     off = (frame["topple_azimuth_deg"].to_numpy(float) - low_deg) % 360.0
     within = int((toppled & (off <= width)).sum())

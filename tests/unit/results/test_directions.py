@@ -40,6 +40,11 @@ def test_a_sector_may_cross_azimuth_zero(four):
     assert sector_share(four, 350.0, 10.0)["toppled_within"] == 1
 
 
+def test_a_sector_of_the_whole_circle_holds_every_toppled_job(four):
+    assert sector_share(four, 0.0, 360.0)["share_of_toppled"] == 1.0
+    assert sector_share(four, 122.5, 122.5)["toppled_within"] == 1
+
+
 def test_the_rose_counts_each_toppled_job_in_the_petal_nearest_to_it(four):
     rose = topple_rose(four, petal_deg=45.0).set_index("azimuth_deg")["toppled"]
     assert rose.to_dict() == {0.0: 1, 45.0: 0, 90.0: 0, 135.0: 1, 180.0: 1, 225.0: 0, 270.0: 0, 315.0: 0}

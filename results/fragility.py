@@ -98,7 +98,7 @@ def direction_bin_deg(azimuth_deg: Iterable[float], bins: int = 8) -> NDArray[np
     """
     width = 360.0 / bins
     azimuth = np.asarray(azimuth_deg, dtype=float)
-    return np.floor((azimuth + width / 2) / width) * width % 360.0
+    return np.floor((azimuth + width / 2) / width) % bins * 360.0 / bins  # as every k * 360 / bins to the bit
 
 
 def cells(frame: pd.DataFrame, plane: Plane, *, thin_records: int = THIN_RECORDS) -> pd.DataFrame:

@@ -27,6 +27,13 @@ from results.run import open_run
 from results.store import write_part
 
 
+@pytest.mark.parametrize("bins", [8, 13, 39, 72])
+def test_centres_of_direction_bins_are_the_same_numbers_everywhere(bins):
+    # The verb asks the plane reference for these azimuths, and the figure looks them up by equality.
+    centres = {number * 360.0 / bins for number in range(bins)}
+    assert set(direction_bin_deg(np.linspace(0.0, 360.0, 20001), bins)) == centres
+
+
 @pytest.fixture
 def hand_made(tmp_path):
     """Level 2: three records with pulses of 0.10 to 0.15 s, one of 0.20 to 0.25 s; level 4: no answer."""

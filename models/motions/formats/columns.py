@@ -14,7 +14,8 @@ from models.motions.formats.component import UP, Component, code_direction, numb
 
 NAME = "plain columns"
 COMMENT = ("#", "%", "!", "//", ";")
-_NUMBER = re.compile(r"^[-+]?(\d+\.?\d*|\.\d+)([EeDd][-+]?\d+)?$")
+_NUMBER = re.compile(r"^[-+]?((\d+\.?\d*|\.\d+)([EeDd][-+]?\d+)?|nan|inf)$", re.IGNORECASE)
+"""NaN too: a file that begins with one is of this format, and damaged at that line."""
 STEP_TOLERANCE = 0.01
 """Largest departure of one time difference from their median, as a share of it."""
 WIDTHS = (1, 2, 4)

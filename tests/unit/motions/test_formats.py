@@ -192,6 +192,14 @@ def test_nan_is_refused_with_its_line(tmp_path):
         read_file(path)
 
 
+@pytest.mark.parametrize("line", [2, 3, 150])
+def test_nan_in_plain_columns_is_refused_with_its_line_wherever_it_is(tmp_path, line):
+    path = columns(tmp_path, shaking())[0]
+    damaged(path, line, path.read_text().splitlines()[line - 1].split()[1], "NaN")
+    with pytest.raises(InputError, match=rf"acc:{line}: 'NaN' is not a finite number"):
+        read_file(path)
+
+
 def test_a_wrong_count_is_refused(tmp_path):
     path = peer(tmp_path, shaking())[0]
     damaged(path, 4, "   400", "   401")

@@ -1,6 +1,7 @@
 """The metadata table: what record files do not say, one row a record."""
 
 import csv
+import io
 import math
 from dataclasses import dataclass
 from pathlib import Path
@@ -70,7 +71,7 @@ def read_table(table: Path) -> list[Entry]:
     InputError
         If a column is missing, a number is none, a unit is unknown, or two rows have one id: with the line.
     """
-    with table.open(encoding="utf-8-sig", newline="") as file:
+    with text_table(table) as file:
         reader = csv.DictReader(file)
         names = reader.fieldnames or []
         if "h1" not in names or "h2" not in names:
@@ -94,6 +95,27 @@ def read_table(table: Path) -> list[Entry]:
             )
         seen[entry.record_id] = entry.where
     return entries
+
+
+def text_table(table: Path) -> io.StringIO:
+    """Open a CSV table, whole in memory.
+
+    Raises
+    ------
+    InputError
+        If it is not in UTF-8, with the line.
+    """
+    content = table.read_bytes()
+    try:
+        return io.StringIO(content.decode("utf-8-sig"), newline="")
+    except UnicodeDecodeError as error:
+        line = content[: error.start].count(b"\n") + 1
+        raise InputError(
+            f"the byte {content[error.start : error.start + 1]!r} is not UTF-8",
+            where=f"{table}:{line}",
+            expected="a CSV table in UTF-8",
+            remedy="save it as 'CSV UTF-8', or convert it: iconv -f latin1 -t utf-8",
+        ) from None
 
 
 def looks_like_table(path: Path) -> bool:

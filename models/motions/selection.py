@@ -9,6 +9,7 @@ from pathlib import Path
 
 from models.errors import InputError
 from models.motions.ensemble import Ensemble
+from models.motions.metadata import text_table
 
 
 @dataclass(frozen=True)
@@ -102,7 +103,7 @@ def read_deaggregation(table: Path) -> list[Bin]:
     """
     names = ("magnitude_low", "magnitude_high", "distance_low_km", "distance_high_km", "contribution")
     bins = []
-    with table.open(encoding="utf-8-sig", newline="") as file:
+    with text_table(table) as file:
         reader = csv.DictReader(file)
         for row in reader:
             try:

@@ -200,6 +200,14 @@ def test_nan_in_plain_columns_is_refused_with_its_line_wherever_it_is(tmp_path, 
         read_file(path)
 
 
+def test_a_table_in_another_encoding_is_refused_with_its_line(tmp_path):
+    columns(tmp_path, shaking())
+    table = tmp_path / "table.csv"
+    table.write_bytes(table.read_bytes().rstrip() + b"\nMichoac\xe1n\n")
+    with pytest.raises(InputError, match=r"table\.csv:3: the byte b'\\xe1' is not UTF-8"):
+        read_table(table)
+
+
 def test_a_wrong_count_is_refused(tmp_path):
     path = peer(tmp_path, shaking())[0]
     damaged(path, 4, "   400", "   401")

@@ -340,9 +340,7 @@ def _candidate(name: str, channels: Triple, wishes: Wishes, entry: Entry | None)
         *history,
     ]
     corrected = _corrected(channels)
-    motion, quality, done = _processed(
-        motion, corrected, wishes.process, wishes.corner_hz or (entry.corner_hz if entry else None)
-    )
+    motion, quality, done = _processed(motion, corrected, wishes.process, _corner_hz(wishes, entry))
     steps.extend(done)
     if wishes.time_step_s and abs(wishes.time_step_s / motion.time_step_s - 1) > 1e-9:
         steps.append(f"resampled from {motion.time_step_s:g} to {wishes.time_step_s:g} s, low-passed before")
@@ -365,6 +363,13 @@ def _candidate(name: str, channels: Triple, wishes: Wishes, entry: Entry | None)
         (first.event.lower(), first.station.lower(), first.series) if first.event and first.station else None
     )
     return Candidate(record, shaking, bool(corrected))
+
+
+def _corner_hz(wishes: Wishes, entry: Entry | None) -> float | None:
+    """High-pass corner by the option, then by the table; None to choose one."""
+    if wishes.corner_hz is not None:
+        return wishes.corner_hz
+    return entry.corner_hz if entry else None
 
 
 def _corrected(channels: Triple) -> bool | None:

@@ -47,7 +47,20 @@ def high_pass(motion: Motion, corner_hz: float, order: int = HIGH_PASS_ORDER) ->
     corner_hz : float
     order : int
         Order after both passes, even.
+
+    Raises
+    ------
+    InputError
+        If the corner is not between zero and half the sampling rate.
     """
+    nyquist_hz = 0.5 / motion.time_step_s
+    if not 0 < corner_hz < nyquist_hz:
+        raise InputError(
+            f"a high-pass corner of {corner_hz:g} Hz",
+            where="high-pass",
+            expected=f"above 0 and below {nyquist_hz:g} Hz, half of the record's sampling rate",
+            remedy="correct --corner, or corner_hz in the metadata table; 0.05 to 0.2 Hz is usual",
+        )
     filtered, pad = _filtered(motion, corner_hz, order)
     return Motion(filtered[pad : pad + len(motion.acceleration_m_s2)], motion.time_step_s)
 
@@ -121,7 +134,7 @@ def process(motion: Motion, corner_hz: float | None = None) -> tuple[Motion, tup
     Motion, history
     """
     start = taper(demean(motion))
-    chosen, how = (corner_hz, "as asked") if corner_hz else _corner_by_displacement(start)
+    chosen, how = (corner_hz, "as asked") if corner_hz is not None else _corner_by_displacement(start)
     history = (
         "mean removed",
         f"cosine taper of {TAPER_SHARE:.0%} at each end",

@@ -200,6 +200,14 @@ def test_nan_in_plain_columns_is_refused_with_its_line_wherever_it_is(tmp_path, 
         read_file(path)
 
 
+@pytest.mark.parametrize("corner_hz", [-1.0, 0.0, 50.0])
+def test_a_corner_that_no_filter_has_leaves_its_record_out(tmp_path, corner_hz):
+    columns(tmp_path, shaking())
+    outcome = imported(tmp_path, process=True, corner_hz=corner_hz)
+    assert not outcome.records
+    assert "below 50 Hz" in outcome.refusals[0].reason.expected
+
+
 def test_a_table_in_another_encoding_is_refused_with_its_line(tmp_path):
     columns(tmp_path, shaking())
     table = tmp_path / "table.csv"

@@ -195,6 +195,14 @@ def _by_row(
     entry: Entry, here: Sequence[Path], channels: dict[Path, list[Component]], wishes: Wishes
 ) -> Candidate:
     """Record of a metadata table's row, of whose files `here` were given."""
+    named = 2 + (entry.v is not None)
+    if 1 < len(entry.files) < named:
+        raise InputError(
+            f"the row names {len(entry.files)} files in {named} columns",
+            where=entry.where,
+            expected="a file of its own for every component, or one file that holds all",
+            remedy="correct h1, h2 and v: two of them name the same file",
+        )
     given = {path.resolve(): path for path in here}
     parts: list[list[Component]] = []
     for file in entry.files:

@@ -200,6 +200,20 @@ def test_nan_in_plain_columns_is_refused_with_its_line_wherever_it_is(tmp_path, 
         read_file(path)
 
 
+@pytest.mark.parametrize("files", ["E,E,Z", "E,N,N", "E,N,E"])
+def test_a_row_that_names_one_file_twice_is_refused_with_its_line(tmp_path, files):
+    columns(tmp_path, shaking())
+    table = tmp_path / "table.csv"
+    head, row = table.read_text().splitlines()[:2]
+    for old, new in zip("ENZ", files.split(","), strict=True):
+        row = row.replace(f"STA1_{old}.", f"STA1_*{new}.")
+    table.write_text(f"{head}\n{row.replace('*', '')}\n")
+    outcome = imported(tmp_path)
+    assert not outcome.records
+    assert any("the row names 2 files in 3 columns" in refusal.reason.what for refusal in outcome.refusals)
+    assert f"{table}:2" in [refusal.reason.where for refusal in outcome.refusals]
+
+
 @pytest.mark.parametrize("corner_hz", [-1.0, 0.0, 50.0])
 def test_a_corner_that_no_filter_has_leaves_its_record_out(tmp_path, corner_hz):
     columns(tmp_path, shaking())

@@ -282,7 +282,7 @@ def select(
     names = chosen(
         loaded, Choice(magnitude or None, distance_km or None, event, components, per_event, quality)
     )
-    weights = dict.fromkeys(names, 1.0)
+    weights = dict(zip(loaded.record_ids, loaded.catalog["weight"].to_pylist(), strict=True))
     if deaggregation:
         weights, empty = hazard_weights(loaded, names, read_deaggregation(deaggregation))
         for b in empty:

@@ -98,6 +98,19 @@ def test_select_makes_a_smaller_ensemble_of_the_same_records(made, tmp_path):
     assert all(near.sha(name) == Ensemble.load(made).sha(name) for name in near.record_ids)
 
 
+def test_a_selection_of_a_weighted_ensemble_keeps_its_weights(made, tmp_path):
+    rows = Ensemble.load(made).catalog.to_pylist()
+    table = tmp_path / "deaggregation.csv"
+    head = "magnitude_low,magnitude_high,distance_low_km,distance_high_km,contribution"
+    middle = sorted(row["magnitude"] for row in rows)[3]
+    table.write_text(f"{head}\n0,{middle},0,999,1\n{middle},9,0,999,9\n")
+    run("select", made, "--out", tmp_path / "weighted", "--deaggregation", table)
+    run("select", tmp_path / "weighted", "--out", tmp_path / "near", "--distance", "0", "999")
+    weighted, near = (Ensemble.load(tmp_path / name) for name in ("weighted", "near"))
+    assert len(set(weighted.catalog["weight"].to_pylist())) == 2
+    assert near.catalog["weight"] == weighted.catalog["weight"]
+
+
 @pytest.mark.parametrize("verb", ["import", "show", "select", "synthesise"])
 def test_help_shows_a_working_example(verb):
     assert f"toppling records {verb} " in run(verb, "--help").output

@@ -69,6 +69,17 @@ def test_a_stiff_oscillator_follows_the_ground_and_a_soft_one_stays_behind():
     assert spectrum["rotd100"][1] / (2 * np.pi / 1000) ** 2 == pytest.approx(measures["pgd_m"], rel=0.02)
 
 
+def test_the_spectrum_of_a_short_period_is_that_of_the_ground_between_the_samples():
+    coarse = Motion(np.random.default_rng(5).normal(size=(300, 3)), 0.02)  # noise, with all that it can hold
+    period_s = 3.3 * coarse.time_step_s
+    time = np.linspace(0.0, coarse.duration_s, 64 * (len(coarse.acceleration_m_s2) - 1) + 1)
+    ground = np.column_stack([np.interp(time, coarse.time_s, axis) for axis in coarse.acceleration_m_s2.T])
+    response = oscillator_response_m_s2(ground[:, :2], coarse.time_step_s / 64, period_s)
+    told = spectral_acceleration_m_s2(coarse, [period_s])
+    assert told["rotd100"][0] == pytest.approx(np.hypot(*response.T).max(), rel=3e-3)
+    assert told["x"][0] == pytest.approx(np.abs(response[:, 0]).max(), rel=3e-3)
+
+
 def test_rotd_of_motion_along_one_line_is_the_cosine():
     pga, azimuth = 3.0, np.deg2rad(20)
     horizontal = sine_cycles(pga, 0.5, 200, azimuth).acceleration_m_s2[:, :2]

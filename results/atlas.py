@@ -9,7 +9,7 @@ import pandas as pd
 from results import figures, fits
 from results.directions import sector_share, topple_rose
 from results.exchange import OPENQUAKE, write_curves
-from results.fragility import Plane, by_contact, cells, cells_by_direction, unplaced
+from results.fragility import Plane, beyond, by_contact, cells, cells_by_direction, unplaced
 from results.friction import compare_frictions
 
 
@@ -43,25 +43,35 @@ def write_maps(
     for contact, jobs in by_contact(frame).items():
         place = folder / contact
         place.mkdir(parents=True, exist_ok=True)
-        missing = {}
+        missing, outside = {}, {}
         for plane in planes:
             table = cells(jobs, plane)
-            missing[plane.name] = unplaced(jobs, plane)
+            missing[plane.name], outside[plane.name] = unplaced(jobs, plane), beyond(jobs, plane)
             yield save_table(table, place / f"{plane.name}.csv")
-            drawn = figures.map_figure(table, plane, contact, missing[plane.name])
+            drawn = figures.map_figure(table, plane, contact, missing[plane.name], outside[plane.name])
             yield from figures.save(drawn, place / plane.name)
             if not plane.by_direction:
                 continue
             split = cells_by_direction(jobs, plane, bins=directions)
             stem = place / f"{plane.name}_by_direction"
-            missing[stem.name] = unplaced(jobs, plane, by_direction=True)
+            missing[stem.name], outside[stem.name] = (
+                unplaced(jobs, plane, by_direction=True),
+                outside[plane.name],
+            )
             yield save_table(split, stem.with_name(f"{stem.name}.csv"))
             lines = reference if plane.name == "pga_pgv_pga" else None
             if lines is not None:
                 yield save_table(lines, stem.with_name(f"{stem.name}_reference.csv"))
             drawn = figures.direction_figure(split, plane, directions, contact, lines, missing[stem.name])
             yield from figures.save(drawn, stem)
-        told = pd.DataFrame({"map": missing.keys(), "jobs": len(jobs), "unplaced": missing.values()})
+        told = pd.DataFrame(
+            {
+                "map": missing.keys(),
+                "jobs": len(jobs),
+                "unplaced": missing.values(),
+                "beyond": outside.values(),
+            }
+        )
         yield save_table(told, place / "unplaced.csv")
 
 

@@ -60,7 +60,9 @@ _STYLE = {
 }
 
 
-def map_figure(table: pd.DataFrame, plane: Plane, title: str = "", unplaced: int = 0) -> Figure:
+def map_figure(
+    table: pd.DataFrame, plane: Plane, title: str = "", unplaced: int = 0, beyond: int = 0
+) -> Figure:
     """One map: toppling probability in the cells of a plane.
 
     Parameters
@@ -70,14 +72,14 @@ def map_figure(table: pd.DataFrame, plane: Plane, title: str = "", unplaced: int
     plane : Plane
         The plane it was made for.
     title : str
-    unplaced : int
-        From `results.fragility.unplaced`.
+    unplaced, beyond : int
+        From `results.fragility`'s functions of these names.
     """
     with style():
         figure = Figure(figsize=(HALF_WIDTH_IN, 3.0))
         axes = figure.subplots(gridspec_kw=_margins(HALF_WIDTH_IN, 3.0))
         _draw_cells(axes, table, plane, f"{title}\n".lstrip(), full_share=_full_share(table))
-        axes.set_title(axes.get_title() + _missing(unplaced))
+        axes.set_title(axes.get_title() + _beyond(plane, beyond) + _missing(unplaced))
         _frame_cells(axes, table, plane)
         axes.set(xlabel=_label(plane.x), ylabel=_label(plane.y))
         _colour_bar(figure)
@@ -504,6 +506,11 @@ def _draw_cells(axes: Axes, table: pd.DataFrame, plane: Plane, title: str, full_
 
 def _missing(unplaced: int) -> str:
     return f", {unplaced} more in no cell: measures not known" if unplaced else ""
+
+
+def _beyond(plane: Plane, beyond: int) -> str:
+    ends = [f"{axis.below:g} {axis.unit}" for axis in (plane.x, plane.y) if axis.below is not None]
+    return f", {beyond} more from {' or '.join(ends)} on" if beyond else ""
 
 
 def _frame_cells(axes: Axes, table: pd.DataFrame, plane: Plane) -> None:

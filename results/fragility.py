@@ -166,6 +166,12 @@ def unplaced(frame: pd.DataFrame, plane: Plane, *, by_direction: bool = False) -
     return int(frame[needed].isna().any(axis=1).sum())
 
 
+def beyond(frame: pd.DataFrame, plane: Plane) -> int:
+    """Jobs whose measures are known and that a plane leaves out, as they are at or above the end of an axis."""
+    inside = _below(frame, plane.x) & _below(frame, plane.y)
+    return len(frame) - int(inside.sum()) - unplaced(frame, plane)
+
+
 _WEIGHTS = ["weight", "answered_weight", "toppled_weight"]
 
 

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from models import InputError
 from results import figures, fits
 from results.directions import SECTOR_DEG, sector_share, topple_rose
-from results.fragility import PLANES, by_contact, cells, cells_by_direction, unplaced
+from results.fragility import PLANES, beyond, by_contact, cells, cells_by_direction, unplaced
 from results.friction import compare_frictions
 from results.run import Run
 
@@ -161,7 +161,9 @@ def _maps(run: Run, frame: pd.DataFrame) -> str:
     for contact, jobs in by_contact(frame).items():
         parts.append(_heading(contact, 3) if contact else "")
         for plane in PLANES.values():
-            drawn = figures.map_figure(cells(jobs, plane), plane, unplaced=unplaced(jobs, plane))
+            drawn = figures.map_figure(
+                cells(jobs, plane), plane, unplaced=unplaced(jobs, plane), beyond=beyond(jobs, plane)
+            )
             parts.append(_figure(drawn, f"Toppling probability over {plane.x.label} and {plane.y.label}"))
             if plane.by_direction:
                 split = cells_by_direction(jobs, plane)

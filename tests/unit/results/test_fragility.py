@@ -164,12 +164,23 @@ def test_jobs_in_no_cell_are_told_in_the_title_and_in_a_table_beside_the_maps(tm
     list(write_maps(frame, tmp_path, [PLANES["pga_pgv_pga"]]))
     told = pd.read_csv(tmp_path / "unplaced.csv")
     assert told.to_dict("records") == [
-        {"map": "pga_pgv_pga", "jobs": 11, "unplaced": 3},
-        {"map": "pga_pgv_pga_by_direction", "jobs": 11, "unplaced": 3},
+        {"map": "pga_pgv_pga", "jobs": 11, "unplaced": 3, "beyond": 0},
+        {"map": "pga_pgv_pga_by_direction", "jobs": 11, "unplaced": 3, "beyond": 0},
     ]
     for name in told["map"]:
         assert "3 more in no cell: measures not known" in (tmp_path / f"{name}.svg").read_text()
     assert "8 jobs, 3 more in no cell" in (tmp_path / "pga_pgv_pga.svg").read_text()
+
+
+def test_jobs_beyond_the_end_of_an_axis_are_told_in_the_title_and_in_the_table(tmp_path):
+    plane = PLANES["pgv_duration"]
+    frame = as_frame_of(rows(records=4, levels=(2, 6), azimuths=(0.0,)))
+    frame = frame.assign(duration_energy_s=[31.0, *[5.0] * (len(frame) - 1)])
+    list(write_maps(frame, tmp_path, [plane]))
+    told = pd.read_csv(tmp_path / "unplaced.csv").iloc[0]
+    assert (told["unplaced"], told["beyond"]) == (0, 1)
+    assert cells(frame, plane)["jobs"].sum() + told["beyond"] == told["jobs"]
+    assert "7 jobs, 1 more from 30 s or 3 m/s on" in (tmp_path / "pgv_duration.svg").read_text()
 
 
 def test_the_same_table_gives_the_same_figure_files(hand_made, tmp_path):

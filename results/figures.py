@@ -114,7 +114,7 @@ def direction_figure(
     columns = min(4, max(1, len(directions)))
     lines = max(1, -(-len(directions) // columns))
     half = 180.0 / bins
-    heading = (title + _missing(unplaced)).removeprefix(", ")
+    heading = (title + _missing(unplaced) + _told_lines(reference)).removeprefix(", ")
     with style():
         width = FULL_WIDTH_IN if columns > 2 else HALF_WIDTH_IN
         height = 0.6 + 2.1 * lines + (HEADING_IN if heading else 0.0)
@@ -528,6 +528,13 @@ def _draw_lines(axes: Axes, lines: pd.DataFrame) -> None:
         axes.plot(line["pgv_pga_s"], line["pga_m_s2"], dashes, color="white", lw=2.0)
         axes.plot(line["pgv_pga_s"], line["pga_m_s2"], dashes, color="black", lw=0.9)
     axes.axis(frame)
+
+
+def _told_lines(lines: pd.DataFrame | None) -> str:
+    if lines is None or not len(lines):
+        return ""
+    low, high = (f"{100 * part:g} %" for part in (lines["probability"].min(), lines["probability"].max()))
+    return f", lines: where a plane section topples with {low} (dashed) and {high} (solid)"
 
 
 def _full_share(table: pd.DataFrame) -> float:

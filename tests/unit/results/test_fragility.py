@@ -183,6 +183,18 @@ def test_jobs_beyond_the_end_of_an_axis_are_told_in_the_title_and_in_the_table(t
     assert "7 jobs, 1 more from 30 s or 3 m/s on" in (tmp_path / "pgv_duration.svg").read_text()
 
 
+def test_lines_of_the_plane_reference_are_explained_on_the_figure(hand_made):
+    plane = PLANES["pga_pgv_pga"]
+    lines = pd.DataFrame({
+        "azimuth_deg": 0.0, "pgv_pga_s": [0.1, 0.2] * 2, "probability": [0.01] * 2 + [0.99] * 2, "pga_m_s2": 5.0,
+    })  # fmt: skip
+    table = cells_by_direction(hand_made, plane)
+    told = [text.get_text() for text in direction_figure(table, plane, 8, reference=lines).texts]
+    assert any("1 % (dashed) and 99 % (solid)" in text for text in told)
+    plain = [text.get_text() for text in direction_figure(table, plane, 8).texts]
+    assert not any("dashed" in text for text in plain)
+
+
 def test_the_same_table_gives_the_same_figure_files(hand_made, tmp_path):
     plane = PLANES["pga_pgv_pga"]
     table = cells(hand_made, plane)

@@ -49,7 +49,7 @@ _COLUMNS = {
         ("duration_arias_s", _REAL, _MAY, "s", "5 to 95 % of integrated squared acceleration"),
         ("sa_1s_m_s2", _REAL, _MAY, "m/s2", "pseudo-spectral acceleration at 1 s, 5 % damping"),
         ("sa_2s_m_s2", _REAL, _MAY, "m/s2", "pseudo-spectral acceleration at 2 s, 5 % damping"),
-        ("directionality", _REAL, _MAY, "1", "how strongly the horizontal shaking keeps to one axis"),
+        ("directionality", _REAL, _MAY, "1", "share of PGA reached over 22.5 deg off its azimuth"),
     ],
     "outcome": [
         ("status", _TEXT, _MUST, "", "ok, undecided, diverged, failed, crashed or timeout"),

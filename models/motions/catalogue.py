@@ -29,7 +29,7 @@ _MEANINGS = {
     "duration_energy_s": "5 to 95 % of the stronger component's integrated squared velocity (Anderson 2004)",
     "duration_energy_vector_s": "5 to 95 % of the horizontal vector's integrated squared velocity",
     "duration_arias_s": "5 to 95 % of integrated squared acceleration",
-    "directionality": "share of the peak reached more than 22.5 degrees away from its axis",
+    "directionality": "share of PGA reached over 22.5 deg off its azimuth",
 }
 
 _PATTERNS = {

@@ -12,11 +12,13 @@ import orchestrator.status
 import results.run
 import results.store
 from models import InputError, Scene
+from models.motions.catalogue import meaning
 from orchestrator.cli import cli
 from orchestrator.folder import SCHEMA_VERSION
 from orchestrator.status import state_of
 from results import open_run
 from results.run import ask
+from results.schema import SCHEMA, describe
 from results.store import compact, read_steady, write_part
 
 
@@ -178,6 +180,12 @@ def test_describe_names_every_column_of_every_table(run_folder):
     assert {line["table"] for line in told} == {"results", "motions", "scene"}
     assert {"table": "results", "column": "pgv_m_s", "type": "double", "group": "imposed", "unit": "m/s",
             "description": "peak of the horizontal velocity vector"} in told  # fmt: skip
+
+
+def test_what_results_and_records_share_is_described_alike():
+    assert describe(SCHEMA.field("directionality"))["description"] == meaning("directionality")["description"]
+    # Shaking to and fro along one line reaches the share of 1 on its other side.
+    assert "azimuth" in meaning("directionality")["description"]
 
 
 def test_a_run_without_a_query_is_wrong_usage(run_folder):

@@ -35,7 +35,11 @@ SHAPES = ("sawtooth", "sine", "cosine", "ricker")
     "--period", "period_s", type=click.FloatRange(0.02, 100), default=3.5, show_default=True, help="s"
 )
 @click.option(
-    "--azimuth", type=float, default=0.0, show_default=True, help="Of the ground's first way, deg from east."
+    "--azimuth",
+    type=float,
+    default=0.0,
+    show_default=True,
+    help="Of the ground's first way (Ricker: of its largest acceleration), deg from east.",
 )
 @click.option("--friction", type=click.FloatRange(0, min_open=True), help="The scene's own if not given.")
 @click.option("--preset", type=click.Choice(list(PRESETS)), default="standard", show_default=True)

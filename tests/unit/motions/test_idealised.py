@@ -5,6 +5,7 @@ import pytest
 
 from models.motions import idealised
 from models.motions.intensity import displacement_m, measure, velocity_m_s
+from orchestrator.verbs.pulse import pulse, pulse_motion
 
 
 def test_full_sine_leaves_the_ground_at_rest_and_displaced():
@@ -48,3 +49,16 @@ def test_ricker_carries_neither_momentum_nor_displacement():
     assert motion.acceleration_m_s2[:, 0].max() == pytest.approx(4.0)
     assert velocity_m_s(motion)[-1, 0] == pytest.approx(0.0, abs=1e-6)
     assert displacement_m(motion)[-1, 0] == pytest.approx(0.0, abs=1e-5)
+
+
+@pytest.mark.parametrize(("shape", "first"), [("sawtooth", 1), ("sine", 1), ("cosine", 1), ("ricker", -1)])
+def test_a_pulse_first_goes_toward_its_azimuth_but_for_rickers(shape, first):
+    """As the verb's help says; Ricker's largest acceleration is toward the azimuth, its first way against it."""
+    (told,) = (option.help for option in pulse.params if option.name == "azimuth")
+    assert "Ricker: of its largest acceleration" in told
+    motion = pulse_motion(shape, 1.0, 1.0, 0.0)
+    velocity = velocity_m_s(motion)[:, 0]
+    moving = velocity[np.abs(velocity) > 0.05]
+    assert np.sign(moving[0]) == first
+    acceleration = motion.acceleration_m_s2[:, 0]
+    assert acceleration[np.abs(acceleration).argmax()] > 0

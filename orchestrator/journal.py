@@ -40,8 +40,8 @@ def journal(run: Path) -> Iterator[None]:
         handler.close()
 
 
-def last(run: Path, event: str) -> dict[str, Any] | None:
-    """Find the newest entry of a kind near the end of a run's log."""
+def last(run: Path, *events: str) -> dict[str, Any] | None:
+    """Find the newest entry of some kinds near the end of a run's log."""
     try:
         with (run / LOG_FILE).open("rb") as file:
             file.seek(max(file.seek(0, os.SEEK_END) - TAIL_BYTES, 0))
@@ -51,7 +51,7 @@ def last(run: Path, event: str) -> dict[str, Any] | None:
     for line in reversed(lines):
         with suppress(ValueError):  # cut by a crash, or by where the reading began
             entry = json.loads(line)
-            if isinstance(entry, dict) and entry.get("event") == event:
+            if isinstance(entry, dict) and entry.get("event") in events:
                 return entry
     return None
 

@@ -85,11 +85,14 @@ class Tally:
         Jobs that had a row when this session began, those to be done again aside.
     motion_s : float
         Durations of the records of this session's jobs together.
+    again : int
+        Jobs to be done again whose new row is not stored yet.
     """
 
     total: int
     before: int
     motion_s: float
+    again: int = 0
     motion_done_s: float = 0.0
     done: int = 0
     stored: int = 0
@@ -128,6 +131,7 @@ class Tally:
             "done": self.done,
             "stored": self.stored,
             "total": self.total,
+            "again": self.again,
             "toppled": self.toppled,
             "failed": self.failed,
             "workers": self.workers,
@@ -222,18 +226,21 @@ def _until_complete(
     finished = finished_ids(folder, planned.ids)  # first, as it sets rows of other runs aside
     redo = attempts_with(folder, again) if again else {}
     pending = planned.pending(finished - redo.keys())
-    tally = Tally(len(planned), len(planned) - len(pending), planned.motion_s(pending))
+    tally = Tally(len(planned), len(planned) - len(pending), planned.motion_s(pending), len(redo))
     if not len(pending):
         return tally
+    tell("work began", **tally.told())
     with cluster as client, client.as_current(), _reported(report):
         check_workers(client, order)
         tally.began = time.monotonic()  # a batch system may have kept it waiting for hours
         for _ in range(ROUNDS):
             Execution(planned, pending, client, folder, order, watch, tally, limits, redo=redo)()
-            pending = planned.pending(finished_ids(folder, planned.ids, redo))
+            finished = finished_ids(folder, planned.ids, redo)
+            pending = planned.pending(finished)
             if not len(pending):
                 return tally
             log.warning("%d rows were lost after they were stored", len(pending))
+            tally.again = len(redo.keys() - finished)
     msg = f"rows are lost after they are stored: is the disk of {folder} sound?"
     raise RunError(msg)
 
@@ -500,6 +507,7 @@ class Execution:
         if self._unstored and (last or now - self._flushed >= pause):
             write_part(self.folder, self._unstored)
             self.tally.stored += len(self._unstored)
+            self.tally.again -= sum(row["job_id"] in self.redo for row in self._unstored)
             self._unstored = []
             tell("rows stored", **self.tally.told())
             self._flushed = time.monotonic()

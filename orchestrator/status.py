@@ -31,17 +31,19 @@ def state_of(run: Path) -> dict[str, Any]:
     running = is_running(run)
     state: dict[str, Any] = {
         "state": "running" if running else "complete" if stored == jobs else "interrupted",
-        "jobs": jobs, "stored": stored, "toppled": 0, "failed": 0, "status": {}, "failures": [],
+        "jobs": jobs, "stored": stored, "again": 0, "toppled": 0, "failed": 0, "status": {}, "failures": [],
         "rate_per_s": None, "left_s": None, "workers": None, "deaths": None, "sessions": described["sessions"],
     }  # fmt: skip
-    if running and (told := last(run, "rows stored")):
+    if running and (told := last(run, "work began", "rows stored")):
         state["workers"], state["deaths"] = told["workers"], told["deaths"]
+        state["again"] = told.get("again", 0)
     counted = pc.value_counts(rows["status"]).to_pylist()
     state["status"] = {entry["values"]: entry["counts"] for entry in counted}
     state["failed"] = stored - state["status"].get("ok", 0)
     state["toppled"] = pc.sum(rows["toppled"]).as_py() or 0
     state["failures"] = _failures(rows.filter(pc.not_equal(rows["status"], "ok")))
-    if running and stored < jobs:
+    # What is to be done again has a row, so that the rows do not tell what work is left.
+    if running and stored < jobs and not state["again"]:
         state["rate_per_s"], state["left_s"] = _pace(run, rows)
     return state
 

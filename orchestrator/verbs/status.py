@@ -24,7 +24,8 @@ def status(run: Path, as_json: bool) -> None:
     if as_json:
         click.echo(json.dumps(state))
         return
-    click.echo(f"{run}: {state['state']}, {state['stored']} of {state['jobs']} jobs stored")
+    again = f", {state['again']} of them still to be done again" if state["again"] else ""
+    click.echo(f"{run}: {state['state']}, {state['stored']} of {state['jobs']} jobs stored{again}")
     if state["rate_per_s"]:
         click.echo(f"rate {state['rate_per_s']:.1f}/s over the last minute, {duration(state['left_s'])} left")
     if state["workers"] is not None:

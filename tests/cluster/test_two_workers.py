@@ -152,6 +152,7 @@ def test_failed_jobs_are_done_again_and_an_interruption_meanwhile_loses_nothing(
     before = rows_of(run)
 
     def stop_at_two(tally):
+        assert state_of(run)["again"] == tally.again == len(culprits) - tally.stored
         if tally.stored >= 2:
             raise KeyboardInterrupt
 

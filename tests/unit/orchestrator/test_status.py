@@ -15,6 +15,7 @@ from models.motions.record import Record
 from orchestrator.campaign import Campaign
 from orchestrator.cli import cli
 from orchestrator.folder import prepare, session
+from orchestrator.journal import journal, tell
 from orchestrator.plan import plan
 from orchestrator.status import REASONS_SHOWN, state_of
 from orchestrator.task import lost_row
@@ -102,6 +103,21 @@ def test_the_time_left_counts_what_is_left_of_the_records_not_of_the_jobs(tmp_pa
     share = planned.duration_s["B"] / planned.duration_s["L"]
     assert share < 0.5
     assert left_s == pytest.approx(59.0 * share)
+
+
+def test_jobs_to_be_done_again_are_told_while_the_session_goes_on_and_no_longer(planned, tmp_path):
+    run = tmp_path / "run"
+    write_part(run, rows(planned, [("crashed", "died")] * 4 + [("ok", "")] * 11))
+    workers = {"workers": 2, "deaths": 0}
+    with session(run, {}), journal(run):
+        tell("rows stored", again=0, workers=9, deaths=9)  # of an earlier session
+        tell("work began", again=4, **workers)
+        assert (state_of(run)["again"], state_of(run)["workers"]) == (4, 2)
+        said = CliRunner().invoke(cli, ["status", str(run)]).output
+        assert "running, 15 of 15 jobs stored, 4 of them still to be done again" in said
+        tell("rows stored", again=1, **workers)
+        assert state_of(run)["again"] == 1
+    assert (state_of(run)["again"], state_of(run)["state"]) == (0, "complete")
 
 
 def test_a_look_at_the_state_keeps_no_session_from_beginning(planned, tmp_path):

@@ -90,18 +90,25 @@ def session(run: Path, told: dict[str, Any]) -> Iterator[dict[str, Any]]:
     Raises
     ------
     InputError
-        If another process writes to the run.
+        If another process writes to the run, or its file system has no locks to tell.
     """
     with (run / ".lock").open("a+") as lock:
         try:
             _take(lock)
-        except OSError:
+        except BlockingIOError:
             lock.seek(0)
             raise _error(
                 run,
                 f"another process writes to this run ({lock.read().strip() or 'unknown'})",
                 expected="one 'toppling run' for a folder at a time",
                 remedy="wait for it, or stop it first",
+            ) from None
+        except OSError as error:
+            raise _error(
+                run,
+                f"files cannot be locked on this file system ({error.strerror})",
+                expected="a file system with flock, so that one 'toppling run' at a time writes to a folder",
+                remedy="give --out on another one, or have it mounted with locks (Lustre: -o flock)",
             ) from None
         lock.truncate(0)
         lock.write(f"{socket.gethostname()}:{os.getpid()}\n")

@@ -1,5 +1,6 @@
 """What a run's folder tells of its state, without anything that runs."""
 
+import errno
 import fcntl
 import os
 import threading
@@ -138,6 +139,20 @@ def test_a_session_that_goes_on_lets_no_other_begin(planned, tmp_path):
         session(tmp_path / "run", {}),
     ):
         pass
+
+
+@pytest.mark.parametrize("code", ["ENOTSUP", "EOPNOTSUPP", "ENOLCK", "ENOSYS"])
+def test_a_file_system_without_locks_is_not_taken_for_another_process(planned, tmp_path, monkeypatch, code):
+    def refuse(file, kind):
+        raise OSError(getattr(errno, code), os.strerror(getattr(errno, code)))
+
+    monkeypatch.setattr(fcntl, "flock", refuse)
+    with (
+        pytest.raises(InputError, match=r"files cannot be locked .*\n.*flock.*\n.*--out"),
+        session(tmp_path / "run", {}),
+    ):
+        pass
+    assert state_of(tmp_path / "run")["state"] == "interrupted"
 
 
 def test_what_is_no_run_is_refused(tmp_path):

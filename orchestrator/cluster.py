@@ -96,6 +96,17 @@ def replace_dead_workers(client: Client) -> None:
     cluster.scale(wanted)
 
 
+class _ClosedIfNotStarted(Client):
+    """A client that Dask leaves open after some errors would keep the program from its end, for a minute."""
+
+    def start(self, **kwargs: Any) -> None:
+        try:
+            super().start(**kwargs)
+        except BaseException:
+            self.close()
+            raise
+
+
 @contextlib.contextmanager
 def existing(address: str | None, scheduler_file: Path | None, tls: Security | None) -> Iterator[Client]:
     """Connect to a scheduler that somebody else has started.
@@ -120,12 +131,15 @@ def existing(address: str | None, scheduler_file: Path | None, tls: Security | N
         raise _unreachable(where, "no such file")
     options: dict[str, Any] = {"security": tls} if tls else {}
     try:
-        client = Client(
+        client = _ClosedIfNotStarted(
             address, scheduler_file=str(scheduler_file) if scheduler_file else None,
             timeout=CONNECT_TIMEOUT_S, set_as_default=False, **options,
         )  # fmt: skip
     except (OSError, ValueError, TypeError, RuntimeError) as error:
-        raise _unreachable(where, str(error).splitlines()[0]) from None
+        what = str(error).splitlines()[0]
+        if "ssl_context" in what:  # an argument deep inside Dask
+            what = "the address asks for TLS, and no certificates are given"
+        raise _unreachable(where, what) from None
     with client:
         _check_scheduler(client)
         yield client

@@ -29,14 +29,14 @@ def draw_scene(scene: Scene, path: Path) -> None:
     FigureCanvasAgg(figure)
     grid = figure.add_gridspec(2, 3)
     for place, (elevation, azimuth) in enumerate(VIEWS_DEG):
-        _draw_view(figure.add_subplot(grid[0, place]), scene, elevation, azimuth)
+        draw_view(figure.add_subplot(grid[0, place]), scene, elevation, azimuth)
     _draw_plan(figure.add_subplot(grid[1, 0]), scene)
     _draw_statics(figure.add_subplot(grid[1, 1], projection="polar"), scene)
     _write_numbers(figure.add_subplot(grid[1, 2]), scene)
     figure.savefig(path, dpi=110)
 
 
-def _draw_view(axes: Axes, scene: Scene, elevation_deg: float, azimuth_deg: float) -> None:
+def draw_view(axes: Axes, scene: Scene, elevation_deg: float, azimuth_deg: float) -> None:
     """Triangles painted from far to near (orthographic)."""
     turn, lift = np.deg2rad(azimuth_deg), np.deg2rad(elevation_deg)
     toward = np.array([np.cos(lift) * np.cos(turn), np.cos(lift) * np.sin(turn), np.sin(lift)])
@@ -44,8 +44,9 @@ def _draw_view(axes: Axes, scene: Scene, elevation_deg: float, azimuth_deg: floa
     frame = np.column_stack([right, np.cross(toward, right), toward])
     corners, colours = [], []
     surfaces = [(scene.rock.vertices_m, scene.rock.faces, ROCK_COLOUR)]
-    if scene.pedestal.vertices_m is not None and scene.pedestal.faces is not None:
-        surfaces.append((scene.pedestal.vertices_m, scene.pedestal.faces, PEDESTAL_COLOUR))
+    # From below, as from behind a slope steeper than the eye is high, an endless plane would hide the rock.
+    if not scene.pedestal.is_plane or toward @ scene.pedestal.normal > 0:
+        surfaces.append((*scene.pedestal_triangles(), PEDESTAL_COLOUR))
     light = np.array([0.4, 0.3, 0.87])
     for vertices, faces, colour in surfaces:
         corner = vertices[faces]
@@ -56,7 +57,12 @@ def _draw_view(axes: Axes, scene: Scene, elevation_deg: float, azimuth_deg: floa
         rgb = np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)]) / 255
         colours.append(shade[:, None] * rgb)
     corner, painted = np.concatenate(corners), np.concatenate(colours)
-    order = np.argsort(corner[:, :, 2].mean(axis=1))
+    depth = corner[:, :, 2].mean(axis=1)
+    if scene.pedestal.is_plane:
+        depth[
+            len(scene.rock.faces) :
+        ] = -np.inf  # its triangles are too large for a depth, and the rock is on it
+    order = np.argsort(depth)
     axes.add_collection(
         PolyCollection(
             list(corner[order][:, :, :2]), facecolors=painted[order], edgecolors="face", linewidths=0.2

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 import trimesh
 from click.testing import CliRunner
+from matplotlib.figure import Figure
 
 from models import InputError, Scene
 from models.scan.page import scene_figure
-from models.scan.picture import BAND_TITLE, toppling_band
+from models.scan.picture import BAND_TITLE, VIEWS_DEG, draw_view, toppling_band
 from models.scene import read_triangles
 from orchestrator.verbs.scene import scene
 
@@ -106,6 +107,23 @@ def test_an_export_holds_the_pedestal_beside_the_rock_also_where_it_is_an_endles
 
 def test_the_page_shows_the_pedestal_also_where_it_is_an_endless_plane(folder):
     assert [trace.name for trace in scene_figure(Scene.load(folder)).data] == ["rock", "pedestal"]
+
+
+@pytest.mark.parametrize(("slope_deg", "planes"), [(0.0, [2, 2, 2]), (30.0, [2, 2, 0])])
+def test_the_picture_shows_an_endless_plane_behind_the_rock_in_every_view_from_above_it(slope_deg, planes):
+    slope, downhill = np.radians([slope_deg, 60.0])
+    normal = np.array([*(np.sin(slope) * np.array([np.cos(downhill), np.sin(downhill)])), np.cos(slope)])
+    block = Scene.block(0.2, 0.3, 0.6)
+    drawn = dataclasses.replace(block, pedestal=dataclasses.replace(block.pedestal, normal=normal))
+    seen = []
+    for view in VIEWS_DEG:
+        axes = Figure().add_subplot()
+        draw_view(axes, drawn, *view)
+        red, _, blue = axes.collections[0].get_facecolor()[:, :3].T
+        seen.append(int((blue > red).sum()))
+        assert len(red) == len(drawn.rock.faces) + seen[-1]
+        assert (blue > red)[: seen[-1]].all()  # painted first
+    assert seen == planes
 
 
 @pytest.mark.parametrize("suffix", [".glb", ".gltf", ".ply", ".obj"])

@@ -29,6 +29,14 @@ COLUMNS = pa.schema(
     ]
 )
 
+EQUAL_SHARE_S = 40.0
+"""A job is expected to cost as its record's duration and so much more: many shakes end before a long coda does.
+
+Half way through 429 jobs with real records of 11 to 390 s, and 168 with synthetic ones of 21 to 86 s, the time left
+was so told 8 % too long and 25 % too short; by durations alone 36 and 43 % too short, by numbers of jobs 240 and 1 %
+too long.
+"""
+
 
 @dataclass(frozen=True, eq=False)
 class Plan:
@@ -81,7 +89,7 @@ class Plan:
         return [self.jobs.column(name).to_numpy() for name in COLUMNS.names[2:]]
 
     def motion_s(self, rows: NDArray[np.int64]) -> float:
-        """Durations of the records of some jobs together: what jobs cost goes with it."""
+        """Durations of the records of some jobs together."""
         durations = np.array([self.duration_s[record] for record in self._records])
         return float(durations[self.record_of[rows]].sum())
 

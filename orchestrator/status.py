@@ -9,6 +9,7 @@ import pyarrow.compute as pc
 
 from orchestrator.folder import describe, is_running
 from orchestrator.journal import last
+from orchestrator.plan import EQUAL_SHARE_S
 from results.store import newest_rows, read_steady, result_files, whole_table
 
 WINDOW = timedelta(minutes=1)
@@ -58,10 +59,7 @@ def _failures(rows: pa.Table) -> list[dict[str, Any]]:
 
 
 def _pace(run: Path, rows: pa.Table) -> tuple[float | None, float | None]:
-    """Jobs a second in the last minute of stored rows, and the time left at the pace of that minute.
-
-    Jobs cost in proportion to their records' durations, and those of the longest records go first.
-    """
+    """Jobs a second in the last minute of stored rows, and the time left at the pace of that minute."""
     last = pc.max(rows["finished_at"]).as_py()
     if last is None or datetime.now(UTC) - last > 10 * WINDOW:
         return None, None
@@ -70,9 +68,9 @@ def _pace(run: Path, rows: pa.Table) -> tuple[float | None, float | None]:
     catalog = whole_table(run / "ensemble" / "catalog.parquet", columns=["record_id", "duration_s"])
     duration_s = dict(zip(*(column.to_pylist() for column in catalog.columns), strict=True))
 
-    def motion_s(jobs: pa.Table) -> float:
+    def work_s(jobs: pa.Table) -> float:
         counted = pc.value_counts(jobs["record_id"].cast(pa.string())).to_pylist()
-        return sum(duration_s[entry["values"]] * entry["counts"] for entry in counted)
+        return sum((duration_s[entry["values"]] + EQUAL_SHARE_S) * entry["counts"] for entry in counted)
 
-    left_s = motion_s(whole_table(run / "jobs.parquet", columns=["record_id"])) - motion_s(rows)
-    return len(recent) / seconds, left_s * seconds / motion_s(recent)
+    left_s = work_s(whole_table(run / "jobs.parquet", columns=["record_id"])) - work_s(rows)
+    return len(recent) / seconds, left_s * seconds / work_s(recent)

@@ -2,18 +2,29 @@
 
 import time
 
+import numpy as np
 import pytest
 
 from orchestrator.progress import duration, told
 from orchestrator.run import Tally
 
 
-def test_the_time_left_counts_what_is_left_of_the_records_not_of_the_jobs():
-    tally = Tally(total=2, before=0, motion_s=120.0, began=time.monotonic() - 100.0)
+@pytest.mark.parametrize(
+    ("durations_s", "cost_s"),
+    [
+        (np.linspace(86.0, 21.0, 25), lambda duration_s: 2.0),  # the demo's
+        (np.geomspace(390.0, 11.0, 25), lambda duration_s: 0.3 + 0.005 * duration_s),  # of 143 real records
+    ],
+)
+def test_the_time_left_holds_within_a_third_for_costs_as_they_were_met(durations_s, cost_s):
+    cost = [cost_s(duration) for duration in durations_s]
+    half = len(cost) // 2
+    tally = Tally(len(cost), 0, durations_s.sum(), began=time.monotonic() - sum(cost[:half]))
     assert "left" not in told(tally)
-    tally.count([{"record_id": "long", "status": "ok"}], {"long": 80.0, "brief": 40.0})
-    assert tally.left_s == pytest.approx(50.0, abs=1.0)  # the test's own time
-    assert told(tally).startswith("0.0/s  50 s left  0 toppled")
+    rows = [{"record_id": n, "status": "ok"} for n in range(half)]
+    tally.count(rows, dict(enumerate(durations_s)))
+    assert tally.left_s == pytest.approx(sum(cost[half:]), rel=0.33)
+    assert f" {duration(tally.left_s)} left  0 toppled" in told(tally)
 
 
 def test_a_session_that_is_complete_has_no_time_left():

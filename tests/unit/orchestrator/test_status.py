@@ -17,7 +17,7 @@ from orchestrator.campaign import Campaign
 from orchestrator.cli import cli
 from orchestrator.folder import prepare, session
 from orchestrator.journal import journal, tell
-from orchestrator.plan import plan
+from orchestrator.plan import EQUAL_SHARE_S, plan
 from orchestrator.status import REASONS_SHOWN, state_of
 from orchestrator.task import lost_row
 from results.store import write_part
@@ -91,7 +91,7 @@ def test_the_rate_is_that_of_the_last_minute_of_stored_rows(planned, tmp_path):
     assert state["left_s"] == pytest.approx((15 - 12) * 9 / 10)
 
 
-def test_the_time_left_counts_what_is_left_of_the_records_not_of_the_jobs(tmp_path):
+def test_the_time_left_counts_what_the_jobs_left_are_expected_to_cost(tmp_path):
     brief, long = (Record.of(name, ricker(2.0, period_s)) for name, period_s in (("B", 0.3), ("L", 1.5)))
     planned = plan_of([brief, long], tmp_path)
     # All jobs of the long record, which go first, in a minute; the brief one's then take their share of it.
@@ -101,9 +101,9 @@ def test_the_time_left_counts_what_is_left_of_the_records_not_of_the_jobs(tmp_pa
     write_part(tmp_path / "run", [row | moment for row, moment in zip(done, ended, strict=True)])
     with session(tmp_path / "run", {}):
         left_s = state_of(tmp_path / "run")["left_s"]
-    share = planned.duration_s["B"] / planned.duration_s["L"]
-    assert share < 0.5
-    assert left_s == pytest.approx(59.0 * share)
+    brief_s, long_s = (planned.duration_s[name] + EQUAL_SHARE_S for name in ("B", "L"))
+    assert brief_s < 0.95 * long_s
+    assert left_s == pytest.approx(59.0 * brief_s / long_s)
 
 
 def test_jobs_to_be_done_again_are_told_while_the_session_goes_on_and_no_longer(planned, tmp_path):

@@ -238,6 +238,7 @@ def twins():
 def test_tops_are_told_as_near_wants_them_in_survey_coordinates(twins):
     with pytest.raises(InputError, match="2 things of like size") as error:
         segment(twins, virtual.DEMO_ORIGIN_M)
+    assert "--near" in error.value.remedy
     for east, north in re.findall(r"(\d+\.\d), (\d+\.\d) \(", error.value.what):
         # The rocks stand at 0, 0 and 2, 0; a coarse scan's highest point lies within 0.3 m of the middle.
         offset = np.array([float(east), float(north)]) - virtual.DEMO_ORIGIN_M[:2]

@@ -28,7 +28,7 @@ def stump():
         SLOPE_DEG,
         DOWNHILL_DEG,
     )
-    stations = virtual.scan_around(truth, seed=1, stations=4, resolution_per_height=0.015)
+    stations = virtual.scan_around(truth, seed=1, stations=4, resolution_per_height=0.02)
     return truth, *virtual.cloud_of(stations, virtual.DEMO_ORIGIN_M)
 
 
@@ -44,15 +44,26 @@ def words(truth, tmp_path):
     }
 
 
-@pytest.mark.parametrize("kind", ["plane", "points", "outline"])
+def test_plane_points_and_outline_name_the_same_interface(stump, tmp_path):
+    plane, points, outline = words(stump[0], tmp_path).values()
+    for word in (points, outline):
+        np.testing.assert_allclose(word.interface.normal, plane.interface.normal, atol=1e-9)
+        assert word.interface.flat(plane.interface.point_m)[2] == pytest.approx(0.0, abs=1e-6)
+    assert [word.encloses for word in (plane, points, outline)] == [False, False, True]
+
+
+# Points that enclose nothing are taken as a plane is.
+@pytest.mark.parametrize("kind", ["plane", pytest.param("points", marks=pytest.mark.slow), "outline"])
 def test_a_true_word_gives_the_true_rock(stump, tmp_path, kind):
     truth, cloud, label = stump
+    # As one station: that stations are brought together is another matter, and costs as much as the split.
+    cloud = dataclasses.replace(cloud, station=np.zeros_like(cloud.station), files=(("all", len(label)),))
     found = survey(cloud, word=words(truth, tmp_path)[kind])
     assert found.scene.pedestal.slope_deg == pytest.approx(SLOPE_DEG, abs=1e-3)
     assert found.scene.report["interface"]["given_by"] == kind
     assert (found.label[label == ROCK] == ROCK).mean() > 0.98
     assert (found.label[label == PEDESTAL] == PEDESTAL).mean() > 0.98
-    # A coarse scan, 1.5 % of the height: half again the project's target for a fine one.
+    # A coarse scan, 2 % of the height: half again the project's target for a fine one.
     assert found.scene.rock.volume_m3 == pytest.approx(truth.rock.volume_m3, rel=0.015)
 
 

@@ -1,4 +1,4 @@
-"""The command itself as a process of its own: exit codes, interruption, other people's schedulers."""
+"""The command itself, a process of its own where it starts workers: exit codes, interruption, other schedulers."""
 
 import contextlib
 import json
@@ -13,7 +13,11 @@ from pathlib import Path
 
 import pytest
 from answers import answers_of
+from click.testing import CliRunner
 from conftest import OTHER_CODE_VARIABLE
+
+from orchestrator.cli import cli
+from orchestrator.status import state_of
 
 TOPPLING = str(Path(sys.executable).with_name("toppling"))
 DASK = str(Path(sys.executable).with_name("dask"))
@@ -25,6 +29,15 @@ def command(inputs, run, *options):
 
 def toppling(*arguments, **options):
     return subprocess.run(arguments, capture_output=True, text=True, timeout=240, **options)
+
+
+def within(*arguments):
+    """The command within this process: for what starts no worker."""
+    before = signal.getsignal(signal.SIGTERM)
+    try:
+        return CliRunner().invoke(cli, arguments[1:], catch_exceptions=False)
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def wait_for(condition, seconds=120):
@@ -44,21 +57,12 @@ def parts(run):
     return list((run / "parts").glob("part-*.parquet"))
 
 
-def stored(run):
-    return json.loads(toppling(TOPPLING, "status", str(run), "--json").stdout)
+def ctrl_c(process):
+    os.killpg(process.pid, signal.SIGINT)
 
 
-@pytest.mark.parametrize(
-    "stop",
-    [
-        lambda process: os.killpg(process.pid, signal.SIGINT),  # Ctrl-C
-        pytest.param(lambda process: process.terminate(), marks=pytest.mark.slow),  # a batch system's warning
-    ],
-    ids=["Ctrl-C", "SIGTERM"],
-)
-def test_stopping_it_keeps_the_rows_and_says_how_to_go_on(inputs, undisturbed, tmp_path, faults, stop):
-    faults.set(every={"kind": "wait", "seconds": 0.4})
-    run = tmp_path / "run"
+def stopped(inputs, run, stop):
+    """Begin a run, stop it once rows are stored: exit code and standard error."""
     # A session of its own, so that the signal reaches workers and client together, as from a terminal.
     process = subprocess.Popen(
         command(inputs, run, "--workers", "2"), start_new_session=True, stderr=subprocess.PIPE, text=True
@@ -66,15 +70,38 @@ def test_stopping_it_keeps_the_rows_and_says_how_to_go_on(inputs, undisturbed, t
     wait_for(lambda: parts(run))
     stop(process)
     _, told = process.communicate(timeout=60)
-    assert process.returncode == 130
+    return process.returncode, told
+
+
+@pytest.mark.parametrize(
+    "stop",
+    [
+        ctrl_c,
+        pytest.param(lambda process: process.terminate(), marks=pytest.mark.slow),  # a batch system's warning
+    ],
+    ids=["Ctrl-C", "SIGTERM"],
+)
+def test_stopping_it_keeps_the_rows_and_says_how_to_go_on(inputs, planned, tmp_path, faults, stop):
+    faults.set(every={"kind": "wait", "seconds": 0.4})
+    run = tmp_path / "run"
+    code, told = stopped(inputs, run, stop)
+    assert code == 130
     assert f"To go on: toppling run {inputs / 'campaign.toml'} --out {run}" in told
-    state = stored(run)
+    state = state_of(run)
     assert state["state"] == "interrupted"
-    assert 0 < state["stored"] < len(undisturbed)
+    assert 0 < state["stored"] < len(planned)
+
+
+@pytest.mark.slow  # test_two_workers.py has the law; this is the command's part
+def test_what_was_stopped_goes_on_with_the_same_command(inputs, undisturbed, tmp_path, faults):
+    faults.set(every={"kind": "wait", "seconds": 0.4})
+    run = tmp_path / "run"
+    stopped(inputs, run, ctrl_c)
+    before = json.loads(toppling(TOPPLING, "status", str(run), "--json").stdout)["stored"]
     faults.clear()
     done = toppling(*command(inputs, run, "--workers", "2", "--json"))
     assert done.returncode == 0, done.stderr
-    assert json.loads(done.stdout)["done_before"] == state["stored"]
+    assert json.loads(done.stdout)["done_before"] == before
     assert answers_of(run) == undisturbed
 
 
@@ -115,11 +142,11 @@ def test_failed_jobs_make_exit_code_three(inputs, planned, tmp_path, faults):
 
 def test_failures_of_earlier_sessions_still_make_exit_code_three(inputs, planned, finished):
     run = finished({3: ("crashed", 4)})
-    again = toppling(*command(inputs, run))
-    assert again.returncode == 3, again.stderr
+    again = within(*command(inputs, run))
+    assert again.exit_code == 3, again.stderr
     assert "1 failed" in again.stdout
     assert "--again crashed" in again.stdout
-    summary = json.loads(toppling(*command(inputs, run, "--again", "failed,timeout", "--json")).stdout)
+    summary = json.loads(within(*command(inputs, run, "--again", "failed,timeout", "--json")).stdout)
     assert (summary["done"], summary["done_before"]) == (0, len(planned))
     assert (summary["failed"], summary["status"]) == (1, {"ok": len(planned) - 1, "crashed": 1})
     assert summary["toppled"] == sum(row["toppled"] is True for row in answers_of(run)) > 0
@@ -176,7 +203,7 @@ def test_an_existing_scheduler_gives_the_same_rows_and_losing_it_loses_no_row(
     assert client.returncode == 1
     assert "scheduler" in told
     assert "To go on" in told
-    assert 0 < stored(run)["stored"] < len(undisturbed)
+    assert 0 < state_of(run)["stored"] < len(undisturbed)
     faults.clear()
     with processes(*scheduler_and_workers(port)):
         environment = {**os.environ, "DASK_SCHEDULER_ADDRESS": f"tcp://127.0.0.1:{port}"}
@@ -261,7 +288,7 @@ def test_the_job_script_of_a_batch_system_can_be_read_before_it_is_submitted(inp
     ],
 )
 def test_wrong_usage_is_told_and_writes_nothing(inputs, tmp_path, options, code, told):
-    done = toppling(*command(inputs, tmp_path / "run", *options))
-    assert done.returncode == code
+    done = within(*command(inputs, tmp_path / "run", *options))
+    assert done.exit_code == code
     assert told in done.stderr
     assert not (tmp_path / "run").exists()

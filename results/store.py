@@ -165,7 +165,7 @@ def whole_table(path: Path, **how: Any) -> pa.Table:
 def damaged(path: Path, error: Exception) -> InputError:
     """Say that a file of a run is not as it was written."""
     return InputError(
-        f"cannot be read ({str(error).splitlines()[0]})",
+        f"cannot be read ({str(error).partition(chr(10))[0]})",
         where=str(path),
         expected="the file as it was written",
         remedy="copy the run again from where it was made, or start it anew with another --out",

@@ -58,10 +58,8 @@ def draw_view(axes: Axes, scene: Scene, elevation_deg: float, azimuth_deg: float
         colours.append(shade[:, None] * rgb)
     corner, painted = np.concatenate(corners), np.concatenate(colours)
     depth = corner[:, :, 2].mean(axis=1)
-    if scene.pedestal.is_plane:
-        depth[
-            len(scene.rock.faces) :
-        ] = -np.inf  # its triangles are too large for a depth, and the rock is on it
+    if scene.pedestal.is_plane:  # its triangles are too large to have one depth, and the rock is on them
+        depth[len(scene.rock.faces) :] = -np.inf
     order = np.argsort(depth)
     axes.add_collection(
         PolyCollection(

@@ -70,8 +70,10 @@ def constrain(
     over = _measure(measure, branches)
     ages = [parse_age(text) for text in age] or [np.array([np.nan])]
     standing = [
-        Standing(path.stem, _curve(path, over), years)
-        for path, years in zip(rocks, ages * len(rocks) if len(ages) == 1 else ages, strict=True)
+        Standing(name, _curve(path, over), years)
+        for name, path, years in zip(
+            _names(rocks), rocks, ages * len(rocks) if len(ages) == 1 else ages, strict=True
+        )
     ]
     told = single_event(standing, confidence)
     for path, rock in zip(rocks, told["rocks"], strict=True):
@@ -92,6 +94,12 @@ def constrain(
             drawn = figures.constraint_figure(bound, branches, confidence)
             figures.save(drawn, out / "constraint")
     click.echo(json.dumps(told, indent=1) if as_json else _words(told))
+
+
+def _names(rocks: tuple[Path, ...]) -> list[str]:
+    """Last part of each path, or the whole paths where that tells no two apart."""
+    stems = [path.stem for path in rocks]
+    return stems if len(set(stems)) == len(stems) else [str(path) for path in rocks]
 
 
 def _branch(text: str, site: tuple[float, float] | None, ratio: float) -> HazardCurve:

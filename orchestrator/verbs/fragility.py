@@ -14,11 +14,12 @@ from models.motions.ensemble import Ensemble
 from orchestrator.folder import place_in
 from results.atlas import write_directions, write_fits, write_friction, write_maps
 from results.directions import SECTOR_DEG
-from results.fragility import DURATION, LEVEL, PGV, PLANES, PULSE, by_contact
+from results.fragility import DURATION, LEVEL, PGV, PLANES, PULSE, Axis, by_contact
 from results.friction import by_surroundings
 from results.plane_reference import reference_lines, simulate
 from results.run import Run, as_frame, open_run
 
+PGV_DURATION = PLANES["pgv_duration"]
 WIDTH = click.FloatRange(0, min_open=True)
 FOLDER = click.Path(path_type=Path, file_okay=False)
 
@@ -32,6 +33,13 @@ FOLDER = click.Path(path_type=Path, file_okay=False)
 @click.option("--pgv-bin", type=WIDTH, default=0.25, show_default=True, help="m/s")
 @click.option("--pgv-pga-bin", type=WIDTH, default=0.05, show_default=True, help="s")
 @click.option("--duration-bin", type=WIDTH, default=5.0, show_default=True, help="s")
+@click.option(
+    "--pgv-below", type=WIDTH, default=PGV_DURATION.y.below, show_default=True,
+    help="m/s; end of the map of PGV and duration, 'inf' for all.",
+)  # fmt: skip
+@click.option(
+    "--duration-below", type=WIDTH, default=PGV_DURATION.x.below, show_default=True, help="s; the other end."
+)  # fmt: skip
 @click.option(
     "--directions", type=click.IntRange(1, 72), default=8, show_default=True, help="Bins of azimuth."
 )
@@ -52,6 +60,8 @@ def fragility(
     pgv_bin: float,
     pgv_pga_bin: float,
     duration_bin: float,
+    pgv_below: float,
+    duration_below: float,
     directions: int,
     sector: tuple[float, float],
     fit: bool,
@@ -90,14 +100,13 @@ def fragility(
         PULSE.column: pgv_pga_bin,
         DURATION.column: duration_bin,
     }
-    planes = {
-        plane.name: replace(
-            plane,
-            x=replace(plane.x, width=widths[plane.x.column]),
-            y=replace(plane.y, width=widths[plane.y.column]),
-        )
-        for plane in PLANES.values()
-    }
+    ends = {PGV.column: pgv_below, DURATION.column: duration_below}
+
+    def asked(axis: Axis) -> Axis:
+        below = None if axis.below is None else ends[axis.column]
+        return replace(axis, width=widths[axis.column], below=below)
+
+    planes = {plane.name: replace(plane, x=asked(plane.x), y=asked(plane.y)) for plane in PLANES.values()}
     folder = out or place_in(run, "fragility")
     lines = _plane_reference(opened, jobs, directions) if reference else None
     written = itertools.chain(

@@ -77,6 +77,13 @@ def test_two_rocks_reject_more_than_one(curves, hazards, tmp_path):
     assert two["branches"][0]["survival"] < one["branches"][0]["survival"]
 
 
+def test_rocks_whose_files_are_called_alike_keep_names_of_their_own(curves, tmp_path):
+    (tmp_path / "other").mkdir()
+    other = str(write_curves(tmp_path / "other" / "rock.json", [Lognormal("pgv_m_s", 1.5, 0.3)]))
+    told = json.loads(constrain(curves, other, "--json").output)
+    assert [rock["name"] for rock in told["rocks"]] == [curves, other]
+
+
 def test_a_verdict_that_hangs_on_what_the_curve_leaves_out_is_told(tmp_path, curves):
     for name, low in (("whole", 0.01), ("late", 0.8)):
         lines = [f"{x},{1.5e-3 * x**-3}" for x in (low, 1, 10, 100)]

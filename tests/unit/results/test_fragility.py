@@ -129,8 +129,10 @@ def as_frame_of(jobs):
 
 def test_the_command_draws_every_map_with_the_table_behind_it(tmp_path):
     (tmp_path / "run").mkdir()
-    write_part(tmp_path / "run", rows(records=6, levels=(2, 6, 10), azimuths=(0.0, 135.0)))
-    done = CliRunner().invoke(cli, ["fragility", str(tmp_path / "run"), "--out", str(tmp_path / "maps")])
+    jobs = rows(records=6, levels=(2, 6, 10), azimuths=(0.0, 135.0))
+    write_part(tmp_path / "run", jobs)
+    asked = ["--out", str(tmp_path / "maps"), "--pgv-below", "0.5", "--duration-below", "inf"]
+    done = CliRunner().invoke(cli, ["fragility", str(tmp_path / "run"), *asked])
     assert done.exit_code == 0, done.output
     names = {path.name for path in (tmp_path / "maps").iterdir()}
     stems = {*PLANES, "pga_pgv_pga_by_direction", "pga_pgv_by_direction"}
@@ -139,6 +141,8 @@ def test_the_command_draws_every_map_with_the_table_behind_it(tmp_path):
     assert names == drawn | {"sector.csv", "unplaced.csv"}
     table = pd.read_csv(tmp_path / "maps" / "pga_pgv_pga.csv")
     assert table["jobs"].sum() == 36
+    beyond = pd.read_csv(tmp_path / "maps" / "unplaced.csv").set_index("map")["beyond"]
+    assert 0 < beyond["pgv_duration"] == sum(job["pgv_m_s"] >= 0.5 for job in jobs) < 36
     drawing = (tmp_path / "maps" / "pga_pgv_pga.svg").read_text()
     assert "PGA (m/s²)" in drawing
     assert "PGV/PGA (s)" in drawing

@@ -158,7 +158,8 @@ class Scene:
         Raises
         ------
         InputError
-            If the file cannot be read as a mesh, or the mesh is not one closed body or not of a rock's height.
+            If the file cannot be read as a mesh, the mesh is not one closed body or not of a rock's height, or the
+            plane is none.
         """
         if not 0.0 <= slope_deg < 90.0:
             raise InputError(
@@ -166,6 +167,13 @@ class Scene:
                 where="Scene.from_mesh",
                 expected="0 to below 90 degrees",
                 remedy="give the slope as a positive angle and its downhill azimuth as slope_azimuth_deg",
+            )
+        if not math.isfinite(slope_azimuth_deg):
+            raise InputError(
+                f"slope_azimuth_deg is {slope_azimuth_deg}",
+                where="Scene.from_mesh",
+                expected="degrees counter-clockwise from x (east)",
+                remedy="give the azimuth toward which the plane falls, or leave it out where the plane is level",
             )
         where = "rock mesh" if isinstance(mesh, tuple) else str(mesh)
         rock = Rock.from_triangles(*(mesh if isinstance(mesh, tuple) else read_triangles(mesh)), where=where)

@@ -54,3 +54,9 @@ def test_a_mesh_with_a_part_turned_inside_out_is_refused():
     vertices = np.vstack([np.column_stack([ring, np.full(8, z)]) for z in (0.0, 2.0)])
     with pytest.raises(InputError, match="moment of inertia"):
         Rock.from_triangles(vertices, np.concatenate([cap[:, ::-1], cap + 8, *sides]))
+
+
+@pytest.mark.parametrize("azimuth_deg", [np.nan, np.inf])
+def test_a_slope_toward_nowhere_is_refused(azimuth_deg):
+    with pytest.raises(InputError, match="slope_azimuth_deg is"):
+        Scene.from_mesh((ROCK.vertices_m, ROCK.faces), slope_deg=5.0, slope_azimuth_deg=azimuth_deg)

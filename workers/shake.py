@@ -189,10 +189,12 @@ def shake(
     ------
     InputError
         If a setting is out of range, the rock does not stand by itself where the scene puts it, or it starts inside
-        the ground.
+        the ground or in no finite state.
     """
     began = time.perf_counter()
     start_from = State(**initial) if isinstance(initial, Mapping) else initial
+    if start_from is not None:
+        _refuse_no_state(start_from)
     if start_from is None:
         scene = settled(scene)
     contact = contact_of(scene)
@@ -637,6 +639,24 @@ def _start_of(contact: ContactModel, start: State | None) -> tuple[Pose, Vector,
         for given in (start.velocity_m_s, start.angular_velocity_rad_s)
     )
     return pose, velocity, spin
+
+
+def _refuse_no_state(start: State) -> None:
+    """A world that is given what is not finite loses its contacts, also for the jobs that come after."""
+    for name, size in STATE_SIZES.items():
+        value = getattr(start, name)
+        numbers = np.zeros(3) if value is None and name == "position_m" else np.asarray(value, float)
+        no_turn = name == "quaternion_xyzw" and not numbers.any()
+        if numbers.shape != (size,) or not np.isfinite(numbers).all() or no_turn:
+            raise InputError(
+                f"{name} is {value}",
+                where="shake, initial",
+                expected=f"{size} finite numbers" + (", not all of them zero" if no_turn else ""),
+                remedy="leave it out: the rock then starts with that of the scene, or at rest",
+            )
+
+
+STATE_SIZES = {"position_m": 3, "quaternion_xyzw": 4, "velocity_m_s": 3, "angular_velocity_rad_s": 3}
 
 
 def _refuse_buried(contact: ContactModel, pose: Pose) -> None:

@@ -47,11 +47,12 @@ def many_feet(preset: Any) -> list[Any]:
 
 
 def slips(preset: Any) -> list[Any]:
-    """A flat block on the level and on a slope, under pulses."""
+    """A flat block on the level and on a slope, under pulses, and an oblong one sent off across its axes."""
     return [
         case.slip_error(0.6, 0, 0, 1.2, 0.1, preset, 0),
         case.slip_error(0.6, 0, 0, 1.2, 0.1, preset, 30),
         case.slip_error(0.6, 5, 135, 1.2, 0.1, preset, 315),
+        case.sliding_error(case.plate((0.5, 1.5, 0.05)), 30, preset),
     ]
 
 

@@ -109,6 +109,19 @@ class ContactModel:
         return self.points_body_m + self.radius_m * self.support_from_body[2]
 
     @cached_property
+    def arms_and_mobilities(self) -> list[tuple[tuple[float, ...], tuple[float, ...]]]:
+        """Of each contact point its place, and what turning adds to its mobility over 1 / mass: body axes.
+
+        The latter is arm x (inertia / mass)^-1 x arm, a symmetric tensor, as xx, yy, zz, xy, xz, yz.
+        """
+        x, y, z = self.centres_body_m.T
+        none = np.zeros_like(x)
+        crossed = np.array([[none, -z, y], [z, none, -x], [-y, x, none]])
+        mobility = np.einsum("kin,k,kjn->nij", crossed, 1.0 / self.principal_inertia_m2, crossed)
+        parts = mobility[:, [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
+        return list(zip(map(tuple, self.centres_body_m.tolist()), map(tuple, parts.tolist()), strict=True))
+
+    @cached_property
     def start_quaternion_xyzw(self) -> Array:
         """Attitude of the body frame in the pose of the scene."""
         return quaternion.from_matrix(self.support_from_body)

@@ -1,10 +1,15 @@
-"""PyBullet, and the only module that imports it: a rock of contact points over a plane, stepped one step at a time."""
+"""PyBullet, and the only module that imports it: a rock of contact points over a plane, stepped one step at a time.
+
+The engine's world may be turned about the normal against the support frame, which puts the axes of friction where they
+serve (:mod:`workers.friction`); what goes in and comes out is in the support frame.
+"""
 
 from __future__ import annotations
 
 import atexit
 import math
 import tempfile
+from collections.abc import Sequence
 
 import numpy as np
 import pybullet
@@ -30,6 +35,33 @@ COLD_ITERATIONS = 200
 STARTS_TO_SLIP, STILL_SLIPS = 0.999, 0.7
 """Shares of the limit of friction from which a contact that stuck slips, and down to which one that slipped still does:
 the solver's iterations leave the friction of a sliding contact a little below what its normal force allows."""
+
+
+class _Axes:
+    """Turns vectors and poses of the support frame into a world that is turned about the normal, and back."""
+
+    def __init__(self, turned_rad: float) -> None:
+        self.turned_rad = turned_rad
+        self._cos, self._sin = math.cos(turned_rad), math.sin(turned_rad)
+        self._half_cos, self._half_sin = math.cos(0.5 * turned_rad), math.sin(0.5 * turned_rad)
+
+    def into(self, vector: Sequence[float]) -> tuple[float, float, float]:
+        (x, y, z), cos, sin = vector, self._cos, self._sin
+        return cos * x + sin * y, cos * y - sin * x, z
+
+    def out(self, vector: Sequence[float]) -> tuple[float, float, float]:
+        (x, y, z), cos, sin = vector, self._cos, self._sin
+        return cos * x - sin * y, cos * y + sin * x, z
+
+    def pose_into(self, pose: Pose) -> Pose:
+        (x, y, z, w), cos, sin = pose[1], self._half_cos, self._half_sin
+        attitude = cos * x + sin * y, cos * y - sin * x, cos * z - sin * w, cos * w + sin * z
+        return self.into(pose[0]), attitude
+
+    def pose_out(self, pose: Pose) -> Pose:
+        (x, y, z, w), cos, sin = pose[1], self._half_cos, self._half_sin
+        attitude = cos * x - sin * y, cos * y + sin * x, cos * z + sin * w, cos * w - sin * z
+        return self.out(pose[0]), attitude
 
 
 class Engine:
@@ -68,7 +100,8 @@ class Engine:
         self._surface = surface
         self._follows_slip = surface.friction_kinetic != surface.friction_static
         self._iterations = solver.iterations
-        self._near_share = max(NEAR_STEPS * fall_m / contact.half_diagonal_m, NEAREST_SHARE)
+        self.near_share = max(NEAR_STEPS * fall_m / contact.half_diagonal_m, NEAREST_SHARE)
+        """Contacts are prepared within this share of R, unless told otherwise."""
         self.points = points
         pybullet.resetSimulation(physicsClientId=self._client)
         pybullet.setPhysicsEngineParameter(
@@ -82,6 +115,7 @@ class Engine:
             physicsClientId=self._client,
         )
         self._time_step_s, self._cold = 0.0, True
+        self._axes = _Axes(0.0)
         self._rock = self._add_rock()
         self._ground = self._add_pedestal()
         self.let_stick()
@@ -112,6 +146,7 @@ class Engine:
             pressing += point[9]
             for i in range(3):
                 along[i] += point[10] * point[11][i] + point[12] * point[13][i]
+        along = list(self._axes.out(along))
         turned = (
             sum(a * b for a, b in zip(along, self._grip, strict=True)) < 0.0
         )  # slip came to a halt on the way
@@ -128,23 +163,31 @@ class Engine:
         velocity_m_s: tuple[float, float, float],
         angular_velocity_rad_s: tuple[float, float, float],
         *,
-        prepared_share: float = 0.0,
-        at_most_share: float = math.inf,
+        within_share: float | None = None,
+        axes_rad: float = 0.0,
     ) -> None:
         """Place the rock and set it going; forgets all contacts.
 
-        From here on contacts are prepared within `prepared_share` of R, at least as far as a step's fall, and nowhere
-        beyond `at_most_share`.
+        From here on contacts are prepared within a share of R, `near_share` if not given, and friction acts along axes
+        that are turned by `axes_rad` from the support frame's.
         """
+        if axes_rad != self._axes.turned_rad:
+            self._axes = _Axes(axes_rad)
         pybullet.setPhysicsEngineParameter(
-            contactBreakingThreshold=min(max(prepared_share, self._near_share), at_most_share),
+            contactBreakingThreshold=self.near_share if within_share is None else within_share,
             numSolverIterations=max(COLD_ITERATIONS, self._iterations),
             physicsClientId=self._client,
         )
         self._cold = True
-        pybullet.resetBasePositionAndOrientation(self._rock, *pose, physicsClientId=self._client)
+        axes = self._axes
+        pybullet.resetBasePositionAndOrientation(
+            self._rock, *axes.pose_into(pose), physicsClientId=self._client
+        )
         pybullet.resetBaseVelocity(
-            self._rock, velocity_m_s, angular_velocity_rad_s, physicsClientId=self._client
+            self._rock,
+            axes.into(velocity_m_s),
+            axes.into(angular_velocity_rad_s),
+            physicsClientId=self._client,
         )
         # Takes the rock out of the broad phase and back: only so do contacts get the new threshold.
         pybullet.setCollisionFilterGroupMask(self._rock, -1, 1, -1, physicsClientId=self._client)
@@ -169,7 +212,7 @@ class Engine:
         if duration_s != self._time_step_s:
             pybullet.setPhysicsEngineParameter(fixedTimeStep=duration_s, physicsClientId=self._client)
             self._time_step_s = duration_s
-        pybullet.setGravity(*pull_m_s2, self._client)
+        pybullet.setGravity(*self._axes.into(pull_m_s2), self._client)
         pybullet.stepSimulation(self._client)
         if self._cold:
             self._cold = False
@@ -178,7 +221,7 @@ class Engine:
             )
         if self._follows_slip:
             self._follow_slip()
-        return pybullet.getBasePositionAndOrientation(self._rock, self._client)
+        return self._axes.pose_out(pybullet.getBasePositionAndOrientation(self._rock, self._client))
 
     def run(self, duration_s: float, pulls_m_s2: list[list[float]], poses: list[Pose]) -> None:
         """Advance by one step for each pull and append the poses: the inner loop, as bare as Python allows."""
@@ -189,13 +232,15 @@ class Engine:
         if self._follows_slip:
             poses += [self.step(duration_s, (x, y, z)) for x, y, z in pulls_m_s2]
             return
-        client, rock = self._client, self._rock
+        client, rock, axes = self._client, self._rock, self._axes
         set_gravity, step = pybullet.setGravity, pybullet.stepSimulation
-        pose, append = pybullet.getBasePositionAndOrientation, poses.append
-        for x, y, z in pulls_m_s2:
+        seen: list[Pose] = []
+        pose, append = pybullet.getBasePositionAndOrientation, seen.append
+        for x, y, z in map(axes.into, pulls_m_s2):
             set_gravity(x, y, z, client)
             step(client)
             append(pose(rock, client))
+        poses += map(axes.pose_out, seen)
 
     def _add_rock(self) -> int:
         contact = self._contact

@@ -40,7 +40,7 @@ from workers.contact import LARGEST_OPEN_TILT_DEG, REACH_DEG, ContactModel, cont
 from workers.engine import Pose
 from workers.presets import Settings, Solver, settings_of
 from workers.quaternion import to_body, turn_vector
-from workers.stepping import Stepper, engine_for
+from workers.stepping import Stepper, engine_for, forget_worlds
 from workers.way import STILL, Vector
 
 Array = NDArray[np.float64]
@@ -263,6 +263,7 @@ class _Run:
             self.stepper.advance(BLOCK)
             position, quaternion = self._poses(seen)
             if not np.isfinite(position).all() or self._speed(seen) > self.speed_limit_m_s:
+                forget_worlds()
                 return "diverged", "speed_limit"
             if position[:, 2].min() < (1.0 - TOPPLED_FALL) * self.contact.com_m[2]:
                 return "ok", "fallen"
@@ -684,12 +685,14 @@ def _trajectory(
 
 
 def _speed_limit(scene: Scene, contact: ContactModel, motion: Motion, start: State | None) -> float:
-    """A speed that the motion, the start and a fall of ten R together cannot give, m/s."""
+    """A speed that the motion, the start and a fall of ten R more together cannot give, m/s."""
     given = float(np.linalg.norm(motion.acceleration_m_s2, axis=1).sum() * motion.time_step_s)
+    fall_m = 10.0 * contact.half_diagonal_m
     if start is not None:
+        fall_m += max(_start_of(contact, start)[0][0][2], 0.0)
         given += float(np.linalg.norm(start.velocity_m_s))
         given += float(np.linalg.norm(start.angular_velocity_rad_s)) * contact.half_diagonal_m
-    return 2.0 * (given + float(np.sqrt(20.0 * scene.gravity_m_s2 * contact.half_diagonal_m)))
+    return 2.0 * (given + float(np.sqrt(2.0 * scene.gravity_m_s2 * fall_m)))
 
 
 def _point_of_no_return(height: Array) -> int:

@@ -32,6 +32,7 @@ from numpy.typing import NDArray
 from models.scene import ContactProperties
 from workers.contact import REACH_DEG, ContactModel
 from workers.engine import Engine, Pose
+from workers.friction import least_leaning_rad
 from workers.presets import Solver
 from workers.way import Vector, Way
 
@@ -73,6 +74,12 @@ rolled from foot to foot lost up to twice the energy of its impacts."""
 
 CARRYING_SHARE = 3e-6
 """Feet that carry are within this share of R."""
+
+HIGHEST_ARC = 1.5
+"""Of a foot, over (step)^2 times its centripetal acceleration: half the square of the longest step, one and a half."""
+
+NEAREST_TOUCH_SHARE = 1e-9
+"""Of R: a foot that comes down is at least so far off, also where a step happens to end at its touch."""
 
 TRIES_TO_TOUCH = 4
 """A step that came too late is taken again, shorter by twice that share."""
@@ -131,6 +138,7 @@ class Stepper:
         self._impulse = float(np.linalg.norm(gravity_m_s2)) * time_step_s
         self._fall = self._impulse * time_step_s
         self._fast = resolved_landing_m_s
+        self._nearest_m = NEAREST_TOUCH_SHARE * contact.half_diagonal_m
         self._solver = solver
         self.grid = 0
         """Steps of the grid from time 0 to the latest pose."""
@@ -165,6 +173,7 @@ class Stepper:
     def _begin(self) -> None:
         """Give the latest pose to an engine that remembers nothing."""
         self._narrow_from, self._smooth_from, self._ahead = 0, self.way.last, SHORT_CHUNK
+        self._axes_rad = 0.0
         self._reach = self._reaches[0]
         self._widen(self.way.largest_tilt_deg(self.way.last))
         self._engine = self._engine_in_reach()
@@ -211,7 +220,7 @@ class Stepper:
         before = self._engine
         self._engine = self._engine_in_reach()
         self._engine.hold_as(before)
-        self._engine.set_state(self.way.lifted_pose(), *self.way.velocities(self.way.last))
+        self._place(self._engine.near_share)
 
     def _engine_in_reach(self) -> Engine:
         reach = self._reach
@@ -242,13 +251,30 @@ class Stepper:
         `ahead_s`, or only those of the feet that carry.
         """
         way, index = self.way, self.way.last
-        arcs = kicked_share * next_step_s**2 * way.centripetal_m_s2(index)
-        way.lift(way.lift_m(index, arcs))
+        centripetal = way.centripetal_m_s2(index)
+        arcs = kicked_share * next_step_s**2 * centripetal
+        way.lift(way.lift_m(index, arcs, self._aloft_m(centripetal)))
         prepared = AHEAD * ahead_s * way.speed_1_s(index)
         left_out = LEFT_OUT * self._nearest_coming_share() if carrying_only else math.inf
-        self._engine.set_state(
-            way.lifted_pose(), *way.velocities(index), prepared_share=prepared, at_most_share=left_out
-        )
+        self._place(min(max(prepared, self._engine.near_share), left_out))
+
+    def _aloft_m(self, centripetal_m_s2: Array) -> float:
+        """Height over its rest from which a rock is aloft: feet that carry stand off by up to the arc of a long step."""
+        arc_m = HIGHEST_ARC * self._step**2 * float(np.abs(centripetal_m_s2).max())
+        return max(arc_m, CARRYING_SHARE * self._contact.half_diagonal_m)
+
+    def _place(self, within_share: float) -> None:
+        """Give the engine the latest pose, with contacts prepared within a share of R, and axes for their friction."""
+        pose, (velocity, spin) = self.way.lifted_pose(), self.way.velocities(self.way.last)
+        self._axes_rad = self._least_leaning_rad(within_share, velocity, spin)
+        self._engine.set_state(pose, velocity, spin, within_share=within_share, axes_rad=self._axes_rad)
+
+    def _least_leaning_rad(self, within_share: float, velocity: Vector, spin: Vector) -> float:
+        index = self.way.last
+        near = self.way.gaps_m(index) < within_share * self._contact.half_diagonal_m
+        feet = near.nonzero()[0].tolist()
+        pose = self.way.poses[index]
+        return least_leaning_rad(self._contact, feet, pose, velocity, spin, self._fast, self._axes_rad)
 
     def _nearest_coming_share(self) -> float:
         """Clearance, over R, of the nearest foot that is about to land in the latest pose."""
@@ -265,6 +291,7 @@ class Stepper:
             self.grid += 1
             steps -= 1
         if steps > 0:
+            self._turn_axes()
             self._engine.run(self._step, self._pulls_of(steps), way.poses)
             coming = range(self.grid + 1, self.grid + steps + 1)
             way.date([n * self._step for n in coming], [(n - 0.5) * self._step for n in coming])
@@ -272,6 +299,12 @@ class Stepper:
             self.steps += steps
         if not self._left_reach(first, grid):
             self._mend(first)
+
+    def _turn_axes(self) -> None:
+        """Place the rock anew where friction along the present axes would lean."""
+        share = self._engine.near_share
+        if self._least_leaning_rad(share, *self.way.velocities(self.way.last)) != self._axes_rad:
+            self._place(share)
 
     def _left_reach(self, first: int, grid: int) -> bool:
         """Whether the rock left its points' reach after pose `first`: at rest it does not tell how fast it will turn.
@@ -349,7 +382,7 @@ class Stepper:
         predicted = closing[:-1].copy()
         predicted[1:] += closing[1:-1] - closing[:-2]
         before = gaps[1:-1]
-        lands = (closing[:-1] > self._fast) & (before > 0.0)
+        lands = (closing[:-1] > self._fast) & (before > -self._nearest_m)
         lands &= before < predicted * np.diff(times_s[1:])[:, None]
         lands[: max(first - back - 1, 0)] = False
         rows = np.flatnonzero(lands.any(axis=1))
@@ -374,7 +407,7 @@ class Stepper:
         Unknown changes, those across pose `smooth_from`, are taken as zero.
         """
         way = self.way
-        gap, speed = way.gaps_m(index)[points], way.closing_m_s(index)[points]
+        gap, speed = np.maximum(way.gaps_m(index)[points], self._nearest_m), way.closing_m_s(index)[points]
         arcs = way.centripetal_m_s2(index)
         arc = arcs[points]
         before_s = way.times_s[index] - way.times_s[index - 1]
@@ -383,11 +416,11 @@ class Stepper:
             middle_to_middle = 0.5 * (way.times_s[index] - way.times_s[index - 2])
             growth = arc + (speed - way.closing_m_s(index - 1)[points]) / middle_to_middle
         tangent = speed - 0.5 * before_s * arc
-        soonest = float((gap / speed).min())
+        soonest, aloft_m = float((gap / speed).min()), self._aloft_m(arcs)
         for _ in range(4):
             bit = self._bit_s(soonest, gap)
             last = float(bit.min())
-            lifted = gap + way.lift_m(index, arcs * (0.5 * (soonest - last) ** 2 + last**2))
+            lifted = gap + way.lift_m(index, arcs * (0.5 * (soonest - last) ** 2 + last**2), aloft_m)
             pulled = 0.5 * (soonest**2 + bit**2) / max(soonest, 1e-300)  # a lift may leave none
             on_the_way = np.maximum(tangent + growth * (0.5 * before_s + pulled), 0.5 * speed)
             soonest = (1.0 - SHORT_OF_TOUCH) * float((lifted / on_the_way).min())
@@ -465,6 +498,11 @@ class Stepper:
         coming = (self.way.closing_m_s(index) > self._fast) & (self.way.gaps_m(index) > 0.0)
         points = np.flatnonzero(coming)
         return self._time_to_touch(index, points, self._smooth_from) if len(points) else math.inf
+
+
+def forget_worlds() -> None:
+    """Make all worlds anew: one that a rock has left in no finite state holds no rock any more."""
+    _IN_SLOT.clear()
 
 
 def engine_for(

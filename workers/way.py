@@ -16,8 +16,8 @@ Vector = tuple[float, float, float]
 
 STILL: Vector = (0.0, 0.0, 0.0)
 
-ALOFT = 1e-4
-"""A rock whose feet are higher than this share of R above where they rest is aloft."""
+SUNK = 1e-4
+"""A rock whose feet are deeper than this share of R below where they rest is not set right at once."""
 
 CLEARANCES_KEPT = 32
 """Of the latest poses that were asked for."""
@@ -153,7 +153,7 @@ class Way:
         direction = to_body((z * x, z * y, -x * x - y * y), self.poses[index][1])
         return np.asarray(self._contact.centres_body_m[: self._points] @ np.array(direction))
 
-    def lift_m(self, index: int, arcs_m: Array) -> float:
-        """Way up that brings the lowest foot to its arc's height; 0 where the rock is aloft."""
+    def lift_m(self, index: int, arcs_m: Array, aloft_m: float) -> float:
+        """Way up that brings the lowest foot to its arc's height; 0 where it is more than `aloft_m` above that."""
         lift = -float((self.gaps_m(index) - arcs_m).min())
-        return lift if abs(lift) < ALOFT * self._contact.half_diagonal_m else 0.0
+        return lift if -aloft_m < lift < SUNK * self._contact.half_diagonal_m else 0.0

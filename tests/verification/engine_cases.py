@@ -346,6 +346,33 @@ def slip_error(mu, slope_deg, downhill_deg, acceleration_g, duration, preset, az
     return result.slip_m / slip_of_samples(mu, np.deg2rad(slope_deg), shape, step) - 1
 
 
+def sliding_error(mesh, azimuth_deg, preset, friction=0.25, speed_m_s=1.0, **settings):
+    """Distance of where a flat rock that was sent off comes to rest from v^2 / (2 mu g) straight on, over that way.
+
+    Whatever the rock's feet: their friction is against the same direction, and its moment about the vertical is that of
+    the weight's centre, which braking moves along the slide.
+    """
+    scene = Scene.from_mesh(mesh, friction=friction)
+    ahead = np.array([np.cos(np.deg2rad(azimuth_deg)), np.sin(np.deg2rad(azimuth_deg)), 0.0])
+    start = {"velocity_m_s": speed_m_s * ahead}
+    way = shake(scene, STILL, preset, trajectory=True, shortcuts=False, initial=start, **settings).trajectory
+    exact_m = speed_m_s**2 / (2.0 * friction * G)
+    return np.linalg.norm(way.position_m[-1] - way.position_m[0] - exact_m * ahead) / exact_m
+
+
+def plate(half_m, turned_deg=0.0):
+    """Mesh of a block turned about the vertical."""
+    rock = box(*half_m)
+    return Rotation.from_euler("z", turned_deg, degrees=True).apply(rock.vertices_m), rock.faces
+
+
+def boulder():
+    """Mesh of a rock of no symmetry on five feet."""
+    feet = [(-0.5, -0.2, 0), (0.1, -0.45, 0), (0.6, 0.1, 0), (0.2, 0.5, 0), (-0.4, 0.35, 0)]
+    hull = trimesh.Trimesh([*feet, (-0.6, 0.1, 0.2), (0.5, -0.3, 0.25), (0.1, 0.2, 0.4)]).convex_hull
+    return np.asarray(hull.vertices), np.asarray(hull.faces)
+
+
 def slip_of_samples(mu, slope, push, step, fine=200):
     """Newmark's sliding block under an uphill acceleration linear between samples, by fine quadrature."""
     time = np.arange(len(push) * fine) * step / fine

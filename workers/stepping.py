@@ -259,7 +259,7 @@ class Stepper:
         self._place(min(max(prepared, self._engine.near_share), left_out))
 
     def _aloft_m(self, centripetal_m_s2: Array) -> float:
-        """Height over its rest from which a rock is aloft: feet that carry stand off by up to the arc of a long step."""
+        """Height over its rest from which a rock is aloft: feet that carry stand off by an arc at most."""
         arc_m = HIGHEST_ARC * self._step**2 * float(np.abs(centripetal_m_s2).max())
         return max(arc_m, CARRYING_SHARE * self._contact.half_diagonal_m)
 

@@ -12,6 +12,7 @@ principal ones. So the engine's world is turned about the normal to where the fe
 from __future__ import annotations
 
 import cmath
+import math
 from collections.abc import Sequence
 
 from workers.contact import ContactModel
@@ -20,6 +21,10 @@ from workers.way import Vector
 
 LEAN_RAD = 1e-3
 """Axes are kept while friction leans by less: it then is wrong by a thousandth of itself, and across the slip."""
+
+
+BETWEEN = [cmath.exp(4j * math.radians(degrees)) for degrees in range(0, 90, 2)]
+"""Of axes, exp(-4j angle): where feet slip in different directions none serve all, and the best of these are taken."""
 
 
 def least_leaning_rad(
@@ -72,9 +77,10 @@ def least_leaning_rad(
         )  # fmt: skip
         # Half the difference of the mobilities along the interface's x and y, and that between them, over their mean.
         unlike = (aa * pp + bb * qq + cc * rr + ab * pq + ac * pr + bc * qr) / (2.0 + aa + bb + cc - upright)
-        slip = forward + turning * (p * a + q * b + r * c) + rolling * height
-        speed = abs(slip)
-        told.append((unlike, (slip / speed) ** 2 if speed > slips_from_m_s else 0j))
+        arm = p * a + q * b + r * c
+        slip = forward + turning * arm + rolling * height
+        speed, rise = abs(slip), velocity_m_s[2] - (rolling * arm.conjugate()).real
+        told.append((unlike, (slip / speed) ** 2 if speed > max(slips_from_m_s, abs(rise)) else 0j))
 
     def lean(axes_rad: float) -> float:
         turned = cmath.exp(-2j * axes_rad)
@@ -88,4 +94,13 @@ def least_leaning_rad(
         return present_rad
     with_slip = 0.5 * cmath.phase(sum(slip for _, slip in told))
     bisecting = 0.25 * cmath.phase(-sum(unlike**2 for unlike, _ in told))
-    return min((present_rad, with_slip, bisecting), key=lean)
+    exact = min((present_rad, with_slip, bisecting), key=lean)
+    if len(told) == 1 or lean(exact) < LEAN_RAD**2 * len(told) or not any(slip for _, slip in told):
+        return exact
+    # Its only parts that go with the axes' angle are those with exp(-4j angle) and with the square of it.
+    once = twice = 0j
+    for unlike, slip in told:
+        once += -0.5j * (slip * unlike.conjugate()).imag * slip * unlike if slip else 0.25 * unlike**2
+        twice -= 0.125 * (slip * unlike) ** 2
+    between = min(BETWEEN, key=lambda turned: (once * turned + twice * turned * turned).real)
+    return min(exact, -0.25 * cmath.phase(between), key=lean)

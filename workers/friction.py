@@ -22,7 +22,6 @@ from workers.way import Vector
 LEAN_RAD = 1e-3
 """Axes are kept while friction leans by less: it then is wrong by a thousandth of itself, and across the slip."""
 
-
 BETWEEN = [cmath.exp(4j * math.radians(degrees)) for degrees in range(0, 90, 2)]
 """Of axes, exp(-4j angle): where feet slip in different directions none serve all, and the best of these are taken."""
 
@@ -53,27 +52,25 @@ def least_leaning_rad(
     Returns
     -------
     float
-        Of the present angle, that of the slip, and that to which the feet are equally mobile on the average, the one at
-        which the lean is least, in the mean of its square over the feet.
+        Where the lean is least, in the mean of its square over the feet: at the present angle, along the slip, on the
+        bisectors of the feet's principal axes or, where they slip in different directions, between these.
     """
-    # Complex numbers stand for vectors of the interface, bare ones as the feet are few.
+    # Complex numbers stand for vectors along the interface: p, q, r for the body's axes. Bare Python, as feet are few.
     x, y, z, w = pose[1]
-    p = complex(
-        1 - 2 * (y * y + z * z), 2 * (x * y + z * w)
-    )  # where the body's axes point along the interface
+    p = complex(1 - 2 * (y * y + z * z), 2 * (x * y + z * w))
     q = complex(2 * (x * y - z * w), 1 - 2 * (x * x + z * z))
     r = complex(2 * (x * z + y * w), 2 * (y * z - x * w))
-    down = 2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)
+    normal = 2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)
     forward, turning = complex(velocity_m_s[0], velocity_m_s[1]), 1j * angular_velocity_rad_s[2]
     rolling = -1j * complex(angular_velocity_rad_s[0], angular_velocity_rad_s[1])
     pp, qq, rr, pq, pr, qr = p * p, q * q, r * r, 2 * p * q, 2 * p * r, 2 * q * r
     told: list[tuple[complex, complex]] = []
     for foot in feet:
         (a, b, c), (aa, bb, cc, ab, ac, bc) = contact.arms_and_mobilities[foot]
-        height = down[0] * a + down[1] * b + down[2] * c
+        height = normal[0] * a + normal[1] * b + normal[2] * c
         upright = (
-            aa * down[0] ** 2 + bb * down[1] ** 2 + cc * down[2] ** 2
-            + 2 * (ab * down[0] * down[1] + ac * down[0] * down[2] + bc * down[1] * down[2])
+            aa * normal[0] ** 2 + bb * normal[1] ** 2 + cc * normal[2] ** 2
+            + 2 * (ab * normal[0] * normal[1] + ac * normal[0] * normal[2] + bc * normal[1] * normal[2])
         )  # fmt: skip
         # Half the difference of the mobilities along the interface's x and y, and that between them, over their mean.
         unlike = (aa * pp + bb * qq + cc * rr + ab * pq + ac * pr + bc * qr) / (2.0 + aa + bb + cc - upright)
@@ -84,9 +81,9 @@ def least_leaning_rad(
 
     def lean(axes_rad: float) -> float:
         turned = cmath.exp(-2j * axes_rad)
+        # Half is the mean over all directions, in which a foot may slip that does not yet.
         return sum(
-            (unlike * turned).real ** 2
-            * ((slip * turned).imag ** 2 if slip else 0.5)  # the mean of all directions
+            (unlike * turned).real ** 2 * ((slip * turned).imag ** 2 if slip else 0.5)
             for unlike, slip in told
         )
 

@@ -192,9 +192,7 @@ def shake(
         the ground or in no finite state.
     """
     began = time.perf_counter()
-    start_from = State(**initial) if isinstance(initial, Mapping) else initial
-    if start_from is not None:
-        _refuse_no_state(start_from)
+    start_from = None if initial is None else _checked_start(initial)
     if start_from is None:
         scene = settled(scene)
     contact = contact_of(scene)
@@ -642,11 +640,22 @@ def _start_of(contact: ContactModel, start: State | None) -> tuple[Pose, Vector,
     return pose, velocity, spin
 
 
-def _refuse_no_state(start: State) -> None:
+def _checked_start(initial: State | Mapping[str, Any]) -> State:
     """A world that is given what is not finite loses its contacts, also for the jobs that come after."""
-    for name, size in STATE_SIZES.items():
-        value = getattr(start, name)
-        numbers = np.zeros(3) if value is None and name == "position_m" else np.asarray(value, float)
+    given = dict(initial) if isinstance(initial, Mapping) else vars(initial)
+    for name, value in given.items():
+        size = STATE_SIZES.get(name)
+        if size is None:
+            raise InputError(
+                f"initial has {name!r}",
+                where="shake, initial",
+                expected=", ".join(STATE_SIZES),
+                remedy="leave it out, or correct its name",
+            )
+        try:
+            numbers = np.zeros(3) if value is None and name == "position_m" else np.asarray(value, float)
+        except (TypeError, ValueError):
+            numbers = np.array(np.nan)
         no_turn = name == "quaternion_xyzw" and not numbers.any()
         if numbers.shape != (size,) or not np.isfinite(numbers).all() or no_turn:
             raise InputError(
@@ -655,6 +664,7 @@ def _refuse_no_state(start: State) -> None:
                 expected=f"{size} finite numbers" + (", not all of them zero" if no_turn else ""),
                 remedy="leave it out: the rock then starts with that of the scene, or at rest",
             )
+    return State(**given)
 
 
 STATE_SIZES = {"position_m": 3, "quaternion_xyzw": 4, "velocity_m_s": 3, "angular_velocity_rad_s": 3}

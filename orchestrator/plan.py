@@ -38,6 +38,11 @@ too long.
 """
 
 
+def expected_s(motion_s: float, jobs: int) -> float:
+    """Tell what jobs are expected to cost, in a unit of its own, from their records' durations together."""
+    return motion_s + EQUAL_SHARE_S * jobs
+
+
 @dataclass(frozen=True, eq=False)
 class Plan:
     """The jobs of a campaign on one scene and one ensemble.

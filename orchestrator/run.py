@@ -28,7 +28,7 @@ from orchestrator.cluster import replace_dead_workers, workers_missing
 from orchestrator.dispatch import JOBS_IN_BATCH, USUAL_LIMITS, Batch, Dispatch, Limits, why_given_up
 from orchestrator.folder import prepare, session
 from orchestrator.journal import journal, tell
-from orchestrator.plan import EQUAL_SHARE_S, Plan, check_stands, plan
+from orchestrator.plan import Plan, check_stands, expected_s, plan
 from orchestrator.task import Order, Row, UnfitWorkerError, check, lost_row, shake_batch, versions
 from results.store import RESULTS_FILE, attempts_with, compact, finished_ids, result_files, write_part
 from workers.job import JobSpec
@@ -118,9 +118,8 @@ class Tally:
         """Time left, by what jobs are expected to cost: those of the longest records go first."""
         if not self.done:
             return None
-        work_s = self.motion_s + EQUAL_SHARE_S * (self.total - self.before)
-        done_s = self.motion_done_s + EQUAL_SHARE_S * self.done
-        return self.elapsed_s * max(work_s / done_s - 1.0, 0.0)
+        work_s = expected_s(self.motion_s, self.total - self.before)
+        return self.elapsed_s * max(work_s / expected_s(self.motion_done_s, self.done) - 1.0, 0.0)
 
     @property
     def failed(self) -> int:

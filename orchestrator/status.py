@@ -9,7 +9,7 @@ import pyarrow.compute as pc
 
 from orchestrator.folder import describe, is_running
 from orchestrator.journal import last
-from orchestrator.plan import EQUAL_SHARE_S
+from orchestrator.plan import expected_s
 from results.store import newest_rows, read_steady, result_files, whole_table
 
 WINDOW = timedelta(minutes=1)
@@ -70,7 +70,7 @@ def _pace(run: Path, rows: pa.Table) -> tuple[float | None, float | None]:
 
     def work_s(jobs: pa.Table) -> float:
         counted = pc.value_counts(jobs["record_id"].cast(pa.string())).to_pylist()
-        return sum((duration_s[entry["values"]] + EQUAL_SHARE_S) * entry["counts"] for entry in counted)
+        return expected_s(sum(duration_s[entry["values"]] * entry["counts"] for entry in counted), len(jobs))
 
     left_s = work_s(whole_table(run / "jobs.parquet", columns=["record_id"])) - work_s(rows)
     return len(recent) / seconds, left_s * seconds / work_s(recent)

@@ -43,36 +43,28 @@ def write_maps(
     for contact, jobs in by_contact(frame).items():
         place = folder / contact
         place.mkdir(parents=True, exist_ok=True)
-        missing, outside = {}, {}
+        told = []
         for plane in planes:
             table = cells(jobs, plane)
-            missing[plane.name], outside[plane.name] = unplaced(jobs, plane), beyond(jobs, plane)
+            missing, outside = unplaced(jobs, plane), beyond(jobs, plane)
+            told.append((plane.name, len(jobs), missing, outside))
             yield save_table(table, place / f"{plane.name}.csv")
-            drawn = figures.map_figure(table, plane, contact, missing[plane.name], outside[plane.name])
+            drawn = figures.map_figure(table, plane, contact, missing, outside)
             yield from figures.save(drawn, place / plane.name)
             if not plane.by_direction:
                 continue
             split = cells_by_direction(jobs, plane, bins=directions)
             stem = place / f"{plane.name}_by_direction"
-            missing[stem.name], outside[stem.name] = (
-                unplaced(jobs, plane, by_direction=True),
-                outside[plane.name],
-            )
+            missing = unplaced(jobs, plane, by_direction=True)
+            told.append((stem.name, len(jobs), missing, outside))
             yield save_table(split, stem.with_name(f"{stem.name}.csv"))
             lines = reference if plane.name == "pga_pgv_pga" else None
             if lines is not None:
                 yield save_table(lines, stem.with_name(f"{stem.name}_reference.csv"))
-            drawn = figures.direction_figure(split, plane, directions, contact, lines, missing[stem.name])
+            drawn = figures.direction_figure(split, plane, directions, contact, lines, missing)
             yield from figures.save(drawn, stem)
-        told = pd.DataFrame(
-            {
-                "map": missing.keys(),
-                "jobs": len(jobs),
-                "unplaced": missing.values(),
-                "beyond": outside.values(),
-            }
-        )
-        yield save_table(told, place / "unplaced.csv")
+        counts = pd.DataFrame(told, columns=["map", "jobs", "unplaced", "beyond"])
+        yield save_table(counts, place / "unplaced.csv")
 
 
 def write_directions(

@@ -164,8 +164,9 @@ def whole_table(path: Path, **how: Any) -> pa.Table:
 
 def damaged(path: Path, error: Exception) -> InputError:
     """Say that a file of a run is not as it was written."""
+    reason, *_ = str(error).split("\n")
     return InputError(
-        f"cannot be read ({str(error).partition(chr(10))[0]})",
+        f"cannot be read ({reason})",
         where=str(path),
         expected="the file as it was written",
         remedy="copy the run again from where it was made, or start it anew with another --out",

@@ -231,8 +231,8 @@ class _Run:
         self.deepest_m = 0.0
         speed_m_s = float(np.sqrt(scene.gravity_m_s2 * contact.half_diagonal_m))
         self.rest_speed = settings.rest_speed * speed_m_s
-        self.speed_limit_m_s = _speed_limit(scene, contact, motion, start)
         pose, velocity, spin = _start_of(contact, start)
+        self.speed_limit_m_s = _speed_limit(scene, contact, motion, start, pose)
         _refuse_buried(contact, pose)
         self.start_pose = pose
         self.stepper = Stepper(
@@ -694,12 +694,14 @@ def _trajectory(
     return Trajectory(np.array(times_s), position @ turn.T + contact.origin_m, in_scene)
 
 
-def _speed_limit(scene: Scene, contact: ContactModel, motion: Motion, start: State | None) -> float:
+def _speed_limit(
+    scene: Scene, contact: ContactModel, motion: Motion, start: State | None, pose: Pose
+) -> float:
     """A speed that the motion, the start and a fall of ten R more together cannot give, m/s."""
     given = float(np.linalg.norm(motion.acceleration_m_s2, axis=1).sum() * motion.time_step_s)
     fall_m = 10.0 * contact.half_diagonal_m
     if start is not None:
-        fall_m += max(_start_of(contact, start)[0][0][2], 0.0)
+        fall_m += max(pose[0][2], 0.0)
         given += float(np.linalg.norm(start.velocity_m_s))
         given += float(np.linalg.norm(start.angular_velocity_rad_s)) * contact.half_diagonal_m
     return 2.0 * (given + float(np.sqrt(2.0 * scene.gravity_m_s2 * fall_m)))

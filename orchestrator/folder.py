@@ -42,7 +42,7 @@ def prepare(run: Path, plan: Plan, versions: dict[str, str]) -> None:
         shutil.copytree(plan.campaign.scene, staging / "scene")
         shutil.copytree(plan.campaign.ensemble, staging / "ensemble")
         (staging / "campaign.toml").write_text(plan.campaign.to_toml("scene", "ensemble"), encoding="utf-8")
-        pq.write_table(plan.jobs, staging / "jobs.parquet", compression="zstd")
+        pq.write_table(plan.jobs, staging / "jobs.parquet", compression="zstd", write_page_checksum=True)
         described = {
             "schema_version": SCHEMA_VERSION,
             "plan_id": plan.id,

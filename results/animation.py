@@ -173,9 +173,10 @@ def _picture(
 ) -> Image.Image:
     """Triangles painted from far to near (orthographic), lit from behind the eye."""
     rock, pedestal = way.scene.rock, way.scene.pedestal
-    surfaces = [(vertices_m, rock.faces, ROCK_COLOUR)]
-    if pedestal.vertices_m is not None and pedestal.faces is not None:
-        surfaces.append((pedestal.vertices_m, pedestal.faces, PEDESTAL_COLOUR))
+    surfaces = [
+        (vertices_m, rock.faces, ROCK_COLOUR),
+        (*way.scene.pedestal_triangles(), PEDESTAL_COLOUR),
+    ]
     corners, colours = [], []
     for vertices, faces, colour in surfaces:
         seen = ((vertices - rock.com_m) @ frame)[faces]
@@ -185,7 +186,10 @@ def _picture(
         colours.append(np.outer(0.35 + 0.65 * facing[facing > 0], to_rgb(colour)))
     triangles, shades = np.vstack(corners), np.vstack(colours)
     (x, y), half = window
-    order = np.argsort(triangles[:, :, 2].mean(axis=1))
+    depth = triangles[:, :, 2].mean(axis=1)
+    if pedestal.is_plane:  # its triangles are too large to have one depth, and the rock is on them
+        depth[len(corners[0]) :] = -np.inf
+    order = np.argsort(depth)
     size = OVERSAMPLING * GIF_PIXELS
     places = 0.5 * size * (1.0 + (triangles[order, :, :2] - (x, y)) / half * (1.0, -1.0))
     image = Image.new("RGB", (size, size), "white")

@@ -66,10 +66,12 @@ class Run:
         files = result_files(self.path)
         if not files:
             return ds.dataset(SCHEMA.empty_table())
-        lazy = ds.dataset([str(path) for path in files], schema=SCHEMA, format="parquet")
+        checked = ds.ParquetFragmentScanOptions(page_checksum_verification=True)
+        parquet = ds.ParquetFileFormat(default_fragment_scan_options=checked)
+        lazy = ds.dataset([str(path) for path in files], schema=SCHEMA, format=parquet)
         if len(files) <= 1:
             return lazy
-        ids = lazy.to_table(columns=["job_id"]).column("job_id")
+        ids = pa.concat_tables([whole_table(path, columns=["job_id"]) for path in files]).column("job_id")
         repeated = len(ids.unique()) < len(ids)
         return ds.dataset(self.table()) if repeated else lazy
 
@@ -211,6 +213,9 @@ def _ask_once(runs: Sequence[Run], query: str) -> pa.Table:
             answer = connection.sql(query)
             return answer.to_arrow_table() if answer is not None else pa.table({})
         except duckdb.Error as error:
+            if isinstance(error, duckdb.InvalidInputException):  # as of a damaged file, which this names
+                for run in runs:
+                    newest_rows(result_files(run.path))
             raise InputError(
                 str(error),
                 where="SQL",

@@ -152,10 +152,11 @@ def whole_table(path: Path, **how: Any) -> pa.Table:
     Raises
     ------
     InputError
-        If it is damaged: a footer that is whole says nothing about the pages before it.
+        If it is damaged: a footer that is whole says nothing about the pages before it, and a page that was changed
+        may still be read, as other numbers. Pages written without a checksum are taken as they are.
     """
     try:
-        return pq.read_table(path, **how)
+        return pq.read_table(path, page_checksum_verification=True, **how)
     except FileNotFoundError:
         raise  # merged away meanwhile: `read_steady` looks again
     except (pa.ArrowException, OSError) as error:
@@ -213,7 +214,9 @@ def _table_of(rows: list[Mapping[str, Any]]) -> pa.Table:
 def _write(table: pa.Table, target: Path) -> Path:
     hidden = target.with_name(f".{target.name}.{os.getpid()}.tmp")
     with hidden.open("wb") as file:
-        pq.write_table(table, file, compression="zstd", row_group_size=ROWS_IN_GROUP)
+        pq.write_table(
+            table, file, compression="zstd", row_group_size=ROWS_IN_GROUP, write_page_checksum=True
+        )
         file.flush()
         os.fsync(file.fileno())
     hidden.replace(target)

@@ -82,7 +82,7 @@ class Ensemble:
             if not (path / name).is_file():
                 raise _ensemble_error(f"there is no {name}", path)
         try:
-            catalog = pq.read_table(path / CATALOG)
+            catalog = pq.read_table(path / CATALOG, page_checksum_verification=True)
             motions = pq.ParquetFile(path / MOTIONS)
         except (pa.ArrowException, OSError) as error:
             raise _ensemble_error(f"not readable as Parquet ({error})", path) from error
@@ -128,7 +128,12 @@ class Ensemble:
             ) as writer:
                 for record in ordered:
                     writer.write_table(_motion_row(record))
-            pq.write_table(_catalog(ordered).replace_schema_metadata(mark), part[CATALOG], compression="zstd")
+            pq.write_table(
+                _catalog(ordered).replace_schema_metadata(mark),
+                part[CATALOG],
+                compression="zstd",
+                write_page_checksum=True,  # the motions are checked against their hashes
+            )
             for name in (MOTIONS, CATALOG):
                 with part[name].open("rb") as file:
                     os.fsync(file.fileno())

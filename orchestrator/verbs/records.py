@@ -168,6 +168,9 @@ def fetch(
     if not (event_id and (radius_km or stations)) and not (stations and start and end):
         message = "give --event with --radius or --stations, or --stations with --start and --end"
         raise click.UsageError(message)
+    if (radius_km and stations) or bool(start) != bool(end):
+        message = "give --radius or --stations, and --start and --end together: one of them would be ignored"
+        raise click.UsageError(message)
     _refuse_existing(out, replace)
     window = (utc(start, "--start"), utc(end, "--end")) if start and end else None
     client = connect(service)

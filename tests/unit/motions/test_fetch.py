@@ -231,3 +231,15 @@ def test_a_service_that_is_not_there_and_half_a_request_are_refused(tmp_path):
     away = run("--service", "http://127.0.0.1:9", "--event", "a", "--radius", "1", "--out", tmp_path / "e")
     assert isinstance(away.exception, InputError)
     assert run("--radius", "10", "--out", tmp_path / "e").exit_code == 2
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [("--event", "a", "--radius", "10", "--stations", "XX.NEAR"),
+     ("--event", "a", "--radius", "10", "--start", "2019-07-06T03:19:23")],
+    ids=["radius and stations", "a start without an end"],
+)  # fmt: skip
+def test_what_would_be_ignored_of_a_request_is_refused(arguments, tmp_path):
+    done = run(*arguments, "--out", tmp_path / "e")
+    assert done.exit_code == 2
+    assert "one of them would be ignored" in done.output

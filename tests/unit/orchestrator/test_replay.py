@@ -99,6 +99,9 @@ def test_pictures_of_a_way_are_whole_and_move(replayed):
         moving.seek(moving.n_frames - 1)
         last = np.asarray(moving.convert("RGB"), int)
     assert (np.abs(first - last).sum(axis=2) > 60).mean() > 0.05  # the rock has left its place
+    ground = first[-first.shape[0] // 5 :, :].reshape(-1, 3)
+    assert np.ptp(ground, axis=1).max() < 60  # grey, not the paper's white
+    assert ground.max() < 230
     assert (out / "trajectory.svg").read_text().rstrip().endswith("</svg>")
 
 

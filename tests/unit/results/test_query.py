@@ -209,3 +209,28 @@ def test_a_damaged_file_of_a_run_is_named(run_folder, name):
     done = CliRunner().invoke(cli, verb)
     assert isinstance(done.exception, InputError)
     assert f"{victim}: cannot be read (" in str(done.exception)
+
+
+def test_a_changed_byte_of_the_results_is_told_or_changes_no_answer(run_folder):
+    table = rows(records=40, levels=range(1, 11), azimuths=(0.0, 90.0))
+    write_part(run_folder, table)
+    path = compact(run_folder)
+    whole, content = open_run(run_folder).table(), path.read_bytes()
+    told = []
+    for at in range(4, len(content) - footer_bytes(content), 997):
+        changed = bytearray(content)
+        changed[at] ^= 0x5A
+        path.write_bytes(changed)
+        try:
+            answer = open_run(run_folder).sql("select * exclude run from results")
+        except InputError as error:
+            told.append(str(error))
+        else:  # a page's own statistics, which answer nothing here
+            assert answer.to_pylist() == whole.to_pylist()
+    assert len(told) > 10
+    assert all(f"{path}: cannot be read (" in one for one in told)
+
+
+def footer_bytes(content):
+    """Of a Parquet file: the metadata, their length and the mark at the end."""
+    return int.from_bytes(content[-8:-4], "little") + 8

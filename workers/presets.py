@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from models.errors import InputError
 
-PHYSICS_VERSION = "10"
+PHYSICS_VERSION = "11"
 """Part of every job's id: raised whenever the same job may give another answer."""
 
 

@@ -263,7 +263,7 @@ class _Run:
             if not np.isfinite(position).all() or self._speed(seen) > self.speed_limit_m_s:
                 forget_worlds()
                 return "diverged", "speed_limit"
-            if position[:, 2].min() < (1.0 - TOPPLED_FALL) * self.contact.com_m[2]:
+            if _fallen(self.contact, position).any():
                 return "ok", "fallen"
             if self.contact.tilts_deg(quaternion).max() > LARGEST_OPEN_TILT_DEG:
                 return "ok", "tilted"
@@ -274,7 +274,7 @@ class _Run:
             if self.stepper.time_s > self.motion.duration_s:
                 if at_rest and self._holds(self.gravity[None], self.stepper.way.last)[0]:
                     return "ok", "rest"
-                if self.shortcuts and self._too_little_energy():
+                if self.shortcuts and self._too_little_energy() and self._shows_its_rest():
                     return "ok", "rest_certain"
                 if self.stepper.time_s > calmed_s and self._cannot_overturn():
                     return "ok", "rest_certain"
@@ -348,6 +348,12 @@ class _Run:
             self.left_s = self.motion.duration_s - self.stepper.time_s
         return calm
 
+    def _shows_its_rest(self) -> bool:
+        """Whether a rock that will not topple counts now as at rest: one that rocks tilted may come to stand."""
+        position, quaternion = self._poses(self.stepper.way.last)
+        tilted = self.contact.tilts_deg(quaternion)[0] > MOVED_DEG
+        return not tilted or self._is_displaced(position[0], quaternion[0])
+
     @cached_property
     def _weak_from_s(self) -> float:
         return weak_from_s(self.scene, self.motion)
@@ -389,10 +395,7 @@ class _Run:
         tilt = self.contact.tilts_deg(quaternion)
         fallen = ended_by in ("fallen", "tilted", "slid_off")
         toppled = (fallen or bool(tilt[-1] > TOPPLED_TILT_DEG)) if status == "ok" else None
-        if ended_by == "slid_off":
-            crossing: int | None = self.stepper.way.last
-        else:
-            crossing = _point_of_no_return(position[:, 2]) if toppled else None
+        crossing = self._point_of_no_return(ended_by, position, quaternion, tilt) if toppled else None
         turn = self.contact.scene_from_support
         moved = (position - self.start_pose[0]) @ turn.T
         slip, yaw = self._slip(position[-1], quaternion[-1]), self._yaw(quaternion[-1])
@@ -421,6 +424,20 @@ class _Run:
             if keep
             else None,
         )
+
+    def _point_of_no_return(self, ended_by: str, position: Array, quaternion: Array, tilt: Array) -> int:
+        """Index of the pose in which the final fall began, or the end of the pedestal was passed.
+
+        Not of a later rise: between two looks a rock that fell lands on its next face, and one that came to rest on
+        another face is rocked there by the rest of the motion.
+        """
+        if ended_by == "slid_off":
+            return len(position) - 1
+        if ended_by in ("fallen", "tilted"):
+            still = int(np.argmax(_fallen(self.contact, position) | (tilt > LARGEST_OPEN_TILT_DEG))) - 1
+        else:  # at rest on another face
+            still = int(np.flatnonzero(tilt <= TOPPLED_TILT_DEG).max(initial=0))
+        return _last_top(potential_j_kg(self.scene, position, quaternion), max(still, 0))
 
     def _penetration_m(self, position: Array, quaternion: Array) -> float:
         return max(-float(self.stepper.gaps_m(position, quaternion).min()), 0.0)
@@ -707,10 +724,18 @@ def _speed_limit(
     return 2.0 * (given + float(np.sqrt(2.0 * scene.gravity_m_s2 * fall_m)))
 
 
-def _point_of_no_return(height: Array) -> int:
-    """Index of the last maximum of the centre of mass's height: where the final fall began."""
-    rising = np.flatnonzero(np.diff(height) > 0.0)
-    return int(rising[-1]) + 1 if len(rising) else 0
+def _fallen(contact: ContactModel, position: Array) -> NDArray[np.bool_]:
+    """Whether the centre of mass (n, 3), support frame, has lost more of its height than a rock that stands may."""
+    return position[:, 2] < (1.0 - TOPPLED_FALL) * contact.com_m[2]
+
+
+def _last_top(height: Array, still: int) -> int:
+    """Index of the last maximum up to index `still`, or of the one to which the height rises there."""
+    rises = np.append(np.diff(height) > 0.0, False)
+    if rises[still]:
+        return still + int(np.argmin(rises[still:]))
+    before = np.flatnonzero(rises[:still])
+    return int(before[-1]) + 1 if len(before) else 0
 
 
 def _checked_step(time_step: float, half_diagonal_m: float, gravity_m_s2: float) -> float:

@@ -270,6 +270,17 @@ def test_a_rock_that_falls_from_facet_to_facet_is_not_called_standing_on_its_way
     assert short.toppled
 
 
+@pytest.mark.parametrize("alpha_deg", [31.0, 33.7, 40.0, 45.0])
+def test_a_stout_block_that_still_rocks_as_its_answer_is_certain_counts_as_it_does_at_rest(alpha_deg):
+    alpha = np.deg2rad(alpha_deg)
+    scene = Scene.block(np.sin(alpha), np.sin(alpha), np.cos(alpha), friction=1.5)
+    time = np.arange(0.0, 0.26, 0.005)
+    push = 1.6 * G * np.tan(alpha) * np.sin(np.pi * time / 0.25) * (time < 0.25)
+    short, whole = (shake(scene, along_x(push), shortcuts=shortcuts) for shortcuts in (True, False))
+    assert short.max_tilt_deg > 1.2
+    assert (short.outcome, whole.outcome) == ("stands", "stands")
+
+
 @pytest.mark.parametrize("slope_deg", [0.0, 25.0])
 def test_a_slab_that_spins_flat_on_a_slope_has_turned_and_not_tilted(slope_deg):
     scene = turned_block((0.5, 0.5, 0.1), 0.0, slope_deg=slope_deg, friction=0.9)
@@ -347,6 +358,66 @@ def test_a_rock_whose_plumb_line_is_beyond_its_pedestal_has_slid_off_a_slope():
     assert (result.toppled, result.ended_by) == (True, "slid_off")
     far = plumb_rock_on_a_slope(2.0, uphill=False)
     assert 0.32 < shake(far, push, "fast").slip_m < 0.6
+
+
+def burst(start_s, end_s, push_m_s2, until_s=8.0):
+    """Ground acceleration along x between two times, at 200 samples a second, and that sampling's times."""
+    time = np.arange(0.0, until_s, 0.005)
+    return time, np.where((time > start_s) & (time < end_s), push_m_s2, 0.0)
+
+
+def along_x(push_m_s2):
+    return Motion(np.outer(push_m_s2, [1.0, 0.0, 0.0]), 0.005)
+
+
+@pytest.mark.parametrize(
+    ("push_m_s2", "azimuth_deg"), [(5.0, 180.0), (-5.0, 0.0)], ids=["uphill", "downhill"]
+)
+def test_on_a_slope_the_point_of_no_return_is_the_highest_of_the_centre_of_mass(push_m_s2, azimuth_deg):
+    rock = plumb_rock_on_a_slope(6.0, uphill=False)
+    plane = Pedestal(np.zeros(3), rock.pedestal.normal)
+    scene = replace(rock, pedestal=plane, contact=ContactProperties.of(1.2))
+    result = shake(scene, along_x(burst(3.0, 3.6, push_m_s2)[1]), trajectory=True)
+    highest = int(result.trajectory.position_m[:, 2].argmax())
+    assert result.outcome == "toppled"
+    assert result.topple_azimuth_deg == pytest.approx(azimuth_deg, abs=0.1)
+    # The rock slips by a millimetre as it turns, downhill or back: its top lies a few steps off that of the height.
+    assert result.topple_time_s == pytest.approx(result.trajectory.time_s[highest], abs=0.01)
+
+
+def test_a_rock_rolled_onto_its_next_face_passed_its_edge_then_and_not_as_it_was_rocked_there():
+    corners = [
+        (0.5 * np.cos(a), y, 0.5 * np.sin(a)) for a in np.deg2rad(np.arange(0, 360, 60)) for y in (-0.6, 0.6)
+    ]
+    hull = trimesh.convex.convex_hull(np.array(corners))
+    scene = Scene.from_mesh((hull.vertices, hull.faces), friction=1.5)
+    time, push = burst(2.0, 2.35, 8.6, until_s=15.0)
+    push = push + np.where((time > 8.0) & (time < 14.0), 6.2 * np.sin(4.0 * np.pi * time), 0.0)
+    result = shake(scene, along_x(push), trajectory=True)
+    assert (result.outcome, result.ended_by) == ("toppled", "rest_certain")
+    over_edge = int(np.argmax(turned_deg(result.trajectory.quaternion_xyzw) > 30.0))  # of a hexagon
+    assert result.trajectory.time_s[-1] > 14.0
+    assert result.topple_time_s == pytest.approx(result.trajectory.time_s[over_edge], abs=0.005)
+
+
+def turned_deg(quaternion_xyzw):
+    return np.rad2deg(2.0 * np.arctan2(*np.abs(quaternion_xyzw[:, [1, 3]]).T))
+
+
+@pytest.mark.parametrize("push_m_s2", [4.5, 5.0, 5.5, 6.0])
+def test_a_rock_that_lands_on_its_next_face_within_a_look_had_begun_to_fall_before(push_m_s2):
+    section = ((0.2, 0.0), (0.55, 0.55), (0.55, 1.5))
+    corners = [(side * x, y, z) for side in (1, -1) for y in (-0.6, 0.6) for x, z in section]
+    hull = trimesh.convex.convex_hull(np.array(corners))
+    scene = Scene.from_mesh((hull.vertices, hull.faces), friction=1.0)
+    result = shake(scene, along_x(burst(0.5, 1.2, push_m_s2)[1]), trajectory=True)
+    height = result.trajectory.position_m[:, 2]
+    told = int(np.searchsorted(result.trajectory.time_s, result.topple_time_s))
+    fallen = int(np.argmax(height < 0.75 * height[0]))
+    assert result.ended_by == "fallen"
+    assert (np.diff(height[fallen:]) > 0.0).any()  # it has landed
+    assert told < fallen
+    assert (np.diff(height[told:fallen]) <= 0.0).all()
 
 
 def test_the_end_of_a_scan_is_no_end_of_the_ground():

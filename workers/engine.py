@@ -10,6 +10,7 @@ import atexit
 import math
 import tempfile
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import pybullet
@@ -35,6 +36,10 @@ COLD_ITERATIONS = 200
 STARTS_TO_SLIP, STILL_SLIPS = 0.999, 0.7
 """Shares of the limit of friction from which a contact that stuck slips, and down to which one that slipped still does:
 the solver's iterations leave the friction of a sliding contact a little below what its normal force allows."""
+
+STILL_MOVES = 1e-2
+"""Share of gravity's velocity in a step: a contact whose points all move along the plane by less has stopped, however
+much its friction holds up. The solver leaves a contact that sticks up to a tenth of it."""
 
 
 class _Axes:
@@ -99,6 +104,7 @@ class Engine:
         self._contact = contact
         self._surface = surface
         self._follows_slip = surface.friction_kinetic != surface.friction_static
+        self._impulse = impulse_m_s
         self._iterations = solver.iterations
         self.near_share = max(NEAR_STEPS * fall_m / contact.half_diagonal_m, NEAREST_SHARE)
         """Contacts are prepared within this share of R, unless told otherwise."""
@@ -138,11 +144,30 @@ class Engine:
     def _follow_slip(self) -> None:
         """Choose the coefficient of the next step: the kinetic one while the contact as a whole slips.
 
-        It slips where the resultant of its friction uses up what the present coefficient allows. One state for all
-        points: they belong to one rigid body, and differ only while it turns on the spot.
+        It slips where the resultant of its friction uses up what the present coefficient allows, and once it does
+        until its points stand still. One state for all points: they belong to one rigid body, and differ only while it
+        turns on the spot. A rock in the air lands as one that slips if its lowest point moves along the plane by more
+        than a step in which the solver let go of a foot can give it.
         """
+        contacts = pybullet.getContactPoints(physicsClientId=self._client)
+        touching = [point for point in contacts if point[9] > 0.0]
+        if not touching:
+            self._grip = [0.0, 0.0, 0.0]
+            slips = self._slip_m_s(self._lowest_arm_m()) > self._impulse
+        else:
+            slips = self._slips_on(touching)
+        static, kinetic = self._surface.friction_static, self._surface.friction_kinetic
+        wanted = kinetic if slips else static
+        if touching and slips and self._friction == static:
+            # Slip began within the step that is over, which held it with static friction to its end, on the average
+            # half a step too long: the next one takes that back. Left out, every slip came out a step short.
+            wanted = max(kinetic - 0.5 * (static - kinetic), 0.0)
+        if wanted != self._friction:
+            self._set_friction(wanted)
+
+    def _slips_on(self, touching: list[Any]) -> bool:
         pressing, along = 0.0, [0.0, 0.0, 0.0]
-        for point in pybullet.getContactPoints(physicsClientId=self._client):
+        for point in touching:
             pressing += point[9]
             for i in range(3):
                 along[i] += point[10] * point[11][i] + point[12] * point[13][i]
@@ -150,12 +175,34 @@ class Engine:
         turned = (
             sum(a * b for a, b in zip(along, self._grip, strict=True)) < 0.0
         )  # slip came to a halt on the way
-        share = STARTS_TO_SLIP if self._friction == self._surface.friction_static else STILL_SLIPS
-        slips = pressing > 0.0 and not turned and math.hypot(*along) >= share * self._friction * pressing
         self._grip = along
-        wanted = self._surface.friction_kinetic if slips else self._surface.friction_static
-        if wanted != self._friction:
-            self._set_friction(wanted)
+        sticks = self._friction == self._surface.friction_static
+        share = STARTS_TO_SLIP if sticks else STILL_SLIPS
+        if turned or math.hypot(*along) < share * self._friction * pressing:
+            return False
+        return sticks or self._moves_on(touching)
+
+    def _moves_on(self, touching: list[Any]) -> bool:
+        """Whether a point that touches moves along the plane after the step, which took it from where it touched."""
+        (x, y, z), _ = pybullet.getBasePositionAndOrientation(self._rock, self._client)
+        (u, v, w), _ = pybullet.getBaseVelocity(self._rock, self._client)
+        step_s = self._time_step_s
+        before = x - u * step_s, y - v * step_s, z - w * step_s
+        arms = ([a - b for a, b in zip(point[5], before, strict=True)] for point in touching)
+        return any(self._slip_m_s(arm) > STILL_MOVES * self._impulse for arm in arms)
+
+    def _slip_m_s(self, arm_m: Sequence[float]) -> float:
+        """Speed along the plane of the point of the rock that is so far from its centre of mass."""
+        (u, v, _), (p, q, r) = pybullet.getBaseVelocity(self._rock, self._client)
+        x, y, z = arm_m
+        return math.hypot(u + q * z - r * y, v + r * x - p * z)
+
+    def _lowest_arm_m(self) -> list[float]:
+        """From the centre of mass to the lowest contact point."""
+        _, attitude = pybullet.getBasePositionAndOrientation(self._rock, self._client)
+        turn = np.array(pybullet.getMatrixFromQuaternion(attitude)).reshape(3, 3)
+        arms = self._contact.centres_body_m[: self.points] @ turn.T
+        return list(arms[arms[:, 2].argmin()].tolist())
 
     def set_state(
         self,

@@ -22,20 +22,26 @@ from workers.way import Vector
 LEAN_RAD = 1e-3
 """Axes are kept while friction leans by less: it then is wrong by a thousandth of itself, and across the slip."""
 
+LEAN_OF_IMPACT_RAD = 1e-2
+"""The same for the slip with which an impact leaves the feet: it is not known before."""
+
 BETWEEN = [cmath.exp(4j * math.radians(degrees)) for degrees in range(0, 90, 2)]
 """Of axes, exp(-4j angle): where feet slip in different directions none serve all, and the best of these are taken."""
 
+Foot = tuple[complex, complex]
+"""How unlike its mobilities are along the interface's x and y, over their mean, as a complex number that turns by twice
+the axes' angle; and the square of its slip's direction, 0 where it may slip in any."""
 
-def least_leaning_rad(
+
+def feet_of(
     contact: ContactModel,
     feet: Sequence[int],
     pose: Pose,
     velocity_m_s: Vector,
     angular_velocity_rad_s: Vector,
     slips_from_m_s: float,
-    present_rad: float,
-) -> float:
-    """Angle from the support frame's x to the axes along which the friction of some feet leans least.
+) -> list[Foot]:
+    """What decides on the axes, of some feet.
 
     Parameters
     ----------
@@ -45,15 +51,7 @@ def least_leaning_rad(
     pose, velocity_m_s, angular_velocity_rad_s
         The rock's, support frame.
     slips_from_m_s : float
-        Feet that are slower may slip in any direction.
-    present_rad : float
-        The angle at present, kept where it serves.
-
-    Returns
-    -------
-    float
-        Where the lean is least, in the mean of its square over the feet: at the present angle, along the slip, on the
-        bisectors of the feet's principal axes or, where they slip in different directions, between these.
+        Feet that are slower may slip in any direction, and so may those that come down faster than they slip.
     """
     # Complex numbers stand for vectors along the interface: p, q, r for the body's axes. Bare Python, as feet are few.
     x, y, z, w = pose[1]
@@ -64,7 +62,7 @@ def least_leaning_rad(
     forward, turning = complex(velocity_m_s[0], velocity_m_s[1]), 1j * angular_velocity_rad_s[2]
     rolling = -1j * complex(angular_velocity_rad_s[0], angular_velocity_rad_s[1])
     pp, qq, rr, pq, pr, qr = p * p, q * q, r * r, 2 * p * q, 2 * p * r, 2 * q * r
-    told: list[tuple[complex, complex]] = []
+    told: list[Foot] = []
     for foot in feet:
         (a, b, c), (aa, bb, cc, ab, ac, bc) = contact.arms_and_mobilities[foot]
         height = normal[0] * a + normal[1] * b + normal[2] * c
@@ -78,26 +76,47 @@ def least_leaning_rad(
         slip = forward + turning * arm + rolling * height
         speed, rise = abs(slip), velocity_m_s[2] - (rolling * arm.conjugate()).real
         told.append((unlike, (slip / speed) ** 2 if speed > max(slips_from_m_s, abs(rise)) else 0j))
+    return told
 
-    def lean(axes_rad: float) -> float:
-        turned = cmath.exp(-2j * axes_rad)
-        # Half is the mean over all directions, in which a foot may slip that does not yet.
-        return sum(
-            (unlike * turned).real ** 2 * ((slip * turned).imag ** 2 if slip else 0.5)
-            for unlike, slip in told
-        )
 
-    if lean(present_rad) < LEAN_RAD**2 * len(told):
+def squared_lean(feet: Sequence[Foot], axes_rad: float) -> float:
+    """Sum over the feet of the square of the angle, rad, by which friction leans with axes at that angle."""
+    turned = cmath.exp(-2j * axes_rad)
+    # Half is the mean over all directions, in which a foot may slip that does not yet.
+    return sum(
+        (unlike * turned).real ** 2 * ((slip * turned).imag ** 2 if slip else 0.5) for unlike, slip in feet
+    )
+
+
+def least_leaning_rad(feet: Sequence[Foot], present_rad: float) -> float:
+    """Angle from the support frame's x to the axes along which the friction of some feet leans least.
+
+    Parameters
+    ----------
+    feet : sequence of Foot
+    present_rad : float
+        The angle at present, kept where it serves.
+
+    Returns
+    -------
+    float
+        Where the lean is least, in the mean of its square over the feet: at the present angle, along the slip, on the
+        bisectors of the feet's principal axes or, where they slip in different directions, between these. Of a single
+        foot always on its bisectors, which serve any slip: that of an impact is another one after it.
+    """
+    if len(feet) == 1:
+        feet = [(feet[0][0], 0j)]
+    if squared_lean(feet, present_rad) < LEAN_RAD**2 * len(feet):
         return present_rad
-    with_slip = 0.5 * cmath.phase(sum(slip for _, slip in told))
-    bisecting = 0.25 * cmath.phase(-sum(unlike**2 for unlike, _ in told))
-    exact = min((present_rad, with_slip, bisecting), key=lean)
-    if len(told) == 1 or lean(exact) < LEAN_RAD**2 * len(told) or not any(slip for _, slip in told):
+    with_slip = 0.5 * cmath.phase(sum(slip for _, slip in feet))
+    bisecting = 0.25 * cmath.phase(-sum(unlike**2 for unlike, _ in feet))
+    exact = min((present_rad, with_slip, bisecting), key=lambda axes: squared_lean(feet, axes))
+    if squared_lean(feet, exact) < LEAN_RAD**2 * len(feet) or not any(slip for _, slip in feet):
         return exact
     # Its only parts that go with the axes' angle are those with exp(-4j angle) and with the square of it.
     once = twice = 0j
-    for unlike, slip in told:
+    for unlike, slip in feet:
         once += -0.5j * (slip * unlike.conjugate()).imag * slip * unlike if slip else 0.25 * unlike**2
         twice -= 0.125 * (slip * unlike) ** 2
     between = min(BETWEEN, key=lambda turned: (once * turned + twice * turned * turned).real)
-    return min(exact, -0.25 * cmath.phase(between), key=lean)
+    return min(exact, -0.25 * cmath.phase(between), key=lambda axes: squared_lean(feet, axes))

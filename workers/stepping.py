@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 from models.scene import ContactProperties
 from workers.contact import REACH_DEG, ContactModel
 from workers.engine import Engine, Pose
-from workers.friction import least_leaning_rad
+from workers.friction import LEAN_OF_IMPACT_RAD, Foot, feet_of, least_leaning_rad, squared_lean
 from workers.presets import Solver
 from workers.way import Vector, Way
 
@@ -93,6 +93,9 @@ SOON = 0.02
 IMPACT_STEP = 0.06
 """Share of a step that follows a touch: it tells where the impact sends the other points. Points that land within it
 carry from its start; at a quarter of a step the errors of a rock that rattles round its rim are twice as large."""
+
+TRIES_AT_IMPACT = 3
+"""Of axes for the friction in it: other axes turn the slip that they are chosen for."""
 
 MOST_IMPACTS_AT_ONCE = 40
 """Points that land within about a step of one another; what comes later is left to the steps after."""
@@ -173,7 +176,7 @@ class Stepper:
     def _begin(self) -> None:
         """Give the latest pose to an engine that remembers nothing."""
         self._narrow_from, self._smooth_from, self._ahead = 0, self.way.last, SHORT_CHUNK
-        self._axes_rad = 0.0
+        self._axes_rad = self._prepared_share = 0.0
         self._reach = self._reaches[0]
         self._widen(self.way.largest_tilt_deg(self.way.last))
         self._engine = self._engine_in_reach()
@@ -244,11 +247,12 @@ class Stepper:
         kicked_share: float = 0.5,
         ahead_s: float = 0.0,
         carrying_only: bool = False,
+        axes_rad: float | None = None,
     ) -> None:
         """Give the engine the latest pose, its feet at the height that belongs to a step of that duration.
 
         That step's velocity is the one at `kicked_share` of it. Contacts are prepared for what the rock may do in
-        `ahead_s`, or only those of the feet that carry.
+        `ahead_s`, or only those of the feet that carry. The axes of friction are those that serve unless given.
         """
         way, index = self.way, self.way.last
         centripetal = way.centripetal_m_s2(index)
@@ -256,25 +260,29 @@ class Stepper:
         way.lift(way.lift_m(index, arcs, self._aloft_m(centripetal)))
         prepared = AHEAD * ahead_s * way.speed_1_s(index)
         left_out = LEFT_OUT * self._nearest_coming_share() if carrying_only else math.inf
-        self._place(min(max(prepared, self._engine.near_share), left_out))
+        self._place(min(max(prepared, self._engine.near_share), left_out), axes_rad)
 
     def _aloft_m(self, centripetal_m_s2: Array) -> float:
         """Height over its rest from which a rock is aloft: feet that carry stand off by an arc at most."""
         arc_m = HIGHEST_ARC * self._step**2 * float(np.abs(centripetal_m_s2).max())
         return max(arc_m, CARRYING_SHARE * self._contact.half_diagonal_m)
 
-    def _place(self, within_share: float) -> None:
+    def _place(self, within_share: float, axes_rad: float | None = None) -> None:
         """Give the engine the latest pose, with contacts prepared within a share of R, and axes for their friction."""
+        self._prepared_share = within_share
+        if axes_rad is None:
+            axes_rad = least_leaning_rad(self._feet(self.way.last, self.way.last), self._axes_rad)
+        self._axes_rad = axes_rad
         pose, (velocity, spin) = self.way.lifted_pose(), self.way.velocities(self.way.last)
-        self._axes_rad = self._least_leaning_rad(within_share, velocity, spin)
-        self._engine.set_state(pose, velocity, spin, within_share=within_share, axes_rad=self._axes_rad)
+        self._engine.set_state(pose, velocity, spin, within_share=within_share, axes_rad=axes_rad)
 
-    def _least_leaning_rad(self, within_share: float, velocity: Vector, spin: Vector) -> float:
-        index = self.way.last
-        near = self.way.gaps_m(index) < within_share * self._contact.half_diagonal_m
-        feet = near.nonzero()[0].tolist()
-        pose = self.way.poses[index]
-        return least_leaning_rad(self._contact, feet, pose, velocity, spin, self._fast, self._axes_rad)
+    def _feet(self, index: int, moving: int) -> list[Foot]:
+        """Feet for which contacts are prepared in pose `index`, with the velocities of the step to pose `moving`."""
+        near = self.way.gaps_m(index) < self._prepared_share * self._contact.half_diagonal_m
+        velocity, spin = self.way.velocities(moving)
+        return feet_of(
+            self._contact, near.nonzero()[0].tolist(), self.way.poses[index], velocity, spin, self._fast
+        )
 
     def _nearest_coming_share(self) -> float:
         """Clearance, over R, of the nearest foot that is about to land in the latest pose."""
@@ -302,9 +310,10 @@ class Stepper:
 
     def _turn_axes(self) -> None:
         """Place the rock anew where friction along the present axes would lean."""
-        share = self._engine.near_share
-        if self._least_leaning_rad(share, *self.way.velocities(self.way.last)) != self._axes_rad:
-            self._place(share)
+        self._prepared_share = self._engine.near_share
+        last = self.way.last
+        if least_leaning_rad(self._feet(last, last), self._axes_rad) != self._axes_rad:
+            self._place(self._prepared_share)
 
     def _left_reach(self, first: int, grid: int) -> bool:
         """Whether the rock left its points' reach after pose `first`: at rest it does not tell how fast it will turn.
@@ -454,9 +463,7 @@ class Stepper:
                 left_s = self._next_touch_s()
                 if 1e-6 < left_s / self._step < SOON:
                     self._step_to_touch(left_s)
-            impact_s = IMPACT_STEP * self._step
-            self._set_state(impact_s, ahead_s=impact_s)
-            self._single(impact_s, self.time_s + 0.5 * impact_s, rebounds=True)
+            self._impact(IMPACT_STEP * self._step)
             self._smooth_from = self.way.last
             self.grid = math.ceil(self.time_s / self._step + 0.5)  # leaves half a step to one and a half
             rest = self.grid * self._step - self.time_s
@@ -467,6 +474,23 @@ class Stepper:
         self._single(rest, self.time_s + 0.5 * rest)
         self.way.end_at(self.grid * self._step)
         self._set_state(self._step)
+
+    def _impact(self, duration_s: float) -> None:
+        """Step over a touch, again where it turns the slip of the feet away from the axes of their friction.
+
+        Friction opposes the slip with which the feet leave an impact. Along the axes that served the slip before it the
+        impulse of a block that landed on an edge leaned by up to 16 degrees, at any step.
+        """
+        touch, axes_rad = self.way.last, None
+        for _ in range(TRIES_AT_IMPACT):
+            self.way.back_to(touch)
+            self._set_state(duration_s, ahead_s=duration_s, axes_rad=axes_rad)
+            self._single(duration_s, self.time_s + 0.5 * duration_s, rebounds=True)
+            slipping = [foot for foot in self._feet(touch, self.way.last) if foot[1]]
+            axes_rad = least_leaning_rad(slipping, self._axes_rad)
+            leaned, least = (squared_lean(slipping, axes) for axes in (self._axes_rad, axes_rad))
+            if leaned - least <= LEAN_OF_IMPACT_RAD**2 * len(slipping):
+                return
 
     def _step_to_touch(self, touch_s: float) -> None:
         """Steps that end as a point touches down, and not so late that the point already carries."""

@@ -5,12 +5,14 @@ from itertools import pairwise
 
 import numpy as np
 import trimesh
+from scipy.optimize import fsolve
 from scipy.spatial.transform import Rotation
 
 from models import Motion, Scene
 from models.frames import azimuth_deg, horizontal_unit_vector
 from models.shapes import box, cylinder
 from workers import shake
+from workers.presets import settings_of
 from workers.reference import closed_forms as exact
 from workers.reference.rocking import Ground, PlaneBody, overturns
 from workers.reference.rocking import rock as rock_in_plane
@@ -504,3 +506,65 @@ def rattling_energy(sides, azimuth_deg, preset):
     still = Motion(np.zeros((2, 3)), 3.0 * np.sqrt(scene.rock.half_diagonal_m / G))
     way = let_go(scene, turning_about(scene, corner, spin), preset, still).trajectory
     return energy_before(scene, way, np.searchsorted(way.time_s, still.duration_s)) / barrier
+
+
+def slipping_impulses(arms, inertia, velocity, friction, restitution):
+    """Impulses over mass (n, 3) on feet that land at once and slip on, and the azimuths of their slips, rad.
+
+    Newton's law of restitution along the normal at each foot, and Coulomb's against the slip with which it leaves. The
+    rock does not turn before. None where a foot sticks or lifts off.
+    """
+    crossed = [np.cross(np.eye(3), arm) for arm in arms]
+    mobility = [[np.eye(3) - a @ np.linalg.solve(inertia, b) for b in crossed] for a in crossed]
+
+    def of(unknown):
+        azimuth, normal = unknown.reshape(2, -1)
+        return normal[:, None] * np.column_stack(
+            [-friction * np.cos(azimuth), -friction * np.sin(azimuth), np.ones(len(arms))]
+        )
+
+    def leaving(unknown):
+        return velocity + np.einsum("ijkl,jl->ik", np.array(mobility), of(unknown))
+
+    def missed(unknown):
+        azimuth, after = unknown[: len(arms)], leaving(unknown)
+        across = after[:, 0] * np.sin(azimuth) - after[:, 1] * np.cos(azimuth)
+        return [*across, *(after[:, 2] + restitution * velocity[2])]
+
+    for guess in np.arange(0.0, 2.0 * np.pi, 0.3):
+        found, _, solved, _ = fsolve(missed, [guess] * len(arms) + [0.5] * len(arms), full_output=True)
+        azimuth, normal = found.reshape(2, -1)
+        slip = leaving(found)[:, :2]
+        along = slip[:, 0] * np.cos(azimuth) + slip[:, 1] * np.sin(azimuth)
+        if solved == 1 and normal.min() > 0.0 and along.min() > 0.05:
+            return of(found), azimuth
+    return None
+
+
+def landing_error(half_sizes, turn, velocity, friction, restitution, preset):
+    """Lean (rad) and relative error of the friction's impulse on a block that lands turned, and the turns of its slips.
+
+    The turns (n,), rad, are those of the feet from before to after the impact. None where a foot sticks or lifts off.
+    """
+    scene = Scene.block(*half_sizes, friction=friction, restitution=restitution)
+    corners = turn.apply(scene.rock.vertices_m - scene.rock.com_m)
+    lowest = corners[:, 2].min()
+    inertia = turn.as_matrix() @ scene.rock.inertia_per_mass_m2 @ turn.as_matrix().T
+    feet = corners[corners[:, 2] < lowest + 1e-9]
+    law = slipping_impulses(feet, inertia, np.array(velocity), friction, restitution)
+    if law is None:
+        return None
+    flight_s = 6.5 * settings_of(preset).time_step_s(scene.rock.half_diagonal_m, G)
+    fall = np.array([0.0, 0.0, -G * flight_s])
+    start = {
+        "position_m": np.array([0.0, 0.0, -lowest]) - (np.array(velocity) - 0.5 * fall) * flight_s,
+        "quaternion_xyzw": turn.as_quat(),
+        "velocity_m_s": np.array(velocity) - fall,
+    }
+    way = let_go(scene, start, preset).trajectory
+    touch = int(np.abs(way.time_s - flight_s).argmin())  # the impact has a short step of its own
+    left = (way.position_m[touch + 1] - way.position_m[touch]) / (way.time_s[touch + 1] - way.time_s[touch])
+    exact_along, along = law[0].sum(axis=0)[:2], left[:2] - velocity[:2]
+    ratio = complex(*along) / complex(*exact_along)
+    turned = np.angle(np.exp(1j * (law[1] - np.arctan2(velocity[1], velocity[0]))))
+    return np.angle(ratio), abs(ratio) - 1.0, turned

@@ -8,7 +8,11 @@ import engine_cases as case
 import numpy as np
 import pytest
 
+from models import Motion, Scene
+from workers import shake
 from workers.reference.closed_forms import landing_boundary, rock_friction_boundary
+from workers.reference.rocking import PlaneBody
+from workers.reference.sliding_rocking import PlaneContact, slide_and_rock
 
 TARGET = {"standard": 0.002, "reference": 0.0005}  # of times, thresholds, impact ratios and slip
 LOSS_TARGET = 0.03  # of the energy lost in an impact
@@ -222,6 +226,42 @@ def test_a_block_that_slides_and_rocks_follows_the_reference(preset, static, kin
     first_order = {"standard": 2.5e-3, "reference": 5e-4}[preset] if static != kinetic else 0.0
     assert abs(error[0]).max() < max(1e-3, first_order)
     assert abs(error[1]).max() < 5e-3
+
+
+@pytest.mark.parametrize("preset", ["fast", "standard", pytest.param("reference", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("share", [0.65, 0.75, 0.95])
+def test_a_slip_that_has_stopped_holds_again_as_one_that_never_began(share, preset):
+    # A drive of g makes a plate slip, one of a share of kinetic friction lets it come to a halt, and one and a half
+    # times kinetic friction, which is below static friction, must not move it any more.
+    static, kinetic = 0.8, 0.4
+    halt_s = 0.1 + 0.1 * (1.0 - kinetic) / ((1.0 - share) * kinetic)
+    time = np.arange(0.0, halt_s + 0.8, 0.005)
+    drive = np.select(
+        [time < 0.1, time < halt_s + 0.1, time < halt_s + 0.7], [1.0, share * kinetic, 1.5 * kinetic]
+    )
+    motion = Motion(np.outer(-G * drive, [1.0, 0.0, 0.0]), 0.005)
+    scene = Scene.block(1.0, 1.0, 0.05, friction=(static, kinetic))
+    slid = slide_and_rock(
+        PlaneBody.rectangle(1.0, 0.05),
+        PlaneContact(static, kinetic),
+        lambda t: (float(np.interp(t, time, G * drive, right=0.0)), -G),
+        halt_s + 0.5,
+        2e-4,
+    )
+    # Slip is seen a step after it began; what it lacks is given back, but for where in the step it began.
+    assert shake(scene, motion, preset).slip_m == pytest.approx(slid.place[-1, 0], rel=1e-3)
+
+
+@pytest.mark.parametrize("preset", ["fast", "standard", pytest.param("reference", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("fall_m_s", [0.5, 1.5])
+def test_a_plate_that_lands_as_it_slides_takes_kinetic_friction_in_its_impact(fall_m_s, preset):
+    kinetic, height, forward = 0.4, 0.02, 3.0
+    landing = np.sqrt(fall_m_s**2 + 2.0 * G * height)
+    flight_s, left = (landing - fall_m_s) / G, forward - kinetic * landing
+    start = {"position_m": (0.0, 0.0, 0.05 + height), "velocity_m_s": (forward, 0.0, -fall_m_s)}
+    way = case.let_go(Scene.block(1.0, 1.0, 0.05, friction=(0.8, kinetic)), start, preset).trajectory
+    exact_m = forward * flight_s + left**2 / (2.0 * kinetic * G)
+    assert way.position_m[-1, 0] == pytest.approx(exact_m, rel=1e-3)
 
 
 @pytest.mark.parametrize("mu", [0.25, 0.3, 0.32])

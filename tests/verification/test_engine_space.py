@@ -155,6 +155,44 @@ def turn_product(first, second):
     )
 
 
+def landings(half_sizes, preset, *, on_a_corner):
+    """Errors of six landings that slip on, of random turns and directions."""
+    random = np.random.default_rng(5)
+    errors = []
+    while len(errors) < 6:
+        turn = Rotation.from_rotvec([0.0, random.uniform(0.2, 0.5), 0.0])
+        if on_a_corner:
+            turn = Rotation.from_euler("zx", [random.uniform(0.0, 6.0), random.uniform(0.2, 0.5)]) * turn
+            lowest, second, *_ = np.sort(turn.apply(Scene.block(*half_sizes).rock.vertices_m)[:, 2])
+            if second - lowest < 0.01:
+                continue  # nearly on an edge
+        toward, speed = random.uniform(0.0, 2.0 * np.pi), random.uniform(0.5, 2.0)
+        velocity = np.array([speed * np.cos(toward), speed * np.sin(toward), -1.5])
+        error = case.landing_error(half_sizes, turn, velocity, 0.3, 0.5, preset)
+        errors += [] if error is None else [error]
+    return errors
+
+
+@pytest.mark.parametrize("half_sizes", [(0.1, 0.5, 0.3), (0.3, 0.3, 0.1), (0.5, 0.15, 0.3)])
+@pytest.mark.parametrize("preset", ["fast", "standard", pytest.param("reference", marks=pytest.mark.slow)])
+def test_a_corner_that_lands_and_slips_on_gets_the_impulse_of_newton_and_coulomb(half_sizes, preset):
+    errors = landings(half_sizes, preset, on_a_corner=True)
+    assert max(np.abs(turned).max() for _, _, turned in errors) > 0.5  # the impact turns the slip
+    for lean, size, _ in errors:
+        # The impact's step has .06 of a step's gravity and friction: 5e-4 of the impulse.
+        assert abs(lean) < 2e-3
+        assert abs(size) < 1e-3
+
+
+@pytest.mark.parametrize("half_sizes", [(0.1, 0.5, 0.3), (0.3, 0.3, 0.1), (0.5, 0.15, 0.3)])
+@pytest.mark.parametrize("preset", ["standard", pytest.param("reference", marks=pytest.mark.slow)])
+def test_an_edge_that_lands_and_slips_on_gets_the_impulse_of_newton_and_coulomb(half_sizes, preset):
+    for lean, size, _ in landings(half_sizes, preset, on_a_corner=False):
+        # Its two feet slip in directions that differ by up to 20 degrees, and one pair of axes serves both.
+        assert abs(lean) < np.deg2rad(5.0)
+        assert abs(size) < 0.04
+
+
 def test_a_dropped_block_stays_down():
     # Restitution 0: nothing that landed rises again.
     start = {"position_m": (0, 0, 0.7)}

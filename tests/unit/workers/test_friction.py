@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from models import Scene
 from workers.contact import contact_of
-from workers.friction import LEAN_RAD, least_leaning_rad
+from workers.friction import LEAN_RAD, feet_of, least_leaning_rad
 
 SCENE = Scene.block(0.2, 0.45, 0.6)
 CONTACT = contact_of(SCENE)
@@ -34,7 +34,9 @@ def leans_rad(axes_rad, feet, turn, velocity, spin):
 def axes_for(feet, turn, velocity, spin, slips_from_m_s=0.0, present_rad=0.0):
     attitude = Rotation.from_matrix(turn).as_quat()
     pose = ((0.0, 0.0, 0.6), tuple(attitude.tolist()))
-    return least_leaning_rad(CONTACT, feet, pose, tuple(velocity), tuple(spin), slips_from_m_s, present_rad)
+    return least_leaning_rad(
+        feet_of(CONTACT, feet, pose, tuple(velocity), tuple(spin), slips_from_m_s), present_rad
+    )
 
 
 @given(turn=TURNS, velocity=SPEEDS, spin=SPEEDS, foot=st.integers(0, len(CONTACT.centres_body_m) - 1))

@@ -2,12 +2,14 @@
 
 What decides when rock and pedestal touch is the clearance between them. Over the interface plane, the clearance of a
 point of the rock is its height less that of the pedestal below it, and that of a point of the pedestal (a bump, the
-edge of a cliff) is the height of the rock's surface above it less its own. A foot is such a point with its clearance
-as height: a body with these feet on the bare plane touches where the rock touches the pedestal, at the same moments
-of a rocking motion. It keeps the plane's normal at every contact, and carries the relief along when it slides, so it
-holds for relief that is flat against its distance and for slips that are short against it.
+edge of a cliff) is the height of the rock's surface above it less its own; where an edge of the rock crosses one of
+the pedestal it is the difference of their heights. A foot is such a point with its clearance as height: a body with
+these feet on the bare plane touches where the rock touches the pedestal, at the same moments of a rocking motion. It
+keeps the plane's normal at every contact, and carries the relief along when it slides, so it holds for relief that is
+flat against its distance and for slips that are short against it.
 """
 
+from collections.abc import Iterator
 from functools import lru_cache
 from itertools import chain
 
@@ -19,6 +21,15 @@ from models.errors import InputError
 from models.frames import plane_axes
 from models.pedestal import Pedestal
 from models.rock import Rock
+
+ROUNDING = 1e-12
+"""Share of a surface's size below which a triangle counts as upright, or two as lying in one plane."""
+
+PIECE_SHARE = 0.01
+"""Edges are cut up into pieces of this share of the rock's size in plan before their neighbours are looked for."""
+
+PAIRS_AT_A_TIME = 200_000
+"""Pairs of edges that are looked at together: some 50 MB."""
 
 Array = NDArray[np.float64]
 
@@ -45,13 +56,14 @@ def contact_feet_m(rock: Rock, pedestal: Pedestal) -> Array:
     ground = (pedestal.vertices_m - pedestal.point_m) @ frame.T
     under_rock = height_below(rock_points[:, :2], ground, pedestal.faces, highest=True)
     over_ground = height_below(ground[:, :2], rock_points, rock.faces, highest=False)
-    rims = _rim_crossings(ground, pedestal.faces, rock_points, rock.faces)
-    over_rims = height_below(rims[:, :2], rock_points, rock.faces, highest=False)
     feet = np.vstack(
         [
             rock_points - np.column_stack([np.zeros((len(rock_points), 2)), under_rock]),
             np.column_stack([ground[:, :2], over_ground - ground[:, 2]]),
-            np.column_stack([rims[:, :2], over_rims - rims[:, 2]]),
+            *_crossings(
+                ground[_edges_that_stand_out(ground, pedestal.faces)],
+                rock_points[_edges_that_stand_out(rock_points * (1.0, 1.0, -1.0), rock.faces)],
+            ),
         ]
     )
     feet = feet[np.isfinite(feet[:, 2])]
@@ -68,29 +80,89 @@ def contact_feet_m(rock: Rock, pedestal: Pedestal) -> Array:
     return feet[corners[corners < len(feet)]] @ frame + pedestal.point_m
 
 
-def _rim_crossings(
-    ground: Array, ground_faces: NDArray[np.int64], rock: Array, rock_faces: NDArray[np.int64]
-) -> Array:
-    """Points (k, 3) of the pedestal's rim above or below edges of the rock, where a rim's contact begins or ends."""
-    edges = np.sort(ground_faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
-    pairs, count = np.unique(edges, axis=0, return_counts=True)
-    rim = ground[pairs[count == 1]]
-    low, high = rock[:, :2].min(axis=0), rock[:, :2].max(axis=0)
-    rim = rim[((rim[:, :, :2].max(axis=1) >= low) & (rim[:, :, :2].min(axis=1) <= high)).all(axis=1)]
-    other = rock[np.unique(np.sort(rock_faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1), axis=0)][
-        :, :, :2
-    ]
-    other_start, other_way = other[:, 0], other[:, 1] - other[:, 0]
-    found = [np.zeros((0, 3))]
-    for start, end in rim:
-        way, offset = end - start, other_start - start[:2]
-        cross = way[0] * other_way[:, 1] - way[1] * other_way[:, 0]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            here = (offset[:, 0] * other_way[:, 1] - offset[:, 1] * other_way[:, 0]) / cross
-            there = (offset[:, 0] * way[1] - offset[:, 1] * way[0]) / cross
-        met = (here >= 0) & (here <= 1) & (there >= 0) & (there <= 1)
-        found.append(start + here[met, None] * way)
-    return np.vstack(found)
+def _edges_that_stand_out(vertices_m: Array, faces: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Edges (k, 2) of a surface that an edge above can touch between their ends: all but its creases.
+
+    A crease is an edge whose two triangles lie on different sides of it, seen from above, and neither below the other's
+    plane. Along a straight edge above that crosses it, the ground is on both sides at least as high as these triangles,
+    so the clearance is there not more than they leave, and not more than above the crease on one side at least: no
+    corner of the feet's hull. That holds whatever layers lie above, even if triangles pass through each other. Rims,
+    ridges, and edges with an upright triangle or with both on one side (the top of a wall, an overhang) are no creases.
+    """
+    # Each row both ends of an edge, and the corner opposite.
+    half = faces[:, [0, 1, 2, 1, 2, 0, 2, 0, 1]].reshape(-1, 3)
+    start, end = half[:, :2].min(axis=1), half[:, :2].max(axis=1)
+    name = start * len(vertices_m) + end
+    order = np.argsort(name, kind="stable")
+    begins = np.flatnonzero(np.diff(name[order], prepend=-1))
+    joins_two = np.diff(begins, append=len(order)) == 2
+    first = begins[joins_two]
+    origin = vertices_m[start[order[first]]]
+    way = vertices_m[end[order[first]]] - origin
+    one, other = (vertices_m[half[order[each], 2]] - origin for each in (first, first + 1))
+    normal = np.cross(way, one)
+    side, other_side = normal[:, 2], way[:, 0] * other[:, 1] - way[:, 1] * other[:, 0]
+    size_m = float(np.linalg.norm(np.ptp(vertices_m, axis=0)))
+    opposite = (side * other_side < 0) & (np.minimum(abs(side), abs(other_side)) >= ROUNDING * size_m**2)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        rise_m = (normal * other).sum(axis=1) / side
+    joins_two[joins_two] = opposite & (rise_m >= -ROUNDING * size_m)
+    kept = order[begins[~joins_two]]
+    return np.column_stack([start[kept], end[kept]])
+
+
+def _crossings(ground: Array, rock: Array) -> Iterator[Array]:
+    """Feet (k, 3) where edges (n, 2, 3) of the ground pass below edges (m, 2, 3) of the rock, some at a time."""
+    low, high = rock[..., :2].min(axis=(0, 1)), rock[..., :2].max(axis=(0, 1))
+    longest = PIECE_SHARE * float(np.linalg.norm(high - low))
+    owner, middle, reach = _pieces(ground, low - longest, high + longest, longest)
+    rock_owner, rock_middle, rock_reach = _pieces(rock, low - longest, high + longest, longest)
+    tree = cKDTree(rock_middle)
+    radius = (1.0 + 1e-6) * (reach + rock_reach.max())
+    count = tree.query_ball_point(middle, radius, return_length=True)
+    batch = np.cumsum(count) // PAIRS_AT_A_TIME
+    for some in np.split(np.arange(len(middle)), np.flatnonzero(np.diff(batch)) + 1):
+        near = chain.from_iterable(tree.query_ball_point(middle[some], radius[some]))
+        above = rock_owner[np.fromiter(near, int, count[some].sum())]
+        yield _feet_where_they_cross(ground[np.repeat(owner[some], count[some])], rock[above])
+
+
+def _pieces(
+    edges: Array, low: Array, high: Array, longest_m: float
+) -> tuple[NDArray[np.int64], Array, Array]:
+    """Edges (n, 2, 3) cut up in plan, so that a long one is near few others: whose each piece is, middle, half length.
+
+    Of what lies outside of a box nothing is kept.
+    """
+    start, way = edges[:, 0, :2], edges[:, 1, :2] - edges[:, 0, :2]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        sides = np.stack([(low - start) / way, (high - start) / way])
+    enters, leaves = sides.min(axis=0).max(axis=1).clip(min=0.0), sides.max(axis=0).min(axis=1).clip(max=1.0)
+    owner = np.flatnonzero(enters < leaves)
+    enters, leaves = enters[owner], leaves[owner]
+    length = (leaves - enters) * np.linalg.norm(way[owner], axis=1)
+    count = np.ceil(length / longest_m).astype(int).clip(min=1)
+    place = np.repeat(np.cumsum(count) - count, count)
+    share = (np.arange(count.sum()) - place + 0.5) / np.repeat(count, count)
+    share = np.repeat(enters, count) + share * np.repeat(leaves - enters, count)
+    owner = np.repeat(owner, count)
+    return owner, start[owner] + share[:, None] * way[owner], np.repeat(0.5 * length / count, count)
+
+
+def _feet_where_they_cross(below: Array, above: Array) -> Array:
+    """Feet of pairs of edges (n, 2, 3), of those that cross each other seen from above.
+
+    Where another layer lies between the two, the foot is too high: above that layer's feet, and never touched.
+    """
+    way, over_way, offset = below[:, 1] - below[:, 0], above[:, 1] - above[:, 0], above[:, 0] - below[:, 0]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        across = way[:, 0] * over_way[:, 1] - way[:, 1] * over_way[:, 0]
+        here = (offset[:, 0] * over_way[:, 1] - offset[:, 1] * over_way[:, 0]) / across
+        there = (offset[:, 0] * way[:, 1] - offset[:, 1] * way[:, 0]) / across
+    met = (here >= 0) & (here <= 1) & (there >= 0) & (there <= 1)
+    here, there = here[met, None], there[met]
+    place = below[met, 0] + here * way[met]
+    return np.column_stack([place[:, :2], above[met, 0, 2] + there * over_way[met, 2] - place[:, 2]])
 
 
 def height_below(places_m: Array, vertices_m: Array, faces: NDArray[np.int64], *, highest: bool) -> Array:
@@ -114,7 +186,7 @@ def height_below(places_m: Array, vertices_m: Array, faces: NDArray[np.int64], *
     flat = corners[:, :, :2]
     edge1, edge2 = flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0]
     area = edge1[:, 0] * edge2[:, 1] - edge1[:, 1] * edge2[:, 0]
-    upright = np.abs(area) < 1e-12 * (np.ptp(vertices_m[:, :2], axis=0) ** 2).sum()
+    upright = np.abs(area) < ROUNDING * (np.ptp(vertices_m[:, :2], axis=0) ** 2).sum()
     corners, flat, edge1, edge2, area = (a[~upright] for a in (corners, flat, edge1, edge2, area))
     centre = flat.mean(axis=1)
     reach = np.linalg.norm(flat - centre[:, None], axis=2).max(axis=1)

@@ -1,10 +1,19 @@
-"""Heights of surfaces below places: exact for triangles of any size."""
+"""Heights of surfaces below places, exact for triangles of any size; feet against the clearance that they stand for."""
 
 import numpy as np
-from hypothesis import given
+import pytest
+import trimesh
+from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial import ConvexHull
 
-from models.relief import height_below
+from models import Pedestal, Rock
+from models.relief import contact_feet_m, height_below
+from models.shapes import box
+from models.statics import quasi_static_toppling_m_s2
+
+G = 9.81
+UP = np.array([0.0, 0.0, 1.0])
 
 
 def lattice(cells, height):
@@ -33,3 +42,77 @@ def test_two_large_triangles_below_many_small_ones_are_found(cells, u, v):
 
 def test_no_places_have_no_heights():
     assert height_below(np.zeros((0, 2)), *lattice(3, 0.0), highest=True).shape == (0,)
+
+
+def strips(profile, along):
+    """A level pedestal's triangles: a profile (k, 2) of x and z, drawn out over places along y."""
+    profile, k, n = np.asarray(profile, float), len(profile), len(along)
+    vertices = np.column_stack([np.repeat(profile, n, axis=0), np.tile(along, k)])[:, [0, 2, 1]]
+    number = np.arange(k * n).reshape(k, n)
+    a, b, c, d = (
+        each.ravel() for each in (number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:])
+    )
+    faces = np.concatenate([np.column_stack([a, b, c]), np.column_stack([a, c, d])])
+    return Pedestal(np.zeros(3), UP, vertices, faces)
+
+
+def toppling_m_s2(pedestal, azimuths_deg):
+    """Of a block .4 m square and 1.2 m high, which stands on z = 0."""
+    rock = box(0.2, 0.2, 0.6).moved(np.eye(3), (0.0, 0.0, 0.6))
+    return [value for _, value in quasi_static_toppling_m_s2(rock, pedestal, G, azimuths_deg)]
+
+
+@pytest.mark.parametrize(
+    "along", [[-1.0, 1.0], [-3000.0, 4000.0], *(np.arange(-1.03, 1, d) for d in (0.5, 0.15, 0.05))]
+)
+def test_rails_carry_a_block_where_its_edges_cross_them_however_far_apart_their_vertices(along):
+    rails = strips(
+        [(-1, -0.1), (-0.15, -0.1), (-0.1, 0), (-0.05, -0.1), (0.05, -0.1), (0.1, 0), (0.15, -0.1)], along
+    )
+    np.testing.assert_allclose(toppling_m_s2(rails, [0.0, 90.0]), [G * 0.1 / 0.6, G * 0.2 / 0.6], rtol=1e-9)
+
+
+@pytest.mark.parametrize("lean", [-0.03, 0.0, 0.01])
+def test_a_cliff_whose_wall_is_meshed_carries_as_one_that_ends_the_mesh(lean):
+    cliff = strips([(-1, 0), (0.05, 0), (0.05 + lean, -2), (1, -2)], [-1.0, 1.0])
+    np.testing.assert_allclose(toppling_m_s2(cliff, [180.0, 0.0]), [G * 0.05 / 0.6, G * 0.2 / 0.6], rtol=1e-9)
+
+
+def rough(seed, fold):
+    """A rough rock over rough ground; with a fold of more than half its cells the ground has overhangs."""
+    rng = np.random.default_rng(seed)
+    ball = trimesh.creation.icosphere(1)
+    vertices = ball.vertices * (1.0 + 0.3 * rng.uniform(-1, 1, (len(ball.vertices), 1)))
+    rock = Rock.from_triangles(vertices * [0.4, 0.3, 0.6] + [0.5, 0.5, 1.5], ball.faces)
+    ground, faces = lattice(6, 0.0)
+    return rock, ground + rng.uniform(-1, 1, ground.shape) * [fold * 0.2, fold * 0.2, 0.3], faces
+
+
+@given(st.integers(0, 2**32 - 1), st.sampled_from([0.2, 0.9]))
+@settings(max_examples=30, deadline=None)
+def test_no_clearance_lies_below_the_feets_hull_and_no_foot_below_the_clearance(seed, fold):
+    rock, ground, faces = rough(seed, fold)
+    feet = contact_feet_m(rock, Pedestal(np.zeros(3), UP, ground, faces))
+    places = np.vstack([np.random.default_rng(seed).uniform(0.0, 1.0, (4000, 2)), feet[:, :2]])
+    above = height_below(places, rock.vertices_m, rock.faces, highest=False)
+    clearance = np.column_stack([places, above - height_below(places, ground, faces, highest=True)])
+    assert (feet[:, 2] - clearance[4000:, 2] > -1e-9).all()
+    below = ConvexHull(feet).equations
+    below = below[below[:, 2] < -1e-6]  # what looks down
+    seen = clearance[np.isfinite(clearance[:, 2])]
+    # Both sides of it are differences of coordinates of size 1.
+    assert (seen @ below[:, :3].T + below[:, 3]).max() < 1e-9
+
+
+@given(st.integers(0, 2**32 - 1), st.sampled_from([0.2, 0.9]))
+@settings(max_examples=10, deadline=None)
+def test_splitting_the_pedestals_triangles_leaves_the_feets_hull_as_it_is(seed, fold):
+    rock, ground, faces = rough(seed, fold)
+    finer = trimesh.remesh.subdivide(*trimesh.remesh.subdivide(ground, faces))
+    one, other = (
+        ConvexHull(contact_feet_m(rock, Pedestal(np.zeros(3), UP, *mesh)))
+        for mesh in ((ground, faces), finer)
+    )
+    for hull, feet in ((one, other.points), (other, one.points)):
+        below = hull.equations[hull.equations[:, 2] < -1e-6]
+        assert (feet @ below[:, :3].T + below[:, 3]).max() < 1e-9

@@ -16,6 +16,7 @@ import pyarrow.parquet as pq
 
 from models import InputError
 from models.folder import new_folder
+from models.settling import Settling
 from orchestrator.journal import LOG_FILE
 from orchestrator.plan import Plan
 from results.store import PARTS_FOLDER, RESULTS_FILE
@@ -26,7 +27,7 @@ LOCK_PATIENCE_S = 1.0
 """A writer has the lock for the whole of its session; who has it for less than this only looks."""
 
 
-def prepare(run: Path, plan: Plan, versions: dict[str, str]) -> None:
+def prepare(run: Path, plan: Plan, versions: dict[str, str], settling: Settling | None = None) -> None:
     """Make the folder of a run, or make sure that an existing one is of this plan.
 
     Raises
@@ -50,6 +51,7 @@ def prepare(run: Path, plan: Plan, versions: dict[str, str]) -> None:
             "scene_id": plan.scene_id,
             "ensemble_id": plan.ensemble_id,
             "versions": versions,
+            "settling": settling.to_json() if settling else None,
             "created_at": now(),
             "sessions": [],
         }

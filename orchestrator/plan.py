@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from models import ContactProperties, InputError, Scene
 from models.motions.ensemble import Ensemble
+from models.settling import Settling
 from orchestrator.campaign import Campaign, hash_of
 from workers.job import JobSpec
 from workers.shake import settled
@@ -136,19 +137,25 @@ def plan(campaign: Campaign, scene: Scene, ensemble: Ensemble) -> Plan:
     return Plan(campaign, scene_id, ensemble.id, sha, duration_s, jobs)
 
 
-def check_stands(campaign: Campaign, scene: Scene) -> None:
-    """Make sure that the rock stands by itself with every friction of the campaign.
+def check_stands(campaign: Campaign, scene: Scene) -> Settling:
+    """Make sure that the rock stands by itself with every friction of the campaign, and say how far it settles.
 
     Otherwise every job would find it out anew. Where the campaign has realisations, only the nominal one is looked at.
+
+    Returns
+    -------
+    Settling
+        With the friction with which it tilts most.
 
     Raises
     ------
     InputError
         If it does not.
     """
+    found = []
     for static, kinetic in sorted(set(campaign.friction)):
         try:
-            settled(scene.with_contact(ContactProperties.of((static, kinetic))))
+            found.append(settling(scene.with_contact(ContactProperties.of((static, kinetic)))))
         except InputError as error:
             raise InputError(
                 f"with friction {static:g}: {error.what}",
@@ -156,6 +163,27 @@ def check_stands(campaign: Campaign, scene: Scene) -> None:
                 expected=error.expected,
                 remedy=error.remedy,
             ) from None
+    return max(found, key=lambda one: one.tilt_deg)
+
+
+def settling(scene: Scene) -> Settling:
+    """How far the rock of a scene settles.
+
+    Raises
+    ------
+    InputError
+        If it does not stand by itself.
+    """
+    return Settling.between(scene.rock, settled(scene).rock, scene.pedestal.normal)
+
+
+def settling_notes(scene: Scene) -> list[str]:
+    """What a person who looks at a scene should know of how its rock stands: a sentence, or none."""
+    try:
+        sentence = settling(scene).sentence
+    except InputError as error:
+        return [f"warning: {error.what}; no campaign can be run with this scene: {error.remedy}"]
+    return [sentence] if sentence else []
 
 
 def _axes(campaign: Campaign) -> Iterator[tuple[float, float, float, float, float, int]]:

@@ -26,7 +26,7 @@ from models.motions.ensemble import Ensemble
 from orchestrator.campaign import Campaign
 from orchestrator.cluster import replace_dead_workers, workers_missing
 from orchestrator.dispatch import JOBS_IN_BATCH, USUAL_LIMITS, Batch, Dispatch, Limits, why_given_up
-from orchestrator.folder import prepare, session
+from orchestrator.folder import describe, prepare, session
 from orchestrator.journal import journal, tell
 from orchestrator.plan import Plan, check_stands, expected_s, plan
 from orchestrator.task import Order, Row, UnfitWorkerError, check, lost_row, shake_batch, versions
@@ -190,13 +190,16 @@ def run(
     folder = folder.absolute()
     scene = Scene.load(campaign.scene)
     planned = plan(campaign, scene, Ensemble.load(campaign.ensemble))
-    if not folder.exists():  # a run is only begun with a rock that stands
-        check_stands(campaign, scene)
+    # A run is only begun with a rock that stands.
+    settling = None if folder.exists() else check_stands(campaign, scene)
     here = versions()
-    prepare(folder, planned, dict(here))
+    prepare(folder, planned, dict(here), settling)
     order = Order(str(folder), planned.scene_id, planned.ensemble_id, here)
     with session(folder, {}) as notes, journal(folder):
         tell("session began", process=os.getpid(), jobs=len(planned), versions=dict(here), again=[*again])
+        settles = describe(folder).get("settling") or {}
+        if sentence := settles.pop("sentence", None):
+            log.warning("%s", sentence, extra={"fields": settles})
         try:
             tally = _until_complete(planned, folder, cluster, watch, order, limits, report, again)
         except BaseException as error:

@@ -130,6 +130,8 @@ def _scene(run: Run) -> str:
         for field in scene.schema
         if field.name in row
     ]
+    if settling := (run.provenance().get("settling") or {}).get("sentence"):
+        told.append({"quantity": "from scan to shake", "value": settling, "unit": ""})
     return "".join([*parts, _table(pd.DataFrame(told))])
 
 

@@ -1,5 +1,6 @@
 """A scene as one page that turns with the mouse, and as files for other programs."""
 
+from collections.abc import Sequence
 from html import escape
 from pathlib import Path
 
@@ -26,8 +27,8 @@ Y_UP = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, -1.0, 0.0, 0.
 """Turn of -90 degrees about x, from z up to glTF's y up."""
 
 
-def write_page(scene: Scene, path: Path) -> None:
-    """Write a standalone HTML page: rock, pedestal, contact outline and cliff edges, statics by azimuth, numbers."""
+def write_page(scene: Scene, path: Path, notes: Sequence[str] = ()) -> None:
+    """Write a standalone HTML page: rock, pedestal, contact outline and cliff edges, statics, numbers and notes."""
     figure = scene_figure(scene)
     azimuth, value, spread = toppling_band(scene)
     _add_statics(figure, azimuth, value, spread)
@@ -41,7 +42,7 @@ def write_page(scene: Scene, path: Path) -> None:
         },
     )
     title = "Quasi-static toppling acceleration, m/s², by azimuth<br>of the ground's acceleration (from east to north)"
-    for text, y in ((title, 1.0), ("<br>".join(map(escape, numbers_of(scene))), 0.42)):
+    for text, y in ((title, 1.0), ("<br>".join(map(escape, numbers_of(scene, notes))), 0.42)):
         figure.add_annotation(
             text=text,
             x=0.66,

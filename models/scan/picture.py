@@ -1,7 +1,8 @@
 """The scene's picture: rock, interface and pedestal in colours, so that a wrong split is seen at once."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from textwrap import wrap
 from typing import Any
 
 import numpy as np
@@ -21,10 +22,12 @@ VIEW_REACH = 0.7
 """From the centre of mass to the edge of a view, as share of the rock's largest side."""
 STATICS_TITLE = "quasi-static toppling acceleration, m/s², by azimuth of the ground's acceleration"
 BAND_TITLE = "band: one standard deviation"
+NOTE_WIDTH = 66
+"""Letters in a line beside the views."""
 
 
-def draw_scene(scene: Scene, path: Path) -> None:
-    """Write a PNG: three views, the plan of the interface, and the statics by azimuth."""
+def draw_scene(scene: Scene, path: Path, notes: Sequence[str] = ()) -> None:
+    """Write a PNG: three views, the plan of the interface, the statics by azimuth, and numbers with notes below."""
     figure = Figure(figsize=(15, 9), layout="constrained")
     FigureCanvasAgg(figure)
     grid = figure.add_gridspec(2, 3)
@@ -32,7 +35,7 @@ def draw_scene(scene: Scene, path: Path) -> None:
         draw_view(figure.add_subplot(grid[0, place]), scene, elevation, azimuth)
     _draw_plan(figure.add_subplot(grid[1, 0]), scene)
     _draw_statics(figure.add_subplot(grid[1, 1], projection="polar"), scene)
-    _write_numbers(figure.add_subplot(grid[1, 2]), scene)
+    _write_numbers(figure.add_subplot(grid[1, 2]), scene, notes)
     figure.savefig(path, dpi=110)
 
 
@@ -133,8 +136,11 @@ def toppling_band(scene: Scene) -> tuple[NDArray[np.float64], NDArray[np.float64
     return azimuth, value, np.interp(azimuth, at, std, period=360.0)
 
 
-def numbers_of(scene: Scene) -> list[str]:
-    """What a person wants to read beside the views: sizes with their spread, the interface, how sure the split is."""
+def numbers_of(scene: Scene, notes: Sequence[str] = ()) -> list[str]:
+    """What a person wants to read beside the views: sizes with their spread, the interface, how sure the split is.
+
+    Notes follow, broken into lines of the same length.
+    """
     rock, report = scene.rock, scene.report
     spread, surface = report.get("uncertainty", {}), report.get("surface", {})
     segmentation, registration = report.get("segmentation", {}), report.get("registration", {})
@@ -163,7 +169,7 @@ def numbers_of(scene: Scene) -> list[str]:
         ]
     if "residual_m" in registration:
         lines.append(_fit_of(registration))
-    return lines
+    return lines + [line for note in notes for line in wrap(note, NOTE_WIDTH)]
 
 
 def _fit_of(registration: Mapping[str, Any]) -> str:
@@ -178,7 +184,7 @@ def _fit_of(registration: Mapping[str, Any]) -> str:
     )
 
 
-def _write_numbers(axes: Axes, scene: Scene) -> None:
+def _write_numbers(axes: Axes, scene: Scene, notes: Sequence[str]) -> None:
     axes.axis("off")
-    lines = [*numbers_of(scene), "red: contact outline; dashed: cliff edge"]
+    lines = [*numbers_of(scene, notes), "red: contact outline; dashed: cliff edge"]
     axes.text(0.0, 1.0, "\n".join(lines), va="top", fontsize=10, linespacing=1.7)

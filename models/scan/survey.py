@@ -2,7 +2,7 @@
 
 import dataclasses
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -329,8 +329,8 @@ def check_can_stand(rock: Rock, interface: Interface) -> None:
         )
 
 
-def save_survey(result: Survey, folder: str | os.PathLike[str]) -> Path:
-    """Write the scene's folder with `labels.npz` and `scene.png` in it; complete or not at all.
+def save_survey(result: Survey, folder: str | os.PathLike[str], notes: Sequence[str] = ()) -> Path:
+    """Write the scene's folder with `labels.npz` and `scene.png`, and notes in this; complete or not at all.
 
     Raises
     ------
@@ -341,5 +341,5 @@ def save_survey(result: Survey, folder: str | os.PathLike[str]) -> Path:
     with new_folder(target) as staging:
         result.scene.write_into(staging)
         np.savez_compressed(staging / "labels.npz", label=result.label)
-        draw_scene(result.scene, staging / "scene.png")
+        draw_scene(result.scene, staging / "scene.png", notes)
     return target

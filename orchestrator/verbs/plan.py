@@ -30,13 +30,14 @@ def plan(campaign: Path, table: Path | None, as_json: bool) -> None:
     chosen = Campaign.read(campaign)
     scene = Scene.load(chosen.scene)
     with Console(stderr=True).status("letting the rock stand, counting jobs"):
-        check_stands(chosen, scene)
+        settling = check_stands(chosen, scene)
         planned = expand(chosen, scene, Ensemble.load(chosen.ensemble))
     counts = {
         "jobs": len(planned), "records": len(planned.record_sha), "levels": len(chosen.pga_m_s2),
         "azimuths": len(chosen.azimuth_deg), "frictions": len(chosen.friction),
         "restitutions": len(chosen.restitution), "realisations": chosen.realisations, "preset": chosen.preset,
         "scene_id": planned.scene_id, "ensemble_id": planned.ensemble_id, "plan_id": planned.id,
+        "settling": settling.to_json(),
     }  # fmt: skip
     if table is not None:
         hidden = table.with_name(f".{table.name}.tmp")
@@ -49,4 +50,6 @@ def plan(campaign: Path, table: Path | None, as_json: bool) -> None:
         "{jobs} jobs = {records} records x {levels} levels x {azimuths} azimuths x {frictions} frictions x "
         "{restitutions} restitutions x {realisations} realisations, preset {preset}".format(**counts)
     )
+    if settling.sentence:
+        click.echo(settling.sentence)
     click.echo(f"scene {planned.scene_id}, ensemble {planned.ensemble_id}, plan {planned.id}")

@@ -89,10 +89,11 @@ def scan(
     from models.scan.read import read_clouds
     from models.scan.survey import STAGES, save_survey, survey
     from models.scan.word import word_of
+    from orchestrator.plan import settling_notes
 
     refuse_existing(out)
     word = word_of(plane, [_coordinates(point) for point in points], outline)
-    total = STAGES + bootstrap + 2
+    total = STAGES + bootstrap + 3
     columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), TimeRemainingColumn())
     with Progress(*columns, console=Console(stderr=True)) as bar:
         task = bar.add_task("reading", total=total)
@@ -105,12 +106,16 @@ def scan(
             result = survey(cloud, stage, near, word, bootstrap)
         except InputError as error:
             raise _in_files(error, files) from None
+        stage("letting the rock stand")
+        notes = settling_notes(result.scene)
         stage("writing")
-        save_survey(result, out)
+        save_survey(result, out, notes)
         bar.update(task, completed=total, description="done")
     click.echo(json.dumps(result.scene.to_json(), allow_nan=False) if as_json else _told(result.scene, out))
     if warning := invention_warning(result.scene):
-        click.echo(warning, err=as_json)
+        notes.append(warning)
+    for note in notes:
+        click.echo(note, err=as_json)
 
 
 def _told(scene: Scene, out: Path) -> str:

@@ -28,13 +28,15 @@ def show(folder: Path, out: Path | None) -> None:
     """  # noqa: D301  (\b keeps click from rewrapping the example)
     from models.scan.page import write_page
     from models.scan.picture import draw_scene
+    from orchestrator.plan import settling_notes
 
     loaded = Scene.load(folder)
     target = out or folder
     target.mkdir(parents=True, exist_ok=True)
-    draw_scene(loaded, target / "scene.png")
-    write_page(loaded, target / "scene.html")
-    click.echo(f"{target / 'scene.png'}\n{target / 'scene.html'}")
+    notes = settling_notes(loaded)
+    draw_scene(loaded, target / "scene.png", notes)
+    write_page(loaded, target / "scene.html", notes)
+    click.echo("\n".join([str(target / "scene.png"), str(target / "scene.html"), *notes]))
 
 
 @scene.command()

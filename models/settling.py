@@ -1,0 +1,71 @@
+"""How far a rock settles before it is shaken: from where the scan has it to where it stands by itself."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from models.frames import azimuth_deg
+
+if TYPE_CHECKING:
+    from models.rock import Rock
+
+SAID_FROM_DEG = 0.1
+"""Half samples of a scan give its interface within about this angle: less cannot be told from a rock that stands."""
+
+SAID_FROM_SHARE = 0.01
+"""Of the rock's height; as much counts as moved after a shake."""
+
+
+@dataclass(frozen=True)
+class Settling:
+    """The difference between a rock's pose in its scene and the one in which every job begins.
+
+    Parameters
+    ----------
+    tilt_deg : float
+        Angle between the interface's normal and where the rock has carried it.
+    toward_deg : float
+        Azimuth toward which it tilted.
+    way_m : float
+        Of the vertex that moved farthest.
+    height_m : float
+        Of the rock in the scene.
+    """
+
+    tilt_deg: float
+    toward_deg: float
+    way_m: float
+    height_m: float
+
+    @classmethod
+    def between(cls, scanned: Rock, settled: Rock, normal: np.ndarray) -> Settling:
+        """Settling of a rock over an interface with this upward normal, from the poses of its mesh before and after."""
+        before, after = scanned.vertices_m - scanned.com_m, settled.vertices_m - settled.com_m
+        turn, _ = Rotation.align_vectors(after, before)
+        leant = turn.apply(normal) - normal
+        return cls(
+            tilt_deg=float(np.rad2deg(2.0 * np.arcsin(min(0.5 * float(np.linalg.norm(leant)), 1.0)))),
+            toward_deg=azimuth_deg(leant),
+            way_m=float(np.linalg.norm(settled.vertices_m - scanned.vertices_m, axis=1).max()),
+            height_m=scanned.height_m,
+        )
+
+    @property
+    def sentence(self) -> str | None:
+        """What a person should know about it; None where the rock stands as scanned."""
+        if self.tilt_deg >= SAID_FROM_DEG:
+            return (
+                f"the rock settles by {self.tilt_deg:.1f}° toward azimuth {self.toward_deg:.0f}° "
+                f"({self.way_m:.2g} m at its farthest point) before it is shaken"
+            )
+        if self.way_m >= SAID_FROM_SHARE * self.height_m:
+            return f"the rock settles by {self.way_m:.2g} m at its farthest point before it is shaken"
+        return None
+
+    def to_json(self) -> dict[str, Any]:
+        """Fields and sentence, for `run.json`."""
+        return {**asdict(self), "sentence": self.sentence}

@@ -1,0 +1,148 @@
+"""How far a rock settles before it is shaken, and where a person is told."""
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from models import Scene
+from models.frames import horizontal_unit_vector, plane_normal
+from models.motions.ensemble import Ensemble
+from models.motions.idealised import ricker
+from models.motions.record import Record
+from models.scan.survey import Survey
+from models.settling import Settling
+from models.shapes import box
+from orchestrator.campaign import Campaign
+from orchestrator.cli import cli
+from orchestrator.folder import describe, prepare
+from orchestrator.plan import check_stands, plan
+from orchestrator.run import run
+from orchestrator.verbs.scan import scan
+from orchestrator.verbs.scene import scene
+from results import open_run
+from results.report import _scene
+
+ROCK = box(0.3, 0.2, 0.5).moved(np.eye(3), (0.4, -0.3, 0.5))
+TOLD = "the rock settles by 1.0° toward azimuth 180° (0.02 m at its farthest point) before it is shaken"
+
+
+def leaning(tilt_deg):
+    """A scene of a block of .6 x .4 x 1 m that leans toward east over its edge, so that it settles toward west."""
+    turn = Rotation.from_euler("y", tilt_deg, degrees=True).as_matrix()
+    turned = box(0.3, 0.2, 0.5).moved(turn)
+    up = np.array([0.0, 0.0, -turned.vertices_m[:, 2].min()])
+    return dataclasses.replace(Scene.block(0.3, 0.2, 0.5), rock=turned.moved(np.eye(3), up))
+
+
+@given(st.floats(0.0, 40.0), st.floats(0.0, 360.0), st.floats(-180.0, 180.0), st.floats(0.2, 20.0))
+def test_a_settling_is_the_turn_that_was_made_and_a_turn_about_the_normal_is_no_tilt(
+    slope_deg, azimuth_deg, yaw_deg, tilt_deg
+):
+    normal = plane_normal(slope_deg, 30.0)
+    across = np.cross(normal, horizontal_unit_vector(azimuth_deg))
+    tilt = Rotation.from_rotvec(np.deg2rad(tilt_deg) * across / np.linalg.norm(across))
+    yaw = Rotation.from_rotvec(np.deg2rad(yaw_deg) * normal)
+    found = Settling.between(ROCK, ROCK.moved((tilt * yaw).as_matrix(), (0.1, 0.0, 0.0)), normal)
+    # Through the arc's half sine, of rotations fitted to coordinates of size 1.
+    assert found.tilt_deg == pytest.approx(tilt_deg, abs=1e-9)
+    leant = tilt.apply(normal)[:2] - normal[:2]
+    assert horizontal_unit_vector(found.toward_deg)[:2] == pytest.approx(
+        leant / np.linalg.norm(leant), abs=1e-8
+    )
+
+
+@pytest.mark.parametrize(
+    ("tilt_deg", "rise_m", "sentence"),
+    [
+        (0.0, 0.0, None),
+        (0.09, 0.009, None),
+        (0.0, 0.012, "the rock settles by 0.012 m at its farthest point before it is shaken"),
+        (
+            1.0,
+            0.0,
+            "the rock settles by 1.0° toward azimuth 90° (0.02 m at its farthest point) before it is shaken",
+        ),
+    ],
+)
+def test_what_cannot_be_told_from_a_rock_that_stands_is_not_said(tilt_deg, rise_m, sentence):
+    turn = Rotation.from_euler("x", -tilt_deg, degrees=True).as_matrix()
+    found = Settling.between(ROCK, ROCK.moved(turn, (0.0, 0.0, -rise_m)), np.array([0.0, 0.0, 1.0]))
+    assert found.sentence == sentence
+
+
+@pytest.fixture(scope="module")
+def campaigns(tmp_path_factory):
+    """The same campaign on a block that leans by a degree, and on one that stands."""
+    folder = tmp_path_factory.mktemp("inputs")
+    Ensemble.write(folder / "ensemble", [Record.of("P", ricker(2.0, 0.6, 0.01))])
+    for name, tilt_deg in (("leans", 1.0), ("stands", 0.0)):
+        leaning(tilt_deg).save(folder / name)
+        axes = {"pga_m_s2": [2], "azimuth_deg": [0], "friction": [0.8, 0.6]}
+        text = {"scene": name, "ensemble": "ensemble", **axes}
+        (folder / f"{name}.toml").write_text("".join(f"{key} = {json.dumps(text[key])}\n" for key in text))
+    return folder
+
+
+def test_the_plan_says_by_how_much_a_rock_settles_and_nothing_of_one_that_stands(campaigns):
+    leans, stands = (
+        CliRunner().invoke(cli, ["plan", str(campaigns / f"{name}.toml")]).stdout
+        for name in ("leans", "stands")
+    )
+    assert TOLD in leans.splitlines()
+    assert "settles" not in stands
+
+
+@pytest.mark.parametrize(("name", "said"), [("leans", TOLD), ("stands", None)])
+def test_a_run_keeps_and_says_by_how_much_its_rock_settles(campaigns, tmp_path, caplog, name, said):
+    def refuse(_):
+        raise KeyboardInterrupt
+
+    cluster = type("Refuses", (), {"__enter__": refuse, "__exit__": lambda *_: None})()
+    with pytest.raises(KeyboardInterrupt):
+        run(Campaign.read(campaigns / f"{name}.toml"), tmp_path / "run", cluster, lambda _: None)
+    assert describe(tmp_path / "run")["settling"]["sentence"] == said
+    logged = [json.loads(line) for line in (tmp_path / "run" / "run.log").read_text().splitlines()]
+    for events in ([entry["event"] for entry in logged], caplog.messages):
+        assert [event for event in events if "settles" in event] == ([said] if said else [])
+
+
+@pytest.mark.parametrize(("name", "said"), [("leans", True), ("stands", False)])
+def test_the_reports_table_of_the_scene_says_by_how_much_the_rock_settles(campaigns, tmp_path, name, said):
+    campaign = Campaign.read(campaigns / f"{name}.toml")
+    loaded = Scene.load(campaign.scene)
+    prepare(
+        tmp_path / "run",
+        plan(campaign, loaded, Ensemble.load(campaign.ensemble)),
+        {},
+        check_stands(campaign, loaded),
+    )
+    assert (f"<td>{TOLD}</td>" in _scene(open_run(tmp_path / "run"))) == said
+
+
+def test_the_scenes_page_and_the_console_say_by_how_much_the_rock_settles(campaigns, tmp_path):
+    done = CliRunner().invoke(scene, ["show", str(campaigns / "leans"), "--out", str(tmp_path)])
+    assert TOLD in done.stdout.splitlines()
+    assert "the rock settles by 1.0" in (tmp_path / "scene.html").read_text()
+
+
+@pytest.mark.parametrize(
+    ("tilt_deg", "said"), [(1.0, TOLD), (40.0, "warning: left alone, the rock does not stand"), (0.0, "")]
+)
+def test_a_scan_is_written_and_says_how_its_rock_stands(monkeypatch, tmp_path, tilt_deg, said):
+    found = Survey(leaning(tilt_deg), np.zeros(0, np.int8), None)
+    drawn = []
+    monkeypatch.setattr("models.scan.read.read_clouds", lambda _: None)
+    monkeypatch.setattr("models.scan.survey.survey", lambda *_: found)
+    monkeypatch.setattr("models.scan.survey.draw_scene", lambda *told: drawn.extend(told[2]))
+    done = CliRunner().invoke(scan, ["a.laz", "--out", str(tmp_path / "a")], catch_exceptions=False)
+    assert Scene.load(tmp_path / "a").id == found.scene.id
+    told = done.stdout.splitlines()[1:]
+    assert told == drawn
+    assert len(told) == bool(said)
+    assert "".join(told).startswith(said)

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from models.frames import azimuth_deg
-
-if TYPE_CHECKING:
-    from models.rock import Rock
+from models.rock import Rock
 
 SAID_FROM_DEG = 0.1
 """Half samples of a scan give its interface within about this angle: less cannot be told from a rock that stands."""

@@ -32,6 +32,13 @@ from results.exchange import OPENQUAKE
 from results.fits import Lognormal
 
 AGE_SAMPLES = 400
+SITE_REACH_KM = 30.0
+"""Farthest that a site of a hazard file may lie from the place that is asked for.
+
+A node of a grid of 0.3 degrees is within 24 km of every place, and published grids are of 0.05 to 0.2. Farther off is
+another place: nearer to a fault or beyond it, with another curve.
+"""
+EARTH_RADIUS_KM = 6371.0
 NODES_PER_E_FOLD = 400
 """Points of the integration in an interval where intensity grows by e.
 
@@ -56,6 +63,8 @@ class HazardCurve:
         Positive, not increasing.
     weight : float
         Of this branch among others.
+    site : (longitude, latitude) or None
+        Degrees; where its file says that it holds.
     """
 
     name: str
@@ -63,6 +72,7 @@ class HazardCurve:
     intensity: NDArray[np.float64]
     annual_rate: NDArray[np.float64]
     weight: float = 1.0
+    site: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
         x, rate = self.intensity, self.annual_rate
@@ -215,14 +225,15 @@ def read_hazard(
     path : Path
     weight : float
     site : (longitude, latitude) or None
-        The nearest site of an OpenQuake file; needed where it has several.
+        A place in degrees: the nearest site of an OpenQuake file is taken, if it lies within `SITE_REACH_KM`. Needed
+        where the file has several.
     ratio : float
         Peak of the horizontal vector over the horizontal component that the hazard is stated for.
 
     Raises
     ------
     InputError
-        If the file is absent, is neither, or needs a site.
+        If the file is absent, is neither, needs a site, or has none within reach.
     """
     try:
         lines = path.read_text(encoding="utf-8-sig").splitlines()  # spreadsheets begin with a byte order mark
@@ -233,15 +244,27 @@ def read_hazard(
     if not lines:
         raise _hazard_error(path, "is empty")
     try:
-        measure, x, rate = (
-            _openquake(lines, path, site) if lines[0].startswith("#") else _two_columns(lines, path)
+        measure, x, rate, taken = (
+            _openquake(lines, path, site) if lines[0].startswith("#") else (*_two_columns(lines, path), None)
         )
     except (ValueError, IndexError, StopIteration) as error:
         if isinstance(error, InputError):
             raise
         raise _hazard_error(path, f"cannot be read ({error})") from error
     told = rate > 0  # OpenQuake states zero where the rate underflows
-    return HazardCurve(path.stem, measure, x[told] * ratio, rate[told], weight)
+    return HazardCurve(path.stem, measure, x[told] * ratio, rate[told], weight, taken)
+
+
+def distance_km(
+    longitude_deg: ArrayLike, latitude_deg: ArrayLike, site: tuple[float, float]
+) -> NDArray[np.float64]:
+    """Distances of places from a site (longitude, latitude) along the great circle; 241.9 and -118.1 east are one."""
+    east, north, here = (
+        np.deg2rad(np.asarray(angle, float)) for angle in (longitude_deg, latitude_deg, site)
+    )
+    lengths = np.sin((north - here[1]) / 2) ** 2
+    widths = np.cos(north) * np.cos(here[1]) * np.sin((east - here[0]) / 2) ** 2
+    return 2.0 * EARTH_RADIUS_KM * np.arcsin(np.sqrt(np.minimum(lengths + widths, 1.0)))
 
 
 def parse_age(text: str) -> NDArray[np.float64]:
@@ -369,7 +392,7 @@ def _two_columns(lines: list[str], path: Path) -> tuple[str, NDArray[np.float64]
 
 def _openquake(
     lines: list[str], path: Path, site: tuple[float, float] | None
-) -> tuple[str, NDArray[np.float64], NDArray[np.float64]]:
+) -> tuple[str, NDArray[np.float64], NDArray[np.float64], tuple[float, float]]:
     measures = {imt: (measure, factor) for measure, (imt, factor) in OPENQUAKE.items()}
     imt = re.search(r"imt='([^']+)'", lines[0])
     time = re.search(r"investigation_time=([0-9.eE+-]+)", lines[0])
@@ -384,14 +407,37 @@ def _openquake(
     table = np.array([[float(row[place]) for place in at] for row in rows])
     if len(table) > 1 and site is None:
         raise _hazard_error(path, f"has {len(table)} sites: choose one with --site LONGITUDE LATITUDE")
-    east = math.cos(math.radians(table[0, 1]))
-    nearest = np.hypot((table[:, 0] - site[0]) * east, table[:, 1] - site[1]).argmin() if site else 0
+    nearest = _nearest(table, site, path) if site else 0
     measure, factor = measures[imt[1]]
     levels = np.array([float(header[place].removeprefix("poe-")) for place in places])
     # A probability of one in the investigation time is a rate without bound: such points are left out.
     exceeded = np.minimum(table[nearest, 2:], 1.0)
     stated = exceeded < 1.0
-    return measure, levels[stated] / factor, -np.log1p(-exceeded[stated]) / float(time[1])
+    rates = -np.log1p(-exceeded[stated]) / float(time[1])
+    return measure, levels[stated] / factor, rates, (float(table[nearest, 0]), float(table[nearest, 1]))
+
+
+def _nearest(table: NDArray[np.float64], site: tuple[float, float], path: Path) -> int:
+    """Row of the site that is meant, of rows that begin with longitude and latitude."""
+    asked = f"{site[0]:g} {site[1]:g}"
+    if not (-180 <= site[0] <= 360 and -90 <= site[1] <= 90):
+        raise InputError(
+            what=f"{asked} is no place on Earth",
+            where="--site",
+            expected="a longitude of -180 to 360 degrees, then a latitude of -90 to 90",
+            remedy="give the longitude first: --site LONGITUDE LATITUDE",
+        )
+    away_km = distance_km(table[:, 0], table[:, 1], site)
+    nearest = int(away_km.argmin())
+    if not away_km[nearest] <= SITE_REACH_KM:
+        raise InputError(
+            what=f"the nearest site to {asked}, at longitude {table[nearest, 0]:g} and latitude {table[nearest, 1]:g}, "
+            f"is {away_km[nearest]:.0f} km away",
+            where=str(path),
+            expected=f"a site within {SITE_REACH_KM:g} km",
+            remedy="see that the longitude comes first, or compute the hazard at the rock",
+        )
+    return nearest
 
 
 def _hazard_error(where: object, what: str) -> InputError:

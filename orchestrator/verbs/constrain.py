@@ -14,7 +14,7 @@ from results.constraint import bound_table, branch_table, single_event
 from results.exchange import read_curves
 from results.fits import MEASURES, Lognormal, answered, fit
 from results.fragility import by_contact
-from results.hazard import HazardCurve, Standing, parse_age, read_hazard
+from results.hazard import SITE_REACH_KM, HazardCurve, Standing, distance_km, parse_age, read_hazard
 from results.run import open_run
 from results.schema import SCHEMA, describe
 
@@ -32,7 +32,10 @@ from results.schema import SCHEMA, describe
     "--confidence", type=click.FloatRange(0.5, 1, max_open=True), default=0.95, show_default=True,
     help="Of all bounds; a branch is rejected where survival is below 1 - confidence.",
 )  # fmt: skip
-@click.option("--site", type=float, nargs=2, metavar="LON LAT", help="Site in an OpenQuake file.")
+@click.option(
+    "--site", type=float, nargs=2, metavar="LON LAT",
+    help=f"Degrees: the nearest site of an OpenQuake file, which must lie within {SITE_REACH_KM:g} km.",
+)  # fmt: skip
 @click.option(
     "--ratio", type=click.FloatRange(0, min_open=True), default=1.0, show_default=True,
     help="Peak of the horizontal vector over the horizontal component of the hazard.",
@@ -82,7 +85,10 @@ def constrain(
     bound = bound_table(standing, confidence) if age else None
     table = branch_table(standing, branches, confidence) if branches else None
     if table is not None:
-        told["branches"] = table.astype(object).where(table.notna(), None).to_dict("records")
+        rows = table.astype(object).where(table.notna(), None).to_dict("records")
+        told["branches"] = [
+            row | _place(branch.site, site) for row, branch in zip(rows, branches, strict=True)
+        ]
     if bound is not None:
         told["rejected"] = bound.to_dict("records")
     if out:
@@ -123,6 +129,14 @@ def _basis(path: Path, measure: str) -> dict[str, float]:
         "records": int(jobs["record_id"].nunique()),
         "strongest_shaken": float(jobs[measure].max()),
     }
+
+
+def _place(taken: tuple[float, float] | None, asked: tuple[float, float] | None) -> dict[str, float]:
+    """Say where a hazard curve holds, and how far that is from where it was asked for."""
+    if taken is None:
+        return {}
+    place = {"site_longitude_deg": taken[0], "site_latitude_deg": taken[1]}
+    return place | ({"site_distance_km": float(distance_km(*taken, asked))} if asked else {})
 
 
 def _measure(asked: str | None, branches: list[HazardCurve]) -> str:
@@ -199,6 +213,12 @@ def _words(told: dict) -> str:
                 else f"weight {branch['prior_weight']:.3g} becomes {branch['posterior_weight']:.3g}"
             )
         )
+        if "site_longitude_deg" in branch:
+            away = branch.get("site_distance_km")
+            lines.append(
+                f"  taken at longitude {branch['site_longitude_deg']:g}, latitude {branch['site_latitude_deg']:g}"
+                + ("" if away is None else f", {away:.1f} km from --site")
+            )
         lines += _outside(branch, 1.0 - told["confidence"])
     rejected = told.get("rejected", ())
     lines += [

@@ -65,6 +65,22 @@ def test_branches_are_kept_or_rejected_and_weighted_anew(tmp_path, curves, hazar
     assert pd.read_csv(folder / "rejected.csv")["rejected_annual_rate"].is_monotonic_decreasing
 
 
+def test_the_site_that_a_hazard_file_was_read_at_is_told_with_its_distance(tmp_path, curves):
+    path = tmp_path / "mean.csv"
+    path.write_text(
+        "#,,,,\"generated_by='OpenQuake', kind='mean', investigation_time=50.0, imt='PGV'\"\n"
+        "lon,lat,depth,poe-10,poe-100,poe-900\n-118.1,34.2,0.0,0.5,0.01,0.0001\n"
+    )
+    age = ["--age", "200", "--hazard", str(path)]
+    assert "taken at longitude -118.1, latitude 34.2\n" in constrain(curves, *age).output
+    asked = constrain(curves, *age, "--site", "241.9", "34.3")
+    assert "taken at longitude -118.1, latitude 34.2, 11.1 km from --site\n" in asked.output
+    branch = json.loads(constrain(curves, *age, "--site", "241.9", "34.3", "--json").output)["branches"][0]
+    assert branch["site_distance_km"] == pytest.approx(11.12, abs=0.01)
+    swapped = constrain(curves, *age, "--site", "34.2", "-118.1")
+    assert isinstance(swapped.exception, InputError)
+
+
 def test_two_rocks_reject_more_than_one(curves, hazards, tmp_path):
     other = str(write_curves(tmp_path / "other.xml", [Lognormal("pgv_m_s", 1.5, 0.3)], name="other"))
     one = json.loads(constrain(curves, "--age", "10000", "--hazard", hazards[0], "--json").output)

@@ -15,6 +15,7 @@ from results.hazard import (
     Standing,
     branch_weights,
     continued,
+    distance_km,
     parse_age,
     read_hazard,
     rejected_rate,
@@ -174,6 +175,49 @@ def test_openquake_curves_become_annual_rates_in_si(tmp_path):
     assert curve.measure == "pgv_m_s"
     np.testing.assert_allclose(curve.intensity, [1.0, 3.0])  # certain and impossible exceedance say no rate
     np.testing.assert_allclose(curve.annual_rate, -np.log(1 - np.array([0.5, 0.1])) / 50.0)
+
+
+def openquake(path, *sites):
+    """Hazard of sites, the k-th with rates of 10^-k at the first level."""
+    rows = [
+        f"{east},{north},0.0,{-math.expm1(-(10.0**-k))},{-math.expm1(-(10.0**-k) / 9)}"
+        for k, (east, north) in enumerate(sites, 1)
+    ]
+    head = "#,,,,\"generated_by='OpenQuake', kind='mean', investigation_time=1.0, imt='PGV'\""
+    path.write_text("\n".join([head, "lon,lat,depth,poe-10,poe-100", *rows]))
+    return path
+
+
+@pytest.mark.parametrize("site", [(-118.0, 34.1), (242.0, 34.1)])
+def test_a_longitude_is_the_same_place_east_and_west_of_greenwich(tmp_path, site):
+    path = openquake(tmp_path / "hazard.csv", (-118.1, 34.2), (100.0, 34.1))
+    curve = read_hazard(path, site=site)
+    assert curve.site == (-118.1, 34.2)
+    assert curve.annual_rate[0] == pytest.approx(0.1)
+
+
+def test_the_nearest_site_is_the_nearest_on_the_ground_and_not_in_degrees(tmp_path):
+    # Near the pole two degrees of longitude are shorter than a tenth of latitude, and the date line divides nothing.
+    path = openquake(tmp_path / "hazard.csv", (-179.0, 89.0), (179.0, 89.1))
+    assert read_hazard(path, site=(179.0, 89.0)).site == (-179.0, 89.0)
+    assert distance_km(-179.0, 89.0, (179.0, 89.0)) == pytest.approx(
+        6371 * math.radians(2) * math.cos(math.radians(89)), rel=1e-3
+    )
+
+
+@pytest.mark.parametrize("site", [(-118.1, 35.0), (-117.0, 34.2), (61.9, 34.2), (34.2, 61.9)])
+def test_a_site_out_of_reach_is_refused_by_its_place_and_distance_even_if_it_is_the_only_one(tmp_path, site):
+    path = openquake(tmp_path / "hazard.csv", (-118.1, 34.2))
+    away = f"{distance_km(-118.1, 34.2, site):.0f} km away"
+    with pytest.raises(InputError, match=f"longitude -118.1 and latitude 34.2, is {away}"):
+        read_hazard(path, site=site)
+
+
+@pytest.mark.parametrize("site", [(34.2, -118.1), (-118.1, 90.1), (361.0, 34.2), (-118.1, math.nan)])
+def test_what_is_no_place_on_earth_is_no_site(tmp_path, site):
+    path = openquake(tmp_path / "hazard.csv", (-118.1, 34.2), (-100.0, 40.0))
+    with pytest.raises(InputError, match="no place on Earth"):
+        read_hazard(path, site=site)
 
 
 def test_an_openquake_file_may_name_its_sites(tmp_path):

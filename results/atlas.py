@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import pandas as pd
@@ -134,7 +135,11 @@ def write_fits(frame: pd.DataFrame, folder: Path, name: str, samples: int = 200)
         models += [fits.fit(known, names, link) for names in both for link in fits.LINKS]
         resampled = [None if told.problem else fits.bootstrap(known, told, samples) for told in models]
         yield save_table(fits.summary(models, resampled), place / "fits.csv")
-        curves = [told.lognormal for told in models if told.lognormal]
+        curves = [
+            replace(curve, basis=fits.basis_of(known, curve.measure))
+            for told in models
+            if (curve := told.lognormal)
+        ]
         if curves:
             for suffix in (".csv", ".json"):
                 yield write_curves(place / f"curves{suffix}", curves, name)
@@ -144,7 +149,9 @@ def write_fits(frame: pd.DataFrame, folder: Path, name: str, samples: int = 200)
             calibrated = fits.calibration(known, fits.out_of_fold(known, [best]))
             yield save_table(calibrated, place / "calibration.csv")
             observed = fits.observed_shares(known, best)
-            samples_of_best = resampled[[told.lognormal for told in models].index(curves[0])]
+            samples_of_best = next(
+                drawn for told, drawn in zip(models, resampled, strict=True) if told.lognormal
+            )
             drawn = figures.fit_figure(curves[0], samples_of_best, observed, ranking, calibrated)
             yield from figures.save(drawn, place / "fits")
 

@@ -1,6 +1,7 @@
 """The statement: survival and rejection for some rocks under some hazard branches."""
 
 from collections.abc import Sequence
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -90,6 +91,8 @@ def single_event(rocks: Sequence[Standing], confidence: float) -> dict[str, Any]
         "confidence": confidence,
         "unexceeded": unexceeded(curves, confidence),
         "rocks": [
-            {"name": rock.name, "median": rock.curve.median, "beta": rock.curve.beta} for rock in rocks
+            {"name": rock.name, "median": rock.curve.median, "beta": rock.curve.beta}
+            | (asdict(rock.curve.basis) if rock.curve.basis else {})
+            for rock in rocks
         ],
     }

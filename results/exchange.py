@@ -3,6 +3,9 @@
 OpenQuake states a continuous fragility by mean and standard deviation of the lognormal variable, not by
 median and beta, and has units of its own: g for accelerations, cm/s for velocity, cm for displacement. The
 conversion is done here and nowhere else. PGA and PGV are of the horizontal vector, as everywhere here.
+
+CSV and JSON also keep what each curve rests on, so that an extrapolation is known for one wherever the file goes; NRML
+has no place for it, and files of other programs need not state it.
 """
 
 import csv
@@ -10,12 +13,14 @@ import io
 import json
 import math
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, fields
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree as ET
 
 from models import InputError
-from results.fits import Lognormal
+from results.fits import Basis, Lognormal
 
 OPENQUAKE_G_M_S2 = 9.80665
 OPENQUAKE = {
@@ -31,6 +36,7 @@ OPENQUAKE = {
 
 _SPACE = "http://openquake.org/xmlns/nrml/0.5"
 _FIELDS = ("measure", "median", "beta")
+_BASIS = tuple(field.name for field in fields(Basis))
 
 
 def moments(curve: Lognormal) -> tuple[float, float]:
@@ -144,27 +150,41 @@ def _from_nrml(text: str) -> list[Lognormal]:
 
 def _csv(curves: list[Lognormal], name: str) -> str:
     text = io.StringIO()
-    writer = csv.writer(text)
-    writer.writerow(("rock", *_FIELDS))
-    writer.writerows((name, curve.measure, repr(curve.median), repr(curve.beta)) for curve in curves)
+    writer = csv.DictWriter(text, ("rock", *_FIELDS, *_BASIS))
+    writer.writeheader()
+    writer.writerows({"rock": name, **_row(curve)} for curve in curves)
     return text.getvalue()
 
 
 def _from_csv(text: str) -> list[Lognormal]:
     rows = csv.DictReader(io.StringIO(text))
-    return [
-        Lognormal(row["measure"], float(row["median"]), float(row["beta"])) for row in rows if row["median"]
-    ]
+    return [_of_row(row) for row in rows if row["median"]]
 
 
 def _json(curves: list[Lognormal], name: str) -> str:
-    told = [{"measure": curve.measure, "median": curve.median, "beta": curve.beta} for curve in curves]
-    return json.dumps({"rock": name, "curves": told}, indent=1) + "\n"
+    return json.dumps({"rock": name, "curves": [_row(curve) for curve in curves]}, indent=1) + "\n"
 
 
 def _from_json(text: str) -> list[Lognormal]:
-    rows = json.loads(text)["curves"]
-    return [Lognormal(str(row["measure"]), float(row["median"]), float(row["beta"])) for row in rows]
+    return [_of_row(row) for row in json.loads(text)["curves"]]
+
+
+def _row(curve: Lognormal) -> dict[str, Any]:
+    told = {name: getattr(curve, name) for name in _FIELDS}
+    return told | (asdict(curve.basis) if curve.basis else {})
+
+
+def _of_row(row: Mapping[str, Any]) -> Lognormal:
+    """Curve of a row of numbers or of their text; its basis where the row states all of it."""
+    stated = all(row.get(name) not in (None, "") for name in _BASIS)
+    basis = Basis(
+        scene_id=str(row["scene_id"]),
+        jobs=int(row["jobs"]),
+        toppled=int(row["toppled"]),
+        records=int(row["records"]),
+        strongest_shaken=float(row["strongest_shaken"]),
+    ) if stated else None  # fmt: skip
+    return Lognormal(str(row["measure"]), float(row["median"]), float(row["beta"]), basis)
 
 
 def _suffix_error(path: Path) -> InputError:

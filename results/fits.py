@@ -36,6 +36,27 @@ LINKS = {"probit": sm.families.links.Probit, "logit": sm.families.links.Logit}
 
 
 @dataclass(frozen=True)
+class Basis:
+    """What a fragility over a measure rests on.
+
+    Parameters
+    ----------
+    scene_id : str
+        Of the rock.
+    jobs, toppled, records : int
+        Jobs with an answer.
+    strongest_shaken : float
+        Largest value of the measure that a job was shaken with: beyond it the curve is an extrapolation.
+    """
+
+    scene_id: str
+    jobs: int
+    toppled: int
+    records: int
+    strongest_shaken: float
+
+
+@dataclass(frozen=True)
 class Lognormal:
     """Lognormal fragility: P(topple | x) = Phi(ln(x / median) / beta).
 
@@ -47,11 +68,14 @@ class Lognormal:
         Intensity at which one in two topples.
     beta : float
         Standard deviation of its logarithm; 0 for a sharp threshold.
+    basis : Basis or None
+        Where it is known.
     """
 
     measure: str
     median: float
     beta: float
+    basis: Basis | None = None
 
     def probability(self, intensity: ArrayLike) -> NDArray[np.float64]:
         """Toppling probability at some intensities, in the measure's SI unit; 0 at intensity 0."""
@@ -304,6 +328,17 @@ def summary(
 def answered(frame: pd.DataFrame) -> pd.DataFrame:
     """Rows with an answer; `toppled` is a plain boolean."""
     return frame[frame["toppled"].notna()].astype({"toppled": bool}).reset_index(drop=True)
+
+
+def basis_of(frame: pd.DataFrame, measure: str) -> Basis:
+    """What a fit of one measure to jobs with an answer (`answered`), all of one rock, rests on."""
+    return Basis(
+        scene_id=str(frame["scene_id"].iloc[0]),
+        jobs=len(frame),
+        toppled=int(frame["toppled"].sum()),
+        records=int(frame["record_id"].nunique()),
+        strongest_shaken=float(frame[measure].max()),
+    )
 
 
 def _design(frame: pd.DataFrame, measures: Sequence[str]) -> NDArray[np.float64]:

@@ -1,7 +1,7 @@
 """`toppling constrain`: what standing rocks say about the ground motion that has not happened."""
 
 import json
-import math
+from dataclasses import replace
 from pathlib import Path
 
 import click
@@ -12,7 +12,7 @@ from results import figures
 from results.atlas import save_table
 from results.constraint import bound_table, branch_table, single_event
 from results.exchange import read_curves
-from results.fits import MEASURES, Lognormal, answered, fit
+from results.fits import MEASURES, Lognormal, answered, basis_of, fit
 from results.fragility import by_contact
 from results.hazard import SITE_REACH_KM, HazardCurve, Standing, distance_km, parse_age, read_hazard
 from results.run import open_run
@@ -79,9 +79,6 @@ def constrain(
         )
     ]
     told = single_event(standing, confidence)
-    for path, rock in zip(rocks, told["rocks"], strict=True):
-        if path.is_dir():
-            rock |= _basis(path, over)
     bound = bound_table(standing, confidence) if age else None
     table = branch_table(standing, branches, confidence) if branches else None
     if table is not None:
@@ -118,17 +115,6 @@ def _branch(text: str, site: tuple[float, float] | None, ratio: float) -> Hazard
         msg = f"the weight of {path} is {weight!r}: give a positive number"
         raise click.UsageError(msg)
     return read_hazard(Path(path), share, site, ratio)
-
-
-def _basis(path: Path, measure: str) -> dict[str, float]:
-    """Say what a run's fragility rests on, and up to where it is no extrapolation."""
-    jobs = answered(open_run(path).frame())
-    return {
-        "jobs": len(jobs),
-        "toppled": int(jobs["toppled"].sum()),
-        "records": int(jobs["record_id"].nunique()),
-        "strongest_shaken": float(jobs[measure].max()),
-    }
 
 
 def _place(taken: tuple[float, float] | None, asked: tuple[float, float] | None) -> dict[str, float]:
@@ -182,7 +168,8 @@ def _fit(path: Path, measure: str) -> Lognormal | None:
             remedy="fit each with 'toppling fragility RUN --fit', and give the curves.json of one",
         )
     known = jobs[jobs[measure] > 0] if measure in jobs else jobs[:0]
-    return fit(known, [measure]).lognormal if len(known) else None
+    curve = fit(known, [measure]).lognormal if len(known) else None
+    return replace(curve, basis=basis_of(known, measure)) if curve else None
 
 
 def _words(told: dict) -> str:
@@ -196,7 +183,11 @@ def _words(told: dict) -> str:
         f"at {100 * told['confidence']:g} % confidence."
     )
     for rock in told["rocks"]:
-        if told["unexceeded"] > rock.get("strongest_shaken", math.inf):
+        if "strongest_shaken" not in rock:
+            lines.append(
+                f"  on what jobs the curve of {rock['name']} rests is not known, nor whether this is an extrapolation"
+            )
+        elif told["unexceeded"] > rock["strongest_shaken"]:
             seen = f"{rock['toppled']} toppled of {rock['jobs']} jobs, {rock['records']} records"
             lines.append(
                 f"  an extrapolation beyond the strongest shaking of {rock['name']}, "

@@ -10,8 +10,10 @@ from seeded import THETA_M_S, rows
 
 from models import InputError
 from orchestrator.cli import cli
+from results.atlas import write_fits
 from results.exchange import write_curves
 from results.fits import Lognormal
+from results.run import open_run
 from results.store import write_part
 
 
@@ -47,6 +49,27 @@ def test_a_bound_beyond_what_the_run_shook_is_called_an_extrapolation(tmp_path):
     assert "extrapolation" not in constrain(str(tmp_path), "--confidence", "0.5").output
     far = constrain(str(tmp_path), "--confidence", "0.99999999")
     assert "extrapolation" in far.output
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".json"])
+def test_a_file_of_curves_warns_of_an_extrapolation_as_its_run_does(tmp_path, suffix):
+    (tmp_path / "run").mkdir()
+    write_part(tmp_path / "run", rows(records=30, levels=(2, 5, 8), azimuths=(0.0,)))
+    list(write_fits(open_run(tmp_path / "run").frame(), tmp_path, "run", samples=2))
+    file = (tmp_path / "fits" / f"curves{suffix}").rename(tmp_path / f"run{suffix}")
+    for confidence in ("0.5", "0.99999999"):
+        asked = ["--confidence", confidence]
+        assert constrain(str(file), *asked).output == constrain(str(tmp_path / "run"), *asked).output
+    assert "an extrapolation beyond the strongest shaking of run" in constrain(str(file), *asked).output
+
+
+def test_a_curve_of_unknown_basis_is_called_so(curves):
+    done = constrain(curves)
+    assert (
+        "on what jobs the curve of rock rests is not known, nor whether this is an extrapolation"
+        in done.output
+    )
+    assert "beyond the strongest shaking" not in done.output
 
 
 def test_branches_are_kept_or_rejected_and_weighted_anew(tmp_path, curves, hazards):

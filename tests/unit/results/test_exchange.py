@@ -13,7 +13,7 @@ from seeded import rows
 from models import InputError
 from results.atlas import write_fits
 from results.exchange import OPENQUAKE, moments, of_moments, read_curves, write_curves
-from results.fits import MEASURES, Lognormal
+from results.fits import MEASURES, Basis, Lognormal
 from results.fragility import CONTACT_COLUMNS
 
 CURVES = st.builds(
@@ -30,6 +30,26 @@ def test_a_curve_survives_the_round_trip(tmp_path_factory, suffix, curve):
     # NRML goes through moments: a beta of 0.01 is a difference of 1e-4 between two squares, 1e-11 in doubles.
     assert again.median == pytest.approx(curve.median, rel=1e-12)
     assert again.beta == pytest.approx(curve.beta, rel=1e-9)
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".json"])
+def test_what_a_curve_rests_on_goes_with_it_and_a_file_may_lack_it(tmp_path, suffix):
+    known = Lognormal("pgv_m_s", 1.2, 0.4, Basis("5c3a", 570, 212, 30, 2.75))
+    bare = Lognormal("pga_m_s2", 3.0, 0.3)
+    path = write_curves(tmp_path / f"curves{suffix}", [known, bare])
+    assert read_curves(path) == {"pgv_m_s": known, "pga_m_s2": bare}
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("old.csv", "rock,measure,median,beta\nrock,pgv_m_s,1.2,0.4\n"),
+        ("old.json", '{"curves": [{"measure": "pgv_m_s", "median": 1.2, "beta": 0.4}]}'),
+    ],
+)
+def test_a_file_that_states_no_basis_is_read(tmp_path, name, text):
+    (tmp_path / name).write_text(text)
+    assert read_curves(tmp_path / name) == {"pgv_m_s": Lognormal("pgv_m_s", 1.2, 0.4)}
 
 
 @given(curve=CURVES)

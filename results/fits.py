@@ -22,6 +22,7 @@ from sklearn.model_selection import GroupKFold
 from statsmodels.tools.sm_exceptions import ConvergenceWarning, DomainWarning, PerfectSeparationWarning
 
 from results.fragility import effective_records, wilson
+from results.schema import SCHEMA, describe
 
 MEASURES = (
     *("pga_m_s2", "pgv_m_s", "pgd_m", "pgv_pga_s", "sa_1s_m_s2", "sa_2s_m_s2"),
@@ -147,8 +148,8 @@ def fit(frame: pd.DataFrame, measures: Sequence[str], link: str = "probit") -> F
     -------
     Fit
         With a `problem` instead of coefficients where the maximum does not exist (one answer only, or
-        answers that a threshold separates: Albert and Anderson 1984), or where probability does not rise with
-        the one measure.
+        answers that a threshold separates, but for those at it: Albert and Anderson 1984), or where probability does
+        not rise with the one measure.
     """
     names = tuple(measures)
     toppled = frame["toppled"].to_numpy(bool)
@@ -160,7 +161,7 @@ def fit(frame: pd.DataFrame, measures: Sequence[str], link: str = "probit") -> F
         which = "every job topples" if len(toppled) and toppled.all() else "no job topples"
         return Fit(**told, coefficients=(), problem=which)
     if _separable(_design(frame, names), toppled):
-        return Fit(**told, coefficients=(), problem="separated: a threshold divides the answers")
+        return Fit(**told, coefficients=(), problem=_separation(frame, names))
     groups = _grouped(frame, names)
     coefficients = _regress(_design(groups, names), groups, link)
     if coefficients is None:
@@ -416,6 +417,21 @@ def _separable(design: NDArray[np.float64], toppled: NDArray[np.bool_]) -> bool:
         -signed.sum(axis=0), A_ub=-signed, b_ub=np.zeros(len(signed)), bounds=(-1.0, 1.0), method="highs"
     )
     return bool(found.success and -found.fun > 1e-6)
+
+
+def _separation(frame: pd.DataFrame, measures: tuple[str, ...]) -> str:
+    """What separates answers: a threshold, a level that divides its own jobs, or a line between two measures."""
+    if len(measures) != 1:
+        return "separated: a line divides the answers, but for those on it"
+    standing, toppled = _bounds(frame, measures)
+    # Jobs of one level differ in the last digits, as each is scaled and turned.
+    if not math.isclose(standing, toppled, rel_tol=1e-6):
+        falls = "probability does not rise with the measure"
+        return "separated: a threshold divides the answers" if standing < toppled else falls
+    unit = describe(SCHEMA.field(measures[0]))["unit"]
+    if frame[measures[0]].max() > toppled * (1 + 1e-6):
+        return f"no job topples below {toppled:.4g} {unit}, some do at it and all above: levels near it are needed"
+    return f"no job topples below {toppled:.4g} {unit}, and at it some do: levels above it are needed"
 
 
 def _bounds(frame: pd.DataFrame, measures: tuple[str, ...]) -> tuple[float, float]:

@@ -90,8 +90,20 @@ def test_separated_answers_give_bounds_and_no_number():
     assert told.lognormal is None
 
 
-def test_answers_separated_but_for_a_tie_are_separated_too():
-    assert "separated" in fit(tiny([0.5, 1.0, 1.0, 2.0], [False, False, True, True]), ["pgv_m_s"]).problem
+@pytest.mark.parametrize("rounding", [-1e-12, 0.0, 1e-12])
+def test_a_greatest_level_that_topples_some_asks_for_levels_above_it(rounding):
+    told = fit(tiny([0.5, 1.0, 2.0, 2.0 + rounding], [False, False, False, True]), ["pgv_m_s"])
+    assert told.problem == "no job topples below 2 m/s, and at it some do: levels above it are needed"
+    assert told.bounds == pytest.approx((2.0, 2.0))
+
+
+def test_a_level_that_topples_some_between_none_and_all_asks_for_levels_near_it():
+    told = fit(tiny([0.5, 1.0, 1.0, 2.0], [False, False, True, True]), ["pgv_m_s"])
+    assert told.problem.startswith("no job topples below 1 m/s, some do at it and all above")
+
+
+def test_answers_that_a_threshold_divides_the_wrong_way_round_do_not_rise_with_the_measure():
+    assert "does not rise" in fit(tiny([0.5, 0.8, 1.2, 2.0], [True, True, False, False]), ["pgv_m_s"]).problem
 
 
 def test_a_plane_that_separates_two_measures_is_found():

@@ -211,6 +211,10 @@ def _words(told: dict) -> str:
                 + ("" if away is None else f", {away:.1f} km from --site")
             )
         lines += _outside(branch, 1.0 - told["confidence"])
+    branches = told.get("branches", ())
+    if branches and all(branch["rejected"] for branch in branches):
+        ranked = branches[0]["posterior_weight"] is not None
+        lines.append("Every branch is rejected" + (": the weights only rank them." if ranked else "."))
     rejected = told.get("rejected", ())
     lines += [
         f"{told['measure']} = {row[told['measure']]:.3g} {unit} is rejected at return periods below "

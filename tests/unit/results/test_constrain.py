@@ -141,6 +141,13 @@ def test_a_verdict_that_hangs_on_what_the_curve_leaves_out_is_told(tmp_path, cur
     assert words.count("and the branch rejected: give a curve that reaches further") == 1
 
 
+@pytest.mark.parametrize(("asked", "told"), [([1], True), ([1, 1], True), ([0, 1], False)])
+def test_weights_of_branches_that_are_all_rejected_are_said_to_rank_them_only(curves, hazards, asked, told):
+    branches = [argument for number in asked for argument in ("--hazard", hazards[number])]
+    words = constrain(curves, "--age", "10000", *branches).output
+    assert ("Every branch is rejected: the weights only rank them." in words) == told
+
+
 @pytest.mark.parametrize(("confidence", "rejected"), [("0.5", True), ("0.95", False)])
 def test_a_branch_is_rejected_at_the_confidence_that_is_asked_for(curves, hazards, confidence, rejected):
     age, asked = ["--age", "100000"], ["--hazard", hazards[0], "--confidence", confidence]

@@ -25,8 +25,10 @@ from results.schema import SCHEMA, describe
     "--hazard", multiple=True, metavar="FILE[=WEIGHT]", help="Hazard curve; one a branch of the tree."
 )
 @click.option(
-    "--age", multiple=True, help="Years each rock has stood: 20000, 15000..30000, 20000+-3000 or a CSV."
-)
+    "--age", multiple=True,
+    help="Years each rock has stood: 20000, 15000..30000, 20000+-3000 or a CSV. One for several rocks is each one's: "
+    "they are taken as dated independently, which rejects more than one common age would.",
+)  # fmt: skip
 @click.option("--measure", help="Column of the results; the hazard curves' own, or pgv_m_s, if not given.")
 @click.option(
     "--confidence", type=click.FloatRange(0.5, 1, max_open=True), default=0.95, show_default=True,
@@ -78,7 +80,10 @@ def constrain(
             _names(rocks), rocks, ages * len(rocks) if len(ages) == 1 else ages, strict=True
         )
     ]
+    _refuse_twins(rocks, standing)
     told = single_event(standing, confidence)
+    if age:
+        told["ages_independent"] = sum(len(rock.years) > 1 for rock in standing) > 1
     bound = bound_table(standing, confidence) if age else None
     table = branch_table(standing, branches, confidence) if branches else None
     if table is not None:
@@ -97,6 +102,22 @@ def constrain(
             drawn = figures.constraint_figure(bound, branches, confidence)
             figures.save(drawn, out / "constraint")
     click.echo(json.dumps(told, indent=1) if as_json else _words(told))
+
+
+def _refuse_twins(rocks: tuple[Path, ...], standing: list[Standing]) -> None:
+    """Refuse a rock that is given twice, as it would count twice: its scene's hash tells, or else its file."""
+    seen: dict[str, Path] = {}
+    for path, rock in zip(rocks, standing, strict=True):
+        basis = rock.curve.basis
+        of = basis.scene_id if basis else str(path.resolve())
+        if of in seen:
+            raise InputError(
+                what=f"is the same rock as {seen[of]}" + (f" (scene {of})" if basis else ""),
+                where=str(path),
+                expected="each rock once, as what stands twice would count twice",
+                remedy="leave one of the two out",
+            )
+        seen[of] = path
 
 
 def _names(rocks: tuple[Path, ...]) -> list[str]:
@@ -193,6 +214,10 @@ def _words(told: dict) -> str:
                 f"  an extrapolation beyond the strongest shaking of {rock['name']}, "
                 f"{rock['strongest_shaken']:.3g} {unit} ({seen})"
             )
+    if told.get("ages_independent"):
+        lines.append(
+            "The rocks' ages are drawn independently of each other, as of rocks that were dated each by itself."
+        )
     for branch in told.get("branches", ()):
         verdict = "rejected" if branch["rejected"] else "kept"
         lines.append(

@@ -12,7 +12,7 @@ from models import InputError
 from orchestrator.cli import cli
 from results.atlas import write_fits
 from results.exchange import write_curves
-from results.fits import Lognormal
+from results.fits import Basis, Lognormal
 from results.run import open_run
 from results.store import write_part
 
@@ -114,6 +114,32 @@ def test_two_rocks_reject_more_than_one(curves, hazards, tmp_path):
     )
     assert two["unexceeded"] < one["unexceeded"]
     assert two["branches"][0]["survival"] < one["branches"][0]["survival"]
+
+
+@pytest.mark.parametrize(
+    ("ages", "told"),
+    [
+        (["5000..8000"], True), (["5000..8000", "5000..8000"], True),
+        (["5000"], False), (["5000", "5000..8000"], False), ([], False),
+    ],
+)  # fmt: skip
+def test_uncertain_ages_of_several_rocks_are_said_to_be_independent(curves, tmp_path, ages, told):
+    other = str(write_curves(tmp_path / "other.csv", [Lognormal("pgv_m_s", 1.5, 0.3)]))
+    words = constrain(curves, other, *(word for age in ages for word in ("--age", age))).output
+    assert ("The rocks' ages are drawn independently of each other" in words) == told
+
+
+def test_a_rock_that_is_given_twice_is_refused(tmp_path, curves):
+    def rock(name, scene_id):
+        basis = Basis(scene_id, 570, 212, 30, 2.75)
+        return str(write_curves(tmp_path / name, [Lognormal("pgv_m_s", 1.5, 0.3, basis)]))
+
+    first, again, other = rock("a.json", "5c3a"), rock("b.csv", "5c3a"), rock("c.json", "77e0")
+    assert constrain(first, other, curves).exit_code == 0
+    twice = constrain(first, other, again).exception
+    assert isinstance(twice, InputError)
+    assert f"{again}: is the same rock as {first} (scene 5c3a)" in str(twice)
+    assert "is the same rock as" in str(constrain(curves, curves).exception)
 
 
 def test_rocks_whose_files_are_called_alike_keep_names_of_their_own(curves, tmp_path):

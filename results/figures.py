@@ -27,8 +27,8 @@ from scipy.stats import norm
 from models import Motion
 from models.frames import compass_deg
 from results.fits import Lognormal
-from results.fragility import THIN_RECORDS, Axis, Plane
-from results.friction import FRICTION
+from results.fragility import FRICTION, THIN_RECORDS, Axis, Plane
+from results.friction import friction_words
 from results.hazard import HazardCurve
 from results.schema import SCHEMA, describe
 
@@ -237,8 +237,7 @@ def friction_figure(table: pd.DataFrame, jobs: pd.DataFrame) -> Figure:
 
 
 def _friction(counts: pd.Series, prefix: str = "") -> str:
-    static, kinetic = (counts[prefix + name] for name in FRICTION)
-    return f"{static:g}" if static == kinetic else f"{static:g} ({kinetic:g} kinetic)"
+    return friction_words(*(counts[prefix + name] for name in FRICTION))
 
 
 def fit_figure(

@@ -23,6 +23,8 @@ THIN_RECORDS = 10
 CONTACT_COLUMNS = ("scene_id", "preset", "friction_static", "friction_kinetic", "restitution")
 """Jobs that differ in these answer different questions, and are never pooled."""
 
+FRICTION = ["friction_static", "friction_kinetic"]
+
 
 @dataclass(frozen=True)
 class Axis:
@@ -200,17 +202,21 @@ def cells_by_direction(
 def by_contact(frame: pd.DataFrame, columns: Sequence[str] = CONTACT_COLUMNS) -> dict[str, pd.DataFrame]:
     """Rows of each scene, preset and contact, under a short name of what differs between them."""
     differing = [name for name in columns if frame[name].nunique() > 1]
-    if (frame["friction_kinetic"] == frame["friction_static"]).all():
-        differing = [name for name in differing if name != "friction_kinetic"]
+    if set(FRICTION) & set(differing):  # the two are one answer to one question
+        differing = [name for name in columns if name in differing or name in FRICTION]
     if not differing:
         return {"": frame}
-    short = {"friction_static": "friction", "friction_kinetic": "kinetic", "scene_id": "scene"}
     return {
-        "_".join(
-            f"{short.get(name, name)}-{_plain(value)}" for name, value in zip(differing, key, strict=True)
-        ): jobs
-        for key, jobs in frame.groupby(differing)
+        _contact_name(dict(zip(differing, key, strict=True))): jobs for key, jobs in frame.groupby(differing)
     }
+
+
+def _contact_name(values: dict[str, object]) -> str:
+    short = {"friction_static": "friction", "friction_kinetic": "kinetic", "scene_id": "scene"}
+    told = dict(values)
+    if told.get("friction_kinetic") == told.get("friction_static"):
+        told.pop("friction_kinetic", None)
+    return "_".join(f"{short.get(name, name)}-{_plain(value)}" for name, value in told.items())
 
 
 def wilson(probability: pd.Series, trials: pd.Series, level: float = 0.95) -> tuple[pd.Series, pd.Series]:

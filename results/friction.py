@@ -4,14 +4,18 @@ from collections.abc import Iterator
 
 import pandas as pd
 
-from results.fragility import CONTACT_COLUMNS, Plane, by_contact, cells
+from results.fragility import CONTACT_COLUMNS, FRICTION, Plane, by_contact, cells
 
-FRICTION = ["friction_static", "friction_kinetic"]
 _SURROUNDINGS = [name for name in CONTACT_COLUMNS if name not in FRICTION]
 _JOB = [*_SURROUNDINGS, "record_id", "level_pga_m_s2", "azimuth_deg", "realisation"]
 
 Friction = tuple[float, float]
 """Static and kinetic coefficient."""
+
+
+def friction_words(static: float, kinetic: float) -> str:
+    """Say a pair as one number where it is one: 0.8, or 0.8 (0.6 kinetic)."""
+    return f"{static:g}" if static == kinetic else f"{static:g} ({kinetic:g} kinetic)"
 
 
 def frictions(frame: pd.DataFrame) -> list[Friction]:

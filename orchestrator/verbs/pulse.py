@@ -9,6 +9,7 @@ from rich.console import Console
 from models import ContactProperties, Motion, Scene
 from models.motions import idealised
 from orchestrator.verbs.replay import way_of, write_out
+from results.friction import friction_words
 from workers.presets import PRESETS
 
 SHAPES = ("sawtooth", "sine", "cosine", "ricker")
@@ -67,9 +68,10 @@ def pulse(
     motion = pulse_motion(shape, pgv_m_s, period_s, azimuth)
     with Console(stderr=True).status("shaking"):
         way, result = way_of(loaded, motion, preset)
+    friction_told = friction_words(loaded.contact.friction_static, loaded.contact.friction_kinetic)
     title = (
         f"{shape}, PGV {pgv_m_s:g} m/s, period {period_s:g} s, azimuth {azimuth:g}°, "
-        f"friction {loaded.contact.friction_static:g}: {result.outcome or result.status}"
+        f"friction {friction_told}: {result.outcome or result.status}"
     )
     write_out(way, out, title)
     click.echo(title)

@@ -12,6 +12,7 @@ from models import InputError, Motion, Scene
 from models.motions.ensemble import Ensemble
 from orchestrator.campaign import Campaign
 from orchestrator.folder import place_in
+from results.friction import friction_words
 from results.replay import Way, write_way
 from results.run import open_run
 from results.schema import SCHEMA, describe
@@ -46,7 +47,7 @@ def replay(run: Path, job: str, out: Path | None) -> None:
         way, result = way_of(scene, imposed.motion, spec.preset)
     title = (
         f"{spec.record_id}, PGA {spec.pga_m_s2:g} m/s², azimuth {spec.azimuth_deg:g}°, "
-        f"friction {spec.friction_static:g}: {result.outcome or result.status}"
+        f"friction {friction_words(spec.friction_static, spec.friction_kinetic)}: {result.outcome or result.status}"
     )
     write_out(way, out or place_in(run, f"replay/{job_id}"), title)
     row = _row(run, job_id)

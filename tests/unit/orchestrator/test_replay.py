@@ -52,7 +52,7 @@ def run(tmp_path_factory, scene):
     ensemble = Ensemble.write(folder / "ensemble", [record("sine", 1.0)])
     content = {
         "scene": str(scene), "ensemble": str(folder / "ensemble"), "pga_m_s2": [2.0, 6.0],
-        "azimuth_deg": [0.0], "friction": [0.7], "realisations": 2, "preset": "fast",
+        "azimuth_deg": [0.0], "friction": [[0.7, 0.6]], "realisations": 2, "preset": "fast",
     }  # fmt: skip
     planned = plan(Campaign.of(content, folder), Scene.load(scene), ensemble)
     prepare(folder / "run", planned, {})
@@ -74,6 +74,12 @@ def test_a_job_seen_again_has_the_answer_of_the_run_to_the_last_digit(replayed):
     done, _, _ = replayed
     assert done.exit_code == 0, done.output
     assert "The answer is that of the run" in done.output
+
+
+def test_a_shake_is_named_by_its_kinetic_friction_too(replayed):
+    done, _, out = replayed
+    assert "friction 0.7 (0.6 kinetic): toppled" in done.output
+    assert "friction 0.7 (0.6 kinetic): toppled" in (out / "trajectory.svg").read_text()
 
 
 def test_the_way_in_the_table_is_the_way_of_the_row(replayed):

@@ -123,6 +123,20 @@ def test_contacts_are_never_pooled():
     assert list(by_contact(frame[frame["friction_static"] == 1.0])) == [""]
 
 
+@pytest.mark.parametrize(
+    "pairs", [[(0.6, 0.6), (0.8, 0.6)], [(0.8, 0.6), (0.8, 0.8)], [(0.6, 0.6), (0.8, 0.6), (0.8, 0.8)]]
+)
+def test_a_contact_is_named_by_its_kinetic_friction_where_that_is_another(pairs):
+    frames = [
+        as_frame_of(rows(records=2, levels=(1,), friction=static)).assign(friction_kinetic=kinetic)
+        for static, kinetic in pairs
+    ]
+    parts = by_contact(pd.concat(frames))
+    names = {(0.6, 0.6): "friction-0.6", (0.8, 0.6): "friction-0.8_kinetic-0.6", (0.8, 0.8): "friction-0.8"}
+    assert list(parts) == [names[pair] for pair in pairs]
+    assert [jobs["friction_kinetic"].iloc[0] for jobs in parts.values()] == [kinetic for _, kinetic in pairs]
+
+
 def as_frame_of(jobs):
     return pd.DataFrame(jobs).astype({"toppled": "boolean"})
 

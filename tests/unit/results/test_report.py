@@ -8,6 +8,7 @@ import re
 import sys
 from pathlib import Path
 
+import pandas as pd
 import pytest
 from click.testing import CliRunner
 from PIL import Image
@@ -19,7 +20,7 @@ from browser import needs_browser, shown
 from models import InputError, Scene
 from orchestrator.cli import cli
 from results import open_run
-from results.report import _BUDGET, SECTIONS, report_page
+from results.report import _BUDGET, SECTIONS, _budget, report_page
 from results.store import write_part
 from workers.presets import PRESETS
 
@@ -95,6 +96,15 @@ def test_the_page_says_what_is_missing_and_how_sure_the_answers_are(page):
     assert set(told["presets"]) == set(PRESETS)
     flips = sum(told["presets"]["standard"][name] for name in ("flips_to_toppled", "flips_to_standing"))
     assert f"{100 * flips / told['jobs']:.1f} % have another answer with preset standard" in page
+
+
+def test_what_was_measured_on_the_demos_rock_is_not_said_of_the_runs():
+    (told,) = _budget(pd.DataFrame({"preset": ["fast"], "physics_version": [None]}))
+    assert told.startswith("<p>On the demo's rock, of ")
+    assert (
+        "None of this was measured on this run's rock: <code>toppling accuracy</code> says it of yours."
+        in told
+    )
 
 
 @pytest.mark.slow

@@ -117,7 +117,10 @@ def _nrml(curves: list[Lognormal], name: str) -> str:
     model = ET.SubElement(
         root, f"{{{_SPACE}}}fragilityModel", id="toppling", assetCategory="rock", lossCategory="structural"
     )
-    told = f"Toppling of {name}; PGA, PGV, PGD and CAV of the horizontal vector, IA the sum of two components"
+    told = (
+        f"Toppling of {name}; PGA, PGV, PGD and CAV of the horizontal vector, SA the largest of all azimuths, "
+        "IA the sum of two components"
+    )
     ET.SubElement(model, f"{{{_SPACE}}}description").text = told
     ET.SubElement(model, f"{{{_SPACE}}}limitStates").text = "toppled"
     for curve in known:

@@ -33,6 +33,11 @@ _BUDGET = Path(__file__).with_name("preset_budget.json")
 """Error and flips of the presets, as `benchmarks/accuracy.py` measured them last."""
 
 
+FAR_SHAKEN = 10.0
+"""Medians above so many times the strongest shaken value are no numbers: nothing was shaken anywhere near."""
+_FAR_WORDS = "far beyond what was shaken"
+
+
 def report_page(run: Run, samples: int = 100, advance: Callable[[str], Any] = lambda _: None) -> str:
     """Write the page about a run.
 
@@ -190,9 +195,12 @@ def _fits(contact: str, jobs: pd.DataFrame, samples: int) -> str:
     singles = [name for name in ranking["measures"] if name in fits.MEASURES]
     models = [fits.fit(known, [name]) for name in singles]
     resampled = [None if told.problem else fits.bootstrap(known, told, samples) for told in models]
-    shown = ["measures", "problem", "median", "median_low", "median_high", "beta", "beta_low", "beta_high"]
-    summary = fits.summary(models, resampled).reindex(columns=shown)
-    parts = [_heading(contact, 3) if contact else "", _verdict(ranking), _table(ranking), _table(summary)]
+    summary = _fit_table(fits.summary(models, resampled), known)
+    parts = [
+        _heading(contact, 3) if contact else "", _verdict(ranking), _table(ranking), _table(summary),
+        "<p>Intervals (95 %) are of the samples, records drawn anew, that have a fit; samples_without_fit have none. "
+        f"What is {_FAR_WORDS} lies above {FAR_SHAKEN:g} times strongest_shaken, where the jobs say nothing.</p>",
+    ]  # fmt: skip
     for told, drawn in zip(models, resampled, strict=True):
         if curve := told.lognormal:
             measure = curve.measure
@@ -205,6 +213,20 @@ def _fits(contact: str, jobs: pd.DataFrame, samples: int) -> str:
             )
             break
     return "".join(parts)
+
+
+def _fit_table(summary: pd.DataFrame, known: pd.DataFrame) -> pd.DataFrame:
+    """Fits as the page shows them: without medians that lie far beyond what was shaken."""
+    medians = ["median", "median_low", "median_high"]
+    betas = ["beta", "beta_low", "beta_high"]
+    shown = ["measures", "problem", "strongest_shaken", *medians, *betas, "samples", "samples_without_fit"]
+    table = summary.reindex(columns=shown)
+    table["strongest_shaken"] = [float(known[name].max()) for name in table["measures"]]
+    for name in medians:
+        far = table[name].astype(float) > FAR_SHAKEN * table["strongest_shaken"]
+        table[name] = table[name].astype(object).mask(far, _FAR_WORDS)
+    # Whole numbers, where some fits have none.
+    return table.astype({"samples": "Int64", "samples_without_fit": "Int64"})
 
 
 def _verdict(ranking: pd.DataFrame) -> str:
@@ -237,7 +259,8 @@ def _failures(frame: pd.DataFrame) -> str:
 
 def _accuracy(frame: pd.DataFrame) -> str:
     presets = ", ".join(sorted(frame["preset"].unique()))
-    steps = ", ".join(f"{step:g}" for step in sorted(frame["time_step_s"].dropna().unique()))
+    # A preset's steps may differ beyond the digits that are shown.
+    steps = ", ".join(dict.fromkeys(f"{step:g}" for step in sorted(frame["time_step_s"].dropna())))
     lines = [f"<p>Preset {_safe(presets)}; time step {steps or 'not stated'} s.</p>"]
     if frame["penetration_m"].notna().any():
         lines.append(f"<p>Deepest overlap of rock and pedestal {frame['penetration_m'].max():.2g} m.</p>")
@@ -262,9 +285,9 @@ def _budget(frame: pd.DataFrame) -> Iterator[str]:
         up, down = measured["flips_to_toppled"], measured["flips_to_standing"]
         yield (
             f"<p>On the demo's rock, of {jobs} jobs near and beyond their thresholds "
-            f"({100 * told['toppled_share']:.0f} % topple) {100 * (up + down) / jobs:.1f} % have another answer with preset {_safe(preset)} "
-            f"than with reference: {up} topple that stood, {down} stand that toppled. {100 * floor:.1f} % flip already "
-            "when the rock's start is disturbed by a millionth of its height, "
+            f"({100 * told['toppled_share']:.0f} % topple) {100 * (up + down) / jobs:.1f} % have another answer with "
+            f"preset {_safe(preset)} than with reference: {up} topple that stood, {down} stand that toppled. "
+            f"{100 * floor:.1f} % flip already when the rock's start is disturbed by a millionth of its height, "
             f"{100 * told['floor_of_chaos_of_motion']:.1f} % when the motion is, and "
             f"{100 * told['flips_of_half_the_step']:.1f} % when reference takes half its step: one job is no "
             "statement about a rock, the share of many is. Least overturning pulses of blocks are met within "
@@ -297,7 +320,7 @@ def _cells(row: Iterable[object]) -> str:
 
 
 def _told(value: object) -> str:
-    if value is None or value != value:
+    if value is None or value is pd.NA or value != value:
         return ""
     return f"{value:.4g}" if isinstance(value, float) else str(value)
 

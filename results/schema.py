@@ -47,8 +47,8 @@ _COLUMNS = {
         ("cav_m_s", _REAL, _MAY, "m/s", "cumulative absolute velocity of the horizontal vector"),
         ("duration_energy_s", _REAL, _MAY, "s", "5 to 95 % of integrated squared velocity (Anderson 2004)"),
         ("duration_arias_s", _REAL, _MAY, "s", "5 to 95 % of integrated squared acceleration"),
-        ("sa_1s_m_s2", _REAL, _MAY, "m/s2", "pseudo-spectral acceleration at 1 s, 5 % damping"),
-        ("sa_2s_m_s2", _REAL, _MAY, "m/s2", "pseudo-spectral acceleration at 2 s, 5 % damping"),
+        ("sa_1s_m_s2", _REAL, _MAY, "m/s2", "pseudo-spectral acceleration, 1 s, 5 % damping, largest of all azimuths"),
+        ("sa_2s_m_s2", _REAL, _MAY, "m/s2", "pseudo-spectral acceleration, 2 s, 5 % damping, largest of all azimuths"),
         ("directionality", _REAL, _MAY, "1", "share of PGA reached over 22.5 deg off its azimuth"),
     ],
     "outcome": [

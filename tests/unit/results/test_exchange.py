@@ -15,6 +15,7 @@ from results.atlas import write_fits
 from results.exchange import OPENQUAKE, moments, of_moments, read_curves, write_curves
 from results.fits import MEASURES, Basis, Lognormal
 from results.fragility import CONTACT_COLUMNS
+from results.schema import SCHEMA, describe
 
 CURVES = st.builds(
     Lognormal, st.sampled_from(sorted(OPENQUAKE)), median=st.floats(1e-3, 1e3), beta=st.floats(0.01, 2.0)
@@ -71,6 +72,13 @@ def test_openquake_computes_the_same_probabilities_from_the_file(tmp_path):
     pgv_cm_s = np.array([40.0, 120.0, 200.0])
     np.testing.assert_allclose(lognorm.cdf(pgv_cm_s, sigma, scale=scale), curve.probability(pgv_cm_s / 100))
     assert 'imt="PGV"' in text
+
+
+def test_spectral_accelerations_are_told_to_be_the_largest_of_all_azimuths(tmp_path):
+    text = write_curves(tmp_path / "fragility.xml", [Lognormal("sa_1s_m_s2", 1.2, 0.4)]).read_text()
+    assert "SA the largest of all azimuths" in text
+    for column in ("sa_1s_m_s2", "sa_2s_m_s2"):
+        assert "largest of all azimuths" in describe(SCHEMA.field(column))["description"]
 
 
 def test_nrml_leaves_out_what_openquake_has_no_name_for_and_refuses_nothing_but(tmp_path):

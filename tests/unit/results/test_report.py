@@ -8,6 +8,7 @@ import re
 import sys
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import pytest
 from click.testing import CliRunner
@@ -20,7 +21,7 @@ from browser import needs_browser, shown
 from models import InputError, Scene
 from orchestrator.cli import cli
 from results import open_run
-from results.report import _BUDGET, SECTIONS, _budget, report_page
+from results.report import _BUDGET, SECTIONS, _accuracy, _budget, _fit_table, _table, report_page
 from results.store import write_part
 from workers.presets import PRESETS
 
@@ -105,6 +106,30 @@ def test_what_was_measured_on_the_demos_rock_is_not_said_of_the_runs():
         "None of this was measured on this run's rock: <code>toppling accuracy</code> says it of yours."
         in told
     )
+
+
+def test_time_steps_that_differ_in_no_digit_shown_are_told_once():
+    steps = [0.009787641, 0.009787642, 0.0049]
+    frame = pd.DataFrame(
+        {"preset": "fast", "physics_version": None, "penetration_m": None, "time_step_s": steps}
+    )
+    assert "time step 0.0049, 0.00978764 s" in _accuracy(frame)
+
+
+def test_a_median_far_beyond_what_was_shaken_is_no_number_and_samples_without_fit_are_counted():
+    known = pd.DataFrame({"pga_m_s2": [1.0, 5.0], "pgd_m": [0.1, 0.2], "cav_m_s": [1.0, 2.0]})
+    summary = pd.DataFrame({
+        "measures": known.columns, "problem": ["", "", "no job topples"], "median": [49.0, 0.15, np.nan],
+        "median_low": [2.0, 0.1, np.nan], "median_high": [8e80, 0.3, np.nan], "samples": [43, 50, np.nan],
+        "samples_without_fit": [7, 0, np.nan],
+    })  # fmt: skip
+    table = _table(_fit_table(summary, known))
+    first, second, third = table.split("<tr>")[2:]
+    assert "8e+80" not in table
+    assert "<td>49</td><td>2</td><td>far beyond what was shaken</td>" in first
+    assert "<td>43</td><td>7</td>" in first
+    assert "<td>0.15</td><td>0.1</td><td>0.3</td>" in second
+    assert "<td>no job topples</td><td>2</td><td></td>" in third
 
 
 @pytest.mark.slow

@@ -62,6 +62,13 @@ def test_the_page_tells_how_well_the_worst_station_fits():
     assert "2 stations fit each other within 0.8 mm, the worst within 3.1 mm" in told
 
 
+def test_stations_that_share_no_place_with_others_are_not_said_to_fit():
+    fits = [{"residual_m": residual, "paired_share": residual and 0.9} for residual in (None, 0.0007, 0.0031)]
+    report = {"registration": {"stations": 3, "residual_m": 0.0008, "of_stations": fits}}
+    told = numbers_of(dataclasses.replace(Scene.block(0.2, 0.3, 0.6), report=report))
+    assert "2 of 3 stations fit each other within 0.8 mm, the worst within 3.1 mm" in told
+
+
 def test_of_stations_without_a_common_place_nothing_is_said_to_fit(cloud):
     kept = cloud.station < 2
     points = cloud.points_m[kept] + np.where(cloud.station[kept] == 1, 50.0, 0.0)[:, None]

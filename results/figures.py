@@ -401,22 +401,45 @@ def constraint_figure(bound: pd.DataFrame, branches: Sequence[HazardCurve], conf
     with style():
         figure = Figure(figsize=(HALF_WIDTH_IN, 3.0))
         axes = figure.subplots(gridspec_kw={"left": 0.18, "right": 0.97, "bottom": 0.16, "top": 0.95})
-        top = 3 * rate.max()
+        seen = [_within(bound, branch) for branch in branches]
+        least, top = _rates_shown(bound, [rates for rates in seen if len(rates)])
         axes.fill_between(
             bound[measure], rate, top, color="0.85", lw=0, label=f"rejected at {100 * confidence:g} %"
         )
         axes.plot(bound[measure], rate, color="k", lw=1)
         colours = COLOURS(np.linspace(0.15, 0.85, max(1, len(branches))))
-        for branch, colour in zip(branches, colours, strict=False):
-            axes.plot(branch.intensity, branch.annual_rate, color=colour, lw=1.2, label=branch.name)
+        for branch, rates, colour in zip(branches, seen, colours, strict=False):
+            name = branch.name if len(rates) else f"{branch.name} (no rates here)"
+            axes.plot(branch.intensity, branch.annual_rate, color=colour, lw=1.2, label=name)
         unit = describe(SCHEMA.field(measure))["unit"]
         axes.set(
             xscale="log", yscale="log", xlabel=f"{_short(measure)} ({unit})", ylabel="annual rate exceeded",
-            xlim=(bound[measure].min(), bound[measure].max()), ylim=(rate.min() / 10, top),
+            xlim=(bound[measure].min(), bound[measure].max()), ylim=(least, top),
         )  # fmt: skip
         _plain_log(axes.xaxis)
         axes.legend(loc="upper right", frameon=False)
     return figure
+
+
+def _within(bound: pd.DataFrame, branch: HazardCurve) -> NDArray[np.float64]:
+    """Rates of a branch at the bound's intensities that it has."""
+    intensity = bound.iloc[:, 0].to_numpy()
+    inside = (intensity >= branch.intensity[0]) & (intensity <= branch.intensity[-1])
+    return branch.rate(intensity[inside])
+
+
+def _rates_shown(bound: pd.DataFrame, drawn: Sequence[NDArray[np.float64]]) -> tuple[float, float]:
+    """Ends of the rates: those of the bound, widened to what the branches have at its intensities.
+
+    A branch that falls steeply may leave the frame a thousand times below the bound, but where it comes nearest to
+    the bound it is seen, however far off that is.
+    """
+    rejected = bound["rejected_annual_rate"]
+    least, top = rejected.min() / 10, 3 * rejected.max()
+    for rates in drawn:
+        least = min(least, rates.max() / 10, max(rates.min() / 2, rejected.min() / 1000))
+        top = max(top, 3 * rates.min())
+    return float(least), float(top)
 
 
 def _draw_curve(

@@ -8,6 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from models import InputError
+from results.constraint import bound_table
+from results.figures import constraint_figure
 from results.fits import Lognormal
 from results.hazard import (
     NODES_PER_E_FOLD,
@@ -159,6 +161,24 @@ def test_what_a_curve_leaves_out_at_its_end_counts_as_toppling_where_it_is_conti
     missing = (1 - ROCK.probability(1.0)) * early.annual_rate[-1]
     told = toppling_rate([ROCK], continued(early, [ROCK]))
     assert told == pytest.approx(toppling_rate([ROCK], early) + missing, rel=1e-9)
+
+
+@pytest.mark.parametrize("rate_at_one", [1e-12, 1e-6, 1e-3, 1e2])
+def test_every_branch_that_the_legend_names_is_seen_within_the_frame(rate_at_one):
+    bound = bound_table([Standing("rock", ROCK, np.array([1e4]))], 0.95)
+    axes = constraint_figure(bound, [power_law(rate_at_one), power_law(1e-3)], 0.95).axes[0]
+    (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
+    x = np.geomspace(left, right, 100)
+    for rate in (rate_at_one, 1e-3):
+        inside = (rate * x**-2.5 > bottom) & (rate * x**-2.5 < top)
+        assert inside.mean() > 0.2
+    assert bottom >= 1e-4 * min(bound["rejected_annual_rate"].min(), rate_at_one)
+
+
+def test_a_branch_without_rates_in_the_frame_is_named_so():
+    bound = bound_table([Standing("rock", ROCK, np.array([1e4]))], 0.95)
+    axes = constraint_figure(bound, [power_law(low=100.0)], 0.95).axes[0]
+    assert "power law (no rates here)" in [text.get_text() for text in axes.get_legend().get_texts()]
 
 
 def test_openquake_curves_become_annual_rates_in_si(tmp_path):

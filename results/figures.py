@@ -240,6 +240,12 @@ def _friction(counts: pd.Series, prefix: str = "") -> str:
     return friction_words(*(counts[prefix + name] for name in FRICTION))
 
 
+FIT_CAPTION = (
+    "All intervals are of 95 %. Bars left and right: Wilson's, by record. "
+    "Band, and bars in the middle: of records drawn anew (bootstrap)."
+)
+
+
 def fit_figure(
     curve: Lognormal,
     resampled: tuple[NDArray[np.float64], int] | None,
@@ -258,10 +264,11 @@ def fit_figure(
         From `results.fits`: observed_shares, compare_measures, calibration.
     """
     with style():
-        figure = Figure(figsize=(FULL_WIDTH_IN, 2.5))
+        figure = Figure(figsize=(FULL_WIDTH_IN, 2.6))
         left, middle, right = figure.subplots(
-            1, 3, gridspec_kw={"wspace": 0.75, "bottom": 0.2, "left": 0.07, "right": 0.98, "top": 0.88}
+            1, 3, gridspec_kw={"wspace": 0.75, "bottom": 0.24, "left": 0.07, "right": 0.98, "top": 0.9}
         )
+        figure.text(0.5, 0.01, FIT_CAPTION, ha="center", size=6.5)
         _draw_curve(left, curve, resampled, observed)
         places = np.arange(len(ranking))[::-1]
         if "worse_by" in ranking:
@@ -271,6 +278,18 @@ def fit_figure(
             middle.errorbar(
                 ranking["worse_by"], places, xerr=bars, fmt="o", ms=3, lw=0.8, color=COLOURS(0.35)
             )
+        lost = ranking["worse_by"].isna() if "worse_by" in ranking else np.full(len(ranking), fill_value=True)
+        for place in places[lost]:
+            middle.text(
+                0.04,
+                place,
+                "no fit",
+                va="center",
+                size=6.5,
+                color="0.4",
+                transform=middle.get_yaxis_transform(),
+            )
+        middle.set_ylim(-0.6, len(ranking) - 0.4)
         middle.set_yticks(places, [_short(name) for name in ranking["measures"]])
         middle.set(xlabel="log loss above the best's", title="which measure predicts best")
         right.plot([0, 1], [0, 1], "k--", lw=0.8)

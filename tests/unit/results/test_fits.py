@@ -8,6 +8,7 @@ import pytest
 from scipy.stats import norm
 from seeded import BETA, THETA_M_S, rows
 
+from results.figures import fit_figure
 from results.fits import (
     Lognormal,
     answered,
@@ -158,6 +159,26 @@ def test_a_true_model_is_calibrated(jobs):
     # About 340 jobs a bin: a standard error of at most 0.027; four of them.
     assert (told["predicted"] - told["observed"]).abs().max() < 0.11
     assert told["jobs"].sum() == len(jobs)
+
+
+def test_the_figure_says_what_its_intervals_are_and_which_measures_have_no_fit(jobs):
+    ranking = compare_measures(jobs)
+    lacking = pd.DataFrame({"measures": ["pgd_m"], "log_loss": [np.nan]})
+    curve = fit(jobs, ["pgv_m_s"]).lognormal
+    shares = observed_shares(jobs, "pgv_m_s")
+    calibrated = calibration(jobs, out_of_fold(jobs, ["pgv_m_s"]))
+    table = pd.concat([ranking, lacking], ignore_index=True)
+    for told, lost in ((table, [0]), (ranking, []), (table[["measures"]], range(len(table)))):
+        figure = fit_figure(curve, None, shares, told, calibrated)
+        middle = figure.axes[1]
+        words = [text for text in middle.texts if text.get_text() == "no fit"]
+        assert sorted(text.get_position()[1] for text in words) == list(lost)
+        bottom, top = middle.get_ylim()
+        assert bottom < 0 <= len(told) - 1 < top
+    (caption,) = (text.get_text() for text in figure.texts)
+    assert "95 %" in caption
+    assert "Wilson" in caption
+    assert "bootstrap" in caption
 
 
 @pytest.fixture(scope="module")

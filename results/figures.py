@@ -1,7 +1,7 @@
 """The figures: drawing only, from the tables of `results.fragility`.
 
 Readable at paper width (178 mm), colour-blind safe, units on every axis. Empty cells stay empty, thin ones
-carry a dot.
+carry a dot, and a cell is as wide as its share of the jobs, which the colour bar says.
 """
 
 import math
@@ -35,9 +35,13 @@ from results.schema import SCHEMA, describe
 FULL_WIDTH_IN = 7.0
 HALF_WIDTH_IN = 3.6
 HEADING_IN = 0.15
-"""Height of a line above all panels."""
+"""Height of a line above or below all panels."""
 FULL_SHARE = 0.4
 """Share of the jobs from which on a cell fills its bin; without it, the narrow columns would vanish."""
+
+LAST_TICK = 0.85
+"""Share of a small panel's width beyond which no tick is labelled."""
+DIRECTION_CAPTION = "panels: azimuth of the vector PGA (east 0°, north 90°)"
 
 COLOURS = sns.color_palette("viridis", as_cmap=True)
 """Equal steps in lightness, so that it reads in grey and with every kind of colour vision."""
@@ -77,12 +81,13 @@ def map_figure(
     """
     with style():
         figure = Figure(figsize=(HALF_WIDTH_IN, 3.0))
-        axes = figure.subplots(gridspec_kw=_margins(HALF_WIDTH_IN, 3.0))
+        margins = _margins(HALF_WIDTH_IN, 3.0)
+        axes = figure.subplots(gridspec_kw=margins)
         _draw_cells(axes, table, plane, f"{title}\n".lstrip(), full_share=_full_share(table))
         axes.set_title(axes.get_title() + _beyond(plane, beyond) + _missing(unplaced))
         _frame_cells(axes, table, plane)
         axes.set(xlabel=_label(plane.x), ylabel=_label(plane.y))
-        _colour_bar(figure)
+        _colour_bar(figure, margins, _width_words(table, plane))
     return figure
 
 
@@ -116,26 +121,30 @@ def direction_figure(
     half = 180.0 / bins
     heading = (title + _missing(unplaced) + _told_lines(reference)).removeprefix(", ")
     with style():
-        width = FULL_WIDTH_IN if columns > 2 else HALF_WIDTH_IN
-        height = 0.6 + 2.1 * lines + (HEADING_IN if heading else 0.0)
+        width = FULL_WIDTH_IN if columns > 1 else HALF_WIDTH_IN
+        height = 0.6 + 2.1 * lines + HEADING_IN * (2 if heading else 1)
         figure = Figure(figsize=(width, height))
-        margins = {**_margins(width, height, heading), "wspace": 0.1, "hspace": 0.3}
-        grid = figure.subplots(lines, columns, sharex=True, sharey=True, squeeze=False, gridspec_kw=margins)
+        margins = _margins(width, height, above_in=HEADING_IN if heading else 0.0, below_in=HEADING_IN)
+        apart = {**margins, "wspace": 0.1, "hspace": 0.3}
+        grid = figure.subplots(lines, columns, sharex=True, sharey=True, squeeze=False, gridspec_kw=apart)
         for axes, direction in zip(grid.flat, directions, strict=False):
             compass = float(compass_deg(direction))
             told = f"{direction - half:g}° to {direction + half:g}°\ncompass {compass:g}°, "
             cells = table[table["direction_deg"] == direction]
             _draw_cells(axes, cells, plane, told, full_share=_full_share(table))
             _frame_cells(axes, table, plane)
-            axes.xaxis.set_major_locator(MaxNLocator(4, prune="upper"))
+            left, right = axes.get_xlim()
+            ticks = MaxNLocator(4).tick_values(left, right)
+            # The last would run into the first of the panel beside it.
+            axes.set_xticks(ticks[(ticks >= left) & (ticks <= left + LAST_TICK * (right - left))])
             if reference is not None:
                 _draw_lines(axes, reference[reference["azimuth_deg"] == direction])
         for axes in grid.flat[len(directions) :]:
             axes.set_axis_off()
-        figure.supxlabel(_label(plane.x), size=8)
+        figure.supxlabel(f"{_label(plane.x)}\n{DIRECTION_CAPTION}", size=8)
         figure.supylabel(_label(plane.y), size=8)
         figure.text(0.01, 0.99, heading, size=8, va="top")
-        _colour_bar(figure, heading)
+        _colour_bar(figure, margins, _width_words(table, plane))
     return figure
 
 
@@ -540,8 +549,10 @@ def _draw_cells(axes: Axes, table: pd.DataFrame, plane: Plane, title: str, full_
     bars.set_array(table["probability"].to_numpy(float))
     axes.add_collection(bars)
     thin = table["thin"].to_numpy()
-    beside = (middle + half + 0.06 * (high - low))[thin]
-    axes.plot(beside, ((bottom + top) / 2)[thin], ".", ms=1.2, color="0.2", clip_on=False)
+    # Bright with a dark rim: seen on every colour.
+    axes.plot(
+        middle[thin], ((bottom + top) / 2)[thin], "o", ms=1.6, mfc="white", mec="0.2", mew=0.3, clip_on=False
+    )
     axes.set_title(f"{title}{table['jobs'].sum()} jobs")
 
 
@@ -582,22 +593,28 @@ def _full_share(table: pd.DataFrame) -> float:
     return min(FULL_SHARE, table["share"].max()) if len(table) else FULL_SHARE
 
 
-def _margins(width_in: float, height_in: float, heading: str = "") -> dict[str, float]:
+def _width_words(table: pd.DataFrame, plane: Plane) -> str:
+    pool = "the jobs" if plane.share_within is None else "its level's jobs"
+    return f"width: share of {pool}, full from {100 * _full_share(table):.0f} % on"
+
+
+def _margins(
+    width_in: float, height_in: float, above_in: float = 0.0, below_in: float = 0.0
+) -> dict[str, float]:
     """Room for labels and colour bar, in inches whatever the figure's size; a layout engine costs seconds."""
     return {
         "left": 0.55 / width_in,
-        "right": 1 - 0.75 / width_in,
-        "bottom": 0.5 / height_in,
-        "top": 1 - (0.4 + (HEADING_IN if heading else 0.0)) / height_in,
+        "right": 1 - 0.85 / width_in,
+        "bottom": (0.5 + below_in) / height_in,
+        "top": 1 - (0.4 + above_in) / height_in,
     }
 
 
-def _colour_bar(figure: Figure, heading: str = "") -> None:
-    width, height = figure.get_size_inches()
-    margins = _margins(width, height, heading)
-    place = (1 - 0.65 / width, margins["bottom"], 0.12 / width, margins["top"] - margins["bottom"])
-    label = f"toppling probability (dot: < {THIN_RECORDS} records)"
-    figure.colorbar(ScalarMappable(Normalize(0, 1), COLOURS), cax=figure.add_axes(place), label=label)
+def _colour_bar(figure: Figure, margins: dict[str, float], widths: str) -> None:
+    width = figure.get_size_inches()[0]
+    place = (1 - 0.75 / width, margins["bottom"], 0.12 / width, margins["top"] - margins["bottom"])
+    bar = figure.colorbar(ScalarMappable(Normalize(0, 1), COLOURS), cax=figure.add_axes(place))
+    bar.set_label(f"toppling probability (dot: < {THIN_RECORDS} records)\n{widths}", size=7)
 
 
 def _label(axis: Axis) -> str:

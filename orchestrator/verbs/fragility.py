@@ -73,6 +73,10 @@ def fragility(
     Toppling probability over PGA and PGV/PGA, PGA and PGV, PGV and duration, PGA and duration; where the rock
     topples to; one friction against another where the run has several.
 
+    A cell's colour is the share of its jobs that toppled. It is as wide as its share of the jobs of its level (in
+    the map of PGV and duration: of all jobs), full from a share on that the colour bar says. A dot marks cells
+    of fewer than 10 records.
+
     The binning is the study's unless told otherwise. Direction bins are of the azimuth of the vector PGA,
     degrees counter-clockwise from east. Contacts that differ (friction, restitution) get their own folders.
     Where the ensemble has weights (records select --deaggregation), maps and fits count each record by its own;

@@ -1,5 +1,7 @@
 """The numbers behind the maps, against small tables counted by hand."""
 
+from itertools import pairwise
+
 import numpy as np
 import pandas as pd
 import pyarrow as pa
@@ -211,6 +213,44 @@ def test_lines_of_the_plane_reference_are_explained_on_the_figure(hand_made):
     assert any("1 % (dashed) and 99 % (solid)" in text for text in told)
     plain = [text.get_text() for text in direction_figure(table, plane, 8).texts]
     assert not any("dashed" in text for text in plain)
+
+
+@pytest.mark.parametrize("plane", PLANES.values(), ids=lambda p: p.name)
+def test_a_map_says_what_the_width_of_its_cells_means(plane):
+    table = cells(pd.DataFrame(rows(records=4, levels=(1, 2, 4), azimuths=(0.0,))), plane)
+    label = map_figure(table, plane).axes[-1].get_ylabel()
+    pool = "the jobs" if plane.name == "pgv_duration" else "its level's jobs"
+    full = 100 * min(0.4, table["share"].max())
+    assert f"width: share of {pool}, full from {full:.0f} % on" in label
+
+
+def test_the_dot_of_a_cell_of_few_records_lies_inside_it(hand_made):
+    table = cells(hand_made, PLANES["pga_pgv_pga"])
+    axes = map_figure(table, PLANES["pga_pgv_pga"]).axes[0]
+    dots = np.column_stack(axes.lines[0].get_data())
+    bars = [path.get_extents() for path in axes.collections[0].get_paths()]
+    assert len(dots) == len(bars) == len(table)
+    assert all(bar.contains(*dot) for bar, dot in zip(bars, dots, strict=True))
+
+
+@pytest.mark.parametrize("widest_s", [0.11, 0.24, 0.26, 0.43, 0.62])
+def test_ticks_of_panels_by_direction_do_not_run_together_and_say_what_their_angles_are(widest_s):
+    frame = pd.DataFrame(rows(records=4, levels=(1, 2), azimuths=(0.0, 90.0, 180.0, 270.0)))
+    frame = frame.assign(pgv_pga_s=np.linspace(0.03, widest_s, len(frame)))
+    figure = direction_figure(
+        cells_by_direction(frame, PLANES["pga_pgv_pga"]), PLANES["pga_pgv_pga"], 4, title="friction-0.8"
+    )
+    figure.draw_without_rendering()
+    labels = [
+        label.get_window_extent()
+        for axes in figure.axes[:-1]
+        for label in axes.get_xticklabels()
+        if label.get_text()
+    ]
+    assert len(labels) >= 8
+    apart = [right.x0 - left.x1 for left, right in pairwise(labels)]
+    assert min(apart) > 0.03 * figure.dpi  # inches: a narrow blank
+    assert "azimuth of the vector PGA" in figure.get_supxlabel()
 
 
 def test_the_same_table_gives_the_same_figure_files(hand_made, tmp_path):

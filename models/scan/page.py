@@ -16,6 +16,7 @@ from models.scan.picture import (
     INTERFACE_COLOUR,
     PEDESTAL_COLOUR,
     ROCK_COLOUR,
+    beyond_frame,
     numbers_of,
     polar_reach_m_s2,
     toppling_band,
@@ -37,11 +38,15 @@ def write_page(scene: Scene, path: Path, notes: Sequence[str] = ()) -> None:
         scene_domain={"x": [0.0, 0.64], "y": [0.0, 1.0]},
         legend={"x": 0.0, "y": 1.0},
         polar={
-            "domain": {"x": [0.70, 0.98], "y": [0.52, 0.92]},
+            "domain": {"x": [0.70, 0.98], "y": [0.51, 0.89]},
             "radialaxis": {"range": [0.0, polar_reach_m_s2(value)]},
         },
     )
-    title = "Quasi-static toppling acceleration, m/s², by azimuth<br>of the ground's acceleration (from east to north)"
+    by = [
+        "Quasi-static toppling acceleration, m/s², by azimuth",
+        "of the ground's acceleration (from east to north)",
+    ]
+    title = "<br>".join([*by, *beyond_frame(value)])
     for text, y in ((title, 1.0), ("<br>".join(map(escape, numbers_of(scene, notes))), 0.42)):
         figure.add_annotation(
             text=text,

@@ -110,13 +110,20 @@ def _draw_statics(axes: Axes, scene: Scene) -> None:
     axes.fill_between(azimuth, value - spread, value + spread, color=ROCK_COLOUR, alpha=0.3, linewidth=0)
     axes.plot(azimuth, value, color=ROCK_COLOUR)
     axes.set_ylim(0, polar_reach_m_s2(value))
-    axes.set_title(f"{STATICS_TITLE}\n{BAND_TITLE}" if spread.any() else STATICS_TITLE, fontsize=10)
+    told = [STATICS_TITLE, *([BAND_TITLE] if spread.any() else []), *beyond_frame(value)]
+    axes.set_title("\n".join(told), fontsize=10)
 
 
 def polar_reach_m_s2(value: NDArray[np.float64]) -> float:
     """Radius of the statics' plot: where a few azimuths need much more than the rest, they leave it."""
     finite = value[np.isfinite(value)]
     return float(min(2.0 * np.median(finite), finite.max()) * 1.05) if len(finite) else 1.0
+
+
+def beyond_frame(value: NDArray[np.float64]) -> list[str]:
+    """Say what the azimuths need whose curve leaves the frame, if there are any."""
+    reach = polar_reach_m_s2(value)
+    return [f"beyond the frame: more than {reach:.3g} m/s²"] if (value > reach).any() else []
 
 
 def toppling_band(scene: Scene) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:

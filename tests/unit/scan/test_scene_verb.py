@@ -10,7 +10,14 @@ from matplotlib.figure import Figure
 
 from models import InputError, Scene
 from models.scan.page import scene_figure
-from models.scan.picture import BAND_TITLE, VIEWS_DEG, draw_view, toppling_band
+from models.scan.picture import (
+    BAND_TITLE,
+    VIEWS_DEG,
+    beyond_frame,
+    draw_view,
+    polar_reach_m_s2,
+    toppling_band,
+)
 from models.scene import read_triangles
 from orchestrator.verbs.scene import scene
 
@@ -71,6 +78,25 @@ def test_the_band_round_the_compass_is_one_standard_deviation_wide():
     # Stated every 10 degrees, drawn every 5: constant in between.
     assert spread == pytest.approx(0.2)
     assert toppling_band(Scene.block(0.2, 0.3, 0.6))[2].max() == 0.0
+
+
+@pytest.mark.parametrize("steep", [30.0, np.inf])
+def test_azimuths_whose_curve_leaves_the_frame_are_told_to_need_more_than_it_shows(steep):
+    usual = np.full(72, 3.0)
+    assert beyond_frame(usual) == []
+    usual[:5] = steep
+    told = f"beyond the frame: more than {polar_reach_m_s2(usual):.3g} m/s²"
+    assert beyond_frame(usual) == [told]
+
+
+def test_the_picture_and_the_page_say_what_lies_beyond_the_frame(folder, tmp_path):
+    # A thin wall: across it little topples it, along it ten times as much.
+    wall = Scene.block(0.5, 0.05, 0.5).save(tmp_path / "wall")
+    CliRunner().invoke(scene, ["show", str(wall)], catch_exceptions=False)
+    page = (wall / "scene.html").read_text()
+    assert "beyond the frame: more than" in page
+    CliRunner().invoke(scene, ["show", str(folder)], catch_exceptions=False)
+    assert "beyond the frame" not in (folder / "scene.html").read_text()
 
 
 @pytest.mark.parametrize(("suffix", "up"), [(".glb", 1), (".gltf", 1), (".ply", 2), (".obj", 2)])

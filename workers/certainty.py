@@ -84,7 +84,7 @@ def least_overturning_j_kg(scene: Scene, tilt_deg: float = 0.0, turn_deg: float 
     return float(by_tilt[min(int(np.ceil(tilt_deg)), len(by_tilt) - 1) :].max())
 
 
-def potential_j_kg(scene: Scene, com_m: Array, attitude: Array) -> Array:
+def potential_j_kg(scene: Scene, com_m: Array, attitude: Array) -> float:
     """Potential energy per mass of a rock above that of the same one lying where it is, J/kg.
 
     What a slope gave to a rock that slid does not count, since friction took it.
@@ -92,35 +92,29 @@ def potential_j_kg(scene: Scene, com_m: Array, attitude: Array) -> Array:
     Parameters
     ----------
     scene : Scene
-    com_m : (..., 3) array
+    com_m : (3,) array
         Centre of mass, support frame.
-    attitude : (..., 4) array
+    attitude : (4,) array
         Of the body frame, support frame.
-
-    Returns
-    -------
-    (...) array
     """
     contact = contact_of(scene)
     up = contact.scene_from_support[2]
-    return np.asarray(scene.gravity_m_s2 * ((com_m - lying_com_m(contact, com_m, attitude)) @ up))
+    return float(scene.gravity_m_s2 * up @ (com_m - lying_com_m(contact, com_m, attitude)))
 
 
 def lying_com_m(contact: ContactModel, com_m: Array, attitude: Array) -> Array:
-    """Centre of mass (..., 3) if the rock lay where it is: turned as now, its lowest foot on the same spot."""
-    feet = contact.points_body_m @ np.swapaxes(matrix(attitude), -1, -2)
-    lowest = feet[..., 2].argmin(axis=-1)
-    foot = com_m + np.take_along_axis(feet, lowest[..., None, None], axis=-2)[..., 0, :]
-    x, y, z = np.moveaxis(_lying_m(contact)[lowest], -1, 0)
-    turned = turn_rad(attitude, contact.start_quaternion_xyzw)
-    cos, sin = np.cos(turned), np.sin(turned)
-    return np.stack([foot[..., 0] + cos * x - sin * y, foot[..., 1] + sin * x + cos * y, z], axis=-1)
+    """Centre of mass (3,) if the rock lay where it is: turned as now, its lowest foot on the same spot."""
+    feet = contact.points_body_m @ matrix(attitude).T
+    lowest = int(feet[:, 2].argmin())
+    foot = (com_m + feet[lowest]) * (1.0, 1.0, 0.0)
+    turned = Rotation.from_euler("z", turn_rad(attitude, contact.start_quaternion_xyzw))
+    return np.asarray(foot + turned.apply(_lying_m(contact)[lowest]))
 
 
-def turn_rad(attitude: Array, since: Array) -> Array:
+def turn_rad(attitude: Array, since: Array) -> float:
     """Turn since another attitude about the interface's normal: what is left of a rotation without the tilt."""
-    turned = product(attitude, inverse(since))
-    return np.asarray(2.0 * np.arctan2(turned[..., 2], turned[..., 3]))
+    _, _, z, w = product(attitude, inverse(since))
+    return float(2.0 * np.arctan2(z, w))
 
 
 @lru_cache(maxsize=8)

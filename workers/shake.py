@@ -395,7 +395,7 @@ class _Run:
         tilt = self.contact.tilts_deg(quaternion)
         fallen = ended_by in ("fallen", "tilted", "slid_off")
         toppled = (fallen or bool(tilt[-1] > TOPPLED_TILT_DEG)) if status == "ok" else None
-        crossing = self._point_of_no_return(ended_by, position, quaternion, tilt) if toppled else None
+        crossing = self._point_of_no_return(ended_by, position, tilt) if toppled else None
         turn = self.contact.scene_from_support
         moved = (position - self.start_pose[0]) @ turn.T
         slip, yaw = self._slip(position[-1], quaternion[-1]), self._yaw(quaternion[-1])
@@ -425,11 +425,12 @@ class _Run:
             else None,
         )
 
-    def _point_of_no_return(self, ended_by: str, position: Array, quaternion: Array, tilt: Array) -> int:
+    def _point_of_no_return(self, ended_by: str, position: Array, tilt: Array) -> int:
         """Index of the pose in which the final fall began, or the end of the pedestal was passed.
 
-        Not of a later rise: between two looks a rock that fell lands on its next face, and one that came to rest on
-        another face is rocked there by the rest of the motion.
+        That in which the centre of mass was last highest, along the plumb line, but not of a later rise: between two
+        looks a rock that fell lands on its next face, and one that came to rest on another face is rocked there by the
+        rest of the motion.
         """
         if ended_by == "slid_off":
             return len(position) - 1
@@ -437,7 +438,7 @@ class _Run:
             still = int(np.argmax(_fallen(self.contact, position) | (tilt > LARGEST_OPEN_TILT_DEG))) - 1
         else:  # at rest on another face
             still = int(np.flatnonzero(tilt <= TOPPLED_TILT_DEG).max(initial=0))
-        return _last_top(potential_j_kg(self.scene, position, quaternion), max(still, 0))
+        return _last_top(position @ self.contact.scene_from_support[2], max(still, 0))
 
     def _penetration_m(self, position: Array, quaternion: Array) -> float:
         return max(-float(self.stepper.gaps_m(position, quaternion).min()), 0.0)

@@ -40,7 +40,7 @@ from workers.contact import LARGEST_OPEN_TILT_DEG, REACH_DEG, ContactModel, cont
 from workers.engine import Pose
 from workers.presets import Settings, Solver, settings_of
 from workers.quaternion import to_body, turn_vector
-from workers.stepping import Stepper, engine_for, forget_worlds
+from workers.stepping import IMPACT_STEP, Stepper, engine_for, forget_worlds
 from workers.way import STILL, Vector
 
 Array = NDArray[np.float64]
@@ -462,10 +462,15 @@ class _Run:
         return float(np.hypot(*(now - then)[:2]))
 
     def _speed(self, since: int) -> float:
-        """Largest speed of the centre of mass since a pose, m/s."""
+        """Largest speed of the centre of mass since a pose, m/s.
+
+        A step to a touch may begin with a part of next to no time, in which the feet are set to their height: parts
+        count as no shorter than an impact's step.
+        """
         position = np.array([pose[0] for pose in self.stepper.way.poses[since:]])
-        times = np.array(self.stepper.way.times_s[since:])
-        return float((np.linalg.norm(np.diff(position, axis=0), axis=1) / np.diff(times)).max(initial=0.0))
+        durations = np.diff(self.stepper.way.times_s[since:])
+        ways = np.linalg.norm(np.diff(position, axis=0), axis=1)
+        return float((ways / np.maximum(durations, IMPACT_STEP * self.step_s)).max(initial=0.0))
 
     def _at_rest(self, since: int) -> bool:
         """Whether no point of the rock has moved faster than the speed of rest since a pose, nor does now."""

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from models.scan.page import scene_figure
-from models.scan.picture import PEDESTAL_COLOUR, ROCK_COLOUR
+from models.scan.picture import PEDESTAL_COLOUR, ROCK_COLOUR, far_to_near
 from results.replay import Way, tilt_deg
 
 Array = NDArray[np.float64]
@@ -172,7 +172,7 @@ def _picture(
     way: Way, vertices_m: Array, frame: Array, window: tuple[Array, float], text: str
 ) -> Image.Image:
     """Triangles painted from far to near (orthographic), lit from behind the eye."""
-    rock, pedestal = way.scene.rock, way.scene.pedestal
+    rock = way.scene.rock
     surfaces = [
         (vertices_m, rock.faces, ROCK_COLOUR),
         (*way.scene.pedestal_triangles(), PEDESTAL_COLOUR),
@@ -186,10 +186,7 @@ def _picture(
         colours.append(np.outer(0.35 + 0.65 * facing[facing > 0], to_rgb(colour)))
     triangles, shades = np.vstack(corners), np.vstack(colours)
     (x, y), half = window
-    depth = triangles[:, :, 2].mean(axis=1)
-    if pedestal.is_plane:  # its triangles are too large to have one depth, and the rock is on them
-        depth[len(corners[0]) :] = -np.inf
-    order = np.argsort(depth)
+    order = far_to_near(triangles, len(corners[0]), way.scene.pedestal)
     size = OVERSAMPLING * GIF_PIXELS
     places = 0.5 * size * (1.0 + (triangles[order, :, :2] - (x, y)) / half * (1.0, -1.0))
     image = Image.new("RGB", (size, size), "white")

@@ -42,6 +42,12 @@ STILL_MOVES = 1e-2
 much its friction holds up. The solver leaves a contact that sticks up to a tenth of it."""
 
 
+def slip_m_s(velocity_m_s: Sequence[float], spin_rad_s: Sequence[float], arm_m: Sequence[float]) -> float:
+    """Speed along the plane of the point of a rock that is so far from its centre of mass; z is the normal."""
+    (u, v, _), (p, q, r), (x, y, z) = velocity_m_s, spin_rad_s, arm_m
+    return math.hypot(u + q * z - r * y, v + r * x - p * z)
+
+
 class _Axes:
     """Turns vectors and poses of the support frame into a world that is turned about the normal, and back."""
 
@@ -153,7 +159,7 @@ class Engine:
         touching = [point for point in contacts if point[9] > 0.0]
         if not touching:
             self._grip = [0.0, 0.0, 0.0]
-            slips = self._slip_m_s(self._lowest_arm_m()) > self._impulse
+            slips = slip_m_s(*self._velocities(), self._lowest_arm_m()) > self._impulse
         else:
             slips = self._slips_on(touching)
         static, kinetic = self._surface.friction_static, self._surface.friction_kinetic
@@ -185,17 +191,16 @@ class Engine:
     def _moves_on(self, touching: list[Any]) -> bool:
         """Whether a point that touches moves along the plane after the step, which took it from where it touched."""
         (x, y, z), _ = pybullet.getBasePositionAndOrientation(self._rock, self._client)
-        (u, v, w), _ = pybullet.getBaseVelocity(self._rock, self._client)
+        velocity, spin = self._velocities()
         step_s = self._time_step_s
-        before = x - u * step_s, y - v * step_s, z - w * step_s
+        before = x - velocity[0] * step_s, y - velocity[1] * step_s, z - velocity[2] * step_s
         arms = ([a - b for a, b in zip(point[5], before, strict=True)] for point in touching)
-        return any(self._slip_m_s(arm) > STILL_MOVES * self._impulse for arm in arms)
+        return any(slip_m_s(velocity, spin, arm) > STILL_MOVES * self._impulse for arm in arms)
 
-    def _slip_m_s(self, arm_m: Sequence[float]) -> float:
-        """Speed along the plane of the point of the rock that is so far from its centre of mass."""
-        (u, v, _), (p, q, r) = pybullet.getBaseVelocity(self._rock, self._client)
-        x, y, z = arm_m
-        return math.hypot(u + q * z - r * y, v + r * x - p * z)
+    def _velocities(self) -> tuple[Sequence[float], Sequence[float]]:
+        """Velocity and angular velocity of the rock, in the engine's world."""
+        velocity, spin = pybullet.getBaseVelocity(self._rock, self._client)
+        return velocity, spin
 
     def _lowest_arm_m(self) -> list[float]:
         """From the centre of mass to the lowest contact point."""

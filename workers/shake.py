@@ -37,7 +37,7 @@ from workers.certainty import (
     weak_from_s,
 )
 from workers.contact import LARGEST_OPEN_TILT_DEG, REACH_DEG, ContactModel, contact_of
-from workers.engine import Pose
+from workers.engine import Pose, slip_m_s
 from workers.presets import Settings, Solver, settings_of
 from workers.quaternion import to_body, turn_vector
 from workers.stepping import IMPACT_STEP, Stepper, engine_for, forget_worlds
@@ -488,8 +488,7 @@ class _Run:
         """Whether the lowest foot moves along the interface: its way is not over yet."""
         velocity, spin = self.stepper.way.velocities(self.stepper.way.last)
         arms = self.contact.points_body_m @ quat.matrix(np.array(self.stepper.way.poses[-1][1])).T
-        foot = velocity + np.cross(spin, arms[arms[:, 2].argmin()])
-        return bool(np.hypot(foot[0], foot[1]) > self.rest_speed)
+        return slip_m_s(velocity, spin, arms[arms[:, 2].argmin()].tolist()) > self.rest_speed
 
     def _energy(self) -> float:
         """Kinetic energy, and potential energy above that of the rock lying where it is, per mass."""

@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from models.frames import compass_deg
+from models.pedestal import Pedestal
 from models.scene import Scene
 
 ROCK_COLOUR, PEDESTAL_COLOUR, INTERFACE_COLOUR = "#c0703a", "#7d8b99", "#d11f3f"
@@ -60,10 +61,7 @@ def draw_view(axes: Axes, scene: Scene, elevation_deg: float, azimuth_deg: float
         rgb = np.array([int(colour[i : i + 2], 16) for i in (1, 3, 5)]) / 255
         colours.append(shade[:, None] * rgb)
     corner, painted = np.concatenate(corners), np.concatenate(colours)
-    depth = corner[:, :, 2].mean(axis=1)
-    if scene.pedestal.is_plane:  # its triangles are too large to have one depth, and the rock is on them
-        depth[len(scene.rock.faces) :] = -np.inf
-    order = np.argsort(depth)
+    order = far_to_near(corner, len(scene.rock.faces), scene.pedestal)
     axes.add_collection(
         PolyCollection(
             list(corner[order][:, :, :2]), facecolors=painted[order], edgecolors="face", linewidths=0.2
@@ -81,6 +79,14 @@ def draw_view(axes: Axes, scene: Scene, elevation_deg: float, azimuth_deg: float
         title=f"seen from azimuth {azimuth_deg:.0f}° ({float(compass_deg(azimuth_deg)):.0f}° compass)",
     )
     axes.set_xlabel("m")
+
+
+def far_to_near(corners: NDArray[np.float64], of_rock: int, pedestal: Pedestal) -> NDArray[np.intp]:
+    """Order in which triangles (n, 3, 3), third axis toward the eye, are painted: those of the rock come first."""
+    depth = corners[:, :, 2].mean(axis=1)
+    if pedestal.is_plane:  # its triangles are too large to have one depth, and the rock is on them
+        depth[of_rock:] = -np.inf
+    return np.argsort(depth)
 
 
 def _lines(scene: Scene) -> list[tuple[NDArray[np.float64], str]]:

@@ -68,11 +68,11 @@ class Campaign:
             content = tomllib.loads(source.read_text(encoding="utf-8"))
         except FileNotFoundError:
             raise _error(
-                source, "no such file", "a campaign file", "write one: see 'toppling run --help'"
+                source, "no such file", "a campaign file", "write one: its keys are in docs/architecture.md"
             ) from None
         except (tomllib.TOMLDecodeError, UnicodeDecodeError, IsADirectoryError) as error:
             raise _error(
-                source, f"not TOML ({error})", "a campaign file", "see 'toppling run --help'"
+                source, f"not TOML ({error})", "a campaign file", "its keys are in docs/architecture.md"
             ) from None
         return cls.of(content, source.parent, where=str(source))
 

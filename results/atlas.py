@@ -126,6 +126,8 @@ def write_fits(frame: pd.DataFrame, folder: Path, name: str, samples: int = 200)
     for contact, jobs in by_contact(frame).items():
         place = folder / contact / "fits"
         place.mkdir(parents=True, exist_ok=True)
+        for former in (*place.glob("curves.*"), *place.glob("fits.*"), place / "calibration.csv"):
+            former.unlink(missing_ok=True)  # not all are written again where no measure has a fit now
         known = fits.answered(jobs)
         ranking = fits.compare_measures(known)
         yield save_table(ranking, place / "measures.csv")
@@ -136,7 +138,7 @@ def write_fits(frame: pd.DataFrame, folder: Path, name: str, samples: int = 200)
         resampled = [None if told.problem else fits.bootstrap(known, told, samples) for told in models]
         yield save_table(fits.summary(models, resampled), place / "fits.csv")
         curves = [
-            replace(curve, basis=fits.basis_of(known, curve.measure))
+            replace(curve, basis=fits.basis_of(jobs, curve.measure))
             for told in models
             if (curve := told.lognormal)
         ]

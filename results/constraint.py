@@ -1,7 +1,9 @@
 """The statement: survival and rejection for some rocks under some hazard branches."""
 
-from collections.abc import Sequence
-from dataclasses import asdict
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -33,14 +35,18 @@ def branch_table(
     DataFrame
         One row a branch: branch, toppling_rate (annual, any of the rocks), unstated_below and unstated_above
         (shares of the rate outside the curve's points, not counted: `results.hazard`), survival, survival_least
-        (with these counted), rejected (by survival), prior_weight, posterior_weight (null where no branch lets
-        the rocks survive).
+        (with these counted), survival_low and survival_high (95 %, records drawn anew; null where a curve does not
+        tell), rejected (by survival), prior_weight, posterior_weight (null where no branch lets the rocks survive).
     """
     curves = [rock.curve for rock in rocks]
     prior = np.array([branch.weight for branch in branches]) / sum(branch.weight for branch in branches)
     survivals = np.array([survival(rocks, branch) for branch in branches])
     posterior = (
         branch_weights(prior, survivals) if (prior * survivals).sum() > 0 else np.full(len(prior), np.nan)
+    )
+    low, high = zip(
+        *(_interval(rocks, partial(survival, hazard=branch)) for branch in branches),
+        strict=True,
     )
     below, above = zip(*(unstated_shares(curves, branch) for branch in branches), strict=True)
     return pd.DataFrame(
@@ -51,11 +57,30 @@ def branch_table(
             "unstated_above": above,
             "survival": survivals,
             "survival_least": [survival(rocks, continued(branch, curves)) for branch in branches],
+            "survival_low": low,
+            "survival_high": high,
             "rejected": survivals < 1.0 - confidence,
             "prior_weight": prior,
             "posterior_weight": posterior,
         }
     )
+
+
+def _interval(rocks: Sequence[Standing], told: Callable[[Sequence[Standing]], float]) -> tuple[float, float]:
+    """Interval (95 %) of what is told of some rocks, as their records are drawn anew, each rock's by themselves."""
+    known = [rock.resampled for rock in rocks if rock.resampled]
+    if len(known) < len(rocks):
+        return (math.nan, math.nan)
+    fewest = min(known, key=lambda one: one.records)
+    drawn = zip(
+        *(one.lognormals(rock.curve.measure) for one, rock in zip(known, rocks, strict=True)), strict=False
+    )
+    values = [
+        told([replace(rock, curve=curve) for rock, curve in zip(rocks, curves, strict=True)])
+        for curves in drawn
+    ]
+    low, high = fewest.interval(np.array(values))
+    return float(low), float(high)
 
 
 def bound_table(rocks: Sequence[Standing], confidence: float) -> pd.DataFrame:
@@ -84,12 +109,22 @@ def bound_table(rocks: Sequence[Standing], confidence: float) -> pd.DataFrame:
 
 
 def single_event(rocks: Sequence[Standing], confidence: float) -> dict[str, Any]:
-    """State the intensity that no single event exceeded, at a confidence: without age and hazard."""
+    """State the intensity that no single event exceeded, at a confidence: without age and hazard.
+
+    Returns
+    -------
+    dict
+        measure, confidence, unexceeded, unexceeded_low and unexceeded_high (95 %, records drawn anew; None where a
+        curve does not tell), rocks.
+    """
     curves = [rock.curve for rock in rocks]
+    low, high = _interval(rocks, lambda drawn: unexceeded([rock.curve for rock in drawn], confidence))
     return {
         "measure": curves[0].measure,
         "confidence": confidence,
         "unexceeded": unexceeded(curves, confidence),
+        "unexceeded_low": None if math.isnan(low) else low,
+        "unexceeded_high": None if math.isnan(high) else high,
         "rocks": [
             {"name": rock.name, "median": rock.curve.median, "beta": rock.curve.beta}
             | (asdict(rock.curve.basis) if rock.curve.basis else {})

@@ -13,6 +13,7 @@ import io
 import json
 import math
 import os
+from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, fields
 from pathlib import Path
@@ -84,7 +85,7 @@ def read_curves(path: Path) -> dict[str, Lognormal]:
     Raises
     ------
     InputError
-        If the file is absent, of another kind, or holds no lognormal curve.
+        If the file is absent, of another kind, or holds no lognormal curve, or several over one measure.
     """
     readers = {".xml": _from_nrml, ".csv": _from_csv, ".json": _from_json}
     if path.suffix not in readers:
@@ -100,6 +101,12 @@ def read_curves(path: Path) -> dict[str, Lognormal]:
     for curve in curves:
         if not (curve.median > 0 and math.isfinite(curve.median) and 0 <= curve.beta < math.inf):
             raise _curve_error(path, f"median {curve.median}, beta {curve.beta} of {curve.measure}")
+    counts = Counter(curve.measure for curve in curves)
+    several = [f"{count} curves over {measure}" for measure, count in counts.items() if count > 1]
+    if several:
+        raise _curve_error(
+            path, f"holds {', '.join(several)}: give each rock, and each limit state, its own file"
+        )
     return {curve.measure: curve for curve in curves}
 
 
@@ -142,12 +149,13 @@ def _from_nrml(text: str) -> list[Lognormal]:
     measures = {imt: (measure, factor) for measure, (imt, factor) in OPENQUAKE.items()}
     curves = []
     for function in ET.fromstring(text.encode()).iter(f"{{{_SPACE}}}fragilityFunction"):
-        imls, params = function.find(f"{{{_SPACE}}}imls"), function.find(f"{{{_SPACE}}}params")
-        if imls is None or params is None or imls.get("imt") not in measures:
+        imls = function.find(f"{{{_SPACE}}}imls")
+        if imls is None or imls.get("imt") not in measures:
             continue
         measure, factor = measures[str(imls.get("imt"))]
-        mean, deviation = (float(str(params.get(key))) / factor for key in ("mean", "stddev"))
-        curves.append(of_moments(measure, mean, deviation))
+        for params in function.findall(f"{{{_SPACE}}}params"):
+            mean, deviation = (float(str(params.get(key))) / factor for key in ("mean", "stddev"))
+            curves.append(of_moments(measure, mean, deviation))
     return curves
 
 
@@ -185,6 +193,7 @@ def _of_row(row: Mapping[str, Any]) -> Lognormal:
         jobs=int(row["jobs"]),
         toppled=int(row["toppled"]),
         records=int(row["records"]),
+        without_answer=int(row["without_answer"]),
         strongest_shaken=float(row["strongest_shaken"]),
     ) if stated else None  # fmt: skip
     return Lognormal(str(row["measure"]), float(row["median"]), float(row["beta"]), basis)

@@ -26,7 +26,7 @@ from scipy.stats import norm
 
 from models import Motion
 from models.frames import compass_deg
-from results.fits import Lognormal
+from results.fits import Lognormal, Resampled
 from results.fragility import FRICTION, THIN_RECORDS, Axis, Plane
 from results.friction import friction_words
 from results.hazard import HazardCurve
@@ -257,7 +257,7 @@ FIT_CAPTION = (
 
 def fit_figure(
     curve: Lognormal,
-    resampled: tuple[NDArray[np.float64], int] | None,
+    resampled: Resampled | None,
     observed: pd.DataFrame,
     ranking: pd.DataFrame,
     calibrated: pd.DataFrame,
@@ -267,7 +267,7 @@ def fit_figure(
     Parameters
     ----------
     curve : Lognormal
-    resampled : pair
+    resampled : Resampled or None
         From `results.fits.bootstrap`.
     observed, ranking, calibrated : DataFrame
         From `results.fits`: observed_shares, compare_measures, calibration.
@@ -473,17 +473,15 @@ def _rates_shown(bound: pd.DataFrame, drawn: Sequence[NDArray[np.float64]]) -> t
 def _draw_curve(
     axes: Axes,
     curve: Lognormal,
-    resampled: tuple[NDArray[np.float64], int] | None,
+    resampled: Resampled | None,
     observed: pd.DataFrame,
 ) -> None:
     intensity = np.geomspace(
         min(observed["value"].min(), curve.intensity(0.01)), observed["value"].max() * 1.1, 200
     )
-    if resampled is not None and len(resampled[0]):
-        drawn = norm.cdf(resampled[0][:, :1] + resampled[0][:, 1:] * np.log(intensity))
-        axes.fill_between(
-            intensity, *np.quantile(drawn, [0.025, 0.975], axis=0), color=COLOURS(0.35), alpha=0.3, lw=0
-        )
+    if resampled is not None and len(resampled.coefficients):
+        drawn = norm.cdf(resampled.coefficients[:, :1] + resampled.coefficients[:, 1:] * np.log(intensity))
+        axes.fill_between(intensity, *resampled.interval(drawn), color=COLOURS(0.35), alpha=0.3, lw=0)
     axes.plot(intensity, curve.probability(intensity), color=COLOURS(0.35), lw=1.2)
     spread = np.abs(observed[["wilson_low", "wilson_high"]].to_numpy().T - observed["probability"].to_numpy())
     axes.errorbar(observed["value"], observed["probability"], yerr=spread, fmt=".", ms=3, lw=0.6, color="0.2")

@@ -16,7 +16,7 @@ import pandas as pd
 import statsmodels.api as sm
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import linprog
-from scipy.stats import norm
+from scipy.stats import norm, t
 from sklearn.metrics import brier_score_loss, log_loss, roc_auc_score
 from sklearn.model_selection import GroupKFold
 from statsmodels.tools.sm_exceptions import ConvergenceWarning, DomainWarning, PerfectSeparationWarning
@@ -33,6 +33,16 @@ MEASURES = (
 SURFACES = (("pga_m_s2", "pgv_m_s"), ("pga_m_s2", "pgv_pga_s"))
 """On logarithms the two are one model in other coordinates; both are given, as both are plotted."""
 
+LEAST_RECORDS = 5
+"""Fewer cannot be drawn anew: their resamples are too often the same few."""
+
+NEAR_TIE = 1e-6
+"""Jobs of one level differ in the last digits, as each is scaled and turned: so much nearer, values are one."""
+
+SUSPECT_SLOPE = 1.5
+"""Times the fit's own, from which a resample's slope may be that of separated answers, where the search just ends:
+its likelihood rises for ever."""
+
 LINKS = {"probit": sm.families.links.Probit, "logit": sm.families.links.Logit}
 
 
@@ -46,6 +56,8 @@ class Basis:
         Of the rock.
     jobs, toppled, records : int
         Jobs with an answer.
+    without_answer : int
+        Jobs that ended without one, and are left out. What rocked too long to be decided is no random sample.
     strongest_shaken : float
         Largest value of the measure that a job was shaken with: beyond it the curve is an extrapolation.
     """
@@ -54,6 +66,7 @@ class Basis:
     jobs: int
     toppled: int
     records: int
+    without_answer: int
     strongest_shaken: float
 
 
@@ -123,13 +136,47 @@ class Fit:
         """The lognormal fragility that this is, if it is one: one measure, probit, rising with intensity."""
         if self.problem or self.link != "probit" or len(self.measures) != 1:
             return None
-        intercept, slope = self.coefficients
-        return Lognormal(self.measures[0], math.exp(-intercept / slope), 1.0 / slope)
+        return _lognormal(self.measures[0], *self.coefficients)
 
     def probability(self, frame: pd.DataFrame) -> NDArray[np.float64]:
         """Toppling probability of each row's measures."""
         link = LINKS[self.link]()
         return link.inverse(_design(frame, self.measures) @ np.array(self.coefficients))
+
+
+@dataclass(frozen=True, eq=False)
+class Resampled:
+    """The same model fitted to records drawn anew.
+
+    Parameters
+    ----------
+    coefficients : (k, 1 + number of measures) array
+        Of the samples that have a fit.
+    without_fit : int
+        Number of those that have none: in them the answers are separated.
+    records : int
+        Number that are drawn.
+    """
+
+    coefficients: NDArray[np.float64]
+    without_fit: int
+    records: int
+
+    def interval(self, values: NDArray[np.float64], level: float = 0.95) -> NDArray[np.float64]:
+        """Ends of the interval of something that each sample has a value of, (2, ...); null without samples.
+
+        Percentiles of a bootstrap are narrow by sqrt((n - 1) / n) and know no Student's t; with few records the level
+        is raised by as much (Hesterberg 2015, expanded percentiles).
+        """
+        if not len(values):
+            return np.full((2, *np.shape(values)[1:]), math.nan)
+        n = self.records
+        tail = norm.cdf(-math.sqrt(n / (n - 1)) * t.ppf((1 + level) / 2, n - 1))
+        return np.quantile(values, [tail, 1 - tail], axis=0)
+
+    def lognormals(self, measure: str) -> list[Lognormal]:
+        """Each sample's lognormal fragility over the one measure that was fitted."""
+        return [_lognormal(measure, *one) for one in self.coefficients]
 
 
 def fit(frame: pd.DataFrame, measures: Sequence[str], link: str = "probit") -> Fit:
@@ -171,53 +218,56 @@ def fit(frame: pd.DataFrame, measures: Sequence[str], link: str = "probit") -> F
     return Fit(**told, coefficients=tuple(float(value) for value in coefficients))
 
 
-def bootstrap(
-    frame: pd.DataFrame, fitted: Fit, samples: int = 200, seed: int = 0
-) -> tuple[NDArray[np.float64], int]:
-    """Coefficients of the same model fitted to resampled records.
-
-    Returns
-    -------
-    coefficients : (k, 1 + number of measures) array
-        Of the samples that have a fit.
-    failed : int
-        Number of those that have none: in them the answers are separated.
-    """
+def bootstrap(frame: pd.DataFrame, fitted: Fit, samples: int = 200, seed: int = 0) -> Resampled:
+    """Fit the same model to resampled records; to none where they are fewer than `LEAST_RECORDS`."""
     random = np.random.default_rng(seed)
     groups = _grouped(frame, fitted.measures)
     design = _design(groups, fitted.measures)
     codes, records = pd.factorize(groups["record_id"])
+    steep = SUSPECT_SLOPE * np.abs(fitted.coefficients[1:]).max()
     found = []
-    for _ in range(samples):
+    for _ in range(samples if len(records) >= LEAST_RECORDS else 0):
         drawn = np.bincount(random.integers(0, len(records), len(records)), minlength=len(records))
         again = _regress(design, groups, fitted.link, drawn[codes], start=fitted.coefficients)
-        if again is not None and (len(fitted.measures) > 1 or again[1] > 0):
-            found.append(again)
-    return np.array(found).reshape(-1, 1 + len(fitted.measures)), samples - len(found)
+        if again is None or (len(fitted.measures) == 1 and again[1] <= 0):
+            continue
+        if np.abs(again[1:]).max() > steep and _groups_separable(design, groups, drawn[codes] > 0):
+            continue
+        found.append(again)
+    return Resampled(
+        np.array(found).reshape(-1, 1 + len(fitted.measures)), samples - len(found), len(records)
+    )
 
 
-def lognormal_interval(coefficients: NDArray[np.float64], level: float = 0.95) -> dict[str, float]:
-    """Percentile intervals of median and beta over bootstrap samples of a lognormal fit."""
-    if not len(coefficients):
-        return dict.fromkeys(("median_low", "median_high", "beta_low", "beta_high"), math.nan)
-    tails = [(1 - level) / 2, (1 + level) / 2]
-    median = np.quantile(np.exp(-coefficients[:, 0] / coefficients[:, 1]), tails)
-    beta = np.quantile(1.0 / coefficients[:, 1], tails)
+def lognormal_interval(resampled: Resampled, level: float = 0.95) -> dict[str, float]:
+    """Intervals of median and beta over bootstrap samples of a lognormal fit."""
+    intercept, slope = resampled.coefficients.T
+    median = resampled.interval(np.exp(-intercept / slope), level)
+    beta = resampled.interval(1.0 / slope, level)
     return {"median_low": median[0], "median_high": median[1], "beta_low": beta[0], "beta_high": beta[1]}
 
 
 def out_of_fold(
     frame: pd.DataFrame, measures: Sequence[str], link: str = "probit", folds: int = 5
 ) -> pd.Series:
-    """Predict each job from a fit to other records; null where that fit does not exist."""
+    """Predict each job from a fit to other records; null where that fit does not exist.
+
+    Where a threshold of the one measure divides the answers of those others, it predicts: the middle between the
+    strongest that stood and the weakest that toppled, with the doubt that half a job of the other answer leaves.
+    """
     predicted = pd.Series(np.nan, index=frame.index)
     folds = min(folds, frame["record_id"].nunique())
     if folds < 2:
         return predicted
     for train, test in GroupKFold(folds).split(frame, groups=frame["record_id"]):
         fitted = fit(frame.iloc[train], measures, link)
+        standing, toppled = fitted.bounds
         if not fitted.problem:
             predicted.iloc[test] = fitted.probability(frame.iloc[test])
+        elif 0 < standing * (1 + NEAR_TIE) < toppled < math.inf:
+            doubt = 0.5 / fitted.jobs
+            above = frame.iloc[test][measures[0]] > math.sqrt(standing * toppled)
+            predicted.iloc[test] = np.where(above, 1 - doubt, doubt)
     return predicted
 
 
@@ -299,9 +349,7 @@ def observed_shares(frame: pd.DataFrame, measure: str, bins: int = 12) -> pd.Dat
     return table.assign(value=np.exp(table["value"]))
 
 
-def summary(
-    models: Sequence[Fit], resampled: Sequence[tuple[NDArray[np.float64], int] | None]
-) -> pd.DataFrame:
+def summary(models: Sequence[Fit], resampled: Sequence[Resampled | None]) -> pd.DataFrame:
     """Fits as a table: one row a model, with percentile intervals (95 %) over the samples of `bootstrap`."""
     lines = []
     for told, samples in zip(models, resampled, strict=True):
@@ -313,33 +361,42 @@ def summary(
         if curve := told.lognormal:
             line |= {"median": curve.median, "beta": curve.beta}
         if samples is not None:
-            found, failed = samples
-            line |= {"samples": len(found), "samples_without_fit": failed}
+            found = samples.coefficients
+            line |= {"samples": len(found), "samples_without_fit": samples.without_fit}
             if told.lognormal:
-                line |= lognormal_interval(found)
+                line |= lognormal_interval(samples)
             for number, value in enumerate(told.coefficients):
+                low, high = samples.interval(found[:, number])
                 line[f"coefficient_{number}"] = value
-                if len(found):
-                    low, high = np.quantile(found[:, number], [0.025, 0.975])
-                    line |= {f"coefficient_{number}_low": low, f"coefficient_{number}_high": high}
+                line |= {f"coefficient_{number}_low": low, f"coefficient_{number}_high": high}
         lines.append(line)
     return pd.DataFrame(lines)
 
 
 def answered(frame: pd.DataFrame) -> pd.DataFrame:
-    """Rows with an answer; `toppled` is a plain boolean."""
-    return frame[frame["toppled"].notna()].astype({"toppled": bool}).reset_index(drop=True)
+    """Rows with an answer, of records whose weight is not 0; `toppled` is a plain boolean."""
+    counts = frame["toppled"].notna()
+    if "record_weight" in frame:
+        counts &= frame["record_weight"] > 0
+    return frame[counts].astype({"toppled": bool}).reset_index(drop=True)
 
 
 def basis_of(frame: pd.DataFrame, measure: str) -> Basis:
-    """What a fit of one measure to jobs with an answer (`answered`), all of one rock, rests on."""
+    """What a fit of one measure to the answers among some jobs, all of one rock, rests on."""
+    known = answered(frame)
     return Basis(
         scene_id=str(frame["scene_id"].iloc[0]),
-        jobs=len(frame),
-        toppled=int(frame["toppled"].sum()),
-        records=int(frame["record_id"].nunique()),
-        strongest_shaken=float(frame[measure].max()),
+        jobs=len(known),
+        toppled=int(known["toppled"].sum()),
+        records=int(known["record_id"].nunique()),
+        without_answer=int(frame["toppled"].isna().sum()),
+        strongest_shaken=float(known[measure].max()),
     )
+
+
+def _lognormal(measure: str, intercept: float, slope: float) -> Lognormal:
+    """The lognormal that a probit of one measure's logarithm is."""
+    return Lognormal(measure, math.exp(-intercept / slope), 1.0 / slope)
 
 
 def _design(frame: pd.DataFrame, measures: Sequence[str]) -> NDArray[np.float64]:
@@ -419,17 +476,24 @@ def _separable(design: NDArray[np.float64], toppled: NDArray[np.bool_]) -> bool:
     return bool(found.success and -found.fun > 1e-6)
 
 
+def _groups_separable(design: NDArray[np.float64], groups: pd.DataFrame, drawn: NDArray[np.bool_]) -> bool:
+    """The same of some groups of jobs: one of both answers counts as a job of each."""
+    share = groups["share"].to_numpy(float)
+    some, none = drawn & (share > 0), drawn & (share < 1)
+    answers = np.concatenate([np.ones(some.sum(), bool), np.zeros(none.sum(), bool)])
+    return _separable(np.concatenate([design[some], design[none]]), answers)
+
+
 def _separation(frame: pd.DataFrame, measures: tuple[str, ...]) -> str:
     """What separates answers: a threshold, a level that divides its own jobs, or a line between two measures."""
     if len(measures) != 1:
         return "separated: a line divides the answers, but for those on it"
     standing, toppled = _bounds(frame, measures)
-    # Jobs of one level differ in the last digits, as each is scaled and turned.
-    if not math.isclose(standing, toppled, rel_tol=1e-6):
+    if not math.isclose(standing, toppled, rel_tol=NEAR_TIE):
         falls = "probability does not rise with the measure"
         return "separated: a threshold divides the answers" if standing < toppled else falls
     unit = describe(SCHEMA.field(measures[0]))["unit"]
-    if frame[measures[0]].max() > toppled * (1 + 1e-6):
+    if frame[measures[0]].max() > toppled * (1 + NEAR_TIE):
         return f"no job topples below {toppled:.4g} {unit}, some do at it and all above: levels near it are needed"
     return f"no job topples below {toppled:.4g} {unit}, and at it some do: levels above it are needed"
 

@@ -29,7 +29,7 @@ from scipy.stats import norm
 
 from models import InputError
 from results.exchange import OPENQUAKE
-from results.fits import Lognormal
+from results.fits import Lognormal, Resampled
 
 AGE_SAMPLES = 400
 SITE_REACH_KM = 30.0
@@ -98,11 +98,14 @@ class Standing:
     curve : Lognormal
     years : (n,) array
         Equally likely ages; one where it is known.
+    resampled : Resampled or None
+        The same curve of records drawn anew; None for a curve of a file, which does not keep them.
     """
 
     name: str
     curve: Lognormal
     years: NDArray[np.float64]
+    resampled: Resampled | None = None
 
 
 def toppling_rate(curves: Sequence[Lognormal], hazard: HazardCurve) -> float:
@@ -226,7 +229,7 @@ def read_hazard(
     weight : float
     site : (longitude, latitude) or None
         A place in degrees: the nearest site of an OpenQuake file is taken, if it lies within `SITE_REACH_KM`. Needed
-        where the file has several.
+        where the file has several; two columns state no place, and it says nothing of them.
     ratio : float
         Peak of the horizontal vector over the horizontal component that the hazard is stated for.
 

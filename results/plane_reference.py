@@ -137,9 +137,13 @@ def topples(
 
 
 def simulate(
-    scene: Scene, ensemble: Ensemble, levels_m_s2: Iterable[float], azimuths_deg: Iterable[float]
+    scene: Scene,
+    ensemble: Ensemble,
+    record_ids: Iterable[str],
+    levels_m_s2: Iterable[float],
+    azimuths_deg: Iterable[float],
 ) -> pd.DataFrame:
-    """Rock the arms_m along some azimuths under every record at every level.
+    """Rock the arms_m along some azimuths under each of some records at every level.
 
     Returns
     -------
@@ -155,9 +159,7 @@ def simulate(
             "the rock does not stand on two points of its section along %s degrees: no reference", without
         )
     levels = np.asarray(list(levels_m_s2), float)
-    motions = sorted(
-        (_along_peak(ensemble, name) for name in ensemble.record_ids), key=lambda told: len(told[2])
-    )
+    motions = sorted((_along_peak(ensemble, name) for name in record_ids), key=lambda told: len(told[2]))
     tables = []
     for first in range(0, len(motions), RECORDS_AT_ONCE) if cuts else ():
         batch = motions[first : first + RECORDS_AT_ONCE]

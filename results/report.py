@@ -198,7 +198,9 @@ def _fits(contact: str, jobs: pd.DataFrame, samples: int) -> str:
     summary = _fit_table(fits.summary(models, resampled), known)
     parts = [
         _heading(contact, 3) if contact else "", _verdict(ranking), _table(ranking), _table(summary),
-        "<p>Intervals (95 %) are of the samples, records drawn anew, that have a fit; samples_without_fit have none. "
+        "<p>Intervals (95 %) are of the samples, records drawn anew, that have a fit; samples_without_fit have none: "
+        f"their answers are separated, or there are fewer than {fits.LEAST_RECORDS} records. "
+        "Below some 20 records the intervals are too narrow. "
         f"What is {_FAR_WORDS} lies above {FAR_SHAKEN:g} times strongest_shaken, where the jobs say nothing.</p>",
     ]  # fmt: skip
     for told, drawn in zip(models, resampled, strict=True):

@@ -79,6 +79,11 @@ class Run:
         """All rows as a pandas frame; `toppled` is a nullable boolean."""
         return as_frame(self.table())
 
+    def planned(self) -> int | None:
+        """Number of jobs that the run was started with; None where it does not say."""
+        path = self.path / "run.json"
+        return int(json.loads(path.read_text(encoding="utf-8"))["jobs"]) if path.exists() else None
+
     def weighted(self, frame: pd.DataFrame) -> pd.DataFrame:
         """Add `record_weight` (1 on average over the records in use) to rows of a run whose ensemble has weights.
 
@@ -247,15 +252,20 @@ def _scene_table(told: dict[str, Any]) -> pa.Table:
             "default_friction_static",
             contact["friction_static"],
             "1",
-            "static friction where a campaign states none",
+            "static friction of the scene; a campaign states its own",
         ),
         (
             "default_friction_kinetic",
             contact["friction_kinetic"],
             "1",
-            "kinetic friction where a campaign states none",
+            "kinetic friction of the scene; a campaign states its own",
         ),
-        ("default_restitution", contact["restitution"], "1", "restitution where a campaign states none"),
+        (
+            "default_restitution",
+            contact["restitution"],
+            "1",
+            "restitution of the scene; a campaign takes what it states, or 0",
+        ),
         (
             "least_quasi_static_m_s2",
             min(finite, default=None),

@@ -31,6 +31,10 @@ COLUMNS = {
 """What is read, and the names that a table may give it; other columns are left alone."""
 
 
+UNCORRECTED = ("uncorrected", "raw")
+"""How the column `processing` may begin, beside 'corrected'."""
+
+
 @dataclass(frozen=True)
 class Entry:
     """One row: files of the components and what they do not say; None or empty where the table is silent too.
@@ -157,6 +161,13 @@ def _entry(row: dict[str, str | None], table: Path, line: int) -> Entry:
             remedy="name the unit of the samples",
         )
     processing = text["processing"].lower()
+    if processing and not processing.startswith(("corrected", *UNCORRECTED)):
+        raise InputError(
+            f"processing {text['processing']!r}",
+            where=where,
+            expected=f"corrected, {', '.join(UNCORRECTED)}, or nothing where it is not known",
+            remedy="say whether baseline and filter were done by the agency: what is uncorrected is corrected here",
+        )
     return Entry(
         where=where,
         record_id=text["record_id"],

@@ -99,7 +99,7 @@ def check(
     """  # noqa: D301  (\b keeps click from rewrapping the example)
     loaded = Scene.load(scene)
     if friction is not None:
-        loaded = loaded.with_contact(ContactProperties.of(friction))
+        loaded = loaded.with_contact(ContactProperties.of(friction, loaded.contact.restitution))
     records = list(_records(seismograms, metadata, missing_vertical))
     factors = neighbouring_factors(largest, neighbours)
     verdicts = []

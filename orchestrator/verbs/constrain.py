@@ -6,13 +6,14 @@ from pathlib import Path
 
 import click
 import numpy as np
+from rich.console import Console
 
 from models import InputError
 from results import figures
 from results.atlas import save_table
 from results.constraint import bound_table, branch_table, single_event
 from results.exchange import read_curves
-from results.fits import MEASURES, Lognormal, answered, basis_of, fit
+from results.fits import MEASURES, Lognormal, Resampled, answered, basis_of, bootstrap, fit
 from results.fragility import by_contact
 from results.hazard import SITE_REACH_KM, HazardCurve, Standing, distance_km, parse_age, read_hazard
 from results.run import open_run
@@ -42,7 +43,9 @@ from results.schema import SCHEMA, describe
     "--ratio", type=click.FloatRange(0, min_open=True), default=1.0, show_default=True,
     help="Peak of the horizontal vector over the horizontal component of the hazard.",
 )  # fmt: skip
-@click.option("--out", type=click.Path(path_type=Path, file_okay=False), help="Folder for tables and figure.")
+@click.option(
+    "--out", type=click.Path(path_type=Path, file_okay=False), help="Folder for statement, tables and figure."
+)
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def constrain(
     rocks: tuple[Path, ...],
@@ -71,15 +74,22 @@ def constrain(
     if hazard and not age:
         msg = "a hazard curve needs the rocks' --age: rates become probabilities over years"
         raise click.UsageError(msg)
+    if not hazard and (site or ratio != 1.0):
+        msg = f"{'--site' if site else '--ratio'} is of hazard curves: give --hazard too"
+        raise click.UsageError(msg)
     branches = [_branch(text, site, ratio) for text in hazard]
+    if site and all(branch.site is None for branch in branches):
+        msg = "--site chooses a place in OpenQuake's files: curves of two columns state none"
+        raise click.UsageError(msg)
     over = _measure(measure, branches)
     ages = [parse_age(text) for text in age] or [np.array([np.nan])]
-    standing = [
-        Standing(name, _curve(path, over), years)
-        for name, path, years in zip(
-            _names(rocks), rocks, ages * len(rocks) if len(ages) == 1 else ages, strict=True
-        )
-    ]
+    with Console(stderr=True).status("fitting, and drawing records anew"):
+        standing = [
+            _standing(name, path, over, years)
+            for name, path, years in zip(
+                _names(rocks), rocks, ages * len(rocks) if len(ages) == 1 else ages, strict=True
+            )
+        ]
     _refuse_twins(rocks, standing)
     told = single_event(standing, confidence)
     if age:
@@ -91,10 +101,12 @@ def constrain(
         told["branches"] = [
             row | _place(branch.site, site) for row, branch in zip(rows, branches, strict=True)
         ]
+        told["hazard_ratio"] = ratio
     if bound is not None:
         told["rejected"] = bound.to_dict("records")
     if out:
         out.mkdir(parents=True, exist_ok=True)
+        (out / "constraint.json").write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
         for name, kept in (("rejected", bound), ("branches", table)):
             if kept is not None:
                 save_table(kept, out / f"{name}.csv")
@@ -165,8 +177,14 @@ def _measure(asked: str | None, branches: list[HazardCurve]) -> str:
     return stated[0] if stated else asked or "pgv_m_s"
 
 
-def _curve(path: Path, measure: str) -> Lognormal:
-    curve = _fit(path, measure) if path.is_dir() else read_curves(path).get(measure)
+def _standing(name: str, path: Path, measure: str, years: np.ndarray) -> Standing:
+    curve, resampled = _curve(path, measure)
+    return Standing(name, curve, years, resampled)
+
+
+def _curve(path: Path, measure: str) -> tuple[Lognormal, Resampled | None]:
+    """Fragility of a run or a file, and of a run's records drawn anew."""
+    curve, resampled = _fit(path, measure) if path.is_dir() else (read_curves(path).get(measure), None)
     if curve is None:
         raise InputError(
             what=f"has no fragility over {measure}",
@@ -174,13 +192,17 @@ def _curve(path: Path, measure: str) -> Lognormal:
             expected="a lognormal fragility over the measure of the hazard",
             remedy="'toppling fragility RUN --fit' says over which measures there is one",
         )
-    return curve
+    return curve, resampled
 
 
-def _fit(path: Path, measure: str) -> Lognormal | None:
+def _fit(path: Path, measure: str) -> tuple[Lognormal | None, Resampled | None]:
     run = open_run(path)
-    jobs = answered(run.weighted(run.frame()))
-    contacts = by_contact(jobs)
+    jobs = run.weighted(run.frame())
+    planned = run.planned()
+    if planned and len(jobs) < planned:
+        left = f"{planned - len(jobs):,} of {planned:,} jobs have not run, and the others are no random sample of them"
+        click.echo(f"{path}: {left}: finish the run with 'toppling run' before you rest on it", err=True)
+    contacts = by_contact(answered(jobs))
     if len(contacts) > 1:
         raise InputError(
             what=f"has {len(contacts)} contacts: {', '.join(contacts)}",
@@ -189,8 +211,11 @@ def _fit(path: Path, measure: str) -> Lognormal | None:
             remedy="fit each with 'toppling fragility RUN --fit', and give the curves.json of one",
         )
     known = jobs[jobs[measure] > 0] if measure in jobs else jobs[:0]
-    curve = fit(known, [measure]).lognormal if len(known) else None
-    return replace(curve, basis=basis_of(known, measure)) if curve else None
+    fitted = fit(answered(known), [measure]) if len(known) else None
+    curve = fitted.lognormal if fitted else None
+    if fitted is None or curve is None:
+        return None, None
+    return replace(curve, basis=basis_of(known, measure)), bootstrap(answered(known), fitted)
 
 
 def _words(told: dict) -> str:
@@ -203,7 +228,21 @@ def _words(told: dict) -> str:
         f"No single event exceeded {told['measure']} = {told['unexceeded']:.3g} {unit} while they stood, "
         f"at {100 * told['confidence']:g} % confidence."
     )
+    if told["unexceeded_low"] is None:
+        lines.append(
+            "  how far other records would move it is not known of a file of curves, or of few records"
+        )
+    else:
+        lines.append(
+            f"  {told['unexceeded_low']:.3g} to {told['unexceeded_high']:.3g} {unit} with other records like these "
+            "(95 %): the jobs are of few earthquakes"
+        )
     for rock in told["rocks"]:
+        if rock.get("without_answer"):
+            lines.append(
+                f"  {rock['without_answer']:,} jobs of {rock['name']} have no answer and count nowhere, beside "
+                f"{rock['jobs']:,} that have one: those near a threshold rock longest"
+            )
         if "strongest_shaken" not in rock:
             lines.append(
                 f"  on what jobs the curve of {rock['name']} rests is not known, nor whether this is an extrapolation"
@@ -218,6 +257,11 @@ def _words(told: dict) -> str:
         lines.append(
             "The rocks' ages are drawn independently of each other, as of rocks that were dated each by itself."
         )
+    if told.get("hazard_ratio") == 1.0:
+        lines.append(
+            "The hazard is taken as stated for the peak of the horizontal vector (SA: the largest of all azimuths); "
+            "give --ratio where it is of another component."
+        )
     for branch in told.get("branches", ()):
         verdict = "rejected" if branch["rejected"] else "kept"
         lines.append(
@@ -229,6 +273,7 @@ def _words(told: dict) -> str:
                 else f"weight {branch['prior_weight']:.3g} becomes {branch['posterior_weight']:.3g}"
             )
         )
+        lines += _over_records(branch, 1.0 - told["confidence"])
         if "site_longitude_deg" in branch:
             away = branch.get("site_distance_km")
             lines.append(
@@ -247,6 +292,15 @@ def _words(told: dict) -> str:
         for row in rejected[9::10]
     ]
     return "\n".join(lines)
+
+
+def _over_records(branch: dict, least: float) -> list[str]:
+    """Say between what a branch's survival lies with other records, and whether the verdict hangs on them."""
+    low, high = branch["survival_low"], branch["survival_high"]
+    if low is None:
+        return []
+    hangs = "; the verdict hangs on them" if low < least <= high else ""
+    return [f"  survival {low:.3g} to {high:.3g} with other records like these (95 %){hangs}"]
 
 
 def _outside(branch: dict, least: float) -> list[str]:

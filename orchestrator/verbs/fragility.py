@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 import pandas as pd
+from click.core import ParameterSource
 from rich.console import Console
 from rich.progress import track
 
@@ -14,6 +15,7 @@ from models.motions.ensemble import Ensemble
 from orchestrator.folder import place_in
 from results.atlas import write_directions, write_fits, write_friction, write_maps
 from results.directions import SECTOR_DEG
+from results.fits import answered
 from results.fragility import DURATION, LEVEL, PGV, PLANES, PULSE, Axis, by_contact
 from results.friction import by_surroundings
 from results.plane_reference import reference_lines, simulate
@@ -88,6 +90,9 @@ def fragility(
     """  # noqa: D301
     opened = open_run(run)
     jobs = as_frame(opened.sql(f"select * from results {f'where {where}' if where else ''}"))
+    if not fit and click.get_current_context().get_parameter_source("samples") != ParameterSource.DEFAULT:
+        msg = "--samples are of the fits: give --fit too"
+        raise click.UsageError(msg)
     if not unweighted:
         jobs = opened.weighted(jobs)
     if not jobs["toppled"].notna().any():
@@ -128,8 +133,10 @@ def fragility(
 
 def _plane_reference(run: Run, jobs: pd.DataFrame, directions: int) -> pd.DataFrame:
     scene, ensemble = Scene.load(run.path / "scene"), Ensemble.load(run.path / "ensemble")
-    levels = sorted(jobs["level_pga_m_s2"].unique())
+    records, levels = (sorted(jobs[name].unique()) for name in ("record_id", "level_pga_m_s2"))
     azimuths = [number * 360.0 / directions for number in range(directions)]
     with Console(stderr=True).status(f"plane reference: {len(azimuths)} sections, {len(levels)} levels"):
-        simulated = simulate(scene, ensemble, levels, azimuths)
-    return reference_lines(simulated)
+        simulated = simulate(scene, ensemble, records, levels, azimuths)
+    # Each record counts in the lines as in the cells that they are drawn over.
+    weights = jobs[["record_id", "record_weight"]].drop_duplicates() if "record_weight" in jobs else None
+    return reference_lines(simulated if weights is None else answered(simulated.merge(weights)))

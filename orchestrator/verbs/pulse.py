@@ -64,7 +64,7 @@ def pulse(
     """  # noqa: D301  (\b keeps click from rewrapping the example)
     loaded = Scene.load(scene)
     if friction is not None:
-        loaded = loaded.with_contact(ContactProperties.of(friction))
+        loaded = loaded.with_contact(ContactProperties.of(friction, loaded.contact.restitution))
     motion = pulse_motion(shape, pgv_m_s, period_s, azimuth)
     with Console(stderr=True).status("shaking"):
         way, result = way_of(loaded, motion, preset)

@@ -158,15 +158,19 @@ def _cluster(
     if len(ways) > 1:
         msg = f"{' and '.join(ways)} exclude each other"
         raise click.UsageError(msg)
+    joins = bool(scheduler or scheduler_file or (not ways and os.environ.get("DASK_SCHEDULER_ADDRESS")))
     tls = None
     if tls_ca or tls_cert or tls_key:
+        if not joins:
+            msg = "--tls-ca, --tls-cert and --tls-key are for a running scheduler: give --scheduler or --scheduler-file"
+            raise click.UsageError(msg)
         if tls_ca is None or tls_cert is None or tls_key is None:
             msg = "--tls-ca, --tls-cert and --tls-key belong together"
             raise click.UsageError(msg)
         tls = tls_security(tls_ca, tls_cert, tls_key)
     if queue_kind:
         return queue(queue_kind, queue_jobs)
-    if scheduler or scheduler_file or (not workers and os.environ.get("DASK_SCHEDULER_ADDRESS")):
+    if joins:
         return existing(scheduler, scheduler_file, tls)
     return local(workers or os.cpu_count() or 1)
 

@@ -487,6 +487,12 @@ def test_the_tables_word_on_processing_decides_whatever_drifts(says, quality, tm
     assert record.quality == quality
 
 
+def test_a_word_on_processing_that_is_not_known_is_refused(tmp_path):
+    table = unstated(tmp_path, long_shaking(), "unit,processing", "m/s2,Vol.2")
+    with pytest.raises(InputError, match=r"processing 'Vol\.2'"):
+        imported(table)
+
+
 def test_counts_scaled_to_peaks_are_uncorrected_and_their_zero_is_taken_off(tmp_path):
     a = long_shaking()
     peaks, pgv = np.abs(a).max(axis=0), Record.of("a", Motion(a, STEP_S)).intensity["pgv_m_s"]

@@ -51,6 +51,58 @@ def test_a_bound_beyond_what_the_run_shook_is_called_an_extrapolation(tmp_path):
     assert "extrapolation" in far.output
 
 
+def test_a_run_tells_how_far_other_records_would_move_its_bound_and_a_file_that_it_does_not(tmp_path, curves):
+    write_part(tmp_path, rows(records=30, azimuths=(0.0,)))
+    told = json.loads(constrain(str(tmp_path), "--json").output)
+    assert told["unexceeded_low"] < told["unexceeded"] < told["unexceeded_high"]
+    words = constrain(str(tmp_path)).output
+    assert (
+        f"{told['unexceeded_low']:.3g} to {told['unexceeded_high']:.3g} m/s with other records like these"
+        in words
+    )
+    assert json.loads(constrain(curves, "--json").output)["unexceeded_low"] is None
+    assert "not known of a file of curves" in constrain(curves).output
+
+
+def test_the_survival_under_a_branch_has_an_interval_too(tmp_path, hazards):
+    write_part(tmp_path, rows(records=30, azimuths=(0.0,)))
+    asked = [str(tmp_path), "--age", "10000", "--hazard", hazards[0]]
+    branch = json.loads(constrain(*asked, "--json").output)["branches"][0]
+    assert branch["survival_low"] < branch["survival"] < branch["survival_high"]
+    assert (
+        f"survival {branch['survival_low']:.3g} to {branch['survival_high']:.3g} with"
+        in constrain(*asked).output
+    )
+
+
+def test_jobs_that_have_not_run_or_have_no_answer_are_told(tmp_path):
+    jobs = rows(records=30, azimuths=(0.0,))
+    for job in jobs[::19]:
+        job |= {"toppled": None, "outcome": None, "status": "undecided"}
+    write_part(tmp_path, jobs)
+    assert "30 jobs of" in constrain(str(tmp_path)).output
+    assert json.loads(constrain(str(tmp_path), "--json").output)["rocks"][0]["without_answer"] == 30
+    (tmp_path / "run.json").write_text(json.dumps({"jobs": len(jobs) + 7}))
+    assert "7 of 577 jobs have not run" in constrain(str(tmp_path)).stderr
+
+
+@pytest.mark.parametrize("option", [["--site", "10", "95"], ["--ratio", "1.2"]])
+def test_what_only_a_hazard_curve_uses_is_refused_without_one(curves, option):
+    assert constrain(curves, *option).exit_code == 2
+
+
+def test_a_site_is_refused_where_no_curve_states_places(curves, hazards):
+    done = constrain(curves, "--age", "200", "--hazard", hazards[0], "--site", "10", "45")
+    assert done.exit_code == 2
+    assert "state none" in done.output
+
+
+def test_the_horizontal_component_of_the_hazard_is_asked_for(curves, hazards):
+    asked = [curves, "--age", "200", "--hazard", hazards[0]]
+    assert "peak of the horizontal vector" in constrain(*asked).output
+    assert "peak of the horizontal vector" not in constrain(*asked, "--ratio", "1.2").output
+
+
 @pytest.mark.parametrize("suffix", [".csv", ".json"])
 def test_a_file_of_curves_warns_of_an_extrapolation_as_its_run_does(tmp_path, suffix):
     (tmp_path / "run").mkdir()
@@ -59,7 +111,8 @@ def test_a_file_of_curves_warns_of_an_extrapolation_as_its_run_does(tmp_path, su
     file = (tmp_path / "fits" / f"curves{suffix}").rename(tmp_path / f"run{suffix}")
     for confidence in ("0.5", "0.99999999"):
         asked = ["--confidence", confidence]
-        assert constrain(str(file), *asked).output == constrain(str(tmp_path / "run"), *asked).output
+        of_file, of_run = (constrain(str(rock), *asked).output for rock in (file, tmp_path / "run"))
+        assert of_file.splitlines()[3:] == of_run.splitlines()[3:]
     assert "an extrapolation beyond the strongest shaking of run" in constrain(str(file), *asked).output
 
 
@@ -83,8 +136,9 @@ def test_branches_are_kept_or_rejected_and_weighted_anew(tmp_path, curves, hazar
     assert (low["prior_weight"], high["prior_weight"]) == (0.25, 0.75)
     assert low["posterior_weight"] == pytest.approx(1.0)
     assert {path.name for path in folder.iterdir()} == {
-        "branches.csv", "rejected.csv", "constraint.png", "constraint.svg",
+        "branches.csv", "rejected.csv", "constraint.png", "constraint.svg", "constraint.json",
     }  # fmt: skip
+    assert json.loads((folder / "constraint.json").read_text()) == json.loads(done.output)
     assert pd.read_csv(folder / "rejected.csv")["rejected_annual_rate"].is_monotonic_decreasing
 
 
@@ -131,7 +185,7 @@ def test_uncertain_ages_of_several_rocks_are_said_to_be_independent(curves, tmp_
 
 def test_a_rock_that_is_given_twice_is_refused(tmp_path, curves):
     def rock(name, scene_id):
-        basis = Basis(scene_id, 570, 212, 30, 2.75)
+        basis = Basis(scene_id, 570, 212, 30, 0, 2.75)
         return str(write_curves(tmp_path / name, [Lognormal("pgv_m_s", 1.5, 0.3, basis)]))
 
     first, again, other = rock("a.json", "5c3a"), rock("b.csv", "5c3a"), rock("c.json", "77e0")

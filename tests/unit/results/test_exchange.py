@@ -21,6 +21,15 @@ CURVES = st.builds(
     Lognormal, st.sampled_from(sorted(OPENQUAKE)), median=st.floats(1e-3, 1e3), beta=st.floats(0.01, 2.0)
 )
 
+NRML = (
+    '<nrml xmlns="http://openquake.org/xmlns/nrml/0.5"><fragilityModel id="f" assetCategory="a" lossCategory="b">'
+    "{}</fragilityModel></nrml>"
+)
+FUNCTION = (
+    '<fragilityFunction id="r" format="continuous" shape="logncdf"><imls imt="PGV"/>{}</fragilityFunction>'
+)
+PARAMS = '<params ls="toppled" mean="120" stddev="40"/>'
+
 
 @pytest.mark.parametrize("suffix", [".xml", ".csv", ".json"])
 @settings(max_examples=20, deadline=None)
@@ -35,7 +44,7 @@ def test_a_curve_survives_the_round_trip(tmp_path_factory, suffix, curve):
 
 @pytest.mark.parametrize("suffix", [".csv", ".json"])
 def test_what_a_curve_rests_on_goes_with_it_and_a_file_may_lack_it(tmp_path, suffix):
-    known = Lognormal("pgv_m_s", 1.2, 0.4, Basis("5c3a", 570, 212, 30, 2.75))
+    known = Lognormal("pgv_m_s", 1.2, 0.4, Basis("5c3a", 570, 212, 30, 4, 2.75))
     bare = Lognormal("pga_m_s2", 3.0, 0.3)
     path = write_curves(tmp_path / f"curves{suffix}", [known, bare])
     assert read_curves(path) == {"pgv_m_s": known, "pga_m_s2": bare}
@@ -107,6 +116,29 @@ def test_a_file_without_curves_is_refused_by_name(tmp_path, name, text):
         read_curves(tmp_path / name)
     with pytest.raises(InputError, match="does not exist"):
         read_curves(tmp_path / "absent.json")
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("a.csv", "rock,measure,median,beta\nweak,pgv_m_s,0.5,0.3\nstrong,pgv_m_s,3.0,0.3\n"),
+        ("a.xml", NRML.format(FUNCTION.format(PARAMS) * 2)),
+        ("a.xml", NRML.format(FUNCTION.format(PARAMS * 2))),
+    ],
+    ids=["two rocks", "two functions", "two limit states"],
+)
+def test_several_curves_over_one_measure_are_refused_and_none_is_chosen(tmp_path, name, text):
+    (tmp_path / name).write_text(text)
+    with pytest.raises(InputError, match="2 curves over pgv_m_s"):
+        read_curves(tmp_path / name)
+
+
+def test_a_fit_leaves_no_curve_of_a_former_one_beside_it(tmp_path):
+    jobs = pd.DataFrame(rows(records=12, azimuths=(0.0,)), columns=SCHEMA.names)
+    list(write_fits(jobs, tmp_path, "rock", samples=2))
+    assert read_curves(tmp_path / "fits" / "curves.json")
+    list(write_fits(jobs.assign(toppled=False), tmp_path, "rock", samples=2))
+    assert {path.name for path in (tmp_path / "fits").iterdir()} == {"fits.csv", "measures.csv"}
 
 
 def test_fits_over_measures_that_openquake_has_no_name_for_go_to_csv_and_json(tmp_path):

@@ -62,7 +62,7 @@ def test_copies_of_the_jobs_change_neither_fit_nor_interval(jobs):
     once, often = fit(some, ["pgv_m_s"]), fit(copied, ["pgv_m_s"])
     assert often.coefficients == pytest.approx(once.coefficients, rel=1e-9)
     intervals = [
-        lognormal_interval(bootstrap(frame, fit(frame, ["pgv_m_s"]), 30)[0]) for frame in (some, copied)
+        lognormal_interval(bootstrap(frame, fit(frame, ["pgv_m_s"]), 30)) for frame in (some, copied)
     ]
     assert intervals[0] == pytest.approx(intervals[1], rel=1e-6)
 
@@ -73,7 +73,7 @@ def test_the_interval_by_record_covers_the_median_about_as_often_as_it_says():
     inside = 0
     for seed in range(20):
         frame = answered(pd.DataFrame(rows(records=25, levels=(2, 5, 8, 11, 14), azimuths=(0.0,), seed=seed)))
-        found, _ = bootstrap(frame, fit(frame, ["pgv_m_s"]), samples=60, seed=seed)
+        found = bootstrap(frame, fit(frame, ["pgv_m_s"]), samples=60, seed=seed)
         told = lognormal_interval(found, level=0.9)
         inside += told["median_low"] <= THETA_M_S <= told["median_high"]
     assert inside >= 13
@@ -145,6 +145,45 @@ def test_no_job_is_predicted_from_its_own_record(jobs):
     frame["pgv_m_s"] = np.exp(random.normal(size=60))[pd.factorize(frame["record_id"])[0]]
     told = scores(frame["toppled"], out_of_fold(frame, ["pgv_m_s"]).fillna(0.5))
     assert told["log_loss"] > 0.6  # no better than about ln 2
+
+
+def test_a_measure_that_divides_the_answers_by_a_threshold_predicts_best(jobs):
+    sharp = jobs.assign(toppled=jobs["pgv_m_s"] > THETA_M_S)
+    ranked = compare_measures(sharp)
+    assert ranked["measures"][0] == "pgv_m_s"
+    assert fit(sharp, ["pgv_m_s"]).problem.startswith("separated")
+    # Of 3,420 jobs a handful lie between the thresholds of the folds.
+    assert ranked["log_loss"][0] < 0.02
+
+
+def test_records_without_weight_do_not_count_in_a_fit(jobs):
+    half = jobs["record_id"] < "R030"
+    told = fit(answered(jobs.assign(record_weight=np.where(half, 2.0, 0.0))), ["pgv_m_s"])
+    alone = fit(jobs[half], ["pgv_m_s"])
+    assert told.coefficients == pytest.approx(alone.coefficients, rel=1e-9)
+    assert (told.jobs, told.records) == (alone.jobs, alone.records)
+
+
+def test_samples_whose_answers_are_separated_have_no_fit():
+    """Twelve records at four levels, of which one topples early: without it a threshold divides the answers."""
+    first = [4.0] + [6.0] * 6 + [8.0] * 5
+    told = [
+        {"record_id": f"R{number:02d}", "pgv_m_s": level, "toppled": level >= from_level}
+        for number, from_level in enumerate(first)
+        for level in (2.0, 4.0, 6.0, 8.0)
+    ]
+    frame = pd.DataFrame(told)
+    resampled = bootstrap(frame, fit(frame, ["pgv_m_s"]), samples=200)
+    # Without the early one 6 | 8 is a level at which some topple: it is missing in (11/12)^12 = .35 of the samples.
+    assert 40 <= resampled.without_fit <= 100
+    # A sample with a maximum has both answers at two levels: beta cannot be next to nothing.
+    assert lognormal_interval(resampled)["beta_low"] > 0.1
+
+
+def test_too_few_records_have_no_interval(jobs):
+    few = jobs[jobs["record_id"] < "R004"]
+    told = lognormal_interval(bootstrap(few, fit(few, ["pgv_m_s"]), samples=20))
+    assert all(math.isnan(value) for value in told.values())
 
 
 def test_scores_agree_with_their_definitions():

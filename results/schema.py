@@ -60,7 +60,7 @@ _COLUMNS = {
         ("max_tilt_deg", _REAL, _MAY, "deg", "largest angle of the rock to the normal it stood on"),
         ("residual_tilt_deg", _REAL, _MAY, "deg", "the same at the end"),
         ("residual_yaw_deg", _REAL, _MAY, "deg", "turn about the interface's normal, at the end"),
-        ("slip_m", _REAL, _MAY, "m", "way of the first contact's centroid along the interface, at the end"),
+        ("slip_m", _REAL, _MAY, "m", "distance of the first contact's centroid from its start, at the end"),
         ("penetration_m", _REAL, _MAY, "m", "deepest overlap of rock and pedestal on the way"),
         ("ended_by", _TEXT, _MAY, "", "what ended it: fallen, tilted, slid_off, rest, rest_certain, never_moved ..."),
         ("message", _TEXT, _MAY, "", "why, where status is not ok"),

@@ -77,8 +77,8 @@ def scan(
 ) -> None:
     """Turn laser scans into a rock on its pedestal.
 
-    FILES are stations of one survey: LAZ, LAS, PLY, PCD, XYZ, PTS, CSV or E57, in metres, z up. Rock and pedestal are
-    told apart without help; --plane, --point or --outline says where they meet if you know better.
+    FILES are stations of one survey: LAZ, LAS, PLY, PCD, XYZ, PTS, TXT, CSV or E57, in metres, z up. Rock and pedestal
+    are told apart without help; --plane, --point or --outline says where they meet if you know better.
 
     \b
     toppling scan station1.laz station2.laz --out scenes/rock

@@ -139,6 +139,11 @@ def test_a_contact_is_named_by_its_kinetic_friction_where_that_is_another(pairs)
     assert [jobs["friction_kinetic"].iloc[0] for jobs in parts.values()] == [kinetic for _, kinetic in pairs]
 
 
+def test_samples_of_fits_are_refused_where_nothing_is_fitted(tmp_path):
+    write_part(tmp_path, rows(records=3, levels=(2, 4), azimuths=(0.0,)))
+    assert CliRunner().invoke(cli, ["fragility", str(tmp_path), "--samples", "9"]).exit_code == 2
+
+
 def as_frame_of(jobs):
     return pd.DataFrame(jobs).astype({"toppled": "boolean"})
 

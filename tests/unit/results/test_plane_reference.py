@@ -5,7 +5,10 @@ import pandas as pd
 import pytest
 
 from models import Scene
-from results.plane_reference import TIME_STEP_S, reference_lines, section, topples
+from models.motions.ensemble import Ensemble
+from models.motions.idealised import full_sine
+from models.motions.record import Record
+from results.plane_reference import TIME_STEP_S, reference_lines, section, simulate, topples
 from workers.reference.rocking import Ground, PlaneBody, overturns
 
 
@@ -45,6 +48,17 @@ def test_below_the_slenderness_nothing_moves_and_a_long_push_above_topples_to_th
     bodies, inertia = np.repeat(cut.arms_m[None], 2, axis=0), np.full(2, cut.inertia_per_mass_m2)
     pushed = topples(bodies, inertia, unit, np.zeros(2, int), np.array([0.99, 1.01]) * 9.81 / 3, 9.81)
     assert pushed.tolist() == [False, True]
+
+
+def test_a_section_is_shaken_by_the_records_that_are_asked_for_only(tmp_path):
+    records = [
+        Record.of(name, full_sine(1.0, period)) for name, period in (("A", 0.5), ("B", 1.0), ("C", 2.0))
+    ]
+    ensemble = Ensemble.write(tmp_path, records)
+    told = simulate(Scene.block(0.2, 0.2, 0.6), ensemble, ["A", "C"], [2.0, 30.0], [0.0])
+    assert sorted(zip(told["record_id"], told["pga_m_s2"], told["toppled"], strict=True)) == [
+        ("A", 2.0, False), ("A", 30.0, True), ("C", 2.0, False), ("C", 30.0, True),
+    ]  # fmt: skip
 
 
 def test_the_lines_pass_where_the_surface_has_their_probability():

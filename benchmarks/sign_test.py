@@ -23,7 +23,7 @@ from models import Motion, Scene
 from models.motions.ensemble import Ensemble
 from models.motions.processing import end_at_rest, taper
 from models.motions.record import Record
-from orchestrator.front import CONVERGED, FLOOR, Setting, answers, compare, draw_jobs
+from orchestrator.front import CONVERGED, FLOOR, LEAST_TILT_DEG, Setting, answers, compare, draw_jobs
 from workers.presets import PHYSICS_VERSION, PRESETS
 
 PAGE = ROOT / "docs" / "sign_test.md"
@@ -97,13 +97,14 @@ def _page(table: pd.DataFrame, toppled: float, duration_s: float) -> str:
         f"(median {duration_s:.0f} s), {PGA_M_S2[0]:g} to {PGA_M_S2[1]:g} m/s2, any azimuth; {100 * toppled:.0f} % "
         f"topple. Answers are compared with those of `{CONVERGED}`; *disturbed* is itself from a start disturbed by a "
         "millionth of the rock's height. Share of up: of the flips those to toppled, with the interval that holds "
-        "it at 95 %; without a lean it is a half.",
+        f"it at 95 %; without a lean it is a half. Tilt: mean log ratio of the largest tilts where both stand (those "
+        f"below {LEAST_TILT_DEG:g} degrees count as that), ± its standard error: it tells a lean with far fewer jobs.",
         110,
     )
     head = (
         f"# Do the presets lean?\n\n{told}\n\n"
         "| setting | jobs | answers that flip | to toppled | to standing | share of up | sign test p "
-        "| shift of the median |\n|---|---|---|---|---|---|---|---|\n"
+        "| shift of the median | tilt |\n|---|---|---|---|---|---|---|---|---|\n"
     )
     rows = []
     for row in table[table["setting"] != CONVERGED].itertuples():
@@ -112,7 +113,8 @@ def _page(table: pd.DataFrame, toppled: float, duration_s: float) -> str:
         share = f"{up / (up + down):.2f} ({bounds.low:.2f} to {bounds.high:.2f})" if bounds else "-"
         rows.append(
             f"| {row.setting} | {row.jobs} | {100 * row.flips_share:.1f} ± {100 * row.flips_share_std:.1f} % "
-            f"| {up} | {down} | {share} | {row.sign_test_p:.2f} | {100 * row.median_shift:+.2f} % |"
+            f"| {up} | {down} | {share} | {row.sign_test_p:.2f} | {100 * row.median_shift:+.2f} % "
+            f"| {row.tilt_log_ratio:+.3f} ± {row.tilt_log_ratio_std:.3f} |"
         )
     return head + "\n".join(rows) + "\n"
 

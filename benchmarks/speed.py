@@ -13,7 +13,7 @@ import time
 import numpy as np
 import pybullet
 
-from models import ContactProperties, Motion, Scene
+from models import Motion, Scene
 from workers import shake
 from workers.contact import REACH_DEG, contact_of
 from workers.presets import settings_of
@@ -109,7 +109,7 @@ def memory() -> None:
     motion = record(0, 5.0, seconds=3.0)
     kept = {}
     for k in range(1, 2001):
-        shake(scene.with_contact(ContactProperties.of(0.6 + 0.1 * (k % 4))), motion)
+        shake(scene.with_friction(0.6 + 0.1 * (k % 4)), motion)
         if k in (200, 2000):
             kept[k] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     print(f"peak memory: {kept[200]:.0f} MB after 200 jobs, {kept[2000]:.0f} MB after 2,000")

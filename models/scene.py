@@ -192,6 +192,10 @@ class Scene:
         """The same scene with other contact properties."""
         return dataclasses.replace(self, contact=contact)
 
+    def with_friction(self, friction: float) -> "Scene":
+        """The same scene with another friction, static and kinetic; its restitution stays."""
+        return self.with_contact(ContactProperties.of(friction, self.contact.restitution))
+
     @property
     def com_std_m(self) -> NDArray[np.float64] | None:
         """Standard deviation (3,) of the centre of mass, where the scan states it; realisations draw from it."""

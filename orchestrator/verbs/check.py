@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
-from models import ContactProperties, InputError, Motion, Scene
+from models import InputError, Motion, Scene
 from models.motions.ensemble import CATALOG, Ensemble
 from models.motions.record import Record
 from workers import shake
@@ -99,7 +99,7 @@ def check(
     """  # noqa: D301  (\b keeps click from rewrapping the example)
     loaded = Scene.load(scene)
     if friction is not None:
-        loaded = loaded.with_contact(ContactProperties.of(friction, loaded.contact.restitution))
+        loaded = loaded.with_friction(friction)
     records = list(_records(seismograms, metadata, missing_vertical))
     factors = neighbouring_factors(largest, neighbours)
     verdicts = []

@@ -211,11 +211,11 @@ def _fit(path: Path, measure: str) -> tuple[Lognormal | None, Resampled | None]:
             remedy="fit each with 'toppling fragility RUN --fit', and give the curves.json of one",
         )
     known = jobs[jobs[measure] > 0] if measure in jobs else jobs[:0]
-    fitted = fit(answered(known), [measure]) if len(known) else None
-    curve = fitted.lognormal if fitted else None
-    if fitted is None or curve is None:
+    heard = answered(known)
+    fitted = fit(heard, [measure]) if len(heard) else None
+    if fitted is None or (curve := fitted.lognormal) is None:
         return None, None
-    return replace(curve, basis=basis_of(known, measure)), bootstrap(answered(known), fitted)
+    return replace(curve, basis=basis_of(known, measure)), bootstrap(heard, fitted)
 
 
 def _words(told: dict) -> str:

@@ -6,7 +6,7 @@ from pathlib import Path
 import click
 from rich.console import Console
 
-from models import ContactProperties, Motion, Scene
+from models import Motion, Scene
 from models.motions import idealised
 from orchestrator.verbs.replay import way_of, write_out
 from results.friction import friction_words
@@ -64,7 +64,7 @@ def pulse(
     """  # noqa: D301  (\b keeps click from rewrapping the example)
     loaded = Scene.load(scene)
     if friction is not None:
-        loaded = loaded.with_contact(ContactProperties.of(friction, loaded.contact.restitution))
+        loaded = loaded.with_friction(friction)
     motion = pulse_motion(shape, pgv_m_s, period_s, azimuth)
     with Console(stderr=True).status("shaking"):
         way, result = way_of(loaded, motion, preset)

@@ -317,3 +317,8 @@ def turn_z(degrees):
 def turn_y(degrees):
     c, s = np.cos(np.deg2rad(degrees)), np.sin(np.deg2rad(degrees))
     return np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]])
+
+
+def test_another_friction_leaves_the_restitution_as_it_is():
+    scene = Scene.block(0.2, 0.2, 0.6, friction=(0.8, 0.6), restitution=0.3).with_friction(0.7)
+    assert scene.contact == ContactProperties(0.7, 0.7, 0.3)

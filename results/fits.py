@@ -8,7 +8,7 @@ independent. The same holds for cross-validation, whose folds divide the records
 
 import math
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -35,6 +35,9 @@ SURFACES = (("pga_m_s2", "pgv_m_s"), ("pga_m_s2", "pgv_pga_s"))
 
 LEAST_RECORDS = 5
 """Fewer cannot be drawn anew: their resamples are too often the same few."""
+
+SAMPLES = 200
+"""Of resampled records, for intervals of 95 %."""
 
 NEAR_TIE = 1e-6
 """Jobs of one level differ in the last digits, as each is scaled and turned: so much nearer, values are one."""
@@ -218,8 +221,17 @@ def fit(frame: pd.DataFrame, measures: Sequence[str], link: str = "probit") -> F
     return Fit(**told, coefficients=tuple(float(value) for value in coefficients))
 
 
-def bootstrap(frame: pd.DataFrame, fitted: Fit, samples: int = 200, seed: int = 0) -> Resampled:
-    """Fit the same model to resampled records; to none where they are fewer than `LEAST_RECORDS`."""
+def bootstrap(
+    frame: pd.DataFrame,
+    fitted: Fit,
+    samples: int = SAMPLES,
+    seed: int = 0,
+    seen: Callable[[], None] = lambda: None,
+) -> Resampled:
+    """Fit the same model to resampled records; to none where they are fewer than `LEAST_RECORDS`.
+
+    `seen` is called before each sample.
+    """
     random = np.random.default_rng(seed)
     groups = _grouped(frame, fitted.measures)
     design = _design(groups, fitted.measures)
@@ -227,6 +239,7 @@ def bootstrap(frame: pd.DataFrame, fitted: Fit, samples: int = 200, seed: int = 
     steep = SUSPECT_SLOPE * np.abs(fitted.coefficients[1:]).max()
     found = []
     for _ in range(samples if len(records) >= LEAST_RECORDS else 0):
+        seen()
         drawn = np.bincount(random.integers(0, len(records), len(records)), minlength=len(records))
         again = _regress(design, groups, fitted.link, drawn[codes], start=fitted.coefficients)
         if again is None or (len(fitted.measures) == 1 and again[1] <= 0):

@@ -1,19 +1,22 @@
 """`toppling constrain`: what standing rocks say about the ground motion that has not happened."""
 
 import json
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import click
 import numpy as np
 from rich.console import Console
+from rich.progress import Progress
 
 from models import InputError
 from results import figures
 from results.atlas import save_table
 from results.constraint import bound_table, branch_table, single_event
 from results.exchange import read_curves
-from results.fits import MEASURES, Lognormal, Resampled, answered, basis_of, bootstrap, fit
+from results.fits import MEASURES, SAMPLES, Lognormal, Resampled, answered, basis_of, bootstrap, fit
 from results.fragility import by_contact
 from results.hazard import SITE_REACH_KM, HazardCurve, Standing, distance_km, parse_age, read_hazard
 from results.run import open_run
@@ -83,9 +86,10 @@ def constrain(
         raise click.UsageError(msg)
     over = _measure(measure, branches)
     ages = [parse_age(text) for text in age] or [np.array([np.nan])]
-    with Console(stderr=True).status("fitting, and drawing records anew"):
+    with Progress(console=Console(stderr=True), transient=True) as progress:
+        task = progress.add_task("drawing records anew", total=SAMPLES * sum(path.is_dir() for path in rocks))
         standing = [
-            _standing(name, path, over, years)
+            _standing(name, path, over, years, seen=partial(progress.advance, task))
             for name, path, years in zip(
                 _names(rocks), rocks, ages * len(rocks) if len(ages) == 1 else ages, strict=True
             )
@@ -177,14 +181,14 @@ def _measure(asked: str | None, branches: list[HazardCurve]) -> str:
     return stated[0] if stated else asked or "pgv_m_s"
 
 
-def _standing(name: str, path: Path, measure: str, years: np.ndarray) -> Standing:
-    curve, resampled = _curve(path, measure)
+def _standing(name: str, path: Path, measure: str, years: np.ndarray, seen: Callable[[], None]) -> Standing:
+    curve, resampled = _curve(path, measure, seen)
     return Standing(name, curve, years, resampled)
 
 
-def _curve(path: Path, measure: str) -> tuple[Lognormal, Resampled | None]:
+def _curve(path: Path, measure: str, seen: Callable[[], None]) -> tuple[Lognormal, Resampled | None]:
     """Fragility of a run or a file, and of a run's records drawn anew."""
-    curve, resampled = _fit(path, measure) if path.is_dir() else (read_curves(path).get(measure), None)
+    curve, resampled = _fit(path, measure, seen) if path.is_dir() else (read_curves(path).get(measure), None)
     if curve is None:
         raise InputError(
             what=f"has no fragility over {measure}",
@@ -195,7 +199,7 @@ def _curve(path: Path, measure: str) -> tuple[Lognormal, Resampled | None]:
     return curve, resampled
 
 
-def _fit(path: Path, measure: str) -> tuple[Lognormal | None, Resampled | None]:
+def _fit(path: Path, measure: str, seen: Callable[[], None]) -> tuple[Lognormal | None, Resampled | None]:
     run = open_run(path)
     jobs = run.weighted(run.frame())
     planned = run.planned()
@@ -215,7 +219,7 @@ def _fit(path: Path, measure: str) -> tuple[Lognormal | None, Resampled | None]:
     fitted = fit(heard, [measure]) if len(heard) else None
     if fitted is None or (curve := fitted.lognormal) is None:
         return None, None
-    return replace(curve, basis=basis_of(known, measure)), bootstrap(heard, fitted)
+    return replace(curve, basis=basis_of(known, measure)), bootstrap(heard, fitted, seen=seen)
 
 
 def _words(told: dict) -> str:

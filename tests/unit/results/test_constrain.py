@@ -103,7 +103,7 @@ def test_a_file_of_curves_warns_of_an_extrapolation_as_its_run_does(tmp_path):
     ]
     for confidence, far in (("0.5", False), ("0.99999999", True)):
         of_run, *of_files = (
-            constrain(str(rock), "--confidence", confidence).output.splitlines()
+            constrain(str(rock), "--confidence", confidence).stdout.splitlines()
             for rock in (tmp_path / "run", *files)
         )
         # But for the line on other records, of which a file does not keep what it takes.

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from models.errors import InputError
 
-PHYSICS_VERSION = "11"
+PHYSICS_VERSION = "12"
 """Part of every job's id: raised whenever the same job may give another answer."""
 
 
@@ -48,6 +48,8 @@ class Settings:
         a rock on few feet turn by up to 3e-4 of it.
     longest_step_s : float
         Upper bound of the time step, so that a large rock still follows the record.
+    parts_when_low : int
+        A power of two, by which steps and slowest resolved landings are divided from rest until the rock has lifted.
     """
 
     step_share: float
@@ -55,6 +57,7 @@ class Settings:
     solver: Solver
     rest_speed: float
     longest_step_s: float = 0.016
+    parts_when_low: int = 1
 
     def time_step_s(self, half_diagonal_m: float, gravity_m_s2: float) -> float:
         """Time step for a rock of this size, s."""
@@ -62,9 +65,13 @@ class Settings:
 
 
 PRESETS = {
-    "fast": Settings(1 / 96, resolved_landing=1e-3, solver=Solver(100, 1e-4), rest_speed=1e-3),
-    "standard": Settings(1 / 128, resolved_landing=2e-4, solver=Solver(300, 1e-5), rest_speed=5e-4),
-    "reference": Settings(1 / 512, resolved_landing=5e-4, solver=Solver(1000, 1e-6), rest_speed=2e-4),
+    "fast": Settings(
+        1 / 96, resolved_landing=1e-3, solver=Solver(100, 1e-4), rest_speed=1e-3, parts_when_low=4
+    ),
+    "standard": Settings(
+        1 / 128, resolved_landing=2e-4, solver=Solver(300, 1e-5), rest_speed=5e-4, parts_when_low=4
+    ),
+    "reference": Settings(1 / 512, resolved_landing=5e-5, solver=Solver(1000, 1e-6), rest_speed=2e-4),
 }
 
 

@@ -175,7 +175,7 @@ def shake(
     trajectory : bool
         Keep the rock's way.
     time_step : float, optional
-        Seconds; replaces the preset's.
+        Seconds; replaces the preset's. Divided as the preset's is while the rock has hardly lifted.
     shortcuts : bool
         Skip the time in which nothing can move, and end as soon as the answer is certain.
     initial : State or mapping of its fields, optional
@@ -241,6 +241,7 @@ class _Run:
             self.gravity,
             lambda times: motion.velocity_at(times) @ turn,
             step_s,
+            settings.parts_when_low,
             settings.resolved_landing * speed_m_s,
             settings.solver,
             pose,

@@ -96,6 +96,14 @@ class Way:
         )
         return math.degrees(math.acos(min(max(cosine, -1.0), 1.0)))
 
+    def tilt_deg(self, since: int, index: int) -> float:
+        """Angle between the interface's normal and where the rock has carried it from pose `since` to pose `index`.
+
+        Of a rock that has turned about the normal too it is more, by a twenty-fourth of that turn's square.
+        """
+        x, y, _ = turn_vector(self.poses[since][1], self.poses[index][1])
+        return math.degrees(math.hypot(x, y))
+
     def lift(self, way_m: float) -> None:
         """Take the latest pose as higher by `way_m`; its step's velocity does not count that way."""
         self._lifted_m[self.last] = way_m

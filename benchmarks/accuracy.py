@@ -221,7 +221,8 @@ def _exact_cases() -> str:
         "\n## Cases with exact answers\n",
         "The worst error over the cases of `benchmarks/exact_cases.py`, without shortcuts. Order: of the error in the",
         "time step, between `standard` and `reference`; where an error is that of the case (sides of a polygon, the",
-        "bracket of a bisection) and not of the step it is low.\n",
+        "bracket of a bisection) and not of the step it is low, and where the rock starts at rest: until it has lifted",
+        "`standard` takes steps as short as those of `reference`.\n",
         f"| case | {' | '.join(PRESETS)} | order | target of `standard` |",
         "|---" * (len(PRESETS) + 3) + "|",
     ]

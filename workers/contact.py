@@ -162,6 +162,10 @@ class ContactModel:
         above_m = height - self.radius_m
         return np.asarray(self.centres_body_m[:points] @ _normals_body(np.array(attitude)) + above_m)
 
+    def lowest_m(self, pose: tuple[tuple[float, ...], tuple[float, ...]]) -> float:
+        """Clearance of the lowest point in a pose."""
+        return float(self.gaps_m(np.array([pose[0]]), np.array([pose[1]])).min())
+
 
 def _normals_body(quaternions_xyzw: Array) -> Array:
     """The interface's normal (3,) or (3, m) in the body frame, for attitudes (4,) or (m, 4)."""

@@ -535,15 +535,10 @@ def _friction_that_stops(scene: Scene) -> float:
     return float(np.tan(np.deg2rad(scene.pedestal.slope_deg)))
 
 
-def _lowest_m(contact: ContactModel, pose: Pose) -> float:
-    """Clearance of the lowest foot in a pose."""
-    return float(contact.gaps_m(np.array([pose[0]]), np.array([pose[1]])).min())
-
-
 def _on_its_pedestal(scene: Scene) -> Scene:
     """The scene with its rock shifted along the normal to where its lowest foot touches."""
     contact = contact_of(scene)
-    lowest_m = _lowest_m(contact, _start_of(contact, None)[0])
+    lowest_m = contact.lowest_m(_start_of(contact, None)[0])
     if abs(lowest_m) <= TOUCHING_SHARE * contact.half_diagonal_m:
         return scene
     return dataclasses.replace(scene, rock=scene.rock.moved(np.eye(3), -lowest_m * scene.pedestal.normal))
@@ -596,7 +591,7 @@ def _let_down(scene: Scene) -> Scene:
         contact, LARGEST_OPEN_TILT_DEG, surface, impulse, impulse * step_s, 0.0, SETTLING, slot
     )
     (x, y, z), attitude = pose = _start_of(contact, None)[0]
-    pose = ((x, y, z - _lowest_m(contact, pose)), attitude)
+    pose = ((x, y, z - contact.lowest_m(pose)), attitude)
     engine.set_state(pose, STILL, STILL)
     strict = 3e-7 * contact.half_diagonal_m  # the solver lets a rock at rest creep by a quarter of it
     previous = np.inf
@@ -694,7 +689,7 @@ STATE_SIZES = {"position_m": 3, "quaternion_xyzw": 4, "velocity_m_s": 3, "angula
 
 
 def _refuse_buried(contact: ContactModel, pose: Pose) -> None:
-    deepest_share = -_lowest_m(contact, pose) / contact.half_diagonal_m
+    deepest_share = -contact.lowest_m(pose) / contact.half_diagonal_m
     if deepest_share > DEEPEST_START_SHARE:
         raise InputError(
             f"the rock starts inside the ground, {deepest_share:.2g} of its half diagonal deep",

@@ -149,7 +149,6 @@ class Stepper:
         self._surface = surface
         self._gravity = gravity_m_s2
         self._ground_velocity = ground_velocity_m_s
-        self._gravity_m_s2 = float(np.linalg.norm(gravity_m_s2))
         self._whole_step, self._whole_fast = time_step_s, resolved_landing_m_s
         self._parts_when_low = parts_when_low
         self._nearest_m = NEAREST_TOUCH_SHARE * contact.half_diagonal_m
@@ -165,9 +164,8 @@ class Stepper:
         self._reaches = [i for i, count in enumerate(counts) if count not in counts[i + 1 :]]
         """Of each number of points, the farthest reach."""
         self._farthest = self._reaches[0]
-        lowest_m = float(contact.gaps_m(np.array([pose[0]]), np.array([pose[1]])).min())
         moves = any((*velocity_m_s, *angular_velocity_rad_s))
-        sunk = lowest_m < -SUNK_SHARE * contact.half_diagonal_m
+        sunk = contact.lowest_m(pose) < -SUNK_SHARE * contact.half_diagonal_m
         self._begin(1 if moves or sunk else parts_when_low)
 
     @property
@@ -274,12 +272,13 @@ class Stepper:
 
     def _engine_in_reach(self) -> Engine:
         reach, divided = self._reach, self._parts > 1
+        impulse_m_s = float(np.linalg.norm(self._gravity)) * self._step
         engine = engine_for(
             self._contact,
             REACH_DEG[reach],
             self._surface,
-            self._gravity_m_s2 * self._step,
-            self._gravity_m_s2 * self._step * self._step,
+            impulse_m_s,
+            impulse_m_s * self._step,
             self._fast,
             self._solver,
             reach + divided * len(REACH_DEG),

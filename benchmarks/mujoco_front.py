@@ -39,7 +39,7 @@ from orchestrator.front import CONVERGED, Job, compare, draw_jobs
 from results.figures import COLOURS, FULL_WIDTH_IN, save, style
 from workers import shake
 from workers.presets import PHYSICS_VERSION, PRESETS
-from workers.shake import settled
+from workers.seating import settled
 
 ROOT = Path(__file__).parent.parent
 SCENE, ENSEMBLE = ROOT / "demo" / "scene", ROOT / "demo" / "ensemble"

@@ -17,7 +17,7 @@ from models import Motion, Scene
 from workers import shake
 from workers.contact import REACH_DEG, contact_of
 from workers.presets import settings_of
-from workers.shake import settled
+from workers.seating import settled
 from workers.stepping import engine_for
 from workers.way import STILL
 

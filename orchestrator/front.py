@@ -23,9 +23,9 @@ from models import Scene
 from models.motions.ensemble import Ensemble
 from models.motions.impose import impose
 from results.fits import fit
-from workers import shake
+from workers import State, shake
 from workers.presets import PHYSICS_VERSION, PRESETS, Settings, Solver
-from workers.shake import State, settled
+from workers.seating import settled
 
 DISTURBED_SHARE = 1e-6
 """Of its height, by which the rock's start is disturbed to measure the floor of chaos."""

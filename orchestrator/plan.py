@@ -15,7 +15,7 @@ from models.motions.ensemble import Ensemble
 from models.settling import Settling
 from orchestrator.campaign import Campaign, hash_of
 from workers.job import JobSpec
-from workers.shake import settled
+from workers.seating import settled
 
 COLUMNS = pa.schema(
     [

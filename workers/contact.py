@@ -25,6 +25,8 @@ from models.scene import Scene
 from workers import quaternion
 
 Array = NDArray[np.float64]
+Pose = tuple[tuple[float, float, float], tuple[float, float, float, float]]
+"""Centre of mass, support frame, and attitude of the body frame as a quaternion (x, y, z, w)."""
 
 LARGEST_OPEN_TILT_DEG = 75.0
 """Beyond this tilt a rock's fate is no longer open; points that touch only later are left out."""
@@ -126,6 +128,11 @@ class ContactModel:
         """Attitude of the body frame in the pose of the scene."""
         return quaternion.from_matrix(self.support_from_body)
 
+    @cached_property
+    def start_pose(self) -> Pose:
+        """The pose of the scene."""
+        return tuple(self.com_m.tolist()), tuple(self.start_quaternion_xyzw.tolist())
+
     def points_within(self, tilt_deg: float) -> int:
         """Number of the points that can touch up to a tilt; they come first."""
         return int(np.searchsorted(self.onset_deg, tilt_deg, side="right"))
@@ -156,13 +163,13 @@ class ContactModel:
         )
         return np.asarray(above_centre_m - self.radius_m)
 
-    def gaps_of_pose_m(self, pose: tuple[tuple[float, ...], tuple[float, ...]], points: int) -> Array:
+    def gaps_of_pose_m(self, pose: Pose, points: int) -> Array:
         """The same for one pose and the first so many points, (points,)."""
         (_, _, height), attitude = pose
         above_m = height - self.radius_m
         return np.asarray(self.centres_body_m[:points] @ _normals_body(np.array(attitude)) + above_m)
 
-    def lowest_m(self, pose: tuple[tuple[float, ...], tuple[float, ...]]) -> float:
+    def lowest_m(self, pose: Pose) -> float:
         """Clearance of the lowest point in a pose."""
         return float(self.gaps_m(np.array([pose[0]]), np.array([pose[1]])).min())
 

@@ -17,11 +17,10 @@ import pybullet
 from numpy.typing import NDArray
 
 from models.scene import ContactProperties
-from workers.contact import ContactModel
+from workers.contact import ContactModel, Pose
 from workers.presets import Solver
 
 Array = NDArray[np.float64]
-Pose = tuple[tuple[float, float, float], tuple[float, float, float, float]]
 
 NEAR_STEPS = 0.8
 """Contacts are prepared within this share of g (step)^2, what gravity adds to a way in a step, so that a landing too

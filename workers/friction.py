@@ -15,8 +15,7 @@ import cmath
 import math
 from collections.abc import Sequence
 
-from workers.contact import ContactModel
-from workers.engine import Pose
+from workers.contact import ContactModel, Pose
 from workers.way import Vector
 
 LEAN_RAD = 1e-3

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 import time
 from collections.abc import Mapping
@@ -11,17 +10,16 @@ from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
 from models.errors import InputError
 from models.frames import azimuth_deg
 from models.motions.motion import Motion
-from models.scene import ContactProperties, Scene
+from models.scene import Scene
 from models.statics import (
     TOPPLED_FALL,
     TOPPLED_TILT_DEG,
-    equilibrium_possible,
     holds_still,
     polygon,
 )
@@ -36,20 +34,19 @@ from workers.certainty import (
     turn_rad,
     weak_from_s,
 )
-from workers.contact import LARGEST_OPEN_TILT_DEG, REACH_DEG, ContactModel, contact_of
-from workers.engine import Pose, slip_m_s
-from workers.presets import Settings, Solver, settings_of
-from workers.quaternion import to_body, turn_vector
-from workers.stepping import IMPACT_STEP, Stepper, engine_for, forget_worlds
-from workers.way import STILL, Vector
+from workers.contact import LARGEST_OPEN_TILT_DEG, ContactModel, Pose, contact_of
+from workers.engine import slip_m_s
+from workers.presets import Settings, settings_of
+from workers.quaternion import to_body
+from workers.seating import TOUCHING_SHARE, friction_that_stops, settled
+from workers.start import State, checked_start, refuse_buried, start_of
+from workers.stepping import IMPACT_STEP, Stepper, forget_worlds
+from workers.way import travel_m
 
 Array = NDArray[np.float64]
 
 BLOCK = 64
 """Steps between two looks at whether the answer is certain."""
-
-TOUCHING_SHARE = 1e-5
-"""Feet within this share of R of the plane carry a rock at rest: the engine holds them within a tenth of it."""
 
 PLANE = np.array([0.0, 0.0, 1.0])
 """Normal of the interface in the support frame."""
@@ -66,26 +63,6 @@ MOVED_SHARE = 0.01
 """A rock that slid by more than this share of R, or turned by more than MOVED_DEG, has moved."""
 
 MOVED_DEG = 1.0
-
-
-@dataclass(frozen=True, eq=False)
-class State:
-    """Pose and velocity of the rock relative to the pedestal.
-
-    Parameters
-    ----------
-    position_m : (3,) array or None
-        Centre of mass, scene frame; None for where the scene has it.
-    quaternion_xyzw : (4,) array
-        Turn from the pose in the scene to this one.
-    velocity_m_s, angular_velocity_rad_s : (3,) array
-        Scene axes.
-    """
-
-    position_m: ArrayLike | None = None
-    quaternion_xyzw: ArrayLike = (0.0, 0.0, 0.0, 1.0)
-    velocity_m_s: ArrayLike = (0.0, 0.0, 0.0)
-    angular_velocity_rad_s: ArrayLike = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,7 +169,7 @@ def shake(
         the ground or in no finite state.
     """
     began = time.perf_counter()
-    start_from = None if initial is None else _checked_start(initial)
+    start_from = None if initial is None else checked_start(initial)
     if start_from is None:
         scene = settled(scene)
     contact = contact_of(scene)
@@ -231,9 +208,9 @@ class _Run:
         self.deepest_m = 0.0
         speed_m_s = float(np.sqrt(scene.gravity_m_s2 * contact.half_diagonal_m))
         self.rest_speed = settings.rest_speed * speed_m_s
-        pose, velocity, spin = _start_of(contact, start)
+        pose, velocity, spin = start_of(contact, start)
         self.speed_limit_m_s = _speed_limit(scene, contact, motion, start, pose)
-        _refuse_buried(contact, pose)
+        refuse_buried(contact, pose)
         self.start_pose = pose
         self.stepper = Stepper(
             contact,
@@ -374,7 +351,7 @@ class _Run:
 
     def _cannot_overturn(self) -> bool:
         """Whether the rock's energy overturns it in no turn that it may roll to, and no slope keeps it sliding."""
-        slip_ends = self.scene.contact.friction_kinetic >= _friction_that_stops(self.scene)
+        slip_ends = self.scene.contact.friction_kinetic >= friction_that_stops(self.scene)
         return self._energy() < self._barrier(None) and (slip_ends or not self._slides())
 
     def _barrier(self, turn_deg: float | None) -> float:
@@ -482,7 +459,7 @@ class _Run:
     def _drift_m_s(self, since: int) -> float:
         """Mean speed since a pose of the point that moved most."""
         way = self.stepper.way
-        drift_m = _way(way.poses[since], way.poses[-1], self.contact.half_diagonal_m)
+        drift_m = travel_m(way.poses[since], way.poses[-1], self.contact.half_diagonal_m)
         return float(drift_m / (way.times_s[-1] - way.times_s[since]))
 
     def _slides(self) -> bool:
@@ -498,50 +475,6 @@ class _Run:
         squared = np.array(to_body(spin, quaternion)) ** 2
         kinetic = 0.5 * (np.dot(velocity, velocity) + float(self.contact.principal_inertia_m2 @ squared))
         return kinetic + potential_j_kg(self.scene, np.array(position), np.array(quaternion))
-
-
-@lru_cache(maxsize=8)
-def settled(scene: Scene) -> Scene:
-    """The scene with its rock at rest: as it is where statics holds it, else let down without gathering speed.
-
-    Raises
-    ------
-    InputError
-        If the rock does not come to rest, or only far from the pose of the scene, or slides for ever once it slips.
-    """
-    kinetic, least = scene.contact.friction_kinetic, _friction_that_stops(scene)
-    if kinetic < min(scene.contact.friction_static, least):
-        raise InputError(
-            f"friction_kinetic is {kinetic} on a slope of {scene.pedestal.slope_deg:.1f} degrees: "
-            "a rock that slips never stops",
-            where=f"scene {scene.id}",
-            expected=f"at least tan(slope), {least:.3f}",
-            remedy="raise it: a rock that lies still after a slip shows that it is higher",
-        )
-    seated = _on_its_pedestal(scene)
-    # Several passes: an uneven pedestal's feet change a little with the pose they were made for.
-    for _ in range(SETTLING_PASSES):
-        if equilibrium_possible(seated, np.zeros((1, 3)))[0]:
-            break
-        seated = _let_down(seated)
-    way_m = float(np.linalg.norm(seated.rock.com_m - scene.rock.com_m))
-    if way_m > 0.1 * scene.rock.height_m:
-        raise _falls(scene, f"its centre of mass moves by {way_m:.3g} m")
-    return seated
-
-
-def _friction_that_stops(scene: Scene) -> float:
-    """Kinetic friction, tan(slope), below which a rock that slips on the pedestal slides for ever."""
-    return float(np.tan(np.deg2rad(scene.pedestal.slope_deg)))
-
-
-def _on_its_pedestal(scene: Scene) -> Scene:
-    """The scene with its rock shifted along the normal to where its lowest foot touches."""
-    contact = contact_of(scene)
-    lowest_m = contact.lowest_m(_start_of(contact, None)[0])
-    if abs(lowest_m) <= TOUCHING_SHARE * contact.half_diagonal_m:
-        return scene
-    return dataclasses.replace(scene, rock=scene.rock.moved(np.eye(3), -lowest_m * scene.pedestal.normal))
 
 
 @lru_cache(maxsize=8)
@@ -568,139 +501,6 @@ def _plumb_m(contact: ContactModel, places_m: Array) -> Array:
     """Where plumb lines through places (..., 3) of the support frame meet the interface plane, (..., 2)."""
     up = contact.scene_from_support[2]
     return np.asarray(places_m[..., :2] - places_m[..., 2:] * up[:2] / up[2])
-
-
-SETTLING_PASSES = 3
-
-SETTLING = Solver(iterations=200, residual_share=1e-3)
-
-SETTLING_SHARE = 1e-5
-"""Way in a look, over R, below which a rock that settles is no longer stopped: each stop costs it its contacts."""
-
-
-def _let_down(scene: Scene) -> Scene:
-    """The scene with its rock where it comes to rest when all speed is taken from it again and again."""
-    contact = contact_of(scene)
-    turn = contact.scene_from_support
-    gravity = np.array([0.0, 0.0, -scene.gravity_m_s2]) @ turn
-    settings = settings_of("standard")
-    step_s = settings.time_step_s(contact.half_diagonal_m, scene.gravity_m_s2)
-    impulse, slot = scene.gravity_m_s2 * step_s, len(REACH_DEG) - 1
-    surface = ContactProperties.of(scene.contact.friction_static)  # let down without a rebound
-    engine = engine_for(
-        contact, LARGEST_OPEN_TILT_DEG, surface, impulse, impulse * step_s, 0.0, SETTLING, slot
-    )
-    (x, y, z), attitude = pose = _start_of(contact, None)[0]
-    pose = ((x, y, z - contact.lowest_m(pose)), attitude)
-    engine.set_state(pose, STILL, STILL)
-    strict = 3e-7 * contact.half_diagonal_m  # the solver lets a rock at rest creep by a quarter of it
-    previous = np.inf
-    for look in range(5000):
-        # A base that rolls may swing on by a millionth of its size for ever.
-        limit = strict if look < 1000 else 10.0 * strict
-        poses = [pose]
-        engine.run(step_s, [gravity.tolist()] * CHUNK_OF_SETTLING, poses)
-        way = _way(poses[-2], poses[-1], contact.half_diagonal_m)
-        pose = poses[-1]
-        # Past the lowest point of this swing: let it go from here at rest. What is left in the end dies by itself.
-        if way < previous and way > SETTLING_SHARE * contact.half_diagonal_m:
-            engine.set_state(pose, STILL, STILL)
-        if max(way, previous) < limit:
-            break
-        previous = way
-    relative = quat.matrix(quat.product(np.array(pose[1]), quat.inverse(contact.start_quaternion_xyzw)))
-    rotation = turn @ relative @ turn.T
-    tilt = np.rad2deg(np.arccos(np.clip(rotation[2, 2], -1.0, 1.0)))
-    if tilt > TOPPLED_TILT_DEG:
-        raise _falls(scene, f"it tilts by {tilt:.1f} degrees")
-    if max(way, previous) >= limit:
-        raise _falls(
-            scene, f"it still moves at {max(way, previous) / step_s:.1g} m/s, tilted by {tilt:.1f} degrees"
-        )
-    com = np.array(pose[0]) @ turn.T + contact.origin_m
-    return dataclasses.replace(scene, rock=scene.rock.moved(rotation, com - rotation @ scene.rock.com_m))
-
-
-def _falls(scene: Scene, what: str) -> InputError:
-    return InputError(
-        f"left alone, the rock does not stand: {what}",
-        where=f"scene {scene.id}",
-        expected="a rock that stands by itself in the pose of the scene",
-        remedy="check the mesh's up axis, the slope, the friction and the split of rock and pedestal",
-    )
-
-
-CHUNK_OF_SETTLING = 4
-
-
-def _way(start: Pose, end: Pose, radius_m: float) -> float:
-    turn = np.linalg.norm(turn_vector(start[1], end[1]))
-    return float(np.linalg.norm(np.array(end[0]) - start[0]) + turn * radius_m)
-
-
-def _start_of(contact: ContactModel, start: State | None) -> tuple[Pose, Vector, Vector]:
-    """Pose and velocities in the engine's frames."""
-    if start is None:
-        pose = (tuple(contact.com_m.tolist()), tuple(contact.start_quaternion_xyzw.tolist()))
-        return pose, STILL, STILL
-    turn = contact.scene_from_support
-    position = contact.com_m
-    if start.position_m is not None:
-        position = (np.asarray(start.position_m, float) - contact.origin_m) @ turn
-    given = np.asarray(start.quaternion_xyzw, float)
-    relative = quat.from_matrix(turn.T @ quat.matrix(given / np.linalg.norm(given)) @ turn)
-    attitude = quat.product(relative, contact.start_quaternion_xyzw)
-    pose = (tuple(position.tolist()), tuple(attitude.tolist()))
-    velocity, spin = (
-        tuple((np.asarray(given, float) @ turn).tolist())
-        for given in (start.velocity_m_s, start.angular_velocity_rad_s)
-    )
-    return pose, velocity, spin
-
-
-def _checked_start(initial: State | Mapping[str, Any]) -> State:
-    """A world that is given what is not finite loses its contacts, also for the jobs that come after."""
-    given = dict(initial) if isinstance(initial, Mapping) else vars(initial)
-    for name, value in given.items():
-        size = STATE_SIZES.get(name)
-        if size is None:
-            raise InputError(
-                f"initial has {name!r}",
-                where="shake, initial",
-                expected=", ".join(STATE_SIZES),
-                remedy="leave it out, or correct its name",
-            )
-        try:
-            numbers = np.zeros(3) if value is None and name == "position_m" else np.asarray(value, float)
-        except (TypeError, ValueError):
-            numbers = np.array(np.nan)
-        no_turn = name == "quaternion_xyzw" and not numbers.any()
-        if numbers.shape != (size,) or not np.isfinite(numbers).all() or no_turn:
-            raise InputError(
-                f"{name} is {value}",
-                where="shake, initial",
-                expected=f"{size} finite numbers" + (", not all of them zero" if no_turn else ""),
-                remedy="leave it out: the rock then starts with that of the scene, or at rest",
-            )
-    return State(**given)
-
-
-STATE_SIZES = {"position_m": 3, "quaternion_xyzw": 4, "velocity_m_s": 3, "angular_velocity_rad_s": 3}
-
-
-def _refuse_buried(contact: ContactModel, pose: Pose) -> None:
-    deepest_share = -contact.lowest_m(pose) / contact.half_diagonal_m
-    if deepest_share > DEEPEST_START_SHARE:
-        raise InputError(
-            f"the rock starts inside the ground, {deepest_share:.2g} of its half diagonal deep",
-            where="shake, initial",
-            expected=f"a lowest point no deeper than {DEEPEST_START_SHARE} of the half diagonal",
-            remedy="raise position_m, which is that of the centre of mass",
-        )
-
-
-DEEPEST_START_SHARE = 0.1
-"""A rock that starts deeper is let out at metres a second: no start that anybody means."""
 
 
 def _trajectory(

@@ -30,11 +30,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.scene import ContactProperties
-from workers.contact import REACH_DEG, ContactModel
-from workers.engine import Engine, Pose
+from workers.contact import REACH_DEG, ContactModel, Pose
+from workers.engine import Engine
 from workers.friction import LEAN_OF_IMPACT_RAD, Foot, feet_of, least_leaning_rad, squared_lean
 from workers.presets import Solver
-from workers.way import Vector, Way
+from workers.way import SUNK_SHARE, Vector, Way
 
 Array = NDArray[np.float64]
 
@@ -47,9 +47,6 @@ PULLS_AT_ONCE = 1024
 
 FEWEST_STEPS = 4
 """Of a chunk: the points are changed where the rock may leave their reach within so many steps."""
-
-SUNK_SHARE = 1e-4
-"""A point that newly sinks by this share of R was not seen coming: its step is taken again with foresight."""
 
 PARTS_OF_A_REPEATED_STEP = 4
 """A step in which a point sank is taken again in so many parts: what is left is the arc that a point leaves its tangent

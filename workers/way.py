@@ -7,8 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from workers.contact import ContactModel
-from workers.engine import Pose
+from workers.contact import ContactModel, Pose
 from workers.quaternion import to_body, turn_vector
 
 Array = NDArray[np.float64]
@@ -16,8 +15,9 @@ Vector = tuple[float, float, float]
 
 STILL: Vector = (0.0, 0.0, 0.0)
 
-SUNK = 1e-4
-"""A rock whose feet are deeper than this share of R below where they rest is not set right at once."""
+SUNK_SHARE = 1e-4
+"""A foot deeper than this share of R has sunk in. One that newly does was not seen coming: its step is taken again with
+foresight. One that starts so is not set right at once, but let out by the engine."""
 
 CLEARANCES_KEPT = 32
 """Of the latest poses that were asked for."""
@@ -164,4 +164,10 @@ class Way:
     def lift_m(self, index: int, arcs_m: Array, aloft_m: float) -> float:
         """Way up that brings the lowest foot to its arc's height; 0 where it is more than `aloft_m` above that."""
         lift = -float((self.gaps_m(index) - arcs_m).min())
-        return lift if -aloft_m < lift < SUNK * self._contact.half_diagonal_m else 0.0
+        return lift if -aloft_m < lift < SUNK_SHARE * self._contact.half_diagonal_m else 0.0
+
+
+def travel_m(start: Pose, end: Pose, radius_m: float) -> float:
+    """Way from pose to pose of the point that moved most of those within a radius, at most."""
+    turn = np.linalg.norm(turn_vector(start[1], end[1]))
+    return float(np.linalg.norm(np.array(end[0]) - start[0]) + turn * radius_m)

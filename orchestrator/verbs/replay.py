@@ -19,7 +19,7 @@ from results.schema import SCHEMA, describe
 from results.store import whole_table
 from workers import ShakeResult, shake
 from workers.job import Assets, JobSpec, outcome_of, prepared
-from workers.shake import settled
+from workers.seating import settled
 
 SAME = 1e-9
 """Relative difference up to which two numbers are the same answer."""

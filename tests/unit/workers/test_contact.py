@@ -8,7 +8,7 @@ from models import InputError, Pedestal, Scene
 from models.relief import contact_feet_m, height_below
 from models.shapes import box, cylinder
 from workers.contact import ContactModel
-from workers.shake import settled
+from workers.seating import settled
 
 UP = np.array([0.0, 0.0, 1.0])
 

@@ -12,11 +12,10 @@ from models import ContactProperties, InputError, Motion, Scene
 from models.pedestal import Pedestal
 from models.rock import Rock
 from models.shapes import box, ellipsoid
+from workers import State, shake
 from workers import quaternion as quat
-from workers import shake
 from workers.certainty import least_overturning_j_kg, potential_j_kg
 from workers.contact import contact_of
-from workers.shake import State
 
 G = 9.81
 

@@ -9,11 +9,11 @@ import trimesh
 
 from models import InputError, Motion, Scene
 from models.shapes import box, cylinder, ellipsoid
-from workers import shake
+from workers import State, shake
 from workers.contact import contact_of
 from workers.presets import PRESETS
 from workers.reference.closed_forms import landing_boundary
-from workers.shake import State, _Run
+from workers.shake import _Run
 
 G = case.G
 SINK = 1e-3  # of R: the contact tolerance

@@ -1,0 +1,112 @@
+"""How a rock starts: seated at rest, or in a state that the caller gives."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from models.errors import InputError
+from workers import quaternion as quat
+from workers.contact import ContactModel, Pose
+from workers.way import STILL, Vector
+
+STATE_SIZES = {"position_m": 3, "quaternion_xyzw": 4, "velocity_m_s": 3, "angular_velocity_rad_s": 3}
+
+DEEPEST_START_SHARE = 0.1
+"""A rock that starts deeper is let out at metres a second: no start that anybody means."""
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """Pose and velocity of the rock relative to the pedestal.
+
+    Parameters
+    ----------
+    position_m : (3,) array or None
+        Centre of mass, scene frame; None for where the scene has it.
+    quaternion_xyzw : (4,) array
+        Turn from the pose in the scene to this one.
+    velocity_m_s, angular_velocity_rad_s : (3,) array
+        Scene axes.
+    """
+
+    position_m: ArrayLike | None = None
+    quaternion_xyzw: ArrayLike = (0.0, 0.0, 0.0, 1.0)
+    velocity_m_s: ArrayLike = (0.0, 0.0, 0.0)
+    angular_velocity_rad_s: ArrayLike = (0.0, 0.0, 0.0)
+
+
+def start_of(contact: ContactModel, start: State | None) -> tuple[Pose, Vector, Vector]:
+    """Pose and velocities in the engine's frames; of the scene, at rest, where none is given."""
+    if start is None:
+        return contact.start_pose, STILL, STILL
+    turn = contact.scene_from_support
+    position = contact.com_m
+    if start.position_m is not None:
+        position = (np.asarray(start.position_m, float) - contact.origin_m) @ turn
+    given = np.asarray(start.quaternion_xyzw, float)
+    relative = quat.from_matrix(turn.T @ quat.matrix(given / np.linalg.norm(given)) @ turn)
+    attitude = quat.product(relative, contact.start_quaternion_xyzw)
+    pose = (tuple(position.tolist()), tuple(attitude.tolist()))
+    velocity, spin = (
+        tuple((np.asarray(given, float) @ turn).tolist())
+        for given in (start.velocity_m_s, start.angular_velocity_rad_s)
+    )
+    return pose, velocity, spin
+
+
+def checked_start(initial: State | Mapping[str, Any]) -> State:
+    """The start that a caller gave, as a State.
+
+    A world that is given what is not finite loses its contacts, also for the jobs that come after: it is refused here.
+
+    Raises
+    ------
+    InputError
+        If a field is unknown, of the wrong size or not finite, or the quaternion is zero.
+    """
+    given = dict(initial) if isinstance(initial, Mapping) else vars(initial)
+    for name, value in given.items():
+        size = STATE_SIZES.get(name)
+        if size is None:
+            raise InputError(
+                f"initial has {name!r}",
+                where="shake, initial",
+                expected=", ".join(STATE_SIZES),
+                remedy="leave it out, or correct its name",
+            )
+        try:
+            numbers = np.zeros(3) if value is None and name == "position_m" else np.asarray(value, float)
+        except (TypeError, ValueError):
+            numbers = np.array(np.nan)
+        no_turn = name == "quaternion_xyzw" and not numbers.any()
+        if numbers.shape != (size,) or not np.isfinite(numbers).all() or no_turn:
+            raise InputError(
+                f"{name} is {value}",
+                where="shake, initial",
+                expected=f"{size} finite numbers" + (", not all of them zero" if no_turn else ""),
+                remedy="leave it out: the rock then starts with that of the scene, or at rest",
+            )
+    return State(**given)
+
+
+def refuse_buried(contact: ContactModel, pose: Pose) -> None:
+    """Refuse a start too deep inside the ground.
+
+    Raises
+    ------
+    InputError
+        If the rock's lowest point is deeper than DEEPEST_START_SHARE of its half diagonal.
+    """
+    deepest_share = -contact.lowest_m(pose) / contact.half_diagonal_m
+    if deepest_share > DEEPEST_START_SHARE:
+        raise InputError(
+            f"the rock starts inside the ground, {deepest_share:.2g} of its half diagonal deep",
+            where="shake, initial",
+            expected=f"a lowest point no deeper than {DEEPEST_START_SHARE} of the half diagonal",
+            remedy="raise position_m, which is that of the centre of mass",
+        )

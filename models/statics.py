@@ -20,7 +20,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -30,9 +29,6 @@ from models.frames import horizontal_unit_vector, plane_axes
 from models.pedestal import Pedestal
 from models.relief import contact_feet_m
 from models.rock import Rock
-
-if TYPE_CHECKING:
-    from models.scene import Scene
 
 CONTACT_SHARE_OF_HEIGHT = 1e-6
 """Points within this share of the rock's height of the interface plane count as touching it."""
@@ -99,7 +95,13 @@ def quasi_static_toppling_m_s2(
     return [(float(az), seat.path(gravity_m_s2, float(az))[1]) for az in azimuths_deg]
 
 
-def equilibrium_possible(scene: Scene, acceleration_m_s2: ArrayLike) -> NDArray[np.bool_]:
+def equilibrium_possible(
+    rock: Rock,
+    pedestal: Pedestal,
+    gravity_m_s2: float,
+    friction_static: float,
+    acceleration_m_s2: ArrayLike,
+) -> NDArray[np.bool_]:
     """Whether contact forces exist that keep the rock at rest under each ground acceleration.
 
     For frictional points on one plane the set is exactly: the effective gravity g - a points into the plane,
@@ -115,7 +117,9 @@ def equilibrium_possible(scene: Scene, acceleration_m_s2: ArrayLike) -> NDArray[
 
     Parameters
     ----------
-    scene : Scene
+    rock : Rock
+    pedestal : Pedestal
+    gravity_m_s2, friction_static : float
     acceleration_m_s2 : (n, 3) array
         Ground acceleration, scene frame.
 
@@ -123,11 +127,9 @@ def equilibrium_possible(scene: Scene, acceleration_m_s2: ArrayLike) -> NDArray[
     -------
     (n,) bool array
     """
-    corners = support_polygon_m(scene.rock, scene.pedestal)
-    gravity = np.array([0.0, 0.0, -scene.gravity_m_s2])
-    pull = gravity - np.atleast_2d(np.asarray(acceleration_m_s2, float))
-    normal, friction = scene.pedestal.normal, scene.contact.friction_static
-    return holds_still(corners, scene.rock.com_m, normal, friction, pull)
+    corners = support_polygon_m(rock, pedestal)
+    pull = np.array([0.0, 0.0, -gravity_m_s2]) - np.atleast_2d(np.asarray(acceleration_m_s2, float))
+    return holds_still(corners, rock.com_m, pedestal.normal, friction_static, pull)
 
 
 def polygon(points_m: Array, normal: Array, width_m: float) -> Array:

@@ -11,7 +11,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from models.scan.page import scene_figure
 from models.scan.picture import PEDESTAL_COLOUR, ROCK_COLOUR, far_to_near
-from results.replay import Way, tilt_deg
+from results.way import Way, tilt_deg
 
 Array = NDArray[np.float64]
 

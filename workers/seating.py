@@ -50,7 +50,9 @@ def settled(scene: Scene) -> Scene:
     seated = _on_its_pedestal(scene)
     # Several passes: an uneven pedestal's feet change a little with the pose they were made for.
     for _ in range(PASSES):
-        if equilibrium_possible(seated, np.zeros((1, 3)))[0]:
+        if equilibrium_possible(
+            seated.rock, seated.pedestal, seated.gravity_m_s2, seated.contact.friction_static, np.zeros(3)
+        )[0]:
             break
         seated = _let_down(seated)
     way_m = float(np.linalg.norm(seated.rock.com_m - scene.rock.com_m))

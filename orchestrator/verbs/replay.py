@@ -13,10 +13,11 @@ from models.motions.ensemble import Ensemble
 from orchestrator.campaign import Campaign
 from orchestrator.folder import place_in
 from results.friction import friction_words
-from results.replay import Way, write_way
+from results.replay import write_way
 from results.run import open_run
 from results.schema import SCHEMA, describe
 from results.store import whole_table
+from results.way import Way
 from workers import ShakeResult, shake
 from workers.job import Assets, JobSpec, outcome_of, prepared
 from workers.seating import settled

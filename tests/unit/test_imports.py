@@ -1,6 +1,7 @@
 """The rooms stay apart: who may import whom, in every module, imports inside functions included."""
 
 import ast
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -64,6 +65,25 @@ def test_a_heavy_library_is_imported_in_one_room_only(library, home):
         if library in tops(path) and not path.is_relative_to(ROOT / home)
     ]
     assert not offences
+
+
+def test_imports_go_round_in_no_circle():
+    names = {
+        ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__"): path
+        for path in modules()
+    }
+
+    def taken(path):
+        """Modules of the house that a module imports: of `from package import module` the module alone."""
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Import):
+                yield from (alias.name for alias in node.names if alias.name in names)
+            elif isinstance(node, ast.ImportFrom) and node.module in names:
+                full = [f"{node.module}.{alias.name}" for alias in node.names]
+                yield from (name if name in names else node.module for name in full)
+
+    order = list(TopologicalSorter({name: set(taken(path)) for name, path in names.items()}).static_order())
+    assert len(order) == len(names)
 
 
 def test_records_know_nothing_of_clouds():

@@ -41,6 +41,11 @@ def toppling(scene, azimuth):
     return quasi_static_toppling_m_s2(scene.rock, scene.pedestal, scene.gravity_m_s2, [azimuth])[0][1]
 
 
+def possible(scene, acceleration):
+    friction = scene.contact.friction_static
+    return equilibrium_possible(scene.rock, scene.pedestal, scene.gravity_m_s2, friction, acceleration)
+
+
 def lift_off(scene, azimuth):
     return lift_off_m_s2(scene.rock, scene.pedestal, scene.gravity_m_s2, [azimuth])[0][1]
 
@@ -98,9 +103,7 @@ def test_a_slope_beyond_alpha_topples_by_itself_and_one_short_of_it_does_not():
     for slope, stands in ((alpha - 0.01, True), (alpha + 0.01, False)):
         scene = Scene.from_mesh(mesh_of(tall), slope_deg=slope, slope_azimuth_deg=0)
         assert (toppling(scene, 180) > 0) == stands
-        assert (
-            equilibrium_possible(scene.with_contact(ContactProperties(10, 10)), np.zeros((1, 3)))[0] == stands
-        )
+        assert possible(scene.with_contact(ContactProperties(10, 10)), np.zeros((1, 3)))[0] == stands
 
 
 def test_a_face_that_overhangs_a_pedestal_topples_over_the_pedestals_edge():
@@ -230,7 +233,7 @@ def test_a_rock_on_fewer_than_three_points_rolls_onto_a_facet_and_has_no_static_
     scene = Scene.from_mesh(mesh_of(rock.moved(turn_y(3.0))))
     assert len(support_polygon_m(scene.rock, scene.pedestal)) < 3
     assert 0 < lift_off(scene, 10) <= toppling(scene, 10)
-    assert not equilibrium_possible(scene, np.zeros((3, 3))).any()
+    assert not possible(scene, np.zeros((3, 3))).any()
 
 
 def brute_force_equilibrium(corners, com, normal, mu, force, sides=180):
@@ -263,14 +266,14 @@ def test_equilibrium_is_possible_exactly_where_forces_inside_the_friction_cones_
         acceleration = rng.normal(size=(25, 3)) * [4, 4, 5]
         corners = support_polygon_m(scene.rock, scene.pedestal)
         mu, normal = scene.contact.friction_static, scene.pedestal.normal
-        for one, possible in zip(acceleration, equilibrium_possible(scene, acceleration), strict=True):
+        for one, holds in zip(acceleration, possible(scene, acceleration), strict=True):
             weight = np.array([0, 0, -G]) - one
             # The pyramid lies inside the cone by a share 1.5e-4: skip the samples between the two.
             pressing = -weight @ normal
             if abs(np.linalg.norm(weight + pressing * normal) - mu * pressing) < 3e-4 * mu * pressing:
                 continue
-            assert possible == brute_force_equilibrium(corners, scene.rock.com_m, normal, mu, weight)
-            answers += possible
+            assert holds == brute_force_equilibrium(corners, scene.rock.com_m, normal, mu, weight)
+            answers += holds
             samples += 1
     assert 30 < answers < samples - 30  # both answers were put to the test
 
@@ -278,14 +281,14 @@ def test_equilibrium_is_possible_exactly_where_forces_inside_the_friction_cones_
 def test_equilibrium_ends_at_the_toppling_and_at_the_slip_acceleration():
     scene = Scene.block(0.2, 0.2, 0.6, friction=0.9)
     edge = G / 3
-    yes, no = equilibrium_possible(scene, np.array([[edge * (1 - 1e-6), 0, 0], [edge * (1 + 1e-6), 0, 0]]))
+    yes, no = possible(scene, np.array([[edge * (1 - 1e-6), 0, 0], [edge * (1 + 1e-6), 0, 0]]))
     assert yes
     assert not no
     slippery = Scene.block(0.2, 0.2, 0.6, friction=0.2)
-    yes, no = equilibrium_possible(slippery, 0.2 * G * np.array([[1 - 1e-6, 0, 0], [1 + 1e-6, 0, 0]]))
+    yes, no = possible(slippery, 0.2 * G * np.array([[1 - 1e-6, 0, 0], [1 + 1e-6, 0, 0]]))
     assert yes
     assert not no
-    assert not equilibrium_possible(scene, [[0, 0, -1.01 * G]])[0]  # the ground falls away
+    assert not possible(scene, [[0, 0, -1.01 * G]])[0]  # the ground falls away
 
 
 def test_equilibrium_on_a_slope_ends_at_the_yield_acceleration():
@@ -295,7 +298,7 @@ def test_equilibrium_on_a_slope_ends_at_the_yield_acceleration():
     uphill = (
         -G * np.tan(np.arctan(mu) - beta) * np.array([np.cos(np.deg2rad(135)), np.sin(np.deg2rad(135)), 0])
     )
-    assert equilibrium_possible(scene, [uphill * (1 - 1e-6), uphill * (1 + 1e-6)]).tolist() == [True, False]
+    assert possible(scene, [uphill * (1 - 1e-6), uphill * (1 + 1e-6)]).tolist() == [True, False]
 
 
 def test_the_support_polygon_runs_counter_clockwise_about_the_normal():

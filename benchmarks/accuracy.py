@@ -48,6 +48,7 @@ SCENE, ENSEMBLE = ROOT / "demo" / "scene", ROOT / "demo" / "ensemble"
 KEPT = ROOT / "benchmarks" / "answers"
 PGA_M_S2 = (3.0, 12.0)
 FINER = f"{CONVERGED}, half the step"
+HALF_STEP = replace(PRESETS[CONVERGED], step_share=0.5 * PRESETS[CONVERGED].step_share)
 FLOOR_OF_MOTION = f"{CONVERGED}, motion times 1 + 1e-6"
 DISTURBANCES = (1e-6, 1e-5, 1e-4, 1e-3)
 
@@ -93,7 +94,7 @@ def main() -> None:
         "fast, no shortcuts": Setting(PRESETS["fast"], shortcuts=False),
         FLOOR: Setting(PRESETS[CONVERGED], disturbed_toward_deg=0.0),
         FLOOR_OF_MOTION: Setting(PRESETS[CONVERGED]),
-        FINER: Setting(replace(PRESETS[CONVERGED], step_share=0.5 * PRESETS[CONVERGED].step_share)),
+        FINER: Setting(HALF_STEP),
     }
     with Progress() as progress:
         asked = {name: all_jobs if name in PRESETS else jobs for name in settings}

@@ -1,6 +1,6 @@
 """Whether a preset leans: as many answers flipped to toppled as to standing, over thousands of short jobs.
 
-    make demo && .venv/bin/python benchmarks/sign_test.py [JOBS [JOBS_OF_FLOOR]]
+    make demo && .venv/bin/python benchmarks/sign_test.py [JOBS [JOBS_OF_REFERENCE_AGAINST_ITSELF]]
 
 Writes docs/sign_test.md. As benchmarks/accuracy.py, on the demo's scanned rock, but of each record only its strong part
 shakes, and a job ends once its answer is known: thousands of jobs in hours where whole records take a day. Answers
@@ -15,7 +15,16 @@ from textwrap import fill
 
 import numpy as np
 import pandas as pd
-from accuracy import ENSEMBLE, KEPT, PGA_M_S2, ROOT, SCENE
+from accuracy import (
+    ENSEMBLE,
+    FINER,
+    FLOOR_OF_MOTION,
+    HALF_STEP,
+    KEPT,
+    PGA_M_S2,
+    ROOT,
+    SCENE,
+)
 from rich.progress import Progress
 from scipy.stats import binomtest
 
@@ -23,7 +32,16 @@ from models import Motion, Scene
 from models.motions.ensemble import Ensemble
 from models.motions.processing import end_at_rest, taper
 from models.motions.record import Record
-from orchestrator.front import CONVERGED, FLOOR, LEAST_TILT_DEG, Setting, answers, compare, draw_jobs
+from orchestrator.front import (
+    CONVERGED,
+    FLOOR,
+    LEAST_TILT_DEG,
+    Setting,
+    answers,
+    compare,
+    disturbed_motions,
+    draw_jobs,
+)
 from workers.presets import PHYSICS_VERSION, PRESETS
 
 PAGE = ROOT / "docs" / "sign_test.md"
@@ -58,7 +76,7 @@ def _strong_part(motion: Motion) -> Motion:
 def main() -> None:
     """Measure and write the page."""
     count = int(sys.argv[1]) if len(sys.argv) > 1 else 5000
-    of_floor = int(sys.argv[2]) if len(sys.argv) > 2 else min(count, 500)
+    of_itself = int(sys.argv[2]) if len(sys.argv) > 2 else min(count, 500)
     # Only whether the rock topples is asked: it need not come to rest once the motion is over and its energy cannot
     # overturn it. The processes of `answers` are forks of this one.
     vars(import_module("workers.shake"))["CALMED_AFTER_MOTION"] = 0.0
@@ -66,21 +84,24 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder, Progress() as progress:
         ensemble = strong_parts(Ensemble.load(ENSEMBLE), Path(folder))
         jobs = draw_jobs(ensemble, count, PGA_M_S2)
-        task = progress.add_task("shaking", total=len(PRESETS) * count + of_floor)
+        first_jobs, converged = jobs[:of_itself], PRESETS[CONVERGED]
+        of_reference = {
+            FLOOR: (first_jobs, Setting(converged, disturbed_toward_deg=0.0)),
+            FLOOR_OF_MOTION: (disturbed_motions(first_jobs), Setting(converged)),
+            FINER: (first_jobs, Setting(HALF_STEP)),
+        }
+        total = len(PRESETS) * count + len(of_reference) * of_itself
+        task = progress.add_task("shaking", total=total)
         said: dict[str, pd.DataFrame] = {}
         for first in range(0, count, AT_ONCE):
             for name, one in PRESETS.items():
                 part = answers(scene, ensemble, jobs[: first + AT_ONCE], Setting(one), kept=KEPT)
                 progress.advance(task, len(part) - len(said.get(name, ())))
                 said[name] = part
-        said[FLOOR] = answers(
-            scene,
-            ensemble,
-            jobs[:of_floor],
-            Setting(PRESETS[CONVERGED], disturbed_toward_deg=0.0),
-            kept=KEPT,
-            seen=lambda: progress.advance(task),
-        )
+        for name, (some, setting) in of_reference.items():
+            said[name] = answers(
+                scene, ensemble, some, setting, kept=KEPT, seen=lambda: progress.advance(task)
+            )
         duration_s = float(
             np.median([ensemble.record(name).motion.duration_s for name in ensemble.record_ids])
         )
@@ -96,9 +117,11 @@ def _page(table: pd.DataFrame, toppled: float, duration_s: float) -> str:
         f"scanned rock: the part of any record of its ensemble between {low} and {high} % of its Arias intensity "
         f"(median {duration_s:.0f} s), {PGA_M_S2[0]:g} to {PGA_M_S2[1]:g} m/s2, any azimuth; {100 * toppled:.0f} % "
         f"topple. Answers are compared with those of `{CONVERGED}`; *disturbed* is itself from a start disturbed by a "
-        "millionth of the rock's height. Share of up: of the flips those to toppled, with the interval that holds "
-        f"it at 95 %; without a lean it is a half. Tilt: mean log ratio of the largest tilts where both stand (those "
-        f"below {LEAST_TILT_DEG:g} degrees count as that), ± its standard error: it tells a lean with far fewer jobs.",
+        "millionth of the rock's height, which is forgotten as the rock lies flat again; *motion times* disturbs the "
+        "motion instead; *half the step* says how far it is itself from converged. Share of up: of the flips those to "
+        "toppled, with the interval that holds it at 95 %; without a lean it is a half. Tilt: mean log ratio of the "
+        f"largest tilts where both stand (those below {LEAST_TILT_DEG:g} degrees count as that), ± its standard error: "
+        "it tells a lean with far fewer jobs.",
         110,
     )
     head = (

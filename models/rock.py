@@ -56,7 +56,9 @@ class Rock:
         if not np.isfinite(mesh.vertices).all():
             raise _mesh_error("vertex coordinates are not all finite", where)
         mesh.merge_vertices(merge_tex=True, merge_norm=True)
-        mesh.update_faces(mesh.nondegenerate_faces(height=0.0))
+        # A sliver of three vertices in one line joins its neighbours, and without it the mesh would be open.
+        joins_three = (mesh.faces != np.roll(mesh.faces, 1, axis=1)).all(axis=1)
+        mesh.update_faces(joins_three)
         mesh.update_faces(mesh.unique_faces())
         mesh.remove_unreferenced_vertices()
         if len(mesh.faces) < 4:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import dask
-from distributed import Client, LocalCluster
+from distributed import Client, LocalCluster, SpecCluster
 from distributed.security import Security
 
 from models import InputError
@@ -70,30 +70,59 @@ async def _end_workers(cluster: LocalCluster) -> None:
             os.kill(nanny.pid, signal.SIGKILL)
 
 
-def workers_missing(client: Client) -> int:
-    """Count a local cluster's workers that have no process at this moment."""
-    cluster = client.cluster
-    if not isinstance(cluster, LocalCluster):
-        return 0
-    return len(cluster.worker_spec) - sum(nanny.is_alive() for nanny in list(cluster.workers.values()))
+class Upkeep:
+    """Keeps a cluster that this program started at its size; of one that is somebody else's it knows nothing.
 
-
-def replace_dead_workers(client: Client) -> None:
-    """Start new workers of a local cluster in place of those that have died for good.
-
-    Dask restarts a worker that dies, but not one that dies while it starts, as happens on a busy machine to one
-    whose first job kills it: then nobody works any more and nobody says so.
+    Parameters
+    ----------
+    client : Client
     """
-    cluster = client.cluster
-    if not isinstance(cluster, LocalCluster):
-        return
-    wanted = len(cluster.worker_spec)
-    dead = [name for name, nanny in list(cluster.workers.items()) if not nanny.is_alive()]
-    if dead:
-        log.warning("%d workers did not come back after their death: new ones start", len(dead))
-        with contextlib.suppress(TimeoutError):  # the next look finds what is left to do
-            client.sync(cluster.scale_down, dead, callback_timeout=REPLACE_TIMEOUT_S)
-    cluster.scale(wanted)
+
+    def __init__(self, client: Client) -> None:
+        self._client = client
+        self._came: set[str] = set()
+        """Batch jobs of which a worker has been there."""
+
+    def gone(self) -> list[str | int]:
+        """Local workers that have no process at this moment, or batch jobs that have ended with all their workers."""
+        cluster = self._client.cluster
+        if isinstance(cluster, LocalCluster):
+            alive = {name for name, nanny in list(cluster.workers.items()) if nanny.is_alive()}
+            return [name for name in cluster.worker_spec if name not in alive]
+        if not isinstance(cluster, SpecCluster):
+            return []
+        here = {str(name) for name in cluster.observed}
+        present = {
+            name
+            for name, spec in cluster.worker_spec.items()
+            if any(f"{name}{suffix}" in here for suffix in spec.get("group", [""]))
+        }
+        self._came |= present
+        return [name for name in cluster.worker_spec if name in self._came - present]
+
+    def replace(self) -> None:
+        """Start new workers, or submit new batch jobs, in place of those that are gone for good.
+
+        Dask restarts a worker that dies, but not one that dies while it starts, as happens on a busy machine to one
+        whose first job kills it; and it submits no batch job again that has reached its time. Then nobody works any
+        more and nobody says so.
+        """
+        cluster: Any = self._client.cluster
+        gone = self.gone()
+        wanted = len(cluster.worker_spec)
+        of_queue = not isinstance(cluster, LocalCluster)
+        # Dask has already dropped some of the local ones: those only have to be asked for again.
+        dropped = [name for name in gone if name in cluster.workers]
+        if dropped:
+            told = (
+                "%d batch jobs have ended: as many are submitted again"
+                if of_queue
+                else "%d workers did not come back after their death: new ones start"
+            )
+            log.warning(told, len(dropped))
+            with contextlib.suppress(TimeoutError):  # the next look finds what is left to do
+                self._client.sync(cluster.scale_down, dropped, callback_timeout=REPLACE_TIMEOUT_S)
+        cluster.scale(**{"jobs" if of_queue else "n": wanted})
 
 
 class _ClosedIfNotStarted(Client):

@@ -117,12 +117,21 @@ def session(run: Path, told: dict[str, Any]) -> Iterator[dict[str, Any]]:
         lock.flush()
         _sweep(run)
         notes = {"started_at": now(), "host": socket.gethostname(), "ended": "interrupted", **told}
-        _note(run, notes, new=True)
+        note(run, notes, new=True)
         try:
             yield notes
         finally:
-            notes["ended_at"] = now()
-            _note(run, notes, new=False)
+            note(run, notes)
+
+
+def note(run: Path, notes: dict[str, Any], *, new: bool = False) -> None:
+    """Write a session's notes, to which the time is added unless they are new, to `run.json`."""
+    if not new:
+        notes["ended_at"] = now()
+    content = describe(run)
+    sessions = content["sessions"]
+    content["sessions"] = [*(sessions if new else sessions[:-1]), notes]
+    write_json(run / "run.json", content)
 
 
 def place_in(run: Path, name: str) -> Path:
@@ -179,13 +188,6 @@ def _take(lock: IO[str]) -> None:
             time.sleep(0.01)
         else:
             return
-
-
-def _note(run: Path, notes: dict[str, Any], *, new: bool) -> None:
-    content = describe(run)
-    sessions = content["sessions"]
-    content["sessions"] = [*(sessions if new else sessions[:-1]), notes]
-    write_json(run / "run.json", content)
 
 
 def _sweep(run: Path) -> None:

@@ -108,14 +108,20 @@ def answers(
     """Shake every job with one setting, in some processes; `seen` is called for each job.
 
     Answers are written to the folder `kept` and taken from there when the same jobs are asked for again: a comparison
-    may be interrupted, or grow. Whatever could make another answer makes another file there.
+    may be interrupted, or grow. Another physics version, scene, ensemble or setting makes another file there.
 
     Returns
     -------
     pandas.DataFrame
         A row a job: its fields, toppled (null without an answer), max_tilt_deg, ended_by, processor_s, simulated_s and
         penetration_share (of R).
+
+    Raises
+    ------
+    InputError
+        If the rock does not stand.
     """
+    stands = settled(scene)  # here: what a process of the pool raises as it starts is not told
     name = (PHYSICS_VERSION, scene.id, scene.contact, ensemble.id, setting)
     path = kept / f"{hashlib.sha256(repr(name).encode()).hexdigest()[:16]}.parquet" if kept else None
     rows = pd.read_parquet(path).to_dict("records") if path and path.exists() else []
@@ -123,7 +129,7 @@ def answers(
     missing = [job for job in jobs if job not in known]
     for _ in range(len(jobs) - len(missing)):
         seen()
-    with ProcessPoolExecutor(processes, initializer=_load, initargs=(scene, ensemble)) as pool:
+    with ProcessPoolExecutor(processes, initializer=_load, initargs=(stands, ensemble)) as pool:
         for job, row in zip(missing, pool.map(_shake, missing, repeat(setting)), strict=True):
             known[job] = row
             seen()
@@ -209,7 +215,7 @@ _ASSETS: list[tuple[Scene, Ensemble]] = []
 
 
 def _load(scene: Scene, ensemble: Ensemble) -> None:
-    _ASSETS[:] = [(settled(scene), ensemble)]
+    _ASSETS[:] = [(scene, ensemble)]
 
 
 def _shake(job: Job, setting: Setting) -> Row:

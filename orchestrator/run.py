@@ -24,9 +24,9 @@ from numpy.typing import NDArray
 from models import InputError, Scene
 from models.motions.ensemble import Ensemble
 from orchestrator.campaign import Campaign
-from orchestrator.cluster import replace_dead_workers, workers_missing
+from orchestrator.cluster import Upkeep
 from orchestrator.dispatch import JOBS_IN_BATCH, USUAL_LIMITS, Batch, Dispatch, Limits, why_given_up
-from orchestrator.folder import describe, prepare, session
+from orchestrator.folder import describe, note, prepare, session
 from orchestrator.journal import journal, tell
 from orchestrator.plan import Plan, check_stands, expected_s, plan
 from orchestrator.task import Order, Row, UnfitWorkerError, check, lost_row, shake_batch, versions
@@ -205,14 +205,15 @@ def run(
         except BaseException as error:
             tell("session ended", how=type(error).__name__, why=str(error))
             raise
-        if result_files(folder) != [folder / RESULTS_FILE]:
-            compact(folder)
         notes |= {
             "ended": "complete",
             "done": tally.done,
             "status": dict(tally.status),
             "deaths": tally.deaths,
         }
+        note(folder, notes)  # what `compact` puts into the results tells of this session too
+        if result_files(folder) != [folder / RESULTS_FILE]:
+            compact(folder)
         tell("session ended", how="complete", **tally.told())
     return tally
 
@@ -265,8 +266,14 @@ def check_workers(client: Client, order: Order) -> None:
     """
     _wait_for_a_worker(client)
     answers = client.run(check, order, on_error="return")
-    # Of a worker that just dies or just comes, its first task will tell.
-    reasons = sorted({str(answer) for answer in answers.values() if isinstance(answer, UnfitWorkerError)})
+    # Of a worker that just dies or just comes (OSError), its first task will tell. One that lacks the program cannot
+    # even read what it is asked, and Dask says so.
+    unfit = (
+        answer
+        for answer in answers.values()
+        if isinstance(answer, Exception) and not isinstance(answer, OSError)
+    )
+    reasons = sorted({str(answer) for answer in unfit})
     if reasons:
         raise InputError(
             f"{len(reasons)} of {len(answers)} workers are unfit for this run: " + "; ".join(reasons[:5]),
@@ -278,7 +285,7 @@ def check_workers(client: Client, order: Order) -> None:
 
 def _wait_for_a_worker(client: Client) -> None:
     """Wait for the first: for ever where somebody else starts it, such as a batch system."""
-    began, told = time.monotonic(), False
+    began, told, upkeep = time.monotonic(), False, Upkeep(client)
     while not client.nthreads():
         with suppress(TimeoutError):
             client.wait_for_workers(1, timeout=REPLACE_AFTER_S)
@@ -286,10 +293,10 @@ def _wait_for_a_worker(client: Client) -> None:
         if not told:
             log.warning("no worker has come yet: waiting")
             told = True
-        if workers_missing(client):
+        if upkeep.gone():
             if time.monotonic() - began > NOBODY_AFTER_S:
                 raise RunError(NOBODY)
-            replace_dead_workers(client)
+            upkeep.replace()
 
 
 def budget_s(workers: int) -> float:
@@ -347,6 +354,7 @@ class Execution:
         self.tasks = 0  # handed out so far
         self._room = JOBS_IN_BATCH
         self._looked = -math.inf
+        self._upkeep = Upkeep(client)
         self._all_alive = time.monotonic()
         self._since: dict[tuple[str, str], float] = {}
         self._overdue: set[str] = set()
@@ -457,7 +465,8 @@ class Execution:
                 msg = f"no fit worker is left: {error}"
                 raise RunError(msg)
         else:
-            raise error
+            msg = f"the cluster cannot do a task ({type(error).__name__}: {error})"
+            raise RunError(msg) from error
 
     def _give_up(self, job: int, batch: Batch) -> None:
         status, message = why_given_up(self.limits, self.dispatch.hung[job])
@@ -476,12 +485,12 @@ class Execution:
         if workers != self.tally.workers:
             tell("workers changed", workers=workers, before=self.tally.workers)
         self.tally.workers = workers
-        if not workers_missing(self.client):
+        if not self._upkeep.gone():
             self._all_alive = now
         elif now - self._all_alive > NOBODY_AFTER_S and not self.tally.workers:
             raise RunError(NOBODY)
         elif now - self._all_alive > REPLACE_AFTER_S:
-            replace_dead_workers(self.client)
+            self._upkeep.replace()
         working = {(worker, str(key)) for worker, keys in self.client.processing().items() for key in keys}
         self._since = {place: self._since.get(place, now) for place in working}
         late = {

@@ -67,13 +67,15 @@ def branch_table(
 
 
 def _interval(rocks: Sequence[Standing], told: Callable[[Sequence[Standing]], float]) -> tuple[float, float]:
-    """Interval (95 %) of what is told of some rocks, as their records are drawn anew, each rock's by themselves."""
+    """Interval (95 %) of what is told of some rocks, as their records are drawn anew (`results.fits.bootstrap`)."""
     known = [rock.resampled for rock in rocks if rock.resampled]
     if len(known) < len(rocks):
         return (math.nan, math.nan)
     fewest = min(known, key=lambda one: one.records)
+    if not all(len(one.fitted) for one in known):
+        return (math.nan, math.nan)
     drawn = zip(
-        *(one.lognormals(rock.curve.measure) for one, rock in zip(known, rocks, strict=True)), strict=False
+        *(one.lognormals(rock.curve.measure) for one, rock in zip(known, rocks, strict=True)), strict=True
     )
     values = [
         told([replace(rock, curve=curve) for rock, curve in zip(rocks, curves, strict=True)])
@@ -115,7 +117,7 @@ def single_event(rocks: Sequence[Standing], confidence: float) -> dict[str, Any]
     -------
     dict
         measure, confidence, unexceeded, unexceeded_low and unexceeded_high (95 %, records drawn anew; None where a
-        curve does not tell), rocks.
+        curve does not tell, or too many draws have no fit: such a draw bounds nothing), rocks.
     """
     curves = [rock.curve for rock in rocks]
     low, high = _interval(rocks, lambda drawn: unexceeded([rock.curve for rock in drawn], confidence))
@@ -123,11 +125,12 @@ def single_event(rocks: Sequence[Standing], confidence: float) -> dict[str, Any]
         "measure": curves[0].measure,
         "confidence": confidence,
         "unexceeded": unexceeded(curves, confidence),
-        "unexceeded_low": None if math.isnan(low) else low,
-        "unexceeded_high": None if math.isnan(high) else high,
+        "unexceeded_low": low if math.isfinite(low) else None,
+        "unexceeded_high": high if math.isfinite(high) else None,
         "rocks": [
             {"name": rock.name, "median": rock.curve.median, "beta": rock.curve.beta}
             | (asdict(rock.curve.basis) if rock.curve.basis else {})
+            | ({"samples_without_fit": rock.resampled.without_fit} if rock.resampled else {})
             for rock in rocks
         ],
     }

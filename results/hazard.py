@@ -205,11 +205,10 @@ def rejected_rate(
 def unexceeded(curves: Sequence[Lognormal], confidence: float = 0.95) -> float:
     """Intensity that no single event has exceeded, at a confidence, since the rocks stand: F(x) = confidence.
 
-    What can be said without an age or a hazard curve.
+    What can be said without an age or a hazard curve. Infinite where no curve gets there.
     """
-    low = min(curve.intensity(1e-9) for curve in curves)
-    high = max(curve.intensity(confidence) for curve in curves)
-    if len(curves) == 1:
+    low, high = (min(curve.intensity(share) for curve in curves) for share in (1e-9, confidence))
+    if len(curves) == 1 or math.isinf(high):
         return high
     return float(brentq(lambda x: any_topples(curves, x) - confidence, low, high * (1 + 1e-9)))
 
@@ -254,7 +253,7 @@ def read_hazard(
         if isinstance(error, InputError):
             raise
         raise _hazard_error(path, f"cannot be read ({error})") from error
-    told = rate > 0  # OpenQuake states zero where the rate underflows
+    told = rate != 0  # OpenQuake states zero where the rate underflows
     return HazardCurve(path.stem, measure, x[told] * ratio, rate[told], weight, taken)
 
 

@@ -15,8 +15,9 @@ class Solver:
 
     It starts from no contact impulses at all and takes them from foot to foot. On a base of many feet, neighbours along
     the rim can hardly be told apart: weight goes over to the leading ones in proportion to the iterations, and until
-    then the rock turns as if its base were smaller. With 20 iterations prisms of 24 to 48 sides overturned .6 to .8 %
-    too easily, with 50 .2 to .3 %, with 100 .2 %, with 300 .1 % and with 1000 .01 %.
+    then the rock turns as if its base were smaller. With 20 iterations a prism of 24 sides overturned .15 % too easily,
+    with 50 .09 %; prisms of 12 to 48 sides at worst .073 % with the 100 of `fast`, .034 % with the 300 of `standard`
+    and .015 % with the 1000 of `reference` (physics version 12).
 
     Parameters
     ----------

@@ -39,7 +39,7 @@ from workers.engine import slip_m_s
 from workers.presets import Settings, settings_of
 from workers.quaternion import to_body
 from workers.seating import TOUCHING_SHARE, friction_that_stops, settled
-from workers.start import State, checked_start, refuse_buried, start_of
+from workers.start import State, checked_start, start_of
 from workers.stepping import IMPACT_STEP, Stepper, forget_worlds
 from workers.way import travel_m
 
@@ -64,6 +64,9 @@ MOVED_SHARE = 0.01
 
 MOVED_DEG = 1.0
 
+NEGLIGIBLE_WAY_SHARE = 1e-3
+"""Of R: the centre of mass comes to its balance over a foot on a way that is longer by far."""
+
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
@@ -75,7 +78,8 @@ class Trajectory:
     position_m : (n, 3) array
         Centre of mass, scene frame.
     quaternion_xyzw : (n, 4) array
-        Turn from the pose in the scene to the present one.
+        Turn to the present pose, scene axes: from that in which the rock was seated, or, where its start was given,
+        from that of the scene.
     """
 
     time_s: Array
@@ -95,14 +99,15 @@ class ShakeResult:
         'stands', 'moved' or 'toppled'; None unless status is ok.
     toppled : bool or None
     topple_time_s, topple_azimuth_deg : float or None
-        When the rock crossed its point of no return, and where its centre of mass was then, seen from its start.
+        When the rock crossed its point of no return, and where its centre of mass was then, seen from its start; at the
+        end, where it started past that point.
     max_tilt_deg, residual_tilt_deg, residual_yaw_deg : float
-        Largest and last angle between the interface's normal and where the rock has carried it from its pose in the
-        scene; last turn about it, since the start.
+        Largest and last angle between the interface's normal and where the rock has carried it, since it was seated,
+        or, where its start was given, from its pose in the scene; last turn about it, since the start.
     slip_m : float
         Way along the interface of the material point that was the centroid of the first contact, at the end.
     penetration_m : float
-        Deepest that a contact point sank below the surface.
+        Deepest that a contact point sank below the surface; a start inside the ground counts once it is raised.
     ended_by : str
         The rule that ended the shake.
     steps, simulated_s, skipped_s, wall_s
@@ -156,7 +161,8 @@ def shake(
     shortcuts : bool
         Skip the time in which nothing can move, and end as soon as the answer is certain.
     initial : State or mapping of its fields, optional
-        Where and how fast the rock starts. Without it the rock is seated and settled first.
+        Where and how fast the rock starts; inside the ground by more than 1e-4 R, it is raised along the interface's
+        normal to where it touches. Without it the rock is seated and settled first.
 
     Returns
     -------
@@ -165,8 +171,8 @@ def shake(
     Raises
     ------
     InputError
-        If a setting is out of range, the rock does not stand by itself where the scene puts it, or it starts inside
-        the ground or in no finite state.
+        If a setting is out of range, the rock does not stand by itself where the scene puts it, or it starts deep
+        inside the ground or in no finite state.
     """
     began = time.perf_counter()
     start_from = None if initial is None else checked_start(initial)
@@ -210,7 +216,6 @@ class _Run:
         self.rest_speed = settings.rest_speed * speed_m_s
         pose, velocity, spin = start_of(contact, start)
         self.speed_limit_m_s = _speed_limit(scene, contact, motion, start, pose)
-        refuse_buried(contact, pose)
         self.start_pose = pose
         self.stepper = Stepper(
             contact,
@@ -319,7 +324,8 @@ class _Run:
             return False
         position, quaternion = self._poses(self.stepper.way.last)
         near = (
-            self.contact.tilts_deg(quaternion)[0] < WEAK_TILT_DEG and self._yaw(quaternion[0]) < WEAK_YAW_DEG
+            self.contact.tilts_deg(quaternion)[0] < WEAK_TILT_DEG
+            and _yaw_deg(quaternion[0], self.contact.start_quaternion_xyzw) < WEAK_YAW_DEG
         )
         calm = bool(near and self._is_displaced(position[0], quaternion[0]))
         if calm:
@@ -374,8 +380,7 @@ class _Run:
         fallen = ended_by in ("fallen", "tilted", "slid_off")
         toppled = (fallen or bool(tilt[-1] > TOPPLED_TILT_DEG)) if status == "ok" else None
         crossing = self._point_of_no_return(ended_by, position, tilt) if toppled else None
-        turn = self.contact.scene_from_support
-        moved = (position - self.start_pose[0]) @ turn.T
+        moved = (position - self.start_pose[0]) @ self.contact.scene_from_support.T
         slip, yaw = self._slip(position[-1], quaternion[-1]), self._yaw(quaternion[-1])
         outcome = None
         if status == "ok":
@@ -386,7 +391,7 @@ class _Run:
             outcome=outcome,
             toppled=toppled,
             topple_time_s=None if crossing is None else self.stepper.way.times_s[crossing],
-            topple_azimuth_deg=None if crossing is None else azimuth_deg(moved[crossing]),
+            topple_azimuth_deg=None if crossing is None else self._fell_toward_deg(moved, crossing),
             max_tilt_deg=float(np.nanmax(tilt)),
             residual_tilt_deg=float(tilt[-1]),
             residual_yaw_deg=yaw,
@@ -418,6 +423,15 @@ class _Run:
             still = int(np.flatnonzero(tilt <= TOPPLED_TILT_DEG).max(initial=0))
         return _last_top(position @ self.contact.scene_from_support[2], max(still, 0))
 
+    def _fell_toward_deg(self, moved_m: Array, crossing: int) -> float:
+        """Azimuth of the centre of mass's way (n, 3), scene frame, up to the crossing.
+
+        A rock that starts past its balance has not moved by then but for rounding: it falls toward where it ends.
+        """
+        way_m = float(np.hypot(*moved_m[crossing, :2]))
+        seen = crossing if way_m > NEGLIGIBLE_WAY_SHARE * self.contact.half_diagonal_m else -1
+        return azimuth_deg(moved_m[seen])
+
     def _penetration_m(self, position: Array, quaternion: Array) -> float:
         return max(-float(self.stepper.gaps_m(position, quaternion).min()), 0.0)
 
@@ -426,8 +440,7 @@ class _Run:
         return np.array(position), np.array(quaternion)
 
     def _yaw(self, quaternion: Array) -> float:
-        turned_rad = turn_rad(quaternion, np.array(self.start_pose[1]))
-        return abs(float(np.rad2deg(turned_rad) + 180.0) % 360.0 - 180.0)
+        return _yaw_deg(quaternion, np.array(self.start_pose[1]))
 
     def _slip(self, position: Array, quaternion: Array) -> float:
         """Way of the material point at the centroid of the first contact, along the interface."""
@@ -523,6 +536,10 @@ def _speed_limit(
         given += float(np.linalg.norm(start.velocity_m_s))
         given += float(np.linalg.norm(start.angular_velocity_rad_s)) * contact.half_diagonal_m
     return 2.0 * (given + float(np.sqrt(2.0 * scene.gravity_m_s2 * fall_m)))
+
+
+def _yaw_deg(quaternion: Array, since: Array) -> float:
+    return abs(float(np.rad2deg(turn_rad(quaternion, since)) + 180.0) % 360.0 - 180.0)
 
 
 def _fallen(contact: ContactModel, position: Array) -> NDArray[np.bool_]:

@@ -17,7 +17,7 @@ STILL: Vector = (0.0, 0.0, 0.0)
 
 SUNK_SHARE = 1e-4
 """A foot deeper than this share of R has sunk in. One that newly does was not seen coming: its step is taken again with
-foresight. One that starts so is not set right at once, but let out by the engine."""
+foresight. A rock that a caller starts with feet deeper is raised first; what is less the engine lets out gently."""
 
 CLEARANCES_KEPT = 32
 """Of the latest poses that were asked for."""

@@ -4,6 +4,7 @@ import csv
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
@@ -148,7 +149,7 @@ def fetch(
         (network.code, station)
         for network in inventory
         for station in network
-        if stations or event is None or radius_km is None or _epicentral_km(event, station) <= radius_km
+        if _is_asked_for(network.code, station, stations, event, radius_km)
     ]
     advance(len(found))
     folder.mkdir(parents=True, exist_ok=True)
@@ -175,6 +176,15 @@ def fetch(
     return result
 
 
+def _is_asked_for(
+    network: str, station: Any, stations: Sequence[str], event: Source | None, radius_km: float | None
+) -> bool:
+    """Whether a station of the answer was asked for: services combine every network with every station."""
+    if stations:
+        return any(fnmatchcase(f"{network}.{station.code}", pair) for pair in stations)
+    return event is None or radius_km is None or _epicentral_km(event, station) <= radius_km
+
+
 class _NothingError(Exception):
     """A station that has nothing to give."""
 
@@ -196,7 +206,8 @@ def _inventory(
                 expected="NET.STA, separated by commas",
                 remedy="for example CI.CLC,CI.CCC",
             )
-        asked |= {"network": ",".join(p[0] for p in pairs), "station": ",".join(p[1] for p in pairs)}
+        networks, codes = (",".join(dict.fromkeys(part)) for part in zip(*pairs, strict=True))
+        asked |= {"network": networks, "station": codes}
     elif event is not None and radius_km is not None:
         asked |= _around(client, event, radius_km)
     if window is not None:

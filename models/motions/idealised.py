@@ -40,21 +40,6 @@ def sawtooth_velocity(
     return _along(pgv_m_s / reached * acceleration, azimuth_deg, time[1])
 
 
-def step_in_velocity(
-    velocity_m_s: float, azimuth_deg: float = 0.0, time_step_s: float = TIME_STEP_S
-) -> Motion:
-    """Jump of the ground's velocity: a triangle of acceleration, two time steps wide, that carries it."""
-    return _along(np.array([0.0, velocity_m_s / time_step_s, 0.0]), azimuth_deg, time_step_s)
-
-
-def constant_acceleration(
-    acceleration_m_s2: float, duration_s: float, azimuth_deg: float = 0.0, time_step_s: float = TIME_STEP_S
-) -> Motion:
-    """Constant acceleration from time 0 to the end."""
-    time = _times(duration_s, time_step_s)
-    return _along(np.full(len(time), acceleration_m_s2), azimuth_deg, time[1])
-
-
 def ricker(
     pga_m_s2: float, period_s: float, azimuth_deg: float = 0.0, time_step_s: float = TIME_STEP_S
 ) -> Motion:

@@ -19,12 +19,15 @@ from models.motions.processing import DRIFTS, drifts, process, resample
 from models.motions.quality import doubts
 from models.motions.record import Record
 from models.motions.stations import Triple, grouped, oriented, triple
-from models.motions.twins import Candidate, twins
+from models.motions.twins import Candidate, Shaking, twins
 
 logger = logging.getLogger(__name__)
 
 SAME_INSTRUMENT = 1.25
 """Factor within which the sensitivities of one instrument's channels lie."""
+
+SAME_UNIT = 1e-3
+"""Share by which two statements of one unit differ at most: g is 9.81 or 980 gal to some."""
 
 LEFT = {
     "corrected": "left as the agency corrected it",
@@ -72,10 +75,11 @@ class Refusal:
 
 @dataclass
 class Import:
-    """Outcome of an import."""
+    """Outcome of an import; `unused_rows` of the metadata table name no file that was given."""
 
     records: list[Record] = field(default_factory=list)
     refusals: list[Refusal] = field(default_factory=list)
+    unused_rows: int = 0
 
 
 def record_files(paths: Iterable[Path]) -> list[Path]:
@@ -124,7 +128,7 @@ def import_records(
     files : sequence of Path
         As from :func:`record_files`.
     table : sequence of Entry
-        Rows of a metadata table; rows none of whose files are given are passed over.
+        Rows of a metadata table; rows none of whose files are given are passed over and counted.
     wishes : Wishes
     advance : callable
         Called with the number of files that were read, and again when they have become records.
@@ -133,20 +137,23 @@ def import_records(
     -------
     Import
         Records with ids that are unique, and refusals.
+
+    Raises
+    ------
+    InputError
+        If there are rows of a metadata table and none of them names a file that is given.
     """
     wishes = wishes or Wishes()
-    outcome = Import()
+    rows = _rows_of(table, files)
+    outcome = Import(unused_rows=len(table) - len(rows))
     channels = _read_files(files, outcome, advance)
     found: list[Candidate] = []
     used: set[Path] = set()
-    place = {path.resolve(): path for path in files}
-    for entry in table:
-        here = [place[file.resolve()] for file in entry.files if file.resolve() in place]
-        if here:
-            used.update(here)
-            with _noting(entry.record_id or entry.where, outcome):
-                found.append(_by_row(entry, here, channels, wishes))
-            advance(len(here))
+    for entry, here in rows:
+        used.update(here)
+        with _noting(entry.record_id or entry.where, outcome):
+            found.append(_by_row(entry, here, channels, wishes))
+        advance(len(here))
     rest = [c for path, components in channels.items() if path not in used for c in components]
     for group in grouped(rest):
         name = _name(group)
@@ -156,6 +163,25 @@ def import_records(
     outcome.records.extend(_without_twins(found, outcome))
     _make_ids_unique(outcome.records)
     return outcome
+
+
+def _rows_of(table: Sequence[Entry], files: Sequence[Path]) -> list[tuple[Entry, list[Path]]]:
+    """Rows of the table with those of their files that are given."""
+    place = {path.resolve(): path for path in files}
+    here = [(entry, [place[p.resolve()] for p in entry.files if p.resolve() in place]) for entry in table]
+    rows = [(entry, paths) for entry, paths in here if paths]
+    if table and not rows:
+        looked_for = table[0].h1
+        raise InputError(
+            f"none of the {len(table)} rows of the metadata table names a file that is given:"
+            f" the first looks for {looked_for}",
+            where=table[0].where,
+            expected="paths relative to the folder of the table",
+            remedy="give this file or its folder too"
+            if looked_for.exists()
+            else "correct the paths in the table",
+        )
+    return rows
 
 
 @contextmanager
@@ -235,7 +261,14 @@ def _one(components: list[Component], entry: Entry) -> Component:
 
 
 def _completed(channels: Triple, entry: Entry) -> Triple:
-    """Channels with what the table says where the file is silent."""
+    """Channels with what the table says where the file is silent.
+
+    Raises
+    ------
+    InputError
+        If the table contradicts a header: a vertical as h1 or h2, a horizontal as v, another unit.
+    """
+    _refuse_contradictions(channels, entry)
 
     def complete(component: Component, bearing: float | None) -> Component:
         values = component.acceleration_m_s2
@@ -262,6 +295,37 @@ def _completed(channels: Triple, entry: Entry) -> Triple:
         vertical,
     )
     return completed if completed.first.unit_known else _scaled_to_peaks(completed, entry)
+
+
+def _refuse_contradictions(channels: Triple, entry: Entry) -> None:
+    for name, component in zip(("h1", "h2", "v"), channels.channels, strict=False):
+        _refuse_other_direction(name, component, entry)
+        _refuse_other_unit(component, entry)
+
+
+def _refuse_other_direction(name: str, component: Component, entry: Entry) -> None:
+    direction = component.direction
+    if not isinstance(direction, float if name == "v" else str):
+        return
+    points = direction if isinstance(direction, str) else f"{direction:g} degrees from north"
+    raise InputError(
+        f"the row names {component.path.name} in column {name}, and the file says that it points {points}",
+        where=entry.where,
+        expected="two horizontals in h1 and h2, the vertical in v",
+        remedy="correct h1, h2 and v",
+    )
+
+
+def _refuse_other_unit(component: Component, entry: Entry) -> None:
+    by_name, by_row = component.stated_unit_m_s2, entry.unit_m_s2
+    if by_name is None or by_row is None or math.isclose(by_name, by_row, rel_tol=SAME_UNIT):
+        return
+    raise InputError(
+        f"the unit is {by_row:g} m/s2 by the row, and {by_name:g} m/s2 by the names in {component.path.name}",
+        where=entry.where,
+        expected="one unit of the samples",
+        remedy="correct the column 'unit', or the names of the file's columns",
+    )
 
 
 def _scaled_to_peaks(channels: Triple, entry: Entry) -> Triple:
@@ -367,9 +431,8 @@ def _candidate(name: str, channels: Triple, wishes: Wishes, entry: Entry | None)
         components=len(channels.channels),
         quality=quality,
     )
-    shaking = (
-        (first.event.lower(), first.station.lower(), first.series) if first.event and first.station else None
-    )
+    told = entry.event if entry else ""
+    shaking = Shaking(told.lower(), first.event.lower(), first.station.lower(), first.series, first.start_s)
     return Candidate(record, shaking, bool(corrected))
 
 

@@ -204,11 +204,6 @@ def along_components(
     return history[:, :2] @ np.stack([np.cos(angle), np.sin(angle)])
 
 
-def direction_bin(azimuth_deg: float, bins: int = 8) -> int:
-    """Direction bin of the study, from 1: the first is centred on x, the rest follow counter-clockwise."""
-    return int(((azimuth_deg + 180.0 / bins) % 360.0) // (360.0 / bins)) + 1
-
-
 def measure(motion: Motion, component_azimuths_deg: tuple[float, float] = (0.0, 90.0)) -> dict[str, float]:
     """Every intensity measure that a catalogue keeps.
 

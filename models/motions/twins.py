@@ -8,12 +8,50 @@ from numpy.typing import NDArray
 from scipy.signal import correlate
 
 from models.motions.record import Record
+from models.motions.stations import SAME_SHAKING_S
 
 LIKE_PEAKS = 0.1
 """Records whose PGA and PGV differ by more than this share are not compared sample by sample."""
 LIKE_SHAPE = 0.97
 """Correlation of the horizontal vectors' lengths from which two records are one."""
 COMPARED_STEP_S = 0.02
+
+
+@dataclass(frozen=True)
+class Shaking:
+    """What names the shaking of a record, empty or None where nobody says.
+
+    Parameters
+    ----------
+    told_event : str
+        Event by the metadata table.
+    event, station, series : str
+        By the header.
+    start_s : float or None
+        Time of the first sample, seconds since 1970.
+    """
+
+    told_event: str
+    event: str
+    station: str
+    series: str
+    start_s: float | None
+
+    def is_that_of(self, other: "Shaking") -> bool:
+        """Whether the names alone show that the two are one.
+
+        One name is often that of a foreshock too: where table and header both name the events, both must agree, and
+        records that know when they begin begin together.
+        """
+        at_one_place = bool(self.station) and (self.station, self.series) == (other.station, other.series)
+        events = [(self.told_event, other.told_event), (self.event, other.event)]
+        known = [pair for pair in events if all(pair)]
+        together = (
+            self.start_s is None
+            or other.start_s is None
+            or abs(self.start_s - other.start_s) <= SAME_SHAKING_S
+        )
+        return at_one_place and together and bool(known) and all(a == b for a, b in known)
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,13 +61,12 @@ class Candidate:
     Parameters
     ----------
     record : Record
-    shaking : tuple or None
-        Event, station and series by the header, where it names both.
+    shaking : Shaking
     corrected : bool
     """
 
     record: Record
-    shaking: tuple[str, ...] | None
+    shaking: Shaking
     corrected: bool
 
 
@@ -47,7 +84,7 @@ def twins(candidates: Sequence[Candidate]) -> Iterator[tuple[Candidate, Candidat
 
 
 def _are_one(a: Candidate, b: Candidate) -> bool:
-    if a.shaking is not None and a.shaking == b.shaking:
+    if a.shaking.is_that_of(b.shaking):
         return True
     for name in ("pga_m_s2", "pgv_m_s"):
         if abs(np.log(b.record.intensity[name] / a.record.intensity[name])) > LIKE_PEAKS:

@@ -155,8 +155,7 @@ def numbers_of(scene: Scene, notes: Sequence[str] = ()) -> list[str]:
     Notes follow, broken into lines of the same length.
     """
     rock, report = scene.rock, scene.report
-    spread, surface = report.get("uncertainty", {}), report.get("surface", {})
-    segmentation, registration = report.get("segmentation", {}), report.get("registration", {})
+    spread, registration = report.get("uncertainty", {}), report.get("registration", {})
     downhill = scene.pedestal.downhill_azimuth_deg
     volume, com = spread.get("volume_std_m3"), spread.get("com_std_m")
     tilt = spread.get("interface_normal_std_deg")
@@ -167,22 +166,43 @@ def numbers_of(scene: Scene, notes: Sequence[str] = ()) -> list[str]:
         + (" m" if com is None else " ± {:.2g}, {:.2g}, {:.2g} m".format(*com)),
         f"interface falls {scene.pedestal.slope_deg:.2f}°{'' if tilt is None else f' ± {tilt:.2f}°'} toward azimuth "
         f"{downhill:.1f}° ({float(compass_deg(downhill)):.0f}° compass)",
-        f"roughness {report.get('interface', {}).get('roughness_m', 0.0):.3g} m",
-        "surface seen {:.1%}, closed at the interface {:.1%}, invented {:.1%}".format(
-            *(surface.get(key, 0.0) for key in ("seen_share", "closed_share", "invented_share"))
-        ),
+        *_surface_of(report),
         "origin {:.1f}, {:.1f}, {:.1f} m".format(*scene.origin_m),
+        *_split_of(report),
     ]
-    if sure := segmentation.get("confidence"):
-        lines += [
-            f"split: {sure['concave_share_of_cut']:.0%} of the cut lies in creases,",
-            f"  crevice seen in {sure['crevice_seen_share']:.0%} of the directions,",
-            f"  {sure['undisputed_share']:.1%} of the points beside it undisputed,",
-            f"  highest other candidate {sure['runner_up']:.0%} of the rock's height",
-        ]
     if "residual_m" in registration:
         lines.append(_fit_of(registration))
     return lines + [line for note in notes for line in wrap(note, NOTE_WIDTH)]
+
+
+def _surface_of(report: Mapping[str, Any]) -> list[str]:
+    """How rough the interface is and how much of the surface was seen, where a scan has measured them."""
+    interface, surface = report.get("interface", {}), report.get("surface", {})
+    lines = []
+    if "roughness_m" in interface and interface.get("given_by") != "plane":  # a plane fits itself
+        lines.append(f"roughness {interface['roughness_m']:.3g} m")
+    if surface:
+        lines.append(
+            f"surface seen {surface['seen_share']:.1%}, closed at the interface {surface['closed_share']:.1%}, "
+            f"invented {surface['invented_share']:.1%}"
+        )
+    return lines
+
+
+def _split_of(report: Mapping[str, Any]) -> list[str]:
+    """How sure the split of rock and pedestal is; other candidates are sought only where the interface is fitted."""
+    sure = report.get("segmentation", {}).get("confidence")
+    if not sure:
+        return []
+    fitted = report.get("interface", {}).get("given_by", "fit") == "fit"
+    return [
+        f"split: {sure['concave_share_of_cut']:.0%} of the cut lies in creases,",
+        f"  crevice seen in {sure['crevice_seen_share']:.0%} of the directions,",
+        f"  {sure['undisputed_share']:.1%} of the points beside it undisputed,",
+        f"  highest other candidate {sure['runner_up']:.0%} of the rock's height"
+        if fitted
+        else "  no other candidate looked for, as the interface is given",
+    ]
 
 
 def _fit_of(registration: Mapping[str, Any]) -> str:

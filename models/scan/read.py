@@ -1,6 +1,5 @@
 """Clouds from files: every format ends as local points in metres and one double-precision origin."""
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,21 +10,13 @@ import open3d as o3d
 from numpy.typing import NDArray
 
 from models.errors import InputError
+from models.scan.header import TEXT, named_columns
 
 FORMATS = (".ply", ".pcd", ".xyz", ".pts", ".txt", ".csv", ".las", ".laz", ".e57")
 MINIMUM_POINTS = 1000
 """Fewer points than this cannot show a rock, its pedestal and the crevice between them."""
-AXES = {
-    "x": ("x", "easting", "east", "e"),
-    "y": ("y", "northing", "north", "n"),
-    "z": ("z", "elevation", "elev", "height", "up"),
-}
-"""What headers of text files call east, north and up, in lower case."""
-OTHER_COLUMNS = (
-    *("id", "point", "station", "time", "intensity", "reflectance", "red", "green", "blue", "r", "g", "b"),
-    *("nx", "ny", "nz", "latitude", "longitude", "lat", "lon", "range", "azimuth", "zenith", "theta", "phi"),
-)
-"""What headers call columns that are no coordinates of a survey."""
+NOISE = (7, 18)
+"""Classes of low and high noise in the LAS specification."""
 EASTINGS_M = (1e5, 1e6)
 """Within these lie all eastings of UTM; northings lie beyond nearly everywhere."""
 NORTHINGS_BELOW_M = 1e7
@@ -106,11 +97,13 @@ def _read_file(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
 
 
 def _read_las(path: Path) -> tuple[NDArray[np.float64], NDArray]:
+    """Read what was not deleted: points that are withheld are, by the specification, and noise was cleaned out."""
     with laspy.open(path) as source:
         points = np.empty((source.header.point_count, 3))
         station = np.empty(source.header.point_count, np.int32)
         filled = 0
-        for chunk in source.chunk_iterator(2_000_000):
+        for every in source.chunk_iterator(2_000_000):
+            chunk = every[~(np.asarray(every.withheld, bool) | np.isin(every.classification, NOISE))]
             rows = slice(filled, filled + len(chunk))
             points[rows, 0], points[rows, 1], points[rows, 2] = chunk.x, chunk.y, chunk.z
             station[rows] = chunk.point_source_id
@@ -149,19 +142,20 @@ def _read_tensor(path: Path) -> tuple[NDArray[np.float64], NDArray]:
 
 def _read_columns(path: Path) -> NDArray[np.float64]:
     """Read x, y, z of a text file: the columns that a header names, else the first three."""
-    with path.open(errors="replace") as lines:
+    with path.open(encoding=TEXT, errors="replace") as lines:
         head = [line for _, line in zip(range(20), lines, strict=False)]
     skip = next((i for i, line in enumerate(head) if _numbers(line) >= 3), None)
     if skip is None:
         return np.empty((0, 3))
     delimiter = "," if "," in head[skip] else ";" if ";" in head[skip] else None
-    named = _named_columns(head[:skip], head[skip], delimiter, path)
-    with path.open(errors="replace") as lines:
+    titles = list(filter(_no_count, head[:skip]))
+    named = named_columns(titles, len(head[skip].strip().split(delimiter)), str(path))
+    with path.open(encoding=TEXT, errors="replace") as lines:
         counted = path.suffix.lower() == ".pts"  # filtering costs time, so for these files alone
         points = np.loadtxt(
-            filter(_no_count, lines) if counted else path,
+            filter(_no_count, lines) if counted else lines,
             delimiter=delimiter,
-            skiprows=sum(map(_no_count, head[:skip])) if counted else skip,
+            skiprows=len(titles) if counted else skip,
             usecols=named or (0, 1, 2),
             ndmin=2,
             comments=("#", "//"),
@@ -174,43 +168,6 @@ def _read_columns(path: Path) -> NDArray[np.float64]:
 def _no_count(line: str) -> bool:
     """Whether a line is none of the counts of points that stand before each scan in a PTS file."""
     return not line.strip().isdigit()
-
-
-def _named_columns(
-    head: list[str], first: str, delimiter: str | None, path: Path
-) -> tuple[int, int, int] | None:
-    """Columns of x, y, z by the header before the first line of numbers, None if there is no header."""
-    titles = [line for line in head if line.strip() and _no_count(line)]
-    if not titles:
-        return None
-    columns = len(first.strip().split(delimiter))
-    title = titles[-1].strip().lstrip("#/ ").lower()
-    names = [_bare(word) for word in title.split(delimiter)]
-    if len(names) != columns:
-        names = [_bare(word) for word in title.replace(",", " ").replace(";", " ").split()]
-    x, y, z = (next((names.index(word) for word in words if word in names), None) for words in AXES.values())
-    if (
-        x is not None
-        and y is not None
-        and z is not None
-        and (len(names) == columns or (x, y, z) == (0, 1, 2))
-    ):
-        return x, y, z
-    known = {*OTHER_COLUMNS, *(word for words in AXES.values() for word in words)}
-    if len(known.intersection(names)) < 2:
-        return None  # a remark
-    raise InputError(
-        f"the header names its columns {', '.join(names)}",
-        where=str(path),
-        expected="; ".join(f"{axis}: {' or '.join(words)}" for axis, words in AXES.items())
-        + f"; and as many names as columns ({columns})",
-        remedy="name the columns of easting, northing and height x, y and z, in metres",
-    )
-
-
-def _bare(word: str) -> str:
-    """A column's name without quotes and unit: "X [m]" is x."""
-    return re.split(r"[(\[]", word.strip().strip("\"'"))[0].strip().removesuffix("_m")
 
 
 def _check_easting_first(points: NDArray[np.float64], path: Path) -> None:

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from models.errors import InputError
 from models.frames import plane_axes, plane_normal
+from models.scan.header import TEXT, named_columns
 from models.scan.interface import Interface
 
 STEEPEST_DEG = 60.0
@@ -86,7 +87,7 @@ class Word:
 
     @classmethod
     def outline(cls, path: str | Path) -> "Word":
-        """Contact outline from a file: one vertex x, y, z a line, in order.
+        """Contact outline from a file: one vertex x, y, z a line, in order, or as its header names them.
 
         Raises
         ------
@@ -94,8 +95,9 @@ class Word:
             If the file is no such list.
         """
         rows: list[list[float]] = []
+        columns = (0, 1, 2)
         try:
-            lines = Path(path).read_text().splitlines()
+            lines = Path(path).read_text(encoding=TEXT).splitlines()
         except (OSError, UnicodeDecodeError) as error:
             raise _unusable(f"cannot be read ({error})", str(path)) from None
         for number, line in enumerate(lines, 1):
@@ -105,12 +107,13 @@ class Word:
             except ValueError:
                 if rows or number > 1:
                     raise _unusable(f"line {number} is '{line}'", str(path)) from None
-                continue  # a header
+                columns = named_columns([line], 3, str(path)) or columns
+                continue
             if row:
                 if len(row) != 3 or not np.isfinite(row).all():
                     raise _unusable(f"line {number} is '{line}'", str(path))
                 rows.append(row)
-        points = np.array(rows, float).reshape(-1, 3)
+        points = np.array([[row[column] for column in columns] for row in rows], float).reshape(-1, 3)
         if len(points) > 1 and np.array_equal(points[0], points[-1]):
             points = points[:-1]
         return cls.points(points, "outline")

@@ -219,7 +219,7 @@ def _fit(path: Path, measure: str, seen: Callable[[], None]) -> tuple[Lognormal 
     fitted = fit(heard, [measure]) if len(heard) else None
     if fitted is None or (curve := fitted.lognormal) is None:
         return None, None
-    return replace(curve, basis=basis_of(known, measure)), bootstrap(heard, fitted, seen=seen)
+    return replace(curve, basis=basis_of(jobs, measure)), bootstrap(heard, fitted, seen=seen)
 
 
 def _words(told: dict) -> str:
@@ -237,10 +237,11 @@ def _words(told: dict) -> str:
             "  how far other records would move it is not known of a file of curves, or of few records"
         )
     else:
-        lines.append(
-            f"  {told['unexceeded_low']:.3g} to {told['unexceeded_high']:.3g} {unit} with other records like these "
-            "(95 %): the jobs are of few earthquakes"
-        )
+        high = told["unexceeded_high"]
+        ends = f"{told['unexceeded_low']:.3g} {'or any more' if high is None else f'to {high:.3g}'} {unit}"
+        unfit = max(rock["samples_without_fit"] for rock in told["rocks"])
+        bare = f"; {unfit} of {SAMPLES} draws of them have no fit and bound nothing" if unfit else ""
+        lines.append(f"  {ends} with other records like these (95 %{bare}): the jobs are of few earthquakes")
     for rock in told["rocks"]:
         if rock.get("without_answer"):
             lines.append(

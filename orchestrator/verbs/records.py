@@ -107,6 +107,7 @@ def import_(
                     "id": ensemble.id,
                     "records": ensemble.record_ids,
                     "left_out": left_out,
+                    "unused_rows": outcome.unused_rows,
                 }
             )
         )
@@ -115,6 +116,8 @@ def import_(
     click.echo(
         f"{len(outcome.records)} records of {len(files)} files in {out}, {len(outcome.refusals)} left out"
     )
+    if outcome.unused_rows:
+        click.echo(f"{outcome.unused_rows} of {len(table)} rows of {metadata} name no file that was given")
 
 
 @records.command()

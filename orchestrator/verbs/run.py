@@ -3,6 +3,7 @@
 import json
 import logging
 import os
+import shlex
 import signal
 import sys
 from contextlib import AbstractContextManager
@@ -11,6 +12,7 @@ from types import FrameType
 from typing import Any
 
 import click
+from click.core import ParameterSource
 
 from orchestrator.cluster import QUEUES
 from orchestrator.dispatch import Limits
@@ -19,6 +21,9 @@ FAILED_JOBS = 3
 INTERRUPTED = 130
 AGAIN = ("crashed", "timeout", "failed")
 """Statuses that something transient may cause. What is undecided or diverged would be so again."""
+
+OF_ONE_CALL = ("again", "report", "as_json", "dry_run")
+"""Options that a call which goes on does not repeat."""
 
 FILE = click.Path(dir_okay=False, path_type=Path)
 FOLDER = click.Path(file_okay=False, path_type=Path)
@@ -104,7 +109,7 @@ def run(
     signal.signal(signal.SIGTERM, _stop)
     chosen = Campaign.read(campaign)
     cluster = _cluster(workers, queue, **where)
-    command = f"toppling run {campaign} --out {folder}"
+    command = _command(click.get_current_context())
     to_go_on = " ".join([f"To go on: {command}", *(["--again", ",".join(again)] if again else [])])
     try:
         with watcher() as watch:
@@ -136,6 +141,17 @@ def run(
         click.echo(f"next: toppling fragility {folder}")
     if state["failed"]:
         sys.exit(FAILED_JOBS)
+
+
+def _command(context: click.Context) -> str:
+    """The command that goes on with this run where it ran, without what is of this call alone."""
+    words = ["toppling", "run", str(context.params["campaign"])]
+    for option in context.command.params:
+        value = context.params.get(str(option.name))
+        given = context.get_parameter_source(str(option.name)) is ParameterSource.COMMANDLINE
+        if given and isinstance(option, click.Option) and option.name not in OF_ONE_CALL:
+            words += [option.opts[0], str(value)]
+    return shlex.join(words)
 
 
 def _cluster(

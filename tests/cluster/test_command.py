@@ -86,7 +86,7 @@ def test_stopping_it_keeps_the_rows_and_says_how_to_go_on(inputs, planned, tmp_p
     run = tmp_path / "run"
     code, told = stopped(inputs, run, stop)
     assert code == 130
-    assert f"To go on: toppling run {inputs / 'campaign.toml'} --out {run}" in told
+    assert f"To go on: toppling run {inputs / 'campaign.toml'} --out {run} --workers 2\n" in told
     state = state_of(run)
     assert state["state"] == "interrupted"
     assert 0 < state["stored"] < len(planned)
@@ -202,7 +202,7 @@ def test_an_existing_scheduler_gives_the_same_rows_and_losing_it_loses_no_row(
         _, told = client.communicate(timeout=120)
     assert client.returncode == 1
     assert "scheduler" in told
-    assert "To go on" in told
+    assert f"--out {run} --scheduler tcp://127.0.0.1:{port}" in told  # where the run ran, and nowhere else
     assert 0 < state_of(run)["stored"] < len(undisturbed)
     faults.clear()
     with processes(*scheduler_and_workers(port)):

@@ -29,6 +29,8 @@ def test_two_workers_give_the_rows_of_one_process_bit_for_bit(carry_out, undistu
     assert answers_of(tmp_path / "run") == undisturbed
     assert (tally.done, tally.failed, tally.before) == (len(undisturbed), 0, 0)
     assert state_of(tmp_path / "run")["state"] == "complete"
+    kept = json.loads(pq.read_schema(tmp_path / "run" / "results.parquet").metadata[b"run.json"])
+    assert [(session["ended"], session["done"]) for session in kept["sessions"]] == [("complete", tally.done)]
     assert len({row["outcome"] for row in undisturbed}) > 1, "the ensemble must not be trivial"
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from models import InputError, Rock, Scene
-from models.shapes import ellipsoid
+from models.shapes import box, ellipsoid
 
 UTM_M = np.array([431_234.0, 3_777_345.0, 480.25])
 ROCK = ellipsoid((0.6, 0.5, 0.9), 3)
@@ -17,6 +17,18 @@ def test_mass_properties_do_not_depend_on_where_the_mesh_lies():
     np.testing.assert_allclose(far.com_m - UTM_M, ROCK.com_m, atol=1e-8)
     np.testing.assert_allclose(far.inertia_per_mass_m2, ROCK.inertia_per_mass_m2, atol=1e-8)
     np.testing.assert_array_equal(far.vertices_m, ROCK.vertices_m + UTM_M)
+
+
+def test_a_sliver_of_three_vertices_in_line_keeps_the_mesh_closed():
+    whole = box(0.25, 0.5, 0.75)
+    first, second, third = whole.faces[0]
+    middle = len(whole.vertices_m)
+    vertices = np.vstack([whole.vertices_m, whole.vertices_m[[first, second]].mean(axis=0)])
+    beside = [(first, middle, third), (middle, second, third), (first, second, middle)]
+    split = Rock.from_triangles(vertices, np.vstack([whole.faces[1:], beside]))
+    assert len(split.faces) == len(whole.faces) + 2
+    assert split.volume_m3 == pytest.approx(whole.volume_m3, rel=1e-12)
+    np.testing.assert_allclose(split.inertia_per_mass_m2, whole.inertia_per_mass_m2, atol=1e-12)
 
 
 def test_a_mesh_in_survey_coordinates_becomes_a_scene_beside_its_origin():

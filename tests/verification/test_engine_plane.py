@@ -132,7 +132,7 @@ def test_a_full_sine_overturns_from_the_exact_amplitude_on(preset, alpha_deg, ha
 )
 def test_a_base_of_many_feet_overturns_about_its_leading_edge_or_foot(preset, sides, leading):
     # What errs is the solver, which moves the weight to the leading feet in proportion to its iterations. Measured with
-    # standard -.01 to -.12 %, with reference -.015 %; with 20 and 50 iterations -.8 and -.3 %.
+    # standard -.01 to -.03 %, with reference -.015 %; 24 sides with 20 and 50 iterations -.15 and -.09 %.
     assert abs(case.many_feet_error(sides, leading, preset)) < TARGET[preset]
 
 
@@ -152,6 +152,20 @@ def test_a_rectangular_pulse_overturns_from_the_exact_amplitude_on(
     preset, alpha_deg, half_diagonal, duration_share
 ):
     assert abs(case.pulse_error(alpha_deg, half_diagonal, duration_share, preset)) < TARGET[preset]
+
+
+@pytest.mark.parametrize(
+    ("preset", "azimuth_deg"), cases("overhang", [("standard", 0.0)], [("standard", 180.0)])
+)
+def test_a_block_over_the_edge_of_its_pedestal_overturns_about_that_edge(preset, azimuth_deg):
+    # Three shakes, from .1 % below to .1 % above. Measured -.016 %, resolved to .04 %.
+    assert abs(case.overhang_error(azimuth_deg, preset, span=1e-3, resolution=1e-3)) < 1e-3
+
+
+def test_a_step_of_the_bases_velocity_overturns_from_the_exact_velocity_on():
+    # As above. Measured -.008 %, resolved to .02 %.
+    error = case.velocity_step_error(18.4349, 0.632, "standard", span=1e-3, resolution=1e-3)
+    assert abs(error) < 1e-3
 
 
 @pytest.mark.parametrize(
@@ -210,22 +224,29 @@ def test_a_translating_block_that_lands_flat_turns_as_the_impact_law_says(preset
     assert abs(error[0]).max() < 1e-4
 
 
+def sway_m_s2(time_s):
+    """Ground acceleration that makes a block of k = 3 slide, rock or both, as its friction is."""
+    return -6.0 * np.sin(4.0 * np.pi * time_s)
+
+
 @pytest.mark.parametrize(
     ("preset", "static", "kinetic"),
     cases(
         "coupled",
-        [("standard", 0.4, 0.4), ("standard", 0.38, 0.3), ("standard", 0.35, 0.25)],
-        [("reference", 0.4, 0.4), ("reference", 0.38, 0.3), ("reference", 0.35, 0.25)],
+        [("standard", 0.36, 0.36), ("standard", 0.38, 0.36)],
+        [("reference", 0.36, 0.36), ("reference", 0.38, 0.36)],
     ),
 )
 def test_a_block_that_slides_and_rocks_follows_the_reference(preset, static, kinetic):
-    error = case.coupled(
-        (static, kinetic), preset, [0.15, 0.3, 0.45], lambda t: -6 * np.sin(4 * np.pi * t), 0.5
-    )
-    # Where the coefficients differ, slip is seen a step after it began: an error of the first order.
-    first_order = {"standard": 2.5e-3, "reference": 5e-4}[preset] if static != kinetic else 0.0
-    assert abs(error[0]).max() < max(1e-3, first_order)
-    assert abs(error[1]).max() < 5e-3
+    engine, reference = case.coupled_ways((static, kinetic), preset, [0.15, 0.3, 0.45], sway_m_s2, 0.5)
+    slid, leaned, _ = np.abs(reference).max(axis=1)
+    assert slid > 0.01
+    assert leaned > 0.05
+    # Measured at most 1.4e-5 of R and 6.5e-5 of alpha with equal coefficients; 4.1e-5 and 1.1e-4 where they differ and
+    # slip is seen a step after it began.
+    off = np.abs(engine - reference).max(axis=1)
+    assert off[0] < 2e-4
+    assert off[1] < 5e-4
 
 
 @pytest.mark.parametrize(
@@ -271,11 +292,12 @@ def test_a_plate_that_lands_as_it_slides_takes_kinetic_friction_in_its_impact(fa
     assert way.position_m[-1, 0] == pytest.approx(exact_m, rel=1e-3)
 
 
-@pytest.mark.parametrize("mu", [0.25, 0.3, 0.32])
-def test_a_tall_block_that_slides_slows_as_its_friction_says(mu):
+@pytest.mark.parametrize("friction", [0.25, 0.3, 0.32, (0.38, 0.3), (0.35, 0.25)])
+def test_a_tall_block_that_slides_slows_as_its_friction_says(friction):
     # Close to tipping, the weight is on one edge, and friction on single corners would turn the block: no yaw.
-    error = case.coupled(mu, "standard", [0.15, 0.3, 0.45], lambda t: -6 * np.sin(4 * np.pi * t), 0.5)
-    assert abs(error[0]).max() < 1e-3
+    error = case.coupled(friction, "standard", [0.15, 0.3, 0.45], sway_m_s2, 0.5)
+    # Where the coefficients differ, slip is seen a step after it began: 1.9e-4 of R. Else at most 2.8e-5.
+    assert abs(error[0]).max() < 4e-4
 
 
 @pytest.mark.parametrize(

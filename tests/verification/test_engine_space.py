@@ -137,8 +137,9 @@ def test_a_body_free_of_torque_tumbles_as_eulers_equations_say(preset):
     end = float(way.time_s[-1])
     exact = solve_ivp(euler, (0, end), [*spin, 0, 0, 0, 1], rtol=1e-10, atol=1e-12, t_eval=[end]).y[3:, -1]
     off = (Rotation.from_quat(way.quaternion_xyzw[-1]) * Rotation.from_quat(exact).inv()).magnitude()
-    # The shake ends once the tilt is past return, after about a fifth of a turn.
-    assert off < 2e-3
+    # The shake ends where a look finds the tilt past return, after 80 (reference) to 130 degrees of a turn; off by 7e-6
+    # and 4e-5.
+    assert off < 2e-4
     assert np.linalg.norm(way.position_m[-1] - [0, 0, 20 - 0.5 * G * end**2]) < 2e-3
 
 
@@ -194,17 +195,6 @@ def test_an_edge_that_lands_and_slips_on_gets_the_impulse_of_newton_and_coulomb(
         # Its two feet slip in directions that differ by up to 20 degrees, and one pair of axes serves both.
         assert abs(lean) < np.deg2rad(5.0)
         assert abs(size) < 0.04
-
-
-def test_a_dropped_block_stays_down():
-    # Restitution 0: nothing that landed rises again.
-    start = {"position_m": (0, 0, 0.7)}
-    scene = Scene.block(0.5, 0.5, 0.5, friction=0.5)
-    way = shake(scene, case.STILL, trajectory=True, shortcuts=False, initial=start).trajectory
-    height = way.position_m[:, 2] - 0.5
-    landed = int(np.argmax(height < 2e-3))
-    assert landed > 0
-    assert height[landed + 1 :].max() < 1e-3 * 0.2
 
 
 @pytest.mark.parametrize("preset", ["fast", "standard", "reference"])

@@ -47,12 +47,6 @@ def overturning_velocity_step_m_s(
     return float(np.sqrt(8.0 / 3.0 * gravity * half_diagonal * (1 - np.cos(alpha))) / np.cos(alpha))
 
 
-def velocity_step_friction(half_width: float, half_height: float) -> float:
-    """Least friction that holds the corner in a step of the base's velocity: (4 + k^2) / (3 k), k = h/b."""
-    k = half_height / half_width
-    return (4.0 + k * k) / (3.0 * k)
-
-
 def overturning_duration_s(alpha: float, frequency: float, acceleration_ratio: float) -> float:
     """Least time for which a constant acceleration A g tan(alpha), A > 1, must act to overturn.
 
@@ -91,11 +85,6 @@ def landing_boundary(slenderness: float, friction: float) -> float:
     """
     k, mu = slenderness, friction
     return (4 + k * k - 3 * mu * k) / (mu * (1 + 4 * k * k) - 3 * k)
-
-
-def yield_acceleration_g(friction: float, slope: float) -> float:
-    """Uphill horizontal ground acceleration over g at which a block slips downhill: tan(atan(mu) - beta)."""
-    return float(np.tan(np.arctan(friction) - slope))
 
 
 def slip_of_pulse_m(

@@ -140,25 +140,17 @@ class Rocking:
     impacts_s: list[float] = field(default_factory=list)
     rates_before_rad_s: list[float] = field(default_factory=list)
     overturned: int = 0
-    end_s: float = 0.0
     pieces: list[tuple[float, float, OdeSolution]] = field(default_factory=list)
 
     def angle_at(self, time_s: ArrayLike) -> Array:
         """Angle at times (k,), rad; zero at rest."""
-        return self._state_at(time_s)[:, 0]
-
-    def rate_at(self, time_s: ArrayLike) -> Array:
-        """Angular velocity at times (k,), rad/s; zero at rest."""
-        return self._state_at(time_s)[:, 1]
-
-    def _state_at(self, time_s: ArrayLike) -> Array:
         time = np.atleast_1d(np.asarray(time_s, float))
-        state = np.zeros((len(time), 2))
+        angle = np.zeros(len(time))
         for start, end, solution in self.pieces:
             within = (time >= start) & (time <= end)
             if within.any():
-                state[within] = solution(time[within]).T
-        return state
+                angle[within] = solution(time[within])[0]
+        return angle
 
 
 def rock(
@@ -215,7 +207,6 @@ def rock(
             angle, rate = 0.0, rate * body.impact_ratio(sense)
             if abs(rate) < _STILL * np.sqrt(gravity_m_s2 / body.arm_m(sense)):
                 sense, time = 0, time + 1e-9
-    result.end_s = min(time, duration_s)
     return result
 
 

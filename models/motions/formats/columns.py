@@ -1,21 +1,42 @@
 """Plain columns: acceleration alone, time and acceleration, or time and three components.
 
-Units, and the time step of a single column, come from the metadata table.
+Units come from the names of the columns or the metadata table, the time step of a single column from the table.
 """
 
 import math
 import re
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from models.motions.formats.component import UP, Component, code_direction, numbers_in, positive, refuse
+from models.motions.formats.component import (
+    UNITS_M_S2,
+    Component,
+    bearing,
+    code_direction,
+    numbers_in,
+    positive,
+    refuse,
+)
 
 NAME = "plain columns"
 COMMENT = ("#", "%", "!", "//", ";")
 _NUMBER = re.compile(r"^[-+]?((\d+\.?\d*|\.\d+)([EeDd][-+]?\d+)?|nan|inf)$", re.IGNORECASE)
 """NaN too: a file that begins with one is of this format, and damaged at that line."""
+_EXPONENT = re.compile(r"(?<=[\d.])[Dd](?=[-+\d])")
+"""Fortran's double precision, which is no number elsewhere."""
+_WORD = re.compile(r"[^\s(\[]+\s*(?:[(\[][^)\]]*[)\]])?")
+_BRACKETS = re.compile(r"[(\[]([^)\]]*)[)\]]")
+_TIME = re.compile(r"(?:t|times?|s|secs?|seconds?)(?![a-z])", re.IGNORECASE)
+_QUANTITY = re.compile(r"^A(?:CC(?:EL(?:ERATION)?)?)?[\s._-]+")
+_CHANNEL_CODE = re.compile(r"[A-Z][GHLN][ENZ123]")
+"""SEED's: of a band, an accelerometer or seismometer, and a direction or number."""
+HORIZONTALS = {"H1", "H2", "L", "T", "X", "Y"}
+"""Names of horizontals that say nothing of their bearing."""
+TIME_UNITS_S = {"ms": 0.001, "msec": 0.001}
+"""Units of a column of times that is not in seconds."""
 STEP_TOLERANCE = 0.01
 """Largest departure of one time difference from their median, as a share of it."""
 WIDTHS = (1, 2, 4)
@@ -31,14 +52,10 @@ def recognises(head: str) -> bool:
 
 
 def read(path: Path, text: str) -> list[Component]:
-    """Read the columns; their samples are in a unit that the metadata table must name."""
+    """Read the columns; the unit of their samples is that in their names, else the metadata table must name it."""
     lines = text.splitlines()
-    first = next(i for i, line in enumerate(lines) if line.strip() and not line.lstrip().startswith(COMMENT))
-    names: list[str] = []
-    if not all(map(_NUMBER.match, _split(lines[first]))):
-        names = _split(lines[first])
-        first += 1
-    rows = [line.replace(",", " ") for line in lines[first:]]
+    at, first = _header(lines)
+    rows = [_EXPONENT.sub("E", line.replace(",", " ")) for line in lines[first:]]
     width = len(rows[0].split()) if rows else 0
     for offset, row in enumerate(rows):
         if row.strip() and len(row.split()) != width:
@@ -52,28 +69,92 @@ def read(path: Path, text: str) -> list[Component]:
     values = numbers_in(rows, path, first + 1).reshape(-1, max(width, 1))
     if len(values) < 2 or width not in WIDTHS:
         refuse("fewer than two samples", path, first + 1, expected="a record", remedy="fetch the file again")
-    step = math.nan if width == 1 else _time_step(values[:, 0], rows[0], path, first + 1)
-    labels = _labels(names, width)
+    columns = _columns(lines[at], width) if at is not None else []
+    labels = _labels(columns, width, path, (at or 0) + 1)
+    units = columns if len(columns) == width else [_Column("", "")] * width
+    step = math.nan
+    if width > 1:
+        step = _time_step(values[:, 0], rows[0], path, first + 1) * TIME_UNITS_S.get(units[0].unit, 1.0)
     return [
-        Component(
-            acceleration_m_s2=values[:, max(width - len(labels), 0) + column],
-            time_step_s=step,
-            direction=UP if label == "v" else code_direction(label),
-            path=path,
-            line=first + 1,
-            file_format=NAME,
-            unit_known=False,
-            label=label,
-        )
-        for column, label in enumerate(labels)
+        _component(values[:, place], step, label, UNITS_M_S2.get(units[place].unit), path, first + 1)
+        for place, label in enumerate(labels, max(width - len(labels), 0))
     ]
 
 
-def _labels(names: list[str], width: int) -> list[str]:
-    """Names of the components: by the line of names where it has three, else first, second and vertical."""
+def _component(
+    values: NDArray[np.float64], step: float, label: str, unit_m_s2: float | None, path: Path, line: int
+) -> Component:
+    return Component(
+        acceleration_m_s2=values * (unit_m_s2 or 1.0),
+        time_step_s=step,
+        direction=code_direction(label),
+        path=path,
+        line=line,
+        file_format=NAME,
+        unit_known=unit_m_s2 is not None,
+        stated_unit_m_s2=unit_m_s2,
+        label=label,
+    )
+
+
+@dataclass(frozen=True)
+class _Column:
+    """Name of a column, and what stands in brackets behind it."""
+
+    name: str
+    unit: str
+
+
+def _header(lines: list[str]) -> tuple[int | None, int]:
+    """Places of the line that may name the columns, None without one, and of the first line of numbers."""
+    first = next(i for i, line in enumerate(lines) if line.strip() and not line.lstrip().startswith(COMMENT))
+    if not all(map(_NUMBER.match, _split(lines[first]))):
+        return first, first + 1
+    comments = [i for i in range(first) if lines[i].strip()]
+    return (comments[-1] if comments else None), first
+
+
+def _columns(line: str, width: int) -> list[_Column]:
+    """Columns as a line names them; none if it is a comment of another number of words, which is no header."""
+    text = line.strip().lstrip("".join(COMMENT)).strip(" ,")
+    parts = text.split(",") if "," in text else _WORD.findall(text)
+    found = [_Column(_BRACKETS.sub("", part).strip(" \"'_:."), _unit(part)) for part in parts]
+    return [] if len(found) != width and line.lstrip().startswith(COMMENT) else found
+
+
+def _unit(part: str) -> str:
+    match = _BRACKETS.search(part)
+    return match[1].lower().replace("²", "2").replace("**", "^").replace(" ", "") if match else ""
+
+
+def _labels(columns: list[_Column], width: int, path: Path, line: int) -> list[str]:
+    """Labels of the components: of three by their names, first, second and vertical where there are none.
+
+    Names that are not understood are refused: in the order of a file without names, they would become other
+    components than they are.
+    """
     if width < 4:
         return [""]
-    return names[1:] if len(names) == width else ["h1", "h2", "v"]
+    if not columns:
+        return ["h1", "h2", "v"]
+    labels = [_label(column.name) for column in columns[1:]]
+    if len(columns) != width or not _TIME.match(columns[0].name) or "" in labels or len(set(labels)) < 3:
+        refuse(
+            f"the names of {width} columns are {', '.join(repr(column.name) for column in columns)}",
+            path,
+            line,
+            expected="the time, then three components by direction (NS, E, 090, UP, HNZ ...) or as h1, h2, v",
+            remedy="name them so, or delete this line if they are the time, h1, h2 and v",
+        )
+    return labels
+
+
+def _label(name: str) -> str:
+    """Label of a component's name, '' if it is none: a direction, a channel's code or number, or a horizontal."""
+    bare = _QUANTITY.sub("", name.upper())
+    if bearing(bare) is not None or bare in HORIZONTALS or re.fullmatch("[1-9]", bare):
+        return bare.lower()
+    return bare[-1].lower() if _CHANNEL_CODE.fullmatch(bare) else ""
 
 
 def _time_step(time: NDArray[np.float64], first_row: str, path: Path, line: int) -> float:

@@ -1,5 +1,6 @@
 """One channel as a file gives it, and how a reader says that it cannot."""
 
+import re
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NoReturn
@@ -27,6 +28,8 @@ UNITS_M_S2 = {
     "mg": 0.00980665,
 }
 """Factors to m/s2 by the names that files and tables use."""
+_DEGREES = re.compile(r"-?(?:\d+(?:\.\d*)?|\.\d+)", re.ASCII)
+_QUADRANT = re.compile(r"([NS])\s*(\d+(?:\.\d*)?|\.\d+)\s*([EW])", re.ASCII)
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +50,8 @@ class Component:
     corrected : bool or None
         Whether the agency has filtered it; None if the file does not say.
     unit_known : bool
+    stated_unit_m_s2 : float or None
+        One unit of the file, where it is a word in a header that the metadata table must not contradict.
     event, station, label : str
         As in the header.
     magnitude, distance_km : float or None
@@ -66,6 +71,7 @@ class Component:
     file_format: str
     corrected: bool | None = None
     unit_known: bool = True
+    stated_unit_m_s2: float | None = None
     event: str = ""
     station: str = ""
     label: str = ""
@@ -166,9 +172,17 @@ def positive(value: float, name: str, path: Path, line: int) -> float:
 def bearing(label: str) -> float | str | None:
     """Direction that a component's label names: compass bearing in degrees, "up", "down", or None.
 
-    Understands bearings ("090", "N37E", "S53W", "270 Deg"), letters ("E", "NS", "UD"), words ("UP", "DOWN").
+    Understands bearings ("090", "N37.5E", "S53W", "270 Deg"), letters ("E", "NS", "UD"), words ("UP", "DOWN"). A
+    minus before a bearing counts it the other way ("-45" is "315"), before a letter or word turns it round.
     """
-    text = label.upper().replace("DEGREES", "").replace("DEG", "").replace(".", "").strip(" ,;:()-_")
+    text = label.upper().replace("DEGREES", "").replace("DEG", "").strip(" ,;:()_")
+    text = text.removesuffix(".").rstrip(" ,;:()-_")
+    if _DEGREES.fullmatch(text):
+        return float(text) % 360 if abs(float(text)) <= 360 else None
+    return _opposite(_named(text[1:])) if text.startswith("-") else _named(text)
+
+
+def _named(text: str) -> float | str | None:
     if text in {"UP", "UD", "U", "V", "Z", "VERT", "VERTICAL", "VER", "VRT"}:
         return UP
     if text in {"DOWN", "DWN", "DN", "D"}:
@@ -176,13 +190,17 @@ def bearing(label: str) -> float | str | None:
     words = {"N": 0.0, "NS": 0.0, "NORTH": 0.0, "E": 90.0, "EW": 90.0, "EAST": 90.0, "S": 180.0, "W": 270.0}
     if text in words:
         return words[text]
-    if text.isdigit() and int(text) <= 360:
-        return float(int(text) % 360)
-    if len(text) >= 3 and text[0] in "NS" and text[-1] in "EW" and text[1:-1].strip().isdigit():
-        angle = float(text[1:-1])
-        east = angle if text[-1] == "E" else -angle
-        return (east if text[0] == "N" else 180.0 - east) % 360.0
+    quadrant = _QUADRANT.fullmatch(text)
+    if quadrant:
+        east = float(quadrant[2]) * (1.0 if quadrant[3] == "E" else -1.0)
+        return (east if quadrant[1] == "N" else 180.0 - east) % 360.0
     return None
+
+
+def _opposite(direction: float | str | None) -> float | str | None:
+    if isinstance(direction, float):
+        return (direction + 180.0) % 360.0
+    return {UP: DOWN, DOWN: UP}.get(direction) if direction else None
 
 
 def code_direction(code: str) -> float | str | None:

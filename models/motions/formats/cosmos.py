@@ -20,6 +20,8 @@ from models.motions.formats.component import (
 NAME = "COSMOS V0/V1/V2"
 UNIT_CODES_M_S2 = {2: 9.80665, 4: 0.01}
 COUNTS = 50
+LEAST_BIT, SENSITIVITY, GAIN = 22, 42, 47
+"""Numbers of the real header values that make volts of counts, and acceleration of volts."""
 UNKNOWN = -999
 _VERSION = re.compile(r"\(Format\s+v\s*([\d.]+)\s+with\s+(\d+)\s+text lines\)", re.IGNORECASE)
 _BLOCK = re.compile(
@@ -140,10 +142,10 @@ def _real(reals: NDArray[np.float64], number: int) -> float:
 
 
 def _factor(code: int, unit: str, reals: NDArray[np.float64], path: Path, line: int) -> tuple[float, str]:
-    """One unit of the samples in m/s2; counts by the recorder's least bit and the sensor's volts per g."""
+    """One unit of the samples in m/s2; counts by the recorder's least bit, the sensor's volts per g and gain."""
     if code in UNIT_CODES_M_S2:
         return UNIT_CODES_M_S2[code], ""
-    bit, sensitivity = _real(reals, 22), _real(reals, 42)
+    bit, sensitivity = _real(reals, LEAST_BIT), _real(reals, SENSITIVITY)
     if code != COUNTS or not (bit > 0 and sensitivity > 0):
         refuse(
             f"unit {unit!r} with code {code}",
@@ -152,8 +154,11 @@ def _factor(code: int, unit: str, reals: NDArray[np.float64], path: Path, line: 
             expected="g (02), cm/sec2 (04), or counts (50) with least bit and sensitivity in the header",
             remedy="fetch the file in g or cm/sec2",
         )
-    factor = bit * 1e-6 / sensitivity * 9.80665
-    return factor, f"{factor:.6g} m/s2 per count: {bit:g} microvolt, {sensitivity:g} V/g in the header"
+    stated = _real(reals, GAIN)
+    gain = 1.0 if stated == UNKNOWN else positive(stated, f"sensor gain (real header {GAIN})", path, line)
+    factor = bit * 1e-6 / sensitivity / gain * 9.80665
+    told = f"{bit:g} microvolt, {sensitivity:g} V/g, gain {gain:g} in the header"
+    return factor, f"{factor:.6g} m/s2 per count: {told}"
 
 
 def _label(title: list[str]) -> str:

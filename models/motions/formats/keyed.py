@@ -136,7 +136,7 @@ class unam:  # noqa: N801
                 line=first + 1,
                 file_format=unam.NAME,
                 corrected=False,
-                event=header.get("FECHA DEL SISMO [GMT]", ""),
+                event=f"{header.get('FECHA DEL SISMO [GMT]', '')} {header.get('HORA EPICENTRO (GMT)', '')}".strip(),
                 station=header.get("CLAVE DE LA ESTACION", ""),
                 label=label,
                 magnitude=float(moment[1]) if moment else None,

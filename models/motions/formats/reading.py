@@ -42,7 +42,7 @@ def read_file(path: Path, inventory: Any | None = None) -> list[Component]:
     content = path.read_bytes()
     if not content.strip():
         refuse("the file is empty", path, expected="a record", remedy="fetch the file again")
-    text = content.decode("utf-8", errors="replace") if b"\0" not in content[:HEAD_BYTES] else None
+    text = content.decode("utf-8-sig", errors="replace") if b"\0" not in content[:HEAD_BYTES] else None
     if text is not None:
         for reader in TEXT_FORMATS:
             if reader.recognises(text[:HEAD_BYTES]):

@@ -19,6 +19,7 @@ TEXT_LINES, INTEGER_LINES, REAL_LINES = 11, 6, 10
 INTEGER_WIDTH, REAL_WIDTH, SAMPLE_WIDTH = 10, 15, 10
 NO_INTEGER, NO_REAL = -32768, 1.6e38
 _KIND = re.compile(r"^\s*([12346])\s+(UNCORRECTED|CORRECTED|VELOCITY|DISPLACEMENT|RESPONSE)", re.IGNORECASE)
+_EVENT = re.compile(r"^\s*(\d+)\s+(\d+)\s+(\d+)\s+(\d+)\s*(.*)$")
 
 
 def recognises(head: str) -> bool:
@@ -65,13 +66,22 @@ def read(path: Path, text: str) -> list[Component]:
             line=first + 1,
             file_format=NAME,
             corrected=kind[1] == "2",
-            event=lines[3][30:].strip() or lines[3].strip(),
+            event=_event(lines[3]),
             station=match[1] if match else "",
             label=label,
             magnitude=float(reals[5]) if 0 < reals[5] < 10 else None,
             distance_km=float(reals[16]) if 0 <= reals[16] < NO_REAL else None,
         )
     ]
+
+
+def _event(line: str) -> str:
+    """Name, and the origin's date and time: a name alone is that of the aftershocks too."""
+    match = _EVENT.match(line)
+    if match is None:
+        return line.strip()
+    year, month, day, clock, name = match.groups()
+    return ", ".join(filter(None, (name.strip(), f"{year}-{month}-{day} {clock}")))
 
 
 def _direction(label: str, from_vertical_deg: int, bearing_deg: int) -> float | str | None:

@@ -43,6 +43,12 @@ _FIRST = re.compile(
     r"|FILE\s+\d+\s+OF\s+UNCORRECTED ACCELEROGRAM|\* VOL1DS FILE)",
     re.IGNORECASE,
 )
+_PRINTED_BESIDE = re.compile(r"\s{3,}.*$")
+"""What programs print at the end of a line of the title: their version, the number of characters."""
+_WHEN = re.compile(r"^(.*?)\s*(?:\(ORIGIN(?:\([^)]*\))?\s*:\s*(.*?)\)?\s*)?$", re.IGNORECASE)
+_DATED = re.compile(r"\b(?:19|20)\d\d\b|\d/\d+/\d")
+_NO_DATE = re.compile(r"^0?1/0?1/1980\s+0?0:00")
+"""What RENADIC's files have where nobody told the program the date."""
 _MAGNITUDE = re.compile(r"\bMW\s*=?\s*(\d\.\d+)", re.IGNORECASE)
 
 
@@ -72,6 +78,8 @@ def _channel(lines: list[str], path: Path, line: int) -> Component:
         first = HEADER_LINES
         values, step, notes = _headed_by_count(lines, path, line)
     label = _label(lines, path, line)
+    dialect = _dialect(lines, corrected)
+    event, series = _event(lines, dialect)
     title = next((_MAGNITUDE.search(text) for text in lines[:15] if _MAGNITUDE.search(text)), None)
     return Component(
         acceleration_m_s2=values,
@@ -79,12 +87,13 @@ def _channel(lines: list[str], path: Path, line: int) -> Component:
         direction=_direction(label, lines),
         path=path,
         line=line + first,
-        file_format=_dialect(lines, corrected),
+        file_format=dialect,
         corrected=corrected,
-        event=lines[1].strip() if len(lines) > 1 else "",
+        event=event,
         station=_station(lines),
         label=label,
         magnitude=float(title[1]) if title else None,
+        series=series,
         notes=notes,
     )
 
@@ -227,10 +236,41 @@ def _dialect(lines: list[str], corrected: bool) -> str:
     return "CSMIP V2" if corrected else "CSMIP V1"
 
 
+def _title_line(lines: list[str]) -> int:
+    """Line, from 0, that names the event: volume 2 begins with a line of its own."""
+    return 2 if lines[0].lstrip().lower().startswith("corrected") else 1
+
+
+def _event(lines: list[str], dialect: str) -> tuple[str, str]:
+    """Event, and what else tells two records of one station apart.
+
+    A name alone is that of the aftershocks too: it is followed by date and time in the header's words. RENADIC's are
+    typed station by station, and those of one event differ by seconds: there they are kept beside the name.
+    """
+    if dialect == "BHRC V1":
+        origin = next((text.partition(":")[2] for text in lines[:12] if text.startswith("Origin Time")), "")
+        return " ".join(origin.split()), ""
+    at = _title_line(lines)
+    name = re.sub(r"^Re?co?rd of\s*", "", _printed(lines[at])) if len(lines) > at else ""
+    when = _when(lines[at + 1]) if len(lines) > at + 1 else ""
+    return (name, when) if dialect == "RENADIC V1" else (", ".join(filter(None, (name, when))), "")
+
+
+def _when(line: str) -> str:
+    """Date and time of the line below the name, else the origin in its brackets; nothing if neither is a date."""
+    match = _WHEN.match(line)
+    told = [_printed(text) for text in match.groups() if text] if match else []
+    return next((text for text in told if _DATED.search(text) and not _NO_DATE.match(text)), "")
+
+
+def _printed(text: str) -> str:
+    return " ".join(_PRINTED_BESIDE.sub("", text.strip()).split())
+
+
 def _station(lines: list[str]) -> str:
     """Station by its own line: the sixth (V2: seventh), in BHRC what stands before the word 'Station'."""
     bhrc = next((text for text in lines[:12] if re.search(r"\sStation\s+[\d.]", text)), None)
     if bhrc:
         return bhrc.split("Station")[0].strip()
-    at = 6 if lines[0].lstrip().lower().startswith("corrected") else 5
+    at = _title_line(lines) + 4
     return re.split(r"\s{3,}|\sS/N\s", lines[at].strip())[0] if len(lines) > at else ""

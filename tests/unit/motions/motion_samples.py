@@ -328,6 +328,7 @@ def unam(folder: Path, a: np.ndarray) -> list[Path]:
         "ORIENTACION C1-C6 (rumbo;orientacion)": "/V/N00E/N90E",
         "INTERVALO DE MUESTREO, C1-C6 (s)": "/0.01/0.01/0.01",
         "FECHA DEL SISMO [GMT]": "2017/09/19",
+        "HORA EPICENTRO (GMT)": "18:14:40",
         "MAGNITUD(ES)": "/M=7.1",
         "NUM. TOTAL DE MUESTRAS, C1-C6": f"/{count}/{count}/{count}",
         "UNIDADES DE LOS DATOS": "Gal (cm/s/s)",

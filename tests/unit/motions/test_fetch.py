@@ -16,6 +16,7 @@ from obspy.core.inventory import Channel, Inventory, Network, Response, Station
 
 from models import InputError
 from models.motions.ensemble import Ensemble
+from models.motions.fetch import fetch
 from orchestrator.cli import cli
 
 ORIGIN = obspy.UTCDateTime(2019, 7, 6, 3, 19, 53)
@@ -211,6 +212,40 @@ def test_a_list_of_stations_and_a_window_do_without_an_event(service, tmp_path):
     assert ensemble.record_ids == ["XX.NEAR.HN"] or ensemble.record_ids == ["XX.FAR.HN"]
     assert "the same shaking as" in result.output
     assert ensemble.record(ensemble.record_ids[0]).magnitude is None
+
+
+class Combining:
+    """A service that answers every network with every station asked for, as FDSN's queries mean it."""
+
+    base_url = "combining"
+
+    def __init__(self):
+        self.asked = []
+
+    def get_stations(self, **asked):
+        networks = []
+        for network in asked["network"].split(","):
+            found = inventory().networks[0]
+            found.code = network
+            stations = [station for station in found if station.code in asked["station"].split(",")]
+            networks.append(Network(network, stations))
+        return Inventory(networks, source="test")
+
+    def get_waveforms(self, network, station, *_):
+        self.asked.append(f"{network}.{station}")
+        msg = "no data"
+        raise ValueError(msg)
+
+
+@pytest.mark.parametrize(
+    ("stations", "fetched"),
+    [(["A.NEAR", "B.FAR"], ["A.NEAR", "B.FAR"]), (["A.NEAR", "A.FAR"], ["A.NEAR", "A.FAR"])],
+)
+def test_only_the_pairs_of_network_and_station_asked_for_are_fetched(stations, fetched, tmp_path):
+    client = Combining()
+    with pytest.raises(InputError, match="none of 2 stations"):
+        fetch(client, tmp_path, stations=stations, window=(ORIGIN, ORIGIN + 60))
+    assert sorted(set(client.asked)) == sorted(fetched)
 
 
 @pytest.mark.parametrize(

@@ -100,6 +100,35 @@ def test_the_titles_of_peer_are_event_station_and_component(title, event, statio
     assert component.direction == bearing(label)
 
 
+def cosmos_counts(folder: Path, a: np.ndarray, gain: float) -> None:
+    """COSMOS counts of a recorder of one volt a count and a sensor of one volt per g, before the gain."""
+    (path,) = WRITERS["cosmos_v1"](folder, a)
+    unknown = f"{-999:13.6f}"
+    lines = path.read_text().replace("units=g.     (02)", "units=counts(50)").splitlines()
+    for start in [i for i, line in enumerate(lines) if "Real-header" in line]:
+        for number, value in ((22, 1e6), (42, 1.0), (47, gain)):
+            line, place = start + 1 + (number - 1) // 6, 13 * ((number - 1) % 6)
+            assert lines[line][place : place + 13] == unknown
+            lines[line] = f"{lines[line][:place]}{value:13.5f}{lines[line][place + 13 :]}"
+    path.write_text("\n".join(lines) + "\n")
+
+
+@pytest.mark.parametrize(("header", "gain"), [(1.0, 1.0), (4.0, 4.0), (-999.0, 1.0)])
+def test_counts_of_cosmos_are_divided_by_the_sensors_gain_where_it_is_known(header, gain, tmp_path):
+    a = shaking()
+    cosmos_counts(tmp_path, a, header)
+    (record,) = imported(tmp_path, process=False).records
+    assert np.abs(record.motion.acceleration_m_s2 * gain - a).max() < 2e-5
+    assert any(f"gain {gain:g}" in step for step in record.history)
+
+
+@pytest.mark.parametrize("gain", [0.0, -2.0])
+def test_a_sensor_of_no_gain_is_refused(gain, tmp_path):
+    cosmos_counts(tmp_path, shaking(), gain)
+    (refusal,) = imported(tmp_path).refusals
+    assert "sensor gain (real header 47)" in refusal.reason.what
+
+
 def test_counts_without_a_response_are_refused(tmp_path):
     WRITERS["miniseed"](tmp_path, shaking(), response=False)
     outcome = imported(tmp_path)
@@ -122,9 +151,23 @@ def test_counts_without_a_response_are_refused(tmp_path):
         ("DWN", "down"),
         ("EW", 90.0),
         ("NS", 0.0),
+        ("N37.5E", 37.5),
+        ("27.0", 27.0),
+        ("090.0", 90.0),
+        ("90.", 90.0),
+        ("270 DEG.", 270.0),
+        ("-90", 270.0),
+        ("-45", 315.0),
+        ("-0", 0.0),
+        ("-UP", "down"),
+        ("-Z", "down"),
+        ("-E", 270.0),
+        ("-N37E", 217.0),
+        ("--", None),
         ("L", None),
         ("", None),
         ("400", None),
+        ("-400", None),
     ],
 )
 def test_bearings_are_read_as_they_are_written(label, direction):

@@ -35,15 +35,6 @@ def test_the_studys_sawtooth_reaches_5_m_s_in_3_5_s_and_comes_to_rest():
     assert measure(motion)["pga_m_s2"] == pytest.approx(4 * 5.0 / 3.5, rel=5e-3)  # corners rounded: 2 h / T
 
 
-def test_step_in_velocity_is_exact():
-    assert velocity_m_s(idealised.step_in_velocity(0.97))[-1, 0] == pytest.approx(0.97, rel=1e-12)
-
-
-def test_constant_acceleration_gains_velocity_evenly():
-    motion = idealised.constant_acceleration(2.0, 0.3221)
-    assert velocity_m_s(motion)[-1, 0] == pytest.approx(2.0 * 0.3221, rel=1e-12)
-
-
 def test_ricker_carries_neither_momentum_nor_displacement():
     motion = idealised.ricker(4.0, 0.5)
     assert motion.acceleration_m_s2[:, 0].max() == pytest.approx(4.0)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from models.motions.formats import read_file
 from models.motions.importing import import_records, record_files
 from models.motions.metadata import read_table
 
@@ -58,6 +59,23 @@ def test_every_peer_record_has_the_catalogues_peaks():
     outcome = compared(["peer_at2"])
     assert len(outcome.records) == 98
     assert not outcome.refusals
+
+
+@pytest.mark.parametrize(
+    ("file", "event"),
+    [
+        ("csmip/LA116TH.RAW", "NORTHRIDGE EARTHQUAKE, JANUARY 17, 1994 04:31 PST"),
+        ("csmip/CITOW2.RAW", "Fri Jul 5, 2019 20:19:31.0 PDT"),
+        ("csmip/ce89486SampleInput.v2", "Tue Dec 20, 2022 02:34:01.0 PST"),
+        ("usc/017m30lw.s0a", "NORTHRIDGE EARTHQUAKE, JAN 17, 1994 -1230 GMT"),
+        ("renadic_v1/stgocentro1002271.v1", "MAULE 2010"),
+        ("bhrc_v1/5520-1.V1", "2012/08/11 12:23:16"),
+        ("smc/0111a.smc", "Loma Prieta, CA, 1989-10-18 0004"),
+        ("unam/PZPU1709.191", "2017/09/19 18:14:40"),
+    ],
+)
+def test_headers_name_the_event_and_its_origin(file, event):
+    assert {component.event for component in read_file(RECORDS / file)} == {event}
 
 
 def test_counts_are_scaled_to_the_peaks_that_the_table_states_or_by_their_response():

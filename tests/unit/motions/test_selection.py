@@ -7,7 +7,6 @@ import pytest
 from models import InputError
 from models.motions.ensemble import Ensemble
 from models.motions.idealised import full_sine
-from models.motions.intensity import direction_bin
 from models.motions.record import Record
 from models.motions.selection import Choice, hazard_weights, read_deaggregation, select
 
@@ -70,11 +69,3 @@ def test_a_wrong_bin_is_refused_with_its_line(row, tmp_path):
 def test_weights_survive_the_disk(ensemble, tmp_path):
     written = Ensemble.write(tmp_path / "w", [dataclasses.replace(ensemble.record("A1"), weight=0.25)])
     assert written.record("A1").weight == 0.25
-
-
-@pytest.mark.parametrize(
-    ("azimuth_deg", "number"),
-    [(0.0, 1), (337.5, 1), (22.4, 1), (22.5, 2), (135.0, 4), (300.0, 8), (337.4, 8)],
-)
-def test_the_studys_eight_direction_bins(azimuth_deg, number):
-    assert direction_bin(azimuth_deg) == number

@@ -8,9 +8,10 @@ import pytest
 from click.testing import CliRunner
 from scipy.spatial.transform import Rotation
 
-from models import ContactProperties, Scene
+from models import ContactProperties, InputError, Scene
 from models.motions.ensemble import Ensemble
 from models.motions.synthetic import synthetic_ensemble
+from models.shapes import box
 from orchestrator.front import Setting, answers, compare, disturbed_motions, disturbed_start, draw_jobs
 from orchestrator.verbs.accuracy import accuracy
 from workers.presets import PRESETS
@@ -105,6 +106,13 @@ def test_kept_answers_are_not_computed_again_and_more_jobs_add_to_them(tmp_path,
     smoother = scene.with_contact(ContactProperties.of(0.5))
     answers(smoother, ensemble, jobs[:1], FAST, processes=1, kept=tmp_path)
     assert len(list(tmp_path.glob("*.parquet"))) == 3
+
+
+def test_a_rock_that_does_not_stand_is_refused_as_everywhere(ensemble):
+    slender = box(0.2, 0.2, 0.6)
+    on_slope = Scene.from_mesh((slender.vertices_m, slender.faces), slope_deg=25)  # alpha is 18 degrees
+    with pytest.raises(InputError, match="left alone, the rock does not stand"):
+        answers(on_slope, ensemble, draw_jobs(ensemble, 1, (2.0, 3.0)), FAST)
 
 
 def test_a_disturbed_start_tilts_toward_its_azimuth_and_touches_nothing():

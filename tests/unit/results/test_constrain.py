@@ -54,6 +54,16 @@ def test_a_run_tells_how_far_other_records_would_move_its_bound_and_a_file_that_
     assert "not known of a file of curves" in constrain(curves).output
 
 
+def test_a_bound_of_which_too_many_draws_have_no_fit_has_no_upper_end(tmp_path):
+    write_part(tmp_path, rows(records=24, levels=(2, 3, 4), seed=4))  # five jobs of 144 topple
+    told = json.loads(constrain(str(tmp_path), "--json").output)
+    assert told["unexceeded_low"] < told["unexceeded"]
+    assert told["unexceeded_high"] is None
+    unfit = told["rocks"][0]["samples_without_fit"]
+    words = constrain(str(tmp_path)).output
+    assert f"or any more m/s with other records like these (95 %; {unfit} of 200 draws" in words
+
+
 def test_the_survival_under_a_branch_has_an_interval_too(tmp_path, hazards):
     write_part(tmp_path, rows(records=30, azimuths=(0.0,)))
     asked = [str(tmp_path), "--age", "10000", "--hazard", hazards[0]]
@@ -69,10 +79,12 @@ def test_jobs_that_have_not_run_or_have_no_answer_are_told(tmp_path):
     jobs = rows(records=30, azimuths=(0.0,))
     for job in jobs[::19]:
         job |= {"toppled": None, "outcome": None, "status": "undecided"}
+    for job in jobs[1::57]:  # a crashed job has no measures either
+        job |= {"toppled": None, "outcome": None, "status": "crashed", "pgv_m_s": None}
     write_part(tmp_path, jobs)
     (tmp_path / "run.json").write_text(json.dumps({"jobs": len(jobs) + 7}))
     done = constrain(str(tmp_path))
-    assert "30 jobs of" in done.stdout
+    assert "40 jobs of" in done.stdout
     assert "7 of 577 jobs have not run" in done.stderr
 
 

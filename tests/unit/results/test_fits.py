@@ -186,6 +186,44 @@ def test_too_few_records_have_no_interval(jobs):
     assert all(math.isnan(value) for value in told.values())
 
 
+def test_a_probability_that_hardly_rises_has_no_fit():
+    """With one job of a hundred more at twice the intensity one in two would topple at 14 million times it."""
+    told = [
+        {"record_id": f"R{number:03d}", "pgv_m_s": level, "toppled": number < toppled}
+        for level, toppled in ((1.0, 10), (2.0, 11))
+        for number in range(100)
+    ]
+    assert fit(pd.DataFrame(told), ["pgv_m_s"]).problem == "probability does not rise with the measure"
+
+
+def test_a_sample_without_a_fit_is_a_curve_that_never_topples_in_its_place():
+    frame = answered(pd.DataFrame(rows(records=24, levels=(2, 3, 4), seed=4), columns=SCHEMA.names))
+    resampled = bootstrap(frame, fit(frame, ["pgv_m_s"]))
+    curves = resampled.lognormals("pgv_m_s")
+    assert 0 < resampled.without_fit < len(curves) == 200
+    assert [math.isinf(curve.median) for curve in curves] == list(~resampled.fitted)
+    assert Lognormal("pgv_m_s", math.inf, 0.0).probability([0.0, 1.0, 1e300]).tolist() == [0.0, 0.0, 0.0]
+
+
+def test_rocks_of_the_same_records_are_drawn_together_and_of_other_records_by_themselves(jobs):
+    def medians(frame):
+        resampled = bootstrap(frame, fit(frame, ["pgv_m_s"]), samples=40)
+        return np.log([curve.median for curve in resampled.lognormals("pgv_m_s")])
+
+    shuffled = jobs.sample(frac=1.0, random_state=1)
+    others = jobs.assign(record_id="other " + jobs["record_id"])
+    np.testing.assert_allclose(medians(shuffled), medians(jobs), rtol=1e-6)
+    # Of 40 independent pairs the correlation has a standard error of .16; three of it.
+    assert abs(np.corrcoef(medians(others), medians(jobs))[0, 1]) < 0.48
+
+
+def test_a_ranking_over_fewer_than_five_records_has_no_intervals(jobs):
+    few = jobs[jobs["record_id"] < "R004"]
+    ranked = compare_measures(few, [["pga_m_s2"], ["pgv_m_s"]], samples=20)
+    assert "worse_by" in ranked
+    assert "worse_by_low" not in ranked
+
+
 def test_scores_agree_with_their_definitions():
     told = scores([True, False, True], [0.9, 0.2, 0.4])
     assert told["brier"] == pytest.approx((0.01 + 0.04 + 0.36) / 3)

@@ -271,6 +271,20 @@ def test_a_file_that_is_no_hazard_curve_is_refused(tmp_path, text):
         read_hazard(path)
 
 
+@pytest.mark.parametrize("rate", ["-1e-3", "nan"])
+def test_a_rate_that_is_negative_or_no_number_is_refused_and_not_bridged(tmp_path, rate):
+    path = tmp_path / "curve.csv"
+    path.write_text(f"pgv_m_s,annual_rate\n0.1,1e-2\n0.3,{rate}\n1,1e-4\n")
+    with pytest.raises(InputError, match="all of them positive"):
+        read_hazard(path)
+
+
+def test_rocks_of_which_one_never_topples_are_bounded_by_the_other():
+    one, never = Lognormal("pgv_m_s", 1.2, 0.4), Lognormal("pgv_m_s", math.inf, 0.0)
+    assert unexceeded([one, never]) == pytest.approx(unexceeded([one]), rel=1e-9)
+    assert unexceeded([never, never]) == math.inf
+
+
 def test_a_picture_is_no_hazard_curve(tmp_path):
     (tmp_path / "scene.png").write_bytes(b"\x89PNG\r\n")
     with pytest.raises(InputError, match="is no text in UTF-8"):

@@ -80,3 +80,88 @@ def test_counts_between_the_scans_of_a_pts_file_are_no_points(tmp_path, points):
     path = tmp_path / "cloud.pts"
     path.write_text("\n".join(scans))
     np.testing.assert_allclose(read(path), points, atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("header", "columns"),
+    [
+        ("OBJECTID,POINT_X,POINT_Y,POINT_Z", (3, 0, 1, 2)),
+        ("Y_local,X_local,Z_local", (1, 0, 2)),
+        ("Y coordinate,X coordinate,Z coordinate", (1, 0, 2)),
+        ("Y (North),X (East),Z (Up)", (1, 0, 2)),
+        ("N (m GDA94),E (m GDA94),Height (m a.s.l.)", (1, 0, 2)),
+        ("Y_m,X_metres,height meters", (1, 0, 2)),
+        ("Y in m,X in m,Z in m", (1, 0, 2)),
+        ("y_utm,x_utm,z_utm,intensity (dB)", (1, 0, 2, 3)),
+        ("y,x,z\n# exported at noon by car", (1, 0, 2)),
+        ("y,x,z,x_local", (1, 0, 2, 3)),
+        ("# scanned by N. E. Person and two others\n# y,x,z", (1, 0, 2)),
+    ],
+)
+def test_names_of_coordinates_may_say_more_than_the_axis(tmp_path, points, header, columns):
+    rows = np.hstack([points, NUMBER])[:, columns]
+    np.testing.assert_allclose(read(written(tmp_path / "cloud.csv", header, rows)), points, atol=1e-3)
+
+
+@pytest.mark.parametrize("header", ["Y [m] X [m] Z [m]", "Y\tX\tZ", "Y (m), X (m), Z (m)", "Y;X;Z"])
+def test_names_may_be_parted_otherwise_than_the_numbers(tmp_path, points, header):
+    path = written(tmp_path / "cloud.txt", header, points[:, (1, 0, 2)], " ")
+    np.testing.assert_allclose(read(path), points, atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        "first,second,third",
+        "Rechtswert,Hochwert,Kote",
+        "X (Northing),Y (Easting),Z",
+        "normal_x,normal_y,normal_z",
+        "azimuth_deg,range_m,elevation_deg",
+        "first,second,third\n# exported at noon by car",
+    ],
+)
+def test_a_header_with_a_name_for_each_column_is_no_remark(tmp_path, points, header):
+    with pytest.raises(InputError, match="the header names its columns") as error:
+        read_clouds([written(tmp_path / "cloud.csv", header, points)])
+    assert "x, y and z, in metres" in error.value.remedy
+
+
+def test_of_two_sets_of_coordinates_none_is_taken_silently(tmp_path, points):
+    header = "x_local,y_local,z_local,x_utm,y_utm,z_utm"
+    with pytest.raises(InputError, match="the header names its columns"):
+        read_clouds([written(tmp_path / "cloud.csv", header, np.hstack([points, points + 5.0]))])
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        "X (ft),Y (ft),Z (ft)",
+        "x_ft,y_ft,z_ft",
+        "X[mm],Y[mm],Z[mm]",
+        "Easting (US survey feet),Northing (US survey feet),Elevation (US survey feet)",
+        "x [m],y [m],z [ft]",
+        "X (cm) Y (cm) Z (cm)",
+        "x in,y in,z in",
+        "# x_ft,y_ft,z_ft\n# exported at noon by car",
+    ],
+)
+def test_a_header_that_states_another_unit_than_metres_is_refused(tmp_path, points, header):
+    with pytest.raises(InputError, match="states another unit than metres") as error:
+        read_clouds([written(tmp_path / "cloud.csv", header, points)])
+    assert "convert the coordinates to metres" in error.value.remedy
+    assert "cloud.csv" in error.value.where
+
+
+def test_of_coordinates_in_feet_and_in_metres_those_in_metres_are_taken(tmp_path, points):
+    path = written(tmp_path / "cloud.csv", "x_ft,y_ft,z_ft,x_m,y_m,z_m", np.hstack([points / 0.3048, points]))
+    np.testing.assert_allclose(read(path), points, atol=1e-3)
+
+
+@pytest.mark.parametrize("header", ["", "y,x,z\n"])
+@pytest.mark.parametrize("suffix", [".csv", ".pts"])
+def test_a_byte_order_mark_is_no_part_of_a_text_cloud(tmp_path, points, header, suffix):
+    order = (1, 0, 2) if header else (0, 1, 2)
+    rows = "\n".join(",".join(f"{c:.3f}" for c in row) for row in points[:, order])
+    path = tmp_path / f"cloud{suffix}"
+    path.write_text(header + rows, encoding="utf-8-sig")
+    np.testing.assert_allclose(read(path), points, atol=1e-3)

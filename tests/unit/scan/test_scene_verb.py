@@ -15,6 +15,7 @@ from models.scan.picture import (
     VIEWS_DEG,
     beyond_frame,
     draw_view,
+    numbers_of,
     polar_reach_m_s2,
     toppling_band,
 )
@@ -69,6 +70,39 @@ def test_show_says_how_sure_the_split_is_and_how_far_the_numbers_spread(tmp_path
     for said in ("71%", "83%", "99.6%", "25%", "0.0012", "0.0021, 0.0022, 0.0034", "0.07"):
         assert said in page
     assert BAND_TITLE in page
+
+
+def test_of_a_scene_that_nobody_scanned_nothing_is_said_that_only_a_scan_measures(folder):
+    told = "\n".join(numbers_of(Scene.load(folder)))
+    assert not any(word in told for word in ("roughness", "seen", "invented", "split"))
+
+
+def interfaced(given_by):
+    """What a scan says whose interface was given or fitted thus."""
+    report = {**surveyed().report, "interface": {"given_by": given_by, "roughness_m": 0.0123}}
+    report["surface"] = {"seen_share": 0.8, "closed_share": 0.15, "invented_share": 0.05}
+    return "\n".join(numbers_of(dataclasses.replace(surveyed(), report=report)))
+
+
+def test_of_a_scene_that_was_scanned_roughness_and_shares_are_said():
+    told = interfaced("fit")
+    assert "roughness 0.0123 m" in told
+    assert "surface seen 80.0%, closed at the interface 15.0%, invented 5.0%" in told
+
+
+def test_the_roughness_of_a_plane_that_is_given_is_not_said():
+    assert "roughness" not in interfaced("plane")
+
+
+def test_other_candidates_are_told_where_they_were_looked_for():
+    assert "highest other candidate 25%" in interfaced("fit")
+
+
+@pytest.mark.parametrize("given_by", ["plane", "points", "outline"])
+def test_where_the_interface_is_given_no_other_candidate_is_told(given_by):
+    told = interfaced(given_by)
+    assert "highest other candidate" not in told
+    assert "no other candidate looked for" in told
 
 
 def test_the_band_round_the_compass_is_one_standard_deviation_wide():

@@ -268,6 +268,29 @@ def _write(path, points):
         path.write_text(head + "\n".join(delimiter.join(f"{c:.5f}" for c in row) for row in points))
 
 
+@pytest.mark.parametrize("suffix", [".las", ".laz"])
+@pytest.mark.parametrize(("point_format", "version"), [(1, "1.2"), (6, "1.4")])
+def test_points_that_the_user_deleted_or_classed_as_noise_are_not_read(
+    tmp_path, suffix, point_format, version
+):
+    import laspy
+
+    count = np.arange(4000)
+    points = np.random.default_rng(4).uniform(0, 10, (4000, 3))
+    las = laspy.LasData(laspy.LasHeader(point_format=point_format, version=version))
+    las.x, las.y, las.z = points.T
+    las.withheld, las.point_source_id = count % 4 == 0, 7 + (count >= 2000)
+    las.classification = np.select([count % 8 == 1, count % 8 == 3], [7, 18], 2)
+    path = tmp_path / f"cloud{suffix}"
+    las.write(path)
+    kept = (count % 4 == 2) | (count % 8 > 4) & (count % 4 != 0)
+    cloud = read_clouds([path, path])
+    first = int(kept.sum())
+    assert cloud.files == ((path.name, first), (path.name, first))
+    np.testing.assert_allclose(cloud.points_m[:first] + cloud.origin_m, points[kept], atol=0.01)
+    assert cloud.station.tolist() == [*(count[kept] >= 2000), *(2 + (count[kept] >= 2000))]
+
+
 @pytest.mark.parametrize(
     ("name", "content", "what"),
     [

@@ -78,6 +78,42 @@ def test_a_given_interface_has_no_spread_and_the_report_says_so(stump, tmp_path)
     assert not any("°" in line and "±" in line for line in numbers_of(found))
 
 
+CORNERS = [[0.0, 0.0, 5.0], [4.0, 0.0, 5.1], [4.0, 3.0, 5.3], [0.0, 3.0, 5.2]]
+
+
+def outlined(path, header, columns, encoding="utf-8"):
+    rows = [",".join(str(corner[column]) for column in columns) for corner in CORNERS]
+    path.write_text("\n".join([*([header] if header else []), *rows]), encoding=encoding)
+    return Word.outline(path)
+
+
+@pytest.mark.parametrize(
+    ("header", "columns"),
+    [
+        ("northing,easting,z", (1, 0, 2)),
+        ("Z_local (m),X_local (m),Y_local (m)", (2, 0, 1)),
+        ("the contact, as picked at noon", (0, 1, 2)),
+    ],
+)
+def test_an_outlines_columns_are_taken_by_the_names_of_the_header(tmp_path, header, columns):
+    np.testing.assert_array_equal(outlined(tmp_path / "outline.csv", header, columns).anchors_m, CORNERS)
+
+
+@pytest.mark.parametrize("header", ["", "x,y,z"])
+def test_a_byte_order_mark_costs_an_outline_no_vertex(tmp_path, header):
+    word = outlined(tmp_path / "outline.csv", header, (0, 1, 2), "utf-8-sig")
+    np.testing.assert_array_equal(word.anchors_m, CORNERS)
+
+
+@pytest.mark.parametrize(
+    ("header", "what"), [("first,second,third", "names its columns"), ("x_ft,y_ft,z_ft", "another unit")]
+)
+def test_an_outline_whose_header_is_not_understood_is_refused(tmp_path, header, what):
+    with pytest.raises(InputError, match=what) as error:
+        outlined(tmp_path / "outline.csv", header, (0, 1, 2))
+    assert "outline.csv" in error.value.where
+
+
 @pytest.mark.parametrize(
     ("word", "what"),
     [

@@ -1,13 +1,14 @@
-"""What a job's identity covers."""
+"""What a job's identity covers, and what its realisation draws."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from models import Scene
+from models import ContactProperties, Scene
 from models.motions.ensemble import Ensemble
 from models.motions.synthetic import synthetic_ensemble
+from workers import job
 from workers.job import Assets, JobSpec, prepared
 
 
@@ -16,7 +17,8 @@ def ensemble(tmp_path_factory):
     return Ensemble.write(tmp_path_factory.mktemp("quakes"), synthetic_ensemble(1, 3))
 
 
-def drawn_com_m(scene, ensemble, realisation):
+def realised(scene, ensemble, realisation):
+    """The scene that a job of this realisation shakes."""
     record = ensemble.record(ensemble.record_ids[0])
     spec = JobSpec(
         scene.id,
@@ -25,12 +27,12 @@ def drawn_com_m(scene, ensemble, realisation):
         5.0,
         0.0,
         0.8,
-        0.8,
-        0.0,
+        0.6,
+        0.1,
         realisation=realisation,
         preset="fast",
     )
-    return prepared(spec, Assets(scene, ensemble))[0].rock.com_m
+    return prepared(spec, Assets(scene, ensemble))[0]
 
 
 def test_what_a_realisation_draws_from_is_in_the_scenes_id(ensemble):
@@ -38,8 +40,30 @@ def test_what_a_realisation_draws_from_is_in_the_scenes_id(ensemble):
     scanned = [replace(bare, report={"uncertainty": {"com_std_m": [spread] * 3}}) for spread in (0.002, 0.02)]
     assert len({scene.id for scene in (bare, *scanned)}) == 3
     assert replace(bare, report={"uncertainty": {}}).id == bare.id
-    offsets = [drawn_com_m(scene, ensemble, 1) - scene.rock.com_m for scene in scanned]
+    offsets = [realised(scene, ensemble, 1).rock.com_m - scene.rock.com_m for scene in scanned]
     assert np.linalg.norm(offsets[1]) > 2.0 * np.linalg.norm(
         offsets[0]
     )  # other draws too: the seed is the id
-    assert (drawn_com_m(bare, ensemble, 0) == bare.rock.com_m).all()
+    assert (realised(bare, ensemble, 0).rock.com_m == bare.rock.com_m).all()
+
+
+def test_a_realisation_draws_a_lognormal_factor_on_both_frictions_and_none_in_the_first(ensemble):
+    scene, draws = Scene.block(0.2, 0.2, 0.6), 200
+    drawn = [realised(scene, ensemble, number).contact for number in range(1, draws + 1)]
+    factors = np.array([contact.friction_static for contact in drawn]) / 0.8
+    assert [contact.friction_kinetic for contact in drawn] == pytest.approx(0.6 * factors)
+    assert {contact.restitution for contact in drawn} == {0.1}
+    # Four standard errors of the mean and of the deviation of as many draws.
+    assert abs(np.log(factors).mean()) < 4.0 * 0.05 / np.sqrt(draws)
+    assert np.log(factors).std() == pytest.approx(0.05, abs=4.0 * 0.05 / np.sqrt(2.0 * draws))
+    assert realised(scene, ensemble, 0).contact == ContactProperties(0.8, 0.6, 0.1)
+
+
+def test_a_realisation_draws_the_same_again_in_a_worker_that_has_forgotten_it(ensemble):
+    scene = Scene.block(0.2, 0.2, 0.6)
+    first = realised(scene, ensemble, 3)
+    job._realised.cache_clear()
+    again = realised(replace(scene), ensemble, 3)
+    assert again is not first
+    assert again.contact == first.contact
+    assert (again.rock.com_m == first.rock.com_m).all()

@@ -130,6 +130,17 @@ def test_a_rock_that_turned_its_thin_side_to_a_weak_motion_is_not_called_certain
     assert result.toppled
 
 
+def test_a_rock_that_starts_with_its_thin_side_downhill_is_not_called_certain_in_a_weak_motion():
+    # What tips it is known for the pose of the scene, wide side downhill; the push topples it as it is turned.
+    scene = turned_block((0.6, 0.13, 0.6), 0.0, slope_deg=10.0, friction=0.8)
+    quarter = Rotation.from_rotvec(0.5 * np.pi * scene.pedestal.normal).as_quat()
+    start = State(quaternion_xyzw=quarter, velocity_m_s=(0.0, 0.8, 0.0))
+    late_push = np.concatenate([np.zeros(300), np.full(500, -0.048 * G)])
+    motion = Motion(np.outer(late_push, [1.0, 0.0, 0.0]), 0.01)
+    short, whole = (shake(scene, motion, "fast", shortcuts=s, initial=start) for s in (True, False))
+    assert (short.outcome, whole.outcome) == ("toppled", "toppled")
+
+
 @pytest.mark.parametrize("share", [0.99, 1.01])
 def test_a_rock_let_go_near_its_balance_is_not_certain_before_it_has_come_down(share):
     scene = Scene.block(0.2, 0.35, 0.6, friction=2.0)

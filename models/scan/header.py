@@ -1,0 +1,156 @@
+"""Headers of text files: which columns are east, north and up, and what is refused because nobody can tell."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from models.errors import InputError
+
+TEXT = "utf-8-sig"
+"""Encoding of text files: spreadsheets begin UTF-8 with a mark, which is no part of the first number or name."""
+AXES = {
+    "x": ("x", "easting", "east", "e"),
+    "y": ("y", "northing", "north", "n"),
+    "z": ("z", "elevation", "elev", "height", "up"),
+}
+"""What headers call east, north and up, in lower case."""
+AXIS_OF = {word: axis for axis, words in AXES.items() for word in words}
+KINDS = frozenset({"point", "coord", "coordinate", "local", "utm"})
+"""Words beside an axis that tell one set of coordinates from another: POINT_X, X_local."""
+METRES = frozenset({"m", "metre", "metres", "meter", "meters"})
+OTHER_LENGTH = re.compile(
+    r"(us|i)?s?(ft|foot|feet)(us)?|in|inch(es)?|yd|yards?|[mcdk]m|(milli|centi|deci|kilo)met(er|re)s?"
+)
+"""Words for units of length that are not metres."""
+OTHER_COLUMNS = frozenset(
+    {"id", "point", "station", "time", "intensity", "reflectance", "red", "green", "blue", "r", "g", "b"}
+    | {"nx", "ny", "nz", "latitude", "longitude", "lat", "lon", "range", "azimuth", "zenith", "theta", "phi"}
+)
+"""What headers call columns that are no coordinates of a survey."""
+
+Columns = tuple[int, int, int]
+"""Numbers of the columns of x, y and z."""
+
+
+def named_columns(lines: Sequence[str], columns: int, where: str) -> Columns | None:
+    """Columns of x, y, z by the lines before the first point, None if these are remarks or there are none.
+
+    Parameters
+    ----------
+    lines : sequence of str
+    columns : int
+        How many numbers the first point's line has.
+    where : str
+        The file, for errors.
+
+    Raises
+    ------
+    InputError
+        If a header does not tell which columns are x, y and z, or says that they are not in metres.
+    """
+    titles = [line for line in lines if line.strip()]
+    for line in reversed(titles):
+        names = _names(line, columns)
+        found = _axes(names)
+        if found is not None and (len(names) == columns or found == (0, 1, 2)):
+            _check_metres([names[column] for column in found], where)
+            return found
+        # Remarks may stand between a header and the points, so of such lines only the last must be understood.
+        if (line is titles[-1] or not _is_comment(line)) and _names_columns(names, columns):
+            raise _not_understood(names, columns, where)
+    return None
+
+
+@dataclass(frozen=True)
+class _Coordinate:
+    """What a name says of a column of coordinates."""
+
+    word: str
+    kind: frozenset[str]
+    metres: bool
+
+    @classmethod
+    def of(cls, name: str) -> "_Coordinate | None":
+        """Read a name such as x, POINT_X, x_ft or X [m]; None if it is no coordinate's."""
+        bare, _, bracket = name.partition("(")
+        words, beside = set(re.findall(r"[^\s_-]+", bare)), set(re.findall(r"\w+", bracket))
+        axes = words & AXIS_OF.keys()
+        if not axes or len({AXIS_OF[word] for word in axes | (beside & AXIS_OF.keys())}) > 1:
+            return None  # X (northing) contradicts itself
+        units = words - axes - KINDS - METRES - ({"in"} if words & METRES else set())  # x in m
+        if not all(map(OTHER_LENGTH.fullmatch, units)):
+            return None
+        other = bool(units) or (not beside & METRES and any(map(OTHER_LENGTH.fullmatch, beside)))
+        return cls(min(axes), frozenset(words & KINDS), not other)
+
+
+def _axes(names: Sequence[str]) -> Columns | None:
+    """Columns of x, y, z by their names: those in metres first, and x, y, z before others such as POINT_X.
+
+    Where several sets of others are complete nobody can tell which one is meant, and none is taken.
+    """
+    every = [_Coordinate.of(name) for name in names]
+    for read in ([each if each is not None and each.metres else None for each in every], every):
+        kinds = {each.kind for each in read if each is not None}
+        sets = {kind: found for kind in kinds if (found := _axes_of(kind, read)) is not None}
+        if frozenset() in sets:
+            return sets[frozenset()]
+        if len(sets) == 1:
+            return next(iter(sets.values()))
+    return None
+
+
+def _axes_of(kind: frozenset[str], read: Sequence[_Coordinate | None]) -> Columns | None:
+    words = [each.word if each is not None and each.kind == kind else None for each in read]
+    x, y, z = (next((words.index(word) for word in AXES[axis] if word in words), None) for axis in AXES)
+    return None if x is None or y is None or z is None else (x, y, z)
+
+
+def _names(line: str, columns: int) -> list[str]:
+    """Names in a header, parted in the way that gives as many as there are columns, if there is one."""
+    title = re.sub(r"[\"']", "", line).strip().lstrip("#/ ").lower()
+    title = re.sub(r"\s*[(\[]([^)\]]*)[)\]]", _closed_up, title)
+    for separator in (",", ";", "\t", None):
+        names = [name.strip() for name in title.split(separator)]
+        if len(names) == columns:
+            return names
+    return [name for name in re.split(r"[,;\s]+", title) if name]
+
+
+def _closed_up(bracket: re.Match[str]) -> str:
+    """Write what stands in a bracket as one word, so that it stays with its name: x (us ft) is x(us-ft)."""
+    return "(" + "-".join(re.findall(r"\w+", bracket[1])) + ")"
+
+
+def _is_comment(line: str) -> bool:
+    return line.lstrip().startswith(("#", "//"))
+
+
+def _names_columns(names: Sequence[str], columns: int) -> bool:
+    """Whether a line is a header, though one that names no place, and no remark."""
+    known = {
+        name for name in names if name.partition("(")[0] in OTHER_COLUMNS or _Coordinate.of(name) is not None
+    }
+    return len(names) == columns or len(known) >= 2
+
+
+def _check_metres(names: Sequence[str], where: str) -> None:
+    stated = [name for name in names if (read := _Coordinate.of(name)) is not None and not read.metres]
+    if stated:
+        raise InputError(
+            f"the header states another unit than metres: {', '.join(stated)}",
+            where=where,
+            expected="coordinates in metres",
+            remedy="convert the coordinates to metres first, and name their columns x, y and z",
+        )
+
+
+def _not_understood(names: Sequence[str], columns: int, where: str) -> InputError:
+    return InputError(
+        f"the header names its columns {', '.join(names)}",
+        where=where,
+        expected="; ".join(f"{axis}: {' or '.join(words)}" for axis, words in AXES.items())
+        + f"; and as many names as columns ({columns})",
+        remedy="name the columns of easting, northing and height x, y and z, in metres; if the line is a remark, "
+        "delete it",
+    )

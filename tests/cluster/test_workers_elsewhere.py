@@ -1,0 +1,92 @@
+"""Workers that this machine does not start as its own: a host without the program, batch jobs that end."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import dask
+import pytest
+from distributed import Client, LocalCluster
+
+from models import InputError
+from orchestrator.cluster import Upkeep
+from orchestrator.run import check_workers
+from orchestrator.task import Order, versions
+
+PATIENCE_S = 60.0
+
+BLOCKING = """\
+import sys
+
+class Absent:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in ("orchestrator", "workers"):
+            raise ModuleNotFoundError(f"No module named {name!r}")
+
+sys.meta_path.insert(0, Absent())
+"""
+
+
+def until(holds):
+    """Wait until something holds."""
+    end = time.monotonic() + PATIENCE_S
+    while not holds():
+        assert time.monotonic() < end
+        time.sleep(0.1)
+
+
+def test_a_worker_without_the_program_is_refused_before_any_job(tmp_path, planned, inputs):
+    (tmp_path / "sitecustomize.py").write_text(BLOCKING)
+    with (
+        LocalCluster(n_workers=0, host="127.0.0.1", dashboard_address=None) as cluster,
+        Client(cluster) as client,
+    ):
+        # -c, or the folder of the program itself would come before the one that hides it.
+        start = (
+            "import runpy, sys; sys.argv[0] = 'dask-worker'; runpy.run_module('distributed.cli.dask_worker', "
+        )
+        worker = subprocess.Popen(
+            [
+                *(sys.executable, "-c", start + "run_name='__main__')"),
+                *(cluster.scheduler_address, "--nthreads", "1", "--no-dashboard", "--no-nanny"),
+            ],
+            env={**os.environ, "PYTHONPATH": str(tmp_path)},
+            cwd=tmp_path,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+        try:
+            client.wait_for_workers(1, timeout=PATIENCE_S)
+            order = Order(str(inputs), planned.scene_id, planned.ensemble_id, versions())
+            with pytest.raises(InputError, match=r"workers are unfit.*No module named"):
+                check_workers(client, order)
+        finally:
+            worker.terminate()
+            worker.wait(PATIENCE_S)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("processes", [1, 2])
+def test_a_batch_job_that_has_ended_is_submitted_again(processes):
+    local = pytest.importorskip("dask_jobqueue.local", reason="the extra hpc is not installed")
+    scheduler = {"dashboard_address": None, "host": "127.0.0.1"}
+    with (
+        dask.config.set({"distributed.deploy.lost-worker-timeout": "500ms"}),
+        local.LocalCluster(
+            cores=processes, processes=processes, memory="1GB", scheduler_options=scheduler
+        ) as cluster,
+        Client(cluster) as client,
+    ):
+        upkeep = Upkeep(client)
+        cluster.scale(jobs=1)
+        assert not upkeep.gone()  # one that waits in the queue has not ended
+        client.wait_for_workers(processes, timeout=PATIENCE_S)
+        assert not upkeep.gone()
+        (process_id,) = [int(job.job_id) for job in cluster.workers.values()]
+        os.kill(process_id, signal.SIGTERM)
+        until(upkeep.gone)
+        upkeep.replace()
+        until(lambda: len(cluster.observed) == processes)
+        assert not upkeep.gone()

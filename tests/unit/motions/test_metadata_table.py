@@ -1,0 +1,68 @@
+"""A metadata table is used, or it is said what of it is not; it does not contradict the files' own headers."""
+
+from pathlib import Path
+
+import pytest
+from motion_samples import WRITERS, shaking
+
+from models import InputError
+from models.motions.importing import import_records, record_files
+from models.motions.metadata import read_table
+
+
+def with_rows(folder: Path, *rows: str):
+    (folder / "table.csv").write_text("\n".join(["rec_id,h1,h2,v", *rows]) + "\n")
+    return import_records(record_files([folder]), read_table(folder / "table.csv"))
+
+
+def test_a_table_none_of_whose_rows_names_a_file_is_refused_with_the_path_it_looks_for(tmp_path):
+    WRITERS["peer"](tmp_path, shaking())
+    looked_for = tmp_path / "in" / "x090.AT2"
+    with pytest.raises(InputError, match="none of the 2 rows") as error:
+        with_rows(tmp_path, "A,in/x090.AT2,in/x000.AT2,in/xUP.AT2", "B,in/y090.AT2,in/y000.AT2,in/yUP.AT2")
+    assert str(looked_for) in error.value.what
+    assert error.value.where == f"{tmp_path / 'table.csv'}:2"
+    assert "correct the paths" in error.value.remedy
+
+
+def test_a_table_of_files_that_are_there_but_not_given_is_refused_with_the_remedy_to_give_them(tmp_path):
+    for name in ("a", "b"):
+        (tmp_path / name).mkdir()
+        WRITERS["peer"](tmp_path / name, shaking())
+    names = [f"a/{path.name}" for path in sorted((tmp_path / "a").iterdir())]
+    (tmp_path / "table.csv").write_text("h1,h2,v\n" + ",".join(names) + "\n")
+    with pytest.raises(InputError, match="none of the 1 rows") as error:
+        import_records(record_files([tmp_path / "b"]), read_table(tmp_path / "table.csv"))
+    assert "give this file" in error.value.remedy
+
+
+def test_rows_that_name_no_file_given_are_counted(tmp_path):
+    east, north, up = (path.name for path in WRITERS["peer"](tmp_path, shaking()))
+    outcome = with_rows(tmp_path, f"A,{east},{north},{up}", "B,x,y,z", "C,x,y,z")
+    assert [record.record_id for record in outcome.records] == ["A"]
+    assert outcome.unused_rows == 2
+
+
+@pytest.mark.parametrize(
+    ("order", "what"),
+    [
+        ((2, 1, 0), "in column h1, and the file says that it points up"),
+        ((0, 2, 1), "in column h2, and the file says that it points up"),
+    ],
+)
+def test_a_row_that_contradicts_the_headers_direction_is_refused(order, what, tmp_path):
+    paths = WRITERS["peer"](tmp_path, shaking())
+    outcome = with_rows(tmp_path, ",".join(("A", *(paths[place].name for place in order))))
+    assert not outcome.records
+    reason = outcome.refusals[0].reason
+    assert what in reason.what
+    assert reason.where == f"{tmp_path / 'table.csv'}:2"
+
+
+def test_a_horizontal_as_vertical_is_refused(tmp_path):
+    paths = WRITERS["peer"](tmp_path, shaking())
+    unlabelled = paths[2].read_text().replace("Station, UP", "Station, L")
+    paths[2].write_text(unlabelled)
+    outcome = with_rows(tmp_path, f"A,{paths[2].name},{paths[1].name},{paths[0].name}")
+    assert not outcome.records
+    assert "in column v, and the file says that it points 90 degrees" in outcome.refusals[0].reason.what

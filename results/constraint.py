@@ -68,12 +68,10 @@ def branch_table(
 
 def _interval(rocks: Sequence[Standing], told: Callable[[Sequence[Standing]], float]) -> tuple[float, float]:
     """Interval (95 %) of what is told of some rocks, as their records are drawn anew (`results.fits.bootstrap`)."""
-    known = [rock.resampled for rock in rocks if rock.resampled]
+    known = [rock.resampled for rock in rocks if rock.resampled and len(rock.resampled.fitted)]
     if len(known) < len(rocks):
         return (math.nan, math.nan)
     fewest = min(known, key=lambda one: one.records)
-    if not all(len(one.fitted) for one in known):
-        return (math.nan, math.nan)
     drawn = zip(
         *(one.lognormals(rock.curve.measure) for one, rock in zip(known, rocks, strict=True)), strict=True
     )

@@ -227,7 +227,7 @@ def fit(frame: pd.DataFrame, measures: Sequence[str], link: str = "probit") -> F
     coefficients = _regress(_design(groups, names), groups, link)
     if coefficients is None:
         return Fit(**told, coefficients=(), problem="the fit does not converge")
-    if len(names) == 1 and coefficients[1] < FLATTEST_SLOPE:
+    if _is_flat(coefficients):
         return Fit(**told, coefficients=(), problem="probability does not rise with the measure")
     return Fit(**told, coefficients=tuple(float(value) for value in coefficients))
 
@@ -255,7 +255,7 @@ def bootstrap(
         seen()
         drawn = np.bincount(random.integers(0, len(records), len(records)), minlength=len(records))
         again = _regress(design, groups, fitted.link, drawn[codes], start=fitted.coefficients)
-        if again is None or (len(fitted.measures) == 1 and again[1] < FLATTEST_SLOPE):
+        if again is None or _is_flat(again):
             continue
         if np.abs(again[1:]).max() > steep and _groups_separable(design, groups, drawn[codes] > 0):
             continue
@@ -503,6 +503,11 @@ def _regress(
         ):
             return None
     return np.asarray(found.params) if np.isfinite(found.params).all() else None
+
+
+def _is_flat(coefficients: NDArray[np.float64]) -> bool:
+    """Whether probability does not rise with the one measure that was fitted."""
+    return len(coefficients) == 2 and bool(coefficients[1] < FLATTEST_SLOPE)
 
 
 def _separable(design: NDArray[np.float64], toppled: NDArray[np.bool_]) -> bool:

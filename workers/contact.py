@@ -173,6 +173,11 @@ class ContactModel:
         """Clearance of the lowest point in a pose."""
         return float(self.gaps_m(np.array([pose[0]]), np.array([pose[1]])).min())
 
+    def touching(self, pose: Pose) -> Pose:
+        """A pose shifted along the interface's normal to where its lowest point touches."""
+        (x, y, z), attitude = pose
+        return (x, y, z - self.lowest_m(pose)), attitude
+
 
 def _normals_body(quaternions_xyzw: Array) -> Array:
     """The interface's normal (3,) or (3, m) in the body frame, for attitudes (4,) or (m, 4)."""

@@ -85,8 +85,7 @@ def _let_down(scene: Scene) -> Scene:
     impulse, slot = scene.gravity_m_s2 * step_s, len(REACH_DEG) - 1
     surface = ContactProperties.of(scene.contact.friction_static)  # let down without a rebound
     engine = engine_for(contact, LARGEST_OPEN_TILT_DEG, surface, impulse, impulse * step_s, 0.0, SOLVER, slot)
-    (x, y, z), attitude = pose = contact.start_pose
-    pose = ((x, y, z - contact.lowest_m(pose)), attitude)
+    pose = contact.touching(contact.start_pose)
     engine.set_state(pose, STILL, STILL)
     strict = 3e-7 * contact.half_diagonal_m  # the solver lets a rock at rest creep by a quarter of it
     previous = np.inf

@@ -111,8 +111,7 @@ def _out_of_the_ground(contact: ContactModel, pose: Pose) -> Pose:
     InputError
         If the lowest point is deeper than DEEPEST_START_SHARE of the half diagonal.
     """
-    deep_m = -contact.lowest_m(pose)
-    deep_share = deep_m / contact.half_diagonal_m
+    deep_share = -contact.lowest_m(pose) / contact.half_diagonal_m
     if deep_share > DEEPEST_START_SHARE:
         raise InputError(
             f"the rock starts inside the ground, {deep_share:.2g} of its half diagonal deep",
@@ -120,5 +119,4 @@ def _out_of_the_ground(contact: ContactModel, pose: Pose) -> Pose:
             expected=f"a lowest point no deeper than {DEEPEST_START_SHARE} of the half diagonal",
             remedy="raise position_m, which is that of the centre of mass",
         )
-    (x, y, z), attitude = pose
-    return ((x, y, z + deep_m), attitude) if deep_share > SUNK_SHARE else pose
+    return contact.touching(pose) if deep_share > SUNK_SHARE else pose

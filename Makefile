@@ -24,11 +24,14 @@ system-libraries:
 demo: setup  ## scan, records, campaign, maps: the whole way on inputs the project makes itself
 	$(BIN)/toppling demo
 
+# Tests of the cluster start workers of their own, which some of them kill: nothing else runs beside them.
+TESTS := "not slow"
 test: setup  ## the fast tests, at most five minutes
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -m $(TESTS) --numprocesses logical --dist worksteal --ignore tests/cluster
+	$(BIN)/python -m pytest -m $(TESTS) tests/cluster
 
-test-all: setup  ## the fast and the slow tests
-	$(BIN)/python -m pytest -m "slow or not slow"
+test-all: TESTS := "slow or not slow"
+test-all: test  ## the fast and the slow tests
 
 lint: setup  ## ruff and the type check
 	$(BIN)/ruff check .

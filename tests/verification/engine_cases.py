@@ -353,13 +353,13 @@ def pulse_threshold(b, h, duration_share):
     return least(lambda a: overturns(body, Ground.samples(step, -a * unit * shape)), high / 2, high, 16)
 
 
-def quasi_static_error(half_sizes, azimuth, preset, reference, scene=None, **settings):
+def quasi_static_error(half_sizes, azimuth, preset, reference, scene=None, span=0.01, **settings):
     """Threshold of a ramp so slow that only statics counts."""
     scene = scene or Scene.block(*half_sizes, friction=GRIP)
     time_scale = np.sqrt(scene.rock.half_diagonal_m / G)
     shape = np.concatenate([np.linspace(0, 1, 41), np.ones(60)])
     return threshold_error(
-        scene, lambda a: along(azimuth, a * shape, 0.5 * time_scale), reference, preset, span=0.01, **settings
+        scene, lambda a: along(azimuth, a * shape, 0.5 * time_scale), reference, preset, span=span, **settings
     )
 
 

@@ -16,6 +16,8 @@ from workers.reference.sliding_rocking import PlaneContact, slide_and_rock
 
 TARGET = {"standard": 0.002, "reference": 0.0005}  # of times, thresholds, impact ratios and slip
 LOSS_TARGET = 0.03  # of the energy lost in an impact
+# A threshold within its target takes three shakes: at the target below it, at the target above, and between.
+WITHIN = {preset: {"span": target, "resolution": target} for preset, target in TARGET.items()}
 G = case.G
 
 MISSED: dict[tuple, str] = {
@@ -115,7 +117,7 @@ def test_small_swings_die_away_by_housners_share(preset):
 def test_a_full_sine_overturns_from_the_exact_amplitude_on(preset, alpha_deg, half_diagonal, branch):
     # Angular frequency 4 p; after an impact 3 p, where the branch is well apart from the other.
     frequency = 4.0 if branch == "no impact" else 3.0
-    error = case.full_sine_error(alpha_deg, half_diagonal, frequency, preset, branch)
+    error = case.full_sine_error(alpha_deg, half_diagonal, frequency, preset, branch, **WITHIN[preset])
     assert abs(error) < TARGET[preset]
 
 
@@ -133,7 +135,7 @@ def test_a_full_sine_overturns_from_the_exact_amplitude_on(preset, alpha_deg, ha
 def test_a_base_of_many_feet_overturns_about_its_leading_edge_or_foot(preset, sides, leading):
     # What errs is the solver, which moves the weight to the leading feet in proportion to its iterations. Measured with
     # standard -.01 to -.03 %, with reference -.015 %; 24 sides with 20 and 50 iterations -.15 and -.09 %.
-    assert abs(case.many_feet_error(sides, leading, preset)) < TARGET[preset]
+    assert abs(case.many_feet_error(sides, leading, preset, **WITHIN[preset])) < TARGET[preset]
 
 
 @pytest.mark.parametrize(
@@ -151,14 +153,15 @@ def test_a_base_of_many_feet_overturns_about_its_leading_edge_or_foot(preset, si
 def test_a_rectangular_pulse_overturns_from_the_exact_amplitude_on(
     preset, alpha_deg, half_diagonal, duration_share
 ):
-    assert abs(case.pulse_error(alpha_deg, half_diagonal, duration_share, preset)) < TARGET[preset]
+    error = case.pulse_error(alpha_deg, half_diagonal, duration_share, preset, **WITHIN[preset])
+    assert abs(error) < TARGET[preset]
 
 
 @pytest.mark.parametrize(
     ("preset", "azimuth_deg"), cases("overhang", [("standard", 0.0)], [("standard", 180.0)])
 )
 def test_a_block_over_the_edge_of_its_pedestal_overturns_about_that_edge(preset, azimuth_deg):
-    # Three shakes, from .1 % below to .1 % above. Measured -.016 %, resolved to .04 %.
+    # As there, from .1 % below to .1 % above. Measured -.016 %, resolved to .04 %.
     assert abs(case.overhang_error(azimuth_deg, preset, span=1e-3, resolution=1e-3)) < 1e-3
 
 
@@ -177,7 +180,8 @@ def test_a_step_of_the_bases_velocity_overturns_from_the_exact_velocity_on():
     ),
 )
 def test_a_slow_ramp_topples_at_the_static_acceleration(preset, azimuth_deg, share):
-    assert abs(case.quasi_static_error((0.2, 0.2, 0.6), azimuth_deg, preset, G / 3 * share)) < TARGET[preset]
+    error = case.quasi_static_error((0.2, 0.2, 0.6), azimuth_deg, preset, G / 3 * share, **WITHIN[preset])
+    assert abs(error) < TARGET[preset]
 
 
 SLIPS = [
@@ -304,8 +308,13 @@ def test_a_tall_block_that_slides_slows_as_its_friction_says(friction):
     ("preset", "alpha_deg", "restitution"),
     cases(
         "rebound",
-        [("standard", 18.4349, 0.1), ("standard", 18.4349, 0.3), ("standard", 10, 0.6)],
-        [("reference", 10, 0.3), ("reference", 18.4349, 0.6), ("reference", 30, 0.3)],
+        [("standard", 18.4349, 0.3), ("standard", 10, 0.6)],
+        [
+            ("standard", 18.4349, 0.1),
+            ("reference", 10, 0.3),
+            ("reference", 18.4349, 0.6),
+            ("reference", 30, 0.3),
+        ],
     ),
 )
 def test_a_rocking_block_rebounds_as_newtons_law_at_each_corner_says(preset, alpha_deg, restitution):

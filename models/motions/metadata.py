@@ -73,7 +73,8 @@ def read_table(table: Path) -> list[Entry]:
     Raises
     ------
     InputError
-        If a column is missing, a number is none, a unit is unknown, or two rows have one id: with the line.
+        If a column is missing, there is no row, a number is none, a unit is unknown, or two rows have one id: with
+        the line.
     """
     with text_table(table) as file:
         reader = csv.DictReader(file)
@@ -88,6 +89,13 @@ def read_table(table: Path) -> list[Entry]:
         entries = [
             _entry(row, table, reader.line_num) for row in reader if any((v or "") for v in row.values())
         ]
+    if not entries:
+        raise InputError(
+            "a header and no row",
+            where=str(table),
+            expected="one row a record",
+            remedy="say what the files do not, or leave the table away",
+        )
     seen: dict[str, str] = {}
     for entry in entries:
         if entry.record_id and entry.record_id in seen:

@@ -162,10 +162,17 @@ def _records(paths: Sequence[Path], metadata: Path | None, missing_vertical: boo
         yield from (ensemble.record(record_id) for record_id in ensemble.record_ids)
     files = record_files([path for path in paths if not (path / CATALOG).is_file()])
     if not files:
+        if metadata:
+            raise click.UsageError(
+                "--metadata is a table of files; ensembles were given, which have theirs already"
+            )
         return
-    came = import_records(
-        files, read_table(metadata) if metadata else [], Wishes(missing_vertical=missing_vertical)
-    )
+    table = read_table(metadata) if metadata else []
+    came = import_records(files, table, Wishes(missing_vertical=missing_vertical))
+    if came.unused_rows:
+        click.echo(
+            f"{came.unused_rows} of {len(table)} rows of {metadata} name no file that was given", err=True
+        )
     for refusal in came.refusals:
         click.echo(f"left out {refusal.subject}: {refusal.reason}", err=True)
     for record in came.records:

@@ -43,6 +43,13 @@ def test_rows_that_name_no_file_given_are_counted(tmp_path):
     assert outcome.unused_rows == 2
 
 
+def test_a_table_without_rows_is_refused(tmp_path):
+    WRITERS["peer"](tmp_path, shaking())
+    with pytest.raises(InputError, match="a header and no row") as error:
+        with_rows(tmp_path)
+    assert error.value.where == str(tmp_path / "table.csv")
+
+
 @pytest.mark.parametrize(
     ("order", "what"),
     [

@@ -187,12 +187,22 @@ def test_a_seismogram_that_was_processed_is_said_to_be(scene, tmp_path, word, to
     columns = np.column_stack([time, *[0.1 * np.sin(6 * time) + 0.02] * 3])
     np.savetxt(tmp_path / "simulated.txt", columns, fmt="%.6f")
     names = ",".join(["simulated.txt"] * 3)
-    (tmp_path / "table.csv").write_text(f"rec_id,h1,h2,v,unit,processing\nA,{names},m/s2,{word}\n")
+    rows = f"A,{names},m/s2,{word}\nB,x,y,z,,\n"
+    (tmp_path / "table.csv").write_text(f"rec_id,h1,h2,v,unit,processing\n{rows}")
     done = told(
         "check", scene, tmp_path / "simulated.txt", "--metadata", tmp_path / "table.csv", "--neighbours", 0
     )
     assert done.exit_code == 0, done.output
     assert ("A is not as it came" in done.stderr) is told_so
+    assert f"1 of 2 rows of {tmp_path / 'table.csv'} name no file that was given" in done.stderr
+
+
+def test_a_table_of_files_is_refused_where_only_ensembles_are_given(scene, tmp_path):
+    Ensemble.write(tmp_path / "motions", [record("A", UPLIFT_M_S2)])
+    (tmp_path / "table.csv").write_text("h1,h2\nx,y\n")
+    done = told("check", scene, tmp_path / "motions", "--metadata", tmp_path / "table.csv")
+    assert done.exit_code == 2
+    assert "--metadata is a table of files" in done.stderr
 
 
 def test_a_folder_without_seismograms_is_refused(scene, tmp_path):

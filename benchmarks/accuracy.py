@@ -9,6 +9,7 @@ setting: a later call with more jobs goes on, on another machine too where its d
 """
 
 import json
+import re
 import subprocess
 import sys
 import tempfile
@@ -78,7 +79,8 @@ def hard_cases() -> list[tuple[str, int, int]]:
         tests = list(ElementTree.parse(report.name).iter("testcase"))
     laws: dict[str, list[bool]] = {}
     for test in tests:
-        name = test.attrib["name"].split("[")[0].removeprefix("test_").replace("_", " ")
+        name = test.attrib["name"].split("[")[0].removeprefix("test_")
+        name = re.sub(r"(\d)_(\d{3})", r"\1.\2", re.sub(r"(\de)_(\d)", r"\1-\2", name)).replace("_", " ")
         laws.setdefault(name, []).append(len(test) == 0)  # children: failure, error or an expected failure
     return [(law, len(held), sum(held)) for law, held in laws.items()]
 

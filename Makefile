@@ -46,5 +46,5 @@ lock: setup  ## resolve the dependencies anew into the two lock files
 	$(BIN)/uv pip compile pyproject.toml --extra dev --python-version 3.11 --universal --generate-hashes --no-emit-index-url --no-header --quiet --upgrade -o requirements.lock
 	$(BIN)/uv pip compile pyproject.toml --extra cluster --python-version 3.11 --universal --generate-hashes --no-emit-index-url --no-header --quiet --upgrade -o requirements-worker.lock
 
-clean:  ## remove what a run or a test left behind
+clean:  ## remove .venv, build files, caches and the folder demo; runs/ stays
 	rm -rf $(VENV) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis demo

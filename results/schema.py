@@ -45,7 +45,7 @@ _COLUMNS = {
         ("pga_vertical_m_s2", _REAL, _MAY, "m/s2", "peak of the vertical acceleration's size"),
         ("arias_m_s", _REAL, _MAY, "m/s", "Arias intensity, sum of the two horizontal components"),
         ("cav_m_s", _REAL, _MAY, "m/s", "cumulative absolute velocity of the horizontal vector"),
-        ("duration_energy_s", _REAL, _MAY, "s", "5 to 95 % of integrated squared velocity (Anderson 2004)"),
+        ("duration_energy_s", _REAL, _MAY, "s", "5 to 95 % of the stronger component's integrated squared velocity"),
         ("duration_arias_s", _REAL, _MAY, "s", "5 to 95 % of integrated squared acceleration"),
         ("sa_1s_m_s2", _REAL, _MAY, "m/s2", "pseudo-spectral acceleration, 1 s, 5 % damping, largest of all azimuths"),
         ("sa_2s_m_s2", _REAL, _MAY, "m/s2", "pseudo-spectral acceleration, 2 s, 5 % damping, largest of all azimuths"),

@@ -30,7 +30,8 @@ from results.schema import SCHEMA, describe
 )
 @click.option(
     "--age", multiple=True,
-    help="Years each rock has stood: 20000, 15000..30000, 20000+-3000 or a CSV. One for several rocks is each one's: "
+    help="Years each rock has stood: 20000, 15000..30000 (uniform), 20000+-3000 (normal, one sigma) or a CSV. "
+    "One for several rocks is each one's: "
     "they are taken as dated independently, which rejects more than one common age would.",
 )  # fmt: skip
 @click.option("--measure", help="Column of the results; the hazard curves' own, or pgv_m_s, if not given.")

@@ -46,10 +46,19 @@ FOLDER = click.Path(path_type=Path, file_okay=False)
     "--directions", type=click.IntRange(1, 72), default=8, show_default=True, help="Bins of azimuth."
 )
 @click.option(
-    "--sector", type=float, nargs=2, default=SECTOR_DEG, show_default=True, help="Of toppling, deg."
+    "--sector",
+    type=float,
+    nargs=2,
+    default=SECTOR_DEG,
+    show_default=True,
+    help="Azimuths, degrees counter-clockwise from east, between which the share of topplings is told.",
 )
 @click.option("--fit", is_flag=True, help="Fit curves and surfaces too, and rank the intensity measures.")
-@click.option("--reference", is_flag=True, help="Where a plane section topples at 1 and 99 %.")
+@click.option(
+    "--reference",
+    is_flag=True,
+    help="Draw where the rock's section, on two corners and without slip, topples with 1 and 99 %.",
+)
 @click.option(
     "--samples", type=click.IntRange(1), default=200, show_default=True, help="Bootstrap, of records."
 )

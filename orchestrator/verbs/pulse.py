@@ -40,7 +40,7 @@ SHAPES = ("sawtooth", "sine", "cosine", "ricker")
     type=float,
     default=0.0,
     show_default=True,
-    help="Of the ground's first way (Ricker: of its largest acceleration), deg from east.",
+    help="Toward which the ground moves first (Ricker: accelerates most), degrees counter-clockwise from east.",
 )
 @click.option("--friction", type=click.FloatRange(0, min_open=True), help="The scene's own if not given.")
 @click.option("--preset", type=click.Choice(list(PRESETS)), default="standard", show_default=True)

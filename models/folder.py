@@ -1,4 +1,4 @@
-"""Folders that appear complete or not at all."""
+"""Files and folders that appear complete or not at all."""
 
 import os
 import shutil
@@ -39,3 +39,20 @@ def new_folder(target: Path) -> Iterator[Path]:
     except BaseException:
         shutil.rmtree(staging, ignore_errors=True)
         raise
+
+
+@contextmanager
+def new_file(target: Path) -> Iterator[Path]:
+    """A path to write a file to, which takes its name, and the place of a former one, when all is on the disk.
+
+    It ends in '.tmp', whatever the file is; nothing is left of it if writing fails.
+    """
+    target.parent.mkdir(parents=True, exist_ok=True)
+    hidden = target.with_name(f".{target.name}.{os.getpid()}.tmp")
+    try:
+        yield hidden
+        with hidden.open("rb") as file:
+            os.fsync(file.fileno())
+        hidden.replace(target)
+    finally:
+        hidden.unlink(missing_ok=True)

@@ -279,7 +279,7 @@ class Scene:
         Raises
         ------
         InputError
-            If a file is missing, is of another schema, or the content does not match its id.
+            If a file is missing, not whole or of another schema, or the content does not match its id.
         """
         source = Path(folder)
         try:
@@ -288,24 +288,34 @@ class Scene:
             raise _scene_error("no scene.json", source) from None
         except (json.JSONDecodeError, UnicodeDecodeError) as error:
             raise _scene_error(f"scene.json is not JSON ({error})", source) from None
-        if described.get("schema_version") != SCHEMA_VERSION:
-            raise _scene_error(f"schema version {described.get('schema_version')}", source)
+        version = described.get("schema_version") if isinstance(described, dict) else None
+        if version != SCHEMA_VERSION:
+            raise _scene_error(f"schema version {version}", source)
         rock = Rock.from_triangles(*read_triangles(source / "rock.ply"), where=str(source / "rock.ply"))
-        plane = described["interface"]
         surface: tuple[Any, Any] = (None, None)
-        if described["pedestal"]["kind"] == "surface":
-            surface = read_triangles(source / "pedestal.ply")
-        scene = cls(
-            rock=rock,
-            pedestal=Pedestal(np.array(plane["point_m"], float), np.array(plane["normal"], float), *surface),
-            contact=ContactProperties(**described["contact"]),
-            gravity_m_s2=float(described["gravity_m_s2"]),
-            origin_m=np.array(described["origin_m"], float),
-            report={**described["report"], "interface": plane},
-        )
-        if scene.id != described["id"]:
+        try:
+            if described["pedestal"]["kind"] == "surface":
+                surface = read_triangles(source / "pedestal.ply")
+            plane, stated_id = described["interface"], described["id"]
+            scene = cls(
+                rock=rock,
+                pedestal=Pedestal(
+                    np.array(plane["point_m"], float), np.array(plane["normal"], float), *surface
+                ),
+                contact=ContactProperties(**described["contact"]),
+                gravity_m_s2=float(described["gravity_m_s2"]),
+                origin_m=np.array(described["origin_m"], float),
+                report={**described["report"], "interface": plane},
+            )
+        except InputError:
+            raise
+        except (KeyError, TypeError, ValueError) as error:
+            raise _scene_error(f"scene.json is not whole ({type(error).__name__}: {error})", source) from None
+        if scene.origin_m.shape != (3,) or not np.isfinite(scene.origin_m).all():
+            raise _scene_error(f"origin_m is {described['origin_m']}", source)
+        if scene.id != stated_id:
             raise _scene_error(
-                f"the content hashes to {scene.id}, scene.json says {described['id']}: a file was changed, or a "
+                f"the content hashes to {scene.id}, scene.json says {stated_id}: a file was changed, or a "
                 "program of another version wrote the scene",
                 source,
             )

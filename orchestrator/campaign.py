@@ -168,11 +168,6 @@ class Campaign:
         # JSON's strings, numbers and arrays are TOML's too.
         return "".join(f"{key} = {json.dumps(value, ensure_ascii=False)}\n" for key, value in content.items())
 
-    def axes_per_record(self) -> int:
-        """Jobs that each record stands in."""
-        axes = (self.pga_m_s2, self.azimuth_deg, self.friction, self.restitution)
-        return math.prod(map(len, axes)) * self.realisations
-
 
 def hash_of(texts: Iterable[str]) -> str:
     """Short hash of a sequence of texts, which depends on their order."""

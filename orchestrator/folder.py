@@ -15,7 +15,7 @@ from typing import IO, Any
 import pyarrow.parquet as pq
 
 from models import InputError
-from models.folder import new_folder
+from models.folder import new_file, new_folder
 from models.settling import Settling
 from orchestrator.journal import LOG_FILE
 from orchestrator.plan import Plan
@@ -162,13 +162,8 @@ def is_running(run: Path) -> bool:
 
 def write_json(path: Path, content: dict[str, Any]) -> None:
     """Write a JSON file that is whole or as it was before."""
-    hidden = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    with hidden.open("w", encoding="utf-8") as file:
-        json.dump(content, file, indent=1)
-        file.write("\n")
-        file.flush()
-        os.fsync(file.fileno())
-    hidden.replace(path)
+    with new_file(path) as hidden:
+        hidden.write_text(f"{json.dumps(content, indent=1)}\n", encoding="utf-8")
 
 
 def now() -> str:

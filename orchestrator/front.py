@@ -180,7 +180,7 @@ def compare(said: Mapping[str, pd.DataFrame], converged: pd.DataFrame) -> pd.Dat
         up = int((one.toppled & ~same.toppled).sum())
         down = int((~one.toppled & same.toppled).sum())
         timed = asked.iloc[:shared]
-        share = (up + down) / len(one)
+        share = (up + down) / len(one) if len(one) else math.nan
         stand = ~(one.toppled | same.toppled)
         tilt, tilt_same = (part.max_tilt_deg[stand].clip(lower=LEAST_TILT_DEG) for part in (one, same))
         log_ratio = np.log(tilt / tilt_same)
@@ -190,13 +190,13 @@ def compare(said: Mapping[str, pd.DataFrame], converged: pd.DataFrame) -> pd.Dat
                 "jobs": len(one),
                 "no_answer": int((~answered).sum()),
                 "flips_share": share,
-                "flips_share_std": math.sqrt(share * (1.0 - share) / len(one)),
+                "flips_share_std": math.sqrt(share * (1.0 - share) / max(len(one), 1)),
                 "flips_to_toppled": up,
                 "flips_to_standing": down,
                 "sign_test_p": binomtest(up, up + down).pvalue if up + down else 1.0,
                 "median_shift": _median(one) / _median(same) - 1.0,
                 "tilt_log_ratio": log_ratio.mean(),
-                "tilt_log_ratio_std": log_ratio.std() / math.sqrt(len(log_ratio)),
+                "tilt_log_ratio_std": log_ratio.sem(),
                 "processor_s_per_simulated_s": timed.processor_s.sum() / timed.simulated_s.sum(),
                 "processor_s_per_job": timed.processor_s.mean(),
                 "largest_penetration_share": asked.penetration_share.max(),

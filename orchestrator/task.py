@@ -86,7 +86,7 @@ class Order:
 
 def versions() -> tuple[tuple[str, str], ...]:
     """Versions of all that decides an answer, on this machine."""
-    packages = tuple((name, version(name)) for name in ("toppling", "pybullet", "numpy"))
+    packages = tuple((name, version(name)) for name in ("toppling", "pybullet", "numpy", "scipy", "trimesh"))
     return (
         *packages,
         ("physics", PHYSICS_VERSION),
@@ -104,10 +104,11 @@ def assets_of(order: Order) -> Assets:
     UnfitWorkerError
         If the versions differ, or the folder cannot be read or holds something else.
     """
+    here = dict(versions())
     differing = [
-        f"{name} {here}, the client has {there}"
-        for (name, here), (_, there) in zip(versions(), order.versions, strict=True)
-        if here != there
+        f"{name} {here.get(name)}, the client has {there}"
+        for name, there in order.versions
+        if here.get(name) != there
     ]
     if differing:
         raise _unfit("; ".join(differing))

@@ -1,12 +1,12 @@
 """The atlas of a run: every figure with the table behind it, in one folder."""
 
-import os
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import pandas as pd
 
+from models.folder import new_file
 from results import figures, fits
 from results.directions import sector_share, topple_rose
 from results.exchange import OPENQUAKE, write_curves
@@ -160,7 +160,6 @@ def write_fits(frame: pd.DataFrame, folder: Path, name: str, samples: int = 200)
 
 def save_table(table: pd.DataFrame, target: Path) -> Path:
     """Write a table as CSV; the file appears complete or not at all."""
-    hidden = target.with_name(f".{target.name}.{os.getpid()}.tmp")
-    table.to_csv(hidden, index=False, float_format="%.6g")
-    hidden.replace(target)
+    with new_file(target) as hidden:
+        table.to_csv(hidden, index=False, float_format="%.6g")
     return target

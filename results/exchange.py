@@ -12,7 +12,6 @@ import csv
 import io
 import json
 import math
-import os
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, fields
@@ -21,6 +20,7 @@ from typing import Any
 from xml.etree import ElementTree as ET
 
 from models import InputError
+from models.folder import new_file
 from results.fits import Basis, Lognormal
 
 OPENQUAKE_G_M_S2 = 9.80665
@@ -72,10 +72,8 @@ def write_curves(path: Path, curves: Iterable[Lognormal], name: str = "rock") ->
     if path.suffix not in writers:
         raise _suffix_error(path)
     text = writers[path.suffix](list(curves), name)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    hidden = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    hidden.write_text(text)
-    hidden.replace(path)
+    with new_file(path) as hidden:
+        hidden.write_text(text)
     return path
 
 

@@ -5,7 +5,6 @@ carry a dot, and a cell is as wide as its share of the jobs, which the colour ba
 """
 
 import math
-import os
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
@@ -25,6 +24,7 @@ from numpy.typing import NDArray
 from scipy.stats import norm
 
 from models import Motion
+from models.folder import new_file
 from models.frames import compass_deg
 from results.fits import Lognormal, Resampled
 from results.fragility import FRICTION, THIN_RECORDS, Axis, Plane
@@ -514,9 +514,8 @@ def save(figure: Figure, stem: Path) -> list[Path]:
     with style():
         for suffix, told in ((".png", {"Software": None}), (".svg", {"Date": None})):
             target = stem.with_name(stem.name + suffix)
-            hidden = target.with_name(f".{target.name}.{os.getpid()}.tmp")
-            figure.savefig(hidden, format=suffix[1:], metadata=told)
-            hidden.replace(target)
+            with new_file(target) as hidden:
+                figure.savefig(hidden, format=suffix[1:], metadata=told)
             written.append(target)
     return written
 

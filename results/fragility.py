@@ -103,7 +103,7 @@ def direction_bin_deg(azimuth_deg: Iterable[float], bins: int = 8) -> NDArray[np
     return np.floor((azimuth + width / 2) / width) % bins * 360.0 / bins  # as every k * 360 / bins to the bit
 
 
-def cells(frame: pd.DataFrame, plane: Plane, *, thin_records: int = THIN_RECORDS) -> pd.DataFrame:
+def cells(frame: pd.DataFrame, plane: Plane) -> pd.DataFrame:
     """Toppling probability in each cell of a plane that holds a job.
 
     Parameters
@@ -111,8 +111,6 @@ def cells(frame: pd.DataFrame, plane: Plane, *, thin_records: int = THIN_RECORDS
     frame : DataFrame
         Rows of results, all of one contact (`by_contact`).
     plane : Plane
-    thin_records : int
-        Cells with fewer distinct records are marked thin.
 
     Returns
     -------
@@ -158,7 +156,7 @@ def cells(frame: pd.DataFrame, plane: Plane, *, thin_records: int = THIN_RECORDS
     table["probability"] = probability
     table["wilson_low"], table["wilson_high"] = wilson(probability, counts["effective"])
     table["share"] = counts["weight"] / total
-    table["thin"] = counts["effective"] < thin_records
+    table["thin"] = counts["effective"] < THIN_RECORDS
     return table
 
 
@@ -183,16 +181,11 @@ def effective_records(jobs: pd.DataFrame, group: Sequence[str]) -> "pd.Series[fl
     return weight.groupby(list(group)).sum() ** 2 / (weight**2).groupby(list(group)).sum()
 
 
-def cells_by_direction(
-    frame: pd.DataFrame, plane: Plane, *, bins: int = 8, thin_records: int = THIN_RECORDS
-) -> pd.DataFrame:
+def cells_by_direction(frame: pd.DataFrame, plane: Plane, *, bins: int = 8) -> pd.DataFrame:
     """`cells` of each direction bin of the vector PGA, whose centre is `direction_deg`."""
     known = frame[frame["pga_azimuth_deg"].notna()]
     directions = direction_bin_deg(known["pga_azimuth_deg"], bins)
-    tables = [
-        cells(jobs, plane, thin_records=thin_records).assign(direction_deg=centre)
-        for centre, jobs in known.groupby(directions)
-    ]
+    tables = [cells(jobs, plane).assign(direction_deg=centre) for centre, jobs in known.groupby(directions)]
     table = (
         pd.concat(tables, ignore_index=True) if tables else cells(known, plane).assign(direction_deg=np.nan)
     )

@@ -143,7 +143,7 @@ def simulate(
     levels_m_s2: Iterable[float],
     azimuths_deg: Iterable[float],
 ) -> pd.DataFrame:
-    """Rock the arms_m along some azimuths under each of some records at every level.
+    """Rock the plane sections along some azimuths under each of some records at every level.
 
     Returns
     -------

@@ -13,6 +13,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from models import InputError
+from models.folder import new_file
 from results import figures, fits
 from results.directions import SECTOR_DEG, sector_share, topple_rose
 from results.fragility import PLANES, beyond, by_contact, cells, cells_by_direction, unplaced
@@ -348,8 +349,6 @@ def _safe(text: object) -> str:
 
 def write_page(page: str, target: Path) -> Path:
     """Write the page; it appears complete or not at all."""
-    target.parent.mkdir(parents=True, exist_ok=True)
-    hidden = target.with_name(f".{target.name}.tmp")
-    hidden.write_text(page, encoding="utf-8")
-    hidden.replace(target)
+    with new_file(target) as hidden:
+        hidden.write_text(page, encoding="utf-8")
     return target

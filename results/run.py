@@ -81,8 +81,8 @@ class Run:
 
     def planned(self) -> int | None:
         """Number of jobs that the run was started with; None where it does not say."""
-        path = self.path / "run.json"
-        return int(json.loads(path.read_text(encoding="utf-8"))["jobs"]) if path.exists() else None
+        jobs = self.provenance().get("jobs")
+        return None if jobs is None else int(jobs)
 
     def weighted(self, frame: pd.DataFrame) -> pd.DataFrame:
         """Add `record_weight` (1 on average over the records in use) to rows of a run whose ensemble has weights.

@@ -6,6 +6,8 @@ known": a job that crashed has no tilt, and a column that is null is never zero.
 
 import pyarrow as pa
 
+from models.motions.catalogue import meaning
+
 SCHEMA_VERSION = 1
 
 GROUPS = ("identity", "imposed", "outcome", "cost", "provenance")
@@ -13,9 +15,6 @@ GROUPS = ("identity", "imposed", "outcome", "cost", "provenance")
 
 The same campaign gives the same rows, the groups cost and provenance aside.
 """
-
-STATUSES = ("ok", "undecided", "diverged", "failed", "crashed", "timeout")
-OUTCOMES = ("stands", "moved", "toppled")
 
 _TEXT, _REAL, _TRUTH, _COUNT, _NUMBER = pa.string(), pa.float64(), pa.bool_(), pa.int64(), pa.int32()
 _TIME = pa.timestamp("us", tz="UTC")
@@ -37,19 +36,11 @@ _COLUMNS = {
         ("preset", _TEXT, _MUST, "", "settings: fast, standard or reference"),
     ],
     "imposed": [
-        ("pga_m_s2", _REAL, _MAY, "m/s2", "peak of the horizontal acceleration vector"),
-        ("pgv_m_s", _REAL, _MAY, "m/s", "peak of the horizontal velocity vector"),
-        ("pgv_pga_s", _REAL, _MAY, "s", "pgv_m_s over pga_m_s2: how long the strongest pulse is"),
-        ("pga_azimuth_deg", _REAL, _MAY, "deg", "azimuth of the horizontal acceleration at its peak"),
-        ("pgd_m", _REAL, _MAY, "m", "peak of the horizontal displacement vector"),
-        ("pga_vertical_m_s2", _REAL, _MAY, "m/s2", "peak of the vertical acceleration's size"),
-        ("arias_m_s", _REAL, _MAY, "m/s", "Arias intensity, sum of the two horizontal components"),
-        ("cav_m_s", _REAL, _MAY, "m/s", "cumulative absolute velocity of the horizontal vector"),
-        ("duration_energy_s", _REAL, _MAY, "s", "5 to 95 % of the stronger component's integrated squared velocity"),
-        ("duration_arias_s", _REAL, _MAY, "s", "5 to 95 % of integrated squared acceleration"),
-        ("sa_1s_m_s2", _REAL, _MAY, "m/s2", "pseudo-spectral acceleration, 1 s, 5 % damping, largest of all azimuths"),
-        ("sa_2s_m_s2", _REAL, _MAY, "m/s2", "pseudo-spectral acceleration, 2 s, 5 % damping, largest of all azimuths"),
-        ("directionality", _REAL, _MAY, "1", "share of PGA reached over 22.5 deg off its azimuth"),
+        (name, _REAL, _MAY, meaning(name)["unit"] or "1", meaning(name)["description"])
+        for name in (
+            "pga_m_s2", "pgv_m_s", "pgv_pga_s", "pga_azimuth_deg", "pgd_m", "pga_vertical_m_s2", "arias_m_s", "cav_m_s",
+            "duration_energy_s", "duration_arias_s", "sa_1s_m_s2", "sa_2s_m_s2", "directionality",
+        )
     ],
     "outcome": [
         ("status", _TEXT, _MUST, "", "ok, undecided, diverged, failed, crashed or timeout"),
@@ -68,7 +59,7 @@ _COLUMNS = {
     "cost": [
         ("steps", _COUNT, _MAY, "1", "engine steps taken"),
         ("simulated_s", _REAL, _MAY, "s", "time stepped through by the engine"),
-        ("skipped_s", _REAL, _MAY, "s", "time proved to leave the rock at rest, not stepped through"),
+        ("skipped_s", _REAL, _MAY, "s", "time not stepped through: the rock at rest, or its answer certain"),
         ("wall_s", _REAL, _MAY, "s", "time the job took on its worker"),
     ],
     "provenance": [

@@ -20,6 +20,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from models import InputError
+from models.folder import new_file
 from results.schema import SCHEMA, SORT_ORDER
 
 log = logging.getLogger(__name__)
@@ -212,14 +213,10 @@ def _table_of(rows: list[Mapping[str, Any]]) -> pa.Table:
 
 
 def _write(table: pa.Table, target: Path) -> Path:
-    hidden = target.with_name(f".{target.name}.{os.getpid()}.tmp")
-    with hidden.open("wb") as file:
+    with new_file(target) as hidden:
         pq.write_table(
-            table, file, compression="zstd", row_group_size=ROWS_IN_GROUP, write_page_checksum=True
+            table, hidden, compression="zstd", row_group_size=ROWS_IN_GROUP, write_page_checksum=True
         )
-        file.flush()
-        os.fsync(file.fileno())
-    hidden.replace(target)
     folder = os.open(target.parent, os.O_RDONLY)
     try:
         os.fsync(folder)  # the new name itself must outlive a power cut

@@ -111,7 +111,7 @@ class ShakeResult:
     ended_by : str
         The rule that ended the shake.
     steps, simulated_s, skipped_s, wall_s
-        Engine steps, time stepped through, time skipped because nothing could move, and the cost.
+        Engine steps, time stepped through, time skipped with the rock at rest or its answer certain, and the cost.
     time_step_s : float
     trajectory : Trajectory or None
     """

@@ -22,13 +22,13 @@ _MEANINGS = {
     "pga_azimuth_deg": "azimuth of the horizontal acceleration at its peak",
     "strong_azimuth_deg": "azimuth of the stronger horizontal component as recorded",
     "pgv_m_s": "peak of the horizontal velocity vector",
-    "pgv_pga_s": "pgv_m_s over pga_m_s2",
+    "pgv_pga_s": "pgv_m_s over pga_m_s2: how long the strongest pulse is",
     "pgd_m": "peak of the horizontal displacement vector",
     "arias_m_s": "Arias intensity, sum of the two horizontal components",
     "cav_m_s": "cumulative absolute velocity of the horizontal vector",
     "duration_energy_s": "5 to 95 % of the stronger component's integrated squared velocity (Anderson 2004)",
     "duration_energy_vector_s": "5 to 95 % of the horizontal vector's integrated squared velocity",
-    "duration_arias_s": "5 to 95 % of integrated squared acceleration",
+    "duration_arias_s": "5 to 95 % of the horizontal vector's integrated squared acceleration",
     "directionality": "share of PGA reached over 22.5 deg off its azimuth",
 }
 

@@ -7,6 +7,7 @@ import matplotlib.axes
 import numpy as np
 from matplotlib.figure import Figure
 
+from models.folder import new_file
 from models.motions.ensemble import Ensemble
 from models.motions.intensity import SPECTRUM_PERIODS_S
 
@@ -30,9 +31,8 @@ def draw(ensemble: Ensemble, path: Path) -> None:
         figure.suptitle(
             f"{len(known)} records, {len(set(ensemble.catalog.column('event').to_pylist()))} events"
         )
-        part = path.with_name(f".{path.stem}.part{path.suffix}")
-        figure.savefig(part, dpi=150)
-        part.rename(path)
+        with new_file(path) as hidden:
+            figure.savefig(hidden, format=path.suffix[1:] or "png", dpi=150)
 
 
 def _spectra(ensemble: Ensemble, axes: matplotlib.axes.Axes) -> None:

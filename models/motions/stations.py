@@ -86,7 +86,8 @@ def oriented(channels: Triple) -> tuple[Motion, tuple[float, float] | None, tupl
     Raises
     ------
     InputError
-        If time steps differ, or the horizontals lie along one line.
+        If time steps differ, the components have no time in common or share too little of it, or the horizontals lie
+        along one line.
     """
     step, series, history = _aligned(channels)
     bearings = _direction(channels.first), _direction(channels.second)

@@ -83,13 +83,14 @@ def smooth_sheet(
 
     A trace of membrane, its tension over the plate's stiffness, keeps far ends level instead of running away.
     """
-    laplacian = _laplacian(grid.shape)
+    laplacian = grid_laplacian(grid.shape)
     system = diags(weight.ravel()) + laplacian @ laplacian + tension * laplacian
     factors = splu(csc_matrix(system), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0)  # it is symmetric
     return factors.solve(weight.ravel() * target.ravel()).reshape(grid.shape)
 
 
-def _laplacian(shape: tuple[int, int]) -> csc_matrix:
+def grid_laplacian(shape: tuple[int, ...]) -> csc_matrix:
+    """Laplacian of the graph that joins each node of a grid with its neighbours along both axes."""
     number = np.arange(shape[0] * shape[1]).reshape(shape)
     pairs = np.vstack(
         [

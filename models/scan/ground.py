@@ -7,13 +7,14 @@ import contourpy
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
-from scipy.sparse import coo_matrix, diags
+from scipy.sparse import diags
 from scipy.sparse.linalg import spsolve
 from scipy.spatial import cKDTree
 
 from models.pedestal import Pedestal
 from models.relief import height_below
 from models.rock import Rock
+from models.scan.crevice import grid_laplacian
 from models.scan.interface import Interface
 from models.scan.surfels import Surfels
 from models.statics import support_polygon_m
@@ -146,23 +147,8 @@ def _surface(
     total = np.bincount(flat_index, top[:, 2], minlength=shape[0] * shape[1])
     weight = np.where(standing.ravel(), 1e6, np.minimum(count, 4.0))
     target = np.where(standing.ravel(), 0.0, total / np.maximum(count, 1))
-    system = diags(weight) + 0.1 * _grid_laplacian(shape)
+    system = diags(weight) + 0.1 * grid_laplacian(shape)
     return spsolve(system.tocsc(), weight * target).reshape(shape)
-
-
-def _grid_laplacian(shape: tuple[int, ...]) -> coo_matrix:
-    number = np.arange(shape[0] * shape[1]).reshape(shape)
-    pairs = np.vstack(
-        [
-            np.column_stack([number[:-1].ravel(), number[1:].ravel()]),
-            np.column_stack([number[:, :-1].ravel(), number[:, 1:].ravel()]),
-        ]
-    )
-    one = np.ones(len(pairs))
-    size = number.size
-    adjacent = coo_matrix((one, pairs.T), shape=(size, size))
-    adjacent = adjacent + adjacent.T
-    return diags(np.asarray(adjacent.sum(axis=1)).ravel()) - adjacent
 
 
 def _underside(

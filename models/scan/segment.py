@@ -113,7 +113,7 @@ def segment(
 
 def _standing_on(surfels: Surfels, word: Word, near_m: NDArray[np.float64] | None) -> Candidate:
     """Cut off what stands on the interface that the user names: where they point, or else nearest to its anchors."""
-    edges, _ = _neighbourhood(surfels.points_m, surfels.voxel_m)
+    edges = _neighbourhood(surfels.points_m, surfels.voxel_m)
     points = surfels.points_m
     height = word.interface.flat(points)[:, 2]
     above = height > 2.0 * surfels.voxel_m
@@ -167,7 +167,7 @@ def _coarse_surfels(points_m: NDArray[np.float64]) -> Surfels:
 
 def find_candidates(surfels: Surfels) -> list[Candidate]:
     """Find what stands on something in the cloud, the highest first."""
-    edges, _ = _neighbourhood(surfels.points_m, surfels.voxel_m)
+    edges = _neighbourhood(surfels.points_m, surfels.voxel_m)
     found: list[Candidate] = []
     for peak, level in _peaks(surfels, edges):
         candidate = _cut_off(surfels, edges, peak, level)
@@ -179,17 +179,13 @@ def find_candidates(surfels: Surfels) -> list[Candidate]:
     return sorted(found, key=lambda each: -each.height_m)
 
 
-def _neighbourhood(
-    points_m: NDArray[np.float64], voxel_m: float
-) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Pairs (m, 2) of neighbouring surfels, each once, and their distances."""
+def _neighbourhood(points_m: NDArray[np.float64], voxel_m: float) -> NDArray[np.int64]:
+    """Pairs (m, 2) of neighbouring surfels, each once."""
     distance, near = cKDTree(points_m).query(points_m, 13)
     start = np.repeat(np.arange(len(points_m)), 12)
     end, length = near[:, 1:].ravel(), distance[:, 1:].ravel()
     keep = (length < 3.0 * voxel_m) & (end < len(points_m))
-    pair = np.sort(np.column_stack([start[keep], end[keep]]), axis=1)
-    pair, first = np.unique(pair, axis=0, return_index=True)
-    return pair, length[keep][first]
+    return np.unique(np.sort(np.column_stack([start[keep], end[keep]]), axis=1), axis=0)
 
 
 def _peaks(surfels: Surfels, edges: NDArray[np.int64]) -> list[tuple[int, float]]:
@@ -374,7 +370,7 @@ def _refine(
     voxel = height / FINE_VOXELS_PER_HEIGHT
     thinned, index = thin(points_m[around], voxel)
     surfels = orient(thinned, voxel)
-    edges, _ = _neighbourhood(surfels.points_m, voxel)
+    edges = _neighbourhood(surfels.points_m, voxel)
     _, near = cKDTree(coarse.points_m).query(surfels.points_m, 8)
     votes = chosen.rock[near].mean(axis=1)
     if word is None:

@@ -61,12 +61,10 @@ class Survey:
     scene : Scene
     label : (n,) int8 array
         Per input point: 0 rock, 1 pedestal, 2 neither.
-    segmentation : Segmentation
     """
 
     scene: Scene
     label: NDArray[np.int8]
-    segmentation: Segmentation
 
 
 def survey(
@@ -147,7 +145,7 @@ def survey(
         report["uncertainty"] = uncertainty(
             seen, interface, core, closed.invented_share, bootstrap, resampled
         )
-    return Survey(dataclasses.replace(scene, report=report), label, parts)
+    return Survey(dataclasses.replace(scene, report=report), label)
 
 
 def _inside_cloud(near_m: tuple[float, float], cloud: Cloud) -> NDArray[np.float64]:

@@ -5,6 +5,8 @@ from pathlib import Path
 
 import click
 
+from models.folder import new_file
+
 
 @click.command()
 @click.argument("campaign", type=click.Path(dir_okay=False, path_type=Path))
@@ -40,9 +42,8 @@ def plan(campaign: Path, table: Path | None, as_json: bool) -> None:
         "settling": settling.to_json(),
     }  # fmt: skip
     if table is not None:
-        hidden = table.with_name(f".{table.name}.tmp")
-        pq.write_table(planned.jobs, hidden, compression="zstd")
-        hidden.replace(table)
+        with new_file(table) as hidden:
+            pq.write_table(planned.jobs, hidden, compression="zstd")
     if as_json:
         click.echo(json.dumps(counts))
         return

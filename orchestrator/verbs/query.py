@@ -2,7 +2,6 @@
 
 import json
 import math
-import os
 from decimal import Decimal
 from pathlib import Path
 from typing import Any
@@ -12,6 +11,7 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from models.folder import new_file
 from results.run import ask, open_run
 
 SHOWN_ROWS = 60
@@ -76,10 +76,5 @@ def _readable(table: pa.Table) -> str:
 
 
 def _write_parquet(table: pa.Table, target: Path) -> None:
-    target.parent.mkdir(parents=True, exist_ok=True)
-    hidden = target.with_name(f".{target.name}.{os.getpid()}.tmp")
-    with hidden.open("wb") as file:
-        pq.write_table(table, file, compression="zstd")
-        file.flush()
-        os.fsync(file.fileno())
-    hidden.replace(target)
+    with new_file(target) as hidden:
+        pq.write_table(table, hidden, compression="zstd")

@@ -1,8 +1,8 @@
-"""Folders appear complete or not at all."""
+"""Files and folders appear complete or not at all."""
 
 import pytest
 
-from models.folder import new_folder
+from models.folder import new_file, new_folder
 
 
 def test_a_folder_has_its_name_only_when_all_is_written(tmp_path):
@@ -24,3 +24,14 @@ def test_a_name_that_is_taken_is_refused_even_by_a_link_to_nothing(tmp_path):
     (tmp_path / "scene").symlink_to(tmp_path / "gone")
     with pytest.raises(FileExistsError, match="choose another name"), new_folder(tmp_path / "scene"):
         pytest.fail("there is nothing to write into")
+
+
+def test_a_file_takes_the_place_of_a_former_one_only_when_all_is_written(tmp_path):
+    target = tmp_path / "deep" / "table.csv"
+    with new_file(target) as hidden:
+        hidden.write_text("1")
+        assert not target.exists()
+    with pytest.raises(UnicodeEncodeError), new_file(target) as hidden:
+        hidden.write_text("2\ud800", encoding="utf-8")  # which no encoding has: half of it is written
+    assert target.read_text() == "1"
+    assert list(target.parent.iterdir()) == [target]

@@ -89,7 +89,7 @@ def rough(seed, fold):
 
 
 @given(st.integers(0, 2**32 - 1), st.sampled_from([0.2, 0.9]))
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 def test_no_clearance_lies_below_the_feets_hull_and_no_foot_below_the_clearance(seed, fold):
     rock, ground, faces = rough(seed, fold)
     feet = contact_feet_m(rock, Pedestal(np.zeros(3), UP, ground, faces))
@@ -105,7 +105,7 @@ def test_no_clearance_lies_below_the_feets_hull_and_no_foot_below_the_clearance(
 
 
 @given(st.integers(0, 2**32 - 1), st.sampled_from([0.2, 0.9]))
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 def test_splitting_the_pedestals_triangles_leaves_the_feets_hull_as_it_is(seed, fold):
     rock, ground, faces = rough(seed, fold)
     finer = trimesh.remesh.subdivide(*trimesh.remesh.subdivide(ground, faces))

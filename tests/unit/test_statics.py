@@ -66,7 +66,7 @@ def test_a_square_prism_topples_at_g_tan_alpha_over_the_cosine_to_its_nearest_si
     downhill=st.floats(0.0, 360.0),
     half_diagonal=st.floats(0.05, 10.0),
 )
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_a_block_on_a_slope_topples_downhill_at_g_tan_of_alpha_less_the_slope(
     alpha, slope, downhill, half_diagonal
 ):

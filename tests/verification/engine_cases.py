@@ -474,6 +474,7 @@ def coupled_ways(friction, preset, times, acceleration=None, duration=0.0, veloc
     result = shake(
         scene, along(0.0, values, 0.002), preset, trajectory=True, shortcuts=False, initial=start, **settings
     )
+    assert result.residual_yaw_deg < 1e-4  # at most 1e-6: a plane motion
     static, kinetic = scene.contact.friction_static, scene.contact.friction_kinetic
     stepped = slide_and_rock(
         body,

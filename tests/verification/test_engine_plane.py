@@ -4,6 +4,8 @@ A case that the engine misses is marked as an expected failure with the number m
 engine meets the target the mark must go.
 """
 
+from itertools import pairwise
+
 import engine_cases as case
 import numpy as np
 import pytest
@@ -93,7 +95,6 @@ def test_small_swings_die_away_by_housners_share(preset):
     # A corner of radius 1e-5 R is worth .1 to .2 % of such a swing. Where the step that leads to a touch has the
     # velocity at the touch for more than its last bit, swings lose up to 3 %.
     errors = case.small_swing_errors(0.01, preset)
-    assert len(errors) == 8
     assert np.abs(errors).max() < 3e-3
 
 
@@ -331,7 +332,7 @@ def test_the_threshold_converges_with_the_time_step():
         for step in (0.008, 0.004, 0.002, 0.001)
     ]
     assert abs(errors[-1]) < 5e-4
-    assert abs(errors[-1]) < max(abs(errors[0]), 2e-4)
+    assert all(abs(fine) < max(abs(coarse), 1e-4) for coarse, fine in pairwise(errors))
 
 
 @pytest.mark.parametrize(

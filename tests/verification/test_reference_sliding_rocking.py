@@ -32,13 +32,13 @@ def test_with_grip_it_is_event_driven_rocking_to_first_order():
     alpha = BODY.slenderness(1)
     time = np.array([0.3, 0.6, 0.9, 1.2])
     event = rock(BODY, Ground.still(), 1.3, angle_rad=0.6 * alpha).angle_at(time)
+    steps = 2e-3 / 2.0 ** np.arange(5)
     errors = []
-    for step in (2e-3, 1e-3, 5e-4):
+    for step in steps:
         stepped = slide_and_rock(BODY, GRIP, standing, 1.3, step, place=leaning(BODY, 0.6 * alpha))
         errors.append(np.abs(np.interp(time, stepped.time_s, stepped.place[:, 2]) - event).max() / alpha)
-    # Events fall anywhere in a step, so the order shows over two halvings, not in each.
-    assert errors[2] < 2e-3
-    assert np.log2(errors[0] / errors[2]) / 2 == pytest.approx(1.0, abs=0.6)
+    # Events fall anywhere in a step, so no halving halves the error; a constant bounds it. Measured 1.4 to 5.3.
+    assert (np.array(errors) < 7.0 * steps).all()
 
 
 def test_a_forced_motion_with_grip_is_that_of_event_driven_rocking():
@@ -101,8 +101,7 @@ def test_a_translating_block_lands_by_the_printed_boundary(mu):
 @pytest.mark.parametrize("alpha_deg", [5, 20, 45])
 def test_an_impact_with_grip_has_housners_ratio(alpha_deg):
     body = PlaneBody.rectangle(np.sin(np.deg2rad(alpha_deg)), np.cos(np.deg2rad(alpha_deg)))
-    before = np.array([body.height_m, -body.right_m, 1.0]) * -0.3  # turning back about the right corner
-    before[1] = 0.3 * body.right_m * -1
+    before = -0.3 * np.array([body.height_m, body.right_m, 1.0])  # turning back about the right corner
     after = slide_and_rock(body, GRIP, standing, 1e-9, 1e-9, velocity=tuple(before)).velocity[-1]
     assert after[2] / before[2] == pytest.approx(exact.impact_ratio(body.right_m, body.height_m), rel=1e-6)
 
@@ -136,9 +135,9 @@ def test_the_coupled_motion_converges():
         np.stack([np.interp(time, m.time_s, m.place[:, i]) for i in (0, 2)])
         for m in (
             slide_and_rock(BODY, contact, level(lambda t: push.at(t)[0]), 0.5, h)
-            for h in (8e-4, 4e-4, 2e-4, 1e-4)
+            for h in (8e-4, 4e-4, 2e-4, 1e-4, 5e-5)
         )
     ]
     change = [np.abs(b - a).max() for a, b in pairwise(answers)]
-    assert change[2] < change[0] / 2
+    assert change[3] < change[0] / 2**3  # first order; measured a sixtieth
     assert change[2] < 2e-4

@@ -74,7 +74,8 @@ def read(path: Path, text: str) -> list[Component]:
     units = columns if len(columns) == width else [_Column("", "")] * width
     step = math.nan
     if width > 1:
-        step = _time_step(values[:, 0], rows[0], path, first + 1) * TIME_UNITS_S.get(units[0].unit, 1.0)
+        times = [row.split()[0] for row in rows if row.strip()]
+        step = _time_step(values[:, 0], times, path, first + 1) * TIME_UNITS_S.get(units[0].unit, 1.0)
     return [
         _component(values[:, place], step, label, UNITS_M_S2.get(units[place].unit), path, first + 1)
         for place, label in enumerate(labels, max(width - len(labels), 0))
@@ -157,10 +158,10 @@ def _label(name: str) -> str:
     return bare[-1].lower() if _CHANNEL_CODE.fullmatch(bare) else ""
 
 
-def _time_step(time: NDArray[np.float64], first_row: str, path: Path, line: int) -> float:
+def _time_step(time: NDArray[np.float64], printed: list[str], path: Path, line: int) -> float:
     steps = np.diff(time)
     step = positive(float(np.median(steps)), "time step", path, line)
-    wrong = np.flatnonzero(np.abs(steps - step) > max(STEP_TOLERANCE * step, _print_error(first_row)))
+    wrong = np.flatnonzero(np.abs(steps - step) > max(STEP_TOLERANCE * step, _print_error(printed)))
     if len(wrong):
         refuse(
             f"the time goes on by {steps[wrong[0]]:g} s where the step is {step:g} s: a gap or two steps",
@@ -172,10 +173,18 @@ def _time_step(time: NDArray[np.float64], first_row: str, path: Path, line: int)
     return round(float((time[-1] - time[0]) / len(steps)), 9)
 
 
-def _print_error(row: str) -> float:
-    """Twice the half of the last printed digit of a time: what rounding alone makes of a difference."""
-    digits = len(row.split()[0].partition(".")[2]) if row.split() else 0
-    return 1.01 * 10.0**-digits if digits else 0.0
+def _print_error(numbers: list[str]) -> float:
+    """Twice the half of the last printed digit of times: what rounding alone makes of a difference.
+
+    Where zeros at the end are left away ('0.0', '0.005') the longest shows the digit; with an exponent it is each
+    number's own.
+    """
+    digits, largest = 0, 0
+    for number in numbers:
+        mantissa, _, exponent = number.upper().partition("E")
+        digits = max(digits, len(mantissa.partition(".")[2]))
+        largest = max(largest, int(exponent or 0))
+    return 1.01 * 10.0 ** (largest - digits) if digits else 0.0
 
 
 def _split(line: str) -> list[str]:

@@ -162,9 +162,13 @@ def _without_response(trace: Any, inventory: Any, path: Path) -> tuple[np.ndarra
     sensitivity = response.instrument_sensitivity
     units = (sensitivity.input_units or "").upper() if sensitivity else ""
     top = min(FLATNESS_BAND_HZ[1], 0.4 / trace.stats.delta)
-    if units in {"M/S**2", "M/S^2", "M/S/S", "M/S2"} and _is_flat(response, sensitivity.value, top):
+    flat = (
+        _is_flat(response, sensitivity.value, top) if units in {"M/S**2", "M/S^2", "M/S/S", "M/S2"} else False
+    )
+    if flat is not False:
         values = np.asarray(trace.data, float) / sensitivity.value
-        return values, f"divided by the sensitivity, {sensitivity.value:.6g} counts per m/s2", True
+        note = f"divided by the sensitivity, {sensitivity.value:.6g} counts per m/s2"
+        return values, note if flat else f"{note}; that its response is flat could not be checked", True
     work = trace.copy()
     nyquist = 0.5 / trace.stats.delta
     band = (0.01, 0.02, 0.8 * nyquist, 0.95 * nyquist)
@@ -180,12 +184,13 @@ def _without_response(trace: Any, inventory: Any, path: Path) -> tuple[np.ndarra
     return np.asarray(work.data, float), f"response removed between {band[1]:g} and {band[2]:g} Hz", True
 
 
-def _is_flat(response: Any, sensitivity: float, top_hz: float) -> bool:
+def _is_flat(response: Any, sensitivity: float, top_hz: float) -> bool | None:
+    """Whether a response is its sensitivity in the band of earthquakes; None where it cannot be evaluated."""
     try:
         frequencies = np.geomspace(FLATNESS_BAND_HZ[0], top_hz, 12)
         gain = np.abs(response.get_evalresp_response_for_frequencies(frequencies, output="ACC"))
     except Exception:
-        return True
+        return None
     return bool(np.abs(gain / sensitivity - 1).max() <= FLATNESS)
 
 

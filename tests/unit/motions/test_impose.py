@@ -68,10 +68,10 @@ def test_it_costs_under_two_milliseconds_at_the_length_of_a_long_record(record):
     impose(long, 2.0, 45.0)
     spent = []
     for _ in range(20):
-        start = time.perf_counter()
+        start = time.process_time()
         impose(long, 2.0, 45.0)
-        spent.append(time.perf_counter() - start)
-    assert min(spent) < 2e-3  # the least of 20, as other work shares the machine
+        spent.append(time.process_time() - start)
+    assert min(spent) < 2e-3  # of the processor, the least of 20, as other work shares the machine
 
 
 @pytest.mark.parametrize("level", [0.0, -1.0, np.nan])

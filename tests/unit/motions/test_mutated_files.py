@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 from motion_samples import WRITERS, shaking
 
-from models import InputError
 from models.motions.importing import Wishes, import_records
 from models.motions.metadata import read_table
 
 FEW, MANY = 8, 60
-"""Mutations of each of 18 formats: a sample every time, more than a thousand with the slow tests."""
+"""Mutations of each format: a sample every time, more than a thousand with the slow tests."""
 
 
 def mutated(content: bytes, rng: np.random.Generator) -> bytes:
@@ -65,7 +64,6 @@ def test_a_mutated_file_gives_a_sound_record_or_a_clear_error(name, count, tmp_p
         assert all(is_sound(record) for record in outcome.records)
         assert outcome.records or outcome.refusals
         for refusal in outcome.refusals:
-            assert isinstance(refusal.reason, InputError)
             assert refusal.reason.where
             assert refusal.reason.remedy
         victim.write_bytes(original[victim])

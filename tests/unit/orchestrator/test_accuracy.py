@@ -71,6 +71,15 @@ def test_a_job_without_an_answer_is_no_flip_and_counts_in_no_share(converged):
     assert (row.jobs, row.no_answer, row.flips_share) == (COUNT - 4, 4, 0.0)
 
 
+def test_without_a_job_that_stands_or_has_an_answer_there_is_no_share_and_no_lean(converged):
+    fallen = said(np.ones(COUNT))
+    assert np.isnan(compare({"all topple": fallen}, fallen).tilt_log_ratio_std.iloc[0])
+    silent = fallen.assign(toppled=None)
+    row = compare({"no answer": silent}, fallen).iloc[0]
+    assert row.no_answer == COUNT
+    assert np.isnan([row.flips_share, row.flips_share_std, row.median_shift, row.tilt_log_ratio]).all()
+
+
 def test_a_setting_that_answered_the_first_jobs_is_compared_over_these(converged):
     # One of these flips; costs are those of the jobs that both have answered.
     few = COUNT // 2

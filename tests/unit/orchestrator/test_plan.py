@@ -41,11 +41,7 @@ def planned(campaign, **changes):
 
 def test_every_point_of_the_product_is_one_job_with_an_id_of_its_own(campaign):
     whole = planned(campaign, friction=((0.8, 0.8), (0.6, 0.6)), realisations=3)
-    assert (
-        len(whole)
-        == 3 * 2 * 2 * 2 * 3
-        == 3 * dataclasses.replace(campaign, restitution=(0.0, 0.1), realisations=3).axes_per_record()
-    )
+    assert len(whole) == 3 * 2 * 2 * 2 * 3
     assert len(set(whole.jobs["job_id"].to_pylist())) == len(whole)
 
 

@@ -86,6 +86,8 @@ def test_jobs_that_have_not_run_or_have_no_answer_are_told(tmp_path):
     done = constrain(str(tmp_path))
     assert "40 jobs of" in done.stdout
     assert "7 of 577 jobs have not run" in done.stderr
+    (tmp_path / "run.json").write_text("{")
+    assert isinstance(constrain(str(tmp_path)).exception, InputError)
 
 
 @pytest.mark.parametrize("option", [["--site", "10", "95"], ["--ratio", "1.2"]])

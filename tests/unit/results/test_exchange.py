@@ -32,7 +32,7 @@ PARAMS = '<params ls="toppled" mean="120" stddev="40"/>'
 
 
 @pytest.mark.parametrize("suffix", [".xml", ".csv", ".json"])
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(curve=CURVES)
 def test_a_curve_survives_the_round_trip(tmp_path_factory, suffix, curve):
     path = write_curves(tmp_path_factory.mktemp("curves") / f"fragility{suffix}", [curve])

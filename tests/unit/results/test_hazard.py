@@ -33,7 +33,7 @@ def power_law(rate_at_one=1e-3, exponent=2.5, low=1e-4, high=1e4):
     return HazardCurve("power law", "pgv_m_s", x, rate_at_one * x**-exponent)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.floats(0.3, 3.0), st.floats(0.1, 0.8), st.floats(1.0, 4.0))
 def test_a_power_law_hazard_with_a_lognormal_fragility_has_its_closed_form(median, beta, exponent):
     rate = toppling_rate([Lognormal("pgv_m_s", median, beta)], power_law(exponent=exponent))

@@ -178,14 +178,15 @@ def test_describe_names_every_column_of_every_table(run_folder):
     done = CliRunner().invoke(cli, ["query", str(run_folder), "--describe", "--json"], catch_exceptions=False)
     told = json.loads(done.output)
     assert {line["table"] for line in told} == {"results", "motions", "scene"}
+    assert {line["column"] for line in told if line["table"] == "results"} >= set(SCHEMA.names)
     assert {"table": "results", "column": "pgv_m_s", "type": "double", "group": "imposed", "unit": "m/s",
             "description": "peak of the horizontal velocity vector"} in told  # fmt: skip
 
 
-def test_what_results_and_records_share_is_described_alike():
-    assert describe(SCHEMA.field("directionality"))["description"] == meaning("directionality")["description"]
-    # Shaking to and fro along one line reaches the share of 1 on its other side.
-    assert "azimuth" in meaning("directionality")["description"]
+def test_every_measure_of_results_has_a_description_and_a_unit():
+    for field in (one for one in SCHEMA if describe(one)["group"] == "imposed"):
+        assert describe(field)["description"] == meaning(field.name)["description"] != ""
+        assert describe(field)["unit"] in {"m/s2", "m/s", "m", "s", "deg", "1"}
 
 
 def test_a_run_without_a_query_is_wrong_usage(run_folder):

@@ -1,6 +1,7 @@
 """Virtual scans with known truth: what a survey must find, and what it must refuse."""
 
 import dataclasses
+import json
 
 import numpy as np
 import pytest
@@ -107,6 +108,19 @@ def test_a_scene_whose_content_has_another_id_tells_of_changes_and_of_other_vers
         InputError, match="a file was changed, or a program of another version wrote the scene"
     ):
         Scene.load(folder)
+
+
+@pytest.mark.parametrize(
+    "lost", ["id", "pedestal", "interface", "contact", "gravity_m_s2", "origin_m", "report"]
+)
+def test_a_scene_that_is_not_whole_is_refused(lost, tmp_path):
+    folder = Scene.block(0.2, 0.3, 0.6).save(tmp_path / "scene")
+    described = json.loads((folder / "scene.json").read_text())
+    for other in ({}, {lost: None}, {lost: [1]}):
+        left = {key: value for key, value in described.items() if key != lost} | other
+        (folder / "scene.json").write_text(json.dumps(left))
+        with pytest.raises(InputError):
+            Scene.load(folder)
 
 
 @pytest.mark.slow

@@ -117,6 +117,7 @@ def test_it_does_not_matter_at_which_step_a_rock_at_rest_is_pushed():
         result = shake(scene, Motion(np.outer(along, [1.0, 0.0, 0.0]), 0.01), "fast")
         assert result.penetration_m < 1e-3 * scene.rock.half_diagonal_m
         largest.append(result.max_tilt_deg)
+    assert min(largest) > 20.0  # it came far beyond the points that are in at rest
     assert np.ptp(largest) < 0.5  # measured .2: the grid of steps falls elsewhere on the push
 
 
@@ -357,7 +358,7 @@ def test_a_rock_whose_plumb_line_is_over_its_pedestal_has_not_slid_off_a_slope()
     along = np.concatenate([np.full(20, 3.7), np.full(20, -3.4), [0.0]])
     result = shake(scene, Motion(np.outer(along, [1.0, 0.0, 0.0]), 0.005), "fast")
     assert result.steps > 0
-    assert not result.toppled
+    assert result.outcome in {"stands", "moved"}
 
 
 def test_a_rock_whose_plumb_line_is_beyond_its_pedestal_has_slid_off_a_slope():

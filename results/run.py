@@ -75,9 +75,15 @@ class Run:
         repeated = len(ids.unique()) < len(ids)
         return ds.dataset(self.table()) if repeated else lazy
 
-    def frame(self) -> pd.DataFrame:
-        """All rows as a pandas frame; `toppled` is a nullable boolean."""
-        return as_frame(self.table())
+    def frame(self, where: str | None = None) -> pd.DataFrame:
+        """All rows as a pandas frame, or those that a condition of SQL holds for; `toppled` is a nullable boolean.
+
+        Raises
+        ------
+        InputError
+            If the condition is no SQL, or names what is no column.
+        """
+        return as_frame(self.sql(f"select * from results where {where}") if where else self.table())
 
     def planned(self) -> int | None:
         """Number of jobs that the run was started with; None where it does not say."""

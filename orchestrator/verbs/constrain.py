@@ -34,6 +34,9 @@ from results.schema import SCHEMA, describe
     "One for several rocks is each one's: "
     "they are taken as dated independently, which rejects more than one common age would.",
 )  # fmt: skip
+@click.option(
+    "--where", help="Only jobs of the runs that this condition of SQL holds for, such as one friction's."
+)
 @click.option("--measure", help="Column of the results; the hazard curves' own, or pgv_m_s, if not given.")
 @click.option(
     "--confidence", type=click.FloatRange(0.5, 1, max_open=True), default=0.95, show_default=True,
@@ -55,6 +58,7 @@ def constrain(
     rocks: tuple[Path, ...],
     hazard: tuple[str, ...],
     age: tuple[str, ...],
+    where: str | None,
     measure: str | None,
     confidence: float,
     site: tuple[float, float] | None,
@@ -69,7 +73,7 @@ def constrain(
     about the rocks' survival under each and the branches' weights. Several rocks feel the same events.
 
     \b
-    toppling constrain runs/first
+    toppling constrain runs/first --where "friction_static = 0.8"
     toppling constrain runs/first --age 15000..30000 --hazard mean.csv=0.6 --hazard high.csv=0.4
     """  # noqa: D301
     if age and len(age) not in (1, len(rocks)):
@@ -81,6 +85,9 @@ def constrain(
     if not hazard and (site or ratio != 1.0):
         msg = f"{'--site' if site else '--ratio'} is of hazard curves: give --hazard too"
         raise click.UsageError(msg)
+    if where and not all(path.is_dir() for path in rocks):
+        msg = "--where chooses jobs of runs: a file of curves has none"
+        raise click.UsageError(msg)
     branches = [_branch(text, site, ratio) for text in hazard]
     if site and all(branch.site is None for branch in branches):
         msg = "--site chooses a place in OpenQuake's files: curves of two columns state none"
@@ -90,7 +97,7 @@ def constrain(
     with Progress(console=Console(stderr=True), transient=True) as progress:
         task = progress.add_task("drawing records anew", total=SAMPLES * sum(path.is_dir() for path in rocks))
         standing = [
-            _standing(name, path, over, years, seen=partial(progress.advance, task))
+            _standing(name, path, over, where, years, seen=partial(progress.advance, task))
             for name, path, years in zip(
                 _names(rocks), rocks, ages * len(rocks) if len(ages) == 1 else ages, strict=True
             )
@@ -182,14 +189,21 @@ def _measure(asked: str | None, branches: list[HazardCurve]) -> str:
     return stated[0] if stated else asked or "pgv_m_s"
 
 
-def _standing(name: str, path: Path, measure: str, years: np.ndarray, seen: Callable[[], None]) -> Standing:
-    curve, resampled = _curve(path, measure, seen)
+def _standing(
+    name: str, path: Path, measure: str, where: str | None, years: np.ndarray, seen: Callable[[], None]
+) -> Standing:
+    curve, resampled = _curve(path, measure, where, seen)
     return Standing(name, curve, years, resampled)
 
 
-def _curve(path: Path, measure: str, seen: Callable[[], None]) -> tuple[Lognormal, Resampled | None]:
+def _curve(
+    path: Path, measure: str, where: str | None, seen: Callable[[], None]
+) -> tuple[Lognormal, Resampled | None]:
     """Fragility of a run or a file, and of a run's records drawn anew."""
-    curve, resampled = _fit(path, measure, seen) if path.is_dir() else (read_curves(path).get(measure), None)
+    if path.is_dir():
+        curve, resampled = _fit(path, measure, where, seen)
+    else:
+        curve, resampled = read_curves(path).get(measure), None
     if curve is None:
         raise InputError(
             what=f"has no fragility over {measure}",
@@ -200,20 +214,22 @@ def _curve(path: Path, measure: str, seen: Callable[[], None]) -> tuple[Lognorma
     return curve, resampled
 
 
-def _fit(path: Path, measure: str, seen: Callable[[], None]) -> tuple[Lognormal | None, Resampled | None]:
+def _fit(
+    path: Path, measure: str, where: str | None, seen: Callable[[], None]
+) -> tuple[Lognormal | None, Resampled | None]:
     run = open_run(path)
-    jobs = run.weighted(run.frame())
-    planned = run.planned()
-    if planned and len(jobs) < planned:
-        left = f"{planned - len(jobs):,} of {planned:,} jobs have not run, and the others are no random sample of them"
+    jobs = run.weighted(run.frame(where))
+    planned, done = run.planned(), run.table().num_rows
+    if planned and done < planned:
+        left = f"{planned - done:,} of {planned:,} jobs have not run, and the others are no random sample of them"
         click.echo(f"{path}: {left}: finish the run with 'toppling run' before you rest on it", err=True)
     contacts = by_contact(answered(jobs))
     if len(contacts) > 1:
         raise InputError(
             what=f"has {len(contacts)} contacts: {', '.join(contacts)}",
             where=str(path),
-            expected="a run of one contact",
-            remedy="fit each with 'toppling fragility RUN --fit', and give the curves.json of one",
+            expected="jobs of one contact",
+            remedy='choose one, such as --where "friction_static = 0.8"',
         )
     known = jobs[jobs[measure] > 0] if measure in jobs else jobs[:0]
     heard = answered(known)

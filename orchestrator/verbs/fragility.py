@@ -19,7 +19,7 @@ from results.fits import answered
 from results.fragility import DURATION, LEVEL, PGV, PLANES, PULSE, Axis, by_contact
 from results.friction import by_surroundings
 from results.plane_reference import reference_lines, simulate
-from results.run import Run, as_frame, open_run
+from results.run import Run, open_run
 
 PGV_DURATION = PLANES["pgv_duration"]
 WIDTH = click.FloatRange(0, min_open=True)
@@ -98,7 +98,7 @@ def fragility(
     toppling fragility runs/first --where "pga_azimuth_deg between 292.5 and 337.5" --out figures
     """  # noqa: D301
     opened = open_run(run)
-    jobs = as_frame(opened.sql(f"select * from results {f'where {where}' if where else ''}"))
+    jobs = opened.frame(where)
     if not fit and click.get_current_context().get_parameter_source("samples") != ParameterSource.DEFAULT:
         msg = "--samples are of the fits: give --fit too"
         raise click.UsageError(msg)

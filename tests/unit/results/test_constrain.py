@@ -90,6 +90,22 @@ def test_jobs_that_have_not_run_or_have_no_answer_are_told(tmp_path):
     assert isinstance(constrain(str(tmp_path)).exception, InputError)
 
 
+def test_of_several_contacts_one_is_chosen_with_all_that_its_own_run_tells(tmp_path, curves):
+    rough = rows(records=8, azimuths=(0.0,), friction=0.8)
+    for name, jobs in (("one", rough), ("both", rough + rows(records=8, azimuths=(0.0,), friction=0.5))):
+        (tmp_path / name / "run").mkdir(parents=True)
+        write_part(tmp_path / name / "run", jobs)
+    assert "has 2 contacts" in str(constrain(str(tmp_path / "both" / "run")).exception)
+    chosen = ("--where", "friction_static = 0.8", "--json")
+    told, alone = (
+        json.loads(constrain(str(tmp_path / name / "run"), *options).stdout)
+        for name, options in (("both", chosen), ("one", ("--json",)))
+    )
+    assert told == alone
+    assert told["unexceeded_low"] is not None
+    assert constrain(curves, *chosen).exit_code == 2
+
+
 @pytest.mark.parametrize("option", [["--site", "10", "95"], ["--ratio", "1.2"]])
 def test_what_only_a_hazard_curve_uses_is_refused_without_one(curves, option):
     assert constrain(curves, *option).exit_code == 2

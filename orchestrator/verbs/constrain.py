@@ -219,6 +219,13 @@ def _fit(
 ) -> tuple[Lognormal | None, Resampled | None]:
     run = open_run(path)
     jobs = run.weighted(run.frame(where))
+    if where and jobs.empty:
+        raise InputError(
+            what=f"no job meets {where}",
+            where=str(path),
+            expected="a condition that some jobs meet",
+            remedy="'toppling query RUN --describe' names columns and units",
+        )
     planned, done = run.planned(), run.table().num_rows
     if planned and done < planned:
         left = f"{planned - done:,} of {planned:,} jobs have not run, and the others are no random sample of them"

@@ -96,6 +96,8 @@ def test_of_several_contacts_one_is_chosen_with_all_that_its_own_run_tells(tmp_p
         (tmp_path / name / "run").mkdir(parents=True)
         write_part(tmp_path / name / "run", jobs)
     assert "has 2 contacts" in str(constrain(str(tmp_path / "both" / "run")).exception)
+    none = constrain(str(tmp_path / "both" / "run"), "--where", "friction_static = 9")
+    assert "no job meets friction_static = 9" in str(none.exception)
     chosen = ("--where", "friction_static = 0.8", "--json")
     told, alone = (
         json.loads(constrain(str(tmp_path / name / "run"), *options).stdout)

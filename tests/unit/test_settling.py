@@ -135,7 +135,7 @@ def test_the_scenes_page_and_the_console_say_by_how_much_the_rock_settles(campai
     ("tilt_deg", "said"), [(1.0, TOLD), (40.0, "warning: left alone, the rock does not stand"), (0.0, "")]
 )
 def test_a_scan_is_written_and_says_how_its_rock_stands(monkeypatch, tmp_path, tilt_deg, said):
-    found = Survey(leaning(tilt_deg), np.zeros(0, np.int8), None)
+    found = Survey(leaning(tilt_deg), np.zeros(0, np.int8))
     drawn = []
     monkeypatch.setattr("models.scan.read.read_clouds", lambda _: None)
     monkeypatch.setattr("models.scan.survey.survey", lambda *_: found)

@@ -474,7 +474,9 @@ def coupled_ways(friction, preset, times, acceleration=None, duration=0.0, veloc
     result = shake(
         scene, along(0.0, values, 0.002), preset, trajectory=True, shortcuts=False, initial=start, **settings
     )
-    assert result.residual_yaw_deg < 1e-4  # at most 1e-6: a plane motion
+    asked = result.trajectory.time_s <= max(times)
+    out_of_plane = np.abs(result.trajectory.quaternion_xyzw[asked][:, [0, 2]])
+    assert out_of_plane.max() < 5e-6  # a plane motion: measured 1.1e-6
     static, kinetic = scene.contact.friction_static, scene.contact.friction_kinetic
     stepped = slide_and_rock(
         body,

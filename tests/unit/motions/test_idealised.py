@@ -46,7 +46,7 @@ def test_ricker_carries_neither_momentum_nor_displacement():
 def test_a_pulse_first_goes_toward_its_azimuth_but_for_rickers(shape, first):
     """As the verb's help says; Ricker's largest acceleration is toward the azimuth, its first way against it."""
     (told,) = (option.help for option in pulse.params if option.name == "azimuth")
-    assert "Ricker: of its largest acceleration" in told
+    assert "Ricker: accelerates most" in told
     motion = pulse_motion(shape, 1.0, 1.0, 0.0)
     velocity = velocity_m_s(motion)[:, 0]
     moving = velocity[np.abs(velocity) > 0.05]

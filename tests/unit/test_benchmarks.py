@@ -1,9 +1,11 @@
 """What the benchmarks compare the program with is measured rightly."""
 
 import sys
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pybullet
 import pytest
 
@@ -12,12 +14,17 @@ from workers import shake
 
 
 @pytest.fixture
-def representations(monkeypatch):
-    monkeypatch.syspath_prepend(str(Path(__file__).parents[2] / "benchmarks"))
-    import representations
+def benchmark_named(monkeypatch):
+    folder = Path(__file__).parents[2] / "benchmarks"
+    monkeypatch.syspath_prepend(str(folder))
+    yield import_module
+    for file in folder.glob("*.py"):
+        sys.modules.pop(file.stem, None)
 
-    yield representations
-    del sys.modules["representations"]
+
+@pytest.fixture
+def representations(benchmark_named):
+    return benchmark_named("representations")
 
 
 def test_the_bare_loop_of_bullet_leaves_the_programs_own_worlds_alone(representations):
@@ -29,3 +36,27 @@ def test_the_bare_loop_of_bullet_leaves_the_programs_own_worlds_alone(representa
     answers = [topples(scene, representations.full_sine(a, 1.0)) for a in (3.56, 4.36)]
     assert answers == [False, True]
     assert pybullet.getNumBodies(0) == bodies
+
+
+def test_a_jobs_answers_are_compared_within_one_scan_that_answered_every_setting(benchmark_named):
+    rows = [
+        (0, "fast", "elsewhere"),
+        (0, "reference", "elsewhere"),
+        (0, "fast", "here"),
+        (1, "fast", "elsewhere"),
+        (1, "fast", "here"),
+        (1, "reference", "here"),
+        (2, "fast", "elsewhere"),
+        (2, "reference", "here"),
+        (3, "fast", "here"),
+    ]
+    kept = pd.DataFrame(rows, columns=["number", "setting", "scene_id"])
+    asked = {"fast": ([None] * 4, None), "reference": ([None] * 3, None)}
+    whole = benchmark_named("sign_test").of_one_scan(kept, asked)
+    assert set(whole.itertuples(index=False, name=None)) == {
+        (0, "fast", "elsewhere"),
+        (0, "reference", "elsewhere"),
+        (1, "fast", "here"),
+        (1, "reference", "here"),
+        (3, "fast", "here"),
+    }

@@ -201,19 +201,10 @@ def run(
         if sentence := settles.pop("sentence", None):
             log.warning("%s", sentence, extra={"fields": settles})
         try:
-            tally = _until_complete(planned, folder, cluster, watch, order, limits, report, again)
+            tally = _until_complete(planned, folder, cluster, watch, order, limits, report, again, notes)
         except BaseException as error:
             tell("session ended", how=type(error).__name__, why=str(error))
             raise
-        notes |= {
-            "ended": "complete",
-            "done": tally.done,
-            "status": dict(tally.status),
-            "deaths": tally.deaths,
-        }
-        note(folder, notes)  # what `compact` puts into the results tells of this session too
-        if result_files(folder) != [folder / RESULTS_FILE]:
-            compact(folder)
         tell("session ended", how="complete", **tally.told())
     return tally
 
@@ -227,11 +218,14 @@ def _until_complete(
     limits: Limits,
     report: Path | None,
     again: Collection[str],
+    notes: dict[str, Any],
 ) -> Tally:
     finished = finished_ids(folder, planned.ids)  # first, as it sets rows of other runs aside
     redo = attempts_with(folder, again) if again else {}
     pending = planned.pending(finished - redo.keys())
     tally = Tally(len(planned), len(planned) - len(pending), planned.motion_s(pending), len(redo))
+    if not len(pending):
+        pending = planned.pending(_merged(planned, folder, notes, tally, redo))
     if not len(pending):
         return tally
     tell("work began", **tally.told())
@@ -241,6 +235,8 @@ def _until_complete(
         for _ in range(ROUNDS):
             Execution(planned, pending, client, folder, order, watch, tally, limits, redo=redo)()
             finished = finished_ids(folder, planned.ids, redo)
+            if not len(planned.pending(finished)):
+                finished = _merged(planned, folder, notes, tally, redo)
             pending = planned.pending(finished)
             if not len(pending):
                 return tally
@@ -248,6 +244,24 @@ def _until_complete(
             tally.again = len(redo.keys() - finished)
     msg = f"rows are lost after they are stored: is the disk of {folder} sound?"
     raise RunError(msg)
+
+
+def _merged(
+    planned: Plan, folder: Path, notes: dict[str, Any], tally: Tally, redo: Mapping[str, int]
+) -> set[str]:
+    """Merge the parts of a run that is complete; its finished jobs, of which some lack if a part was cut meanwhile.
+
+    The session's notes come first: what `compact` puts into the results tells of this session too.
+    """
+    ended = {"ended": "complete", "done": tally.done, "status": dict(tally.status), "deaths": tally.deaths}
+    note(folder, notes | ended)
+    if result_files(folder) != [folder / RESULTS_FILE]:
+        with suppress(FileNotFoundError):  # no part is left that can be read
+            compact(folder)
+    finished = finished_ids(folder, planned.ids, redo)
+    if not len(planned.pending(finished)):
+        notes |= ended
+    return finished
 
 
 def _reported(report: Path | None) -> AbstractContextManager:

@@ -72,6 +72,10 @@ def finished_ids(
     Where the run's jobs are `known`, a file with rows of others is set aside as `_NAME`, not merged. A job to
     `redo` counts only with an attempt above the one that stands there.
     """
+    return read_steady([run_folder], lambda: _finished_ids(run_folder, known, redo))
+
+
+def _finished_ids(run_folder: PathLike, known: frozenset[str] | None, redo: Mapping[str, int]) -> set[str]:
     finished: set[str] = set()
     for path in result_files(run_folder):
         table = whole_table(path, columns=["job_id", "attempt"], schema=SCHEMA)
@@ -88,7 +92,8 @@ def finished_ids(
 
 def attempts_with(run_folder: PathLike, statuses: Collection[str]) -> dict[str, int]:
     """Jobs whose newest row has one of some statuses, each with the number of that attempt."""
-    newest = newest_rows(result_files(run_folder), ["job_id", "status", "attempt"])
+    names = ["job_id", "status", "attempt"]
+    newest = read_steady([run_folder], lambda: newest_rows(result_files(run_folder), names))
     chosen = newest.filter(pc.is_in(newest["status"], pa.array(list(statuses), pa.string()))).drop_null()
     return dict(zip(chosen["job_id"].to_pylist(), chosen["attempt"].to_pylist(), strict=True))
 
@@ -105,11 +110,11 @@ def compact(run_folder: PathLike) -> Path:
         If the run has no readable results.
     """
     run = Path(run_folder)
-    files = result_files(run)
+    files, table = read_steady([run], lambda: (files := result_files(run), newest_rows(files)))
     if not files:
         msg = f"{run} holds no results: 'toppling run' writes them"
         raise FileNotFoundError(msg)
-    table = newest_rows(files).sort_by([(name, "ascending") for name in SORT_ORDER])
+    table = table.sort_by([(name, "ascending") for name in SORT_ORDER])
     texts = {name: run / name for name in ("run.json", "campaign.toml")}
     told = {name.encode(): path.read_bytes() for name, path in texts.items() if path.exists()}
     table = table.replace_schema_metadata({**(SCHEMA.metadata or {}), **told})
@@ -129,7 +134,7 @@ def result_files(run_folder: PathLike) -> list[Path]:
 
 
 def read_steady(run_folders: Iterable[PathLike], read: Callable[[], Answer]) -> Answer:
-    """Answer of a reading, which is done again if files of the runs were merged away meanwhile.
+    """Answer of a reading, which is done again if files of the runs were merged away or cut meanwhile.
 
     Such a reading fails, in each library's own way, or lacks the rows of files that were gone before it came to
     them. Files that only came are no reason: they may count or not.

@@ -266,6 +266,24 @@ def test_a_part_that_is_lost_while_the_run_goes_on_is_done_again(
     assert answers_of(tmp_path / "run") == undisturbed
 
 
+def test_a_part_that_is_lost_as_the_parts_are_merged_is_done_again(
+    carry_out, undisturbed, tmp_path, monkeypatch, caplog
+):
+    merge, torn = run_module.compact, []
+
+    def tear_and_merge(run):
+        if not torn:  # after its rows were counted
+            torn.append(next((run / "parts").glob("part-*")))
+            torn[0].write_bytes(torn[0].read_bytes()[:50])
+        return merge(run)
+
+    monkeypatch.setattr(run_module, "compact", tear_and_merge)
+    carry_out(tmp_path / "run")
+    assert "rows were lost after they were stored" in caplog.text
+    assert answers_of(tmp_path / "run") == undisturbed
+    assert json.loads((tmp_path / "run" / "run.json").read_text())["sessions"][-1]["ended"] == "complete"
+
+
 def test_rows_of_another_run_are_set_aside(carry_out, undisturbed, tmp_path, faults):
     def stop(tally):
         raise KeyboardInterrupt

@@ -8,6 +8,7 @@ import pyarrow.parquet as pq
 import pytest
 from seeded import row
 
+from results import store
 from results.schema import GROUPS, SCHEMA, columns, describe
 from results.store import attempts_with, compact, finished_ids, result_files, write_part
 
@@ -82,6 +83,26 @@ def test_torn_and_foreign_files_are_named_and_skipped(tmp_path, caplog):
     compact(tmp_path)
     assert torn.exists()  # not ours to delete
     assert foreign.exists()
+
+
+@pytest.mark.parametrize("read", [finished_ids, compact, lambda run: attempts_with(run, {"ok"})])
+def test_a_part_that_is_cut_between_two_looks_is_left_out_as_one_cut_before(
+    tmp_path, monkeypatch, caplog, read
+):
+    first, second = (write_part(tmp_path, [row(name)]) for name in "ab")
+    whole_table = store.whole_table
+
+    def cut_and_read(path, **how):
+        second.write_bytes(second.read_bytes()[:50])
+        return whole_table(path, **how)
+
+    monkeypatch.setattr(store, "whole_table", cut_and_read)
+    with caplog.at_level(logging.WARNING):
+        read(tmp_path)
+    monkeypatch.undo()
+    assert str(second) in caplog.text
+    assert finished_ids(tmp_path) == {"a"}
+    assert first.exists() != (read is compact)
 
 
 def test_a_file_of_an_older_schema_reads_with_nulls(tmp_path):

@@ -118,7 +118,9 @@ def main() -> None:
             np.median([ensemble.record(name).motion.duration_s for name in ensemble.record_ids])
         )
     whole = of_one_scan(kept, asked)
-    of_setting = {name: whole[whole["setting"] == name].sort_values("number") for name in asked}
+    of_setting = {
+        name: whole[whole["setting"] == name].sort_values("number", ignore_index=True) for name in asked
+    }
     table = compare(of_setting, of_setting[CONVERGED])
     scans = whole.groupby("scene_id")["number"].nunique()
     PAGE.write_text(_page(table, float(of_setting[CONVERGED].toppled.mean()), duration_s, scans))
@@ -169,7 +171,8 @@ def _page(table: pd.DataFrame, toppled: float, duration_s: float, scans: pd.Seri
         share = f"{up / (up + down):.2f} ({bounds.low:.2f} to {bounds.high:.2f})" if bounds else "-"
         rows.append(
             f"| {row.setting} | {row.jobs} | {100 * row.flips_share:.1f} ± {100 * row.flips_share_std:.1f} % "
-            f"| {up} | {down} | {share} | {row.sign_test_p:.2f} | {100 * row.median_shift:+.2f} % "
+            f"| {up} | {down} | {share} | {row.sign_test_p:.2f} | {100 * row.median_shift:+.2f} ± "
+            f"{100 * row.median_shift_std:.2f} % "
             f"| {row.tilt_log_ratio:+.3f} ± {row.tilt_log_ratio_std:.3f} |"
         )
     return head + "\n".join(rows) + "\n"

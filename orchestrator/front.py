@@ -36,6 +36,9 @@ LEAST_TILT_DEG = 0.1
 KEPT_AT_ONCE = 50
 """Answers written together."""
 
+GROUPS = 20
+"""Of jobs, each of which is left out in turn."""
+
 CONVERGED = "reference"
 """The preset that the others are compared with."""
 
@@ -195,6 +198,7 @@ def compare(said: Mapping[str, pd.DataFrame], converged: pd.DataFrame) -> pd.Dat
                 "flips_to_standing": down,
                 "sign_test_p": binomtest(up, up + down).pvalue if up + down else 1.0,
                 "median_shift": _median(one) / _median(same) - 1.0,
+                "median_shift_std": _median_shift_std(one, same),
                 "tilt_log_ratio": log_ratio.mean(),
                 "tilt_log_ratio_std": log_ratio.sem(),
                 "processor_s_per_simulated_s": timed.processor_s.sum() / timed.simulated_s.sum(),
@@ -209,6 +213,13 @@ def _median(said: pd.DataFrame) -> float:
     """PGA at which one in two topples; NaN where the answers allow no fit."""
     fragility = fit(said, ["pga_m_s2"]).lognormal
     return fragility.median if fragility else float("nan")
+
+
+def _median_shift_std(said: pd.DataFrame, converged: pd.DataFrame) -> float:
+    """Standard deviation of the shift, by leaving out every `GROUPS`-th job in turn (a grouped jackknife)."""
+    group = np.arange(len(said)) % GROUPS
+    shifts = [_median(said[group != left]) / _median(converged[group != left]) for left in range(GROUPS)]
+    return math.sqrt(GROUPS - 1) * float(np.std(shifts))
 
 
 _ASSETS: list[tuple[Scene, Ensemble]] = []

@@ -12,6 +12,7 @@ from models import ContactProperties, InputError, Scene
 from models.motions.ensemble import Ensemble
 from models.motions.synthetic import synthetic_ensemble
 from models.shapes import box
+from orchestrator import front
 from orchestrator.front import Setting, answers, compare, disturbed_motions, disturbed_start, draw_jobs
 from orchestrator.verbs.accuracy import accuracy
 from workers.presets import PRESETS
@@ -50,6 +51,7 @@ def ensemble(tmp_path_factory):
 def test_equal_answers_have_no_flips_no_bias_and_no_shift(converged):
     row = compare({"same": said(converged.toppled, processor_s=3.0)}, converged).iloc[0]
     assert (row.flips_share, row.sign_test_p, row.median_shift) == (0.0, 1.0, 0.0)
+    assert row.median_shift_std == 0.0
     assert row.processor_s_per_simulated_s == pytest.approx(0.03)
     assert row.processor_s_per_job == pytest.approx(3.0 / COUNT)
 
@@ -62,6 +64,25 @@ def test_flips_one_way_only_are_a_bias_and_shift_the_median(converged):
     assert (row.flips_to_toppled, row.flips_to_standing) == (0, 6)
     assert row.sign_test_p == pytest.approx(2 / 2**6)
     assert row.median_shift > 0.05
+
+
+def test_the_stated_spread_of_the_medians_shift_is_that_over_other_jobs(monkeypatch):
+    random = np.random.default_rng(5)
+
+    def one_comparison(jobs=300):
+        pga = random.uniform(3.0, 12.0, jobs)
+        toppled = pga * random.lognormal(0.0, 0.3, jobs) > 8.0
+        rest = {"processor_s": 1.0, "simulated_s": 1.0, "penetration_share": 0.0, "max_tilt_deg": 1.0}
+        rest |= {"record_id": [f"R{k % 8}" for k in range(jobs)], "pga_m_s2": pga}
+        flipped = toppled ^ (random.random(jobs) < 0.06)
+        of_preset, of_reference = (pd.DataFrame({"toppled": one, **rest}) for one in (flipped, toppled))
+        return compare({"preset": of_preset}, of_reference).iloc[0]
+
+    stated = [one_comparison().median_shift_std for _ in range(4)]
+    monkeypatch.setattr(front, "GROUPS", 1)  # only the shifts are looked at
+    found = np.std([one_comparison().median_shift for _ in range(40)], ddof=1)
+    # The spread of 40 draws is known to 11 %, the mean of four, each with 19 degrees of freedom, to 8: three sigma.
+    assert np.sqrt(np.mean(np.square(stated))) == pytest.approx(found, rel=0.4)
 
 
 def test_a_job_without_an_answer_is_no_flip_and_counts_in_no_share(converged):

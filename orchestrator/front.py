@@ -37,7 +37,7 @@ KEPT_AT_ONCE = 50
 """Answers written together."""
 
 GROUPS = 20
-"""Of jobs, each of which is left out in turn."""
+"""Of jobs, at most, each of which is left out in turn."""
 
 CONVERGED = "reference"
 """The preset that the others are compared with."""
@@ -216,10 +216,13 @@ def _median(said: pd.DataFrame) -> float:
 
 
 def _median_shift_std(said: pd.DataFrame, converged: pd.DataFrame) -> float:
-    """Standard deviation of the shift, by leaving out every `GROUPS`-th job in turn (a grouped jackknife)."""
-    group = np.arange(len(said)) % GROUPS
-    shifts = [_median(said[group != left]) / _median(converged[group != left]) for left in range(GROUPS)]
-    return math.sqrt(GROUPS - 1) * float(np.std(shifts))
+    """Standard deviation of the shift, by leaving out every n-th job in turn (a jackknife); NaN as the shift."""
+    groups = min(GROUPS, len(said))
+    if groups < 2:
+        return math.nan
+    group = np.arange(len(said)) % groups
+    shifts = [_median(said[group != left]) / _median(converged[group != left]) for left in range(groups)]
+    return math.sqrt(groups - 1) * float(np.std(shifts))
 
 
 _ASSETS: list[tuple[Scene, Ensemble]] = []

@@ -25,6 +25,8 @@ from models.statics import quasi_static_toppling_m_s2
 
 SCHEMA_VERSION = 1
 
+MESH_FORMATS = (".ply", ".stl", ".obj", ".off", ".glb", ".gltf")
+
 
 @dataclass(frozen=True)
 class ContactProperties:
@@ -334,19 +336,30 @@ class Scene:
 def read_triangles(path: str | os.PathLike[str]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Vertices (n, 3) in metres, z up, and triangles (m, 3) of a mesh file; glTF's up is y, by its rule.
 
+    The format is that of the file's name. Nothing beside the file is read: materials, textures, buffers of their own.
+
     Raises
     ------
     InputError
-        If the file is absent or holds no triangles.
+        If the file is absent, of another format or holds no triangles.
     """
+    suffix = Path(path).suffix.lower()
+    if suffix not in MESH_FORMATS:
+        raise InputError(
+            f"{suffix or 'no suffix'} is not a mesh format that is read",
+            where=str(path),
+            expected=f"a triangle mesh: {', '.join(MESH_FORMATS)}",
+            remedy="convert the mesh, or correct the file's name",
+        )
     try:
-        mesh: Any = trimesh.load(os.fspath(path), force="mesh", process=False)
+        with Path(path).open("rb") as file:
+            mesh: Any = trimesh.load(file, file_type=suffix[1:], force="mesh", process=False)
         vertices, faces = np.array(mesh.vertices, np.float64), np.array(mesh.faces, np.int64)
     except Exception as error:  # trimesh's readers raise whatever their parser raises
         raise InputError(
             f"cannot be read as a mesh ({type(error).__name__}: {error})",
             where=str(path),
-            expected="a triangle mesh: PLY, STL, OBJ, OFF or glTF",
+            expected=f"a triangle mesh: {', '.join(MESH_FORMATS)}",
             remedy="check the path and the file's format",
         ) from error
     if len(faces) == 0:
@@ -356,7 +369,7 @@ def read_triangles(path: str | os.PathLike[str]) -> tuple[NDArray[np.float64], N
             expected="a triangle mesh",
             remedy="a point cloud becomes a scene with 'toppling scan'",
         )
-    if Path(path).suffix.lower() in (".glb", ".gltf"):
+    if suffix in (".glb", ".gltf"):
         vertices = vertices[:, [0, 2, 1]] * (1.0, -1.0, 1.0)
     return vertices, faces
 

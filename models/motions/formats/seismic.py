@@ -2,6 +2,8 @@
 
 import io
 import warnings
+from functools import cache
+from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +13,12 @@ from models.errors import InputError
 from models.motions.formats.component import DOWN, UP, Component, bearing, positive, refuse
 
 NAME = "ObsPy"
+FORMATS = (
+    "MSEED", "SAC", "GSE2", "SEISAN", "SACXY", "GSE1", "SLIST", "TSPAIR", "WIN", "AH", "KINEMETRICS_EVT", "GCF",
+    "KNET", "REFTEK130",
+)  # fmt: skip
+"""Formats that are parsed, in ObsPy's order. Left to guess, ObsPy also tries PICKLE, which runs what the file says, and
+formats whose files name others to be read (CSS, Q)."""
 FLATNESS_BAND_HZ = (0.1, 20.0)
 FLATNESS = 0.05
 """An accelerometer whose response varies less than this share over the band is divided by its sensitivity."""
@@ -32,11 +40,12 @@ def read(path: Path, content: bytes, inventory: Any | None) -> list[Component] |
     with warnings.catch_warnings(record=True) as complaints:
         warnings.simplefilter("always")
         try:
-            stream = obspy.read(io.BytesIO(content), apply_calib=False, check_compression=False)
-        except TypeError as error:
-            if "Unknown format" in str(error):
+            file_format = next((name for name in FORMATS if _recogniser(name)(io.BytesIO(content))), None)
+            if file_format is None:
                 return None
-            return _unreadable(path, error)
+            stream = obspy.read(
+                io.BytesIO(content), format=file_format, apply_calib=False, check_compression=False
+            )
         except Exception as error:
             return _unreadable(path, error)
     doubt = [str(item.message) for item in complaints if item.category.__module__.startswith("obspy")]
@@ -46,14 +55,29 @@ def read(path: Path, content: bytes, inventory: Any | None) -> list[Component] |
     return [_component(trace, path, inventory) for trace in stream]
 
 
+@cache
+def _recogniser(file_format: str) -> Any:
+    """ObsPy's function that tells by its content whether a file is of a format."""
+    (found,) = entry_points(group=f"obspy.plugin.waveform.{file_format}", name="isFormat")
+    return found.load()
+
+
 def responses(paths: list[Path]) -> Any | None:
     """One inventory of all StationXML files among `paths`; None if there is none."""
     import obspy
 
     together = None
     for path in paths:
+        content = path.read_bytes()
+        if b"<!DOCTYPE" in content or b"<!ENTITY" in content:
+            raise InputError(
+                "declares entities, which may name other files",
+                where=str(path),
+                expected="StationXML without a document type declaration",
+                remedy="fetch it again with level=response",
+            )
         try:
-            inventory = obspy.read_inventory(str(path))
+            inventory = obspy.read_inventory(io.BytesIO(content), format="STATIONXML")
         except Exception as error:
             raise InputError(
                 f"not readable as StationXML ({error})",

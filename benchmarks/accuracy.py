@@ -25,9 +25,10 @@ from exact_cases import CASES, TARGET_OF_STANDARD, worst_errors
 from representations import compared, threshold_errors
 from rich.progress import Progress
 
-from models import Motion, Scene
-from models.motions.ensemble import Ensemble
-from orchestrator.front import (
+from toppling.models.motions.ensemble import Ensemble
+from toppling.models.motions.motion import Motion
+from toppling.models.scene import Scene
+from toppling.orchestrator.front import (
     CONVERGED,
     FLOOR,
     LEAST_TILT_DEG,
@@ -38,9 +39,9 @@ from orchestrator.front import (
     disturbed_motions,
     draw_jobs,
 )
-from results.figures import front_figure, save
-from workers import shake
-from workers.presets import PHYSICS_VERSION, PRESETS
+from toppling.results.figures import front_figure, save
+from toppling.workers.presets import PHYSICS_VERSION, PRESETS
+from toppling.workers.shake import shake
 
 ROOT = Path(__file__).parent.parent
 PAGE, FIGURE = ROOT / "docs" / "accuracy.md", ROOT / "docs" / "figures" / "accuracy_front"

@@ -9,7 +9,7 @@ import trimesh
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
-from models.scan import virtual
+from toppling.models.scan import virtual
 
 HEIGHTS_M = (0.7, 1.5, 3.0, 6.0, 12.0)
 PEDESTALS = ("uneven ground", "cliff", "neck")

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from models import Scene
+from toppling.models.scene import Scene
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests" / "verification"))
 import engine_cases as case

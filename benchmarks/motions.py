@@ -14,11 +14,11 @@ from pathlib import Path
 
 import numpy as np
 
-from models.motions.ensemble import Ensemble
-from models.motions.importing import import_records, record_files
-from models.motions.impose import impose
-from models.motions.metadata import read_table
-from models.motions.synthetic import synthetic_ensemble
+from toppling.models.motions.ensemble import Ensemble
+from toppling.models.motions.importing import import_records, record_files
+from toppling.models.motions.impose import impose
+from toppling.models.motions.metadata import read_table
+from toppling.models.motions.synthetic import synthetic_ensemble
 
 ROUNDS = 2000
 

@@ -32,14 +32,15 @@ from matplotlib.ticker import LogLocator, NullLocator, StrMethodFormatter
 from mujoco_peer import Peer
 from mujoco_peer import shake as shake_in_mujoco
 
-from models import Motion, Scene
-from models.motions.ensemble import Ensemble
-from models.motions.impose import impose
-from orchestrator.front import CONVERGED, Job, compare, draw_jobs
-from results.figures import COLOURS, FULL_WIDTH_IN, save, style
-from workers import shake
-from workers.presets import PHYSICS_VERSION, PRESETS
-from workers.seating import settled
+from toppling.models.motions.ensemble import Ensemble
+from toppling.models.motions.impose import impose
+from toppling.models.motions.motion import Motion
+from toppling.models.scene import Scene
+from toppling.orchestrator.front import CONVERGED, Job, compare, draw_jobs
+from toppling.results.figures import COLOURS, FULL_WIDTH_IN, save, style
+from toppling.workers.presets import PHYSICS_VERSION, PRESETS
+from toppling.workers.seating import settled
+from toppling.workers.shake import shake
 
 ROOT = Path(__file__).parent.parent
 SCENE, ENSEMBLE = ROOT / "demo" / "scene", ROOT / "demo" / "ensemble"

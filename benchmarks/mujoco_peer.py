@@ -32,10 +32,11 @@ from mujoco import rollout
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from models import Motion, Scene
-from models.frames import azimuth_deg, rotation_between
-from models.relief import contact_feet_m
-from models.statics import TOPPLED_FALL, TOPPLED_TILT_DEG
+from toppling.models.frames import azimuth_deg, rotation_between
+from toppling.models.motions.motion import Motion
+from toppling.models.relief import contact_feet_m
+from toppling.models.scene import Scene
+from toppling.models.statics import TOPPLED_FALL, TOPPLED_TILT_DEG
 
 Array = NDArray[np.float64]
 

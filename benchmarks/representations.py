@@ -13,8 +13,9 @@ import numpy as np
 import pandas as pd
 import pybullet
 
-from models import Motion, Scene
-from workers.reference.rocking import Ground, PlaneBody, overturns
+from toppling.models.motions.motion import Motion
+from toppling.models.scene import Scene
+from toppling.workers.reference.rocking import Ground, PlaneBody, overturns
 
 G = 9.81
 BLOCKS = ((0.1, 0.6), (0.2, 0.6), (0.4, 0.6))

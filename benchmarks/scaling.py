@@ -30,19 +30,19 @@ import psutil
 from distributed import Client, Scheduler, Worker
 from numpy.typing import NDArray
 
-from models import Scene
-from models.motions.ensemble import Ensemble
-from models.motions.idealised import ricker
-from models.motions.record import Record
-from orchestrator.campaign import Campaign
-from orchestrator.cluster import load_defaults
-from orchestrator.dispatch import JOBS_IN_BATCH, Batch, Dispatch
-from orchestrator.folder import prepare
-from orchestrator.plan import Plan, plan
-from orchestrator.run import Execution, Tally, budget_s, room_for
-from orchestrator.task import Order, Row, lost_row, versions
-from results.store import compact, finished_ids, write_part
-from workers.job import JobSpec
+from toppling.models.motions.ensemble import Ensemble
+from toppling.models.motions.idealised import ricker
+from toppling.models.motions.record import Record
+from toppling.models.scene import Scene
+from toppling.orchestrator.campaign import Campaign
+from toppling.orchestrator.cluster import load_defaults
+from toppling.orchestrator.dispatch import JOBS_IN_BATCH, Batch, Dispatch
+from toppling.orchestrator.folder import prepare
+from toppling.orchestrator.plan import Plan, plan
+from toppling.orchestrator.run import Execution, Tally, budget_s, room_for
+from toppling.orchestrator.task import Order, Row, lost_row, versions
+from toppling.results.store import compact, finished_ids, write_part
+from toppling.workers.job import JobSpec
 
 LEVELS, AZIMUTHS, RECORDS = 19, 8, 140
 STUDY = LEVELS * AZIMUTHS * RECORDS
@@ -283,7 +283,7 @@ def study_costs(seconds_per_job: float, run: Path | None) -> tuple[NDArray[np.fl
     record_of = np.repeat(np.arange(RECORDS), LEVELS * AZIMUTHS)
     random = np.random.default_rng(SEED)
     if run is not None:
-        from results import open_run
+        from toppling.results.run import open_run
 
         wall_s = open_run(run).table()["wall_s"].drop_null().to_numpy()
         drawn = np.sort(random.choice(wall_s, RECORDS))[::-1]

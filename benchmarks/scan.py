@@ -26,16 +26,17 @@ import numpy as np
 from blind_rocks import blind_rock
 from numpy.typing import NDArray
 
-from models import Pedestal, Rock, Scene
-from models.frames import plane_normal, rotation_between
-from models.motions.ensemble import Ensemble
-from models.scan import virtual
-from models.scan.read import Cloud, read_clouds
-from models.scan.survey import survey
-from models.scene import read_triangles
-from models.statics import quasi_static_toppling_m_s2
-from orchestrator.front import Job, Setting, answers, draw_jobs
-from workers.presets import PRESETS
+from toppling.models.frames import plane_normal, rotation_between
+from toppling.models.motions.ensemble import Ensemble
+from toppling.models.pedestal import Pedestal
+from toppling.models.rock import Rock
+from toppling.models.scan import virtual
+from toppling.models.scan.read import Cloud, read_clouds
+from toppling.models.scan.survey import survey
+from toppling.models.scene import Scene, read_triangles
+from toppling.models.statics import quasi_static_toppling_m_s2
+from toppling.orchestrator.front import Job, Setting, answers, draw_jobs
+from toppling.workers.presets import PRESETS
 
 PAGE = Path(__file__).parent.parent / "docs" / "scan.md"
 AZIMUTHS_DEG = np.arange(0.0, 360.0, 10.0)

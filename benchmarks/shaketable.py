@@ -17,8 +17,9 @@ import numpy as np
 import pyarrow.csv
 import pyarrow.parquet
 
-from models import Motion, Scene
-from workers import shake
+from toppling.models.motions.motion import Motion
+from toppling.models.scene import Scene
+from toppling.workers.shake import shake
 
 FRICTION = 0.6
 CPUS = 2

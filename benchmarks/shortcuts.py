@@ -21,11 +21,11 @@ import trimesh
 from rich.progress import Progress
 from scipy.spatial.transform import Rotation
 
-from models import Scene
-from models.motions.ensemble import Ensemble
-from models.shapes import box
-from orchestrator.front import Job, Setting, answers, draw_jobs
-from workers.presets import PHYSICS_VERSION, PRESETS
+from toppling.models.motions.ensemble import Ensemble
+from toppling.models.scene import Scene
+from toppling.models.shapes import box
+from toppling.orchestrator.front import Job, Setting, answers, draw_jobs
+from toppling.workers.presets import PHYSICS_VERSION, PRESETS
 
 ROOT = Path(__file__).parent.parent
 PAGE, ENSEMBLE, SCANNED = ROOT / "docs" / "shortcuts.md", ROOT / "demo" / "ensemble", ROOT / "demo" / "scene"

@@ -29,11 +29,12 @@ from accuracy import (
 from rich.progress import Progress
 from scipy.stats import binomtest
 
-from models import Motion, Scene
-from models.motions.ensemble import Ensemble
-from models.motions.processing import end_at_rest, taper
-from models.motions.record import Record
-from orchestrator.front import (
+from toppling.models.motions.ensemble import Ensemble
+from toppling.models.motions.motion import Motion
+from toppling.models.motions.processing import end_at_rest, taper
+from toppling.models.motions.record import Record
+from toppling.models.scene import Scene
+from toppling.orchestrator.front import (
     CONVERGED,
     FLOOR,
     LEAST_TILT_DEG,
@@ -44,7 +45,7 @@ from orchestrator.front import (
     disturbed_motions,
     draw_jobs,
 )
-from workers.presets import PHYSICS_VERSION, PRESETS
+from toppling.workers.presets import PHYSICS_VERSION, PRESETS
 
 PAGE = ROOT / "docs" / "sign_test.md"
 KEPT = ROOT / "benchmarks" / "answers" / "sign_test.parquet"
@@ -84,7 +85,7 @@ def main() -> None:
     of_itself = int(sys.argv[2]) if len(sys.argv) > 2 else min(count, 500)
     # Only whether the rock topples is asked: it need not come to rest once the motion is over and its energy cannot
     # overturn it. The processes of `answers` are forks of this one.
-    vars(import_module("workers.shake"))["CALMED_AFTER_MOTION"] = 0.0
+    vars(import_module("toppling.workers.shake"))["CALMED_AFTER_MOTION"] = 0.0
     scene = Scene.load(SCENE)
     with tempfile.TemporaryDirectory() as folder, Progress() as progress:
         ensemble = strong_parts(Ensemble.load(ENSEMBLE), Path(folder))

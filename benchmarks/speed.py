@@ -13,13 +13,14 @@ import time
 import numpy as np
 import pybullet
 
-from models import Motion, Scene
-from workers import shake
-from workers.contact import REACH_DEG, contact_of
-from workers.presets import settings_of
-from workers.seating import settled
-from workers.stepping import engine_for
-from workers.way import STILL
+from toppling.models.motions.motion import Motion
+from toppling.models.scene import Scene
+from toppling.workers.contact import REACH_DEG, contact_of
+from toppling.workers.presets import settings_of
+from toppling.workers.seating import settled
+from toppling.workers.shake import shake
+from toppling.workers.stepping import engine_for
+from toppling.workers.way import STILL
 
 ROUNDS = 7
 SCENES = {

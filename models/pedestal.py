@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from models.frames import slope_of_normal
+from toppling.models.frames import slope_of_normal
 
 
 @dataclass(frozen=True, eq=False)

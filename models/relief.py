@@ -17,10 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, cKDTree
 
-from models.errors import InputError
-from models.frames import plane_axes
-from models.pedestal import Pedestal
-from models.rock import Rock
+from toppling.models.errors import InputError
+from toppling.models.frames import plane_axes
+from toppling.models.pedestal import Pedestal
+from toppling.models.rock import Rock
 
 ROUNDING = 1e-12
 """Share of a surface's size below which a triangle counts as upright, or two as lying in one plane."""

@@ -7,7 +7,7 @@ import numpy as np
 import trimesh
 from numpy.typing import ArrayLike, NDArray
 
-from models.errors import InputError
+from toppling.models.errors import InputError
 
 ROCK_HEIGHTS_M = (0.02, 100.0)
 """From stones on a laboratory's shaking table to the tallest balanced rocks: beyond, the units are others."""

@@ -15,13 +15,13 @@ import numpy as np
 import trimesh
 from numpy.typing import ArrayLike, NDArray
 
-from models.errors import InputError
-from models.folder import new_folder
-from models.frames import STANDARD_GRAVITY_M_S2, plane_normal, rotation_between
-from models.pedestal import Pedestal
-from models.rock import Rock, check_size, origin_beside_m
-from models.shapes import box
-from models.statics import quasi_static_toppling_m_s2
+from toppling.models.errors import InputError
+from toppling.models.folder import new_folder
+from toppling.models.frames import STANDARD_GRAVITY_M_S2, plane_normal, rotation_between
+from toppling.models.pedestal import Pedestal
+from toppling.models.rock import Rock, check_size, origin_beside_m
+from toppling.models.shapes import box
+from toppling.models.statics import quasi_static_toppling_m_s2
 
 SCHEMA_VERSION = 1
 

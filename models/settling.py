@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from models.frames import azimuth_deg
-from models.rock import Rock
+from toppling.models.frames import azimuth_deg
+from toppling.models.rock import Rock
 
 SAID_FROM_DEG = 0.1
 """Half samples of a scan give its interface within about this angle: less cannot be told from a rock that stands."""

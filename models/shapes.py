@@ -3,7 +3,7 @@
 import numpy as np
 import trimesh
 
-from models.rock import Rock
+from toppling.models.rock import Rock
 
 
 def box(half_width_m: float, half_depth_m: float, half_height_m: float) -> Rock:

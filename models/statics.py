@@ -25,10 +25,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import ConvexHull, QhullError
 
-from models.frames import horizontal_unit_vector, plane_axes
-from models.pedestal import Pedestal
-from models.relief import contact_feet_m
-from models.rock import Rock
+from toppling.models.frames import horizontal_unit_vector, plane_axes
+from toppling.models.pedestal import Pedestal
+from toppling.models.relief import contact_feet_m
+from toppling.models.rock import Rock
 
 CONTACT_SHARE_OF_HEIGHT = 1e-6
 """Points within this share of the rock's height of the interface plane count as touching it."""

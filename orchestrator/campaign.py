@@ -11,8 +11,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from models import ContactProperties, InputError
-from workers.presets import PRESETS
+from toppling.models.errors import InputError
+from toppling.models.scene import ContactProperties
+from toppling.workers.presets import PRESETS
 
 LARGEST_PGA_M_S2 = 100.0
 """Ten times gravity, twice the strongest ground acceleration recorded: more is a slip of units."""

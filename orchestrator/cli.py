@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from models.errors import InputError
+from toppling.models.errors import InputError
 
 VERBS = {
     "scan": "Turn laser scans into a rock on its pedestal.",
@@ -39,7 +39,7 @@ class LazyGroup(click.Group):
         """Import the verb's module."""
         if cmd_name not in VERBS:
             return None
-        return getattr(importlib.import_module(f"orchestrator.verbs.{cmd_name}"), cmd_name)
+        return getattr(importlib.import_module(f"toppling.orchestrator.verbs.{cmd_name}"), cmd_name)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
         """List the verbs, each with its line."""

@@ -13,7 +13,7 @@ import dask
 from distributed import Client, LocalCluster, SpecCluster
 from distributed.security import Security
 
-from models import InputError
+from toppling.models.errors import InputError
 
 log = logging.getLogger(__name__)
 

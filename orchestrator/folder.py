@@ -14,12 +14,12 @@ from typing import IO, Any
 
 import pyarrow.parquet as pq
 
-from models import InputError
-from models.folder import new_file, new_folder
-from models.settling import Settling
-from orchestrator.journal import LOG_FILE
-from orchestrator.plan import Plan
-from results.store import PARTS_FOLDER, RESULTS_FILE
+from toppling.models.errors import InputError
+from toppling.models.folder import new_file, new_folder
+from toppling.models.settling import Settling
+from toppling.orchestrator.journal import LOG_FILE
+from toppling.orchestrator.plan import Plan
+from toppling.results.store import PARTS_FOLDER, RESULTS_FILE
 
 SCHEMA_VERSION = 1
 

@@ -19,13 +19,14 @@ import numpy as np
 import pandas as pd
 from scipy.stats import binomtest
 
-from models import Scene
-from models.motions.ensemble import Ensemble
-from models.motions.impose import impose
-from results.fits import fit
-from workers import State, shake
-from workers.presets import PHYSICS_VERSION, PRESETS, Settings, Solver
-from workers.seating import settled
+from toppling.models.motions.ensemble import Ensemble
+from toppling.models.motions.impose import impose
+from toppling.models.scene import Scene
+from toppling.results.fits import fit
+from toppling.workers.presets import PHYSICS_VERSION, PRESETS, Settings, Solver
+from toppling.workers.seating import settled
+from toppling.workers.shake import shake
+from toppling.workers.start import State
 
 DISTURBED_SHARE = 1e-6
 """Of its height, by which the rock's start is disturbed to measure the floor of chaos."""

@@ -15,7 +15,7 @@ from typing import Any
 LOG_FILE = "run.log"
 TAIL_BYTES = 65_536
 
-_events = logging.getLogger("orchestrator.journal")
+_events = logging.getLogger("toppling.orchestrator.journal")
 _events.propagate = False  # a terminal shows progress and warnings, not every part that is stored
 _events.setLevel(logging.INFO)
 
@@ -29,7 +29,7 @@ def tell(event: str, **fields: Any) -> None:
 def journal(run: Path) -> Iterator[None]:
     """Write events and warnings to the run's log while the block runs."""
     handler = _JsonLines(run / LOG_FILE)
-    loggers = [_events, logging.getLogger("orchestrator"), logging.getLogger("results")]
+    loggers = [_events, logging.getLogger("toppling.orchestrator"), logging.getLogger("toppling.results")]
     for logger in loggers:
         logger.addHandler(handler)
     try:

@@ -10,12 +10,13 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
-from models import ContactProperties, InputError, Scene
-from models.motions.ensemble import Ensemble
-from models.settling import Settling
-from orchestrator.campaign import Campaign, hash_of
-from workers.job import JobSpec
-from workers.seating import settled
+from toppling.models.errors import InputError
+from toppling.models.motions.ensemble import Ensemble
+from toppling.models.scene import ContactProperties, Scene
+from toppling.models.settling import Settling
+from toppling.orchestrator.campaign import Campaign, hash_of
+from toppling.workers.job import JobSpec
+from toppling.workers.seating import settled
 
 COLUMNS = pa.schema(
     [

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
-from orchestrator.run import Tally, Watcher
+from toppling.orchestrator.run import Tally, Watcher
 
 LINE_EVERY_S = 60.0
 

@@ -21,17 +21,25 @@ from distributed import Client, Future, KilledWorker, as_completed, performance_
 from distributed.comm import CommClosedError
 from numpy.typing import NDArray
 
-from models import InputError, Scene
-from models.motions.ensemble import Ensemble
-from orchestrator.campaign import Campaign
-from orchestrator.cluster import Upkeep
-from orchestrator.dispatch import JOBS_IN_BATCH, USUAL_LIMITS, Batch, Dispatch, Limits, why_given_up
-from orchestrator.folder import describe, note, prepare, session
-from orchestrator.journal import journal, tell
-from orchestrator.plan import Plan, check_stands, expected_s, plan
-from orchestrator.task import Order, Row, UnfitWorkerError, check, lost_row, shake_batch, versions
-from results.store import RESULTS_FILE, attempts_with, compact, finished_ids, result_files, write_part
-from workers.job import JobSpec
+from toppling.models.errors import InputError
+from toppling.models.motions.ensemble import Ensemble
+from toppling.models.scene import Scene
+from toppling.orchestrator.campaign import Campaign
+from toppling.orchestrator.cluster import Upkeep
+from toppling.orchestrator.dispatch import JOBS_IN_BATCH, USUAL_LIMITS, Batch, Dispatch, Limits, why_given_up
+from toppling.orchestrator.folder import describe, note, prepare, session
+from toppling.orchestrator.journal import journal, tell
+from toppling.orchestrator.plan import Plan, check_stands, expected_s, plan
+from toppling.orchestrator.task import Order, Row, UnfitWorkerError, check, lost_row, shake_batch, versions
+from toppling.results.store import (
+    RESULTS_FILE,
+    attempts_with,
+    compact,
+    finished_ids,
+    result_files,
+    write_part,
+)
+from toppling.workers.job import JobSpec
 
 log = logging.getLogger(__name__)
 

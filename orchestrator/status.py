@@ -7,10 +7,10 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from orchestrator.folder import describe, is_running
-from orchestrator.journal import last
-from orchestrator.plan import expected_s
-from results.store import newest_rows, read_steady, result_files, whole_table
+from toppling.orchestrator.folder import describe, is_running
+from toppling.orchestrator.journal import last
+from toppling.orchestrator.plan import expected_s
+from toppling.results.store import newest_rows, read_steady, result_files, whole_table
 
 WINDOW = timedelta(minutes=1)
 REASONS_SHOWN = 10

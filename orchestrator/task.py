@@ -17,12 +17,13 @@ from typing import Any
 
 from distributed import get_worker
 
-import models.motions
-import workers
-from models import InputError, Scene
-from models.motions.ensemble import Ensemble
-from workers.job import Assets, JobSpec, run_job
-from workers.presets import PHYSICS_VERSION
+import toppling.models.motions
+import toppling.workers
+from toppling.models.errors import InputError
+from toppling.models.motions.ensemble import Ensemble
+from toppling.models.scene import Scene
+from toppling.workers.job import Assets, JobSpec, run_job
+from toppling.workers.presets import PHYSICS_VERSION
 
 log = logging.getLogger(__name__)
 
@@ -35,7 +36,7 @@ Row = dict[str, Any]
 def _code() -> str:
     """Hash of the source of all that decides an answer: releases tell it too, but not what was changed by hand."""
     source = hashlib.blake2b(digest_size=8)
-    for package in (models, models.motions, workers):
+    for package in (toppling.models, toppling.models.motions, toppling.workers):
         for path in sorted(Path(package.__path__[0]).glob("*.py")):
             source.update(path.read_bytes())
     return source.hexdigest()

@@ -6,12 +6,12 @@ from pathlib import Path
 
 import pandas as pd
 
-from models.folder import new_file
-from results import figures, fits
-from results.directions import sector_share, topple_rose
-from results.exchange import OPENQUAKE, write_curves
-from results.fragility import Plane, beyond, by_contact, cells, cells_by_direction, unplaced
-from results.friction import compare_frictions
+from toppling.models.folder import new_file
+from toppling.results import figures, fits
+from toppling.results.directions import sector_share, topple_rose
+from toppling.results.exchange import OPENQUAKE, write_curves
+from toppling.results.fragility import Plane, beyond, by_contact, cells, cells_by_direction, unplaced
+from toppling.results.friction import compare_frictions
 
 
 def write_maps(

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from results.hazard import (
+from toppling.results.hazard import (
     HazardCurve,
     Standing,
     any_topples,

@@ -19,9 +19,9 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
 
-from models import InputError
-from models.folder import new_file
-from results.fits import Basis, Lognormal
+from toppling.models.errors import InputError
+from toppling.models.folder import new_file
+from toppling.results.fits import Basis, Lognormal
 
 OPENQUAKE_G_M_S2 = 9.80665
 OPENQUAKE = {

@@ -23,14 +23,14 @@ from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, StrMethodF
 from numpy.typing import NDArray
 from scipy.stats import norm
 
-from models import Motion
-from models.folder import new_file
-from models.frames import compass_deg
-from results.fits import Lognormal, Resampled
-from results.fragility import FRICTION, THIN_RECORDS, Axis, Plane
-from results.friction import friction_words
-from results.hazard import HazardCurve
-from results.schema import SCHEMA, describe
+from toppling.models.folder import new_file
+from toppling.models.frames import compass_deg
+from toppling.models.motions.motion import Motion
+from toppling.results.fits import Lognormal, Resampled
+from toppling.results.fragility import FRICTION, THIN_RECORDS, Axis, Plane
+from toppling.results.friction import friction_words
+from toppling.results.hazard import HazardCurve
+from toppling.results.schema import SCHEMA, describe
 
 FULL_WIDTH_IN = 7.0
 HALF_WIDTH_IN = 3.6

@@ -22,8 +22,8 @@ from sklearn.metrics import brier_score_loss, log_loss, roc_auc_score
 from sklearn.model_selection import GroupKFold
 from statsmodels.tools.sm_exceptions import ConvergenceWarning, DomainWarning, PerfectSeparationWarning
 
-from results.fragility import effective_records, wilson
-from results.schema import SCHEMA, describe
+from toppling.results.fragility import effective_records, wilson
+from toppling.results.schema import SCHEMA, describe
 
 MEASURES = (
     *("pga_m_s2", "pgv_m_s", "pgd_m", "pgv_pga_s", "sa_1s_m_s2", "sa_2s_m_s2"),

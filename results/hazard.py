@@ -27,9 +27,9 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import brentq
 from scipy.stats import norm
 
-from models import InputError
-from results.exchange import OPENQUAKE
-from results.fits import Lognormal, Resampled
+from toppling.models.errors import InputError
+from toppling.results.exchange import OPENQUAKE
+from toppling.results.fits import Lognormal, Resampled
 
 AGE_SAMPLES = 400
 SITE_REACH_KM = 30.0

@@ -16,11 +16,11 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.stats import norm
 
-from models import Scene
-from models.frames import horizontal_unit_vector
-from models.motions.ensemble import Ensemble
-from models.statics import support_polygon_m
-from results.fits import Fit, fit
+from toppling.models.frames import horizontal_unit_vector
+from toppling.models.motions.ensemble import Ensemble
+from toppling.models.scene import Scene
+from toppling.models.statics import support_polygon_m
+from toppling.results.fits import Fit, fit
 
 log = logging.getLogger(__name__)
 

@@ -5,10 +5,10 @@ from pathlib import Path
 
 import pyarrow.parquet as pq
 
-from models.folder import new_file
-from results import figures
-from results.animation import moving_picture, page
-from results.way import Way, way_table
+from toppling.models.folder import new_file
+from toppling.results import figures
+from toppling.results.animation import moving_picture, page
+from toppling.results.way import Way, way_table
 
 
 def write_way(way: Way, folder: Path, title: str) -> Iterator[Path]:

@@ -12,13 +12,13 @@ from typing import Any
 import pandas as pd
 from matplotlib.figure import Figure
 
-from models import InputError
-from models.folder import new_file
-from results import figures, fits
-from results.directions import SECTOR_DEG, sector_share, topple_rose
-from results.fragility import PLANES, beyond, by_contact, cells, cells_by_direction, unplaced
-from results.friction import compare_frictions
-from results.run import Run
+from toppling.models.errors import InputError
+from toppling.models.folder import new_file
+from toppling.results import figures, fits
+from toppling.results.directions import SECTOR_DEG, sector_share, topple_rose
+from toppling.results.fragility import PLANES, beyond, by_contact, cells, cells_by_direction, unplaced
+from toppling.results.friction import compare_frictions
+from toppling.results.run import Run
 
 _LOOK = """
 body { font: 15px/1.5 system-ui, sans-serif; max-width: 60em; margin: 2em auto; padding: 0 1em; color: #222; }

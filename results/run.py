@@ -10,10 +10,10 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.dataset as ds
 
-from models import InputError
-from models.motions.catalogue import meaning
-from results.schema import SCHEMA, describe
-from results.store import PathLike, damaged, newest_rows, read_steady, result_files, whole_table
+from toppling.models.errors import InputError
+from toppling.models.motions.catalogue import meaning
+from toppling.results.schema import SCHEMA, describe
+from toppling.results.store import PathLike, damaged, newest_rows, read_steady, result_files, whole_table
 
 _RUN_COLUMN = {
     "column": "run",

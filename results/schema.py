@@ -6,7 +6,7 @@ known": a job that crashed has no tilt, and a column that is null is never zero.
 
 import pyarrow as pa
 
-from models.motions.catalogue import meaning
+from toppling.models.motions.catalogue import meaning
 
 SCHEMA_VERSION = 1
 

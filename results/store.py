@@ -19,9 +19,9 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from models import InputError
-from models.folder import new_file
-from results.schema import SCHEMA, SORT_ORDER
+from toppling.models.errors import InputError
+from toppling.models.folder import new_file
+from toppling.results.schema import SCHEMA, SORT_ORDER
 
 log = logging.getLogger(__name__)
 

@@ -7,7 +7,8 @@ import pyarrow as pa
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
-from models import Motion, Scene
+from toppling.models.motions.motion import Motion
+from toppling.models.scene import Scene
 
 Array = NDArray[np.float64]
 

@@ -1,6 +1,1 @@
-"""One shake on one core: contact, engine, stepping, and the rules that end it."""
-
-from workers.shake import ShakeResult, Trajectory, shake
-from workers.start import State
-
-__all__ = ["ShakeResult", "State", "Trajectory", "shake"]
+"""One shake on one core: contact points, engine, integrator, and the rules that end it."""

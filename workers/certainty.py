@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from models.motions.motion import Motion
-from models.scene import Scene
-from models.statics import TOPPLED_TILT_DEG, quasi_static_toppling_m_s2
-from workers.contact import ContactModel, contact_of
-from workers.quaternion import inverse, matrix, product
+from toppling.models.motions.motion import Motion
+from toppling.models.scene import Scene
+from toppling.models.statics import TOPPLED_TILT_DEG, quasi_static_toppling_m_s2
+from toppling.workers.contact import ContactModel, contact_of
+from toppling.workers.quaternion import inverse, matrix, product
 
 Array = NDArray[np.float64]
 

@@ -18,11 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError, cKDTree
 
-from models.errors import InputError
-from models.frames import plane_axes
-from models.relief import contact_feet_m
-from models.scene import Scene
-from workers import quaternion
+from toppling.models.errors import InputError
+from toppling.models.frames import plane_axes
+from toppling.models.relief import contact_feet_m
+from toppling.models.scene import Scene
+from toppling.workers import quaternion
 
 Array = NDArray[np.float64]
 Pose = tuple[tuple[float, float, float], tuple[float, float, float, float]]

@@ -16,9 +16,9 @@ import numpy as np
 import pybullet
 from numpy.typing import NDArray
 
-from models.scene import ContactProperties
-from workers.contact import ContactModel, Pose
-from workers.presets import Solver
+from toppling.models.scene import ContactProperties
+from toppling.workers.contact import ContactModel, Pose
+from toppling.workers.presets import Solver
 
 Array = NDArray[np.float64]
 

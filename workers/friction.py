@@ -15,8 +15,8 @@ import cmath
 import math
 from collections.abc import Sequence
 
-from workers.contact import ContactModel, Pose
-from workers.way import Vector
+from toppling.workers.contact import ContactModel, Pose
+from toppling.workers.way import Vector
 
 LEAN_RAD = 1e-3
 """Axes are kept while friction leans by less: it then is wrong by a thousandth of itself, and across the slip."""

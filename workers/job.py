@@ -11,13 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from models.errors import InputError
-from models.motions.ensemble import Ensemble
-from models.motions.impose import Imposed, impose
-from models.motions.record import Record
-from models.scene import ContactProperties, Scene
-from workers.presets import PHYSICS_VERSION
-from workers.shake import ShakeResult, shake
+from toppling.models.errors import InputError
+from toppling.models.motions.ensemble import Ensemble
+from toppling.models.motions.impose import Imposed, impose
+from toppling.models.motions.record import Record
+from toppling.models.scene import ContactProperties, Scene
+from toppling.workers.presets import PHYSICS_VERSION
+from toppling.workers.shake import ShakeResult, shake
 
 COM_SPREAD_SHARE = 0.005
 """Standard deviation of the centre of mass over the height, in a realisation of a scene that knows none of its own."""

@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 
-from models.errors import InputError
+from toppling.models.errors import InputError
 
 PHYSICS_VERSION = "12"
 """Part of every job's id: raised whenever the same job may give another answer."""

@@ -7,14 +7,14 @@ from functools import lru_cache
 
 import numpy as np
 
-from models.errors import InputError
-from models.scene import ContactProperties, Scene
-from models.statics import TOPPLED_TILT_DEG, equilibrium_possible
-from workers import quaternion as quat
-from workers.contact import LARGEST_OPEN_TILT_DEG, REACH_DEG, contact_of
-from workers.presets import Solver, settings_of
-from workers.stepping import engine_for
-from workers.way import STILL, travel_m
+from toppling.models.errors import InputError
+from toppling.models.scene import ContactProperties, Scene
+from toppling.models.statics import TOPPLED_TILT_DEG, equilibrium_possible
+from toppling.workers import quaternion as quat
+from toppling.workers.contact import LARGEST_OPEN_TILT_DEG, REACH_DEG, contact_of
+from toppling.workers.presets import Solver, settings_of
+from toppling.workers.stepping import engine_for
+from toppling.workers.way import STILL, travel_m
 
 TOUCHING_SHARE = 1e-5
 """Feet within this share of R of the plane carry a rock at rest: the engine holds them within a tenth of it."""

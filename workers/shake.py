@@ -13,18 +13,18 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
-from models.errors import InputError
-from models.frames import azimuth_deg
-from models.motions.motion import Motion
-from models.scene import Scene
-from models.statics import (
+from toppling.models.errors import InputError
+from toppling.models.frames import azimuth_deg
+from toppling.models.motions.motion import Motion
+from toppling.models.scene import Scene
+from toppling.models.statics import (
     TOPPLED_FALL,
     TOPPLED_TILT_DEG,
     holds_still,
     polygon,
 )
-from workers import quaternion as quat
-from workers.certainty import (
+from toppling.workers import quaternion as quat
+from toppling.workers.certainty import (
     REST_CERTAIN_SHARE,
     WEAK_TILT_DEG,
     WEAK_YAW_DEG,
@@ -34,14 +34,14 @@ from workers.certainty import (
     turn_rad,
     weak_from_s,
 )
-from workers.contact import LARGEST_OPEN_TILT_DEG, ContactModel, Pose, contact_of
-from workers.engine import slip_m_s
-from workers.presets import Settings, settings_of
-from workers.quaternion import to_body
-from workers.seating import TOUCHING_SHARE, friction_that_stops, settled
-from workers.start import State, checked_start, start_of
-from workers.stepping import IMPACT_STEP, Stepper, forget_worlds
-from workers.way import travel_m
+from toppling.workers.contact import LARGEST_OPEN_TILT_DEG, ContactModel, Pose, contact_of
+from toppling.workers.engine import slip_m_s
+from toppling.workers.presets import Settings, settings_of
+from toppling.workers.quaternion import to_body
+from toppling.workers.seating import TOUCHING_SHARE, friction_that_stops, settled
+from toppling.workers.start import State, checked_start, start_of
+from toppling.workers.stepping import IMPACT_STEP, Stepper, forget_worlds
+from toppling.workers.way import travel_m
 
 Array = NDArray[np.float64]
 

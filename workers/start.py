@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from models.errors import InputError
-from workers import quaternion as quat
-from workers.contact import ContactModel, Pose
-from workers.way import STILL, SUNK_SHARE, Vector
+from toppling.models.errors import InputError
+from toppling.workers import quaternion as quat
+from toppling.workers.contact import ContactModel, Pose
+from toppling.workers.way import STILL, SUNK_SHARE, Vector
 
 STATE_SIZES = {"position_m": 3, "quaternion_xyzw": 4, "velocity_m_s": 3, "angular_velocity_rad_s": 3}
 

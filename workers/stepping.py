@@ -29,12 +29,12 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from models.scene import ContactProperties
-from workers.contact import REACH_DEG, ContactModel, Pose
-from workers.engine import Engine
-from workers.friction import LEAN_OF_IMPACT_RAD, Foot, feet_of, least_leaning_rad, squared_lean
-from workers.presets import Solver
-from workers.way import SUNK_SHARE, Vector, Way
+from toppling.models.scene import ContactProperties
+from toppling.workers.contact import REACH_DEG, ContactModel, Pose
+from toppling.workers.engine import Engine
+from toppling.workers.friction import LEAN_OF_IMPACT_RAD, Foot, feet_of, least_leaning_rad, squared_lean
+from toppling.workers.presets import Solver
+from toppling.workers.way import SUNK_SHARE, Vector, Way
 
 Array = NDArray[np.float64]
 

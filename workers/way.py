@@ -7,8 +7,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from workers.contact import ContactModel, Pose
-from workers.quaternion import to_body, turn_vector
+from toppling.workers.contact import ContactModel, Pose
+from toppling.workers.quaternion import to_body, turn_vector
 
 Array = NDArray[np.float64]
 Vector = tuple[float, float, float]

@@ -12,10 +12,10 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from models.errors import InputError
-from models.motions.catalogue import meaning
-from models.motions.motion import Motion
-from models.motions.record import Record, motion_sha
+from toppling.models.errors import InputError
+from toppling.models.motions.catalogue import meaning
+from toppling.models.motions.motion import Motion
+from toppling.models.motions.record import Record, motion_sha
 
 CATALOG, MOTIONS = "catalog.parquet", "motions.parquet"
 SCHEMA_VERSION = "2"

@@ -8,7 +8,7 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
-from models.errors import InputError
+from toppling.models.errors import InputError
 
 BEFORE_S, AFTER_S = 30.0, 120.0
 SLOWEST_KM_S = 2.0

@@ -7,9 +7,9 @@ import matplotlib.axes
 import numpy as np
 from matplotlib.figure import Figure
 
-from models.folder import new_file
-from models.motions.ensemble import Ensemble
-from models.motions.intensity import SPECTRUM_PERIODS_S
+from toppling.models.folder import new_file
+from toppling.models.motions.ensemble import Ensemble
+from toppling.models.motions.intensity import SPECTRUM_PERIODS_S
 
 
 def draw(ensemble: Ensemble, path: Path) -> None:

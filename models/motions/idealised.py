@@ -3,8 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from models.frames import horizontal_unit_vector
-from models.motions.motion import Motion
+from toppling.models.frames import horizontal_unit_vector
+from toppling.models.motions.motion import Motion
 
 TIME_STEP_S = 0.005
 

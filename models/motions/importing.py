@@ -9,17 +9,17 @@ from pathlib import Path
 
 import numpy as np
 
-from models.errors import InputError
-from models.motions.formats import read_file
-from models.motions.formats.component import UP, Component
-from models.motions.formats.seismic import is_station_xml, responses
-from models.motions.metadata import Entry, looks_like_table
-from models.motions.motion import Motion
-from models.motions.processing import DRIFTS, drifts, process, resample
-from models.motions.quality import doubts
-from models.motions.record import Record
-from models.motions.stations import Triple, grouped, oriented, triple
-from models.motions.twins import Candidate, Shaking, twins
+from toppling.models.errors import InputError
+from toppling.models.motions.formats import read_file
+from toppling.models.motions.formats.component import UP, Component
+from toppling.models.motions.formats.seismic import is_station_xml, responses
+from toppling.models.motions.metadata import Entry, looks_like_table
+from toppling.models.motions.motion import Motion
+from toppling.models.motions.processing import DRIFTS, drifts, process, resample
+from toppling.models.motions.quality import doubts
+from toppling.models.motions.record import Record
+from toppling.models.motions.stations import Triple, grouped, oriented, triple
+from toppling.models.motions.twins import Candidate, Shaking, twins
 
 logger = logging.getLogger(__name__)
 

@@ -6,11 +6,11 @@ from functools import lru_cache
 
 import numpy as np
 
-from models.errors import InputError
-from models.motions.intensity import SCALING_POWER, displacement_m, measure
-from models.motions.motion import Motion
-from models.motions.processing import end_at_rest, high_pass
-from models.motions.record import Record
+from toppling.models.errors import InputError
+from toppling.models.motions.intensity import SCALING_POWER, displacement_m, measure
+from toppling.models.motions.motion import Motion
+from toppling.models.motions.processing import end_at_rest, high_pass
+from toppling.models.motions.record import Record
 
 LIMITING_CORNERS_HZ = np.geomspace(0.01, 5.0, 64)
 """High-pass corners that are tried, lowest first, to hold a peak displacement."""

@@ -15,8 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.signal import cont2discrete, lfilter
 from scipy.spatial import ConvexHull, QhullError
 
-from models.frames import azimuth_deg
-from models.motions.motion import Motion
+from toppling.models.frames import azimuth_deg
+from toppling.models.motions.motion import Motion
 
 DAMPING = 0.05
 STANDARD_G_M_S2 = 9.80665

@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass
 from pathlib import Path
 
-from models.errors import InputError
-from models.motions.formats.component import UNITS_M_S2
+from toppling.models.errors import InputError
+from toppling.models.motions.formats.component import UNITS_M_S2
 
 COLUMNS = {
     "record_id": ("record_id", "rec_id"),

@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from models.errors import InputError
+from toppling.models.errors import InputError
 
 
 @dataclass(frozen=True, eq=False, init=False)

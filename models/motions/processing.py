@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 from scipy.signal import butter, resample_poly, sosfiltfilt
 from scipy.signal.windows import tukey
 
-from models.errors import InputError
-from models.motions.intensity import displacement_m, velocity_m_s
-from models.motions.motion import Motion
+from toppling.models.errors import InputError
+from toppling.models.motions.intensity import displacement_m, velocity_m_s
+from toppling.models.motions.motion import Motion
 
 TAPER_SHARE = 0.05
 """Share of the record that the cosine taper takes at each end."""

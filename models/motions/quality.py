@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from models.motions.formats.component import Component, refuse
+from toppling.models.motions.formats.component import Component, refuse
 
 QUESTIONABLE_M_S2 = 5 * 9.80665
 CLIPPED_SAMPLES, CLIPPED_RUN = 10, 4

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from models.errors import InputError
-from models.motions.intensity import measure
-from models.motions.motion import Motion
+from toppling.models.errors import InputError
+from toppling.models.motions.intensity import measure
+from toppling.models.motions.motion import Motion
 
 
 @dataclass(frozen=True, eq=False)

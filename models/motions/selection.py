@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from models.errors import InputError
-from models.motions.ensemble import Ensemble
-from models.motions.metadata import text_table
+from toppling.models.errors import InputError
+from toppling.models.motions.ensemble import Ensemble
+from toppling.models.motions.metadata import text_table
 
 
 @dataclass(frozen=True)

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.errors import InputError
-from models.motions.formats.component import DOWN, UP, Component, bearing, code_direction
-from models.motions.motion import Motion
+from toppling.models.errors import InputError
+from toppling.models.motions.formats.component import DOWN, UP, Component, bearing, code_direction
+from toppling.models.motions.motion import Motion
 
 LEAST_ANGLE_DEG = 30.0
 """Two horizontals closer than this to one line cannot be resolved into x and y."""

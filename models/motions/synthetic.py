@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from models.motions.motion import Motion
-from models.motions.processing import end_at_rest, high_pass
-from models.motions.record import Record
+from toppling.models.motions.motion import Motion
+from toppling.models.motions.processing import end_at_rest, high_pass
+from toppling.models.motions.record import Record
 
 TIME_STEP_S = 0.01
 DENSITY_KG_M3, SHEAR_VELOCITY_M_S = 2800.0, 3500.0

@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import correlate
 
-from models.motions.record import Record
-from models.motions.stations import SAME_SHAKING_S
+from toppling.models.motions.record import Record
+from toppling.models.motions.stations import SAME_SHAKING_S
 
 LIKE_PEAKS = 0.1
 """Records whose PGA and PGV differ by more than this share are not compared sample by sample."""

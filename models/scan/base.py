@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.spatial import ConvexHull, cKDTree
 
-from models.scan.crevice import Grid, check_seen, not_strays, smooth_sheet
-from models.scan.word import Word
+from toppling.models.scan.crevice import Grid, check_seen, not_strays, smooth_sheet
+from toppling.models.scan.word import Word
 
 CELLS_PER_HEIGHT = 200
 RIM_PER_HEIGHT = 0.06

@@ -17,11 +17,11 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from models.errors import InputError
-from models.rock import Rock
-from models.scan.base import Base
-from models.scan.interface import Interface
-from models.scan.surfels import Surfels
+from toppling.models.errors import InputError
+from toppling.models.rock import Rock
+from toppling.models.scan.base import Base
+from toppling.models.scan.interface import Interface
+from toppling.models.scan.surfels import Surfels
 
 POISSON_DEPTH = 7
 POISSON_SCALES = (1.15, 1.17, 1.2, 1.24)

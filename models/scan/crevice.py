@@ -16,10 +16,10 @@ from scipy.sparse import coo_matrix, csc_matrix, diags
 from scipy.sparse.linalg import splu
 from scipy.spatial import ConvexHull, cKDTree
 
-from models.errors import InputError
-from models.frames import plane_axes
-from models.scan.interface import Interface
-from models.scan.segment import PEDESTAL, ROCK
+from toppling.models.errors import InputError
+from toppling.models.frames import plane_axes
+from toppling.models.scan.interface import Interface
+from toppling.models.scan.segment import PEDESTAL, ROCK
 
 CELLS_PER_HEIGHT = 120
 BAND_PER_HEIGHT = 0.08

@@ -11,13 +11,13 @@ from scipy.sparse import diags
 from scipy.sparse.linalg import spsolve
 from scipy.spatial import cKDTree
 
-from models.pedestal import Pedestal
-from models.relief import height_below
-from models.rock import Rock
-from models.scan.crevice import grid_laplacian
-from models.scan.interface import Interface
-from models.scan.surfels import Surfels
-from models.statics import support_polygon_m
+from toppling.models.pedestal import Pedestal
+from toppling.models.relief import height_below
+from toppling.models.rock import Rock
+from toppling.models.scan.crevice import grid_laplacian
+from toppling.models.scan.interface import Interface
+from toppling.models.scan.surfels import Surfels
+from toppling.models.statics import support_polygon_m
 
 REACH_HEIGHTS = 0.6
 """How far beyond the rock's outline the pedestal is kept, in rock heights: a rock whose centre of mass

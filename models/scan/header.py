@@ -4,7 +4,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from models.errors import InputError
+from toppling.models.errors import InputError
 
 TEXT = "utf-8-sig"
 """Encoding of text files: spreadsheets begin UTF-8 with a mark, which is no part of the first number or name."""

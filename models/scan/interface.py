@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from models.errors import InputError
-from models.frames import plane_axes
-from models.scan.surfels import Surfels
+from toppling.models.errors import InputError
+from toppling.models.frames import plane_axes
+from toppling.models.scan.surfels import Surfels
 
 CREVICE_VOXELS = 4.0
 """Pedestal surfels this near to a rock surfel line the crevice."""

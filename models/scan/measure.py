@@ -8,19 +8,19 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, cKDTree
 
-from models.errors import InputError
-from models.frames import STANDARD_GRAVITY_M_S2
-from models.pedestal import Pedestal
-from models.rock import Rock
-from models.scan.base import CORES_OF_HOLES, hidden_base
-from models.scan.close import ClosedRock, close_rock
-from models.scan.crevice import refitted
-from models.scan.interface import Interface
-from models.scan.segment import PEDESTAL, ROCK, Segmentation
-from models.scan.surfels import Surfels
-from models.scan.word import Word
-from models.scene import Scene
-from models.statics import quasi_static_toppling_m_s2
+from toppling.models.errors import InputError
+from toppling.models.frames import STANDARD_GRAVITY_M_S2
+from toppling.models.pedestal import Pedestal
+from toppling.models.rock import Rock
+from toppling.models.scan.base import CORES_OF_HOLES, hidden_base
+from toppling.models.scan.close import ClosedRock, close_rock
+from toppling.models.scan.crevice import refitted
+from toppling.models.scan.interface import Interface
+from toppling.models.scan.segment import PEDESTAL, ROCK, Segmentation
+from toppling.models.scan.surfels import Surfels
+from toppling.models.scan.word import Word
+from toppling.models.scene import Scene
+from toppling.models.statics import quasi_static_toppling_m_s2
 
 AZIMUTHS_DEG = np.arange(0.0, 360.0, 10.0)
 SECTORS = 36

@@ -9,9 +9,9 @@ import plotly.graph_objects as go
 import trimesh
 from numpy.typing import NDArray
 
-from models.errors import InputError
-from models.frames import compass_deg
-from models.scan.picture import (
+from toppling.models.errors import InputError
+from toppling.models.frames import compass_deg
+from toppling.models.scan.picture import (
     BAND_TITLE,
     INTERFACE_COLOUR,
     PEDESTAL_COLOUR,
@@ -21,7 +21,7 @@ from models.scan.picture import (
     polar_reach_m_s2,
     toppling_band,
 )
-from models.scene import Scene
+from toppling.models.scene import Scene
 
 EXPORTS = (".glb", ".gltf", ".ply", ".obj")
 Y_UP = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])

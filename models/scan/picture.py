@@ -12,9 +12,9 @@ from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from models.frames import compass_deg
-from models.pedestal import Pedestal
-from models.scene import Scene
+from toppling.models.frames import compass_deg
+from toppling.models.pedestal import Pedestal
+from toppling.models.scene import Scene
 
 ROCK_COLOUR, PEDESTAL_COLOUR, INTERFACE_COLOUR = "#c0703a", "#7d8b99", "#d11f3f"
 VIEWS_DEG = ((20.0, 0.0), (20.0, 120.0), (20.0, 240.0))

@@ -9,8 +9,8 @@ import numpy as np
 import open3d as o3d
 from numpy.typing import NDArray
 
-from models.errors import InputError
-from models.scan.header import TEXT, named_columns
+from toppling.models.errors import InputError
+from toppling.models.scan.header import TEXT, named_columns
 
 FORMATS = (".ply", ".pcd", ".xyz", ".pts", ".txt", ".csv", ".las", ".laz", ".e57")
 MINIMUM_POINTS = 1000

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
-from models.errors import InputError
-from models.scan.read import Cloud
+from toppling.models.errors import InputError
+from toppling.models.scan.read import Cloud
 
 VOXELS_PER_EXTENT = 250
 SAMPLES = 4000

@@ -17,9 +17,9 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components, maximum_flow
 from scipy.spatial import cKDTree
 
-from models.errors import InputError
-from models.scan.surfels import Surfels, orient, roughness, thin
-from models.scan.word import Word
+from toppling.models.errors import InputError
+from toppling.models.scan.surfels import Surfels, orient, roughness, thin
+from toppling.models.scan.word import Word
 
 ROCK, PEDESTAL, NEITHER = 0, 1, 2
 

@@ -11,14 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from models.errors import InputError
-from models.folder import new_folder
-from models.rock import Rock, check_size
-from models.scan.base import near_the_interface
-from models.scan.crevice import BAND_PER_HEIGHT, check_seen, judge_crevice
-from models.scan.ground import kept_of, pedestal_ground
-from models.scan.interface import Interface, fit_interface
-from models.scan.measure import (
+from toppling.models.errors import InputError
+from toppling.models.folder import new_folder
+from toppling.models.rock import Rock, check_size
+from toppling.models.scan.base import near_the_interface
+from toppling.models.scan.crevice import BAND_PER_HEIGHT, check_seen, judge_crevice
+from toppling.models.scan.ground import kept_of, pedestal_ground
+from toppling.models.scan.interface import Interface, fit_interface
+from toppling.models.scan.measure import (
     SeenRock,
     close_standing,
     confidence,
@@ -26,12 +26,12 @@ from models.scan.measure import (
     slenderness,
     uncertainty,
 )
-from models.scan.picture import draw_scene
-from models.scan.read import Cloud
-from models.scan.register import check_fit, register
-from models.scan.segment import NEITHER, PEDESTAL, ROCK, Segmentation, label_surfels, segment
-from models.scan.word import Word, check_near
-from models.scene import Scene
+from toppling.models.scan.picture import draw_scene
+from toppling.models.scan.read import Cloud
+from toppling.models.scan.register import check_fit, register
+from toppling.models.scan.segment import NEITHER, PEDESTAL, ROCK, Segmentation, label_surfels, segment
+from toppling.models.scan.word import Word, check_near
+from toppling.models.scene import Scene
 
 Progress = Callable[[str], None]
 

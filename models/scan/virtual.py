@@ -7,11 +7,11 @@ import numpy as np
 import open3d as o3d
 from numpy.typing import NDArray
 
-from models.frames import horizontal_unit_vector, plane_normal, rotation_between
-from models.pedestal import Pedestal
-from models.rock import Rock
-from models.scan.read import Cloud
-from models.scan.segment import NEITHER, PEDESTAL, ROCK
+from toppling.models.frames import horizontal_unit_vector, plane_normal, rotation_between
+from toppling.models.pedestal import Pedestal
+from toppling.models.rock import Rock
+from toppling.models.scan.read import Cloud
+from toppling.models.scan.segment import NEITHER, PEDESTAL, ROCK
 
 Mesh = tuple[NDArray[np.float64], NDArray[np.int64]]
 

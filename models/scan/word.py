@@ -8,10 +8,10 @@ import numpy as np
 from matplotlib.path import Path as Polygon
 from numpy.typing import ArrayLike, NDArray
 
-from models.errors import InputError
-from models.frames import plane_axes, plane_normal
-from models.scan.header import TEXT, named_columns
-from models.scan.interface import Interface
+from toppling.models.errors import InputError
+from toppling.models.frames import plane_axes, plane_normal
+from toppling.models.scan.header import TEXT, named_columns
+from toppling.models.scan.interface import Interface
 
 STEEPEST_DEG = 60.0
 """No rock stands on an interface steeper than this without sliding: friction coefficient 1.7."""

@@ -6,11 +6,11 @@ import click
 from rich.console import Console
 from rich.progress import Progress
 
-from models import Scene
-from models.motions.ensemble import Ensemble
-from orchestrator.front import CONVERGED, EXPLORED, FLOOR, Setting, answers, compare, draw_jobs
-from results.figures import front_figure, save
-from workers.presets import PRESETS
+from toppling.models.motions.ensemble import Ensemble
+from toppling.models.scene import Scene
+from toppling.orchestrator.front import CONVERGED, EXPLORED, FLOOR, Setting, answers, compare, draw_jobs
+from toppling.results.figures import front_figure, save
+from toppling.workers.presets import PRESETS
 
 
 @click.command()

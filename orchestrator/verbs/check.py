@@ -12,11 +12,13 @@ from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
-from models import InputError, Motion, Scene
-from models.motions.ensemble import CATALOG, Ensemble
-from models.motions.record import Record
-from workers import shake
-from workers.presets import PRESETS
+from toppling.models.errors import InputError
+from toppling.models.motions.ensemble import CATALOG, Ensemble
+from toppling.models.motions.motion import Motion
+from toppling.models.motions.record import Record
+from toppling.models.scene import Scene
+from toppling.workers.presets import PRESETS
+from toppling.workers.shake import shake
 
 
 @dataclass(frozen=True)
@@ -154,8 +156,8 @@ def judged(
 
 def _records(paths: Sequence[Path], metadata: Path | None, missing_vertical: bool) -> Iterator[Record]:
     """Records of ensembles, and of files as 'records import' reads them."""
-    from models.motions.importing import Wishes, import_records, record_files
-    from models.motions.metadata import read_table
+    from toppling.models.motions.importing import Wishes, import_records, record_files
+    from toppling.models.motions.metadata import read_table
 
     for folder in (path for path in paths if (path / CATALOG).is_file()):
         ensemble = Ensemble.load(folder)

@@ -11,16 +11,16 @@ import numpy as np
 from rich.console import Console
 from rich.progress import Progress
 
-from models import InputError
-from results import figures
-from results.atlas import save_table
-from results.constraint import bound_table, branch_table, single_event
-from results.exchange import read_curves
-from results.fits import MEASURES, SAMPLES, Lognormal, Resampled, answered, basis_of, bootstrap, fit
-from results.fragility import by_contact
-from results.hazard import SITE_REACH_KM, HazardCurve, Standing, distance_km, parse_age, read_hazard
-from results.run import open_run
-from results.schema import SCHEMA, describe
+from toppling.models.errors import InputError
+from toppling.results import figures
+from toppling.results.atlas import save_table
+from toppling.results.constraint import bound_table, branch_table, single_event
+from toppling.results.exchange import read_curves
+from toppling.results.fits import MEASURES, SAMPLES, Lognormal, Resampled, answered, basis_of, bootstrap, fit
+from toppling.results.fragility import by_contact
+from toppling.results.hazard import SITE_REACH_KM, HazardCurve, Standing, distance_km, parse_age, read_hazard
+from toppling.results.run import open_run
+from toppling.results.schema import SCHEMA, describe
 
 
 @click.command()

@@ -32,7 +32,7 @@ DESIGNS = ((1, 8), (1, 4), (2, 4), (2, 2), (3, 2), (3, 1), (6, 1))
 QUERY = """\
 select level_pga_m_s2, count(toppled) as jobs, round(avg(toppled::int), 2) as p_toppled,
        round(avg(toppled::int) filter (pgv_pga_s >= 0.1), 2) as p_toppled_long_pulse
-from results where level_pga_m_s2::int % 6 = 1 group by all order by all"""
+from toppling.results where level_pga_m_s2::int % 6 = 1 group by all order by all"""
 
 
 @click.command()
@@ -72,10 +72,10 @@ def _clear(out: Path) -> None:
 def _scan(out: Path) -> None:
     import numpy as np
 
-    from models.scan.read import read_clouds
-    from models.scan.survey import save_survey, survey
-    from models.scan.virtual import demo_scan
-    from models.scene import write_ply
+    from toppling.models.scan.read import read_clouds
+    from toppling.models.scan.survey import save_survey, survey
+    from toppling.models.scan.virtual import demo_scan
+    from toppling.models.scene import write_ply
 
     _say("scan: ray-casting a rock like the one at Echo Cliffs from six stations")
     stations, _ = demo_scan(SEED)
@@ -96,8 +96,8 @@ def _scan(out: Path) -> None:
 
 
 def _make_records(out: Path) -> None:
-    from models.motions.ensemble import Ensemble
-    from models.motions.synthetic import synthetic_ensemble
+    from toppling.models.motions.ensemble import Ensemble
+    from toppling.models.motions.synthetic import synthetic_ensemble
 
     _say(f"records: {RECORDS} stochastic ground motions, M 6 to 8 at 5 to 100 km")
     Ensemble.write(out / "ensemble", synthetic_ensemble(RECORDS, SEED))
@@ -105,9 +105,9 @@ def _make_records(out: Path) -> None:
 
 def _plan(out: Path, workers: int) -> None:
     """Write the largest campaign that a few sampled jobs let hope to end in time."""
-    from models import Scene
-    from models.motions.ensemble import Ensemble
-    from workers.job import Assets, JobSpec, run_job
+    from toppling.models.motions.ensemble import Ensemble
+    from toppling.models.scene import Scene
+    from toppling.workers.job import Assets, JobSpec, run_job
 
     scene, ensemble = Scene.load(out / "scene"), Ensemble.load(out / "ensemble")
     by_duration = ensemble.catalog.sort_by("duration_s")["record_id"].to_pylist()
@@ -131,10 +131,10 @@ def _plan(out: Path, workers: int) -> None:
 
 
 def _run(out: Path, workers: int) -> int:
-    from orchestrator.campaign import Campaign
-    from orchestrator.cluster import local
-    from orchestrator.progress import watcher
-    from orchestrator.run import run
+    from toppling.orchestrator.campaign import Campaign
+    from toppling.orchestrator.cluster import local
+    from toppling.orchestrator.progress import watcher
+    from toppling.orchestrator.run import run
 
     _say(f"run: starting {workers} workers")
     with watcher() as watch:
@@ -144,9 +144,9 @@ def _run(out: Path, workers: int) -> int:
 
 
 def _draw(out: Path) -> list[Path]:
-    from results.atlas import write_maps
-    from results.fragility import PLANES
-    from results.run import open_run
+    from toppling.results.atlas import write_maps
+    from toppling.results.fragility import PLANES
+    from toppling.results.run import open_run
 
     _say("fragility: drawing")
     planes = [PLANES["pga_pgv_pga"], PLANES["pga_pgv"]]
@@ -154,8 +154,8 @@ def _draw(out: Path) -> list[Path]:
 
 
 def _tell(out: Path, figures: Iterable[Path], took_s: float) -> None:
-    from orchestrator.progress import duration
-    from results.run import open_run
+    from toppling.orchestrator.progress import duration
+    from toppling.results.run import open_run
 
     maps = [path for path in figures if path.suffix == ".png"]
     click.echo(f"\nThe main job took {duration(took_s)}. It made")

@@ -10,16 +10,17 @@ from click.core import ParameterSource
 from rich.console import Console
 from rich.progress import track
 
-from models import InputError, Scene
-from models.motions.ensemble import Ensemble
-from orchestrator.folder import place_in
-from results.atlas import write_directions, write_fits, write_friction, write_maps
-from results.directions import SECTOR_DEG
-from results.fits import answered
-from results.fragility import DURATION, LEVEL, PGV, PLANES, PULSE, Axis, by_contact
-from results.friction import by_surroundings
-from results.plane_reference import reference_lines, simulate
-from results.run import Run, open_run
+from toppling.models.errors import InputError
+from toppling.models.motions.ensemble import Ensemble
+from toppling.models.scene import Scene
+from toppling.orchestrator.folder import place_in
+from toppling.results.atlas import write_directions, write_fits, write_friction, write_maps
+from toppling.results.directions import SECTOR_DEG
+from toppling.results.fits import answered
+from toppling.results.fragility import DURATION, LEVEL, PGV, PLANES, PULSE, Axis, by_contact
+from toppling.results.friction import by_surroundings
+from toppling.results.plane_reference import reference_lines, simulate
+from toppling.results.run import Run, open_run
 
 PGV_DURATION = PLANES["pgv_duration"]
 WIDTH = click.FloatRange(0, min_open=True)

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from models.folder import new_file
+from toppling.models.folder import new_file
 
 
 @click.command()
@@ -23,11 +23,11 @@ def plan(campaign: Path, table: Path | None, as_json: bool) -> None:
     import pyarrow.parquet as pq
     from rich.console import Console
 
-    from models import Scene
-    from models.motions.ensemble import Ensemble
-    from orchestrator.campaign import Campaign
-    from orchestrator.plan import check_stands
-    from orchestrator.plan import plan as expand
+    from toppling.models.motions.ensemble import Ensemble
+    from toppling.models.scene import Scene
+    from toppling.orchestrator.campaign import Campaign
+    from toppling.orchestrator.plan import check_stands
+    from toppling.orchestrator.plan import plan as expand
 
     chosen = Campaign.read(campaign)
     scene = Scene.load(chosen.scene)

@@ -6,11 +6,12 @@ from pathlib import Path
 import click
 from rich.console import Console
 
-from models import Motion, Scene
-from models.motions import idealised
-from orchestrator.verbs.replay import way_of, write_out
-from results.friction import friction_words
-from workers.presets import PRESETS
+from toppling.models.motions import idealised
+from toppling.models.motions.motion import Motion
+from toppling.models.scene import Scene
+from toppling.orchestrator.verbs.replay import way_of, write_out
+from toppling.results.friction import friction_words
+from toppling.workers.presets import PRESETS
 
 SHAPES = ("sawtooth", "sine", "cosine", "ricker")
 

@@ -11,8 +11,8 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from models.folder import new_file
-from results.run import ask, open_run
+from toppling.models.folder import new_file
+from toppling.results.run import ask, open_run
 
 SHOWN_ROWS = 60
 
@@ -32,7 +32,7 @@ def query(runs: tuple[str, ...], form: str | None, parquet: Path | None, describ
     \b
     toppling query runs/first --describe
     toppling query runs/first "select level_pga_m_s2, avg(toppled::int) p, count(toppled) n
-                               from results group by all order by all"
+                               from toppling.results group by all order by all"
     """  # noqa: D301  (\b keeps click from rewrapping the example)
     if describe:
         table = pa.Table.from_pylist(open_run(runs[0]).describe())

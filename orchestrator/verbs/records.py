@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 
 import click
 
-from models.errors import InputError
+from toppling.models.errors import InputError
 
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
 
-    from models.motions.importing import Refusal
+    from toppling.models.motions.importing import Refusal
 
 
 @click.group()
@@ -76,9 +76,9 @@ def import_(
     toppling records import RSN1158_KOCAELI_DZC*.AT2 --out ensembles/duzce
     toppling records import records/ --out ensembles/quakes --metadata records/catalog.csv
     """  # noqa: D301  (\b keeps click from rewrapping the example)
-    from models.motions.ensemble import Ensemble
-    from models.motions.importing import Wishes, import_records, record_files
-    from models.motions.metadata import looks_like_table, read_table
+    from toppling.models.motions.ensemble import Ensemble
+    from toppling.models.motions.importing import Wishes, import_records, record_files
+    from toppling.models.motions.metadata import looks_like_table, read_table
 
     _refuse_existing(out, replace)
     table = read_table(metadata) if metadata else []
@@ -162,11 +162,11 @@ def fetch(
     toppling records fetch --service SCEDC --stations CI.CLC,CI.CCC --start 2019-07-06T03:19:23 \\
         --end 2019-07-06T03:25:53 --out ensembles/two
     """  # noqa: D301  (\b keeps click from rewrapping the example)
-    from models.motions.ensemble import Ensemble
-    from models.motions.fetch import connect, find_event, utc
-    from models.motions.fetch import fetch as fetched
-    from models.motions.importing import Wishes, import_records
-    from models.motions.metadata import read_table
+    from toppling.models.motions.ensemble import Ensemble
+    from toppling.models.motions.fetch import connect, find_event, utc
+    from toppling.models.motions.fetch import fetch as fetched
+    from toppling.models.motions.importing import Wishes, import_records
+    from toppling.models.motions.metadata import read_table
 
     if not (event_id and (radius_km or stations)) and not (stations and start and end):
         message = "give --event with --radius or --stations, or --stations with --start and --end"
@@ -216,11 +216,11 @@ def show(ensemble: Path, figure: Path | None, as_json: bool) -> None:
     \b
     toppling records show ensembles/quakes --figure quakes.png
     """  # noqa: D301  (\b keeps click from rewrapping the example)
-    from models.motions.ensemble import Ensemble
+    from toppling.models.motions.ensemble import Ensemble
 
     loaded = Ensemble.load(ensemble)
     if figure:
-        from models.motions.figure import draw
+        from toppling.models.motions.figure import draw
 
         draw(loaded, figure)
     if as_json:
@@ -279,9 +279,9 @@ def select(
     """  # noqa: D301  (\b keeps click from rewrapping the example)
     import dataclasses
 
-    from models.motions.ensemble import Ensemble
-    from models.motions.selection import Choice, hazard_weights, read_deaggregation
-    from models.motions.selection import select as chosen
+    from toppling.models.motions.ensemble import Ensemble
+    from toppling.models.motions.selection import Choice, hazard_weights, read_deaggregation
+    from toppling.models.motions.selection import select as chosen
 
     _refuse_existing(out, replace)
     loaded = Ensemble.load(ensemble)
@@ -322,8 +322,8 @@ def synthesise(out: Path, count: int, seed: int, pulse_share: float, replace: bo
     \b
     toppling records synthesise --count 140 --seed 1 --out ensembles/synthetic
     """  # noqa: D301  (\b keeps click from rewrapping the example)
-    from models.motions.ensemble import Ensemble
-    from models.motions.synthetic import against_targets, synthetic_ensemble
+    from toppling.models.motions.ensemble import Ensemble
+    from toppling.models.motions.synthetic import against_targets, synthetic_ensemble
 
     _refuse_existing(out, replace)
     with _progress("making") as (progress, task):
@@ -355,7 +355,7 @@ def _no_record(files: int, where: str) -> InputError:
 
 
 def _refuse_existing(out: Path, replace: bool) -> None:
-    from models.motions.ensemble import CATALOG
+    from toppling.models.motions.ensemble import CATALOG
 
     if (out / CATALOG).exists() and not replace:
         raise InputError(

@@ -8,19 +8,21 @@ import pyarrow.compute as pc
 from rich.console import Console
 from rich.progress import track
 
-from models import InputError, Motion, Scene
-from models.motions.ensemble import Ensemble
-from orchestrator.campaign import Campaign
-from orchestrator.folder import place_in
-from results.friction import friction_words
-from results.replay import write_way
-from results.run import open_run
-from results.schema import SCHEMA, describe
-from results.store import whole_table
-from results.way import Way
-from workers import ShakeResult, shake
-from workers.job import Assets, JobSpec, outcome_of, prepared
-from workers.seating import settled
+from toppling.models.errors import InputError
+from toppling.models.motions.ensemble import Ensemble
+from toppling.models.motions.motion import Motion
+from toppling.models.scene import Scene
+from toppling.orchestrator.campaign import Campaign
+from toppling.orchestrator.folder import place_in
+from toppling.results.friction import friction_words
+from toppling.results.replay import write_way
+from toppling.results.run import open_run
+from toppling.results.schema import SCHEMA, describe
+from toppling.results.store import whole_table
+from toppling.results.way import Way
+from toppling.workers.job import Assets, JobSpec, outcome_of, prepared
+from toppling.workers.seating import settled
+from toppling.workers.shake import ShakeResult, shake
 
 SAME = 1e-9
 """Relative difference up to which two numbers are the same answer."""

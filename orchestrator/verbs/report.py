@@ -6,9 +6,9 @@ import click
 from rich.console import Console
 from rich.progress import Progress
 
-from orchestrator.folder import place_in
-from results.report import SECTIONS, report_page, write_page
-from results.run import open_run
+from toppling.orchestrator.folder import place_in
+from toppling.results.report import SECTIONS, report_page, write_page
+from toppling.results.run import open_run
 
 
 @click.command()

@@ -14,8 +14,8 @@ from typing import Any
 import click
 from click.core import ParameterSource
 
-from orchestrator.cluster import QUEUES
-from orchestrator.dispatch import Limits
+from toppling.orchestrator.cluster import QUEUES
+from toppling.orchestrator.dispatch import Limits
 
 FAILED_JOBS = 3
 INTERRUPTED = 130
@@ -91,12 +91,12 @@ def run(
     The same command again resumes: only jobs without a row are done. Exit code 3: some jobs have no answer, of
     this session or an earlier one; --again does them again, once what was in their way is mended.
     """  # noqa: D301  (\b keeps click from rewrapping the example)
-    from orchestrator.campaign import Campaign
-    from orchestrator.cluster import job_script
-    from orchestrator.progress import duration, watcher
-    from orchestrator.run import RunError
-    from orchestrator.run import run as carry_out
-    from orchestrator.status import state_of
+    from toppling.orchestrator.campaign import Campaign
+    from toppling.orchestrator.cluster import job_script
+    from toppling.orchestrator.progress import duration, watcher
+    from toppling.orchestrator.run import RunError
+    from toppling.orchestrator.run import run as carry_out
+    from toppling.orchestrator.status import state_of
 
     if dry_run:
         if queue is None:
@@ -164,7 +164,7 @@ def _cluster(
     tls_cert: Path | None,
     tls_key: Path | None,
 ) -> AbstractContextManager:
-    from orchestrator.cluster import existing, local, queue, tls_security
+    from toppling.orchestrator.cluster import existing, local, queue, tls_security
 
     given = {
         "--workers": workers, "--queue": queue_kind,

@@ -7,8 +7,9 @@ import click
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-from models import InputError, Scene
-from models.folder import refuse_existing
+from toppling.models.errors import InputError
+from toppling.models.folder import refuse_existing
+from toppling.models.scene import Scene
 
 REALISATIONS = 8
 LEAST_REALISATIONS = 3
@@ -85,11 +86,11 @@ def scan(
     toppling scan cloud.e57 --out scenes/rock --point 331250.1,3777309.2,480.3 \\
         --point 331251.0,3777310.4,480.2 --point 331249.4,3777310.8,480.4
     """  # noqa: D301  (\b keeps click from rewrapping the example)
-    from models.scan.measure import invention_warning
-    from models.scan.read import read_clouds
-    from models.scan.survey import STAGES, save_survey, survey
-    from models.scan.word import word_of
-    from orchestrator.plan import settling_notes
+    from toppling.models.scan.measure import invention_warning
+    from toppling.models.scan.read import read_clouds
+    from toppling.models.scan.survey import STAGES, save_survey, survey
+    from toppling.models.scan.word import word_of
+    from toppling.orchestrator.plan import settling_notes
 
     refuse_existing(out)
     word = word_of(plane, [_coordinates(point) for point in points], outline)

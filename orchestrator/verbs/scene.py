@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from models import Scene
+from toppling.models.scene import Scene
 
 
 @click.group()
@@ -26,9 +26,9 @@ def show(folder: Path, out: Path | None) -> None:
     \b
     toppling scene show scenes/rock --out pictures
     """  # noqa: D301  (\b keeps click from rewrapping the example)
-    from models.scan.page import write_page
-    from models.scan.picture import draw_scene
-    from orchestrator.plan import settling_notes
+    from toppling.models.scan.page import write_page
+    from toppling.models.scan.picture import draw_scene
+    from toppling.orchestrator.plan import settling_notes
 
     loaded = Scene.load(folder)
     target = out or folder
@@ -48,7 +48,7 @@ def export(folder: Path, file: Path) -> None:
     \b
     toppling scene export scenes/rock rock.glb
     """  # noqa: D301  (\b keeps click from rewrapping the example)
-    from models.scan.page import export_scene
+    from toppling.models.scan.page import export_scene
 
     export_scene(Scene.load(folder), file)
     click.echo(str(file))

@@ -17,8 +17,8 @@ def status(run: Path, as_json: bool) -> None:
     \b
     toppling status runs/first
     """  # noqa: D301  (\b keeps click from rewrapping the example)
-    from orchestrator.progress import duration
-    from orchestrator.status import state_of
+    from toppling.orchestrator.progress import duration
+    from toppling.orchestrator.status import state_of
 
     state = state_of(run)
     if as_json:

@@ -2,8 +2,8 @@
 
 import pyarrow as pa
 
-from results.run import open_run
-from results.schema import SCHEMA, SORT_ORDER, columns
+from toppling.results.run import open_run
+from toppling.results.schema import SCHEMA, SORT_ORDER, columns
 
 ANSWERS = columns("identity", "imposed", "outcome")
 

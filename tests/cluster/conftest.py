@@ -8,18 +8,18 @@ from pathlib import Path
 import pytest
 from answers import sorted_answers
 
-from models import Scene
-from models.motions.ensemble import Ensemble
-from models.motions.idealised import ricker
-from models.motions.record import Record
-from orchestrator.campaign import Campaign
-from orchestrator.cluster import local
-from orchestrator.folder import prepare
-from orchestrator.plan import plan
-from orchestrator.run import run
-from orchestrator.task import lost_row, versions
-from results.store import write_part
-from workers.job import Assets, run_job
+from toppling.models.motions.ensemble import Ensemble
+from toppling.models.motions.idealised import ricker
+from toppling.models.motions.record import Record
+from toppling.models.scene import Scene
+from toppling.orchestrator.campaign import Campaign
+from toppling.orchestrator.cluster import local
+from toppling.orchestrator.folder import prepare
+from toppling.orchestrator.plan import plan
+from toppling.orchestrator.run import run
+from toppling.orchestrator.task import lost_row, versions
+from toppling.results.store import write_part
+from toppling.workers.job import Assets, run_job
 
 FAULTS_VARIABLE = "TOPPLING_TEST_FAULTS"
 OTHER_CODE_VARIABLE = "TOPPLING_TEST_OTHER_CODE"

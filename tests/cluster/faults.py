@@ -6,7 +6,7 @@ import signal
 import time
 from pathlib import Path
 
-from orchestrator import task
+from toppling.orchestrator import task
 
 FAULTS_VARIABLE = "TOPPLING_TEST_FAULTS"
 OTHER_CODE_VARIABLE = "TOPPLING_TEST_OTHER_CODE"

@@ -16,8 +16,8 @@ from answers import answers_of
 from click.testing import CliRunner
 from conftest import OTHER_CODE_VARIABLE
 
-from orchestrator.cli import cli
-from orchestrator.status import state_of
+from toppling.orchestrator.cli import cli
+from toppling.orchestrator.status import state_of
 
 TOPPLING = str(Path(sys.executable).with_name("toppling"))
 DASK = str(Path(sys.executable).with_name("dask"))
@@ -112,7 +112,7 @@ def test_a_client_killed_between_writing_and_renaming_leaves_a_run_that_resumes(
     run = tmp_path / "run"
     # The renaming of a part is where this client dies.
     dies = (
-        "import os, pathlib, signal, sys; from orchestrator.cli import main; replace = pathlib.Path.replace\n"
+        "import os, pathlib, signal, sys; from toppling.orchestrator.cli import main; replace = pathlib.Path.replace\n"
         "def fatal(self, target):\n"
         "    if 'part-' in self.name: os.kill(os.getpid(), signal.SIGKILL)\n"
         "    return replace(self, target)\n"

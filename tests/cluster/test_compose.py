@@ -15,11 +15,11 @@ from pathlib import Path
 import pytest
 from answers import answers_of, differences, sorted_answers
 
-from models import Scene
-from models.motions.ensemble import Ensemble
-from orchestrator.campaign import Campaign
-from orchestrator.plan import plan
-from workers.job import Assets, run_job
+from toppling.models.motions.ensemble import Ensemble
+from toppling.models.scene import Scene
+from toppling.orchestrator.campaign import Campaign
+from toppling.orchestrator.plan import plan
+from toppling.workers.job import Assets, run_job
 
 PROJECT = Path(__file__).parents[2]
 PULLED_BASE = "python:3.11-slim"

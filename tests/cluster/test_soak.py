@@ -34,11 +34,11 @@ from conftest import FAULTS_VARIABLE, OTHER_CODE_VARIABLE
 from hosts import HUB_ADDRESS, Hosts, can_be_made
 from soaked_client import FATAL_RENAME_VARIABLE
 
-from models import Scene
-from models.motions.ensemble import Ensemble
-from orchestrator.campaign import Campaign
-from orchestrator.plan import plan
-from workers.job import Assets, run_job
+from toppling.models.motions.ensemble import Ensemble
+from toppling.models.scene import Scene
+from toppling.orchestrator.campaign import Campaign
+from toppling.orchestrator.plan import plan
+from toppling.workers.job import Assets, run_job
 
 FAULTS = int(os.environ.get("TOPPLING_SOAK_FAULTS", "300"))
 LIMIT_S = float(os.environ.get("TOPPLING_SOAK_S", "1500"))

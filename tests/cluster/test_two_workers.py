@@ -14,14 +14,14 @@ from answers import answers_of
 from conftest import STILLBORN_VARIABLE
 from distributed.core import Status
 
-from models import InputError
-from orchestrator import run as run_module
-from orchestrator.cluster import local
-from orchestrator.dispatch import Limits
-from orchestrator.run import RunError, run
-from orchestrator.status import state_of
-from results.run import open_run
-from results.store import write_part
+from toppling.models.errors import InputError
+from toppling.orchestrator import run as run_module
+from toppling.orchestrator.cluster import local
+from toppling.orchestrator.dispatch import Limits
+from toppling.orchestrator.run import RunError, run
+from toppling.orchestrator.status import state_of
+from toppling.results.run import open_run
+from toppling.results.store import write_part
 
 
 def test_two_workers_give_the_rows_of_one_process_bit_for_bit(carry_out, undisturbed, tmp_path):
@@ -349,7 +349,7 @@ def _error_of(carry_out, folder):
 
 
 def test_workers_without_the_run_are_refused_before_any_job(client, planned, tmp_path):
-    from orchestrator.task import Order, versions
+    from toppling.orchestrator.task import Order, versions
 
     order = Order(str(tmp_path / "absent"), planned.scene_id, planned.ensemble_id, versions())
     with pytest.raises(InputError, match=r"workers are unfit.*cannot read the run"):
@@ -357,7 +357,7 @@ def test_workers_without_the_run_are_refused_before_any_job(client, planned, tmp
 
 
 def test_workers_of_another_version_are_refused_before_any_job(client, planned, inputs):
-    from orchestrator.task import Order, versions
+    from toppling.orchestrator.task import Order, versions
 
     other = tuple((name, "0.0" if name == "pybullet" else version) for name, version in versions())
     order = Order(str(inputs), planned.scene_id, planned.ensemble_id, other)
@@ -366,7 +366,7 @@ def test_workers_of_another_version_are_refused_before_any_job(client, planned, 
 
 
 def test_workers_that_see_another_scene_are_refused(client, planned, inputs):
-    from orchestrator.task import Order, versions
+    from toppling.orchestrator.task import Order, versions
 
     order = Order(str(inputs), "0" * 20, planned.ensemble_id, versions())
     with pytest.raises(InputError, match=f"holds scene {planned.scene_id}, not 0000"):

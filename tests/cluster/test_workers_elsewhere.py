@@ -10,10 +10,10 @@ import dask
 import pytest
 from distributed import Client, LocalCluster
 
-from models import InputError
-from orchestrator.cluster import Upkeep
-from orchestrator.run import check_workers
-from orchestrator.task import Order, versions
+from toppling.models.errors import InputError
+from toppling.orchestrator.cluster import Upkeep
+from toppling.orchestrator.run import check_workers
+from toppling.orchestrator.task import Order, versions
 
 PATIENCE_S = 60.0
 
@@ -22,7 +22,7 @@ import sys
 
 class Absent:
     def find_spec(self, name, path=None, target=None):
-        if name.partition(".")[0] in ("orchestrator", "workers"):
+        if name.partition(".")[0] == "toppling":
             raise ModuleNotFoundError(f"No module named {name!r}")
 
 sys.meta_path.insert(0, Absent())

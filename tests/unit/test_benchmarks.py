@@ -9,8 +9,9 @@ import pandas as pd
 import pybullet
 import pytest
 
-from models import Motion, Scene
-from workers import shake
+from toppling.models.motions.motion import Motion
+from toppling.models.scene import Scene
+from toppling.workers.shake import shake
 
 
 @pytest.fixture

@@ -7,10 +7,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import ConvexHull
 
-from models import Pedestal, Rock
-from models.relief import contact_feet_m, height_below
-from models.shapes import box
-from models.statics import quasi_static_toppling_m_s2
+from toppling.models.pedestal import Pedestal
+from toppling.models.relief import contact_feet_m, height_below
+from toppling.models.rock import Rock
+from toppling.models.shapes import box
+from toppling.models.statics import quasi_static_toppling_m_s2
 
 G = 9.81
 UP = np.array([0.0, 0.0, 1.0])

@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 
-from models import InputError, Rock, Scene
-from models.shapes import box, ellipsoid
+from toppling.models.errors import InputError
+from toppling.models.rock import Rock
+from toppling.models.scene import Scene
+from toppling.models.shapes import box, ellipsoid
 
 UTM_M = np.array([431_234.0, 3_777_345.0, 480.25])
 ROCK = ellipsoid((0.6, 0.5, 0.9), 3)

@@ -10,23 +10,23 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from models import Scene
-from models.frames import horizontal_unit_vector, plane_normal
-from models.motions.ensemble import Ensemble
-from models.motions.idealised import ricker
-from models.motions.record import Record
-from models.scan.survey import Survey
-from models.settling import Settling
-from models.shapes import box
-from orchestrator.campaign import Campaign
-from orchestrator.cli import cli
-from orchestrator.folder import describe, prepare
-from orchestrator.plan import check_stands, plan
-from orchestrator.run import run
-from orchestrator.verbs.scan import scan
-from orchestrator.verbs.scene import scene
-from results import open_run
-from results.report import _scene
+from toppling.models.frames import horizontal_unit_vector, plane_normal
+from toppling.models.motions.ensemble import Ensemble
+from toppling.models.motions.idealised import ricker
+from toppling.models.motions.record import Record
+from toppling.models.scan.survey import Survey
+from toppling.models.scene import Scene
+from toppling.models.settling import Settling
+from toppling.models.shapes import box
+from toppling.orchestrator.campaign import Campaign
+from toppling.orchestrator.cli import cli
+from toppling.orchestrator.folder import describe, prepare
+from toppling.orchestrator.plan import check_stands, plan
+from toppling.orchestrator.run import run
+from toppling.orchestrator.verbs.scan import scan
+from toppling.orchestrator.verbs.scene import scene
+from toppling.results.report import _scene
+from toppling.results.run import open_run
 
 ROCK = box(0.3, 0.2, 0.5).moved(np.eye(3), (0.4, -0.3, 0.5))
 TOLD = "the rock settles by 1.0° toward azimuth 180° (0.02 m at its farthest point) before it is shaken"
@@ -137,9 +137,9 @@ def test_the_scenes_page_and_the_console_say_by_how_much_the_rock_settles(campai
 def test_a_scan_is_written_and_says_how_its_rock_stands(monkeypatch, tmp_path, tilt_deg, said):
     found = Survey(leaning(tilt_deg), np.zeros(0, np.int8))
     drawn = []
-    monkeypatch.setattr("models.scan.read.read_clouds", lambda _: None)
-    monkeypatch.setattr("models.scan.survey.survey", lambda *_: found)
-    monkeypatch.setattr("models.scan.survey.draw_scene", lambda *told: drawn.extend(told[2]))
+    monkeypatch.setattr("toppling.models.scan.read.read_clouds", lambda _: None)
+    monkeypatch.setattr("toppling.models.scan.survey.survey", lambda *_: found)
+    monkeypatch.setattr("toppling.models.scan.survey.draw_scene", lambda *told: drawn.extend(told[2]))
     done = CliRunner().invoke(scan, ["a.laz", "--out", str(tmp_path / "a")], catch_exceptions=False)
     assert Scene.load(tmp_path / "a").id == found.scene.id
     told = done.stdout.splitlines()[1:]

@@ -7,10 +7,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import linprog
 
-from models import ContactProperties, Pedestal, Rock, Scene
-from models.frames import plane_axes, plane_normal
-from models.shapes import box, ellipsoid
-from models.statics import (
+from toppling.models.frames import plane_axes, plane_normal
+from toppling.models.pedestal import Pedestal
+from toppling.models.rock import Rock
+from toppling.models.scene import ContactProperties, Scene
+from toppling.models.shapes import box, ellipsoid
+from toppling.models.statics import (
     equilibrium_possible,
     lift_off_m_s2,
     quasi_static_toppling_m_s2,

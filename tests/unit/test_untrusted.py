@@ -7,11 +7,11 @@ import pickle
 import pytest
 from click.testing import CliRunner
 
-from models import InputError, Scene
-from models.motions.formats import seismic
-from models.motions.formats.reading import read_file
-from models.scene import read_triangles
-from orchestrator.cli import cli
+from toppling.models.errors import InputError
+from toppling.models.motions.formats import seismic
+from toppling.models.motions.formats.reading import read_file
+from toppling.models.scene import Scene, read_triangles
+from toppling.orchestrator.cli import cli
 
 
 class Trap:

@@ -9,16 +9,17 @@ import trimesh
 from scipy.optimize import fsolve
 from scipy.spatial.transform import Rotation
 
-from models import Motion, Scene
-from models.frames import azimuth_deg, horizontal_unit_vector
-from models.pedestal import Pedestal
-from models.shapes import box, cylinder
-from workers import shake
-from workers.presets import settings_of
-from workers.reference import closed_forms as exact
-from workers.reference.rocking import Ground, PlaneBody, overturns
-from workers.reference.rocking import rock as rock_in_plane
-from workers.reference.sliding_rocking import PlaneContact, slide_and_rock
+from toppling.models.frames import azimuth_deg, horizontal_unit_vector
+from toppling.models.motions.motion import Motion
+from toppling.models.pedestal import Pedestal
+from toppling.models.scene import Scene
+from toppling.models.shapes import box, cylinder
+from toppling.workers.presets import settings_of
+from toppling.workers.reference import closed_forms as exact
+from toppling.workers.reference.rocking import Ground, PlaneBody, overturns
+from toppling.workers.reference.rocking import rock as rock_in_plane
+from toppling.workers.reference.sliding_rocking import PlaneContact, slide_and_rock
+from toppling.workers.shake import shake
 
 G = 9.81
 GRIP = 10.0  # friction that holds the corner in every rocking case

@@ -10,11 +10,12 @@ import engine_cases as case
 import numpy as np
 import pytest
 
-from models import Motion, Scene
-from workers import shake
-from workers.reference.closed_forms import landing_boundary, rock_friction_boundary
-from workers.reference.rocking import PlaneBody
-from workers.reference.sliding_rocking import PlaneContact, slide_and_rock
+from toppling.models.motions.motion import Motion
+from toppling.models.scene import Scene
+from toppling.workers.reference.closed_forms import landing_boundary, rock_friction_boundary
+from toppling.workers.reference.rocking import PlaneBody
+from toppling.workers.reference.sliding_rocking import PlaneContact, slide_and_rock
+from toppling.workers.shake import shake
 
 TARGET = {"standard": 0.002, "reference": 0.0005}  # of times, thresholds, impact ratios and slip
 LOSS_TARGET = 0.03  # of the energy lost in an impact

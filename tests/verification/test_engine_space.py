@@ -9,9 +9,10 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from models import Motion, Scene
-from models.shapes import box
-from workers import shake
+from toppling.models.motions.motion import Motion
+from toppling.models.scene import Scene
+from toppling.models.shapes import box
+from toppling.workers.shake import shake
 
 G = case.G
 ROCK = box(0.2, 0.3, 0.6)

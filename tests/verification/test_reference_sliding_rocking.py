@@ -5,9 +5,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from workers.reference import closed_forms as exact
-from workers.reference.rocking import Ground, PlaneBody, rock
-from workers.reference.sliding_rocking import PlaneContact, corner_places_m, slide_and_rock
+from toppling.workers.reference import closed_forms as exact
+from toppling.workers.reference.rocking import Ground, PlaneBody, rock
+from toppling.workers.reference.sliding_rocking import PlaneContact, corner_places_m, slide_and_rock
 
 G = 9.81
 BODY = PlaneBody.rectangle(0.2, 0.6)

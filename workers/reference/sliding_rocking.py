@@ -19,7 +19,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from workers.reference.rocking import PlaneBody
+from toppling.workers.reference.rocking import PlaneBody
 
 Array = NDArray[np.float64]
 

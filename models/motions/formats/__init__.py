@@ -1,5 +1,5 @@
 """Readers, one file format a module. The format is found by content; nothing here knows what a record is."""
 
-from models.motions.formats.reading import read_file
+from toppling.models.motions.formats.reading import read_file
 
 __all__ = ["read_file"]

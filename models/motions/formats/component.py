@@ -8,7 +8,7 @@ from typing import NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
-from models.errors import InputError
+from toppling.models.errors import InputError
 
 UP, DOWN = "up", "down"
 UNITS_M_S2 = {

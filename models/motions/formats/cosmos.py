@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from models.motions.formats.component import (
+from toppling.models.motions.formats.component import (
     DOWN,
     UP,
     Component,

@@ -3,7 +3,14 @@
 import re
 from pathlib import Path
 
-from models.motions.formats.component import Component, bearing, exactly, numbers_in, positive, refuse
+from toppling.models.motions.formats.component import (
+    Component,
+    bearing,
+    exactly,
+    numbers_in,
+    positive,
+    refuse,
+)
 
 NAME = "GeoNet V1A/V2A"
 TEXT_LINES, NUMBER_LINES = 16, 10

@@ -3,7 +3,7 @@
 import re
 from pathlib import Path
 
-from models.motions.formats.component import (
+from toppling.models.motions.formats.component import (
     UNITS_M_S2,
     Component,
     bearing,

@@ -3,7 +3,14 @@
 import re
 from pathlib import Path
 
-from models.motions.formats.component import Component, bearing, exactly, numbers_in, positive, refuse
+from toppling.models.motions.formats.component import (
+    Component,
+    bearing,
+    exactly,
+    numbers_in,
+    positive,
+    refuse,
+)
 
 NAME = "PEER AT2"
 _COUNT = re.compile(r"NPTS\s*=?\s*(\d+)", re.IGNORECASE)

@@ -3,9 +3,9 @@
 from pathlib import Path
 from typing import Any, Protocol
 
-from models.motions.formats import columns, cosmos, geonet, peer, seismic, smc, volumes
-from models.motions.formats.component import Component, refuse
-from models.motions.formats.keyed import cwb, esm, unam
+from toppling.models.motions.formats import columns, cosmos, geonet, peer, seismic, smc, volumes
+from toppling.models.motions.formats.component import Component, refuse
+from toppling.models.motions.formats.keyed import cwb, esm, unam
 
 
 class Reader(Protocol):

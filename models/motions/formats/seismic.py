@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from models.errors import InputError
-from models.motions.formats.component import DOWN, UP, Component, bearing, positive, refuse
+from toppling.models.errors import InputError
+from toppling.models.motions.formats.component import DOWN, UP, Component, bearing, positive, refuse
 
 NAME = "ObsPy"
 FORMATS = (

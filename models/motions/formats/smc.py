@@ -3,7 +3,7 @@
 import re
 from pathlib import Path
 
-from models.motions.formats.component import (
+from toppling.models.motions.formats.component import (
     DOWN,
     UP,
     Component,

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from models.motions.formats.component import (
+from toppling.models.motions.formats.component import (
     UNITS_M_S2,
     Component,
     bearing,

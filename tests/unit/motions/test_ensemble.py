@@ -8,9 +8,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from models import InputError
-from models.motions.ensemble import CATALOG, MOTIONS, Ensemble
-from models.motions.synthetic import synthetic_ensemble
+from toppling.models.errors import InputError
+from toppling.models.motions.ensemble import CATALOG, MOTIONS, Ensemble
+from toppling.models.motions.synthetic import synthetic_ensemble
 
 
 @pytest.fixture(scope="module")
@@ -101,7 +101,7 @@ def test_a_folder_without_an_ensemble_and_an_unknown_record_are_refused(ensemble
 
 def test_an_ensemble_of_another_version_is_refused(made, tmp_path, monkeypatch):
     with monkeypatch.context() as other:
-        other.setattr("models.motions.ensemble.SCHEMA_VERSION", "0")
+        other.setattr("toppling.models.motions.ensemble.SCHEMA_VERSION", "0")
         Ensemble.write(tmp_path / "old", made[:1])
     with pytest.raises(InputError, match="of version 0"):
         Ensemble.load(tmp_path / "old")

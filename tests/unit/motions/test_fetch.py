@@ -14,10 +14,10 @@ from obspy.clients.fdsn.header import DEFAULT_PARAMETERS
 from obspy.core.event import Catalog, Event, EventDescription, Magnitude, Origin
 from obspy.core.inventory import Channel, Inventory, Network, Response, Station
 
-from models import InputError
-from models.motions.ensemble import Ensemble
-from models.motions.fetch import fetch
-from orchestrator.cli import cli
+from toppling.models.errors import InputError
+from toppling.models.motions.ensemble import Ensemble
+from toppling.models.motions.fetch import fetch
+from toppling.orchestrator.cli import cli
 
 ORIGIN = obspy.UTCDateTime(2019, 7, 6, 3, 19, 53)
 COUNTS = 213945.0  # to 1 m/s2

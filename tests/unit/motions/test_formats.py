@@ -8,14 +8,14 @@ import pytest
 from motion_samples import COUNT, STEP_S, WRITERS, columns, peer, shaking
 from obspy.core.inventory import Channel, Inventory, Network, Response, Station
 
-from models import InputError
-from models.motions.formats import read_file
-from models.motions.formats.component import bearing, code_direction
-from models.motions.importing import Wishes, import_records, record_files
-from models.motions.metadata import read_table
-from models.motions.motion import Motion
-from models.motions.processing import end_at_rest
-from models.motions.record import Record
+from toppling.models.errors import InputError
+from toppling.models.motions.formats import read_file
+from toppling.models.motions.formats.component import bearing, code_direction
+from toppling.models.motions.importing import Wishes, import_records, record_files
+from toppling.models.motions.metadata import read_table
+from toppling.models.motions.motion import Motion
+from toppling.models.motions.processing import end_at_rest
+from toppling.models.motions.record import Record
 
 # what each format's printing rounds off, m/s2: half of its last digit
 ROUNDING = {

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from models.motions import idealised
-from models.motions.intensity import displacement_m, measure, velocity_m_s
-from orchestrator.verbs.pulse import pulse, pulse_motion
+from toppling.models.motions import idealised
+from toppling.models.motions.intensity import displacement_m, measure, velocity_m_s
+from toppling.orchestrator.verbs.pulse import pulse, pulse_motion
 
 
 def test_full_sine_leaves_the_ground_at_rest_and_displaced():

@@ -5,11 +5,12 @@ import time
 import numpy as np
 import pytest
 
-from models import InputError, Motion
-from models.motions.impose import impose
-from models.motions.intensity import SCALING_POWER, displacement_m, measure
-from models.motions.record import Record
-from models.motions.synthetic import synthetic_ensemble
+from toppling.models.errors import InputError
+from toppling.models.motions.impose import impose
+from toppling.models.motions.intensity import SCALING_POWER, displacement_m, measure
+from toppling.models.motions.motion import Motion
+from toppling.models.motions.record import Record
+from toppling.models.motions.synthetic import synthetic_ensemble
 
 
 @pytest.fixture(scope="module")

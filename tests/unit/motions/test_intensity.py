@@ -7,10 +7,9 @@ import eqsig.im
 import numpy as np
 import pytest
 
-from models import Motion
-from models.motions.formats import read_file
-from models.motions.idealised import full_sine
-from models.motions.intensity import (
+from toppling.models.motions.formats import read_file
+from toppling.models.motions.idealised import full_sine
+from toppling.models.motions.intensity import (
     arias_m_s,
     directionality,
     duration_between_shares_s,
@@ -19,7 +18,8 @@ from models.motions.intensity import (
     rotated_peaks,
     spectral_acceleration_m_s2,
 )
-from models.motions.synthetic import synthetic_ensemble
+from toppling.models.motions.motion import Motion
+from toppling.models.motions.synthetic import synthetic_ensemble
 
 RECORDS = Path(__file__).resolve().parents[4] / "shared" / "data" / "records"
 real_data = pytest.mark.skipif(not RECORDS.is_dir(), reason="../shared/data/records is not here")

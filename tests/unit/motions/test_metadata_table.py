@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 from motion_samples import WRITERS, shaking
 
-from models import InputError
-from models.motions.importing import import_records, record_files
-from models.motions.metadata import read_table
+from toppling.models.errors import InputError
+from toppling.models.motions.importing import import_records, record_files
+from toppling.models.motions.metadata import read_table
 
 
 def with_rows(folder: Path, *rows: str):

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from motion_samples import WRITERS, shaking
 
-from models.motions.importing import Wishes, import_records
-from models.motions.metadata import read_table
+from toppling.models.motions.importing import Wishes, import_records
+from toppling.models.motions.metadata import read_table
 
 FEW, MANY = 8, 60
 """Mutations of each format: a sample every time, more than a thousand with the slow tests."""

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from motion_samples import STEP_S, shaking
 
-from models import InputError
-from models.motions.formats import read_file
-from models.motions.importing import Wishes, import_records
-from models.motions.metadata import read_table
+from toppling.models.errors import InputError
+from toppling.models.motions.formats import read_file
+from toppling.models.motions.importing import Wishes, import_records
+from toppling.models.motions.metadata import read_table
 
 UP_NORTH_EAST = [2, 1, 0]
 

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from models.motions.formats import read_file
-from models.motions.importing import import_records, record_files
-from models.motions.metadata import read_table
+from toppling.models.motions.formats import read_file
+from toppling.models.motions.importing import import_records, record_files
+from toppling.models.motions.metadata import read_table
 
 RECORDS = Path(__file__).resolve().parents[4] / "shared" / "data" / "records"
 pytestmark = pytest.mark.skipif(not RECORDS.is_dir(), reason="../shared/data/records is not here")

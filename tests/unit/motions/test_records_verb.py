@@ -7,9 +7,9 @@ import pytest
 from click.testing import CliRunner
 from motion_samples import WRITERS, shaking
 
-from models import InputError
-from models.motions.ensemble import Ensemble
-from orchestrator.cli import cli
+from toppling.models.errors import InputError
+from toppling.models.motions.ensemble import Ensemble
+from toppling.orchestrator.cli import cli
 
 
 def run(*arguments, expect=0):

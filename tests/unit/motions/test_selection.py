@@ -4,11 +4,11 @@ import dataclasses
 
 import pytest
 
-from models import InputError
-from models.motions.ensemble import Ensemble
-from models.motions.idealised import full_sine
-from models.motions.record import Record
-from models.motions.selection import Choice, hazard_weights, read_deaggregation, select
+from toppling.models.errors import InputError
+from toppling.models.motions.ensemble import Ensemble
+from toppling.models.motions.idealised import full_sine
+from toppling.models.motions.record import Record
+from toppling.models.motions.selection import Choice, hazard_weights, read_deaggregation, select
 
 
 @pytest.fixture(scope="module")

@@ -6,9 +6,9 @@ import obspy
 import pytest
 from motion_samples import WRITERS, shaking
 
-from models.motions.formats import read_file
-from models.motions.importing import Wishes, import_records, record_files
-from models.motions.metadata import read_table
+from toppling.models.motions.formats import read_file
+from toppling.models.motions.importing import Wishes, import_records, record_files
+from toppling.models.motions.metadata import read_table
 
 NAMED_V2 = {"Rcrd of Tue Dec 20, 2022": "TESTQUAKE", "Preliminary": "DECEMBER 20, 2022 02:34 PST"}
 ORIGINS = [

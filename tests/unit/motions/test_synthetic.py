@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from models.motions.intensity import measure, velocity_m_s
-from models.motions.synthetic import (
+from toppling.models.motions.intensity import measure, velocity_m_s
+from toppling.models.motions.synthetic import (
     BOORE_1997,
     Scenario,
     acceleration_spectrum_m_s,

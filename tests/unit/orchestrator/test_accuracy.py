@@ -8,14 +8,22 @@ import pytest
 from click.testing import CliRunner
 from scipy.spatial.transform import Rotation
 
-from models import ContactProperties, InputError, Scene
-from models.motions.ensemble import Ensemble
-from models.motions.synthetic import synthetic_ensemble
-from models.shapes import box
-from orchestrator import front
-from orchestrator.front import Setting, answers, compare, disturbed_motions, disturbed_start, draw_jobs
-from orchestrator.verbs.accuracy import accuracy
-from workers.presets import PRESETS
+from toppling.models.errors import InputError
+from toppling.models.motions.ensemble import Ensemble
+from toppling.models.motions.synthetic import synthetic_ensemble
+from toppling.models.scene import ContactProperties, Scene
+from toppling.models.shapes import box
+from toppling.orchestrator import front
+from toppling.orchestrator.front import (
+    Setting,
+    answers,
+    compare,
+    disturbed_motions,
+    disturbed_start,
+    draw_jobs,
+)
+from toppling.orchestrator.verbs.accuracy import accuracy
+from toppling.workers.presets import PRESETS
 
 COUNT = 40
 FAST = Setting(PRESETS["fast"])

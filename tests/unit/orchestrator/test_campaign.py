@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from models import InputError
-from orchestrator.campaign import Campaign
+from toppling.models.errors import InputError
+from toppling.orchestrator.campaign import Campaign
 
 GOOD = {
     "scene": "scenes/echo",

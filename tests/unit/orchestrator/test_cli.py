@@ -7,7 +7,7 @@ import click
 import pytest
 from click.testing import CliRunner
 
-from orchestrator.cli import VERBS, cli, main
+from toppling.orchestrator.cli import VERBS, cli, main
 
 
 @pytest.mark.parametrize("verb", VERBS)
@@ -20,8 +20,8 @@ def test_every_verb_is_there_and_begins_its_help_as_the_list_does(verb):
 
 def test_the_list_of_verbs_imports_none():
     program = (
-        "import sys; from orchestrator.cli import cli; cli(['--help'], standalone_mode=False); "
-        "assert not [name for name in sys.modules if name.startswith('orchestrator.verbs.')]"
+        "import sys; from toppling.orchestrator.cli import cli; cli(['--help'], standalone_mode=False); "
+        "assert not [name for name in sys.modules if name.startswith('toppling.orchestrator.verbs.')]"
     )
     told = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout
     assert all(line in " ".join(told.split()) for line in VERBS.values())

@@ -4,8 +4,8 @@ import threading
 
 import pytest
 
-from models import InputError
-from orchestrator.cluster import existing
+from toppling.models.errors import InputError
+from toppling.orchestrator.cluster import existing
 
 
 def test_an_address_that_asks_for_tls_is_refused_without_certificates_and_nothing_is_left_open():

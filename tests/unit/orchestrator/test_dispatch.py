@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from orchestrator.dispatch import JOBS_IN_BATCH, Dispatch, Limits, why_given_up
-from orchestrator.run import budget_s, room_for
+from toppling.orchestrator.dispatch import JOBS_IN_BATCH, Dispatch, Limits, why_given_up
+from toppling.orchestrator.run import budget_s, room_for
 
 
 def dispatch_of(records):

@@ -11,15 +11,16 @@ import pyarrow.parquet as pq
 import pytest
 from click.testing import CliRunner
 
-from models import InputError, Scene
-from models.motions.ensemble import Ensemble
-from models.motions.idealised import ricker
-from models.motions.record import Record
-from orchestrator.campaign import Campaign
-from orchestrator.cli import cli
-from orchestrator.folder import describe, place_in, prepare
-from orchestrator.plan import plan
-from orchestrator.run import run
+from toppling.models.errors import InputError
+from toppling.models.motions.ensemble import Ensemble
+from toppling.models.motions.idealised import ricker
+from toppling.models.motions.record import Record
+from toppling.models.scene import Scene
+from toppling.orchestrator.campaign import Campaign
+from toppling.orchestrator.cli import cli
+from toppling.orchestrator.folder import describe, place_in, prepare
+from toppling.orchestrator.plan import plan
+from toppling.orchestrator.run import run
 
 VERSIONS = {"physics": "1"}
 
@@ -192,11 +193,11 @@ def test_a_rock_that_does_not_stand_by_itself_is_refused_once_and_before_anythin
 MILLION = """
 import sys
 from pathlib import Path
-from models import Scene
-from models.motions.ensemble import Ensemble
-from orchestrator.campaign import Campaign
-from orchestrator.dispatch import Dispatch
-from orchestrator.plan import plan
+from toppling.models.scene import Scene
+from toppling.models.motions.ensemble import Ensemble
+from toppling.orchestrator.campaign import Campaign
+from toppling.orchestrator.dispatch import Dispatch
+from toppling.orchestrator.plan import plan
 folder = Path(sys.argv[1])
 content = {"scene": "scene", "ensemble": "ensemble", "pga_m_s2": {"start": 0.1, "stop": 10, "step": 0.1},
            "azimuth_deg": list(range(0, 360, 3)), "friction": [0.9], "realisations": 28}

@@ -5,8 +5,8 @@ import time
 import numpy as np
 import pytest
 
-from orchestrator.progress import duration, told
-from orchestrator.run import Tally
+from toppling.orchestrator.progress import duration, told
+from toppling.orchestrator.run import Tally
 
 
 @pytest.mark.parametrize(

@@ -14,16 +14,16 @@ from PIL import Image
 sys.path.insert(0, str(Path(__file__).parents[2]))
 from browser import needs_browser, shown
 
-from models import Scene
-from models.motions import idealised
-from models.motions.ensemble import Ensemble
-from models.motions.record import Record
-from orchestrator.campaign import Campaign
-from orchestrator.cli import cli
-from orchestrator.folder import prepare
-from orchestrator.plan import plan
-from results.store import write_part
-from workers.job import Assets, run_job
+from toppling.models.motions import idealised
+from toppling.models.motions.ensemble import Ensemble
+from toppling.models.motions.record import Record
+from toppling.models.scene import Scene
+from toppling.orchestrator.campaign import Campaign
+from toppling.orchestrator.cli import cli
+from toppling.orchestrator.folder import prepare
+from toppling.orchestrator.plan import plan
+from toppling.results.store import write_part
+from toppling.workers.job import Assets, run_job
 
 HALF_WIDTH_M, HALF_HEIGHT_M = 0.2, 0.6
 UPLIFT_M_S2 = 9.81 * HALF_WIDTH_M / HALF_HEIGHT_M
@@ -214,7 +214,7 @@ def test_a_folder_without_seismograms_is_refused(scene, tmp_path):
 
 @pytest.mark.parametrize("shape", ["sawtooth", "sine", "cosine", "ricker"])
 def test_every_pulse_reaches_its_velocity_along_its_azimuth(shape):
-    from orchestrator.verbs.pulse import pulse_motion
+    from toppling.orchestrator.verbs.pulse import pulse_motion
 
     motion = pulse_motion(shape, 5.0, 3.5, 135.0)
     velocity = motion.velocity_at(motion.time_s)

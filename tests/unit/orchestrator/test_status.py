@@ -9,18 +9,19 @@ from datetime import UTC, datetime, timedelta
 import pytest
 from click.testing import CliRunner
 
-from models import InputError, Scene
-from models.motions.ensemble import Ensemble
-from models.motions.idealised import ricker
-from models.motions.record import Record
-from orchestrator.campaign import Campaign
-from orchestrator.cli import cli
-from orchestrator.folder import prepare, session
-from orchestrator.journal import journal, tell
-from orchestrator.plan import EQUAL_SHARE_S, plan
-from orchestrator.status import REASONS_SHOWN, state_of
-from orchestrator.task import lost_row
-from results.store import write_part
+from toppling.models.errors import InputError
+from toppling.models.motions.ensemble import Ensemble
+from toppling.models.motions.idealised import ricker
+from toppling.models.motions.record import Record
+from toppling.models.scene import Scene
+from toppling.orchestrator.campaign import Campaign
+from toppling.orchestrator.cli import cli
+from toppling.orchestrator.folder import prepare, session
+from toppling.orchestrator.journal import journal, tell
+from toppling.orchestrator.plan import EQUAL_SHARE_S, plan
+from toppling.orchestrator.status import REASONS_SHOWN, state_of
+from toppling.orchestrator.task import lost_row
+from toppling.results.store import write_part
 
 
 def plan_of(records, tmp_path):
@@ -123,7 +124,7 @@ def test_jobs_to_be_done_again_are_told_while_the_session_goes_on_and_no_longer(
 
 def test_a_look_at_the_state_keeps_no_session_from_beginning(planned, tmp_path, monkeypatch):
     monkeypatch.setattr(
-        "orchestrator.folder.LOCK_PATIENCE_S", 30.0
+        "toppling.orchestrator.folder.LOCK_PATIENCE_S", 30.0
     )  # the timer may be late on a busy machine
     # As long as state_of looks, it holds the lock, shared; here for longer, so that the session meets it.
     with (tmp_path / "run" / ".lock").open("a") as lock:

@@ -8,13 +8,13 @@ import pytest
 from click.testing import CliRunner
 from seeded import THETA_M_S, rows
 
-from models import InputError
-from orchestrator.cli import cli
-from results.atlas import write_fits
-from results.exchange import write_curves
-from results.fits import Basis, Lognormal
-from results.run import open_run
-from results.store import write_part
+from toppling.models.errors import InputError
+from toppling.orchestrator.cli import cli
+from toppling.results.atlas import write_fits
+from toppling.results.exchange import write_curves
+from toppling.results.fits import Basis, Lognormal
+from toppling.results.run import open_run
+from toppling.results.store import write_part
 
 
 @pytest.fixture

@@ -5,13 +5,13 @@ import pytest
 from click.testing import CliRunner
 from seeded import row, rows
 
-from models import Scene
-from orchestrator.cli import cli
-from results.directions import sector_share, topple_rose
-from results.figures import friction_figure
-from results.fragility import CONTACT_COLUMNS, PLANES
-from results.friction import compare_cells, compare_frictions, compare_jobs
-from results.store import write_part
+from toppling.models.scene import Scene
+from toppling.orchestrator.cli import cli
+from toppling.results.directions import sector_share, topple_rose
+from toppling.results.figures import friction_figure
+from toppling.results.fragility import CONTACT_COLUMNS, PLANES
+from toppling.results.friction import compare_cells, compare_frictions, compare_jobs
+from toppling.results.store import write_part
 
 
 def frame_of(jobs):

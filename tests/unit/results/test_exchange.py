@@ -10,12 +10,12 @@ from hypothesis import strategies as st
 from scipy.stats import lognorm
 from seeded import rows
 
-from models import InputError
-from results.atlas import write_fits
-from results.exchange import OPENQUAKE, moments, of_moments, read_curves, write_curves
-from results.fits import MEASURES, Basis, Lognormal
-from results.fragility import CONTACT_COLUMNS
-from results.schema import SCHEMA, describe
+from toppling.models.errors import InputError
+from toppling.results.atlas import write_fits
+from toppling.results.exchange import OPENQUAKE, moments, of_moments, read_curves, write_curves
+from toppling.results.fits import MEASURES, Basis, Lognormal
+from toppling.results.fragility import CONTACT_COLUMNS
+from toppling.results.schema import SCHEMA, describe
 
 CURVES = st.builds(
     Lognormal, st.sampled_from(sorted(OPENQUAKE)), median=st.floats(1e-3, 1e3), beta=st.floats(0.01, 2.0)

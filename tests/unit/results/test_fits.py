@@ -8,8 +8,8 @@ import pytest
 from scipy.stats import norm
 from seeded import BETA, THETA_M_S, rows
 
-from results.figures import fit_figure
-from results.fits import (
+from toppling.results.figures import fit_figure
+from toppling.results.fits import (
     Lognormal,
     answered,
     bootstrap,
@@ -21,8 +21,8 @@ from results.fits import (
     out_of_fold,
     scores,
 )
-from results.fragility import wilson
-from results.schema import SCHEMA
+from toppling.results.fragility import wilson
+from toppling.results.schema import SCHEMA
 
 
 @pytest.fixture(scope="module")
@@ -142,7 +142,7 @@ def test_each_job_is_predicted_by_a_fit_to_other_records(jobs, monkeypatch):
         held_out.append(set(jobs["record_id"]) - set(frame["record_id"]))
         return fit(frame, *rest)
 
-    monkeypatch.setattr("results.fits.fit", seen)
+    monkeypatch.setattr("toppling.results.fits.fit", seen)
     predicted = out_of_fold(jobs, ["pgv_m_s"])
     assert sorted(record for held in held_out for record in held) == sorted(jobs["record_id"].unique())
     for held in held_out:

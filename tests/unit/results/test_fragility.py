@@ -12,11 +12,11 @@ from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 from seeded import row, rows
 
-from orchestrator.cli import cli
-from results.atlas import write_maps
-from results.figures import direction_figure, map_figure, save
-from results.fits import answered, fit
-from results.fragility import (
+from toppling.orchestrator.cli import cli
+from toppling.results.atlas import write_maps
+from toppling.results.figures import direction_figure, map_figure, save
+from toppling.results.fits import answered, fit
+from toppling.results.fragility import (
     PLANES,
     by_contact,
     cells,
@@ -25,8 +25,8 @@ from results.fragility import (
     unplaced,
     wilson,
 )
-from results.run import open_run
-from results.store import write_part
+from toppling.results.run import open_run
+from toppling.results.store import write_part
 
 
 @pytest.mark.parametrize("bins", [8, 13, 39, 72])

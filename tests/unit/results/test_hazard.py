@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from models import InputError
-from results.constraint import bound_table
-from results.figures import constraint_figure
-from results.fits import Lognormal
-from results.hazard import (
+from toppling.models.errors import InputError
+from toppling.results.constraint import bound_table
+from toppling.results.figures import constraint_figure
+from toppling.results.fits import Lognormal
+from toppling.results.hazard import (
     NODES_PER_E_FOLD,
     HazardCurve,
     Standing,

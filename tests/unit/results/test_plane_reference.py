@@ -4,12 +4,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from models import Scene
-from models.motions.ensemble import Ensemble
-from models.motions.idealised import full_sine
-from models.motions.record import Record
-from results.plane_reference import TIME_STEP_S, reference_lines, section, simulate, topples
-from workers.reference.rocking import Ground, PlaneBody, overturns
+from toppling.models.motions.ensemble import Ensemble
+from toppling.models.motions.idealised import full_sine
+from toppling.models.motions.record import Record
+from toppling.models.scene import Scene
+from toppling.results.plane_reference import TIME_STEP_S, reference_lines, section, simulate, topples
+from toppling.workers.reference.rocking import Ground, PlaneBody, overturns
 
 
 def test_the_section_of_a_block_is_the_block():

@@ -8,18 +8,18 @@ import pytest
 from click.testing import CliRunner
 from seeded import row, rows
 
-import orchestrator.status
-import results.run
-import results.store
-from models import InputError, Scene
-from models.motions.catalogue import meaning
-from orchestrator.cli import cli
-from orchestrator.folder import SCHEMA_VERSION
-from orchestrator.status import state_of
-from results import open_run
-from results.run import ask
-from results.schema import SCHEMA, describe
-from results.store import compact, read_steady, write_part
+import toppling.orchestrator.status
+import toppling.results.run
+import toppling.results.store
+from toppling.models.errors import InputError
+from toppling.models.motions.catalogue import meaning
+from toppling.models.scene import Scene
+from toppling.orchestrator.cli import cli
+from toppling.orchestrator.folder import SCHEMA_VERSION
+from toppling.orchestrator.status import state_of
+from toppling.results.run import ask, open_run
+from toppling.results.schema import SCHEMA, describe
+from toppling.results.store import compact, read_steady, write_part
 
 
 @pytest.fixture
@@ -67,9 +67,9 @@ def merge(run_folder, monkeypatch):
 
 
 READERS = {
-    "sql": (results.run, lambda run: run.sql("select count(*) n from results")["n"][0].as_py()),
-    "table": (results.run, lambda run: len(run.table())),
-    "status": (orchestrator.status, lambda run: state_of(run.path)["stored"]),
+    "sql": (toppling.results.run, lambda run: run.sql("select count(*) n from results")["n"][0].as_py()),
+    "table": (toppling.results.run, lambda run: len(run.table())),
+    "status": (toppling.orchestrator.status, lambda run: state_of(run.path)["stored"]),
 }
 
 
@@ -87,12 +87,12 @@ def test_parts_that_are_merged_once_they_are_listed_do_not_stop_a_reader(run_fol
 
 
 def test_parts_that_are_merged_before_they_are_looked_at_are_not_missed(run_folder, merge, reader):
-    merge(results.store, "_is_ours", before=True)
+    merge(toppling.results.store, "_is_ours", before=True)
     assert reader[1](open_run(run_folder)) == 7
 
 
 def test_parts_that_are_merged_under_a_lazy_query_do_not_stop_it(run_folder, merge):
-    merge(results.run, "connect")
+    merge(toppling.results.run, "connect")
     assert READERS["sql"][1](open_run(run_folder)) == 7
 
 

@@ -18,12 +18,13 @@ from seeded import row, rows
 sys.path.insert(0, str(Path(__file__).parents[2]))
 from browser import needs_browser, shown
 
-from models import InputError, Scene
-from orchestrator.cli import cli
-from results import open_run
-from results.report import _BUDGET, SECTIONS, _accuracy, _budget, _fit_table, _table, report_page
-from results.store import write_part
-from workers.presets import PRESETS
+from toppling.models.errors import InputError
+from toppling.models.scene import Scene
+from toppling.orchestrator.cli import cli
+from toppling.results.report import _BUDGET, SECTIONS, _accuracy, _budget, _fit_table, _table, report_page
+from toppling.results.run import open_run
+from toppling.results.store import write_part
+from toppling.workers.presets import PRESETS
 
 
 class Page(html.parser.HTMLParser):

@@ -8,9 +8,9 @@ import pyarrow.parquet as pq
 import pytest
 from seeded import row
 
-from results import store
-from results.schema import GROUPS, SCHEMA, columns, describe
-from results.store import attempts_with, compact, finished_ids, result_files, write_part
+from toppling.results import store
+from toppling.results.schema import GROUPS, SCHEMA, columns, describe
+from toppling.results.store import attempts_with, compact, finished_ids, result_files, write_part
 
 
 def test_every_column_has_a_unit_or_is_no_quantity_and_says_what_it_means():

@@ -7,13 +7,13 @@ import manifold3d
 import numpy as np
 import pytest
 
-from models import InputError
-from models.scan import virtual
-from models.scan.read import Cloud, read_clouds
-from models.scan.segment import segment
-from models.scan.survey import check_overlap, survey
-from models.scan.word import Word
-from orchestrator.cli import main
+from toppling.models.errors import InputError
+from toppling.models.scan import virtual
+from toppling.models.scan.read import Cloud, read_clouds
+from toppling.models.scan.segment import segment
+from toppling.models.scan.survey import check_overlap, survey
+from toppling.models.scan.word import Word
+from toppling.orchestrator.cli import main
 
 SEED = 1
 

@@ -4,16 +4,17 @@ import numpy as np
 import pytest
 import trimesh
 
-from models import Pedestal, Rock
-from models.relief import contact_feet_m
-from models.scan.base import Base, hidden_base
-from models.scan.close import close_rock
-from models.scan.crevice import Grid
-from models.scan.ground import pedestal_ground
-from models.scan.interface import Interface
-from models.scan.surfels import Surfels
-from models.shapes import box
-from models.statics import quasi_static_toppling_m_s2
+from toppling.models.pedestal import Pedestal
+from toppling.models.relief import contact_feet_m
+from toppling.models.rock import Rock
+from toppling.models.scan.base import Base, hidden_base
+from toppling.models.scan.close import close_rock
+from toppling.models.scan.crevice import Grid
+from toppling.models.scan.ground import pedestal_ground
+from toppling.models.scan.interface import Interface
+from toppling.models.scan.surfels import Surfels
+from toppling.models.shapes import box
+from toppling.models.statics import quasi_static_toppling_m_s2
 
 HEIGHT_M = 2.0
 RADIUS_M = 0.45

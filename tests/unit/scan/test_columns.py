@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from models import InputError
-from models.scan import virtual
-from models.scan.read import read_clouds
+from toppling.models.errors import InputError
+from toppling.models.scan import virtual
+from toppling.models.scan.read import read_clouds
 
 
 @pytest.fixture(scope="module")

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from models import InputError
-from models.scan.base import hidden_base
-from models.scan.crevice import judge_crevice, not_strays
-from models.scan.interface import Interface
-from models.scan.segment import PEDESTAL, ROCK
+from toppling.models.errors import InputError
+from toppling.models.scan.base import hidden_base
+from toppling.models.scan.crevice import judge_crevice, not_strays
+from toppling.models.scan.interface import Interface
+from toppling.models.scan.segment import PEDESTAL, ROCK
 
 HEIGHT_M = 2.0
 

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from models import Scene
-from models.scan import virtual
-from models.scan.measure import cap_share, floors, invention_warning
-from models.scan.survey import Survey, survey
-from orchestrator.verbs.scan import scan
+from toppling.models.scan import virtual
+from toppling.models.scan.measure import cap_share, floors, invention_warning
+from toppling.models.scan.survey import Survey, survey
+from toppling.models.scene import Scene
+from toppling.orchestrator.verbs.scan import scan
 
 
 def with_invented(share):
@@ -54,9 +54,9 @@ def test_floors_are_those_of_known_rocks_where_all_was_seen_and_the_caps_where_m
 @pytest.mark.parametrize("as_json", [False, True])
 def test_the_command_line_warns_of_an_invented_rock_beside_its_answer(monkeypatch, tmp_path, as_json):
     found = Survey(with_invented(0.41), np.zeros(0, np.int8))
-    monkeypatch.setattr("models.scan.read.read_clouds", lambda _: None)
-    monkeypatch.setattr("models.scan.survey.survey", lambda *_: found)
-    monkeypatch.setattr("models.scan.survey.save_survey", lambda *_: None)
+    monkeypatch.setattr("toppling.models.scan.read.read_clouds", lambda _: None)
+    monkeypatch.setattr("toppling.models.scan.survey.survey", lambda *_: found)
+    monkeypatch.setattr("toppling.models.scan.survey.save_survey", lambda *_: None)
     options = ["--json"] if as_json else []
     done = CliRunner().invoke(scan, ["a.laz", "--out", str(tmp_path / "a"), *options], catch_exceptions=False)
     assert "41% of the rock's surface was not seen" in (done.stderr if as_json else done.stdout)

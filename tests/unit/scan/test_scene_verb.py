@@ -8,9 +8,9 @@ import trimesh
 from click.testing import CliRunner
 from matplotlib.figure import Figure
 
-from models import InputError, Scene
-from models.scan.page import scene_figure
-from models.scan.picture import (
+from toppling.models.errors import InputError
+from toppling.models.scan.page import scene_figure
+from toppling.models.scan.picture import (
     BAND_TITLE,
     VIEWS_DEG,
     beyond_frame,
@@ -19,8 +19,8 @@ from models.scan.picture import (
     polar_reach_m_s2,
     toppling_band,
 )
-from models.scene import read_triangles
-from orchestrator.verbs.scene import scene
+from toppling.models.scene import Scene, read_triangles
+from toppling.orchestrator.verbs.scene import scene
 
 
 @pytest.fixture

@@ -5,12 +5,13 @@ import dataclasses
 import numpy as np
 import pytest
 
-from models import InputError, Scene
-from models.scan import virtual
-from models.scan.picture import numbers_of
-from models.scan.read import Cloud
-from models.scan.register import check_fit, register
-from models.scan.survey import survey
+from toppling.models.errors import InputError
+from toppling.models.scan import virtual
+from toppling.models.scan.picture import numbers_of
+from toppling.models.scan.read import Cloud
+from toppling.models.scan.register import check_fit, register
+from toppling.models.scan.survey import survey
+from toppling.models.scene import Scene
 
 
 @pytest.fixture(scope="module")

@@ -7,14 +7,16 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from models import InputError, Pedestal, Scene
-from models.frames import slope_of_normal
-from models.scan import virtual
-from models.scan.read import Cloud, read_clouds
-from models.scan.segment import NEITHER, PEDESTAL, ROCK
-from models.scan.survey import save_survey, survey
-from models.scan.word import Word
-from models.statics import quasi_static_toppling_m_s2
+from toppling.models.errors import InputError
+from toppling.models.frames import slope_of_normal
+from toppling.models.pedestal import Pedestal
+from toppling.models.scan import virtual
+from toppling.models.scan.read import Cloud, read_clouds
+from toppling.models.scan.segment import NEITHER, PEDESTAL, ROCK
+from toppling.models.scan.survey import save_survey, survey
+from toppling.models.scan.word import Word
+from toppling.models.scene import Scene
+from toppling.models.statics import quasi_static_toppling_m_s2
 
 RESOLUTION = 0.02
 """Point spacing in rock heights: coarse, to be quick."""

@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from models import InputError
-from models.scan import virtual
-from models.scan.picture import numbers_of
-from models.scan.read import Cloud
-from models.scan.register import register
-from models.scan.segment import PEDESTAL, ROCK
-from models.scan.survey import survey
-from models.scan.word import Word
-from models.statics import support_polygon_m
-from orchestrator.verbs.scan import scan
+from toppling.models.errors import InputError
+from toppling.models.scan import virtual
+from toppling.models.scan.picture import numbers_of
+from toppling.models.scan.read import Cloud
+from toppling.models.scan.register import register
+from toppling.models.scan.segment import PEDESTAL, ROCK
+from toppling.models.scan.survey import survey
+from toppling.models.scan.word import Word
+from toppling.models.statics import support_polygon_m
+from toppling.orchestrator.verbs.scan import scan
 
 SLOPE_DEG, DOWNHILL_DEG = 6.0, 250.0
 

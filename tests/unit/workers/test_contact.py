@@ -4,11 +4,13 @@ import numpy as np
 import pytest
 import trimesh
 
-from models import InputError, Pedestal, Scene
-from models.relief import contact_feet_m, height_below
-from models.shapes import box, cylinder
-from workers.contact import ContactModel
-from workers.seating import settled
+from toppling.models.errors import InputError
+from toppling.models.pedestal import Pedestal
+from toppling.models.relief import contact_feet_m, height_below
+from toppling.models.scene import Scene
+from toppling.models.shapes import box, cylinder
+from toppling.workers.contact import ContactModel
+from toppling.workers.seating import settled
 
 UP = np.array([0.0, 0.0, 1.0])
 

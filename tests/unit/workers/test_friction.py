@@ -6,9 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from models import Scene
-from workers.contact import contact_of
-from workers.friction import LEAN_RAD, feet_of, least_leaning_rad
+from toppling.models.scene import Scene
+from toppling.workers.contact import contact_of
+from toppling.workers.friction import LEAN_RAD, feet_of, least_leaning_rad
 
 SCENE = Scene.block(0.2, 0.45, 0.6)
 CONTACT = contact_of(SCENE)

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from models import ContactProperties, Scene
-from models.motions.ensemble import Ensemble
-from models.motions.synthetic import synthetic_ensemble
-from workers import job
-from workers.job import Assets, JobSpec, prepared
+from toppling.models.motions.ensemble import Ensemble
+from toppling.models.motions.synthetic import synthetic_ensemble
+from toppling.models.scene import ContactProperties, Scene
+from toppling.workers import job
+from toppling.workers.job import Assets, JobSpec, prepared
 
 
 @pytest.fixture(scope="module")

@@ -8,14 +8,17 @@ import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
 
-from models import ContactProperties, InputError, Motion, Scene
-from models.pedestal import Pedestal
-from models.rock import Rock
-from models.shapes import box, ellipsoid
-from workers import State, shake
-from workers import quaternion as quat
-from workers.certainty import least_overturning_j_kg, potential_j_kg
-from workers.contact import contact_of
+from toppling.models.errors import InputError
+from toppling.models.motions.motion import Motion
+from toppling.models.pedestal import Pedestal
+from toppling.models.rock import Rock
+from toppling.models.scene import ContactProperties, Scene
+from toppling.models.shapes import box, ellipsoid
+from toppling.workers import quaternion as quat
+from toppling.workers.certainty import least_overturning_j_kg, potential_j_kg
+from toppling.workers.contact import contact_of
+from toppling.workers.shake import shake
+from toppling.workers.start import State
 
 G = 9.81
 

@@ -9,13 +9,15 @@ import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
 
-from models import InputError, Motion, Scene
-from models.shapes import box, cylinder, ellipsoid
-from workers import State, shake
-from workers.contact import contact_of
-from workers.presets import PRESETS
-from workers.reference.closed_forms import landing_boundary
-from workers.shake import _Run
+from toppling.models.errors import InputError
+from toppling.models.motions.motion import Motion
+from toppling.models.scene import Scene
+from toppling.models.shapes import box, cylinder, ellipsoid
+from toppling.workers.contact import contact_of
+from toppling.workers.presets import PRESETS
+from toppling.workers.reference.closed_forms import landing_boundary
+from toppling.workers.shake import _Run, shake
+from toppling.workers.start import State
 
 G = case.G
 SINK = 1e-3  # of R: the contact tolerance
@@ -209,7 +211,7 @@ def test_a_rock_whose_fate_is_open_at_the_cap_is_undecided(monkeypatch):
     tilt_rad, radius, half_height = np.deg2rad(14), 0.2, 0.6
     rock = cylinder(radius, half_height, 48)
     scene = Scene.from_mesh((rock.vertices_m, rock.faces), friction=case.GRIP)
-    module = importlib.import_module("workers.shake")  # `workers.shake` is the function
+    module = importlib.import_module("toppling.workers.shake")  # `workers.shake` is the function
     monkeypatch.setattr(module, "CALMED_AFTER_MOTION", 0.0)
     monkeypatch.setattr(module, "CAP_AFTER_MOTION", 3.0)
     result = shake(scene, case.STILL, "fast", initial=case.rolling_start(radius, half_height, tilt_rad))

@@ -1,0 +1,50 @@
+"""How strong a shaking topples a rock: scenes, motions, one shake, and the answers of a run.
+
+What a name needs is imported when the name is first used, so that no one waits for what is not asked for.
+
+Examples
+--------
+>>> import numpy as np
+>>> from toppling import Motion, Scene, shake
+>>> block = Scene.block(half_width=0.2, half_depth=0.2, half_height=0.6)
+>>> pulse_m_s2 = 5.0 * np.sin(np.pi * np.arange(0.0, 2.0, 0.005))
+>>> shake(block, Motion(np.outer(pulse_m_s2, [1.0, 0.0, 0.0]), time_step=0.005)).outcome
+'toppled'
+"""
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from toppling.models.errors import InputError
+    from toppling.models.motions.ensemble import Ensemble
+    from toppling.models.motions.motion import Motion
+    from toppling.models.scene import Scene
+    from toppling.results.run import Run, open_run
+    from toppling.workers.shake import ShakeResult, shake
+    from toppling.workers.start import State
+
+__all__ = ["Ensemble", "InputError", "Motion", "Run", "Scene", "ShakeResult", "State", "open_run", "shake"]
+
+_HOMES = {
+    "Ensemble": "toppling.models.motions.ensemble",
+    "InputError": "toppling.models.errors",
+    "Motion": "toppling.models.motions.motion",
+    "Run": "toppling.results.run",
+    "Scene": "toppling.models.scene",
+    "ShakeResult": "toppling.workers.shake",
+    "State": "toppling.workers.start",
+    "open_run": "toppling.results.run",
+    "shake": "toppling.workers.shake",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        msg = f"module 'toppling' has no attribute {name!r}"
+        raise AttributeError(msg)
+    return getattr(importlib.import_module(_HOMES[name]), name)
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -1,0 +1,93 @@
+"""One door: what users import, from any folder, from the checkout and from a wheel."""
+
+import os
+import shutil
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import pytest
+
+import toppling
+
+ROOT = Path(__file__).parents[2]
+OPENS = "from toppling import Ensemble, Motion, Scene, open_run, shake; print(shake.__module__)"
+ROOMS = ("models", "orchestrator", "results", "workers")
+
+
+@pytest.fixture
+def folder(tmp_path):
+    """A folder of a user's own that holds others named as the rooms are."""
+    for room in ROOMS:
+        (tmp_path / room).mkdir()
+        (tmp_path / room / "__init__.py").write_text("")
+    return tmp_path
+
+
+def answer(program, folder, **environment):
+    told = subprocess.run(
+        [sys.executable, "-c", program],
+        cwd=folder,
+        env=os.environ | environment,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert told.returncode == 0, told.stderr
+    return told.stdout.split()[-1]
+
+
+def test_the_door_opens_beside_folders_named_as_the_rooms(folder):
+    assert answer(OPENS, folder) == "toppling.workers.shake"
+
+
+def test_every_name_at_the_door_leads_somewhere():
+    assert all(getattr(toppling, name).__module__ == home for name, home in toppling._HOMES.items())
+    assert sorted(toppling.__all__) == sorted(toppling._HOMES)
+    with pytest.raises(AttributeError, match="no attribute 'shakes'"):
+        toppling.shakes  # noqa: B018  (looking it up is the test)
+
+
+def test_what_is_imported_at_the_door_is_imported_when_it_is_used(folder):
+    program = "import sys, toppling; print(len({'numpy', 'pybullet', 'pandas', 'dask'} & set(sys.modules)))"
+    assert answer(program, folder) == "0"
+
+
+@pytest.fixture(scope="module")
+def unpacked(tmp_path_factory):
+    """The built wheel, unpacked: what pip would install."""
+    folder = tmp_path_factory.mktemp("wheel")
+    source = folder / "source"  # a build inside the checkout would take up what an earlier one left
+    for room in ROOMS:
+        shutil.copytree(ROOT / room, source / room, ignore=shutil.ignore_patterns("__pycache__"))
+    for name in ("pyproject.toml", "README.md", "LICENSE"):
+        shutil.copy(ROOT / name, source)
+    build = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation"]
+    subprocess.run([*build, "--wheel-dir", str(folder), str(source)], check=True)
+    (wheel,) = folder.glob("*.whl")
+    with zipfile.ZipFile(wheel) as archive:
+        archive.extractall(folder / "unpacked")
+    return folder / "unpacked"
+
+
+def test_a_wheel_holds_the_program_and_nothing_else(unpacked):
+    tops = {path.name for path in unpacked.iterdir() if path.suffix != ".dist-info"}
+    assert tops == {"toppling"}
+    inside = {str(path.relative_to(unpacked / "toppling")) for path in unpacked.rglob("toppling/**/*.*")}
+    whole = {
+        str(path.relative_to(ROOT))
+        for room in ROOMS
+        for path in (ROOT / room).rglob("*.*")
+        if path.suffix in (".py", ".yaml", ".json") and path.parent.name != "door"
+    }
+    assert inside == whole | {"__init__.py", "py.typed"}
+
+
+def test_a_wheel_works_without_the_checkout(unpacked, folder):
+    """With the environment's libraries; the wheel comes before the checkout's editable installation."""
+    where = answer("import toppling; print(toppling.__file__)", folder, PYTHONPATH=str(unpacked))
+    assert where == str(unpacked / "toppling" / "__init__.py")
+    assert answer(OPENS, folder, PYTHONPATH=str(unpacked)) == "toppling.workers.shake"
+    rows = "import toppling.results.store as s; print(s.__file__)"
+    assert answer(rows, folder, PYTHONPATH=str(unpacked)).startswith(str(unpacked))

@@ -40,7 +40,7 @@ from toppling.orchestrator.front import (
     draw_jobs,
 )
 from toppling.results.figures import front_figure, save
-from toppling.workers.presets import PHYSICS_VERSION, PRESETS
+from toppling.workers.options import PHYSICS_VERSION, PRESETS
 from toppling.workers.shake import shake
 
 ROOT = Path(__file__).parent.parent

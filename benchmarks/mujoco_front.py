@@ -38,7 +38,7 @@ from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene
 from toppling.orchestrator.front import CONVERGED, Job, compare, draw_jobs
 from toppling.results.figures import COLOURS, FULL_WIDTH_IN, save, style
-from toppling.workers.presets import PHYSICS_VERSION, PRESETS
+from toppling.workers.options import PHYSICS_VERSION, PRESETS
 from toppling.workers.seating import settled
 from toppling.workers.shake import shake
 

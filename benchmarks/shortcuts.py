@@ -25,7 +25,7 @@ from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
 from toppling.models.shapes import box
 from toppling.orchestrator.front import Job, Setting, answers, draw_jobs
-from toppling.workers.presets import PHYSICS_VERSION, PRESETS
+from toppling.workers.options import PHYSICS_VERSION, PRESETS
 
 ROOT = Path(__file__).parent.parent
 PAGE, ENSEMBLE, SCANNED = ROOT / "docs" / "shortcuts.md", ROOT / "demo" / "ensemble", ROOT / "demo" / "scene"

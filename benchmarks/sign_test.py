@@ -11,7 +11,6 @@ all settings to one job come from one scan. Whoever changes the demo's rock or r
 
 import sys
 import tempfile
-from importlib import import_module
 from pathlib import Path
 from textwrap import fill
 
@@ -45,7 +44,8 @@ from toppling.orchestrator.front import (
     disturbed_motions,
     draw_jobs,
 )
-from toppling.workers.presets import PHYSICS_VERSION, PRESETS
+from toppling.workers import termination
+from toppling.workers.options import PHYSICS_VERSION, PRESETS
 
 PAGE = ROOT / "docs" / "sign_test.md"
 KEPT = ROOT / "benchmarks" / "answers" / "sign_test.parquet"
@@ -85,7 +85,7 @@ def main() -> None:
     of_itself = int(sys.argv[2]) if len(sys.argv) > 2 else min(count, 500)
     # Only whether the rock topples is asked: it need not come to rest once the motion is over and its energy cannot
     # overturn it. The processes of `answers` are forks of this one.
-    vars(import_module("toppling.workers.shake"))["CALMED_AFTER_MOTION"] = 0.0
+    termination.CALMED_AFTER_MOTION = 0.0
     scene = Scene.load(SCENE)
     with tempfile.TemporaryDirectory() as folder, Progress() as progress:
         ensemble = strong_parts(Ensemble.load(ENSEMBLE), Path(folder))

@@ -13,7 +13,7 @@ from typing import Any
 
 from toppling.models.errors import InputError
 from toppling.models.scene import ContactProperties
-from toppling.workers.presets import PRESETS
+from toppling.workers.options import PRESETS
 
 LARGEST_PGA_M_S2 = 100.0
 """Ten times gravity, twice the strongest ground acceleration recorded: more is a slip of units."""

@@ -23,7 +23,7 @@ from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.impose import impose
 from toppling.models.scene import Scene
 from toppling.results.fits import fit
-from toppling.workers.presets import PHYSICS_VERSION, PRESETS, Settings, Solver
+from toppling.workers.options import PHYSICS_VERSION, PRESETS, Settings, Solver
 from toppling.workers.seating import settled
 from toppling.workers.shake import shake
 from toppling.workers.start import State

@@ -23,7 +23,7 @@ from toppling.models.errors import InputError
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
 from toppling.workers.job import Assets, JobSpec, run_job
-from toppling.workers.presets import PHYSICS_VERSION
+from toppling.workers.options import PHYSICS_VERSION
 
 log = logging.getLogger(__name__)
 

@@ -1,333 +1,517 @@
-"""PyBullet, and the only module that imports it: a rock of contact points over a plane, stepped one step at a time.
+"""PyBullet, and the only module that knows it: worlds of a rock of contact points over a plane, for compiled code.
 
-The engine's world may be turned about the normal against the support frame, which puts the axes of friction where they
-serve (:mod:`workers.friction`); what goes in and comes out is in the support frame.
+Bullet is called through its C interface, which PyBullet's shared library exports beside the Python module: from Python
+to build a world, from compiled code to step it, where a step's Python would cost as much as the step.
+
+A world may be turned about the normal against the support frame, which puts the axes of friction where they serve
+(:mod:`workers.friction_axes`); what goes in and comes out is in the support frame.
 """
 
 from __future__ import annotations
 
-import atexit
+import ctypes
+import importlib.util
 import math
 import tempfile
-from collections.abc import Sequence
+from collections import OrderedDict
+from functools import cache
 from typing import Any
 
+import llvmlite.binding
 import numpy as np
-import pybullet
+from numba import carray, njit, types
+from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from toppling.models.scene import ContactProperties
-from toppling.workers.contact import ContactModel, Pose
-from toppling.workers.presets import Solver
+from toppling.workers.contact_points import ContactModel
+from toppling.workers.options import Solver
 
 Array = NDArray[np.float64]
+Vector = tuple[float, float, float]
 
 NEAR_STEPS = 0.8
-"""Contacts are prepared within this share of g (step)^2, what gravity adds to a way in a step, so that a landing too
-slow to cut a step at stops at the surface and not below it. Points farther off only add to the solver's work."""
-
 NEAREST_SHARE = 2e-5
-"""Of R: within so much contacts are prepared however short the step, as feet at rest stand off by a tenth of it."""
-
 COLD_ITERATIONS = 200
-"""Of the first step in a new state: around a landing many contacts are prepared, and take longer to agree."""
-
 STARTS_TO_SLIP, STILL_SLIPS = 0.999, 0.7
-"""Shares of the limit of friction from which a contact that stuck slips, and down to which one that slipped still does:
-the solver's iterations leave the friction of a sliding contact a little below what its normal force allows."""
-
 STILL_MOVES = 1e-2
-"""Share of gravity's velocity in a step: a contact whose points all move along the plane by less has stopped, however
-much its friction holds up. The solver leaves a contact that sticks up to a tenth of it."""
+
+WORLD = np.dtype(
+    [
+        ("client", "i8"),  # address of Bullet's client
+        ("rock", "i4"),
+        ("ground", "i4"),
+        ("points", "i8"),  # how many of the rock's contact points it holds, from the first
+        ("step_s", "f8"),
+        ("cold", "i8"),  # whether the next step is the first in a new state
+        ("iterations", "i8"),
+        ("cold_iterations", "i8"),
+        ("impulse_m_s", "f8"),  # velocity that gravity gives in a step
+        ("near_share", "f8"),  # of R: within it contacts are prepared, unless told otherwise
+        ("axes_rad", "f8"),
+        ("cos", "f8"),
+        ("sin", "f8"),
+        ("half_cos", "f8"),
+        ("half_sin", "f8"),
+        ("friction", "f8"),  # present coefficient
+        ("friction_static", "f8"),
+        ("friction_kinetic", "f8"),
+        ("restitution", "f8"),
+        ("grip_x", "f8"),  # latest resultant of friction, support frame
+        ("grip_y", "f8"),
+        ("grip_z", "f8"),
+    ]
+)
+"""A world, as compiled code sees it."""
+
+_PATH = str(importlib.util.find_spec("pybullet").origin)  # type: ignore[union-attr]
+_LIBRARY = ctypes.CDLL(_PATH)
+llvmlite.binding.load_library_permanently(_PATH)  # where compiled code, cached code too, finds its functions
+
+_ADDRESS, _NUMBER, _INDEX = types.intp, types.float64, types.int32
 
 
-def slip_m_s(velocity_m_s: Sequence[float], spin_rad_s: Sequence[float], arm_m: Sequence[float]) -> float:
-    """Speed along the plane of the point of a rock that is so far from its centre of mass; z is the normal."""
-    (u, v, _), (p, q, r), (x, y, z) = velocity_m_s, spin_rad_s, arm_m
-    return math.hypot(u + q * z - r * y, v + r * x - p * z)
+def _compiled(name: str, result: Any, *arguments: Any) -> Any:
+    """A C function, for compiled code."""
+    return types.ExternalFunction(name, result(*arguments))
 
 
-class _Axes:
-    """Turns vectors and poses of the support frame into a world that is turned about the normal, and back."""
+_submit = _compiled("b3SubmitClientCommandAndWaitStatus", _ADDRESS, _ADDRESS, _ADDRESS)
+_parameters = _compiled("b3InitPhysicsParamCommand", _ADDRESS, _ADDRESS)
+_set_gravity = _compiled("b3PhysicsParamSetGravity", _INDEX, _ADDRESS, _NUMBER, _NUMBER, _NUMBER)
+_set_step = _compiled("b3PhysicsParamSetTimeStep", _INDEX, _ADDRESS, _NUMBER)
+_set_iterations = _compiled("b3PhysicsParamSetNumSolverIterations", _INDEX, _ADDRESS, _INDEX)
+_set_near = _compiled("b3PhysicsParamSetContactBreakingThreshold", _INDEX, _ADDRESS, _NUMBER)
+_set_residual = _compiled("b3PhysicsParamSetSolverResidualThreshold", _INDEX, _ADDRESS, _NUMBER)
+_set_rebound_from = _compiled("b3PhysicsParamSetRestitutionVelocityThreshold", _INDEX, _ADDRESS, _NUMBER)
+_step = _compiled("b3InitStepSimulationCommand", _ADDRESS, _ADDRESS)
+_request_state = _compiled("b3RequestActualStateCommandInit", _ADDRESS, _ADDRESS, _INDEX)
+_get_state = _compiled("b3GetStatusActualState", _INDEX, _ADDRESS, *[_ADDRESS] * 7)
+_pose = _compiled("b3CreatePoseCommandInit", _ADDRESS, _ADDRESS, _INDEX)
+_set_place = _compiled("b3CreatePoseCommandSetBasePosition", _INDEX, _ADDRESS, _NUMBER, _NUMBER, _NUMBER)
+_set_attitude = _compiled(
+    "b3CreatePoseCommandSetBaseOrientation", _INDEX, _ADDRESS, _NUMBER, _NUMBER, _NUMBER, _NUMBER
+)
+_set_velocity = _compiled("b3CreatePoseCommandSetBaseLinearVelocity", _INDEX, _ADDRESS, _ADDRESS)
+_set_spin = _compiled("b3CreatePoseCommandSetBaseAngularVelocity", _INDEX, _ADDRESS, _ADDRESS)
+_collision_filter = _compiled("b3CollisionFilterCommandInit", _ADDRESS, _ADDRESS)
+_set_filter = _compiled("b3SetCollisionFilterGroupMask", _INDEX, _ADDRESS, _INDEX, _INDEX, _INDEX, _INDEX)
+_dynamics = _compiled("b3InitChangeDynamicsInfo", _ADDRESS, _ADDRESS)
+_change_friction = _compiled(
+    "b3ChangeDynamicsInfoSetLateralFriction", _INDEX, _ADDRESS, _INDEX, _INDEX, _NUMBER
+)
+_change_restitution = _compiled(
+    "b3ChangeDynamicsInfoSetRestitution", _INDEX, _ADDRESS, _INDEX, _INDEX, _NUMBER
+)
+_request_contacts = _compiled("b3InitRequestContactPointInformation", _ADDRESS, _ADDRESS)
+_get_contacts = _compiled("b3GetContactPointInformation", types.void, _ADDRESS, _ADDRESS)
 
-    def __init__(self, turned_rad: float) -> None:
-        self.turned_rad = turned_rad
-        self._cos, self._sin = math.cos(turned_rad), math.sin(turned_rad)
-        self._half_cos, self._half_sin = math.cos(0.5 * turned_rad), math.sin(0.5 * turned_rad)
 
-    def into(self, vector: Sequence[float]) -> tuple[float, float, float]:
-        (x, y, z), cos, sin = vector, self._cos, self._sin
-        return cos * x + sin * y, cos * y - sin * x, z
+@intrinsic
+def _pointer(typing_context: Any, address: Any) -> Any:  # noqa: ARG001  (numba's signature)
+    """An address as a pointer."""
 
-    def out(self, vector: Sequence[float]) -> tuple[float, float, float]:
-        (x, y, z), cos, sin = vector, self._cos, self._sin
-        return cos * x - sin * y, cos * y + sin * x, z
+    def code(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return builder.inttoptr(arguments[0], context.get_value_type(signature.return_type))
 
-    def pose_into(self, pose: Pose) -> Pose:
-        (x, y, z, w), cos, sin = pose[1], self._half_cos, self._half_sin
-        attitude = cos * x + sin * y, cos * y - sin * x, cos * z - sin * w, cos * w + sin * z
-        return self.into(pose[0]), attitude
-
-    def pose_out(self, pose: Pose) -> Pose:
-        (x, y, z, w), cos, sin = pose[1], self._half_cos, self._half_sin
-        attitude = cos * x - sin * y, cos * y + sin * x, cos * z + sin * w, cos * w - sin * z
-        return self.out(pose[0]), attitude
+    return types.voidptr(types.intp), code
 
 
-class Engine:
-    """One rock in a world of its own, in the support frame.
+@njit(cache=True)
+def place(
+    world: Any,
+    pose: Array,
+    height_correction_m: float,
+    velocity_m_s: Vector,
+    spin_rad_s: Vector,
+    near_share: float,
+    axes_rad: float,
+) -> None:
+    """Place the rock and set it going; forgets all contacts.
+
+    From here on contacts are prepared within `near_share` of R, and friction acts along axes that are turned by
+    `axes_rad` from the support frame's.
+    """
+    if axes_rad != world.axes_rad:
+        world.axes_rad = axes_rad
+        world.cos, world.sin = math.cos(axes_rad), math.sin(axes_rad)
+        world.half_cos, world.half_sin = math.cos(0.5 * axes_rad), math.sin(0.5 * axes_rad)
+    client = world.client
+    command = _parameters(client)
+    _set_near(command, near_share)
+    _set_iterations(command, max(world.cold_iterations, world.iterations))
+    _submit(client, command)
+    world.cold = 1
+    cos, sin, half_cos, half_sin = world.cos, world.sin, world.half_cos, world.half_sin
+    command = _pose(client, world.rock)
+    x, y, z, w = pose[3], pose[4], pose[5], pose[6]
+    _set_place(
+        command, cos * pose[0] + sin * pose[1], cos * pose[1] - sin * pose[0], pose[2] + height_correction_m
+    )
+    _set_attitude(
+        command,
+        half_cos * x + half_sin * y,
+        half_cos * y - half_sin * x,
+        half_cos * z - half_sin * w,
+        half_cos * w + half_sin * z,
+    )
+    _submit(client, command)
+    vector = np.empty(3)
+    command = _pose(client, world.rock)
+    vector[0] = cos * velocity_m_s[0] + sin * velocity_m_s[1]
+    vector[1] = cos * velocity_m_s[1] - sin * velocity_m_s[0]
+    vector[2] = velocity_m_s[2]
+    _set_velocity(command, vector.ctypes.data)
+    vector[0] = cos * spin_rad_s[0] + sin * spin_rad_s[1]
+    vector[1] = cos * spin_rad_s[1] - sin * spin_rad_s[0]
+    vector[2] = spin_rad_s[2]
+    _set_spin(command, vector.ctypes.data)
+    _submit(client, command)
+    # Takes the rock out of the broad phase and back: only so do contacts get the new threshold.
+    command = _collision_filter(client)
+    _set_filter(command, world.rock, -1, 1, -1)
+    _submit(client, command)
+
+
+@njit(cache=True)
+def step(world: Any, centres_m: Array, step_s: float, force_m_s2: Vector, pose: Array) -> None:
+    """Advance by one step under a constant specific force, support frame; the pose (7,) reached goes into `pose`."""
+    client = world.client
+    command = _parameters(client)
+    if step_s != world.step_s:
+        _set_step(command, step_s)
+        world.step_s = step_s
+    x, y, z = force_m_s2
+    _set_gravity(command, world.cos * x + world.sin * y, world.cos * y - world.sin * x, z)
+    _submit(client, command)
+    _submit(client, _step(client))
+    if world.cold:
+        world.cold = 0
+        command = _parameters(client)
+        _set_iterations(command, world.iterations)
+        _submit(client, command)
+    if world.friction_static != world.friction_kinetic:
+        _follow_slip(world, centres_m)
+    state = _state(world)
+    x, y, z, w = state[3], state[4], state[5], state[6]
+    cos, sin, half_cos, half_sin = world.cos, world.sin, world.half_cos, world.half_sin
+    pose[0], pose[1], pose[2] = cos * state[0] - sin * state[1], cos * state[1] + sin * state[0], state[2]
+    pose[3], pose[4] = half_cos * x - half_sin * y, half_cos * y + half_sin * x
+    pose[5], pose[6] = half_cos * z + half_sin * w, half_cos * w - half_sin * z
+
+
+@njit(cache=True)
+def rebound(world: Any, centres_m: Array, step_s: float, force_m_s2: Vector, pose: Array) -> None:
+    """Advance by the step that begins as points touch down: they leave with Newton's share of their speed.
+
+    Contacts that are only prepared must not rebound: Bullet would give them e times their speed less what closes the
+    gap, and so take speed from the fall.
+    """
+    if world.restitution == 0.0:
+        step(world, centres_m, step_s, force_m_s2, pose)
+        return
+    # Bullet multiplies the two bodies' coefficients; the rock's is 1.
+    for restitution in (world.restitution, 0.0):
+        command = _dynamics(world.client)
+        _change_restitution(command, world.ground, -1, restitution)
+        _submit(world.client, command)
+        if restitution > 0.0:
+            step(world, centres_m, step_s, force_m_s2, pose)
+
+
+@njit(cache=True)
+def configure(
+    world: Any, impulse_m_s: float, near_share: float, rebound_from_m_s: float, residual_share: float
+) -> None:
+    """Suit the world to steps in which gravity gives this velocity.
 
     Parameters
     ----------
-    contact : ContactModel
-    points : int
-        How many of the rock's contact points the world holds, from the first.
-    surface : ContactProperties
+    world : record of WORLD
     impulse_m_s : float
-        Velocity that gravity gives in one step: what the solver's residual is measured against.
-    fall_m : float
-        What gravity moves in one step, g (step)^2.
+    near_share : float
+        Of R: within it contacts are prepared, unless told otherwise.
     rebound_from_m_s : float
-        Landings slower than this do not rebound.
-    solver : Solver
-    slot : int
-        Which of the process's worlds to use; an earlier engine in it is lost.
+        Impacts slower than this do not rebound.
+    residual_share : float
+        Of the impulse: the solver stops once none changes by more.
+    """
+    world.impulse_m_s, world.near_share = impulse_m_s, near_share
+    command = _parameters(world.client)
+    _set_residual(command, (residual_share * impulse_m_s) * (residual_share * impulse_m_s))
+    _set_rebound_from(command, rebound_from_m_s)
+    _submit(world.client, command)
+
+
+@njit(cache=True)
+def let_stick(world: Any) -> None:
+    """Give the contact its static friction, as it has before it slips."""
+    world.grip_x = world.grip_y = world.grip_z = 0.0
+    set_friction(world, world.friction_static)
+
+
+@njit(cache=True)
+def hold_as(world: Any, other: Any) -> None:
+    """Let the contact stick or slip as in another world, from which this one takes the rock over."""
+    world.grip_x, world.grip_y, world.grip_z = other.grip_x, other.grip_y, other.grip_z
+    set_friction(world, other.friction)
+
+
+@njit(cache=True)
+def set_friction(world: Any, friction: float) -> None:
+    """Set the present coefficient of friction."""
+    # Bullet multiplies the two bodies' coefficients; the rock's is 1.
+    command = _dynamics(world.client)
+    _change_friction(command, world.ground, -1, friction)
+    _submit(world.client, command)
+    world.friction = friction
+
+
+@njit(cache=True)
+def slip_m_s(velocity_m_s: Vector, spin_rad_s: Vector, arm_m: Vector) -> float:
+    """Speed along the plane of the point of a rock that is so far from its centre of mass; z is the normal."""
+    along = velocity_m_s[0] + spin_rad_s[1] * arm_m[2] - spin_rad_s[2] * arm_m[1]
+    across = velocity_m_s[1] + spin_rad_s[2] * arm_m[0] - spin_rad_s[0] * arm_m[2]
+    return math.sqrt(along * along + across * across)
+
+
+@njit(cache=True)
+def _state(world: Any) -> Array:
+    """Place, attitude, velocity and angular velocity (13,) of the rock, in the world's own frame."""
+    pointers = np.empty(7, np.int64)
+    to = pointers.ctypes.data
+    status = _submit(world.client, _request_state(world.client, world.rock))
+    _get_state(status, to, to + 8, to + 16, to + 24, to + 32, to + 40, to + 48)
+    out = np.empty(13)
+    out[:7] = carray(_pointer(pointers[4]), 7, np.float64)
+    out[7:] = carray(_pointer(pointers[5]), 6, np.float64)
+    return out
+
+
+@njit(cache=True)
+def _follow_slip(world: Any, centres_m: Array) -> None:
+    """Choose the coefficient of the next step: the kinetic one while the contact as a whole slips.
+
+    It slips where the resultant of its friction uses up what the present coefficient allows, and once it does until its
+    points stand still. One state for all points: they belong to one rigid body, and differ only while it turns on the
+    spot. A rock in the air lands as one that slips if its lowest point moves along the plane by more than a step in
+    which the solver let go of a point can give it.
+    """
+    contacts = _contacts(world.client)
+    state = _state(world)
+    touches = False
+    for contact in contacts:
+        touches = touches or contact[_NORMAL_FORCE] > 0.0
+    if not touches:
+        world.grip_x = world.grip_y = world.grip_z = 0.0
+        slips = (
+            slip_m_s(state[7:10], state[10:13], _lowest_arm_m(centres_m[: world.points], state))
+            > world.impulse_m_s
+        )
+    else:
+        slips = _slips_on(world, contacts, state)
+    static, kinetic = world.friction_static, world.friction_kinetic
+    wanted = kinetic if slips else static
+    if touches and slips and world.friction == static:
+        # Slip began within the step that is over, which held it with static friction to its end, on the average half a
+        # step too long: the next one takes that back. Left out, every slip came out a step short.
+        wanted = max(kinetic - 0.5 * (static - kinetic), 0.0)
+    if wanted != world.friction:
+        set_friction(world, wanted)
+
+
+@njit(cache=True)
+def _slips_on(world: Any, contacts: Array, state: Array) -> bool:
+    """Whether a contact that touches slips in the next step."""
+    pressing, x, y, z = 0.0, 0.0, 0.0, 0.0
+    for contact in contacts:
+        if contact[_NORMAL_FORCE] > 0.0:
+            pressing += contact[_NORMAL_FORCE]
+            first, second = contact[_FRICTION_1], contact[_FRICTION_2]
+            x += first * contact[_DIRECTION_1] + second * contact[_DIRECTION_2]
+            y += first * contact[_DIRECTION_1 + 1] + second * contact[_DIRECTION_2 + 1]
+            z += first * contact[_DIRECTION_1 + 2] + second * contact[_DIRECTION_2 + 2]
+    x, y = world.cos * x - world.sin * y, world.cos * y + world.sin * x
+    turned = x * world.grip_x + y * world.grip_y + z * world.grip_z < 0.0  # slip came to a halt on the way
+    world.grip_x, world.grip_y, world.grip_z = x, y, z
+    sticks = world.friction == world.friction_static
+    share = STARTS_TO_SLIP if sticks else STILL_SLIPS
+    if turned or math.sqrt(x * x + y * y + z * z) < share * world.friction * pressing:
+        return False
+    if sticks:
+        return True
+    # Whether a point that touches moves along the plane after the step, which took it from where it touched.
+    velocity, spin = state[7:10], state[10:13]
+    before = state[:3] - velocity * world.step_s
+    for contact in contacts:
+        if contact[_NORMAL_FORCE] > 0.0:
+            arm = contact[_PLACE_A : _PLACE_A + 3] - before
+            if slip_m_s(velocity, spin, arm) > STILL_MOVES * world.impulse_m_s:
+                return True
+    return False
+
+
+@njit(cache=True)
+def _contacts(client: int) -> Array:
+    """Bullet's contacts (k, 22): of its b3ContactPointData, whose leading integers take the room of three numbers."""
+    told = np.zeros(2, np.int64)
+    _submit(client, _request_contacts(client))
+    _get_contacts(client, told.ctypes.data)
+    count = told[0] & 0xFFFFFFFF
+    if count == 0:
+        return np.empty((0, 22))
+    return carray(_pointer(told[1]), (count, 22), np.float64).copy()
+
+
+_PLACE_A, _NORMAL_FORCE, _FRICTION_1, _FRICTION_2, _DIRECTION_1, _DIRECTION_2 = 3, 13, 14, 15, 16, 19
+
+
+@njit(cache=True)
+def _lowest_arm_m(centres_m: Array, state: Array) -> Array:
+    """From the centre of mass to the lowest of some points, in the world's own frame."""
+    x, y, z, w = state[3], state[4], state[5], state[6]
+    lowest, index = np.inf, 0
+    for i in range(len(centres_m)):
+        a, b, c = centres_m[i, 0], centres_m[i, 1], centres_m[i, 2]
+        height = 2 * (x * z - y * w) * a + 2 * (y * z + x * w) * b + (1 - 2 * (x * x + y * y)) * c
+        if height < lowest:
+            lowest, index = height, i
+    a, b, c = centres_m[index, 0], centres_m[index, 1], centres_m[index, 2]
+    arm = np.empty(3)
+    arm[0] = (1 - 2 * (y * y + z * z)) * a + 2 * (x * y - z * w) * b + 2 * (x * z + y * w) * c
+    arm[1] = 2 * (x * y + z * w) * a + (1 - 2 * (x * x + z * z)) * b + 2 * (y * z - x * w) * c
+    arm[2] = lowest
+    return arm
+
+
+def _called(name: str, result: Any, *arguments: Any) -> Any:
+    """A C function, for Python."""
+    function = getattr(_LIBRARY, name)
+    function.restype, function.argtypes = result, arguments
+    return function
+
+
+class _Bullet:
+    """What builds a world: Bullet's C functions by what they do."""
+
+    P, N, K = ctypes.c_void_p, ctypes.c_double, ctypes.c_int
+    THREE, FOUR = ctypes.c_double * 3, ctypes.c_double * 4
+
+    connect = _called("b3ConnectPhysicsDirect", P)
+    disconnect = _called("b3DisconnectSharedMemory", None, P)
+    submit = _called("b3SubmitClientCommandAndWaitStatus", P, P, P)
+    reset = _called("b3InitResetSimulationCommand", P, P)
+    parameters = _called("b3InitPhysicsParamCommand", P, P)
+    set_substeps = _called("b3PhysicsParamSetNumSubSteps", K, P, K)
+    set_iterations = _called("b3PhysicsParamSetNumSolverIterations", K, P, K)
+    set_deterministic = _called("b3PhysicsParameterSetDeterministicOverlappingPairs", K, P, K)
+    set_cone_friction = _called("b3PhysicsParamSetEnableConeFriction", K, P, K)
+    set_slop = _called("b3PhysicsParamSetContactSlop", K, P, N)
+    load_urdf = _called("b3LoadUrdfCommandInit", P, P, ctypes.c_char_p)
+    set_urdf_flags = _called("b3LoadUrdfCommandSetFlags", K, P, K)
+    body_of = _called("b3GetStatusBodyIndex", K, P)
+    new_shape = _called("b3CreateCollisionShapeCommandInit", P, P)
+    add_plane = _called("b3CreateCollisionShapeAddPlane", K, P, THREE, N)
+    shape_of = _called("b3GetStatusCollisionShapeUniqueId", K, P)
+    new_body = _called("b3CreateMultiBodyCommandInit", P, P)
+    add_base = _called("b3CreateMultiBodyBase", K, P, N, K, K, THREE, FOUR, THREE, FOUR)
+    dynamics = _called("b3InitChangeDynamicsInfo", P, P)
+    set_mass = _called("b3ChangeDynamicsInfoSetMass", K, P, K, K, N)
+    set_inertia = _called("b3ChangeDynamicsInfoSetLocalInertiaDiagonal", K, P, K, K, THREE)
+    set_friction = _called("b3ChangeDynamicsInfoSetLateralFriction", K, P, K, K, N)
+    set_spinning_friction = _called("b3ChangeDynamicsInfoSetSpinningFriction", K, P, K, K, N)
+    set_rolling_friction = _called("b3ChangeDynamicsInfoSetRollingFriction", K, P, K, K, N)
+    set_restitution = _called("b3ChangeDynamicsInfoSetRestitution", K, P, K, K, N)
+    set_linear_damping = _called("b3ChangeDynamicsInfoSetLinearDamping", K, P, K, N)
+    set_angular_damping = _called("b3ChangeDynamicsInfoSetAngularDamping", K, P, K, N)
+    set_joint_damping = _called("b3ChangeDynamicsInfoSetJointDamping", K, P, K, K, N)
+    set_largest_speed = _called("b3ChangeDynamicsInfoSetMaxJointVelocity", K, P, K, N)
+    set_activation = _called("b3ChangeDynamicsInfoSetActivationState", K, P, K, K)
+
+
+USE_INERTIA_FROM_FILE = 2
+"""Of a URDF: else that of the shapes' bounding boxes is taken."""
+
+DISABLE_SLEEPING = 2
+"""Of activation states."""
+
+
+class EnginePool:
+    """Worlds of a process, each kept while the same rock is shaken again; the least recently used one is rebuilt.
+
+    Parameters
+    ----------
+    worlds : int
+        At most so many; each takes some 35 MB.
     """
 
-    def __init__(
-        self,
-        contact: ContactModel,
-        points: int,
-        surface: ContactProperties,
-        impulse_m_s: float,
-        fall_m: float,
-        rebound_from_m_s: float,
-        solver: Solver,
-        slot: int,
-    ) -> None:
-        self._client = _client(slot)
-        self._contact = contact
-        self._surface = surface
-        self._follows_slip = surface.friction_kinetic != surface.friction_static
-        self._impulse = impulse_m_s
-        self._iterations = solver.iterations
-        self.near_share = max(NEAR_STEPS * fall_m / contact.half_diagonal_m, NEAREST_SHARE)
-        """Contacts are prepared within this share of R, unless told otherwise."""
-        self.points = points
-        pybullet.resetSimulation(physicsClientId=self._client)
-        pybullet.setPhysicsEngineParameter(
-            numSubSteps=0,
-            numSolverIterations=self._iterations,
-            solverResidualThreshold=(solver.residual_share * impulse_m_s) ** 2,
-            deterministicOverlappingPairs=1,
-            enableConeFriction=1,
-            contactSlop=0.0,
-            restitutionVelocityThreshold=rebound_from_m_s,
-            physicsClientId=self._client,
-        )
-        self._time_step_s, self._cold = 0.0, True
-        self._axes = _Axes(0.0)
-        self._rock = self._add_rock()
-        self._ground = self._add_pedestal()
-        self.let_stick()
+    def __init__(self, worlds: int = 6) -> None:
+        self._most = worlds
+        self._worlds: OrderedDict[tuple[int, int], tuple[ContactModel, NDArray[np.void]]] = OrderedDict()
 
-    def let_stick(self) -> None:
-        """Give the contact its static friction, as it has before it slips."""
-        self._grip = [0.0, 0.0, 0.0]
-        self._set_friction(self._surface.friction_static)
+    def world(self, contact: ContactModel, points: int) -> NDArray[np.void]:
+        """World (1,) of dtype WORLD that holds the first `points` of a rock's contact points."""
+        key = (id(contact), points)  # the model is kept beside its world, so that its identity stays its own
+        if key not in self._worlds:
+            client = self._client()
+            self._worlds[key] = contact, _build(client, contact, points)
+        self._worlds.move_to_end(key)
+        return self._worlds[key][1]
 
-    def hold_as(self, other: Engine) -> None:
-        """Let the contact stick or slip as in another engine, from which this one takes the rock over."""
-        self._grip = other._grip
-        self._set_friction(other._friction)
+    def forget(self) -> None:
+        """Make all worlds anew: one that a rock has left in no finite state holds no rock any more."""
+        while self._worlds:
+            _Bullet.disconnect(int(self._worlds.popitem()[1][1]["client"][0]))
 
-    def _set_friction(self, friction: float) -> None:
-        # Bullet multiplies the two bodies' coefficients; the rock's is 1.
-        pybullet.changeDynamics(self._ground, -1, lateralFriction=friction, physicsClientId=self._client)
-        self._friction = friction
+    def _client(self) -> int:
+        """A connection to Bullet. Worlds are reset, not removed, since only that frees their memory."""
+        if len(self._worlds) < self._most:
+            return int(_Bullet.connect())
+        return int(self._worlds.popitem(last=False)[1][1]["client"][0])
 
-    def _follow_slip(self) -> None:
-        """Choose the coefficient of the next step: the kinetic one while the contact as a whole slips.
 
-        It slips where the resultant of its friction uses up what the present coefficient allows, and once it does
-        until its points stand still. One state for all points: they belong to one rigid body, and differ only while it
-        turns on the spot. A rock in the air lands as one that slips if its lowest point moves along the plane by more
-        than a step in which the solver let go of a foot can give it.
-        """
-        contacts = pybullet.getContactPoints(physicsClientId=self._client)
-        touching = [point for point in contacts if point[9] > 0.0]
-        if not touching:
-            self._grip = [0.0, 0.0, 0.0]
-            slips = slip_m_s(*self._velocities(), self._lowest_arm_m()) > self._impulse
-        else:
-            slips = self._slips_on(touching)
-        static, kinetic = self._surface.friction_static, self._surface.friction_kinetic
-        wanted = kinetic if slips else static
-        if touching and slips and self._friction == static:
-            # Slip began within the step that is over, which held it with static friction to its end, on the average
-            # half a step too long: the next one takes that back. Left out, every slip came out a step short.
-            wanted = max(kinetic - 0.5 * (static - kinetic), 0.0)
-        if wanted != self._friction:
-            self._set_friction(wanted)
-
-    def _slips_on(self, touching: list[Any]) -> bool:
-        pressing, along = 0.0, [0.0, 0.0, 0.0]
-        for point in touching:
-            pressing += point[9]
-            for i in range(3):
-                along[i] += point[10] * point[11][i] + point[12] * point[13][i]
-        along = list(self._axes.out(along))
-        turned = (
-            sum(a * b for a, b in zip(along, self._grip, strict=True)) < 0.0
-        )  # slip came to a halt on the way
-        self._grip = along
-        sticks = self._friction == self._surface.friction_static
-        share = STARTS_TO_SLIP if sticks else STILL_SLIPS
-        if turned or math.hypot(*along) < share * self._friction * pressing:
-            return False
-        return sticks or self._moves_on(touching)
-
-    def _moves_on(self, touching: list[Any]) -> bool:
-        """Whether a point that touches moves along the plane after the step, which took it from where it touched."""
-        (x, y, z), _ = pybullet.getBasePositionAndOrientation(self._rock, self._client)
-        velocity, spin = self._velocities()
-        step_s = self._time_step_s
-        before = x - velocity[0] * step_s, y - velocity[1] * step_s, z - velocity[2] * step_s
-        arms = ([a - b for a, b in zip(point[5], before, strict=True)] for point in touching)
-        return any(slip_m_s(velocity, spin, arm) > STILL_MOVES * self._impulse for arm in arms)
-
-    def _velocities(self) -> tuple[Sequence[float], Sequence[float]]:
-        """Velocity and angular velocity of the rock, in the engine's world."""
-        velocity, spin = pybullet.getBaseVelocity(self._rock, self._client)
-        return velocity, spin
-
-    def _lowest_arm_m(self) -> list[float]:
-        """From the centre of mass to the lowest contact point."""
-        _, attitude = pybullet.getBasePositionAndOrientation(self._rock, self._client)
-        turn = np.array(pybullet.getMatrixFromQuaternion(attitude)).reshape(3, 3)
-        arms = self._contact.centres_body_m[: self.points] @ turn.T
-        return list(arms[arms[:, 2].argmin()].tolist())
-
-    def set_state(
-        self,
-        pose: Pose,
-        velocity_m_s: tuple[float, float, float],
-        angular_velocity_rad_s: tuple[float, float, float],
-        *,
-        within_share: float | None = None,
-        axes_rad: float = 0.0,
-    ) -> None:
-        """Place the rock and set it going; forgets all contacts.
-
-        From here on contacts are prepared within a share of R, `near_share` if not given, and friction acts along axes
-        that are turned by `axes_rad` from the support frame's.
-        """
-        if axes_rad != self._axes.turned_rad:
-            self._axes = _Axes(axes_rad)
-        pybullet.setPhysicsEngineParameter(
-            contactBreakingThreshold=self.near_share if within_share is None else within_share,
-            numSolverIterations=max(COLD_ITERATIONS, self._iterations),
-            physicsClientId=self._client,
-        )
-        self._cold = True
-        axes = self._axes
-        pybullet.resetBasePositionAndOrientation(
-            self._rock, *axes.pose_into(pose), physicsClientId=self._client
-        )
-        pybullet.resetBaseVelocity(
-            self._rock,
-            axes.into(velocity_m_s),
-            axes.into(angular_velocity_rad_s),
-            physicsClientId=self._client,
-        )
-        # Takes the rock out of the broad phase and back: only so do contacts get the new threshold.
-        pybullet.setCollisionFilterGroupMask(self._rock, -1, 1, -1, physicsClientId=self._client)
-
-    def rebound(self, duration_s: float, pull_m_s2: tuple[float, float, float]) -> Pose:
-        """Advance by the step that begins as points touch down: they leave with Newton's share of their speed.
-
-        Contacts that are only prepared must not rebound: Bullet would give them e times their speed less what closes
-        the gap, and so take speed from the fall.
-        """
-        restitution, client = self._surface.restitution, self._client
-        if restitution == 0.0:
-            return self.step(duration_s, pull_m_s2)
-        # Bullet multiplies the two bodies' coefficients; the rock's is 1.
-        pybullet.changeDynamics(self._ground, -1, restitution=restitution, physicsClientId=client)
-        pose = self.step(duration_s, pull_m_s2)
-        pybullet.changeDynamics(self._ground, -1, restitution=0.0, physicsClientId=client)
-        return pose
-
-    def step(self, duration_s: float, pull_m_s2: tuple[float, float, float]) -> Pose:
-        """Advance by one step under a constant pull (gravity less ground acceleration), support frame."""
-        if duration_s != self._time_step_s:
-            pybullet.setPhysicsEngineParameter(fixedTimeStep=duration_s, physicsClientId=self._client)
-            self._time_step_s = duration_s
-        pybullet.setGravity(*self._axes.into(pull_m_s2), self._client)
-        pybullet.stepSimulation(self._client)
-        if self._cold:
-            self._cold = False
-            pybullet.setPhysicsEngineParameter(
-                numSolverIterations=self._iterations, physicsClientId=self._client
-            )
-        if self._follows_slip:
-            self._follow_slip()
-        return self._axes.pose_out(pybullet.getBasePositionAndOrientation(self._rock, self._client))
-
-    def run(self, duration_s: float, pulls_m_s2: list[list[float]], poses: list[Pose]) -> None:
-        """Advance by one step for each pull and append the poses: the inner loop, as bare as Python allows."""
-        if self._cold or duration_s != self._time_step_s:
-            x, y, z = pulls_m_s2[0]
-            poses.append(self.step(duration_s, (x, y, z)))
-            pulls_m_s2 = pulls_m_s2[1:]
-        if self._follows_slip:
-            poses += [self.step(duration_s, (x, y, z)) for x, y, z in pulls_m_s2]
-            return
-        client, rock, axes = self._client, self._rock, self._axes
-        set_gravity, step = pybullet.setGravity, pybullet.stepSimulation
-        seen: list[Pose] = []
-        pose, append = pybullet.getBasePositionAndOrientation, seen.append
-        for x, y, z in map(axes.into, pulls_m_s2):
-            set_gravity(x, y, z, client)
-            step(client)
-            append(pose(rock, client))
-        poses += map(axes.pose_out, seen)
-
-    def _add_rock(self) -> int:
-        contact = self._contact
-        with tempfile.NamedTemporaryFile("w", suffix=".urdf") as file:
-            file.write(_urdf(contact.centres_body_m[: self.points], contact.radius_m, contact))
-            file.flush()
-            rock = pybullet.loadURDF(
-                file.name,
-                basePosition=contact.com_m.tolist(),
-                baseOrientation=contact.start_quaternion_xyzw.tolist(),
-                flags=pybullet.URDF_USE_INERTIA_FROM_FILE,  # else that of the shapes' bounding boxes
-                physicsClientId=self._client,
-            )
-        pybullet.changeDynamics(
-            rock,
-            -1,
-            mass=1.0,
-            localInertiaDiagonal=contact.principal_inertia_m2.tolist(),
-            lateralFriction=1.0,
-            spinningFriction=0.0,
-            rollingFriction=0.0,
-            restitution=1.0,
-            linearDamping=0.0,
-            angularDamping=0.0,
-            jointDamping=0.0,
-            maxJointVelocity=1e9,
-            activationState=pybullet.ACTIVATION_STATE_DISABLE_SLEEPING,
-            physicsClientId=self._client,
-        )
-        return rock
-
-    def _add_pedestal(self) -> int:
-        plane = pybullet.createCollisionShape(pybullet.GEOM_PLANE, physicsClientId=self._client)
-        ground = pybullet.createMultiBody(0.0, plane, physicsClientId=self._client)
-        pybullet.changeDynamics(ground, -1, restitution=0.0, physicsClientId=self._client)
-        return ground
+def _build(client: int, contact: ContactModel, points: int) -> NDArray[np.void]:
+    bullet = _Bullet
+    bullet.submit(client, bullet.reset(client))
+    command = bullet.parameters(client)
+    bullet.set_substeps(command, 0)
+    bullet.set_deterministic(command, 1)
+    bullet.set_cone_friction(command, 1)
+    bullet.set_slop(command, 0.0)
+    bullet.submit(client, command)
+    with tempfile.NamedTemporaryFile("w", suffix=".urdf") as file:
+        file.write(_urdf(contact.centres_body_m[:points], contact.radius_m, contact))
+        file.flush()
+        command = bullet.load_urdf(client, file.name.encode())
+        bullet.set_urdf_flags(command, USE_INERTIA_FROM_FILE)
+        rock = bullet.body_of(bullet.submit(client, command))
+    command = bullet.dynamics(client)
+    bullet.set_mass(command, rock, -1, 1.0)
+    bullet.set_inertia(command, rock, -1, bullet.THREE(*contact.principal_inertia_m2))
+    bullet.set_friction(command, rock, -1, 1.0)
+    bullet.set_spinning_friction(command, rock, -1, 0.0)
+    bullet.set_rolling_friction(command, rock, -1, 0.0)
+    bullet.set_restitution(command, rock, -1, 1.0)
+    bullet.set_linear_damping(command, rock, 0.0)
+    bullet.set_angular_damping(command, rock, 0.0)
+    bullet.set_joint_damping(command, rock, -1, 0.0)
+    bullet.set_largest_speed(command, rock, 1e9)
+    bullet.set_activation(command, rock, DISABLE_SLEEPING)
+    bullet.submit(client, command)
+    command = bullet.new_shape(client)
+    bullet.add_plane(command, bullet.THREE(0.0, 0.0, 1.0), 0.0)
+    plane = bullet.shape_of(bullet.submit(client, command))
+    command = bullet.new_body(client)
+    origin, upright = bullet.THREE(0.0, 0.0, 0.0), bullet.FOUR(0.0, 0.0, 0.0, 1.0)
+    bullet.add_base(command, 0.0, plane, -1, origin, upright, origin, upright)
+    ground = bullet.body_of(bullet.submit(client, command))
+    command = bullet.dynamics(client)
+    bullet.set_restitution(command, ground, -1, 0.0)
+    bullet.submit(client, command)
+    world = np.zeros(1, WORLD)
+    world["client"], world["rock"], world["ground"], world["points"] = client, rock, ground, points
+    world["cos"] = world["half_cos"] = 1.0
+    return world
 
 
 def _urdf(centres_m: Array, radius_m: float, contact: ContactModel) -> str:
@@ -344,12 +528,14 @@ def _urdf(centres_m: Array, radius_m: float, contact: ContactModel) -> str:
     )
 
 
-_CLIENTS: dict[int, int] = {}
+@cache
+def process_pool() -> EnginePool:
+    """The pool of this process, for who has none of his own."""
+    return EnginePool()
 
 
-def _client(slot: int) -> int:
-    """The process's connections to Bullet; worlds are reset, not made anew, since only that frees their memory."""
-    if slot not in _CLIENTS:
-        _CLIENTS[slot] = pybullet.connect(pybullet.DIRECT)
-        atexit.register(pybullet.disconnect, _CLIENTS[slot])
-    return _CLIENTS[slot]
+def configure_for(world: NDArray[np.void], surface: ContactProperties, solver: Solver) -> None:
+    """Give a world (1,) the contact's properties and the solver's limits."""
+    world["friction_static"], world["friction_kinetic"] = surface.friction_static, surface.friction_kinetic
+    world["restitution"] = surface.restitution
+    world["iterations"], world["cold_iterations"] = solver.iterations, COLD_ITERATIONS

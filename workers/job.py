@@ -16,8 +16,9 @@ from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.impose import Imposed, impose
 from toppling.models.motions.record import Record
 from toppling.models.scene import ContactProperties, Scene
-from toppling.workers.presets import PHYSICS_VERSION
-from toppling.workers.shake import ShakeResult, shake
+from toppling.workers.options import PHYSICS_VERSION
+from toppling.workers.outcome import ShakeResult
+from toppling.workers.shake import shake
 
 COM_SPREAD_SHARE = 0.005
 """Standard deviation of the centre of mass over the height, in a realisation of a scene that knows none of its own."""

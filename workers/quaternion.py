@@ -1,8 +1,9 @@
-"""Quaternions (x, y, z, w) in bare numpy: in the inner loop SciPy's Rotation costs ten engine steps a call."""
+"""Quaternions (x, y, z, w): in NumPy for many at once, compiled for the inner loop."""
 
 import math
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
@@ -57,10 +58,18 @@ def from_matrix(turn: Array) -> Array:
     return found / np.linalg.norm(found)
 
 
-def turn_vector(start: tuple[float, ...], end: tuple[float, ...]) -> tuple[float, float, float]:
-    """Rotation vector, rad, that carries attitude `start` into `end`."""
-    x1, y1, z1, w1 = end
-    x2, y2, z2, w2 = -start[0], -start[1], -start[2], start[3]
+@njit(cache=True)
+def normal_in_body(pose: Array) -> tuple[float, float, float]:
+    """The interface's normal in body axes, for a pose (7,): place, then attitude as a quaternion."""
+    x, y, z, w = pose[3], pose[4], pose[5], pose[6]
+    return 2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)
+
+
+@njit(cache=True)
+def rotation_between(start: Array, end: Array) -> tuple[float, float, float]:
+    """Rotation vector, rad, that carries the attitude of pose `start` (7,) into that of pose `end`."""
+    x1, y1, z1, w1 = end[3], end[4], end[5], end[6]
+    x2, y2, z2, w2 = -start[3], -start[4], -start[5], start[6]
     x = w1 * x2 + x1 * w2 + y1 * z2 - z1 * y2
     y = w1 * y2 - x1 * z2 + y1 * w2 + z1 * x2
     z = w1 * z2 + x1 * y2 - y1 * x2 + z1 * w2
@@ -72,9 +81,28 @@ def turn_vector(start: tuple[float, ...], end: tuple[float, ...]) -> tuple[float
     return x * scale, y * scale, z * scale
 
 
-def to_body(vector: tuple[float, float, float], attitude: tuple[float, ...]) -> tuple[float, float, float]:
-    """Components of a vector in the axes of a body of this attitude."""
-    (a, b, c), (x, y, z, w) = vector, attitude
+@njit(cache=True)
+def to_body(a: float, b: float, c: float, pose: Array) -> tuple[float, float, float]:
+    """Components of a vector in the axes of a body in a pose (7,)."""
+    x, y, z, w = pose[3], pose[4], pose[5], pose[6]
     # twice the cross product of the vector and the axis, as q* v q written out
     p, q, r = 2.0 * (b * z - c * y), 2.0 * (c * x - a * z), 2.0 * (a * y - b * x)
     return a + w * p + q * z - r * y, b + w * q + r * x - p * z, c + w * r + p * y - q * x
+
+
+@njit(cache=True)
+def to_world(a: float, b: float, c: float, pose: Array) -> tuple[float, float, float]:
+    """A vector of a body in a pose (7,) in the axes that the pose is told in."""
+    x, y, z, w = pose[3], pose[4], pose[5], pose[6]
+    p, q, r = 2.0 * (y * c - z * b), 2.0 * (z * a - x * c), 2.0 * (x * b - y * a)
+    return a + w * p + y * r - z * q, b + w * q + z * p - x * r, c + w * r + x * q - y * p
+
+
+@njit(cache=True)
+def yaw_between(start: Array, end: Array) -> float:
+    """Turn about z, rad, from one pose (7,) to another: what is left of a rotation without the tilt."""
+    x1, y1, z1, w1 = end[3], end[4], end[5], end[6]
+    x2, y2, z2, w2 = -start[3], -start[4], -start[5], start[6]
+    z = w1 * z2 + x1 * y2 - y1 * x2 + z1 * w2
+    w = w1 * w2 - x1 * x2 - y1 * y2 - z1 * z2
+    return 2.0 * math.atan2(z, w)

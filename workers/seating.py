@@ -3,21 +3,27 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
+from numba import njit
+from numpy.typing import NDArray
 
 from toppling.models.errors import InputError
 from toppling.models.scene import ContactProperties, Scene
 from toppling.models.statics import TOPPLED_TILT_DEG, equilibrium_possible
+from toppling.workers import engine
 from toppling.workers import quaternion as quat
-from toppling.workers.contact import LARGEST_OPEN_TILT_DEG, REACH_DEG, contact_of
-from toppling.workers.presets import Solver, settings_of
-from toppling.workers.stepping import engine_for
-from toppling.workers.way import STILL, travel_m
+from toppling.workers.contact_points import LARGEST_OPEN_TILT_DEG, contact_of
+from toppling.workers.integrator import OPTIONS
+from toppling.workers.observation import travel_m
+from toppling.workers.options import Solver, settings_of
+from toppling.workers.rest import TOUCHING_SHARE
+from toppling.workers.termination import friction_that_stops
 
-TOUCHING_SHARE = 1e-5
-"""Feet within this share of R of the plane carry a rock at rest: the engine holds them within a tenth of it."""
+Array = NDArray[np.float64]
 
 PASSES = 3
 
@@ -30,7 +36,7 @@ STEPS_IN_A_LOOK = 4
 
 
 @lru_cache(maxsize=8)
-def settled(scene: Scene) -> Scene:
+def settled(scene: Scene, pool: engine.EnginePool | None = None) -> Scene:
     """The scene with its rock at rest: as it is where statics holds it, else let down without gathering speed.
 
     Raises
@@ -54,16 +60,11 @@ def settled(scene: Scene) -> Scene:
             seated.rock, seated.pedestal, seated.gravity_m_s2, seated.contact.friction_static, np.zeros(3)
         )[0]:
             break
-        seated = _let_down(seated)
+        seated = _let_down(seated, pool or engine.process_pool())
     way_m = float(np.linalg.norm(seated.rock.com_m - scene.rock.com_m))
     if way_m > 0.1 * scene.rock.height_m:
         raise _falls(scene, f"its centre of mass moves by {way_m:.3g} m")
     return seated
-
-
-def friction_that_stops(scene: Scene) -> float:
-    """Kinetic friction, tan(slope), below which a rock that slips on the pedestal slides for ever."""
-    return float(np.tan(np.deg2rad(scene.pedestal.slope_deg)))
 
 
 def _on_its_pedestal(scene: Scene) -> Scene:
@@ -75,44 +76,75 @@ def _on_its_pedestal(scene: Scene) -> Scene:
     return dataclasses.replace(scene, rock=scene.rock.moved(np.eye(3), -lowest_m * scene.pedestal.normal))
 
 
-def _let_down(scene: Scene) -> Scene:
+def _let_down(scene: Scene, pool: engine.EnginePool) -> Scene:
     """The scene with its rock where it comes to rest when all speed is taken from it again and again."""
     contact = contact_of(scene)
     turn = contact.scene_from_support
     gravity = np.array([0.0, 0.0, -scene.gravity_m_s2]) @ turn
-    settings = settings_of("standard")
-    step_s = settings.time_step_s(contact.half_diagonal_m, scene.gravity_m_s2)
-    impulse, slot = scene.gravity_m_s2 * step_s, len(REACH_DEG) - 1
+    step_s = settings_of("standard").time_step_s(contact.half_diagonal_m, scene.gravity_m_s2)
+    world = pool.world(contact, contact.points_within(LARGEST_OPEN_TILT_DEG))
     surface = ContactProperties.of(scene.contact.friction_static)  # let down without a rebound
-    engine = engine_for(contact, LARGEST_OPEN_TILT_DEG, surface, impulse, impulse * step_s, 0.0, SOLVER, slot)
-    pose = contact.touching(contact.start_pose)
-    engine.set_state(pose, STILL, STILL)
-    strict = 3e-7 * contact.half_diagonal_m  # the solver lets a rock at rest creep by a quarter of it
-    previous = np.inf
-    for look in range(5000):
-        # A base that rolls may swing on by a millionth of its size for ever.
-        limit = strict if look < 1000 else 10.0 * strict
-        poses = [pose]
-        engine.run(step_s, [gravity.tolist()] * STEPS_IN_A_LOOK, poses)
-        way = travel_m(poses[-2], poses[-1], contact.half_diagonal_m)
-        pose = poses[-1]
-        # Past the lowest point of this swing: let it go from here at rest. What is left in the end dies by itself.
-        if way < previous and way > STOPPED_SHARE * contact.half_diagonal_m:
-            engine.set_state(pose, STILL, STILL)
-        if max(way, previous) < limit:
-            break
-        previous = way
-    relative = quat.matrix(quat.product(np.array(pose[1]), quat.inverse(contact.start_quaternion_xyzw)))
+    engine.configure_for(world, surface, SOLVER)
+    pose = np.array([*itertools.chain(*contact.touching(contact.start_pose))])
+    centres_m = np.ascontiguousarray(contact.centres_body_m)
+    still = _swing_out(
+        world[0],
+        centres_m,
+        contact.half_diagonal_m,
+        scene.gravity_m_s2,
+        gravity,
+        step_s,
+        SOLVER.residual_share,
+        pose,
+    )
+    relative = quat.matrix(quat.product(pose[3:], quat.inverse(contact.start_quaternion_xyzw)))
     rotation = turn @ relative @ turn.T
     tilt = np.rad2deg(np.arccos(np.clip(rotation[2, 2], -1.0, 1.0)))
     if tilt > TOPPLED_TILT_DEG:
         raise _falls(scene, f"it tilts by {tilt:.1f} degrees")
-    if max(way, previous) >= limit:
-        raise _falls(
-            scene, f"it still moves at {max(way, previous) / step_s:.1g} m/s, tilted by {tilt:.1f} degrees"
-        )
-    com = np.array(pose[0]) @ turn.T + contact.origin_m
+    if still > 0.0:
+        raise _falls(scene, f"it still moves at {still:.1g} m/s, tilted by {tilt:.1f} degrees")
+    com = pose[:3] @ turn.T + contact.origin_m
     return dataclasses.replace(scene, rock=scene.rock.moved(rotation, com - rotation @ scene.rock.com_m))
+
+
+@njit(cache=True)
+def _swing_out(
+    world: Any,
+    centres_m: Array,
+    half_diagonal_m: float,
+    gravity_m_s2: float,
+    force_m_s2: Array,
+    step_s: float,
+    residual_share: float,
+    pose: Array,
+) -> float:
+    """Let a rock swing, and go at rest from the lowest point of each swing; its last speed, m/s, or 0 at rest."""
+    impulse, still, force = (
+        gravity_m_s2 * step_s,
+        (0.0, 0.0, 0.0),
+        (force_m_s2[0], force_m_s2[1], force_m_s2[2]),
+    )
+    near = max(OPTIONS.prepared_steps * (impulse * step_s) / half_diagonal_m, OPTIONS.prepared_share)
+    engine.configure(world, impulse, near, 0.0, residual_share)
+    engine.let_stick(world)
+    engine.place(world, pose, 0.0, still, still, near, 0.0)
+    strict = 3e-7 * half_diagonal_m  # the solver lets a rock at rest creep by a quarter of it
+    previous, travel, before = np.inf, np.inf, pose.copy()
+    for look in range(5000):
+        # A base that rolls may swing on by a millionth of its size for ever.
+        limit = strict if look < 1000 else 10.0 * strict
+        for _ in range(STEPS_IN_A_LOOK):
+            before[:] = pose
+            engine.step(world, centres_m, step_s, force, pose)
+        travel = travel_m(before, pose, half_diagonal_m)
+        # Past the lowest point of this swing: let it go from here at rest. What is left in the end dies by itself.
+        if travel < previous and travel > STOPPED_SHARE * half_diagonal_m:
+            engine.place(world, pose, 0.0, still, still, near, 0.0)
+        if max(travel, previous) < limit:
+            return 0.0
+        previous = travel
+    return max(travel, previous) / step_s
 
 
 def _falls(scene: Scene, what: str) -> InputError:

@@ -11,8 +11,14 @@ from numpy.typing import ArrayLike
 
 from toppling.models.errors import InputError
 from toppling.workers import quaternion as quat
-from toppling.workers.contact import ContactModel, Pose
-from toppling.workers.way import STILL, SUNK_SHARE, Vector
+from toppling.workers.contact_points import ContactModel, Pose
+
+Vector = tuple[float, float, float]
+
+STILL: Vector = (0.0, 0.0, 0.0)
+
+SUNK_SHARE = 1e-4
+"""A start whose points are deeper than this share of R is raised; what is less the engine lets out gently."""
 
 STATE_SIZES = {"position_m": 3, "quaternion_xyzw": 4, "velocity_m_s": 3, "angular_velocity_rad_s": 3}
 

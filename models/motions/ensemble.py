@@ -14,6 +14,7 @@ import pyarrow.parquet as pq
 
 from toppling.models.errors import InputError
 from toppling.models.motions.catalogue import meaning
+from toppling.models.motions.impose import impose
 from toppling.models.motions.motion import Motion
 from toppling.models.motions.record import Record, motion_sha
 
@@ -142,6 +143,28 @@ class Ensemble:
             for file_path in part.values():
                 file_path.unlink(missing_ok=True)
         return cls.load(path)
+
+    def motion(
+        self, record_id: str, *, pga_m_s2: float, azimuth_deg: float, peak_displacement_m: float | None = None
+    ) -> Motion:
+        """A record as a job imposes it: scaled and turned (:func:`models.motions.impose.impose`).
+
+        Parameters
+        ----------
+        record_id : str
+        pga_m_s2 : float
+            Largest length of the horizontal acceleration vector.
+        azimuth_deg : float
+            Where the stronger horizontal component points, degrees counter-clockwise from x.
+        peak_displacement_m : float or None
+            Largest horizontal displacement to impose.
+
+        Raises
+        ------
+        InputError
+            If there is no such record, or a number is not positive.
+        """
+        return impose(self.record(record_id), pga_m_s2, azimuth_deg, peak_displacement_m).motion
 
     @property
     def record_ids(self) -> list[str]:

@@ -21,7 +21,8 @@ if TYPE_CHECKING:
     from toppling.models.motions.motion import Motion
     from toppling.models.scene import Scene
     from toppling.results.run import Run, open_run
-    from toppling.workers.shake import ShakeResult, shake
+    from toppling.workers.outcome import ShakeResult
+    from toppling.workers.shake import shake
     from toppling.workers.start import State
 
 __all__ = ["Ensemble", "InputError", "Motion", "Run", "Scene", "ShakeResult", "State", "open_run", "shake"]
@@ -32,7 +33,7 @@ _HOMES = {
     "Motion": "toppling.models.motions.motion",
     "Run": "toppling.results.run",
     "Scene": "toppling.models.scene",
-    "ShakeResult": "toppling.workers.shake",
+    "ShakeResult": "toppling.workers.outcome",
     "State": "toppling.workers.start",
     "open_run": "toppling.results.run",
     "shake": "toppling.workers.shake",

@@ -10,7 +10,7 @@ from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
 from toppling.orchestrator.front import CONVERGED, EXPLORED, FLOOR, Setting, answers, compare, draw_jobs
 from toppling.results.figures import front_figure, save
-from toppling.workers.presets import PRESETS
+from toppling.workers.options import PRESETS
 
 
 @click.command()

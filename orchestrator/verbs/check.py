@@ -17,7 +17,7 @@ from toppling.models.motions.ensemble import CATALOG, Ensemble
 from toppling.models.motions.motion import Motion
 from toppling.models.motions.record import Record
 from toppling.models.scene import Scene
-from toppling.workers.presets import PRESETS
+from toppling.workers.options import PRESETS
 from toppling.workers.shake import shake
 
 

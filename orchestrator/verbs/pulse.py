@@ -11,7 +11,7 @@ from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene
 from toppling.orchestrator.verbs.replay import way_of, write_out
 from toppling.results.friction import friction_words
-from toppling.workers.presets import PRESETS
+from toppling.workers.options import PRESETS
 
 SHAPES = ("sawtooth", "sine", "cosine", "ricker")
 

@@ -21,8 +21,9 @@ from toppling.results.schema import SCHEMA, describe
 from toppling.results.store import whole_table
 from toppling.results.way import Way
 from toppling.workers.job import Assets, JobSpec, outcome_of, prepared
+from toppling.workers.outcome import ShakeResult
 from toppling.workers.seating import settled
-from toppling.workers.shake import ShakeResult, shake
+from toppling.workers.shake import shake
 
 SAME = 1e-9
 """Relative difference up to which two numbers are the same answer."""

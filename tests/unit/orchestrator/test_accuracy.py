@@ -23,7 +23,7 @@ from toppling.orchestrator.front import (
     draw_jobs,
 )
 from toppling.orchestrator.verbs.accuracy import accuracy
-from toppling.workers.presets import PRESETS
+from toppling.workers.options import PRESETS
 
 COUNT = 40
 FAST = Setting(PRESETS["fast"])

@@ -24,7 +24,7 @@ from toppling.orchestrator.cli import cli
 from toppling.results.report import _BUDGET, SECTIONS, _accuracy, _budget, _fit_table, _table, report_page
 from toppling.results.run import open_run
 from toppling.results.store import write_part
-from toppling.workers.presets import PRESETS
+from toppling.workers.options import PRESETS
 
 
 class Page(html.parser.HTMLParser):

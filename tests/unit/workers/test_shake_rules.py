@@ -15,8 +15,8 @@ from toppling.models.rock import Rock
 from toppling.models.scene import ContactProperties, Scene
 from toppling.models.shapes import box, ellipsoid
 from toppling.workers import quaternion as quat
-from toppling.workers.certainty import least_overturning_j_kg, potential_j_kg
-from toppling.workers.contact import contact_of
+from toppling.workers.barrier import least_overturning_j_kg, potential_j_kg
+from toppling.workers.contact_points import contact_of
 from toppling.workers.shake import shake
 from toppling.workers.start import State
 
@@ -205,8 +205,8 @@ def test_on_a_slope_the_least_energy_is_that_of_the_side_that_is_turned_downhill
     exact = over_the_edge(half_width, 0.6, 5.0)
     if half_width == 0.35:  # then it tips more easily over its short side, which lies along the slope
         exact = min(exact, np.cos(np.deg2rad(5.0)) * over_the_edge(0.2, 0.6))
-    assert least_overturning_j_kg(scene, turn_deg=turn_deg) == pytest.approx(exact, rel=5e-3)
-    assert least_overturning_j_kg(scene, turn_deg=None) <= least_overturning_j_kg(scene, turn_deg=turn_deg)
+    assert least_overturning_j_kg(scene, yaw_deg=turn_deg) == pytest.approx(exact, rel=5e-3)
+    assert least_overturning_j_kg(scene, yaw_deg=None) <= least_overturning_j_kg(scene, yaw_deg=turn_deg)
 
 
 @pytest.mark.parametrize("tilt_deg", [0.0, 4.0])

@@ -1,6 +1,6 @@
 """Hard cases: what must hold where a rigid-body engine is most likely to fail."""
 
-import importlib
+from dataclasses import replace
 from functools import partial
 
 import engine_cases as case
@@ -13,10 +13,11 @@ from toppling.models.errors import InputError
 from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene
 from toppling.models.shapes import box, cylinder, ellipsoid
-from toppling.workers.contact import contact_of
-from toppling.workers.presets import PRESETS
+from toppling.workers import termination
+from toppling.workers.engine import process_pool
+from toppling.workers.options import PRESETS
 from toppling.workers.reference.closed_forms import landing_boundary
-from toppling.workers.shake import _Run, shake
+from toppling.workers.shake import Shaking, shake
 from toppling.workers.start import State
 
 G = case.G
@@ -211,9 +212,8 @@ def test_a_rock_whose_fate_is_open_at_the_cap_is_undecided(monkeypatch):
     tilt_rad, radius, half_height = np.deg2rad(14), 0.2, 0.6
     rock = cylinder(radius, half_height, 48)
     scene = Scene.from_mesh((rock.vertices_m, rock.faces), friction=case.GRIP)
-    module = importlib.import_module("toppling.workers.shake")  # `workers.shake` is the function
-    monkeypatch.setattr(module, "CALMED_AFTER_MOTION", 0.0)
-    monkeypatch.setattr(module, "CAP_AFTER_MOTION", 3.0)
+    monkeypatch.setattr(termination, "CALMED_AFTER_MOTION", 0.0)
+    monkeypatch.setattr(termination, "CAP_AFTER_MOTION", 3.0)
     result = shake(scene, case.STILL, "fast", initial=case.rolling_start(radius, half_height, tilt_rad))
     assert (result.status, result.ended_by) == ("undecided", "time_cap")
     assert (result.outcome, result.toppled, result.topple_time_s) == (None, None, None)
@@ -345,9 +345,10 @@ def test_a_state_that_is_not_finite_or_too_fast_ends_as_diverged_never_as_topple
     step_s = settings.time_step_s(scene.rock.half_diagonal_m, G)
     dropped = partial(shake, scene, case.STILL, "fast", initial={"position_m": (0, 0, 0.7)}, trajectory=True)
     before = dropped()
-    run = _Run(scene, contact_of(scene), case.STILL, step_s, settings, start, shortcuts=False)
-    run.speed_limit_m_s = limit_m_s  # nothing that a caller may ask for makes the engine faster than its own
-    result = run.report(*run.to_the_end(), began=0.0, keep=False)
+    shaking = Shaking.of(scene, case.STILL, settings, step_s, start, False, process_pool())
+    # Nothing that a caller may ask for makes the engine faster than its own.
+    shaking = replace(shaking, context=replace(shaking.context, speed_limit_m_s=limit_m_s))
+    result = shaking.result(*shaking.run(), trajectory=False)
     assert (result.status, result.toppled, result.outcome) == ("diverged", None, None)
     after = dropped()  # it fell through the ground of a world that had held a rock without a place
     assert after.outcome == before.outcome == "stands"
@@ -359,11 +360,14 @@ def test_feet_set_to_their_height_in_a_part_of_no_time_are_no_speed(part_s, stat
     # A step to a touch began with such a part, and 3e-8 m in it seemed to be 190 m/s.
     scene, settings = Scene.block(0.2, 0.2, 0.6), PRESETS["fast"]
     step_s = settings.time_step_s(scene.rock.half_diagonal_m, G)
-    run = _Run(scene, contact_of(scene), case.STILL, step_s, settings, State(), shortcuts=False)
-    way = run.stepper.way
-    (x, y, z), attitude = way.poses[-1]
-    way.append(((x + 190.0 * part_s, y, z), attitude), way.times_s[-1] + part_s, way.kicked_s[-1])
-    assert run.to_the_end()[0] == status
+    shaking = Shaking.of(scene, case.STILL, settings, step_s, State(), False, process_pool())
+    shaking.integrator.advance(0)  # the engine has the rock
+    sim = shaking.integrator.sim
+    sim.state["last"] = 1
+    sim.pose[1] = sim.pose[0] + np.array([190.0 * part_s, 0, 0, 0, 0, 0, 0])
+    sim.time_s[1] = part_s
+    sim.velocity_time_s[1] = 0.0
+    assert shaking.run()[0].status == status
 
 
 @pytest.mark.slow

@@ -111,17 +111,16 @@ class ContactModel:
         return self.points_body_m + self.radius_m * self.support_from_body[2]
 
     @cached_property
-    def arms_and_mobilities(self) -> list[tuple[tuple[float, ...], tuple[float, ...]]]:
-        """Of each contact point its place, and what turning adds to its mobility over 1 / mass: body axes.
+    def mobilities_m2(self) -> Array:
+        """What turning adds to the mobility of each contact point over 1 / mass, (n, 6): body axes.
 
-        The latter is arm x (inertia / mass)^-1 x arm, a symmetric tensor, as xx, yy, zz, xy, xz, yz.
+        It is arm x (inertia / mass)^-1 x arm, a symmetric tensor, as xx, yy, zz, xy, xz, yz.
         """
         x, y, z = self.centres_body_m.T
         none = np.zeros_like(x)
         crossed = np.array([[none, -z, y], [z, none, -x], [-y, x, none]])
         mobility = np.einsum("kin,k,kjn->nij", crossed, 1.0 / self.principal_inertia_m2, crossed)
-        parts = mobility[:, [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
-        return list(zip(map(tuple, self.centres_body_m.tolist()), map(tuple, parts.tolist()), strict=True))
+        return np.asarray(mobility[:, [0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]])
 
     @cached_property
     def start_quaternion_xyzw(self) -> Array:

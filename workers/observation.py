@@ -1,0 +1,202 @@
+"""What decides whether a shake goes on: a few numbers of a block of steps and of the rock at its end. Compiled."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from toppling.models.scene import Scene
+from toppling.workers.barrier import lying_arms_m
+from toppling.workers.contact_points import ContactModel
+from toppling.workers.engine import slip_m_s
+from toppling.workers.integrator import Simulation, velocities
+from toppling.workers.quaternion import (
+    normal_in_body,
+    rotation_between,
+    to_body,
+    to_world,
+    yaw_between,
+)
+
+Array = NDArray[np.float64]
+Vector = tuple[float, float, float]
+
+TOUCHING_AT_START_SHARE = 1e-4
+"""Of R: contact points so near the lowest one touch at the start."""
+
+
+class Body(NamedTuple):
+    """A rock, as compiled code observes it.
+
+    Parameters
+    ----------
+    points_m : (n, 3) array
+        Contact points, body axes.
+    lying_m : (n, 3) array
+        From each of them to the centre of mass as the rock stood in the scene, support frame.
+    scene_pose, start_pose : (7,) array
+        Pose in the scene, and at time 0.
+    first_contact_m : (3,) array
+        Centroid of the points that touch at the start, body axes.
+    first_place_m : (3,) array
+        Where it is then, support frame.
+    up : (3,) array
+        Upward unit vector, support frame.
+    inertia_m2 : (3,) array
+        Principal moments of inertia over mass.
+    gravity_m_s2, half_diagonal_m : float
+    """
+
+    points_m: Array
+    lying_m: Array
+    scene_pose: Array
+    start_pose: Array
+    first_contact_m: Array
+    first_place_m: Array
+    up: Array
+    inertia_m2: Array
+    gravity_m_s2: float
+    half_diagonal_m: float
+
+    @classmethod
+    def of(cls, scene: Scene, contact: ContactModel, start_pose: Array) -> Body:
+        """Of a scene whose shake starts in a pose (7,)."""
+        gaps = contact.gaps_m(start_pose[None, :3], start_pose[None, 3:])[0]
+        touching = gaps <= gaps.min() + TOUCHING_AT_START_SHARE * contact.half_diagonal_m
+        first = contact.points_body_m[touching].mean(axis=0)
+        return cls(
+            points_m=np.ascontiguousarray(contact.points_body_m),
+            lying_m=np.ascontiguousarray(lying_arms_m(contact)),
+            scene_pose=np.array([*contact.com_m, *contact.start_quaternion_xyzw]),
+            start_pose=start_pose,
+            first_contact_m=first,
+            first_place_m=start_pose[:3] + to_world(*first, start_pose),
+            up=np.ascontiguousarray(contact.scene_from_support[2]),
+            inertia_m2=contact.principal_inertia_m2,
+            gravity_m_s2=scene.gravity_m_s2,
+            half_diagonal_m=contact.half_diagonal_m,
+        )
+
+
+class Observation(NamedTuple):
+    """A block of steps, and the rock at its end; angles in degrees."""
+
+    time_s: float
+    fastest_m_s: float
+    """Largest speed of the centre of mass in the block; NaN where the state is not finite."""
+    lowest_m: float
+    """Least height of the centre of mass over the interface in the block."""
+    largest_tilt_deg: float
+    drift_m_s: float
+    """Mean speed, over the block, of the point that moved most."""
+    speed_m_s: float
+    """Of the fastest point."""
+    sliding_m_s: float
+    """Of the lowest contact point along the interface."""
+    energy_j_kg: float
+    """Kinetic energy, and potential energy above that of the rock lying where it is, per mass."""
+    tilt_deg: float
+    yaw_deg: float
+    """Turn about the normal since the pose of the scene, -180 to 180."""
+    turned_deg: float
+    """Size of the turn about the normal since the start, 0 to 180."""
+    slip_m: float
+    """Way along the interface of the material point that was the centroid of the first contact."""
+    com_m: Vector
+    lying_com_m: Vector
+    """Where the centre of mass were if the rock lay where it is, turned as now, its lowest point on the same spot."""
+
+
+@njit(cache=True)
+def observe(sim: Simulation, body: Body, since: int, shortest_step_s: float) -> Observation:
+    """Look at the steps since a pose.
+
+    Parameters
+    ----------
+    sim : Simulation
+    body : Body
+    since : int
+    shortest_step_s : float
+        Substeps count as no shorter for speeds: one to a contact may take next to no time, in which points are set to
+        their height.
+    """
+    last = sim.state[0].last
+    pose = sim.pose[last]
+    fastest, lowest, cosine = 0.0, np.inf, 1.0
+    a, b, c = sim.upright
+    for i in range(since, last + 1):
+        here = sim.pose[i]
+        if not (math.isfinite(here[0]) and math.isfinite(here[1]) and math.isfinite(here[2])):
+            fastest = np.nan
+        x, y, z = normal_in_body(here)
+        cosine, lowest = min(cosine, x * a + y * b + z * c), min(lowest, here[2])
+        if i > since:
+            x, y, z = here[0] - sim.pose[i - 1, 0], here[1] - sim.pose[i - 1, 1], here[2] - sim.pose[i - 1, 2]
+            way, duration = math.sqrt(x * x + y * y + z * z), sim.time_s[i] - sim.time_s[i - 1]
+            fastest = max(fastest, way / max(duration, shortest_step_s))
+    x, y, z = normal_in_body(pose)
+    tilt = math.degrees(math.acos(min(max(x * a + y * b + z * c, -1.0), 1.0)))
+    velocity, spin = velocities(sim, last)
+    lying, arm = _lying_com_m(body, pose)
+    x, y, z = to_world(body.first_contact_m[0], body.first_contact_m[1], body.first_contact_m[2], pose)
+    x, y = pose[0] + x - body.first_place_m[0], pose[1] + y - body.first_place_m[1]
+    yaw = math.degrees(yaw_between(body.scene_pose, pose))
+    turned = math.degrees(yaw_between(body.start_pose, pose))
+    up, lasted_s = body.up, sim.time_s[last] - sim.time_s[since]
+    height = up[0] * (pose[0] - lying[0]) + up[1] * (pose[1] - lying[1]) + up[2] * (pose[2] - lying[2])
+    return Observation(
+        time_s=sim.time_s[last],
+        fastest_m_s=fastest,
+        lowest_m=lowest,
+        largest_tilt_deg=math.degrees(math.acos(max(cosine, -1.0))),
+        drift_m_s=travel_m(sim.pose[since], pose, body.half_diagonal_m) / lasted_s if lasted_s > 0.0 else 0.0,
+        speed_m_s=_size(velocity) + _size(spin) * body.half_diagonal_m,
+        sliding_m_s=slip_m_s(velocity, spin, arm),
+        energy_j_kg=_kinetic_j_kg(body, pose, velocity, spin) + body.gravity_m_s2 * height,
+        tilt_deg=tilt,
+        yaw_deg=yaw,
+        turned_deg=abs((turned + 180.0) % 360.0 - 180.0),
+        slip_m=math.sqrt(x * x + y * y),
+        com_m=(pose[0], pose[1], pose[2]),
+        lying_com_m=lying,
+    )
+
+
+@njit(cache=True)
+def travel_m(start: Array, end: Array, radius_m: float) -> float:
+    """Way from pose to pose (7,) of the point that moved most of those within a radius, at most."""
+    way = (end[0] - start[0], end[1] - start[1], end[2] - start[2])
+    return _size(way) + _size(rotation_between(start, end)) * radius_m
+
+
+@njit(cache=True)
+def _size(vector: Vector) -> float:
+    return math.sqrt(vector[0] * vector[0] + vector[1] * vector[1] + vector[2] * vector[2])
+
+
+@njit(cache=True)
+def _kinetic_j_kg(body: Body, pose: Array, velocity: Vector, spin: Vector) -> float:
+    p, q, r = to_body(spin[0], spin[1], spin[2], pose)
+    inertia = body.inertia_m2
+    turning = inertia[0] * p * p + inertia[1] * q * q + inertia[2] * r * r
+    return 0.5 * (velocity[0] ** 2 + velocity[1] ** 2 + velocity[2] ** 2 + turning)
+
+
+@njit(cache=True)
+def _lying_com_m(body: Body, pose: Array) -> tuple[Vector, Vector]:
+    """Centre of mass if the rock lay where it is, and the arm from the present one to the lowest contact point."""
+    nx, ny, nz = normal_in_body(pose)
+    lowest, index = np.inf, 0
+    for i in range(len(body.points_m)):
+        height = body.points_m[i, 0] * nx + body.points_m[i, 1] * ny + body.points_m[i, 2] * nz
+        if height < lowest:
+            lowest, index = height, i
+    arm = to_world(body.points_m[index, 0], body.points_m[index, 1], body.points_m[index, 2], pose)
+    yaw = yaw_between(body.scene_pose, pose)
+    cos, sin = math.cos(yaw), math.sin(yaw)
+    x, y, z = body.lying_m[index]
+    return (pose[0] + arm[0] + cos * x - sin * y, pose[1] + arm[1] + sin * x + cos * y, z), arm

@@ -1,0 +1,153 @@
+"""What happened in a shake, told from its trajectory."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from toppling.models.frames import azimuth_deg
+from toppling.models.statics import TOPPLED_FALL, TOPPLED_TILT_DEG
+from toppling.models.trajectory import Trajectory
+from toppling.workers import quaternion
+from toppling.workers.contact_points import LARGEST_OPEN_TILT_DEG, ContactModel
+from toppling.workers.observation import Observation
+from toppling.workers.termination import MOVED_DEG, Verdict, is_displaced
+
+Array = NDArray[np.float64]
+
+FALLS = ("fallen", "tilted", "slid_off")
+"""Rules after which the rock has toppled whatever its pose."""
+
+NEGLIGIBLE_WAY_SHARE = 1e-3
+"""Of R: the centre of mass comes to its balance over a point on a way that is longer by far."""
+
+
+@dataclass(frozen=True, eq=False)
+class ShakeResult:
+    """What happened, and what it cost.
+
+    Parameters
+    ----------
+    status : str
+        'ok', 'undecided' (not at rest within the cap) or 'diverged' (a state that no energy in the motion explains).
+    outcome : str or None
+        'stands', 'moved' or 'toppled'; None unless status is ok.
+    toppled : bool or None
+    topple_time_s, topple_azimuth_deg : float or None
+        When the rock crossed its point of no return, and where its centre of mass was then, seen from its start; at the
+        end, where it started past that point.
+    max_tilt_deg, residual_tilt_deg, residual_yaw_deg : float
+        Largest and last angle between the interface's normal and where the rock has carried it, since it was seated,
+        or, where its start was given, from its pose in the scene; last turn about it, since the start.
+    slip_m : float
+        Way along the interface of the material point that was the centroid of the first contact, at the end.
+    penetration_m : float
+        Deepest that a contact point sank below the surface; a start inside the ground counts once it is raised.
+    ended_by : str
+        The rule that ended the shake.
+    steps, simulated_s, skipped_s, wall_s
+        Engine steps, time stepped through, time skipped with the rock at rest or its answer certain, and the cost.
+    time_step_s : float
+    trajectory : Trajectory or None
+    """
+
+    status: str
+    outcome: str | None
+    toppled: bool | None
+    topple_time_s: float | None
+    topple_azimuth_deg: float | None
+    max_tilt_deg: float
+    residual_tilt_deg: float
+    residual_yaw_deg: float
+    slip_m: float
+    penetration_m: float
+    ended_by: str
+    steps: int
+    simulated_s: float
+    skipped_s: float
+    wall_s: float
+    time_step_s: float
+    trajectory: Trajectory | None = field(repr=False, default=None)
+
+
+def outcome_of(
+    said: Verdict, seen: Observation, contact: ContactModel, time_s: Array, pose: Array
+) -> dict[str, object]:
+    """Fields of a result that the motion decides.
+
+    Parameters
+    ----------
+    said : Verdict
+    seen : Observation
+        Of the end.
+    contact : ContactModel
+    time_s : (n,) array
+    pose : (n, 7) array
+        The whole trajectory, support frame.
+    """
+    tilt = contact.tilts_deg(pose[:, 3:])
+    toppled = (said.ended_by in FALLS or bool(tilt[-1] > TOPPLED_TILT_DEG)) if said.status == "ok" else None
+    turning = _point_of_no_return(said.ended_by, contact, pose[:, :3], tilt) if toppled else None
+    outcome = None
+    if said.status == "ok":
+        displaced = is_displaced(seen, contact) or tilt[-1] > MOVED_DEG
+        outcome = "toppled" if toppled else "moved" if displaced else "stands"
+    return {
+        "status": said.status,
+        "outcome": outcome,
+        "toppled": toppled,
+        "topple_time_s": None if turning is None else float(time_s[turning]),
+        "topple_azimuth_deg": None if turning is None else _fell_toward_deg(contact, pose[:, :3], turning),
+        "max_tilt_deg": float(np.nanmax(tilt)),
+        "residual_tilt_deg": float(tilt[-1]),
+        "residual_yaw_deg": seen.turned_deg,
+        "slip_m": seen.slip_m,
+        "ended_by": said.ended_by,
+    }
+
+
+def trajectory_of(contact: ContactModel, time_s: Array, pose: Array) -> Trajectory:
+    """The public view of a trajectory (n, 7) in the support frame."""
+    turn = contact.scene_from_support
+    relative = quaternion.product(pose[:, 3:], quaternion.inverse(contact.start_quaternion_xyzw))
+    in_scene = np.column_stack([relative[:, :3] @ turn.T, relative[:, 3]])
+    return Trajectory(time_s.copy(), pose[:, :3] @ turn.T + contact.origin_m, in_scene)
+
+
+def _point_of_no_return(ended_by: str, contact: ContactModel, com_m: Array, tilt_deg: Array) -> int:
+    """Index of the pose in which the final fall began, or the end of the pedestal was passed.
+
+    That in which the centre of mass was last highest, along the plumb line, but not of a later rise: between two looks
+    a rock that fell lands on its next face, and one that came to rest on another face is rocked there by the rest of
+    the motion.
+    """
+    if ended_by == "slid_off":
+        return len(com_m) - 1
+    if ended_by in FALLS:
+        low = com_m[:, 2] < (1.0 - TOPPLED_FALL) * contact.com_m[2]
+        still = int(np.argmax(low | (tilt_deg > LARGEST_OPEN_TILT_DEG))) - 1
+    else:  # at rest on another face
+        still = int(np.flatnonzero(tilt_deg <= TOPPLED_TILT_DEG).max(initial=0))
+    return _last_top(com_m @ contact.scene_from_support[2], max(still, 0))
+
+
+def _fell_toward_deg(contact: ContactModel, com_m: Array, turning: int) -> float:
+    """Azimuth of the way of the centre of mass (n, 3), support frame, up to the point of no return.
+
+    A rock that starts past its balance has not moved by then but for rounding: it falls toward where it ends.
+    """
+    moved_m = (com_m - com_m[0]) @ contact.scene_from_support.T
+    way_m = float(np.hypot(*moved_m[turning, :2]))
+    seen = turning if way_m > NEGLIGIBLE_WAY_SHARE * contact.half_diagonal_m else -1
+    return azimuth_deg(moved_m[seen])
+
+
+def _last_top(height: Array, still: int) -> int:
+    """Index of the last maximum up to index `still`, or of the one to which the height rises there."""
+    rises = np.append(np.diff(height) > 0.0, False)
+    if rises[still]:
+        return still + int(np.argmin(rises[still:]))
+    before = np.flatnonzero(rises[:still])
+    return int(before[-1]) + 1 if len(before) else 0

@@ -1,0 +1,249 @@
+"""When the answer to a shake is certain: an ordered list of rules, each a pure function of what was observed.
+
+On ground at rest that is a matter of energy, which does not grow. On ground that still moves weakly it is measured
+(docs/shortcuts.md), not proven: a motion in step with the rocking might feed it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import ConvexHull
+
+from toppling.models.motions.motion import Motion
+from toppling.models.scene import Scene
+from toppling.models.statics import TOPPLED_FALL, quasi_static_toppling_m_s2
+from toppling.workers.barrier import least_overturning_j_kg
+from toppling.workers.contact_points import LARGEST_OPEN_TILT_DEG, ContactModel, contact_of
+from toppling.workers.observation import Observation
+
+Array = NDArray[np.float64]
+
+REST_CERTAIN_SHARE = 0.1
+"""Share of the least energy that overturns, below which a rock on ground at rest or weakly moved will stand."""
+
+WEAK_SHARE = 0.25
+"""A motion is weak that stays within this share of what would tip the rock slowly or drag it over its pedestal."""
+
+WEAK_TILT_DEG, WEAK_YAW_DEG = 3.0, 30.0
+"""What tips the rock is known for the pose that it started in, so only near that pose is a motion called weak."""
+
+AZIMUTH_STEP_DEG = 10.0
+
+CALMED_AFTER_MOTION = 60.0
+"""Time after the motion, over sqrt(R / g), until which a rock is given to come near rest; from then on it is enough
+that its energy cannot overturn it."""
+
+CAP_AFTER_MOTION = 300.0
+"""The same until which that must be so, or its fate is undecided: rocks that roll round their rims took up to 175.
+Longer shakes of a base of hundreds of points would come near the time after which a worker counts as hung."""
+
+MOVED_SHARE = 0.01
+"""A rock that slid by more than this share of R, or turned by more than MOVED_DEG, has moved."""
+
+MOVED_DEG = 1.0
+
+END_WITHIN_HEIGHTS = 0.5
+"""A mesh that goes on for more of the rock's height beside it ends with the scan and not with the ground: a scanned
+pedestal keeps .6 of it."""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Why a shake has ended.
+
+    Parameters
+    ----------
+    status : str
+        'ok', 'undecided' or 'diverged'.
+    ended_by : str
+        Name of the rule.
+    """
+
+    status: str
+    ended_by: str
+
+
+@dataclass(frozen=True, eq=False)
+class Context:
+    """What the rules hold an observation against.
+
+    Parameters
+    ----------
+    scene : Scene
+        As seated.
+    contact : ContactModel
+    motion_s : float
+        When the motion ends.
+    weak_from_s : float
+        From when on what is left of it is weak.
+    rest_speed_m_s : float
+        A rock whose points are slower rests.
+    speed_limit_m_s : float
+        What no energy in the motion explains.
+    shortcuts : bool
+        Whether to end as soon as the answer is certain.
+    """
+
+    scene: Scene
+    contact: ContactModel
+    motion_s: float
+    weak_from_s: float
+    rest_speed_m_s: float
+    speed_limit_m_s: float
+    shortcuts: bool
+
+    @property
+    def unit_s(self) -> float:
+        """sqrt(R / g)."""
+        return math.sqrt(self.contact.half_diagonal_m / self.scene.gravity_m_s2)
+
+
+Rule = Callable[[Observation, Context], Verdict | None]
+
+
+def diverged(seen: Observation, context: Context) -> Verdict | None:
+    """No finite state, or one faster than any energy in the motion explains."""
+    sound = seen.fastest_m_s <= context.speed_limit_m_s
+    return None if sound else Verdict("diverged", "speed_limit")
+
+
+def fallen(seen: Observation, context: Context) -> Verdict | None:
+    """The centre of mass has lost more of its height than that of a rock which stands may."""
+    low = seen.lowest_m < (1.0 - TOPPLED_FALL) * context.contact.com_m[2]
+    return Verdict("ok", "fallen") if low else None
+
+
+def tilted(seen: Observation, context: Context) -> Verdict | None:  # noqa: ARG001  (a rule's signature)
+    """The rock has tilted so far that its fate is no longer open."""
+    return Verdict("ok", "tilted") if seen.largest_tilt_deg > LARGEST_OPEN_TILT_DEG else None
+
+
+def slid_off(seen: Observation, context: Context) -> Verdict | None:
+    """The rock has slid so far that even lying it would tip over the end of its pedestal."""
+    ends = ends_of_pedestal(context.scene)
+    beyond = all(_is_beyond(ends, context.contact, np.array(com)) for com in (seen.com_m, seen.lying_com_m))
+    return Verdict("ok", "slid_off") if beyond else None
+
+
+def too_little_energy(seen: Observation, context: Context) -> Verdict | None:
+    """After the motion: the rock rocks with far less energy than overturns it, and does not slide.
+
+    It counts as it will at rest: one that is tilted may come to stand, unless it is displaced anyway.
+    """
+    if not (context.shortcuts and seen.time_s > context.motion_s and _has_little_energy(seen, context)):
+        return None
+    shows = seen.tilt_deg <= MOVED_DEG or is_displaced(seen, context.contact)
+    return Verdict("ok", "rest_certain") if shows else None
+
+
+def cannot_overturn(seen: Observation, context: Context) -> Verdict | None:
+    """Long after the motion: the energy overturns the rock in no yaw, and no slope keeps it sliding."""
+    if seen.time_s <= context.motion_s + CALMED_AFTER_MOTION * context.unit_s:
+        return None
+    slips_end = context.scene.contact.friction_kinetic >= friction_that_stops(context.scene)
+    settles = slips_end or seen.sliding_m_s <= context.rest_speed_m_s
+    held = seen.energy_j_kg < least_overturning_j_kg(context.scene, seen.tilt_deg, None)
+    return Verdict("ok", "rest_certain") if held and settles else None
+
+
+def time_is_up(seen: Observation, context: Context) -> Verdict | None:
+    """The rock's fate is still open at the cap."""
+    capped = seen.time_s > context.motion_s + CAP_AFTER_MOTION * context.unit_s
+    return Verdict("undecided", "time_cap") if capped else None
+
+
+def calms_down(seen: Observation, context: Context) -> Verdict | None:
+    """All that is left of the motion is weak, so is the rocking, and the rock is displaced anyway."""
+    if not (context.shortcuts and context.weak_from_s < seen.time_s <= context.motion_s):
+        return None
+    near = seen.tilt_deg < WEAK_TILT_DEG and abs(seen.yaw_deg) < WEAK_YAW_DEG
+    calm = near and is_displaced(seen, context.contact) and _has_little_energy(seen, context)
+    return Verdict("ok", "rest_certain") if calm else None
+
+
+FALLS: tuple[Rule, ...] = (diverged, fallen, tilted, slid_off)
+"""Looked at first."""
+
+ENDS: tuple[Rule, ...] = (too_little_energy, cannot_overturn, time_is_up, calms_down)
+"""Looked at of a rock that does not rest."""
+
+
+def verdict(rules: tuple[Rule, ...], seen: Observation, context: Context) -> Verdict | None:
+    """What the first of the rules that applies says; None while the answer is open."""
+    for rule in rules:
+        said = rule(seen, context)
+        if said is not None:
+            return said
+    return None
+
+
+def is_displaced(seen: Observation, contact: ContactModel) -> bool:
+    """Whether the rock has slid or turned about the normal so far that it counts as moved, however it rocks."""
+    return seen.slip_m > MOVED_SHARE * contact.half_diagonal_m or seen.turned_deg > MOVED_DEG
+
+
+def _has_little_energy(seen: Observation, context: Context) -> bool:
+    # Past its balance all of a rock's energies are below that of lying: no share of them holds it.
+    energy = max(seen.energy_j_kg, 0.0)
+    barrier = least_overturning_j_kg(context.scene, seen.tilt_deg, seen.yaw_deg)
+    return energy < REST_CERTAIN_SHARE * barrier and seen.sliding_m_s <= context.rest_speed_m_s
+
+
+def friction_that_stops(scene: Scene) -> float:
+    """Kinetic friction, tan(slope), below which a rock that slips on the pedestal slides for ever."""
+    return float(np.tan(np.deg2rad(scene.pedestal.slope_deg)))
+
+
+def weak_from_s(scene: Scene, motion: Motion) -> float:
+    """Time from which a motion is weak, s: at 1 / WEAK_SHARE times its strength it would neither tip nor drag the rock.
+
+    What tips it is the least constant acceleration of any azimuth that, slowly applied, topples
+    (:mod:`models.statics`): of any, since a rock that has turned has its weakest side elsewhere.
+    """
+    stronger = motion.acceleration_m_s2 / WEAK_SHARE
+    downward = scene.gravity_m_s2 + stronger[:, 2]
+    holds = np.hypot(stronger[:, 0], stronger[:, 1]) < downward * _tipping_ratio(scene)
+    force = (np.array([0.0, 0.0, -scene.gravity_m_s2]) - stronger) @ contact_of(scene).scene_from_support
+    grips = np.hypot(force[:, 0], force[:, 1]) < -scene.contact.friction_kinetic * force[:, 2]
+    strong = np.flatnonzero(~(holds & grips))
+    return (strong[-1] + 1) * motion.time_step_s if len(strong) else 0.0
+
+
+@lru_cache(maxsize=8)
+def _tipping_ratio(scene: Scene) -> float:
+    """Least constant horizontal acceleration that topples the rock, over gravity."""
+    azimuths = np.arange(0.0, 360.0, AZIMUTH_STEP_DEG).tolist()
+    least = quasi_static_toppling_m_s2(scene.rock, scene.pedestal, scene.gravity_m_s2, azimuths)
+    return min(value for _, value in least) / scene.gravity_m_s2
+
+
+@lru_cache(maxsize=8)
+def ends_of_pedestal(scene: Scene) -> Array:
+    """Lines (n, 3) where a scanned pedestal ends: a x + b y + c > 0 beyond one, at places of :func:`_plumb_m`."""
+    if scene.pedestal.vertices_m is None:
+        return np.zeros((0, 3))
+    contact = contact_of(scene)
+    ground, rock = (
+        _plumb_m(contact, (vertices_m - contact.origin_m) @ contact.scene_from_support)
+        for vertices_m in (scene.pedestal.vertices_m, scene.rock.vertices_m)
+    )
+    lines = ConvexHull(ground).equations
+    room_m = -(rock @ lines[:, :2].T + lines[:, 2]).max(axis=0)
+    return np.asarray(lines[room_m < END_WITHIN_HEIGHTS * scene.rock.height_m])
+
+
+def _plumb_m(contact: ContactModel, places_m: Array) -> Array:
+    """Where plumb lines through places (..., 3) of the support frame meet the interface plane, (..., 2)."""
+    up = contact.scene_from_support[2]
+    return np.asarray(places_m[..., :2] - places_m[..., 2:] * up[:2] / up[2])
+
+
+def _is_beyond(ends: Array, contact: ContactModel, com_m: Array) -> bool:
+    x, y = _plumb_m(contact, com_m)
+    return bool((ends @ [x, y, 1.0]).max(initial=-1.0) > 0.0)

@@ -11,6 +11,7 @@ all settings to one job come from one scan. Whoever changes the demo's rock or r
 
 import sys
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 from textwrap import fill
 
@@ -44,8 +45,7 @@ from toppling.orchestrator.front import (
     disturbed_motions,
     draw_jobs,
 )
-from toppling.workers import termination
-from toppling.workers.options import PHYSICS_VERSION, PRESETS
+from toppling.workers.options import PHYSICS_VERSION, PRESETS, NumericalOptions
 
 PAGE = ROOT / "docs" / "sign_test.md"
 KEPT = ROOT / "benchmarks" / "answers" / "sign_test.parquet"
@@ -79,22 +79,24 @@ def _strong_part(motion: Motion) -> Motion:
     return Motion(motion.acceleration_m_s2[first : last + 1], motion.time_step_s)
 
 
+def until_certain(options: NumericalOptions) -> NumericalOptions:
+    """Only whether the rock topples is asked: it need not come to rest once its energy cannot overturn it any more."""
+    return replace(options, termination=replace(options.termination, calmed_after=0.0))
+
+
 def main() -> None:
     """Measure and write the page."""
     count = int(sys.argv[1]) if len(sys.argv) > 1 else 5000
     of_itself = int(sys.argv[2]) if len(sys.argv) > 2 else min(count, 500)
-    # Only whether the rock topples is asked: it need not come to rest once the motion is over and its energy cannot
-    # overturn it. The processes of `answers` are forks of this one.
-    termination.CALMED_AFTER_MOTION = 0.0
     scene = Scene.load(SCENE)
     with tempfile.TemporaryDirectory() as folder, Progress() as progress:
         ensemble = strong_parts(Ensemble.load(ENSEMBLE), Path(folder))
         jobs = draw_jobs(ensemble, count, PGA_M_S2)
-        first_jobs, converged = jobs[:of_itself], PRESETS[CONVERGED]
-        asked: Asked = {name: (jobs, Setting(one)) for name, one in PRESETS.items()}
+        first_jobs, converged = jobs[:of_itself], until_certain(PRESETS[CONVERGED])
+        asked: Asked = {name: (jobs, Setting(until_certain(one))) for name, one in PRESETS.items()}
         asked[FLOOR] = first_jobs, Setting(converged, disturbed_toward_deg=0.0)
         asked[FLOOR_OF_MOTION] = disturbed_motions(first_jobs), Setting(converged)
-        asked[FINER] = first_jobs, Setting(HALF_STEP)
+        asked[FINER] = first_jobs, Setting(until_certain(HALF_STEP))
         kept = _kept()
         elsewhere = set(of_one_scan(kept, asked)["number"])
         task = progress.add_task("shaking", total=sum(len(some) for some, _ in asked.values()))

@@ -31,7 +31,7 @@ def horizontal_unit_vector(azimuth_deg: ArrayLike) -> NDArray[np.float64]:
 def azimuth_deg(vector: ArrayLike) -> float:
     """Azimuth of a vector's horizontal part, in [0, 360) degrees counter-clockwise from x."""
     x, y = np.asarray(vector, dtype=float)[:2]
-    return float(np.rad2deg(np.arctan2(y, x)) % 360.0)
+    return float(np.rad2deg(np.arctan2(y, x)) % 360.0) % 360.0  # what is hardly negative rounds to 360
 
 
 def compass_deg(azimuth: ArrayLike) -> NDArray[np.float64]:

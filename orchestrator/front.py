@@ -23,7 +23,7 @@ from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.impose import impose
 from toppling.models.scene import Scene
 from toppling.results.fits import fit
-from toppling.workers.options import PHYSICS_VERSION, PRESETS, Settings, Solver
+from toppling.workers.options import PHYSICS_VERSION, PRESETS, NumericalOptions, SolverOptions
 from toppling.workers.seating import settled
 from toppling.workers.shake import shake
 from toppling.workers.start import State
@@ -49,9 +49,9 @@ FLOOR = f"{CONVERGED}, disturbed"
 EXPLORED = {
     **PRESETS,
     "1/32": replace(PRESETS["fast"], step_share=1 / 32, longest_step_s=np.inf),
-    "fast, 20 iterations": replace(PRESETS["fast"], solver=Solver(20, 1e-3)),
-    "fast, 500 iterations": replace(PRESETS["fast"], solver=Solver(500, 1e-5)),
-    "fast, landings from 3e-3": replace(PRESETS["fast"], resolved_landing=3e-3),
+    "fast, 20 iterations": replace(PRESETS["fast"], solver=SolverOptions(20, 1e-3)),
+    "fast, 500 iterations": replace(PRESETS["fast"], solver=SolverOptions(500, 1e-5)),
+    "fast, landings from 3e-3": replace(PRESETS["fast"], resolved_impact=3e-3),
     "1/256": replace(PRESETS["standard"], step_share=1 / 256),
 }
 """Points of the front: the presets, and what lies beside and between them."""
@@ -75,7 +75,7 @@ class Setting:
 
     Parameters
     ----------
-    settings : Settings
+    settings : NumericalOptions
     shortcuts : bool
     disturbed_toward_deg : float or None
         Azimuth toward which the start is disturbed as :func:`disturbed_start` says; None for a start at rest.
@@ -83,7 +83,7 @@ class Setting:
         How much it is disturbed then.
     """
 
-    settings: Settings
+    settings: NumericalOptions
     shortcuts: bool = True
     disturbed_toward_deg: float | None = None
     disturbed_share: float = DISTURBED_SHARE

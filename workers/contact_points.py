@@ -42,6 +42,10 @@ CORE_SHARE = 5e-6
 """Contact points are left out while the hull of the others stays within this share of R of the whole. Ten times as much
 takes every second corner from an arc of 32, over which the rock then rolls with too great a loss of energy."""
 
+FALLING_FROM_DEG, FALLING_CORE_SHARE = 25.0, 2e-3
+"""Of points that touch only beyond this tilt, where a rock that may still come back turns on few of them, so many are
+enough that the hull stays within the larger share: of a scanned rock a hundred instead of a thousand."""
+
 
 @dataclass(frozen=True, eq=False)
 class ContactModel:
@@ -218,13 +222,18 @@ def _vertices_that_can_touch(points_m: Array, size_m: float) -> tuple[Array, Arr
     onset[points_m[:, 2].argmin()] = 0.0
     order = np.argsort(onset, kind="stable")
     order = order[onset[order] <= LARGEST_OPEN_TILT_DEG]
-    order = order[_extreme(points_m[order])]
-    order = order[_core(points_m[order], _open_directions(hull), CORE_SHARE * size_m)]
-    return points_m[order], onset[order]
+    rocking = onset[order] <= FALLING_FROM_DEG
+    near, far = order[rocking], order[~rocking]
+    near = near[_extreme(points_m[near])]
+    directions = _open_directions(hull)
+    near = near[_core(points_m[near], directions, CORE_SHARE * size_m)]
+    both = np.concatenate([near, far])
+    falling = _core(points_m[both], directions, FALLING_CORE_SHARE * size_m, len(near))
+    return points_m[both[falling]], onset[both[falling]]
 
 
-def _core(points_m: Array, directions: Array, tolerance_m: float) -> NDArray[np.intp]:
-    """Those of the points, in their order, that reach as far as all of them do, within a tolerance.
+def _core(points_m: Array, directions: Array, tolerance_m: float, first: int = 0) -> NDArray[np.intp]:
+    """Those of the points, in their order, that reach as far as all of them do, within a tolerance, and the first few.
 
     The distance of two convex bodies is the largest difference of their support functions (Schneider 2014,
     section 1.8), so points are taken, the one that misses most first, until none of the directions misses more.
@@ -232,7 +241,8 @@ def _core(points_m: Array, directions: Array, tolerance_m: float) -> NDArray[np.
     reach = directions @ points_m.T
     farthest, whole = reach.argmax(axis=1), reach.max(axis=1)
     lowest = int(points_m[:, 2].argmin())
-    chosen, missing = {lowest}, whole - reach[:, lowest]
+    chosen = {lowest, *range(first)}
+    missing = whole - reach[:, sorted(chosen)].max(axis=1)
     while missing.max() > tolerance_m:
         point = int(farthest[missing.argmax()])
         chosen.add(point)
@@ -280,8 +290,10 @@ def _extreme(corners: Array) -> NDArray[np.bool_]:
     A corner within 1e-7 of the size of the segment or triangle of its neighbours takes no load of its own, and would
     share the impulse of a landing that belongs to the true corner.
     """
-    scale = float(np.ptp(corners, axis=0).max())
     keep = np.ones(len(corners), bool)
+    if len(corners) < 4:
+        return keep
+    scale = float(np.ptp(corners, axis=0).max())
     for i in range(len(corners)):
         rest = corners[keep & (np.arange(len(corners)) != i)]
         near = rest[cKDTree(rest).query(corners[i], k=min(12, len(rest)))[1]]

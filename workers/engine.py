@@ -25,16 +25,19 @@ from numpy.typing import NDArray
 
 from toppling.models.scene import ContactProperties
 from toppling.workers.contact_points import ContactModel
-from toppling.workers.options import Solver
+from toppling.workers.options import SolverOptions
+from toppling.workers.quaternion import to_body, to_world
 
 Array = NDArray[np.float64]
 Vector = tuple[float, float, float]
 
-NEAR_STEPS = 0.8
-NEAREST_SHARE = 2e-5
-COLD_ITERATIONS = 200
 STARTS_TO_SLIP, STILL_SLIPS = 0.999, 0.7
+"""Shares of the limit of friction from which a contact that stuck slips, and down to which one that slipped still does:
+the solver's iterations leave the friction of a sliding contact a little below what its normal force allows."""
+
 STILL_MOVES = 1e-2
+"""Share of gravity's velocity in a step: a contact whose points all move along the plane by less has stopped, however
+much its friction holds up. The solver leaves a contact that sticks up to a tenth of it."""
 
 WORLD = np.dtype(
     [
@@ -43,6 +46,7 @@ WORLD = np.dtype(
         ("ground", "i4"),
         ("points", "i8"),  # how many of the rock's contact points it holds, from the first
         ("step_s", "f8"),
+        ("weightless", "i8"),  # whether its gravity is off
         ("cold", "i8"),  # whether the next step is the first in a new state
         ("iterations", "i8"),
         ("cold_iterations", "i8"),
@@ -53,6 +57,9 @@ WORLD = np.dtype(
         ("sin", "f8"),
         ("half_cos", "f8"),
         ("half_sin", "f8"),
+        ("inertia_x", "f8"),  # principal, over mass
+        ("inertia_y", "f8"),
+        ("inertia_z", "f8"),
         ("friction", "f8"),  # present coefficient
         ("friction_static", "f8"),
         ("friction_kinetic", "f8"),
@@ -121,7 +128,6 @@ def _pointer(typing_context: Any, address: Any) -> Any:  # noqa: ARG001  (numba'
 def place(
     world: Any,
     pose: Array,
-    height_correction_m: float,
     velocity_m_s: Vector,
     spin_rad_s: Vector,
     near_share: float,
@@ -142,30 +148,11 @@ def place(
     _set_iterations(command, max(world.cold_iterations, world.iterations))
     _submit(client, command)
     world.cold = 1
-    cos, sin, half_cos, half_sin = world.cos, world.sin, world.half_cos, world.half_sin
     command = _pose(client, world.rock)
-    x, y, z, w = pose[3], pose[4], pose[5], pose[6]
-    _set_place(
-        command, cos * pose[0] + sin * pose[1], cos * pose[1] - sin * pose[0], pose[2] + height_correction_m
-    )
-    _set_attitude(
-        command,
-        half_cos * x + half_sin * y,
-        half_cos * y - half_sin * x,
-        half_cos * z - half_sin * w,
-        half_cos * w + half_sin * z,
-    )
+    _set_pose(world, command, pose, 0.0)
     _submit(client, command)
-    vector = np.empty(3)
     command = _pose(client, world.rock)
-    vector[0] = cos * velocity_m_s[0] + sin * velocity_m_s[1]
-    vector[1] = cos * velocity_m_s[1] - sin * velocity_m_s[0]
-    vector[2] = velocity_m_s[2]
-    _set_velocity(command, vector.ctypes.data)
-    vector[0] = cos * spin_rad_s[0] + sin * spin_rad_s[1]
-    vector[1] = cos * spin_rad_s[1] - sin * spin_rad_s[0]
-    vector[2] = spin_rad_s[2]
-    _set_spin(command, vector.ctypes.data)
+    _set_velocities(world, command, velocity_m_s, spin_rad_s)
     _submit(client, command)
     # Takes the rock out of the broad phase and back: only so do contacts get the new threshold.
     command = _collision_filter(client)
@@ -174,8 +161,13 @@ def place(
 
 
 @njit(cache=True)
-def step(world: Any, centres_m: Array, step_s: float, force_m_s2: Vector, pose: Array) -> None:
-    """Advance by one step under a constant specific force, support frame; the pose (7,) reached goes into `pose`."""
+def step(
+    world: Any, centres_m: Array, step_s: float, force_m_s2: Vector, pose: Array, velocity: Array
+) -> None:
+    """Advance by one step under a constant specific force, contacts solved by the engine.
+
+    The pose (7,) that it leads to, and its velocity and angular velocity (6,), are put into the last two arguments.
+    """
     client = world.client
     command = _parameters(client)
     if step_s != world.step_s:
@@ -184,6 +176,7 @@ def step(world: Any, centres_m: Array, step_s: float, force_m_s2: Vector, pose: 
     x, y, z = force_m_s2
     _set_gravity(command, world.cos * x + world.sin * y, world.cos * y - world.sin * x, z)
     _submit(client, command)
+    world.weightless = 0
     _submit(client, _step(client))
     if world.cold:
         world.cold = 0
@@ -192,23 +185,76 @@ def step(world: Any, centres_m: Array, step_s: float, force_m_s2: Vector, pose: 
         _submit(client, command)
     if world.friction_static != world.friction_kinetic:
         _follow_slip(world, centres_m)
-    state = _state(world)
-    x, y, z, w = state[3], state[4], state[5], state[6]
-    cos, sin, half_cos, half_sin = world.cos, world.sin, world.half_cos, world.half_sin
-    pose[0], pose[1], pose[2] = cos * state[0] - sin * state[1], cos * state[1] + sin * state[0], state[2]
-    pose[3], pose[4] = half_cos * x - half_sin * y, half_cos * y + half_sin * x
-    pose[5], pose[6] = half_cos * z + half_sin * w, half_cos * w - half_sin * z
+    _read(world, pose, velocity)
 
 
 @njit(cache=True)
-def rebound(world: Any, centres_m: Array, step_s: float, force_m_s2: Vector, pose: Array) -> None:
+def glide(world: Any, step_s: float, placed: bool, raised_m: float, pose: Array, velocity: Array) -> None:
+    """Advance by one step with a velocity that meets all contacts; the engine would take from it what does not.
+
+    Parameters
+    ----------
+    world : record of WORLD
+    step_s : float
+    placed : bool
+        Whether the engine already has the rock in this pose, as far above it.
+    raised_m : float
+        How much higher the engine has the rock: a point that comes to the surface on an arc is nearer on its tangent.
+    pose : (7,) array
+        Replaced by the one that the step leads to.
+    velocity : (6,) array
+        Velocity and angular velocity to move with. Replaced by what the engine moved with.
+    """
+    client = world.client
+    if step_s != world.step_s or not world.weightless:
+        command = _parameters(client)
+        _set_step(command, step_s)
+        _set_gravity(command, 0.0, 0.0, 0.0)
+        _submit(client, command)
+        world.step_s, world.weightless = step_s, 1
+    command = _pose(client, world.rock)
+    if not placed:
+        _set_pose(world, command, pose, raised_m)
+    before = _before_turning(world, pose, velocity, step_s)
+    _set_velocities(world, command, (velocity[0], velocity[1], velocity[2]), before)
+    _submit(client, command)
+    _submit(client, _step(client))
+    world.grip_x = world.grip_y = world.grip_z = 0.0
+    _read(world, pose, velocity)
+    pose[2] -= raised_m
+
+
+@njit(cache=True)
+def _before_turning(world: Any, pose: Array, velocity: Array, step_s: float) -> Vector:
+    """Angular velocity that a step without moments turns into the one given.
+
+    Bullet adds step x inertia^-1 (inertia x spin) x spin, at the start of the step, in body axes.
+    """
+    a, b, c = to_body(velocity[3], velocity[4], velocity[5], pose)
+    p, q, r = a, b, c
+    x, y, z = world.inertia_x, world.inertia_y, world.inertia_z
+    for _ in range(20):
+        u = a - step_s * (y - z) / x * q * r
+        v = b - step_s * (z - x) / y * r * p
+        w = c - step_s * (x - y) / z * p * q
+        change = abs(u - p) + abs(v - q) + abs(w - r)
+        p, q, r = u, v, w
+        if change < 1e-17 * (abs(p) + abs(q) + abs(r)):
+            break
+    return to_world(p, q, r, pose)
+
+
+@njit(cache=True)
+def rebound(
+    world: Any, centres_m: Array, step_s: float, force_m_s2: Vector, pose: Array, velocity: Array
+) -> None:
     """Advance by the step that begins as points touch down: they leave with Newton's share of their speed.
 
     Contacts that are only prepared must not rebound: Bullet would give them e times their speed less what closes the
     gap, and so take speed from the fall.
     """
     if world.restitution == 0.0:
-        step(world, centres_m, step_s, force_m_s2, pose)
+        step(world, centres_m, step_s, force_m_s2, pose, velocity)
         return
     # Bullet multiplies the two bodies' coefficients; the rock's is 1.
     for restitution in (world.restitution, 0.0):
@@ -216,7 +262,7 @@ def rebound(world: Any, centres_m: Array, step_s: float, force_m_s2: Vector, pos
         _change_restitution(command, world.ground, -1, restitution)
         _submit(world.client, command)
         if restitution > 0.0:
-            step(world, centres_m, step_s, force_m_s2, pose)
+            step(world, centres_m, step_s, force_m_s2, pose, velocity)
 
 
 @njit(cache=True)
@@ -273,6 +319,48 @@ def slip_m_s(velocity_m_s: Vector, spin_rad_s: Vector, arm_m: Vector) -> float:
     along = velocity_m_s[0] + spin_rad_s[1] * arm_m[2] - spin_rad_s[2] * arm_m[1]
     across = velocity_m_s[1] + spin_rad_s[2] * arm_m[0] - spin_rad_s[0] * arm_m[2]
     return math.sqrt(along * along + across * across)
+
+
+@njit(cache=True)
+def _set_pose(world: Any, command: int, pose: Array, raised_m: float) -> None:
+    cos, sin, half_cos, half_sin = world.cos, world.sin, world.half_cos, world.half_sin
+    x, y, z, w = pose[3], pose[4], pose[5], pose[6]
+    _set_place(command, cos * pose[0] + sin * pose[1], cos * pose[1] - sin * pose[0], pose[2] + raised_m)
+    _set_attitude(
+        command,
+        half_cos * x + half_sin * y,
+        half_cos * y - half_sin * x,
+        half_cos * z - half_sin * w,
+        half_cos * w + half_sin * z,
+    )
+
+
+@njit(cache=True)
+def _set_velocities(world: Any, command: int, velocity_m_s: Vector, spin_rad_s: Vector) -> None:
+    cos, sin, vector = world.cos, world.sin, np.empty(3)
+    vector[0] = cos * velocity_m_s[0] + sin * velocity_m_s[1]
+    vector[1] = cos * velocity_m_s[1] - sin * velocity_m_s[0]
+    vector[2] = velocity_m_s[2]
+    _set_velocity(command, vector.ctypes.data)
+    vector[0] = cos * spin_rad_s[0] + sin * spin_rad_s[1]
+    vector[1] = cos * spin_rad_s[1] - sin * spin_rad_s[0]
+    vector[2] = spin_rad_s[2]
+    _set_spin(command, vector.ctypes.data)
+
+
+@njit(cache=True)
+def _read(world: Any, pose: Array, velocity: Array) -> None:
+    """Pose (7,) and velocities (6,) of the rock, support frame."""
+    state = _state(world)
+    x, y, z, w = state[3], state[4], state[5], state[6]
+    cos, sin, half_cos, half_sin = world.cos, world.sin, world.half_cos, world.half_sin
+    pose[0], pose[1], pose[2] = cos * state[0] - sin * state[1], cos * state[1] + sin * state[0], state[2]
+    pose[3], pose[4] = half_cos * x - half_sin * y, half_cos * y + half_sin * x
+    pose[5], pose[6] = half_cos * z + half_sin * w, half_cos * w - half_sin * z
+    for k in range(7, 13, 3):
+        velocity[k - 7] = cos * state[k] - sin * state[k + 1]
+        velocity[k - 6] = cos * state[k + 1] + sin * state[k]
+        velocity[k - 5] = state[k + 2]
 
 
 @njit(cache=True)
@@ -510,6 +598,7 @@ def _build(client: int, contact: ContactModel, points: int) -> NDArray[np.void]:
     bullet.submit(client, command)
     world = np.zeros(1, WORLD)
     world["client"], world["rock"], world["ground"], world["points"] = client, rock, ground, points
+    world["inertia_x"], world["inertia_y"], world["inertia_z"] = contact.principal_inertia_m2
     world["cos"] = world["half_cos"] = 1.0
     return world
 
@@ -534,8 +623,8 @@ def process_pool() -> EnginePool:
     return EnginePool()
 
 
-def configure_for(world: NDArray[np.void], surface: ContactProperties, solver: Solver) -> None:
+def configure_for(world: NDArray[np.void], surface: ContactProperties, solver: SolverOptions) -> None:
     """Give a world (1,) the contact's properties and the solver's limits."""
     world["friction_static"], world["friction_kinetic"] = surface.friction_static, surface.friction_kinetic
     world["restitution"] = surface.restitution
-    world["iterations"], world["cold_iterations"] = solver.iterations, COLD_ITERATIONS
+    world["iterations"], world["cold_iterations"] = solver.iterations, solver.cold_iterations

@@ -23,7 +23,6 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
-Vector = tuple[float, float, float]
 
 CANDIDATES = np.exp(4j * np.deg2rad(np.arange(0.0, 90.0, 2.0)))
 """Of axes, exp(-4j angle): where points slip in different directions none serve all, and the best of these is taken."""
@@ -31,12 +30,11 @@ CANDIDATES = np.exp(4j * np.deg2rad(np.arange(0.0, 90.0, 2.0)))
 
 @njit(cache=True)
 def point_mobilities(
-    centres_m: Array,
+    points_m: Array,
     mobilities: Array,
     points: NDArray[np.int64],
     pose: Array,
-    velocity_m_s: Vector,
-    spin_rad_s: Vector,
+    velocity: Array,
     slips_from_m_s: float,
     unlike: Complex,
     slip: Complex,
@@ -45,14 +43,14 @@ def point_mobilities(
 
     Parameters
     ----------
-    centres_m : (n, 3) array
+    points_m : (n, 3) array
         Of all contact points, body axes.
     mobilities : (n, 6) array
         Arm x (inertia / mass)^-1 x arm of each, as xx, yy, zz, xy, xz, yz.
     points : (k,) array of int
     pose : (7,) array
-    velocity_m_s, spin_rad_s : tuple of 3
-        The rock's, support frame.
+    velocity : (6,) array
+        Of the centre of mass, and angular, support frame.
     slips_from_m_s : float
         Points that are slower may slip in any direction, and so may those that come down faster than they slip.
     """
@@ -61,11 +59,11 @@ def point_mobilities(
     q = complex(2 * (x * y - z * w), 1 - 2 * (x * x + z * z))
     r = complex(2 * (x * z + y * w), 2 * (y * z - x * w))
     nx, ny, nz = 2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)
-    forward, turning = complex(velocity_m_s[0], velocity_m_s[1]), 1j * spin_rad_s[2]
-    rolling = -1j * complex(spin_rad_s[0], spin_rad_s[1])
+    forward, turning = complex(velocity[0], velocity[1]), 1j * velocity[5]
+    rolling = -1j * complex(velocity[3], velocity[4])
     pp, qq, rr, pq, pr, qr = p * p, q * q, r * r, 2 * p * q, 2 * p * r, 2 * q * r
     for k, i in enumerate(points):
-        a, b, c = centres_m[i, 0], centres_m[i, 1], centres_m[i, 2]
+        a, b, c = points_m[i, 0], points_m[i, 1], points_m[i, 2]
         aa, bb, cc = mobilities[i, 0], mobilities[i, 1], mobilities[i, 2]
         ab, ac, bc = mobilities[i, 3], mobilities[i, 4], mobilities[i, 5]
         height = nx * a + ny * b + nz * c
@@ -79,7 +77,7 @@ def point_mobilities(
         arm = p * a + q * b + r * c
         sliding = forward + turning * arm + rolling * height
         speed = math.sqrt(sliding.real * sliding.real + sliding.imag * sliding.imag)
-        rise = velocity_m_s[2] - (rolling * arm.conjugate()).real
+        rise = velocity[2] - (rolling * arm.conjugate()).real
         if speed > max(slips_from_m_s, abs(rise)):
             slip[k] = sliding * sliding / (speed * speed)
         else:

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+from scipy.spatial import ConvexHull
 
 from toppling.models.scene import Scene
 from toppling.workers.barrier import lying_arms_m
-from toppling.workers.contact_points import ContactModel
+from toppling.workers.contact_points import ContactModel, contact_of
 from toppling.workers.engine import slip_m_s
-from toppling.workers.integrator import Simulation, velocities
 from toppling.workers.quaternion import (
     normal_in_body,
     rotation_between,
@@ -21,6 +22,7 @@ from toppling.workers.quaternion import (
     to_world,
     yaw_between,
 )
+from toppling.workers.simulation import Simulation
 
 Array = NDArray[np.float64]
 Vector = tuple[float, float, float]
@@ -48,6 +50,8 @@ class Body(NamedTuple):
         Upward unit vector, support frame.
     inertia_m2 : (3,) array
         Principal moments of inertia over mass.
+    ends : (n, 3) array
+        Lines a x + b y + c = 0 where the pedestal ends, positive beyond, where plumb lines meet the interface plane.
     gravity_m_s2, half_diagonal_m : float
     """
 
@@ -59,6 +63,7 @@ class Body(NamedTuple):
     first_place_m: Array
     up: Array
     inertia_m2: Array
+    ends: Array
     gravity_m_s2: float
     half_diagonal_m: float
 
@@ -77,6 +82,7 @@ class Body(NamedTuple):
             first_place_m=start_pose[:3] + to_world(*first, start_pose),
             up=np.ascontiguousarray(contact.scene_from_support[2]),
             inertia_m2=contact.principal_inertia_m2,
+            ends=np.ascontiguousarray(ends_of_pedestal(scene)),
             gravity_m_s2=scene.gravity_m_s2,
             half_diagonal_m=contact.half_diagonal_m,
         )
@@ -106,9 +112,8 @@ class Observation(NamedTuple):
     """Size of the turn about the normal since the start, 0 to 180."""
     slip_m: float
     """Way along the interface of the material point that was the centroid of the first contact."""
-    com_m: Vector
-    lying_com_m: Vector
-    """Where the centre of mass were if the rock lay where it is, turned as now, its lowest point on the same spot."""
+    beyond_end: bool
+    """Whether its centre of mass is plumb beyond the end of its pedestal, and were so if it lay there."""
 
 
 @njit(cache=True)
@@ -140,7 +145,8 @@ def observe(sim: Simulation, body: Body, since: int, shortest_step_s: float) -> 
             fastest = max(fastest, way / max(duration, shortest_step_s))
     x, y, z = normal_in_body(pose)
     tilt = math.degrees(math.acos(min(max(x * a + y * b + z * c, -1.0), 1.0)))
-    velocity, spin = velocities(sim, last)
+    here = sim.velocity[last]
+    velocity, spin = (here[0], here[1], here[2]), (here[3], here[4], here[5])
     lying, arm = _lying_com_m(body, pose)
     x, y, z = to_world(body.first_contact_m[0], body.first_contact_m[1], body.first_contact_m[2], pose)
     x, y = pose[0] + x - body.first_place_m[0], pose[1] + y - body.first_place_m[1]
@@ -161,9 +167,41 @@ def observe(sim: Simulation, body: Body, since: int, shortest_step_s: float) -> 
         yaw_deg=yaw,
         turned_deg=abs((turned + 180.0) % 360.0 - 180.0),
         slip_m=math.sqrt(x * x + y * y),
-        com_m=(pose[0], pose[1], pose[2]),
-        lying_com_m=lying,
+        beyond_end=_is_beyond(body, pose[0], pose[1], pose[2])
+        and _is_beyond(body, lying[0], lying[1], lying[2]),
     )
+
+
+@njit(cache=True)
+def _is_beyond(body: Body, x: float, y: float, z: float) -> bool:
+    """Whether a plumb line through a place meets the interface plane beyond an end of the pedestal."""
+    x, y = x - z * body.up[0] / body.up[2], y - z * body.up[1] / body.up[2]
+    beyond = False
+    for a, b, c in body.ends:
+        beyond = beyond or a * x + b * y + c > 0.0
+    return beyond
+
+
+@lru_cache(maxsize=8)
+def ends_of_pedestal(scene: Scene) -> Array:
+    """Lines (n, 3) where a scanned pedestal ends, in the support frame: a x + b y + c > 0 beyond one."""
+    if scene.pedestal.vertices_m is None:
+        return np.zeros((0, 3))
+    contact = contact_of(scene)
+    up = contact.scene_from_support[2]
+
+    def plumb_m(vertices_m: Array) -> Array:
+        places = (vertices_m - contact.origin_m) @ contact.scene_from_support
+        return np.asarray(places[:, :2] - places[:, 2:] * up[:2] / up[2])
+
+    lines = ConvexHull(plumb_m(scene.pedestal.vertices_m)).equations
+    room_m = -(plumb_m(scene.rock.vertices_m) @ lines[:, :2].T + lines[:, 2]).max(axis=0)
+    return np.asarray(lines[room_m < END_WITHIN_HEIGHTS * scene.rock.height_m])
+
+
+END_WITHIN_HEIGHTS = 0.5
+"""A mesh that goes on for more of the rock's height beside it ends with the scan and not with the ground: a scanned
+pedestal keeps .6 of it."""
 
 
 @njit(cache=True)

@@ -1,23 +1,19 @@
-"""Numerical settings of a shake: presets chosen from the measured front of speed against error (docs/accuracy.md)."""
+"""Numerical options of a shake, all in one place, and the presets. docs/numerics.md says how the numbers were found."""
+
+from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from toppling.models.errors import InputError
 
-PHYSICS_VERSION = "12"
+PHYSICS_VERSION = "13"
 """Part of every job's id: raised whenever the same job may give another answer."""
 
 
 @dataclass(frozen=True)
-class Solver:
-    """How far the contact solver goes in a step.
-
-    It starts from no contact impulses at all and takes them from foot to foot. On a base of many feet, neighbours along
-    the rim can hardly be told apart: weight goes over to the leading ones in proportion to the iterations, and until
-    then the rock turns as if its base were smaller. With 20 iterations a prism of 24 sides overturned .15 % too easily,
-    with 50 .09 %; prisms of 12 to 48 sides at worst .073 % with the 100 of `fast`, .034 % with the 300 of `standard`
-    and .015 % with the 1000 of `reference` (physics version 12).
+class SolverOptions:
+    """How far the engine's contact solver goes in a step.
 
     Parameters
     ----------
@@ -25,40 +21,159 @@ class Solver:
         At most.
     residual_share : float
         It stops before once no impulse (at unit mass) changes by more than this share of gravity's in a step.
+    cold_iterations : int
+        At most, in the first step of a new state, if that is more.
     """
 
     iterations: int
     residual_share: float
+    cold_iterations: int = 200
 
 
 @dataclass(frozen=True)
-class Settings:
+class ContactOptions:
+    """Which contact points carry, and which the engine is told of. Lengths are shares of the half diagonal R.
+
+    Parameters
+    ----------
+    touching_share : float
+        Points so near touch: they may carry, and an impact meets all of them.
+    carrying_share : float
+        The same of points that the engine has left where they carry.
+    resting_share : float
+        The same of a rock at rest, as a seat leaves it.
+    penetrating_share : float
+        A point that is deeper has penetrated: its step is taken again in parts.
+    repeated_parts : int
+        So many.
+    raised_share : float
+        By which the engine has the rock higher where it only moves it: a point comes to the surface on an arc, and on
+        its tangent it is nearer.
+    checked_share : float
+        So near the engine looks at points where it only moves the rock: those that carry, by how it is raised.
+    prepared_share, prepared_steps : float
+        The engine is told of points that come down in a step, of those nearer than the first, and of none farther than
+        the second times g (step)^2.
+    highest_offset : float
+        Centripetal offset of a point that carries in an engine's step at most, over (step)^2 times its centripetal
+        acceleration.
+    allowed_speed : float
+        Over sqrt(g R): so much faster a point may come nearer than its gap allows.
+    friction_direction_rad, impact_friction_direction_rad : float
+        By which friction may be off the slip's direction, of a slip and of that which an impact leaves.
+    """
+
+    touching_share: float = 1e-8
+    carrying_share: float = 3e-6
+    resting_share: float = 1e-5
+    penetrating_share: float = 1e-4
+    repeated_parts: int = 4
+    raised_share: float = 1e-5
+    checked_share: float = 1.5e-5
+    prepared_share: float = 5e-6
+    prepared_steps: float = 0.8
+    highest_offset: float = 1.5
+    allowed_speed: float = 1e-10
+    friction_direction_rad: float = 1e-3
+    impact_friction_direction_rad: float = 1e-2
+
+
+@dataclass(frozen=True)
+class ImpactOptions:
+    """How impacts are resolved. Times are shares of the step.
+
+    Parameters
+    ----------
+    most : int
+        Impacts that are resolved within a step; points that land later in it are stopped at its end.
+    at_once : float
+        A contact that comes sooner is met where the rock is.
+    engine_step : float
+        Duration of the step in which the engine solves an impact.
+    engine_tries : int
+        Of friction axes for it.
+    terminal_share : float
+        Of the way to an impact that points slip on: its last part, which has the velocity of its end.
+    left_out : float
+        Share of the gap of the nearest point that comes down, beyond which the engine is told of none on that way.
+    """
+
+    most: int = 40
+    at_once: float = 1e-4
+    engine_step: float = 0.06
+    engine_tries: int = 3
+    terminal_share: float = 0.1
+    left_out: float = 0.5
+
+
+@dataclass(frozen=True)
+class TerminationOptions:
+    """When a shake has ended. Times are over sqrt(R / g), speeds over sqrt(g R).
+
+    Parameters
+    ----------
+    block : int
+        Steps between two looks.
+    rest_certain_share : float
+        Of the least energy that overturns: with less, a rock on ground at rest or weakly moved will stand.
+    weak_share : float
+        A motion is weak that stays within this share of what would tip the rock slowly or drag it over its pedestal.
+    weak_tilt_deg, weak_yaw_deg : float
+        What tips the rock is known for its first pose, so only near that is a motion called weak.
+    calmed_after : float
+        After the motion, until which a rock is given to come near rest; from then on it is enough that its energy
+        cannot overturn it.
+    cap_after : float
+        The same until which that must be so, or its fate is undecided.
+    moved_share : float
+        Of R: a rock that slid farther has moved.
+    moved_deg : float
+        A rock that turned farther has moved.
+    """
+
+    block: int = 64
+    rest_certain_share: float = 0.1
+    weak_share: float = 0.25
+    weak_tilt_deg: float = 3.0
+    weak_yaw_deg: float = 30.0
+    calmed_after: float = 60.0
+    cap_after: float = 300.0
+    moved_share: float = 0.01
+    moved_deg: float = 1.0
+
+
+@dataclass(frozen=True)
+class NumericalOptions:
     """How finely a shake is resolved.
 
     Parameters
     ----------
     step_share : float
         Time step over sqrt(R / g), R the rock's half diagonal: rocks of one shape and all sizes are resolved alike.
-    resolved_landing : float
-        Landings slower than this share of sqrt(g R) are left to the contact solver, with an error of the first order.
-        They carry next to no energy (5e-7 of a fall from R at 1e-3), but a rock that still rocks by so little as the
-        next strong wave comes goes on from there, and one that was stopped does not.
-    solver : Solver
+    resolved_impact : float
+        Points that land slower than this share of sqrt(g R) are stopped at the surface at the end of their step, with
+        an error of the first order.
     rest_speed : float
-        A rock whose points move slower than this share of sqrt(g R), on feet that can hold it, rests. The solver lets
-        a rock on few feet turn by up to 3e-4 of it.
+        A rock whose points move slower than this share of sqrt(g R), on points that can hold it, rests.
+    solver : SolverOptions
     longest_step_s : float
         Upper bound of the time step, so that a large rock still follows the record.
-    parts_when_low : int
-        A power of two, by which steps and slowest resolved landings are divided from rest until the rock has lifted.
+    direct_contacts : bool
+        Whether contacts that stick are solved directly, and not by the engine.
+    contact : ContactOptions
+    impact : ImpactOptions
+    termination : TerminationOptions
     """
 
     step_share: float
-    resolved_landing: float
-    solver: Solver
+    resolved_impact: float
     rest_speed: float
+    solver: SolverOptions
     longest_step_s: float = 0.016
-    parts_when_low: int = 1
+    direct_contacts: bool = True
+    contact: ContactOptions = field(default_factory=ContactOptions)
+    impact: ImpactOptions = field(default_factory=ImpactOptions)
+    termination: TerminationOptions = field(default_factory=TerminationOptions)
 
     def time_step_s(self, half_diagonal_m: float, gravity_m_s2: float) -> float:
         """Time step for a rock of this size, s."""
@@ -66,25 +181,21 @@ class Settings:
 
 
 PRESETS = {
-    "fast": Settings(
-        1 / 96, resolved_landing=1e-3, solver=Solver(100, 1e-4), rest_speed=1e-3, parts_when_low=4
-    ),
-    "standard": Settings(
-        1 / 128, resolved_landing=2e-4, solver=Solver(300, 1e-5), rest_speed=5e-4, parts_when_low=4
-    ),
-    "reference": Settings(1 / 512, resolved_landing=5e-5, solver=Solver(1000, 1e-6), rest_speed=2e-4),
+    "fast": NumericalOptions(1 / 96, 1e-4, 1e-3, SolverOptions(100, 1e-4)),
+    "standard": NumericalOptions(1 / 128, 2e-5, 5e-4, SolverOptions(300, 1e-5)),
+    "reference": NumericalOptions(1 / 512, 1e-6, 2e-4, SolverOptions(1000, 1e-6)),
 }
 
 
-def settings_of(preset: str) -> Settings:
-    """Settings of a preset.
+def options_of(preset: str) -> NumericalOptions:
+    """Options of a preset.
 
     Raises
     ------
     InputError
         If there is no preset of this name.
     """
-    if preset not in PRESETS:
+    if not isinstance(preset, str) or preset not in PRESETS:
         raise InputError(
             f"no preset {preset!r}",
             where="preset",

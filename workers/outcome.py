@@ -13,7 +13,7 @@ from toppling.models.trajectory import Trajectory
 from toppling.workers import quaternion
 from toppling.workers.contact_points import LARGEST_OPEN_TILT_DEG, ContactModel
 from toppling.workers.observation import Observation
-from toppling.workers.termination import MOVED_DEG, Verdict, is_displaced
+from toppling.workers.termination import Context, Verdict, is_displaced
 
 Array = NDArray[np.float64]
 
@@ -73,7 +73,7 @@ class ShakeResult:
 
 
 def outcome_of(
-    said: Verdict, seen: Observation, contact: ContactModel, time_s: Array, pose: Array
+    said: Verdict, seen: Observation, context: Context, time_s: Array, pose: Array
 ) -> dict[str, object]:
     """Fields of a result that the motion decides.
 
@@ -82,17 +82,18 @@ def outcome_of(
     said : Verdict
     seen : Observation
         Of the end.
-    contact : ContactModel
+    context : Context
     time_s : (n,) array
     pose : (n, 7) array
         The whole trajectory, support frame.
     """
+    contact = context.contact
     tilt = contact.tilts_deg(pose[:, 3:])
     toppled = (said.ended_by in FALLS or bool(tilt[-1] > TOPPLED_TILT_DEG)) if said.status == "ok" else None
     turning = _point_of_no_return(said.ended_by, contact, pose[:, :3], tilt) if toppled else None
     outcome = None
     if said.status == "ok":
-        displaced = is_displaced(seen, contact) or tilt[-1] > MOVED_DEG
+        displaced = is_displaced(seen, context) or tilt[-1] > context.options.moved_deg
         outcome = "toppled" if toppled else "moved" if displaced else "stands"
     return {
         "status": said.status,

@@ -5,23 +5,21 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene
-from toppling.models.statics import holds_still, polygon
+from toppling.models.statics import EQUILIBRIUM_MARGIN
 from toppling.workers.contact_points import ContactModel
 from toppling.workers.integrator import Integrator
 from toppling.workers.observation import Observation
-from toppling.workers.quaternion import matrix
+from toppling.workers.quaternion import to_world
 
 Array = NDArray[np.float64]
 
 TOUCHING_SHARE = 1e-5
-"""Contact points within this share of R of the plane carry a rock at rest: the engine holds them ten times closer."""
-
-PLANE = np.array([0.0, 0.0, 1.0])
-"""Normal of the interface in the support frame."""
+"""Contact points within this share of R of the plane carry a rock at rest: a seat leaves them ten times closer."""
 
 
 class Rest:
@@ -34,7 +32,7 @@ class Rest:
     motion : Motion
     integrator : Integrator
     block : int
-        Whole steps between two looks.
+        Steps between two looks.
     rest_speed_m_s : float
         A rock whose points are slower rests.
     rests : bool
@@ -52,31 +50,33 @@ class Rest:
         rests: bool,
     ) -> None:
         turn = contact.scene_from_support
-        self._gravity = np.array([0.0, 0.0, -scene.gravity_m_s2]) @ turn
-        self._forces = np.vstack([self._gravity - motion.acceleration_m_s2 @ turn, self._gravity])
+        gravity = np.array([[0.0, 0.0, -scene.gravity_m_s2]]) @ turn
+        self._forces = np.vstack([gravity - motion.acceleration_m_s2 @ turn, gravity])
         """Specific force at the motion's samples, and after the last of them."""
-        self._scene, self._contact, self._motion, self._integrator = scene, contact, motion, integrator
-        self._block, self._speed_m_s = block, rest_speed_m_s
+        self._friction, self._integrator, self._block = scene.contact.friction_static, integrator, block
+        self._points_m = np.ascontiguousarray(contact.points_body_m)
+        self._touching_m = TOUCHING_SHARE * contact.half_diagonal_m
+        self._sample_s, self._speed_m_s = motion.time_step_s, rest_speed_m_s
         self.rests = rests
         """For the whole of the last block."""
         self.came_to_rest = False
         self.skipped_s = 0.0
 
     def keep(self, seen: Observation, since: int) -> bool:
-        """Take back what the solver let the rock creep since a pose in which it rested, if its contact holds it there.
+        """Set a rock that has rested for a block to where it was, if its contact holds it there; whether it was set.
 
-        In the block in which it comes to rest it stays where it is: only what follows is known to be creep. Returns
-        whether something was taken back.
+        In the block in which it comes to rest it stays where it is: only what follows is known to be creep.
         """
-        integrator, sample_s, rested = self._integrator, self._motion.time_step_s, self.rests
+        integrator, rested = self._integrator, self.rests
         slow = seen.drift_m_s < self._speed_m_s
         self.came_to_rest = slow and seen.speed_m_s < self._speed_m_s
-        began_s = integrator.sim.time_s[since]
-        meanwhile = self._forces[int(began_s / sample_s) : math.ceil(seen.time_s / sample_s) + 1]
-        if len(meanwhile) == 0:  # the motion was over before
-            meanwhile = self._gravity[None]
-        stays = slow if rested else self.came_to_rest
-        self.rests = stays and bool(self._holds(meanwhile, since if rested else integrator.last).all())
+        self.rests = slow if rested else self.came_to_rest
+        if not self.rests or integrator.rests:
+            return False
+        last = len(self._forces) - 1  # the motion may have been over before
+        first = min(int(integrator.sim.time_s[since] / self._sample_s), last)
+        end = min(math.ceil(seen.time_s / self._sample_s) + 1, last + 1)
+        self.rests = self._held_until(since if rested else integrator.last, first, end) == end
         if rested and self.rests:
             integrator.rest_until(since, integrator.grid)
             return True
@@ -84,7 +84,8 @@ class Rest:
 
     def is_held(self) -> bool:
         """Whether the contact can hold the rock where it is on ground at rest."""
-        return bool(self._holds(self._gravity[None], self._integrator.last)[0])
+        last = len(self._forces) - 1
+        return self._held_until(self._integrator.last, last, last + 1) > last
 
     def lasts(self) -> bool:
         """Skip to the last block before equilibrium becomes impossible; true if it stays possible to the end.
@@ -93,30 +94,120 @@ class Rest:
         its samples: a rock at rest stays so up to the last sample of those that all lie in the cone. Blocks are skipped
         whole, so that what comes after is to the bit what it is without the skip.
         """
-        integrator, sample_s, step_s = (
-            self._integrator,
-            self._motion.time_step_s,
-            self._integrator.sim.whole_step_s,
-        )
-        first = int(integrator.time_s / sample_s)
-        forces = self._forces[first:]
-        soon = int(self._block * step_s / sample_s) + 1
-        if not self._holds(forces[:soon], integrator.last).all():  # spares a look at the whole record
-            return False
-        held = self._holds(forces, integrator.last)
-        if held.all():
+        integrator, step_s = self._integrator, self._integrator.sim.step_s
+        first, end = int(integrator.time_s / self._sample_s), len(self._forces)
+        until = self._held_until(integrator.last, first, end)
+        if until == end:
             return True
-        until_s = (first + max(int(np.argmin(held)) - 1, 0)) * sample_s
+        until_s = max(until - 1, first) * self._sample_s
         blocks = (int(until_s / step_s) - integrator.grid) // self._block
         if blocks > 0:
             self.skipped_s += blocks * self._block * step_s
             integrator.rest_until(integrator.last, integrator.grid + blocks * self._block)
         return False
 
-    def _holds(self, forces_m_s2: Array, index: int) -> NDArray[np.bool_]:
-        """Whether the points that touch in a pose can hold the rock under each specific force, support frame."""
-        pose, touching_m = self._integrator.sim.pose[index], TOUCHING_SHARE * self._contact.half_diagonal_m
-        com = pose[:3].copy()
-        points = com + self._contact.points_body_m @ matrix(pose[3:]).T
-        corners = polygon(points[points[:, 2] <= touching_m], PLANE, touching_m)
-        return holds_still(corners, com, PLANE, self._scene.contact.friction_static, forces_m_s2)
+    def _held_until(self, index: int, first: int, end: int) -> int:
+        """First sample, from `first` on, whose force the points that touch in a pose cannot hold; `end` if all."""
+        pose = self._integrator.sim.pose[index]
+        return int(
+            held_until(self._points_m, self._touching_m, pose, self._friction, self._forces, first, end)
+        )
+
+
+@njit(cache=True)
+def held_until(
+    points_m: Array, touching_m: float, pose: Array, friction: float, forces_m_s2: Array, first: int, end: int
+) -> int:
+    """First of some specific forces that the points which touch cannot hold; `end` if they hold all.
+
+    The cone of :func:`models.statics.equilibrium_possible`: the force points into the plane, its tangential part is at
+    most the friction times the normal one, and its line of action through the centre of mass pierces the hull of the
+    points.
+
+    Parameters
+    ----------
+    points_m : (n, 3) array
+        Contact points, body axes.
+    touching_m : float
+        Those touch that are so near the plane.
+    pose : (7,) array
+        Support frame.
+    friction : float
+        Static coefficient.
+    forces_m_s2 : (m, 3) array
+        Support frame.
+    first, end : int
+    """
+    arms, count = np.empty((len(points_m), 3)), 0
+    for i in range(len(points_m)):
+        arm = to_world(points_m[i, 0], points_m[i, 1], points_m[i, 2], pose)
+        if pose[2] + arm[2] <= touching_m:
+            arms[count, 0], arms[count, 1], arms[count, 2] = arm
+            count += 1
+    ring = convex_ring(arms[:count], touching_m)
+    if len(ring) < 3:
+        return first
+    moments, longest = np.empty((len(ring), 3)), 0.0
+    for k in range(len(ring)):
+        a, b = arms[ring[k]], arms[ring[(k + 1) % len(ring)]]
+        x, y = b[0] - a[0], b[1] - a[1]
+        far = math.sqrt(x * x + y * y)
+        # w . f > 0 where the force f on the centre of mass holds the rock down on the edge.
+        moments[k, 0], moments[k, 1], moments[k, 2] = (
+            y * a[2] / far,
+            -x * a[2] / far,
+            (a[1] * x - a[0] * y) / far,
+        )
+        longest = max(longest, math.sqrt(a[0] ** 2 + a[1] ** 2 + a[2] ** 2))
+    for n in range(first, end):
+        x, y, z = forces_m_s2[n]
+        margin = EQUILIBRIUM_MARGIN * math.sqrt(x * x + y * y + z * z)
+        if not (-z > margin and math.sqrt(x * x + y * y) <= -friction * z - margin):
+            return n
+        for k in range(len(ring)):
+            if moments[k, 0] * x + moments[k, 1] * y + moments[k, 2] * z < margin * longest:
+                return n
+    return end
+
+
+@njit(cache=True)
+def convex_ring(points: Array, width: float) -> NDArray[np.int64]:
+    """Indices of the convex hull's corners in the plane of x and y, counter-clockwise; fewer than three if thinner.
+
+    Andrew's monotone chain (1979).
+    """
+    n = len(points)
+    if n < 3:
+        return np.arange(n)
+    order = np.arange(n)
+    for i in range(1, n):  # by x, then y; few points
+        k = order[i]
+        j = i - 1
+        while j >= 0 and (points[order[j], 0], points[order[j], 1]) > (points[k, 0], points[k, 1]):
+            order[j + 1] = order[j]
+            j -= 1
+        order[j + 1] = k
+    ring, size = np.empty(2 * n, np.int64), 0
+    for turn in range(2):
+        start = size
+        for step in range(n):
+            k = order[step] if turn == 0 else order[n - 1 - step]
+            while size - start >= 2 and _left_of(points, ring[size - 2], ring[size - 1], k) <= 0.0:
+                size -= 1
+            ring[size] = k
+            size += 1
+        size -= 1
+    area, longest = 0.0, 0.0
+    for i in range(1, size - 1):
+        area += _left_of(points, ring[0], ring[i], ring[i + 1])
+    for i in range(size):
+        a, b = points[ring[i]], points[ring[(i + 1) % size]]
+        longest = max(longest, math.sqrt((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2))
+    return ring[:size] if area > width * longest else ring[: min(size, 2)]
+
+
+@njit(cache=True)
+def _left_of(points: Array, i: int, j: int, k: int) -> float:
+    """Twice the area of a triangle, positive where k lies to the left of the way from i to j."""
+    a, b, c = points[i], points[j], points[k]
+    return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])

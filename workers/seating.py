@@ -17,9 +17,8 @@ from toppling.models.statics import TOPPLED_TILT_DEG, equilibrium_possible
 from toppling.workers import engine
 from toppling.workers import quaternion as quat
 from toppling.workers.contact_points import LARGEST_OPEN_TILT_DEG, contact_of
-from toppling.workers.integrator import OPTIONS
 from toppling.workers.observation import travel_m
-from toppling.workers.options import Solver, settings_of
+from toppling.workers.options import ContactOptions, SolverOptions, options_of
 from toppling.workers.rest import TOUCHING_SHARE
 from toppling.workers.termination import friction_that_stops
 
@@ -27,7 +26,10 @@ Array = NDArray[np.float64]
 
 PASSES = 3
 
-SOLVER = Solver(iterations=200, residual_share=1e-3)
+PREPARED_STEPS, PREPARED_SHARE = ContactOptions.prepared_steps, 2e-5
+"""Contacts are prepared within the one times g (step)^2, and within the other share of R."""
+
+SOLVER = SolverOptions(iterations=200, residual_share=1e-3)
 
 STOPPED_SHARE = 1e-5
 """Way in a look, over R, below which a rock that settles is no longer stopped: each stop costs it its contacts."""
@@ -81,7 +83,7 @@ def _let_down(scene: Scene, pool: engine.EnginePool) -> Scene:
     contact = contact_of(scene)
     turn = contact.scene_from_support
     gravity = np.array([0.0, 0.0, -scene.gravity_m_s2]) @ turn
-    step_s = settings_of("standard").time_step_s(contact.half_diagonal_m, scene.gravity_m_s2)
+    step_s = options_of("standard").time_step_s(contact.half_diagonal_m, scene.gravity_m_s2)
     world = pool.world(contact, contact.points_within(LARGEST_OPEN_TILT_DEG))
     surface = ContactProperties.of(scene.contact.friction_static)  # let down without a rebound
     engine.configure_for(world, surface, SOLVER)
@@ -125,22 +127,22 @@ def _swing_out(
         (0.0, 0.0, 0.0),
         (force_m_s2[0], force_m_s2[1], force_m_s2[2]),
     )
-    near = max(OPTIONS.prepared_steps * (impulse * step_s) / half_diagonal_m, OPTIONS.prepared_share)
+    near = max(PREPARED_STEPS * (impulse * step_s) / half_diagonal_m, PREPARED_SHARE)
     engine.configure(world, impulse, near, 0.0, residual_share)
     engine.let_stick(world)
-    engine.place(world, pose, 0.0, still, still, near, 0.0)
+    engine.place(world, pose, still, still, near, 0.0)
     strict = 3e-7 * half_diagonal_m  # the solver lets a rock at rest creep by a quarter of it
-    previous, travel, before = np.inf, np.inf, pose.copy()
+    previous, travel, before, velocity = np.inf, np.inf, pose.copy(), np.empty(6)
     for look in range(5000):
         # A base that rolls may swing on by a millionth of its size for ever.
         limit = strict if look < 1000 else 10.0 * strict
         for _ in range(STEPS_IN_A_LOOK):
             before[:] = pose
-            engine.step(world, centres_m, step_s, force, pose)
+            engine.step(world, centres_m, step_s, force, pose, velocity)
         travel = travel_m(before, pose, half_diagonal_m)
         # Past the lowest point of this swing: let it go from here at rest. What is left in the end dies by itself.
         if travel < previous and travel > STOPPED_SHARE * half_diagonal_m:
-            engine.place(world, pose, 0.0, still, still, near, 0.0)
+            engine.place(world, pose, still, still, near, 0.0)
         if max(travel, previous) < limit:
             return 0.0
         previous = travel

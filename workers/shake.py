@@ -14,17 +14,14 @@ from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene
 from toppling.workers.contact_points import ContactModel, Pose, contact_of
 from toppling.workers.engine import EnginePool, process_pool
-from toppling.workers.integrator import OPTIONS, Integrator
+from toppling.workers.integrator import Integrator
 from toppling.workers.observation import Body, Observation, observe
-from toppling.workers.options import Settings, settings_of
+from toppling.workers.options import NumericalOptions, options_of
 from toppling.workers.outcome import ShakeResult, outcome_of, trajectory_of
 from toppling.workers.rest import Rest
 from toppling.workers.seating import settled
 from toppling.workers.start import State, checked_start, start_of
 from toppling.workers.termination import ENDS, FALLS, Context, Verdict, verdict, weak_from_s
-
-BLOCK = 64
-"""Whole steps between two looks at whether the answer is certain."""
 
 LONGEST_STEP_SHARE = 1 / 16
 """Steps longer than this share of sqrt(R / g) do not resolve a rocking rock."""
@@ -33,7 +30,7 @@ LONGEST_STEP_SHARE = 1 / 16
 def shake(
     scene: Scene,
     motion: Motion,
-    preset: str | Settings = "standard",
+    preset: str | NumericalOptions = "standard",
     *,
     trajectory: bool = False,
     time_step: float | None = None,
@@ -48,8 +45,8 @@ def shake(
     scene : Scene
     motion : Motion
         Acceleration of the ground. After it the ground stays at rest until the answer is certain.
-    preset : str or Settings
-        'fast', 'standard' or 'reference', or settings of one's own.
+    preset : str or NumericalOptions
+        'fast', 'standard' or 'reference', or options of one's own.
     trajectory : bool
         Keep the rock's poses.
     time_step : float, optional
@@ -77,12 +74,12 @@ def shake(
     pool = pool or process_pool()
     if start is None:
         scene = settled(scene, pool)
-    settings = preset if isinstance(preset, Settings) else settings_of(preset)
+    options = preset if isinstance(preset, NumericalOptions) else options_of(preset)
     half_diagonal_m, gravity_m_s2 = scene.rock.half_diagonal_m, scene.gravity_m_s2
-    step_s = settings.time_step_s(half_diagonal_m, gravity_m_s2)
+    step_s = options.time_step_s(half_diagonal_m, gravity_m_s2)
     if time_step is not None:
         step_s = _checked_step(time_step, half_diagonal_m, gravity_m_s2)
-    shaking = Shaking.of(scene, motion, settings, step_s, start, shortcuts, pool)
+    shaking = Shaking.of(scene, motion, options, step_s, start, shortcuts, pool)
     result = shaking.result(*shaking.run(), trajectory=trajectory)
     return replace(result, wall_s=time.perf_counter() - began)
 
@@ -109,7 +106,7 @@ class Shaking:
         cls,
         scene: Scene,
         motion: Motion,
-        settings: Settings,
+        options: NumericalOptions,
         step_s: float,
         start: State | None,
         shortcuts: bool,
@@ -118,20 +115,41 @@ class Shaking:
         """At its start; a scene without a start of its own is seated."""
         contact = contact_of(scene)
         pose, velocity, spin = start_of(contact, start)
-        rest_speed_m_s = settings.rest_speed * float(np.sqrt(scene.gravity_m_s2 * contact.half_diagonal_m))
-        integrator = Integrator(scene, contact, motion, step_s, settings, pose, velocity, spin, pool)
+        rest_speed_m_s = options.rest_speed * float(np.sqrt(scene.gravity_m_s2 * contact.half_diagonal_m))
+        integrator = Integrator(
+            scene,
+            contact,
+            motion,
+            step_s,
+            options,
+            pose,
+            velocity,
+            spin,
+            rests=start is None,
+            skips_rest=shortcuts,
+            pool=pool,
+        )
         return cls(
             integrator=integrator,
             body=Body.of(scene, contact, integrator.sim.pose[0].copy()),
-            rest=Rest(scene, contact, motion, integrator, BLOCK, rest_speed_m_s, rests=start is None),
+            rest=Rest(
+                scene,
+                contact,
+                motion,
+                integrator,
+                options.termination.block,
+                rest_speed_m_s,
+                rests=start is None,
+            ),
             context=Context(
                 scene=scene,
                 contact=contact,
                 motion_s=motion.duration_s,
-                weak_from_s=weak_from_s(scene, motion),
+                weak_from_s=weak_from_s(scene, motion, options.termination.weak_share),
                 rest_speed_m_s=rest_speed_m_s,
                 speed_limit_m_s=_speed_limit(scene, contact, motion, start, pose),
                 shortcuts=shortcuts,
+                options=options.termination,
             ),
         )
 
@@ -142,7 +160,7 @@ class Shaking:
         if context.shortcuts and rest.rests and rest.lasts():
             return Verdict("ok", "never_moved"), seen
         while True:
-            integrator.advance(BLOCK)
+            integrator.advance(context.options.block)
             seen = self._seen(since)
             said = verdict(FALLS, seen, context)
             if said is not None:
@@ -168,18 +186,18 @@ class Shaking:
         certain = said.ended_by in ("never_moved", "rest_certain")
         left_s = max(self.context.motion_s - seen.time_s, 0.0) if certain else 0.0
         return ShakeResult(
-            **outcome_of(said, seen, contact, times, poses),  # type: ignore[arg-type]
+            **outcome_of(said, seen, self.context, times, poses),  # type: ignore[arg-type]
             penetration_m=integrator.penetration_m(),
             steps=integrator.steps,
             simulated_s=integrator.time_s - skipped_s,
             skipped_s=skipped_s + left_s,
             wall_s=0.0,
-            time_step_s=integrator.sim.whole_step_s,
+            time_step_s=integrator.sim.step_s,
             trajectory=trajectory_of(contact, times, poses) if trajectory else None,
         )
 
     def _seen(self, since: int) -> Observation:
-        shortest_s = OPTIONS.impact_step * self.integrator.sim.whole_step_s
+        shortest_s = self.integrator.sim.numbers.impact_step * self.integrator.sim.step_s
         return observe(self.integrator.sim, self.body, since, shortest_s)
 
 

@@ -13,7 +13,6 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import ConvexHull
 
 from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene
@@ -21,36 +20,11 @@ from toppling.models.statics import TOPPLED_FALL, quasi_static_toppling_m_s2
 from toppling.workers.barrier import least_overturning_j_kg
 from toppling.workers.contact_points import LARGEST_OPEN_TILT_DEG, ContactModel, contact_of
 from toppling.workers.observation import Observation
+from toppling.workers.options import TerminationOptions
 
 Array = NDArray[np.float64]
 
-REST_CERTAIN_SHARE = 0.1
-"""Share of the least energy that overturns, below which a rock on ground at rest or weakly moved will stand."""
-
-WEAK_SHARE = 0.25
-"""A motion is weak that stays within this share of what would tip the rock slowly or drag it over its pedestal."""
-
-WEAK_TILT_DEG, WEAK_YAW_DEG = 3.0, 30.0
-"""What tips the rock is known for the pose that it started in, so only near that pose is a motion called weak."""
-
 AZIMUTH_STEP_DEG = 10.0
-
-CALMED_AFTER_MOTION = 60.0
-"""Time after the motion, over sqrt(R / g), until which a rock is given to come near rest; from then on it is enough
-that its energy cannot overturn it."""
-
-CAP_AFTER_MOTION = 300.0
-"""The same until which that must be so, or its fate is undecided: rocks that roll round their rims took up to 175.
-Longer shakes of a base of hundreds of points would come near the time after which a worker counts as hung."""
-
-MOVED_SHARE = 0.01
-"""A rock that slid by more than this share of R, or turned by more than MOVED_DEG, has moved."""
-
-MOVED_DEG = 1.0
-
-END_WITHIN_HEIGHTS = 0.5
-"""A mesh that goes on for more of the rock's height beside it ends with the scan and not with the ground: a scanned
-pedestal keeps .6 of it."""
 
 
 @dataclass(frozen=True)
@@ -88,6 +62,7 @@ class Context:
         What no energy in the motion explains.
     shortcuts : bool
         Whether to end as soon as the answer is certain.
+    options : TerminationOptions
     """
 
     scene: Scene
@@ -97,6 +72,7 @@ class Context:
     rest_speed_m_s: float
     speed_limit_m_s: float
     shortcuts: bool
+    options: TerminationOptions
 
     @property
     def unit_s(self) -> float:
@@ -124,11 +100,9 @@ def tilted(seen: Observation, context: Context) -> Verdict | None:  # noqa: ARG0
     return Verdict("ok", "tilted") if seen.largest_tilt_deg > LARGEST_OPEN_TILT_DEG else None
 
 
-def slid_off(seen: Observation, context: Context) -> Verdict | None:
+def slid_off(seen: Observation, context: Context) -> Verdict | None:  # noqa: ARG001  (a rule's signature)
     """The rock has slid so far that even lying it would tip over the end of its pedestal."""
-    ends = ends_of_pedestal(context.scene)
-    beyond = all(_is_beyond(ends, context.contact, np.array(com)) for com in (seen.com_m, seen.lying_com_m))
-    return Verdict("ok", "slid_off") if beyond else None
+    return Verdict("ok", "slid_off") if seen.beyond_end else None
 
 
 def too_little_energy(seen: Observation, context: Context) -> Verdict | None:
@@ -138,13 +112,13 @@ def too_little_energy(seen: Observation, context: Context) -> Verdict | None:
     """
     if not (context.shortcuts and seen.time_s > context.motion_s and _has_little_energy(seen, context)):
         return None
-    shows = seen.tilt_deg <= MOVED_DEG or is_displaced(seen, context.contact)
+    shows = seen.tilt_deg <= context.options.moved_deg or is_displaced(seen, context)
     return Verdict("ok", "rest_certain") if shows else None
 
 
 def cannot_overturn(seen: Observation, context: Context) -> Verdict | None:
     """Long after the motion: the energy overturns the rock in no yaw, and no slope keeps it sliding."""
-    if seen.time_s <= context.motion_s + CALMED_AFTER_MOTION * context.unit_s:
+    if seen.time_s <= context.motion_s + context.options.calmed_after * context.unit_s:
         return None
     slips_end = context.scene.contact.friction_kinetic >= friction_that_stops(context.scene)
     settles = slips_end or seen.sliding_m_s <= context.rest_speed_m_s
@@ -154,7 +128,7 @@ def cannot_overturn(seen: Observation, context: Context) -> Verdict | None:
 
 def time_is_up(seen: Observation, context: Context) -> Verdict | None:
     """The rock's fate is still open at the cap."""
-    capped = seen.time_s > context.motion_s + CAP_AFTER_MOTION * context.unit_s
+    capped = seen.time_s > context.motion_s + context.options.cap_after * context.unit_s
     return Verdict("undecided", "time_cap") if capped else None
 
 
@@ -162,8 +136,9 @@ def calms_down(seen: Observation, context: Context) -> Verdict | None:
     """All that is left of the motion is weak, so is the rocking, and the rock is displaced anyway."""
     if not (context.shortcuts and context.weak_from_s < seen.time_s <= context.motion_s):
         return None
-    near = seen.tilt_deg < WEAK_TILT_DEG and abs(seen.yaw_deg) < WEAK_YAW_DEG
-    calm = near and is_displaced(seen, context.contact) and _has_little_energy(seen, context)
+    options = context.options
+    near = seen.tilt_deg < options.weak_tilt_deg and abs(seen.yaw_deg) < options.weak_yaw_deg
+    calm = near and is_displaced(seen, context) and _has_little_energy(seen, context)
     return Verdict("ok", "rest_certain") if calm else None
 
 
@@ -183,16 +158,19 @@ def verdict(rules: tuple[Rule, ...], seen: Observation, context: Context) -> Ver
     return None
 
 
-def is_displaced(seen: Observation, contact: ContactModel) -> bool:
+def is_displaced(seen: Observation, context: Context) -> bool:
     """Whether the rock has slid or turned about the normal so far that it counts as moved, however it rocks."""
-    return seen.slip_m > MOVED_SHARE * contact.half_diagonal_m or seen.turned_deg > MOVED_DEG
+    options, half_diagonal_m = context.options, context.contact.half_diagonal_m
+    return seen.slip_m > options.moved_share * half_diagonal_m or seen.turned_deg > options.moved_deg
 
 
 def _has_little_energy(seen: Observation, context: Context) -> bool:
     # Past its balance all of a rock's energies are below that of lying: no share of them holds it.
     energy = max(seen.energy_j_kg, 0.0)
     barrier = least_overturning_j_kg(context.scene, seen.tilt_deg, seen.yaw_deg)
-    return energy < REST_CERTAIN_SHARE * barrier and seen.sliding_m_s <= context.rest_speed_m_s
+    return (
+        energy < context.options.rest_certain_share * barrier and seen.sliding_m_s <= context.rest_speed_m_s
+    )
 
 
 def friction_that_stops(scene: Scene) -> float:
@@ -200,13 +178,13 @@ def friction_that_stops(scene: Scene) -> float:
     return float(np.tan(np.deg2rad(scene.pedestal.slope_deg)))
 
 
-def weak_from_s(scene: Scene, motion: Motion) -> float:
-    """Time from which a motion is weak, s: at 1 / WEAK_SHARE times its strength it would neither tip nor drag the rock.
+def weak_from_s(scene: Scene, motion: Motion, share: float) -> float:
+    """Time from which a motion is weak, s: at 1 / share times its strength it would neither tip nor drag the rock.
 
     What tips it is the least constant acceleration of any azimuth that, slowly applied, topples
     (:mod:`models.statics`): of any, since a rock that has turned has its weakest side elsewhere.
     """
-    stronger = motion.acceleration_m_s2 / WEAK_SHARE
+    stronger = motion.acceleration_m_s2 / share
     downward = scene.gravity_m_s2 + stronger[:, 2]
     holds = np.hypot(stronger[:, 0], stronger[:, 1]) < downward * _tipping_ratio(scene)
     force = (np.array([0.0, 0.0, -scene.gravity_m_s2]) - stronger) @ contact_of(scene).scene_from_support
@@ -221,29 +199,3 @@ def _tipping_ratio(scene: Scene) -> float:
     azimuths = np.arange(0.0, 360.0, AZIMUTH_STEP_DEG).tolist()
     least = quasi_static_toppling_m_s2(scene.rock, scene.pedestal, scene.gravity_m_s2, azimuths)
     return min(value for _, value in least) / scene.gravity_m_s2
-
-
-@lru_cache(maxsize=8)
-def ends_of_pedestal(scene: Scene) -> Array:
-    """Lines (n, 3) where a scanned pedestal ends: a x + b y + c > 0 beyond one, at places of :func:`_plumb_m`."""
-    if scene.pedestal.vertices_m is None:
-        return np.zeros((0, 3))
-    contact = contact_of(scene)
-    ground, rock = (
-        _plumb_m(contact, (vertices_m - contact.origin_m) @ contact.scene_from_support)
-        for vertices_m in (scene.pedestal.vertices_m, scene.rock.vertices_m)
-    )
-    lines = ConvexHull(ground).equations
-    room_m = -(rock @ lines[:, :2].T + lines[:, 2]).max(axis=0)
-    return np.asarray(lines[room_m < END_WITHIN_HEIGHTS * scene.rock.height_m])
-
-
-def _plumb_m(contact: ContactModel, places_m: Array) -> Array:
-    """Where plumb lines through places (..., 3) of the support frame meet the interface plane, (..., 2)."""
-    up = contact.scene_from_support[2]
-    return np.asarray(places_m[..., :2] - places_m[..., 2:] * up[:2] / up[2])
-
-
-def _is_beyond(ends: Array, contact: ContactModel, com_m: Array) -> bool:
-    x, y = _plumb_m(contact, com_m)
-    return bool((ends @ [x, y, 1.0]).max(initial=-1.0) > 0.0)

@@ -14,7 +14,7 @@ from toppling.models.motions.motion import Motion
 from toppling.models.pedestal import Pedestal
 from toppling.models.scene import Scene
 from toppling.models.shapes import box, cylinder
-from toppling.workers.options import settings_of
+from toppling.workers.options import options_of
 from toppling.workers.reference import closed_forms as exact
 from toppling.workers.reference.rocking import Ground, PlaneBody, overturns
 from toppling.workers.reference.rocking import rock as rock_in_plane
@@ -592,7 +592,7 @@ def landing_error(half_sizes, turn, velocity, friction, restitution, preset):
     law = slipping_impulses(feet, inertia, np.array(velocity), friction, restitution)
     if law is None:
         return None
-    flight_s = 6.5 * settings_of(preset).time_step_s(scene.rock.half_diagonal_m, G)
+    flight_s = 6.5 * options_of(preset).time_step_s(scene.rock.half_diagonal_m, G)
     fall = np.array([0.0, 0.0, -G * flight_s])
     start = {
         "position_m": np.array([0.0, 0.0, -lowest]) - (np.array(velocity) - 0.5 * fall) * flight_s,

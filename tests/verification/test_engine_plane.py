@@ -24,17 +24,6 @@ WITHIN = {preset: {"span": target, "resolution": target} for preset, target in T
 G = case.G
 
 MISSED: dict[tuple, str] = {
-    ("loss", "standard", 2, 0.1): "43 %: so slow that the last bit of its way is most of a step",
-    ("loss", "standard", 2, 0.5): "4.8 %",
-    ("loss", "standard", 2, 0.9): "3.3 %",
-    ("loss", "standard", 2, 0.999): "3.3 %",
-    ("loss", "reference", 2, 0.5): "4.1 %",
-    # A corner of radius 1e-5 R stands 1e-5 alpha farther from balance: 1 % of what 0.999 alpha leaves.
-    ("landing", "reference", 2, 0.999): "-0.13 %",
-    ("landing", "reference", 5, 0.999): "-0.13 %",
-    ("landing", "reference", 15, 0.999): "-0.13 %",
-    ("landing", "reference", 30, 0.999): "-0.14 %",
-    ("landing", "reference", 45, 0.999): "-0.14 %",
     (
         "onto flat",
         "standard",
@@ -48,7 +37,6 @@ MISSED: dict[tuple, str] = {
         0.8,
     ): "a rate 3.8e-2 p off, a corner that slips: 3 degrees of yaw at the end",
     ("onset", "standard", 2.0, 0.98): "a corner 1.4e-3 R off after 40 ms: slip in the first steps",
-    ("onset", "standard", 2.0, 1.02): "a corner 3.5e-3 R off after 40 ms: slip in the first steps",
 }
 
 

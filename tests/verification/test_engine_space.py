@@ -206,9 +206,12 @@ def test_a_block_rebounds_from_any_fall_to_newtons_share_of_its_height(preset):
     for fall_m in np.array([1e-3, 5e-3, 0.02, 0.1, 0.3, 0.5]) * scene.rock.half_diagonal_m:
         start = {"position_m": (0.0, 0.0, half[2] + fall_m)}
         way = case.let_go(scene, start, preset).trajectory
-        above = way.position_m[way.time_s > np.sqrt(2 * fall_m / G), 2] - half[2]
-        # The impact's step carries half a step of gravity, up to .6 % of the speed of the slowest fall here.
-        assert above.max() / fall_m == pytest.approx(restitution**2, rel=0.015)
+        after = way.time_s > np.sqrt(2 * fall_m / G)
+        time, above = way.time_s[after], way.position_m[after, 2] - half[2]
+        top = above.argmax()
+        around = slice(top - 1, top + 2)  # between samples: the slowest rebound takes seven steps of `fast`
+        rise = np.polyfit(time[around] - time[top], above[around], 2)
+        assert np.polyval(rise, -0.5 * rise[1] / rise[0]) / fall_m == pytest.approx(restitution**2, rel=1e-6)
 
 
 @pytest.mark.parametrize("alpha_deg", [5, 18, 40])
@@ -226,7 +229,8 @@ def test_energy_never_grows_in_free_rocking(alpha_deg):
     barrier = G * 1.0 * (1.0 - np.cos(alpha))
     # The scheme keeps energy to the second order of the step: at most 3.3e-4 measured.
     assert (energy - np.minimum.accumulate(energy)).max() < 5e-4 * barrier
-    peaks = case.swing_peaks(case.lean(way))
+    peaks = np.array(case.swing_peaks(case.lean(way)))
+    peaks = peaks[peaks > 1e-4 * alpha]  # smaller ones lie between two samples
     assert len(peaks) > 2
     assert (np.diff(peaks) < 0).all()
     assert result.outcome in {"stands", "moved"}
@@ -250,13 +254,6 @@ def test_the_same_job_gives_the_same_bits_in_a_fresh_process_and_after_another_j
     assert said[0] == said[1]
 
 
-FALLS_FLAT = pytest.mark.xfail(
-    strict=True,
-    reason="kicked over the middle of a side it falls flat within .002 degrees: .14 of the barrier is kept where the "
-    "corners land at once, .26 to .41 where finer steps tell them apart",
-)
-
-
 @pytest.mark.parametrize(
     ("azimuth_deg", "coarse", "fine"),
     [
@@ -264,7 +261,9 @@ FALLS_FLAT = pytest.mark.xfail(
         pytest.param(10.0, "fast", "reference", marks=pytest.mark.slow),
         pytest.param(351.0, "fast", "standard", marks=pytest.mark.slow),
         pytest.param(351.0, "standard", "reference", marks=pytest.mark.slow),
-        pytest.param(317.0, "standard", "reference", marks=[pytest.mark.slow, FALLS_FLAT]),
+        pytest.param(
+            317.0, "standard", "reference", marks=pytest.mark.slow
+        ),  # over the middle of a side: falls flat
         pytest.param(75.0, "standard", "reference", marks=pytest.mark.slow),
         pytest.param(200.0, "standard", "reference", marks=pytest.mark.slow),
     ],
@@ -276,17 +275,19 @@ def test_a_base_of_many_corners_rattles_to_the_same_energy_at_every_step(azimuth
     assert kept[0] == pytest.approx(kept[1], abs=4e-3)
 
 
-@pytest.mark.parametrize(
-    ("preset", "frequency_hz"),
-    [
-        ("fast", 9.0),
-        pytest.param("fast", 5.0, marks=pytest.mark.slow),
-        pytest.param("standard", 9.0, marks=pytest.mark.slow),
-        pytest.param("standard", 5.0, marks=pytest.mark.slow),
-    ],
-)
-def test_a_rock_that_is_just_lifted_rocks_on_as_far_as_with_short_steps(preset, frequency_hz):
-    # Measured 17 % and less: beyond .1 degrees steps are whole again. Whole steps all along let it rest at a
-    # twentieth of the tilt.
-    tilt, exact = (case.largest_tilt_of_a_pentagon(frequency_hz, one) for one in (preset, "reference"))
-    assert abs(tilt / exact - 1.0) < 0.25
+JUST_LIFTING_HZ = np.concatenate([np.linspace(4.0, 6.0, 20), np.linspace(8.0, 10.0, 20)])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("preset", ["fast", "standard"])
+def test_rocks_that_are_just_lifted_come_to_rest_no_sooner_than_with_short_steps(preset):
+    # Which of them rock on is chance: falling flat, what is kept goes by the order in which the corners land.
+    tilt, exact = (
+        np.array([case.largest_tilt_of_a_pentagon(frequency, one) for frequency in JUST_LIFTING_HZ])
+        for one in (preset, "reference")
+    )
+    rests, should = (np.sum(one < 0.05) for one in (tilt, exact))
+    assert abs(rests - should) < 2.5 * np.sqrt(rests + should)  # of the difference of two counts, 1.2 %
+    rocks, should = (np.log(one[one >= 0.05]) for one in (tilt, exact))
+    error = np.hypot(rocks.std() / np.sqrt(len(rocks)), should.std() / np.sqrt(len(should)))
+    assert abs(rocks.mean() - should.mean()) < 2.5 * error

@@ -1,0 +1,171 @@
+"""The velocity that contacts leave the rock where none of them slips, and when the next point lands. Compiled."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from toppling.workers import sticking
+from toppling.workers.events import centripetal_m_s2, gap_rates_m_s, time_to_contact_s
+from toppling.workers.quaternion import to_body, to_world
+from toppling.workers.simulation import Array, Flags, Simulation, gaps_of, velocity_increment_m_s
+
+LOOKED_AHEAD = 1.2
+"""Times the rest of the step: points that come down so far at their present speed may land within it."""
+
+
+@njit(cache=True)
+def velocity_over(
+    sim: Simulation, step_s: float, left_s: float, resolved_m_s: float, velocity: Array
+) -> tuple[bool, float]:
+    """Velocity for a step of `step_s` from the latest pose, and when the first point lands that is resolved.
+
+    Parameters
+    ----------
+    sim : Simulation
+    step_s : float
+    left_s : float
+        Time within which a point may land.
+    resolved_m_s : float
+        Points that land slower come to the surface as the step ends.
+    velocity : (6,) array
+        Put here: that of the step's middle, by which it moves the rock.
+
+    Returns
+    -------
+    held : bool
+        False where a point slips, and where the engine is to solve the contacts anyway.
+    contact_s : float
+        `left_s` if no point lands before.
+    """
+    state, numbers = sim.state[0], sim.numbers
+    last, world = state.last, sim.worlds[state.world]
+    if not numbers.direct or world.friction != world.friction_static:
+        return False, left_s
+    pose, since_s = sim.pose[last], sim.time_s[last] - sim.velocity_time_s[last]
+    gap = gaps_of(sim, pose)
+    near, rate, least = np.empty(len(gap), np.bool_), np.empty(len(gap)), np.empty(len(gap))
+    gap_rates_m_s(sim.points_m, pose, sim.velocity[last], rate)
+    centripetal_m_s2(sim.points_m, pose, sim.velocity[last], least)
+    for i in range(len(gap)):
+        near[i] = sim.carries[i] or gap[i] < numbers.touching_m
+        if near[i] and -rate[i] > resolved_m_s:  # it has landed as the latest step ended
+            return True, 0.0
+        # So that the point comes to the surface on its arc.
+        least[i] = -gap[i] / step_s - 0.5 * step_s * least[i]
+    while True:
+        if not held_velocity(sim, pose, since_s + 0.5 * step_s, near, least, velocity):
+            return False, left_s
+        gap_rates_m_s(sim.points_m, pose, velocity, rate)
+        acceleration = (velocity - sim.velocity[last]) / (since_s + 0.5 * step_s)
+        contact_s, slow = left_s, False
+        for i in range(len(gap)):
+            if near[i]:
+                continue
+            lands_s = left_s
+            if -rate[i] > resolved_m_s and gap[i] + LOOKED_AHEAD * rate[i] * left_s < 0.0:
+                lands_s = time_to_contact_s(
+                    sim.points_m[i : i + 1],
+                    pose,
+                    sim.velocity[last],
+                    acceleration,
+                    since_s,
+                    left_s,
+                )
+            if lands_s < left_s:
+                contact_s = min(contact_s, lands_s)
+            elif rate[i] < least[i]:
+                near[i] = slow = True
+        if contact_s < left_s or not slow:
+            return True, contact_s
+
+
+@njit(cache=True)
+def held_velocity(
+    sim: Simulation, pose: Array, lasting_s: float, near: Flags, least: Array, velocity: Array
+) -> bool:
+    """Velocity (6,) some time after that of the latest pose, as the points that carry stick; whether they can.
+
+    Parameters
+    ----------
+    sim : Simulation
+        Its `carries` is set, or if a point would slip `slips_after`.
+    pose : (7,) array
+    lasting_s : float
+    near : (points,) bool array
+        Points that may carry.
+    least : (points,) array
+        Least velocity along the normal of each.
+    velocity : (6,) array
+        Put here.
+    """
+    state, friction = sim.state[0], sim.worlds[sim.state[0].world].friction_static
+    free, count = _free_velocity(sim, pose, lasting_s), 0
+    for flag in near:
+        count += flag
+    if count == 0:
+        velocity[:] = free
+        sim.carries[:] = False
+        state.needed_friction = 0.0
+        return True
+    points, arms, bounds = np.empty(count, np.int64), np.empty((count, 3)), np.empty(count)
+    carries, touches, k = np.empty(count, np.bool_), np.empty(count, np.bool_), 0
+    gap = gaps_of(sim, pose)
+    for i in range(len(near)):
+        if near[i]:
+            points[k], bounds[k] = i, least[i]
+            carries[k], touches[k] = sim.carries[i], gap[i] < sim.numbers.touching_m
+            x, y, z = to_world(sim.points_m[i, 0], sim.points_m[i, 1], sim.points_m[i, 2], pose)
+            arms[k, 0], arms[k, 1], arms[k, 2] = x, y, z
+            k += 1
+    found, needed = sticking.solve(
+        arms, bounds, free, _mobility(sim, pose), touches, carries, sim.numbers.allowed_m_s, velocity
+    )
+    if not found or needed > friction:
+        state.slips_after = -1.0
+        if found:  # between the middles of the latest step and of this one
+            before = state.needed_friction
+            state.slips_after = (friction - before) / (needed - before) if 0.0 < before <= friction else 0.5
+        return False
+    state.needed_friction = needed
+    sim.carries[:] = False
+    for k in range(count):
+        sim.carries[points[k]] = carries[k]
+    return True
+
+
+@njit(cache=True)
+def _free_velocity(sim: Simulation, pose: Array, lasting_s: float) -> Array:
+    """Velocity (6,) some time after that of the latest pose, without contact.
+
+    The moment of the rock's own turning is that at the middle of the time, as far as the latest step tells.
+    """
+    last = sim.state[0].last
+    free, since_s = sim.velocity[last].copy(), sim.velocity_time_s[last]
+    x, y, z = velocity_increment_m_s(sim, since_s, since_s + lasting_s)
+    free[0] += x
+    free[1] += y
+    free[2] += z
+    half_s, change = 0.5 * lasting_s, sim.acceleration
+    p, q, r = to_body(
+        free[3] + half_s * change[3], free[4] + half_s * change[4], free[5] + half_s * change[5], pose
+    )
+    x, y, z = sim.inertia_m2
+    a, b, c = to_world((y - z) / x * q * r, (z - x) / y * r * p, (x - y) / z * p * q, pose)
+    free[3] += lasting_s * a
+    free[4] += lasting_s * b
+    free[5] += lasting_s * c
+    return free
+
+
+@njit(cache=True)
+def _mobility(sim: Simulation, pose: Array) -> NDArray[np.float64]:
+    """Inverse (3, 3) of the inertia over mass in a pose, support frame."""
+    out = np.zeros((3, 3))
+    for k in range(3):
+        axis = to_world(1.0 * (k == 0), 1.0 * (k == 1), 1.0 * (k == 2), pose)
+        for i in range(3):
+            for j in range(3):
+                out[i, j] += axis[i] * axis[j] / sim.inertia_m2[k]
+    return out

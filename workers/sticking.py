@@ -1,0 +1,365 @@
+"""Contacts that stick, solved directly: which points carry, and the velocity they leave the rock. Compiled, no engine.
+
+Bullet hands contact impulses from point to point, and two points of an edge under a tall rock agree only after hundreds
+of iterations. Where no point slips the answer is that of a few linear equations: some points carry and stay where they
+are, the others do not come nearer than their gap allows. Points that carry are found by pivoting: from the former ones,
+the one that would have to pull most is dropped, the one that comes nearer most is added, until none does either. At
+most three carry, since on a plane more would only share what three hold.
+
+A point that is dropped as it sticks, and comes nearer without, slides under next to no load: its friction is left out.
+
+Velocities are (6,): of the centre of mass, and angular; impulses are per mass.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Indices = NDArray[np.int64]
+
+MOST_CARRYING = 3
+
+ROUNDS = 16
+"""Of pivoting; blocks and scanned rocks took up to six."""
+
+LOOSE = 1e4
+"""Times what is allowed otherwise: a fourth point may come nearer than three that hold the rock let it."""
+
+SLIDING_SHARE = 0.05
+"""Of the whole load, up to which the friction of points that slide is left out."""
+
+SINGULAR = 1e-12
+"""Share of a diagonal element that must be left, or the points are too close to each other."""
+
+
+@njit(cache=True)
+def solve(
+    arms_m: Array,
+    least_m_s: Array,
+    free: Array,
+    mobility: Array,
+    touches: Flags,
+    carries: Flags,
+    allowed_m_s: float,
+    velocity: Array,
+) -> tuple[bool, float]:
+    """Velocity of a rock whose points stick where they carry.
+
+    Parameters
+    ----------
+    arms_m : (n, 3) array
+        From the centre of mass to the points, at equal heights.
+    least_m_s : (n,) array
+        Normal velocity of a point that carries, below which none may be.
+    free : (6,) array
+        Velocity without contact.
+    mobility : (3, 3) array
+        Inverse of the inertia over mass, same frame.
+    touches : (n,) bool array
+        Points that touch as the rock begins to move.
+    carries : (n,) bool array
+        Points that carried before; those that do now are put here.
+    allowed_m_s : float
+        By which a point may come nearer all the same.
+    velocity : (6,) array
+        Put here.
+
+    Returns
+    -------
+    found : bool
+        Whether there is such a velocity.
+    friction : float
+        Least coefficient of friction at which no point that carries slips.
+    """
+    n = len(arms_m)
+    room = _Room(
+        np.empty(MOST_CARRYING, np.int64),
+        np.zeros(n, np.bool_),
+        np.empty((6, 6)),
+        np.empty((6, 6)),
+        np.empty(6),
+    )
+    dropped = np.zeros(n, np.bool_)
+    for _ in range(ROUNDS):
+        pulled, pulls, near, comes_near = _try(arms_m, least_m_s, free, mobility, carries, velocity, room)
+        count = carries.sum()
+        if pulled < -1e-3 * allowed_m_s:
+            if pulled == -np.inf:
+                return False, np.inf
+            carries[pulls], dropped[pulls] = False, True
+        elif near < allowed_m_s * (LOOSE if count == MOST_CARRYING else 1.0):
+            if _extend(arms_m, least_m_s, free, mobility, touches, carries, allowed_m_s, velocity, room):
+                continue
+            sticking, count = _choose(carries, room.slides, room.chosen)
+            return True, _friction(arms_m, room.chosen, sticking, count, room.rows, room.impulse)
+        elif count == MOST_CARRYING:
+            return False, np.inf
+        else:
+            carries[comes_near], room.slides[comes_near] = True, dropped[comes_near]
+    return False, np.inf
+
+
+class _Room(NamedTuple):
+    """Arrays to work in."""
+
+    chosen: Indices
+    slides: Flags
+    rows: Array
+    gram: Array
+    impulse: Array
+
+
+@njit(cache=True)
+def _try(
+    arms_m: Array,
+    least_m_s: Array,
+    free: Array,
+    mobility: Array,
+    carries: Flags,
+    velocity: Array,
+    room: _Room,
+) -> tuple[float, int, float, int]:
+    """Let some points carry: the least of their normal impulses, and by how much another comes nearer than it may.
+
+    Each with the point's index. An impulse of minus infinity says that the points can't carry together.
+    """
+    sticking, count = _choose(carries, room.slides, room.chosen)
+    velocity[:] = free
+    pulled, pulls = np.inf, -1
+    if count > 0:
+        if sticking == 0 or not _hold(
+            arms_m,
+            least_m_s,
+            room.chosen,
+            sticking,
+            count,
+            mobility,
+            velocity,
+            room.rows,
+            room.gram,
+            room.impulse,
+        ):
+            return -np.inf, -1, 0.0, -1
+        for k in range(count):
+            impulse = room.impulse[_normal_row(k, sticking)]
+            if impulse < pulled:
+                pulled, pulls = impulse, room.chosen[k]
+    near, comes_near = 0.0, -1
+    for i in range(len(carries)):
+        if not carries[i]:
+            rise = velocity[2] + velocity[3] * arms_m[i, 1] - velocity[4] * arms_m[i, 0]
+            if least_m_s[i] - rise > near:
+                near, comes_near = least_m_s[i] - rise, i
+    return pulled, pulls, near, comes_near
+
+
+@njit(cache=True)
+def _extend(
+    arms_m: Array,
+    least_m_s: Array,
+    free: Array,
+    mobility: Array,
+    touches: Flags,
+    carries: Flags,
+    allowed_m_s: float,
+    velocity: Array,
+    room: _Room,
+) -> bool:
+    """Let one more of the points that touch carry, if one can: that which takes most. Whether one does.
+
+    Sticking has several answers: a block on an edge that is pushed hard may turn about it, or swing about one of its
+    corners, off the other one, though nothing has begun to turn it so. The answer that lets go of least is taken.
+    """
+    count = carries.sum()
+    if count == 0 or count == MOST_CARRYING or room.slides.any():
+        return False
+    most, best = 0.0, -1
+    for i in range(len(carries)):
+        if touches[i] and not carries[i]:
+            carries[i] = True
+            pulled, _, near, _ = _try(arms_m, least_m_s, free, mobility, carries, velocity, room)
+            carries[i] = False
+            if pulled > most and near < allowed_m_s * (LOOSE if count + 1 == MOST_CARRYING else 1.0):
+                most, best = pulled, i
+    if best < 0:
+        _try(arms_m, least_m_s, free, mobility, carries, velocity, room)
+        return False
+    carries[best] = True
+    return True
+
+
+@njit(cache=True)
+def _choose(carries: Flags, slides: Flags, chosen: Indices) -> tuple[int, int]:
+    """Indices of points that carry, those that stick first: how many stick, and how many there are."""
+    count = 0
+    for i in range(len(carries)):
+        if carries[i] and not slides[i]:
+            if count < MOST_CARRYING:
+                chosen[count] = i
+                count += 1
+            else:
+                carries[i] = False
+    sticking = count
+    for i in range(len(carries)):
+        if carries[i] and slides[i]:
+            if count < MOST_CARRYING:
+                chosen[count] = i
+                count += 1
+            else:
+                carries[i] = False
+    return sticking, count
+
+
+@njit(cache=True)
+def _normal_row(k: int, sticking: int) -> int:
+    """Row of the normal of the point chosen k-th, among the equations of :func:`_hold`."""
+    return _rows_of(min(k, sticking)) + max(k - sticking, 0)
+
+
+@njit(cache=True)
+def _rows_of(sticking: int) -> int:
+    """Rows of so many points that stick: three, two more and one more."""
+    return (sticking * (7 - sticking)) // 2
+
+
+@njit(cache=True)
+def _hold(
+    arms_m: Array,
+    least_m_s: Array,
+    chosen: Indices,
+    sticking: int,
+    count: int,
+    mobility: Array,
+    velocity: Array,
+    rows: Array,
+    gram: Array,
+    impulse: Array,
+) -> bool:
+    """Add the impulses that hold some points to `velocity`; they go into `impulse`, their directions into `rows`.
+
+    Equations without those that follow from others: the first point along the normal, x and y; the second along the
+    normal and across the line to the first; the third, and points that slide, along the normal.
+    """
+    ax, ay, _ = arms_m[chosen[0]]
+    total = 0
+    for k in range(count):
+        arm = arms_m[chosen[k]]
+        _row(rows, total, 0.0, 0.0, 1.0, arm)
+        impulse[total] = least_m_s[chosen[k]]
+        total += 1
+        if k == 0:
+            _row(rows, 1, 1.0, 0.0, 0.0, arm)
+            _row(rows, 2, 0.0, 1.0, 0.0, arm)
+            impulse[1] = impulse[2] = 0.0
+            total = 3
+        elif k == 1 and sticking > 1:
+            x, y = arm[0] - ax, arm[1] - ay
+            far = math.sqrt(x * x + y * y)
+            if far == 0.0:
+                return False
+            _row(rows, total, -y / far, x / far, 0.0, arm)
+            impulse[total] = 0.0
+            total += 1
+    turned = np.empty((6, 3))
+    for i in range(total):
+        for k in range(3):
+            turned[i, k] = (
+                mobility[k, 0] * rows[i, 3] + mobility[k, 1] * rows[i, 4] + mobility[k, 2] * rows[i, 5]
+            )
+        for k in range(6):
+            impulse[i] -= rows[i, k] * velocity[k]
+        for j in range(i + 1):
+            gram[i, j] = (
+                rows[i, 0] * rows[j, 0] + rows[i, 1] * rows[j, 1] + rows[i, 2] * rows[j, 2]
+                + turned[i, 0] * rows[j, 3] + turned[i, 1] * rows[j, 4] + turned[i, 2] * rows[j, 5]
+            )  # fmt: skip
+    if not _solve_symmetric(gram, impulse, total):
+        return False
+    for i in range(total):
+        for k in range(3):
+            velocity[k] += rows[i, k] * impulse[i]
+            velocity[3 + k] += turned[i, k] * impulse[i]
+    return True
+
+
+@njit(cache=True)
+def _row(rows: Array, i: int, x: float, y: float, z: float, arm: Array) -> None:
+    """Row i: velocity along (x, y, z) of the point at an arm, as a function of the rock's velocity."""
+    rows[i, 0], rows[i, 1], rows[i, 2] = x, y, z
+    rows[i, 3] = arm[1] * z - arm[2] * y
+    rows[i, 4] = arm[2] * x - arm[0] * z
+    rows[i, 5] = arm[0] * y - arm[1] * x
+
+
+@njit(cache=True)
+def _solve_symmetric(gram: Array, right: Array, count: int) -> bool:
+    """Solve a symmetric positive system in place, by Cholesky's decomposition of its lower triangle."""
+    for i in range(count):
+        for j in range(i + 1):
+            rest = gram[i, j]
+            for k in range(j):
+                rest -= gram[i, k] * gram[j, k]
+            if i > j:
+                gram[i, j] = rest / gram[j, j]
+            elif rest > SINGULAR * gram[i, i]:
+                gram[i, i] = math.sqrt(rest)
+            else:
+                return False
+        for k in range(i):
+            right[i] -= gram[i, k] * right[k]
+        right[i] /= gram[i, i]
+    for i in range(count - 1, -1, -1):
+        for k in range(i + 1, count):
+            right[i] -= gram[k, i] * right[k]
+        right[i] /= gram[i, i]
+    return True
+
+
+@njit(cache=True)
+def _friction(
+    arms_m: Array, chosen: Indices, sticking: int, count: int, rows: Array, impulse: Array
+) -> float:
+    """Least coefficient of friction with which the points can give what holds them.
+
+    How they share it is not determined for rigid bodies. As in :func:`models.statics.equilibrium_possible` each gives
+    the resultant in proportion to its normal force; what turns the rock about the centre of pressure is shared in
+    proportion to the distance from it too.
+    """
+    total, sliding, x, y = 0.0, 0.0, 0.0, 0.0
+    for k in range(count):
+        normal = impulse[_normal_row(k, sticking)]
+        if k >= sticking:
+            sliding += normal
+            continue
+        total += normal
+        x += normal * arms_m[chosen[k], 0]
+        y += normal * arms_m[chosen[k], 1]
+    if sliding > SLIDING_SHARE * total:
+        return np.inf
+    if total <= 0.0:
+        return 0.0
+    x, y, along, across, turning = x / total, y / total, 0.0, 0.0, 0.0
+    for i in (1, 2, 4):
+        if i < 4 or sticking > 1:
+            along += rows[i, 0] * impulse[i]
+            across += rows[i, 1] * impulse[i]
+            turning += rows[i, 5] * impulse[i]
+    turning -= x * across - y * along
+    spread = 0.0
+    for k in range(sticking):
+        square = (arms_m[chosen[k], 0] - x) ** 2 + (arms_m[chosen[k], 1] - y) ** 2
+        spread += impulse[_normal_row(k, sticking)] * square / total
+    share, largest = turning / spread if spread > 0.0 else 0.0, 0.0
+    for k in range(sticking):
+        if impulse[_normal_row(k, sticking)] > 0.0:
+            a = along - share * (arms_m[chosen[k], 1] - y)
+            b = across + share * (arms_m[chosen[k], 0] - x)
+            largest = max(largest, math.sqrt(a * a + b * b) / total)
+    return largest

@@ -19,11 +19,12 @@ from typing import Any
 
 import llvmlite.binding
 import numpy as np
-from numba import carray, njit, types
+from numba import carray, types
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from toppling.models.scene import ContactProperties
+from toppling.workers.compiled import compiled, inner
 from toppling.workers.contact_points import ContactModel
 from toppling.workers.options import SolverOptions
 from toppling.workers.quaternion import to_body, to_world
@@ -124,7 +125,7 @@ def _pointer(typing_context: Any, address: Any) -> Any:  # noqa: ARG001  (numba'
     return types.voidptr(types.intp), code
 
 
-@njit(cache=True)
+@inner
 def place(
     world: Any,
     pose: Array,
@@ -160,7 +161,7 @@ def place(
     _submit(client, command)
 
 
-@njit(cache=True)
+@inner
 def step(
     world: Any, centres_m: Array, step_s: float, force_m_s2: Vector, pose: Array, velocity: Array
 ) -> None:
@@ -188,7 +189,7 @@ def step(
     _read(world, pose, velocity)
 
 
-@njit(cache=True)
+@inner
 def glide(world: Any, step_s: float, placed: bool, raised_m: float, pose: Array, velocity: Array) -> None:
     """Advance by one step with a velocity that meets all contacts; the engine would take from it what does not.
 
@@ -224,7 +225,7 @@ def glide(world: Any, step_s: float, placed: bool, raised_m: float, pose: Array,
     pose[2] -= raised_m
 
 
-@njit(cache=True)
+@inner
 def _before_turning(world: Any, pose: Array, velocity: Array, step_s: float) -> Vector:
     """Angular velocity that a step without moments turns into the one given.
 
@@ -244,7 +245,7 @@ def _before_turning(world: Any, pose: Array, velocity: Array, step_s: float) -> 
     return to_world(p, q, r, pose)
 
 
-@njit(cache=True)
+@inner
 def rebound(
     world: Any, centres_m: Array, step_s: float, force_m_s2: Vector, pose: Array, velocity: Array
 ) -> None:
@@ -265,7 +266,7 @@ def rebound(
             step(world, centres_m, step_s, force_m_s2, pose, velocity)
 
 
-@njit(cache=True)
+@inner
 def configure(
     world: Any, impulse_m_s: float, near_share: float, rebound_from_m_s: float, residual_share: float
 ) -> None:
@@ -289,21 +290,21 @@ def configure(
     _submit(world.client, command)
 
 
-@njit(cache=True)
+@inner
 def let_stick(world: Any) -> None:
     """Give the contact its static friction, as it has before it slips."""
     world.grip_x = world.grip_y = world.grip_z = 0.0
     set_friction(world, world.friction_static)
 
 
-@njit(cache=True)
+@inner
 def hold_as(world: Any, other: Any) -> None:
     """Let the contact stick or slip as in another world, from which this one takes the rock over."""
     world.grip_x, world.grip_y, world.grip_z = other.grip_x, other.grip_y, other.grip_z
     set_friction(world, other.friction)
 
 
-@njit(cache=True)
+@inner
 def set_friction(world: Any, friction: float) -> None:
     """Set the present coefficient of friction."""
     # Bullet multiplies the two bodies' coefficients; the rock's is 1.
@@ -313,7 +314,7 @@ def set_friction(world: Any, friction: float) -> None:
     world.friction = friction
 
 
-@njit(cache=True)
+@compiled
 def slip_m_s(velocity_m_s: Vector, spin_rad_s: Vector, arm_m: Vector) -> float:
     """Speed along the plane of the point of a rock that is so far from its centre of mass; z is the normal."""
     along = velocity_m_s[0] + spin_rad_s[1] * arm_m[2] - spin_rad_s[2] * arm_m[1]
@@ -321,7 +322,7 @@ def slip_m_s(velocity_m_s: Vector, spin_rad_s: Vector, arm_m: Vector) -> float:
     return math.sqrt(along * along + across * across)
 
 
-@njit(cache=True)
+@inner
 def _set_pose(world: Any, command: int, pose: Array, raised_m: float) -> None:
     cos, sin, half_cos, half_sin = world.cos, world.sin, world.half_cos, world.half_sin
     x, y, z, w = pose[3], pose[4], pose[5], pose[6]
@@ -335,7 +336,7 @@ def _set_pose(world: Any, command: int, pose: Array, raised_m: float) -> None:
     )
 
 
-@njit(cache=True)
+@inner
 def _set_velocities(world: Any, command: int, velocity_m_s: Vector, spin_rad_s: Vector) -> None:
     cos, sin, vector = world.cos, world.sin, np.empty(3)
     vector[0] = cos * velocity_m_s[0] + sin * velocity_m_s[1]
@@ -348,7 +349,7 @@ def _set_velocities(world: Any, command: int, velocity_m_s: Vector, spin_rad_s: 
     _set_spin(command, vector.ctypes.data)
 
 
-@njit(cache=True)
+@inner
 def _read(world: Any, pose: Array, velocity: Array) -> None:
     """Pose (7,) and velocities (6,) of the rock, support frame."""
     state = _state(world)
@@ -363,7 +364,7 @@ def _read(world: Any, pose: Array, velocity: Array) -> None:
         velocity[k - 5] = state[k + 2]
 
 
-@njit(cache=True)
+@inner
 def _state(world: Any) -> Array:
     """Place, attitude, velocity and angular velocity (13,) of the rock, in the world's own frame."""
     pointers = np.empty(7, np.int64)
@@ -376,7 +377,7 @@ def _state(world: Any) -> Array:
     return out
 
 
-@njit(cache=True)
+@inner
 def _follow_slip(world: Any, centres_m: Array) -> None:
     """Choose the coefficient of the next step: the kinetic one while the contact as a whole slips.
 
@@ -408,7 +409,7 @@ def _follow_slip(world: Any, centres_m: Array) -> None:
         set_friction(world, wanted)
 
 
-@njit(cache=True)
+@inner
 def _slips_on(world: Any, contacts: Array, state: Array) -> bool:
     """Whether a contact that touches slips in the next step."""
     pressing, x, y, z = 0.0, 0.0, 0.0, 0.0
@@ -439,7 +440,7 @@ def _slips_on(world: Any, contacts: Array, state: Array) -> bool:
     return False
 
 
-@njit(cache=True)
+@inner
 def _contacts(client: int) -> Array:
     """Bullet's contacts (k, 22): of its b3ContactPointData, whose leading integers take the room of three numbers."""
     told = np.zeros(2, np.int64)
@@ -454,7 +455,7 @@ def _contacts(client: int) -> Array:
 _PLACE_A, _NORMAL_FORCE, _FRICTION_1, _FRICTION_2, _DIRECTION_1, _DIRECTION_2 = 3, 13, 14, 15, 16, 19
 
 
-@njit(cache=True)
+@inner
 def _lowest_arm_m(centres_m: Array, state: Array) -> Array:
     """From the centre of mass to the lowest of some points, in the world's own frame."""
     x, y, z, w = state[3], state[4], state[5], state[6]

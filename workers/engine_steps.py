@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from toppling.workers import engine
+from toppling.workers.compiled import inner
 from toppling.workers.friction_axes import best_axes_rad, point_mobilities, squared_error
 from toppling.workers.simulation import (
     EXACT,
@@ -27,7 +27,7 @@ AHEAD = 1.5
 """Around an impact the engine is told of points this many times as far as the rock's speed takes them."""
 
 
-@njit(cache=True)
+@inner
 def take_over(sim: Simulation) -> None:
     """Give the rock to the world of the present set of points."""
     state, world = sim.state[0], sim.worlds[sim.state[0].set]
@@ -44,7 +44,7 @@ def take_over(sim: Simulation) -> None:
     place(sim, near, _axes_rad(sim, near))
 
 
-@njit(cache=True)
+@inner
 def solved_step(sim: Simulation, step_s: float, velocity_share: float, near_share: float) -> None:
     """One step of the engine with the velocity that belongs to this share of it.
 
@@ -68,7 +68,7 @@ def solved_step(sim: Simulation, step_s: float, velocity_share: float, near_shar
     note_acceleration(sim, last)
 
 
-@njit(cache=True)
+@inner
 def solved_impact(sim: Simulation) -> None:
     """Step over an impact, again where it turns the slip of the points away from the axes of their friction.
 
@@ -100,7 +100,7 @@ def solved_impact(sim: Simulation) -> None:
     state.placed = EXACT
 
 
-@njit(cache=True)
+@inner
 def approach_1_s(sim: Simulation) -> float:
     """How fast points approach the plane at most, over R."""
     velocity = sim.velocity[sim.state[0].last]
@@ -108,7 +108,7 @@ def approach_1_s(sim: Simulation) -> float:
     return abs(velocity[2]) / sim.half_diagonal_m + spin
 
 
-@njit(cache=True)
+@inner
 def place(sim: Simulation, near_share: float, axes_rad: float) -> None:
     """Give the engine the latest pose and velocity, with contacts prepared within a share of R."""
     state, velocity = sim.state[0], sim.velocity[sim.state[0].last]
@@ -117,7 +117,7 @@ def place(sim: Simulation, near_share: float, axes_rad: float) -> None:
     state.near_share, state.axes_rad, state.placed = near_share, axes_rad, EXACT
 
 
-@njit(cache=True)
+@inner
 def _axes_rad(sim: Simulation, near_share: float) -> float:
     """Axes that serve the friction of the points that are near in the latest pose."""
     state = sim.state[0]
@@ -125,7 +125,7 @@ def _axes_rad(sim: Simulation, near_share: float) -> float:
     return best_axes_rad(unlike, slip, state.axes_rad, sim.numbers.friction_direction_rad)
 
 
-@njit(cache=True)
+@inner
 def _mobilities(
     sim: Simulation, pose: Array, velocity: Array, near_share: float
 ) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
@@ -137,7 +137,7 @@ def _mobilities(
     return unlike, slip
 
 
-@njit(cache=True)
+@inner
 def _force_m_s2(sim: Simulation, step_s: float, velocity_share: float) -> Vector:
     """Specific force for a step of the engine that brings the velocity up to a share of it."""
     last = sim.state[0].last

@@ -10,15 +10,15 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from toppling.workers.compiled import compiled
 from toppling.workers.quaternion import normal_in_body, to_body
 
 Array = NDArray[np.float64]
 
 
-@njit(cache=True)
+@compiled
 def gaps_m(points_m: Array, pose: Array, out: Array) -> None:
     """Gaps of the first n contact points, into `out` (n,)."""
     nx, ny, nz = normal_in_body(pose)
@@ -27,7 +27,7 @@ def gaps_m(points_m: Array, pose: Array, out: Array) -> None:
         out[i] = (points_m[i, 0] * nx + points_m[i, 1] * ny + points_m[i, 2] * nz) + above
 
 
-@njit(cache=True)
+@compiled
 def gap_rates_m_s(points_m: Array, pose: Array, velocity: Array, out: Array) -> None:
     """Rates of the gaps of the first n contact points, into `out` (n,): velocities along the normal."""
     p, q, _ = velocity[3], velocity[4], velocity[5]
@@ -37,7 +37,7 @@ def gap_rates_m_s(points_m: Array, pose: Array, velocity: Array, out: Array) -> 
         out[i] = velocity[2] + (points_m[i, 0] * a + points_m[i, 1] * b + points_m[i, 2] * c)
 
 
-@njit(cache=True)
+@compiled
 def centripetal_m_s2(points_m: Array, pose: Array, velocity: Array, out: Array) -> None:
     """Acceleration of the first n points toward their axis of rotation, along the normal, into `out` (n,).
 
@@ -49,7 +49,7 @@ def centripetal_m_s2(points_m: Array, pose: Array, velocity: Array, out: Array) 
         out[i] = points_m[i, 0] * a + points_m[i, 1] * b + points_m[i, 2] * c
 
 
-@njit(cache=True)
+@compiled
 def moved(pose: Array, velocity: Array, time_s: float, out: Array) -> None:
     """Pose (7,) after moving with a constant velocity (6,), as the engine moves a rock."""
     for k in range(3):
@@ -66,7 +66,7 @@ def moved(pose: Array, velocity: Array, time_s: float, out: Array) -> None:
     out[6] = d * w - a * x - b * y - c * z
 
 
-@njit(cache=True)
+@compiled
 def height_correction_m(gap_m: Array, offset_m: Array, aloft_m: float, penetrating_m: float) -> float:
     """Way up that brings the lowest point to the centripetal offset of its step; 0 where the rock is aloft.
 
@@ -79,7 +79,7 @@ def height_correction_m(gap_m: Array, offset_m: Array, aloft_m: float, penetrati
     return -lowest if -aloft_m < -lowest < penetrating_m else 0.0
 
 
-@njit(cache=True)
+@compiled
 def time_to_contact_s(
     point_m: Array,
     pose: Array,

@@ -18,8 +18,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from toppling.workers.compiled import compiled
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -28,7 +29,7 @@ CANDIDATES = np.exp(4j * np.deg2rad(np.arange(0.0, 90.0, 2.0)))
 """Of axes, exp(-4j angle): where points slip in different directions none serve all, and the best of these is taken."""
 
 
-@njit(cache=True)
+@compiled
 def point_mobilities(
     points_m: Array,
     mobilities: Array,
@@ -84,7 +85,7 @@ def point_mobilities(
             slip[k] = 0j
 
 
-@njit(cache=True)
+@compiled
 def squared_error(unlike: Complex, slip: Complex, axes_rad: float) -> float:
     """Sum over the points of the squared angle, rad, by which friction is off the slip with axes at that angle."""
     turned = complex(math.cos(2.0 * axes_rad), -math.sin(2.0 * axes_rad))
@@ -97,7 +98,7 @@ def squared_error(unlike: Complex, slip: Complex, axes_rad: float) -> float:
     return total
 
 
-@njit(cache=True)
+@compiled
 def best_axes_rad(unlike: Complex, slip: Complex, present_rad: float, allowed_rad: float) -> float:
     """Angle from the support frame's x to the axes along which the friction of some points is least off.
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from toppling.workers import sticking
+from toppling.workers.compiled import inner
 from toppling.workers.events import centripetal_m_s2, gap_rates_m_s, time_to_contact_s
 from toppling.workers.quaternion import to_body, to_world
 from toppling.workers.simulation import Array, Flags, Simulation, gaps_of, velocity_increment_m_s
@@ -15,7 +15,7 @@ LOOKED_AHEAD = 1.2
 """Times the rest of the step: points that come down so far at their present speed may land within it."""
 
 
-@njit(cache=True)
+@inner
 def velocity_over(
     sim: Simulation, step_s: float, left_s: float, resolved_m_s: float, velocity: Array
 ) -> tuple[bool, float]:
@@ -81,7 +81,7 @@ def velocity_over(
             return True, contact_s
 
 
-@njit(cache=True)
+@inner
 def held_velocity(
     sim: Simulation, pose: Array, lasting_s: float, near: Flags, least: Array, velocity: Array
 ) -> bool:
@@ -135,7 +135,7 @@ def held_velocity(
     return True
 
 
-@njit(cache=True)
+@inner
 def _free_velocity(sim: Simulation, pose: Array, lasting_s: float) -> Array:
     """Velocity (6,) some time after that of the latest pose, without contact.
 
@@ -159,7 +159,7 @@ def _free_velocity(sim: Simulation, pose: Array, lasting_s: float) -> Array:
     return free
 
 
-@njit(cache=True)
+@inner
 def _mobility(sim: Simulation, pose: Array) -> NDArray[np.float64]:
     """Inverse (3, 3) of the inertia over mass in a pose, support frame."""
     out = np.zeros((3, 3))

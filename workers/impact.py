@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from toppling.workers import engine
+from toppling.workers.compiled import inner
 from toppling.workers.engine_steps import solved_impact
 from toppling.workers.events import gap_rates_m_s
 from toppling.workers.held import held_velocity
@@ -13,7 +13,7 @@ from toppling.workers.quaternion import to_world
 from toppling.workers.simulation import RAISED, Simulation, gaps_of
 
 
-@njit(cache=True)
+@inner
 def resolve_impact(sim: Simulation) -> None:
     """Change the velocity of the latest pose as its touching points land: at once where they stick, else in a step."""
     state, world = sim.state[0], sim.worlds[sim.state[0].world]
@@ -28,7 +28,7 @@ def resolve_impact(sim: Simulation) -> None:
         solved_impact(sim)
 
 
-@njit(cache=True)
+@inner
 def _reach_contact(sim: Simulation) -> None:
     """Bring the velocity up to the time of the latest pose, as the points that carry hold it."""
     state, last = sim.state[0], sim.state[0].last
@@ -41,7 +41,7 @@ def _reach_contact(sim: Simulation) -> None:
         state.placed = min(state.placed, RAISED)
 
 
-@njit(cache=True)
+@inner
 def _sticks(sim: Simulation) -> bool:
     """Take from the points that touch what speed they land with, by Newton's law at each; whether none slips."""
     state, last, numbers = sim.state[0], sim.state[0].last, sim.numbers
@@ -63,7 +63,7 @@ def _sticks(sim: Simulation) -> bool:
     return True
 
 
-@njit(cache=True)
+@inner
 def _lowest_slip_m_s(sim: Simulation) -> float:
     """Speed along the plane of the lowest contact point."""
     pose, velocity = sim.pose[sim.state[0].last], sim.velocity[sim.state[0].last]

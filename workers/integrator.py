@@ -19,11 +19,11 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene
 from toppling.workers import engine, sticking
+from toppling.workers.compiled import compiled, inner
 from toppling.workers.contact_points import REACH_DEG, ContactModel, Pose
 from toppling.workers.engine_steps import approach_1_s, place, solved_step, take_over
 from toppling.workers.events import gap_rates_m_s, time_to_contact_s
@@ -56,7 +56,7 @@ SOON = 0.02
 """Share of a step: the engine is given no shorter one before an impact of points that slip."""
 
 
-@njit(cache=True)
+@compiled
 def advance(sim: Simulation, steps_to: int) -> int:
     """Go on until `steps_to` steps from time 0, or a step more; says why it came back."""
     state = sim.state[0]
@@ -73,7 +73,7 @@ def advance(sim: Simulation, steps_to: int) -> int:
     return DONE
 
 
-@njit(cache=True)
+@compiled
 def rest_until(sim: Simulation, grid: int) -> None:
     """Let the rock rest where it is up to a step; what comes then depends on that pose alone."""
     state = sim.state[0]
@@ -89,7 +89,7 @@ def rest_until(sim: Simulation, grid: int) -> None:
     state.grid, state.rests, state.placed = grid, 1, NOT
 
 
-@njit(cache=True)
+@inner
 def _choose_set(sim: Simulation) -> None:
     """Choose points that serve the tilts of the next steps at twice the present spin.
 
@@ -106,7 +106,7 @@ def _choose_set(sim: Simulation) -> None:
     state.set, state.widest = chosen, max(state.widest, chosen)
 
 
-@njit(cache=True)
+@inner
 def _stays(sim: Simulation) -> bool:
     """Take one step with a rock at rest, if its contact holds it; whether it does."""
     state, pose = sim.state[0], sim.pose[sim.state[0].last]
@@ -124,7 +124,7 @@ def _stays(sim: Simulation) -> bool:
     return True
 
 
-@njit(cache=True)
+@inner
 def _step_over(sim: Simulation) -> None:
     """Go on to the end of this step, or of the next where this one has nearly ended, over all impacts on the way."""
     state = sim.state[0]
@@ -141,7 +141,7 @@ def _step_over(sim: Simulation) -> None:
             return
 
 
-@njit(cache=True)
+@inner
 def _move(sim: Simulation, left_s: float, resolved_m_s: float) -> bool:
     """Move for some time, or until a point has landed; whether one did."""
     last, velocity = sim.state[0].last, np.empty(6)
@@ -165,7 +165,7 @@ def _move(sim: Simulation, left_s: float, resolved_m_s: float) -> bool:
     return True
 
 
-@njit(cache=True)
+@inner
 def _glide(sim: Simulation, velocity: Array, step_s: float) -> None:
     """Move with a velocity that meets all contacts."""
     state, last = sim.state[0], sim.state[0].last
@@ -187,7 +187,7 @@ def _glide(sim: Simulation, velocity: Array, step_s: float) -> None:
     note_acceleration(sim, last)
 
 
-@njit(cache=True)
+@inner
 def _slide(sim: Simulation, left_s: float, resolved_m_s: float) -> bool:
     """Move for some time, or until a point has landed, with contacts solved by the engine; whether one did."""
     state, numbers = sim.state[0], sim.numbers

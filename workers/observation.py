@@ -7,12 +7,12 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
 from toppling.models.scene import Scene
 from toppling.workers.barrier import lying_arms_m
+from toppling.workers.compiled import compiled, inner
 from toppling.workers.contact_points import ContactModel, contact_of
 from toppling.workers.engine import slip_m_s
 from toppling.workers.quaternion import (
@@ -116,7 +116,7 @@ class Observation(NamedTuple):
     """Whether its centre of mass is plumb beyond the end of its pedestal, and were so if it lay there."""
 
 
-@njit(cache=True)
+@compiled
 def observe(sim: Simulation, body: Body, since: int, shortest_step_s: float) -> Observation:
     """Look at the steps since a pose.
 
@@ -172,7 +172,7 @@ def observe(sim: Simulation, body: Body, since: int, shortest_step_s: float) -> 
     )
 
 
-@njit(cache=True)
+@inner
 def _is_beyond(body: Body, x: float, y: float, z: float) -> bool:
     """Whether a plumb line through a place meets the interface plane beyond an end of the pedestal."""
     x, y = x - z * body.up[0] / body.up[2], y - z * body.up[1] / body.up[2]
@@ -204,19 +204,19 @@ END_WITHIN_HEIGHTS = 0.5
 pedestal keeps .6 of it."""
 
 
-@njit(cache=True)
+@compiled
 def travel_m(start: Array, end: Array, radius_m: float) -> float:
     """Way from pose to pose (7,) of the point that moved most of those within a radius, at most."""
     way = (end[0] - start[0], end[1] - start[1], end[2] - start[2])
     return _size(way) + _size(rotation_between(start, end)) * radius_m
 
 
-@njit(cache=True)
+@inner
 def _size(vector: Vector) -> float:
     return math.sqrt(vector[0] * vector[0] + vector[1] * vector[1] + vector[2] * vector[2])
 
 
-@njit(cache=True)
+@inner
 def _kinetic_j_kg(body: Body, pose: Array, velocity: Vector, spin: Vector) -> float:
     p, q, r = to_body(spin[0], spin[1], spin[2], pose)
     inertia = body.inertia_m2
@@ -224,7 +224,7 @@ def _kinetic_j_kg(body: Body, pose: Array, velocity: Vector, spin: Vector) -> fl
     return 0.5 * (velocity[0] ** 2 + velocity[1] ** 2 + velocity[2] ** 2 + turning)
 
 
-@njit(cache=True)
+@inner
 def _lying_com_m(body: Body, pose: Array) -> tuple[Vector, Vector]:
     """Centre of mass if the rock lay where it is, and the arm from the present one to the lowest contact point."""
     nx, ny, nz = normal_in_body(pose)

@@ -3,8 +3,9 @@
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from toppling.workers.compiled import compiled
 
 Array = NDArray[np.float64]
 
@@ -58,14 +59,14 @@ def from_matrix(turn: Array) -> Array:
     return found / np.linalg.norm(found)
 
 
-@njit(cache=True)
+@compiled
 def normal_in_body(pose: Array) -> tuple[float, float, float]:
     """The interface's normal in body axes, for a pose (7,): place, then attitude as a quaternion."""
     x, y, z, w = pose[3], pose[4], pose[5], pose[6]
     return 2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)
 
 
-@njit(cache=True)
+@compiled
 def rotation_between(start: Array, end: Array) -> tuple[float, float, float]:
     """Rotation vector, rad, that carries the attitude of pose `start` (7,) into that of pose `end`."""
     x1, y1, z1, w1 = end[3], end[4], end[5], end[6]
@@ -81,7 +82,7 @@ def rotation_between(start: Array, end: Array) -> tuple[float, float, float]:
     return x * scale, y * scale, z * scale
 
 
-@njit(cache=True)
+@compiled
 def to_body(a: float, b: float, c: float, pose: Array) -> tuple[float, float, float]:
     """Components of a vector in the axes of a body in a pose (7,)."""
     x, y, z, w = pose[3], pose[4], pose[5], pose[6]
@@ -90,7 +91,7 @@ def to_body(a: float, b: float, c: float, pose: Array) -> tuple[float, float, fl
     return a + w * p + q * z - r * y, b + w * q + r * x - p * z, c + w * r + p * y - q * x
 
 
-@njit(cache=True)
+@compiled
 def to_world(a: float, b: float, c: float, pose: Array) -> tuple[float, float, float]:
     """A vector of a body in a pose (7,) in the axes that the pose is told in."""
     x, y, z, w = pose[3], pose[4], pose[5], pose[6]
@@ -98,7 +99,7 @@ def to_world(a: float, b: float, c: float, pose: Array) -> tuple[float, float, f
     return a + w * p + y * r - z * q, b + w * q + z * p - x * r, c + w * r + x * q - y * p
 
 
-@njit(cache=True)
+@compiled
 def yaw_between(start: Array, end: Array) -> float:
     """Turn about z, rad, from one pose (7,) to another: what is left of a rotation without the tilt."""
     x1, y1, z1, w1 = end[3], end[4], end[5], end[6]

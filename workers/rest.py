@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene
 from toppling.models.statics import EQUILIBRIUM_MARGIN
+from toppling.workers.compiled import compiled, inner
 from toppling.workers.contact_points import ContactModel
 from toppling.workers.integrator import Integrator
 from toppling.workers.observation import Observation
@@ -114,7 +114,7 @@ class Rest:
         )
 
 
-@njit(cache=True)
+@compiled
 def held_until(
     points_m: Array, touching_m: float, pose: Array, friction: float, forces_m_s2: Array, first: int, end: int
 ) -> int:
@@ -170,7 +170,7 @@ def held_until(
     return end
 
 
-@njit(cache=True)
+@compiled
 def convex_ring(points: Array, width: float) -> NDArray[np.int64]:
     """Indices of the convex hull's corners in the plane of x and y, counter-clockwise; fewer than three if thinner.
 
@@ -206,7 +206,7 @@ def convex_ring(points: Array, width: float) -> NDArray[np.int64]:
     return ring[:size] if area > width * longest else ring[: min(size, 2)]
 
 
-@njit(cache=True)
+@inner
 def _left_of(points: Array, i: int, j: int, k: int) -> float:
     """Twice the area of a triangle, positive where k lies to the left of the way from i to j."""
     a, b, c = points[i], points[j], points[k]

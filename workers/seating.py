@@ -8,7 +8,6 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from toppling.models.errors import InputError
@@ -16,6 +15,7 @@ from toppling.models.scene import ContactProperties, Scene
 from toppling.models.statics import TOPPLED_TILT_DEG, equilibrium_possible
 from toppling.workers import engine
 from toppling.workers import quaternion as quat
+from toppling.workers.compiled import compiled
 from toppling.workers.contact_points import LARGEST_OPEN_TILT_DEG, contact_of
 from toppling.workers.observation import travel_m
 from toppling.workers.options import ContactOptions, SolverOptions, options_of
@@ -110,7 +110,7 @@ def _let_down(scene: Scene, pool: engine.EnginePool) -> Scene:
     return dataclasses.replace(scene, rock=scene.rock.moved(rotation, com - rotation @ scene.rock.com_m))
 
 
-@njit(cache=True)
+@compiled
 def _swing_out(
     world: Any,
     centres_m: Array,

@@ -6,9 +6,9 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from toppling.workers.compiled import compiled, inner
 from toppling.workers.events import centripetal_m_s2, gaps_m, height_correction_m
 from toppling.workers.quaternion import normal_in_body
 
@@ -114,7 +114,7 @@ class Simulation(NamedTuple):
     step_s: float
 
 
-@njit(cache=True)
+@inner
 def append(sim: Simulation, step_s: float, velocity_s: float) -> int:
     """Add a pose after a step, still to be filled in, with its velocity so long after the latest one; its index."""
     last = sim.state[0].last
@@ -124,13 +124,13 @@ def append(sim: Simulation, step_s: float, velocity_s: float) -> int:
     return last + 1
 
 
-@njit(cache=True)
+@inner
 def points_of(sim: Simulation) -> int:
     """How many contact points are looked at, from the first."""
     return sim.set_points[sim.state[0].set]
 
 
-@njit(cache=True)
+@inner
 def gaps_of(sim: Simulation, pose: Array) -> Array:
     """Gaps (points,), m, of the present set in a pose."""
     out = np.empty(points_of(sim))
@@ -138,7 +138,7 @@ def gaps_of(sim: Simulation, pose: Array) -> Array:
     return out
 
 
-@njit(cache=True)
+@compiled
 def largest_tilt_deg(sim: Simulation, since: int) -> float:
     """Largest angle, from a pose on, of the interface's normal carried along to where it was in the scene."""
     a, b, c = sim.upright
@@ -149,7 +149,7 @@ def largest_tilt_deg(sim: Simulation, since: int) -> float:
     return math.degrees(math.acos(max(cosine, -1.0)))
 
 
-@njit(cache=True)
+@compiled
 def lowest_gap_m(sim: Simulation, since: int) -> float:
     """Least gap, from a pose on, of the contact points that were looked at so far."""
     out, lowest = np.empty(sim.set_points[sim.state[0].widest]), np.inf
@@ -159,7 +159,7 @@ def lowest_gap_m(sim: Simulation, since: int) -> float:
     return lowest
 
 
-@njit(cache=True)
+@inner
 def velocity_increment_m_s(sim: Simulation, since_s: float, until_s: float) -> Vector:
     """What gravity less the ground's acceleration adds to a velocity between two times, support frame."""
     before, after = _ground_velocity_m_s(sim, since_s), _ground_velocity_m_s(sim, until_s)
@@ -171,7 +171,7 @@ def velocity_increment_m_s(sim: Simulation, since_s: float, until_s: float) -> V
     )
 
 
-@njit(cache=True)
+@inner
 def _ground_velocity_m_s(sim: Simulation, time_s: float) -> Vector:
     """Ground velocity: the exact integral of an acceleration that is linear between samples."""
     acceleration, velocity, sample = sim.ground_acceleration_m_s2, sim.ground_velocity_m_s, sim.sample_s
@@ -185,7 +185,7 @@ def _ground_velocity_m_s(sim: Simulation, time_s: float) -> Vector:
     return x, y, z
 
 
-@njit(cache=True)
+@inner
 def note_acceleration(sim: Simulation, since: int) -> None:
     """Keep at what rate the velocity has changed since a pose."""
     last = sim.state[0].last
@@ -193,7 +193,7 @@ def note_acceleration(sim: Simulation, since: int) -> None:
     sim.acceleration[:] = (sim.velocity[last] - sim.velocity[since]) / lasting_s
 
 
-@njit(cache=True)
+@inner
 def hover_m(sim: Simulation) -> float:
     """Gap from which a point does not carry in an engine's step: those that do stand off by an offset at most."""
     state, offset, largest = sim.state[0], np.empty(points_of(sim)), 0.0
@@ -203,7 +203,7 @@ def hover_m(sim: Simulation) -> float:
     return max(sim.numbers.highest_offset * sim.step_s**2 * largest, sim.numbers.carrying_m)
 
 
-@njit(cache=True)
+@inner
 def hover_for(sim: Simulation, step_s: float) -> None:
     """Set the latest pose to the height that belongs to an engine's step of this duration; 0 is the surface.
 

@@ -17,8 +17,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from toppling.workers.compiled import compiled, inner
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -39,7 +40,7 @@ SINGULAR = 1e-12
 """Share of a diagonal element that must be left, or the points are too close to each other."""
 
 
-@njit(cache=True)
+@compiled
 def solve(
     arms_m: Array,
     least_m_s: Array,
@@ -116,7 +117,7 @@ class _Room(NamedTuple):
     impulse: Array
 
 
-@njit(cache=True)
+@inner
 def _try(
     arms_m: Array,
     least_m_s: Array,
@@ -160,7 +161,7 @@ def _try(
     return pulled, pulls, near, comes_near
 
 
-@njit(cache=True)
+@inner
 def _extend(
     arms_m: Array,
     least_m_s: Array,
@@ -195,7 +196,7 @@ def _extend(
     return True
 
 
-@njit(cache=True)
+@inner
 def _choose(carries: Flags, slides: Flags, chosen: Indices) -> tuple[int, int]:
     """Indices of points that carry, those that stick first: how many stick, and how many there are."""
     count = 0
@@ -217,19 +218,19 @@ def _choose(carries: Flags, slides: Flags, chosen: Indices) -> tuple[int, int]:
     return sticking, count
 
 
-@njit(cache=True)
+@inner
 def _normal_row(k: int, sticking: int) -> int:
     """Row of the normal of the point chosen k-th, among the equations of :func:`_hold`."""
     return _rows_of(min(k, sticking)) + max(k - sticking, 0)
 
 
-@njit(cache=True)
+@inner
 def _rows_of(sticking: int) -> int:
     """Rows of so many points that stick: three, two more and one more."""
     return (sticking * (7 - sticking)) // 2
 
 
-@njit(cache=True)
+@inner
 def _hold(
     arms_m: Array,
     least_m_s: Array,
@@ -289,7 +290,7 @@ def _hold(
     return True
 
 
-@njit(cache=True)
+@inner
 def _row(rows: Array, i: int, x: float, y: float, z: float, arm: Array) -> None:
     """Row i: velocity along (x, y, z) of the point at an arm, as a function of the rock's velocity."""
     rows[i, 0], rows[i, 1], rows[i, 2] = x, y, z
@@ -298,7 +299,7 @@ def _row(rows: Array, i: int, x: float, y: float, z: float, arm: Array) -> None:
     rows[i, 5] = arm[0] * y - arm[1] * x
 
 
-@njit(cache=True)
+@inner
 def _solve_symmetric(gram: Array, right: Array, count: int) -> bool:
     """Solve a symmetric positive system in place, by Cholesky's decomposition of its lower triangle."""
     for i in range(count):
@@ -322,7 +323,7 @@ def _solve_symmetric(gram: Array, right: Array, count: int) -> bool:
     return True
 
 
-@njit(cache=True)
+@inner
 def _friction(
     arms_m: Array, chosen: Indices, sticking: int, count: int, rows: Array, impulse: Array
 ) -> float:

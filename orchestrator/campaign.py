@@ -13,7 +13,7 @@ from typing import Any
 
 from toppling.models.errors import InputError
 from toppling.models.scene import ContactProperties
-from toppling.workers.options import PRESETS
+from toppling.workers.options import ENGINES, PRESETS
 
 LARGEST_PGA_M_S2 = 100.0
 """Ten times gravity, twice the strongest ground acceleration recorded: more is a slip of units."""
@@ -38,6 +38,8 @@ class Campaign:
         Jobs per point, from realisation 0, the nominal scene.
     preset : str
         Settings of the engine: fast, standard or reference.
+    engine : str
+        pybullet, or mujoco.
     records : tuple of str or None
         Record ids; None for the whole ensemble.
     peak_displacement_m : float or None
@@ -52,6 +54,7 @@ class Campaign:
     restitution: tuple[float, ...] = (0.0,)
     realisations: int = 1
     preset: str = "standard"
+    engine: str = "pybullet"
     records: tuple[str, ...] | None = None
     peak_displacement_m: float | None = None
 
@@ -140,6 +143,7 @@ class Campaign:
                 place("preset"), f"{preset!r}", f"one of {', '.join(PRESETS)}", "take 'standard' if unsure"
             )
         values["preset"] = preset
+        values["engine"] = _engine(content.get("engine", "pybullet"), values, place("engine"))
         if (records := content.get("records")) is not None:
             if (
                 not isinstance(records, list)
@@ -218,6 +222,18 @@ def _friction(value: Any, where: str) -> tuple[tuple[float, float], ...]:
             raise _error(where, f"{entry!r}: {error.what}", error.expected, error.remedy) from None
         pairs.append((float(pair[0]), float(pair[1])))
     return tuple(_distinct(pairs, where))
+
+
+def _engine(engine: Any, values: Mapping[str, Any], where: str) -> str:
+    if engine not in ENGINES:
+        raise _error(where, f"{engine!r}", f"one of {', '.join(ENGINES)}", "leave it out for 'pybullet'")
+    beyond = any(values["restitution"]) or any(static != kinetic for static, kinetic in values["friction"])
+    if engine == "mujoco" and beyond:
+        what = "mujoco knows neither restitution nor a kinetic friction of its own"
+        raise _error(
+            where, what, "restitution [0] and one coefficient an entry of friction", "take 'pybullet'"
+        )
+    return str(engine)
 
 
 def _distinct(values: list, where: str) -> list:

@@ -14,6 +14,7 @@ from distributed import Client, LocalCluster, SpecCluster
 from distributed.security import Security
 
 from toppling.models.errors import InputError
+from toppling.workers.compiled import compile_apart
 
 log = logging.getLogger(__name__)
 
@@ -41,6 +42,7 @@ def load_defaults() -> None:
 @contextlib.contextmanager
 def local(workers: int) -> Iterator[Client]:
     """Start worker processes with one thread each, bound to the loopback interface."""
+    compile_apart()
     load_defaults()
     with (
         # After this time Dask would drop a worker whose successor happens to be starting, and start no other.

@@ -219,6 +219,7 @@ def _spec(
         restitution=restitution,
         realisation=realisation,
         preset=campaign.preset,
+        engine=campaign.engine,
         peak_displacement_m=campaign.peak_displacement_m,
     )
 

@@ -40,6 +40,7 @@ from toppling.results.store import (
     write_part,
 )
 from toppling.workers.job import JobSpec
+from toppling.workers.mujoco_engine import require as require_mujoco
 
 log = logging.getLogger(__name__)
 
@@ -200,7 +201,9 @@ def run(
     planned = plan(campaign, scene, Ensemble.load(campaign.ensemble))
     # A run is only begun with a rock that stands.
     settling = None if folder.exists() else check_stands(campaign, scene)
-    here = versions()
+    if campaign.engine == "mujoco":
+        require_mujoco()
+    here = versions(campaign.engine)
     prepare(folder, planned, dict(here), settling)
     order = Order(str(folder), planned.scene_id, planned.ensemble_id, here)
     with session(folder, {}) as notes, journal(folder):

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import lru_cache
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +24,7 @@ from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
 from toppling.workers.job import Assets, JobSpec, run_job
 from toppling.workers.options import PHYSICS_VERSION
+from toppling.workers.shake import compile_once
 
 log = logging.getLogger(__name__)
 
@@ -85,15 +86,25 @@ class Order:
     versions: tuple[tuple[str, str], ...]
 
 
-def versions() -> tuple[tuple[str, str], ...]:
-    """Versions of all that decides an answer, on this machine."""
-    packages = tuple((name, version(name)) for name in ("toppling", "pybullet", "numpy", "scipy", "trimesh"))
+def versions(engine: str = "pybullet") -> tuple[tuple[str, str], ...]:
+    """Versions of all that decides an answer with an engine, on this machine."""
+    names = ["toppling", "pybullet", "numpy", "numba", "scipy", "trimesh"]
+    if engine != "pybullet":
+        names.append(engine)
+    packages = tuple((name, _version(name)) for name in names)
     return (
         *packages,
         ("physics", PHYSICS_VERSION),
         ("code", CODE),
         ("python", ".".join(platform.python_version_tuple()[:2])),
     )
+
+
+def _version(name: str) -> str:
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return "not installed"
 
 
 @lru_cache(maxsize=1)
@@ -105,7 +116,7 @@ def assets_of(order: Order) -> Assets:
     UnfitWorkerError
         If the versions differ, or the folder cannot be read or holds something else.
     """
-    here = dict(versions())
+    here = dict(versions("mujoco"))
     differing = [
         f"{name} {here.get(name)}, the client has {there}"
         for name, there in order.versions
@@ -113,6 +124,7 @@ def assets_of(order: Order) -> Assets:
     ]
     if differing:
         raise _unfit("; ".join(differing))
+    compile_once()
     folder = Path(order.folder)
     try:
         scene, ensemble = Scene.load(folder / "scene"), Ensemble.load(folder / "ensemble")
@@ -178,6 +190,7 @@ def lost_row(spec: JobSpec, status: str, message: str) -> Row:
         "restitution": spec.restitution,
         "realisation": spec.realisation,
         "preset": spec.preset,
+        "engine": spec.engine,
         "status": status,
         "message": message,
     }

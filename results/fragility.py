@@ -20,7 +20,7 @@ from statsmodels.stats.proportion import proportion_confint
 THIN_RECORDS = 10
 """Cells with fewer distinct records are marked: their 95 % interval can span half of the scale."""
 
-CONTACT_COLUMNS = ("scene_id", "preset", "friction_static", "friction_kinetic", "restitution")
+CONTACT_COLUMNS = ("scene_id", "engine", "preset", "friction_static", "friction_kinetic", "restitution")
 """Jobs that differ in these answer different questions, and are never pooled."""
 
 FRICTION = ["friction_static", "friction_kinetic"]
@@ -193,7 +193,7 @@ def cells_by_direction(frame: pd.DataFrame, plane: Plane, *, bins: int = 8) -> p
 
 
 def by_contact(frame: pd.DataFrame, columns: Sequence[str] = CONTACT_COLUMNS) -> dict[str, pd.DataFrame]:
-    """Rows of each scene, preset and contact, under a short name of what differs between them."""
+    """Rows of each scene, engine, preset and contact, under a short name of what differs between them."""
     differing = [name for name in columns if frame[name].nunique() > 1]
     if set(FRICTION) & set(differing):  # the two are one answer to one question
         differing = [name for name in columns if name in differing or name in FRICTION]

@@ -24,7 +24,7 @@ def frictions(frame: pd.DataFrame) -> list[Friction]:
 
 
 def by_surroundings(frame: pd.DataFrame) -> dict[str, pd.DataFrame]:
-    """Rows whose frictions may be compared: of each scene, preset and restitution, where it has several."""
+    """Rows whose frictions may be compared: of each scene, engine, preset and restitution, where it has several."""
     parts = by_contact(frame, _SURROUNDINGS)
     return {name: jobs for name, jobs in parts.items() if len(frictions(jobs)) > 1}
 

@@ -261,10 +261,10 @@ def _failures(frame: pd.DataFrame) -> str:
 
 
 def _accuracy(frame: pd.DataFrame) -> str:
-    presets = ", ".join(sorted(frame["preset"].unique()))
+    presets, engines = (", ".join(sorted(frame[name].unique())) for name in ("preset", "engine"))
     # A preset's steps may differ beyond the digits that are shown.
     steps = ", ".join(dict.fromkeys(f"{step:g}" for step in sorted(frame["time_step_s"].dropna())))
-    lines = [f"<p>Preset {_safe(presets)}; time step {steps or 'not stated'} s.</p>"]
+    lines = [f"<p>Engine {_safe(engines)}; preset {_safe(presets)}; time step {steps or 'not stated'} s.</p>"]
     if frame["penetration_m"].notna().any():
         lines.append(f"<p>Deepest overlap of rock and pedestal {frame['penetration_m'].max():.2g} m.</p>")
     return "".join([*lines, *_budget(frame)])

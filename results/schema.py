@@ -33,7 +33,8 @@ _COLUMNS = {
         ("friction_kinetic", _REAL, _MUST, "1", "Coulomb's kinetic coefficient"),
         ("restitution", _REAL, _MUST, "1", "Newton's coefficient of restitution"),
         ("realisation", _NUMBER, _MUST, "1", "number of the random realisation; 0 is the nominal scene"),
-        ("preset", _TEXT, _MUST, "", "settings: fast, standard or reference"),
+        ("preset", _TEXT, _MUST, "", "settings of the engine, by name"),
+        ("engine", _TEXT, _MUST, "", "what stepped the rock: pybullet or mujoco"),
     ],
     "imposed": [
         (name, _REAL, _MAY, meaning(name)["unit"] or "1", meaning(name)["description"])
@@ -87,7 +88,7 @@ SCHEMA = pa.schema(
 
 SORT_ORDER = (
     *("record_id", "azimuth_deg", "level_pga_m_s2", "friction_static", "friction_kinetic", "restitution"),
-    *("realisation", "scene_id", "preset", "job_id"),
+    *("realisation", "scene_id", "engine", "preset", "job_id"),
 )
 """Order of the rows in a finished run."""
 

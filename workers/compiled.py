@@ -1,11 +1,119 @@
-"""How the inner loop is compiled, and where the code that comes of it is kept."""
+"""How the inner loop is compiled, and where the code that comes of it is kept.
+
+Numba keeps compiled code as files that the next process executes. They lie in a folder that only the user can write,
+named by a hash of all they are made from and for, because Numba itself notices no change in a function called from
+another file. Where no such folder can be had, every process compiles for itself.
+"""
 
 from __future__ import annotations
 
-from numba import njit
+import contextlib
+import fcntl
+import hashlib
+import os
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
 
-compiled = njit(cache=True, error_model="numpy")
-"""For functions that Python calls."""
+import llvmlite.binding
+import numba
+import numpy as np
+from numba.core import config
 
-inner = njit(cache=True, error_model="numpy", no_cpython_wrapper=True)
-"""For functions that compiled code calls: to let Python call one takes longer to compile than most of them."""
+FOLDER_VARIABLE = "TOPPLING_CACHE"
+
+
+def _hash() -> str:
+    digest = hashlib.blake2b(digest_size=8)
+    for package in (numba, llvmlite, np):
+        digest.update(package.__version__.encode())
+    digest.update(llvmlite.binding.get_host_cpu_name().encode())
+    digest.update(llvmlite.binding.get_host_cpu_features().flatten().encode())
+    for path in sorted(Path(__file__).parent.glob("*.py")):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()
+
+
+def private_folder(parent: Path) -> Path | None:
+    """A folder for compiled code below a parent, or None if it cannot be written or others can write it."""
+    folder = parent / f"compiled-{_hash()}"
+    with contextlib.suppress(OSError):
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        found = folder.lstat()
+        ours = found.st_uid == os.getuid() and not found.st_mode & 0o022 and not folder.is_symlink()
+        if ours and os.access(folder, os.W_OK | os.X_OK):
+            return folder
+    return None
+
+
+def _parent() -> Path:
+    named = os.environ.get(FOLDER_VARIABLE)
+    if named:
+        return Path(named).expanduser()
+    return Path(os.environ.get("XDG_CACHE_HOME") or "~/.cache").expanduser() / "toppling"
+
+
+FOLDER = private_folder(_parent())
+"""Where compiled code is kept, or None."""
+
+
+@contextlib.contextmanager
+def _kept_in_folder() -> Iterator[None]:
+    """Numba reads its setting when a function is decorated; other users of Numba keep theirs."""
+    before, config.CACHE_DIR = config.CACHE_DIR, str(FOLDER)
+    try:
+        yield
+    finally:
+        config.CACHE_DIR = before
+
+
+def _compile(function: Callable[..., Any], **options: bool) -> Any:  # Numba's dispatcher has no type
+    with _kept_in_folder():
+        return numba.njit(cache=FOLDER is not None, error_model="numpy", **options)(function)
+
+
+def compiled(function: Callable[..., Any]) -> Any:
+    """Decorate a function that Python calls."""
+    return _compile(function)
+
+
+def inner(function: Callable[..., Any]) -> Any:
+    """Decorate a function that only compiled code calls: a wrapper for Python takes longer than most of them."""
+    return _compile(function, no_cpython_wrapper=True)
+
+
+_ENSURED = threading.Event()
+
+
+def ensure_compiled(use_everything: Callable[[], object]) -> None:
+    """Compile by using everything once, unless that was done before; of several processes one does it.
+
+    Without a folder that is a process's own matter and happens when it first shakes.
+    """
+    if _ENSURED.is_set():
+        return
+    _ENSURED.set()
+    if FOLDER is None or is_compiled():
+        return
+    with (FOLDER / "lock").open("w") as lock:
+        with contextlib.suppress(OSError):  # a file system without locks: two processes may do it twice
+            fcntl.flock(lock, fcntl.LOCK_EX)
+        if not is_compiled():
+            sys.stderr.write("compiling for this machine, once: about a minute\n")
+            use_everything()
+            (FOLDER / "complete").touch()
+
+
+def is_compiled() -> bool:
+    """Whether the next process finds everything compiled."""
+    return FOLDER is not None and (FOLDER / "complete").exists()
+
+
+def compile_apart() -> None:
+    """As :func:`toppling.workers.shake.compile_once`, in a process of its own: what compiling takes is given back."""
+    if not is_compiled() and FOLDER is not None:
+        program = "from toppling.workers.shake import compile_once; compile_once()"
+        subprocess.run([sys.executable, "-c", program], check=True)

@@ -42,6 +42,7 @@ class JobSpec:
     realisation : int
         0 for the scene as it is; others draw centre of mass and friction from their uncertainty.
     preset : str
+    engine : str
     peak_displacement_m : float or None
         Largest ground displacement to impose.
     """
@@ -56,6 +57,7 @@ class JobSpec:
     restitution: float
     realisation: int
     preset: str
+    engine: str = "pybullet"
     peak_displacement_m: float | None = None
 
     @property
@@ -94,7 +96,7 @@ def run_job(spec: JobSpec, assets: Assets) -> dict[str, Any]:
         If the assets are not those of the specification, or the job asks for what the engine refuses.
     """
     scene, imposed = prepared(spec, assets)
-    result = shake(scene, imposed.motion, spec.preset)
+    result = shake(scene, imposed.motion, spec.preset, engine=spec.engine)
     record = assets.ensemble.record(spec.record_id)
     return {**_identity(spec, record), **imposed.intensity, **outcome_of(result)}
 

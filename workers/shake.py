@@ -12,9 +12,11 @@ import numpy as np
 from toppling.models.errors import InputError
 from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene
+from toppling.workers.compiled import ensure_compiled
 from toppling.workers.contact_points import ContactModel, Pose, contact_of
 from toppling.workers.engine import EnginePool, process_pool
 from toppling.workers.integrator import Integrator
+from toppling.workers.mujoco_engine import MujocoIntegrator
 from toppling.workers.observation import Body, Observation, observe
 from toppling.workers.options import NumericalOptions, options_of
 from toppling.workers.outcome import ShakeResult, outcome_of, trajectory_of
@@ -36,6 +38,7 @@ def shake(
     time_step: float | None = None,
     shortcuts: bool = True,
     initial: State | Mapping[str, Any] | None = None,
+    engine: str = "pybullet",
     pool: EnginePool | None = None,
 ) -> ShakeResult:
     """Shake a rock with a ground motion and say whether it topples.
@@ -56,6 +59,8 @@ def shake(
     initial : State or mapping of its fields, optional
         Where and how fast the rock starts; inside the ground by more than 1e-4 R, it is raised along the interface's
         normal to where it touches. Without it the rock is seated and settled first.
+    engine : str
+        'pybullet', or 'mujoco' where that extra is installed: cheaper, without restitution, with one friction.
     pool : EnginePool, optional
         Worlds to shake in; those of the process unless given.
 
@@ -69,19 +74,34 @@ def shake(
         If a setting is out of range, the rock does not stand by itself where the scene puts it, or it starts deep
         inside the ground or in no finite state.
     """
+    compile_once()
     began = time.perf_counter()
     start = None if initial is None else checked_start(initial)
     pool = pool or process_pool()
     if start is None:
         scene = settled(scene, pool)
-    options = preset if isinstance(preset, NumericalOptions) else options_of(preset)
+    options = preset if isinstance(preset, NumericalOptions) else options_of(preset, engine)
     half_diagonal_m, gravity_m_s2 = scene.rock.half_diagonal_m, scene.gravity_m_s2
     step_s = options.time_step_s(half_diagonal_m, gravity_m_s2)
     if time_step is not None:
         step_s = _checked_step(time_step, half_diagonal_m, gravity_m_s2)
-    shaking = Shaking.of(scene, motion, options, step_s, start, shortcuts, pool)
+    integrators = {"pybullet": Integrator, "mujoco": MujocoIntegrator}
+    shaking = Shaking.of(scene, motion, options, step_s, start, shortcuts, integrators[engine], pool)
     result = shaking.result(*shaking.run(), trajectory=trajectory)
     return replace(result, wall_s=time.perf_counter() - began)
+
+
+def compile_once() -> None:
+    """Compile what a shake needs for this machine, unless that was done: about a minute, or nothing."""
+    ensure_compiled(_small_shake)
+
+
+def _small_shake() -> None:
+    """Every compiled function has one signature, so that one shake meets them all."""
+    time_s = np.arange(0.0, 1.0, 0.005)
+    pulse = 6.0 * np.sin(2.0 * np.pi * time_s)
+    motion = Motion(np.column_stack([pulse, 0.2 * pulse, 0.0 * pulse]), 0.005)
+    shake(Scene.block(0.3, 0.3, 1.0), motion, "fast")
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,13 +130,14 @@ class Shaking:
         step_s: float,
         start: State | None,
         shortcuts: bool,
+        integrates: type[Integrator],
         pool: EnginePool,
     ) -> Shaking:
         """At its start; a scene without a start of its own is seated."""
         contact = contact_of(scene)
         pose, velocity, spin = start_of(contact, start)
         rest_speed_m_s = options.rest_speed * float(np.sqrt(scene.gravity_m_s2 * contact.half_diagonal_m))
-        integrator = Integrator(
+        integrator = integrates(
             scene,
             contact,
             motion,

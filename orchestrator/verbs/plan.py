@@ -38,6 +38,7 @@ def plan(campaign: Path, table: Path | None, as_json: bool) -> None:
         "jobs": len(planned), "records": len(planned.record_sha), "levels": len(chosen.pga_m_s2),
         "azimuths": len(chosen.azimuth_deg), "frictions": len(chosen.friction),
         "restitutions": len(chosen.restitution), "realisations": chosen.realisations, "preset": chosen.preset,
+        "engine": chosen.engine,
         "scene_id": planned.scene_id, "ensemble_id": planned.ensemble_id, "plan_id": planned.id,
         "settling": settling.to_json(),
     }  # fmt: skip
@@ -49,7 +50,9 @@ def plan(campaign: Path, table: Path | None, as_json: bool) -> None:
         return
     click.echo(
         "{jobs} jobs = {records} records x {levels} levels x {azimuths} azimuths x {frictions} frictions x "
-        "{restitutions} restitutions x {realisations} realisations, preset {preset}".format(**counts)
+        "{restitutions} restitutions x {realisations} realisations, engine {engine}, preset {preset}".format(
+            **counts
+        )
     )
     if settling.sentence:
         click.echo(settling.sentence)

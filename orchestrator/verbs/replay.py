@@ -48,7 +48,7 @@ def replay(run: Path, job: str, out: Path | None) -> None:
     assets = Assets(Scene.load(run / "scene"), Ensemble.load(run / "ensemble"))
     scene, imposed = prepared(spec, assets)
     with Console(stderr=True).status("shaking"):
-        way, result = way_of(scene, imposed.motion, spec.preset)
+        way, result = way_of(scene, imposed.motion, spec.preset, spec.engine)
     title = (
         f"{spec.record_id}, PGA {spec.pga_m_s2:g} m/s², azimuth {spec.azimuth_deg:g}°, "
         f"friction {friction_words(spec.friction_static, spec.friction_kinetic)}: {result.outcome or result.status}"
@@ -76,9 +76,9 @@ def replay(run: Path, job: str, out: Path | None) -> None:
         click.echo("The answer is that of the run.")
 
 
-def way_of(scene: Scene, motion: Motion, preset: str) -> tuple[Way, ShakeResult]:
+def way_of(scene: Scene, motion: Motion, preset: str, engine: str = "pybullet") -> tuple[Way, ShakeResult]:
     """Shake a scene and keep the rock's way."""
-    result = shake(scene, motion, preset, trajectory=True)
+    result = shake(scene, motion, preset, trajectory=True, engine=engine)
     assert result.trajectory is not None  # was asked for
     kept = result.trajectory
     poses = kept.time_s, kept.position_m, kept.quaternion_xyzw
@@ -118,6 +118,7 @@ def _specification(run: Path, job: str) -> tuple[JobSpec, str]:
         scene_id=Scene.load(run / "scene").id,
         record_sha=ensemble.sha(chosen["record_id"]),
         preset=campaign.preset,
+        engine=campaign.engine,
         peak_displacement_m=campaign.peak_displacement_m,
         **chosen,
     ), job_id

@@ -48,7 +48,7 @@ def row(job_id, **values):
     fixed = {
         "job_id": job_id, "scene_id": "scene", "record_id": "R000", "level_pga_m_s2": 1.0, "azimuth_deg": 0.0,
         "friction_static": 1.0, "friction_kinetic": 1.0, "restitution": 0.0, "realisation": 0,
-        "preset": "standard", "status": "ok", "attempt": 1,
+        "preset": "standard", "engine": "pybullet", "status": "ok", "attempt": 1,
         "finished_at": datetime.datetime(2026, 1, 1, tzinfo=datetime.UTC),
     }  # fmt: skip
     return fixed | values

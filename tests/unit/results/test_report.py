@@ -112,7 +112,13 @@ def test_what_was_measured_on_the_demos_rock_is_not_said_of_the_runs():
 def test_time_steps_that_differ_in_no_digit_shown_are_told_once():
     steps = [0.009787641, 0.009787642, 0.0049]
     frame = pd.DataFrame(
-        {"preset": "fast", "physics_version": None, "penetration_m": None, "time_step_s": steps}
+        {
+            "preset": "fast",
+            "engine": "pybullet",
+            "physics_version": None,
+            "penetration_m": None,
+            "time_step_s": steps,
+        }
     )
     assert "time step 0.0049, 0.00978764 s" in _accuracy(frame)
 

@@ -1,0 +1,72 @@
+"""Compiled code is executed as it is found: it is kept where only its user can write, and made once."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from toppling.workers.compiled import private_folder
+
+SHAKE = """
+import numpy as np
+from toppling import Motion, Scene, shake
+time_s = np.arange(0.0, 2.0, 0.005)
+pulse = 5.0 * np.sin(2.0 * np.pi * time_s)
+motion = Motion(np.column_stack([pulse, 0.3 * pulse, 0.0 * pulse]), 0.005)
+result = shake(Scene.block(0.3, 0.3, 1.0), motion, "fast", trajectory=True)
+print(result.trajectory.position_m.tobytes().hex()[-4000:])
+"""
+
+
+def test_the_folder_is_its_users_alone(tmp_path: Path) -> None:
+    folder = private_folder(tmp_path)
+    assert folder is not None
+    assert folder.stat().st_mode & 0o777 == 0o700
+    assert private_folder(tmp_path) == folder
+
+
+@pytest.mark.parametrize("mode", [0o720, 0o702, 0o777])
+def test_a_folder_that_others_can_write_is_not_used(tmp_path: Path, mode: int) -> None:
+    folder = private_folder(tmp_path)
+    assert folder is not None
+    folder.chmod(mode)
+    assert private_folder(tmp_path) is None
+
+
+def test_a_link_to_elsewhere_is_not_used(tmp_path: Path) -> None:
+    folder = private_folder(tmp_path)
+    assert folder is not None
+    folder.rmdir()
+    (tmp_path / "elsewhere").mkdir()
+    folder.symlink_to(tmp_path / "elsewhere")
+    assert private_folder(tmp_path) is None
+
+
+def test_where_nothing_can_be_written_there_is_no_folder(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    assert private_folder(tmp_path / "file") is None
+
+
+def _started(cache: Path) -> subprocess.Popen[str]:
+    environment = {**os.environ, "TOPPLING_CACHE": str(cache)}
+    return subprocess.Popen(
+        [sys.executable, "-c", SHAKE],
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+@pytest.mark.slow
+def test_two_processes_compile_once_and_without_a_folder_the_bits_are_the_same(tmp_path: Path) -> None:
+    started = [_started(tmp_path / "cache") for _ in range(2)]
+    together = [process.communicate(timeout=600) for process in started]
+    (tmp_path / "file").touch()
+    nowhere, _ = _started(tmp_path / "file").communicate(timeout=600)
+    bits = [out for out, _ in together]
+    assert nowhere
+    assert bits == [nowhere] * 2
+    assert sum("compiling" in told for _, told in together) == 1

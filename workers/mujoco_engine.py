@@ -1,0 +1,254 @@
+"""The second engine: the same rock, contact points and motion in MuJoCo, stepped in C over blocks of steps.
+
+MuJoCo's contacts are springs and dampers as stiff as its time step allows, so that its error is of the first order in
+the step. What it cannot do is refused: it has no coefficient of restitution, and one coefficient of friction. A rock is
+seated by our statics, ends by our rules, and is described by our outcome.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from toppling.models.errors import InputError
+from toppling.models.motions.motion import Motion
+from toppling.models.relief import contact_feet_m
+from toppling.models.scene import Scene
+from toppling.workers import quaternion as quat
+from toppling.workers.contact_points import ContactModel, Pose, contact_of
+from toppling.workers.engine import EnginePool
+from toppling.workers.integrator import ROOM, Integrator
+from toppling.workers.observation import travel_m
+from toppling.workers.options import NumericalOptions
+
+Array = NDArray[np.float64]
+Vector = tuple[float, float, float]
+
+STIFFNESS_STEPS, DAMPING_RATIO, IMPEDANCE = 2.0, 1.5, 0.9999
+"""Time constant of a contact in steps, the stiffest that MuJoCo allows; its damping, with which nothing rebounds."""
+
+SEATED_WITHIN_DEG = 0.5
+"""A rock at rest that is tilted by less from its seat is back in it: what is left is the contacts' compression."""
+
+
+@dataclass(frozen=True, eq=False)
+class World:
+    """A scene in MuJoCo: support frame, body axes."""
+
+    model: Any  # MuJoCo has no types
+    data: Any
+
+
+class MujocoIntegrator(Integrator):
+    """A rock on its way through a motion; as its base, with MuJoCo as the engine."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        contact: ContactModel,
+        motion: Motion,
+        time_step_s: float,
+        options: NumericalOptions,
+        pose: Pose,
+        velocity_m_s: Vector,
+        angular_velocity_rad_s: Vector,
+        *,
+        rests: bool,
+        skips_rest: bool,
+        pool: EnginePool,
+    ) -> None:
+        super().__init__(
+            scene, contact, motion, time_step_s, options, pose, velocity_m_s, angular_velocity_rad_s,
+            rests=rests, skips_rest=skips_rest, pool=pool,
+        )  # fmt: skip
+        _check(scene)
+        self._world, self._roll = _world(scene, time_step_s), _rollout()
+        self._seat = self.sim.pose[0].copy() if rests else None
+        self._rest_speed_m_s = options.rest_speed * math.sqrt(scene.gravity_m_s2 * contact.half_diagonal_m)
+        self._warm = np.zeros((1, 6))
+        self._taken = 0
+        # The force on a unit mass from step middle to step middle, as a leapfrog needs it.
+        middles_s = (
+            np.maximum(np.arange(math.ceil(motion.duration_s / time_step_s) + 2) - 0.5, 0.0) * time_step_s
+        )
+        velocity = motion.velocity_at(middles_s) @ contact.scene_from_support
+        lasting_s = np.diff(middles_s)[:, None]
+        self._forces = (self.sim.gravity_m_s2 * lasting_s - np.diff(velocity, axis=0)) / time_step_s
+
+    @property
+    def steps(self) -> int:
+        """Engine steps taken."""
+        return self._taken
+
+    def advance(self, steps: int) -> None:
+        """Go on by this many steps."""
+        if self.last + max(ROOM, steps + 1) > len(self.sim.time_s):
+            self._make_room()
+        first, grid, sim = self.last, self.grid, self.sim
+        out = self._rolled(self._force(grid, steps))
+        new = slice(first + 1, first + steps + 1)
+        sim.time_s[new] = (grid + 1 + np.arange(steps)) * sim.step_s
+        sim.velocity_time_s[new] = sim.time_s[new] - 0.5 * sim.step_s
+        sim.pose[new, :3], sim.pose[new, 3:6], sim.pose[new, 6] = out[:, 1:4], out[:, 5:8], out[:, 4]
+        sim.velocity[new, :3] = out[:, 8:11]
+        sim.velocity[new, 3:] = _turned(sim.pose[new, 3:], out[:, 11:14])
+        sim.state["last"], sim.state["grid"], sim.state["rests"] = first + steps, grid + steps, 0
+        sim.state["widest"] = sim.sets[-1]
+        self._taken += steps
+        if self._seat is not None and self._is_slow(first):
+            self._sit_down()
+
+    def rest_until(self, since: int, grid: int) -> None:
+        """Let the rock rest in a pose up to a step; what comes then depends on that pose alone."""
+        super().rest_until(since, grid)
+        self._warm[:] = 0.0
+
+    def _force(self, grid: int, steps: int) -> Array:
+        applied = np.zeros((1, steps, 12))  # of the world's body and the rock's
+        moved = self._forces[grid : grid + steps]
+        applied[0, : len(moved), 6:9] = moved
+        applied[0, len(moved) :, 6:9] = self.sim.gravity_m_s2
+        return applied
+
+    def _rolled(self, force_m_s2: Array) -> Array:
+        """States (steps, 14) of MuJoCo: time, place, attitude as w, x, y, z, velocity, spin in body axes."""
+        last, sim, steps = self.last, self.sim, force_m_s2.shape[1]
+        pose, velocity = sim.pose[last], sim.velocity[last]
+        spin = quat.matrix(pose[3:]).T @ velocity[3:]
+        state = np.array([[0.0, *pose[:3], pose[6], *pose[3:6], *velocity[:3], *spin]])
+        out = np.empty((1, steps, state.shape[1]))
+        self._roll.rollout(
+            self._world.model, self._world.data, state, force_m_s2, control_spec=_force_bit(), nstep=steps,
+            initial_warmstart=self._warm, state=out,
+        )  # fmt: skip
+        self._warm[0] = self._world.data.qacc_warmstart
+        return np.asarray(out[0])
+
+    def _is_slow(self, since: int) -> bool:
+        """Whether the rock has hardly moved since a pose."""
+        sim, last = self.sim, self.last
+        way_m = travel_m(sim.pose[since], sim.pose[last], sim.half_diagonal_m)
+        speed_m_s = np.linalg.norm(sim.velocity[last, :3])
+        speed_m_s += sim.half_diagonal_m * np.linalg.norm(sim.velocity[last, 3:])
+        slow = self._rest_speed_m_s
+        return bool(way_m < slow * (sim.time_s[last] - sim.time_s[since]) and speed_m_s < slow)
+
+    def _sit_down(self) -> None:
+        """Take a rock at rest back to its seat, turned and shifted along the plane: it carries on the seat's points."""
+        assert self._seat is not None  # as :meth:`advance` has made sure
+        pose, seat = self.sim.pose[self.last], self._seat
+        yaw = quat.yaw_between(seat, pose)
+        turned = quat.product(np.array([0.0, 0.0, math.sin(0.5 * yaw), math.cos(0.5 * yaw)]), seat[3:])
+        between = quat.matrix(quat.product(pose[3:], quat.inverse(turned)))
+        if between[2, 2] > math.cos(math.radians(SEATED_WITHIN_DEG)):
+            pose[2], pose[3:] = seat[2], turned
+            self.sim.velocity[self.last] = 0.0
+
+
+def _turned(quaternion_xyzw: Array, carried: Array) -> Array:
+    """Vectors (n, 3), each turned by an attitude (n, 4)."""
+    vector, scalar = quaternion_xyzw[:, :3], quaternion_xyzw[:, 3:]
+    across = np.cross(vector, carried)
+    return np.asarray(carried + 2.0 * (scalar * across + np.cross(vector, across)))
+
+
+def _check(scene: Scene) -> None:
+    contact = scene.contact
+    for what, refused in (
+        (f"restitution {contact.restitution:g}", contact.restitution > 0.0),
+        (
+            f"friction {contact.friction_static:g} at rest and {contact.friction_kinetic:g} in slip",
+            contact.friction_static != contact.friction_kinetic,
+        ),
+    ):
+        if refused:
+            raise InputError(
+                what,
+                where="engine mujoco",
+                expected="restitution 0 and one coefficient of friction",
+                remedy="shake with engine 'pybullet', or change the contact's properties",
+            )
+
+
+def require() -> None:
+    """Make sure that MuJoCo is installed.
+
+    Raises
+    ------
+    InputError
+        If it is not.
+    """
+    try:
+        import mujoco.rollout  # noqa: F401  an extra
+    except ImportError:
+        raise InputError(
+            "MuJoCo is not installed here",
+            where="engine mujoco",
+            expected="the extra 'mujoco'",
+            remedy="pip install 'toppling[mujoco]', or take engine 'pybullet'",
+        ) from None
+
+
+@lru_cache(maxsize=1)
+def _rollout() -> Any:
+    require()
+    from mujoco import rollout
+
+    return rollout.Rollout(nthread=0)
+
+
+@lru_cache(maxsize=1)
+def _force_bit() -> int:
+    import mujoco
+
+    return int(mujoco.mjtState.mjSTATE_XFRC_APPLIED.value)
+
+
+@lru_cache(maxsize=8)  # scenes compare by identity
+def _world(scene: Scene, step_s: float) -> World:
+    require()
+    import mujoco
+
+    contact = contact_of(scene)
+    spec = mujoco.MjSpec()
+    spec.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_FALSE
+    option = spec.option
+    option.timestep, option.gravity = step_s, np.zeros(3)
+    option.integrator = mujoco.mjtIntegrator.mjINT_EULER
+    option.cone, option.solver = mujoco.mjtCone.mjCONE_ELLIPTIC, mujoco.mjtSolver.mjSOL_NEWTON
+    option.tolerance, option.iterations = 1e-10, 100
+    option.disableflags = mujoco.mjtDisableBit.mjDSBL_ISLAND
+    body = spec.worldbody.add_body(name="rock", pos=contact.com_m)
+    body.add_freejoint()
+    body.mass, body.ipos, body.explicitinertial = 1.0, np.zeros(3), True
+    body.inertia = contact.principal_inertia_m2
+    ground = spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[1.0, 1.0, 1.0])
+    feet_m = (contact_feet_m(scene.rock, scene.pedestal) - scene.rock.com_m) @ contact.scene_from_support
+    for geom in (ground, body.add_geom(**_shape(spec, feet_m @ contact.support_from_body))):
+        geom.condim, geom.friction = 3, [scene.contact.friction_static, 0.0, 0.0]
+        geom.solref = [STIFFNESS_STEPS * step_s, DAMPING_RATIO]
+        geom.solimp = [IMPEDANCE, IMPEDANCE, 1e-3, 0.5, 2.0]
+    model = spec.compile()
+    return World(model, mujoco.MjData(model))
+
+
+def _shape(spec: Any, points_m: Array) -> dict[str, Any]:
+    """A box or a nearly round cylinder as such, any other body as the convex hull of its feet.
+
+    Spheres at the points are the same on a block, five times dearer on a scanned rock, and brake a rolling rim.
+    """
+    import mujoco
+
+    middle, half = 0.5 * (points_m.max(axis=0) + points_m.min(axis=0)), 0.5 * np.ptp(points_m, axis=0)
+    out = np.abs(points_m - middle)
+    if len(points_m) == 8 and np.allclose(out, half):
+        return {"type": mujoco.mjtGeom.mjGEOM_BOX, "size": half, "pos": middle}
+    mesh = spec.add_mesh(
+        name="hull", uservert=points_m.ravel(), inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX
+    )
+    return {"type": mujoco.mjtGeom.mjGEOM_MESH, "meshname": mesh.name}

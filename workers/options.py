@@ -114,8 +114,9 @@ class TerminationOptions:
     ----------
     block : int
         Steps between two looks.
-    rest_certain_share : float
-        Of the least energy that overturns: with less, a rock on ground at rest or weakly moved will stand.
+    certain_share, calm_share : float
+        Of the least energy that overturns: with less, a rock will stand, on ground at rest, which adds none, and on
+        ground that moves weakly.
     weak_share : float
         A motion is weak that stays within this share of what would tip the rock slowly or drag it over its pedestal.
     weak_tilt_deg, weak_yaw_deg : float
@@ -132,7 +133,8 @@ class TerminationOptions:
     """
 
     block: int = 64
-    rest_certain_share: float = 0.1
+    certain_share: float = 0.8
+    calm_share: float = 0.3
     weak_share: float = 0.25
     weak_tilt_deg: float = 3.0
     weak_yaw_deg: float = 30.0
@@ -184,12 +186,13 @@ ENGINES = ("pybullet", "mujoco")
 """The first is the judge; the second is an extra."""
 
 PRESETS = {
+    "draft": NumericalOptions(1 / 48, 1e-4, 1e-3, SolverOptions(100, 1e-4)),
     "fast": NumericalOptions(1 / 96, 1e-4, 1e-3, SolverOptions(100, 1e-4)),
     "standard": NumericalOptions(1 / 128, 2e-5, 5e-4, SolverOptions(300, 1e-5)),
     "reference": NumericalOptions(1 / 512, 1e-6, 2e-4, SolverOptions(1000, 1e-6)),
 }
 
-MUJOCO_STEP_SHARES = {"fast": 1 / 128, "standard": 1 / 256, "reference": 1 / 512}
+MUJOCO_STEP_SHARES = {"draft": 1 / 64, "fast": 1 / 128, "standard": 1 / 256, "reference": 1 / 512}
 """Its contacts converge with the first order, so the same names are finer steps."""
 
 

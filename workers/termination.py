@@ -106,11 +106,13 @@ def slid_off(seen: Observation, context: Context) -> Verdict | None:  # noqa: AR
 
 
 def too_little_energy(seen: Observation, context: Context) -> Verdict | None:
-    """After the motion: the rock rocks with far less energy than overturns it, and does not slide.
+    """After the motion: the rock rocks with less energy than overturns it, and does not slide.
 
     It counts as it will at rest: one that is tilted may come to stand, unless it is displaced anyway.
     """
-    if not (context.shortcuts and seen.time_s > context.motion_s and _has_little_energy(seen, context)):
+    if not (context.shortcuts and seen.time_s > context.motion_s):
+        return None
+    if not _has_little_energy(seen, context, context.options.certain_share):
         return None
     shows = seen.tilt_deg <= context.options.moved_deg or is_displaced(seen, context)
     return Verdict("ok", "rest_certain") if shows else None
@@ -138,7 +140,7 @@ def calms_down(seen: Observation, context: Context) -> Verdict | None:
         return None
     options = context.options
     near = seen.tilt_deg < options.weak_tilt_deg and abs(seen.yaw_deg) < options.weak_yaw_deg
-    calm = near and is_displaced(seen, context) and _has_little_energy(seen, context)
+    calm = near and is_displaced(seen, context) and _has_little_energy(seen, context, options.calm_share)
     return Verdict("ok", "rest_certain") if calm else None
 
 
@@ -164,13 +166,11 @@ def is_displaced(seen: Observation, context: Context) -> bool:
     return seen.slip_m > options.moved_share * half_diagonal_m or seen.turned_deg > options.moved_deg
 
 
-def _has_little_energy(seen: Observation, context: Context) -> bool:
+def _has_little_energy(seen: Observation, context: Context, share: float) -> bool:
     # Past its balance all of a rock's energies are below that of lying: no share of them holds it.
     energy = max(seen.energy_j_kg, 0.0)
     barrier = least_overturning_j_kg(context.scene, seen.tilt_deg, seen.yaw_deg)
-    return (
-        energy < context.options.rest_certain_share * barrier and seen.sliding_m_s <= context.rest_speed_m_s
-    )
+    return energy < share * barrier and seen.sliding_m_s <= context.rest_speed_m_s
 
 
 def friction_that_stops(scene: Scene) -> float:

@@ -42,13 +42,15 @@ def contact_feet_m(rock: Rock, pedestal: Pedestal) -> Array:
     -------
     (n, 3) array
         Scene frame; their height over the interface plane is the clearance. On an endless plane these are the vertices
-        of the rock's convex hull, on a surface those of the convex hull of all feet.
+        of the rock's convex hull, on a surface those of the convex hull of all feet, of a drawn base its feet.
 
     Raises
     ------
     InputError
         If the pedestal does not lie below the rock.
     """
+    if rock.feet_m is not None:
+        return rock.feet_m
     if pedestal.vertices_m is None or pedestal.faces is None:
         return rock.hull_vertices_m
     frame = np.vstack([*plane_axes(pedestal.normal), pedestal.normal])

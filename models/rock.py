@@ -34,6 +34,9 @@ class Rock:
         Centre of mass, scene frame.
     inertia_per_mass_m2 : (3, 3) array
         Inertia tensor over mass, about the centre of mass, scene axes.
+    feet_m : (k, 3) array or None
+        Points that can touch the interface plane, scene frame, where a drawn base gives them (:mod:`models.unseen`);
+        None where rock and pedestal are touched as their meshes are.
     """
 
     vertices_m: NDArray[np.float64]
@@ -41,6 +44,7 @@ class Rock:
     volume_m3: float
     com_m: NDArray[np.float64]
     inertia_per_mass_m2: NDArray[np.float64]
+    feet_m: NDArray[np.float64] | None = None
 
     @classmethod
     def from_triangles(cls, vertices_m: ArrayLike, faces: ArrayLike, *, where: str = "rock mesh") -> "Rock":
@@ -102,6 +106,7 @@ class Rock:
             volume_m3=self.volume_m3,
             com_m=turn @ self.com_m + shift,
             inertia_per_mass_m2=turn @ self.inertia_per_mass_m2 @ turn.T,
+            feet_m=None if self.feet_m is None else self.feet_m @ turn.T + shift,
         )
 
     @property

@@ -22,6 +22,8 @@ from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock, check_size, origin_beside_m
 from toppling.models.shapes import box
 from toppling.models.statics import quasi_static_toppling_m_s2
+from toppling.models.unseen import FILE as BASES
+from toppling.models.unseen import UnseenBase
 
 SCHEMA_VERSION = 1
 
@@ -84,6 +86,8 @@ class Scene:
     report : mapping
         What the scan found out on the way (interface, uncertainty, shares of the surface seen and invented ...):
         kept and shown, without influence on the motion or on the id, the spread of the centre of mass aside.
+    unseen : UnseenBase or None
+        Draws of the base that nobody saw, from which realisations take theirs.
     """
 
     rock: Rock
@@ -92,6 +96,7 @@ class Scene:
     gravity_m_s2: float = STANDARD_GRAVITY_M_S2
     origin_m: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
     report: Mapping[str, Any] = field(default_factory=dict)
+    unseen: UnseenBase | None = None
 
     @classmethod
     def block(
@@ -198,6 +203,11 @@ class Scene:
         """The same scene with another friction, static and kinetic; its restitution stays."""
         return self.with_contact(ContactProperties.of(friction, self.contact.restitution))
 
+    def on_base(self, number: int) -> "Scene":
+        """The same scene on one of the drawn bases, with its centre of mass, and at rest in its pose."""
+        assert self.unseen is not None
+        return dataclasses.replace(self, rock=self.unseen.realised(self.rock, self.pedestal, number))
+
     @property
     def com_std_m(self) -> NDArray[np.float64] | None:
         """Standard deviation (3,) of the centre of mass, where the scan states it; realisations draw from it."""
@@ -213,15 +223,19 @@ class Scene:
             geometry += [self.pedestal.vertices_m, self.pedestal.faces]
         if self.com_std_m is not None:
             geometry.append(self.com_std_m)
+        if self.rock.feet_m is not None:
+            geometry.append(self.rock.feet_m)
         for array in geometry:
             canonical = np.ascontiguousarray(array, dtype="<f8" if array.dtype.kind == "f" else "<i8")
             digest.update(repr(canonical.shape).encode())
             digest.update(canonical.tobytes())
         digest.update(repr(float(self.gravity_m_s2)).encode())
+        if self.unseen is not None:
+            digest.update(self.unseen.digest)
         return digest.hexdigest()[:20]
 
     def save(self, folder: str | os.PathLike[str]) -> Path:
-        """Write `scene.json`, `rock.ply` and `pedestal.ply`; the folder appears complete or not at all.
+        """Write `scene.json`, `rock.ply`, `pedestal.ply` and the bases that are drawn; complete or not at all.
 
         Raises
         ------
@@ -238,6 +252,8 @@ class Scene:
         (folder / "scene.json").write_text(json.dumps(self.to_json(), indent=1, allow_nan=False) + "\n")
         write_ply(folder / "rock.ply", self.rock.vertices_m, self.rock.faces)
         write_ply(folder / "pedestal.ply", *self.pedestal_triangles())
+        if self.unseen is not None:
+            self.unseen.write(folder / BASES)
 
     def to_json(self) -> dict[str, Any]:
         """The content of `scene.json`; what is not finite (an acceleration that nothing reaches) is null."""
@@ -264,6 +280,7 @@ class Scene:
             "pedestal": {"mesh": "pedestal.ply", "kind": "plane" if self.pedestal.is_plane else "surface"},
             "interface": {**self.report.get("interface", {}), **interface},
             "contact": dataclasses.asdict(self.contact),
+            **({} if self.unseen is None else {"bases": {"file": BASES, "draws": len(self.unseen)}}),
             "quasi_static_toppling_m_s2": [
                 {"azimuth_deg": azimuth, "value": value}
                 for azimuth, value in quasi_static_toppling_m_s2(
@@ -308,6 +325,7 @@ class Scene:
                 gravity_m_s2=float(described["gravity_m_s2"]),
                 origin_m=np.array(described["origin_m"], float),
                 report={**described["report"], "interface": plane},
+                unseen=UnseenBase.read(source / BASES) if "bases" in described else None,
             )
         except InputError:
             raise

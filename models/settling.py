@@ -14,8 +14,8 @@ from toppling.models.rock import Rock
 SAID_FROM_DEG = 0.1
 """Half samples of a scan give its interface within about this angle: less cannot be told from a rock that stands."""
 
-SAID_FROM_SHARE = 0.01
-"""Of the rock's height; as much counts as moved after a shake."""
+SAID_FROM_SHARE = 0.002
+"""Of the rock's height: a rock that was scanned at rest moves less."""
 
 
 @dataclass(frozen=True)

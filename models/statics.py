@@ -24,6 +24,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import ConvexHull, QhullError
+from scipy.spatial.transform import Rotation
 
 from toppling.models.frames import horizontal_unit_vector, plane_axes
 from toppling.models.pedestal import Pedestal
@@ -93,6 +94,29 @@ def quasi_static_toppling_m_s2(
     """
     seat = _Seat.of(rock, pedestal)
     return [(float(az), seat.path(gravity_m_s2, float(az))[1]) for az in azimuths_deg]
+
+
+def at_rest(rock: Rock, pedestal: Pedestal, gravity_m_s2: float) -> tuple[Array, Array] | None:
+    """Rotation (3, 3) and translation (3,) that let a rock down to where it stands; None if it falls.
+
+    It rolls without slip or gathering speed from facet to facet of its hull until one holds it. The three or more feet
+    of that facet lie in the interface plane within ``CONTACT_SHARE_OF_HEIGHT``.
+    """
+    seat = _Seat.of(rock, pedestal)
+    gravity = seat.frame @ np.array([0.0, 0.0, -gravity_m_s2])
+    rest = seat.fallen(gravity)
+    if rest is None:
+        return None
+    before, after = seat.pose.points, rest.points
+    turn = Rotation.align_vectors(after - after.mean(axis=0), before - before.mean(axis=0))[0].as_matrix()
+    feet = contact_feet_m(rock, pedestal)
+    lowest = ((feet - pedestal.point_m) @ pedestal.normal).min()
+    in_scene = seat.frame.T @ turn @ seat.frame
+    lowered = before.mean(axis=0) + np.array([0.0, 0.0, lowest])
+    shift = pedestal.point_m - in_scene @ pedestal.point_m
+    shift = shift + seat.frame.T @ (after.mean(axis=0) - turn @ lowered)
+    gap = (feet @ in_scene.T + shift - pedestal.point_m) @ pedestal.normal
+    return in_scene, shift - gap.min() * pedestal.normal
 
 
 def equilibrium_possible(
@@ -244,12 +268,10 @@ class _Seat:
         """Accelerations at lift-off and at toppling."""
         gravity = self.frame @ np.array([0.0, 0.0, -gravity_m_s2])
         push = -self.frame @ horizontal_unit_vector(azimuth_deg)
-        pose, ring = self.pose, self.ring
-        if ring is None or not _holds(ring, pose.com, gravity):
-            seated = self._fallen(pose, ring, gravity)
-            if seated is None:
-                return 0.0, 0.0
-            pose, ring = seated
+        seated = self._seated(gravity)
+        if seated is None:
+            return 0.0, 0.0
+        pose, ring = seated
         lift_off, acceleration = np.inf, 0.0
         while True:
             acceleration = _leaves(ring, pose.com, gravity, push, acceleration)
@@ -261,6 +283,16 @@ class _Seat:
             if landed is None:
                 return lift_off, acceleration
             pose, ring = landed
+
+    def fallen(self, gravity: Array) -> _Pose | None:
+        """The pose in which gravity alone leaves the rock; None if it topples."""
+        seated = self._seated(gravity)
+        return None if seated is None else seated[0]
+
+    def _seated(self, gravity: Array) -> tuple[_Pose, Array] | None:
+        if self.ring is not None and _holds(self.ring, self.pose.com, gravity):
+            return self.pose, self.ring
+        return self._fallen(self.pose, self.ring, gravity)
 
     def _fallen(self, pose: _Pose, ring: Array | None, weight: Array) -> tuple[_Pose, Array] | None:
         """Find next rest under a constant effective gravity, and its support; None if it topples first."""

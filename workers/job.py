@@ -40,7 +40,7 @@ class JobSpec:
         Where its strong component is turned to, degrees counter-clockwise from x.
     friction_static, friction_kinetic, restitution : float
     realisation : int
-        0 for the scene as it is; others draw centre of mass and friction from their uncertainty.
+        0 for the scene as it is; others draw base, centre of mass and friction from their uncertainty.
     preset : str
     engine : str
     peak_displacement_m : float or None
@@ -132,11 +132,16 @@ def _realised(scene: Scene, contact: ContactProperties, realisation: int) -> Sce
     spread_m = scene.com_std_m
     if spread_m is None:
         spread_m = np.full(3, COM_SPREAD_SHARE * scene.rock.height_m)
-    rock = dataclasses.replace(scene.rock, com_m=scene.rock.com_m + random.normal(size=3) * spread_m)
+    offset_m = random.normal(size=3) * spread_m
     factor = float(np.exp(random.normal() * FRICTION_SPREAD))
     drawn = ContactProperties(
         contact.friction_static * factor, contact.friction_kinetic * factor, contact.restitution
     )
+    if scene.unseen is not None:  # base and centre of mass are drawn together: on each base the rock stands
+        number = scene.unseen.number_of(realisation)
+        assert number is not None
+        return scene.on_base(number).with_contact(drawn)
+    rock = dataclasses.replace(scene.rock, com_m=scene.rock.com_m + offset_m)
     return dataclasses.replace(scene, rock=rock, contact=drawn)
 
 

@@ -82,6 +82,77 @@ def near_the_interface(
     return low, lit
 
 
+@dataclass(frozen=True, eq=False)
+class Underside:
+    """What was seen of the rock's underside, on the cells of a grid.
+
+    Parameters
+    ----------
+    grid : Grid
+    seen_m : (shape) array
+        Least height of the rock's points over the interface plane, 0 where there are none.
+    seen, hidden, carries : (shape) bool array
+        Cells with points of the rock, those within its rim without, and those of the rim itself.
+    outline : (shape) bool array or None
+        Within the contact that the user outlined.
+    hole_depth : (shape) array
+        How many cells deep a hidden cell lies in a hole of the pedestal's seen points; 0 where the pedestal was seen.
+    into_seen : (shape) array
+        Cells from the hidden part.
+    """
+
+    grid: Grid
+    seen_m: NDArray[np.float64]
+    seen: NDArray[np.bool_]
+    hidden: NDArray[np.bool_]
+    carries: NDArray[np.bool_]
+    outline: NDArray[np.bool_] | None
+    hole_depth: NDArray[np.float64]
+    into_seen: NDArray[np.float64]
+
+    @classmethod
+    def of(
+        cls,
+        low: NDArray[np.float64],
+        lit: NDArray[np.float64],
+        height_m: float,
+        word: Word | None = None,
+    ) -> "Underside":
+        """Underside from points of rock and pedestal near the interface (u, v, h).
+
+        Raises
+        ------
+        InputError
+            If next to nothing of the rock shows near the interface.
+        """
+        check_seen(len(low), "rock", given=word is not None)
+        cell = height_m / CELLS_PER_HEIGHT
+        grid = Grid.over(low[:, :2].min(axis=0) - 6 * cell, low[:, :2].max(axis=0) + 6 * cell, cell)
+        seen_height, seen = _lowest(grid, low)
+        hidden = _within_rim(seen)
+        outline = word.inside(grid.nodes_m) if word is not None and word.encloses else None
+        if outline is not None:
+            seen, hidden = seen & ~outline, hidden | outline
+        # Points at the border may be the pedestal beside the rock.
+        within = ndimage.binary_erosion(hidden, iterations=3)
+        depth = _hole_depth(grid, lit[within.ravel()[grid.index(lit)]]) * hidden
+        into_seen = ndimage.distance_transform_edt(~hidden)
+        carries = _lowest_of_rim(seen_height, seen, height_m) | (seen & (into_seen > 8.0))
+        return cls(grid, seen_height, seen, hidden, carries, outline, depth, into_seen)
+
+    def closed_by(
+        self, sheet_m: NDArray[np.float64], height_m: float, resting: float = RESTING_PER_HEIGHT
+    ) -> Base:
+        """Base whose hidden part is a sheet; beside it the seen surface rules, and gives way within a few cells.
+
+        What lies lower than a share `resting` of the height rests.
+        """
+        side = smooth_sheet(self.grid, np.where(self.seen, self.seen_m, 0.0), np.where(self.seen, 3.0, 0.0))
+        away = 0.002 * height_m * np.maximum(self.into_seen - 1.0, 0.0)
+        sheet = np.where(self.hidden, sheet_m, side - away)
+        return Base(self.grid, np.where(sheet < resting * height_m, 0.0, sheet), self.hidden)
+
+
 def hidden_base(
     low: NDArray[np.float64],
     lit: NDArray[np.float64],
@@ -113,34 +184,21 @@ def hidden_base(
     InputError
         If next to nothing of the rock shows near the interface.
     """
-    check_seen(len(low), "rock", given=word is not None)
-    cell = height_m / CELLS_PER_HEIGHT
-    grid = Grid.over(low[:, :2].min(axis=0) - 6 * cell, low[:, :2].max(axis=0) + 6 * cell, cell)
-    seen_height, seen = _lowest(grid, low)
-    hidden = _within_rim(seen)
-    outline = word.inside(grid.nodes_m) if word is not None and word.encloses else None
-    if outline is not None:
-        seen, hidden = seen & ~outline, hidden | outline
-    # Points at the border may be the pedestal beside the rock.
-    within = ndimage.binary_erosion(hidden, iterations=3)
-    depth = _hole_depth(grid, lit[within.ravel()[grid.index(lit)]]) * hidden
+    under = Underside.of(low, lit, height_m, word)
+    grid, outline, depth, hidden = under.grid, under.outline, under.hole_depth, under.hidden
     rests = _deepest(depth, hidden, core)
     if outline is not None:
         rests, depth = outline, np.where(outline, 10.0, 0.0)
-    into_seen = ndimage.distance_transform_edt(~hidden)
-    carries = _lowest_of_rim(seen_height, seen, height_m) | (seen & (into_seen > 8.0))
-    weight = np.where(carries, 3.0, np.where(rests, HOLE_STIFFNESS * depth**2, 0.0))
-    sheet = smooth_sheet(grid, np.where(carries, seen_height, 0.0), weight, tension=TENSION)
-    to_the_side = ndimage.binary_dilation(seen & (seen_height < SIDE_PER_HEIGHT * height_m), iterations=3)
+    weight = np.where(under.carries, 3.0, np.where(rests, HOLE_STIFFNESS * depth**2, 0.0))
+    sheet = smooth_sheet(grid, np.where(under.carries, under.seen_m, 0.0), weight, tension=TENSION)
+    low_side = under.seen & (under.seen_m < SIDE_PER_HEIGHT * height_m)
+    to_the_side = ndimage.binary_dilation(low_side, iterations=3)
     sheet = np.where(rests & (to_the_side if outline is None else outline), 0.0, sheet)
     sheet = np.where(hidden & ~rests, np.maximum(sheet, LEAST_GAP_PER_HEIGHT * height_m), sheet)
     if rng is not None and outline is None:
-        rim = seen_height[carries & (into_seen <= 8.0)]
+        rim = under.seen_m[under.carries & (under.into_seen <= 8.0)]
         sheet = np.where(hidden, np.maximum(sheet + _unseen_relief(grid, rim, height_m, rng), 0.0), sheet)
-    # Beside the hidden part the seen surface rules: the sheet follows it, and gives way to it within a few cells.
-    side = smooth_sheet(grid, np.where(seen, seen_height, 0.0), np.where(seen, 3.0, 0.0))
-    sheet = np.where(hidden, sheet, side - 0.002 * height_m * np.maximum(into_seen - 1.0, 0.0))
-    return Base(grid, np.where(sheet < RESTING_PER_HEIGHT * height_m, 0.0, sheet), hidden)
+    return under.closed_by(sheet, height_m)
 
 
 def _within_rim(seen: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,7 @@ from toppling.models.rock import Rock, check_size
 from toppling.models.scan.base import near_the_interface
 from toppling.models.scan.crevice import BAND_PER_HEIGHT, check_seen, judge_crevice
 from toppling.models.scan.ground import kept_of, pedestal_ground
+from toppling.models.scan.inspection import Inspection
 from toppling.models.scan.interface import Interface, fit_interface
 from toppling.models.scan.measure import (
     SeenRock,
@@ -30,12 +32,13 @@ from toppling.models.scan.picture import draw_scene
 from toppling.models.scan.read import Cloud
 from toppling.models.scan.register import check_fit, register
 from toppling.models.scan.segment import NEITHER, PEDESTAL, ROCK, Segmentation, label_surfels, segment
+from toppling.models.scan.standing import base_unseen
 from toppling.models.scan.word import Word, check_near
 from toppling.models.scene import Scene
 
 Progress = Callable[[str], None]
 
-STAGES = 5
+STAGES = 6
 
 OVERLAP_SHARE = 0.02
 """Points of two stations this near, in sizes of a cloud, show the same place."""
@@ -73,6 +76,7 @@ def survey(
     near_m: tuple[float, float] | None = None,
     word: Word | None = None,
     bootstrap: int = 0,
+    inspection: Inspection | None = None,
 ) -> Survey:
     """Register, segment, close and measure.
 
@@ -87,6 +91,8 @@ def survey(
         The interface as the user knows it, survey coordinates.
     bootstrap : int
         How often the rock is closed anew from resampled points, for the uncertainty in the report.
+    inspection : Inspection, optional
+        What the user knows of the base, survey coordinates.
 
     Raises
     ------
@@ -111,10 +117,18 @@ def survey(
     progress("closing the rock")
     closed, core = close_standing(seen, interface)
     check_can_stand(closed.rock, interface)
+    spread: dict[str, Any] = {}
+    if bootstrap:
+        resampled = partial(progress, "resampling")
+        spread = uncertainty(seen, interface, core, closed.invented_share, bootstrap, resampled)
+    progress("drawing the hidden base")
+    known = (inspection or Inspection()).moved(cloud.origin_m)
+    based = base_unseen(seen, interface, closed, core, spread.get("com_std_m"), known)
+    closed = based.closed
     progress("meshing the pedestal")
     pedestal = label_surfels(parts.surfels, cloud.points_m, label) == PEDESTAL
     ground = pedestal_ground(parts.surfels, pedestal, closed.rock, interface)
-    scene = Scene(closed.rock, ground.pedestal, origin_m=cloud.origin_m)
+    scene = Scene(closed.rock, ground.pedestal, origin_m=cloud.origin_m, unseen=based.unseen)
     report = {
         "interface": {
             "given_by": "fit" if word is None else word.kind,
@@ -128,6 +142,7 @@ def survey(
             "invented_share": closed.invented_share,
         },
         "slenderness": slenderness(scene),
+        "unseen_base": based.report,
         "segmentation": {
             "rock_points": int((label == ROCK).sum()),
             "pedestal_points": int((label == PEDESTAL).sum()),
@@ -139,12 +154,8 @@ def survey(
         "pedestal": kept_of(ground, seen.pedestal_m, interface),
         "registration": registration,
         "files": [{"name": name, "points": points} for name, points in cloud.files],
+        **({"uncertainty": spread} if spread else {}),
     }
-    if bootstrap:
-        resampled = partial(progress, "resampling")
-        report["uncertainty"] = uncertainty(
-            seen, interface, core, closed.invented_share, bootstrap, resampled
-        )
     return Survey(dataclasses.replace(scene, report=report), label)
 
 

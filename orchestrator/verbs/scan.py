@@ -58,6 +58,22 @@ def _enough(_: click.Context, __: click.Parameter, realisations: int) -> int:
     help="CSV of the contact's outline: x,y,z of one vertex a line, in order, in survey coordinates.",
 )
 @click.option(
+    "--contact",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="CSV of places at the base: x,y,z,touch where rock and pedestal touch, x,y,z,daylight where light passes.",
+)
+@click.option(
+    "--pull",
+    "pulls",
+    type=float,
+    nargs=2,
+    multiple=True,
+    metavar="AZIMUTH RATIO",
+    help="A pull or tilt test: the azimuth toward which the rock was pulled, degrees from east to north, and the force "
+    "over its weight that all but toppled it.",
+)
+@click.option(
     "--bootstrap",
     type=click.IntRange(min=0),
     default=REALISATIONS,
@@ -73,6 +89,8 @@ def scan(
     plane: tuple[float, ...] | None,
     points: tuple[str, ...],
     outline: Path | None,
+    contact: Path | None,
+    pulls: tuple[tuple[float, float], ...],
     bootstrap: int,
     as_json: bool,
 ) -> None:
@@ -81,11 +99,17 @@ def scan(
     FILES are stations of one survey: LAZ, LAS, PLY, PCD, XYZ, PTS, TXT, CSV or E57, in metres, z up. Rock and pedestal
     are told apart without help; --plane, --point or --outline says where they meet if you know better.
 
+    The base that no laser saw is a distribution: bases that agree with all that was seen, and on which the rock stands
+    as scanned, are drawn and kept in the scene. --contact, --pull and --outline tighten it.
+
     \b
     toppling scan station1.laz station2.laz --out scenes/rock
     toppling scan cloud.e57 --out scenes/rock --point 331250.1,3777309.2,480.3 \\
         --point 331251.0,3777310.4,480.2 --point 331249.4,3777310.8,480.4
+    toppling scan cloud.e57 --out scenes/rock --contact looked.csv --pull 135 0.32
     """  # noqa: D301  (\b keeps click from rewrapping the example)
+    from toppling.models.intervals import base_sentences
+    from toppling.models.scan.inspection import inspection_of
     from toppling.models.scan.measure import invention_warning
     from toppling.models.scan.read import read_clouds
     from toppling.models.scan.survey import STAGES, save_survey, survey
@@ -93,6 +117,7 @@ def scan(
     from toppling.orchestrator.plan import settling_notes
 
     refuse_existing(out)
+    inspection = inspection_of(contact, pulls)
     word = word_of(plane, [_coordinates(point) for point in points], outline)
     total = STAGES + bootstrap + 3
     columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), TimeRemainingColumn())
@@ -104,7 +129,7 @@ def scan(
 
         cloud = read_clouds(files)
         try:
-            result = survey(cloud, stage, near, word, bootstrap)
+            result = survey(cloud, stage, near, word, bootstrap, inspection)
         except InputError as error:
             raise _in_files(error, files) from None
         stage("letting the rock stand")
@@ -113,6 +138,7 @@ def scan(
         save_survey(result, out, notes)
         bar.update(task, completed=total, description="done")
     click.echo(json.dumps(result.scene.to_json(), allow_nan=False) if as_json else _told(result.scene, out))
+    notes += base_sentences(result.scene)
     if warning := invention_warning(result.scene):
         notes.append(warning)
     for note in notes:

@@ -26,6 +26,7 @@ def show(folder: Path, out: Path | None) -> None:
     \b
     toppling scene show scenes/rock --out pictures
     """  # noqa: D301  (\b keeps click from rewrapping the example)
+    from toppling.models.intervals import base_sentences
     from toppling.models.scan.page import write_page
     from toppling.models.scan.picture import draw_scene
     from toppling.orchestrator.plan import settling_notes
@@ -36,7 +37,9 @@ def show(folder: Path, out: Path | None) -> None:
     notes = settling_notes(loaded)
     draw_scene(loaded, target / "scene.png", notes)
     write_page(loaded, target / "scene.html", notes)
-    click.echo("\n".join([str(target / "scene.png"), str(target / "scene.html"), *notes]))
+    click.echo(
+        "\n".join([str(target / "scene.png"), str(target / "scene.html"), *notes, *base_sentences(loaded)])
+    )
 
 
 @scene.command()

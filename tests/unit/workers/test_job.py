@@ -8,6 +8,7 @@ import pytest
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.synthetic import synthetic_ensemble
 from toppling.models.scene import ContactProperties, Scene
+from toppling.models.unseen import BaseDraw, UnseenBase
 from toppling.workers import job
 from toppling.workers.job import Assets, JobSpec, prepared
 
@@ -67,3 +68,16 @@ def test_a_realisation_draws_the_same_again_in_a_worker_that_has_forgotten_it(en
     assert again is not first
     assert again.contact == first.contact
     assert (again.rock.com_m == first.rock.com_m).all()
+
+
+def test_each_realisation_stands_on_its_own_drawn_base_and_the_first_on_the_scenes(ensemble):
+    corners = np.array([[-0.2, -0.2, 0.0], [0.2, -0.2, 0.0], [0.0, 0.2, 0.0]])
+    draws = tuple(BaseDraw(corners * (share, share, 1.0), np.full(3, 0.01 * share)) for share in (1.0, 0.5))
+    scene = replace(Scene.block(0.2, 0.2, 0.6), unseen=UnseenBase(0.1, draws))
+    assert realised(scene, ensemble, 0).rock.feet_m is None
+    for number, draw in ((1, 0), (2, 1), (3, 0)):
+        rock = realised(scene, ensemble, number).rock
+        np.testing.assert_allclose(rock.feet_m[:3], draws[draw].feet_m, atol=1e-12)
+        assert rock.feet_m[3:, 2].min() >= 0.1
+        np.testing.assert_allclose(rock.com_m, scene.rock.com_m + draws[draw].com_offset_m, atol=1e-12)
+    assert realised(scene, ensemble, 1).contact != realised(scene, ensemble, 3).contact

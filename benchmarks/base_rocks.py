@@ -1,0 +1,174 @@
+"""Rocks whose base is known and unseen: flat, on three bumps, concave, rounded or wedge-shaped."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import trimesh
+from blind_rocks import HEIGHTS_M, superellipsoid
+from numpy.typing import NDArray
+from scipy.spatial import ConvexHull
+
+from toppling.models.frames import horizontal_unit_vector, plane_normal, rotation_between
+from toppling.models.pedestal import Pedestal
+from toppling.models.scan import virtual
+from toppling.models.statics import quasi_static_toppling_m_s2
+
+BASES = ("flat", "three bumps", "concave", "rounded", "wedge")
+ROUGHNESS = (0.001, 0.004)
+"""Standard deviation of a base's roughness over its width, drawn between these."""
+RELIEF = (0.01, 0.06)
+"""The same for what makes it other than flat."""
+LEAST_TOPPLING_M_S2 = 0.4
+"""A rock that topples under less would hardly stand."""
+SHADOW_PER_HEIGHT = 0.05
+"""Height up to which a hidden rim is hidden."""
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class BaseRock:
+    """A rock on a base of one kind, and its survey.
+
+    Parameters
+    ----------
+    truth : virtual.Truth
+    kind : str
+    half_hidden : bool
+        Whether half of the rim is hidden by rubble that was cleaned out of the cloud.
+    stations : list of virtual.Station
+    """
+
+    truth: virtual.Truth
+    kind: str
+    half_hidden: bool
+    stations: list[virtual.Station]
+
+
+def base_rock(seed: int) -> BaseRock:
+    """The rock of a number: kinds take turns, and every third rim is half hidden."""
+    random = np.random.default_rng([28, seed])
+    kind, half_hidden = BASES[seed % len(BASES)], seed % 3 == 0
+    truth = None
+    while truth is None or not _stands(truth):
+        truth = _drawn(kind, random)
+    stations = virtual.scan_around(
+        truth,
+        seed,
+        stations=int(random.integers(4, 8)),
+        resolution_per_height=random.uniform(0.005, 0.01),
+        noise_per_height=random.uniform(1e-4, 6e-4),
+    )
+    if half_hidden:
+        azimuth_deg = random.uniform(0.0, 360.0)
+        stations = [_without_half_of_the_rim(each, truth, azimuth_deg) for each in stations]
+    return BaseRock(truth, kind, half_hidden, stations)
+
+
+def _drawn(kind: str, random: np.random.Generator) -> virtual.Truth | None:
+    """A rock at rest on a base of this kind; None where its weight lies beside all of its base."""
+    height = float(random.choice(HEIGHTS_M) * random.uniform(0.8, 1.2))
+    points, faces = superellipsoid(random, height)
+    base_m = 1.02 * float(np.hypot(*points[points[:, 2] == 0.0][:, :2].T).max())
+    slope_deg, downhill_deg = random.uniform(0.0, 6.0), random.uniform(0.0, 360.0)
+    ground = virtual.ground(
+        height * random.uniform(2.0, 3.0),
+        base_m,
+        int(random.integers(1000)),
+        bumps_m=height * random.uniform(0.01, 0.06),
+    )
+    down = rotation_between((0.0, 0.0, 1.0), plane_normal(slope_deg, downhill_deg)).T @ np.array(
+        [0.0, 0.0, -1.0]
+    )
+    rested = _at_rest_on(kind, points, faces, down, random)
+    return None if rested is None else virtual.on_slope((rested, faces), ground, slope_deg, downhill_deg)
+
+
+def _at_rest_on(
+    kind: str, points_m: Array, faces: NDArray[np.int64], down: Array, random: np.random.Generator
+) -> Array | None:
+    """The rock with its base shaped, so that it touches the plane at three points around its weight's line."""
+    flat = points_m[points_m[:, 2] == 0.0, :2]
+    hull = ConvexHull(flat)
+    width_m = float(np.sqrt(hull.volume))
+    relief_m = (
+        width_m * random.uniform(*RELIEF) * _shape(kind, points_m[:, :2], hull, flat.mean(axis=0), random)
+    )
+    relief_m += width_m * random.uniform(*ROUGHNESS) * _roughness(points_m[:, :2] / width_m, random)
+    fades = np.exp(-points_m[:, 2] / (0.15 * float(np.ptp(points_m[:, 2]))))
+    shaped = points_m + np.column_stack([np.zeros((len(points_m), 2)), fades * relief_m])
+    for _ in range(12):  # the weight's line moves a little with the base
+        com_m = trimesh.Trimesh(shaped, faces, process=False).center_mass
+        pierced = com_m[:2] - down[:2] / down[2] * com_m[2]
+        low = shaped[shaped[:, 2] < 0.1 * np.ptp(shaped[:, 2])]
+        lower = ConvexHull(low)
+        facing = lower.equations[lower.equations[:, 2] < -1e-9]
+        height_m = -(pierced @ facing[:, :2].T + facing[:, 3]) / facing[:, 2]
+        a, b, c, d = facing[height_m.argmax()]
+        corner = low[lower.simplices[lower.equations[:, 2] < -1e-9][height_m.argmax()], :2]
+        if not _encloses(corner, pierced):
+            return None
+        shaped[:, 2] += (shaped[:, 0] * a + shaped[:, 1] * b + d) / c * fades
+    # What is left after the last pass is a millionth: set exactly.
+    shaped[:, 2] -= shaped[:, 2].min()
+    return shaped
+
+
+def _shape(
+    kind: str, places_m: Array, hull: ConvexHull, centre_m: Array, random: np.random.Generator
+) -> Array:
+    """What makes a base other than flat: heights (n,) between 0 and about 1."""
+    reach = -(hull.equations[:, :2] @ centre_m + hull.equations[:, 2])
+    share = ((places_m - centre_m) @ hull.equations[:, :2].T / reach).max(axis=1).clip(max=1.0)
+    turn = random.uniform(0.0, 2.0 * np.pi)
+    along = (places_m - centre_m) @ [np.cos(turn), np.sin(turn)] / np.sqrt(hull.volume)
+    if kind == "concave":
+        return 1.0 - share**2
+    if kind == "rounded":
+        return share ** random.uniform(1.5, 4.0)
+    if kind == "wedge":
+        return np.clip(along - random.uniform(-0.1, 0.25), 0.0, None) * 2.0
+    if kind == "three bumps":
+        angle = turn + 2.0 * np.pi / 3.0 * (np.arange(3) + random.uniform(-0.25, 0.25, 3))
+        foot = centre_m + (reach.min() * random.uniform(0.4, 0.95, (3, 1))) * np.column_stack(
+            [np.cos(angle), np.sin(angle)]
+        )
+        away = np.linalg.norm(places_m[:, None] - foot, axis=2).min(axis=1) / np.sqrt(hull.volume)
+        return 1.0 - np.exp(-((away / random.uniform(0.08, 0.2)) ** 2))
+    return np.zeros(len(places_m))
+
+
+def _roughness(places: Array, random: np.random.Generator) -> Array:
+    """Waves of several lengths, of standard deviation 1."""
+    waves = random.normal(size=(2, 40)) * random.uniform(4.0, 30.0, 40)
+    return np.cos(places @ waves + random.uniform(0.0, 2.0 * np.pi, 40)).sum(axis=1) / np.sqrt(20.0)
+
+
+def _encloses(corner: Array, point: Array) -> bool:
+    side = np.cross(np.roll(corner, -1, axis=0) - corner, point - corner)
+    return bool((side > 0).all() or (side < 0).all())
+
+
+def _without_half_of_the_rim(
+    station: virtual.Station, truth: virtual.Truth, azimuth_deg: float
+) -> virtual.Station:
+    """A station that rubble, cleaned out of the cloud since, kept from seeing half of the rim."""
+    offset = station.points_m - truth.pedestal.point_m
+    over, height = offset @ truth.pedestal.normal, truth.rock.height_m
+    low = truth.rock.vertices_m[
+        truth.rock.vertices_m @ truth.pedestal.normal
+        < 0.1 * height + truth.pedestal.point_m @ truth.pedestal.normal
+    ]
+    centre = low.mean(axis=0)
+    beyond = (station.points_m - centre) @ horizontal_unit_vector(azimuth_deg)
+    away = np.linalg.norm((station.points_m - centre)[:, :2], axis=1)
+    hidden = (beyond > 0) & (np.abs(over) < SHADOW_PER_HEIGHT * height) & (away < 0.6 * height)
+    return replace(station, points_m=station.points_m[~hidden], label=station.label[~hidden])
+
+
+def _stands(truth: virtual.Truth) -> bool:
+    plane = Pedestal(truth.pedestal.point_m, truth.pedestal.normal)
+    limits = quasi_static_toppling_m_s2(truth.rock, plane, 9.81, np.arange(0.0, 360.0, 30.0))
+    return min(limit for _, limit in limits) > LEAST_TOPPLING_M_S2

@@ -1,0 +1,245 @@
+"""Gaps between a rock's underside and its pedestal where neither was seen: random fields on which the rock stands.
+
+The gap is a Gaussian random field, conditioned on where it was seen (the rim). What is known besides is put in as a
+mechanical contact problem: of all fields near a draw, the one that costs least in the field's own metric and that
+
+- lies nowhere below its floor (no interpenetration; where the pedestal was seen below the rock a ray went through), and
+- touches at three or more places around the line of the weight, so that the rock is at rest in the pose of the scan.
+
+What a draw costs to be brought to this is its misfit with standing, and weighs it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve, cholesky
+from scipy.spatial import ConvexHull, QhullError
+from scipy.spatial.distance import cdist
+
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+JITTER = 1e-6
+"""Of the variance, added to the diagonal of a covariance so that it can be inverted."""
+ROUNDS = 80
+"""Of the active set, in each of which up to MOST_AT_ONCE places are added."""
+MOST_AT_ONCE = 12
+EFFECTIVE_SHARE = 0.35
+"""Of the draws, which their weights leave effective at least."""
+TOUCHING_SHARE = 1e-6
+"""Of the field's level below which a gap is closed."""
+
+
+@dataclass(frozen=True)
+class Relief:
+    """Prior of a gap: a level that is not known, a shape, and roughness upon it.
+
+    Parameters
+    ----------
+    level_m : float
+        Standard deviation of the mean gap.
+    shape_m, shape_length_m : float
+        Standard deviation and correlation length of what the base bulges, hollows or slopes.
+    rough_m, rough_length_m : float
+        The same of its roughness.
+    """
+
+    level_m: float
+    shape_m: float
+    shape_length_m: float
+    rough_m: float
+    rough_length_m: float
+
+    def covariance(self, places_m: Array) -> Array:
+        """Covariance (n, n) of the gaps at places (n, 2)."""
+        apart = cdist(places_m, places_m)
+        shape = self.shape_m**2 * _matern(apart / self.shape_length_m)
+        return self.level_m**2 + shape + self.rough_m**2 * _matern(apart / self.rough_length_m)
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """What is known of a gap.
+
+    Parameters
+    ----------
+    places_m : (n, 2) array
+        Where the gap is asked for.
+    known : (m,) int array
+        Places where it was seen.
+    gap_m, std_m : (m,) arrays
+        What was seen there, and how well.
+    floor_m : (n,) array
+        Least gap; above 0 where rock and pedestal cannot touch.
+    touching : (k,) int array
+        Places where they are known to touch.
+    """
+
+    places_m: Array
+    known: Index
+    gap_m: Array
+    std_m: Array
+    floor_m: Array
+    touching: Index
+
+
+@dataclass(frozen=True, eq=False)
+class GapDraw:
+    """One field of gaps (n,) on which the rock stands, the logarithm of its weight, and which weight's line it has."""
+
+    gap_m: Array
+    log_weight: float
+    number: int
+
+
+def draw_gaps(
+    seen: Seen, pierced_m: Array, reliefs: Sequence[Relief], random: np.random.Generator
+) -> list[GapDraw]:
+    """Fields on which the rock stands, with their weights.
+
+    Parameters
+    ----------
+    seen : Seen
+    pierced_m : (count, 2) array
+        Where the line of the weight pierces the interface, for each of the draws of each relief.
+    reliefs : sequence of Relief
+    random : numpy.random.Generator
+
+    Returns
+    -------
+    list of GapDraw
+        Fewer than asked for, down to none, where no contact can enclose the line of the weight.
+    """
+    found = []
+    for relief in reliefs:
+        fields, covariance, log_likelihood = _conditioned(seen, relief, len(pierced_m), random)
+        level = max(relief.shape_m, relief.rough_m)
+        for number, (field, pierced) in enumerate(zip(fields, pierced_m, strict=True)):
+            stood = _made_to_stand(field, covariance, seen, pierced, TOUCHING_SHARE * level)
+            if stood is not None:
+                gap, cost = stood
+                found.append(GapDraw(gap, log_likelihood - 0.5 * cost, number))
+    return found
+
+
+def resampled(log_weight: Array, count: int, random: np.random.Generator) -> Index:
+    """Numbers (count,) of draws, each as often as its weight says (systematic resampling).
+
+    Weights that would leave fewer effective draws than a share of all are tempered: they are costs of a Gaussian prior,
+    which no base follows so closely.
+    """
+    log_weight = log_weight - log_weight.max()
+    power = 1.0
+    for _ in range(60):
+        weight = np.exp(power * log_weight)
+        if weight.sum() ** 2 / (weight**2).sum() >= EFFECTIVE_SHARE * len(weight):
+            break
+        power *= 0.9
+    steps = (np.arange(count) + random.random()) / count
+    return np.searchsorted(np.cumsum(weight) / weight.sum(), steps).clip(max=len(weight) - 1)
+
+
+def facet_below(places_m: Array, gap_m: Array, pierced_m: Array) -> Index | None:
+    """The three places on which a body with these gaps rests under a line through a point of the plane, if any."""
+    try:
+        hull = ConvexHull(np.column_stack([places_m, gap_m]))
+    except QhullError:
+        return None
+    facing = np.flatnonzero(hull.equations[:, 2] < -1e-9)
+    a, b, c, d = hull.equations[facing].T
+    height = -(a * pierced_m[0] + b * pierced_m[1] + d) / c
+    corners = hull.simplices[facing[height.argmax()]]
+    return corners if encloses(places_m[corners], pierced_m) else None
+
+
+def encloses(points_m: Array, pierced_m: Array) -> bool:
+    """Whether the convex hull of points (k, 2) of the plane holds another point."""
+    if len(points_m) < 3:
+        return False
+    try:
+        hull = ConvexHull(points_m)
+    except QhullError:
+        return False
+    return bool((hull.equations[:, :2] @ pierced_m + hull.equations[:, 2] < 0.0).all())
+
+
+def _matern(apart: Array) -> Array:
+    """Matérn correlation of smoothness 5/2."""
+    scaled = np.sqrt(5.0) * apart
+    return np.asarray((1.0 + scaled + scaled**2 / 3.0) * np.exp(-scaled))
+
+
+def _conditioned(
+    seen: Seen, relief: Relief, count: int, random: np.random.Generator
+) -> tuple[Array, Array, float]:
+    """Fields (count, n) that agree with what was seen, their covariance, and how likely the seen is."""
+    prior = relief.covariance(seen.places_m)
+    prior[np.diag_indices_from(prior)] += JITTER * relief.level_m**2
+    free = cholesky(prior, lower=True) @ random.normal(size=(len(prior), count))
+    known = np.concatenate([seen.known, seen.touching])
+    target = np.concatenate([seen.gap_m, np.zeros(len(seen.touching))])
+    std = np.concatenate([seen.std_m, np.full(len(seen.touching), 1e-3 * relief.shape_m)])
+    if not len(known):
+        return free.T, prior, 0.0
+    factor = cho_factor(prior[np.ix_(known, known)] + np.diag(std**2), lower=True)
+    noise = std[:, None] * random.normal(size=(len(known), count))
+    cross = prior[:, known]
+    fields = free + cross @ cho_solve(factor, target[:, None] - free[known] - noise)
+    covariance = prior - cross @ cho_solve(factor, cross.T)
+    fit = float(target @ cho_solve(factor, target)) + 2.0 * float(np.log(np.diag(factor[0])).sum())
+    return fields.T, covariance, -0.5 * fit
+
+
+def _made_to_stand(
+    field: Array, covariance: Array, seen: Seen, pierced: Array, closed_m: float
+) -> tuple[Array, float] | None:
+    """The nearest field that stands, and what it cost to get there."""
+    gap, cost = _above_floor(field, covariance, seen.floor_m, seen.touching)
+    can_touch = np.flatnonzero(seen.floor_m <= 0.0)
+    touching = can_touch[gap[can_touch] <= closed_m]
+    if encloses(seen.places_m[touching], pierced):
+        return gap, cost
+    corners = facet_below(seen.places_m[can_touch], gap[can_touch], pierced)
+    if corners is None:
+        return None
+    feet = np.union1d(can_touch[corners], seen.touching)
+    return _above_floor(field, covariance, seen.floor_m, feet)
+
+
+def _above_floor(field: Array, covariance: Array, floor_m: Array, feet: Index) -> tuple[Array, float]:
+    """Field nearest to the given one that is 0 at the feet and nowhere below its floor; squared distance to it.
+
+    A quadratic programme, solved by its active set: forces at the feet may pull, all others only push.
+    """
+    target = floor_m.copy()
+    target[feet] = 0.0
+    fixed = np.zeros(len(field), bool)
+    fixed[feet] = True
+    active = fixed.copy()
+    tolerance = 3e-3 * float(np.sqrt(np.diag(covariance).max()))
+    gap, cost = field, 0.0
+    for _ in range(ROUNDS):
+        held = np.flatnonzero(active)
+        if len(held):
+            inner = covariance[np.ix_(held, held)]
+            inner[np.diag_indices_from(inner)] += JITTER * np.diag(covariance).max()
+            missing = target[held] - field[held]
+            force = cho_solve(cho_factor(inner, lower=True), missing)
+            pulls = (force < 0.0) & ~fixed[held]
+            if pulls.any():
+                active[held[pulls]] = False
+                continue
+            gap, cost = field + covariance[:, held] @ force, float(missing @ force)
+        below = np.where(active, 0.0, floor_m - gap)
+        worst = np.argsort(below)[: -MOST_AT_ONCE - 1 : -1]
+        worst = worst[below[worst] > tolerance]
+        if not len(worst):
+            break
+        active[worst] = True
+    gap = np.maximum(gap, floor_m)
+    gap[feet] = 0.0
+    return gap, cost

@@ -1,0 +1,63 @@
+"""What the draws of an unseen base say, in words."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from toppling.models.frames import compass_deg
+from toppling.models.scene import Scene
+
+
+def base_sentences(scene: Scene) -> list[str]:
+    """What a person should know of a scanned rock's hidden base; nothing for a rock without draws.
+
+    The azimuths are those of the ground acceleration; the rock topples the other way.
+    """
+    found = scene.report.get("unseen_base")
+    if not found:
+        return []
+    if contradiction := found.get("contradiction"):
+        return [f"warning: what was seen contradicts that the rock stands: {contradiction}"]
+    table = found["toppling"]
+    least = min(table, key=lambda each: each["median_m_s2"])
+    share = f"{found['level']:.0%} of {found['draws']} bases that agree with all that was seen"
+    few, _, many = found["contacts"]["count"]
+    com = np.array(found["com_m"])
+    sentences = [
+        f"toppling acceleration ({share}): least toward azimuth {least['azimuth_deg']:.0f}° "
+        f"(compass {compass_deg(least['azimuth_deg']):.0f}°), {_interval(least)}; over all azimuths the interval is "
+        f"{median_width(table):.0%} of its median wide",
+        f"contacts: {few} to {many} places touch, reaching {_reach(found)} from the line of the weight; centre of mass "
+        "known to ± " + ", ".join(f"{0.5 * (high - low):.2g}" for low, _, high in com) + " m (x, y, z)",
+    ]
+    if "without_inspection" in found:
+        before = found["without_inspection"]
+        told = "no base agreed" if before is None else f"it was {median_width(before):.0%} wide"
+        sentences.append(f"what is known by inspection tightens the interval: without it {told}")
+    if found.get("nominal_draw") is None and "outline" not in scene.report.get("interface", {}).get(
+        "given_by", ""
+    ):
+        sentences.append(
+            "warning: on no closed mesh of the likeliest bases the rock is at rest as scanned; the nominal scene has a "
+            "smooth base, the draws stand"
+        )
+    return sentences
+
+
+def median_width(table: list[dict[str, Any]]) -> float:
+    """Median over azimuths of an interval's width over its median."""
+    return float(np.median([
+        (each["high_m_s2"] - each["low_m_s2"]) / max(each["median_m_s2"], 1e-9) for each in table
+    ]))  # fmt: skip
+
+
+def _interval(each: dict[str, Any]) -> str:
+    return f"{each['low_m_s2']:.2f} to {each['high_m_s2']:.2f} m/s² (median {each['median_m_s2']:.2f})"
+
+
+def _reach(found: dict[str, Any]) -> str:
+    table = found["contacts"]["reach"]
+    low, high = min(each["low_m"] for each in table), max(each["high_m"] for each in table)
+    return f"{low:.2g} to {high:.2g} m"

@@ -1,0 +1,209 @@
+"""Draws of the base of a known mesh on a plane: three points carry there, and no mesh is right to a millimetre.
+
+The lowest part of the mesh is displaced along the plane's normal by smooth noise, as large and as long as what is known
+of the mesh's errors (accuracy of photogrammetry, differences of two meshes of one rock, roughness of seen faces). The
+rock is then let down on the plane, exactly and without speed, and the base is kept if the rock stands on it as it was
+seen to stand. No outcome of a shaking is used.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from toppling.models.errors import InputError
+from toppling.models.frames import plane_axes
+from toppling.models.pedestal import Pedestal
+from toppling.models.rock import Rock
+from toppling.models.scene import Scene
+from toppling.models.statics import CONTACT_SHARE_OF_HEIGHT, at_rest, quasi_static_toppling_m_s2
+from toppling.models.unseen import BaseDraw, UnseenBase, feet_above_m, least_feet
+
+WAVES = 96
+"""Of which the noise is made."""
+SPREAD_OF_WAVENUMBERS = 0.3
+"""Standard deviation of a wave's number over that of the wavelength asked for."""
+FADES_OVER = 0.25
+"""Share of the band, at its top, in which the noise fades to nothing."""
+THINNED_SHARE_OF_STD = 0.05
+"""Feet are left out while the hull of the others stays within this share of the noise's standard deviation."""
+LEAST_SHARE_THAT_STANDS = 0.005
+"""Of the bases tried; below it the rock hardly ever stands."""
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Standing:
+    """What is known of how the rock stood before it was shaken.
+
+    Parameters
+    ----------
+    attitude_std_deg : float
+        How well the mesh's pose gives the pose in which the rock stood: of a base that tilts the rock by more than this
+        fewer are kept (normal distribution). Infinite if the mesh's attitude says nothing.
+    least_toppling_m_s2 : float
+        Horizontal acceleration, of any azimuth, slowly applied, that the rock is known to have borne: by itself it
+        stood under 0, and through a weak shaking under about half of its peak.
+    """
+
+    attitude_std_deg: float = 1.0
+    least_toppling_m_s2: float = 0.0
+
+
+def with_rough_base(
+    scene: Scene,
+    *,
+    std_m: float,
+    wavelength_m: float,
+    band_m: float,
+    draws: int = 32,
+    standing: Standing | None = None,
+    com_std_m: float = 0.0,
+    seed: int = 0,
+    progress: Callable[[int], None] = lambda _: None,
+) -> Scene:
+    """A scene of a mesh on a plane, with draws of its base.
+
+    Parameters
+    ----------
+    scene : Scene
+        On an endless plane.
+    std_m, wavelength_m : float
+        Standard deviation and dominant wavelength of the error of the mesh near its base.
+    band_m : float
+        Height over the plane up to which the mesh is displaced.
+    draws : int
+    standing : Standing, optional
+    com_std_m : float
+        Standard deviation of each coordinate of the centre of mass.
+    seed : int
+        The same seed gives the same draws.
+    progress : callable
+        Told the number of draws so far.
+
+    Returns
+    -------
+    Scene
+        With `unseen`, from which the realisations of a campaign take their bases.
+
+    Raises
+    ------
+    InputError
+        If the pedestal is no plane, a length is none, or the rock hardly ever stands on such bases.
+    """
+    _check(scene, std_m, wavelength_m, band_m, draws)
+    standing = standing or Standing()
+    random = np.random.default_rng([2029, seed])
+    kept: list[BaseDraw] = []
+    for tried in range(1, 100_000_000):
+        noise = _Noise.drawn(std_m, wavelength_m, random)
+        offset_m = random.normal(size=3) * com_std_m
+        chance = float(random.random())
+        draw = _let_down(scene, noise, band_m, offset_m, THINNED_SHARE_OF_STD * std_m)
+        if draw is not None and _stood(scene, UnseenBase(band_m, (draw,)), standing, chance):
+            kept.append(draw)
+            progress(len(kept))
+        if len(kept) == draws:
+            break
+        if tried * LEAST_SHARE_THAT_STANDS > max(draws, 1.0) and len(kept) < LEAST_SHARE_THAT_STANDS * tried:
+            raise InputError(
+                f"of {tried} bases with noise of {std_m:g} m the rock stands on {len(kept)}",
+                where=f"scene {scene.id}",
+                expected=f"a rock that stands on at least {LEAST_SHARE_THAT_STANDS:.1%} of its possible bases",
+                remedy="give a smaller standard deviation, a larger attitude_std_deg or a smaller "
+                "least_toppling_m_s2, or turn the mesh to the pose in which the rock stood",
+            )
+    return dataclasses.replace(scene, unseen=UnseenBase(band_m, tuple(kept)))
+
+
+@dataclass(frozen=True, eq=False)
+class _Noise:
+    """A sum of plane waves in space: a smooth random field of heights."""
+
+    wave_rad_m: Array
+    phase_rad: Array
+    amplitude_m: float
+
+    @classmethod
+    def drawn(cls, std_m: float, wavelength_m: float, random: np.random.Generator) -> _Noise:
+        way = random.normal(size=(WAVES, 3))
+        way /= np.linalg.norm(way, axis=1)[:, None]
+        length = 1.0 + SPREAD_OF_WAVENUMBERS * random.normal(size=(WAVES, 1))
+        phase = random.uniform(0.0, 2.0 * np.pi, WAVES)
+        return cls(2.0 * np.pi / wavelength_m * length * way, phase, std_m * float(np.sqrt(2.0 / WAVES)))
+
+    def __call__(self, points_m: Array) -> Array:
+        return self.amplitude_m * np.cos(points_m @ self.wave_rad_m.T + self.phase_rad).sum(axis=1)
+
+
+def _let_down(
+    scene: Scene, noise: _Noise, band_m: float, com_offset_m: Array, tolerance_m: float
+) -> BaseDraw | None:
+    """The base under one noise, the rock at rest on it; None if it falls."""
+    rock, pedestal = scene.rock, scene.pedestal
+    frame = np.vstack([*plane_axes(pedestal.normal), pedestal.normal])
+    flat = (rock.vertices_m - pedestal.point_m) @ frame.T
+    low = flat[flat[:, 2] < band_m]
+    fade = np.clip((band_m - low[:, 2]) / (FADES_OVER * band_m), 0.0, 1.0)
+    low = low + np.column_stack([np.zeros((len(low), 2)), fade * noise(low)])
+    high_m = feet_above_m(rock, pedestal, band_m)
+    high = (high_m - pedestal.point_m) @ frame.T
+    com_m = rock.com_m + com_offset_m
+    feet = least_feet(low, high, (com_m - pedestal.point_m) @ frame.T, tolerance_m)
+    feet_m = np.vstack([feet @ frame + pedestal.point_m, high_m])
+    rough = dataclasses.replace(rock, com_m=com_m, feet_m=feet_m)
+    rest = at_rest(rough, pedestal, scene.gravity_m_s2)
+    if rest is None:
+        return None
+    turn, shift = rest
+    settled = ((feet @ frame + pedestal.point_m) @ turn.T + shift - pedestal.point_m) @ frame.T
+    touching = settled[:, 2] < 2.0 * CONTACT_SHARE_OF_HEIGHT * rock.height_m
+    settled[touching, 2] = 0.0
+    return BaseDraw(settled, com_offset_m, Rotation.from_matrix(turn).as_rotvec(), shift)
+
+
+def _stood(scene: Scene, base: UnseenBase, standing: Standing, chance: float) -> bool:
+    """Whether the rock stands on a base as it was seen to."""
+    draw = base.draws[0]
+    if chance > np.exp(-0.5 * (draw.tilt_deg / standing.attitude_std_deg) ** 2):
+        return False
+    rock = base.realised(scene.rock, scene.pedestal, 0)
+    return _bears(rock, scene.pedestal, scene.gravity_m_s2, standing.least_toppling_m_s2)
+
+
+def _bears(rock: Rock, pedestal: Pedestal, gravity_m_s2: float, least_m_s2: float) -> bool:
+    azimuths = np.arange(0.0, 360.0, 15.0) if least_m_s2 > 0.0 else (0.0,)
+    # One after the other: most bases that fail do so toward the first few azimuths.
+    return all(
+        quasi_static_toppling_m_s2(rock, pedestal, gravity_m_s2, (azimuth,))[0][1] > least_m_s2
+        for azimuth in azimuths
+    )
+
+
+def _check(scene: Scene, std_m: float, wavelength_m: float, band_m: float, draws: int) -> None:
+    if not scene.pedestal.is_plane:
+        raise InputError(
+            "the pedestal is a scanned surface",
+            where=f"scene {scene.id}",
+            expected="a mesh on an endless plane",
+            remedy="'toppling scan' draws the bases of scanned rocks; make this scene with Scene.from_mesh",
+        )
+    for name, value in (
+        ("std_m", std_m),
+        ("wavelength_m", wavelength_m),
+        ("band_m", band_m),
+        ("draws", draws),
+    ):
+        if not (np.isfinite(value) and value > 0):
+            raise InputError(
+                f"{name} is {value}",
+                where="with_rough_base",
+                expected="a positive number",
+                remedy="for a mesh from photographs: some 0.003 m of error over 0.15 m in the lowest 0.08 m",
+            )

@@ -1,0 +1,232 @@
+"""What a scan saw of the gap between rock and pedestal, and what it leaves open."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+from scipy.spatial import ConvexHull, cKDTree
+
+from toppling.models.errors import InputError
+from toppling.models.gap import Relief, Seen
+from toppling.models.scan.base import LEAST_GAP_PER_HEIGHT, Underside
+from toppling.models.scan.inspection import Inspection
+from toppling.models.scan.interface import Interface
+
+PLACES_ACROSS = 21
+"""Places of the hidden base over the root of its area."""
+MOST_RIM = 160
+"""Places of the rim that carry its seen gap."""
+RIM_CELLS = 8.0
+"""Cells from the hidden part within which what was seen is its rim."""
+RIM_WINDOW, RIM_RISES_PER_CELL = 13, 0.8
+"""The rim is what of it is as low as all within a window of cells, but for so much: a rim may rise along itself."""
+ABOVE_RIM_PER_SPACING, RIM_STD_PER_SPACING = 0.33, 0.19
+"""How far the lowest seen point lies above a rim, and its spread, over the distance of the point's fourth neighbour:
+of five known rocks .30 to .36, and .16 to .22."""
+SIDE_PER_HEIGHT, LEAST_SIDE, MOST_LEAN = 0.025, 8, 3.0
+"""A rim's side is a plane through so many points or more within this distance; it leans outward by so much at most."""
+BESIDE_PER_HEIGHT, BESIDE_PER_GAP = 0.02, 8.0
+"""A rim was seen to its end where the pedestal was seen so near, plus so many times its gap."""
+FLATTEST_RAY = 0.07
+"""Tangent over the pedestal of the flattest ray (4 degrees) that lights it below a rock."""
+NEIGHBOURS = 5
+RIM_BORDER = 3.0
+"""Cells from the hidden part's border: points there may be the pedestal beside the rock."""
+LIT_CELLS = 2.0
+"""Depth of a hole in the pedestal's seen points, cells, below which it counts as seen."""
+SHAPES_PER_WIDTH = (0.003, 0.012, 0.04)
+"""Priors tried: standard deviation of what a base bulges, over the root of its area ..."""
+LENGTHS_PER_WIDTH = (0.25, 0.6)
+"""... and over what length."""
+ROUGH_PER_WIDTH, ROUGH_LENGTH_PER_WIDTH = (0.001, 0.003), 0.07
+LEVEL_PER_WIDTH = 0.1
+OUTLINE_STD_PER_HEIGHT = 0.0015
+"""Of the gap along an outline of the contact."""
+NOT_UNDER_THE_ROCK = 0.05
+"""Share of the height beyond which a place of an inspection is none of the base."""
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class HiddenPart:
+    """Places over the hidden base, what was seen of the gap there, and how they map to the grid.
+
+    Parameters
+    ----------
+    under : Underside
+    seen : Seen
+    width_m : float
+        Root of the hidden area.
+    inner : int
+        So many of the places, the first ones, lie on a square grid over the hidden area.
+    """
+
+    under: Underside
+    seen: Seen
+    width_m: float
+    inner: int
+
+    @property
+    def cell_m2(self) -> float:
+        """Area that each of the inner places stands for."""
+        return self.width_m**2 / self.inner
+
+
+def hidden_part(
+    under: Underside, low: Array, lit: Array, height_m: float, inspection: Inspection, interface: Interface
+) -> HiddenPart:
+    """Lay places over the hidden base and its rim, and collect what is known of the gap.
+
+    Parameters
+    ----------
+    under : Underside
+    low, lit : (n, 3) arrays
+        Points of rock and pedestal near the interface, as u, v, h.
+    height_m : float
+        Of the rock.
+    inspection : Inspection
+        In the scene's frame.
+    interface : Interface
+
+    Raises
+    ------
+    InputError
+        If a place of the inspection is none of the base.
+    """
+    grid, cell = under.grid, under.grid.cell_m
+    width_m = cell * float(np.sqrt(under.hidden.sum()))
+    stride = max(1, round(width_m / PLACES_ACROSS / cell))
+    chosen = np.zeros(grid.shape, bool)
+    chosen[::stride, ::stride] = True
+    inner = grid.nodes_m[under.hidden & chosen]
+    rim = _outlined(under, height_m) if under.outline is not None else _seen_rim(under, low, lit, height_m)
+    told = [interface.flat(each)[:, :2] for each in (inspection.touching_m, inspection.open_m)]
+    places = np.vstack([inner, rim[:, :2], *told])
+    _check_under_the_rock(np.vstack(told), places[: len(inner) + len(rim)], height_m)
+    first = np.cumsum([len(inner), len(rim), len(told[0])])
+    floor = np.zeros(len(places))
+    floor[: first[0]] = _least_gap(under).ravel()[grid.index(inner)]
+    floor[first[2] :] = LEAST_GAP_PER_HEIGHT * height_m
+    seen = Seen(
+        places,
+        np.arange(first[0], first[1]),
+        rim[:, 2],
+        rim[:, 3],
+        floor,
+        np.arange(first[1], first[2]),
+    )
+    return HiddenPart(under, seen, width_m, len(inner))
+
+
+def _seen_rim(under: Underside, low: Array, lit: Array, height_m: float) -> Array:
+    """Places of the rim, the gap seen there and its standard deviation (k, 4)."""
+    rim = _lowest_points(under, low)
+    rim = rim[_spread(rim[:, :2], MOST_RIM)]
+    gap, beside = rim[:, 2], np.full(len(rim), np.inf)
+    if len(lit) >= NEIGHBOURS:
+        away, nearest = cKDTree(lit[:, :2]).query(rim[:, :2], NEIGHBOURS)
+        beside = away[:, 0]
+        gap = gap - np.where(beside[:, None] < BESIDE_PER_HEIGHT * height_m, lit[nearest, 2], 0.0).mean(
+            axis=1
+        )
+    to_its_end = beside < BESIDE_PER_HEIGHT * height_m + BESIDE_PER_GAP * np.maximum(gap, 0.0)
+    spacing = cKDTree(low).query(rim, NEIGHBOURS)[0][:, -1]
+    above, std = ABOVE_RIM_PER_SPACING * spacing, RIM_STD_PER_SPACING * spacing
+    at = rim[:, :2] - np.clip(gap, 0.0, above)[:, None] * _outward_per_rise(rim, low, height_m)
+    # Of a rim that was not seen to its end the gap lies anywhere below what was seen.
+    seen_gap = np.where(to_its_end, gap - above, 0.5 * gap)
+    return np.column_stack([at, seen_gap, np.where(to_its_end, std, np.maximum(0.4 * gap, std))])
+
+
+def _outlined(under: Underside, height_m: float) -> Array:
+    """The same for the border of a contact that the user outlined: there the gap is closed."""
+    assert under.outline is not None
+    border = under.outline & ~ndimage.binary_erosion(under.outline)
+    at = under.grid.nodes_m[border]
+    at = at[_spread(at, MOST_RIM)]
+    return np.column_stack([at, np.zeros(len(at)), np.full(len(at), OUTLINE_STD_PER_HEIGHT * height_m)])
+
+
+def _check_under_the_rock(told: Array, places: Array, height_m: float) -> None:
+    """Refuse a place of an inspection that is none of the base."""
+    if len(told) and (away := cKDTree(places).query(told)[0]).max() > NOT_UNDER_THE_ROCK * height_m:
+        raise InputError(
+            f"place {int(away.argmax()) + 1} lies {away.max():.3g} m from the hidden base and its rim",
+            where="--contact",
+            expected="places below the rock, where it may touch its pedestal",
+            remedy="give them in the coordinates of the clouds, in metres; those that touch are counted first",
+        )
+
+
+def _lowest_points(under: Underside, low: Array) -> Array:
+    """Lowest point (k, 3) of each cell of the rim."""
+    index = under.grid.index(low)
+    order = np.lexsort((low[:, 2], index))
+    cells, first = np.unique(index[order], return_index=True)
+    known = np.where(under.seen, under.seen_m, np.inf)
+    lowest = known <= ndimage.minimum_filter(known, RIM_WINDOW) + RIM_RISES_PER_CELL * under.grid.cell_m
+    of_rim = (lowest & under.seen & (under.into_seen <= RIM_CELLS)).ravel()[cells]
+    return low[order][first[of_rim]]
+
+
+def _outward_per_rise(rim: Array, low: Array, height_m: float) -> Array:
+    """How far the rock's side leans outward (k, 2) over its rise, above each point of the rim."""
+    tree = cKDTree(low[:, :2])
+    lean = np.zeros((len(rim), 2))
+    for number, (point, near) in enumerate(
+        zip(rim, tree.query_ball_point(rim[:, :2], SIDE_PER_HEIGHT * height_m), strict=True)
+    ):
+        side = low[near]
+        side = side[side[:, 2] < point[2] + SIDE_PER_HEIGHT * height_m]
+        if len(side) < LEAST_SIDE:
+            continue
+        offset = side - side.mean(axis=0)
+        slope, *_ = np.linalg.lstsq(offset[:, :2], offset[:, 2], rcond=None)
+        steep = float(np.linalg.norm(slope))
+        if steep > 0.0:
+            lean[number] = slope / steep * min(1.0 / steep, MOST_LEAN)
+    return lean
+
+
+def _least_gap(under: Underside) -> Array:
+    """What a ray that lit the pedestal below the rock left free: more, the farther it went on inward."""
+    lit = (
+        under.hidden
+        & (under.hole_depth < LIT_CELLS)
+        & (ndimage.distance_transform_edt(under.hidden) > RIM_BORDER)
+    )
+    if under.outline is not None:
+        lit &= ~under.outline
+    return np.asarray(FLATTEST_RAY * under.grid.cell_m * ndimage.distance_transform_edt(lit) * lit)
+
+
+def _spread(places: Array, most: int) -> NDArray[np.intp]:
+    """Numbers of at most so many places that lie spread, the corners of their hull among them."""
+    if len(places) <= most:
+        return np.arange(len(places))
+    chosen = list(ConvexHull(places).vertices[:most])
+    away = np.linalg.norm(places[:, None] - places[chosen], axis=2).min(axis=1)
+    while len(chosen) < most:
+        far = int(away.argmax())
+        chosen.append(far)
+        away = np.minimum(away, np.linalg.norm(places - places[far], axis=1))
+    return np.array(sorted(chosen))
+
+
+def reliefs(width_m: float) -> list[Relief]:
+    """Priors of the gap, from nearly flat to much bulged."""
+    return [
+        Relief(
+            LEVEL_PER_WIDTH * width_m,
+            shape * width_m,
+            length * width_m,
+            rough * width_m,
+            ROUGH_LENGTH_PER_WIDTH * width_m,
+        )
+        for shape, length, rough in product(SHAPES_PER_WIDTH, LENGTHS_PER_WIDTH, ROUGH_PER_WIDTH)
+    ]

@@ -1,0 +1,109 @@
+"""What one knows of the base by inspection: places that touch, places where daylight shows through, pull tests."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from toppling.models.errors import InputError
+
+TOUCHES, OPEN = ("touch", "contact", "1"), ("daylight", "open", "gap", "0")
+PULL_STD_SHARE = 0.05
+"""How well a pull or tilt test tells the ratio: of the force's direction, height and reading together."""
+
+Array = NDArray[np.float64]
+
+
+def _no_places() -> Array:
+    return np.zeros((0, 3))
+
+
+@dataclass(frozen=True, eq=False)
+class Inspection:
+    """Knowledge of the base, in survey coordinates.
+
+    Parameters
+    ----------
+    touching_m, open_m : (n, 3) arrays
+        Places where rock and pedestal touch, and where daylight shows through between them.
+    pulls : tuple of (float, float)
+        Azimuth toward which the rock was pulled, horizontally at the height of its centre of mass, degrees from east to
+        north, and the force over its weight that lifted it until it would have gone on by itself.
+    """
+
+    touching_m: Array = field(default_factory=_no_places)
+    open_m: Array = field(default_factory=_no_places)
+    pulls: tuple[tuple[float, float], ...] = ()
+
+    @property
+    def says_nothing(self) -> bool:
+        """Whether it holds no knowledge."""
+        return not (len(self.touching_m) or len(self.open_m) or self.pulls)
+
+    def moved(self, shift_m: Array) -> Inspection:
+        """The same in coordinates from which `shift_m` is taken away."""
+        return Inspection(self.touching_m - shift_m, self.open_m - shift_m, self.pulls)
+
+
+def inspection_of(contact: str | Path | None = None, pulls: Sequence[Sequence[float]] = ()) -> Inspection:
+    """Inspection from the command line's options.
+
+    Parameters
+    ----------
+    contact : path, optional
+        File with a place a line: x, y, z and `touch` or `daylight`; a line of column names may come first.
+    pulls : sequence of (azimuth_deg, ratio)
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, or a ratio is none.
+    """
+    for azimuth, ratio in pulls:
+        if not (np.isfinite(azimuth) and 0.0 < ratio < 3.0):
+            raise InputError(
+                f"{azimuth:g} {ratio:g} is no pull test",
+                where="--pull",
+                expected="the azimuth of the pull, degrees from east to north, and its force over the rock's weight",
+                remedy="write it like --pull 135 0.32; of a tilt test the ratio is the tangent of the angle",
+            )
+    touching, free = _places(Path(contact)) if contact is not None else (_no_places(), _no_places())
+    return Inspection(touching, free, tuple((float(azimuth), float(ratio)) for azimuth, ratio in pulls))
+
+
+def _places(path: Path) -> tuple[Array, Array]:
+    try:
+        lines = path.read_text(encoding="utf-8-sig").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise _unusable(f"cannot be read ({error})", path) from None
+    found: dict[bool, list[list[float]]] = {True: [], False: []}
+    for number, line in enumerate(lines, 1):
+        words = line.replace(",", " ").replace(";", " ").split()
+        if not words or words[0].startswith("#"):
+            continue
+        try:
+            place = [float(word) for word in words[:3]]
+        except ValueError:
+            if number == 1:
+                continue
+            raise _unusable(f"line {number} is '{line}'", path) from None
+        kind = words[3].lower() if len(words) == 4 else ""
+        if len(place) != 3 or not np.isfinite(place).all() or kind not in TOUCHES + OPEN:
+            raise _unusable(f"line {number} is '{line}'", path)
+        found[kind in TOUCHES].append(place)
+    if not found[True] and not found[False]:
+        raise _unusable("holds no places", path)
+    return np.array(found[True]).reshape(-1, 3), np.array(found[False]).reshape(-1, 3)
+
+
+def _unusable(what: str, path: Path) -> InputError:
+    return InputError(
+        what,
+        where=str(path),
+        expected="a place a line: x,y,z,touch or x,y,z,daylight, in survey coordinates and metres",
+        remedy="give one line for each place at the base where rock and pedestal touch, or where light shows through",
+    )

@@ -1,0 +1,151 @@
+"""The base of a scanned rock: draws on which it stands as scanned, the closing that goes with them, their intervals."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from toppling.models.gap import encloses
+from toppling.models.scan.base import hidden_base
+from toppling.models.scan.close import ClosedRock
+from toppling.models.scan.inspection import Inspection
+from toppling.models.scan.interface import Interface
+from toppling.models.scan.measure import SeenRock, floors, toppling
+from toppling.models.scan.unseen import (
+    AZIMUTHS_DEG,
+    ContradictionError,
+    DrawnBases,
+    close_on_a_draw,
+    draw_bases,
+    pierced_m,
+    unseen_base,
+)
+from toppling.models.unseen import UnseenBase
+
+LEVEL = 0.9
+"""Of the intervals that are stated."""
+OTHER_ERRORS_SHARE = 0.02
+"""Standard deviation of the toppling acceleration that no draw shows: what the reconstruction rounds off."""
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Based:
+    """A rock closed on its central base, the draws beside it, and what they say.
+
+    Parameters
+    ----------
+    closed : ClosedRock
+    unseen : UnseenBase or None
+        None where what was seen contradicts standing.
+    report : dict
+    """
+
+    closed: ClosedRock
+    unseen: UnseenBase | None
+    report: dict[str, Any]
+
+
+def base_unseen(
+    seen: SeenRock,
+    interface: Interface,
+    former: ClosedRock,
+    core: float,
+    com_std_m: list[float] | None,
+    inspection: Inspection,
+) -> Based:
+    """Draw the base, and close the rock on the draw in the middle.
+
+    Parameters
+    ----------
+    seen : SeenRock
+    interface : Interface
+    former : ClosedRock
+        Closed smoothly, whatever stands on it.
+    core : float
+        Of the feet of that closing.
+    com_std_m : list of float or None
+        Spread of the centre of mass over half samples, if they were drawn.
+    inspection : Inspection
+        In the scene's frame.
+
+    Raises
+    ------
+    InputError
+        If the inspection's places are none of the base.
+    """
+    low, lit = interface.flat(seen.low_m), interface.flat(seen.lit_m)
+    smooth = hidden_base(low, lit, seen.height_m, core, seen.word)
+    least = np.full(3, floors(former.invented_share)["com_per_height"] * seen.height_m)
+    std_m = least if com_std_m is None else np.array(com_std_m)
+    central = toppling(former.rock, interface, AZIMUTHS_DEG)
+    report: dict[str, Any] = {"level": LEVEL, "smooth_closing_m_s2": central.tolist()}
+    try:
+        drawn = draw_bases(seen, interface, former.rock, smooth, std_m, inspection)
+    except ContradictionError as error:
+        return Based(former, None, report | {"contradiction": f"{error.what}; {error.remedy}"})
+    report |= intervals(drawn, interface)
+    if not inspection.says_nothing or (seen.word is not None and seen.word.encloses):
+        unaided = dataclasses.replace(
+            seen, word=None if seen.word is None or seen.word.encloses else seen.word
+        )
+        try:
+            before = draw_bases(unaided, interface, former.rock, smooth, std_m)
+            report["without_inspection"] = intervals(before, interface)["toppling"]
+        except ContradictionError:
+            report["without_inspection"] = None
+    if seen.word is not None and seen.word.encloses:
+        closed, number = former, None  # the user says where it rests: flat, within the outline
+    else:
+        closed, number = close_on_a_draw(seen, interface, drawn, former)
+    report["nominal_draw"] = number
+    return Based(closed, unseen_base(drawn, closed.rock, interface, seen.height_m), report)
+
+
+def intervals(drawn: DrawnBases, interface: Interface) -> dict[str, Any]:
+    """Intervals of toppling acceleration by azimuth, contact points and centre of mass over draws.
+
+    Returns
+    -------
+    dict
+        `toppling`: for each azimuth of the ground acceleration its low, median and high, m/s2. `contacts`: number of
+        places that touch, and the support polygon's reach toward each azimuth from the line of the weight, low, median
+        and high, m. `com_m`: low, median and high of each coordinate.
+    """
+    tail = 0.5 * (1.0 - LEVEL)
+    median = np.median(drawn.toppling_m_s2, axis=0)
+    low, high = np.quantile(drawn.toppling_m_s2, [tail, 1.0 - tail], axis=0)
+    # What the draws do not show is joined in quadrature, on each side.
+    other = 1.645 * OTHER_ERRORS_SHARE * median
+    low, high = median - np.hypot(median - low, other), median + np.hypot(high - median, other)
+    places = drawn.part.seen.places_m
+    toward = np.deg2rad(AZIMUTHS_DEG)
+    ways = np.array([np.cos(toward), np.sin(toward), np.zeros(len(toward))]).T @ interface.axes
+    reach, count = [], []
+    for gap, com_m in zip(drawn.gaps, drawn.com_m, strict=True):
+        touching = places[gap.gap_m <= 0.0]
+        weight = pierced_m(com_m[None], interface)[0]
+        assert encloses(touching, weight)
+        reach.append(((touching - weight) @ ways[:, :2].T).max(axis=0))
+        count.append(len(touching))
+    reaches = np.quantile(reach, [tail, 0.5, 1.0 - tail], axis=0)
+    return {
+        "draws": len(drawn.gaps),
+        "toppling": [
+            {"azimuth_deg": float(a), "low_m_s2": float(x), "median_m_s2": float(m), "high_m_s2": float(y)}
+            for a, x, m, y in zip(AZIMUTHS_DEG, np.maximum(low, 0.0), median, high, strict=True)
+        ],
+        "contacts": {
+            "count": [int(n) for n in np.quantile(count, [tail, 0.5, 1.0 - tail], method="nearest")],
+            "reach": [
+                {"azimuth_deg": float(a), "low_m": float(x), "median_m": float(m), "high_m": float(y)}
+                for a, x, m, y in zip(AZIMUTHS_DEG, *reaches, strict=True)
+            ],
+        },
+        "com_m": np.quantile(drawn.com_m, [tail, 0.5, 1.0 - tail], axis=0).T.tolist(),
+    }

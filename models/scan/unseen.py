@@ -1,0 +1,284 @@
+"""From what a scan saw of rock and pedestal to draws of the base that it did not see."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator
+from scipy.spatial import ConvexHull, cKDTree
+
+from toppling.models.errors import InputError
+from toppling.models.frames import STANDARD_GRAVITY_M_S2
+from toppling.models.gap import GapDraw, draw_gaps, encloses, resampled
+from toppling.models.pedestal import Pedestal
+from toppling.models.rock import Rock
+from toppling.models.scan.base import Base, Underside
+from toppling.models.scan.close import ClosedRock, close_rock
+from toppling.models.scan.gap_seen import HiddenPart, hidden_part, reliefs
+from toppling.models.scan.inspection import PULL_STD_SHARE, Inspection
+from toppling.models.scan.interface import Interface
+from toppling.models.scan.measure import SeenRock
+from toppling.models.statics import equilibrium_possible, quasi_static_toppling_m_s2
+from toppling.models.unseen import BaseDraw, UnseenBase, least_feet
+
+DRAWS = 48
+"""Kept in the scene."""
+CANDIDATES = 12
+"""Draws of each prior, of which the likelier are kept."""
+AZIMUTHS_DEG = np.arange(0.0, 360.0, 15.0)
+BAND_PER_HEIGHT = 0.06
+FEET_PER_HEIGHT, COARSE_FEET_PER_HEIGHT = 3e-4, 1e-3
+"""Feet are left out while the hull of the others stays within this share of the height: for shaking, for statics."""
+ABOVE_THE_RIM_PER_HEIGHT = 0.002
+"""The rock's side starts so far above its rim."""
+HIGH_FEET_PER_HEIGHT = 0.3
+"""Higher ones come down only when the rock has toppled."""
+FRICTION = 0.8
+"""With which the nominal rock must stand as scanned."""
+TRIES = 4
+DRAWN_RESTING_PER_HEIGHT = 1e-4
+"""What of a drawn base lies lower rests: its contacts are places, not the patches of a smooth closing."""
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class DrawnBases:
+    """Fields of gaps on which the rock stands as scanned, and what follows from each.
+
+    Parameters
+    ----------
+    part : HiddenPart
+    gaps : list of GapDraw
+    com_m : (n, 3) array
+        Centre of mass with each, scene frame.
+    toppling_m_s2 : (n, azimuths) array
+        Quasi-static toppling acceleration with each, for ground accelerations toward AZIMUTHS_DEG.
+    central : int
+        Number of the draw nearest to the median of these.
+    """
+
+    part: HiddenPart
+    gaps: list[GapDraw]
+    com_m: Array
+    toppling_m_s2: Array
+    central: int
+
+    def base(self, number: int, height_m: float) -> Base:
+        """The hidden base of a draw, to close the rock with."""
+        places, gap = self.part.seen.places_m, self.gaps[number].gap_m
+        at = self.part.under.grid.nodes_m
+        sheet = LinearNDInterpolator(places, gap)(at)
+        sheet = np.where(np.isfinite(sheet), sheet, NearestNDInterpolator(places, gap)(at))
+        touching = cKDTree(places[gap <= 0.0]).query(at)[0] <= self.part.under.grid.cell_m
+        return self.part.under.closed_by(np.where(touching, 0.0, sheet), height_m, DRAWN_RESTING_PER_HEIGHT)
+
+
+class ContradictionError(InputError):
+    """What was seen leaves no base on which the rock stands as scanned."""
+
+
+def draw_bases(
+    seen: SeenRock,
+    interface: Interface,
+    closed: Rock,
+    base: Base,
+    com_std_m: Array,
+    inspection: Inspection | None = None,
+    draws: int = DRAWS,
+) -> DrawnBases:
+    """Draw bases that agree with rim, crevice, standing and inspection.
+
+    Parameters
+    ----------
+    seen : SeenRock
+    interface : Interface
+    closed : Rock
+        Closed with a base, for its mass.
+    base : Base
+        That base.
+    com_std_m : (3,) array
+        Standard deviation of its centre of mass.
+    inspection : Inspection, optional
+        In the scene's frame.
+    draws : int
+
+    Raises
+    ------
+    InputError
+        If no base agrees with all of it: `ContradictionError`.
+    """
+    inspection = inspection or Inspection()
+    low, lit = interface.flat(seen.low_m), interface.flat(seen.lit_m)
+    under = Underside.of(low, lit, seen.height_m, seen.word)
+    part = hidden_part(under, low, lit, seen.height_m, inspection, interface)
+    random = np.random.default_rng([2026, 28])
+    offsets_m = random.normal(size=(CANDIDATES, 3)) * com_std_m
+    pierced = pierced_m(closed.com_m + offsets_m, interface)
+    found = []
+    priors = reliefs(part.width_m)
+    for gap in draw_gaps(part.seen, pierced, priors, random):
+        com_m = closed.com_m + offsets_m[gap.number] + _mass_moved_m(part, base, gap.gap_m, closed, interface)
+        touching = part.seen.places_m[gap.gap_m <= 0.0]
+        if encloses(touching, pierced_m(com_m[None], interface)[0]):
+            found.append((gap, com_m))
+    if not found:
+        raise contradiction(part, pierced_m(closed.com_m[None], interface)[0], interface)
+    log_weight = np.array([gap.log_weight for gap, _ in found])
+    statics = _Statics.of(closed, interface, part, seen.height_m)
+    for azimuth, ratio in inspection.pulls:
+        lifted = np.array([
+            statics.toppling_m_s2(gap, com_m, ((azimuth + 180.0) % 360.0,))[0] for gap, com_m in found
+        ])  # fmt: skip
+        misfit = (lifted / STANDARD_GRAVITY_M_S2 / ratio - 1.0) / PULL_STD_SHARE
+        log_weight = log_weight - 0.5 * np.minimum(np.abs(misfit), 1e3) ** 2
+    kept = [found[number] for number in resampled(log_weight, draws, random)]
+    once: dict[int, Array] = {}
+    for gap, com_m in kept:
+        if id(gap) not in once:
+            once[id(gap)] = statics.toppling_m_s2(gap, com_m, tuple(AZIMUTHS_DEG))
+    toppling = np.array([once[id(gap)] for gap, _ in kept])
+    apart = np.abs(np.log(np.maximum(toppling, 1e-3) / np.maximum(np.median(toppling, axis=0), 1e-3)))
+    return DrawnBases(
+        part,
+        [gap for gap, _ in kept],
+        np.array([com for _, com in kept]),
+        toppling,
+        int(apart.mean(axis=1).argmin()),
+    )
+
+
+def close_on_a_draw(
+    seen: SeenRock, interface: Interface, drawn: DrawnBases, former: ClosedRock
+) -> tuple[ClosedRock, int | None]:
+    """Close the rock on the central draw, or the next, on which the closed mesh is at rest as scanned; which one.
+
+    The former closing and None where it is so on none of a few.
+    """
+    plane = Pedestal(interface.point_m, interface.normal)
+    median = np.median(drawn.toppling_m_s2, axis=0)
+    apart = np.abs(np.log(np.maximum(drawn.toppling_m_s2, 1e-3) / np.maximum(median, 1e-3))).mean(axis=1)
+    numbers = [drawn.central, *(n for n in np.argsort(apart, kind="stable") if n != drawn.central)]
+    tried: set[int] = set()
+    for number in numbers:
+        if id(drawn.gaps[number]) in tried:
+            continue
+        tried.add(id(drawn.gaps[number]))
+        try:
+            closed = close_rock(seen.surfels, seen.patches, drawn.base(number, seen.height_m), interface)
+        except InputError:
+            continue
+        if equilibrium_possible(closed.rock, plane, STANDARD_GRAVITY_M_S2, FRICTION, np.zeros(3))[0]:
+            return closed, int(number)
+        if len(tried) == TRIES:
+            break
+    return former, None
+
+
+def unseen_base(drawn: DrawnBases, rock: Rock, interface: Interface, height_m: float) -> UnseenBase:
+    """The draws as a scene keeps them, for the rock as it was closed in the end."""
+    band_m = BAND_PER_HEIGHT * height_m
+    side, high = _outside(rock, interface, drawn.part, height_m)
+    com = interface.flat(rock.com_m[None])[0]
+    draws = [
+        BaseDraw(
+            least_feet(_low_feet(drawn.part, gap, side, height_m), high, com, FEET_PER_HEIGHT * height_m),
+            com_m - rock.com_m,
+        )
+        for gap, com_m in zip(drawn.gaps, drawn.com_m, strict=True)
+    ]
+    return UnseenBase(band_m, tuple(draws))
+
+
+def pierced_m(com_m: Array, interface: Interface) -> Array:
+    """Where the lines of the weight through centres of mass (n, 3) pierce the interface, (n, 2)."""
+    com = interface.flat(com_m)
+    down = np.array([0.0, 0.0, -1.0]) @ interface.axes
+    return com[:, :2] - down[:2] / down[2] * com[:, 2:]
+
+
+def contradiction(part: HiddenPart, pierced: Array, interface: Interface) -> ContradictionError:
+    """Say which observation contradicts that the rock stands."""
+    can_touch = part.seen.places_m[part.seen.floor_m <= 0.0]
+    hull = ConvexHull(can_touch) if len(can_touch) > 2 else None
+    outside = float((hull.equations[:, :2] @ pierced + hull.equations[:, 2]).max()) if hull else np.inf
+    x, y, _ = interface.scene(np.append(pierced, 0.0))
+    if outside > 0.0:
+        what = (
+            f"the line of the weight passes {outside:.3g} m beside every place where the rock may touch its pedestal "
+            f"(at {x:.2f}, {y:.2f} in the scene), since daylight or the pedestal was seen below it there"
+        )
+    else:
+        what = f"no contacts around the line of the weight (at {x:.2f}, {y:.2f} in the scene) agree with what was seen"
+    return ContradictionError(
+        what,
+        where="standing",
+        expected="a base on which the rock is at rest as it was scanned",
+        remedy="one observation is wrong: the rim is not where it seems (strays, plants; crop or clean the cloud), the "
+        "plane is another (--plane), a place of --contact is misread; or the rock is held by something else: a wedge, "
+        "a second support, adhesion",
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Statics:
+    """The rock on its interface plane, ready to be tipped on any draw."""
+
+    rock: Rock
+    interface: Interface
+    part: HiddenPart
+    side: Array
+    high: Array
+    height_m: float
+
+    @classmethod
+    def of(cls, rock: Rock, interface: Interface, part: HiddenPart, height_m: float) -> _Statics:
+        side, high = _outside(rock, interface, part, height_m)
+        com = interface.flat(rock.com_m[None])[0]
+        high = high[high[:, 2] < HIGH_FEET_PER_HEIGHT * height_m]
+        above = np.array([[*com[:2], 2.0 * com[2]]])
+        few = least_feet(high, above, com, 2.0 * COARSE_FEET_PER_HEIGHT * height_m)
+        return cls(rock, interface, part, side, few, height_m)
+
+    def toppling_m_s2(self, gap: GapDraw, com_m: Array, azimuths_deg: tuple[float, ...]) -> Array:
+        """Quasi-static toppling accelerations on one draw."""
+        low = _low_feet(self.part, gap, self.side, self.height_m)
+        com = self.interface.flat(com_m[None])[0]
+        feet = np.vstack([
+            least_feet(low, self.high, com, COARSE_FEET_PER_HEIGHT * self.height_m), self.high
+        ])  # fmt: skip
+        rock = dataclasses.replace(self.rock, com_m=com_m, feet_m=self.interface.scene(feet))
+        plane = Pedestal(self.interface.point_m, self.interface.normal)
+        return np.array(quasi_static_toppling_m_s2(rock, plane, STANDARD_GRAVITY_M_S2, azimuths_deg))[:, 1]
+
+
+def _outside(rock: Rock, interface: Interface, part: HiddenPart, height_m: float) -> tuple[Array, Array]:
+    """The rock's vertices beside the hidden base, within the band above the plane, and those above it (u, v, h)."""
+    flat = interface.flat(rock.hull_vertices_m)
+    grid = part.under.grid
+    hidden = part.under.hidden.ravel()[grid.index(flat)]
+    low = flat[:, 2] < BAND_PER_HEIGHT * height_m
+    return flat[low & ~hidden], flat[~low]
+
+
+def _low_feet(part: HiddenPart, gap: GapDraw, side: Array, height_m: float) -> Array:
+    """Feet of a draw (n, 3): its gaps, and the rock's side above its rim."""
+    places = np.column_stack([part.seen.places_m, gap.gap_m])
+    rim = places[part.inner :]
+    if not len(rim) or not len(side):
+        return places
+    starts = rim[cKDTree(rim[:, :2]).query(side[:, :2])[1], 2] + ABOVE_THE_RIM_PER_HEIGHT * height_m
+    return np.vstack([places, side[side[:, 2] > starts]])
+
+
+def _mass_moved_m(part: HiddenPart, base: Base, gap_m: Array, rock: Rock, interface: Interface) -> Array:
+    """Shift (3,) of the centre of mass by what a draw's base takes from the rock that another base closed."""
+    places = part.seen.places_m[: part.inner]
+    lower, upper = base.grid.at(base.height_m, places), gap_m[: part.inner]
+    taken = (upper - lower) * part.cell_m2
+    com = interface.flat(rock.com_m[None])[0]
+    arms = np.column_stack([places, 0.5 * (upper + lower)]) - com
+    return np.asarray(interface.axes @ -(taken[:, None] * arms).sum(axis=0) / rock.volume_m3)

@@ -1,0 +1,216 @@
+"""The unseen base of a rock: draws of the feet it may stand on, of its centre of mass and of its pose.
+
+What decides where rock and pedestal touch is the clearance between them, so a base is kept as feet over the interface
+plane (:mod:`models.relief`) with their clearance as height, those within a band over the plane. Feet above the band
+were seen, and are those of the scene's meshes for every draw.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial import ConvexHull, QhullError
+from scipy.spatial.transform import Rotation
+
+from toppling.models.errors import InputError
+from toppling.models.frames import plane_axes
+from toppling.models.pedestal import Pedestal
+from toppling.models.relief import contact_feet_m
+from toppling.models.rock import Rock
+
+FILE = "bases.json"
+SCHEMA_VERSION = 1
+DECIMALS = 7
+"""Lengths are kept to a tenth of a micrometre, in memory as on disk, so that a scene's id survives the disk."""
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class BaseDraw:
+    """One base that agrees with all that was seen.
+
+    Parameters
+    ----------
+    feet_m : (n, 3) array
+        Coordinates u, v along the interface plane (:func:`models.frames.plane_axes`) and the clearance, in the pose at
+        rest. Where the clearance is 0 the rock touches.
+    com_offset_m : (3,) array
+        From the scene's centre of mass to the drawn one, scene axes, before the turn.
+    turn_rad : (3,) array
+        Rotation vector about the scene's origin, scene axes, from the pose of the scene to that at rest; zero for a
+        base on which the rock stands as scanned.
+    shift_m : (3,) array
+        Translation that follows the turn.
+    """
+
+    feet_m: Array
+    com_offset_m: Array = dataclasses.field(default_factory=lambda: np.zeros(3))
+    turn_rad: Array = dataclasses.field(default_factory=lambda: np.zeros(3))
+    shift_m: Array = dataclasses.field(default_factory=lambda: np.zeros(3))
+
+    def __post_init__(self) -> None:
+        for field in dataclasses.fields(self):
+            rounded = np.round(np.asarray(getattr(self, field.name), float), DECIMALS) + 0.0  # no minus zero
+            object.__setattr__(self, field.name, rounded)
+
+    @property
+    def tilt_deg(self) -> float:
+        """Angle by which the pose at rest is turned from that of the scene."""
+        return float(np.rad2deg(np.linalg.norm(self.turn_rad)))
+
+    def contacts_m(self, tolerance_m: float) -> Array:
+        """Feet (k, 3) whose clearance is at most the tolerance: where the rock touches."""
+        return self.feet_m[self.feet_m[:, 2] <= tolerance_m]
+
+
+@dataclass(frozen=True, eq=False)
+class UnseenBase:
+    """Draws of a base, each as likely as the others.
+
+    Parameters
+    ----------
+    band_m : float
+        Clearance below which a draw's feet replace those of the scene's meshes.
+    draws : tuple of BaseDraw
+    """
+
+    band_m: float
+    draws: tuple[BaseDraw, ...]
+
+    def __len__(self) -> int:
+        return len(self.draws)
+
+    def number_of(self, realisation: int) -> int | None:
+        """Which draw a realisation of a campaign takes; None for realisation 0, the nominal scene."""
+        return (realisation - 1) % len(self.draws) if realisation > 0 else None
+
+    def realised(self, rock: Rock, pedestal: Pedestal, number: int) -> Rock:
+        """The rock with the feet, the centre of mass and the pose of one draw."""
+        draw = self.draws[number]
+        frame = np.vstack([*plane_axes(pedestal.normal), pedestal.normal])
+        turn = Rotation.from_rotvec(draw.turn_rad).as_matrix()
+        moved = dataclasses.replace(rock, com_m=rock.com_m + draw.com_offset_m).moved(turn, draw.shift_m)
+        high = feet_above_m(rock, pedestal, self.band_m) @ turn.T + draw.shift_m
+        return dataclasses.replace(moved, feet_m=np.vstack([draw.feet_m @ frame + pedestal.point_m, high]))
+
+    @property
+    def digest(self) -> bytes:
+        """Hash of all draws."""
+        content = hashlib.sha256(repr(float(self.band_m)).encode())
+        for draw in self.draws:
+            for field in dataclasses.fields(draw):
+                array = np.ascontiguousarray(getattr(draw, field.name), "<f8")
+                content.update(repr(array.shape).encode())
+                content.update(array.tobytes())
+        return content.digest()
+
+    def write(self, path: Path) -> None:
+        """Write the draws as JSON, one a line."""
+        lines = ",\n".join(json.dumps(_lists(draw)) for draw in self.draws)
+        head = f'"schema_version": {SCHEMA_VERSION}, "band_m": {float(self.band_m)!r}'
+        path.write_text(f'{{{head}, "draws": [\n{lines}\n]}}\n')
+
+    @classmethod
+    def read(cls, path: Path) -> UnseenBase:
+        """Read what :meth:`write` wrote.
+
+        Raises
+        ------
+        InputError
+            If the file is not whole or of another schema.
+        """
+        try:
+            content = json.loads(path.read_text())
+            if content["schema_version"] != SCHEMA_VERSION:
+                raise _file_error(f"schema version {content['schema_version']}", path)
+            draws = tuple(BaseDraw(**_checked(draw)) for draw in content["draws"])
+            band_m = float(content["band_m"])
+        except (OSError, UnicodeDecodeError, KeyError, TypeError, ValueError) as error:
+            raise _file_error(f"is not whole ({type(error).__name__}: {error})", path) from None
+        if not draws or not band_m > 0.0:
+            raise _file_error(f"{len(draws)} draws below {band_m} m", path)
+        return cls(band_m, draws)
+
+
+@lru_cache(maxsize=8)  # rocks and pedestals compare by identity: one look at the meshes serves every draw
+def feet_above_m(rock: Rock, pedestal: Pedestal, band_m: float) -> Array:
+    """Feet (n, 3) of rock and pedestal, scene frame, whose clearance is at least so much."""
+    feet = contact_feet_m(rock, pedestal)
+    return feet[(feet - pedestal.point_m) @ pedestal.normal >= band_m]
+
+
+def least_feet(feet_m: ArrayLike, high_m: Array, com_m: Array, tolerance_m: float) -> Array:
+    """The few feet that decide how a rock rocks: the others lie within a tolerance of their convex hull.
+
+    Parameters
+    ----------
+    feet_m : (n, 3) array
+        Candidates as u, v and clearance.
+    high_m : (k, 3) array
+        Feet above them that stay, same axes.
+    com_m : (3,) array
+        Centre of mass, same axes: it lies within the hull and never at its lower end.
+    tolerance_m : float
+
+    Returns
+    -------
+    (m, 3) array
+        Those that touch, and the corners of the hull that miss most, taken until none misses more.
+    """
+    feet = np.asarray(feet_m, float)
+    points = np.vstack([feet, high_m, com_m])
+    try:
+        hull = ConvexHull(points)
+    except QhullError:
+        return feet
+    corners = hull.vertices[hull.vertices < len(feet)]
+    down = np.vstack([hull.equations[:, :3], [[0.0, 0.0, -1.0]]])
+    down = down[down[:, 2] < -0.2]
+    reach = down @ points[hull.vertices].T
+    whole = reach.max(axis=1)
+    touching = np.flatnonzero(feet[:, 2] <= feet[:, 2].min() + 0.1**DECIMALS)
+    kept = set(touching[np.isin(touching, corners)].tolist())
+    fixed = points[hull.vertices[hull.vertices >= len(feet)]]
+    missing = whole - (down @ np.vstack([fixed, feet[sorted(kept)]]).T).max(axis=1)
+    while missing.max() > tolerance_m:
+        direction = int(missing.argmax())
+        foot = int(hull.vertices[reach[direction].argmax()])
+        if foot in kept or foot >= len(feet):
+            break
+        kept.add(foot)
+        missing = np.minimum(missing, whole - down @ feet[foot])
+    return feet[sorted(kept)]
+
+
+def _lists(draw: BaseDraw) -> dict[str, Any]:
+    return {field.name: getattr(draw, field.name).tolist() for field in dataclasses.fields(draw)}
+
+
+def _checked(draw: Mapping[str, Sequence[Any]]) -> dict[str, Array]:
+    """Arrays of a draw, refused where they are not those of one."""
+    arrays = {name: np.asarray(value, float) for name, value in draw.items()}
+    shapes_fit = arrays["feet_m"].ndim == 2 and arrays["feet_m"].shape[1] == 3 and len(arrays["feet_m"]) > 2
+    shapes_fit &= all(arrays[name].shape == (3,) for name in ("com_offset_m", "turn_rad", "shift_m"))
+    if not shapes_fit or not all(np.isfinite(array).all() for array in arrays.values()):
+        msg = "a draw is not finite, or not of three or more feet and three vectors"
+        raise ValueError(msg)
+    return arrays
+
+
+def _file_error(what: str, path: Path) -> InputError:
+    return InputError(
+        what,
+        where=str(path),
+        expected=f"draws of the base of schema version {SCHEMA_VERSION}, as written beside the scene",
+        remedy="make the scene anew with 'toppling scan', or remove the file and scan again",
+    )

@@ -1,4 +1,4 @@
-"""Cases with exact answers, in groups of a kind: `mujoco_front.py` and `accuracy.py` run them."""
+"""Cases with exact answers, in groups of a kind: `front.py` runs them."""
 
 from __future__ import annotations
 

@@ -4,7 +4,6 @@ import sys
 from importlib import import_module
 from pathlib import Path
 
-import pandas as pd
 import pytest
 
 from toppling.models.scene import Scene
@@ -34,27 +33,3 @@ def test_the_bare_loop_of_bullet_leaves_the_programs_own_worlds_alone(representa
     answers = [topples(scene, representations.full_sine(a, 1.0)) for a in (3.56, 4.36)]
     assert answers == [False, True]
     assert shake(scene, ours, "fast").max_tilt_deg == before.max_tilt_deg
-
-
-def test_a_jobs_answers_are_compared_within_one_scan_that_answered_every_setting(benchmark_named):
-    rows = [
-        (0, "fast", "elsewhere"),
-        (0, "reference", "elsewhere"),
-        (0, "fast", "here"),
-        (1, "fast", "elsewhere"),
-        (1, "fast", "here"),
-        (1, "reference", "here"),
-        (2, "fast", "elsewhere"),
-        (2, "reference", "here"),
-        (3, "fast", "here"),
-    ]
-    kept = pd.DataFrame(rows, columns=["number", "setting", "scene_id"])
-    asked = {"fast": ([None] * 4, None), "reference": ([None] * 3, None)}
-    whole = benchmark_named("sign_test").of_one_scan(kept, asked)
-    assert set(whole.itertuples(index=False, name=None)) == {
-        (0, "fast", "elsewhere"),
-        (0, "reference", "elsewhere"),
-        (1, "fast", "here"),
-        (1, "reference", "here"),
-        (3, "fast", "here"),
-    }

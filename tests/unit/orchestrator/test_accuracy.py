@@ -72,6 +72,9 @@ def test_flips_one_way_only_are_a_bias_and_shift_the_median(converged):
     assert (row.flips_to_toppled, row.flips_to_standing) == (0, 6)
     assert row.sign_test_p == pytest.approx(2 / 2**6)
     assert row.median_shift > 0.05
+    assert row.share_shift == pytest.approx(-6 / COUNT)
+    # Of the paired differences, six of which are -1.
+    assert row.share_shift_std == pytest.approx(np.std([-1.0] * 6 + [0.0] * (COUNT - 6)) / np.sqrt(COUNT))
 
 
 def test_the_stated_spread_of_the_medians_shift_is_that_over_other_jobs(monkeypatch):
@@ -115,9 +118,10 @@ def test_a_setting_that_answered_the_first_jobs_is_compared_over_these(converged
     costly = converged.assign(processor_s=np.where(np.arange(COUNT) < few, 1.0, 9.0))
     other = converged.iloc[:few].assign(toppled=converged.toppled[:few] ^ (np.arange(few) == 0))
     table = compare({"all": costly, "few": other}, converged)
-    assert table.jobs.tolist() == [COUNT, few]
-    assert table.flips_share.tolist() == [0.0, 1.0 / few]
-    assert table.processor_s_per_job[0] == 1.0
+    table = table.set_index("setting")
+    assert table.jobs.to_dict() == {"all": COUNT, "few": few}
+    assert table.flips_share.to_dict() == {"all": 0.0, "few": 1.0 / few}
+    assert table.processor_s_per_job["all"] == 1.0
 
 
 def test_a_lean_of_the_tilts_is_the_mean_log_ratio_where_both_stand(converged):
@@ -184,7 +188,9 @@ def test_the_command_compares_the_presets_and_draws_the_front(tmp_path, ensemble
     result = CliRunner().invoke(accuracy, arguments, catch_exceptions=False)
     assert result.exit_code == 0, result.output
     table = pd.read_csv(tmp_path / "out" / "accuracy.csv").set_index("setting")
-    assert list(table.index) == ["fast", "standard", "reference", "reference, disturbed"]
+    assert {"draft", "fast", "standard", "reference", "reference, disturbed", "mujoco draft"} <= set(
+        table.index
+    )
     assert table.loc["reference", "flips_share"] == 0.0
     assert (
         table.loc["fast", "processor_s_per_simulated_s"]

@@ -1,0 +1,240 @@
+"""Presets and engines on one front: what each moves of what users ask for, and what it costs.
+
+    make demo && .venv/bin/python benchmarks/front.py [JOBS [SHORT_JOBS]]
+
+Writes docs/accuracy.md and its figure. The same jobs on a block, a prism, the demo's scanned rock and a rock on three
+feet, by the presets of both engines, in turns; SHORT_JOBS of the records' strong parts on the scanned rock, which tell
+small leans; and the cases with exact answers. About half an hour for 100 and 2000 jobs on two cores.
+"""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+import time
+from collections.abc import Iterable
+from dataclasses import replace
+from pathlib import Path
+from textwrap import fill
+
+import numpy as np
+import pandas as pd
+import pybullet
+import trimesh
+from exact_cases import CASES, TARGET_OF_STANDARD, worst_errors
+from representations import table_of_representations
+from rich.progress import track
+
+from toppling.models.motions.ensemble import Ensemble
+from toppling.models.motions.motion import Motion
+from toppling.models.motions.processing import end_at_rest, taper
+from toppling.models.motions.record import Record
+from toppling.models.scene import Scene
+from toppling.models.shapes import cylinder
+from toppling.models.statics import quasi_static_toppling_m_s2
+from toppling.orchestrator.front import CONVERGED, Job, Setting, answers, compare, settings
+from toppling.results.figures import front_figure, save
+from toppling.workers.options import PHYSICS_VERSION
+
+ROOT = Path(__file__).parent.parent
+PAGE, FIGURE = ROOT / "docs" / "accuracy.md", ROOT / "docs" / "figures" / "front"
+LEVELS = (-0.3, 1.6)
+"""Logarithm of the jobs' PGA over the least static toppling acceleration of the rock, drawn uniformly."""
+
+STRONG_PART = (0.05, 0.75)
+"""Of a record's horizontal Arias intensity: its significant duration D5-75."""
+
+SHORT = ("draft", "fast", "standard", "mujoco draft", "mujoco fast")
+BARE_STEPS = 20_000
+
+
+def scenes() -> dict[str, Scene]:
+    """The bodies that are shaken."""
+    prism = cylinder(0.3, 0.6, sides=24)
+    three = np.array([[0.25, 0.0], [-0.12, 0.22], [-0.15, -0.2]])
+    top = np.array([[0.3, 0.3], [-0.3, 0.3], [-0.3, -0.3], [0.3, -0.3]])
+    corners = np.vstack([np.column_stack([three, np.zeros(3)]), np.column_stack([top, np.full(4, 1.2)])])
+    stool = trimesh.convex.convex_hull(corners)
+    return {
+        "block": Scene.block(0.2, 0.25, 0.6, friction=0.8),
+        "prism of 24 sides": Scene.from_mesh((prism.vertices_m, prism.faces), friction=0.8),
+        "demo's rock": Scene.load(ROOT / "demo" / "scene"),
+        "rock on three feet": Scene.from_mesh((stool.vertices, stool.faces), friction=0.8),
+    }
+
+
+def draw(scene: Scene, ensemble: Ensemble, count: int, seed: int = 5) -> list[Job]:
+    """Jobs of any record and azimuth, at levels around those that topple the rock."""
+    random, ids = np.random.default_rng(seed), ensemble.record_ids
+    azimuths = np.arange(0.0, 360.0, 15.0).tolist()
+    least = min(
+        value
+        for _, value in quasi_static_toppling_m_s2(scene.rock, scene.pedestal, scene.gravity_m_s2, azimuths)
+    )
+    return [
+        Job(
+            ids[random.integers(len(ids))],
+            float(least * np.exp(random.uniform(*LEVELS))),
+            float(random.uniform(0.0, 360.0)),
+        )
+        for _ in range(count)
+    ]
+
+
+def strong_parts(ensemble: Ensemble, folder: Path) -> Ensemble:
+    """The strong part of each record, tapered, the ground at rest after it; written to a folder."""
+    records = []
+    for name in ensemble.record_ids:
+        motion = ensemble.record(name).motion
+        growth = np.cumsum((motion.acceleration_m_s2[:, :2] ** 2).sum(axis=1))
+        first, last = np.searchsorted(growth / growth[-1], STRONG_PART)
+        part = Motion(motion.acceleration_m_s2[first : last + 1], motion.time_step_s)
+        records.append(Record.of(name, end_at_rest(taper(part)), component_azimuths_deg=(0.0, 90.0)))
+    return Ensemble.write(folder, records)
+
+
+def bare_step_us() -> float:
+    """Processor time of setGravity, stepSimulation and a look at the pose, for a block on eight small spheres."""
+    client = pybullet.connect(pybullet.DIRECT)
+    b, h, radius = 0.2, 0.6, 6e-4
+    corners = [[x, y, z] for x in (-b, b) for y in (-b, b) for z in (radius - h, h - radius)]
+    shape = pybullet.createCollisionShapeArray(
+        shapeTypes=[pybullet.GEOM_SPHERE] * 8, radii=[radius] * 8, collisionFramePositions=corners,
+        physicsClientId=client,
+    )  # fmt: skip
+    plane = pybullet.createCollisionShape(pybullet.GEOM_PLANE, physicsClientId=client)
+    pybullet.createMultiBody(0.0, plane, physicsClientId=client)
+    body = pybullet.createMultiBody(1.0, shape, basePosition=[0.0, 0.0, h], physicsClientId=client)
+    began = time.process_time()
+    for _ in range(BARE_STEPS):
+        pybullet.setGravity(0.0, 0.0, -9.81, physicsClientId=client)
+        pybullet.stepSimulation(physicsClientId=client)
+        pybullet.getBasePositionAndOrientation(body, physicsClientId=client)
+    cost_s = time.process_time() - began
+    pybullet.disconnect(client)
+    return 1e6 * cost_s / BARE_STEPS
+
+
+def compared(
+    scene: Scene, ensemble: Ensemble, jobs: list[Job], asked: dict[str, Setting], by: str
+) -> pd.DataFrame:
+    """Settings against one of them, over the same jobs."""
+    names = asked.keys() | {by}
+    every = settings()
+    said = {
+        name: answers(scene, ensemble, jobs, asked.get(name, every[name]))
+        for name in track(sorted(names), f"{len(jobs)} jobs")
+    }
+    table = compare(said, said[by])
+    steps = {
+        name: every[name].settings.time_step_s(scene.rock.half_diagonal_m, scene.gravity_m_s2)
+        for name in names
+    }
+    covered = {name: one.simulated_s.sum() / steps[name] for name, one in said.items()}
+    table["us_per_step"] = [1e6 * said[name].processor_s.sum() / covered[name] for name in table["setting"]]
+    table["toppled"] = [float(said[name].toppled.mean()) for name in table["setting"]]
+    return table
+
+
+def exact_errors() -> Iterable[str]:
+    """Rows of the worst errors against exact answers by the presets."""
+    presets = ("fast", "standard", "reference")
+    for labels, cases in track(CASES, "exact cases"):
+        worst = {preset: worst_errors(cases(preset), labels) for preset in presets}
+        for number, label in enumerate(labels):
+            target = TARGET_OF_STANDARD.get(label)
+            cells = " | ".join(f"{100 * worst[preset][number]:.3g} %" for preset in presets)
+            yield f"| {label} | {cells} | {f'{100 * target:g} %' if target else '-'} |"
+
+
+def rows_of(table: pd.DataFrame, against: str) -> Iterable[str]:
+    """Rows of a table of settings."""
+    yield (
+        "| setting | s a job | of MuJoCo 1/128 | µs a step | toppled | median PGA | share toppled | tilt | "
+        "answers that differ |"
+    )
+    yield "|---|---|---|---|---|---|---|---|---|"
+    peer = table.loc[table["setting"] == "mujoco fast", "processor_s_per_job"]
+    for row in table.itertuples():
+        times = f"{row.processor_s_per_job / peer.iloc[0]:.1f}" if len(peer) else "-"
+        moved = (
+            "- | - | - | -"
+            if row.setting == against
+            else f"{100 * row.median_shift:+.1f} ± {100 * row.median_shift_std:.1f} % "
+            f"| {100 * row.share_shift:+.1f} ± {100 * row.share_shift_std:.1f} "
+            f"| {100 * row.tilt_log_ratio:+.1f} ± {100 * row.tilt_log_ratio_std:.1f} % "
+            f"| {row.flips_to_toppled} up, {row.flips_to_standing} down"
+        )
+        yield (
+            f"| {row.setting} | {row.processor_s_per_job:.3f} | {times} | {row.us_per_step:.0f} "
+            f"| {100 * row.toppled:.0f} % | {moved} |"
+        )
+
+
+def main() -> None:
+    """Measure and write the page."""
+    count, short = (
+        int(sys.argv[n]) if len(sys.argv) > n else default for n, default in ((1, 100), (2, 2000))
+    )
+    ensemble = Ensemble.load(ROOT / "demo" / "ensemble")
+    every = settings()
+    parts = [
+        "# Accuracy and cost\n",
+        fill(
+            f"Written by `benchmarks/front.py` with physics version {PHYSICS_VERSION}; do not edit. The same {count} "
+            "jobs on each body (any record of the demo's ensemble, any azimuth, levels from .7 to 5 times the least "
+            "static toppling acceleration) by the presets of both engines, compared with Bullet's `reference`: by how "
+            "much the PGA at which half topple, the share that topples (points) and the largest tilt of those that "
+            "stand (mean log ratio) move, ± one standard deviation over jobs; single answers near a threshold are "
+            "chaotic. Costs are the processor's; only their ratios mean anything: MuJoCo's `fast` takes steps of 1/128 "
+            "of sqrt(R/g). The bare loop of PyBullet (setGravity, stepSimulation, a look at the pose; eight spheres) "
+            f"takes {bare_step_us():.0f} µs a step.",
+            110,
+        ),
+        "\n![Error against cost](figures/front.png)\n",
+    ]
+    for name, scene in scenes().items():
+        table = compared(scene, ensemble, draw(scene, ensemble, count), every, CONVERGED)
+        parts += [f"## {name[0].upper()}{name[1:]}\n", *rows_of(table, CONVERGED), ""]
+        if name == "demo's rock":
+            _draw(table)
+    with tempfile.TemporaryDirectory() as folder:
+        strong, rock = strong_parts(ensemble, Path(folder)), scenes()["demo's rock"]
+        ends = {
+            name: replace(
+                every[name],
+                settings=replace(
+                    every[name].settings,
+                    termination=replace(every[name].settings.termination, calmed_after=0.0),
+                ),
+            )
+            for name in SHORT
+        }
+        table = compared(rock, strong, draw(rock, strong, short, seed=6), ends, "standard")
+        parts += [
+            f"## {short} short jobs\n",
+            "The demo's rock under the records' strong parts (5 to 75 % of the Arias intensity), against `standard`.\n",
+            *rows_of(table, "standard"),
+            "",
+        ]
+    presets = " | ".join(("fast", "standard", "reference"))
+    parts += [
+        "## Cases with exact answers\n",
+        "The worst error over the cases of `benchmarks/exact_cases.py`, without shortcuts. The laws of",
+        "`tests/verification` hold them, and hard cases, in every change.\n",
+        f"| case | {presets} | target of `standard` |\n|---|---|---|---|---|",
+        *exact_errors(),
+        "",
+        table_of_representations(),
+    ]
+    PAGE.write_text("\n".join(parts).rstrip() + "\n")
+    print(PAGE.read_text())
+
+
+def _draw(table: pd.DataFrame) -> None:
+    FIGURE.parent.mkdir(exist_ok=True)
+    save(front_figure(table, "no floor"), FIGURE)
+
+
+if __name__ == "__main__":
+    main()

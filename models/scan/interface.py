@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from toppling.models.errors import InputError
-from toppling.models.frames import plane_axes
+from toppling.models.frames import plane_axes, shifted_and_turned
 from toppling.models.scan.surfels import Surfels
 
 CREVICE_VOXELS = 4.0
@@ -35,7 +35,7 @@ class Interface:
 
     def flat(self, points_m: NDArray[np.float64]) -> NDArray[np.float64]:
         """Coordinates (n, 3) u, v along the plane and height h over it."""
-        return (points_m - self.point_m) @ self.axes
+        return shifted_and_turned(points_m, self.point_m, self.axes)
 
     def scene(self, flat_m: NDArray[np.float64]) -> NDArray[np.float64]:
         """Scene coordinates (n, 3) of points given by u, v, h."""
@@ -59,7 +59,12 @@ def fit_interface(surfels: Surfels, rock: NDArray[np.bool_]) -> Interface:
             expected=f"at least {LEAST_CREVICE_SURFELS} patches of {surfels.voxel_m:.3g} m at its foot",
             remedy="scan the crevice from nearer and from more sides",
         )
-    points = surfels.points_m[lining]
+    return fitted_plane(surfels.points_m[lining])
+
+
+def fitted_plane(points: NDArray[np.float64]) -> Interface:
+    """Plane through most of some points, by reweighted least squares (Tukey's biweight)."""
+    least = 1e-8 * float(np.ptp(points, axis=0).max())
     weight = np.ones(len(points))
     for _ in range(20):
         centre = np.average(points, axis=0, weights=weight)
@@ -67,7 +72,7 @@ def fit_interface(surfels: Surfels, rock: NDArray[np.bool_]) -> Interface:
         normal = np.linalg.svd(offset * np.sqrt(weight)[:, None], full_matrices=False)[2][2]
         normal *= np.sign(normal[2]) or 1.0
         height = offset @ normal
-        spread = 4.7 * max(1.4826 * float(np.median(np.abs(height))), 1e-6 * surfels.voxel_m)
+        spread = 4.7 * max(1.4826 * float(np.median(np.abs(height))), least)
         weight = np.where(np.abs(height) < spread, (1 - (height / spread) ** 2) ** 2, 0.0)
     kept = weight > 0.05
     u, v = plane_axes(normal)

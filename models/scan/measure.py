@@ -55,7 +55,7 @@ class SeenRock:
     Parameters
     ----------
     rock_m, pedestal_m : (n, 3) arrays
-        Points, scene frame.
+        Points about the interface, scene frame.
     low_m, lit_m : (n, 3) arrays
         Those of them that shape the base (`near_the_interface`).
     surfels : Surfels

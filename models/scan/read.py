@@ -103,7 +103,8 @@ def _read_las(path: Path) -> tuple[NDArray[np.float64], NDArray]:
         station = np.empty(source.header.point_count, np.int32)
         filled = 0
         for every in source.chunk_iterator(2_000_000):
-            chunk = every[~(np.asarray(every.withheld, bool) | np.isin(every.classification, NOISE))]
+            deleted = np.asarray(every.withheld, bool) | np.isin(every.classification, NOISE)
+            chunk = every[~deleted] if deleted.any() else every
             rows = slice(filled, filled + len(chunk))
             points[rows, 0], points[rows, 1], points[rows, 2] = chunk.x, chunk.y, chunk.z
             station[rows] = chunk.point_source_id
@@ -197,16 +198,18 @@ def _numbers(line: str) -> int:
 
 
 def _counted(station: NDArray) -> NDArray[np.int32]:
-    return (
-        np.unique(station, return_inverse=True)[1].astype(np.int32)
-        if len(station)
-        else station.astype(np.int32)
-    )
+    """Number the stations from 0, in the order of the file's own numbers."""
+    if not len(station) or not station.any():
+        return station.astype(np.int32)
+    if station.min() >= 0 and station.max() < 1 << 16:
+        used = np.bincount(station) > 0
+        return (np.cumsum(used) - 1).astype(np.int32)[station]
+    return np.unique(station, return_inverse=True)[1].astype(np.int32)
 
 
 def _check_points(points: NDArray[np.float64], path: Path) -> None:
-    bad = ~np.isfinite(points).all(axis=1)
-    if bad.any():
+    if not np.isfinite(points.sum()) and not np.isfinite(points).all():
+        bad = ~np.isfinite(points).all(axis=1)
         raise _unreadable(
             f"{int(bad.sum())} points are not finite, first point {int(np.argmax(bad))}",
             path,
@@ -233,7 +236,7 @@ def _check_points(points: NDArray[np.float64], path: Path) -> None:
 
 def _check_returns(points: NDArray[np.float64], path: Path) -> None:
     """Refuse beams without a return that are written as points at the origin, far from where anything was seen."""
-    nothing = ~points.any(axis=1)
+    nothing = (points[:, 0] == 0.0) & (points[:, 1] == 0.0) & (points[:, 2] == 0.0)
     if not nothing.any():
         return
     low, high = points[~nothing].min(axis=0), points[~nothing].max(axis=0)

@@ -12,9 +12,12 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from toppling.models.errors import InputError
+from toppling.models.frames import shifted_and_turned
 from toppling.models.scan.read import Cloud
 
 VOXELS_PER_EXTENT = 250
+POINTS_PER_STATION = 500_000
+"""More points of a station are not needed for the means of its voxels."""
 SAMPLES = 4000
 """Points of a station that are compared with each other station."""
 REACH_VOXELS = (6.0, 6.0, 4.0, 4.0, 3.0, 3.0, 2.0, 2.0, 2.0)
@@ -58,7 +61,8 @@ def register(cloud: Cloud) -> tuple[Cloud, dict[str, Any]]:
     low, high = np.quantile(cloud.points_m[:: max(1, len(cloud.points_m) // 100_000)], [0.02, 0.98], axis=0)
     voxel = float((high - low).max()) / VOXELS_PER_EXTENT
     within = lambda p: p[((p > low) & (p < high)).all(axis=1)]  # noqa: E731
-    stations = [_thinned(within(cloud.points_m[rows]), voxel) for rows in members]
+    every = max(1, len(cloud.points_m) // (count * POINTS_PER_STATION))
+    stations = [_thinned(within(cloud.points_m[rows[::every]]), voxel) for rows in members]
     pose = [np.eye(4) for _ in stations]
     centre, size = 0.5 * (low + high), 0.5 * float((high - low).max())
     before = _residual(stations, pose, REACH_VOXELS[-1] * voxel)
@@ -72,7 +76,8 @@ def register(cloud: Cloud) -> tuple[Cloud, dict[str, Any]]:
         return cloud, {**report, "residual_m": before, "applied": False}
     points = np.empty_like(cloud.points_m)
     for rows, each in zip(members, pose, strict=True):
-        points[rows] = cloud.points_m[rows] @ each[:3, :3].T + each[:3, 3]
+        # R p + t = R (p + R' t)
+        points[rows] = shifted_and_turned(cloud.points_m[rows], -each[:3, 3] @ each[:3, :3], each[:3, :3].T)
     shift = [(each[:3, :3] @ centre + each[:3, 3] - centre).tolist() for each in pose]
     turn = [float(np.rad2deg(Rotation.from_matrix(each[:3, :3]).magnitude())) for each in pose]
     report |= {"residual_m": after, "applied": True, "shift_m": shift, "turn_deg": turn}

@@ -14,6 +14,7 @@ from scipy.spatial import cKDTree
 
 from toppling.models.errors import InputError
 from toppling.models.folder import new_folder
+from toppling.models.frames import shifted_and_turned
 from toppling.models.rock import Rock, check_size
 from toppling.models.scan.base import near_the_interface
 from toppling.models.scan.crevice import BAND_PER_HEIGHT, check_seen, judge_crevice
@@ -49,6 +50,10 @@ FITS_BETTER = 0.2
 """Share of the points that conversion must bring into place to give a file away; known ones gain 0.25 or more."""
 UPWARD = 0.3
 """Cosine to the interface's normal above which a patch of the pedestal can carry a rock."""
+BESIDE_PER_HEIGHT = 0.1
+"""Points so far above or below the interface tell about it and the base."""
+BESIDE_POINTS = 1_000_000
+"""More of rock or pedestal tell no more: they lie closer than the cells in which the base is made."""
 HANGING_PER_HEIGHT = 0.03
 HANGING_SHARE = 0.002
 """More than this share of the rock's patches so far below the interface are a part of it, not strays: of twelve known
@@ -148,10 +153,16 @@ def survey(
             "pedestal_points": int((label == PEDESTAL).sum()),
             "neither_points": int((label == NEITHER).sum()),
             "resolution_m": parts.surfels.voxel_m,
-            "confidence": confidence(parts, cloud.points_m, label, interface, seen.height_m),
+            "confidence": confidence(
+                parts,
+                np.concatenate([seen.rock_m, seen.pedestal_m]),
+                np.repeat(np.array([ROCK, PEDESTAL], np.int8), [len(seen.rock_m), len(seen.pedestal_m)]),
+                interface,
+                seen.height_m,
+            ),
             "other_candidates": [{"top_m": [*other[:3]], "height_m": other[3]} for other in parts.others],
         },
-        "pedestal": kept_of(ground, seen.pedestal_m, interface),
+        "pedestal": kept_of(ground, cloud.points_m[_at_most(np.flatnonzero(label == PEDESTAL))], interface),
         "registration": registration,
         "files": [{"name": name, "points": points} for name, points in cloud.files],
         **({"uncertainty": spread} if spread else {}),
@@ -187,10 +198,30 @@ def _judged(
     top = (surfel_label == PEDESTAL) & (surfels.normals @ interface.normal > UPWARD)
     top &= np.abs(interface.flat(surfels.points_m)[:, 2]) < BAND_PER_HEIGHT * height
     check_seen(int(top.sum()), "pedestal's top", given=word is not None)
-    standing, below = cloud.points_m[label == ROCK], cloud.points_m[label == PEDESTAL]
+    standing, below = _beside(cloud.points_m, label, interface, height)
     low, lit = near_the_interface(interface.flat(standing), interface.flat(below), height)
     seen = SeenRock(standing, below, standing[low], below[lit], surfels, rock, height, word)
     return seen, label, interface
+
+
+def _beside(
+    points_m: NDArray[np.float64], label: NDArray[np.int8], interface: Interface, height_m: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Rock's and pedestal's points about the interface, each of them thinned evenly if they are more than is needed."""
+    over = shifted_and_turned(points_m, interface.point_m, interface.axes[:, 2:])[:, 0]
+    rock = np.flatnonzero((label == ROCK) & (over < BESIDE_PER_HEIGHT * height_m))
+    level = np.flatnonzero((label == PEDESTAL) & (np.abs(over) < BESIDE_PER_HEIGHT * height_m))
+    standing, below = points_m[_at_most(rock)], points_m[level]
+    if len(standing):
+        margin = 2.0 * BESIDE_PER_HEIGHT * height_m
+        low, high = standing.min(axis=0) - margin, standing.max(axis=0) + margin
+        below = below[((below[:, :2] > low[:2]) & (below[:, :2] < high[:2])).all(axis=1)]
+    return standing, _at_most(below)
+
+
+def _at_most(rows: NDArray[Any]) -> NDArray[Any]:
+    """Every k-th row, so that no more than `BESIDE_POINTS` are left."""
+    return rows[:: -(-len(rows) // BESIDE_POINTS) or 1]
 
 
 def check_overlap(cloud: Cloud) -> None:

@@ -147,7 +147,7 @@ def scan_around(
     clutter: bool = True,
     misregistration_per_height: float = 0.0,
 ) -> list[Station]:
-    """Scan a truth from stations around it, three heights away, some of them raised.
+    """Scan a truth from stations around it, three heights (or widths) away, some of them raised.
 
     Parameters
     ----------
@@ -165,17 +165,17 @@ def scan_around(
     """
     rng = np.random.default_rng(seed)
     height = truth.rock.height_m
+    # A rock wider than high is scanned from as far as one as high as it is wide.
+    size = max(height, float(np.ptp(truth.rock.vertices_m[:, :2], axis=0).max()))
     target = truth.rock.com_m - [0, 0, 0.25 * height]
     seen = []
     for k in range(stations):
         way = horizontal_unit_vector(360.0 * (k + 0.6 * rng.random()) / stations)
-        raised = [0, 0, (0.15 + 0.7 * (k % 3) + 0.2 * rng.random()) * height]
-        position = target + (2.6 + 0.8 * rng.random()) * height * way + raised
+        raised = [0, 0, (0.15 + 0.7 * (k % 3) + 0.2 * rng.random()) * size]
+        position = target + (2.6 + 0.8 * rng.random()) * size * way + raised
         distance = float(np.linalg.norm(target - position))
         step = np.rad2deg(resolution_per_height * height / distance)
-        station = scan_from(
-            truth.bodies, position, target, 1.5 * height, step, noise_per_height * height, rng
-        )
+        station = scan_from(truth.bodies, position, target, 1.5 * size, step, noise_per_height * height, rng)
         shift = rng.normal(0.0, misregistration_per_height * height, 3)
         points, label = station.points_m + shift, station.label
         if clutter:

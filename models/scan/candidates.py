@@ -1,0 +1,273 @@
+"""Candidates: peaks of a thinned cloud, each cut off its surroundings along the loop that is short and concave."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_matrix, csr_matrix
+from scipy.sparse.csgraph import breadth_first_order, connected_components, maximum_flow
+from scipy.spatial import cKDTree
+
+from toppling.models.scan.surfels import Surfels, orient, thin
+
+COARSE_SURFELS = 25_000
+LEAST_PEAK_VOXELS = 6
+"""A peak lower than this many coarse voxels is roughness."""
+SAMPLED_POINTS = 2_000_000
+ZOOMED = 3
+ZOOMED_SHARE = 0.4
+"""So many of the highest candidates, and of such a share of the highest, are looked at from near by."""
+ZOOMS = 3
+BESIDE_HEIGHTS = 0.25
+"""How far around a candidate is looked at from near by, in its heights."""
+FINEST_VOXELS_PER_HEIGHT = 80
+TRIED_HEIGHTS = (1.0, 0.7, 0.45)
+"""Heights that a thing may have, over its drop to where it joins another."""
+NEARLY = 0.9
+LEAST_SURFELS = 50
+"""Fewer patches are no rock."""
+SURFACE_ROUGHNESS = 0.4
+"""Thickness over width above which a neighbourhood is a bush's, not a surface's."""
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """Something that stands on something: a peak, the surfels cut off with it, and how it was cut."""
+
+    height_m: float
+    top_m: NDArray[np.float64]
+    surfels: Surfels
+    rock: NDArray[np.bool_]
+    concave_share: float
+    loop_m: NDArray[np.float64]
+
+
+def surfels_of(points_m: NDArray[np.float64], finest_m: float = 0.0) -> Surfels:
+    """Thin a cloud to about `COARSE_SURFELS` patches, or fewer where its points or `finest_m` give no more."""
+    sample = points_m[:: max(1, len(points_m) // SAMPLED_POINTS)]
+    voxel = max(float(np.ptp(sample, axis=0).max()) / 150, finest_m)
+    thinned, _ = thin(sample, voxel)
+    for _ in range(6):
+        enough = 0.7 * COARSE_SURFELS < len(thinned) < 1.4 * COARSE_SURFELS or len(thinned) > 0.5 * len(
+            sample
+        )
+        if enough or (voxel == finest_m and len(thinned) < COARSE_SURFELS):
+            break
+        # A surface's voxels go with the inverse square of their size.
+        voxel = max(voxel * np.sqrt(len(thinned) / COARSE_SURFELS), finest_m)
+        thinned, _ = thin(sample, voxel)
+    return orient(thinned, voxel)
+
+
+def find_candidates(points_m: NDArray[np.float64], coarse: Surfels) -> list[Candidate]:
+    """Find what stands on something in the cloud, the highest first.
+
+    The highest are looked at anew from near by, as the whole cloud's patches may be too wide for their crevice.
+    """
+    edges = neighbourhood(coarse.points_m, coarse.voxel_m)
+    found: list[Candidate] = []
+    for peak, level in _peaks(coarse, edges):
+        candidate = _cut_off(coarse, edges, peak, coarse.points_m[peak, 2] - level)
+        if candidate is not None and not any(_overlap(candidate, other) for other in found):
+            found.append(candidate)
+    found.sort(key=lambda each: -each.height_m)
+    large = [each for each in found[:ZOOMED] if each.height_m > ZOOMED_SHARE * found[0].height_m]
+    kept: list[Candidate] = []
+    for candidate in [*(_seen_near_by(points_m, each) for each in large), *found[len(large) :]]:
+        if not any(np.linalg.norm(candidate.top_m - each.top_m) < coarse.voxel_m for each in kept):
+            kept.append(candidate)
+    return sorted(kept, key=lambda each: -each.height_m)
+
+
+def _overlap(one: Candidate, other: Candidate) -> bool:
+    """Whether two candidates of the same surfels are mostly the same."""
+    return bool((one.rock & other.rock).sum() > 0.5 * min(one.rock.sum(), other.rock.sum()))
+
+
+def _seen_near_by(points_m: NDArray[np.float64], coarse: Candidate) -> Candidate:
+    """Cut a candidate again with as many patches around it alone as the whole cloud had; twice, if it shrank."""
+    for _ in range(ZOOMS):
+        rock = coarse.surfels.points_m[coarse.rock]
+        axis, height = rock[:, :2].mean(axis=0), coarse.height_m
+        reach = np.hypot(*(rock[:, :2] - axis).T).max() + BESIDE_HEIGHTS * height
+        around = np.flatnonzero(points_m[:, 2] > rock[:, 2].min() - BESIDE_HEIGHTS * height)
+        around = around[np.hypot(*(points_m[around, :2] - axis).T) < reach]
+        around = around[:: max(1, len(around) // SAMPLED_POINTS)]
+        surfels = surfels_of(points_m[around], height / FINEST_VOXELS_PER_HEIGHT)
+        if surfels.voxel_m > 0.9 * coarse.surfels.voxel_m:
+            break  # nothing to be seen that was not seen before
+        edges = neighbourhood(surfels.points_m, surfels.voxel_m)
+        near = np.hypot(*(surfels.points_m[:, :2] - coarse.top_m[:2]).T) < 2.0 * coarse.surfels.voxel_m
+        peak = int(np.argmax(np.where(near, surfels.points_m[:, 2], -np.inf)))
+        rim = np.hypot(*(surfels.points_m[:, :2] - axis).T) > reach - 3.0 * surfels.voxel_m
+        rim |= surfels.points_m[:, 2] < rock[:, 2].min() - BESIDE_HEIGHTS * height + 3.0 * surfels.voxel_m
+        finer = _cut_off(surfels, edges, peak, height, rim)
+        if finer is None:
+            break
+        coarse = finer
+    return coarse
+
+
+def neighbourhood(points_m: NDArray[np.float64], voxel_m: float) -> NDArray[np.int64]:
+    """Pairs (m, 2) of neighbouring surfels, each once."""
+    distance, near = cKDTree(points_m).query(points_m, 13)
+    start = np.repeat(np.arange(len(points_m)), 12)
+    end, length = near[:, 1:].ravel(), distance[:, 1:].ravel()
+    keep = (length < 3.0 * voxel_m) & (end < len(points_m))
+    return np.unique(np.sort(np.column_stack([start[keep], end[keep]]), axis=1), axis=0)
+
+
+def _peaks(surfels: Surfels, edges: NDArray[np.int64]) -> list[tuple[int, float]]:
+    """Peaks and the level at which each joins something of its size, the most prominent first."""
+    z = surfels.points_m[:, 2]
+    order = np.argsort(-z)
+    rank = np.empty(len(z), np.int64)
+    rank[order] = np.arange(len(z))
+    upper_first = np.where((rank[edges[:, 0]] < rank[edges[:, 1]])[:, None], edges, edges[:, ::-1])
+    upper_first = upper_first[np.argsort(rank[upper_first[:, 1]], kind="stable")]
+    root = list(range(len(z)))
+    size = [1] * len(z)
+    saddle: dict[int, float] = {}
+
+    def find(node: int) -> int:
+        while root[node] != node:
+            root[node] = root[root[node]]
+            node = root[node]
+        return node
+
+    least = LEAST_PEAK_VOXELS * surfels.voxel_m
+    for upper, lower in upper_first.tolist():
+        a, b = find(upper), find(lower)
+        if a == b:
+            continue
+        level = z[lower]
+        for one, other in ((a, b), (b, a)):
+            grown = size[other] > 0.3 * size[one] or z[other] - level > 0.3 * (z[one] - level)
+            if z[one] - level > least and grown and size[other] > 20:
+                saddle.setdefault(one, level)
+        if rank[a] > rank[b]:
+            a, b = b, a
+        root[b] = a
+        size[a] += size[b]
+    for node in range(len(z)):
+        if root[node] == node and size[node] > 50 and node not in saddle:
+            members = np.array([find(other) == node for other in range(len(z))])
+            if z[node] - z[members].min() > least:
+                saddle[node] = float(z[members].min())
+    return sorted(saddle.items(), key=lambda item: item[1] - z[item[0]])[:12]
+
+
+def _cut_off(
+    surfels: Surfels,
+    edges: NDArray[np.int64],
+    peak: int,
+    height_m: float,
+    border: NDArray[np.bool_] | None = None,
+) -> Candidate | None:
+    """Cut a peak off its surroundings; None if what comes off is no rock.
+
+    How high it is nobody knows yet (a shelf below it belongs to the drop, and some peaks join nothing): the largest
+    thing is taken whose cut runs through creases nearly as much as the best one's. The border is no part of it.
+    """
+    tried = [_cut_at(surfels, edges, peak, share * height_m, border) for share in TRIED_HEIGHTS]
+    found = [each for each in tried if each is not None]
+    if not found:
+        return None
+    best = max(each.concave_share for each in found)
+    return max((c for c in found if c.concave_share >= NEARLY * best), key=lambda each: int(each.rock.sum()))
+
+
+def _cut_at(
+    surfels: Surfels,
+    edges: NDArray[np.int64],
+    peak: int,
+    height: float,
+    border: NDArray[np.bool_] | None,
+) -> Candidate | None:
+    """Cut a peak off as if it were so high."""
+    points = surfels.points_m
+    level = points[peak, 2] - height
+    high = (points[:, 2] > level + 0.4 * height) & (np.hypot(*(points[:, :2] - points[peak, :2]).T) < height)
+    seeds = component_of(peak, high, edges)
+    axis = np.median(points[seeds, :2], axis=0)
+    reach = 1.2 * height + np.quantile(np.hypot(*(points[seeds, :2] - axis).T), 0.95)
+    far = (np.hypot(*(points[:, :2] - axis).T) > reach) | (points[:, 2] < level - height)
+    if border is not None:
+        far |= border
+    far &= ~seeds
+    if not far.any():
+        return None
+    return cut_between(surfels, edges, seeds, far, peak)
+
+
+def cut_between(
+    surfels: Surfels,
+    edges: NDArray[np.int64],
+    seeds: NDArray[np.bool_],
+    far: NDArray[np.bool_],
+    peak: int,
+    height_m: NDArray[np.float64] | None = None,
+) -> Candidate | None:
+    """What the cheapest cut between seeds and what is far leaves around the peak; None if that is no rock."""
+    rock, concave_share = minimum_cut(surfels, edges, seeds, far, height_m)
+    rock = component_of(peak, rock, edges)
+    if rock.sum() < LEAST_SURFELS or np.median(surfels.roughness[rock]) > SURFACE_ROUGHNESS:
+        return None
+    points = surfels.points_m
+    loop = edges[rock[edges[:, 0]] != rock[edges[:, 1]]]
+    return Candidate(
+        float(np.ptp(points[rock, 2])), points[peak], surfels, rock, concave_share, points[loop].mean(axis=1)
+    )
+
+
+def component_of(member: int, among: NDArray[np.bool_], edges: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Which of some surfels are joined with one of them."""
+    inside = edges[among[edges].all(axis=1)]
+    graph = coo_matrix((np.ones(len(inside)), inside.T), shape=(len(among),) * 2)
+    component = connected_components(graph, directed=False)[1]
+    return (component == component[member]) & among
+
+
+def minimum_cut(
+    surfels: Surfels,
+    edges: NDArray[np.int64],
+    seeds: NDArray[np.bool_],
+    far: NDArray[np.bool_],
+    height_m: NDArray[np.float64] | None = None,
+) -> tuple[NDArray[np.bool_], float]:
+    """Surfels on the seeds' side of the cheapest cut, and the share of the cut edges that are concave.
+
+    Where heights over a known interface are given, edges through it cost next to nothing.
+    """
+    count = len(surfels.points_m)
+    bend = _bend(surfels, edges)
+    capacity = np.rint(10 + 1000 / (1 + np.exp(-(bend + 0.25) / 0.08))).astype(np.int32)
+    if height_m is not None:
+        capacity[(height_m[edges] > 0.0).sum(axis=1) == 1] = 1
+    source, sink = count, count + 1
+    big = np.int32(10_000_000)
+    start = np.concatenate([edges[:, 0], edges[:, 1], np.full(seeds.sum(), source), np.flatnonzero(far)])
+    end = np.concatenate([edges[:, 1], edges[:, 0], np.flatnonzero(seeds), np.full(far.sum(), sink)])
+    value = np.concatenate([capacity, capacity, np.full(seeds.sum() + far.sum(), big)])
+    graph = coo_matrix((value, (start, end)), shape=(count + 2,) * 2).tocsr()
+    flow = maximum_flow(graph, source, sink).flow
+    left = (graph - flow).tocsr()
+    left.data = np.maximum(left.data, 0)
+    left.eliminate_zeros()
+    reached = _reachable(left, source)[:count]
+    cut = reached[edges[:, 0]] != reached[edges[:, 1]]
+    return reached, float((bend[cut] < -0.25).mean()) if cut.any() else 1.0
+
+
+def _reachable(graph: csr_matrix, start: int) -> NDArray[np.bool_]:
+    reached = np.zeros(graph.shape[0], bool)
+    reached[breadth_first_order(graph, start, return_predecessors=False)] = True
+    return reached
+
+
+def _bend(surfels: Surfels, edges: NDArray[np.int64]) -> NDArray[np.float64]:
+    """How the surface bends between neighbours: positive convex, negative concave, about the angle."""
+    a, b = edges.T
+    along = surfels.points_m[b] - surfels.points_m[a]
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    return np.einsum("ij,ij->i", surfels.normals[b] - surfels.normals[a], along)

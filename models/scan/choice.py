@@ -1,0 +1,140 @@
+"""Which of the things that stand in a cloud is meant, and what to tell the user where nobody can say."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from toppling.models.errors import InputError
+from toppling.models.frames import slope_of_normal
+from toppling.models.scan.candidates import LEAST_PEAK_VOXELS, Candidate, find_candidates, surfels_of
+from toppling.models.scan.interface import fitted_plane
+from toppling.models.scan.surfels import Surfels
+
+LEAST_CONCAVE_SHARE = 0.3
+"""Share of the coarse cut's edges that must run through a crease: a hummock's foot has none."""
+RIVAL_SHARE = 0.6
+"""A second thing of this share of the first one's height may be the rock that is meant."""
+NEAR_HEIGHTS = 1.5
+"""A top farther from where the user points than this many of its heights is not meant."""
+CIRCLES = 4
+FEWEST_AROUND = 5000
+"""Fewer points around a place show no rock."""
+
+
+def choose(
+    candidates: list[Candidate],
+    near_m: NDArray[np.float64] | None,
+    origin_m: NDArray[np.float64],
+    coarse: Surfels,
+) -> Candidate:
+    """Pick the one thing that stands there, or the one nearest to where the user points."""
+    standing = [c for c in candidates if c.concave_share > LEAST_CONCAVE_SHARE]
+    if not standing:
+        raise _nothing_stands(candidates, coarse, near_m, origin_m)
+    if near_m is not None:
+        return _nearest(standing, near_m, origin_m)
+    rivals = [c for c in standing[1:] if c.height_m > RIVAL_SHARE * standing[0].height_m]
+    if rivals:
+        raise InputError(
+            f"{1 + len(rivals)} things of like size stand there, tops at x, y: "
+            + _tops([standing[0], *rivals], origin_m),
+            where="segmentation",
+            expected="one rock, or a word on which one",
+            remedy="name one by --near X Y in survey coordinates, as printed here, or crop the cloud",
+        )
+    return standing[0]
+
+
+def _nothing_stands(
+    candidates: list[Candidate],
+    coarse: Surfels,
+    near_m: NDArray[np.float64] | None,
+    origin_m: NDArray[np.float64],
+) -> InputError:
+    """Say what of the user's knowledge would help, in this cloud's numbers."""
+    expected = "a rock above a crevice or narrowing, seen from several sides with some of its pedestal"
+    if not candidates:
+        x, y, z = coarse.points_m[np.argmax(coarse.points_m[:, 2])] + origin_m
+        size = np.ptp(coarse.points_m, axis=0)
+        where = (
+            ""
+            if near_m is not None
+            else f"; the cloud's highest place is --near {x:.2f} {y:.2f}, at z {z:.2f}"
+        )
+        return InputError(
+            f"nothing in the cloud stands on anything: patches of {coarse.voxel_m:.2g} m show no peak in its "
+            f"{size[0]:.3g} by {size[1]:.3g} m, {size[2]:.3g} m from its lowest to its highest",
+            where="segmentation",
+            expected=expected,
+            remedy=f"point at the rock by --near X Y{where}; a rock less than {LEAST_PEAK_VOXELS * coarse.voxel_m:.2g} "
+            "m high is found from near by alone, or in a cloud cropped to it and its pedestal; or say where they meet "
+            "by three places --point X,Y,Z around the contact; and check that z points up",
+        )
+    best = max(candidates, key=lambda each: (each.concave_share, each.height_m))
+    plane = fitted_plane(best.loop_m)
+    slope, downhill = slope_of_normal(plane.normal)
+    x, y, z = plane.point_m + origin_m
+    return InputError(
+        "nothing in the cloud stands on anything: what comes nearest, with its top at x, y "
+        f"{_tops([best], origin_m)}, is set off by a crease along {best.concave_share:.0%} of its outline",
+        where="segmentation",
+        expected=f"{expected}, a crease along at least {LEAST_CONCAVE_SHARE:.0%} of its outline",
+        remedy=f"if that is the rock, say where it meets its pedestal: --plane {x:.2f} {y:.2f} {z:.2f} {slope:.1f} "
+        f"{downhill:.0f} is the plane through its outline, and three places --point X,Y,Z picked along the contact "
+        "are better; if it is not, point at the rock by --near X Y, or crop the cloud; and check that z points up",
+    )
+
+
+def is_near(candidates: list[Candidate], near_m: NDArray[np.float64]) -> bool:
+    """Whether something that stands there has its top near to where the user points."""
+    return any(
+        c.concave_share > LEAST_CONCAVE_SHARE
+        and np.hypot(*(c.top_m[:2] - near_m)) <= NEAR_HEIGHTS * c.height_m
+        for c in candidates
+    )
+
+
+def look_around(
+    points_m: NDArray[np.float64],
+    near_m: NDArray[np.float64],
+    coarse: Surfels,
+    candidates: list[Candidate],
+) -> tuple[Surfels, list[Candidate]]:
+    """Patches and what stands in ever smaller circles around a place, the first ones in which something is near it."""
+    away = np.hypot(*(points_m[:, :2] - near_m).T)
+    reach = 0.5 * float(np.ptp(coarse.points_m[:, :2], axis=0).max())
+    for _ in range(CIRCLES):
+        reach *= 0.4
+        around = np.flatnonzero(away < reach)
+        if len(around) < FEWEST_AROUND:
+            break
+        closer = surfels_of(points_m[around])
+        found = find_candidates(points_m[around], closer)
+        if is_near(found, near_m):
+            return closer, found
+    return coarse, candidates
+
+
+def _nearest(
+    standing: list[Candidate], near_m: NDArray[np.float64], origin_m: NDArray[np.float64]
+) -> Candidate:
+    """Pick what stands nearest to where the user points, if that is near."""
+    away = [float(np.hypot(*(c.top_m[:2] - near_m))) for c in standing]
+    first = int(np.argmin(away))
+    if away[first] > NEAR_HEIGHTS * standing[first].height_m:
+        raise InputError(
+            f"the nearest thing that stands there has its top {away[first]:.3g} m away and is "
+            f"{standing[first].height_m:.2g} m high",
+            where="--near",
+            expected=f"a place within {NEAR_HEIGHTS} heights of a top; those found, at x, y: "
+            + _tops(standing, origin_m),
+            remedy="name one of them by --near X Y in survey coordinates; if yours is not among them, crop the cloud "
+            "to it and its pedestal",
+        )
+    return standing[first]
+
+
+def _tops(candidates: list[Candidate], origin_m: NDArray[np.float64]) -> str:
+    """Where things stand, survey coordinates."""
+    return "; ".join(
+        "{:.1f}, {:.1f} ({:.2g} m high)".format(*(c.top_m + origin_m)[:2], c.height_m) for c in candidates
+    )

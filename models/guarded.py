@@ -124,7 +124,7 @@ def _answer(process: subprocess.Popen, request: dict[str, Any]) -> Read:
     arrays = []
     for kind, shape in told.pop("arrays", ()):
         array = np.empty(prod(shape), np.dtype(kind))
-        _fill(process, memoryview(array).cast("B") if len(array) else memoryview(b""))
+        _fill(process, array.data.cast("B") if len(array) else memoryview(b""))
         arrays.append(array.reshape(shape))
     return told, arrays
 

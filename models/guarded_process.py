@@ -61,7 +61,7 @@ def _answer(request: dict[str, Any], answers: BinaryIO) -> None:
     header = json.dumps(told).encode()
     answers.write(len(header).to_bytes(8, "big") + header)
     for array in arrays:
-        answers.write(memoryview(array).cast("B") if array.size else b"")
+        answers.write(array.data.cast("B") if array.size else b"")
     answers.flush()
 
 

@@ -147,15 +147,11 @@ def read_mesh(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]] | Non
     points = _rows(header, "vertex")
     if not {"x", "y", "z"} <= points.keys():
         return None
-    parts = []
+    parts: list[tuple] = []
     for each in face.properties:
         if each.count_kind:
             parts.append(("corners of a face", header.order + each.count_kind))
-        parts.append(
-            (each.name, header.order + each.kind, (3,))
-            if each.count_kind
-            else (each.name, header.order + each.kind)
-        )
+        parts.append((each.name, header.order + each.kind, (3 if each.count_kind else 1,)))
     row = np.dtype(parts)
     at = header.data_at + vertex.count * vertex.row(header.order).itemsize
     if at + face.count * row.itemsize != path.stat().st_size:

@@ -71,7 +71,7 @@ def pcd(path: Path) -> Points:
     import open3d as o3d
 
     count = _pcd_points(path)
-    cloud = o3d.t.io.read_point_cloud(str(path))
+    cloud = o3d.t.io.read_point_cloud(path)
     points = cloud.point.positions.numpy().astype(float) if "positions" in cloud.point else np.empty((0, 3))
     if len(points) != count:
         _refuse(f"{len(points)} points can be read where its header counts {count}", path)

@@ -98,11 +98,13 @@ def _header(stats: Any) -> dict[str, Any]:
     header["starttime"] = stats.starttime.ns
     for name in ("knet", "sac"):
         if name in stats:
-            header[name] = {
-                key: value if isinstance(value, str) else float(value) if np.isscalar(value) else str(value)
-                for key, value in stats[name].items()
-            }
+            header[name] = {key: _plain(value) for key, value in stats[name].items()}
     return header
+
+
+def _plain(value: Any) -> str | float:
+    """Value of a header as JSON says it: SAC's are NumPy's numbers, K-NET's are times too."""
+    return float(value) if isinstance(value, int | float | np.number) else str(value)
 
 
 @cache

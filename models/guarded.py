@@ -150,7 +150,7 @@ def _running() -> subprocess.Popen:
         bufsize=0,
         pipesize=PIPE_BYTES,
         env=os.environ | dict.fromkeys(("RAYON_NUM_THREADS", "OMP_NUM_THREADS"), str(THREADS))
-        | {"MALLOC_ARENA_MAX": "2", "OPENBLAS_NUM_THREADS": "1"},
+        | {"MALLOC_ARENA_MAX": "2", "OPENBLAS_NUM_THREADS": "1", "RUST_BACKTRACE": "0"},
         start_new_session=True,  # Ctrl-C is for the program, which stops this one
     )  # fmt: skip
     _READERS[:] = [_Reader(process, os.getpid())]

@@ -177,6 +177,7 @@ def outcome(sample: Sample) -> tuple[str, float]:
 def test_a_damaged_file_is_read_soundly_or_refused(sample, count, bounded):
     sample.lay_out()
     assert outcome(sample)[0] == "read"
+    apart = bool(guarded._READERS)
     outcomes = []
 
     @seed(27)
@@ -193,6 +194,9 @@ def test_a_damaged_file_is_read_soundly_or_refused(sample, count, bounded):
         content = sample.files[victim]
         for change in damages:
             content = changed(content, change)
+        if apart and not guarded._READERS:  # a library that crashed is loaded again before the clock starts
+            sample.lay_out()
+            outcome(sample)
         sample.lay_out(victim, content)
         before = sample.there()
         Path("/proc/self/clear_refs").write_text("5")  # the peak of memory is counted from here

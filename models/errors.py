@@ -1,5 +1,8 @@
 """The one error that a user's data can cause, in one shape: what, where, what was expected, what to do."""
 
+LONGEST = 1500
+"""Characters of what is wrong, and of where."""
+
 
 class InputError(ValueError):
     """Data that cannot be used as given.
@@ -19,14 +22,20 @@ class InputError(ValueError):
     """
 
     def __init__(self, what: str, *, where: str, expected: str, remedy: str) -> None:
-        self.what = what
-        self.where = where
+        self.what = _shortened(what)
+        self.where = _shortened(where)
         self.expected = expected
         self.remedy = remedy
-        super().__init__(f"{where}: {what}\n  expected: {expected}\n  remedy:   {remedy}")
+        super().__init__(f"{self.where}: {self.what}\n  expected: {expected}\n  remedy:   {remedy}")
 
     def __reduce__(self) -> tuple:
         return _rebuild, (self.what, self.where, self.expected, self.remedy)
+
+
+def _shortened(text: str) -> str:
+    """Text with its middle left out where a file's own words in it have no end."""
+    half = LONGEST // 2
+    return text if len(text) <= LONGEST else f"{text[:half]} ... {text[-half:]}"
 
 
 def _rebuild(what: str, where: str, expected: str, remedy: str) -> InputError:

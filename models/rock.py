@@ -15,6 +15,8 @@ FAR_SIZES = 100.0
 """A mesh farther from the origin than this many of its diagonals is integrated about a point beside it: the moments
 about the origin grow with the fourth power of the distance, and here lose 3e-10 of the inertia; in survey coordinates
 nothing of it is left."""
+FARTHEST_M = 1e8
+"""Beyond the coordinates of any survey on Earth, geocentric ones included."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,9 +58,8 @@ class Rock:
             If the mesh is not closed, not consistently oriented, not one body, encloses no volume, or is too thin for
             its inertia to be told.
         """
+        check_triangles(vertices_m, faces, where)
         mesh = trimesh.Trimesh(np.asarray(vertices_m, float), np.asarray(faces, np.int64), process=False)
-        if not np.isfinite(mesh.vertices).all():
-            raise _mesh_error("vertex coordinates are not all finite", where)
         mesh.merge_vertices(merge_tex=True, merge_norm=True)
         # A sliver of three vertices in one line joins its neighbours, and without it the mesh would be open.
         joins_three = (mesh.faces != np.roll(mesh.faces, 1, axis=1)).all(axis=1)
@@ -136,6 +137,35 @@ def origin_beside_m(vertices_m: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.zeros(3)
     # Whole metres in plan, so that nothing is lost by the subtraction.
     return np.append(np.floor(0.5 * (low + high))[:2], low[2])
+
+
+def check_triangles(vertices_m: ArrayLike, faces: ArrayLike, where: str) -> None:
+    """Refuse vertices that are no places, and triangles between vertices that there are not.
+
+    Raises
+    ------
+    InputError
+        If a shape is wrong, a coordinate is not finite or beyond `FARTHEST_M`, or an index is out of range.
+    """
+    try:
+        vertices, triangles = np.asarray(vertices_m, float), np.asarray(faces)
+    except (TypeError, ValueError) as error:
+        raise _mesh_error(f"vertices or triangles are no array of numbers ({error})", where) from None
+    if vertices.ndim != 2 or vertices.shape[1] != 3 or triangles.ndim != 2 or triangles.shape[1] != 3:
+        raise _mesh_error(f"vertices and triangles have shapes {vertices.shape} and {triangles.shape}", where)
+    if not np.isfinite(vertices).all():
+        raise _mesh_error("vertex coordinates are not all finite", where)
+    if np.abs(vertices).max(initial=0.0) > FARTHEST_M:
+        raise _mesh_error(f"a vertex lies {np.abs(vertices).max():.3g} m from the origin", where)
+    if triangles.dtype.kind not in "iuf" or (triangles != np.floor(triangles)).any():
+        raise _mesh_error("the corners of its triangles are no whole numbers", where)
+    wrong = ((triangles < 0) | (triangles >= len(vertices))).any(axis=1)
+    if wrong.any():
+        raise _mesh_error(
+            f"triangle {int(wrong.argmax())} joins the vertices {', '.join(map(str, triangles[wrong.argmax()]))}, "
+            f"where there are {len(vertices)}",
+            where,
+        )
 
 
 def check_size(height_m: float, where: str) -> None:

@@ -15,17 +15,19 @@ import numpy as np
 import trimesh
 from numpy.typing import ArrayLike, NDArray
 
+from toppling.models.documents import shown
 from toppling.models.errors import InputError
 from toppling.models.folder import new_folder
 from toppling.models.frames import STANDARD_GRAVITY_M_S2, plane_normal, rotation_between
+from toppling.models.guarded import read_guarded
 from toppling.models.pedestal import Pedestal
-from toppling.models.rock import Rock, check_size, origin_beside_m
+from toppling.models.ply import read_mesh
+from toppling.models.rock import Rock, check_size, check_triangles, origin_beside_m
+from toppling.models.scene_document import SCHEMA_VERSION, read_scene_document
 from toppling.models.shapes import box
 from toppling.models.statics import quasi_static_toppling_m_s2
 from toppling.models.unseen import FILE as BASES
 from toppling.models.unseen import UnseenBase
-
-SCHEMA_VERSION = 1
 
 MESH_FORMATS = (".ply", ".stl", ".obj", ".off", ".glb", ".gltf")
 
@@ -302,37 +304,27 @@ class Scene:
         """
         source = Path(folder)
         try:
-            described = json.loads((source / "scene.json").read_text())
-        except FileNotFoundError:
+            described = read_scene_document(source / "scene.json")
+        except (FileNotFoundError, NotADirectoryError):
             raise _scene_error("no scene.json", source) from None
-        except (json.JSONDecodeError, UnicodeDecodeError) as error:
-            raise _scene_error(f"scene.json is not JSON ({error})", source) from None
-        version = described.get("schema_version") if isinstance(described, dict) else None
-        if version != SCHEMA_VERSION:
-            raise _scene_error(f"schema version {version}", source)
         rock = Rock.from_triangles(*read_triangles(source / "rock.ply"), where=str(source / "rock.ply"))
         surface: tuple[Any, Any] = (None, None)
+        if described["pedestal"]["kind"] == "surface":
+            surface = read_triangles(source / "pedestal.ply")
+        plane, stated_id = described["interface"], described["id"]
         try:
-            if described["pedestal"]["kind"] == "surface":
-                surface = read_triangles(source / "pedestal.ply")
-            plane, stated_id = described["interface"], described["id"]
-            scene = cls(
-                rock=rock,
-                pedestal=Pedestal(
-                    np.array(plane["point_m"], float), np.array(plane["normal"], float), *surface
-                ),
-                contact=ContactProperties(**described["contact"]),
-                gravity_m_s2=float(described["gravity_m_s2"]),
-                origin_m=np.array(described["origin_m"], float),
-                report={**described["report"], "interface": plane},
-                unseen=UnseenBase.read(source / BASES) if "bases" in described else None,
-            )
-        except InputError:
-            raise
-        except (KeyError, TypeError, ValueError) as error:
-            raise _scene_error(f"scene.json is not whole ({type(error).__name__}: {error})", source) from None
-        if scene.origin_m.shape != (3,) or not np.isfinite(scene.origin_m).all():
-            raise _scene_error(f"origin_m is {described['origin_m']}", source)
+            contact = ContactProperties(**described["contact"])
+        except TypeError as error:
+            raise _scene_error(f"contact is {shown(described['contact'])} ({error})", source) from None
+        scene = cls(
+            rock=rock,
+            pedestal=Pedestal(np.array(plane["point_m"], float), np.array(plane["normal"], float), *surface),
+            contact=contact,
+            gravity_m_s2=float(described["gravity_m_s2"]),
+            origin_m=np.array(described["origin_m"], float),
+            report={**described["report"], "interface": plane},
+            unseen=UnseenBase.read(source / BASES) if "bases" in described else None,
+        )
         if scene.id != stated_id:
             raise _scene_error(
                 f"the content hashes to {scene.id}, scene.json says {stated_id}: a file was changed, or a "
@@ -369,17 +361,15 @@ def read_triangles(path: str | os.PathLike[str]) -> tuple[NDArray[np.float64], N
             expected=f"a triangle mesh: {', '.join(MESH_FORMATS)}",
             remedy="convert the mesh, or correct the file's name",
         )
-    try:
-        with Path(path).open("rb") as file:
-            mesh: Any = trimesh.load(file, file_type=suffix[1:], force="mesh", process=False)
-        vertices, faces = np.array(mesh.vertices, np.float64), np.array(mesh.faces, np.int64)
-    except Exception as error:  # trimesh's readers raise whatever their parser raises
+    if not Path(path).is_file():
         raise InputError(
-            f"cannot be read as a mesh ({type(error).__name__}: {error})",
+            "there is no such file",
             where=str(path),
             expected=f"a triangle mesh: {', '.join(MESH_FORMATS)}",
-            remedy="check the path and the file's format",
-        ) from error
+            remedy="check the path",
+        )
+    found = read_mesh(Path(path)) if suffix == ".ply" else None
+    vertices, faces = found or read_guarded("toppling.models.scene:parse_mesh", Path(path))[1]
     if len(faces) == 0:
         raise InputError(
             "holds no triangles",
@@ -387,9 +377,17 @@ def read_triangles(path: str | os.PathLike[str]) -> tuple[NDArray[np.float64], N
             expected="a triangle mesh",
             remedy="a point cloud becomes a scene with 'toppling scan'",
         )
+    check_triangles(vertices, faces, str(path))
     if suffix in (".glb", ".gltf"):
         vertices = vertices[:, [0, 2, 1]] * (1.0, -1.0, 1.0)
     return vertices, faces
+
+
+def parse_mesh(path: Path) -> tuple[None, list[NDArray]]:
+    """Vertices and triangles of a file by trimesh; called in the guarded process, since a small file may say much."""
+    with path.open("rb") as file:
+        mesh: Any = trimesh.load(file, file_type=path.suffix.lower()[1:], force="mesh", process=False)
+    return None, [np.array(mesh.vertices, np.float64), np.array(mesh.faces, np.int64)]
 
 
 def write_ply(path: Path, vertices_m: NDArray[np.float64], faces: NDArray[np.int64]) -> None:

@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import ConvexHull, QhullError
 from scipy.spatial.transform import Rotation
 
+from toppling.models.documents import read_json
 from toppling.models.errors import InputError
 from toppling.models.frames import plane_axes
 from toppling.models.pedestal import Pedestal
@@ -130,12 +131,14 @@ class UnseenBase:
             If the file is not whole or of another schema.
         """
         try:
-            content = json.loads(path.read_text())
+            content = read_json(path)
             if content["schema_version"] != SCHEMA_VERSION:
                 raise _file_error(f"schema version {content['schema_version']}", path)
             draws = tuple(BaseDraw(**_checked(draw)) for draw in content["draws"])
             band_m = float(content["band_m"])
-        except (OSError, UnicodeDecodeError, KeyError, TypeError, ValueError) as error:
+        except InputError:
+            raise
+        except (OSError, UnicodeDecodeError, KeyError, TypeError, ValueError, OverflowError) as error:
             raise _file_error(f"is not whole ({type(error).__name__}: {error})", path) from None
         if not draws or not band_m > 0.0:
             raise _file_error(f"{len(draws)} draws below {band_m} m", path)

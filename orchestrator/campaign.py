@@ -5,18 +5,25 @@ import hashlib
 import json
 import math
 import os
-import tomllib
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from toppling.models.documents import is_number, read_toml, shown
 from toppling.models.errors import InputError
 from toppling.models.scene import ContactProperties
 from toppling.workers.options import ENGINES, PRESETS
 
 LARGEST_PGA_M_S2 = 100.0
 """Ten times gravity, twice the strongest ground acceleration recorded: more is a slip of units."""
+MOST_ON_AN_AXIS = 50_000
+"""Of levels, azimuths, coefficients or records; azimuths a hundredth of a degree apart are 36,000."""
+MOST_REALISATIONS = 1_000_000
+MOST_JOBS = 10_000_000
+"""Beyond, the table of jobs leaves no memory for anything else: 2 GB, and 23 days at five jobs a second."""
+LARGEST_DISPLACEMENT_M = 1000.0
 
 
 @dataclass(frozen=True)
@@ -69,14 +76,10 @@ class Campaign:
         """
         source = Path(path)
         try:
-            content = tomllib.loads(source.read_text(encoding="utf-8"))
+            content = read_toml(source)
         except FileNotFoundError:
             raise _error(
                 source, "no such file", "a campaign file", "write one: its keys are in docs/architecture.md"
-            ) from None
-        except (tomllib.TOMLDecodeError, UnicodeDecodeError, IsADirectoryError) as error:
-            raise _error(
-                source, f"not TOML ({error})", "a campaign file", "its keys are in docs/architecture.md"
             ) from None
         return cls.of(content, source.parent, where=str(source))
 
@@ -93,7 +96,7 @@ class Campaign:
         for key in content:
             if key not in known:
                 raise _error(
-                    where, f"unknown key {key!r}", f"keys: {', '.join(known)}", "correct or remove it"
+                    where, f"unknown key {shown(key)}", f"keys: {', '.join(known)}", "correct or remove it"
                 )
         missing = [
             name
@@ -108,7 +111,7 @@ class Campaign:
 
         def folder_of(key: str) -> Path:
             if not isinstance(content[key], str) or not content[key]:
-                raise _error(place(key), f"{content[key]!r}", "the path of a folder", "give it as a string")
+                raise _error(place(key), shown(content[key]), "the path of a folder", "give it as a string")
             return folder / content[key]
 
         values: dict[str, Any] = {"scene": folder_of("scene"), "ensemble": folder_of("ensemble")}
@@ -132,15 +135,22 @@ class Campaign:
         )
         values["friction"] = _friction(content["friction"], place("friction"))
         realisations = content.get("realisations", 1)
-        if not isinstance(realisations, int) or isinstance(realisations, bool) or realisations < 1:
+        if (
+            not isinstance(realisations, int)
+            or isinstance(realisations, bool)
+            or not 1 <= realisations <= MOST_REALISATIONS
+        ):
             raise _error(
-                place("realisations"), f"{realisations!r}", "a whole number from 1", "1 is the nominal scene"
+                place("realisations"),
+                shown(realisations),
+                f"a whole number from 1 to {MOST_REALISATIONS}",
+                "1 is the nominal scene",
             )
         values["realisations"] = realisations
         preset = content.get("preset", "standard")
-        if preset not in PRESETS:
+        if not isinstance(preset, str) or preset not in PRESETS:
             raise _error(
-                place("preset"), f"{preset!r}", f"one of {', '.join(PRESETS)}", "take 'standard' if unsure"
+                place("preset"), shown(preset), f"one of {', '.join(PRESETS)}", "take 'standard' if unsure"
             )
         values["preset"] = preset
         values["engine"] = _engine(content.get("engine", "pybullet"), values, place("engine"))
@@ -151,16 +161,39 @@ class Campaign:
                 or not all(isinstance(name, str) for name in records)
             ):
                 raise _error(
-                    place("records"), f"{records!r}", "a list of record ids", "leave it out to take all"
+                    place("records"), shown(records), "a list of record ids", "leave it out to take all"
                 )
             values["records"] = tuple(_distinct(records, place("records")))
         if (peak := content.get("peak_displacement_m")) is not None:
-            if not _is_number(peak) or not peak > 0:
+            if not is_number(peak) or not 0 < peak <= LARGEST_DISPLACEMENT_M:
                 raise _error(
-                    place("peak_displacement_m"), f"{peak!r}", "metres above 0", "leave it out for none"
+                    place("peak_displacement_m"),
+                    shown(peak),
+                    f"metres above 0 and up to {LARGEST_DISPLACEMENT_M:g}",
+                    "leave it out for none",
                 )
             values["peak_displacement_m"] = float(peak)
         return cls(**values)
+
+    def check_jobs(self, records: int) -> None:
+        """Refuse more jobs than a table can hold, before any is made.
+
+        Raises
+        ------
+        InputError
+            If there are more than `MOST_JOBS` with so many records.
+        """
+        axes = {
+            "records": records, "levels": len(self.pga_m_s2), "azimuths": len(self.azimuth_deg),
+            "frictions": len(self.friction), "restitutions": len(self.restitution),
+            "realisations": self.realisations,
+        }  # fmt: skip
+        jobs = math.prod(axes.values())
+        if jobs > MOST_JOBS:
+            told = " x ".join(f"{count} {name}" for name, count in axes.items())
+            raise _error(
+                "campaign", f"{jobs:.3g} jobs = {told}", f"at most {MOST_JOBS} jobs", "leave some of them out"
+            )
 
     def to_toml(self, scene: str, ensemble: str) -> str:
         """Write the campaign as TOML with the folders given and every value written out."""
@@ -186,40 +219,51 @@ def hash_of(texts: Iterable[str]) -> str:
 def _axis(value: Any, where: str, fits: Callable[[float], bool], expected: str) -> tuple[float, ...]:
     """Numbers of a list, or of a table {start, stop, step} that includes its stop."""
     if isinstance(value, dict):
-        if set(value) != {"start", "stop", "step"} or not all(_is_number(part) for part in value.values()):
+        if set(value) != {"start", "stop", "step"} or not all(is_number(part) for part in value.values()):
             raise _error(
-                where, f"{value!r}", "{ start = ..., stop = ..., step = ... } in numbers", "or give a list"
+                where, shown(value), "{ start = ..., stop = ..., step = ... } in numbers", "or give a list"
             )
         start, stop, step = value["start"], value["stop"], value["step"]
         if not (step > 0 and stop >= start):
             raise _error(
-                where, f"{value!r} holds no number", "step above 0, stop not below start", "swap the ends?"
+                where,
+                f"{shown(value)} holds no number",
+                "step above 0, stop not below start",
+                "swap the ends?",
             )
         # Half a thousandth of a step lets 0.1 + 0.1 + 0.1 reach a stop of 0.3; rounding gives 0.3 back.
-        count = int((stop - start) / step + 5e-4) + 1
+        many = (float(stop) - float(start)) / step
+        if not many < MOST_ON_AN_AXIS:
+            raise _error(
+                where,
+                f"{shown(value)} holds {many:.3g} numbers",
+                f"at most {MOST_ON_AN_AXIS}",
+                "take a larger step",
+            )
+        count = int(many + 5e-4) + 1
         value = [round(start + index * step, 12) for index in range(count)]
     if not isinstance(value, list) or not value:
         raise _error(
-            where, f"{value!r}", f"a list of {expected}", "at least one value is needed to have a job"
+            where, shown(value), f"a list of {expected}", "at least one value is needed to have a job"
         )
     for number in value:
-        if not _is_number(number) or not fits(number):
-            raise _error(where, f"{number!r}", expected, "correct the value; mind the unit in the key's name")
+        if not is_number(number) or not fits(number):
+            raise _error(where, shown(number), expected, "correct the value; mind the unit in the key's name")
     return tuple(float(number) for number in _distinct(value, where))
 
 
 def _friction(value: Any, where: str) -> tuple[tuple[float, float], ...]:
     if not isinstance(value, list) or not value:
-        raise _error(where, f"{value!r}", "a list of coefficients", "at least one is needed, such as [0.8]")
+        raise _error(where, shown(value), "a list of coefficients", "at least one is needed, such as [0.8]")
     pairs = []
     for entry in value:
         pair = entry if isinstance(entry, list) else [entry, entry]
-        if len(pair) != 2 or not all(_is_number(number) for number in pair):
-            raise _error(where, f"{entry!r}", "a number, or [static, kinetic]", "correct the entry")
+        if len(pair) != 2 or not all(is_number(number) for number in pair):
+            raise _error(where, shown(entry), "a number, or [static, kinetic]", "correct the entry")
         try:
             ContactProperties(*map(float, pair))
         except InputError as error:
-            raise _error(where, f"{entry!r}: {error.what}", error.expected, error.remedy) from None
+            raise _error(where, f"{shown(entry)}: {error.what}", error.expected, error.remedy) from None
         pairs.append((float(pair[0]), float(pair[1])))
     return tuple(_distinct(pairs, where))
 
@@ -237,14 +281,13 @@ def _engine(engine: Any, values: Mapping[str, Any], where: str) -> str:
 
 
 def _distinct(values: list, where: str) -> list:
-    repeated = sorted({str(value) for value in values if values.count(value) > 1})
+    if len(values) > MOST_ON_AN_AXIS:
+        raise _error(where, f"{len(values)} values", f"at most {MOST_ON_AN_AXIS}", "leave some out")
+    repeated = [shown(value) for value, count in Counter(values).items() if count > 1]
     if repeated:
-        raise _error(where, f"{', '.join(repeated)} given twice", "every value once", "remove the repetition")
+        told = ", ".join(sorted(repeated)[:10])
+        raise _error(where, f"{told} given twice", "every value once", "remove the repetition")
     return values
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 
 
 def _error(where: object, what: str, expected: str, remedy: str) -> InputError:

@@ -16,6 +16,7 @@ import pyarrow.parquet as pq
 
 from toppling.models.errors import InputError
 from toppling.models.folder import new_file, new_folder
+from toppling.models.run_document import check_run_document
 from toppling.models.settling import Settling
 from toppling.orchestrator.journal import LOG_FILE
 from toppling.orchestrator.plan import Plan
@@ -68,7 +69,7 @@ def describe(run: Path) -> dict[str, Any]:
     """
     try:
         content = json.loads((run / "run.json").read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise _error(
             run,
             f"is not a run's folder ({error})",
@@ -82,7 +83,7 @@ def describe(run: Path) -> dict[str, Any]:
             expected=f"schema version {SCHEMA_VERSION}",
             remedy="start a new run with another --out",
         )
-    return content
+    return check_run_document(content, run / "run.json")
 
 
 @contextlib.contextmanager

@@ -122,6 +122,7 @@ def plan(campaign: Campaign, scene: Scene, ensemble: Ensemble) -> Plan:
     """
     duration_s = _durations_s(campaign, ensemble)
     records = list(duration_s)
+    campaign.check_jobs(len(records))
     sha = {record: ensemble.sha(record) for record in records}
     axes = list(_axes(campaign))
     scene_id = scene.id
@@ -227,7 +228,8 @@ def _spec(
 def _durations_s(campaign: Campaign, ensemble: Ensemble) -> dict[str, float]:
     """Durations of the records to use by their ids, the longest motion first."""
     known = ensemble.record_ids
-    missing = [name for name in campaign.records or () if name not in set(known)]
+    there = set(known)
+    missing = [name for name in campaign.records or () if name not in there]
     if missing:
         raise InputError(
             f"records {', '.join(missing[:10])} are not in the ensemble"

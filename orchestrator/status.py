@@ -36,7 +36,7 @@ def state_of(run: Path) -> dict[str, Any]:
         "rate_per_s": None, "left_s": None, "workers": None, "deaths": None, "sessions": described["sessions"],
     }  # fmt: skip
     if running and (told := last(run, "work began", "rows stored")):
-        state["workers"], state["deaths"] = told["workers"], told["deaths"]
+        state["workers"], state["deaths"] = told.get("workers"), told.get("deaths")
         state["again"] = told.get("again", 0)
     counted = pc.value_counts(rows["status"]).to_pylist()
     state["status"] = {entry["values"]: entry["counts"] for entry in counted}

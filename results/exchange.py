@@ -92,8 +92,17 @@ def read_curves(path: Path) -> dict[str, Lognormal]:
         curves = readers[path.suffix](path.read_text())
     except FileNotFoundError:
         raise _curve_error(path, "does not exist") from None
-    except (ET.ParseError, KeyError, TypeError, ValueError, AttributeError) as error:
-        raise _curve_error(path, f"cannot be read ({type(error).__name__}: {error})") from error
+    except (
+        ET.ParseError,
+        csv.Error,
+        LookupError,
+        TypeError,
+        ValueError,
+        AttributeError,
+        ArithmeticError,
+        RecursionError,
+    ) as error:
+        raise _curve_error(path, f"cannot be read ({type(error).__name__}: {str(error)[:300]})") from error
     if not curves:
         raise _curve_error(path, "holds no lognormal fragility")
     for curve in curves:

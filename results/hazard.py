@@ -249,7 +249,7 @@ def read_hazard(
         measure, x, rate, taken = (
             _openquake(lines, path, site) if lines[0].startswith("#") else (*_two_columns(lines, path), None)
         )
-    except (ValueError, IndexError, StopIteration) as error:
+    except (ValueError, IndexError, StopIteration, csv.Error, ZeroDivisionError) as error:
         if isinstance(error, InputError):
             raise
         raise _hazard_error(path, f"cannot be read ({error})") from error

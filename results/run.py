@@ -1,6 +1,5 @@
 """A run opened for reading, also while it goes on: pyarrow, pandas, SQL over its rows, records and scene."""
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -10,10 +9,13 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.dataset as ds
 
+from toppling.models.documents import read_json
 from toppling.models.errors import InputError
 from toppling.models.motions.catalogue import meaning
+from toppling.models.run_document import check_run_document
+from toppling.models.scene_document import read_scene_document
 from toppling.results.schema import SCHEMA, describe
-from toppling.results.store import PathLike, damaged, newest_rows, read_steady, result_files, whole_table
+from toppling.results.store import PathLike, newest_rows, read_steady, result_files, whole_table
 
 _RUN_COLUMN = {
     "column": "run",
@@ -126,11 +128,7 @@ class Run:
         path = self.path / "scene" / "scene.json"
         if not path.exists():
             return None
-        told = _json(path)
-        try:
-            return _scene_table(told)
-        except (KeyError, TypeError) as error:
-            raise damaged(path, error) from error
+        return _scene_table(read_scene_document(path))
 
     def quasi_static(self) -> pd.DataFrame | None:
         """Least constant ground acceleration (`value`, m/s2) that topples, by azimuth_deg."""
@@ -140,7 +138,7 @@ class Run:
     def provenance(self) -> dict[str, Any]:
         """Content of `run.json`, how the run was made; empty where there is none."""
         path = self.path / "run.json"
-        return _json(path) if path.exists() else {}
+        return check_run_document(read_json(path), path, whole_document=False) if path.exists() else {}
 
     def describe(self) -> list[dict[str, str]]:
         """Every column of every table with its unit and meaning."""
@@ -205,13 +203,6 @@ def as_frame(table: pa.Table) -> pd.DataFrame:
     """Pandas frame of rows; a column `toppled` becomes a nullable boolean."""
     frame = table.to_pandas()
     return frame.astype({"toppled": "boolean"}) if "toppled" in frame else frame
-
-
-def _json(path: Path) -> dict[str, Any]:
-    try:
-        return json.loads(path.read_text(encoding="utf-8"))
-    except ValueError as error:
-        raise damaged(path, error) from error
 
 
 def _as_recorded(field: pa.Field) -> dict[str, str]:

@@ -48,6 +48,7 @@ _IDENTITY = [
     ("weight", pa.float64()),
 ]
 _ORIGIN = [("history", pa.list_(pa.string())), ("files", pa.list_(pa.string())), ("sha", pa.string())]
+_MAY_BE_UNKNOWN = ("magnitude", "distance_km")
 
 
 class Ensemble:
@@ -67,7 +68,7 @@ class Ensemble:
         self._row = {name: index for index, name in enumerate(self.record_ids)}
         self._motions: pq.ParquetFile | None = None
         self._lock = threading.Lock()
-        self.record = lru_cache(RECORDS_IN_MEMORY)(self._read)
+        self.record = lru_cache(RECORDS_IN_MEMORY)(self._sound)
 
     @classmethod
     def load(cls, folder: str | Path) -> "Ensemble":
@@ -96,6 +97,7 @@ class Ensemble:
         version = marks[0].get(b"version", b"").decode()
         if version != SCHEMA_VERSION:
             raise _ensemble_error(f"it is of version {version}, this program reads {SCHEMA_VERSION}", path)
+        _check_catalog(catalog, path)
         ensemble = cls(path, catalog)
         ensemble._motions = motions
         return ensemble
@@ -190,6 +192,16 @@ class Ensemble:
             )
         return self._row[record_id]
 
+    def _sound(self, record_id: str) -> Record:
+        """One record, if its motion can be read."""
+        try:
+            return self._read(record_id)
+        except InputError:
+            raise
+        except (pa.ArrowException, OSError, ValueError, TypeError, LookupError) as error:
+            what = f"the motion of {record_id!r} cannot be read ({str(error).splitlines()[0][:200]})"
+            raise _ensemble_error(what, self.folder) from error
+
     def _read(self, record_id: str) -> Record:
         """One record, its motion read from its own row group (the last few stay in memory)."""
         index = self._index(record_id)
@@ -225,6 +237,26 @@ class Ensemble:
 
     def __reduce__(self) -> tuple:
         return Ensemble.load, (self.folder,)
+
+
+def _check_catalog(catalog: pa.Table, folder: Path) -> None:
+    """Refuse a catalogue without a column that is read, or with a gap or repetition where none can be."""
+    for name, kind in (
+        *_IDENTITY,
+        *_ORIGIN,
+        ("pga_m_s2", pa.float64()),
+        ("strong_azimuth_deg", pa.float64()),
+    ):
+        at = catalog.schema.get_all_field_indices(name)
+        if len(at) != 1 or catalog.schema.field(at[0]).type != kind:
+            raise _ensemble_error(f"the catalogue has no one column {name!r} of {kind}", folder)
+        if name not in _MAY_BE_UNKNOWN and catalog.column(at[0]).null_count:
+            raise _ensemble_error(f"the catalogue's column {name!r} has gaps", folder)
+    if len(catalog.column("record_id").unique()) < len(catalog):
+        raise _ensemble_error("the catalogue has a record id twice", folder)
+    duration_s = catalog.column("duration_s").to_numpy()
+    if not (np.isfinite(duration_s) & (duration_s > 0)).all():
+        raise _ensemble_error("the catalogue's durations are no times", folder)
 
 
 def _refuse_other_motion(motion: Motion, entry: Mapping[str, Any], folder: Path) -> None:

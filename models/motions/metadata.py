@@ -1,13 +1,13 @@
 """The metadata table: what record files do not say, one row a record."""
 
-import csv
 import io
 import math
 from dataclasses import dataclass
 from pathlib import Path
 
+from toppling.models.documents import csv_rows, shown
 from toppling.models.errors import InputError
-from toppling.models.motions.formats.component import UNITS_M_S2
+from toppling.models.motions.formats.component import TIME_STEPS_S, UNITS_M_S2
 
 COLUMNS = {
     "record_id": ("record_id", "rec_id"),
@@ -33,6 +33,9 @@ COLUMNS = {
 
 UNCORRECTED = ("uncorrected", "raw")
 """How the column `processing` may begin, beside 'corrected'."""
+LONGEST_HEADER = 100_000
+FACTORS = (1e-15, 1e6)
+"""Of one count in a unit: below the least of any digitiser."""
 
 
 @dataclass(frozen=True)
@@ -77,18 +80,17 @@ def read_table(table: Path) -> list[Entry]:
         the line.
     """
     with text_table(table) as file:
-        reader = csv.DictReader(file)
-        names = reader.fieldnames or []
-        if "h1" not in names or "h2" not in names:
-            raise InputError(
-                f"no columns h1 and h2 among {', '.join(names[:8])}",
-                where=f"{table}:1",
-                expected="a CSV table with a header line and at least the columns h1, h2",
-                remedy="one row a record: h1,h2,v,unit,event,mag,dist_km,station",
-            )
-        entries = [
-            _entry(row, table, reader.line_num) for row in reader if any((v or "") for v in row.values())
-        ]
+        rows = list(csv_rows(file, table))
+        file.seek(0)
+        names = file.readline().strip().split(",") if not rows else list(rows[0][1])
+    if "h1" not in names or "h2" not in names:
+        raise InputError(
+            f"no columns h1 and h2 among {shown(names[:8])}",
+            where=f"{table}:1",
+            expected="a CSV table with a header line and at least the columns h1, h2",
+            remedy="one row a record: h1,h2,v,unit,event,mag,dist_km,station",
+        )
+    entries = [_entry(row, table, line) for line, row in rows if any(row.values())]
     if not entries:
         raise InputError(
             "a header and no row",
@@ -133,7 +135,7 @@ def text_table(table: Path) -> io.StringIO:
 def looks_like_table(path: Path) -> bool:
     """Whether a CSV file has the columns of a metadata table."""
     with path.open(encoding="utf-8-sig", errors="replace") as file:
-        return {"h1", "h2"} <= {name.strip() for name in file.readline().split(",")}
+        return {"h1", "h2"} <= {name.strip() for name in file.readline(LONGEST_HEADER).split(",")}
 
 
 def unit_m_s2(text: str) -> float | None:
@@ -146,15 +148,13 @@ def unit_m_s2(text: str) -> float | None:
             factor = float(parts[0])
         except ValueError:
             return None
-        return factor * UNITS_M_S2[parts[1]] if math.isfinite(factor) and factor > 0 else None
+        return factor * UNITS_M_S2[parts[1]] if FACTORS[0] <= factor <= FACTORS[1] else None
     return None
 
 
-def _entry(row: dict[str, str | None], table: Path, line: int) -> Entry:
+def _entry(row: dict[str, str], table: Path, line: int) -> Entry:
     where = f"{table}:{line}"
-    text = {
-        key: next(((row[n] or "").strip() for n in names if row.get(n)), "") for key, names in COLUMNS.items()
-    }
+    text = {key: next((row[n].strip() for n in names if row.get(n)), "") for key, names in COLUMNS.items()}
     for key in ("h1", "h2"):
         if not text[key]:
             raise InputError(
@@ -187,7 +187,7 @@ def _entry(row: dict[str, str | None], table: Path, line: int) -> Entry:
         h2=table.parent / text["h2"],
         v=table.parent / text["v"] if text["v"] else None,
         unit_m_s2=unit,
-        time_step_s=_number(text, "time_step_s", where),
+        time_step_s=_number(text, "time_step_s", where, TIME_STEPS_S),
         corrected=None if not processing else processing.startswith("corrected"),
         corner_hz=_number(text, "corner_hz", where),
         h1_azimuth_deg=_number(text, "h1_azimuth", where),
@@ -200,15 +200,20 @@ def _entry(row: dict[str, str | None], table: Path, line: int) -> Entry:
     )
 
 
-def _number(text: dict[str, str], key: str, where: str) -> float | None:
+def _number(
+    text: dict[str, str], key: str, where: str, limits: tuple[float, float] = (-1e9, 1e9)
+) -> float | None:
     if not text[key]:
         return None
     try:
         value = float(text[key])
     except ValueError:
         value = math.nan
-    if not math.isfinite(value):
+    if not limits[0] <= value <= limits[1]:
         raise InputError(
-            f"{key} is {text[key]!r}", where=where, expected="a number or nothing", remedy="correct the table"
+            f"{key} is {shown(text[key])}",
+            where=where,
+            expected=f"a number from {limits[0]:g} to {limits[1]:g}, or nothing",
+            remedy="correct the table",
         )
     return value

@@ -8,6 +8,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from toppling.models.errors import InputError
 
+SHORTEST_STEP_S = 1e-9
+LONGEST_S = 1e6
+LARGEST_M_S2 = 1e6
+"""Beyond these no ground moves; squares and integrals of what is within them stay far from overflow."""
+
 
 @dataclass(frozen=True, eq=False, init=False)
 class Motion:
@@ -40,6 +45,15 @@ class Motion:
             raise _motion_error(f"acceleration at sample {row} is {values[row]}", "finite numbers")
         if not (np.isfinite(time_step) and time_step > 0):
             raise _motion_error(f"the time step is {time_step}", "a positive number of seconds")
+        if not SHORTEST_STEP_S <= time_step <= LONGEST_S / len(values):
+            raise _motion_error(
+                f"{len(values)} samples at a time step of {time_step:g} s",
+                f"steps of at least {SHORTEST_STEP_S:g} s, and a motion of at most {LONGEST_S:g} s",
+            )
+        if np.abs(values).max() > LARGEST_M_S2:
+            raise _motion_error(
+                f"the acceleration reaches {np.abs(values).max():g} m/s2", f"at most {LARGEST_M_S2:g} m/s2"
+            )
         values.setflags(write=False)
         object.__setattr__(self, "acceleration_m_s2", values)
         object.__setattr__(self, "time_step_s", float(time_step))

@@ -15,6 +15,8 @@ TAPER_SHARE = 0.05
 """Share of the record that the cosine taper takes at each end."""
 HIGH_PASS_ORDER = 4
 """Order of the Butterworth filter after its two passes."""
+LOWEST_CORNER_HZ = 0.001
+"""A filter with a lower corner would need hours of zeros beside the record."""
 CORNERS_HZ = (0.05, 0.07, 0.1, 0.14, 0.2)
 """Corners that the displacement check tries, lowest first: beyond the last, shaking of M 7 itself is lost."""
 QUIET_SHARE, DRIFT_SHARE = 0.1, 0.25
@@ -54,11 +56,11 @@ def high_pass(motion: Motion, corner_hz: float, order: int = HIGH_PASS_ORDER) ->
         If the corner is not between zero and half the sampling rate.
     """
     nyquist_hz = 0.5 / motion.time_step_s
-    if not 0 < corner_hz < nyquist_hz:
+    if not LOWEST_CORNER_HZ <= corner_hz < nyquist_hz:
         raise InputError(
             f"a high-pass corner of {corner_hz:g} Hz",
             where="high-pass",
-            expected=f"above 0 and below {nyquist_hz:g} Hz, half of the record's sampling rate",
+            expected=f"{LOWEST_CORNER_HZ:g} Hz to below {nyquist_hz:g} Hz, half of the record's sampling rate",
             remedy="correct --corner, or corner_hz in the metadata table; 0.05 to 0.2 Hz is usual",
         )
     filtered, pad = _filtered(motion, corner_hz, order)
@@ -107,7 +109,7 @@ def resample(motion: Motion, time_step_s: float) -> Motion:
         If the ratio of the steps is not a ratio of whole numbers up to 1000.
     """
     ratio = Fraction(motion.time_step_s / time_step_s).limit_denominator(1000)
-    if ratio <= 0 or abs(float(ratio) * time_step_s / motion.time_step_s - 1) > 1e-6:
+    if not 0 < ratio <= 1000 or abs(float(ratio) * time_step_s / motion.time_step_s - 1) > 1e-6:
         raise InputError(
             f"a time step of {motion.time_step_s:g} s cannot be resampled to {time_step_s:g} s",
             where="resample",

@@ -7,6 +7,9 @@ from toppling.models.motions.formats.component import Component, refuse
 QUESTIONABLE_M_S2 = 5 * 9.80665
 CLIPPED_SAMPLES, CLIPPED_RUN = 10, 4
 """So many samples at the extreme, so many of them in a row, are a clipped instrument."""
+RAIL_SHARE, RAIL_RUNS = 0.95, 3
+"""A rail lies this near to the record's farthest sample; nearer to the middle, where an offset was taken off, only what
+is reached so often is one."""
 SPIKE_RATIO = 8.0
 """A lone sample this many times farther from its neighbours than the next farthest is a spike."""
 FILLED_GAP_S = 0.5
@@ -40,21 +43,39 @@ def doubts(component: Component) -> None:
 
 
 def _clipped(component: Component, a: np.ndarray) -> None:
+    """Refuse flat tops at a rail: reached in mid-course, and as far out as the record goes, or reached again and again.
+
+    A flat top below the peak of the other sign, or one whose neighbours are the next value that the file can write, is
+    how an analogue trace was digitised.
+    """
+    middle = np.median(a)
+    farthest, peak = np.abs(a - middle).max(), np.abs(a).max()
+    values = np.unique(a)
+    quantum = np.diff(values).min() if len(values) > 1 else 0.0
     for extreme in (a.max(), a.min()):
-        start, length = _longest_run(a == extreme)
         count = int((a == extreme).sum())
-        if (
-            count >= CLIPPED_SAMPLES
-            and length >= CLIPPED_RUN
-            and abs(extreme - np.median(a)) > 0.5 * np.abs(a - np.median(a)).max()
-        ):
+        flat = [run for run in _runs(a == extreme) if _ends_in_mid_course(a, run, quantum)]
+        if count < CLIPPED_SAMPLES or not flat:
+            continue
+        share = max(abs(extreme) / peak, abs(extreme - middle) / farthest)
+        if share >= RAIL_SHARE or (len(flat) >= RAIL_RUNS and abs(extreme - middle) > 0.5 * farthest):
+            start, end = max(flat, key=lambda run: run[1] - run[0])
             _doubt(
                 component,
                 start,
-                f"{count} samples, {length} in a row, are at the extreme {extreme:.4g} m/s2: clipped",
+                f"{count} samples, {end - start} in a row, are at the extreme {extreme:.4g} m/s2: clipped",
                 "a record within the instrument's range",
                 "leave the record out, or accept it with --doubtful",
             )
+
+
+def _ends_in_mid_course(a: np.ndarray, run: tuple[int, int], quantum: float) -> bool:
+    """Whether a flat run is long, and both samples beside it are more than one step of the values away."""
+    start, end = run
+    if end - start < CLIPPED_RUN:
+        return False
+    beside = [abs(a[at] - a[start]) for at in (start - 1, end) if 0 <= at < len(a)]
+    return not beside or min(beside) > 1.5 * quantum
 
 
 def _spike(component: Component, a: np.ndarray) -> None:
@@ -93,13 +114,10 @@ def _filled_gap(component: Component, a: np.ndarray, peak: float) -> None:
             )
 
 
-def _longest_run(mask: np.ndarray) -> tuple[int, int]:
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int))).reshape(-1, 2)
-    if not len(edges):
-        return 0, 0
-    lengths = edges[:, 1] - edges[:, 0]
-    longest = int(lengths.argmax())
-    return int(edges[longest, 0]), int(lengths[longest])
+def _runs(mask: np.ndarray) -> list[tuple[int, int]]:
+    """First place of every run, and the place behind it."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int)))
+    return [(int(start), int(end)) for start, end in edges.reshape(-1, 2)]
 
 
 def _doubt(component: Component, sample: int, what: str, expected: str, remedy: str) -> None:

@@ -1,12 +1,12 @@
 """Which records of an ensemble a question needs, and how much each of them counts."""
 
-import csv
 import math
 from collections import Counter, defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from toppling.models.documents import csv_rows, shown
 from toppling.models.errors import InputError
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.metadata import text_table
@@ -104,16 +104,15 @@ def read_deaggregation(table: Path) -> list[Bin]:
     names = ("magnitude_low", "magnitude_high", "distance_low_km", "distance_high_km", "contribution")
     bins = []
     with text_table(table) as file:
-        reader = csv.DictReader(file)
-        for row in reader:
+        for line, row in csv_rows(file, table):
             try:
                 low_m, high_m, low_d, high_d, share = (float(row[name]) for name in names)
             except (KeyError, TypeError, ValueError):
                 low_m = share = math.nan
-            if not (share >= 0 and low_m < high_m and low_d < high_d):
+            if not (0 <= share < math.inf and low_m < high_m and low_d < high_d):
                 raise InputError(
-                    f"not a bin: {', '.join(str(v) for v in row.values())}",
-                    where=f"{table}:{reader.line_num}",
+                    f"not a bin: {shown(list(row.values()))}",
+                    where=f"{table}:{line}",
                     expected=f"numbers in {', '.join(names)}, low below high, contribution not negative",
                     remedy="correct the table",
                 )

@@ -4,19 +4,24 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import laspy
 import numpy as np
-import open3d as o3d
 from numpy.typing import NDArray
 
 from toppling.models.errors import InputError
+from toppling.models.guarded import read_guarded
+from toppling.models.ply import read_vertices
 from toppling.models.scan.header import TEXT, named_columns
 
 FORMATS = (".ply", ".pcd", ".xyz", ".pts", ".txt", ".csv", ".las", ".laz", ".e57")
 MINIMUM_POINTS = 1000
 """Fewer points than this cannot show a rock, its pedestal and the crevice between them."""
-NOISE = (7, 18)
-"""Classes of low and high noise in the LAS specification."""
+GUARDED = {
+    ".las": ("las", "laspy"),
+    ".laz": ("las", "laspy"),
+    ".e57": ("e57", "pye57"),
+    ".pcd": ("pcd", "open3d"),
+}
+"""Formats that libraries read in C++ and Rust: the reader in `models.scan.binary`, and its library."""
 EASTINGS_M = (1e5, 1e6)
 """Within these lie all eastings of UTM; northings lie beyond nearly everywhere."""
 NORTHINGS_BELOW_M = 1e7
@@ -80,12 +85,11 @@ def _read_file(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
     if suffix not in FORMATS:
         raise _unreadable(f"unknown format '{suffix}'", path)
     try:
-        if suffix in (".las", ".laz"):
-            points, station = _read_las(path)
-        elif suffix == ".e57":
-            points, station = _read_e57(path)
-        elif suffix in (".ply", ".pcd"):
-            points, station = _read_tensor(path)
+        if suffix in GUARDED:
+            reader, library = GUARDED[suffix]
+            points, station = read_guarded(f"toppling.models.scan.binary:{reader}", path, [library])[1]
+        elif suffix == ".ply":
+            points, station = _read_ply(path)
         else:
             points = _read_columns(path)
             station = np.zeros(len(points), np.int32)
@@ -96,49 +100,15 @@ def _read_file(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
     return points, _counted(station)
 
 
-def _read_las(path: Path) -> tuple[NDArray[np.float64], NDArray]:
-    """Read what was not deleted: points that are withheld are, by the specification, and noise was cleaned out."""
-    with laspy.open(path) as source:
-        points = np.empty((source.header.point_count, 3))
-        station = np.empty(source.header.point_count, np.int32)
-        filled = 0
-        for every in source.chunk_iterator(2_000_000):
-            deleted = np.asarray(every.withheld, bool) | np.isin(every.classification, NOISE)
-            chunk = every[~deleted] if deleted.any() else every
-            rows = slice(filled, filled + len(chunk))
-            points[rows, 0], points[rows, 1], points[rows, 2] = chunk.x, chunk.y, chunk.z
-            station[rows] = chunk.point_source_id
-            filled += len(chunk)
-    return points[:filled], station[:filled]
-
-
-def _read_e57(path: Path) -> tuple[NDArray[np.float64], NDArray]:
-    import pye57
-
-    source = pye57.E57(str(path))
-    scans = []
-    for index in range(source.scan_count):
-        scan = source.read_scan(index, ignore_missing_fields=True, transform=True)
-        scans.append(np.column_stack([scan["cartesianX"], scan["cartesianY"], scan["cartesianZ"]]))
-    if not scans:
+def _read_ply(path: Path) -> tuple[NDArray[np.float64], NDArray]:
+    read = read_vertices(path)
+    if not {"x", "y", "z"} <= read.keys():
         return np.empty((0, 3)), np.empty(0, np.int32)
-    return np.concatenate(scans), np.repeat(
-        np.arange(len(scans), dtype=np.int32), [len(scan) for scan in scans]
-    )
-
-
-def _read_tensor(path: Path) -> tuple[NDArray[np.float64], NDArray]:
-    """Open3D's tensor reader: keeps doubles and extra properties, which its legacy reader drops."""
-    with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
-        cloud = o3d.t.io.read_point_cloud(path)
-    if "positions" not in cloud.point:
-        return np.empty((0, 3)), np.empty(0, np.int32)
-    points = cloud.point.positions.numpy().astype(float)
+    points = np.column_stack([read[axis].astype(float) for axis in "xyz"])
     station = next(
-        (cloud.point[key].numpy().ravel() for key in ("station", "point_source_id") if key in cloud.point),
-        None,
+        (read[key] for key in ("station", "point_source_id") if key in read), np.zeros(len(points))
     )
-    return points, np.zeros(len(points), np.int32) if station is None else station.astype(np.int32)
+    return points, station.astype(np.int32)
 
 
 def _read_columns(path: Path) -> NDArray[np.float64]:

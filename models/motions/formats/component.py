@@ -28,6 +28,8 @@ UNITS_M_S2 = {
     "mg": 0.00980665,
 }
 """Factors to m/s2 by the names that files and tables use."""
+TIME_STEPS_S = (1e-5, 1.0)
+"""Of any instrument that records shaking."""
 _DEGREES = re.compile(r"-?(?:\d+(?:\.\d*)?|\.\d+)", re.ASCII)
 _QUADRANT = re.compile(r"([NS])\s*(\d+(?:\.\d*)?|\.\d+)\s*([EW])", re.ASCII)
 
@@ -167,6 +169,26 @@ def positive(value: float, name: str, path: Path, line: int) -> float:
             remedy="correct the header, or fetch the file again",
         )
     return value
+
+
+def check_time_step(value_s: float, path: Path | str, line: int = 0) -> float:
+    """Time step of a record, if it is one.
+
+    Raises
+    ------
+    InputError
+        If it is shorter or longer than that of any instrument.
+    """
+    least, most = TIME_STEPS_S
+    if not least <= value_s <= most:
+        refuse(
+            f"the time step is {value_s:g} s",
+            path,
+            line,
+            expected=f"a time step of {least:g} to {most:g} s",
+            remedy="correct the time step or its unit, or fetch the file again",
+        )
+    return value_s
 
 
 def bearing(label: str) -> float | str | None:

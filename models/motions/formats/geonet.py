@@ -50,6 +50,14 @@ def _channel(lines: list[str], start: int, path: Path) -> tuple[Component, int]:
     at = start + TEXT_LINES
     integers = exactly(numbers_in(lines[at : at + 4], path, at + 1, WIDTH), 40, path, at + 1).astype(int)
     counts = [int(n) for n in integers[COUNTS_AT : COUNTS_AT + 3]]
+    if min(counts) < 0:  # the next component would be looked for before this one
+        refuse(
+            f"the header counts {', '.join(map(str, counts))} samples",
+            path,
+            at + 1,
+            expected="counts of acceleration, velocity and displacement",
+            remedy="fetch the file again",
+        )
     at += NUMBER_LINES
     rows = [-(-count // ACROSS) for count in counts]
     values = exactly(numbers_in(lines[at : at + rows[0]], path, at + 1, WIDTH), counts[0], path, start + 10)

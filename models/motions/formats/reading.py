@@ -1,10 +1,14 @@
 """Which reader a file needs, by its first bytes."""
 
+import math
 from pathlib import Path
 from typing import Any, Protocol
 
+import numpy as np
+
+from toppling.models.errors import InputError
 from toppling.models.motions.formats import columns, cosmos, geonet, peer, seismic, smc, volumes
-from toppling.models.motions.formats.component import Component, refuse
+from toppling.models.motions.formats.component import Component, check_time_step, refuse
 from toppling.models.motions.formats.keyed import cwb, esm, unam
 
 
@@ -23,6 +27,11 @@ class Reader(Protocol):
 TEXT_FORMATS: tuple[Reader, ...] = (peer, geonet, cosmos, smc, volumes, esm, unam, cwb, columns)
 """In the order in which they are tried."""
 HEAD_BYTES = 4000
+LARGEST_BYTES = 500_000_000
+LONGEST_LINE = 5000
+"""Formats have lines of at most a few hundred characters, and searching endless ones for words is slow."""
+LARGEST_SAMPLE = 1e12
+"""In the file's own unit: above the counts of any instrument, and a record's squares stay far from overflow."""
 
 
 def read_file(path: Path, inventory: Any | None = None) -> list[Component]:
@@ -39,15 +48,24 @@ def read_file(path: Path, inventory: Any | None = None) -> list[Component]:
     InputError
         If no reader knows the format, or the file is damaged: with file and line.
     """
+    if not path.is_file():
+        refuse("is no file", path, expected="a record", remedy="check the path")
+    if path.stat().st_size > LARGEST_BYTES:
+        refuse(
+            f"the file has {path.stat().st_size / 1e6:.0f} MB",
+            path,
+            expected=f"a record of at most {LARGEST_BYTES / 1e6:.0f} MB",
+            remedy="cut the shaking out of it first",
+        )
     content = path.read_bytes()
     if not content.strip():
         refuse("the file is empty", path, expected="a record", remedy="fetch the file again")
     text = content.decode("utf-8-sig", errors="replace") if b"\0" not in content[:HEAD_BYTES] else None
-    if text is not None:
-        for reader in TEXT_FORMATS:
-            if reader.recognises(text[:HEAD_BYTES]):
-                return _with_samples(reader.read(path, text), path)
-    found = seismic.read(path, content, inventory)
+    reader = next((reader for reader in TEXT_FORMATS if text and reader.recognises(text[:HEAD_BYTES])), None)
+    if text is not None and reader is not None:
+        return _checked(_read_text(reader, path, text), path)
+    del content, text
+    found = seismic.read(path, inventory)
     if found is None:
         names = ", ".join(reader.NAME for reader in TEXT_FORMATS)
         refuse(
@@ -56,19 +74,54 @@ def read_file(path: Path, inventory: Any | None = None) -> list[Component]:
             expected=f"{names}, or a format that ObsPy reads",
             remedy="convert the file, or leave it out",
         )
-    return _with_samples(found, path)
+    return _checked(found, path)
 
 
-def _with_samples(components: list[Component], path: Path) -> list[Component]:
+def _read_text(reader: Reader, path: Path, text: str) -> list[Component]:
+    """Read by a reader that may meet anything: what it did not foresee is a damaged file too."""
+    longest = max(enumerate(text.splitlines(), 1), key=lambda line: len(line[1]))
+    if len(longest[1]) > LONGEST_LINE:
+        refuse(
+            f"the line has {len(longest[1])} characters",
+            path,
+            longest[0],
+            expected=f"{reader.NAME}, with lines of at most {LONGEST_LINE} characters",
+            remedy="fetch the file again",
+        )
+    try:
+        return reader.read(path, text)
+    except InputError:
+        raise
+    except (ArithmeticError, LookupError, TypeError, ValueError, AttributeError, MemoryError) as error:
+        refuse(
+            f"the file is damaged: it begins as {reader.NAME} and cannot be read so ({error})",
+            path,
+            expected="a whole file of one format",
+            remedy="fetch the file again",
+        )
+
+
+def _checked(components: list[Component], path: Path) -> list[Component]:
     for component in components:
-        if len(component.acceleration_m_s2) < 2:
+        a, step = component.acceleration_m_s2, component.time_step_s
+        if len(a) < 2:
             refuse(
-                f"{len(component.acceleration_m_s2)} samples",
+                f"{len(a)} samples",
                 path,
                 component.line,
                 expected="at least two samples",
                 remedy="fetch the file again",
             )
+        if not np.isfinite(a).all() or np.abs(a).max() > LARGEST_SAMPLE:
+            refuse(
+                f"a sample is {a[~(np.abs(a) <= LARGEST_SAMPLE)][0]:g}",
+                path,
+                component.line,
+                expected="finite samples of a record",
+                remedy="fetch the file again",
+            )
+        if not math.isnan(step):
+            check_time_step(step, path, component.line)
     if not components:
         refuse("no channel", path, expected="at least one channel", remedy="fetch the file again")
     return components

@@ -5,12 +5,13 @@ import warnings
 from functools import cache
 from importlib.metadata import entry_points
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 
 from toppling.models.errors import InputError
-from toppling.models.motions.formats.component import DOWN, UP, Component, bearing, positive, refuse
+from toppling.models.guarded import read_guarded
+from toppling.models.motions.formats.component import DOWN, UP, Component, bearing, exactly, positive, refuse
 
 NAME = "ObsPy"
 FORMATS = (
@@ -19,40 +20,91 @@ FORMATS = (
 )  # fmt: skip
 """Formats that are parsed, in ObsPy's order. Left to guess, ObsPy also tries PICKLE, which runs what the file says, and
 formats whose files name others to be read (CSS, Q)."""
+KNET_DURATION_LINE = 12
+MOST_SAMPLES = 10**9
 FLATNESS_BAND_HZ = (0.1, 20.0)
 FLATNESS = 0.05
 """An accelerometer whose response varies less than this share over the band is divided by its sensitivity."""
 
 
-def read(path: Path, content: bytes, inventory: Any | None) -> list[Component] | None:
+def read(path: Path, inventory: Any | None) -> list[Component] | None:
     """Read every trace of a file, in m/s2; None if ObsPy knows no such format.
 
     Parameters
     ----------
     path : Path
-        Named in errors.
-    content : bytes
     inventory : obspy.Inventory or None
         Responses for samples in counts.
     """
     import obspy
 
+    told, samples = read_guarded("toppling.models.motions.formats.seismic:parse", path, ["obspy"])
+    if told is None:
+        return None
+    traces = []
+    for header, values in zip(told, samples, strict=True):
+        header["starttime"] = obspy.UTCDateTime(ns=header["starttime"])
+        traces.append(obspy.Trace(values, header=header))
+    stream = obspy.Stream(traces)
+    _refuse_gaps(stream, path)
+    return [_component(trace, path, inventory) for trace in stream]
+
+
+def parse(path: Path) -> tuple[list[dict[str, Any]] | None, list[np.ndarray]]:
+    """Headers and samples of a file's traces, None if no format is recognised; called in the guarded process.
+
+    ObsPy reads most formats in C.
+    """
+    import obspy
+
+    content = path.read_bytes()
     with warnings.catch_warnings(record=True) as complaints:
         warnings.simplefilter("always")
         try:
             file_format = next((name for name in FORMATS if _recogniser(name)(io.BytesIO(content))), None)
             if file_format is None:
-                return None
+                return None, []
             stream = obspy.read(
                 io.BytesIO(content), format=file_format, apply_calib=False, check_compression=False
             )
+        except MemoryError:
+            raise
         except Exception as error:
-            return _unreadable(path, error)
+            _unreadable(path, error)
     doubt = [str(item.message) for item in complaints if item.category.__module__.startswith("obspy")]
     if doubt:
         _unreadable(path, ValueError(doubt[0]))
-    _refuse_gaps(stream, path)
-    return [_component(trace, path, inventory) for trace in stream]
+    for trace in stream:
+        if np.ma.isMaskedArray(trace.data):
+            refuse(
+                f"samples of {trace.id} are missing",
+                path,
+                expected="all samples",
+                remedy="fetch the file again",
+            )
+        if trace.data.dtype.kind not in "iuf":
+            refuse(f"{trace.id} holds no numbers", path, expected="samples", remedy="give the record's file")
+    return [_header(trace.stats) for trace in stream], [trace.data for trace in stream]
+
+
+def _header(stats: Any) -> dict[str, Any]:
+    """What is used of a trace's header, as JSON says it."""
+    header = {key: stats[key] for key in ("network", "station", "location", "channel")}
+    header |= {
+        "sampling_rate": float(stats.sampling_rate),
+        "calib": float(stats.calib),
+        "_format": stats["_format"],
+    }
+    header["starttime"] = stats.starttime.ns
+    for name in ("knet", "sac"):
+        if name in stats:
+            header[name] = {key: _plain(value) for key, value in stats[name].items()}
+    return header
+
+
+def _plain(value: Any) -> str | float:
+    """Value of a header as JSON says it: SAC's are NumPy's numbers, K-NET's are times too."""
+    return float(value) if isinstance(value, int | float | np.number) else str(value)
 
 
 @cache
@@ -94,7 +146,7 @@ def is_station_xml(head: str) -> bool:
     return "<FDSNStationXML" in head
 
 
-def _unreadable(path: Path, error: Exception) -> list[Component]:
+def _unreadable(path: Path, error: Exception) -> NoReturn:
     refuse(
         f"ObsPy cannot read it ({error})",
         path,
@@ -121,15 +173,17 @@ def _component(trace: Any, path: Path, inventory: Any | None) -> Component:
     stats = trace.stats
     values = np.asarray(trace.data, dtype=float)
     bad = np.flatnonzero(~np.isfinite(values))
-    if np.ma.isMaskedArray(trace.data) or len(bad):
+    if len(bad):
         refuse(
-            f"sample {int(bad[0]) if len(bad) else 0} of {trace.id} is missing or not finite",
+            f"sample {int(bad[0])} of {trace.id} is not finite",
             path,
             expected="finite samples",
             remedy="fetch the file again",
         )
     step = positive(float(stats.delta), "time step", path, 0)
     own = stats.get("knet") or stats.get("sac") or {}
+    if "duration" in own:
+        exactly(values, _counted(float(own["duration"]), step, path), path, KNET_DURATION_LINE)
     values, note, known = _in_m_s2(trace, values, inventory, path)
     return Component(
         acceleration_m_s2=values,
@@ -148,6 +202,20 @@ def _component(trace: Any, path: Path, inventory: Any | None) -> Component:
         start_s=float(stats.starttime.timestamp),
         notes=(note,) if note else (),
     )
+
+
+def _counted(duration_s: float, step_s: float, path: Path) -> int:
+    """Samples that K-NET's header announces: its files lack the end, or lines in between, where there are others."""
+    count = duration_s / step_s
+    if not 0 < count < MOST_SAMPLES:
+        refuse(
+            f"the header's duration is {duration_s:g} s",
+            path,
+            KNET_DURATION_LINE,
+            expected="the duration of the samples",
+            remedy="fetch the file again",
+        )
+    return round(count)
 
 
 def _series(stats: Any) -> str:

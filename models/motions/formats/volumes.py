@@ -15,6 +15,7 @@ from toppling.models.motions.formats.component import (
     UNITS_M_S2,
     Component,
     bearing,
+    check_time_step,
     exactly,
     numbers_in,
     positive,
@@ -116,7 +117,7 @@ def _equally_spaced(
     at = line + heading
     step = float(spaced[1]) if spaced else 1 / positive(float(rate[1] if rate else 0), "rate", path, at)
     form = _FORTRAN.search(text)
-    across, width = (int(form[1]), int(form[2])) if form else (8, 9)
+    across, width = (max(int(form[1]), 1), max(int(form[2]), 1)) if form else (8, 9)
     count = int(match[1])
     body = lines[heading + 1 : heading + 1 + -(-count // across)]
     values = exactly(numbers_in(body, path, line + heading + 1, width), count, path, line + heading)
@@ -189,6 +190,7 @@ def _evenly(
             expected=f"times about {step:.4g} s apart",
             remedy="cut the record at the gap, or fetch the file again",
         )
+    check_time_step(step, path, line)  # before the record is interpolated
     nice = round(step, 3)
     nice = nice if nice and abs(nice * len(steps) - (time[-1] - time[0])) <= 1.5 * PRINTED_TIME_S else step
     if np.abs(time - time[0] - nice * np.arange(len(time))).max() <= 1.5 * PRINTED_TIME_S:

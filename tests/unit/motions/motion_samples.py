@@ -379,7 +379,7 @@ def knet(folder: Path, a: np.ndarray) -> list[Path]:
             "Station Height(m)": "17",
             "Record Time": "2018/01/24 19:51:36",
             "Sampling Freq(Hz)": "100Hz",
-            "Duration Time(s)": "4",
+            "Duration Time(s)": f"{len(series) * STEP_S:g}",
             "Dir.": direction,
             "Scale Factor": "2000(gal)/8388608",
             "Max. Acc. (gal)": f"{np.abs(series).max() * 100:.3f}",

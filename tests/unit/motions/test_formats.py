@@ -1,5 +1,6 @@
 """Every format gives back the motion that was written in it; damage is named with its line."""
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -210,6 +211,43 @@ def test_a_truncated_file_is_refused_and_named(name, tmp_path):
     outcome = imported(tmp_path, process=False)
     assert not outcome.records
     assert any(str(victim) in refusal.reason.where for refusal in outcome.refusals)
+
+
+@pytest.mark.parametrize("first", [18, 30, -5])
+def test_a_k_net_component_that_lacks_five_lines_anywhere_is_refused(tmp_path, first):
+    """In the middle they would shift the rest by .4 s, which no length of the other components tells."""
+    victim = next(path for path in WRITERS["knet"](tmp_path, shaking()) if path.suffix == ".NS")
+    lines = victim.read_text().splitlines(keepends=True)
+    del lines[first : first + 5 if first > 0 else None]
+    victim.write_text("".join(lines))
+    outcome = imported(tmp_path)
+    assert not outcome.records
+    (told,) = [refusal.reason for refusal in outcome.refusals if str(victim) in refusal.reason.where]
+    assert "360 samples follow where the header counts 400" in told.what
+
+
+@pytest.mark.parametrize("step", ["1e308", "1e-300", "1e5", "9" * 400])
+def test_a_time_step_that_no_instrument_has_is_refused(tmp_path, step):
+    for path in WRITERS["peer"](tmp_path, shaking()):
+        path.write_text(path.read_text().replace("DT=   .0100", f"DT= {step}"))
+    outcome = imported(tmp_path, doubtful=True)
+    assert not outcome.records
+    assert all("time step is " in refusal.reason.what for refusal in outcome.refusals)
+
+
+def test_a_line_without_end_is_refused_with_its_number(tmp_path):
+    victim = WRITERS["peer"](tmp_path, shaking())[0]
+    lines = victim.read_text().split("\n")
+    lines[6] += " 1" * 100_000
+    victim.write_text("\n".join(lines))
+    outcome = imported(tmp_path)
+    assert f"{victim}:7" in [refusal.reason.where for refusal in outcome.refusals]
+
+
+def test_a_file_that_is_none_is_refused_and_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "quake.AT2")
+    (refusal,) = import_records([tmp_path / "quake.AT2"]).refusals
+    assert "is no file" in refusal.reason.what
 
 
 def test_components_of_slightly_different_length_are_cut_to_what_they_share(tmp_path):

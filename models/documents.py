@@ -1,0 +1,219 @@
+"""JSON, TOML and CSV of strangers: bounded before they are parsed, and their values shown in a line."""
+
+import csv
+import json
+import math
+import re
+import reprlib
+import tomllib
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from toppling.models.errors import InputError
+
+LARGEST_JSON_BYTES = 100_000_000
+LARGEST_TOML_BYTES = 2_000_000
+LONGEST_KEY = 50
+"""Parts of a dotted key: the time that tomllib takes grows with their square."""
+_KEY_PARTS = re.compile(r"[\w\"' \t-]+|\.|[^\w\"' \t.-]+")
+_SHORT = reprlib.Repr()
+_SHORT.maxstring = _SHORT.maxother = 60
+_SHORT.maxlong = 40
+
+
+def shown(value: Any) -> str:
+    """A value as an error names it: in one short line, whatever it is."""
+    text = _SHORT.repr(value)
+    return text if len(text) <= 100 else f"{text[:97]}..."
+
+
+def read_json(path: Path) -> dict[str, Any]:
+    """Read the object that a JSON file holds.
+
+    Raises
+    ------
+    InputError
+        If it is too large, no JSON (which has no NaN), nested beyond use, or no object.
+    FileNotFoundError
+        If there is none.
+    """
+    try:
+        content = json.loads(_text(path, LARGEST_JSON_BYTES, "JSON"), parse_constant=_no_constant)
+    except InputError:
+        raise
+    except (ValueError, RecursionError) as error:
+        raise _unreadable(
+            path, f"cannot be read (no JSON: {_brief(error)})", "JSON, as it was written"
+        ) from None
+    if not isinstance(content, dict):
+        raise _unreadable(path, f"is {shown(content)}, no object", "a JSON object, as it was written")
+    return content
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """Read a TOML file.
+
+    Raises
+    ------
+    InputError
+        If it is too large, no TOML, or nested beyond use.
+    FileNotFoundError
+        If there is none.
+    """
+    try:
+        text = _text(path, LARGEST_TOML_BYTES, "TOML")
+        if _longest_key(text) > LONGEST_KEY:
+            raise _unreadable(
+                path, f"has a key of more than {LONGEST_KEY} parts", "TOML: key = value, a line each"
+            )
+        return tomllib.loads(text)
+    except InputError:
+        raise
+    except (ValueError, RecursionError) as error:
+        raise _unreadable(path, f"is not TOML ({_brief(error)})", "TOML: key = value, a line each") from None
+
+
+def csv_rows(lines: Any, where: object) -> Iterator[tuple[int, dict[str, str]]]:
+    """Rows of a CSV table with a header, each with its line; what a short row lacks is empty.
+
+    Raises
+    ------
+    InputError
+        If the module csv cannot read it: a field of more than 131,072 characters is a quote that nobody closed.
+    """
+    reader = csv.DictReader(lines, restval="")
+    try:
+        for row in reader:
+            yield reader.line_num, {key: value for key, value in row.items() if key is not None}
+    except csv.Error as error:
+        raise InputError(
+            f"is no CSV ({error})",
+            where=f"{where}:{reader.line_num}",
+            expected="a CSV table with a header line",
+            remedy="look for a quote that is not closed, or save the table as CSV again",
+        ) from None
+
+
+@dataclass(frozen=True)
+class Kind:
+    """What a value of a document must be."""
+
+    name: str
+    holds: Callable[[Any], bool]
+
+    def or_null(self) -> "Kind":
+        """The same, or null, which stands for what is not finite or not known."""
+        return Kind(f"{self.name} or null", lambda value: value is None or self.holds(value))
+
+
+def check_shape(value: Any, shape: Any, where: object, place: str = "") -> None:
+    """Compare a document with what is expected of it; keys that are not expected are left alone.
+
+    Parameters
+    ----------
+    value : what JSON says
+    shape : Kind, dict or list
+        A dict has a shape for every key, one that ends in '?' may be missing; a list has the shape of all its items,
+        and may have their number behind it.
+    where : path
+        Of the file.
+    place : str
+        Keys that lead to the value.
+
+    Raises
+    ------
+    InputError
+        At the first value that is another, with its place.
+    """
+    if isinstance(shape, Kind):
+        if not shape.holds(value):
+            raise _mistyped(value, shape.name, where, place)
+    elif isinstance(shape, dict):
+        if not isinstance(value, dict):
+            raise _mistyped(value, "an object", where, place)
+        for key, inner in shape.items():
+            name = key.removesuffix("?")
+            if name in value:
+                check_shape(value[name], inner, where, f"{place}.{name}" if place else name)
+            elif name == key:
+                raise _mistyped(None, "a value", where, f"{place}.{name}" if place else name, missing=True)
+    else:
+        if not isinstance(value, list) or (len(shape) > 1 and len(value) != shape[1]):
+            raise _mistyped(value, f"a list{f' of {shape[1]}' if len(shape) > 1 else ''}", where, place)
+        for index, item in enumerate(value):
+            check_shape(item, shape[0], where, f"{place}[{index}]")
+
+
+def _mistyped(value: Any, expected: str, where: object, place: str, *, missing: bool = False) -> InputError:
+    return _unreadable(where, f"{place} is {'missing' if missing else shown(value)}", expected)
+
+
+def is_number(value: Any) -> bool:
+    """Whether a value is a finite number that a double can hold, and no truth value."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return False
+    try:
+        return math.isfinite(value)
+    except OverflowError:  # an integer of 400 digits
+        return False
+
+
+def between(low: float, high: float) -> Kind:
+    """Number from low to high."""
+    return Kind(f"a number from {low:g} to {high:g}", lambda value: is_number(value) and low <= value <= high)
+
+
+def whole(low: int, high: int) -> Kind:
+    """Whole number from low to high."""
+    return Kind(
+        f"a whole number from {low} to {high}",
+        lambda value: isinstance(value, int) and not isinstance(value, bool) and low <= value <= high,
+    )
+
+
+def one_of(*words: str) -> Kind:
+    """One of some words."""
+    return Kind(f"one of {', '.join(words)}", lambda value: isinstance(value, str) and value in words)
+
+
+TEXT = Kind("a text", lambda value: isinstance(value, str))
+LENGTH_M = between(-1e8, 1e8)
+NUMBER = between(-1e12, 1e12)
+SHARE = between(-0.001, 1.001)
+
+
+def _text(path: Path, most: int, kind: str) -> str:
+    if path.exists() and not path.is_file():
+        raise _unreadable(path, "is no file", kind)
+    if (size := path.stat().st_size) > most:
+        raise _unreadable(path, f"has {size / 1e6:.3g} MB", f"{kind} of at most {most / 1e6:.0f} MB")
+    return path.read_text(encoding="utf-8")
+
+
+def _longest_key(text: str) -> int:
+    """Parts of the longest chain of words with dots between: a dotted key, or what looks like one."""
+    longest = parts = 1
+    for token in _KEY_PARTS.finditer(text):
+        if token[0] == ".":
+            parts += 1
+            longest = max(longest, parts)
+        elif token[0][0] not in "\"' \t-_" and not token[0][0].isalnum():
+            parts = 1
+    return longest
+
+
+def _brief(error: Exception) -> str:
+    return "nested too deep" if isinstance(error, RecursionError) else str(error)[:300]
+
+
+def _no_constant(name: str) -> None:
+    msg = f"{name} is no number of JSON"
+    raise ValueError(msg)
+
+
+def _unreadable(where: object, what: str, expected: str) -> InputError:
+    return InputError(
+        what, where=str(where), expected=expected, remedy="correct the file, or have it made anew"
+    )

@@ -1,0 +1,199 @@
+"""Readers whose libraries may crash, or take all memory, run in a process of their own, under limits.
+
+A file that a stranger sent may hit a fault in a library's C, C++ or Rust, which ends its process. The process that
+reads is another one: what ends there is a refusal here, with the file's name. One such process is kept for the next
+file and ends by itself when none comes.
+"""
+
+import atexit
+import json
+import os
+import selectors
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from math import prod
+from pathlib import Path
+from typing import Any, NoReturn
+
+import numpy as np
+from numpy.typing import NDArray
+
+from toppling.models.errors import InputError
+
+MEMORY_BYTES, MEMORY_PER_BYTE = 768 << 20, 100
+"""A file may take so much memory, and so much more a byte: the most that a LAZ needs to become points is 30."""
+PROCESSOR_S, PROCESSOR_S_PER_MB = 5.0, 2.0
+"""Seconds of processor time that a file may take; the slowest format takes 0.3 s a megabyte."""
+PATIENCE = 20.0
+"""So many times the processor time may pass on the clock: other work and slow file systems are no fault of a file."""
+THREADS = 4
+"""Of the libraries there: each has a stack and an arena that count as memory."""
+HEADER_BYTES = 8
+PIPE_BYTES = 1 << 20
+Read = tuple[Any, list[NDArray]]
+
+
+def read_guarded(reader: str, path: Path, libraries: Sequence[str] = ()) -> Read:
+    """Call a reader in the guarded process.
+
+    Parameters
+    ----------
+    reader : str
+        `module:function`; the function takes a Path and returns what JSON can say, and arrays.
+    path : Path
+    libraries : sequence of str
+        Modules imported before the limits are set, as they take memory of their own.
+
+    Raises
+    ------
+    InputError
+        If the reader refuses the file, raises anything else, crashes, or needs more memory or time than any sound
+        file of its size.
+    """
+    size_mb = path.stat().st_size / 1e6
+    request = {
+        "reader": reader,
+        "path": os.path.abspath(path),  # noqa: PTH100  (resolve would name what a link points to)
+        "libraries": list(libraries),
+        "memory_bytes": MEMORY_BYTES + int(MEMORY_PER_BYTE * size_mb * 1e6),
+        "processor_s": PROCESSOR_S + PROCESSOR_S_PER_MB * size_mb,
+    }
+    with _LOCK:
+        try:
+            told, arrays = _ask(request)
+        except _EndedError as end:
+            _refuse(end.reason, path)
+    if "refusal" in told:
+        raise InputError(**(told["refusal"] | {"where": told["refusal"]["where"] or str(path)}))
+    if "failure" in told:
+        _refuse(f"cannot be read ({told['failure']})", path)
+    return told["said"], arrays
+
+
+@dataclass(frozen=True)
+class _Reader:
+    """The process, and whose it is: a fork of its owner must not speak with it."""
+
+    process: subprocess.Popen
+    owner: int
+
+
+class _EndedError(Exception):
+    """The process ended, or was ended, before it answered."""
+
+    def __init__(self, reason: str) -> None:
+        super().__init__(reason)
+        self.reason = reason
+
+
+_LOCK = threading.Lock()
+_READERS: list[_Reader] = []
+
+
+def _ask(request: dict[str, Any]) -> Read:
+    """Send a request and take the answer; a process that ended while it was idle is started anew."""
+    for _ in range(2):
+        process = _running()
+        try:
+            _write(process, json.dumps(request).encode() + b"\n")
+            return _answer(process, request)
+        except (BrokenPipeError, EOFError):
+            code = process.wait()
+            _READERS.clear()
+            if code != 0:
+                break
+        except BaseException:  # half an answer is no beginning of the next
+            stop()
+            raise
+    raise _EndedError(_how_it_ended(code, request))
+
+
+def _answer(process: subprocess.Popen, request: dict[str, Any]) -> Read:
+    patience_s = PATIENCE * request["processor_s"]
+    with selectors.DefaultSelector() as ready:
+        ready.register(process.stdout, selectors.EVENT_READ)  # type: ignore[arg-type]
+        if not ready.select(patience_s):
+            stop()
+            raise _EndedError(f"cannot be read: its reader gave no answer for {patience_s:.0f} s")
+    told = json.loads(_exactly(process, int.from_bytes(_exactly(process, HEADER_BYTES), "big")))
+    arrays = []
+    for kind, shape in told.pop("arrays", ()):
+        array = np.empty(prod(shape), np.dtype(kind))
+        _fill(process, array.data.cast("B") if len(array) else memoryview(b""))
+        arrays.append(array.reshape(shape))
+    return told, arrays
+
+
+def _how_it_ended(code: int, request: dict[str, Any]) -> str:
+    if code == -signal.SIGXCPU:
+        return f"cannot be read in {request['processor_s']:.0f} s of processor time"
+    name = signal.Signals(-code).name if code < 0 else f"exit code {code}"
+    return f"crashed the library that reads it ({name})"
+
+
+def _running() -> subprocess.Popen:
+    if _READERS and _READERS[0].owner == os.getpid() and _READERS[0].process.poll() is None:
+        return _READERS[0].process
+    if _READERS and _READERS[0].owner == os.getpid():
+        stop()
+    process = subprocess.Popen(
+        # -P: nothing is imported from the folder that the user happens to be in.
+        [sys.executable, "-P", "-m", "toppling.models.guarded_process"],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        bufsize=0,
+        pipesize=PIPE_BYTES,
+        env=os.environ | dict.fromkeys(("RAYON_NUM_THREADS", "OMP_NUM_THREADS"), str(THREADS))
+        | {"MALLOC_ARENA_MAX": "2", "OPENBLAS_NUM_THREADS": "1", "RUST_BACKTRACE": "0"},
+        start_new_session=True,  # Ctrl-C is for the program, which stops this one
+    )  # fmt: skip
+    _READERS[:] = [_Reader(process, os.getpid())]
+    return process
+
+
+@atexit.register
+def stop() -> None:
+    """End the process, if one of ours runs."""
+    mine = [reader.process for reader in _READERS if reader.owner == os.getpid()]
+    _READERS.clear()
+    for process in mine:
+        for pipe in (process.stdin, process.stdout):
+            with suppress(OSError):
+                pipe.close()  # type: ignore[union-attr]
+        process.kill()
+        process.wait()
+
+
+def _write(process: subprocess.Popen, content: bytes) -> None:
+    rest = memoryview(content)
+    while rest:
+        rest = rest[process.stdin.write(rest) :]  # type: ignore[union-attr]
+
+
+def _exactly(process: subprocess.Popen, count: int) -> bytes:
+    content = bytearray(count)
+    _fill(process, memoryview(content))
+    return bytes(content)
+
+
+def _fill(process: subprocess.Popen, rest: memoryview) -> None:
+    while rest:
+        count = process.stdout.readinto(rest)  # type: ignore[union-attr]
+        if not count:
+            raise EOFError
+        rest = rest[count:]
+
+
+def _refuse(what: str, path: Path) -> NoReturn:
+    raise InputError(
+        what,
+        where=str(path),
+        expected="a whole file of the format that its name says",
+        remedy="export or fetch the file again; convert it if its program writes an uncommon variant",
+    )

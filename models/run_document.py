@@ -1,0 +1,46 @@
+"""What `run.json` must say: a run may come from a stranger, and everything in it is read by somebody."""
+
+from pathlib import Path
+from typing import Any
+
+from toppling.models.documents import TEXT, Kind, check_shape, whole
+
+MOST_JOBS = 1_000_000_000
+_OBJECT = Kind("an object", lambda value: isinstance(value, dict))
+_REQUIRED = {
+    "jobs": whole(0, MOST_JOBS),
+    "sessions": [_OBJECT],
+}
+_READ = {
+    "plan_id?": TEXT,
+    "versions?": _OBJECT,
+    "scene_id?": TEXT,
+    "ensemble_id?": TEXT,
+    "settling?": Kind(
+        "an object with a sentence, or null",
+        lambda value: (
+            value is None or (isinstance(value, dict) and isinstance(value.get("sentence"), str | None))
+        ),
+    ),
+}
+
+
+def check_run_document(told: dict[str, Any], path: Path, *, whole_document: bool = True) -> dict[str, Any]:
+    """Content of a `run.json`, if what is read of it is of its kind.
+
+    Parameters
+    ----------
+    told : dict
+    path : Path
+        Of the file.
+    whole_document : bool
+        Whether all must be there that goes on with a run; else what is there must be of its kind.
+
+    Raises
+    ------
+    InputError
+        At the first value that is missing or mistyped, by its name.
+    """
+    required = _REQUIRED if whole_document else {f"{key}?": shape for key, shape in _REQUIRED.items()}
+    check_shape(told, {**required, **_READ}, path)
+    return told

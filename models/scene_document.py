@@ -1,0 +1,102 @@
+"""What `scene.json` must say: a scene may come from a stranger, and everything in it is read by somebody."""
+
+import math
+from pathlib import Path
+from typing import Any
+
+from toppling.models.documents import (
+    LENGTH_M,
+    NUMBER,
+    SHARE,
+    TEXT,
+    between,
+    check_shape,
+    one_of,
+    read_json,
+    shown,
+    whole,
+)
+from toppling.models.errors import InputError
+
+SCHEMA_VERSION = 1
+MOST_AZIMUTHS = 3600
+SPREAD = between(0.0, 1e8)
+AZIMUTH = between(-360.0, 360.0)
+PLACE = [LENGTH_M, 3]
+_REPORT = {
+    "surface?": {"seen_share": SHARE, "closed_share": SHARE, "invented_share": SHARE},
+    "slenderness?": [{"azimuth_deg": AZIMUTH, "alpha_deg": NUMBER.or_null()}],
+    "segmentation?": {
+        "confidence?": {
+            "concave_share_of_cut": SHARE, "crevice_seen_share": SHARE, "undisputed_share": SHARE, "runner_up": NUMBER,
+        },
+    },
+    "registration?": {
+        "residual_m?": SPREAD.or_null(),
+        "stations?": whole(0, 10_000_000),
+        "of_stations?": [{"residual_m": SPREAD.or_null()}],
+    },
+    "uncertainty?": {
+        "com_std_m?": [SPREAD, 3],
+        "volume_std_m3?": SPREAD.or_null(),
+        "interface_normal_std_deg?": SPREAD.or_null(),
+        "quasi_static_toppling_m_s2?": [{"azimuth_deg": AZIMUTH, "std": SPREAD.or_null()}],
+    },
+}  # fmt: skip
+SHAPE: dict[str, Any] = {
+    "id": TEXT,
+    "origin_m": PLACE,
+    "gravity_m_s2": between(1e-3, 1e3),
+    "rock": {
+        "volume_m3": between(0.0, 1e12), "com_m": PLACE, "inertia_per_mass_m2": [[NUMBER, 3], 3],
+        "height_m": between(0.0, 1e8),
+    },
+    "pedestal": {"kind": one_of("plane", "surface")},
+    "interface": {
+        "slope_deg": between(0.0, 180.0), "downhill_azimuth_deg": AZIMUTH, "point_m": PLACE,
+        "normal": [between(-1.0, 1.0), 3], "given_by?": TEXT, "roughness_m?": SPREAD.or_null(),
+        "outline_m?": [PLACE], "edges_m?": [[PLACE]],
+    },
+    "contact": {
+        "friction_static": between(0.0, 1e6), "friction_kinetic": between(0.0, 1e6), "restitution": between(0.0, 1.0),
+    },
+    "quasi_static_toppling_m_s2": [{"azimuth_deg": AZIMUTH, "value": NUMBER.or_null()}],
+    "report": _REPORT,
+}  # fmt: skip
+
+
+def read_scene_document(path: Path) -> dict[str, Any]:
+    """Read `scene.json` and check all that is read of it.
+
+    Raises
+    ------
+    InputError
+        If it is no JSON, of another schema version, or something in it is missing or mistyped: with its place.
+    FileNotFoundError
+        If there is none.
+    """
+    told = read_json(path)
+    if told.get("schema_version") != SCHEMA_VERSION:
+        raise InputError(
+            f"schema version {shown(told.get('schema_version'))}",
+            where=str(path),
+            expected=f"a scene of schema version {SCHEMA_VERSION}",
+            remedy="make the scene anew with 'toppling scan' or Scene.save",
+        )
+    check_shape(told, SHAPE, path)
+    normal = told["interface"]["normal"]
+    if not (abs(math.hypot(*normal) - 1.0) < 1e-6 and normal[2] > 0):
+        raise InputError(
+            f"interface.normal is {normal}",
+            where=str(path),
+            expected="a unit vector that points up",
+            remedy="make the scene anew with 'toppling scan' or Scene.save",
+        )
+    if len(told["quasi_static_toppling_m_s2"]) > MOST_AZIMUTHS:
+        raise InputError(
+            f"quasi_static_toppling_m_s2 has {len(told['quasi_static_toppling_m_s2'])} rows",
+            where=str(path),
+            expected=f"at most {MOST_AZIMUTHS} azimuths",
+            remedy="make the scene anew with 'toppling scan' or Scene.save",
+        )
+    return told

@@ -1,0 +1,299 @@
+"""A sound file for every reader of the program, and how it is read: what the fuzzer mutates and calls."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import laspy
+import numpy as np
+import obspy
+import open3d as o3d
+import pye57
+import trimesh
+from motion_samples import STEP_S, WRITERS, shaking
+
+from toppling.models.motions.ensemble import Ensemble
+from toppling.models.motions.formats.seismic import responses
+from toppling.models.motions.importing import Wishes, import_records, record_files
+from toppling.models.motions.metadata import read_table
+from toppling.models.motions.motion import Motion
+from toppling.models.motions.record import Record
+from toppling.models.motions.selection import read_deaggregation
+from toppling.models.ply import read_header
+from toppling.models.rock import Rock
+from toppling.models.scan.read import read_clouds
+from toppling.models.scan.word import Word
+from toppling.models.scene import Scene, read_triangles, write_ply
+from toppling.orchestrator.campaign import Campaign
+from toppling.orchestrator.folder import prepare
+from toppling.orchestrator.plan import plan
+from toppling.orchestrator.status import state_of
+from toppling.results.exchange import read_curves, write_curves
+from toppling.results.fits import Basis, Lognormal
+from toppling.results.hazard import parse_age, read_hazard
+from toppling.results.run import open_run
+
+
+@dataclass(frozen=True)
+class Reader:
+    """How to write sound files into a folder, and to read them: `read` returns what must be finite.
+
+    `victims` are the names of the files to damage; all if there are none.
+    """
+
+    write: Callable[[Path], Any]
+    read: Callable[[Path], Any]
+    victims: tuple[str, ...] = ()
+
+
+POINTS_M = np.random.default_rng(1).uniform(0.0, 5.0, (1100, 3)).round(3)
+BOX = trimesh.creation.box((0.4, 0.5, 1.2))
+
+
+def _write_las(path: Path) -> None:
+    header = laspy.LasHeader(point_format=1, version="1.2")
+    header.scales = [0.001] * 3
+    cloud = laspy.LasData(header)
+    cloud.x, cloud.y, cloud.z = POINTS_M.T
+    cloud.write(path)
+
+
+def _write_e57(path: Path) -> None:
+    with pye57.E57(str(path), mode="w") as file:
+        file.write_scan_raw(
+            {f"cartesian{axis}": values for axis, values in zip("XYZ", POINTS_M.T, strict=True)}
+        )
+
+
+def _write_tensor(path: Path, **options: bool) -> None:
+    o3d.t.io.write_point_cloud(path, o3d.t.geometry.PointCloud(POINTS_M), **options)
+
+
+def _write_text(path: Path, form: str, head: str = "") -> None:
+    path.write_text(head + "".join(form.format(*point) for point in POINTS_M))
+
+
+CLOUDS: dict[str, tuple[str, Callable[[Path], None]]] = {
+    "cloud.las": ("cloud.las", _write_las),
+    "cloud.laz": ("cloud.laz", _write_las),
+    "cloud.e57": ("cloud.e57", _write_e57),
+    "cloud.ply": ("cloud.ply", lambda path: _write_tensor(path)),
+    "cloud ascii.ply": ("cloud.ply", lambda path: _write_tensor(path, write_ascii=True)),
+    "cloud.pcd": ("cloud.pcd", lambda path: _write_tensor(path)),
+    "cloud ascii.pcd": ("cloud.pcd", lambda path: _write_tensor(path, write_ascii=True)),
+    "cloud compressed.pcd": ("cloud.pcd", lambda path: _write_tensor(path, compressed=True)),
+    "cloud.xyz": ("cloud.xyz", lambda path: _write_text(path, "{} {} {}\n")),
+    "cloud.pts": ("cloud.pts", lambda path: _write_text(path, "{} {} {} 7\n", f"{len(POINTS_M)}\n")),
+    "cloud.csv": ("cloud.csv", lambda path: _write_text(path, "{},{},{}\n", "x,y,z\n")),
+}
+MESHES = ("box.stl", "box.obj", "box.off", "box.glb", "box.gltf", "box.ply", "box ascii.ply", "box ascii.stl")
+
+
+def _write_mesh(name: str, path: Path) -> None:
+    if name == "box.ply":
+        write_ply(path, np.array(BOX.vertices), np.array(BOX.faces))
+        return
+    options = (
+        {"ascii": {"encoding": "ascii"}}.get(name.partition(" ")[2][:5], {}) if name.endswith(".ply") else {}
+    )
+    kind = "stl_ascii" if name == "box ascii.stl" else path.suffix[1:]
+    if kind == "gltf":
+        options = {"embed_buffers": True}
+    written = trimesh.exchange.export.export_mesh(BOX, None, file_type=kind, **options)
+    if isinstance(written, dict):
+        written = written["model.gltf"]
+    path.write_bytes(written.encode() if isinstance(written, str) else written)
+
+
+def _read_mesh(path: Path) -> Any:
+    if path.suffix == ".ply":
+        read_header(path)
+    return Rock.from_triangles(*read_triangles(path), where=str(path)).inertia_per_mass_m2
+
+
+def _read_cloud(path: Path) -> Any:
+    return read_clouds([path]).points_m
+
+
+def _read_records(folder: Path) -> Any:
+    """Records as 'records import' makes them; a file that is refused is told, not raised."""
+    table = folder / "table.csv"
+    outcome = import_records(
+        [file for file in record_files([folder]) if file != table],
+        read_table(table) if table.exists() else [],
+        Wishes(doubtful=True),
+    )
+    if not outcome.records and outcome.refusals:
+        raise outcome.refusals[0].reason
+    return [[*each.motion.acceleration_m_s2.ravel(), *each.intensity.values()] for each in outcome.records]
+
+
+def _write_obspy(kind: str) -> Callable[[Path], None]:
+    def write(folder: Path) -> None:
+        values = (shaking(200) * 1e5).astype(np.int32)
+        for letter, series in zip("ENZ", values.T, strict=True):
+            header = {"delta": STEP_S, "network": "XX", "station": "STA1", "channel": f"HN{letter}"}
+            trace = obspy.Trace(np.ascontiguousarray(series), header=header)
+            trace.write(str(folder / f"STA1_{letter}.dat"), format=kind)
+        (folder / "table.csv").write_text("h1,h2,v,unit\nSTA1_E.dat,STA1_N.dat,STA1_Z.dat,1e-5 m/s2\n")
+
+    return write
+
+
+def _write_station_xml(folder: Path) -> None:
+    for path in WRITERS["miniseed"](folder, shaking(150)):
+        if path.suffix != ".xml":
+            path.unlink(missing_ok=True)
+
+
+def _read_station_xml(folder: Path) -> Any:
+    responses(sorted(folder.glob("*.xml")))
+    return []
+
+
+def _write_scene(folder: Path) -> None:
+    report = {
+        "surface": {"seen_share": 0.9, "closed_share": 0.1, "invented_share": 0.0},
+        "uncertainty": {"com_std_m": [0.01, 0.01, 0.02], "volume_std_m3": 0.1},
+        "interface": {"roughness_m": 0.01, "outline_m": [[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.0, 0.1, 0.0]]},
+        "registration": {"stations": 1, "residual_m": None},
+    }
+    block = Scene.block(0.15, 0.2, 0.6)
+    Scene(block.rock, block.pedestal, report=report).save(folder / "scene")
+
+
+def _read_scene(folder: Path) -> Any:
+    from toppling.models.scan.picture import numbers_of
+
+    scene = Scene.load(folder / "scene")
+    numbers_of(scene)
+    return scene.rock.vertices_m
+
+
+def _write_ensemble(folder: Path) -> None:
+    Ensemble.write(folder / "ensemble", [Record.of("A", Motion(shaking(150), STEP_S))])
+
+
+def _read_ensemble(folder: Path) -> Any:
+    ensemble = Ensemble.load(folder / "ensemble")
+    return [ensemble.record(name).motion.acceleration_m_s2 for name in ensemble.record_ids]
+
+
+CAMPAIGN = """scene = "scene"
+ensemble = "ensemble"
+pga_m_s2 = { start = 1.0, stop = 5.0, step = 1.0 }
+azimuth_deg = { start = 0, stop = 350, step = 10 }
+friction = [0.8, [0.9, 0.7]]
+restitution = [0.0, 0.1]
+realisations = 4
+preset = "fast"
+records = ["A"]
+peak_displacement_m = 0.5
+"""
+
+
+def _read_campaign(folder: Path) -> Any:
+    campaign = Campaign.read(folder / "campaign.toml")
+    campaign.check_jobs(1)
+    return [*campaign.pga_m_s2, *campaign.azimuth_deg, *campaign.restitution]
+
+
+def _write_run(folder: Path) -> None:
+    _write_scene(folder)
+    _write_ensemble(folder)
+    axes = {"pga_m_s2": [1.0], "azimuth_deg": [0], "friction": [0.9]}
+    campaign = Campaign.of({"scene": "scene", "ensemble": "ensemble", **axes}, folder)
+    prepare(folder / "run", plan(campaign, Scene.load(campaign.scene), Ensemble.load(campaign.ensemble)), {})
+    (folder / "run" / "run.log").write_text('{"event": "rows stored", "workers": 2, "deaths": 0}\n')
+
+
+def _read_run(folder: Path) -> Any:
+    state = state_of(folder / "run")
+    run = open_run(folder / "run")
+    run.planned(), run.scene(), run.describe()
+    return [state["jobs"]]
+
+
+def _write_curves(suffix: str) -> Callable[[Path], None]:
+    curve = Lognormal("pga_m_s2", 2.0, 0.4, Basis("scene", 100, 40, 10, 0, 8.0))
+    return lambda folder: write_curves(folder / f"curves{suffix}", [curve])
+
+
+def _read_curves(folder: Path) -> Any:
+    (path,) = folder.iterdir()
+    return [value for curve in read_curves(path).values() for value in (curve.median, curve.beta)]
+
+
+HAZARD = "pga_m_s2,annual_rate\n0.5,1e-2\n1.0,3e-3\n2.0,5e-4\n4.0,1e-5\n"
+OPENQUAKE = (
+    "#,,,,,\"generated_by='OpenQuake engine', investigation_time=50.0, imt='PGA'\"\n"
+    "lon,lat,depth,poe-0.0500000,poe-0.1000000,poe-0.2000000,poe-0.4000000\n"
+    "-118.1,34.2,0.0,3.9E-01,1.4E-01,2.4E-02,4.9E-04\n"
+)
+
+
+def _read_hazard(folder: Path) -> Any:
+    (path,) = folder.iterdir()
+    curve = read_hazard(path)
+    return [*curve.intensity, *curve.annual_rate]
+
+
+def _written(name: str, text: str) -> Callable[[Path], None]:
+    return lambda folder: (folder / name).write_text(text)
+
+
+DEAGGREGATION = (
+    "magnitude_low,magnitude_high,distance_low_km,distance_high_km,contribution\n5,6,0,20,0.3\n6,7,0,20,0.7\n"
+)
+TABLE = "rec_id,event,station,mag,dist_km,h1,h2,v,unit,dt,processing,corner_hz\nA,Q,S,6.5,12,a,b,c,gal,0.01,raw,0.1\n"
+
+READERS: dict[str, Reader] = {
+    **{
+        name: Reader(
+            lambda folder, f=file, w=write: w(folder / f), lambda folder, f=file: _read_cloud(folder / f)
+        )
+        for name, (file, write) in CLOUDS.items()
+    },
+    **{
+        name: Reader(
+            lambda folder, n=name: _write_mesh(n, folder / f"box.{n.rpartition('.')[2]}"),
+            lambda folder, n=name: _read_mesh(folder / f"box.{n.rpartition('.')[2]}"),
+        )
+        for name in MESHES
+    },
+    **{
+        f"record {name}": Reader(lambda folder, w=write: w(folder, shaking(150)), _read_records)
+        for name, write in WRITERS.items()
+    },
+    **{
+        f"record {kind}": Reader(_write_obspy(kind), _read_records)
+        for kind in ("GSE2", "SACXY", "SLIST", "TSPAIR", "AH")
+    },
+    "StationXML": Reader(_write_station_xml, _read_station_xml),
+    "metadata table": Reader(
+        _written("table.csv", TABLE), lambda folder: [e.time_step_s for e in read_table(folder / "table.csv")]
+    ),
+    "deaggregation": Reader(
+        _written("bins.csv", DEAGGREGATION),
+        lambda folder: [each.contribution for each in read_deaggregation(folder / "bins.csv")],
+    ),
+    "outline": Reader(
+        _written("outline.csv", "x,y,z\n0,0,0\n1,0,0\n1,1,0.1\n0,1,0\n"),
+        lambda folder: Word.outline(folder / "outline.csv").anchors_m,
+    ),
+    "scene": Reader(_write_scene, _read_scene),
+    "scene.json": Reader(_write_scene, _read_scene, ("scene.json",)),
+    "ensemble": Reader(_write_ensemble, _read_ensemble),
+    "campaign": Reader(_written("campaign.toml", CAMPAIGN), _read_campaign),
+    "run": Reader(_write_run, _read_run, ("run.json", "run.log")),
+    **{
+        f"curves{suffix}": Reader(_write_curves(suffix), _read_curves) for suffix in (".xml", ".csv", ".json")
+    },
+    "hazard": Reader(_written("site.csv", HAZARD), _read_hazard),
+    "hazard of OpenQuake": Reader(_written("site.csv", OPENQUAKE), _read_hazard),
+    "ages": Reader(
+        _written("ages.csv", "years,weight\n15000,1\n20000,2\n"),
+        lambda folder: parse_age(str(folder / "ages.csv")),
+    ),
+}

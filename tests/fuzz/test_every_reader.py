@@ -1,0 +1,220 @@
+"""Whatever a file holds, it is read as a sound object or refused by name: soon, in little memory, with nothing left."""
+
+import math
+import resource
+import shutil
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, seed, settings
+from hypothesis import strategies as st
+from reader_samples import READERS
+
+from toppling.models import guarded
+from toppling.models.errors import InputError
+
+FEW, MANY = 300, 10_000
+"""Damaged files over all readers: in every run of the tests, and with the slow ones."""
+SECONDS, MEMORY_BYTES = 2.0, 1 << 30
+LARGEST_REQUEST_BYTES = 4 << 30
+"""No single allocation may be larger: it fails, instead of the machine."""
+
+TOKENS = [
+    b"NaN", b"inf", b"-1", b"0", b"1e308", b"-1e308", b"1e-300", b"1e400", b"999999999", b"4294967295",
+    b"9999999999999999999", b"9" * 400, b"9" * 5000, b"", b"-", b"*******", b"null", b"true", b"[]", b"{}", b'"x"',
+    b'["fast"]', b"[[[[[[", b"'", b'"', b"\xff\xfe", b"\0", b"\r", b"\r\n", b",", b";", b"/&", b"#", b"<!DOCTYPE x>",
+]  # fmt: skip
+WORDS = [
+    b"\xff\xff\xff\xff",
+    b"\xff\xff\xff\x7f",
+    b"\0\0\0\x80",
+    b"\0\0\0\0",
+    b"\0\0\xf0\x7f",
+    b"\0\0\xc8\x42",
+]
+
+places = st.integers(0, (1 << 20) - 1)
+"""Share of the file or, for every second change, of its head, where headers are."""
+changes = st.one_of(
+    st.tuples(st.just("flip"), places, st.integers(0, 7)),
+    st.tuples(st.just("cut"), places),
+    st.tuples(st.just("delete"), places, st.integers(1, 600)),
+    st.tuples(st.just("repeat"), places, st.integers(1, 600), st.integers(1, 3)),
+    st.tuples(st.just("number"), places, st.sampled_from(TOKENS)),
+    st.tuples(st.just("number"), places, st.sampled_from(TOKENS)),
+    st.tuples(st.just("insert"), places, st.sampled_from(TOKENS)),
+    st.tuples(st.just("word"), places, st.sampled_from(WORDS)),
+    st.tuples(st.just("long"), places, st.sampled_from([b"1", b" ", b"x", b"1 ", b"["]), st.just(5000)),
+    st.tuples(st.just("long"), places, st.sampled_from([b"1", b" ", b"x", b"1 ", b"["]), st.just(140_000)),
+    st.tuples(st.just("line"), places, st.integers(0, 3)),
+    st.tuples(st.just("ends"), st.sampled_from([b"\r", b"\r\n", b"\n\n", b" "])),
+    st.tuples(st.just("noise"), places, st.binary(min_size=1, max_size=64)),
+)  # fmt: skip
+
+
+def changed(content: bytes, change: tuple) -> bytes:
+    """Content after one change."""
+    kind, *how = change
+    if not content or kind == "ends":
+        return content.replace(b"\n", how[0]) if kind == "ends" else content
+    of_all = how[0] % 2 or len(content) < 2000
+    at = (how[0] >> 1) * (len(content) if of_all else 2000) >> 19
+    before, behind = content[:at], content[at:]
+    if kind == "flip":
+        return before + bytes([behind[0] ^ (1 << how[1])]) + behind[1:]
+    if kind == "cut":
+        return before
+    if kind == "delete":
+        return before + behind[how[1] :]
+    if kind == "repeat":
+        return before + behind[: how[1]] * how[2] + behind
+    if kind == "number":  # the next word, whatever it is
+        start = next((i for i, byte in enumerate(behind) if byte in b"0123456789-."), 0)
+        end = next((i for i in range(start, len(behind)) if behind[i] not in b"0123456789-.eE+"), len(behind))
+        return before + behind[:start] + how[1] + behind[end:]
+    if kind == "insert":
+        return before + how[1] + behind
+    if kind == "word":
+        return before + how[1] + behind[len(how[1]) :]
+    if kind == "long":
+        return before + how[1] * (how[2] // len(how[1])) + behind
+    if kind == "line":
+        lines = content.split(b"\n")
+        line = (how[0] >> 1) * len(lines) >> 19
+        lines[line : line + 1] = [lines[line]] * (0, 2, 3, 40)[how[1]]
+        return b"\n".join(lines)
+    return before + how[1] + behind[len(how[1]) :]
+
+
+class Sample:
+    """The sound files of a reader, in memory, and a folder where damaged ones are read."""
+
+    def __init__(self, name: str, folder: Path, scratch: Path) -> None:
+        self.reader = READERS[name]
+        sound = folder / "sound"
+        sound.mkdir()
+        self.reader.write(sound)
+        self.files = {
+            path.relative_to(sound): path.read_bytes() for path in sound.rglob("*") if path.is_file()
+        }
+        self.folders = [path.relative_to(sound) for path in sound.rglob("*") if path.is_dir()]
+        self.victims = [
+            name for name in sorted(self.files) if not self.reader.victims or name.name in self.reader.victims
+        ]
+        self.place, self.scratch = folder / "damaged", scratch
+
+    def lay_out(self, victim: Path | None = None, content: bytes = b"") -> None:
+        """Write the files, one of them damaged."""
+        shutil.rmtree(self.place, ignore_errors=True)
+        self.place.mkdir()
+        for each in self.folders:
+            (self.place / each).mkdir(parents=True, exist_ok=True)
+        for name, sound in self.files.items():
+            (self.place / name).write_bytes(content if name == victim else sound)
+
+    def there(self) -> list[Path]:
+        return sorted([*self.place.rglob("*"), *self.scratch.rglob("*")])
+
+
+@pytest.fixture(scope="module")
+def scratch(tmp_path_factory):
+    """The only place for temporary files, of the guarded process too."""
+    place = tmp_path_factory.mktemp("scratch")
+    guarded.stop()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("TMPDIR", str(place))
+        patch.setattr(tempfile, "tempdir", str(place))
+        yield place
+    guarded.stop()
+
+
+@pytest.fixture
+def sample(request, tmp_path, scratch):
+    return Sample(request.param, tmp_path, scratch)
+
+
+@pytest.fixture
+def bounded():
+    """No allocation of a hundred gigabytes reaches the machine."""
+    before = resource.getrlimit(resource.RLIMIT_AS)
+    now = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+    resource.setrlimit(resource.RLIMIT_AS, (now + LARGEST_REQUEST_BYTES, before[1]))
+    yield
+    resource.setrlimit(resource.RLIMIT_AS, before)
+
+
+def peak_bytes() -> int:
+    line = next(
+        line for line in Path("/proc/self/status").read_text().splitlines() if line.startswith("VmHWM")
+    )
+    return int(line.split()[1]) * 1024
+
+
+def outcome(sample: Sample) -> tuple[str, float]:
+    """What reading ends with, and how long it takes."""
+    start = time.monotonic()
+    try:
+        found, refusal = sample.reader.read(sample.place), None
+    except InputError as error:
+        found, refusal = [], error
+    took = time.monotonic() - start
+    if refusal is None:
+        assert all(np.isfinite(np.asarray(each, float)).all() for each in found)
+        return "read", took
+    assert all((refusal.where, refusal.expected, refusal.remedy))
+    assert len(str(refusal)) < 5000
+    return "refused", took
+
+
+@pytest.mark.parametrize(
+    "count",
+    [math.ceil(FEW / len(READERS)), pytest.param(math.ceil(MANY / len(READERS)), marks=pytest.mark.slow)],
+)
+@pytest.mark.parametrize("sample", READERS, indirect=True)
+def test_a_damaged_file_is_read_soundly_or_refused(sample, count, bounded):
+    sample.lay_out()
+    assert outcome(sample)[0] == "read"
+    apart = bool(guarded._READERS)
+    outcomes = []
+
+    @seed(27)
+    @settings(
+        max_examples=count,
+        database=None,
+        deadline=None,
+        report_multiple_bugs=False,
+        suppress_health_check=list(HealthCheck),
+    )
+    @given(st.integers(0, len(sample.victims) - 1), st.lists(changes, min_size=1, max_size=3))
+    def damage(which, damages):
+        victim = sample.victims[which]
+        content = sample.files[victim]
+        for change in damages:
+            content = changed(content, change)
+        if apart and not guarded._READERS:  # a library that crashed is loaded again before the clock starts
+            sample.lay_out()
+            outcome(sample)
+        sample.lay_out(victim, content)
+        before = sample.there()
+        Path("/proc/self/clear_refs").write_text("5")  # the peak of memory is counted from here
+        resting = peak_bytes()
+        ended, took = outcome(sample)
+        for _ in range(
+            3
+        ):  # other work of the machine, and the start of a library after a crash, are not the file's
+            if took <= SECONDS:
+                break
+            sample.lay_out()
+            outcome(sample)
+            sample.lay_out(victim, content)
+            took = min(took, outcome(sample)[1])
+        assert took <= SECONDS
+        assert peak_bytes() - resting <= MEMORY_BYTES
+        assert sample.there() == before
+        outcomes.append(ended)
+
+    damage()
+    assert len(outcomes) >= count

@@ -1,0 +1,57 @@
+"""Which flat tops are an instrument's rail, and which are how a trace was digitised."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from motion_samples import STEP_S, G, shaking
+
+from toppling.models.errors import InputError
+from toppling.models.motions.formats.component import Component
+from toppling.models.motions.quality import doubts
+
+
+def channel(acceleration_m_s2):
+    return Component(np.asarray(acceleration_m_s2, float), STEP_S, 0.0, Path("quake.v1"), 28, "test")
+
+
+def digitised(peak_m_s2, flat_m_s2, quantum_m_s2=0.0):
+    """An analogue trace, straight between points 0.07 s apart: three are level, beyond is the other sign's peak."""
+    points = shaking(600)[::7, 0]
+    points *= peak_m_s2 / np.abs(points).max()
+    points = points if points.min() == -peak_m_s2 else -points  # the peak is downward
+    points = np.minimum(points, 0.8 * flat_m_s2)
+    at = int(np.argmax(points))
+    points[at - 1 : at + 2] = flat_m_s2
+    a = np.interp(np.arange(7 * (len(points) - 1) + 1), 7 * np.arange(len(points)), points)
+    return np.round(a / quantum_m_s2) * quantum_m_s2 if quantum_m_s2 else a
+
+
+@pytest.mark.parametrize("quantum_m_s2", [0.0, 1e-4, 1e-3])
+def test_a_flat_top_a_tenth_below_the_peak_of_the_other_sign_is_no_clipping(quantum_m_s2):
+    a = digitised(0.196, 0.176, quantum_m_s2=quantum_m_s2)
+    assert (a == a.max()).sum() >= 15
+    doubts(channel(a))
+
+
+def test_tops_of_a_few_steps_of_the_digitiser_are_flat_without_clipping():
+    """Twenty steps from zero to the peak: the top of every slow swing has equal samples."""
+    steps = np.concatenate([np.arange(21), np.arange(20, -20, -1), np.arange(-20, 1)])
+    a = 0.001 * G * np.repeat(steps, 6)
+    assert (a == a.max()).sum() >= 10
+    doubts(channel(a))
+
+
+@pytest.mark.parametrize("offset_m_s2", [0.0, 0.4])
+@pytest.mark.parametrize("share", [0.3, 0.6])
+def test_tops_that_are_cut_at_both_rails_are_clipped_whatever_the_offset(share, offset_m_s2):
+    a = shaking(600)[:, 0]
+    rail = share * np.abs(a).max()
+    with pytest.raises(InputError, match="clipped"):
+        doubts(channel(np.clip(a, -rail, rail) + offset_m_s2))
+
+
+def test_one_rail_reached_again_and_again_is_clipped_though_the_other_sign_goes_farther():
+    a = shaking(600)[:, 0]
+    with pytest.raises(InputError, match="clipped"):
+        doubts(channel(np.minimum(a, 0.55 * np.abs(a).max())))

@@ -1,0 +1,221 @@
+"""What a document asks for is bounded before it is made: each refused by name, at once, in little memory."""
+
+import json
+import time
+import tracemalloc
+
+import numpy as np
+import pytest
+
+from toppling.models.errors import InputError
+from toppling.models.motions.metadata import read_table
+from toppling.models.motions.motion import Motion
+from toppling.models.motions.processing import high_pass
+from toppling.models.motions.selection import read_deaggregation
+from toppling.models.rock import Rock
+from toppling.models.scene import Scene
+from toppling.models.shapes import box
+from toppling.orchestrator.campaign import MOST_JOBS, Campaign
+from toppling.orchestrator.folder import describe
+from toppling.results.exchange import read_curves
+from toppling.results.hazard import read_hazard
+from toppling.results.run import open_run
+
+SECONDS, MEMORY_BYTES = 1.0, 300e6
+AXES = {"scene": '"s"', "ensemble": '"e"', "pga_m_s2": "[1.0]", "azimuth_deg": "[0]", "friction": "[0.8]"}
+
+
+def refusal(call, *arguments):
+    """What is said of input that must be refused within a second and 300 MB."""
+    start = time.process_time()
+    with pytest.raises(InputError) as error:
+        call(*arguments)
+    assert time.process_time() - start < SECONDS
+    tracemalloc.start()
+    with pytest.raises(InputError):
+        call(*arguments)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < MEMORY_BYTES
+    assert len(str(error.value)) < 1000
+    return str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("realisations", "1_000_000_000"),
+        ("realisations", "1e9"),
+        ("realisations", "9" * 400),
+        ("realisations", "true"),
+        ("azimuth_deg", "{ start = 0, stop = 359, step = 1e-6 }"),
+        ("azimuth_deg", "{ start = 0, stop = 359, step = 1e-300 }"),
+        ("azimuth_deg", "{ start = -1e308, stop = 1e308, step = 1e-308 }"),
+        ("pga_m_s2", f"{{ start = 1, stop = {'9' * 400}, step = 1 }}"),
+        ("pga_m_s2", f"[{'9' * 400}]"),
+        ("friction", f"[{'9' * 400}]"),
+        ("friction", "[[[[[0.8]]]]]"),
+        ("restitution", "[nan]"),
+        ("preset", '["fast"]'),
+        ("preset", "{ fast = 1 }"),
+        ("records", '["A", 1]'),
+        ("peak_displacement_m", "1e400"),
+    ],
+)
+def test_a_value_of_a_campaign_is_refused_by_its_key(tmp_path, key, value):
+    path = tmp_path / "campaign.toml"
+    path.write_text("".join(f"{name} = {text}\n" for name, text in {**AXES, key: value}.items()))
+    assert f"{path}: {key}: " in refusal(Campaign.read, path)
+
+
+@pytest.mark.parametrize(
+    ("content", "what"),
+    [
+        ("a = " + "[" * 200_000, "nested too deep"),
+        (".".join(["a"] * 100_000) + " = 1", "a key of more than 50 parts"),
+        ("[" + ".".join(["a"] * 100_000) + "]", "a key of more than 50 parts"),
+        ("realisations = " + "9" * 5000, "4300 digits"),
+        ("#" * 3_000_000, "has 3 MB"),
+        ("\0", "is not TOML"),
+    ],
+)
+def test_a_campaign_that_is_no_campaign_is_refused(tmp_path, content, what):
+    path = tmp_path / "campaign.toml"
+    path.write_text(content)
+    assert what in refusal(Campaign.read, path)
+
+
+def test_a_list_of_more_values_than_an_axis_has_is_refused(tmp_path):
+    axes = {"pga_m_s2": [1 + i * 1e-6 for i in range(60_000)], "azimuth_deg": [0], "friction": [0.8]}
+    assert "pga_m_s2: 60000 values" in refusal(Campaign.of, {"scene": "s", "ensemble": "e", **axes}, tmp_path)
+
+
+def test_jobs_are_counted_before_any_is_made(tmp_path):
+    axes = {
+        "pga_m_s2": {"start": 1, "stop": 10, "step": 0.01},
+        "azimuth_deg": {"start": 0, "stop": 350, "step": 0.1},
+    }
+    campaign = Campaign.of({"scene": "s", "ensemble": "e", "friction": [0.8], **axes}, tmp_path)
+    said = refusal(campaign.check_jobs, 100)
+    assert "100 records x 901 levels x 3501 azimuths" in said
+    assert str(MOST_JOBS) in said
+    campaign.check_jobs(3)
+
+
+@pytest.fixture(scope="module")
+def sound_scene(tmp_path_factory):
+    block = Scene.block(0.15, 0.2, 0.6)
+    report = {
+        "surface": {"seen_share": 0.9, "closed_share": 0.1, "invented_share": 0.0},
+        "uncertainty": {"com_std_m": [0.01, 0.01, 0.02]},
+    }
+    return Scene(block.rock, block.pedestal, report=report).save(tmp_path_factory.mktemp("scene") / "scene")
+
+
+RIGHT = (
+    ("id", "text"),
+    ("interface.slope_deg", 7),
+    ("quasi_static_toppling_m_s2", []),
+    ("report", {"x": {}}),
+)
+"""Of the right kind, and no part of the scene's identity, which is compared last."""
+
+
+@pytest.mark.parametrize("value", [None, "text", 7, [], {"x": {}}, [[]], 1e300, True])
+@pytest.mark.parametrize(
+    "place",
+    [
+        "id", "origin_m", "gravity_m_s2", "rock", "rock.com_m", "rock.inertia_per_mass_m2", "pedestal",
+        "pedestal.kind", "interface", "interface.point_m", "interface.normal", "interface.slope_deg", "contact",
+        "contact.restitution", "quasi_static_toppling_m_s2", "report", "report.surface", "report.surface.seen_share",
+        "report.uncertainty", "report.uncertainty.com_std_m",
+    ],
+)  # fmt: skip
+def test_a_mistyped_value_of_a_scene_is_refused_by_its_place(tmp_path, sound_scene, place, value):
+    told = json.loads((sound_scene / "scene.json").read_text())
+    inner = told
+    *above, last = place.split(".")
+    for key in above:
+        inner = inner[key]
+    if (place, value) in RIGHT:
+        return
+    inner[last] = value
+    for name in ("rock.ply", "pedestal.ply"):
+        (tmp_path / name).write_bytes((sound_scene / name).read_bytes())
+    (tmp_path / "scene.json").write_text(json.dumps(told))
+    said = refusal(Scene.load, tmp_path)
+    assert place in said.splitlines()[0] or "content hashes to" in said
+
+
+@pytest.mark.parametrize(
+    "content", ["[]", "7", "{", '{"a": NaN}', '{"a": ' * 50_000, '{"a": ' + "9" * 5000 + "}"]
+)
+def test_what_is_no_object_of_json_is_no_scene_and_no_run(tmp_path, content):
+    for name in ("scene.json", "run.json"):
+        (tmp_path / name).write_text(content)
+    refusal(Scene.load, tmp_path)
+    refusal(describe, tmp_path)
+    refusal(open_run(tmp_path).provenance)
+
+
+@pytest.mark.parametrize("key", ["sessions", "jobs"])
+@pytest.mark.parametrize("value", [None, "text", -1, {}, [7], 1e300, 10**400])
+def test_a_run_that_lacks_or_mistypes_a_value_is_refused_by_its_key(tmp_path, key, value):
+    told = {"schema_version": 1, "jobs": 3, "sessions": [], "plan_id": "p", "versions": {}}
+    (tmp_path / "run.json").write_text(json.dumps(told))
+    assert describe(tmp_path)["jobs"] == 3
+    (tmp_path / "run.json").write_text(json.dumps(told | {key: value}))
+    assert f"{key}" in refusal(describe, tmp_path)
+    del told[key]
+    (tmp_path / "run.json").write_text(json.dumps(told))
+    assert f"{key} is missing" in refusal(describe, tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("read", "name", "head"),
+    [
+        (read_table, "table.csv", "h1,h2\n"),
+        (read_deaggregation, "bins.csv", "magnitude_low,magnitude_high\n"),
+        (read_curves, "curves.csv", "measure,median,beta\n"),
+        (read_hazard, "hazard.csv", "pga_m_s2,annual_rate\n"),
+    ],
+)
+def test_a_field_of_csv_that_no_quote_closes_is_refused(tmp_path, read, name, head):
+    path = tmp_path / name
+    path.write_text(head + '"' + "x" * 200_000)
+    assert "field larger than field limit" in refusal(read, path)
+
+
+@pytest.mark.parametrize(
+    ("column", "value"),
+    [("dt", "1e308"), ("dt", "1e-300"), ("dt", "nan"), ("mag", "1e308"), ("unit", "1e308 g")],
+)
+def test_a_number_of_a_metadata_table_that_no_record_has_is_refused_with_its_line(tmp_path, column, value):
+    path = tmp_path / "table.csv"
+    path.write_text(f"h1,h2,{column}\na,b,{value}\n")
+    assert f"{path}:2: " in refusal(read_table, path)
+
+
+@pytest.mark.parametrize("step_s", [1e308, 1e-300, 1e5, 0.0, float("nan")])
+def test_a_time_step_that_no_motion_has_is_refused(step_s):
+    assert "time step" in refusal(Motion, np.ones((100, 3)), step_s)
+
+
+def test_a_corner_that_asks_for_hours_of_zeros_is_refused():
+    assert "corner" in refusal(high_pass, Motion(np.ones((100, 3)), 0.01), 1e-9)
+
+
+@pytest.mark.parametrize(
+    ("face", "what"),
+    [
+        ((0, 1, 8), "joins the vertices 0, 1, 8, where there are 8"),
+        ((0, 1, -1), "joins the vertices 0, 1, -1"),
+        ((0, 1, 2**40), "joins the vertices"),
+        ((0.0, 1.0, 2.5), "no whole numbers"),
+    ],
+)
+def test_a_triangle_between_vertices_that_there_are_not_is_refused(face, what):
+    rock = box(0.2, 0.2, 0.5)
+    faces = np.array(rock.faces, float if isinstance(face[0], float) else np.int64)
+    faces[3] = face
+    assert what in refusal(Rock.from_triangles, rock.vertices_m, faces)

@@ -1,0 +1,172 @@
+"""What a file does to the library that reads it happens in another process, and is a refusal in this one."""
+
+import os
+import signal
+import time
+from pathlib import Path
+
+import laspy
+import numpy as np
+import pytest
+
+from toppling.models import guarded
+from toppling.models.errors import InputError
+from toppling.models.guarded import read_guarded
+from toppling.models.scan.read import read_clouds
+
+READERS = """
+import ctypes, os, sys, time
+import numpy as np
+def good(path):
+    print("a library talks"); sys.stdout.flush(); os.write(1, b"in C too")
+    return {"name": path.name}, [np.arange(6.0).reshape(2, 3), np.empty((0, 3)), np.arange(3, dtype=np.int32)]
+def crash(path):
+    ctypes.string_at(0)
+def greedy(path):
+    return None, [np.ones(int(2e9))]
+def hasty(path):
+    while True: pass
+def asleep(path):
+    time.sleep(60)
+def panics(path):
+    raise SystemExit("no Exception")
+"""
+
+
+@pytest.fixture
+def reads(tmp_path, monkeypatch):
+    """Read a small file with one of the readers above."""
+    (tmp_path / "hostile_readers.py").write_text(READERS)
+    file = tmp_path / "file.dat"
+    file.write_text("small")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    guarded.stop()
+    yield lambda name: read_guarded(f"hostile_readers:{name}", file)
+    guarded.stop()
+
+
+def test_what_is_read_comes_back_bit_for_bit_whatever_is_printed_meanwhile(reads):
+    told, (numbers, none, whole) = reads("good")
+    assert told == {"name": "file.dat"}
+    np.testing.assert_array_equal(numbers, np.arange(6.0).reshape(2, 3))
+    assert none.shape == (0, 3)
+    assert whole.dtype == np.int32
+
+
+@pytest.mark.parametrize(
+    ("name", "what"), [("crash", "SIGSEGV"), ("greedy", "memory"), ("panics", "SystemExit: no Exception")]
+)
+def test_a_fault_of_a_library_is_a_refusal_and_the_next_file_is_read(reads, name, what):
+    with pytest.raises(InputError, match=what) as refusal:
+        reads(name)
+    assert refusal.value.where.endswith("file.dat")
+    assert reads("good")[0] == {"name": "file.dat"}
+
+
+def test_an_endless_reader_is_stopped_by_its_processor_time(reads, monkeypatch):
+    monkeypatch.setattr(guarded, "PROCESSOR_S", 1.0)
+    with pytest.raises(InputError, match="processor time"):
+        reads("hasty")
+
+
+def test_a_reader_that_waits_is_stopped_by_the_clock(reads, monkeypatch):
+    monkeypatch.setattr(guarded, "PATIENCE", 0.2)
+    with pytest.raises(InputError, match="no answer for 1 s"):
+        reads("asleep")
+    assert not guarded._READERS
+
+
+def test_one_process_is_kept_and_replaced_when_it_is_gone(reads):
+    def process():
+        return guarded._READERS[0].process.pid
+
+    reads("good")
+    first = process()
+    reads("good")
+    assert process() == first
+    os.kill(first, signal.SIGKILL)
+    time.sleep(0.2)
+    reads("good")
+    assert process() != first
+
+
+POINTS_M = np.random.default_rng(0).uniform(0.0, 5.0, (3000, 3)).round(4)
+
+
+def ply(end: str = "\n", remark: str = "", count: int = len(POINTS_M), first: str = "") -> bytes:
+    head = ["ply", "format ascii 1.0", f"comment {remark}", f"element vertex {count}"]
+    head += [*(f"property double {axis}" for axis in "xyz"), "end_header"]
+    rows = [" ".join(map(repr, map(float, point))) for point in POINTS_M]
+    return (end.join([*head, first + rows[0], *rows[1:]]) + end).encode()
+
+
+@pytest.mark.parametrize(
+    "content",
+    [ply(), ply("\r\n"), ply("\r"), ply(remark="y" * 5000)],
+    ids=["LF", "CRLF", "CR", "a header line of 5,000 characters"],
+)
+def test_ply_is_read_with_any_line_ends_and_lines_of_any_length(tmp_path, content):
+    (tmp_path / "cloud.ply").write_bytes(content)
+    cloud = read_clouds([tmp_path / "cloud.ply"])
+    np.testing.assert_allclose(cloud.points_m + cloud.origin_m, POINTS_M, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("content", "what"),
+    [
+        (ply(first="1" * 5000 + " "), "number of columns"),
+        (ply(first="1.0 " * 1500), "number of columns"),
+        (ply(count=10**15), "counts 1000000000000000 vertex: at least"),
+        (ply(count=4000), "3000 x 3 numbers where the header counts 4000 rows"),
+        (ply(count=10**19), "line 4 of the header"),
+        (ply()[:-20000], "where the header counts 3000 rows"),
+    ],
+)
+def test_a_ply_that_does_not_hold_what_it_declares_is_refused(tmp_path, content, what):
+    (tmp_path / "cloud.ply").write_bytes(content)
+    with pytest.raises(InputError, match=what):
+        read_clouds([tmp_path / "cloud.ply"])
+
+
+@pytest.fixture(scope="module")
+def laz(tmp_path_factory):
+    header = laspy.LasHeader(point_format=0, version="1.2")
+    header.scales = [0.001] * 3
+    cloud = laspy.LasData(header)
+    cloud.x, cloud.y, cloud.z = POINTS_M.T
+    path = tmp_path_factory.mktemp("laz") / "sound.laz"
+    cloud.write(path)
+    return path.read_bytes()
+
+
+def test_a_laz_with_a_block_twice_is_no_crash_wherever_it_is(tmp_path, laz):
+    """Where the block lies in the header of the compression or the table of chunks, 41 GB were asked for."""
+    refused = 0
+    for start in (100, 200, 300, 400, len(laz) // 2, len(laz) - 1000):
+        (tmp_path / "cloud.laz").write_bytes(laz[: start + 400] + laz[start:])
+        try:
+            assert len(read_clouds([tmp_path / "cloud.laz"]).points_m) == len(POINTS_M)
+        except InputError:
+            refused += 1
+    assert refused >= 3
+
+
+def test_points_that_a_las_cannot_hold_are_not_made_room_for(tmp_path, laz):
+    bad = bytearray(laz)
+    bad[107:111] = (2**32 - 1).to_bytes(4, "little")  # the legacy count of points
+    (tmp_path / "cloud.laz").write_bytes(bad)
+    with pytest.raises(InputError, match="4294967295 points, more than the file can hold"):
+        read_clouds([tmp_path / "cloud.laz"])
+
+
+@pytest.mark.parametrize("data", ["ascii", "binary"])
+def test_a_pcd_that_lacks_points_is_refused_and_not_filled(tmp_path, data):
+    import open3d as o3d
+
+    path: Path = tmp_path / "cloud.pcd"
+    o3d.t.io.write_point_cloud(path, o3d.t.geometry.PointCloud(POINTS_M), write_ascii=data == "ascii")
+    sound = path.read_bytes()
+    assert len(read_clouds([path]).points_m) == len(POINTS_M)
+    path.write_bytes(sound[: len(sound) * 2 // 3])
+    with pytest.raises(InputError, match="truncated"):
+        read_clouds([path])

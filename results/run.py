@@ -1,6 +1,5 @@
 """A run opened for reading, also while it goes on: pyarrow, pandas, SQL over its rows, records and scene."""
 
-import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -10,10 +9,12 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.dataset as ds
 
+from toppling.models.digest import damaged, read_json
 from toppling.models.errors import InputError
 from toppling.models.motions.catalogue import meaning
+from toppling.models.tables import read_table
 from toppling.results.schema import SCHEMA, describe
-from toppling.results.store import PathLike, damaged, newest_rows, read_steady, result_files, whole_table
+from toppling.results.store import PathLike, newest_rows, read_steady, result_files
 
 _RUN_COLUMN = {
     "column": "run",
@@ -71,7 +72,7 @@ class Run:
         lazy = ds.dataset([str(path) for path in files], schema=SCHEMA, format=parquet)
         if len(files) <= 1:
             return lazy
-        ids = pa.concat_tables([whole_table(path, columns=["job_id"]) for path in files]).column("job_id")
+        ids = pa.concat_tables([read_table(path, columns=["job_id"]) for path in files]).column("job_id")
         repeated = len(ids.unique()) < len(ids)
         return ds.dataset(self.table()) if repeated else lazy
 
@@ -119,14 +120,14 @@ class Run:
     def motions(self) -> pa.Table | None:
         """Catalogue of the run's records, one row a record; None where the run has no ensemble."""
         path = self.path / "ensemble" / "catalog.parquet"
-        return whole_table(path) if path.exists() else None
+        return read_table(path) if path.exists() else None
 
     def scene(self) -> pa.Table | None:
         """One row about the scene; None where the run has none."""
         path = self.path / "scene" / "scene.json"
         if not path.exists():
             return None
-        told = _json(path)
+        told = read_json(path)
         try:
             return _scene_table(told)
         except (KeyError, TypeError) as error:
@@ -140,7 +141,7 @@ class Run:
     def provenance(self) -> dict[str, Any]:
         """Content of `run.json`, how the run was made; empty where there is none."""
         path = self.path / "run.json"
-        return _json(path) if path.exists() else {}
+        return read_json(path) if path.exists() else {}
 
     def describe(self) -> list[dict[str, str]]:
         """Every column of every table with its unit and meaning."""
@@ -205,13 +206,6 @@ def as_frame(table: pa.Table) -> pd.DataFrame:
     """Pandas frame of rows; a column `toppled` becomes a nullable boolean."""
     frame = table.to_pandas()
     return frame.astype({"toppled": "boolean"}) if "toppled" in frame else frame
-
-
-def _json(path: Path) -> dict[str, Any]:
-    try:
-        return json.loads(path.read_text(encoding="utf-8"))
-    except ValueError as error:
-        raise damaged(path, error) from error
 
 
 def _as_recorded(field: pa.Field) -> dict[str, str]:

@@ -212,3 +212,91 @@ def test_a_damaged_file_of_a_run_is_named(run_folder, name):
     done = CliRunner().invoke(cli, verb)
     assert isinstance(done.exception, InputError)
     assert f"{victim}: is damaged (" in str(done.exception)
+
+
+@pytest.fixture
+def own(tmp_path):
+    path = tmp_path / "mine.csv"
+    path.write_text("record_id,site\nR000,A\nR001,B\n")
+    return path
+
+
+BEYOND = {
+    "reads a file": "select * from '{own}'",
+    "reads a file by a function": "select * from read_csv('{own}')",
+    "reads any bytes": "select * from read_text('{own}')",
+    "lists files": "select * from glob('{own}')",
+    "writes a file": "copy results to '{written}'",
+    "exports": "export database '{written}'",
+    "opens a database": "attach '{written}'",
+    "loads an extension": "install httpfs",
+    "unlocks": "set enable_external_access = true",
+    "asks twice": "select 1; select 2",
+    "hides a second one": "select 1; copy results to '{written}'",
+    "makes a table": "create table x as select 1",
+    "drops": "drop view results",
+    "calls": "call pragma_version()",
+    "explains by running": "explain analyze select 1",
+    "sees variables of the program": "select * from table_of_the_program",
+    "nothing": "",
+}
+
+
+@pytest.mark.parametrize("kind", BEYOND)
+def test_a_query_only_reads_the_tables_of_its_runs(run_folder, own, tmp_path, kind):
+    table_of_the_program = pa.table({"a": [1]})
+    assert len(table_of_the_program) == 1
+    written = tmp_path / "written"
+    with pytest.raises(InputError):
+        open_run(run_folder).sql(BEYOND[kind].format(own=own, written=written))
+    assert not written.exists()
+
+
+def test_a_trusted_query_joins_own_files(run_folder, own):
+    sql = f"select site, count(*) n from results join '{own}' using (record_id) group by all order by all"
+    command = ["query", str(run_folder), sql, "--json"]
+    refused = CliRunner().invoke(cli, command)
+    assert isinstance(refused.exception, InputError)
+    done = CliRunner().invoke(cli, [*command, "--trusted"], catch_exceptions=False)
+    assert json.loads(done.output) == [{"site": "A", "n": 2}, {"site": "B", "n": 2}]
+
+
+@pytest.mark.parametrize(
+    "sql",
+    [
+        "with a as (select 1 x) select * from a",
+        "from results select count(*)",
+        "select count(*) from results; -- all of them",
+        "describe results",
+        "summarize results",
+    ],
+)
+def test_one_select_may_take_any_shape(run_folder, sql):
+    assert len(open_run(run_folder).sql(sql)) >= 1
+
+
+@pytest.mark.parametrize(
+    "where",
+    [
+        "true; copy results to '{written}'",
+        "true limit 1",
+        "true group by all",
+        "true) union all (select * from results",
+        "exists (select * from read_text('{own}'))",
+        "true, false",
+        "count(*) > 1",
+    ],
+)
+def test_a_condition_is_one_expression_that_reads_the_tables_of_its_run(run_folder, own, tmp_path, where):
+    written = tmp_path / "written"
+    with pytest.raises(InputError):
+        open_run(run_folder).frame(where.format(own=own, written=written))
+    assert not written.exists()
+
+
+def test_a_condition_may_ask_the_other_tables_and_own_files_if_trusted(run_folder, own):
+    run = open_run(run_folder)
+    magnitude = "record_id in (select record_id from motions where magnitude > 6.9) and level_pga_m_s2 = 1"
+    assert set(run.frame(magnitude)["record_id"]) == {"R001", "R002"}
+    mine = f"record_id in (select record_id from '{own}' where site = 'A')"
+    assert set(run.frame(mine, trusted=True)["record_id"]) == {"R000"}

@@ -29,6 +29,9 @@ WRITTEN_ONCE = (
 )  # fmt: skip
 """What a run was begun with."""
 
+KEY_FILES = ".dask-jobqueue.worker."
+"""How the names of the files begin in which batch jobs find the session's key; a killed session leaves them."""
+
 LOCK_PATIENCE_S = 1.0
 """A writer has the lock for the whole of its session; who has it for less than this only looks."""
 
@@ -187,9 +190,8 @@ def _take(lock: IO[str]) -> None:
 
 def _sweep(run: Path) -> None:
     """Remove what a killed writer left half written; only the holder of the lock may."""
-    for folder in (run, run / PARTS_FOLDER):
-        for left in folder.glob(".*.tmp"):
-            left.unlink(missing_ok=True)
+    for left in (*run.glob(".*.tmp"), *(run / PARTS_FOLDER).glob(".*.tmp"), *run.glob(f"{KEY_FILES}*")):
+        left.unlink(missing_ok=True)
 
 
 def _check(run: Path, plan: Plan, versions: dict[str, str]) -> None:

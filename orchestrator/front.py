@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import logging
 import math
+import signal
 import time
 from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import ProcessPoolExecutor
@@ -245,6 +246,7 @@ _ASSETS: list[tuple[Scene, Ensemble]] = []
 
 
 def _load(scene: Scene, ensemble: Ensemble) -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the main process ends these
     _ASSETS[:] = [(scene, ensemble)]
 
 

@@ -49,19 +49,14 @@ def last(run: Path, *events: str) -> dict[str, Any] | None:
     try:
         with (run / LOG_FILE).open("rb") as file:
             begin = file.seek(max(file.seek(0, os.SEEK_END) - TAIL_BYTES, 0))
-            lines = file.read().splitlines()[
-                1 if begin else 0 :
-            ]  # the first is cut by where the reading began
+            lines = file.read().splitlines()
     except OSError:
         return None
-    for line in reversed(lines):
+    for line in reversed(lines[1:] if begin else lines):  # the first is cut by where the reading began
         if not _is_whole(line):
-            log.warning("a line of %s is damaged, and left out", run / LOG_FILE)
-            continue
-        with suppress(ValueError):  # cut by a crash
-            entry = json.loads(line)
-            if isinstance(entry, dict) and entry.get("event") in events:
-                return entry
+            log.warning("a line of %s is cut or damaged, and left out", run / LOG_FILE)
+        elif (entry := json.loads(line)).get("event") in events:
+            return entry
     return None
 
 
@@ -71,9 +66,9 @@ def _with_checksum(line: bytes) -> bytes:
 
 
 def _is_whole(line: bytes) -> bool:
-    """Whether a line has its checksum; those of earlier versions and those cut by a crash have none."""
+    """Whether a line has its checksum; one that a crash has cut has none."""
     text, mark, end = line.rpartition(_CHECKSUM)
-    return not mark or end == b'%08x"}' % zlib.crc32(text)
+    return bool(mark) and end == b'%08x"}' % zlib.crc32(text)
 
 
 class _JsonLines(logging.Handler):

@@ -304,7 +304,7 @@ class Scene:
         try:
             sealed = digest.check(source / "scene.json")
             described = digest.read_json(source / "scene.json")
-            for name in ("rock.ply", "pedestal.ply"):
+            for name in ("rock.ply", "pedestal.ply", BASES):
                 if (source / name).exists():
                     digest.check(source / name, required=sealed)
         except FileNotFoundError:

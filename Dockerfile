@@ -22,7 +22,7 @@ RUN pip install --quiet --no-deps .
 COPY orchestrator/dask.yaml /etc/dask/toppling.yaml
 
 # No writes outside /runs and /tmp, so that any user may be given, Apptainer's included.
-RUN useradd --create-home toppling && mkdir /runs && chown toppling /runs
-USER toppling
+RUN useradd --create-home --uid 1000 toppling && mkdir /runs && chown toppling /runs
+USER 1000:1000
 WORKDIR /runs
 CMD ["toppling", "--help"]

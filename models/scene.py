@@ -2,7 +2,6 @@
 
 import dataclasses
 import hashlib
-import json
 import math
 import os
 from collections.abc import Mapping
@@ -15,6 +14,7 @@ import numpy as np
 import trimesh
 from numpy.typing import ArrayLike, NDArray
 
+from toppling.models import digest
 from toppling.models.documents import shown
 from toppling.models.errors import InputError
 from toppling.models.folder import new_folder
@@ -219,7 +219,7 @@ class Scene:
     @cached_property
     def id(self) -> str:
         """Hash of all that can change the motion except the contact properties, which belong to the job."""
-        digest = hashlib.sha256()
+        hashed = hashlib.sha256()
         geometry = [self.rock.vertices_m, self.rock.faces, self.pedestal.point_m, self.pedestal.normal]
         if self.pedestal.vertices_m is not None and self.pedestal.faces is not None:
             geometry += [self.pedestal.vertices_m, self.pedestal.faces]
@@ -229,12 +229,12 @@ class Scene:
             geometry.append(self.rock.feet_m)
         for array in geometry:
             canonical = np.ascontiguousarray(array, dtype="<f8" if array.dtype.kind == "f" else "<i8")
-            digest.update(repr(canonical.shape).encode())
-            digest.update(canonical.tobytes())
-        digest.update(repr(float(self.gravity_m_s2)).encode())
+            hashed.update(repr(canonical.shape).encode())
+            hashed.update(canonical.tobytes())
+        hashed.update(repr(float(self.gravity_m_s2)).encode())
         if self.unseen is not None:
-            digest.update(self.unseen.digest)
-        return digest.hexdigest()[:20]
+            hashed.update(self.unseen.digest)
+        return hashed.hexdigest()[:20]
 
     def save(self, folder: str | os.PathLike[str]) -> Path:
         """Write `scene.json`, `rock.ply`, `pedestal.ply` and the bases that are drawn; complete or not at all.
@@ -251,7 +251,7 @@ class Scene:
 
     def write_into(self, folder: Path) -> None:
         """Write the files of :meth:`save` into a folder that is there."""
-        (folder / "scene.json").write_text(json.dumps(self.to_json(), indent=1, allow_nan=False) + "\n")
+        digest.write_json(folder / "scene.json", self.to_json())
         write_ply(folder / "rock.ply", self.rock.vertices_m, self.rock.faces)
         write_ply(folder / "pedestal.ply", *self.pedestal_triangles())
         if self.unseen is not None:
@@ -304,7 +304,11 @@ class Scene:
         """
         source = Path(folder)
         try:
+            sealed = digest.check(source / "scene.json")
             described = read_scene_document(source / "scene.json")
+            for name in ("rock.ply", "pedestal.ply", BASES):
+                if (source / name).exists():
+                    digest.check(source / name, required=sealed)
         except (FileNotFoundError, NotADirectoryError):
             raise _scene_error("no scene.json", source) from None
         rock = Rock.from_triangles(*read_triangles(source / "rock.ply"), where=str(source / "rock.ply"))
@@ -391,15 +395,16 @@ def parse_mesh(path: Path) -> tuple[None, list[NDArray]]:
 
 
 def write_ply(path: Path, vertices_m: NDArray[np.float64], faces: NDArray[np.int64]) -> None:
-    """Write a binary PLY in double precision, which trimesh's own writer does not keep."""
+    """Write a binary PLY with its digest, in double precision, which trimesh's own writer does not keep."""
     header = (
-        "ply\nformat binary_little_endian 1.0\ncomment metres, x east, y north, z up\n"
+        f"ply\nformat binary_little_endian 1.0\ncomment {digest.BLANK}\ncomment metres, x east, y north, z up\n"
         f"element vertex {len(vertices_m)}\nproperty double x\nproperty double y\nproperty double z\n"
         f"element face {len(faces)}\nproperty list uchar int vertex_indices\nend_header\n"
     )
     rows = np.empty(len(faces), dtype=[("count", "u1"), ("index", "<i4", 3)])
     rows["count"], rows["index"] = 3, faces
     path.write_bytes(header.encode() + np.ascontiguousarray(vertices_m, "<f8").tobytes() + rows.tobytes())
+    digest.seal(path)
 
 
 def _finite(value: Any) -> Any:

@@ -4,6 +4,7 @@ import math
 from pathlib import Path
 from typing import Any
 
+from toppling.models.digest import read_json
 from toppling.models.documents import (
     LENGTH_M,
     NUMBER,
@@ -12,7 +13,6 @@ from toppling.models.documents import (
     between,
     check_shape,
     one_of,
-    read_json,
     shown,
     whole,
 )

@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import ConvexHull, QhullError
 from scipy.spatial.transform import Rotation
 
-from toppling.models.documents import read_json
+from toppling.models.digest import BLANK, KEY, read_json, seal
 from toppling.models.errors import InputError
 from toppling.models.frames import plane_axes
 from toppling.models.pedestal import Pedestal
@@ -116,10 +116,11 @@ class UnseenBase:
         return content.digest()
 
     def write(self, path: Path) -> None:
-        """Write the draws as JSON, one a line."""
+        """Write the draws as JSON with its digest, one draw a line."""
         lines = ",\n".join(json.dumps(_lists(draw)) for draw in self.draws)
-        head = f'"schema_version": {SCHEMA_VERSION}, "band_m": {float(self.band_m)!r}'
+        head = f'"{KEY}": "{BLANK}", "schema_version": {SCHEMA_VERSION}, "band_m": {float(self.band_m)!r}'
         path.write_text(f'{{{head}, "draws": [\n{lines}\n]}}\n')
+        seal(path)
 
     @classmethod
     def read(cls, path: Path) -> UnseenBase:

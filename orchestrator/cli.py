@@ -1,12 +1,16 @@
 """The command line. A room is imported only when its verb is called, so that `toppling query` needs no Open3D."""
 
 import importlib
+import os
+import signal
 import sys
 from pathlib import Path
+from typing import Any
 
 import click
 
 from toppling.models.errors import InputError
+from toppling.orchestrator.interrupt import INTERRUPTED, stop_once
 
 VERBS = {
     "scan": "Turn laser scans into a rock on its pedestal.",
@@ -41,6 +45,13 @@ class LazyGroup(click.Group):
             return None
         return getattr(importlib.import_module(f"toppling.orchestrator.verbs.{cmd_name}"), cmd_name)
 
+    def invoke(self, ctx: click.Context) -> Any:
+        """Call the verb; click would say a line more of a Ctrl-C."""
+        try:
+            return super().invoke(ctx)
+        except KeyboardInterrupt:
+            raise click.Abort from None
+
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
         """List the verbs, each with its line."""
         with formatter.section("Commands"):
@@ -64,6 +75,20 @@ def cli() -> None:
 
 def main() -> None:
     """Entry point of the command `toppling`; exit 0 done, 1 failed, 2 wrong usage, 3 finished with failed jobs."""
+    signal.signal(signal.SIGINT, stop_once)
+    try:
+        _main()
+    except SystemExit as end:
+        if end.code == INTERRUPTED:  # all that had to end has ended: the interpreter's own end may be slow
+            sys.stdout.flush()
+            sys.stderr.flush()
+            os._exit(INTERRUPTED)
+        raise
+    finally:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)  # there is nothing left to stop
+
+
+def _main() -> None:
     try:
         cli.main(prog_name="toppling", standalone_mode=False)
     except click.exceptions.Exit as stop:
@@ -73,7 +98,7 @@ def main() -> None:
         sys.exit(error.exit_code)
     except click.Abort:
         click.echo("stopped", err=True)
-        sys.exit(130)
+        sys.exit(INTERRUPTED)
     except (InputError, FileExistsError, FileNotFoundError) as error:
         click.echo(f"toppling: {error}", err=True)
         sys.exit(1)

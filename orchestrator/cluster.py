@@ -5,6 +5,7 @@ import importlib
 import logging
 import os
 import signal
+import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ from distributed import Client, LocalCluster, SpecCluster
 from distributed.security import Security
 
 from toppling.models.errors import InputError
+from toppling.orchestrator.interrupt import kept_from_children
 from toppling.workers.compiled import compile_apart
 
 log = logging.getLogger(__name__)
@@ -27,6 +29,9 @@ QUEUES = {
 }
 CONNECT_TIMEOUT_S = 30
 REPLACE_TIMEOUT_S = 30
+_SILENT = {f"distributed.{role}.http.routes": ["distributed.http.health"] for role in ("scheduler", "worker")}
+"""Dask's pages ask for no key: they would show the session's work to every account of the host."""
+
 SETTINGS = Path(__file__).with_name("dask.yaml")
 
 
@@ -34,27 +39,28 @@ def load_defaults() -> None:
     """Put the project's Dask settings below the user's files and DASK_* variables."""
     for settings in dask.config.collect_yaml([str(SETTINGS)]):
         dask.config.update_defaults(settings)
-    logging.getLogger("distributed").setLevel(
-        logging.CRITICAL
-    )  # every fault it reports is reported by the run
+    for name in (
+        "distributed",
+        "tornado.application",
+        "asyncio",
+    ):  # every fault they report is reported by the run
+        logging.getLogger(name).setLevel(logging.CRITICAL)
 
 
 @contextlib.contextmanager
 def local(workers: int) -> Iterator[Client]:
-    """Start worker processes with one thread each, bound to the loopback interface."""
+    """Start worker processes with one thread each, bound to the loopback interface and to this session.
+
+    Loopback is shared with every account of the host, so that scheduler and workers accept only who holds the session's
+    key, which never leaves the memory of these processes; what they write is in a folder of this account alone.
+    """
     compile_apart()
     load_defaults()
     with (
         # After this time Dask would drop a worker whose successor happens to be starting, and start no other.
-        dask.config.set({"distributed.deploy.lost-worker-timeout": "1000 days"}),
-        LocalCluster(
-            n_workers=0,
-            threads_per_worker=1,
-            processes=True,
-            host="127.0.0.1",
-            dashboard_address="127.0.0.1:0",
-            silence_logs=False,  # it would silence the root logger too, and with it the run's own warnings
-        ) as cluster,
+        dask.config.set({"distributed.deploy.lost-worker-timeout": "1000 days", **_SILENT}),
+        tempfile.TemporaryDirectory(prefix="toppling-session-", ignore_cleanup_errors=True) as scratch,
+        _local_cluster(scratch) as cluster,
         Client(cluster) as client,
     ):
         cluster.scale(workers)  # not at once: the cluster would fail with a worker that dies while it starts
@@ -62,6 +68,33 @@ def local(workers: int) -> Iterator[Client]:
             yield client
         finally:
             client.sync(_end_workers, cluster)
+
+
+def _local_cluster(scratch: str) -> LocalCluster:
+    with kept_from_children():
+        return LocalCluster(
+            n_workers=0,
+            threads_per_worker=1,
+            processes=True,
+            host="127.0.0.1",
+            security=session_security(),
+            dashboard_address="127.0.0.1:0",
+            scheduler_kwargs={"dashboard": False},
+            local_directory=scratch,
+            silence_logs=False,  # it would silence the root logger too, and with it the run's own warnings
+        )
+
+
+def session_security() -> Security | None:
+    """Key and certificate of this session, in memory; None, which is told, where they cannot be made."""
+    try:
+        return Security.temporary()
+    except ImportError:
+        log.warning(
+            "cryptography is not installed: other accounts of this host can run code as you in this session. "
+            "Install it with 'pip install cryptography'"
+        )
+        return None
 
 
 async def _end_workers(cluster: LocalCluster) -> None:
@@ -177,8 +210,11 @@ def existing(address: str | None, scheduler_file: Path | None, tls: Security | N
 
 
 @contextlib.contextmanager
-def queue(kind: str, jobs: int) -> Iterator[Client]:
+def queue(kind: str, jobs: int, secrets: Path) -> Iterator[Client]:
     """Have a batch system start workers, as ~/.config/dask/jobqueue.yaml says.
+
+    Scheduler and workers accept only who holds the session's key. Batch jobs have to find it: it lies in files of
+    mode 600 as long as the session goes on. Where the configuration has certificates, these are used instead.
 
     Parameters
     ----------
@@ -186,15 +222,20 @@ def queue(kind: str, jobs: int) -> Iterator[Client]:
         One of `QUEUES`.
     jobs : int
         Batch jobs to submit.
+    secrets : Path
+        Folder for the key, which all hosts see.
     """
-    with _queue_cluster(kind) as cluster, Client(cluster) as client:
+    with _queue_cluster(kind, secrets) as cluster, Client(cluster) as client:
         cluster.scale(jobs=jobs)
         yield client
 
 
 def job_script(kind: str) -> str:
-    """Tell what would be submitted to a batch system."""
-    with _queue_cluster(kind) as cluster:
+    """Tell what would be submitted to a batch system; the key's files are named as if in a folder of this moment."""
+    with (
+        tempfile.TemporaryDirectory(prefix="toppling-") as folder,
+        _queue_cluster(kind, Path(folder)) as cluster,
+    ):
         return cluster.job_script()
 
 
@@ -212,7 +253,7 @@ def tls_security(ca: Path, certificate: Path, key: Path) -> Security:
                 "no such file",
                 where=str(path),
                 expected="the cluster's authority, and a certificate and key that it signed (PEM)",
-                remedy="see docs/faults.md, 'TLS', for the three openssl commands that make them",
+                remedy="see docs/faults.md, 'Who is let in', for the three openssl commands that make them",
             )
     return Security(
         tls_ca_file=str(ca),
@@ -222,8 +263,21 @@ def tls_security(ca: Path, certificate: Path, key: Path) -> Security:
     )
 
 
-def _queue_cluster(kind: str) -> Any:
+@contextlib.contextmanager
+def _queue_cluster(kind: str, secrets: Path) -> Iterator[Any]:
+    with _new_queue_cluster(kind, secrets) as cluster:
+        try:
+            yield cluster
+        finally:
+            for name, file in vars(cluster).items():
+                if name.startswith("_job_") and hasattr(file, "close"):
+                    file.close()  # which removes it
+
+
+def _new_queue_cluster(kind: str, secrets: Path) -> Any:
     load_defaults()
+    has_certificates = dask.config.get("distributed.comm.require-encryption", None)
+    security = None if has_certificates else session_security()
     try:
         jobqueue = importlib.import_module("dask_jobqueue")
     except ImportError:
@@ -236,7 +290,16 @@ def _queue_cluster(kind: str) -> Any:
     try:
         # A process a core: the engine is one per process, and its threads would wait for each other.
         cores = dask.config.get(f"jobqueue.{kind}.cores") or 1
-        return getattr(jobqueue, QUEUES[kind])(cores=cores, processes=cores)
+        return getattr(jobqueue, QUEUES[kind])(
+            cores=cores,
+            processes=cores,
+            security=security,
+            shared_temp_directory=str(secrets),
+            scheduler_options={
+                "dashboard_address": "127.0.0.1:0",  # Dask's pages ask for no key
+                **dask.config.get(f"jobqueue.{kind}.scheduler-options", {}),
+            },
+        )
     except (ValueError, KeyError) as error:
         raise InputError(
             str(error).splitlines()[0],

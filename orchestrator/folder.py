@@ -2,7 +2,6 @@
 
 import contextlib
 import fcntl
-import json
 import os
 import shutil
 import socket
@@ -12,17 +11,27 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import IO, Any
 
-import pyarrow.parquet as pq
-
+from toppling.models import digest
 from toppling.models.errors import InputError
-from toppling.models.folder import new_file, new_folder
+from toppling.models.folder import new_folder
+from toppling.models.motions.ensemble import CATALOG, MOTIONS
 from toppling.models.run_document import check_run_document
 from toppling.models.settling import Settling
+from toppling.models.tables import write_table
 from toppling.orchestrator.journal import LOG_FILE
 from toppling.orchestrator.plan import Plan
 from toppling.results.store import PARTS_FOLDER, RESULTS_FILE
 
 SCHEMA_VERSION = 1
+
+WRITTEN_ONCE = (
+    "campaign.toml", "jobs.parquet", "scene/scene.json", "scene/rock.ply", "scene/pedestal.ply",
+    f"ensemble/{CATALOG}", f"ensemble/{MOTIONS}",
+)  # fmt: skip
+"""What a run was begun with."""
+
+KEY_FILES = ".dask-jobqueue.worker."
+"""How the names of the files begin in which batch jobs find the session's key; a killed session leaves them."""
 
 LOCK_PATIENCE_S = 1.0
 """A writer has the lock for the whole of its session; who has it for less than this only looks."""
@@ -43,8 +52,8 @@ def prepare(run: Path, plan: Plan, versions: dict[str, str], settling: Settling 
         (staging / PARTS_FOLDER).mkdir()
         shutil.copytree(plan.campaign.scene, staging / "scene")
         shutil.copytree(plan.campaign.ensemble, staging / "ensemble")
-        (staging / "campaign.toml").write_text(plan.campaign.to_toml("scene", "ensemble"), encoding="utf-8")
-        pq.write_table(plan.jobs, staging / "jobs.parquet", compression="zstd", write_page_checksum=True)
+        digest.write_text(staging / "campaign.toml", plan.campaign.to_toml("scene", "ensemble"))
+        write_table(plan.jobs, staging / "jobs.parquet")
         described = {
             "schema_version": SCHEMA_VERSION,
             "plan_id": plan.id,
@@ -56,7 +65,7 @@ def prepare(run: Path, plan: Plan, versions: dict[str, str], settling: Settling 
             "created_at": now(),
             "sessions": [],
         }
-        write_json(staging / "run.json", described)
+        digest.write_json(staging / "run.json", described)
 
 
 def describe(run: Path) -> dict[str, Any]:
@@ -65,11 +74,11 @@ def describe(run: Path) -> dict[str, Any]:
     Raises
     ------
     InputError
-        If the folder is no run.
+        If the folder is no run, or the file is damaged.
     """
     try:
-        content = json.loads((run / "run.json").read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError) as error:
+        content = digest.read_json(run / "run.json")
+    except OSError as error:
         raise _error(
             run,
             f"is not a run's folder ({error})",
@@ -132,7 +141,7 @@ def note(run: Path, notes: dict[str, Any], *, new: bool = False) -> None:
     content = describe(run)
     sessions = content["sessions"]
     content["sessions"] = [*(sessions if new else sessions[:-1]), notes]
-    write_json(run / "run.json", content)
+    digest.write_json(run / "run.json", content)
 
 
 def place_in(run: Path, name: str) -> Path:
@@ -161,12 +170,6 @@ def is_running(run: Path) -> bool:
     return False
 
 
-def write_json(path: Path, content: dict[str, Any]) -> None:
-    """Write a JSON file that is whole or as it was before."""
-    with new_file(path) as hidden:
-        hidden.write_text(f"{json.dumps(content, indent=1)}\n", encoding="utf-8")
-
-
 def now() -> str:
     """Tell the time, UTC, to the second."""
     return datetime.now(UTC).isoformat(timespec="seconds")
@@ -188,9 +191,8 @@ def _take(lock: IO[str]) -> None:
 
 def _sweep(run: Path) -> None:
     """Remove what a killed writer left half written; only the holder of the lock may."""
-    for folder in (run, run / PARTS_FOLDER):
-        for left in folder.glob(".*.tmp"):
-            left.unlink(missing_ok=True)
+    for left in (*run.glob(".*.tmp"), *(run / PARTS_FOLDER).glob(".*.tmp"), *run.glob(f"{KEY_FILES}*")):
+        left.unlink(missing_ok=True)
 
 
 def _check(run: Path, plan: Plan, versions: dict[str, str]) -> None:
@@ -217,6 +219,9 @@ def _check(run: Path, plan: Plan, versions: dict[str, str]) -> None:
             expected="the same campaign, scene and ensemble as when the run was begun",
             remedy="give another --out, or go on with the one that lies in the folder",
         )
+    required = digest.check(run / "run.json")
+    for name in WRITTEN_ONCE:
+        digest.check(run / name, required=required)
 
 
 def _refuse_links(run: Path, places: Iterable[Path]) -> None:

@@ -8,26 +8,34 @@ from __future__ import annotations
 
 import hashlib
 import importlib.util
+import logging
 import math
+import signal
 import time
 from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass, replace
 from itertools import repeat
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
 from scipy.stats import binomtest
 
+from toppling.models.errors import InputError
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.impose import impose
 from toppling.models.scene import Scene
+from toppling.models.tables import read_table, write_table
 from toppling.results.fits import fit
 from toppling.workers.options import PHYSICS_VERSION, PRESETS, NumericalOptions, SolverOptions, options_of
 from toppling.workers.seating import settled
 from toppling.workers.shake import shake
 from toppling.workers.start import State
+
+log = logging.getLogger(__name__)
 
 DISTURBED_SHARE = 1e-6
 """Of its height, by which the rock's start is disturbed to measure the floor of chaos."""
@@ -140,7 +148,7 @@ def answers(
     stands = settled(scene)  # here: what a process of the pool raises as it starts is not told
     name = (PHYSICS_VERSION, scene.id, scene.contact, ensemble.id, setting)
     path = kept / f"{hashlib.sha256(repr(name).encode()).hexdigest()[:16]}.parquet" if kept else None
-    rows = pd.read_parquet(path).to_dict("records") if path and path.exists() else []
+    rows = _read(path) if path and path.exists() else []
     known = {Job(row["record_id"], row["pga_m_s2"], row["azimuth_deg"]): row for row in rows}
     missing = [job for job in jobs if job not in known]
     for _ in range(len(jobs) - len(missing)):
@@ -161,8 +169,16 @@ def _frame(rows: Iterable[Row]) -> pd.DataFrame:
 def _write(path: Path, frame: pd.DataFrame) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     part = path.with_suffix(".part")
-    frame.to_parquet(part)
+    write_table(pa.Table.from_pandas(frame), part)
     part.rename(path)
+
+
+def _read(path: Path) -> list[dict[Any, Any]]:
+    try:
+        return read_table(path).to_pandas().to_dict("records")
+    except InputError as error:
+        log.warning("%s %s: its jobs are done again", path, error.what)
+        return []
 
 
 def disturbed_start(scene: Scene, toward_deg: float, share: float = DISTURBED_SHARE) -> State:
@@ -248,6 +264,7 @@ _ASSETS: list[tuple[Scene, Ensemble]] = []
 
 
 def _load(scene: Scene, ensemble: Ensemble) -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the main process ends these
     _ASSETS[:] = [(scene, ensemble)]
 
 

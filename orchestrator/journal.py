@@ -6,6 +6,7 @@ Events are told with :func:`tell`; warnings of the orchestrator and the store co
 import json
 import logging
 import os
+import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
@@ -14,6 +15,9 @@ from typing import Any
 
 LOG_FILE = "run.log"
 TAIL_BYTES = 65_536
+_CHECKSUM = b', "crc32": "'
+
+log = logging.getLogger(__name__)
 
 _events = logging.getLogger("toppling.orchestrator.journal")
 _events.propagate = False  # a terminal shows progress and warnings, not every part that is stored
@@ -44,16 +48,27 @@ def last(run: Path, *events: str) -> dict[str, Any] | None:
     """Find the newest entry of some kinds near the end of a run's log."""
     try:
         with (run / LOG_FILE).open("rb") as file:
-            file.seek(max(file.seek(0, os.SEEK_END) - TAIL_BYTES, 0))
+            begin = file.seek(max(file.seek(0, os.SEEK_END) - TAIL_BYTES, 0))
             lines = file.read().splitlines()
     except OSError:
         return None
-    for line in reversed(lines):
-        with suppress(ValueError):  # cut by a crash, or by where the reading began
-            entry = json.loads(line)
-            if isinstance(entry, dict) and entry.get("event") in events:
-                return entry
+    for line in reversed(lines[1:] if begin else lines):  # the first is cut by where the reading began
+        if not _is_whole(line):
+            log.warning("a line of %s is cut or damaged, and left out", run / LOG_FILE)
+        elif (entry := json.loads(line)).get("event") in events:
+            return entry
     return None
+
+
+def _with_checksum(line: bytes) -> bytes:
+    """A JSON object with the checksum of its text as the last member."""
+    return line[:-1] + _CHECKSUM + b'%08x"}' % zlib.crc32(line[:-1])
+
+
+def _is_whole(line: bytes) -> bool:
+    """Whether a line has its checksum; one that a crash has cut has none."""
+    text, mark, end = line.rpartition(_CHECKSUM)
+    return bool(mark) and end == b'%08x"}' % zlib.crc32(text)
 
 
 class _JsonLines(logging.Handler):
@@ -77,7 +92,7 @@ class _JsonLines(logging.Handler):
         }
         # A full disk stops the run where rows are stored, and says so there.
         with suppress(OSError):
-            os.write(self._file, json.dumps(told, default=str).encode() + b"\n")
+            os.write(self._file, _with_checksum(json.dumps(told, default=str).encode()) + b"\n")
 
     def close(self) -> None:
         os.close(self._file)

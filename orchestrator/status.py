@@ -7,10 +7,11 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from toppling.models.tables import read_table
 from toppling.orchestrator.folder import describe, is_running
 from toppling.orchestrator.journal import last
 from toppling.orchestrator.plan import expected_s
-from toppling.results.store import newest_rows, read_steady, result_files, whole_table
+from toppling.results.store import newest_rows, read_steady, result_files
 
 WINDOW = timedelta(minutes=1)
 REASONS_SHOWN = 10
@@ -65,12 +66,12 @@ def _pace(run: Path, rows: pa.Table) -> tuple[float | None, float | None]:
         return None, None
     recent = rows.filter(pc.greater(rows["finished_at"], pa.scalar(last - WINDOW, rows["finished_at"].type)))
     seconds = max((last - pc.min(recent["finished_at"]).as_py()).total_seconds(), 1.0)
-    catalog = whole_table(run / "ensemble" / "catalog.parquet", columns=["record_id", "duration_s"])
+    catalog = read_table(run / "ensemble" / "catalog.parquet", columns=["record_id", "duration_s"])
     duration_s = dict(zip(*(column.to_pylist() for column in catalog.columns), strict=True))
 
     def work_s(jobs: pa.Table) -> float:
         counted = pc.value_counts(jobs["record_id"].cast(pa.string())).to_pylist()
         return expected_s(sum(duration_s[entry["values"]] * entry["counts"] for entry in counted), len(jobs))
 
-    left_s = work_s(whole_table(run / "jobs.parquet", columns=["record_id"])) - work_s(rows)
+    left_s = work_s(read_table(run / "jobs.parquet", columns=["record_id"])) - work_s(rows)
     return len(recent) / seconds, left_s * seconds / work_s(recent)

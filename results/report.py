@@ -12,6 +12,7 @@ from typing import Any
 import pandas as pd
 from matplotlib.figure import Figure
 
+from toppling.models.digest import check
 from toppling.models.errors import InputError
 from toppling.models.folder import new_file
 from toppling.results import figures, fits
@@ -304,6 +305,7 @@ def _provenance(run: Run) -> str:
     for name in ("campaign.toml", "run.json"):
         path = run.path / name
         if path.exists():
+            check(path)
             parts.append(f"{_heading(name, 3)}<pre>{_safe(path.read_text())}</pre>")
     return "".join(parts)
 

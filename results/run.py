@@ -1,6 +1,6 @@
 """A run opened for reading, also while it goes on: pyarrow, pandas, SQL over its rows, records and scene."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -9,13 +9,23 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.dataset as ds
 
-from toppling.models.documents import read_json
+from toppling.models.digest import read_json
 from toppling.models.errors import InputError
 from toppling.models.motions.catalogue import meaning
 from toppling.models.run_document import check_run_document
 from toppling.models.scene_document import read_scene_document
+from toppling.models.tables import read_table
 from toppling.results.schema import SCHEMA, describe
-from toppling.results.store import PathLike, newest_rows, read_steady, result_files, whole_table
+from toppling.results.store import PathLike, newest_rows, read_steady, result_files
+
+_LOCKED = {
+    "enable_external_access": "false",
+    "autoinstall_known_extensions": "false",
+    "autoload_known_extensions": "false",
+    "python_enable_replacements": "false",
+    "temp_directory": "",
+}
+"""What keeps a query from everything but the tables that it is given."""
 
 _RUN_COLUMN = {
     "column": "run",
@@ -73,19 +83,28 @@ class Run:
         lazy = ds.dataset([str(path) for path in files], schema=SCHEMA, format=parquet)
         if len(files) <= 1:
             return lazy
-        ids = pa.concat_tables([whole_table(path, columns=["job_id"]) for path in files]).column("job_id")
+        ids = pa.concat_tables([read_table(path, columns=["job_id"]) for path in files]).column("job_id")
         repeated = len(ids.unique()) < len(ids)
         return ds.dataset(self.table()) if repeated else lazy
 
-    def frame(self, where: str | None = None) -> pd.DataFrame:
+    def frame(self, where: str | None = None, *, trusted: bool = False) -> pd.DataFrame:
         """All rows as a pandas frame, or those that a condition of SQL holds for; `toppled` is a nullable boolean.
+
+        Parameters
+        ----------
+        where : str or None
+            One expression over the columns of `results`; `motions` and `scene` may be asked in it.
+        trusted : bool
+            Let it read files too.
 
         Raises
         ------
         InputError
-            If the condition is no SQL, or names what is no column.
+            If the condition is not one expression of SQL, or names what is no column.
         """
-        return as_frame(self.sql(f"select * from results where {where}") if where else self.table())
+        if not where:
+            return as_frame(self.table())
+        return as_frame(_asked([self], lambda connection: _rows_where(connection, where), trusted))
 
     def planned(self) -> int | None:
         """Number of jobs that the run was started with; None where it does not say."""
@@ -108,20 +127,20 @@ class Run:
             return frame
         return frame.assign(record_weight=frame["record_id"].map(weights) * (len(used) / sum(used)))
 
-    def sql(self, query: str) -> pa.Table:
-        """Answer of a DuckDB query over the tables `results`, `motions` and `scene`.
+    def sql(self, query: str, *, trusted: bool = False) -> pa.Table:
+        """Answer of a DuckDB query over the tables `results`, `motions` and `scene`; see :func:`ask`.
 
         Raises
         ------
         InputError
             If DuckDB refuses the query.
         """
-        return ask([self], query)
+        return ask([self], query, trusted=trusted)
 
     def motions(self) -> pa.Table | None:
         """Catalogue of the run's records, one row a record; None where the run has no ensemble."""
         path = self.path / "ensemble" / "catalog.parquet"
-        return whole_table(path) if path.exists() else None
+        return read_table(path) if path.exists() else None
 
     def scene(self) -> pa.Table | None:
         """One row about the scene; None where the run has none."""
@@ -161,21 +180,33 @@ def open_run(path: PathLike) -> Run:
     return Run(path)
 
 
-def ask(runs: Sequence[Run], query: str) -> pa.Table:
+def ask(runs: Sequence[Run], query: str, *, trusted: bool = False) -> pa.Table:
     """Answer of a DuckDB query over one or several runs.
 
     The tables `results`, `motions` and `scene` hold the rows of all, and a column `run` tells them apart.
+
+    Parameters
+    ----------
+    runs : sequence of Run
+    query : str
+        One SELECT, which reads nothing but these tables.
+    trusted : bool
+        Let the query do all that DuckDB can: read and write files, load extensions.
 
     Raises
     ------
     InputError
         If DuckDB refuses the query, or two runs have the same name.
     """
-    return read_steady([run.path for run in runs], lambda: _ask_once(runs, query))
+    return _asked(runs, lambda connection: _answer(connection, query, trusted), trusted)
 
 
-def connect(runs: Sequence[Run]) -> duckdb.DuckDBPyConnection:
-    """DuckDB connection with the views `results`, `motions` and `scene` over some runs as they are now."""
+def connect(runs: Sequence[Run], trusted: bool = False) -> duckdb.DuckDBPyConnection:
+    """DuckDB connection with the views `results`, `motions` and `scene` over some runs as they are now.
+
+    Unless it is trusted, it reads and writes no file, loads no extension, sees no variable of this program, and its
+    configuration is locked.
+    """
     names = [run.name for run in runs]
     if len(set(names)) < len(names):
         what = f"two of the runs {', '.join(names)} have the same name"
@@ -185,7 +216,7 @@ def connect(runs: Sequence[Run]) -> duckdb.DuckDBPyConnection:
             expected="folders of different names",
             remedy="rename one of the folders",
         )
-    connection = duckdb.connect()
+    connection = duckdb.connect(config={} if trusted else dict(_LOCKED))
     for view in ("results", "motions", "scene"):
         parts = []
         for number, run in enumerate(runs):
@@ -196,6 +227,8 @@ def connect(runs: Sequence[Run]) -> duckdb.DuckDBPyConnection:
                 parts.append(f"select '{quoted}' as run, * from {view}_{number}")
         if parts:
             connection.execute(f"create view {view} as {' union all by name '.join(parts)}")
+    if not trusted:
+        connection.execute("set lock_configuration = true")
     return connection
 
 
@@ -209,11 +242,20 @@ def _as_recorded(field: pa.Field) -> dict[str, str]:
     return describe(field) | {"group": "as recorded"} | meaning(field.name)
 
 
-def _ask_once(runs: Sequence[Run], query: str) -> pa.Table:
-    with connect(runs) as connection:
+def _asked(
+    runs: Sequence[Run], question: Callable[[duckdb.DuckDBPyConnection], pa.Table], trusted: bool
+) -> pa.Table:
+    return read_steady([run.path for run in runs], lambda: _asked_once(runs, question, trusted))
+
+
+def _asked_once(
+    runs: Sequence[Run], question: Callable[[duckdb.DuckDBPyConnection], pa.Table], trusted: bool
+) -> pa.Table:
+    with connect(runs, trusted) as connection:
         try:
-            answer = connection.sql(query)
-            return answer.to_arrow_table() if answer is not None else pa.table({})
+            return question(connection)
+        except duckdb.PermissionException as error:
+            raise _refused(str(error)) from error
         except duckdb.Error as error:
             if isinstance(error, duckdb.InvalidInputException):  # as of a damaged file, which this names
                 for run in runs:
@@ -224,6 +266,30 @@ def _ask_once(runs: Sequence[Run], query: str) -> pa.Table:
                 expected="DuckDB's SQL over the tables results, motions, scene",
                 remedy="'toppling query RUN --describe' names every column",
             ) from error
+
+
+def _answer(connection: duckdb.DuckDBPyConnection, query: str, trusted: bool) -> pa.Table:
+    if not trusted:
+        kinds = [statement.type for statement in connection.extract_statements(query)]
+        if kinds != [duckdb.StatementType.SELECT]:
+            told = ", ".join(kind.name for kind in kinds) or "nothing"
+            raise _refused(f"the query holds {told}")
+    answer = connection.sql(query)
+    return answer.to_arrow_table() if answer is not None else pa.table({})
+
+
+def _rows_where(connection: duckdb.DuckDBPyConnection, where: str) -> pa.Table:
+    # As an expression of its own, not as text in a statement, from which it could break out.
+    return connection.table("results").filter(duckdb.SQLExpression(where)).to_arrow_table()
+
+
+def _refused(what: str) -> InputError:
+    return InputError(
+        what,
+        where="SQL",
+        expected="one SELECT over the tables results, motions, scene, which reads no file and changes nothing",
+        remedy="--trusted lets a query that you know do all that DuckDB can, such as join your own files",
+    )
 
 
 def _scene_table(told: dict[str, Any]) -> pa.Table:

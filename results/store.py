@@ -1,12 +1,13 @@
 """The store: part files as a run goes on, one compact sorted file when it is done.
 
-One writer (the client of the cluster), any number of readers. A file appears complete or not at all; a file
-that is torn, or is not a run's, is named in the log and skipped. Where a job has several rows, its newest
-attempt counts.
+One writer (the client of the cluster), any number of readers. A file appears complete or not at all, and is
+verified whole by its digest before it is believed. A part that is damaged, or is not a run's, is named in the log
+and skipped: its jobs are done again. Where a job has several rows, its newest attempt counts.
 """
 
 import logging
 import os
+import re
 import time
 import uuid
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
@@ -19,14 +20,17 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
+from toppling.models.digest import check, damaged
 from toppling.models.errors import InputError
 from toppling.models.folder import new_file
-from toppling.results.schema import SCHEMA, SORT_ORDER
+from toppling.models.tables import read_table, write_table
+from toppling.results.schema import SCHEMA, SCHEMA_VERSION, SORT_ORDER
 
 log = logging.getLogger(__name__)
 
 RESULTS_FILE = "results.parquet"
 PARTS_FOLDER = "parts"
+PART_NAME = re.compile(r"part-[0-9]{20}-[0-9a-f]{8}\.parquet")
 ROWS_IN_GROUP = 20_000
 """Rows in a row group: small enough that a query of one record skips most of a large run."""
 
@@ -69,24 +73,22 @@ def finished_ids(
 ) -> set[str]:
     """Ids of the jobs that have a row, whatever its status.
 
-    Where the run's jobs are `known`, a file with rows of others is set aside as `_NAME`, not merged. A job to
-    `redo` counts only with an attempt above the one that stands there.
+    Where the run's jobs are `known`, a damaged part and a file with rows of others are set aside as `_NAME`, not
+    merged. A job to `redo` counts only with an attempt above the one that stands there.
     """
     return read_steady([run_folder], lambda: _finished_ids(run_folder, known, redo))
 
 
 def _finished_ids(run_folder: PathLike, known: frozenset[str] | None, redo: Mapping[str, int]) -> set[str]:
     finished: set[str] = set()
-    for path in result_files(run_folder):
-        table = whole_table(path, columns=["job_id", "attempt"], schema=SCHEMA)
+    for path in result_files(run_folder, set_aside=known is not None):
+        table = read_table(path, columns=["job_id", "attempt"], schema=SCHEMA)
         ids = table["job_id"].to_pylist()
         if known is None or known.issuperset(ids):
             rows = zip(ids, table["attempt"].to_pylist(), strict=True)
             finished.update(job for job, attempt in rows if job not in redo or (attempt or 0) > redo[job])
         else:
-            aside = path.with_name(f"_{path.name}")
-            log.warning("%s holds rows of another run: set aside as %s", path, aside.name)
-            path.rename(aside)
+            _set_aside(path, "holds rows of another run")
     return finished
 
 
@@ -115,8 +117,11 @@ def compact(run_folder: PathLike) -> Path:
         msg = f"{run} holds no results: 'toppling run' writes them"
         raise FileNotFoundError(msg)
     table = table.sort_by([(name, "ascending") for name in SORT_ORDER])
-    texts = {name: run / name for name in ("run.json", "campaign.toml")}
-    told = {name.encode(): path.read_bytes() for name, path in texts.items() if path.exists()}
+    told = {}
+    for path in (run / "run.json", run / "campaign.toml"):
+        if path.exists():
+            check(path)
+            told[path.name.encode()] = path.read_bytes()
     table = table.replace_schema_metadata({**(SCHEMA.metadata or {}), **told})
     target = _write(table, run / RESULTS_FILE)
     for path in files:
@@ -125,12 +130,31 @@ def compact(run_folder: PathLike) -> Path:
     return target
 
 
-def result_files(run_folder: PathLike) -> list[Path]:
-    """Readable Parquet files of a run's results: the compact one, and the parts not yet merged into it.
+def result_files(run_folder: PathLike, *, set_aside: bool = False) -> list[Path]:
+    """Parquet files of a run's results, verified: the compact one, and the parts not yet merged into it.
 
-    Torn and foreign files are named in the log and left out.
+    Damaged and foreign parts are named in the log and left out; damaged ones are also renamed to `_NAME` where the
+    caller, the run's writer, says so.
+
+    Raises
+    ------
+    InputError
+        If the compact file is damaged, or a file lacks a column of `SCHEMA`.
     """
-    return [path for path in _listed(Path(run_folder)) if path.exists() and _is_ours(path)]
+    run = Path(run_folder)
+    required = has_digests(run)
+    return [path for path in _listed(run) if _is_ours(path, required, set_aside)]
+
+
+def has_digests(run: Path) -> bool:
+    """Whether all files of a run carry digests, as its `run.json` does; older runs and loose results need not.
+
+    Raises
+    ------
+    InputError
+        If `run.json` is damaged.
+    """
+    return (run / "run.json").exists() and check(run / "run.json")
 
 
 def read_steady(run_folders: Iterable[PathLike], read: Callable[[], Answer]) -> Answer:
@@ -152,37 +176,9 @@ def read_steady(run_folders: Iterable[PathLike], read: Callable[[], Answer]) -> 
     return read()
 
 
-def whole_table(path: Path, **how: Any) -> pa.Table:
-    """Read a Parquet file of a run, by the options of `pyarrow.parquet.read_table`.
-
-    Raises
-    ------
-    InputError
-        If it is damaged: a footer that is whole says nothing about the pages before it, and a page that was changed
-        may still be read, as other numbers. Pages written without a checksum are taken as they are.
-    """
-    try:
-        return pq.read_table(path, page_checksum_verification=True, **how)
-    except FileNotFoundError:
-        raise  # merged away meanwhile: `read_steady` looks again
-    except (pa.ArrowException, OSError) as error:
-        raise damaged(path, error) from error
-
-
-def damaged(path: Path, error: Exception) -> InputError:
-    """Say that a file of a run is not as it was written."""
-    reason, *_ = str(error).split("\n")
-    return InputError(
-        f"cannot be read ({reason})",
-        where=str(path),
-        expected="the file as it was written",
-        remedy="copy the run again from where it was made, or start it anew with another --out",
-    )
-
-
 def newest_rows(files: Sequence[Path], columns: list[str] | None = None) -> pa.Table:
-    """Rows of some files under `SCHEMA`, one a job; a nullable column that a file lacks is null."""
-    tables = [whole_table(path, columns=columns, schema=SCHEMA) for path in files]
+    """Rows of some files under `SCHEMA`, one a job."""
+    tables = [read_table(path, columns=columns, schema=SCHEMA) for path in files]
     return _newest_attempts(pa.concat_tables(tables)) if tables else SCHEMA.empty_table()
 
 
@@ -219,9 +215,7 @@ def _table_of(rows: list[Mapping[str, Any]]) -> pa.Table:
 
 def _write(table: pa.Table, target: Path) -> Path:
     with new_file(target) as hidden:
-        pq.write_table(
-            table, hidden, compression="zstd", row_group_size=ROWS_IN_GROUP, write_page_checksum=True
-        )
+        write_table(table, hidden, ROWS_IN_GROUP)
     folder = os.open(target.parent, os.O_RDONLY)
     try:
         os.fsync(folder)  # the new name itself must outlive a power cut
@@ -246,17 +240,41 @@ def _stamps(runs: Iterable[Path]) -> set[tuple[Path, int, int]]:
     return stamps
 
 
-def _is_ours(path: Path) -> bool:
+def _is_ours(path: Path, required: bool, set_aside: bool) -> bool:
     try:
+        check(path, required=required)
         schema = pq.read_schema(path)
-    except (pa.ArrowInvalid, OSError) as error:
-        if isinstance(error, FileNotFoundError):
-            return False  # merged and removed since the folder was listed
-        log.warning("%s is torn or no Parquet file, skipped: %s", path, str(error).splitlines()[0])
+    except FileNotFoundError:
+        return False  # merged and removed since the folder was listed
+    except (InputError, pa.ArrowException, OSError) as error:
+        if path.name == RESULTS_FILE:
+            raise error if isinstance(error, InputError) else damaged(path, error) from error
+        reason = error.what if isinstance(error, InputError) else str(error).splitlines()[0]
+        if set_aside and PART_NAME.fullmatch(path.name):
+            _set_aside(path, f"is torn or changed ({reason})")
+        else:
+            log.warning("%s is torn, or no Parquet file of a run: skipped (%s)", path, reason)
         return False
-    for field in SCHEMA:
-        place = schema.get_field_index(field.name)
-        if (place < 0 and not field.nullable) or (place >= 0 and schema.field(place).type != field.type):
-            log.warning("%s holds no results of a run (column %s), skipped", path, field.name)
-            return False
-    return True
+    wrong = [
+        field.name
+        for field in SCHEMA
+        if (place := schema.get_field_index(field.name)) < 0 or schema.field(place).type != field.type
+    ]
+    if not wrong:
+        return True
+    # A file that says it holds results would, where a column is not as declared, answer with nulls.
+    if b"schema_version" in (schema.metadata or {}):
+        raise InputError(
+            f"the columns {', '.join(wrong)} are missing or of another type",
+            where=str(path),
+            expected=f"results of schema version {SCHEMA_VERSION}",
+            remedy="read the run with the program that wrote it (versions in run.json), or start it anew",
+        )
+    log.warning("%s holds no results of a run (column %s), skipped", path, wrong[0])
+    return False
+
+
+def _set_aside(path: Path, why: str) -> None:
+    aside = path.with_name(f"_{path.name}")
+    log.warning("%s %s: set aside as %s", path, why, aside.name)
+    path.rename(aside)

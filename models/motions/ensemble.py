@@ -12,11 +12,13 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from toppling.models import digest
 from toppling.models.errors import InputError
 from toppling.models.motions.catalogue import meaning
 from toppling.models.motions.impose import impose
 from toppling.models.motions.motion import Motion
 from toppling.models.motions.record import Record, motion_sha
+from toppling.models.tables import read_table, table_writer, write_table
 
 CATALOG, MOTIONS = "catalog.parquet", "motions.parquet"
 SCHEMA_VERSION = "2"
@@ -84,8 +86,10 @@ class Ensemble:
             if not (path / name).is_file():
                 raise _ensemble_error(f"there is no {name}", path)
         try:
-            catalog = pq.read_table(path / CATALOG, page_checksum_verification=True)
-            motions = pq.ParquetFile(path / MOTIONS)
+            sealed = digest.check(path / CATALOG)
+            catalog = read_table(path / CATALOG)
+            digest.check(path / MOTIONS, required=sealed)
+            motions = pq.ParquetFile(path / MOTIONS, page_checksum_verification=True)
         except (pa.ArrowException, OSError) as error:
             raise _ensemble_error(f"not readable as Parquet ({error})", path) from error
         marks = [dict(schema.metadata or {}) for schema in (catalog.schema, motions.schema_arrow)]
@@ -126,17 +130,11 @@ class Ensemble:
         path.mkdir(parents=True, exist_ok=True)
         part = {name: path / f".{name}.part-{os.getpid()}" for name in (CATALOG, MOTIONS)}
         try:
-            with pq.ParquetWriter(
-                part[MOTIONS], _MOTION_SCHEMA.with_metadata(mark), compression="zstd", use_dictionary=False
-            ) as writer:
+            schema = _MOTION_SCHEMA.with_metadata(mark)
+            with table_writer(part[MOTIONS], schema, use_dictionary=False) as writer:
                 for record in ordered:
                     writer.write_table(_motion_row(record))
-            pq.write_table(
-                _catalog(ordered).replace_schema_metadata(mark),
-                part[CATALOG],
-                compression="zstd",
-                write_page_checksum=True,  # the motions are checked against their hashes
-            )
+            write_table(_catalog(ordered).replace_schema_metadata(mark), part[CATALOG])
             for name in (MOTIONS, CATALOG):
                 with part[name].open("rb") as file:
                     os.fsync(file.fileno())
@@ -207,7 +205,7 @@ class Ensemble:
         index = self._index(record_id)
         with self._lock:  # a ParquetFile is one file handle
             if self._motions is None:
-                self._motions = pq.ParquetFile(self.folder / MOTIONS)
+                self._motions = pq.ParquetFile(self.folder / MOTIONS, page_checksum_verification=True)
             row = self._motions.read_row_group(index)
         if row.column("record_id")[0].as_py() != record_id:
             raise _ensemble_error(f"row group {index} is not record {record_id!r}", self.folder)

@@ -37,6 +37,7 @@ from toppling.results.schema import SCHEMA, describe
 @click.option(
     "--where", help="Only jobs of the runs that this condition of SQL holds for, such as one friction's."
 )
+@click.option("--trusted", is_flag=True, help="Let --where read files of yours.")
 @click.option("--measure", help="Column of the results; the hazard curves' own, or pgv_m_s, if not given.")
 @click.option(
     "--confidence", type=click.FloatRange(0.5, 1, max_open=True), default=0.95, show_default=True,
@@ -59,6 +60,7 @@ def constrain(
     hazard: tuple[str, ...],
     age: tuple[str, ...],
     where: str | None,
+    trusted: bool,
     measure: str | None,
     confidence: float,
     site: tuple[float, float] | None,
@@ -97,7 +99,7 @@ def constrain(
     with Progress(console=Console(stderr=True), transient=True) as progress:
         task = progress.add_task("drawing records anew", total=SAMPLES * sum(path.is_dir() for path in rocks))
         standing = [
-            _standing(name, path, over, where, years, seen=partial(progress.advance, task))
+            _standing(name, path, over, where, trusted, years, seen=partial(progress.advance, task))
             for name, path, years in zip(
                 _names(rocks), rocks, ages * len(rocks) if len(ages) == 1 else ages, strict=True
             )
@@ -190,18 +192,24 @@ def _measure(asked: str | None, branches: list[HazardCurve]) -> str:
 
 
 def _standing(
-    name: str, path: Path, measure: str, where: str | None, years: np.ndarray, seen: Callable[[], None]
+    name: str,
+    path: Path,
+    measure: str,
+    where: str | None,
+    trusted: bool,
+    years: np.ndarray,
+    seen: Callable[[], None],
 ) -> Standing:
-    curve, resampled = _curve(path, measure, where, seen)
+    curve, resampled = _curve(path, measure, where, trusted, seen)
     return Standing(name, curve, years, resampled)
 
 
 def _curve(
-    path: Path, measure: str, where: str | None, seen: Callable[[], None]
+    path: Path, measure: str, where: str | None, trusted: bool, seen: Callable[[], None]
 ) -> tuple[Lognormal, Resampled | None]:
     """Fragility of a run or a file, and of a run's records drawn anew."""
     if path.is_dir():
-        curve, resampled = _fit(path, measure, where, seen)
+        curve, resampled = _fit(path, measure, where, trusted, seen)
     else:
         curve, resampled = read_curves(path).get(measure), None
     if curve is None:
@@ -215,10 +223,10 @@ def _curve(
 
 
 def _fit(
-    path: Path, measure: str, where: str | None, seen: Callable[[], None]
+    path: Path, measure: str, where: str | None, trusted: bool, seen: Callable[[], None]
 ) -> tuple[Lognormal | None, Resampled | None]:
     run = open_run(path)
-    jobs = run.weighted(run.frame(where))
+    jobs = run.weighted(run.frame(where, trusted=trusted))
     if where and jobs.empty:
         raise InputError(
             what=f"no job meets {where}",

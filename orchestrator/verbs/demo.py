@@ -32,7 +32,7 @@ DESIGNS = ((1, 8), (1, 4), (2, 4), (2, 2), (3, 2), (3, 1), (6, 1))
 QUERY = """\
 select level_pga_m_s2, count(toppled) as jobs, round(avg(toppled::int), 2) as p_toppled,
        round(avg(toppled::int) filter (pgv_pga_s >= 0.1), 2) as p_toppled_long_pulse
-from toppling.results where level_pga_m_s2::int % 6 = 1 group by all order by all"""
+from results where level_pga_m_s2::int % 6 = 1 group by all order by all"""
 
 
 @click.command()

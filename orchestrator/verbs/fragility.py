@@ -31,6 +31,7 @@ FOLDER = click.Path(path_type=Path, file_okay=False)
 @click.argument("run", type=click.Path(path_type=Path))
 @click.option("--out", type=FOLDER, help="Folder; RUN/fragility if not given.")
 @click.option("--where", help="Only jobs that this condition of SQL holds for.")
+@click.option("--trusted", is_flag=True, help="Let --where read files of yours.")
 @click.option("--unweighted", is_flag=True, help="Leave the ensemble's weights aside.")
 @click.option("--pga-bin", type=WIDTH, help="m/s2; one bin a level if not given.")
 @click.option("--pgv-bin", type=WIDTH, default=0.25, show_default=True, help="m/s")
@@ -67,6 +68,7 @@ def fragility(
     run: Path,
     out: Path | None,
     where: str | None,
+    trusted: bool,
     unweighted: bool,
     pga_bin: float | None,
     pgv_bin: float,
@@ -99,7 +101,7 @@ def fragility(
     toppling fragility runs/first --where "pga_azimuth_deg between 292.5 and 337.5" --out figures
     """  # noqa: D301
     opened = open_run(run)
-    jobs = opened.frame(where)
+    jobs = opened.frame(where, trusted=trusted)
     if not fit and click.get_current_context().get_parameter_source("samples") != ParameterSource.DEFAULT:
         msg = "--samples are of the fits: give --fit too"
         raise click.UsageError(msg)

@@ -22,17 +22,21 @@ SHOWN_ROWS = 60
 @click.option("--csv", "form", flag_value="csv", help="Print CSV.")
 @click.option("--json", "form", flag_value="json", help="Print a JSON array of rows.")
 @click.option("--parquet", type=click.Path(path_type=Path, dir_okay=False), help="Write a Parquet file.")
+@click.option("--trusted", is_flag=True, help="Let the query read and write files, as DuckDB can.")
 @click.option("--describe", is_flag=True, help="Print every column with its unit and meaning.")
-def query(runs: tuple[str, ...], form: str | None, parquet: Path | None, describe: bool) -> None:
+def query(
+    runs: tuple[str, ...], form: str | None, parquet: Path | None, trusted: bool, describe: bool
+) -> None:
     """Ask one or several runs in SQL (DuckDB), also while they go on.
 
     The tables are results (one row a job), motions (one row a record) and scene (one row). With several runs
-    each table holds the rows of all, and the column run tells them apart.
+    each table holds the rows of all, and the column run tells them apart. A query is one SELECT and reads
+    nothing else; --trusted lets it join files of yours.
 
     \b
     toppling query runs/first --describe
     toppling query runs/first "select level_pga_m_s2, avg(toppled::int) p, count(toppled) n
-                               from toppling.results group by all order by all"
+                               from results group by all order by all"
     """  # noqa: D301  (\b keeps click from rewrapping the example)
     if describe:
         table = pa.Table.from_pylist(open_run(runs[0]).describe())
@@ -40,7 +44,7 @@ def query(runs: tuple[str, ...], form: str | None, parquet: Path | None, describ
         msg = "give a query in SQL after the run, or --describe"
         raise click.UsageError(msg)
     else:
-        table = ask([open_run(path) for path in runs[:-1]], runs[-1])
+        table = ask([open_run(path) for path in runs[:-1]], runs[-1], trusted=trusted)
     if parquet:
         _write_parquet(table, parquet)
     if form == "csv":

@@ -8,17 +8,19 @@ import pyarrow.compute as pc
 from rich.console import Console
 from rich.progress import track
 
+from toppling.models.digest import check
 from toppling.models.errors import InputError
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene
+from toppling.models.tables import read_table
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.folder import place_in
 from toppling.results.friction import friction_words
 from toppling.results.replay import write_way
 from toppling.results.run import open_run
 from toppling.results.schema import SCHEMA, describe
-from toppling.results.store import whole_table
+from toppling.results.store import has_digests
 from toppling.results.way import Way
 from toppling.workers.job import Assets, JobSpec, outcome_of, prepared
 from toppling.workers.outcome import ShakeResult
@@ -106,7 +108,9 @@ def _specification(run: Path, job: str) -> tuple[JobSpec, str]:
         raise _error(
             run, "the folder holds no plan (jobs.parquet)", "give the folder that 'toppling run' made"
         )
-    jobs = whole_table(path)
+    required = has_digests(run)
+    check(run / "campaign.toml", required=required)
+    jobs = read_table(path, required=required)
     found = jobs.filter(pc.starts_with(jobs.column("job_id"), job)).to_pylist()
     if len(found) != 1:
         what = f"{len(found)} jobs begin with {job!r}" if found else f"no job begins with {job!r}"

@@ -8,7 +8,6 @@ import signal
 import sys
 from contextlib import AbstractContextManager
 from pathlib import Path
-from types import FrameType
 from typing import Any
 
 import click
@@ -16,9 +15,9 @@ from click.core import ParameterSource
 
 from toppling.orchestrator.cluster import QUEUES
 from toppling.orchestrator.dispatch import Limits
+from toppling.orchestrator.interrupt import INTERRUPTED, stop_once
 
 FAILED_JOBS = 3
-INTERRUPTED = 130
 AGAIN = ("crashed", "timeout", "failed")
 """Statuses that something transient may cause. What is undecided or diverged would be so again."""
 
@@ -106,9 +105,9 @@ def run(
     if folder is None:
         raise click.UsageError("Missing option '--out'.")
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(message)s")
-    signal.signal(signal.SIGTERM, _stop)
+    signal.signal(signal.SIGTERM, stop_once)  # a batch system's warning
     chosen = Campaign.read(campaign)
-    cluster = _cluster(workers, queue, **where)
+    cluster = _cluster(folder, workers, queue, **where)
     command = _command(click.get_current_context())
     to_go_on = " ".join([f"To go on: {command}", *(["--again", ",".join(again)] if again else [])])
     try:
@@ -155,6 +154,7 @@ def _command(context: click.Context) -> str:
 
 
 def _cluster(
+    folder: Path,
     workers: int | None,
     queue_kind: str | None,
     queue_jobs: int,
@@ -185,11 +185,7 @@ def _cluster(
             raise click.UsageError(msg)
         tls = tls_security(tls_ca, tls_cert, tls_key)
     if queue_kind:
-        return queue(queue_kind, queue_jobs)
+        return queue(queue_kind, queue_jobs, folder.absolute())
     if joins:
         return existing(scheduler, scheduler_file, tls)
     return local(workers or os.cpu_count() or 1)
-
-
-def _stop(signum: int, frame: FrameType | None) -> None:  # noqa: ARG001  (a signal handler's signature)
-    raise KeyboardInterrupt

@@ -61,6 +61,12 @@ def ctrl_c(process):
     os.killpg(process.pid, signal.SIGINT)
 
 
+def ctrl_c_six_times(process):
+    for _ in range(6):
+        ctrl_c(process)
+        time.sleep(0.15)
+
+
 def stopped(inputs, run, stop):
     """Begin a run, stop it once rows are stored: exit code and standard error."""
     # A session of its own, so that the signal reaches workers and client together, as from a terminal.
@@ -76,20 +82,38 @@ def stopped(inputs, run, stop):
 @pytest.mark.parametrize(
     "stop",
     [
-        ctrl_c,
+        ctrl_c_six_times,
+        pytest.param(ctrl_c, marks=pytest.mark.slow),
         pytest.param(lambda process: process.terminate(), marks=pytest.mark.slow),  # a batch system's warning
     ],
-    ids=["Ctrl-C", "SIGTERM"],
+    ids=["Ctrl-C, six times", "Ctrl-C", "SIGTERM"],
 )
 def test_stopping_it_keeps_the_rows_and_says_how_to_go_on(inputs, planned, tmp_path, faults, stop):
     faults.set(every={"kind": "wait", "seconds": 0.4})
     run = tmp_path / "run"
     code, told = stopped(inputs, run, stop)
     assert code == 130
-    assert f"To go on: toppling run {inputs / 'campaign.toml'} --out {run} --workers 2\n" in told
+    to_go_on = f"To go on: toppling run {inputs / 'campaign.toml'} --out {run} --workers 2"
+    assert told.splitlines()[-1] == f"stopped; the rows so far are kept. {to_go_on}"
+    assert "Traceback" not in told
+    assert told.count("stopped") == 1
     state = state_of(run)
     assert state["state"] == "interrupted"
     assert 0 < state["stored"] < len(planned)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("after_s", [0.3, 1.0, 2.0, 3.0, 4.5])
+def test_stopping_it_at_any_moment_of_its_start_says_one_line(inputs, tmp_path, after_s):
+    process = subprocess.Popen(
+        command(inputs, tmp_path / "run", "--workers", "2"),
+        start_new_session=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    time.sleep(after_s)
+    ctrl_c_six_times(process)
+    _, told = process.communicate(timeout=90)
+    assert (process.returncode, told.count("stopped")) in {(130, 1), (0, 0)}  # or done before
+    assert "Traceback" not in told
 
 
 @pytest.mark.slow  # test_two_workers.py has the law; this is the command's part

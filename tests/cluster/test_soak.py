@@ -1,7 +1,8 @@
 """Faults of all kinds at random moments, in processes that are all real; the tally is printed.
 
-`TOPPLING_SOAK_FAULTS` faults are injected (300 unless told), within `TOPPLING_SOAK_S` seconds. Most wait for work that
-was stored since the last one, the others strike in a burst. Where else each kind is tested, on its own:
+`TOPPLING_SOAK_FAULTS` faults are injected (300 unless told), within `TOPPLING_SOAK_S` seconds, each kind at least
+`LEAST` times. Most wait for work that was stored since the last one, the others strike in a burst. Kinds that only root
+can inject are said to be skipped without it. Where else each kind is tested, on its own:
 
     worker killed, aborts, segfaults    test_two_workers: killed, crash the engine, crash once, die before their start
     job segfaults, job hangs, frozen    test_two_workers: crashes the engine, crashes once, that hangs is replaced
@@ -10,7 +11,8 @@ was stored since the last one, the others strike in a burst. Where else each kin
     client killed, before renaming      test_command: killed between writing and renaming
     Ctrl-C, SIGTERM                     test_command: stopping it keeps the rows
     disk full                           test_two_workers: a part that cannot be written
-    torn part, foreign file             test_two_workers: torn and foreign, lost while the run goes on, of another run
+    torn part, flipped part, foreign    test_two_workers: torn and foreign, lost while the run goes on, of another run
+    own file flipped                    test_damage: a flipped bit of any file, damaged files do not go on
     network cut, host of a worker lost  test_compose: whatever befalls them
     worker leaves, worker joins         here only
 """
@@ -37,11 +39,13 @@ from soaked_client import FATAL_RENAME_VARIABLE
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
 from toppling.orchestrator.campaign import Campaign
+from toppling.orchestrator.folder import WRITTEN_ONCE
 from toppling.orchestrator.plan import plan
 from toppling.workers.job import Assets, run_job
 
 FAULTS = int(os.environ.get("TOPPLING_SOAK_FAULTS", "300"))
 LIMIT_S = float(os.environ.get("TOPPLING_SOAK_S", "1500"))
+LEAST = max(1, FAULTS // 150)
 SEED = 20260611
 SCHEDULER = f"tcp://{HUB_ADDRESS}:8786"
 PROGRAM = str(Path(__file__).with_name("soaked_client.py"))
@@ -74,11 +78,24 @@ WORKER_SIGNALS = {
     "worker aborts": signal.SIGABRT,
     "worker frozen": signal.SIGSTOP,
 }
-STRIKES = [*WORKER_SIGNALS, *["worker killed"] * 3, "torn part", "foreign file"]
+STRIKES = [
+    *WORKER_SIGNALS,
+    *["worker killed"] * 3,
+    "torn part",
+    "flipped part",
+    "flipped part",
+    "foreign file",
+]
 STRIKES_ON_A_CLUSTER = [
     *STRIKES, "worker leaves", "host of a worker lost", "network cut", "network cut",
     "worker without the run joins", "worker of another version joins",
 ]  # fmt: skip
+OTHERS = ["client killed before renaming", "own file flipped", "job segfaults", "job hangs"]
+KINDS = {*STRIKES, *ENDS_THE_CLIENT, *OTHERS}
+NEED_HOSTS = {*STRIKES_ON_A_CLUSTER, *ENDS_THE_CLIENT_OF_A_CLUSTER} - KINDS
+"""Kinds for which there have to be hosts on cables of their own, which only root can make."""
+NEED_A_DISK = {"disk full", "worker without the run joins"}
+"""Kinds for which a file system has to be mounted, which only root can do."""
 
 
 class Cluster:
@@ -153,8 +170,21 @@ class Storm:
         self.calm_at = time.monotonic() + LIMIT_S
 
     @property
+    def possible(self):
+        """Kinds of faults that can be injected here."""
+        kinds = KINDS | (NEED_HOSTS if self.cluster else set())
+        return kinds if os.path.ismount(self.disk) else kinds - NEED_A_DISK
+
+    @property
+    def lacking(self):
+        """Kinds that have struck too seldom."""
+        return {kind for kind in self.possible if self.tally[kind] < LEAST}
+
+    @property
     def over(self):
-        return self.tally.total() >= FAULTS or time.monotonic() > self.calm_at
+        # Jobs' own faults are counted once a run is complete.
+        done = self.tally.total() >= FAULTS and self.lacking <= {"job segfaults", "job hangs"}
+        return done or time.monotonic() > self.calm_at
 
     def carry_out(self, run):
         """Start the command again and again until the run is complete."""
@@ -164,9 +194,39 @@ class Storm:
         told = {job: {"kind": kind, "times": 1} for job, kind in zip(culprits, kinds, strict=True)}
         self.faults.set(every={"kind": "wait", "seconds": 0.04}, **told)
         while not complete:
+            if (run / "run.json").exists() and self.random.random() < 0.3:
+                self._refused_with_a_flipped_bit()
             complete = self._session()
         struck = [job for job in culprits if self.faults.path.with_name(f"faults.json.{job}").exists()]
         self.tally.update(f"job {told[job]['kind']}s" for job in struck)
+
+    def _refused_with_a_flipped_bit(self):
+        """What the run was begun with is not believed once it has changed; then it is put back as from a copy."""
+        path = self.run / self.random.choice(["run.json", *WRITTEN_ONCE])
+        content = path.read_bytes()
+        self._flip(path)
+        command = [
+            sys.executable,
+            PROGRAM,
+            "run",
+            str(self.campaign_file),
+            "--out",
+            str(self.run),
+            "--workers",
+            "1",
+        ]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=HANGS_S)
+        assert (done.returncode, path.name in done.stderr) == (1, True), f"{path.name}: {done.stderr}"
+        path.write_bytes(content)
+        self.tally["own file flipped"] += 1
+        self._note(f"{path.name} flipped")
+
+    def _flip(self, path):
+        content = bytearray(path.read_bytes())
+        bit = self.random.randrange(8 * len(content))
+        content[bit // 8] ^= 1 << bit % 8
+        with path.open("r+b") as file:
+            file.write(content)
 
     def _session(self):
         self.session, environment = set(), dict(os.environ)
@@ -177,7 +237,8 @@ class Storm:
             where, host = ["--scheduler", SCHEDULER], self.cluster.hosts.hub
         else:
             where, host = ["--workers", "2"], None
-        if not self.over and self.random.random() < 0.2:
+        often = 0.5 if "client killed before renaming" in self.lacking else 0.2
+        if not self.over and self.random.random() < often:
             environment[FATAL_RENAME_VARIABLE] = str(self.random.randint(1, 8))
             self.session.add("client killed before renaming")
         command = [sys.executable, PROGRAM, "run", str(self.campaign_file), "--out", str(self.run), *where]
@@ -241,7 +302,7 @@ class Storm:
             kinds = ENDS_THE_CLIENT_OF_A_CLUSTER if outside else ENDS_THE_CLIENT
         else:
             kinds = STRIKES_ON_A_CLUSTER if outside else STRIKES
-        kind = self.random.choice(kinds)
+        kind = self.random.choice([kind for kind in kinds if kind in self.lacking] or kinds)
         if kind in WORKER_SIGNALS:
             struck = self._worker_process(kind, outside)
         else:
@@ -268,6 +329,16 @@ class Storm:
             return False
         part = self.random.choice(parts)
         os.truncate(part, self.random.randrange(max(part.stat().st_size, 1)))
+        return True
+
+    def _flipped_part(self):
+        parts = self._parts()
+        if not parts:
+            return False
+        try:
+            self._flip(self.random.choice(parts))
+        except (FileNotFoundError, ValueError):  # merged meanwhile, or torn to nothing before
+            return False
         return True
 
     def _parts(self):
@@ -402,6 +473,9 @@ def test_random_faults_lose_no_row_and_change_none(inputs, tmp_path, disk, fault
             f"\nsoak: {storm.tally.total()} faults in {storm.sessions} sessions of {runs} runs, {seconds:.0f} s, "
             f"{storm.joined} workers came back by joining, rows the same: {told}"
         )
+        if skipped := (KINDS | NEED_HOSTS) - storm.possible:
+            print(f"soak: skipped, as they need root: {', '.join(sorted(skipped))}")  # noqa: T201
+    assert not storm.lacking, f"struck less than {LEAST} times: {storm.lacking}"
     assert storm.tally.total() >= FAULTS, "too slow a machine: raise TOPPLING_SOAK_S"
     end = time.monotonic() + 60
     while left := [process for process in psutil.process_iter() if of_this_test(process, faults.path)]:

@@ -11,6 +11,7 @@ import pytest
 from toppling.models.errors import InputError
 from toppling.models.motions.ensemble import CATALOG, MOTIONS, Ensemble
 from toppling.models.motions.synthetic import synthetic_ensemble
+from toppling.models.tables import write_table
 
 
 @pytest.fixture(scope="module")
@@ -70,9 +71,7 @@ def rewritten(ensemble, folder, name, column, change):
     table = pq.read_table(folder / name)
     changed = pa.array([change(value) for value in table.column(column).to_pylist()])
     index = table.schema.get_field_index(column)
-    pq.write_table(
-        table.set_column(index, table.schema.field(column), changed), folder / name, row_group_size=1
-    )
+    write_table(table.set_column(index, table.schema.field(column), changed), folder / name, rows_in_group=1)
     return Ensemble.load(folder)
 
 

@@ -32,7 +32,10 @@ def test_nothing_is_written_outside_a_session(tmp_path):
 
 
 def test_a_line_that_a_crash_cut_spoils_no_other(tmp_path):
-    (tmp_path / LOG_FILE).write_text('{"event": "rows stored", "done": 1}\n{"event": "rows sto')
+    with journal(tmp_path):
+        tell("rows stored", done=1)
+    with (tmp_path / LOG_FILE).open("a") as file:
+        file.write('{"event": "rows sto')
     with journal(tmp_path):
         tell("session began")
     lines = (tmp_path / LOG_FILE).read_text().splitlines()

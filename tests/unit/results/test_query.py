@@ -11,9 +11,11 @@ from seeded import row, rows
 import toppling.orchestrator.status
 import toppling.results.run
 import toppling.results.store
+from toppling.models.digest import write_text
 from toppling.models.errors import InputError
 from toppling.models.motions.catalogue import meaning
 from toppling.models.scene import Scene
+from toppling.models.tables import write_table
 from toppling.orchestrator.cli import cli
 from toppling.orchestrator.folder import SCHEMA_VERSION
 from toppling.orchestrator.status import state_of
@@ -30,7 +32,7 @@ def run_folder(tmp_path):
     Scene.block(0.2, 0.2, 0.6).save(folder / "scene")
     (folder / "ensemble").mkdir()
     catalogue = pa.table({"record_id": ["R000", "R001", "R002"], "magnitude": [6.5, 7.0, 7.5]})
-    pq.write_table(catalogue, folder / "ensemble" / "catalog.parquet")
+    write_table(catalogue, folder / "ensemble" / "catalog.parquet")
     return folder
 
 
@@ -197,41 +199,104 @@ def test_a_run_without_a_query_is_wrong_usage(run_folder):
     "name", ["ensemble/catalog.parquet", "scene/scene.json", "results.parquet", "jobs.parquet"]
 )
 def test_a_damaged_file_of_a_run_is_named(run_folder, name):
-    pq.write_table(
-        pa.table({"job_id": [f"{number:024x}" for number in range(2000)]}), run_folder / "jobs.parquet"
-    )
+    jobs = pa.table({"job_id": [f"{number:024x}" for number in range(2000)]})
+    write_table(jobs, run_folder / "jobs.parquet")
+    write_text(run_folder / "campaign.toml", "")
     compact(run_folder)
     victim = run_folder / name
     content = bytearray(victim.read_bytes())
-    for at in range(60, 160):  # pages, not the footer, which alone tells whose file it is
+    for at in range(60, 160):
         content[at] ^= 0x5A
     victim.write_bytes(content)
     verb = ["replay", str(run_folder), "0"] if name == "jobs.parquet" else ["report", str(run_folder)]
     done = CliRunner().invoke(cli, verb)
     assert isinstance(done.exception, InputError)
-    assert f"{victim}: cannot be read (" in str(done.exception)
+    assert f"{victim}: is damaged (" in str(done.exception)
 
 
-def test_a_changed_byte_of_the_results_is_told_or_changes_no_answer(run_folder):
-    table = rows(records=40, levels=range(1, 11), azimuths=(0.0, 90.0))
-    write_part(run_folder, table)
-    path = compact(run_folder)
-    whole, content = open_run(run_folder).table(), path.read_bytes()
-    told = []
-    for at in range(4, len(content) - footer_bytes(content), 997):
-        changed = bytearray(content)
-        changed[at] ^= 0x5A
-        path.write_bytes(changed)
-        try:
-            answer = open_run(run_folder).sql("select * exclude run from results")
-        except InputError as error:
-            told.append(str(error))
-        else:  # a page's own statistics, which answer nothing here
-            assert answer.to_pylist() == whole.to_pylist()
-    assert len(told) > 10
-    assert all(f"{path}: cannot be read (" in one for one in told)
+@pytest.fixture
+def own(tmp_path):
+    path = tmp_path / "mine.csv"
+    path.write_text("record_id,site\nR000,A\nR001,B\n")
+    return path
 
 
-def footer_bytes(content):
-    """Of a Parquet file: the metadata, their length and the mark at the end."""
-    return int.from_bytes(content[-8:-4], "little") + 8
+BEYOND = {
+    "reads a file": "select * from '{own}'",
+    "reads a file by a function": "select * from read_csv('{own}')",
+    "reads any bytes": "select * from read_text('{own}')",
+    "lists files": "select * from glob('{own}')",
+    "writes a file": "copy results to '{written}'",
+    "exports": "export database '{written}'",
+    "opens a database": "attach '{written}'",
+    "loads an extension": "install httpfs",
+    "unlocks": "set enable_external_access = true",
+    "asks twice": "select 1; select 2",
+    "hides a second one": "select 1; copy results to '{written}'",
+    "makes a table": "create table x as select 1",
+    "drops": "drop view results",
+    "calls": "call pragma_version()",
+    "explains by running": "explain analyze select 1",
+    "sees variables of the program": "select * from table_of_the_program",
+    "nothing": "",
+}
+
+
+@pytest.mark.parametrize("kind", BEYOND)
+def test_a_query_only_reads_the_tables_of_its_runs(run_folder, own, tmp_path, kind):
+    table_of_the_program = pa.table({"a": [1]})
+    assert len(table_of_the_program) == 1
+    written = tmp_path / "written"
+    with pytest.raises(InputError):
+        open_run(run_folder).sql(BEYOND[kind].format(own=own, written=written))
+    assert not written.exists()
+
+
+def test_a_trusted_query_joins_own_files(run_folder, own):
+    sql = f"select site, count(*) n from results join '{own}' using (record_id) group by all order by all"
+    command = ["query", str(run_folder), sql, "--json"]
+    refused = CliRunner().invoke(cli, command)
+    assert isinstance(refused.exception, InputError)
+    done = CliRunner().invoke(cli, [*command, "--trusted"], catch_exceptions=False)
+    assert json.loads(done.output) == [{"site": "A", "n": 2}, {"site": "B", "n": 2}]
+
+
+@pytest.mark.parametrize(
+    "sql",
+    [
+        "with a as (select 1 x) select * from a",
+        "from results select count(*)",
+        "select count(*) from results; -- all of them",
+        "describe results",
+        "summarize results",
+    ],
+)
+def test_one_select_may_take_any_shape(run_folder, sql):
+    assert len(open_run(run_folder).sql(sql)) >= 1
+
+
+@pytest.mark.parametrize(
+    "where",
+    [
+        "true; copy results to '{written}'",
+        "true limit 1",
+        "true group by all",
+        "true) union all (select * from results",
+        "exists (select * from read_text('{own}'))",
+        "true, false",
+        "count(*) > 1",
+    ],
+)
+def test_a_condition_is_one_expression_that_reads_the_tables_of_its_run(run_folder, own, tmp_path, where):
+    written = tmp_path / "written"
+    with pytest.raises(InputError):
+        open_run(run_folder).frame(where.format(own=own, written=written))
+    assert not written.exists()
+
+
+def test_a_condition_may_ask_the_other_tables_and_own_files_if_trusted(run_folder, own):
+    run = open_run(run_folder)
+    magnitude = "record_id in (select record_id from motions where magnitude > 6.9) and level_pga_m_s2 = 1"
+    assert set(run.frame(magnitude)["record_id"]) == {"R001", "R002"}
+    mine = f"record_id in (select record_id from '{own}' where site = 'A')"
+    assert set(run.frame(mine, trusted=True)["record_id"]) == {"R000"}

@@ -8,9 +8,20 @@ import pyarrow.parquet as pq
 import pytest
 from seeded import row
 
+from toppling.models.digest import write_json
+from toppling.models.errors import InputError
+from toppling.models.tables import write_table
 from toppling.results import store
+from toppling.results.run import open_run
 from toppling.results.schema import GROUPS, SCHEMA, columns, describe
 from toppling.results.store import attempts_with, compact, finished_ids, result_files, write_part
+
+
+def flip(path, at):
+    """Flip one bit of a file."""
+    content = bytearray(path.read_bytes())
+    content[at] ^= 4
+    path.write_bytes(content)
 
 
 def test_every_column_has_a_unit_or_is_no_quantity_and_says_what_it_means():
@@ -90,13 +101,13 @@ def test_a_part_that_is_cut_between_two_looks_is_left_out_as_one_cut_before(
     tmp_path, monkeypatch, caplog, read
 ):
     first, second = (write_part(tmp_path, [row(name)]) for name in "ab")
-    whole_table = store.whole_table
+    read_table = store.read_table
 
     def cut_and_read(path, **how):
         second.write_bytes(second.read_bytes()[:50])
-        return whole_table(path, **how)
+        return read_table(path, **how)
 
-    monkeypatch.setattr(store, "whole_table", cut_and_read)
+    monkeypatch.setattr(store, "read_table", cut_and_read)
     with caplog.at_level(logging.WARNING):
         read(tmp_path)
     monkeypatch.undo()
@@ -105,12 +116,46 @@ def test_a_part_that_is_cut_between_two_looks_is_left_out_as_one_cut_before(
     assert first.exists() != (read is compact)
 
 
-def test_a_file_of_an_older_schema_reads_with_nulls(tmp_path):
-    part = write_part(tmp_path, [row("a", max_tilt_deg=3.0)])
-    pq.write_table(pq.read_table(part).drop_columns(["sa_2s_m_s2"]), part)
-    table = pq.read_table(compact(tmp_path))
-    assert table.column("sa_2s_m_s2").to_pylist() == [None]
-    assert table.column("max_tilt_deg").to_pylist() == [3.0]
+@pytest.mark.parametrize("compacted", [False, True])
+def test_results_without_a_column_of_the_schema_are_refused_not_read_as_null(tmp_path, compacted):
+    path = write_part(tmp_path, [row("a", toppled=True)])
+    if compacted:
+        path = compact(tmp_path)
+    write_table(pq.read_table(path).drop_columns(["toppled"]), path)
+    with pytest.raises(InputError, match="columns toppled are missing"):
+        open_run(tmp_path).table()
+
+
+def test_a_damaged_part_is_skipped_and_the_writer_sets_it_aside(tmp_path, caplog):
+    victim, kept = write_part(tmp_path, [row("a")]), write_part(tmp_path, [row("b")])
+    flip(victim, at=victim.stat().st_size - 300)
+    with caplog.at_level(logging.WARNING):
+        assert finished_ids(tmp_path) == {"b"}
+        assert victim.exists()  # who only reads renames nothing
+        assert finished_ids(tmp_path, frozenset("ab")) == {"b"}
+    assert caplog.text.count("its bytes do not have its digest") == 2
+    assert sorted(path.name for path in (tmp_path / "parts").iterdir()) == [f"_{victim.name}", kept.name]
+    write_part(tmp_path, [row("a")])
+    assert finished_ids(tmp_path) == {"a", "b"}
+
+
+def test_damaged_results_are_refused_by_readers_and_by_the_writer(tmp_path):
+    write_part(tmp_path, [row("a", toppled=True)])
+    path = compact(tmp_path)
+    flip(path, at=path.stat().st_size // 2)
+    for read in (open_run(tmp_path).table, lambda: finished_ids(tmp_path, frozenset("a"))):
+        with pytest.raises(InputError, match=r"results\.parquet: is damaged"):
+            read()
+
+
+def test_files_without_digests_are_refused_where_the_run_has_them_and_else_named(tmp_path, caplog):
+    part = write_part(tmp_path, [row("a")])
+    pq.write_table(pq.read_table(part), part)
+    with caplog.at_level(logging.WARNING):
+        assert finished_ids(tmp_path) == {"a"}
+        assert "carries no digest" in caplog.text
+        write_json(tmp_path / "run.json", {"jobs": 1})
+        assert finished_ids(tmp_path) == set()
 
 
 @pytest.mark.parametrize(

@@ -1,12 +1,12 @@
 """Virtual scans with known truth: what a survey must find, and what it must refuse."""
 
 import dataclasses
-import json
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from toppling.models.digest import read_json, write_json
 from toppling.models.errors import InputError
 from toppling.models.frames import slope_of_normal
 from toppling.models.pedestal import Pedestal
@@ -104,8 +104,7 @@ def test_a_saved_scene_is_read_back_with_its_labels_and_survey_origin(stump, tmp
 
 def test_a_scene_whose_content_has_another_id_tells_of_changes_and_of_other_versions(tmp_path):
     folder = Scene.block(0.2, 0.3, 0.6).save(tmp_path / "scene")
-    written = (folder / "scene.json").read_text()
-    (folder / "scene.json").write_text(written.replace(Scene.block(0.2, 0.3, 0.6).id, "0" * 20))
+    write_json(folder / "scene.json", read_json(folder / "scene.json") | {"id": "0" * 20})
     with pytest.raises(
         InputError, match="a file was changed, or a program of another version wrote the scene"
     ):
@@ -117,10 +116,10 @@ def test_a_scene_whose_content_has_another_id_tells_of_changes_and_of_other_vers
 )
 def test_a_scene_that_is_not_whole_is_refused(lost, tmp_path):
     folder = Scene.block(0.2, 0.3, 0.6).save(tmp_path / "scene")
-    described = json.loads((folder / "scene.json").read_text())
+    described = read_json(folder / "scene.json")
     for other in ({}, {lost: None}, {lost: [1]}):
         left = {key: value for key, value in described.items() if key != lost} | other
-        (folder / "scene.json").write_text(json.dumps(left))
+        write_json(folder / "scene.json", left)
         with pytest.raises(InputError):
             Scene.load(folder)
 

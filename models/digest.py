@@ -1,0 +1,161 @@
+"""A digest inside every file that the program writes and reads again: none is believed before it is verified whole.
+
+It is the SHA-256 of the whole file with the digest itself as zeros, and stands after the last `MARK`: in a comment
+(PLY, TOML), under a key (JSON), or in the footer's metadata (Parquet). So it is copied, moved and replaced together
+with what it covers. It finds what accidents change, not what somebody forges.
+"""
+
+import hashlib
+import json
+import logging
+import os
+import time
+from pathlib import Path
+from typing import IO, Any
+
+from toppling.models import documents
+from toppling.models.errors import InputError
+from toppling.models.folder import new_file
+
+log = logging.getLogger(__name__)
+
+KEY = "digest"
+"""Name of the digest where a format has names."""
+
+MARK = "toppling-sha256:"
+BLANK = f"{MARK}{'0' * 64}"
+"""What a writer puts where the digest will be."""
+
+HEAD_BYTES, TAIL_BYTES, CHUNK_BYTES = 4_096, 65_536, 1 << 20
+UNSETTLED_S = 2.0
+"""A file changed so recently may change again without another time: it is not remembered."""
+
+PathLike = str | os.PathLike[str]
+
+_verified: dict[str, tuple[tuple[int, ...], bool]] = {}
+"""Of each path what it looked like (inode, size, times) when it was verified, and whether it had a digest."""
+
+
+def seal(path: Path) -> None:
+    """Put the digest of a file that was just written into its blank."""
+    with path.open("r+b") as file:
+        size = os.fstat(file.fileno()).st_size
+        place = _place(file, size)
+        assert place is not None  # the writer has left room for it
+        digest = _digest(file, place)
+        file.seek(place)
+        file.write(digest)
+
+
+def check(path: PathLike, *, required: bool = False) -> bool:
+    """Verify a file by its digest; once, as long as its size and times stay.
+
+    Parameters
+    ----------
+    path : path
+    required : bool
+        Refuse a file without a digest; it is else named in the log and taken as it is, as older versions wrote it.
+
+    Returns
+    -------
+    bool
+        Whether it carries a digest.
+
+    Raises
+    ------
+    InputError
+        If its bytes are not those that were written.
+    FileNotFoundError
+        If there is no such file.
+    """
+    name = os.path.abspath(path)  # noqa: PTH100  (a link that leads elsewhere is another file)
+    with Path(path).open("rb") as file:
+        state = os.fstat(file.fileno())
+        stamp = (state.st_dev, state.st_ino, state.st_size, state.st_mtime_ns, state.st_ctime_ns)
+        seen, sealed = _verified.get(name, ((), False))
+        if seen != stamp:
+            place = _place(file, state.st_size)
+            sealed = place is not None
+            if place is not None and _told(file, place) != _digest(file, place):
+                raise damaged(path, "its bytes do not have its digest")
+            if not sealed and not required:
+                log.warning("%s carries no digest, as files of earlier versions: taken as it is", path)
+            if time.time_ns() - max(state.st_mtime_ns, state.st_ctime_ns) > UNSETTLED_S * 1e9:
+                _verified[name] = stamp, sealed
+    if required and not sealed:
+        raise damaged(path, "it carries no digest")
+    return sealed
+
+
+def damaged(path: PathLike, why: object) -> InputError:
+    """Say that a file is not as the program wrote it."""
+    reason, *_ = str(why).split("\n")
+    return InputError(
+        f"is damaged ({reason})",
+        where=str(path),
+        expected="the file as it was written",
+        remedy="copy it again from where it was made, or make it anew; if you changed it, remove its line 'digest'"
+        if Path(path).suffix == ".json"
+        else "copy it again from where it was made, or make it anew",
+    )
+
+
+def write_json(path: Path, content: dict[str, Any]) -> None:
+    """Write a JSON file whose first line is its digest; it is whole or as it was before."""
+    with new_file(path) as hidden:
+        text = json.dumps({KEY: BLANK, **content}, indent=1, allow_nan=False)
+        hidden.write_text(f"{text}\n", encoding="utf-8")
+        seal(hidden)
+
+
+def read_json(path: Path, *, required: bool = False) -> Any:
+    """Content of a JSON file, verified, without its digest.
+
+    Raises
+    ------
+    InputError
+        If it is damaged.
+    FileNotFoundError
+        If there is no such file.
+    """
+    sealed = check(path, required=required)
+    content = documents.read_json(path)
+    if content.pop(KEY, None) is not None and not sealed:
+        raise damaged(path, "its digest is none")
+    return content
+
+
+def write_text(path: Path, text: str, comment: str = "# ") -> None:
+    """Write a text with its digest in a comment that goes before."""
+    path.write_text(f"{comment}{BLANK}\n{text}", encoding="utf-8")
+    seal(path)
+
+
+def _place(file: IO[bytes], size: int) -> int | None:
+    """Where the digest stands: after the last mark near the end (in Parquet: in the footer), or near the beginning."""
+    file.seek(max(size - 8, 0))
+    end = file.read(8)
+    footer = int.from_bytes(end[:4], "little") + 8 if end.endswith(b"PAR1") else 0
+    tail = min(max(TAIL_BYTES, footer), size)
+    for begin, length in ((size - tail, tail), (0, HEAD_BYTES)):
+        file.seek(begin)
+        found = file.read(length).rfind(MARK.encode())
+        if found >= 0:
+            return begin + found + len(MARK)
+    return None
+
+
+def _told(file: IO[bytes], place: int) -> bytes:
+    file.seek(place)
+    return file.read(64)
+
+
+def _digest(file: IO[bytes], place: int) -> bytes:
+    """Hexadecimal SHA-256 of a file with zeros where its digest stands."""
+    digest = hashlib.sha256()
+    file.seek(0)
+    digest.update(file.read(place))
+    digest.update(b"0" * len(file.read(64)))
+    while chunk := file.read(CHUNK_BYTES):
+        digest.update(chunk)
+    return digest.hexdigest().encode()

@@ -1,0 +1,182 @@
+"""Files that the program wrote and reads again: a bit that flips, or an end that is lost, is told or has no effect."""
+
+import logging
+import random
+import shutil
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from toppling.models.errors import InputError
+from toppling.models.motions.ensemble import Ensemble
+from toppling.models.motions.idealised import ricker
+from toppling.models.motions.record import Record
+from toppling.models.pedestal import Pedestal
+from toppling.models.scene import Scene
+from toppling.models.tables import read_table
+from toppling.orchestrator.campaign import Campaign
+from toppling.orchestrator.cli import cli
+from toppling.orchestrator.folder import WRITTEN_ONCE, prepare, session
+from toppling.orchestrator.journal import journal, last, tell
+from toppling.orchestrator.plan import plan
+from toppling.orchestrator.status import state_of
+from toppling.orchestrator.task import lost_row, versions
+from toppling.orchestrator.verbs.replay import _specification
+from toppling.results.run import open_run
+from toppling.results.store import compact, write_part
+
+CAMPAIGN = """\
+scene = "scene"
+ensemble = "ensemble"
+pga_m_s2 = [2, 4, 6, 8]
+azimuth_deg = [0, 90]
+friction = [0.9]
+preset = "fast"
+"""
+SEED = 20260727
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory):
+    """A run that was interrupted, with parts, and the same one complete, on a pedestal that is a surface."""
+    folder = tmp_path_factory.mktemp("damage")
+    block = Scene.block(0.15, 0.2, 0.6)
+    square = np.array([[-9.0, -9.0, 0.0], [9.0, -9.0, 0.0], [9.0, 9.0, 0.0], [-9.0, 9.0, 0.0]])
+    surface = Pedestal(np.zeros(3), np.array([0.0, 0.0, 1.0]), square, np.array([[0, 1, 2], [0, 2, 3]]))
+    Scene(block.rock, surface).save(folder / "scene")
+    pulses = [Record.of(f"P{n}", ricker(2.0, 0.6 + 0.4 * n, 0.01), event=f"event {n}") for n in range(2)]
+    Ensemble.write(folder / "ensemble", pulses)
+    (folder / "campaign.toml").write_text(CAMPAIGN)
+    campaign = Campaign.read(folder / "campaign.toml")
+    planned = plan(campaign, Scene.load(campaign.scene), Ensemble.load(campaign.ensemble))
+    run = folder / "interrupted"
+    prepare(run, planned, dict(versions()))
+    rows = [
+        lost_row(planned.spec(job), "ok", "") | {"toppled": job % 3 == 0, "attempt": 1}
+        for job in range(len(planned))
+    ]
+    with session(run, {}), journal(run):
+        for begin in range(0, 12, 4):
+            write_part(run, rows[begin : begin + 4])
+            tell("rows stored", workers=2, deaths=0, again=0)
+    shutil.copytree(run, folder / "complete")
+    write_part(folder / "complete", rows[12:])
+    compact(folder / "complete")
+    return folder
+
+
+def answers_of_scene(run):
+    scene = Scene.load(run / "scene")
+    pedestal = scene.pedestal
+    arrays = (
+        scene.rock.vertices_m,
+        scene.rock.faces,
+        pedestal.point_m,
+        pedestal.normal,
+        pedestal.vertices_m,
+        pedestal.faces,
+        scene.origin_m,
+    )
+    told = (scene.contact, scene.gravity_m_s2, scene.report, open_run(run).scene().to_pylist())
+    return *(array.tobytes() for array in arrays), repr(told)
+
+
+def answers_of_ensemble(run):
+    ensemble = Ensemble.load(run / "ensemble")
+    motions = [ensemble.record(name).motion for name in ensemble.record_ids]
+    told = repr((ensemble.catalog.to_pylist(), open_run(run).motions().to_pylist()))
+    return told, *(
+        motion.acceleration_m_s2.tobytes() + bytes(repr(motion.time_step_s), "ascii") for motion in motions
+    )
+
+
+def answers_of_run(run):
+    rows = open_run(run).table()
+    job = _specification(run, read_table(run / "jobs.parquet")["job_id"][0].as_py())
+    return repr((state_of(run), rows.to_pylist(), open_run(run).provenance(), last(run, "rows stored"), job))
+
+
+def answers_to(run, name):
+    """What the program says of a run from the files of one kind."""
+    if name.startswith("scene/"):
+        return answers_of_scene(run)
+    return answers_of_ensemble(run) if name.startswith("ensemble/") else answers_of_run(run)
+
+
+def victims(runs):
+    for run in ("interrupted", "complete"):
+        for path in sorted((runs / run).rglob("*")):
+            if path.is_file() and path.name != ".lock":
+                yield runs / run, str(path.relative_to(runs / run))
+
+
+@pytest.mark.parametrize("count", [300, pytest.param(10_000, marks=pytest.mark.slow)])
+@pytest.mark.timeout(1800)
+def test_a_flipped_bit_or_a_lost_end_of_any_file_is_told_or_without_effect(runs, count, caplog):
+    chance = random.Random(SEED + count)
+    files = list(victims(runs))
+    names = {name for _, name in files}
+    assert names >= {
+        "run.json", "run.log", "campaign.toml", "jobs.parquet", "results.parquet", "scene/scene.json", "scene/rock.ply",
+        "scene/pedestal.ply", "ensemble/catalog.parquet", "ensemble/motions.parquet",
+    }  # fmt: skip
+    assert sum(name.startswith("parts/") for name in names) == 3
+    undamaged = {file: answers_to(*file) for file in files}
+    for _ in range(count):
+        run, name = file = chance.choice(files)
+        path = run / name
+        content = path.read_bytes()
+        caplog.clear()
+        what = damage(path, chance)
+        try:
+            with caplog.at_level(logging.WARNING):
+                answer, told = answers_to(run, name), caplog.text
+        except InputError as error:
+            answer, told = None, str(error)
+        finally:
+            path.write_bytes(content)
+        named = path.name in told or path.parent.name in told
+        assert named or answer == undamaged[file], f"{name}, {what}: {told or 'silently another answer'}"
+
+
+def damage(path, chance):
+    """Flip a bit of a file, or cut it; a log that a crash cuts is the one of a moment before, and only flipped."""
+    content = bytearray(path.read_bytes())
+    if chance.random() < 0.2 and path.suffix != ".log":
+        at = chance.randrange(len(content))
+        path.write_bytes(content[:at])
+        return f"cut at {at}"
+    bit = chance.randrange(8 * len(content))
+    content[bit // 8] ^= 1 << bit % 8
+    path.write_bytes(content)
+    return f"bit {bit} flipped"
+
+
+@pytest.mark.parametrize("verb", ["status", "query"])
+def test_a_bit_in_the_name_of_a_column_does_not_turn_it_into_nulls(runs, tmp_path, verb):
+    run = shutil.copytree(runs / "complete", tmp_path / "run")
+    path = run / "results.parquet"
+    content = bytearray(path.read_bytes())
+    content[content.rfind(b"toppled", 0, content.rfind(b"ARROW:schema"))] ^= (
+        1  # as the footer names the column
+    )
+    path.write_bytes(content)
+    done = CliRunner().invoke(cli, [verb, str(run), *(["select * from results"] if verb == "query" else [])])
+    assert isinstance(done.exception, InputError)
+    assert f"{path}: is damaged" in str(done.exception)
+
+
+def test_a_run_whose_own_files_are_damaged_does_not_go_on(runs, tmp_path):
+    run = shutil.copytree(runs / "interrupted", tmp_path / "run")
+    campaign = Campaign.read(runs / "campaign.toml")
+    planned = plan(campaign, Scene.load(campaign.scene), Ensemble.load(campaign.ensemble))
+    prepare(run, planned, dict(versions()))
+    for name in WRITTEN_ONCE:
+        path = run / name
+        content = path.read_bytes()
+        path.write_bytes(content[:-9] + bytes([content[-9] ^ 16]) + content[-8:])
+        with pytest.raises(InputError, match="is damaged"):
+            prepare(run, planned, dict(versions()))
+        path.write_bytes(content)
+    prepare(run, planned, dict(versions()))

@@ -1,0 +1,103 @@
+"""A file is verified whole, once, by the digest that it carries."""
+
+import logging
+import os
+
+import pyarrow as pa
+import pytest
+
+from toppling.models import digest
+from toppling.models.errors import InputError
+from toppling.models.scene import Scene
+from toppling.models.tables import read_table, write_table
+
+
+@pytest.fixture
+def table_file(tmp_path):
+    path = tmp_path / "table.parquet"
+    write_table(pa.table({"a": [1, 2, 3]}), path)
+    return path
+
+
+def aged(path, seconds=60.0):
+    """As if it had been written some time ago."""
+    past = path.stat().st_mtime - seconds
+    os.utime(path, (past, past))
+    return path
+
+
+def test_a_file_is_read_whole_once_and_again_only_when_it_changed(table_file, monkeypatch):
+    hashed = []
+    genuine = digest._digest
+    monkeypatch.setattr(digest, "_digest", lambda file, place: hashed.append(1) or genuine(file, place))
+    monkeypatch.setattr(digest, "UNSETTLED_S", 0.0)
+    for _ in range(3):
+        assert digest.check(table_file)
+    assert len(hashed) == 1
+    content = bytearray(table_file.read_bytes())
+    content[20] ^= 1
+    table_file.write_bytes(content)
+    with pytest.raises(InputError, match="is damaged"):
+        digest.check(table_file)
+    assert len(hashed) == 2
+
+
+def test_a_file_of_this_moment_is_not_remembered_as_its_time_may_stay_when_it_changes(table_file):
+    state = table_file.stat()
+    assert digest.check(table_file)
+    content = bytearray(table_file.read_bytes())
+    content[20] ^= 1
+    table_file.write_bytes(content)
+    os.utime(table_file, ns=(state.st_atime_ns, state.st_mtime_ns))
+    with pytest.raises(InputError, match="is damaged"):
+        digest.check(table_file)
+
+
+def test_the_digest_of_a_text_inside_does_not_stand_for_the_file(tmp_path):
+    inner = tmp_path / "inner.json"
+    digest.write_json(inner, {"a": 1})
+    outer = tmp_path / "outer.parquet"
+    table = pa.table({"a": [1]}).replace_schema_metadata({"zz": inner.read_bytes(), "aa": "x" * 200_000})
+    write_table(table, outer)
+    assert digest.check(outer, required=True)
+    assert read_table(outer).schema.metadata[b"zz"] == inner.read_bytes()
+
+
+def test_json_keeps_its_content_and_a_changed_one_is_refused(tmp_path):
+    path = tmp_path / "a.json"
+    digest.write_json(path, {"a": [1, {"b": "ü"}]})
+    assert digest.read_json(path) == {"a": [1, {"b": "ü"}]}
+    path.write_text(path.read_text().replace("1", "2"))
+    with pytest.raises(InputError, match="remove its line 'digest'"):
+        digest.read_json(path)
+
+
+def test_a_scene_that_is_edited_on_purpose_is_read_without_the_line_of_the_digest(tmp_path, caplog):
+    folder = Scene.block(0.2, 0.2, 0.6, friction=0.8).save(tmp_path / "scene")
+    path = folder / "scene.json"
+    edited = path.read_text().replace('"friction_static": 0.8', '"friction_static": 0.9')
+    path.write_text(edited)
+    with pytest.raises(InputError, match="is damaged"):
+        Scene.load(folder)
+    path.write_text("\n".join(line for line in edited.splitlines() if '"digest"' not in line))
+    with caplog.at_level(logging.WARNING):
+        assert Scene.load(folder).contact.friction_static == 0.9
+    assert "scene.json carries no digest" in caplog.text
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".parquet", ".json", ".toml"])
+def test_each_byte_of_a_file_is_covered(tmp_path, suffix, monkeypatch):
+    path = tmp_path / f"file{suffix}"
+    if suffix == ".ply":
+        path = Scene.block(0.2, 0.2, 0.6).save(tmp_path / "scene") / "rock.ply"
+    elif suffix == ".parquet":
+        write_table(pa.table({"a": [1]}), path)
+    elif suffix == ".json":
+        digest.write_json(path, {"a": 1})
+    else:
+        digest.write_text(path, "a = 1\n")
+    content = path.read_bytes()
+    for at in range(len(content)):
+        path.write_bytes(content[:at] + bytes([content[at] ^ 1]) + content[at + 1 :])
+        with pytest.raises(InputError):
+            digest.check(path, required=True)

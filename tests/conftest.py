@@ -1,6 +1,11 @@
 """How hypothesis looks for examples in all tests."""
 
+import shutil
 import signal
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -16,3 +21,24 @@ def _ctrl_c_still_stops_the_tests():
     before = signal.getsignal(signal.SIGINT)
     yield
     signal.signal(signal.SIGINT, before)
+
+
+ROOT = Path(__file__).parents[1]
+ROOMS = ("models", "orchestrator", "results", "workers")
+
+
+@pytest.fixture(scope="session")
+def unpacked(tmp_path_factory):
+    """The built wheel, unpacked: what pip would install."""
+    folder = tmp_path_factory.mktemp("wheel")
+    source = folder / "source"  # a build inside the checkout would take up what an earlier one left
+    for room in ROOMS:
+        shutil.copytree(ROOT / room, source / room, ignore=shutil.ignore_patterns("__pycache__"))
+    for name in ("pyproject.toml", "README.md", "LICENSE"):
+        shutil.copy(ROOT / name, source)
+    build = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation"]
+    subprocess.run([*build, "--wheel-dir", str(folder), str(source)], check=True)
+    (wheel,) = folder.glob("*.whl")
+    with zipfile.ZipFile(wheel) as archive:
+        archive.extractall(folder / "unpacked")
+    return folder / "unpacked"

@@ -22,9 +22,6 @@ friction = [1.0]
 restitution = [0.0]
 preset = "fast"
 """
-SHAKING_S = 75.0
-"""Time for the run, of the three minutes that the demo may take on two cores."""
-
 SAMPLE_LEVELS_M_S2 = (4.0, 10.0, 16.0)
 DESIGNS = ((1, 8), (1, 4), (2, 4), (2, 2), (3, 2), (3, 1), (6, 1))
 """Step of the levels in m/s2 and number of azimuths, from the study's own down."""
@@ -41,7 +38,11 @@ from results where level_pga_m_s2::int % 6 = 1 group by all order by all"""
     help="Folder, replaced if it is an earlier demo's.",
 )  # fmt: skip
 @click.option("--workers", type=click.IntRange(min=1), default=2, show_default=True, help="Local workers.")
-def demo(out: Path, workers: int) -> None:
+@click.option(
+    "--seconds", type=click.FloatRange(min=0.0), default=75.0, show_default=True,
+    help="Time for shaking: the campaign is as large as that allows.",
+)  # fmt: skip
+def demo(out: Path, workers: int, seconds: float) -> None:
     """Scan a virtual rock, make earthquakes, shake, and draw the maps: minutes on two cores.
 
     \b
@@ -51,7 +52,7 @@ def demo(out: Path, workers: int) -> None:
     _clear(out)
     _scan(out)
     _make_records(out)
-    _plan(out, workers)
+    _plan(out, workers, seconds)
     failed = _run(out, workers)
     figures = _draw(out)
     _tell(out, figures, time.monotonic() - began)
@@ -103,7 +104,7 @@ def _make_records(out: Path) -> None:
     Ensemble.write(out / "ensemble", synthetic_ensemble(RECORDS, SEED))
 
 
-def _plan(out: Path, workers: int) -> None:
+def _plan(out: Path, workers: int, seconds: float) -> None:
     """Write the largest campaign that a few sampled jobs let hope to end in time."""
     from toppling.models.motions.ensemble import Ensemble
     from toppling.models.scene import Scene
@@ -122,7 +123,7 @@ def _plan(out: Path, workers: int) -> None:
         start = time.perf_counter()
         run_job(spec, assets)
         cost_s.append(time.perf_counter() - start)
-    affordable = min(workers, os.cpu_count() or 1) * SHAKING_S / (sum(cost_s[1:]) / len(SAMPLE_LEVELS_M_S2))
+    affordable = min(workers, os.cpu_count() or 1) * seconds / (sum(cost_s[1:]) / len(SAMPLE_LEVELS_M_S2))
     jobs_of = {design: RECORDS * (1 + 18 // design[0]) * design[1] for design in DESIGNS}
     step, sides = next((design for design in DESIGNS if jobs_of[design] <= affordable), DESIGNS[-1])
     azimuths = [45 + 360 * side / sides for side in range(sides)]

@@ -1,10 +1,8 @@
 """One door: what users import, from any folder, from the checkout and from a wheel."""
 
 import os
-import shutil
 import subprocess
 import sys
-import zipfile
 from pathlib import Path
 
 import pytest
@@ -52,23 +50,6 @@ def test_every_name_at_the_door_leads_somewhere():
 def test_what_is_imported_at_the_door_is_imported_when_it_is_used(folder):
     program = "import sys, toppling; print(len({'numpy', 'pybullet', 'pandas', 'dask'} & set(sys.modules)))"
     assert answer(program, folder) == "0"
-
-
-@pytest.fixture(scope="module")
-def unpacked(tmp_path_factory):
-    """The built wheel, unpacked: what pip would install."""
-    folder = tmp_path_factory.mktemp("wheel")
-    source = folder / "source"  # a build inside the checkout would take up what an earlier one left
-    for room in ROOMS:
-        shutil.copytree(ROOT / room, source / room, ignore=shutil.ignore_patterns("__pycache__"))
-    for name in ("pyproject.toml", "README.md", "LICENSE"):
-        shutil.copy(ROOT / name, source)
-    build = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation"]
-    subprocess.run([*build, "--wheel-dir", str(folder), str(source)], check=True)
-    (wheel,) = folder.glob("*.whl")
-    with zipfile.ZipFile(wheel) as archive:
-        archive.extractall(folder / "unpacked")
-    return folder / "unpacked"
 
 
 def test_a_wheel_holds_the_program_and_nothing_else(unpacked):

@@ -203,7 +203,9 @@ def _made_to_stand(
     touching = can_touch[gap[can_touch] <= closed_m]
     if encloses(seen.places_m[touching], pierced):
         return gap, cost
-    corners = facet_below(seen.places_m[can_touch], gap[can_touch], pierced)
+    # It is brought to touch where that costs least: in the middle rather than at a rim that was seen to hang.
+    cost_of_touching = gap / np.sqrt(np.diag(covariance))
+    corners = facet_below(seen.places_m[can_touch], cost_of_touching[can_touch], pierced)
     if corners is None:
         return None
     feet = np.union1d(can_touch[corners], seen.touching)

@@ -26,7 +26,7 @@ from toppling.models.unseen import BaseDraw, UnseenBase, least_feet
 
 DRAWS = 48
 """Kept in the scene."""
-CANDIDATES = 12
+CANDIDATES = 9
 """Draws of each prior, of which the likelier are kept."""
 AZIMUTHS_DEG = np.arange(0.0, 360.0, 15.0)
 BAND_PER_HEIGHT = 0.06

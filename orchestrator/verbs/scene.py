@@ -34,7 +34,7 @@ def show(folder: Path, out: Path | None) -> None:
     loaded = Scene.load(folder)
     target = out or folder
     target.mkdir(parents=True, exist_ok=True)
-    notes = settling_notes(loaded)
+    notes = settling_notes(loaded) + base_sentences(loaded.report)
     draw_scene(loaded, target / "scene.png", notes)
     write_page(loaded, target / "scene.html", notes)
     click.echo(

@@ -28,6 +28,8 @@ JITTER = 1e-6
 ROUNDS = 80
 """Of the active set, in each of which up to MOST_AT_ONCE places are added."""
 MOST_AT_ONCE = 12
+TRIANGLES = 12
+"""Of the hull that are looked at below the line of the weight."""
 EFFECTIVE_SHARE = 0.35
 """Of the draws, which their weights leave effective at least."""
 TOUCHING_SHARE = 1e-6
@@ -152,8 +154,12 @@ def facet_below(places_m: Array, gap_m: Array, pierced_m: Array) -> Index | None
     facing = np.flatnonzero(hull.equations[:, 2] < -1e-9)
     a, b, c, d = hull.equations[facing].T
     height = -(a * pierced_m[0] + b * pierced_m[1] + d) / c
-    corners = hull.simplices[facing[height.argmax()]]
-    return corners if encloses(places_m[corners], pierced_m) else None
+    # Facets of one plane are several triangles, of which one lies below the line.
+    for number in np.argsort(-height, kind="stable")[:TRIANGLES]:
+        corners = hull.simplices[facing[number]]
+        if encloses(places_m[corners], pierced_m):
+            return corners
+    return None
 
 
 def encloses(points_m: Array, pierced_m: Array) -> bool:

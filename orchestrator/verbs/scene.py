@@ -37,9 +37,7 @@ def show(folder: Path, out: Path | None) -> None:
     notes = settling_notes(loaded) + base_sentences(loaded.report)
     draw_scene(loaded, target / "scene.png", notes)
     write_page(loaded, target / "scene.html", notes)
-    click.echo(
-        "\n".join([str(target / "scene.png"), str(target / "scene.html"), *notes, *base_sentences(loaded)])
-    )
+    click.echo("\n".join([str(target / "scene.png"), str(target / "scene.html"), *notes]))
 
 
 @scene.command()

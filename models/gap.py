@@ -128,11 +128,14 @@ def draw_gaps(
     return found
 
 
-def resampled(log_weight: Array, count: int, random: np.random.Generator) -> Index:
+def resampled(
+    log_weight: Array, count: int, random: np.random.Generator, measured: Array | float = 0.0
+) -> Index:
     """Numbers (count,) of draws, each as often as its weight says (systematic resampling).
 
     Weights that would leave fewer effective draws than a share of all are tempered: they are costs of a Gaussian prior,
-    which no base follows so closely.
+    which no base follows so closely. What was
+    `measured` on each draw, the logarithms of likelihoods, is added as it is.
     """
     log_weight = log_weight - log_weight.max()
     power = 1.0
@@ -141,6 +144,8 @@ def resampled(log_weight: Array, count: int, random: np.random.Generator) -> Ind
         if weight.sum() ** 2 / (weight**2).sum() >= EFFECTIVE_SHARE * len(weight):
             break
         power *= 0.9
+    log_weight = power * log_weight + measured
+    weight = np.exp(log_weight - log_weight.max())
     steps = (np.arange(count) + random.random()) / count
     return np.searchsorted(np.cumsum(weight) / weight.sum(), steps).clip(max=len(weight) - 1)
 

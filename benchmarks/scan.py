@@ -5,6 +5,7 @@ Puts its tables into docs/scan.md.
     .venv/bin/python benchmarks/scan.py accuracy [--shape NAME ...] [--scans FOLDER]
     .venv/bin/python benchmarks/scan.py blind [--first 101] [--count 16]
     .venv/bin/python benchmarks/scan.py family [--first 0] [--count 40]
+    .venv/bin/python benchmarks/scan.py base [--first 201] [--count 60] [--fragility ENSEMBLE] [--rocks 12] [--jobs 200]
     .venv/bin/python benchmarks/scan.py answers ENSEMBLE [--shape NAME ...] [--scans FOLDER] [--jobs 500]
     .venv/bin/python benchmarks/scan.py cost [--million 1 5 10 20]
 
@@ -24,6 +25,7 @@ from pathlib import Path
 
 import laspy
 import numpy as np
+from base_rocks import base_rock
 from blind_rocks import blind_rock
 from numpy.typing import NDArray
 from squat_rocks import beside_the_contact, member
@@ -39,6 +41,7 @@ from toppling.models.scan.survey import survey
 from toppling.models.scene import Scene, read_triangles
 from toppling.models.statics import quasi_static_toppling_m_s2
 from toppling.orchestrator.front import Job, Setting, answers, draw_jobs
+from toppling.orchestrator.plan import settling
 from toppling.workers.options import PRESETS
 
 PAGE = Path(__file__).parent.parent / "docs" / "scan.md"
@@ -85,6 +88,8 @@ CAUSES_OF = ("Echo Cliffs", "echo_like")
 """Shapes of which the benchmark of answers tells what each error costs."""
 TOPS_M_S2 = 0.5 * 2.0 ** (0.5 * np.arange(17))
 """Highest levels tried, until half of the jobs topple."""
+BASES_SHAKEN = 16
+"""Draws of the base that predict a fragility."""
 TRIED = 60
 """Jobs that find the levels."""
 
@@ -123,8 +128,8 @@ def _coverage(found: Scene, error: NDArray[np.float64]) -> dict[str, float]:
     }
 
 
-def _toppling(scene: Scene) -> NDArray[np.float64]:
-    table = quasi_static_toppling_m_s2(scene.rock, scene.pedestal, 9.81, AZIMUTHS_DEG)
+def _toppling(scene: Scene, azimuths_deg: NDArray[np.float64] = AZIMUTHS_DEG) -> NDArray[np.float64]:
+    table = quasi_static_toppling_m_s2(scene.rock, scene.pedestal, 9.81, azimuths_deg)
     return np.array(table)[:, 1]
 
 
@@ -153,6 +158,61 @@ def blind(seed: int) -> tuple[str, Known]:
     cloud, label = virtual.cloud_of(stations, virtual.DEMO_ORIGIN_M)
     name = f"{seed}: {truth.rock.height_m:.1f} m, {kind}, {len(stations)} stations"
     return name, Known(cloud, label, Scene(truth.rock, truth.pedestal, origin_m=virtual.DEMO_ORIGIN_M))
+
+
+def on_a_known_base(seed: int) -> tuple[str, Known]:
+    """A random rock on a base of one of five kinds, half of some rims hidden; its name says which."""
+    rock = base_rock(seed)
+    cloud, label = virtual.cloud_of(rock.stations, virtual.DEMO_ORIGIN_M)
+    true = Scene(rock.truth.rock, rock.truth.pedestal, origin_m=virtual.DEMO_ORIGIN_M)
+    top = true.rock.vertices_m[np.argmax(true.rock.vertices_m[:, 2]), :2] + virtual.DEMO_ORIGIN_M[:2]
+    name = f"{seed}: {rock.kind}" + (", half of the rim hidden" if rock.half_hidden else "")
+    return name, Known(cloud, label, true, (float(top[0]), float(top[1])))
+
+
+def base_coverage(found: Scene, true: Scene) -> dict[str, float]:
+    """How often the stated intervals hold what is true, how wide they are, and how far their middle is off.
+
+    `smooth closing` is the toppling acceleration of the rock closed without regard to its standing, as before there
+    were draws.
+    """
+    said = found.report["unseen_base"]
+    if "toppling" not in said:
+        return {"contradicted": 1.0}
+    azimuths = np.array([each["azimuth_deg"] for each in said["toppling"]])
+    low, median, high = (
+        np.array([each[key] for each in said["toppling"]]) for key in ("low_m_s2", "median_m_s2", "high_m_s2")
+    )
+    right = _toppling(true, azimuths)
+    nominal = _toppling(found, azimuths)
+    return {
+        "held by 90 % interval, %": 100 * float(((low <= right) & (right <= high)).mean()),
+        "width, % of median": 100 * float(np.median((high - low) / median)),
+        "median off by, %": 100 * float(np.median(np.abs(median / right - 1))),
+        "nominal off by, %": 100 * float(np.median(np.abs(nominal / right - 1))),
+        "smooth closing off by, %": 100
+        * float(np.median(np.abs(np.array(said["smooth_closing_m_s2"]) / right - 1))),
+        "settles, °": settling(found).tilt_deg,
+    }
+
+
+def base_fragility(found: Scene, true: Scene, ensemble: Ensemble, count: int) -> dict[str, float]:
+    """Share of a campaign that topples the true rock, and the interval that the draws of the base predict."""
+    if found.unseen is None:
+        return {}
+    jobs, _ = jobs_that_half_topple(true, ensemble, count)
+    right = float(answers(true, ensemble, jobs, FAST).toppled.mean())
+    shares = [
+        float(answers(found.on_base(number), ensemble, jobs, FAST).toppled.mean())
+        for number in range(0, len(found.unseen), max(1, len(found.unseen) // BASES_SHAKEN))
+    ]
+    low, high = np.quantile(shares, [0.05, 0.95])
+    return {
+        "true share toppled, %": 100 * right,
+        "predicted low, %": 100 * float(low),
+        "high, %": 100 * float(high),
+        "fragility held": float(low <= right <= high),
+    }
 
 
 def from_elsewhere(folder: Path, name: str) -> Known:
@@ -359,6 +419,12 @@ def main() -> None:
     family = commands.add_parser("family")
     family.add_argument("--first", type=int, default=0)
     family.add_argument("--count", type=int, default=40)
+    based = commands.add_parser("base")
+    based.add_argument("--first", type=int, default=201)
+    based.add_argument("--count", type=int, default=60)
+    based.add_argument("--fragility", type=Path, metavar="ENSEMBLE")
+    based.add_argument("--rocks", type=int, default=12)
+    based.add_argument("--jobs", type=int, default=200)
     for command in (right, compare):
         command.add_argument("--shape", nargs="*", choices=SHAPES, default=list(SHAPES))
         command.add_argument("--scans", type=Path)
@@ -388,6 +454,24 @@ def main() -> None:
             rows[name] = row
             print(name, {key: round(value, 3) for key, value in row.items()}, flush=True)
             put("family", table(rows, "rock"))
+    elif given.command == "base":
+        ensemble = None if given.fragility is None else Ensemble.load(given.fragility)
+        rows = {}
+        for number in range(given.count):
+            name, known = on_a_known_base(given.first + number)
+            try:
+                found = survey(known.cloud, near_m=known.near_m).scene
+            except InputError as error:
+                print(name, "refused:", error.what, flush=True)
+                rows[name] = {"refused": 1.0}
+                continue
+            rows[name] = base_coverage(found, known.true)
+            if ensemble is not None and number < given.rocks:
+                rows[name] |= base_fragility(found, known.true, ensemble, given.jobs)
+            print(name, {key: round(value, 3) for key, value in rows[name].items()}, flush=True)
+        columns = list(dict.fromkeys(column for row in rows.values() for column in row))
+        rows["mean"] = {c: float(np.mean([row[c] for row in rows.values() if c in row])) for c in columns}
+        put("base", table(rows, "rock"))
     elif given.command == "answers":
         rows = {}
         for name, known in all_known(given.shape, given.scans):

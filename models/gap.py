@@ -28,6 +28,8 @@ JITTER = 1e-6
 ROUNDS = 80
 """Of the active set, in each of which up to MOST_AT_ONCE places are added."""
 MOST_AT_ONCE = 12
+TRIANGLES = 12
+"""Of the hull that are looked at below the line of the weight."""
 EFFECTIVE_SHARE = 0.35
 """Of the draws, which their weights leave effective at least."""
 TOUCHING_SHARE = 1e-6
@@ -126,11 +128,14 @@ def draw_gaps(
     return found
 
 
-def resampled(log_weight: Array, count: int, random: np.random.Generator) -> Index:
+def resampled(
+    log_weight: Array, count: int, random: np.random.Generator, measured: Array | float = 0.0
+) -> Index:
     """Numbers (count,) of draws, each as often as its weight says (systematic resampling).
 
     Weights that would leave fewer effective draws than a share of all are tempered: they are costs of a Gaussian prior,
-    which no base follows so closely.
+    which no base follows so closely. What was
+    `measured` on each draw, the logarithms of likelihoods, is added as it is.
     """
     log_weight = log_weight - log_weight.max()
     power = 1.0
@@ -139,6 +144,8 @@ def resampled(log_weight: Array, count: int, random: np.random.Generator) -> Ind
         if weight.sum() ** 2 / (weight**2).sum() >= EFFECTIVE_SHARE * len(weight):
             break
         power *= 0.9
+    log_weight = power * log_weight + measured
+    weight = np.exp(log_weight - log_weight.max())
     steps = (np.arange(count) + random.random()) / count
     return np.searchsorted(np.cumsum(weight) / weight.sum(), steps).clip(max=len(weight) - 1)
 
@@ -152,8 +159,12 @@ def facet_below(places_m: Array, gap_m: Array, pierced_m: Array) -> Index | None
     facing = np.flatnonzero(hull.equations[:, 2] < -1e-9)
     a, b, c, d = hull.equations[facing].T
     height = -(a * pierced_m[0] + b * pierced_m[1] + d) / c
-    corners = hull.simplices[facing[height.argmax()]]
-    return corners if encloses(places_m[corners], pierced_m) else None
+    # Facets of one plane are several triangles, of which one lies below the line.
+    for number in np.argsort(-height, kind="stable")[:TRIANGLES]:
+        corners = hull.simplices[facing[number]]
+        if encloses(places_m[corners], pierced_m):
+            return corners
+    return None
 
 
 def encloses(points_m: Array, pierced_m: Array) -> bool:
@@ -203,7 +214,9 @@ def _made_to_stand(
     touching = can_touch[gap[can_touch] <= closed_m]
     if encloses(seen.places_m[touching], pierced):
         return gap, cost
-    corners = facet_below(seen.places_m[can_touch], gap[can_touch], pierced)
+    # It is brought to touch where that costs least: in the middle rather than at a rim that was seen to hang.
+    cost_of_touching = gap / np.sqrt(np.diag(covariance))
+    corners = facet_below(seen.places_m[can_touch], cost_of_touching[can_touch], pierced)
     if corners is None:
         return None
     feet = np.union1d(can_touch[corners], seen.touching)

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from toppling.models.frames import compass_deg
-from toppling.models.scene import Scene
 
 
-def base_sentences(scene: Scene) -> list[str]:
-    """What a person should know of a scanned rock's hidden base; nothing for a rock without draws.
+def base_sentences(report: Mapping[str, Any]) -> list[str]:
+    """What a person should know of a scanned rock's hidden base, from its scene's report; nothing without draws.
 
     The azimuths are those of the ground acceleration; the rock topples the other way.
     """
-    found = scene.report.get("unseen_base")
+    found = report.get("unseen_base")
     if not found:
         return []
     if contradiction := found.get("contradiction"):
@@ -36,9 +36,7 @@ def base_sentences(scene: Scene) -> list[str]:
         before = found["without_inspection"]
         told = "no base agreed" if before is None else f"it was {median_width(before):.0%} wide"
         sentences.append(f"what is known by inspection tightens the interval: without it {told}")
-    if found.get("nominal_draw") is None and "outline" not in scene.report.get("interface", {}).get(
-        "given_by", ""
-    ):
+    if found.get("nominal_draw") is None and report.get("interface", {}).get("given_by") != "outline":
         sentences.append(
             "warning: on no closed mesh of the likeliest bases the rock is at rest as scanned; the nominal scene has a "
             "smooth base, the draws stand"

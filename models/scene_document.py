@@ -42,6 +42,14 @@ _REPORT = {
         "interface_normal_std_deg?": SPREAD.or_null(),
         "quasi_static_toppling_m_s2?": [{"azimuth_deg": AZIMUTH, "std": SPREAD.or_null()}],
     },
+    "unseen_base?": {
+        "level": SHARE,
+        "contradiction?": TEXT,
+        "draws?": whole(1, 1_000_000),
+        "toppling?": [{"azimuth_deg": AZIMUTH, "low_m_s2": SPREAD, "median_m_s2": SPREAD, "high_m_s2": SPREAD}],
+        "contacts?": {"reach": [{"low_m": NUMBER, "high_m": NUMBER}], "count": [whole(0, 1_000_000), 3]},
+        "com_m?": [[NUMBER, 3], 3],
+    },
 }  # fmt: skip
 SHAPE: dict[str, Any] = {
     "id": TEXT,

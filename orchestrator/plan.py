@@ -40,6 +40,12 @@ too long.
 """
 
 
+WHY_A_SCANNED_ROCK_SETTLES = (
+    "it was scanned at rest, so one observation contradicts standing: a rim that is not where it seems, another plane "
+    "(--plane), or a wedge or adhesion that holds it"
+)
+
+
 def expected_s(motion_s: float, jobs: int) -> float:
     """Tell what jobs are expected to cost, in a unit of its own, from their records' durations together."""
     return motion_s + EQUAL_SHARE_S * jobs
@@ -185,6 +191,8 @@ def settling_notes(scene: Scene) -> list[str]:
         sentence = settling(scene).sentence
     except InputError as error:
         return [f"warning: {error.what}; no campaign can be run with this scene: {error.remedy}"]
+    if sentence and "unseen_base" in scene.report:
+        sentence += f"; {WHY_A_SCANNED_ROCK_SETTLES}"
     return [sentence] if sentence else []
 
 

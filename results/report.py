@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 from toppling.models.digest import check
 from toppling.models.errors import InputError
 from toppling.models.folder import new_file
+from toppling.models.intervals import base_sentences
 from toppling.results import figures, fits
 from toppling.results.directions import SECTOR_DEG, sector_share, topple_rose
 from toppling.results.fragility import PLANES, beyond, by_contact, cells, cells_by_direction, unplaced
@@ -139,6 +140,10 @@ def _scene(run: Run) -> str:
     ]
     if settling := (run.provenance().get("settling") or {}).get("sentence"):
         told.append({"quantity": "from scan to shake", "value": settling, "unit": ""})
+    told += [
+        {"quantity": "hidden base", "value": sentence, "unit": ""}
+        for sentence in base_sentences(run.scene_report())
+    ]
     return "".join([*parts, _table(pd.DataFrame(told))])
 
 

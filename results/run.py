@@ -149,6 +149,11 @@ class Run:
             return None
         return _scene_table(read_scene_document(path))
 
+    def scene_report(self) -> dict[str, Any]:
+        """What the scan of the run's scene found out on the way; empty where there is none."""
+        path = self.path / "scene" / "scene.json"
+        return dict(read_scene_document(path).get("report") or {}) if path.exists() else {}
+
     def quasi_static(self) -> pd.DataFrame | None:
         """Least constant ground acceleration (`value`, m/s2) that topples, by azimuth_deg."""
         table = self.scene()

@@ -98,7 +98,7 @@ def run_job(spec: JobSpec, assets: Assets) -> dict[str, Any]:
     scene, imposed = prepared(spec, assets)
     result = shake(scene, imposed.motion, spec.preset, engine=spec.engine)
     record = assets.ensemble.record(spec.record_id)
-    return {**_identity(spec, record), **imposed.intensity, **outcome_of(result)}
+    return {**_identity(spec, record), **_drawn(spec, scene), **imposed.intensity, **outcome_of(result)}
 
 
 def prepared(spec: JobSpec, assets: Assets) -> tuple[Scene, Imposed]:
@@ -150,6 +150,15 @@ def _identity(spec: JobSpec, record: Record) -> dict[str, Any]:
     del columns["record_sha"], columns["peak_displacement_m"]
     columns["level_pga_m_s2"] = columns.pop("pga_m_s2")
     return {**columns, "job_id": spec.job_id, "event": record.event, "physics_version": PHYSICS_VERSION}
+
+
+def _drawn(spec: JobSpec, scene: Scene) -> dict[str, Any]:
+    """Columns that say what the realisation drew."""
+    stated = spec.friction_static
+    return {
+        "base": None if scene.unseen is None else scene.unseen.number_of(spec.realisation),
+        "friction_factor": scene.contact.friction_static / stated if stated > 0.0 else 1.0,
+    }
 
 
 def outcome_of(result: ShakeResult) -> dict[str, Any]:

@@ -29,7 +29,7 @@ ABOVE_RIM_PER_SPACING, RIM_STD_PER_SPACING = 0.33, 0.19
 of five known rocks .30 to .36, and .16 to .22."""
 SIDE_PER_HEIGHT, LEAST_SIDE, MOST_LEAN = 0.025, 8, 3.0
 """A rim's side is a plane through so many points or more within this distance; it leans outward by so much at most."""
-BESIDE_PER_HEIGHT, BESIDE_PER_GAP = 0.02, 8.0
+BESIDE_PER_HEIGHT, BESIDE_PER_GAP = 0.02, 1.0
 """A rim was seen to its end where the pedestal was seen so near, plus so many times its gap."""
 FLATTEST_RAY = 0.07
 """Tangent over the pedestal of the flattest ray (4 degrees) that lights it below a rock."""
@@ -40,8 +40,10 @@ LIT_CELLS = 2.0
 """Depth of a hole in the pedestal's seen points, cells, below which it counts as seen."""
 SHAPES_PER_WIDTH = (0.003, 0.012, 0.04)
 """Priors tried: standard deviation of what a base bulges, over the root of its area ..."""
-LENGTHS_PER_WIDTH = (0.25, 0.6)
+LENGTHS_PER_WIDTH = (0.25, 0.7, 2.0)
 """... and over what length."""
+LONG_PER_WIDTH = 0.5
+"""Of a longer correlation the base sees a part, so its deviation is raised in proportion."""
 ROUGH_PER_WIDTH, ROUGH_LENGTH_PER_WIDTH = (0.001, 0.003), 0.07
 LEVEL_PER_WIDTH = 0.1
 OUTLINE_STD_PER_HEIGHT = 0.0015
@@ -223,7 +225,7 @@ def reliefs(width_m: float) -> list[Relief]:
     return [
         Relief(
             LEVEL_PER_WIDTH * width_m,
-            shape * width_m,
+            shape * width_m * max(1.0, length / LONG_PER_WIDTH),
             length * width_m,
             rough * width_m,
             ROUGH_LENGTH_PER_WIDTH * width_m,

@@ -28,8 +28,9 @@ from toppling.models.unseen import UnseenBase
 
 LEVEL = 0.9
 """Of the intervals that are stated."""
-OTHER_ERRORS_SHARE = 0.02
-"""Standard deviation of the toppling acceleration that no draw shows: what the reconstruction rounds off."""
+OTHER_ERRORS_SHARE = 0.04
+"""Standard deviation of the toppling acceleration that no draw shows: of fourteen known rocks with a rim that was seen
+all round, draws alone hold 75 % of the azimuths in their 90 % interval."""
 
 Array = NDArray[np.float64]
 

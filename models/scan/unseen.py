@@ -26,7 +26,7 @@ from toppling.models.unseen import BaseDraw, UnseenBase, least_feet
 
 DRAWS = 48
 """Kept in the scene."""
-CANDIDATES = 12
+CANDIDATES = 9
 """Draws of each prior, of which the likelier are kept."""
 AZIMUTHS_DEG = np.arange(0.0, 360.0, 15.0)
 BAND_PER_HEIGHT = 0.06
@@ -129,13 +129,14 @@ def draw_bases(
         raise contradiction(part, pierced_m(closed.com_m[None], interface)[0], interface)
     log_weight = np.array([gap.log_weight for gap, _ in found])
     statics = _Statics.of(closed, interface, part, seen.height_m)
+    measured = np.zeros(len(found))
     for azimuth, ratio in inspection.pulls:
         lifted = np.array([
             statics.toppling_m_s2(gap, com_m, ((azimuth + 180.0) % 360.0,))[0] for gap, com_m in found
         ])  # fmt: skip
         misfit = (lifted / STANDARD_GRAVITY_M_S2 / ratio - 1.0) / PULL_STD_SHARE
-        log_weight = log_weight - 0.5 * np.minimum(np.abs(misfit), 1e3) ** 2
-    kept = [found[number] for number in resampled(log_weight, draws, random)]
+        measured = measured - 0.5 * np.minimum(np.abs(misfit), 1e3) ** 2
+    kept = [found[number] for number in resampled(log_weight, draws, random, measured)]
     once: dict[int, Array] = {}
     for gap, com_m in kept:
         if id(gap) not in once:

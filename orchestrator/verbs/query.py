@@ -13,6 +13,7 @@ import pyarrow.parquet as pq
 
 from toppling.models.folder import new_file
 from toppling.results.run import ask, open_run
+from toppling.results.spread import spreads, surroundings
 
 SHOWN_ROWS = 60
 
@@ -24,8 +25,16 @@ SHOWN_ROWS = 60
 @click.option("--parquet", type=click.Path(path_type=Path, dir_okay=False), help="Write a Parquet file.")
 @click.option("--trusted", is_flag=True, help="Let the query read and write files, as DuckDB can.")
 @click.option("--describe", is_flag=True, help="Print every column with its unit and meaning.")
+@click.option(
+    "--spread", is_flag=True, help="Say how much of the spread comes from base, friction and records."
+)
 def query(
-    runs: tuple[str, ...], form: str | None, parquet: Path | None, trusted: bool, describe: bool
+    runs: tuple[str, ...],
+    form: str | None,
+    parquet: Path | None,
+    trusted: bool,
+    describe: bool,
+    spread: bool,
 ) -> None:
     """Ask one or several runs in SQL (DuckDB), also while they go on.
 
@@ -37,9 +46,12 @@ def query(
     toppling query runs/first --describe
     toppling query runs/first "select level_pga_m_s2, avg(toppled::int) p, count(toppled) n
                                from results group by all order by all"
+    toppling query runs/first --spread
     """  # noqa: D301  (\b keeps click from rewrapping the example)
     if describe:
         table = pa.Table.from_pylist(open_run(runs[0]).describe())
+    elif spread:
+        table = _spread(runs)
     elif len(runs) < 2:
         msg = "give a query in SQL after the run, or --describe"
         raise click.UsageError(msg)
@@ -53,6 +65,16 @@ def query(
         click.echo(json.dumps(_plain(table.to_pylist()), indent=1, allow_nan=False))
     elif not parquet:
         click.echo(_readable(table))
+
+
+def _spread(runs: tuple[str, ...]) -> pa.Table:
+    parts = []
+    for run in map(open_run, runs):
+        for name, jobs in surroundings(run.frame()):
+            parts.append(spreads(jobs).assign(**{"run": run.name} if len(runs) > 1 else {}))
+            if name:
+                parts[-1].insert(0, "of", name)
+    return pa.Table.from_pandas(pd.concat(parts, ignore_index=True), preserve_index=False)
 
 
 def _frame(table: pa.Table) -> pd.DataFrame:

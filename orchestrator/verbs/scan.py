@@ -133,12 +133,11 @@ def scan(
         except InputError as error:
             raise _in_files(error, files) from None
         stage("letting the rock stand")
-        notes = settling_notes(result.scene)
+        notes = settling_notes(result.scene) + base_sentences(result.scene.report)
         stage("writing")
         save_survey(result, out, notes)
         bar.update(task, completed=total, description="done")
     click.echo(json.dumps(result.scene.to_json(), allow_nan=False) if as_json else _told(result.scene, out))
-    notes += base_sentences(result.scene)
     if warning := invention_warning(result.scene):
         notes.append(warning)
     for note in notes:

@@ -34,12 +34,10 @@ def show(folder: Path, out: Path | None) -> None:
     loaded = Scene.load(folder)
     target = out or folder
     target.mkdir(parents=True, exist_ok=True)
-    notes = settling_notes(loaded)
+    notes = settling_notes(loaded) + base_sentences(loaded.report)
     draw_scene(loaded, target / "scene.png", notes)
     write_page(loaded, target / "scene.html", notes)
-    click.echo(
-        "\n".join([str(target / "scene.png"), str(target / "scene.html"), *notes, *base_sentences(loaded)])
-    )
+    click.echo("\n".join([str(target / "scene.png"), str(target / "scene.html"), *notes]))
 
 
 @scene.command()

@@ -1,0 +1,138 @@
+"""How much of the spread of toppling comes from the records, from the base and from friction."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from toppling.models.errors import InputError
+
+LEAST = 3
+"""Records, and realisations, of which a spread can be told."""
+CAUSES = ("records", "base", "friction", "left")
+_SAME = ["scene_id", "preset", "restitution"]
+
+
+@dataclass(frozen=True)
+class Spread:
+    """Standard deviation of the toppling probability at one level, by what it comes from.
+
+    Parameters
+    ----------
+    level_pga_m_s2 : float
+    probability : float
+    records, base, friction : float
+        Of the probability from record to record, from base to base (with the centre of mass drawn beside it), and
+        from friction to friction.
+    left : float
+        What depends on all together, and chance: of single jobs.
+    jobs : int
+    """
+
+    level_pga_m_s2: float
+    probability: float
+    records: float
+    base: float
+    friction: float
+    left: float
+    jobs: int
+
+
+def spreads(frame: pd.DataFrame) -> pd.DataFrame:
+    """Spread of the toppling probability at each level, and over all levels, by its causes.
+
+    The jobs of a level are a table of records by realisations (times frictions), each entry the share that topples over
+    azimuths. Its analysis of variance without replication gives the variance that records share, that realisations
+    share, and what is left (Searle, Casella and McCulloch 1992, chapter 4). Of the variance that realisations share,
+    friction has what a straight line through the logarithm of friction explains, the base the rest.
+
+    Parameters
+    ----------
+    frame : DataFrame
+        Rows of results of one scene, preset and restitution.
+
+    Returns
+    -------
+    DataFrame
+        One row a level: the fields of `Spread`, and `share_` of the variance that records, base and friction share
+        among each other. The last row, whose level is null, holds their means.
+
+    Raises
+    ------
+    InputError
+        If there are fewer than three records or realisations.
+    """
+    rows = frame[frame["toppled"].notna()]
+    drawn = rows[rows["realisation"] > 0]
+    if drawn.groupby(["friction_static", "realisation"]).ngroups >= LEAST:
+        rows = drawn  # the nominal scene is no draw
+    found = []
+    for level, jobs in rows.groupby("level_pga_m_s2"):
+        one = _spread(float(level), jobs)
+        if one is not None:
+            found.append(one)
+    if not found:
+        raise InputError(
+            "no level has three records and three realisations that were all answered",
+            where="the spread of toppling",
+            expected=f"a campaign with realisations of at least {LEAST + 1}, and {LEAST} records or more",
+            remedy="set realisations = 20 or so in the campaign, and run it again: jobs that are done stay",
+        )
+    table = pd.DataFrame([vars(one) for one in found])
+    means = {**table.mean(numeric_only=True), "level_pga_m_s2": None, "jobs": int(table["jobs"].sum())}
+    for cause in CAUSES:
+        means[cause] = float(np.sqrt((table[cause] ** 2).mean()))
+    table = pd.concat([table, pd.DataFrame([means])], ignore_index=True)
+    total = sum(table[cause] ** 2 for cause in CAUSES[:3])
+    for cause in CAUSES[:3]:
+        table[f"share_{cause}"] = (table[cause] ** 2 / total).where(total > 0.0)
+    return table
+
+
+def _spread(level: float, jobs: pd.DataFrame) -> Spread | None:
+    """Analysis of variance of one level; None where too little was answered."""
+    draw = ["friction_static", "friction_kinetic", "realisation"]
+    entries = jobs.assign(toppled=jobs["toppled"].astype(float)).pivot_table(
+        index="record_id", columns=draw, values="toppled", aggfunc="mean"
+    )
+    entries = entries.dropna(axis="columns", thresh=int(0.5 * len(entries)) + 1).dropna(axis="index")
+    values = entries.to_numpy()
+    records, draws = values.shape
+    if records < LEAST or draws < LEAST:
+        return None
+    mean, by_record, by_draw = values.mean(), values.mean(axis=1), values.mean(axis=0)
+    left = ((values - by_record[:, None] - by_draw + mean) ** 2).sum() / ((records - 1) * (draws - 1))
+    of_records = max((draws * ((by_record - mean) ** 2).sum() / (records - 1) - left) / draws, 0.0)
+    of_draws = max((records * ((by_draw - mean) ** 2).sum() / (draws - 1) - left) / records, 0.0)
+    factor = jobs.groupby(draw)["friction_factor"].first().reindex(entries.columns).fillna(1.0).to_numpy()
+    friction = np.log(np.maximum(entries.columns.get_level_values(0).to_numpy(float) * factor, 1e-9))
+    share = _explained(friction, by_draw)
+    return Spread(
+        level_pga_m_s2=level,
+        probability=float(mean),
+        records=float(np.sqrt(of_records)),
+        base=float(np.sqrt(of_draws * (1.0 - share))),
+        friction=float(np.sqrt(of_draws * share)),
+        left=float(np.sqrt(left)),
+        jobs=len(jobs),
+    )
+
+
+def _explained(cause: np.ndarray, effect: np.ndarray) -> float:
+    """Share of a variance that a straight line explains, less what it explains by chance (adjusted), 0 to 1."""
+    count = len(cause)
+    if count <= 2 or np.ptp(cause) == 0.0 or np.ptp(effect) == 0.0:
+        return 0.0
+    correlation = float(np.corrcoef(cause, effect)[0, 1])
+    return float(np.clip(1.0 - (1.0 - correlation**2) * (count - 1) / (count - 2), 0.0, 1.0))
+
+
+def surroundings(frame: pd.DataFrame) -> list[tuple[str, pd.DataFrame]]:
+    """Rows that may be taken together, with a name where there are several kinds."""
+    groups = list(frame.groupby(_SAME, dropna=False))
+    return [
+        ("" if len(groups) == 1 else ", ".join(f"{n} {v}" for n, v in zip(_SAME, key, strict=True)), jobs)
+        for key, jobs in groups
+    ]

@@ -1,0 +1,81 @@
+"""Gaps that nobody saw: none below its floor, closed around the weight, and as was seen at the rim."""
+
+import numpy as np
+import pytest
+
+from toppling.models.gap import Relief, Seen, draw_gaps, encloses, facet_below, resampled
+
+RELIEF = Relief(level_m=0.1, shape_m=0.01, shape_length_m=0.4, rough_m=0.002, rough_length_m=0.07)
+RIM_STD_M = 0.001
+
+
+def disc(rim_gap_m, touching=(), floor=lambda places: np.zeros(len(places))):
+    """A round base of 1 m with a rim that was seen at some height."""
+    along = np.linspace(-0.45, 0.45, 13)
+    inner = np.array([(x, y) for x in along for y in along if np.hypot(x, y) < 0.47])
+    turn = np.linspace(0.0, 2.0 * np.pi, 40, endpoint=False)
+    rim = 0.5 * np.column_stack([np.cos(turn), np.sin(turn)])
+    places = np.vstack([inner, rim])
+    known = np.arange(len(inner), len(places))
+    return Seen(
+        places, known, np.full(40, rim_gap_m), np.full(40, RIM_STD_M), floor(places), np.array(touching, int)
+    )
+
+
+def draws(seen, weight=(0.05, -0.1), count=6, seed=1):
+    return draw_gaps(seen, np.tile(weight, (count, 1)), [RELIEF], np.random.default_rng(seed))
+
+
+@pytest.mark.parametrize("rim_gap_m", [0.0, 0.02])
+def test_every_draw_stands_sinks_in_nowhere_and_has_the_rim_that_was_seen(rim_gap_m):
+    seen = disc(rim_gap_m)
+    found = draws(seen)
+    assert len(found) == 6
+    for draw in found:
+        assert draw.gap_m.min() == 0.0
+        assert encloses(seen.places_m[draw.gap_m == 0.0], np.array([0.05, -0.1]))
+        # Where contacts were not forced onto the rim itself it keeps its height, within four standard deviations.
+        at_rim = draw.gap_m[seen.known]
+        assert np.abs(at_rim[at_rim > 0.0] - rim_gap_m).max() < 4.0 * (RIM_STD_M + RELIEF.rough_m)
+
+
+def test_a_rim_that_hangs_high_leaves_contacts_within_and_a_closed_one_leaves_them_at_the_rim():
+    reach = {}
+    for rim_gap_m in (0.0, 0.03):
+        seen = disc(rim_gap_m)
+        reach[rim_gap_m] = np.mean([
+            np.hypot(*seen.places_m[draw.gap_m == 0.0].T).max() for draw in draws(seen, count=12)
+        ])  # fmt: skip
+    assert reach[0.0] > reach[0.03] + 0.05
+
+
+def test_a_place_that_is_known_to_touch_is_closed_and_one_with_daylight_is_open():
+    place = 30
+    assert all(draw.gap_m[place] == 0.0 for draw in draws(disc(0.01, touching=[place])))
+    with_daylight = disc(0.01, floor=lambda places: np.where(np.arange(len(places)) == place, 0.005, 0.0))
+    assert all(draw.gap_m[place] >= 0.005 for draw in draws(with_daylight))
+
+
+def test_no_base_is_drawn_on_which_the_rock_would_fall():
+    open_right = disc(0.01, floor=lambda places: np.where(places[:, 0] > -0.1, 0.005, 0.0))
+    assert draws(open_right, weight=(0.2, 0.0)) == []
+    assert len(draws(open_right, weight=(-0.25, 0.0))) == 6
+
+
+def test_a_draw_that_must_bend_far_to_stand_weighs_less():
+    near, far = (np.mean([draw.log_weight for draw in draws(disc(gap), count=10)]) for gap in (0.002, 0.05))
+    assert near > far + 5.0
+
+
+def test_the_facet_below_a_weight_is_the_one_a_table_of_three_legs_stands_on():
+    legs = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]])
+    gap = np.array([0.0, 0.0, 0.0, 0.1])
+    assert set(facet_below(legs, gap, np.array([0.3, 0.3]))) == {0, 1, 2}
+    assert facet_below(legs, gap, np.array([1.3, 0.3])) is None
+
+
+def test_resampling_takes_each_draw_as_often_as_its_weight_says():
+    numbers = resampled(np.log([0.3, 0.3, 0.4]), 100, np.random.default_rng(0))
+    assert np.bincount(numbers) == pytest.approx([30, 30, 40], abs=1)
+    # One draw of overwhelming weight does not silence all others.
+    assert len(set(resampled(np.append(np.zeros(20), 100.0), 20, np.random.default_rng(0)))) > 5

@@ -1,0 +1,50 @@
+"""What the draws of a base say in words."""
+
+import pytest
+
+from toppling.models.intervals import base_sentences, median_width
+
+
+def rows(width, level=4.0):
+    half = 0.5 * width * level
+    return [
+        {"azimuth_deg": azimuth, "low_m_s2": level - half, "median_m_s2": level, "high_m_s2": level + half}
+        for azimuth in (0.0, 90.0, 180.0)
+    ]
+
+
+def report(**more):
+    reach = [{"azimuth_deg": 0.0, "low_m": 0.1, "median_m": 0.2, "high_m": 0.3}]
+    return {
+        "unseen_base": {
+            "level": 0.9, "draws": 48, "toppling": rows(0.2), "nominal_draw": 3, "com_m": [[0.0, 0.1, 0.2]] * 3,
+            "contacts": {"count": [3, 4, 7], "reach": reach}, **more,
+        }
+    }  # fmt: skip
+
+
+def test_an_interval_is_said_and_not_a_value():
+    first, second = base_sentences(report())
+    assert "3.60 to 4.40 m/s²" in first
+    assert "20% of its median wide" in first
+    assert "3 to 7 places touch" in second
+    assert "± 0.1, 0.1, 0.1 m" in second
+
+
+def test_what_an_inspection_tightens_is_shown_beside_the_width_without_it():
+    assert "it was 50% wide" in base_sentences(report(without_inspection=rows(0.5)))[2]
+
+
+def test_a_contradiction_with_standing_is_a_warning_that_says_it():
+    said = base_sentences({"unseen_base": {"level": 0.9, "contradiction": "daylight everywhere"}})
+    assert len(said) == 1
+    assert said[0].startswith("warning")
+    assert "daylight everywhere" in said[0]
+
+
+def test_a_scene_without_draws_says_nothing():
+    assert base_sentences({}) == []
+
+
+def test_the_width_of_a_table_is_the_median_over_azimuths():
+    assert median_width(rows(0.1) + rows(0.3) + rows(0.5)) == pytest.approx(0.3)

@@ -51,6 +51,9 @@ class Campaign:
         Record ids; None for the whole ensemble.
     peak_displacement_m : float or None
         Largest ground displacement to impose; None to leave the records' own.
+    audit : int or None
+        Jobs that are done again once the run is complete, to state its own error; None for as many as cost less than
+        a tenth of the run.
     """
 
     scene: Path
@@ -64,6 +67,7 @@ class Campaign:
     engine: str = "pybullet"
     records: tuple[str, ...] | None = None
     peak_displacement_m: float | None = None
+    audit: int | None = None
 
     @classmethod
     def read(cls, path: str | os.PathLike[str]) -> "Campaign":
@@ -173,6 +177,15 @@ class Campaign:
                     "leave it out for none",
                 )
             values["peak_displacement_m"] = float(peak)
+        if (audit := content.get("audit")) is not None:
+            if not isinstance(audit, int) or isinstance(audit, bool) or audit < 0:
+                raise _error(
+                    place("audit"),
+                    f"{audit!r}",
+                    "a whole number of jobs, 0 for none",
+                    "leave it out for as many as cost less than a tenth of the run",
+                )
+            values["audit"] = audit
         return cls(**values)
 
     def check_jobs(self, records: int) -> None:

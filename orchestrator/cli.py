@@ -19,6 +19,7 @@ VERBS = {
     "plan": "Check CAMPAIGN against its scene and ensemble and count its jobs; run none.",
     "run": "Shake: carry CAMPAIGN out on a cluster, or go on where an interrupted run stopped.",
     "status": "Say how far RUN is, while it runs and after.",
+    "audit": "Do a random sample of RUN's jobs again and say how far its answers may be off.",
     "query": "Ask one or several runs in SQL (DuckDB), also while they go on.",
     "fragility": "Draw the study's figures of a run: PNG, SVG and the table behind each as CSV.",
     "constrain": "Say which ground motion one or several standing rocks reject.",

@@ -96,12 +96,15 @@ class Tally:
         Durations of the records of this session's jobs together.
     again : int
         Jobs to be done again whose new row is not stored yet.
+    what : str
+        Is being done.
     """
 
     total: int
     before: int
     motion_s: float
     again: int = 0
+    what: str = "shaking"
     motion_done_s: float = 0.0
     done: int = 0
     stored: int = 0
@@ -111,11 +114,12 @@ class Tally:
     work_s: float = 0.0
     status: Counter[str] = field(default_factory=Counter)
     began: float = field(default_factory=time.monotonic)
+    ended: float | None = None
 
     @property
     def elapsed_s(self) -> float:
-        """Time since the session's first job went out."""
-        return time.monotonic() - self.began
+        """Time since the session's first job went out, until its last came back."""
+        return (time.monotonic() if self.ended is None else self.ended) - self.began
 
     @property
     def rate(self) -> float:
@@ -159,6 +163,22 @@ class Tally:
             self.work_s += row.get("wall_s") or 0.0
 
 
+@dataclass(frozen=True)
+class Afterwards:
+    """What follows once every job of a run has a row, while its workers are still there.
+
+    Parameters
+    ----------
+    due : callable
+        Of plan and folder: number of jobs of it that are to be done, 0 for none.
+    do : callable
+        As :func:`orchestrator.audit.audit`.
+    """
+
+    due: Callable[[Plan, Path], int]
+    do: Callable[[Plan, Path, Client, Order, Watcher, int, Limits], Any]
+
+
 def run(
     campaign: Campaign,
     folder: Path,
@@ -167,6 +187,7 @@ def run(
     limits: Limits = USUAL_LIMITS,
     report: Path | None = None,
     again: Collection[str] = (),
+    afterwards: Afterwards | None = None,
 ) -> Tally:
     """Carry a campaign out, or go on with it; the folder then holds `results.parquet`.
 
@@ -183,6 +204,7 @@ def run(
         Where to write Dask's performance report.
     again : collection of str
         Statuses whose jobs are done again; what they have counts until there is a newer row.
+    afterwards : Afterwards or None
 
     Returns
     -------
@@ -212,7 +234,9 @@ def run(
         if sentence := settles.pop("sentence", None):
             log.warning("%s", sentence, extra={"fields": settles})
         try:
-            tally = _until_complete(planned, folder, cluster, watch, order, limits, report, again, notes)
+            tally = _until_complete(
+                planned, folder, cluster, watch, order, limits, report, again, notes, afterwards
+            )
         except BaseException as error:
             tell("session ended", how=type(error).__name__, why=str(error))
             raise
@@ -230,6 +254,7 @@ def _until_complete(
     report: Path | None,
     again: Collection[str],
     notes: dict[str, Any],
+    afterwards: Afterwards | None,
 ) -> Tally:
     finished = finished_ids(folder, planned.ids)  # first, as it sets rows of other runs aside
     redo = attempts_with(folder, again) if again else {}
@@ -237,24 +262,29 @@ def _until_complete(
     tally = Tally(len(planned), len(planned) - len(pending), planned.motion_s(pending), len(redo))
     if not len(pending):
         pending = planned.pending(_merged(planned, folder, notes, tally, redo))
-    if not len(pending):
+    if not len(pending) and not (afterwards and afterwards.due(planned, folder)):
         return tally
     tell("work began", **tally.told())
     with cluster as client, client.as_current(), _reported(report):
         check_workers(client, order)
         tally.began = time.monotonic()  # a batch system may have kept it waiting for hours
-        for _ in range(ROUNDS):
+        rounds = 0
+        while len(pending):
+            if (rounds := rounds + 1) > ROUNDS:
+                msg = f"rows are lost after they are stored: is the disk of {folder} sound?"
+                raise RunError(msg)
             Execution(planned, pending, client, folder, order, watch, tally, limits, redo=redo)()
             finished = finished_ids(folder, planned.ids, redo)
             if not len(planned.pending(finished)):
                 finished = _merged(planned, folder, notes, tally, redo)
             pending = planned.pending(finished)
-            if not len(pending):
-                return tally
-            log.warning("%d rows were lost after they were stored", len(pending))
-            tally.again = len(redo.keys() - finished)
-    msg = f"rows are lost after they are stored: is the disk of {folder} sound?"
-    raise RunError(msg)
+            if len(pending):
+                log.warning("%d rows were lost after they were stored", len(pending))
+                tally.again = len(redo.keys() - finished)
+        tally.ended = time.monotonic()
+        if afterwards and (count := afterwards.due(planned, folder)):
+            afterwards.do(planned, folder, client, order, watch, count, limits)
+    return tally
 
 
 def _merged(
@@ -356,6 +386,8 @@ class Execution:
         What a worker does with a batch.
     redo : mapping
         Of the pending jobs those that have a row already, each with the number of its newest attempt.
+    store : Path or None
+        Where rows go; the run's folder unless given.
     """
 
     def __init__(
@@ -370,7 +402,9 @@ class Execution:
         limits: Limits = USUAL_LIMITS,
         task: Task = shake_batch,
         redo: Mapping[str, int] = MappingProxyType({}),
+        store: Path | None = None,
     ) -> None:
+        self.store = store or folder
         self.plan, self.client, self.folder, self.order = plan, client, folder, order
         self.watch, self.tally, self.limits, self.task = watch, tally, limits, task
         self.redo = redo
@@ -543,7 +577,7 @@ class Execution:
         now = time.monotonic()
         pause = min(max(self.tally.elapsed_s / 60, FLUSH_S[0]), FLUSH_S[1])
         if self._unstored and (last or now - self._flushed >= pause):
-            write_part(self.folder, self._unstored)
+            write_part(self.store, self._unstored)
             self.tally.stored += len(self._unstored)
             self.tally.again -= sum(row["job_id"] in self.redo for row in self._unstored)
             self._unstored = []

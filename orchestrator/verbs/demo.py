@@ -131,6 +131,7 @@ def _plan(out: Path, workers: int) -> None:
 
 
 def _run(out: Path, workers: int) -> int:
+    from toppling.orchestrator.audit import AFTERWARDS
     from toppling.orchestrator.campaign import Campaign
     from toppling.orchestrator.cluster import local
     from toppling.orchestrator.progress import watcher
@@ -138,7 +139,8 @@ def _run(out: Path, workers: int) -> int:
 
     _say(f"run: starting {workers} workers")
     with watcher() as watch:
-        tally = run(Campaign.read(out / "campaign.toml"), out / "run", local(workers), watch)
+        campaign = Campaign.read(out / "campaign.toml")
+        tally = run(campaign, out / "run", local(workers), watch, afterwards=AFTERWARDS)
     _say(f"run: {tally.done} jobs, {tally.rate:.1f}/s, {tally.toppled} toppled, {tally.failed} unanswered")
     return tally.failed
 

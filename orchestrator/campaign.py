@@ -16,6 +16,8 @@ from toppling.models.errors import InputError
 from toppling.models.scene import ContactProperties
 from toppling.workers.options import ENGINES, PRESETS
 
+LEVELS = ("all", "hunt")
+
 LARGEST_PGA_M_S2 = 100.0
 """Ten times gravity, twice the strongest ground acceleration recorded: more is a slip of units."""
 MOST_ON_AN_AXIS = 50_000
@@ -54,6 +56,9 @@ class Campaign:
     audit : int or None
         Jobs that are done again once the run is complete, to state its own error; None for as many as cost less than
         a tenth of the run.
+    levels : str
+        all, or hunt: of each record and azimuth those that tell where it begins to topple, the others audited at
+        random (`orchestrator.hunt`).
     """
 
     scene: Path
@@ -68,6 +73,7 @@ class Campaign:
     records: tuple[str, ...] | None = None
     peak_displacement_m: float | None = None
     audit: int | None = None
+    levels: str = "all"
 
     @classmethod
     def read(cls, path: str | os.PathLike[str]) -> "Campaign":
@@ -186,6 +192,15 @@ class Campaign:
                     "leave it out for as many as cost less than a tenth of the run",
                 )
             values["audit"] = audit
+        levels = content.get("levels", "all")
+        if levels not in LEVELS:
+            raise _error(
+                place("levels"),
+                f"{levels!r}",
+                f"one of {', '.join(LEVELS)}",
+                "the levels themselves are pga_m_s2",
+            )
+        values["levels"] = levels
         return cls(**values)
 
     def check_jobs(self, records: int) -> None:

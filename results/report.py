@@ -19,6 +19,7 @@ from toppling.results.audit import audit_table, audits_of
 from toppling.results.directions import SECTOR_DEG, sector_share, topple_rose
 from toppling.results.fragility import PLANES, beyond, by_contact, cells, cells_by_direction, unplaced
 from toppling.results.friction import compare_frictions
+from toppling.results.hunted import SKIPPED
 from toppling.results.run import Run
 
 _LOOK = """
@@ -246,7 +247,7 @@ def _verdict(ranking: pd.DataFrame) -> str:
 
 def _failures(frame: pd.DataFrame) -> str:
     counts = frame.groupby(["status", "ended_by"], dropna=False).size().rename("jobs").reset_index()
-    failed = frame[frame["status"] != "ok"]
+    failed = frame[~frame["status"].isin(["ok", SKIPPED])]
     parts = [_table(counts)]
     if len(failed):
         why = failed.groupby(["status", "message"], dropna=False)

@@ -49,7 +49,7 @@ def demo(out: Path, workers: int) -> None:
     """  # noqa: D301  (\b keeps click from rewrapping the example)
     began = time.monotonic()
     _clear(out)
-    _scan(out)
+    make_scene(out)
     _make_records(out)
     _plan(out, workers)
     failed = _run(out, workers)
@@ -69,7 +69,8 @@ def _clear(out: Path) -> None:
     (out / MARK).write_text("made by 'toppling demo', which replaces this folder\n", encoding="utf-8")
 
 
-def _scan(out: Path) -> None:
+def make_scene(out: Path) -> None:
+    """Scan the demo's virtual rock into the folder `scene` of another."""
     import numpy as np
 
     from toppling.models.scan.read import read_clouds
@@ -80,7 +81,7 @@ def _scan(out: Path) -> None:
     _say("scan: ray-casting a rock like the one at Echo Cliffs from six stations")
     stations, _ = demo_scan(SEED)
     folder = out / "scan"
-    folder.mkdir()
+    folder.mkdir(exist_ok=True)
     files = [folder / f"station{number}.ply" for number in range(1, len(stations) + 1)]
     for file, station in zip(files, stations, strict=True):
         write_ply(file, station.points_m, np.empty((0, 3), np.int64))

@@ -6,7 +6,7 @@ import shlex
 import signal
 import sys
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 from click.core import ParameterSource
@@ -14,6 +14,9 @@ from click.core import ParameterSource
 from toppling.orchestrator.dispatch import Limits
 from toppling.orchestrator.interrupt import INTERRUPTED, stop_once
 from toppling.orchestrator.verbs.where import FILE, cluster_of, cluster_options
+
+if TYPE_CHECKING:
+    from toppling.orchestrator.campaign import Campaign
 
 FAILED_JOBS = 3
 AGAIN = ("crashed", "timeout", "failed")
@@ -53,6 +56,7 @@ def _statuses(context: click.Context, parameter: click.Parameter, value: str | N
     help=f"Also do jobs again that ended without an answer: {', '.join(AGAIN)}.",
 )  # fmt: skip
 @click.option("--performance-report", "report", type=FILE, help="Write Dask's performance report (HTML).")
+@click.option("--no-estimate", is_flag=True, help="Do not time a few jobs beforehand.")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 def run(
     campaign: Path,
@@ -62,6 +66,7 @@ def run(
     tries: int,
     again: list[str],
     report: Path | None,
+    no_estimate: bool,
     as_json: bool,
     **where: Any,
 ) -> None:
@@ -96,6 +101,8 @@ def run(
     signal.signal(signal.SIGTERM, stop_once)  # a batch system's warning
     chosen = Campaign.read(campaign)
     cluster = cluster_of(folder, **where)
+    if not (no_estimate or folder.exists()) and (words := time_words(chosen, where["workers"])):
+        click.echo(words, err=True)
     command = _command(click.get_current_context())
     to_go_on = " ".join([f"To go on: {command}", *(["--again", ",".join(again)] if again else [])])
     try:
@@ -142,3 +149,23 @@ def _command(context: click.Context) -> str:
         if given and isinstance(option, click.Option) and option.name not in OF_ONE_CALL:
             words += [option.opts[0], str(value)]
     return shlex.join(words)
+
+
+def time_words(campaign: "Campaign", workers: int | None) -> str:
+    """Say how long a campaign will take, from a few of its jobs; nothing of one that is soon done, or refused."""
+    from rich.console import Console
+
+    from toppling.models.errors import InputError
+    from toppling.models.motions.ensemble import Ensemble
+    from toppling.models.scene import Scene
+    from toppling.orchestrator.estimate import estimate
+    from toppling.orchestrator.plan import plan
+
+    try:
+        scene, ensemble = Scene.load(campaign.scene), Ensemble.load(campaign.ensemble)
+        planned = plan(campaign, scene, ensemble)
+    except InputError:
+        return ""  # the run itself will say so
+    with Console(stderr=True).status("timing a few jobs"):
+        told = estimate(planned, scene, ensemble)
+    return told.words(len(planned), workers) if told else ""

@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 
 from toppling.orchestrator import hunt as hunting
-from toppling.orchestrator.hunt import Hunt, Ladder
+from toppling.orchestrator.hunt import Choice, Hunt, Ladder
 from toppling.results.fragility import PLANES, cells
 from toppling.results.hunted import estimated
 from toppling.results.run import open_run
@@ -36,7 +36,9 @@ def play_back(frame: pd.DataFrame, salt: int) -> tuple[pd.DataFrame, pd.Series]:
     drawn = hunting.drawn
     hunting.drawn = lambda job_id, chance: drawn(names[job_id], chance)
     try:
-        hunt, known, marks = Hunt(groups), {}, {}
+        hunt = Hunt(groups)
+        known: dict[str, bool] = {}
+        marks: dict[str, Choice] = {}
         while True:
             rows, audits = hunt.next_rows(known)
             if not rows:

@@ -65,12 +65,15 @@ class Auditor:
     module: str | None = None
 
     def fits(self, campaign: Campaign) -> bool:
-        """Whether it is installed, and differs from who made the run."""
-        known = {field.name for field in dataclasses.fields(campaign)}
-        if not all(key in known for key, _ in self.changes):
+        """Whether it is installed, differs from who made the run, and models what the campaign asks for."""
+        if self.module is not None and importlib.util.find_spec(self.module) is None:
             return False
-        installed = self.module is None or importlib.util.find_spec(self.module) is not None
-        return installed and any(getattr(campaign, key) != value for key, value in self.changes)
+        if "engine" in dict(self.changes) and dict(self.changes)["engine"] != "pybullet":
+            if campaign.engine != "pybullet" or any(campaign.restitution):
+                return False
+            if any(static != kinetic for static, kinetic in campaign.friction):
+                return False
+        return any(getattr(campaign, key) != value for key, value in self.changes)
 
     def plan(self, planned: Plan, rows: NDArray[np.int64]) -> Plan:
         """Plan of some of a plan's jobs for this auditor."""
@@ -82,8 +85,8 @@ class Auditor:
 
 
 AUDITORS = (
-    Auditor(REFERENCE, (("preset", "reference"),)),
-    Auditor("mujoco", (("engine", "mujoco"),), module="mujoco"),
+    Auditor(REFERENCE, (("engine", "pybullet"), ("preset", "reference"))),
+    Auditor("mujoco", (("engine", "mujoco"), ("preset", "standard")), module="mujoco"),
 )
 
 
@@ -156,7 +159,7 @@ def audit(
     able = auditors(planned.campaign)
     if not able:
         raise InputError(
-            "nothing that is installed can audit a run made with the finest preset",
+            "nothing that is installed can say more than this run, made with the finest preset",
             where=str(folder),
             expected="a run with preset fast or standard, or a second engine",
             remedy="install one: pip install 'toppling[mujoco]'",

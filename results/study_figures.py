@@ -108,7 +108,9 @@ def directionality_figure(motions: pd.DataFrame) -> Figure:
     with style():
         figure = Figure(figsize=(HALF_WIDTH_IN, 2.6))
         axes = figure.subplots(gridspec_kw={"left": 0.15, "right": 0.96, "bottom": 0.18, "top": 0.88})
-        axes.hist(values, bins=np.linspace(0.0, 1.0, 21), color=COLOURS(0.35))
-        axes.set(xlabel="directionality of the record", ylabel="records", xlim=(0, 1))
-        axes.set_title(f"{len(values)} records, {int((values > 0.9).sum())} above 0.9")
+        axes.hist(values, bins=np.linspace(0.0, 1.0, 21).tolist(), color=COLOURS(0.35))
+        axes.set(xlabel="share of PGA reached over 22.5° off its azimuth", ylabel="records", xlim=(0, 1))
+        axes.set_title(
+            f"{len(values)} records, {int((values > 0.9).sum())} above 0.9: without strong directionality"
+        )
     return figure

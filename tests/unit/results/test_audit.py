@@ -31,7 +31,7 @@ def population(seed, records=50, shift=0.04, alike=0.93, levels=14, azimuths=2):
         "record_id": np.repeat([f"R{number:03d}" for number in range(records)], levels * azimuths),
         "level_pga_m_s2": pga, "pga_m_s2": pga, "azimuth_deg": np.tile(np.arange(azimuths) * 90.0, records * levels),
         "friction_static": 1.0, "friction_kinetic": 1.0, "restitution": 0.0, "realisation": 0,
-        "scene_id": "scene", "preset": "fast", "max_tilt_deg": 1.0,
+        "scene_id": "scene", "preset": "fast", "engine": "pybullet", "max_tilt_deg": 1.0,
     })  # fmt: skip
     return jobs.assign(toppled=pd.array(ours, "boolean")), jobs.assign(toppled=pd.array(theirs, "boolean"))
 

@@ -34,7 +34,7 @@ def play_back(frame: pd.DataFrame, salt: int) -> tuple[pd.DataFrame, pd.Series]:
         for _, together in frame.groupby(["record_id", "friction_static"])
     ]
     drawn = hunting.drawn
-    hunting.drawn = lambda job_id, chance: drawn(names[job_id], chance)
+    hunting.drawn = lambda job_id, probability: drawn(names[job_id], probability)
     try:
         hunt = Hunt(groups)
         known: dict[str, bool] = {}

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
-from scipy.stats import spearmanr
+from scipy.stats import binomtest, spearmanr
 
 from toppling.results.directions import sector_share
 from toppling.results.fragility import PLANES, effective_records, wilson
@@ -146,7 +146,10 @@ def _pgv_hardly_on_duration(main: pd.DataFrame) -> Finding:
     name, paper = "toppling PGV hardly depends on duration", "more or less independent"
     if math.isnan(rank):
         return Finding(name, paper, "too few records", None)
-    return Finding(name, paper, _correlation(rank, p, records), abs(rank) < HARDLY)
+    hardly = abs(rank) < HARDLY
+    return Finding(
+        name, paper, _correlation(rank, p, records), None if not hardly and p >= UNSURE else hardly
+    )
 
 
 def _correlation(rank: float, p: float, records: int) -> str:
@@ -190,8 +193,9 @@ def _lower_friction(rows: pd.DataFrame) -> Finding:
         f"{counts.only_reference} only at the greatest, of {counts.pairs} pairs"
         for counts in table.itertuples()
     ]
-    agrees = bool((table["only_this"] > table["only_reference"]).all())
-    return Finding(name, paper, "; ".join(told), agrees)
+    more, fewer = int(table["only_this"].sum()), int(table["only_reference"].sum())
+    unsure = not more + fewer or binomtest(more, more + fewer).pvalue >= UNSURE
+    return Finding(name, paper, "; ".join(told), None if unsure else more > fewer)
 
 
 def _within_the_band(rows: pd.DataFrame) -> Finding:

@@ -233,6 +233,20 @@ def fit(frame: pd.DataFrame, measures: Sequence[str], link: str = "probit") -> F
     return Fit(**told, coefficients=tuple(float(value) for value in coefficients))
 
 
+def softened(frame: pd.DataFrame, measures: Sequence[str]) -> tuple[float, ...] | None:
+    """Coefficients of a probit whose answers are each in doubt by half a job in all, so that they exist if separated.
+
+    None where every job has the same answer.
+    """
+    toppled = frame["toppled"].astype(float)
+    if toppled.nunique() < 2:
+        return None
+    doubt = 0.5 / len(frame)
+    groups = _grouped(frame.assign(**{ESTIMATE: toppled.clip(doubt, 1.0 - doubt)}), measures)
+    found = _regress(_design(groups, measures), groups, "probit")
+    return None if found is None else tuple(float(value) for value in found)
+
+
 def bootstrap(
     frame: pd.DataFrame,
     fitted: Fit,

@@ -20,7 +20,7 @@ from toppling.models.frames import horizontal_unit_vector
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
 from toppling.models.statics import support_polygon_m
-from toppling.results.fits import Fit, fit
+from toppling.results.fits import Fit, fit, softened
 
 log = logging.getLogger(__name__)
 
@@ -222,9 +222,11 @@ def reference_lines(simulated: pd.DataFrame, probabilities: tuple[float, ...] = 
     lines = [pd.DataFrame(columns=["azimuth_deg", "pgv_pga_s", "probability", "pga_m_s2"], dtype=float)]
     for azimuth, jobs in simulated.groupby("azimuth_deg"):
         told: Fit = fit(jobs, MEASURES)
-        if told.problem or told.coefficients[1] <= 0:
+        # Few records may be divided by a line: it is where both probabilities are, but for half a job's doubt.
+        coefficients = softened(jobs, MEASURES) if told.problem else told.coefficients
+        if coefficients is None or coefficients[1] <= 0:
             continue
-        intercept, on_pga, on_pulse = told.coefficients
+        intercept, on_pga, on_pulse = coefficients
         pulse = np.geomspace(jobs["pgv_pga_s"].min(), jobs["pgv_pga_s"].max(), 60)
         for probability in probabilities:
             pga = np.exp((norm.ppf(probability) - intercept - on_pulse * np.log(pulse)) / on_pga)

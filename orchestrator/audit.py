@@ -19,10 +19,11 @@ import pyarrow.compute as pc
 from distributed import Client
 from numpy.typing import NDArray
 
+from toppling.models.digest import write_json
 from toppling.models.errors import InputError
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.dispatch import USUAL_LIMITS, Limits
-from toppling.orchestrator.folder import describe, place_in, write_json
+from toppling.orchestrator.folder import describe, place_in
 from toppling.orchestrator.journal import tell
 from toppling.orchestrator.plan import Plan
 from toppling.orchestrator.run import Afterwards, Execution, Tally, Watcher

@@ -16,6 +16,8 @@ import numpy as np
 import pandas as pd
 from distributed import Client
 
+from toppling.models.digest import write_json
+from toppling.models.documents import read_json
 from toppling.models.errors import InputError
 from toppling.models.folder import new_file
 from toppling.models.motions.ensemble import Ensemble
@@ -23,7 +25,6 @@ from toppling.models.scene import Scene
 from toppling.orchestrator import ramp
 from toppling.orchestrator.audit import AFTERWARDS
 from toppling.orchestrator.campaign import Campaign
-from toppling.orchestrator.folder import write_json
 from toppling.orchestrator.run import Tally, Watcher, run
 from toppling.results.atlas import save_table, write_audits, write_directions, write_friction, write_maps
 from toppling.results.audit import audits_of
@@ -93,8 +94,9 @@ class Study:
             If it is another's.
         """
         place, told = out / "study.json", json.loads(json.dumps(dataclasses.asdict(self)))
-        if place.exists() and (there := json.loads(place.read_text(encoding="utf-8"))) != told:
-            differing = ", ".join(key for key in told if there.get(key) != told[key])
+        there = read_json(place) if place.exists() else told
+        differing = ", ".join(key for key in told if there.get(key) != told[key])
+        if differing:
             raise InputError(
                 f"the folder holds a study of other {differing}",
                 where=str(out),

@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: help setup system-libraries demo test test-all lint format lock clean
+.PHONY: help setup system-libraries demo study test test-all lint format lock clean
 
 help:  ## show the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 20
@@ -23,6 +23,9 @@ system-libraries:
 
 demo: setup  ## scan, records, campaign, maps: the whole way on inputs the project makes itself
 	$(BIN)/toppling demo
+
+study: setup  ## the published study on the demo's rock and 140 synthetic records; goes on where it was stopped
+	$(BIN)/toppling study runs/study
 
 # Tests of the cluster start workers of their own, which some of them kill: nothing else runs beside them.
 TESTS := "not slow"

@@ -16,6 +16,8 @@ from toppling.models.errors import InputError
 from toppling.models.scene import ContactProperties
 from toppling.workers.options import ENGINES, PRESETS
 
+LEVELS = ("all", "hunt")
+
 LARGEST_PGA_M_S2 = 100.0
 """Ten times gravity, twice the strongest ground acceleration recorded: more is a slip of units."""
 MOST_ON_AN_AXIS = 50_000
@@ -51,6 +53,12 @@ class Campaign:
         Record ids; None for the whole ensemble.
     peak_displacement_m : float or None
         Largest ground displacement to impose; None to leave the records' own.
+    audit : int or None
+        Jobs that are done again once the run is complete, to state its own error; None for as many as cost less than
+        a tenth of the run.
+    levels : str
+        all, or hunt: of each record and azimuth those that tell where it begins to topple, the others audited at
+        random (`orchestrator.hunt`).
     """
 
     scene: Path
@@ -64,6 +72,8 @@ class Campaign:
     engine: str = "pybullet"
     records: tuple[str, ...] | None = None
     peak_displacement_m: float | None = None
+    audit: int | None = None
+    levels: str = "all"
 
     @classmethod
     def read(cls, path: str | os.PathLike[str]) -> "Campaign":
@@ -173,6 +183,24 @@ class Campaign:
                     "leave it out for none",
                 )
             values["peak_displacement_m"] = float(peak)
+        if (audit := content.get("audit")) is not None:
+            if not isinstance(audit, int) or isinstance(audit, bool) or audit < 0:
+                raise _error(
+                    place("audit"),
+                    f"{audit!r}",
+                    "a whole number of jobs, 0 for none",
+                    "leave it out for as many as cost less than a tenth of the run",
+                )
+            values["audit"] = audit
+        levels = content.get("levels", "all")
+        if levels not in LEVELS:
+            raise _error(
+                place("levels"),
+                f"{levels!r}",
+                f"one of {', '.join(LEVELS)}",
+                "the levels themselves are pga_m_s2",
+            )
+        values["levels"] = levels
         return cls(**values)
 
     def check_jobs(self, records: int) -> None:

@@ -19,6 +19,7 @@ VERBS = {
     "plan": "Check CAMPAIGN against its scene and ensemble and count its jobs; run none.",
     "run": "Shake: carry CAMPAIGN out on a cluster, or go on where an interrupted run stopped.",
     "status": "Say how far RUN is, while it runs and after.",
+    "audit": "Do a random sample of RUN's jobs again and say how far its answers may be off.",
     "query": "Ask one or several runs in SQL (DuckDB), also while they go on.",
     "fragility": "Draw the study's figures of a run: PNG, SVG and the table behind each as CSV.",
     "constrain": "Say which ground motion one or several standing rocks reject.",
@@ -27,6 +28,8 @@ VERBS = {
     "replay": "Do one JOB of RUN again, and show how the rock moves.",
     "report": "Write one HTML page about a run that can be read without a network.",
     "accuracy": "Compare the presets' answers for the rock of SCENE under motions of ENSEMBLE, and their cost.",
+    "ramp": "Shake the rock of SCENE with waveforms of ENSEMBLE, each stronger by a step until it topples.",
+    "study": "Repeat the study of Veeraraghavan, Hudnut and Krishnan on a rock: runs, figures, findings, report.",
     "demo": "Scan a virtual rock, make earthquakes, shake, and draw the maps: minutes on two cores.",
 }
 """Each is the command of its name in the module of its name in orchestrator/verbs; its line begins its own help."""

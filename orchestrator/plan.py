@@ -80,7 +80,9 @@ class Plan:
     @cached_property
     def id(self) -> str:
         """Hash of all jobs."""
-        return hash_of(self.jobs.column("job_id").to_pylist())
+        # A run that chooses its levels has rows that one of all levels must not take for its own.
+        chosen = [] if self.campaign.levels == "all" else [self.campaign.levels]
+        return hash_of([*self.jobs.column("job_id").to_pylist(), *chosen])
 
     @cached_property
     def ids(self) -> frozenset[str]:

@@ -20,7 +20,7 @@ def watcher() -> Iterator[Watcher]:
         yield _lines(console)
         return
     with Progress(
-        TextColumn("shaking"),
+        TextColumn("{task.description}"),
         BarColumn(),
         MofNCompleteColumn(),
         TextColumn("{task.fields[told]}"),
@@ -29,7 +29,8 @@ def watcher() -> Iterator[Watcher]:
         shown = bar.add_task("shaking", total=None, told="starting workers")
 
         def watch(tally: Tally) -> None:
-            bar.update(shown, total=tally.total, completed=tally.before + tally.done, told=told(tally))
+            done = tally.before + tally.done
+            bar.update(shown, description=tally.what, total=tally.total, completed=done, told=told(tally))
 
         yield watch
 
@@ -42,7 +43,9 @@ def _lines(console: Console) -> Watcher:
         complete = tally.before + tally.done == tally.total
         if complete or time.monotonic() - last >= LINE_EVERY_S:
             last = time.monotonic()
-            console.print(f"{tally.before + tally.done}/{tally.total} jobs  {told(tally)}", soft_wrap=True)
+            what = "" if tally.what == "shaking" else f"{tally.what}: "
+            done = f"{tally.before + tally.done}/{tally.total} jobs"
+            console.print(f"{what}{done}  {told(tally)}", soft_wrap=True)
 
     return watch
 

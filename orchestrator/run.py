@@ -28,6 +28,7 @@ from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.cluster import Upkeep
 from toppling.orchestrator.dispatch import JOBS_IN_BATCH, USUAL_LIMITS, Batch, Dispatch, Limits, why_given_up
 from toppling.orchestrator.folder import describe, note, prepare, session
+from toppling.orchestrator.hunting import hunt_of, known_answers, marked, skipped_rows
 from toppling.orchestrator.journal import journal, tell
 from toppling.orchestrator.plan import Plan, check_stands, expected_s, plan
 from toppling.orchestrator.task import Order, Row, UnfitWorkerError, check, lost_row, shake_batch, versions
@@ -96,12 +97,15 @@ class Tally:
         Durations of the records of this session's jobs together.
     again : int
         Jobs to be done again whose new row is not stored yet.
+    what : str
+        Is being done.
     """
 
     total: int
     before: int
     motion_s: float
     again: int = 0
+    what: str = "shaking"
     motion_done_s: float = 0.0
     done: int = 0
     stored: int = 0
@@ -111,11 +115,12 @@ class Tally:
     work_s: float = 0.0
     status: Counter[str] = field(default_factory=Counter)
     began: float = field(default_factory=time.monotonic)
+    ended: float | None = None
 
     @property
     def elapsed_s(self) -> float:
-        """Time since the session's first job went out."""
-        return time.monotonic() - self.began
+        """Time since the session's first job went out, until its last came back."""
+        return (time.monotonic() if self.ended is None else self.ended) - self.began
 
     @property
     def rate(self) -> float:
@@ -125,7 +130,7 @@ class Tally:
     @property
     def left_s(self) -> float | None:
         """Time left, by what jobs are expected to cost: those of the longest records go first."""
-        if not self.done:
+        if not self.done or self.what == "hunting":  # how many levels it takes is known at the end
             return None
         work_s = expected_s(self.motion_s, self.total - self.before)
         return self.elapsed_s * max(work_s / expected_s(self.motion_done_s, self.done) - 1.0, 0.0)
@@ -159,6 +164,22 @@ class Tally:
             self.work_s += row.get("wall_s") or 0.0
 
 
+@dataclass(frozen=True)
+class Afterwards:
+    """What follows once every job of a run has a row, while its workers are still there.
+
+    Parameters
+    ----------
+    due : callable
+        Of plan and folder: number of jobs of it that are to be done, 0 for none.
+    do : callable
+        As :func:`orchestrator.audit.audit`.
+    """
+
+    due: Callable[[Plan, Path], int]
+    do: Callable[[Plan, Path, Client, Order, Watcher, int, Limits], Any]
+
+
 def run(
     campaign: Campaign,
     folder: Path,
@@ -167,6 +188,7 @@ def run(
     limits: Limits = USUAL_LIMITS,
     report: Path | None = None,
     again: Collection[str] = (),
+    afterwards: Afterwards | None = None,
 ) -> Tally:
     """Carry a campaign out, or go on with it; the folder then holds `results.parquet`.
 
@@ -183,6 +205,7 @@ def run(
         Where to write Dask's performance report.
     again : collection of str
         Statuses whose jobs are done again; what they have counts until there is a newer row.
+    afterwards : Afterwards or None
 
     Returns
     -------
@@ -212,7 +235,9 @@ def run(
         if sentence := settles.pop("sentence", None):
             log.warning("%s", sentence, extra={"fields": settles})
         try:
-            tally = _until_complete(planned, folder, cluster, watch, order, limits, report, again, notes)
+            tally = _until_complete(
+                planned, folder, cluster, watch, order, limits, report, again, notes, afterwards
+            )
         except BaseException as error:
             tell("session ended", how=type(error).__name__, why=str(error))
             raise
@@ -230,6 +255,7 @@ def _until_complete(
     report: Path | None,
     again: Collection[str],
     notes: dict[str, Any],
+    afterwards: Afterwards | None,
 ) -> Tally:
     finished = finished_ids(folder, planned.ids)  # first, as it sets rows of other runs aside
     redo = attempts_with(folder, again) if again else {}
@@ -237,24 +263,73 @@ def _until_complete(
     tally = Tally(len(planned), len(planned) - len(pending), planned.motion_s(pending), len(redo))
     if not len(pending):
         pending = planned.pending(_merged(planned, folder, notes, tally, redo))
-    if not len(pending):
+    if not len(pending) and not (afterwards and afterwards.due(planned, folder)):
         return tally
     tell("work began", **tally.told())
     with cluster as client, client.as_current(), _reported(report):
         check_workers(client, order)
         tally.began = time.monotonic()  # a batch system may have kept it waiting for hours
-        for _ in range(ROUNDS):
-            Execution(planned, pending, client, folder, order, watch, tally, limits, redo=redo)()
+        rounds = 0
+        while len(pending):
+            if (rounds := rounds + 1) > ROUNDS:
+                msg = f"rows are lost after they are stored: is the disk of {folder} sound?"
+                raise RunError(msg)
+            if planned.campaign.levels == "hunt":
+                _hunt(planned, client, folder, order, watch, tally, limits, redo)
+            else:
+                Execution(planned, pending, client, folder, order, watch, tally, limits, redo=redo)()
             finished = finished_ids(folder, planned.ids, redo)
             if not len(planned.pending(finished)):
                 finished = _merged(planned, folder, notes, tally, redo)
             pending = planned.pending(finished)
-            if not len(pending):
-                return tally
-            log.warning("%d rows were lost after they were stored", len(pending))
-            tally.again = len(redo.keys() - finished)
-    msg = f"rows are lost after they are stored: is the disk of {folder} sound?"
-    raise RunError(msg)
+            if len(pending):
+                log.warning("%d rows were lost after they were stored", len(pending))
+                tally.again = len(redo.keys() - finished)
+        tally.ended = time.monotonic()
+        if afterwards and (count := afterwards.due(planned, folder)):
+            afterwards.do(planned, folder, client, order, watch, count, limits)
+    return tally
+
+
+def _hunt(
+    planned: Plan,
+    client: Client,
+    folder: Path,
+    order: Order,
+    watch: Watcher,
+    tally: Tally,
+    limits: Limits,
+    redo: Mapping[str, int],
+) -> None:
+    """Shake round after round the levels that are worth it; the others get rows that say so."""
+    tally.what = "hunting"
+    hunt = hunt_of(planned)
+    if again := set(redo):
+        rows = np.flatnonzero([job_id in again for job_id in planned.jobs["job_id"].to_pylist()])
+        Execution(planned, rows, client, folder, order, watch, tally, limits, redo=redo)()
+    done_in_vain = 0
+    while True:
+        known = known_answers(folder)
+        chosen, audits = hunt.next_rows(known)
+        if not chosen:
+            break
+        if all(job_id in known for job_id in planned.jobs["job_id"].take(chosen).to_pylist()):
+            done_in_vain += 1
+        if done_in_vain > ROUNDS:
+            msg = f"rows are lost after they are stored: is the disk of {folder} sound?"
+            raise RunError(msg)
+        tell("round of the hunt", jobs=len(chosen), audits=len(audits))
+        marks = marked(audits)
+        Execution(planned, np.sort(chosen), client, folder, order, watch, tally, limits, marks=marks)()
+    ensemble = Ensemble.load(planned.campaign.ensemble)
+    finished = finished_ids(folder, planned.ids)
+    ids = planned.jobs["job_id"]
+    left = [choice for choice in hunt.skipped(known) if ids[choice.row].as_py() not in finished]
+    rows_left = list(skipped_rows(planned, ensemble, left))
+    if rows_left:
+        write_part(folder, rows_left)
+        tally.stored += len(rows_left)
+    tell("levels skipped", jobs=len(rows_left))
 
 
 def _merged(
@@ -356,6 +431,10 @@ class Execution:
         What a worker does with a batch.
     redo : mapping
         Of the pending jobs those that have a row already, each with the number of its newest attempt.
+    store : Path or None
+        Where rows go; the run's folder unless given.
+    marks : mapping
+        Of some jobs what else their rows tell, by id.
     """
 
     def __init__(
@@ -370,7 +449,11 @@ class Execution:
         limits: Limits = USUAL_LIMITS,
         task: Task = shake_batch,
         redo: Mapping[str, int] = MappingProxyType({}),
+        store: Path | None = None,
+        marks: Mapping[str, Mapping[str, Any]] = MappingProxyType({}),
     ) -> None:
+        self.marks = marks
+        self.store = store or folder
         self.plan, self.client, self.folder, self.order = plan, client, folder, order
         self.watch, self.tally, self.limits, self.task = watch, tally, limits, task
         self.redo = redo
@@ -537,13 +620,16 @@ class Execution:
     def _keep(self, rows: list[Row], attempt: int) -> None:
         self.tally.count(rows, self.plan.duration_s)
         # Of a job's rows the newest attempt counts: one that is done again goes on from where it was.
-        self._unstored += [{**row, "attempt": self.redo.get(row["job_id"], 0) + attempt} for row in rows]
+        self._unstored += [
+            {**row, **self.marks.get(row["job_id"], {}), "attempt": self.redo.get(row["job_id"], 0) + attempt}
+            for row in rows
+        ]
 
     def _flush(self, *, last: bool = False) -> None:
         now = time.monotonic()
         pause = min(max(self.tally.elapsed_s / 60, FLUSH_S[0]), FLUSH_S[1])
         if self._unstored and (last or now - self._flushed >= pause):
-            write_part(self.folder, self._unstored)
+            write_part(self.store, self._unstored)
             self.tally.stored += len(self._unstored)
             self.tally.again -= sum(row["job_id"] in self.redo for row in self._unstored)
             self._unstored = []

@@ -11,6 +11,8 @@ from toppling.models.tables import read_table
 from toppling.orchestrator.folder import describe, is_running
 from toppling.orchestrator.journal import last
 from toppling.orchestrator.plan import expected_s
+from toppling.results.audit_folder import AUDIT_FOLDER
+from toppling.results.hunted import SKIPPED
 from toppling.results.store import newest_rows, read_steady, result_files
 
 WINDOW = timedelta(minutes=1)
@@ -41,13 +43,25 @@ def state_of(run: Path) -> dict[str, Any]:
         state["again"] = told.get("again", 0)
     counted = pc.value_counts(rows["status"]).to_pylist()
     state["status"] = {entry["values"]: entry["counts"] for entry in counted}
-    state["failed"] = stored - state["status"].get("ok", 0)
+    state["failed"] = stored - state["status"].get("ok", 0) - state["status"].get(SKIPPED, 0)
     state["toppled"] = pc.sum(rows["toppled"]).as_py() or 0
-    state["failures"] = _failures(rows.filter(pc.not_equal(rows["status"], "ok")))
+    state["failures"] = _failures(rows.filter(pc.invert(pc.is_in(rows["status"], pa.array(["ok", SKIPPED])))))
+    state["audit"], state["audit_sentences"] = _audited(run)
     # What is to be done again has a row, so that the rows do not tell what work is left.
     if running and stored < jobs and not state["again"]:
         state["rate_per_s"], state["left_s"] = _pace(run, rows)
     return state
+
+
+def _audited(run: Path) -> tuple[dict[str, Any], list[str]]:
+    """What a run's audits say, as numbers and as sentences; a run without any needs no statistics."""
+    if not (run / AUDIT_FOLDER).is_dir():
+        return {}, []
+    from toppling.results.audit import audits_json, audits_of
+    from toppling.results.run import open_run
+
+    audits = audits_of(open_run(run))
+    return audits_json(audits), [audit.sentence for audit in audits.values()]
 
 
 def _failures(rows: pa.Table) -> list[dict[str, Any]]:

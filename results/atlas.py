@@ -1,6 +1,7 @@
 """The atlas of a run: every figure with the table behind it, in one folder."""
 
-from collections.abc import Iterable, Iterator
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -8,6 +9,7 @@ import pandas as pd
 
 from toppling.models.folder import new_file
 from toppling.results import figures, fits
+from toppling.results.audit import Audit, audit_table
 from toppling.results.directions import sector_share, topple_rose
 from toppling.results.exchange import OPENQUAKE, write_curves
 from toppling.results.fragility import Plane, beyond, by_contact, cells, cells_by_direction, unplaced
@@ -105,7 +107,27 @@ def write_friction(frame: pd.DataFrame, folder: Path, plane: Plane) -> Iterator[
         yield from figures.save(figures.friction_figure(table, jobs), place / "friction")
 
 
-def write_fits(frame: pd.DataFrame, folder: Path, name: str, samples: int = 200) -> Iterator[Path]:
+def write_audits(audits: Mapping[str, Audit], folder: Path) -> Iterator[Path]:
+    """Write how far the answers behind all figures may be off, a row an audit; nothing without one.
+
+    Yields
+    ------
+    Path
+        The file, once it is complete.
+    """
+    (folder / "audit.csv").unlink(missing_ok=True)
+    if audits:
+        folder.mkdir(parents=True, exist_ok=True)
+        yield save_table(audit_table(audits), folder / "audit.csv")
+
+
+def write_fits(
+    frame: pd.DataFrame,
+    folder: Path,
+    name: str,
+    samples: int = 200,
+    audit_over: Callable[[str], Mapping[str, Audit]] = lambda _: {},
+) -> Iterator[Path]:
     """Write the fits of each contact: curves with intervals, surfaces, ranking, calibration, exchange files.
 
     Parameters
@@ -117,6 +139,8 @@ def write_fits(frame: pd.DataFrame, folder: Path, name: str, samples: int = 200)
         Of the rock, for other programs.
     samples : int
         Bootstrap samples of records.
+    audit_over : callable
+        Audits of the run, over a measure (`results.audit.audits_of`).
 
     Yields
     ------
@@ -136,7 +160,15 @@ def write_fits(frame: pd.DataFrame, folder: Path, name: str, samples: int = 200)
         both = [names for names in fits.SURFACES if set(names) <= set(singles)]
         models += [fits.fit(known, names, link) for names in both for link in fits.LINKS]
         resampled = [None if told.problem else fits.bootstrap(known, told, samples) for told in models]
-        yield save_table(fits.summary(models, resampled), place / "fits.csv")
+        table = fits.summary(models, resampled)
+        shifts = [audit_over(told.measures[0]) if told.lognormal else {} for told in models]
+        for by in dict.fromkeys(by for audits in shifts for by in audits):
+            for part, end in (("value", ""), ("low", "_low"), ("high", "_high")):
+                table[f"median_shift_percent_against_{by}{end}"] = [
+                    getattr(audits[by].median_shift_percent, part) if by in audits else math.nan
+                    for audits in shifts
+                ]
+        yield save_table(table, place / "fits.csv")
         curves = [
             replace(curve, basis=fits.basis_of(jobs, curve.measure))
             for told in models

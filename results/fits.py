@@ -23,6 +23,7 @@ from sklearn.model_selection import GroupKFold
 from statsmodels.tools.sm_exceptions import ConvergenceWarning, DomainWarning, PerfectSeparationWarning
 
 from toppling.results.fragility import effective_records, wilson
+from toppling.results.hunted import ESTIMATE
 from toppling.results.schema import SCHEMA, describe
 
 MEASURES = (
@@ -230,6 +231,20 @@ def fit(frame: pd.DataFrame, measures: Sequence[str], link: str = "probit") -> F
     if _is_flat(coefficients):
         return Fit(**told, coefficients=(), problem="probability does not rise with the measure")
     return Fit(**told, coefficients=tuple(float(value) for value in coefficients))
+
+
+def softened(frame: pd.DataFrame, measures: Sequence[str]) -> tuple[float, ...] | None:
+    """Coefficients of a probit whose answers are each in doubt by half a job in all, so that they exist if separated.
+
+    None where every job has the same answer.
+    """
+    toppled = frame["toppled"].astype(float)
+    if toppled.nunique() < 2:
+        return None
+    doubt = 0.5 / len(frame)
+    groups = _grouped(frame.assign(**{ESTIMATE: toppled.clip(doubt, 1.0 - doubt)}), measures)
+    found = _regress(_design(groups, measures), groups, "probit")
+    return None if found is None else tuple(float(value) for value in found)
 
 
 def bootstrap(
@@ -467,11 +482,12 @@ def _binned_shares(frame: pd.DataFrame, value: pd.Series, bins: int) -> pd.DataF
 def _grouped(frame: pd.DataFrame, measures: Sequence[str]) -> pd.DataFrame:
     """Jobs of one record with equal measures together: the same likelihood at a fraction of the cost.
 
-    A column `record_weight` (`Run.weighted`) multiplies the record's part of the likelihood.
+    A column `record_weight` (`Run.weighted`) multiplies the record's part of the likelihood. Of a run that chose its
+    levels the share is an estimate, which may lie outside 0 to 1: the score of the likelihood is linear in it.
     """
-    weight = frame.get("record_weight", 1.0)
-    grouped = frame.assign(weight=weight).groupby(["record_id", *measures], sort=False)
-    table = grouped.agg(share=("toppled", "mean"), trials=("weight", "sum"))
+    weight, answer = frame.get("record_weight", 1.0), frame.get(ESTIMATE, frame["toppled"].astype(float))
+    grouped = frame.assign(weight=weight, answer=answer).groupby(["record_id", *measures], sort=False)
+    table = grouped.agg(share=("answer", "mean"), trials=("weight", "sum"))
     return table.reset_index()
 
 
@@ -490,9 +506,11 @@ def _regress(
             warnings.simplefilter("error", kind)
         warnings.simplefilter("ignore", DomainWarning)
         try:
-            model = sm.GLM(
-                groups["share"].to_numpy(float)[drawn], design[drawn], family, var_weights=trials[drawn]
-            )
+            share = groups["share"].to_numpy(float)[drawn]
+            if start is None and not ((share >= 0) & (share <= 1)).all():
+                within = sm.GLM(np.clip(share, 0, 1), design[drawn], family, var_weights=trials[drawn])
+                start = within.fit().params
+            model = sm.GLM(share, design[drawn], family, var_weights=trials[drawn])
             found = model.fit(start_params=start)
         except (
             ConvergenceWarning,

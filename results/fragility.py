@@ -17,6 +17,8 @@ import pandas as pd
 from numpy.typing import NDArray
 from statsmodels.stats.proportion import proportion_confint
 
+from toppling.results.hunted import ESTIMATE
+
 THIN_RECORDS = 10
 """Cells with fewer distinct records are marked: their 95 % interval can span half of the scale."""
 
@@ -129,10 +131,11 @@ def cells(frame: pd.DataFrame, plane: Plane) -> pd.DataFrame:
             "answered": jobs["toppled"].notna(),
             "toppled": jobs["toppled"].fillna(False).astype(bool),
             "weight": jobs.get("record_weight", 1.0),
+            "estimate": jobs.get(ESTIMATE, jobs["toppled"].fillna(False).astype(float)),
         }
     )
     binned["answered_weight"] = binned["weight"] * binned["answered"]
-    binned["toppled_weight"] = binned["weight"] * binned["toppled"]
+    binned["toppled_weight"] = (binned["weight"] * binned["estimate"]).where(binned["answered"], 0.0)
     grouped = binned.groupby(["x", "y"])
     counts = grouped.agg(all_jobs=("answered", "size"), jobs=("answered", "sum"), toppled=("toppled", "sum"))
     counts["records"] = binned[binned["answered"]].groupby(["x", "y"])["record_id"].nunique()
@@ -152,7 +155,9 @@ def cells(frame: pd.DataFrame, plane: Plane) -> pd.DataFrame:
             "toppled": counts["toppled"],
         }
     )
-    probability = (counts["toppled_weight"] / counts["answered_weight"]).where(table["jobs"] > 0)
+    probability = (
+        (counts["toppled_weight"] / counts["answered_weight"]).where(table["jobs"] > 0).clip(0.0, 1.0)
+    )
     table["probability"] = probability
     table["wilson_low"], table["wilson_high"] = wilson(probability, counts["effective"])
     table["share"] = counts["weight"] / total

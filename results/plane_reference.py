@@ -1,14 +1,14 @@
 """The two-dimensional reference of the maps: the rock as a plane body on two contact points.
 
 The section is the vertical plane through the centre of mass along an azimuth; the contact points are where
-it cuts the edge of the support polygon (Veeraraghavan, Hudnut and Krishnan, figure 7). The body rocks without
-slip or bounce (Housner 1963, Yim et al. 1980), shaken by each record's component along its own vector PGA,
-and a probit surface in PGA and PGV/PGA is fitted to the answers. It is this project's own surrogate, not a
+it cuts the edge of the support, the section's two outermost (Veeraraghavan, Hudnut and Krishnan, figure 7).
+The body rocks without slip or bounce (Housner 1963, Yim et al. 1980), shaken by each record's component along its own
+vector PGA, and a probit surface in PGA and PGV/PGA is fitted to the answers. It is this project's own surrogate, not a
 published relation.
 """
 
 import logging
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,7 +20,7 @@ from toppling.models.frames import horizontal_unit_vector
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
 from toppling.models.statics import support_polygon_m
-from toppling.results.fits import Fit, fit
+from toppling.results.fits import Fit, fit, softened
 
 log = logging.getLogger(__name__)
 
@@ -49,22 +49,44 @@ class Section:
         From corner to centre of mass, horizontal and up; first the corner on the positive side.
     inertia_per_mass_m2 : float
         About the centre of mass, axis perpendicular to the section.
+    beside_m : float
+        How far a contact point lies beside the section's plane, into which it is brought.
     """
 
     azimuth_deg: float
     arms_m: Array
     inertia_per_mass_m2: float
+    beside_m: float = 0.0
 
 
 def section(scene: Scene, azimuth_deg: float) -> Section | None:
-    """Cut a scene through the centre of mass; None where it does not stand on two points of the cut."""
-    polygon = support_polygon_m(scene.rock, scene.pedestal)
-    if len(polygon) < 3:
-        return None
+    """Cut a scene through the centre of mass.
+
+    The contact points are where the section's plane cuts the edge of the support. Where it leaves the support on one
+    side of the centre of mass, as of a rock that does not rest as the scan found it, they are the two outermost contact
+    points along the section, brought into its plane. None where the centre of mass is not between these either.
+    """
+    contacts = support_polygon_m(scene.rock, scene.pedestal) - scene.rock.com_m
     along = horizontal_unit_vector(azimuth_deg)
     across = horizontal_unit_vector(azimuth_deg + 90.0)
-    start = polygon - scene.rock.com_m
-    end = np.roll(start, -1, axis=0)
+    place = _crossings(contacts, along, across)
+    beside_m = 0.0
+    if place is None:
+        outermost = contacts[[(contacts @ along).argmin(), (contacts @ along).argmax()]]
+        place = np.column_stack([outermost @ along, outermost[:, 2]])
+        beside_m = float(np.abs(outermost @ across).max())
+        if not place[0, 0] < 0 < place[1, 0]:
+            return None
+    left, right = place
+    inertia = float(across @ scene.rock.inertia_per_mass_m2 @ across)
+    return Section(azimuth_deg, np.array([-right, -left]), inertia, beside_m)
+
+
+def _crossings(contacts: Array, along: Array, across: Array) -> Array | None:
+    """Where a section cuts the edge of a support, (2, 2) along it and up; None if not on both sides of the origin."""
+    if len(contacts) < 3:
+        return None
+    start, end = contacts, np.roll(contacts, -1, axis=0)
     side, next_side = start @ across, end @ across
     cut = (side < 0) != (next_side < 0)
     if cut.sum() != 2:
@@ -72,11 +94,8 @@ def section(scene: Scene, azimuth_deg: float) -> Section | None:
     share = (side[cut] / (side[cut] - next_side[cut]))[:, None]
     crossing = start[cut] + share * (end[cut] - start[cut])
     place = np.column_stack([crossing @ along, crossing[:, 2]])
-    left, right = place[np.argsort(place[:, 0])]
-    if not left[0] < 0 < right[0]:
-        return None
-    inertia = float(across @ scene.rock.inertia_per_mass_m2 @ across)
-    return Section(azimuth_deg, np.array([-right, -left]), inertia)
+    place = place[np.argsort(place[:, 0])]
+    return place if place[0, 0] < 0 < place[1, 0] else None
 
 
 def topples(
@@ -153,11 +172,8 @@ def simulate(
     """
     found = {azimuth: section(scene, azimuth) for azimuth in azimuths_deg}
     cuts = [cut for cut in found.values() if cut is not None]
-    if len(cuts) < len(found):
-        without = ", ".join(f"{azimuth:g}" for azimuth, cut in found.items() if cut is None)
-        log.warning(
-            "the rock does not stand on two points of its section along %s degrees: no reference", without
-        )
+    for sentence in _notes(found):
+        log.warning("%s", sentence)
     levels = np.asarray(list(levels_m_s2), float)
     motions = sorted((_along_peak(ensemble, name) for name in record_ids), key=lambda told: len(told[2]))
     tables = []
@@ -182,6 +198,19 @@ def simulate(
     return pd.concat(tables, ignore_index=True) if tables else pd.DataFrame(columns=columns)
 
 
+def _notes(found: Mapping[float, Section | None]) -> Iterator[str]:
+    """What a reader should know of the sections along some azimuths."""
+    without = [f"{azimuth:g}" for azimuth, cut in found.items() if cut is None]
+    if without:
+        azimuths = ", ".join(without)
+        yield f"the centre of mass lies beyond all contact points along {azimuths} degrees: no plane reference there"
+    if beside := {
+        azimuth: cut.beside_m for azimuth, cut in found.items() if cut is not None and cut.beside_m
+    }:
+        told = ", ".join(f"{azimuth:g} degrees ({beside_m:.2g} m)" for azimuth, beside_m in beside.items())
+        yield f"outermost contact points are brought into the section from beside it along {told}"
+
+
 def reference_lines(simulated: pd.DataFrame, probabilities: tuple[float, ...] = (0.01, 0.99)) -> pd.DataFrame:
     """PGA at which the plane body topples with some probabilities, by PGV/PGA and azimuth.
 
@@ -193,9 +222,11 @@ def reference_lines(simulated: pd.DataFrame, probabilities: tuple[float, ...] = 
     lines = [pd.DataFrame(columns=["azimuth_deg", "pgv_pga_s", "probability", "pga_m_s2"], dtype=float)]
     for azimuth, jobs in simulated.groupby("azimuth_deg"):
         told: Fit = fit(jobs, MEASURES)
-        if told.problem or told.coefficients[1] <= 0:
+        # Few records may be divided by a line: it is where both probabilities are, but for half a job's doubt.
+        coefficients = softened(jobs, MEASURES) if told.problem else told.coefficients
+        if coefficients is None or coefficients[1] <= 0:
             continue
-        intercept, on_pga, on_pulse = told.coefficients
+        intercept, on_pga, on_pulse = coefficients
         pulse = np.geomspace(jobs["pgv_pga_s"].min(), jobs["pgv_pga_s"].max(), 60)
         for probability in probabilities:
             pga = np.exp((norm.ppf(probability) - intercept - on_pulse * np.log(pulse)) / on_pga)

@@ -3,7 +3,6 @@
 import base64
 import html
 import io
-import json
 from collections.abc import Callable, Iterable, Iterator
 from importlib.metadata import version
 from pathlib import Path
@@ -17,9 +16,11 @@ from toppling.models.errors import InputError
 from toppling.models.folder import new_file
 from toppling.models.intervals import base_sentences
 from toppling.results import figures, fits
+from toppling.results.audit import audit_table, audits_of
 from toppling.results.directions import SECTOR_DEG, sector_share, topple_rose
 from toppling.results.fragility import PLANES, beyond, by_contact, cells, cells_by_direction, unplaced
 from toppling.results.friction import compare_frictions
+from toppling.results.hunted import SKIPPED
 from toppling.results.run import Run
 
 _LOOK = """
@@ -30,10 +31,6 @@ table { border-collapse: collapse; font-size: 90%; margin: 1em 0; display: block
 th, td { padding: .2em .7em; text-align: left; border-bottom: 1px solid #ddd; white-space: nowrap; }
 pre { background: #f5f5f5; padding: 1em; overflow-x: auto; }
 """
-
-
-_BUDGET = Path(__file__).with_name("preset_budget.json")
-"""Error and flips of the presets, as `benchmarks/accuracy.py` measured them last."""
 
 
 FAR_SHAKEN = 10.0
@@ -100,7 +97,7 @@ def _sections(run: Run, frame: pd.DataFrame, samples: int) -> Iterator[tuple[str
     yield "Toppling probability", _maps(run, frame)
     yield "Fits", "".join(_fits(name, jobs, samples) for name, jobs in by_contact(frame).items())
     yield "Failures", _failures(frame)
-    yield "Accuracy", _accuracy(frame)
+    yield "Accuracy", _accuracy(run, frame)
     yield "Provenance", _provenance(run)
     yield "Columns", _table(pd.DataFrame(run.describe()))
 
@@ -255,7 +252,7 @@ def _verdict(ranking: pd.DataFrame) -> str:
 
 def _failures(frame: pd.DataFrame) -> str:
     counts = frame.groupby(["status", "ended_by"], dropna=False).size().rename("jobs").reset_index()
-    failed = frame[frame["status"] != "ok"]
+    failed = frame[~frame["status"].isin(["ok", SKIPPED])]
     parts = [_table(counts)]
     if len(failed):
         why = failed.groupby(["status", "message"], dropna=False)
@@ -266,43 +263,27 @@ def _failures(frame: pd.DataFrame) -> str:
     return "".join(parts)
 
 
-def _accuracy(frame: pd.DataFrame) -> str:
+def _accuracy(run: Run, frame: pd.DataFrame) -> str:
     presets, engines = (", ".join(sorted(frame[name].unique())) for name in ("preset", "engine"))
     # A preset's steps may differ beyond the digits that are shown.
     steps = ", ".join(dict.fromkeys(f"{step:g}" for step in sorted(frame["time_step_s"].dropna())))
     lines = [f"<p>Engine {_safe(engines)}; preset {_safe(presets)}; time step {steps or 'not stated'} s.</p>"]
     if frame["penetration_m"].notna().any():
         lines.append(f"<p>Deepest overlap of rock and pedestal {frame['penetration_m'].max():.2g} m.</p>")
-    return "".join([*lines, *_budget(frame)])
-
-
-def _budget(frame: pd.DataFrame) -> Iterator[str]:
-    """What was measured of the run's presets on the demo's rock, by the program's own benchmark."""
-    told = json.loads(_BUDGET.read_text(encoding="utf-8"))
-    versions = sorted(frame["physics_version"].dropna().unique())
-    if versions and versions != [told["physics_version"]]:
-        yield (
-            f"<p>The presets were measured with physics version {_safe(told['physics_version'])}; this run's "
-            f"is {_safe(', '.join(versions))}.</p>"
+    audits = audits_of(run)
+    lines += [f"<p>{_safe(audit.sentence)}.</p>" for audit in audits.values()]
+    if not audits:
+        lines.append(
+            "<p>This run has not been audited: <code>toppling audit RUN --jobs 200</code> does a sample of its jobs "
+            "again and says how far its answers may be off.</p>"
         )
-    jobs, floor = told["jobs"], told["floor_of_chaos"]
-    for preset in sorted(frame["preset"].unique()):
-        measured = told["presets"].get(preset)
-        if measured is None:
-            yield f"<p>Preset {_safe(preset)} was not measured.</p>"
-            continue
-        up, down = measured["flips_to_toppled"], measured["flips_to_standing"]
-        yield (
-            f"<p>On the demo's rock, of {jobs} jobs near and beyond their thresholds "
-            f"({100 * told['toppled_share']:.0f} % topple) {100 * (up + down) / jobs:.1f} % have another answer with "
-            f"preset {_safe(preset)} than with reference: {up} topple that stood, {down} stand that toppled. "
-            f"{100 * floor:.1f} % flip already when the rock's start is disturbed by a millionth of its height, "
-            f"{100 * told['floor_of_chaos_of_motion']:.1f} % when the motion is, and "
-            f"{100 * told['flips_of_half_the_step']:.1f} % when reference takes half its step: one job is no "
-            "statement about a rock, the share of many is. Least overturning pulses of blocks are met within "
-            f"{100 * measured['largest_threshold_error']:.2g} % of the exact integrator. None of this was measured on "
-            "this run's rock: <code>toppling accuracy</code> says it of yours.</p>"
+    else:
+        lines.append(_table(audit_table(audits)))
+        lines.append(
+            "<p>Near a threshold the answer to one job is chaotic, whatever the settings: one job is no statement "
+            "about a rock, the share of many is. Intervals are of 95 %.</p>"
         )
+    return "".join(lines)
 
 
 def _provenance(run: Run) -> str:

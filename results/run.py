@@ -15,6 +15,7 @@ from toppling.models.motions.catalogue import meaning
 from toppling.models.run_document import check_run_document
 from toppling.models.scene_document import read_scene_document
 from toppling.models.tables import read_table
+from toppling.results.hunted import estimated
 from toppling.results.schema import SCHEMA, describe
 from toppling.results.store import PathLike, newest_rows, read_steady, result_files
 
@@ -114,8 +115,10 @@ class Run:
     def weighted(self, frame: pd.DataFrame) -> pd.DataFrame:
         """Add `record_weight` (1 on average over the records in use) to rows of a run whose ensemble has weights.
 
-        Weights come from 'toppling records select --deaggregation'; without them the frame stays as it is.
+        Weights come from 'toppling records select --deaggregation'; without them the frame stays as it is. Of a run
+        that chose its levels, rows stand for those that were skipped too (`results.hunted`).
         """
+        frame = estimated(frame)
         motions = self.motions()
         if motions is None or "weight" not in motions.column_names:
             return frame

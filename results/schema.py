@@ -8,7 +8,7 @@ import pyarrow as pa
 
 from toppling.models.motions.catalogue import meaning
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 
 GROUPS = ("identity", "imposed", "outcome", "cost", "provenance")
 """What was asked, what was imposed, what happened, what it cost, who computed it when.
@@ -37,6 +37,8 @@ _COLUMNS = {
         ("engine", _TEXT, _MUST, "", "what stepped the rock: pybullet or mujoco"),
         ("base", _NUMBER, _MAY, "1", "number of the drawn base (bases.json); null on the scene's own"),
         ("friction_factor", _REAL, _MAY, "1", "factor on both frictions that the realisation drew"),
+        ("choice_probability", _REAL, _MAY, "1", "levels = hunt: chance of a level that the search left out"),
+        ("expected_toppled", _TRUTH, _MAY, "", "levels = hunt: what the search says of a level it left out"),
     ],
     "imposed": [
         (name, _REAL, _MAY, meaning(name)["unit"] or "1", meaning(name)["description"])
@@ -46,7 +48,7 @@ _COLUMNS = {
         )
     ],
     "outcome": [
-        ("status", _TEXT, _MUST, "", "ok, undecided, diverged, failed, crashed or timeout"),
+        ("status", _TEXT, _MUST, "", "ok, undecided, diverged, failed, crashed, timeout, or skipped (levels = hunt)"),
         ("outcome", _TEXT, _MAY, "", "stands, moved (slid or turned, still stands) or toppled"),
         ("toppled", _TRUTH, _MAY, "", "whether the rock toppled; null unless status is ok"),
         ("topple_time_s", _REAL, _MAY, "s", "time of no return, from the start of the record"),

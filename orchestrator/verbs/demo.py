@@ -50,7 +50,7 @@ def demo(out: Path, workers: int, seconds: float) -> None:
     """  # noqa: D301  (\b keeps click from rewrapping the example)
     began = time.monotonic()
     _clear(out)
-    _scan(out)
+    make_scene(out)
     _make_records(out)
     _plan(out, workers, seconds)
     failed = _run(out, workers)
@@ -70,7 +70,8 @@ def _clear(out: Path) -> None:
     (out / MARK).write_text("made by 'toppling demo', which replaces this folder\n", encoding="utf-8")
 
 
-def _scan(out: Path) -> None:
+def make_scene(out: Path) -> None:
+    """Scan the demo's virtual rock into the folder `scene` of another."""
     import numpy as np
 
     from toppling.models.scan.read import read_clouds
@@ -81,7 +82,7 @@ def _scan(out: Path) -> None:
     _say("scan: ray-casting a rock like the one at Echo Cliffs from six stations")
     stations, _ = demo_scan(SEED)
     folder = out / "scan"
-    folder.mkdir()
+    folder.mkdir(exist_ok=True)
     files = [folder / f"station{number}.ply" for number in range(1, len(stations) + 1)]
     for file, station in zip(files, stations, strict=True):
         write_ply(file, station.points_m, np.empty((0, 3), np.int64))
@@ -132,6 +133,7 @@ def _plan(out: Path, workers: int, seconds: float) -> None:
 
 
 def _run(out: Path, workers: int) -> int:
+    from toppling.orchestrator.audit import AFTERWARDS
     from toppling.orchestrator.campaign import Campaign
     from toppling.orchestrator.cluster import local
     from toppling.orchestrator.progress import watcher
@@ -139,7 +141,8 @@ def _run(out: Path, workers: int) -> int:
 
     _say(f"run: starting {workers} workers")
     with watcher() as watch:
-        tally = run(Campaign.read(out / "campaign.toml"), out / "run", local(workers), watch)
+        campaign = Campaign.read(out / "campaign.toml")
+        tally = run(campaign, out / "run", local(workers), watch, afterwards=AFTERWARDS)
     _say(f"run: {tally.done} jobs, {tally.rate:.1f}/s, {tally.toppled} toppled, {tally.failed} unanswered")
     return tally.failed
 

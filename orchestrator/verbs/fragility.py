@@ -1,7 +1,9 @@
 """`toppling fragility`: the study's figures of a run, each with the table behind it."""
 
+import contextlib
 import itertools
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import click
@@ -12,15 +14,17 @@ from rich.progress import track
 
 from toppling.models.errors import InputError
 from toppling.models.motions.ensemble import Ensemble
-from toppling.models.scene import Scene
+from toppling.models.scene import ContactProperties, Scene
 from toppling.orchestrator.folder import place_in
-from toppling.results.atlas import write_directions, write_fits, write_friction, write_maps
+from toppling.results.atlas import write_audits, write_directions, write_fits, write_friction, write_maps
+from toppling.results.audit import audits_of
 from toppling.results.directions import SECTOR_DEG
 from toppling.results.fits import answered
 from toppling.results.fragility import DURATION, LEVEL, PGV, PLANES, PULSE, Axis, by_contact
-from toppling.results.friction import by_surroundings
+from toppling.results.friction import by_surroundings, frictions
 from toppling.results.plane_reference import reference_lines, simulate
 from toppling.results.run import Run, open_run
+from toppling.workers.seating import settled
 
 PGV_DURATION = PLANES["pgv_duration"]
 WIDTH = click.FloatRange(0, min_open=True)
@@ -129,22 +133,38 @@ def fragility(
 
     planes = {plane.name: replace(plane, x=asked(plane.x), y=asked(plane.y)) for plane in PLANES.values()}
     folder = out or place_in(run, "fragility")
+    audits = audits_of(opened)
     lines = _plane_reference(opened, jobs, directions) if reference else None
     written = itertools.chain(
         write_maps(jobs, folder, planes.values(), directions, lines),
         write_directions(jobs, opened.quasi_static(), folder, sector),
         write_friction(jobs, folder, planes["pga_pgv"]),
-        write_fits(jobs, folder, opened.name, samples) if fit else (),
+        write_fits(jobs, folder, opened.name, samples, partial(audits_of, opened)) if fit else (),
+        write_audits(audits, folder),
     )
     # Each contact: maps of three files and one about all, directions of four, fits of eight. A comparison: four.
     maps = sum(1 + plane.by_direction for plane in planes.values())
-    total = len(by_contact(jobs)) * (3 * maps + 5 + 8 * fit + reference) + 4 * len(by_surroundings(jobs))
+    total = (
+        len(by_contact(jobs)) * (3 * maps + 5 + 8 * fit + reference)
+        + 4 * len(by_surroundings(jobs))
+        + bool(audits)
+    )
     for path in track(written, "figures", total=total, console=Console(stderr=True), transient=True):
         click.echo(path)
+    for audit in audits.values():
+        click.echo(audit.sentence)
+
+
+def at_rest(scene: Scene, jobs: pd.DataFrame) -> Scene:
+    """The scene as jobs shake it, settled with their greatest friction: a scan hardly finds a rock at rest."""
+    static, kinetic = frictions(jobs)[-1]
+    with contextlib.suppress(InputError):  # then it has no rest, and its section is that of the scan
+        return settled(scene.with_contact(ContactProperties(static, kinetic)))
+    return scene
 
 
 def _plane_reference(run: Run, jobs: pd.DataFrame, directions: int) -> pd.DataFrame:
-    scene, ensemble = Scene.load(run.path / "scene"), Ensemble.load(run.path / "ensemble")
+    scene, ensemble = at_rest(Scene.load(run.path / "scene"), jobs), Ensemble.load(run.path / "ensemble")
     records, levels = (sorted(jobs[name].unique()) for name in ("record_id", "level_pga_m_s2"))
     azimuths = [number * 360.0 / directions for number in range(directions)]
     with Console(stderr=True).status(f"plane reference: {len(azimuths)} sections, {len(levels)} levels"):

@@ -13,9 +13,13 @@ from toppling.models.folder import new_file
 @click.option(
     "--out", "table", type=click.Path(dir_okay=False, path_type=Path), help="Write the job table (Parquet)."
 )
+@click.option("--workers", type=click.IntRange(min=1), help="To tell the time on; one a core if not given.")
+@click.option("--no-estimate", is_flag=True, help="Do not time a few jobs.")
 @click.option("--json", "as_json", is_flag=True, help="Print the counts as JSON.")
-def plan(campaign: Path, table: Path | None, as_json: bool) -> None:
+def plan(campaign: Path, table: Path | None, workers: int | None, no_estimate: bool, as_json: bool) -> None:
     """Check CAMPAIGN against its scene and ensemble and count its jobs; run none.
+
+    Where there are many, a few of them are done and timed, to say how long all will take.
 
     \b
     toppling plan campaign.toml --out jobs.parquet
@@ -26,6 +30,7 @@ def plan(campaign: Path, table: Path | None, as_json: bool) -> None:
     from toppling.models.motions.ensemble import Ensemble
     from toppling.models.scene import Scene
     from toppling.orchestrator.campaign import Campaign
+    from toppling.orchestrator.estimate import estimate
     from toppling.orchestrator.plan import check_stands
     from toppling.orchestrator.plan import plan as expand
 
@@ -33,14 +38,18 @@ def plan(campaign: Path, table: Path | None, as_json: bool) -> None:
     scene = Scene.load(chosen.scene)
     with Console(stderr=True).status("letting the rock stand, counting jobs"):
         settling = check_stands(chosen, scene)
-        planned = expand(chosen, scene, Ensemble.load(chosen.ensemble))
+        ensemble = Ensemble.load(chosen.ensemble)
+        planned = expand(chosen, scene, ensemble)
+    with Console(stderr=True).status("timing a few jobs"):
+        expected = None if no_estimate else estimate(planned, scene, ensemble)
     counts = {
         "jobs": len(planned), "records": len(planned.record_sha), "levels": len(chosen.pga_m_s2),
         "azimuths": len(chosen.azimuth_deg), "frictions": len(chosen.friction),
         "restitutions": len(chosen.restitution), "realisations": chosen.realisations, "preset": chosen.preset,
         "engine": chosen.engine,
         "scene_id": planned.scene_id, "ensemble_id": planned.ensemble_id, "plan_id": planned.id,
-        "settling": settling.to_json(),
+        "settling": settling.to_json(), "expected_work_s": expected and round(expected.work_s, 1),
+        "timed_jobs": expected.timed if expected else 0,
     }  # fmt: skip
     if table is not None:
         with new_file(table) as hidden:
@@ -54,6 +63,8 @@ def plan(campaign: Path, table: Path | None, as_json: bool) -> None:
             **counts
         )
     )
+    if expected:
+        click.echo(expected.words(len(planned), workers))
     if settling.sentence:
         click.echo(settling.sentence)
     click.echo(f"scene {planned.scene_id}, ensemble {planned.ensemble_id}, plan {planned.id}")

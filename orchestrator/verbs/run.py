@@ -2,20 +2,21 @@
 
 import json
 import logging
-import os
 import shlex
 import signal
 import sys
-from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 from click.core import ParameterSource
 
-from toppling.orchestrator.cluster import QUEUES
 from toppling.orchestrator.dispatch import Limits
 from toppling.orchestrator.interrupt import INTERRUPTED, stop_once
+from toppling.orchestrator.verbs.where import FILE, cluster_of, cluster_options
+
+if TYPE_CHECKING:
+    from toppling.orchestrator.campaign import Campaign
 
 FAILED_JOBS = 3
 AGAIN = ("crashed", "timeout", "failed")
@@ -24,7 +25,6 @@ AGAIN = ("crashed", "timeout", "failed")
 OF_ONE_CALL = ("again", "report", "as_json", "dry_run")
 """Options that a call which goes on does not repeat."""
 
-FILE = click.Path(dir_okay=False, path_type=Path)
 FOLDER = click.Path(file_okay=False, path_type=Path)
 
 
@@ -41,17 +41,8 @@ def _statuses(context: click.Context, parameter: click.Parameter, value: str | N
 @click.command()
 @click.argument("campaign", type=FILE)
 @click.option("--out", "folder", type=FOLDER, help="Folder of the run.")
-@click.option("--workers", type=click.IntRange(min=1), help="Local workers; one a core if not given.")
-@click.option("--scheduler", help="Address of an existing scheduler; DASK_SCHEDULER_ADDRESS if set.")
-@click.option("--scheduler-file", type=FILE, help="File that 'dask scheduler --scheduler-file' wrote.")
-@click.option("--queue", type=click.Choice(list(QUEUES)), help="Batch system to ask for workers.")
-@click.option(
-    "--queue-jobs", type=click.IntRange(min=1), default=1, show_default=True, help="Batch jobs to submit."
-)
+@cluster_options
 @click.option("--dry-run", is_flag=True, help="With --queue: print the job script and stop.")
-@click.option("--tls-ca", type=FILE, help="Certificate of the cluster's authority (PEM).")
-@click.option("--tls-cert", type=FILE, help="Certificate of this client (PEM).")
-@click.option("--tls-key", type=FILE, help="Key of this client (PEM).")
 @click.option(
     "--job-limit", type=click.FloatRange(1), default=Limits.job_s, show_default=True,
     help="Wall time in seconds after which a worker is taken to hang.",
@@ -65,17 +56,17 @@ def _statuses(context: click.Context, parameter: click.Parameter, value: str | N
     help=f"Also do jobs again that ended without an answer: {', '.join(AGAIN)}.",
 )  # fmt: skip
 @click.option("--performance-report", "report", type=FILE, help="Write Dask's performance report (HTML).")
+@click.option("--no-estimate", is_flag=True, help="Do not time a few jobs beforehand.")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 def run(
     campaign: Path,
     folder: Path | None,
-    workers: int | None,
-    queue: str | None,
     dry_run: bool,
     job_limit: float,
     tries: int,
     again: list[str],
     report: Path | None,
+    no_estimate: bool,
     as_json: bool,
     **where: Any,
 ) -> None:
@@ -90,6 +81,7 @@ def run(
     The same command again resumes: only jobs without a row are done. Exit code 3: some jobs have no answer, of
     this session or an earlier one; --again does them again, once what was in their way is mended.
     """  # noqa: D301  (\b keeps click from rewrapping the example)
+    from toppling.orchestrator.audit import AFTERWARDS
     from toppling.orchestrator.campaign import Campaign
     from toppling.orchestrator.cluster import job_script
     from toppling.orchestrator.progress import duration, watcher
@@ -98,6 +90,7 @@ def run(
     from toppling.orchestrator.status import state_of
 
     if dry_run:
+        queue = where["queue_kind"]
         if queue is None:
             raise click.UsageError("--dry-run needs --queue")
         click.echo(job_script(queue))
@@ -107,12 +100,15 @@ def run(
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(message)s")
     signal.signal(signal.SIGTERM, stop_once)  # a batch system's warning
     chosen = Campaign.read(campaign)
-    cluster = _cluster(folder, workers, queue, **where)
+    cluster = cluster_of(folder, **where)
+    if not (no_estimate or folder.exists()) and (words := time_words(chosen, where["workers"])):
+        click.echo(words, err=True)
     command = _command(click.get_current_context())
     to_go_on = " ".join([f"To go on: {command}", *(["--again", ",".join(again)] if again else [])])
     try:
         with watcher() as watch:
-            tally = carry_out(chosen, folder, cluster, watch, Limits(job_limit, tries), report, again)
+            limits = Limits(job_limit, tries)
+            tally = carry_out(chosen, folder, cluster, watch, limits, report, again, AFTERWARDS)
     except RunError as error:
         message = f"{error}; the rows so far are kept. {to_go_on}"
         raise click.ClickException(message) from None
@@ -124,7 +120,7 @@ def run(
         "run": str(folder), "jobs": tally.total, "done_before": tally.before, "done": tally.done,
         "toppled": state["toppled"], "failed": state["failed"], "status": state["status"],
         "deaths": tally.deaths,
-        "wall_s": round(tally.elapsed_s, 2), "work_s": round(tally.work_s, 2),
+        "wall_s": round(tally.elapsed_s, 2), "work_s": round(tally.work_s, 2), "audit": state["audit"],
     }  # fmt: skip
     if as_json:
         click.echo(json.dumps(summary))
@@ -135,6 +131,8 @@ def run(
         )
         if state["failed"]:
             click.echo(f"why some failed: toppling status {folder}")
+        for sentence in state["audit_sentences"]:
+            click.echo(sentence)
         if there := [name for name in AGAIN if name in state["status"]]:
             click.echo(f"to do them again: {command} --again {','.join(there)}")
         click.echo(f"next: toppling fragility {folder}")
@@ -153,39 +151,21 @@ def _command(context: click.Context) -> str:
     return shlex.join(words)
 
 
-def _cluster(
-    folder: Path,
-    workers: int | None,
-    queue_kind: str | None,
-    queue_jobs: int,
-    scheduler: str | None,
-    scheduler_file: Path | None,
-    tls_ca: Path | None,
-    tls_cert: Path | None,
-    tls_key: Path | None,
-) -> AbstractContextManager:
-    from toppling.orchestrator.cluster import existing, local, queue, tls_security
+def time_words(campaign: "Campaign", workers: int | None) -> str:
+    """Say how long a campaign will take, from a few of its jobs; nothing of one that is soon done, or refused."""
+    from rich.console import Console
 
-    given = {
-        "--workers": workers, "--queue": queue_kind,
-        "--scheduler": scheduler, "--scheduler-file": scheduler_file,
-    }  # fmt: skip
-    ways = [name for name, value in given.items() if value]
-    if len(ways) > 1:
-        msg = f"{' and '.join(ways)} exclude each other"
-        raise click.UsageError(msg)
-    joins = bool(scheduler or scheduler_file or (not ways and os.environ.get("DASK_SCHEDULER_ADDRESS")))
-    tls = None
-    if tls_ca or tls_cert or tls_key:
-        if not joins:
-            msg = "--tls-ca, --tls-cert and --tls-key are for a running scheduler: give --scheduler or --scheduler-file"
-            raise click.UsageError(msg)
-        if tls_ca is None or tls_cert is None or tls_key is None:
-            msg = "--tls-ca, --tls-cert and --tls-key belong together"
-            raise click.UsageError(msg)
-        tls = tls_security(tls_ca, tls_cert, tls_key)
-    if queue_kind:
-        return queue(queue_kind, queue_jobs, folder.absolute())
-    if joins:
-        return existing(scheduler, scheduler_file, tls)
-    return local(workers or os.cpu_count() or 1)
+    from toppling.models.errors import InputError
+    from toppling.models.motions.ensemble import Ensemble
+    from toppling.models.scene import Scene
+    from toppling.orchestrator.estimate import estimate
+    from toppling.orchestrator.plan import plan
+
+    try:
+        scene, ensemble = Scene.load(campaign.scene), Ensemble.load(campaign.ensemble)
+        planned = plan(campaign, scene, ensemble)
+    except InputError:
+        return ""  # the run itself will say so
+    with Console(stderr=True).status("timing a few jobs"):
+        told = estimate(planned, scene, ensemble)
+    return told.words(len(planned), workers) if told else ""

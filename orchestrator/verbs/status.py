@@ -31,6 +31,8 @@ def status(run: Path, as_json: bool) -> None:
     if state["workers"] is not None:
         click.echo(f"{state['workers']} workers, {state['deaths']} deaths of workers in this session")
     click.echo(f"toppled {state['toppled']}, failed {state['failed']} ({_counts(state['status'])})")
+    for sentence in state["audit_sentences"]:
+        click.echo(sentence)
     for failure in state["failures"]:
         click.echo(
             f"  {failure['jobs']} {failure['status']}, such as {failure['job_id']} ({failure['record_id']}): "

@@ -8,6 +8,7 @@ from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.idealised import full_sine
 from toppling.models.motions.record import Record
 from toppling.models.scene import Scene
+from toppling.results import plane_reference
 from toppling.results.plane_reference import TIME_STEP_S, reference_lines, section, simulate, topples
 from toppling.workers.reference.rocking import Ground, PlaneBody, overturns
 
@@ -19,6 +20,20 @@ def test_the_section_of_a_block_is_the_block():
     across = section(Scene.block(0.2, 0.3, 0.6), 45.0)
     # Along the diagonal the cut leaves a face of half width 0.2 at 0.2 sqrt(2).
     np.testing.assert_allclose(np.abs(across.arms_m[:, 0]), 0.2 * np.sqrt(2), atol=1e-9)
+
+
+def test_a_rock_that_is_not_at_rest_stands_on_its_outermost_contact_points_in_every_direction(monkeypatch):
+    """A support that the centre of mass overhangs: where no section cuts it on both sides, its ends are taken."""
+    scene = Scene.block(0.2, 0.2, 0.6)
+    com = scene.rock.com_m
+    support = com + np.array([[-0.2, 0.05, -0.6], [0.2, 0.05, -0.6], [0.2, 0.2, -0.6], [-0.2, 0.2, -0.6]])
+    monkeypatch.setattr(plane_reference, "support_polygon_m", lambda rock, pedestal: support)
+    cut = section(scene, 0.0)
+    np.testing.assert_allclose(cut.arms_m, [[-0.2, 0.6], [0.2, 0.6]], atol=1e-9)
+    assert 0.05 - 1e-9 <= cut.beside_m <= 0.2 + 1e-9
+    assert section(scene, 90.0) is None  # all contact points lie on one side
+    assert "0 degrees" in next(iter(plane_reference._notes({0.0: cut})))
+    assert "beyond all contact points along 90 degrees" in next(iter(plane_reference._notes({90.0: None})))
 
 
 def test_sine_pulses_topple_the_same_blocks_as_the_exact_solution():
@@ -72,3 +87,15 @@ def test_the_lines_pass_where_the_surface_has_their_probability():
     spread = np.log(high["pga_m_s2"].to_numpy() / low["pga_m_s2"].to_numpy())
     np.testing.assert_allclose(spread, 2 * 2.326 * 0.4, rtol=0.08)
     assert (np.diff(low["pga_m_s2"]) < 0).all()
+
+
+def test_answers_that_a_line_divides_have_lines_where_it_is():
+    pga, pulse = (grid.ravel() for grid in np.meshgrid(np.arange(1.0, 20.0), [0.05, 0.1, 0.2]))
+    toppled = pga * (pulse / 0.1) ** 0.5 > 7.5
+    simulated = pd.DataFrame({"pga_m_s2": pga, "pgv_pga_s": pulse, "toppled": toppled, "azimuth_deg": 0.0})
+    lines = reference_lines(simulated.assign(record_id=[f"R{value:g}" for value in pulse]))
+    low, high = (lines[lines["probability"] == part]["pga_m_s2"].to_numpy() for part in (0.01, 0.99))
+    dividing = 7.5 * (lines["pgv_pga_s"].unique() / 0.1) ** -0.5
+    assert (low < dividing).all()
+    assert (dividing < high).all()
+    np.testing.assert_allclose(np.sqrt(low * high), dividing, rtol=0.15)

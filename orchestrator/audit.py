@@ -1,0 +1,234 @@
+"""A run audits itself: a random sample of its jobs is done again with the finest preset, and with another engine.
+
+Rows of an audit lie in folders of their own in the run's, never among its answers (`results.audit`).
+"""
+
+import dataclasses
+import fcntl
+import importlib.util
+import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+from distributed import Client
+from numpy.typing import NDArray
+
+from toppling.models.digest import write_json
+from toppling.models.errors import InputError
+from toppling.orchestrator.campaign import Campaign
+from toppling.orchestrator.dispatch import USUAL_LIMITS, Limits
+from toppling.orchestrator.folder import describe, place_in
+from toppling.orchestrator.journal import tell
+from toppling.orchestrator.plan import Plan
+from toppling.orchestrator.run import Afterwards, Execution, Tally, Watcher
+from toppling.orchestrator.task import Order, versions
+from toppling.results.audit_folder import AUDIT_FOLDER, DRAWN_FILE, LEAST_JOBS, REFERENCE
+from toppling.results.store import (
+    PARTS_FOLDER,
+    compact,
+    finished_ids,
+    newest_rows,
+    read_steady,
+    result_files,
+)
+from toppling.workers.options import PRESETS
+
+log = logging.getLogger(__name__)
+
+COST_SHARE = 0.1
+"""Of the run's cost, that an audit takes at most unless a number of jobs is asked for."""
+
+_DRAWN_COLUMNS = ["job_id", "status", "steps", "finished_at"]
+
+
+@dataclass(frozen=True)
+class Auditor:
+    """Who does jobs again.
+
+    Parameters
+    ----------
+    name : str
+        Of its folder.
+    changes : tuple of (str, str)
+        Keys of the campaign and their values for it.
+    module : str or None
+        What has to be installed.
+    """
+
+    name: str
+    changes: tuple[tuple[str, str], ...]
+    module: str | None = None
+
+    def fits(self, campaign: Campaign) -> bool:
+        """Whether it is installed, differs from who made the run, and models what the campaign asks for."""
+        if self.module is not None and importlib.util.find_spec(self.module) is None:
+            return False
+        if "engine" in dict(self.changes) and dict(self.changes)["engine"] != "pybullet":
+            if campaign.engine != "pybullet" or any(campaign.restitution):
+                return False
+            if any(static != kinetic for static, kinetic in campaign.friction):
+                return False
+        return any(getattr(campaign, key) != value for key, value in self.changes)
+
+    def plan(self, planned: Plan, rows: NDArray[np.int64]) -> Plan:
+        """Plan of some of a plan's jobs for this auditor."""
+        changes: dict[str, Any] = dict(self.changes)
+        campaign = dataclasses.replace(planned.campaign, **changes)
+        part = dataclasses.replace(planned, campaign=campaign, jobs=planned.jobs.take(pa.array(rows)))
+        ids = pa.array([part.spec(row).job_id for row in range(len(part))], pa.string())
+        return dataclasses.replace(part, jobs=part.jobs.set_column(0, "job_id", ids))
+
+
+AUDITORS = (
+    Auditor(REFERENCE, (("engine", "pybullet"), ("preset", "reference"))),
+    Auditor("mujoco", (("engine", "mujoco"), ("preset", "standard")), module="mujoco"),
+)
+
+
+def auditors(campaign: Campaign) -> list[Auditor]:
+    """Those that are installed here and can say something about a run of this campaign."""
+    return [one for one in AUDITORS if one.fits(campaign)]
+
+
+def affordable(campaign: Campaign, rows: pa.Table) -> int:
+    """Jobs, in the order in which they are drawn, that cost a tenth of all when they are done again by every auditor.
+
+    By the steps that they took: the number is the same wherever the run was made. Fewer than tell anything are none.
+    """
+    share = PRESETS[campaign.preset].step_share / PRESETS[REFERENCE].step_share
+    steps = pc.fill_null(rows["steps"], 0).to_numpy().astype(float)
+    times_dearer = sum(share if one.name == REFERENCE else 1.0 for one in auditors(campaign))
+    count = int(np.searchsorted(np.cumsum(steps) * times_dearer, COST_SHARE * steps.sum(), side="right"))
+    return count if LEAST_JOBS <= count < len(rows) or count == len(rows) > LEAST_JOBS else 0
+
+
+def drawn(folder: Path) -> pa.Table:
+    """A run's jobs with an answer in the order in which they are drawn: that of their ids, which are hashes."""
+    rows = read_steady([folder], lambda: newest_rows(result_files(folder), _DRAWN_COLUMNS))
+    return rows.filter(pc.equal(rows["status"], "ok")).sort_by("job_id")
+
+
+def due(planned: Plan, folder: Path) -> int:
+    """Jobs that the campaign wants audited and that some auditor has not done; 0 for nothing to do."""
+    rows = drawn(folder)
+    wanted = planned.campaign.audit
+    count = affordable(planned.campaign, rows) if wanted is None else min(wanted, len(rows))
+    places = rows["job_id"][:count]
+    for one in auditors(planned.campaign) if count else ():
+        part = one.plan(planned, _rows_of(planned, places))
+        if not part.ids <= finished_ids(folder / AUDIT_FOLDER / one.name):
+            return count
+    return 0
+
+
+def audit(
+    planned: Plan,
+    folder: Path,
+    client: Client,
+    order: Order,
+    watch: Watcher,
+    count: int,
+    limits: Limits = USUAL_LIMITS,
+) -> list[Tally]:
+    """Do a random sample of a run's jobs again, or go on with it: one tally an auditor.
+
+    Parameters
+    ----------
+    planned : Plan
+        Of the run.
+    folder : Path
+        The run's.
+    client : Client
+    order : Order
+        What workers must find.
+    watch : Watcher
+    count : int
+        Jobs; more of them begin with the same ones.
+    limits : Limits
+
+    Raises
+    ------
+    InputError
+        If another process audits this run, or nothing here can.
+    """
+    able = auditors(planned.campaign)
+    if not able:
+        raise InputError(
+            "nothing that is installed can say more than this run, made with the finest preset",
+            where=str(folder),
+            expected="a run with preset fast or standard, or a second engine",
+            remedy="install one: pip install 'toppling[mujoco]'",
+        )
+    tallies = []
+    with _alone(folder) as home:
+        rows = drawn(folder)
+        chosen = _rows_of(planned, rows["job_id"][:count])
+        latest = pc.max(rows["finished_at"]).as_py()
+        for one in able:
+            place = home / one.name
+            (place / PARTS_FOLDER).mkdir(parents=True, exist_ok=True)
+            write_json(
+                place / DRAWN_FILE, {"until": latest.isoformat() if latest else None, "of_jobs": len(rows)}
+            )
+            part = one.plan(planned, chosen)
+            pending = part.pending(finished_ids(place))
+            what = f"auditing with {one.name}"
+            tally = Tally(len(part), len(part) - len(pending), part.motion_s(pending), what=what)
+            tell("audit began", by=one.name, jobs=len(part), done=tally.before)
+            Execution(part, pending, client, folder, order, watch, tally, limits, store=place)()
+            if result_files(place):
+                compact(place)
+            tell("audit ended", by=one.name, **tally.told())
+            tallies.append(tally)
+    return tallies
+
+
+def check_versions(folder: Path) -> None:
+    """Make sure that the answers done again differ from the run's by their settings alone.
+
+    Raises
+    ------
+    InputError
+        If the run was made with another version of the physics.
+    """
+    there, here = describe(folder).get("versions", {}).get("physics"), dict(versions())["physics"]
+    if there != here:
+        raise InputError(
+            f"the run was made with physics version {there}, here is {here}",
+            where=str(folder),
+            expected="one version, so that answers differ by the settings alone",
+            remedy="audit it with the environment that it was made with, or run the campaign anew",
+        )
+
+
+def _rows_of(planned: Plan, ids: pa.ChunkedArray) -> NDArray[np.int64]:
+    places = pc.index_in(ids, value_set=planned.jobs["job_id"].combine_chunks())
+    return np.sort(places.drop_null().to_numpy())
+
+
+@contextmanager
+def _alone(folder: Path) -> Iterator[Path]:
+    """Folder of a run's audits, held against another process that would write there."""
+    home = place_in(folder, AUDIT_FOLDER)
+    home.mkdir(exist_ok=True)
+    with (home / ".lock").open("a") as lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise InputError(
+                "another process audits this run",
+                where=str(folder),
+                expected="one at a time",
+                remedy="wait for it",
+            ) from None
+        yield home
+
+
+AFTERWARDS = Afterwards(due, audit)
+"""A run that is told of it audits itself as its campaign says."""

@@ -1,0 +1,144 @@
+"""How long a plan will take: a few of its jobs are done beforehand, in a process of their own, and timed."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import os
+import time
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from toppling.models.motions.ensemble import Ensemble
+from toppling.models.scene import Scene
+from toppling.orchestrator.plan import Plan, expected_s
+from toppling.orchestrator.progress import duration
+from toppling.workers.job import Assets, JobSpec, run_job
+
+TIMED_JOBS = 48
+"""At most; of a campaign like the study's, whose jobs cost from a thousandth of a second to seconds, their mean is
+known to some 20 %."""
+
+TIMED_S = 20.0
+"""Time for them, beyond which no other one is begun."""
+
+LEAST_TIMED = 6
+"""Of fewer nothing is said."""
+
+WORTH_SHARE = 4
+"""A plan of fewer jobs than so many times the timed ones is quicker done than estimated."""
+
+
+@dataclass(frozen=True)
+class TimeEstimate:
+    """What a plan is expected to take.
+
+    Parameters
+    ----------
+    work_s : float
+        Of one worker that does all of it.
+    timed : int
+        Jobs that it is known from.
+    """
+
+    work_s: float
+    timed: int
+
+    def wall_s(self, workers: int) -> float:
+        """Time on so many workers."""
+        return self.work_s / workers
+
+    def words(self, jobs: int, workers: int | None) -> str:
+        """Say it; of the cores here unless a number of workers is given."""
+        count = workers or os.cpu_count() or 1
+        here = f"{duration(self.wall_s(count))} on {count} workers like this machine's cores"
+        return f"{jobs} jobs are expected to take {duration(self.work_s)} of one worker, {here} ({self.timed} timed)"
+
+
+def spread(count: int, wanted: int) -> NDArray[np.int64]:
+    """Numbers below a count, each once, of which every beginning is spread evenly: multiples of the golden ratio.
+
+    In step with no period that the numbers may have, as halves of halves would be.
+    """
+    golden = (math.sqrt(5.0) - 1.0) / 2.0
+    places = np.floor((np.arange(2 * wanted) * golden % 1.0) * count).astype(int)
+    return np.array(list(dict.fromkeys(places.tolist()))[:wanted])
+
+
+def sampled_rows(planned: Plan, pending: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Rows to time, of which each beginning holds levels and durations in the shares that all pending jobs have."""
+    level = planned.jobs["pga_m_s2"].to_numpy()[pending]
+    duration = np.array([planned.duration_s[name] for name in planned.jobs["record_id"].to_pylist()])[pending]
+    # By level, within each by duration there and back, so that neighbours are alike across the levels too.
+    turn = np.where(np.unique(level, return_inverse=True)[1] % 2, -1.0, 1.0)
+    return pending[np.lexsort((turn * duration, level))][spread(len(pending), TIMED_JOBS)]
+
+
+def estimate(
+    planned: Plan,
+    scene: Scene,
+    ensemble: Ensemble,
+    pending: NDArray[np.int64] | None = None,
+    seen: Callable[[], None] = lambda: None,
+) -> TimeEstimate | None:
+    """Time some jobs of a plan and say what all cost.
+
+    Parameters
+    ----------
+    planned : Plan
+    scene, ensemble
+        The plan's.
+    pending : (n,) int array or None
+        Rows of the jobs that are left; all unless given.
+    seen : callable
+        Called for each job that was timed.
+
+    Returns
+    -------
+    TimeEstimate or None
+        None of plans with few jobs, and where jobs cannot be done here.
+    """
+    rows = np.arange(len(planned)) if pending is None else pending
+    if len(rows) < WORTH_SHARE * TIMED_JOBS:
+        return None
+    chosen = sampled_rows(planned, rows)
+    cost_s: list[float] = []
+    timed_rows: list[int] = []
+    try:
+        with ProcessPoolExecutor(1, initializer=_load, initargs=(scene, ensemble)) as pool:
+            # The first one also pays for what is computed once in a process, and is timed again.
+            pool.submit(_timed_s, planned.spec(int(chosen[0]))).result()
+            end = time.monotonic() + TIMED_S
+            for row in chosen:
+                cost_s.append(pool.submit(_timed_s, planned.spec(int(row))).result())
+                timed_rows.append(int(row))
+                seen()
+                if time.monotonic() > end:
+                    break
+    except BrokenProcessPool:
+        return None
+    if len(cost_s) < LEAST_TIMED:
+        return None
+    # Jobs cost about as their records last: a sample of long records is not taken for all.
+    longer = expected_s(planned.motion_s(rows), len(rows)) / len(rows)
+    sampled = expected_s(planned.motion_s(np.array(timed_rows)), len(timed_rows)) / len(timed_rows)
+    return TimeEstimate(float(np.mean(cost_s)) * len(rows) * longer / sampled, len(cost_s))
+
+
+_ASSETS: list[Assets] = []
+
+
+def _load(scene: Scene, ensemble: Ensemble) -> None:
+    _ASSETS[:] = [Assets(scene, ensemble)]
+
+
+def _timed_s(spec: JobSpec) -> float:
+    began = time.perf_counter()
+    with contextlib.suppress(Exception):  # a job that fails is a row of the run, and costs what it costs
+        run_job(spec, _ASSETS[0])
+    return time.perf_counter() - began

@@ -1,0 +1,214 @@
+"""The shake-table protocol of Purvance et al. (2008): each waveform, stronger by a step each time, until toppling.
+
+Veeraraghavan, Hudnut and Krishnan validated their method by it on rock K (figure 4): PGA from 0.981 m/s2 in steps of
+0.245 m/s2, displacement held within the table's 0.3 m by a high-pass, friction 2 so that nothing slides, and no
+restitution.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor, as_completed
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from toppling.models.errors import InputError
+from toppling.models.folder import new_file
+from toppling.models.motions.ensemble import Ensemble
+from toppling.models.motions.impose import impose
+from toppling.models.motions.motion import Motion
+from toppling.models.motions.record import Record
+from toppling.models.scene import ContactProperties, Scene
+from toppling.models.statics import lift_off_m_s2
+from toppling.workers.options import PHYSICS_VERSION
+from toppling.workers.seating import settled
+from toppling.workers.shake import shake
+
+WAVEFORMS = 10
+
+
+@dataclass(frozen=True)
+class Ramp:
+    """How a rock is tried.
+
+    Parameters
+    ----------
+    azimuth_deg : float
+        Of the motion.
+    start_m_s2, step_m_s2, end_m_s2 : float
+        PGA of the first level, between levels, and of the last if nothing topples.
+    peak_displacement_m : float or None
+        Of the table.
+    friction, restitution : float
+    preset : str
+    uniaxial : bool
+        Only the stronger horizontal component shakes, as on a table of one axis.
+    """
+
+    azimuth_deg: float
+    start_m_s2: float = 0.981
+    step_m_s2: float = 0.245
+    end_m_s2: float = 20.0
+    peak_displacement_m: float | None = 0.3
+    friction: float = 2.0
+    restitution: float = 0.0
+    preset: str = "standard"
+    uniaxial: bool = True
+
+    def levels_m_s2(self) -> list[float]:
+        """PGA levels, weakest first."""
+        count = int((self.end_m_s2 - self.start_m_s2) / self.step_m_s2 + 1e-9) + 1
+        return [round(self.start_m_s2 + number * self.step_m_s2, 9) for number in range(max(count, 1))]
+
+
+def weakest_azimuth_deg(scene: Scene, friction: float = Ramp.friction) -> float:
+    """Azimuth of the ground's acceleration that lifts the rock at the least PGA, as the protocol shakes it."""
+    rock_at_rest = settled(scene.with_contact(ContactProperties.of(friction)))
+    azimuths = np.arange(0.0, 360.0, 5.0)
+    told = lift_off_m_s2(rock_at_rest.rock, rock_at_rest.pedestal, scene.gravity_m_s2, azimuths)
+    return min(told, key=lambda pair: pair[1])[0]
+
+
+def chosen_waveforms(ensemble: Ensemble, count: int = WAVEFORMS) -> list[str]:
+    """Records spread evenly over the PGV/PGA that an ensemble has; all where there are no more."""
+    catalog = ensemble.catalog.select(["record_id", "pgv_pga_s"]).to_pandas()
+    ordered = catalog.sort_values(["pgv_pga_s", "record_id"])["record_id"].to_list()
+    if len(ordered) <= count:
+        return ordered
+    return [ordered[round(place)] for place in np.linspace(0, len(ordered) - 1, count)]
+
+
+def climb(scene: Scene, record: Record, ramp: Ramp) -> list[dict[str, Any]]:
+    """Shake a rock with one waveform, level by level until it topples; one row a level."""
+    waveform = _uniaxial(record) if ramp.uniaxial else record
+    contact = ContactProperties(ramp.friction, ramp.friction, ramp.restitution)
+    held = scene.with_contact(contact)
+    rows: list[dict[str, Any]] = []
+    for level in ramp.levels_m_s2():
+        try:
+            imposed = impose(waveform, level, ramp.azimuth_deg, ramp.peak_displacement_m)
+        except InputError as error:
+            rows.append(_row(record, level) | {"status": "refused", "message": error.what})
+            break
+        result = shake(held, imposed.motion, ramp.preset)
+        told = {name: imposed.intensity[name] for name in ("pga_m_s2", "pgv_m_s", "pgv_pga_s", "pgd_m")}
+        found = {"status": result.status, "toppled": result.toppled, "max_tilt_deg": result.max_tilt_deg}
+        rows.append(_row(record, level) | told | found)
+        if result.toppled:
+            break
+    return rows
+
+
+def _row(record: Record, level: float) -> dict[str, Any]:
+    return {"record_id": record.record_id, "event": record.event, "level_pga_m_s2": level}
+
+
+def _uniaxial(record: Record) -> Record:
+    """The record's stronger horizontal component alone, along x."""
+    acceleration = record.motion.acceleration_m_s2
+    azimuth = np.deg2rad(record.intensity["strong_azimuth_deg"])
+    strong = acceleration[:, :2] @ np.array([np.cos(azimuth), np.sin(azimuth)])
+    alone = np.column_stack([strong, np.zeros((len(strong), 2))])
+    return Record.of(
+        record.record_id,
+        Motion(alone, record.motion.time_step_s),
+        event=record.event,
+        component_azimuths_deg=(0.0, 90.0),
+    )
+
+
+def carry_out(
+    scene: Path,
+    ensemble: Path,
+    records: Sequence[str],
+    ramp: Ramp,
+    folder: Path,
+    pool: Executor,
+    seen: Callable[[str], None] = lambda _: None,
+) -> pd.DataFrame:
+    """Climb with every waveform, each a task of its own; what is done already is read from the folder.
+
+    Parameters
+    ----------
+    scene, ensemble : Path
+        Folders, which every worker sees.
+    records : sequence of str
+    ramp : Ramp
+    folder : Path
+        Keeps a table a waveform, so that an interrupted ramp goes on.
+    pool : Executor
+        Processes here, or a cluster's.
+    seen : callable
+        Told each waveform that is done.
+
+    Returns
+    -------
+    DataFrame
+        One row a level of a waveform.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    key = _key(Scene.load(scene).id, Ensemble.load(ensemble), ramp)
+    places = {name: folder / f"{number:03d}-{key(name)}.csv" for number, name in enumerate(records)}
+    waiting = {
+        pool.submit(_climbed, str(scene), str(ensemble), name, ramp): name
+        for name, place in places.items()
+        if not place.exists()
+    }
+    for name, place in places.items():
+        if place.exists():
+            seen(name)
+    for future in as_completed(waiting):
+        name = waiting[future]
+        with new_file(places[name]) as hidden:
+            pd.DataFrame(future.result()).to_csv(hidden, index=False)
+        seen(name)
+    tables = [pd.read_csv(place) for place in places.values()]
+    return pd.concat(tables, ignore_index=True)
+
+
+def summary(levels: pd.DataFrame) -> pd.DataFrame:
+    """One row a waveform: its PGV/PGA averaged over the levels, and the PGA that toppled, null where none did.
+
+    Returns
+    -------
+    DataFrame
+        record_id, event, pgv_pga_s, toppling_pga_m_s2, toppling_level_m_s2, strongest_standing_m_s2, levels.
+    """
+    rows = []
+    for name, climbed in levels.groupby("record_id", sort=False):
+        shaken = climbed[climbed["status"] != "refused"]
+        toppled = shaken[shaken["toppled"].eq(other=True)]
+        standing = shaken[shaken["toppled"].eq(other=False)]
+        rows.append({
+            "record_id": name,
+            "event": climbed["event"].iloc[0],
+            "pgv_pga_s": shaken["pgv_pga_s"].mean(),
+            "toppling_pga_m_s2": toppled["pga_m_s2"].min(),
+            "toppling_level_m_s2": toppled["level_pga_m_s2"].min(),
+            "strongest_standing_m_s2": standing["pga_m_s2"].max(),
+            "levels": len(shaken),
+        })  # fmt: skip
+    return pd.DataFrame(rows)
+
+
+def _key(scene_id: str, ensemble: Ensemble, ramp: Ramp) -> Callable[[str], str]:
+    from toppling.orchestrator.campaign import hash_of
+
+    told: Mapping[str, Any] = dataclasses.asdict(ramp)
+    return lambda name: hash_of([scene_id, ensemble.sha(name), PHYSICS_VERSION, repr(sorted(told.items()))])
+
+
+@lru_cache(maxsize=1)
+def _assets(scene: str, ensemble: str) -> tuple[Scene, Ensemble]:
+    return Scene.load(scene), Ensemble.load(ensemble)
+
+
+def _climbed(scene: str, ensemble: str, record_id: str, ramp: Ramp) -> list[dict[str, Any]]:
+    rock, motions = _assets(scene, ensemble)
+    return climb(rock, motions.record(record_id), ramp)

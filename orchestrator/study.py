@@ -1,0 +1,266 @@
+"""The whole study of Veeraraghavan, Hudnut and Krishnan (2017) on any rock and records, stage by stage, resumable."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import json
+import shutil
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from distributed import Client
+
+from toppling.models.digest import write_json
+from toppling.models.documents import read_json
+from toppling.models.errors import InputError
+from toppling.models.folder import new_file
+from toppling.models.motions.ensemble import Ensemble
+from toppling.models.scene import Scene
+from toppling.orchestrator import ramp
+from toppling.orchestrator.audit import AFTERWARDS
+from toppling.orchestrator.campaign import Campaign
+from toppling.orchestrator.run import Tally, Watcher, run
+from toppling.results.atlas import save_table, write_audits, write_directions, write_friction, write_maps
+from toppling.results.audit import audits_of
+from toppling.results.directions import SECTOR_DEG
+from toppling.results.figures import save
+from toppling.results.findings import Finding, findings
+from toppling.results.fragility import PLANES
+from toppling.results.plane_reference import reference_lines, simulate
+from toppling.results.run import open_run
+from toppling.results.study_figures import (
+    directionality_figure,
+    ramp_figure,
+    topple_by_direction,
+    topple_direction_figure,
+)
+from toppling.workers.seating import settled
+
+MAIN, FRICTION = "main", "friction"
+"""Names of the study's two runs: friction 1 in all directions, and lower frictions in the weakest."""
+
+FRICTIONS = (0.6, 0.8)
+
+NUMBERED = {
+    "pga_pgv_pga": "figure_06_all_directions",
+    "pga_pgv_pga_by_direction": "figure_06",
+    "pga_pgv_pga_by_direction_reference": "figure_06_reference_lines",
+    "pga_pgv": "figure_09",
+    "pga_pgv_by_direction": "figure_09_by_direction",
+    "pgv_duration": "figure_10a",
+    "pga_duration": "figure_10b",
+    "friction": "figure_11",
+    "friction_cells": "figure_11_cells",
+    "friction_jobs": "figure_11_jobs",
+    "directions": "toppling_azimuths",
+    "sector": "toppling_azimuths_sector",
+}
+"""What the atlas draws, by the number that it has in the study."""
+
+Say = Callable[[str], None]
+ClusterOf = Callable[[], AbstractContextManager[Client]]
+
+
+@dataclass(frozen=True)
+class Study:
+    """What is studied.
+
+    Parameters
+    ----------
+    pga_m_s2 : tuple of float
+    azimuth_deg : tuple of float
+    preset : str
+    audit : int or None
+        Of both runs, as in a campaign.
+    """
+
+    pga_m_s2: tuple[float, ...] = tuple(float(level) for level in range(1, 20))
+    azimuth_deg: tuple[float, ...] = tuple(45.0 * number for number in range(8))
+    preset: str = "standard"
+    audit: int | None = None
+
+    def check(self, out: Path) -> None:
+        """Make sure that a folder is new or of this study.
+
+        Raises
+        ------
+        InputError
+            If it is another's.
+        """
+        place, told = out / "study.json", json.loads(json.dumps(dataclasses.asdict(self)))
+        there = read_json(place) if place.exists() else told
+        differing = ", ".join(key for key in told if there.get(key) != told[key])
+        if differing:
+            raise InputError(
+                f"the folder holds a study of other {differing}",
+                where=str(out),
+                expected="the options that it was begun with",
+                remedy="give another folder, or the same options to go on",
+            )
+        out.mkdir(parents=True, exist_ok=True)
+        write_json(place, told)
+
+    def campaigns(self, out: Path) -> dict[str, Campaign]:
+        """The two campaigns, on scene and ensemble in the study's folder."""
+        weakest = nearest_deg(weakest_azimuth_deg(Scene.load(out / "scene")), self.azimuth_deg)
+        main = Campaign(
+            scene=out / "scene",
+            ensemble=out / "ensemble",
+            pga_m_s2=self.pga_m_s2,
+            azimuth_deg=self.azimuth_deg,
+            friction=((1.0, 1.0),),
+            preset=self.preset,
+            audit=self.audit,
+        )
+        lower = tuple((value, value) for value in FRICTIONS)
+        return {MAIN: main, FRICTION: dataclasses.replace(main, azimuth_deg=(weakest,), friction=lower)}
+
+
+def weakest_azimuth_deg(scene: Scene) -> float:
+    """Azimuth of the ground's acceleration with the least quasi-static toppling, as the scene's folder tells it."""
+    table = {row["azimuth_deg"]: row["value"] for row in scene.to_json()["quasi_static_toppling_m_s2"]}
+    finite = {azimuth: value for azimuth, value in table.items() if value is not None}
+    return float(min(finite, key=lambda azimuth: finite[azimuth])) if finite else 0.0
+
+
+def nearest_deg(azimuth_deg: float, among: Sequence[float]) -> float:
+    """Nearest of some azimuths around the circle."""
+    return min(among, key=lambda one: abs((one - azimuth_deg + 180.0) % 360.0 - 180.0))
+
+
+def carry_out(
+    study: Study,
+    out: Path,
+    cluster_of: ClusterOf,
+    watcher: Callable[[], AbstractContextManager[Watcher]],
+    say: Say,
+) -> list[Tally]:
+    """Shake: the two runs and the ramp, each going on where it was stopped."""
+    tallies = []
+    for name, campaign in study.campaigns(out).items():
+        place = out / "runs" / name
+        place.parent.mkdir(exist_ok=True)
+        values = ", ".join(f"{static:g}" for static, _ in campaign.friction)
+        say(f"run {name}: {len(campaign.azimuth_deg)} azimuths, friction {values}")
+        with watcher() as watch:
+            tallies.append(run(campaign, place, cluster_of(), watch, afterwards=AFTERWARDS))
+    return tallies
+
+
+def climb(study: Study, out: Path, cluster_of: ClusterOf, say: Say) -> tuple[pd.DataFrame, ramp.Ramp]:
+    """Figure 4's ramp: ten of the records, in the direction in which the rock lifts first."""
+    scene, ensemble = Scene.load(out / "scene"), Ensemble.load(out / "ensemble")
+    protocol = ramp.Ramp(azimuth_deg=ramp.weakest_azimuth_deg(scene), preset=study.preset)
+    names = ramp.chosen_waveforms(ensemble)
+    say(
+        f"ramp: {len(names)} waveforms from {protocol.start_m_s2:g} m/s2 by {protocol.step_m_s2:g} until toppling"
+    )
+    with cluster_of() as client:
+        levels = ramp.carry_out(
+            (out / "scene").absolute(), (out / "ensemble").absolute(), names, protocol,
+            out / "ramp" / "waveforms", client.get_executor(pure=False), lambda name: say(f"ramp: {name} done"),
+        )  # fmt: skip
+    return levels, protocol
+
+
+def draw(study: Study, out: Path, levels: pd.DataFrame, protocol: ramp.Ramp) -> Iterator[Path]:
+    """Every figure of the study by its number, each with the table behind it.
+
+    Yields
+    ------
+    Path
+        Each file, once it is complete.
+    """
+    folder = out / "figures"
+    folder.mkdir(exist_ok=True)
+    scene = Scene.load(out / "scene")
+    climbed = ramp.summary(levels)
+    yield save_table(climbed, folder / "figure_04.csv")
+    quasi_static = open_run(out / "runs" / MAIN).quasi_static()
+    static_m_s2 = np.inf
+    if quasi_static is not None:
+        nearest = nearest_deg(protocol.azimuth_deg, quasi_static["azimuth_deg"].tolist())
+        static_m_s2 = float(quasi_static.set_index("azimuth_deg")["value"].astype(float).get(nearest, np.inf))
+    yield from save(ramp_figure(climbed, protocol.azimuth_deg, static_m_s2), folder / "figure_04")
+    opened = open_run(out / "runs" / MAIN)
+    main = opened.weighted(opened.frame())
+    lines = _lines(study, out, scene, main)
+    with _staged(folder) as staging:
+        planes, bins = PLANES.values(), len(study.azimuth_deg)
+        for path in (
+            *write_maps(main, staging, planes, bins, lines),
+            *write_directions(main, quasi_static, staging, SECTOR_DEG),
+            *write_friction(friction_rows(study, out), staging, PLANES["pga_pgv"]),
+            *write_audits(audits_of(opened), staging),
+        ):
+            target = folder / f"{NUMBERED.get(path.stem, path.stem)}{path.suffix}"
+            path.replace(target)
+            yield target
+    table = topple_by_direction(main)
+    yield save_table(table, folder / "toppling_azimuths_by_direction.csv")
+    if len(table):
+        yield from save(topple_direction_figure(table), folder / "toppling_azimuths_by_direction")
+    motions = opened.motions()
+    if motions is not None and "directionality" in motions.column_names:
+        told = motions.select(["record_id", "directionality"]).to_pandas()
+        yield save_table(told, folder / "directionality.csv")
+        yield from save(directionality_figure(told), folder / "directionality")
+
+
+def check_findings(study: Study, out: Path) -> list[Finding]:
+    """The study's findings, looked for in the runs; written as a checked list and as JSON."""
+    opened = open_run(out / "runs" / MAIN)
+    main = opened.frame()
+    lines = pd.read_csv(out / "figures" / "figure_06_reference_lines.csv")
+    scene = Scene.load(out / "scene")
+    told = findings(
+        main, friction_rows(study, out), weakest_azimuth_deg(scene), lines, len(study.azimuth_deg)
+    )
+    with new_file(out / "findings.md") as hidden:
+        audit = "".join(f"\n{one.sentence}.\n" for one in audits_of(opened).values())
+        page = "\n".join(
+            ["# Findings of the study, looked for on this rock", "", *(one.line for one in told)]
+        )
+        hidden.write_text(f"{page}\n{audit}", encoding="utf-8")
+    write_json(out / "findings.json", {"findings": [dataclasses.asdict(one) for one in told]})
+    return told
+
+
+def friction_rows(study: Study, out: Path) -> pd.DataFrame:
+    """Rows of one direction with every friction, those of friction 1 from the main run."""
+    lower, main = (open_run(out / "runs" / name).frame() for name in (FRICTION, MAIN))
+    azimuth = study.campaigns(out)[FRICTION].azimuth_deg[0]
+    return pd.concat([lower, main[main["azimuth_deg"] == azimuth]], ignore_index=True)
+
+
+def _lines(study: Study, out: Path, scene: Scene, main: pd.DataFrame) -> pd.DataFrame:
+    records = sorted(main["record_id"].unique())
+    bins = len(study.azimuth_deg)
+    azimuths = [number * 360.0 / bins for number in range(bins)]
+    with contextlib.suppress(InputError):
+        scene = settled(scene.with_friction(1.0))
+    return reference_lines(
+        simulate(scene, Ensemble.load(out / "ensemble"), records, study.pga_m_s2, azimuths)
+    )
+
+
+@contextlib.contextmanager
+def _staged(folder: Path) -> Iterator[Path]:
+    staging = folder / ".atlas"
+    shutil.rmtree(staging, ignore_errors=True)
+    staging.mkdir()
+    try:
+        yield staging
+    finally:
+        shutil.rmtree(staging, ignore_errors=True)
+
+
+def told(tallies: Sequence[Tally]) -> dict[str, Any]:
+    """Counts of the study's runs in words that a program reads."""
+    return {name: tally.told() for name, tally in zip((MAIN, FRICTION), tallies, strict=True)}

@@ -1,0 +1,77 @@
+"""`toppling audit`: do a sample of a run's jobs again more finely, and say how far its answers may be off."""
+
+import json
+import logging
+import signal
+from pathlib import Path
+from typing import Any
+
+import click
+
+from toppling.orchestrator.verbs.where import cluster_of, cluster_options
+
+
+@click.command()
+@click.argument("run", type=click.Path(path_type=Path))
+@click.option(
+    "--jobs",
+    type=click.IntRange(min=1),
+    help="Jobs done again; as many as cost a tenth of the run if not given.",
+)
+@click.option("--json", "as_json", is_flag=True, help="Print the statement as JSON.")
+@cluster_options
+def audit(run: Path, jobs: int | None, as_json: bool, **where: Any) -> None:
+    """Do a random sample of RUN's jobs again and say how far its answers may be off.
+
+    The sample is done with the preset 'reference', and with the second engine where its extra is installed. Stated are,
+    for this rock and these records: the shift of the median PGA and of the share toppled with intervals (95 %), which
+    way single answers lean, and whether the second engine agrees. 'status', 'fragility' and 'report' state it from
+    then on. The same command goes on where it was stopped; more jobs add to those that were done. A run that goes on
+    is audited by what it has so far.
+
+    \b
+    toppling audit runs/first --jobs 200 --workers 2
+    """  # noqa: D301  (\b keeps click from rewrapping the example)
+    from toppling.models.errors import InputError
+    from toppling.models.motions.ensemble import Ensemble
+    from toppling.models.scene import Scene
+    from toppling.orchestrator.audit import affordable, check_versions, drawn
+    from toppling.orchestrator.audit import audit as carry_out
+    from toppling.orchestrator.campaign import Campaign
+    from toppling.orchestrator.interrupt import stop_once
+    from toppling.orchestrator.journal import journal
+    from toppling.orchestrator.plan import plan
+    from toppling.orchestrator.progress import watcher
+    from toppling.orchestrator.run import check_workers
+    from toppling.orchestrator.task import Order, versions
+    from toppling.results.audit import audits_json, audits_of
+    from toppling.results.audit_folder import LEAST_JOBS
+    from toppling.results.run import open_run
+
+    logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(message)s")
+    signal.signal(signal.SIGTERM, stop_once)
+    opened = open_run(run)
+    check_versions(run)
+    campaign = Campaign.read(run / "campaign.toml")
+    planned = plan(campaign, Scene.load(campaign.scene), Ensemble.load(campaign.ensemble))
+    rows = drawn(run)
+    count = jobs or affordable(campaign, rows)
+    if min(count, len(rows)) < LEAST_JOBS:
+        raise InputError(
+            f"an audit of {min(count, len(rows))} of {len(rows)} answered jobs says nothing",
+            where=str(run),
+            expected=f"at least {LEAST_JOBS} jobs",
+            remedy="give --jobs 200" if jobs is None else "let the run go on, or give more --jobs",
+        )
+    order = Order(str(run.absolute()), planned.scene_id, planned.ensemble_id, versions())
+    with watcher() as watch, journal(run), cluster_of(run, **where) as client, client.as_current():
+        check_workers(client, order)
+        carry_out(planned, run.absolute(), client, order, watch, count)
+    audits = audits_of(opened)
+    if as_json:
+        click.echo(json.dumps({"run": str(run), "preset": campaign.preset, **audits_json(audits)}))
+        return
+    for found in audits.values():
+        click.echo(found.sentence)
+    if not audits:
+        click.echo(f"fewer than {LEAST_JOBS} of the jobs have an answer the second time: nothing can be said")

@@ -1,0 +1,142 @@
+"""`toppling ramp`: the shake-table protocol of the study's figure 4 on any rock."""
+
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from toppling.workers.options import PRESETS
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from toppling.models.scene import Scene
+
+ABOVE_0 = click.FloatRange(0, min_open=True)
+
+
+@click.command()
+@click.argument("scene", type=click.Path(path_type=Path))
+@click.argument("ensemble", type=click.Path(path_type=Path))
+@click.option(
+    "--out", required=True, type=click.Path(path_type=Path, file_okay=False), help="Folder to write to."
+)
+@click.option(
+    "--records",
+    help="Ids of the waveforms, with commas; ten spread over PGV/PGA, or all if fewer, if not given.",
+)
+@click.option(
+    "--azimuth",
+    type=float,
+    help="Of the motion, degrees counter-clockwise from x; where the rock lifts first if absent.",
+)
+@click.option("--start", type=ABOVE_0, default=0.981, show_default=True, help="First PGA, m/s2.")
+@click.option("--step", type=ABOVE_0, default=0.245, show_default=True, help="Between levels, m/s2.")
+@click.option(
+    "--end", type=ABOVE_0, default=20.0, show_default=True, help="PGA at which a waveform is given up, m/s2."
+)
+@click.option(
+    "--peak-displacement", type=ABOVE_0, default=0.3, show_default=True,
+    help="m that the table can move: motions beyond it are high-passed; 'inf' for no bound.",
+)  # fmt: skip
+@click.option(
+    "--friction", type=click.FloatRange(0), default=2.0, show_default=True, help="Static and kinetic."
+)
+@click.option("--restitution", type=click.FloatRange(0, 1), default=0.0, show_default=True)
+@click.option("--preset", type=click.Choice(list(PRESETS)), default="standard", show_default=True)
+@click.option(
+    "--three-components", is_flag=True, help="Shake with whole records, not their stronger component alone."
+)
+@click.option("--workers", type=click.IntRange(1), default=2, show_default=True, help="Processes.")
+def ramp(
+    scene: Path,
+    ensemble: Path,
+    out: Path,
+    records: str | None,
+    azimuth: float | None,
+    start: float,
+    step: float,
+    end: float,
+    peak_displacement: float,
+    friction: float,
+    restitution: float,
+    preset: str,
+    three_components: bool,
+    workers: int,
+) -> None:
+    """Shake the rock of SCENE with waveforms of ENSEMBLE, each stronger by a step until it topples.
+
+    The protocol of the study's figure 4 (rock K on a shaking table). Writes ramp.csv (PGA that topples by PGV/PGA
+    averaged over the levels), levels.csv (every shake) and ramp.png, .svg. The same command goes on where it was
+    stopped.
+
+    \b
+    toppling ramp scenes/rock ensembles/waveforms --out ramp
+    """  # noqa: D301  (\b keeps click from rewrapping the example)
+    import math
+
+    from rich.console import Console
+    from rich.progress import Progress
+
+    from toppling.models.errors import InputError
+    from toppling.models.motions.ensemble import Ensemble
+    from toppling.models.scene import Scene
+    from toppling.orchestrator.ramp import Ramp, carry_out, chosen_waveforms, weakest_azimuth_deg
+
+    rock, motions = Scene.load(scene), Ensemble.load(ensemble)
+    names = [name.strip() for name in records.split(",")] if records else chosen_waveforms(motions)
+    if unknown := [name for name in names if name not in set(motions.record_ids)]:
+        raise InputError(
+            f"no records {', '.join(unknown)}",
+            where=str(ensemble),
+            expected=f"ids such as {', '.join(motions.record_ids[:5])}",
+            remedy="'toppling records show' lists them",
+        )
+    protocol = Ramp(
+        azimuth_deg=weakest_azimuth_deg(rock, friction) if azimuth is None else azimuth,
+        start_m_s2=start, step_m_s2=step, end_m_s2=end,
+        peak_displacement_m=peak_displacement if math.isfinite(peak_displacement) else None,
+        friction=friction, restitution=restitution, preset=preset, uniaxial=not three_components,
+    )  # fmt: skip
+    with (
+        Progress(console=Console(stderr=True), transient=True) as progress,
+        ProcessPoolExecutor(workers) as pool,
+    ):
+        task = progress.add_task("waveforms", total=len(names))
+        levels = carry_out(
+            scene.absolute(),
+            ensemble.absolute(),
+            names,
+            protocol,
+            out / "waveforms",
+            pool,
+            lambda _: progress.advance(task),
+        )
+    for path in write(rock, levels, protocol.azimuth_deg, friction, out):
+        click.echo(path)
+
+
+def write(
+    rock: "Scene", levels: "pd.DataFrame", azimuth_deg: float, friction: float, out: Path
+) -> list[Path]:
+    """Write tables and figure of a ramp."""
+    from toppling.models.scene import ContactProperties
+    from toppling.models.statics import quasi_static_toppling_m_s2
+    from toppling.orchestrator.ramp import summary
+    from toppling.results.atlas import save_table
+    from toppling.results.figures import save
+    from toppling.results.study_figures import ramp_figure
+    from toppling.workers.seating import settled
+
+    at_rest = settled(rock.with_contact(ContactProperties.of(friction)))
+    ((_, static_m_s2),) = quasi_static_toppling_m_s2(
+        at_rest.rock, at_rest.pedestal, rock.gravity_m_s2, [azimuth_deg]
+    )
+    table = summary(levels)
+    out.mkdir(parents=True, exist_ok=True)
+    return [
+        save_table(table, out / "ramp.csv"),
+        save_table(levels, out / "levels.csv"),
+        *save(ramp_figure(table, azimuth_deg, static_m_s2), out / "ramp"),
+    ]

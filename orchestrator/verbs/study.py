@@ -1,0 +1,219 @@
+"""`toppling study`: the whole published study on any rock, from one command."""
+
+import json
+import logging
+import shutil
+import signal
+import sys
+from pathlib import Path
+from typing import Any
+
+import click
+
+from toppling.orchestrator.verbs.where import cluster_of, cluster_options
+from toppling.workers.options import PRESETS
+
+SEED = 1
+PATH = click.Path(path_type=Path)
+
+
+@click.command()
+@click.argument("out", type=click.Path(path_type=Path, file_okay=False))
+@click.option(
+    "--scan", multiple=True, type=PATH, help="Laser scans of the rock; the demo's virtual rock if not given."
+)
+@click.option("--scene", type=PATH, help="Folder of a scene, instead of scans.")
+@click.option(
+    "--records", type=PATH, help="Ensemble, or folder of record files; synthetic records if not given."
+)
+@click.option(
+    "--metadata", type=click.Path(path_type=Path, dir_okay=False), help="Table about the record files."
+)
+@click.option("--count", type=click.IntRange(5), default=140, show_default=True, help="Synthetic records.")
+@click.option(
+    "--pga-step", type=click.FloatRange(0.5, 9), default=1.0, show_default=True, help="From 1 to 19 m/s2."
+)
+@click.option("--directions", type=click.Choice(["2", "4", "8", "16"]), default="8", show_default=True)
+@click.option("--preset", type=click.Choice(list(PRESETS)), default="standard", show_default=True)
+@click.option(
+    "--audit", type=click.IntRange(0), help="Jobs of each run that are done again with 'reference'."
+)
+@click.option("--json", "as_json", is_flag=True, help="Print findings and counts as JSON.")
+@cluster_options
+def study(
+    out: Path,
+    scan: tuple[Path, ...],
+    scene: Path | None,
+    records: Path | None,
+    metadata: Path | None,
+    count: int,
+    pga_step: float,
+    directions: str,
+    preset: str,
+    audit: int | None,
+    as_json: bool,
+    **where: Any,
+) -> None:
+    """Repeat the study of Veeraraghavan, Hudnut and Krishnan on a rock: runs, figures, findings, report.
+
+    21,280 jobs at friction 1 (140 records, 19 levels, 8 directions) and 2,660 each at 0.6 and 0.8, the ramp of figure
+    4, every figure by its number with the table behind it, the constraint, a report, and the study's findings as a
+    checked list. The same command goes on where it was stopped.
+
+    \b
+    toppling study study --workers 2
+    toppling study study --scan station1.laz --scan station2.laz --records ensembles/quakes
+    """  # noqa: D301  (\b keeps click from rewrapping the example)
+    from rich.console import Console
+    from rich.progress import track
+
+    from toppling.orchestrator import study as stages
+    from toppling.orchestrator.interrupt import INTERRUPTED, stop_once
+    from toppling.orchestrator.progress import duration, watcher
+    from toppling.orchestrator.run import RunError
+    from toppling.orchestrator.verbs.run import FAILED_JOBS
+    from toppling.results.report import report_page, write_page
+    from toppling.results.run import open_run
+
+    if scan and scene:
+        raise click.UsageError("--scan and --scene exclude each other")
+    logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(message)s")
+    signal.signal(signal.SIGTERM, stop_once)
+    steps = round(18.0 / pga_step)
+    chosen = stages.Study(
+        pga_m_s2=tuple(
+            round(1.0 + number * pga_step, 9) for number in range(steps + 1) if number * pga_step <= 18.0
+        ),
+        azimuth_deg=tuple(360.0 * number / int(directions) for number in range(int(directions))),
+        preset=preset,
+        audit=audit,
+    )
+    cluster_of(out, **where)  # wrong options are said before any work
+
+    def say(line: str) -> None:
+        click.echo(line, err=True)
+
+    try:
+        chosen.check(out)
+        _have_scene(out, scan, scene, say)
+        _have_records(out, records, metadata, count, say)
+        _say_time(chosen, out, where, say)
+        tallies = stages.carry_out(chosen, out, lambda: cluster_of(out, **where), watcher, say)
+        levels, protocol = stages.climb(chosen, out, lambda: cluster_of(out, **where), say)
+        say("figures, findings, constraint, report")
+        drawn = stages.draw(chosen, out, levels, protocol)
+        for path in track(drawn, "figures", total=60, console=Console(stderr=True), transient=True):
+            if path.suffix == ".png" and not as_json:
+                click.echo(path)
+        found = stages.check_findings(chosen, out)
+        opened = open_run(out / "runs" / stages.MAIN)
+        _have_figure_8(out)
+        _have_constraint(out, opened.path)
+        page = write_page(report_page(opened), out / "report.html")
+    except RunError as error:
+        message = f"{error}; what was done is kept: the same command goes on"
+        raise click.ClickException(message) from None
+    except KeyboardInterrupt:
+        click.echo("stopped; what was done is kept: the same command goes on", err=True)
+        sys.exit(INTERRUPTED)
+    if as_json:
+        content = json.loads((out / "findings.json").read_text(encoding="utf-8"))
+        click.echo(json.dumps({"study": str(out), "runs": stages.told(tallies), **content}))
+    else:
+        click.echo(page)
+        for one in found:
+            click.echo(one.line)
+        worked_s = sum(tally.elapsed_s for tally in tallies if tally.done)
+        click.echo(f"{sum(tally.done for tally in tallies)} jobs in this session, {duration(worked_s)}")
+    if any(tally.failed for tally in tallies):
+        sys.exit(FAILED_JOBS)
+
+
+def _have_scene(out: Path, scan: tuple[Path, ...], scene: Path | None, say: Any) -> None:
+    if (out / "scene").exists():
+        return
+    if scene is not None:
+        from toppling.models.folder import new_folder
+        from toppling.models.scene import Scene
+
+        Scene.load(scene)
+        with new_folder(out / "scene") as staging:
+            shutil.copytree(scene, staging, dirs_exist_ok=True)
+        return
+    if not scan:
+        from toppling.orchestrator.verbs.demo import make_scene
+
+        make_scene(out)
+        return
+    from toppling.models.scan.read import read_clouds
+    from toppling.models.scan.survey import save_survey, survey
+
+    save_survey(survey(read_clouds(list(scan)), lambda stage: say(f"scan: {stage}")), out / "scene")
+
+
+def _have_records(out: Path, records: Path | None, metadata: Path | None, count: int, say: Any) -> None:
+    from toppling.models.errors import InputError
+    from toppling.models.folder import new_folder
+    from toppling.models.motions.ensemble import Ensemble
+
+    if (out / "ensemble").exists():
+        return
+    if records is None:
+        from toppling.models.motions.synthetic import synthetic_ensemble
+
+        say(f"records: {count} stochastic ground motions")
+        Ensemble.write(out / "ensemble", synthetic_ensemble(count, SEED))
+    elif (records / "catalog.parquet").exists():
+        Ensemble.load(records)
+        with new_folder(out / "ensemble") as staging:
+            shutil.copytree(records, staging, dirs_exist_ok=True)
+    else:
+        from toppling.models.motions.importing import Wishes, import_records, record_files
+        from toppling.models.motions.metadata import read_table
+
+        files = record_files([records])
+        say(f"records: reading {len(files)} files")
+        outcome = import_records(files, read_table(metadata) if metadata else [], Wishes())
+        for refusal in outcome.refusals:
+            say(f"left out {refusal.subject}: {refusal.reason.what}")
+        if not outcome.records:
+            raise InputError(
+                "no record could be read",
+                where=str(records),
+                expected="record files or an ensemble",
+                remedy="see 'toppling records import --help'",
+            )
+        Ensemble.write(out / "ensemble", outcome.records)
+
+
+def _say_time(chosen: Any, out: Path, where: dict[str, Any], say: Any) -> None:
+    from toppling.orchestrator.verbs.run import time_words
+
+    for name, campaign in chosen.campaigns(out).items():
+        if not (out / "runs" / name).exists() and (words := time_words(campaign, where.get("workers"))):
+            say(f"run {name}: {words}")
+
+
+def _have_figure_8(out: Path) -> None:
+    from toppling.orchestrator.verbs.pulse import pulse
+
+    if not (out / "figures" / "figure_08").exists():
+        context = click.get_current_context()
+        context.invoke(
+            pulse, scene=out / "scene", out=out / "figures" / "figure_08", shape="sawtooth", pgv_m_s=5.0, period_s=3.5,
+            azimuth=0.0, friction=1.0, preset="standard",
+        )  # fmt: skip
+
+
+def _have_constraint(out: Path, run: Path) -> None:
+    from toppling.models.errors import InputError
+    from toppling.orchestrator.verbs.constrain import constrain
+
+    context = click.get_current_context()
+    try:
+        context.invoke(
+            constrain, rocks=(run,), hazard=(), age=(), where=None, measure=None, confidence=0.95, site=None, ratio=1.0,
+            out=out / "constraint", as_json=False,
+        )  # fmt: skip
+    except InputError as error:
+        click.echo(f"no constraint: {error}", err=True)

@@ -1,0 +1,79 @@
+"""Where a verb's jobs run: options that several verbs share, and the cluster that they mean."""
+
+import os
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from functools import reduce
+from pathlib import Path
+from typing import Any
+
+import click
+
+from toppling.orchestrator.cluster import QUEUES
+
+FILE = click.Path(dir_okay=False, path_type=Path)
+
+_OPTIONS = (
+    click.option("--workers", type=click.IntRange(min=1), help="Local workers; one a core if not given."),
+    click.option("--scheduler", help="Address of an existing scheduler; DASK_SCHEDULER_ADDRESS if set."),
+    click.option("--scheduler-file", type=FILE, help="File that 'dask scheduler --scheduler-file' wrote."),
+    click.option(
+        "--queue", "queue_kind", type=click.Choice(list(QUEUES)), help="Batch system to ask for workers."
+    ),
+    click.option(
+        "--queue-jobs", type=click.IntRange(min=1), default=1, show_default=True, help="Batch jobs to submit."
+    ),
+    click.option("--tls-ca", type=FILE, help="Certificate of the cluster's authority (PEM)."),
+    click.option("--tls-cert", type=FILE, help="Certificate of this client (PEM)."),
+    click.option("--tls-key", type=FILE, help="Key of this client (PEM)."),
+)
+
+
+def cluster_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Give a command the options that :func:`cluster_of` takes."""
+    return reduce(lambda function, option: option(function), reversed(_OPTIONS), command)
+
+
+def cluster_of(
+    folder: Path,
+    workers: int | None,
+    queue_kind: str | None,
+    queue_jobs: int,
+    scheduler: str | None,
+    scheduler_file: Path | None,
+    tls_ca: Path | None,
+    tls_cert: Path | None,
+    tls_key: Path | None,
+) -> AbstractContextManager:
+    """Cluster that the options mean; nothing is started before it is entered.
+
+    Raises
+    ------
+    UsageError
+        If options exclude each other.
+    """
+    from toppling.orchestrator.cluster import existing, local, queue, tls_security
+
+    given = {
+        "--workers": workers, "--queue": queue_kind,
+        "--scheduler": scheduler, "--scheduler-file": scheduler_file,
+    }  # fmt: skip
+    ways = [name for name, value in given.items() if value]
+    if len(ways) > 1:
+        msg = f"{' and '.join(ways)} exclude each other"
+        raise click.UsageError(msg)
+    joins = bool(scheduler or scheduler_file or (not ways and os.environ.get("DASK_SCHEDULER_ADDRESS")))
+    tls = None
+    if tls_ca or tls_cert or tls_key:
+        if not joins:
+            msg = "--tls-ca, --tls-cert and --tls-key are for a running scheduler: give --scheduler or --scheduler-file"
+            raise click.UsageError(msg)
+        if tls_ca is None or tls_cert is None or tls_key is None:
+            msg = "--tls-ca, --tls-cert and --tls-key belong together"
+            raise click.UsageError(msg)
+        tls = tls_security(tls_ca, tls_cert, tls_key)
+    if queue_kind:
+        return queue(queue_kind, queue_jobs, folder.absolute())
+    if joins:
+        return existing(scheduler, scheduler_file, tls)
+    return local(workers or os.cpu_count() or 1)

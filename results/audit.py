@@ -1,0 +1,362 @@
+"""How far a run's answers may be off: some of its own jobs, drawn at random, done again by a finer or other engine.
+
+Only the difference between two answers to the same job is estimated from the sample; what the run says itself is known
+of all its jobs. A fragility's median is where the score of its likelihood vanishes, and the score is linear in the
+answers, so each answer that differs moves the median by an amount known beforehand (its influence). The shift of the
+median is a sum of influences over the jobs whose answers differ, which a random sample estimates as it does any total.
+"""
+
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from scipy.stats import binomtest, norm, t
+
+from toppling.results.audit_folder import AUDIT_FOLDER, DRAWN_FILE, LEAST_JOBS, REFERENCE
+from toppling.results.fits import answered, fit
+from toppling.results.fragility import by_contact, wilson
+from toppling.results.hunted import shaken
+from toppling.results.run import Run, as_frame
+from toppling.results.store import newest_rows, read_steady, result_files
+
+JOB = [
+    *(
+        "record_id",
+        "level_pga_m_s2",
+        "azimuth_deg",
+        "friction_static",
+        "friction_kinetic",
+        "restitution",
+        "realisation",
+    ),
+]
+"""What a job and its repetition have in common."""
+
+LEAST_TILT_DEG = 0.1
+"""Tilts below count as this one: rocks that are hardly lifted would outweigh those that rock."""
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A number with the interval (95 %) that the drawing of the sample leaves; NaN where there is none."""
+
+    value: float
+    low: float
+    high: float
+
+    def holds(self, truth: float) -> bool:
+        """Whether the interval holds a value."""
+        return self.low <= truth <= self.high
+
+
+@dataclass(frozen=True)
+class Audit:
+    """How a run's answers differ from those of another engine or preset to the same jobs.
+
+    Parameters
+    ----------
+    by : str
+        Who did the jobs again.
+    jobs, of_jobs : int
+        Jobs compared, and the answered jobs that they were drawn from.
+    no_answer : int
+        Drawn jobs that have no answer the second time.
+    flips_to_toppled, flips_to_standing : int
+        Jobs that topple in the run and stand when done again, and the other way round.
+    flips_share : Estimate
+        Share of single answers that differ.
+    share_shift : Estimate
+        Share toppled in the run less that when done again.
+    median_shift_percent : Estimate
+        By how much the run's median PGA lies above that of the same jobs done again.
+    sign_test_p : float
+        Probability of so one-sided flips without a lean.
+    tilt_log_ratio : Estimate
+        Mean logarithm of the largest tilt over that when done again, where both stand.
+    """
+
+    by: str
+    jobs: int
+    of_jobs: int
+    no_answer: int
+    flips_to_toppled: int
+    flips_to_standing: int
+    flips_share: Estimate
+    share_shift: Estimate
+    median_shift_percent: Estimate
+    sign_test_p: float
+    tilt_log_ratio: Estimate
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain numbers, null where there is none; intervals as `..._low` and `..._high`."""
+        told: dict[str, Any] = {}
+        for name, value in asdict(self).items():
+            if isinstance(value, dict):
+                stem = name.removesuffix("_percent")
+                told |= {name: value["value"], f"{stem}_low": value["low"], f"{stem}_high": value["high"]}
+            else:
+                told[name] = value
+        return {
+            name: None if isinstance(one, float) and math.isnan(one) else one for name, one in told.items()
+        }
+
+    @property
+    def agrees(self) -> bool:
+        """Whether neither the median nor the share toppled is known to differ."""
+        median = self.median_shift_percent
+        return self.share_shift.holds(0.0) and (math.isnan(median.value) or median.holds(0.0))
+
+    @property
+    def sentence(self) -> str:
+        """What a person should know."""
+        up, down = self.flips_to_toppled, self.flips_to_standing
+        median, share = self.median_shift_percent, self.share_shift
+        known = "no median" if math.isnan(median.value) else _told(median, "{:+.1f}")
+        agrees = "they agree within the intervals" if self.agrees else "they differ beyond the intervals"
+        return (
+            f"{self.jobs} of {self.of_jobs} jobs done again with {self.by}: {agrees}. Against it the run has its "
+            f"median PGA shifted by {known} %, its share toppled by {_told(share, '{:+.3f}')}; {up + down} single "
+            f"answers differ ({up} topple that stand, {down} stand that topple; sign test p {self.sign_test_p:.2f})"
+        )
+
+
+def _told(estimate: Estimate, form: str) -> str:
+    value, low, high = (form.format(part) for part in (estimate.value, estimate.low, estimate.high))
+    return f"{value} ({low} to {high})"
+
+
+def audits_of(run: Run, measure: str = "pga_m_s2") -> dict[str, Audit]:
+    """What the audits of a run say, by who did its jobs again, the reference first; empty where none was."""
+    folder = run.path / AUDIT_FOLDER
+    places = [place for place in folder.iterdir() if place.is_dir()] if folder.is_dir() else []
+    rows = run.weighted(run.frame()) if places else pd.DataFrame()
+    found = {}
+    for place in sorted(places, key=lambda place: (place.name != REFERENCE, place.name)):
+        repeated = _repeated(place)
+        audit = compare(place.name, _drawn_from(rows, place), repeated, measure) if len(repeated) else None
+        if audit is not None:
+            found[place.name] = audit
+    return found
+
+
+def _repeated(place: Path) -> pd.DataFrame:
+    return as_frame(read_steady([place], lambda: newest_rows(result_files(place))))
+
+
+def audit_table(audits: Mapping[str, Audit]) -> pd.DataFrame:
+    """One row an audit, as a table behind figures."""
+    return pd.DataFrame([audit.to_json() for audit in audits.values()])
+
+
+def audits_json(audits: Mapping[str, Audit]) -> dict[str, Any]:
+    """The reference's numbers, and under `engines` those of other engines; empty without an audit."""
+    if not audits:
+        return {}
+    others = {name: audit.to_json() for name, audit in audits.items() if name != REFERENCE}
+    reference = audits[REFERENCE].to_json() if REFERENCE in audits else {}
+    return {**reference, "engines": others}
+
+
+def compare(by: str, rows: pd.DataFrame, repeated: pd.DataFrame, measure: str = "pga_m_s2") -> Audit | None:
+    """Compare answers with those to a random sample of the same jobs done again.
+
+    Parameters
+    ----------
+    by : str
+    rows : DataFrame
+        Rows of results that the sample was drawn from: its jobs are the first by job_id, which is a hash.
+    repeated : DataFrame
+        Rows of the same jobs done again.
+    measure : str
+        The intensity whose median is asked for.
+
+    Returns
+    -------
+    Audit or None
+        None of fewer than `LEAST_JOBS`.
+    """
+    known = answered(shaken(rows)).sort_values("job_id", ignore_index=True)
+    again = repeated[[*JOB, "toppled", "max_tilt_deg"]].assign(drawn=True)
+    both = known.merge(again, on=JOB, how="left", suffixes=("", "_again"), validate="one_to_one")
+    # A sample is random as far as it goes without a gap in the order of the hashes.
+    drawn = both["drawn"].notna().to_numpy()
+    sample = both[: len(drawn) if drawn.all() else int(drawn.argmin())]
+    place = sample.index[sample["toppled_again"].notna()].to_numpy()
+    if len(place) < LEAST_JOBS:
+        return None
+    ours = both.loc[place, "toppled"].to_numpy(bool)
+    theirs = both.loc[place, "toppled_again"].to_numpy(bool)
+    differs = ours.astype(float) - theirs
+    up, down = int((differs > 0).sum()), int((differs < 0).sum())
+    low, high = wilson(pd.Series([(up + down) / len(place)]), pd.Series([len(place)]))
+    return Audit(
+        by=by,
+        jobs=len(place),
+        of_jobs=len(known),
+        no_answer=len(sample) - len(place),
+        flips_to_toppled=up,
+        flips_to_standing=down,
+        flips_share=Estimate((up + down) / len(place), float(low[0]), float(high[0])),
+        share_shift=_share_shift(known, place, differs),
+        median_shift_percent=median_shift_percent(known, place, differs, measure),
+        sign_test_p=float(binomtest(up, up + down).pvalue) if up + down else 1.0,
+        tilt_log_ratio=_tilt_log_ratio(both.loc[place][~(ours | theirs)]),
+    )
+
+
+def median_shift_percent(
+    known: pd.DataFrame, place: NDArray[np.intp], differs: Array, measure: str
+) -> Estimate:
+    """Shift of the median intensity, from a random sample's differing answers.
+
+    Parameters
+    ----------
+    known : DataFrame
+        Rows with an answer; of several contacts the mean of their shifts is told.
+    place : (n,) int array
+        Which rows were drawn.
+    differs : (n,) array
+        Of each its answer (1 toppled, 0 stands) less that when done again.
+    measure : str
+
+    Returns
+    -------
+    Estimate
+        In percent; NaN where the answers have no fit.
+    """
+    difference = np.zeros(len(known))
+    difference[place] = differs
+    influence, plausible = np.zeros(len(known)), np.zeros(len(known))
+    log_shift, share_fitted = 0.0, 0.0
+    for jobs in by_contact(known).values():
+        told = _Fragility.of(jobs, measure)
+        if told is None:
+            continue
+        rows, share = jobs.index.to_numpy(), len(jobs) / len(known)
+        influence[rows], plausible[rows] = share * told.influence, told.plausible
+        log_shift += share * told.log_shift(difference[rows] * len(known) / len(place))
+        share_fitted += share
+    if not share_fitted:
+        return Estimate(math.nan, math.nan, math.nan)
+    typical = math.sqrt(float((plausible * influence**2).sum() / plausible.sum()))
+    half = _half_width(influence[place] * differs, typical, len(known)) * len(known)
+    ends = np.expm1(np.array([log_shift, log_shift - half, log_shift + half]) / share_fitted)
+    return Estimate(*(100.0 * ends).tolist())
+
+
+@dataclass(frozen=True, eq=False)
+class _Fragility:
+    """The lognormal fragility of all jobs, and what an answer changes of it.
+
+    Parameters
+    ----------
+    design : (n, 2) array
+        Of each job 1 and the measure's logarithm.
+    toppled, weight : (n,) array
+    coefficients : (2,) array
+    """
+
+    design: Array
+    toppled: Array
+    weight: Array
+    coefficients: Array
+
+    @classmethod
+    def of(cls, jobs: pd.DataFrame, measure: str) -> "_Fragility | None":
+        usable = (jobs[measure] > 0).fillna(value=False)
+        if not usable.all() or (found := fit(jobs, [measure])).problem:
+            return None
+        weight = jobs.get("record_weight", pd.Series(1.0, jobs.index)).to_numpy(float)
+        return cls(
+            np.column_stack([np.ones(len(jobs)), np.log(jobs[measure].to_numpy(float))]),
+            jobs["toppled"].to_numpy(float),
+            weight,
+            np.array(found.coefficients),
+        )
+
+    def _score_factor(self, coefficients: Array) -> tuple[Array, Array]:
+        """What multiplies an answer in the score, and what a job adds to Fisher's information, over its design."""
+        eta = self.design @ coefficients
+        density, below, above = norm.logpdf(eta), norm.logcdf(eta), norm.logsf(eta)
+        return self.weight * np.exp(density - below - above), self.weight * np.exp(
+            2 * density - below - above
+        )
+
+    @property
+    def plausible(self) -> Array:
+        """Variance of each answer: where answers are certain, none flips."""
+        p = norm.cdf(self.design @ self.coefficients)
+        return p * (1.0 - p)
+
+    @property
+    def influence(self) -> Array:
+        """What each answer adds to the median's logarithm that topples here and stands when done again, (n,)."""
+        factor, information = self._score_factor(self.coefficients)
+        fisher = (self.design * information[:, None]).T @ self.design
+        intercept, slope = self.coefficients
+        gradient = np.array([-1.0 / slope, intercept / slope**2])
+        return (self.design @ np.linalg.solve(fisher, gradient)) * factor
+
+    def log_shift(self, difference: Array) -> float:
+        """Logarithm of the median over that of the answers less some differences, by Fisher's scoring."""
+        answers, coefficients = self.toppled - difference, self.coefficients
+        for _ in range(100):
+            factor, information = self._score_factor(coefficients)
+            probability = norm.cdf(self.design @ coefficients)
+            fisher = (self.design * information[:, None]).T @ self.design
+            step = np.linalg.solve(fisher, self.design.T @ (factor * (answers - probability)))
+            # Where answers contradict what is certain, a whole step leaves the range of numbers.
+            coefficients = coefficients + step / max(1.0, float(np.abs(self.design @ step).max()))
+            if np.abs(step).max() < 1e-9 * np.abs(coefficients).max():
+                break
+        if not np.isfinite(coefficients).all() or coefficients[1] <= 0:
+            return float(self.influence @ difference)
+        (intercept, slope), (other_intercept, other_slope) = self.coefficients, coefficients
+        return float(other_intercept / other_slope - intercept / slope)
+
+
+def _share_shift(known: pd.DataFrame, place: NDArray[np.intp], differs: Array) -> Estimate:
+    weight = known.get("record_weight", pd.Series(1.0, known.index)).to_numpy(float)
+    values = differs * weight[place] / weight.mean()
+    half = _half_width(values, 1.0, len(known))
+    mean = float(values.mean())
+    return Estimate(mean, mean - half, mean + half)
+
+
+def _half_width(values: Array, typical: float, of_jobs: int) -> float:
+    """Half the interval (95 %) of a mean over jobs, from values of a random sample that are 0 but for few jobs.
+
+    Half a flip each way, of `typical` size, is added to the sample, as Agresti and Min (2005) do for matched pairs:
+    without it an interval from no flip, or few, is too narrow.
+    """
+    jobs = len(values)
+    variance = ((values**2).sum() + typical**2) / (jobs + 2) - (values.sum() / (jobs + 2)) ** 2
+    not_drawn = 1.0 - jobs / of_jobs
+    return float(t.ppf(0.975, jobs - 1) * math.sqrt(variance / jobs * not_drawn))
+
+
+def _tilt_log_ratio(standing: pd.DataFrame) -> Estimate:
+    tilts = standing[["max_tilt_deg", "max_tilt_deg_again"]].dropna().clip(lower=LEAST_TILT_DEG)
+    ratio = np.log(tilts["max_tilt_deg"] / tilts["max_tilt_deg_again"])
+    if len(ratio) < 2:
+        return Estimate(math.nan, math.nan, math.nan)
+    half = float(t.ppf(0.975, len(ratio) - 1) * ratio.sem())
+    return Estimate(float(ratio.mean()), float(ratio.mean()) - half, float(ratio.mean()) + half)
+
+
+def _drawn_from(rows: pd.DataFrame, place: Path) -> pd.DataFrame:
+    """Rows that were there when the sample was drawn: what came since was given no chance."""
+    try:
+        until = datetime.fromisoformat(json.loads((place / DRAWN_FILE).read_text(encoding="utf-8"))["until"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return rows
+    return rows[rows["finished_at"].isna() | (rows["finished_at"] <= until)]

@@ -1,0 +1,215 @@
+"""The findings of Veeraraghavan, Hudnut and Krishnan (2017), looked for in the runs of a study of any rock."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from scipy.stats import binomtest, spearmanr
+
+from toppling.results.directions import sector_share
+from toppling.results.fragility import PLANES, effective_records, wilson
+from toppling.results.friction import compare_cells, compare_jobs, friction_words, frictions
+
+LOW_PGA_M_S2, LOW_PGV_M_S, LOW_PROBABILITY = 3.0, 0.75, 0.2
+HALF_SECTOR_DEG = 17.5
+"""The study counts topplings within 35 degrees about its rock's overhang."""
+
+UNSURE = 0.05
+"""Probability of a rank correlation without any, above which none is said to be seen."""
+
+HARDLY = 0.3
+"""A rank correlation below this is hardly any dependence."""
+
+WITHIN = 0.3
+"""The study's band about equal toppling probabilities."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One statement of the study, and what the runs say.
+
+    Parameters
+    ----------
+    name : str
+    paper : str
+        What the study found of its rock.
+    found : str
+        What was found here, in numbers.
+    agrees : bool or None
+        None where the runs do not tell.
+    """
+
+    name: str
+    paper: str
+    found: str
+    agrees: bool | None
+
+    @property
+    def line(self) -> str:
+        """One line of a checked list."""
+        mark = {True: "[x]", False: "[ ]", None: "[?]"}[self.agrees]
+        verdict = {True: "as the study", False: "this rock disagrees", None: "these runs do not tell"}[
+            self.agrees
+        ]
+        return f"- {mark} {self.name}: {self.found} ({verdict}: {self.paper})"
+
+
+def findings(
+    main: pd.DataFrame,
+    frictions_run: pd.DataFrame,
+    weakest_azimuth_deg: float,
+    lines: pd.DataFrame,
+    directions: int = 8,
+) -> list[Finding]:
+    """Check the study's list.
+
+    Parameters
+    ----------
+    main : DataFrame
+        Rows at friction 1 in all directions.
+    frictions_run : DataFrame
+        Rows of one direction with every friction.
+    weakest_azimuth_deg : float
+        Of the ground's acceleration with the least quasi-static toppling: the rock then topples the other way.
+    lines : DataFrame
+        From `results.plane_reference.reference_lines`.
+    directions : int
+        Bins of the vector PGA.
+    """
+    checks: tuple[Callable[[], Finding], ...] = (
+        lambda: _rarely_below(main),
+        lambda: _pga_falls_with(main, "pgv_pga_s", "toppling PGA falls with PGV/PGA"),
+        lambda: _pgv_hardly_on_duration(main),
+        lambda: _pga_falls_with(main, "duration_energy_s", "toppling PGA falls with duration"),
+        lambda: _toward_the_overhang(main, (weakest_azimuth_deg + 180.0) % 360.0),
+        lambda: _directionality(main),
+        lambda: _lower_friction(frictions_run),
+        lambda: _within_the_band(frictions_run),
+        lambda: _lines_everywhere(lines, directions),
+    )
+    return [check() for check in checks]
+
+
+def _rarely_below(main: pd.DataFrame) -> Finding:
+    weak = main[(main["pga_m_s2"] < LOW_PGA_M_S2) & (main["pgv_m_s"] < LOW_PGV_M_S) & main["toppled"].notna()]
+    name = (
+        f"probability below {LOW_PROBABILITY:g} for PGA < {LOW_PGA_M_S2:g} m/s2 and PGV < {LOW_PGV_M_S:g} m/s"
+    )
+    paper = "less than 0.2"
+    if not len(weak):
+        return Finding(name, paper, "no such jobs", None)
+    share = float(weak["toppled"].mean())
+    one = weak.assign(weight=1.0, pool=0)
+    low, high = wilson(pd.Series([share]), effective_records(one, ["pool"]).reset_index(drop=True))
+    told = f"{share:.3f} of {len(weak)} jobs ({low[0]:.3f} to {high[0]:.3f}, records counted)"
+    return Finding(name, paper, told, share < LOW_PROBABILITY)
+
+
+def toppling_levels(main: pd.DataFrame) -> pd.DataFrame:
+    """Least PGA and PGV that topple, by record, the median over azimuths; infinite where no level did."""
+    known = main[main["toppled"].notna()]
+    job = ["record_id", "azimuth_deg"]
+    least = known[known["toppled"].astype(bool)].groupby(job)[["pga_m_s2", "pgv_m_s"]].min()
+    every = known.groupby(job)[["pgv_pga_s", "duration_energy_s"]].first()
+    table = every.join(least, how="left")
+    table[["pga_m_s2", "pgv_m_s"]] = table[["pga_m_s2", "pgv_m_s"]].fillna(math.inf)
+    return table.groupby("record_id").median()
+
+
+def _rank(table: pd.DataFrame, one: str, other: str) -> tuple[float, float, int]:
+    """Spearman's correlation with its p value; records that never topple rank above all that do."""
+    told = table.dropna(subset=[other])
+    if len(told) < 5 or told[one].nunique() < 2 or told[other].nunique() < 2:
+        return math.nan, math.nan, len(told)
+    found = spearmanr(told[one].rank(), told[other])
+    return float(found.statistic), float(found.pvalue), len(told)
+
+
+def _pga_falls_with(main: pd.DataFrame, measure: str, name: str) -> Finding:
+    rank, p, records = _rank(toppling_levels(main), "pga_m_s2", measure)
+    paper = "it decreases"
+    if math.isnan(rank):
+        return Finding(name, paper, "too few records", None)
+    return Finding(
+        name,
+        paper,
+        _correlation(rank, p, records),
+        (rank < 0) if p < UNSURE else (None if rank < 0 else False),
+    )
+
+
+def _pgv_hardly_on_duration(main: pd.DataFrame) -> Finding:
+    table = toppling_levels(main)
+    rank, p, records = _rank(table[np.isfinite(table["pgv_m_s"])], "pgv_m_s", "duration_energy_s")
+    name, paper = "toppling PGV hardly depends on duration", "more or less independent"
+    if math.isnan(rank):
+        return Finding(name, paper, "too few records", None)
+    hardly = abs(rank) < HARDLY
+    return Finding(
+        name, paper, _correlation(rank, p, records), None if not hardly and p >= UNSURE else hardly
+    )
+
+
+def _correlation(rank: float, p: float, records: int) -> str:
+    return f"rank correlation {rank:+.2f} over {records} records (p {p:.2g})"
+
+
+def _toward_the_overhang(main: pd.DataFrame, overhang_deg: float) -> Finding:
+    told = sector_share(
+        main, (overhang_deg - HALF_SECTOR_DEG) % 360.0, (overhang_deg + HALF_SECTOR_DEG) % 360.0
+    )
+    name, paper = "topplings gather around the overhang", "60 % of the cases within 35 degrees about it"
+    if not told["toppled"]:
+        return Finding(name, paper, "nothing toppled", None)
+    azimuth = np.deg2rad(main["topple_azimuth_deg"].dropna().to_numpy(float))
+    mean = np.exp(1j * azimuth).mean()
+    off = abs((math.degrees(np.angle(mean)) - overhang_deg + 180.0) % 360.0 - 180.0)
+    found = (
+        f"{100 * told['share_of_toppled']:.0f} % of {told['toppled']} topplings within {2 * HALF_SECTOR_DEG:g} "
+        f"degrees about {overhang_deg:g} degrees; their mean azimuth is {off:.0f} degrees off it"
+    )
+    evenly = 2 * HALF_SECTOR_DEG / 360.0
+    return Finding(name, paper, found, bool(told["share_of_toppled"] > 2 * evenly and off < 45.0))
+
+
+def _directionality(main: pd.DataFrame) -> Finding:
+    values = main.drop_duplicates("record_id")["directionality"].dropna()
+    weak = int((values > 0.9).sum())
+    found = f"{weak} of {len(values)} records"
+    share = weak / len(values) if len(values) else math.nan
+    agrees = None if math.isnan(share) else 0.25 <= share <= 0.75
+    return Finding("about half of the records lack strong directionality", "65 of 140", found, agrees)
+
+
+def _lower_friction(rows: pd.DataFrame) -> Finding:
+    name, paper = "lower friction, more toppling", "most cells lie above the diagonal"
+    if len(frictions(rows)) < 2:
+        return Finding(name, paper, "one friction only", None)
+    table = compare_jobs(rows, frictions(rows)[-1])
+    told = [
+        f"{counts.only_this} topple only at {friction_words(counts.friction_static, counts.friction_kinetic)}, "
+        f"{counts.only_reference} only at the greatest, of {counts.pairs} pairs"
+        for counts in table.itertuples()
+    ]
+    more, fewer = int(table["only_this"].sum()), int(table["only_reference"].sum())
+    unsure = not more + fewer or binomtest(more, more + fewer).pvalue >= UNSURE
+    return Finding(name, paper, "; ".join(told), None if unsure else more > fewer)
+
+
+def _within_the_band(rows: pd.DataFrame) -> Finding:
+    name, paper = f"most cells within {WITHIN:g} of those of the greatest friction", "in general within 0.3"
+    if len(frictions(rows)) < 2:
+        return Finding(name, paper, "one friction only", None)
+    cells = compare_cells(rows, PLANES["pga_pgv"], frictions(rows)[-1])
+    within = (cells["probability"] - cells["reference_probability"]).abs() <= WITHIN
+    return Finding(name, paper, f"{int(within.sum())} of {len(cells)} cells", bool(within.mean() > 0.5))
+
+
+def _lines_everywhere(lines: pd.DataFrame, directions: int) -> Finding:
+    there = lines["azimuth_deg"].nunique() if len(lines) else 0
+    found = f"lines of 1 and 99 % in {there} of {directions} directions"
+    return Finding(
+        "two-contact reference lines in figure 6", "in every direction", found, there == directions
+    )

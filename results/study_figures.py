@@ -1,0 +1,116 @@
+"""Figures that only the study draws: the ramp of figure 4, and what directionality its records have."""
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+
+from toppling.models.frames import compass_deg
+from toppling.results.figures import COLOURS, FULL_WIDTH_IN, HALF_WIDTH_IN, style
+from toppling.results.fragility import direction_bin_deg
+
+
+def ramp_figure(table: pd.DataFrame, azimuth_deg: float, quasi_static_m_s2: float) -> Figure:
+    """Least PGA that topples by the waveform's PGV/PGA (figure 4).
+
+    Parameters
+    ----------
+    table : DataFrame
+        From `orchestrator.ramp.summary`.
+    azimuth_deg : float
+        Of the motion.
+    quasi_static_m_s2 : float
+        Least constant acceleration of this azimuth that topples.
+    """
+    toppled = table.dropna(subset=["toppling_pga_m_s2"])
+    stood = table[table["toppling_pga_m_s2"].isna()]
+    with style():
+        figure = Figure(figsize=(HALF_WIDTH_IN, 3.0))
+        axes = figure.subplots(gridspec_kw={"left": 0.15, "right": 0.96, "bottom": 0.15, "top": 0.86})
+        axes.plot(
+            toppled["pgv_pga_s"],
+            toppled["toppling_pga_m_s2"],
+            "o",
+            ms=4,
+            color=COLOURS(0.35),
+            label="topples",
+        )
+        if len(stood):
+            highest = stood["strongest_standing_m_s2"]
+            axes.plot(
+                stood["pgv_pga_s"], highest, "^", ms=4, mfc="none", color="0.4", label="stands up to here"
+            )
+        if np.isfinite(quasi_static_m_s2):
+            axes.axhline(quasi_static_m_s2, color="k", lw=0.8, ls="--", label="quasi-static")
+        axes.set(xlabel="PGV/PGA, mean over the levels (s)", ylabel="least PGA that topples (m/s²)")
+        axes.set_xlim(0.0, 1.1 * float(table["pgv_pga_s"].max()))
+        axes.set_ylim(0.0)
+        compass = float(compass_deg(azimuth_deg))
+        axes.set_title(f"{len(table)} waveforms along {azimuth_deg:g}° (compass {compass:g}°)")
+        axes.legend(frameon=False)
+    return figure
+
+
+def topple_by_direction(frame: pd.DataFrame, bins: int = 8, petal_deg: float = 15.0) -> pd.DataFrame:
+    """Count toppled jobs by the direction bin of their vector PGA and the azimuth they toppled toward (figure 8).
+
+    Returns
+    -------
+    DataFrame
+        direction_deg, azimuth_deg (centres), toppled, share_of_toppled (of the direction's).
+    """
+    toppled = frame[frame["toppled"].fillna(value=False).astype(bool)].dropna(
+        subset=["topple_azimuth_deg", "pga_azimuth_deg"]
+    )
+    petals = round(360.0 / petal_deg)
+    directions = direction_bin_deg(toppled["pga_azimuth_deg"], bins)
+    petal = np.floor(toppled["topple_azimuth_deg"].to_numpy(float) / petal_deg + 0.5).astype(int) % petals
+    counts = pd.crosstab(directions, petal).reindex(columns=range(petals), fill_value=0)
+    table = counts.stack().rename("toppled").reset_index()
+    table.columns = pd.Index(["direction_deg", "azimuth_deg", "toppled"])
+    table["azimuth_deg"] *= petal_deg
+    total = table.groupby("direction_deg")["toppled"].transform("sum")
+    return table.assign(share_of_toppled=table["toppled"] / total.clip(lower=1))
+
+
+def topple_direction_figure(table: pd.DataFrame, bins: int = 8) -> Figure:
+    """A rose of toppling azimuths for each direction of the vector PGA, from `topple_by_direction`."""
+    directions = sorted(table["direction_deg"].unique())
+    columns = min(4, max(1, len(directions)))
+    lines = max(1, -(-len(directions) // columns))
+    with style():
+        figure = Figure(figsize=(FULL_WIDTH_IN, 0.4 + 2.0 * lines))
+        grid = figure.subplots(
+            lines, columns, squeeze=False, subplot_kw={"projection": "polar"},
+            gridspec_kw={"hspace": 0.55, "wspace": 0.35, "top": 0.86, "bottom": 0.06},
+        )  # fmt: skip
+        for axes, direction in zip(grid.flat, directions, strict=False):
+            petals = table[table["direction_deg"] == direction]
+            width = 2 * np.pi / len(petals)
+            angle = np.deg2rad(petals["azimuth_deg"].to_numpy(float))
+            axes.bar(angle, 100 * petals["share_of_toppled"], width, color=COLOURS(0.35), lw=0)
+            half = 180.0 / bins
+            axes.set_title(
+                f"{direction - half:g}° to {direction + half:g}°, {petals['toppled'].sum()} toppled", pad=10
+            )
+            axes.tick_params(labelsize=6)
+            axes.grid(linewidth=0.4)
+        for axes in grid.flat[len(directions) :]:
+            axes.set_axis_off()
+        figure.suptitle(
+            "toppled toward azimuth, % of each panel's; panels: azimuth of the vector PGA", size=8
+        )
+    return figure
+
+
+def directionality_figure(motions: pd.DataFrame) -> Figure:
+    """How strongly the records prefer a direction: `directionality` of each, from the catalogue."""
+    values = motions["directionality"].dropna().to_numpy(float)
+    with style():
+        figure = Figure(figsize=(HALF_WIDTH_IN, 2.6))
+        axes = figure.subplots(gridspec_kw={"left": 0.15, "right": 0.96, "bottom": 0.18, "top": 0.88})
+        axes.hist(values, bins=np.linspace(0.0, 1.0, 21).tolist(), color=COLOURS(0.35))
+        axes.set(xlabel="share of PGA reached over 22.5° off its azimuth", ylabel="records", xlim=(0, 1))
+        axes.set_title(
+            f"{len(values)} records, {int((values > 0.9).sum())} above 0.9: without strong directionality"
+        )
+    return figure

@@ -1,0 +1,71 @@
+"""Time told beforehand: which jobs are timed, and how near their mean comes to that of all."""
+
+import numpy as np
+import pytest
+
+from toppling.models.motions.ensemble import Ensemble
+from toppling.models.motions.idealised import ricker
+from toppling.models.motions.record import Record
+from toppling.models.scene import Scene
+from toppling.orchestrator.campaign import Campaign
+from toppling.orchestrator.estimate import TimeEstimate, estimate, sampled_rows, spread
+from toppling.orchestrator.plan import plan
+
+
+@pytest.fixture(scope="module")
+def planned(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("estimate")
+    Scene.block(0.15, 0.2, 0.6).save(folder / "scene")
+    Ensemble.write(
+        folder / "ensemble", [Record.of(f"P{n:02d}", ricker(2.0, 0.3 + 0.1 * n, 0.01)) for n in range(12)]
+    )
+    told = {"pga_m_s2": list(range(1, 20)), "azimuth_deg": [0, 90, 180, 270], "friction": [0.9]}
+    campaign = Campaign.of({"scene": "scene", "ensemble": "ensemble", "preset": "fast", **told}, folder)
+    return plan(campaign, Scene.load(campaign.scene), Ensemble.load(campaign.ensemble))
+
+
+def test_every_beginning_of_the_order_is_spread():
+    order = spread(1000, 64)
+    assert len(set(order)) == 64
+    for count in (8, 16, 64):
+        assert np.diff(np.sort(order[:count])).max() <= 3 * 1000 / count
+
+
+def test_timed_jobs_are_of_all_levels_and_records(planned):
+    rows = sampled_rows(planned, np.arange(len(planned)))
+    jobs = planned.jobs.take(rows).to_pandas()
+    assert jobs["pga_m_s2"].nunique() >= 17
+    assert jobs["record_id"].nunique() >= 9
+
+
+def test_the_mean_of_the_timed_jobs_is_within_a_factor_of_one_and_a_half(planned):
+    """Costs as jobs have them: nearly none below a level, then by the record and with chance, little once it falls."""
+    level = planned.jobs["pga_m_s2"].to_numpy()
+    record = planned.jobs["record_id"].combine_chunks().indices.to_numpy()
+    near = []
+    for seed in range(200):
+        random = np.random.default_rng(seed)
+        starts, falls = random.uniform(2, 4, 12)[record], random.uniform(5, 18, 12)[record]
+        cost = np.where(
+            level < starts, 0.002, random.gamma(2.0, 0.1, len(level)) * random.lognormal(0, 0.5, 12)[record]
+        )
+        cost = np.where(level > falls, 0.3 * cost, cost)
+        told = cost[sampled_rows(planned, np.arange(len(planned)))].mean()
+        near.append(1 / 1.5 < told / cost.mean() < 1.5)
+    assert np.mean(near) > 0.95
+
+
+def test_a_small_plan_is_not_timed_and_a_large_one_is(planned):
+    scene, ensemble = Scene.load(planned.campaign.scene), Ensemble.load(planned.campaign.ensemble)
+    assert estimate(planned, scene, ensemble, np.arange(50)) is None
+    seen = []
+    told = estimate(planned, scene, ensemble, seen=lambda: seen.append(1))
+    assert told.timed == len(seen) > 5
+    assert told.work_s > 0
+
+
+def test_the_words_tell_the_time_of_one_worker_and_of_several():
+    words = TimeEstimate(7200.0, 48).words(21280, 4)
+    assert words.startswith(
+        "21280 jobs are expected to take 2 h 00 min of one worker, 30 min 00 s on 4 workers"
+    )

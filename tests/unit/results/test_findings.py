@@ -1,0 +1,57 @@
+"""The study's findings are looked for, and told as found: agreement, disagreement, and what the runs cannot tell."""
+
+import pandas as pd
+import pytest
+from seeded import rows
+
+from toppling.results.findings import findings, toppling_levels
+
+
+@pytest.fixture(scope="module")
+def main():
+    """Toppling lognormal in PGV toward 135 degrees, whatever the duration."""
+    frame = pd.DataFrame(rows(records=40, azimuths=(0.0, 90.0))).astype({"toppled": "boolean"})
+    return frame.assign(directionality=0.95)
+
+
+def found(main, lower=None, weakest_deg=315.0, lines=None):
+    lines = pd.DataFrame({"azimuth_deg": []}) if lines is None else lines
+    told = findings(main, main if lower is None else lower, weakest_deg, lines)
+    return {finding.name: finding for finding in told}
+
+
+def test_what_the_answers_are_made_of_is_found(main):
+    told = found(main)
+    assert told["probability below 0.2 for PGA < 3 m/s2 and PGV < 0.75 m/s"].agrees is True
+    assert told["toppling PGA falls with PGV/PGA"].agrees is True
+    assert told["toppling PGV hardly depends on duration"].agrees is not False
+    assert told["topplings gather around the overhang"].agrees is True
+    assert told["about half of the records lack strong directionality"].agrees is False
+    assert told["lower friction, more toppling"].agrees is None
+
+
+def test_an_overhang_elsewhere_is_a_disagreement(main):
+    finding = found(main, weakest_deg=90.0)["topplings gather around the overhang"]
+    assert finding.agrees is False
+    assert "this rock disagrees" in finding.line
+
+
+def test_lower_friction_is_told_by_pairs(main):
+    lower = pd.DataFrame(rows(records=40, azimuths=(0.0, 90.0), friction=0.6)).astype({"toppled": "boolean"})
+    more = lower.assign(toppled=lower["toppled"] | (lower["level_pga_m_s2"] > 8))
+    both = pd.concat([main, more], ignore_index=True)
+    assert found(main, both)["lower friction, more toppling"].agrees is True
+    fewer = lower.assign(toppled=lower["toppled"] & (lower["level_pga_m_s2"] > 12))
+    both = pd.concat([main, fewer], ignore_index=True)
+    assert found(main, both)["lower friction, more toppling"].agrees is False
+
+
+def test_reference_lines_in_some_directions_only_are_not_in_every_one(main):
+    lines = pd.DataFrame({"azimuth_deg": [0.0, 45.0]})
+    assert found(main, lines=lines)["two-contact reference lines in figure 6"].agrees is False
+
+
+def test_a_record_that_never_topples_has_no_finite_threshold(main):
+    record = main["record_id"].iloc[0]
+    stands = main.assign(toppled=main["toppled"] & (main["record_id"] != record))
+    assert toppling_levels(stands).loc[record, "pga_m_s2"] == float("inf")

@@ -17,30 +17,35 @@ from toppling.models.folder import new_file
 def plan(campaign: Path, table: Path | None, as_json: bool) -> None:
     """Check CAMPAIGN against its scene and ensemble and count its jobs; run none.
 
+    It warns of what is probably a slip: levels in g, friction in degrees, levels that topple nothing.
+
     \b
     toppling plan campaign.toml --out jobs.parquet
     """  # noqa: D301  (\b keeps click from rewrapping the example)
     import pyarrow.parquet as pq
-    from rich.console import Console
 
     from toppling.models.motions.ensemble import Ensemble
-    from toppling.models.scene import Scene
+    from toppling.models.scene import ContactProperties, Scene
+    from toppling.orchestrator.advice import warnings_of
     from toppling.orchestrator.campaign import Campaign
     from toppling.orchestrator.plan import check_stands
     from toppling.orchestrator.plan import plan as expand
+    from toppling.orchestrator.progress import bar
+    from toppling.orchestrator.settling_told import settling_notes
 
     chosen = Campaign.read(campaign)
     scene = Scene.load(chosen.scene)
-    with Console(stderr=True).status("letting the rock stand, counting jobs"):
+    with bar("letting the rock stand, counting jobs"):
         settling = check_stands(chosen, scene)
         planned = expand(chosen, scene, Ensemble.load(chosen.ensemble))
+        warnings = warnings_of(chosen, scene)
     counts = {
         "jobs": len(planned), "records": len(planned.record_sha), "levels": len(chosen.pga_m_s2),
         "azimuths": len(chosen.azimuth_deg), "frictions": len(chosen.friction),
         "restitutions": len(chosen.restitution), "realisations": chosen.realisations, "preset": chosen.preset,
         "engine": chosen.engine,
         "scene_id": planned.scene_id, "ensemble_id": planned.ensemble_id, "plan_id": planned.id,
-        "settling": settling.to_json(),
+        "settling": settling.to_json(), "warnings": warnings,
     }  # fmt: skip
     if table is not None:
         with new_file(table) as hidden:
@@ -54,6 +59,8 @@ def plan(campaign: Path, table: Path | None, as_json: bool) -> None:
             **counts
         )
     )
-    if settling.sentence:
-        click.echo(settling.sentence)
+    for sentence in settling_notes(scene.with_contact(ContactProperties.of(chosen.friction[0]))):
+        click.echo(sentence)
+    for sentence in warnings:
+        click.echo(f"warning: {sentence}", err=True)
     click.echo(f"scene {planned.scene_id}, ensemble {planned.ensemble_id}, plan {planned.id}")

@@ -16,6 +16,7 @@ from click.core import ParameterSource
 from toppling.orchestrator.cluster import QUEUES
 from toppling.orchestrator.dispatch import Limits
 from toppling.orchestrator.interrupt import INTERRUPTED, stop_once
+from toppling.orchestrator.spelling import OneOf
 
 FAILED_JOBS = 3
 AGAIN = ("crashed", "timeout", "failed")
@@ -44,7 +45,7 @@ def _statuses(context: click.Context, parameter: click.Parameter, value: str | N
 @click.option("--workers", type=click.IntRange(min=1), help="Local workers; one a core if not given.")
 @click.option("--scheduler", help="Address of an existing scheduler; DASK_SCHEDULER_ADDRESS if set.")
 @click.option("--scheduler-file", type=FILE, help="File that 'dask scheduler --scheduler-file' wrote.")
-@click.option("--queue", type=click.Choice(list(QUEUES)), help="Batch system to ask for workers.")
+@click.option("--queue", type=OneOf(list(QUEUES)), help="Batch system to ask for workers.")
 @click.option(
     "--queue-jobs", type=click.IntRange(min=1), default=1, show_default=True, help="Batch jobs to submit."
 )
@@ -90,12 +91,13 @@ def run(
     The same command again resumes: only jobs without a row are done. Exit code 3: some jobs have no answer, of
     this session or an earlier one; --again does them again, once what was in their way is mended.
     """  # noqa: D301  (\b keeps click from rewrapping the example)
+    from toppling.orchestrator.advice import suggestions
     from toppling.orchestrator.campaign import Campaign
     from toppling.orchestrator.cluster import job_script
     from toppling.orchestrator.progress import duration, watcher
     from toppling.orchestrator.run import RunError
     from toppling.orchestrator.run import run as carry_out
-    from toppling.orchestrator.status import state_of
+    from toppling.orchestrator.status import shares_of, state_of
 
     if dry_run:
         if queue is None:
@@ -119,11 +121,12 @@ def run(
     except KeyboardInterrupt:
         click.echo(f"stopped; the rows so far are kept. {to_go_on}", err=True)
         sys.exit(INTERRUPTED)
+    advice = suggestions(shares_of(folder))
     state = state_of(folder)  # of all sessions: what an earlier one left without an answer still has none
     summary = {
         "run": str(folder), "jobs": tally.total, "done_before": tally.before, "done": tally.done,
         "toppled": state["toppled"], "failed": state["failed"], "status": state["status"],
-        "deaths": tally.deaths,
+        "deaths": tally.deaths, "suggestions": advice,
         "wall_s": round(tally.elapsed_s, 2), "work_s": round(tally.work_s, 2),
     }  # fmt: skip
     if as_json:
@@ -137,6 +140,8 @@ def run(
             click.echo(f"why some failed: toppling status {folder}")
         if there := [name for name in AGAIN if name in state["status"]]:
             click.echo(f"to do them again: {command} --again {','.join(there)}")
+        for sentence in advice:
+            click.echo(sentence)
         click.echo(f"next: toppling fragility {folder}")
     if state["failed"]:
         sys.exit(FAILED_JOBS)

@@ -20,6 +20,7 @@ VERBS = {
     "init": "Write a campaign for SCENE and ENSEMBLE: levels, azimuths and frictions that suit the rock.",
     "plan": "Check CAMPAIGN against its scene and ensemble and count its jobs; run none.",
     "run": "Shake: carry CAMPAIGN out on a cluster, or go on where an interrupted run stopped.",
+    "watch": "Show RUN in a browser while it goes on: progress, failures, the map as it fills.",
     "status": "Say how far RUN is, while it runs and after.",
     "query": "Ask one or several runs in SQL (DuckDB), also while they go on.",
     "fragility": "Draw the study's figures of a run: PNG, SVG and the table behind each as CSV.",

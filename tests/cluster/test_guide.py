@@ -37,6 +37,9 @@ SMALLER = {
 
 RUN_TOPPLING = "from toppling.orchestrator.cli import main\nif __name__ == '__main__': main()"
 
+SITE = {"DASK_JOBQUEUE__SLURM__CORES": "8", "DASK_JOBQUEUE__SLURM__MEMORY": "16GB"}
+"""What the page on clusters has a site put into jobqueue.yaml."""
+
 SHELL = {"git", "mkdir", "docker"}
 """Other programs that the pages name."""
 
@@ -149,6 +152,7 @@ def call(words, folder):
         told = subprocess.run(
             [sys.executable, "-c", RUN_TOPPLING, *words[1:]],
             cwd=folder,
+            env=os.environ | SITE,
             capture_output=True,
             text=True,
             check=False,

@@ -286,7 +286,8 @@ def _friction(value: Any, where: str) -> tuple[tuple[float, float], ...]:
 
 def _engine(engine: Any, values: Mapping[str, Any], where: str) -> str:
     if engine not in ENGINES:
-        raise _error(where, f"{engine!r}", f"one of {', '.join(ENGINES)}", "leave it out for 'pybullet'")
+        remedy = did_you_mean(engine, ENGINES, "leave it out for 'pybullet'")
+        raise _error(where, f"{engine!r}", f"one of {', '.join(ENGINES)}", remedy)
     beyond = any(values["restitution"]) or any(static != kinetic for static, kinetic in values["friction"])
     if engine == "mujoco" and beyond:
         what = "mujoco knows neither restitution nor a kinetic friction of its own"

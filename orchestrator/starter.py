@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from toppling.orchestrator.advice import told
 from toppling.orchestrator.progress import duration
 from toppling.orchestrator.trial import Statics, Trial
+from toppling.workers.options import PRESETS
 
 BELOW_LEAST = 0.9
 """The lowest level is at most this share of the least static toppling acceleration."""
@@ -89,7 +90,7 @@ azimuth_deg = [{azimuths}]
 # [[0.8, 0.6]] has 0.8 at rest and 0.6 in a slip.
 friction = [{friction}]
 
-preset = {_quoted(preset)}  # fast, standard or reference: how finely each shake is resolved
+preset = {_quoted(preset)}  # {", ".join(PRESETS)}: how finely each shake is resolved
 
 # More keys, with their defaults:
 # restitution = [0.0]          # 0 to 1: how much of the speed of an impact comes back

@@ -63,7 +63,7 @@ def test_a_settling_is_the_turn_that_was_made_and_a_turn_about_the_normal_is_no_
     ("tilt_deg", "rise_m", "sentence"),
     [
         (0.0, 0.0, None),
-        (0.09, 0.009, None),
+        (0.09, 0.001, None),
         (0.0, 0.012, "the rock settles by 0.012 m at its farthest point before it is shaken"),
         (
             1.0,

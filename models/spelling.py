@@ -3,6 +3,9 @@
 from collections.abc import Iterable
 from difflib import get_close_matches
 
+LONGEST = 60
+"""Letters of a word that a person may have misspelt; comparing costs their square."""
+
 
 def nearest(word: str, known: Iterable[str]) -> str | None:
     """The known word that is most like another one, in any case; None where none is like it.
@@ -14,6 +17,8 @@ def nearest(word: str, known: Iterable[str]) -> str | None:
     >>> nearest("pga", ["scene", "pga_m_s2"])
     'pga_m_s2'
     """
+    if len(word) > LONGEST:
+        return None
     by_lower = {name.lower(): name for name in known}
     asked = word.lower()
     for name in by_lower:

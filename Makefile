@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: help setup system-libraries demo study test test-all lint format lock clean
+.PHONY: help setup system-libraries demo study test test-all lint format lock site gallery packages clean
 
 help:  ## show the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 20
@@ -36,12 +36,14 @@ test: setup  ## the fast tests, at most five minutes
 test-all: TESTS := "slow or not slow"
 test-all: test  ## the fast and the slow tests
 
-lint: setup  ## ruff and the type check
-	$(BIN)/ruff check .
-	$(BIN)/ruff format --check .
-	@# mypy knows no mapped packages: it is shown them as the wheel lays them out.
+# Neither mypy nor the site knows mapped packages: they are shown them as the wheel lays them out.
+packages:
 	@rm -rf build/typing && mkdir -p build/typing/toppling
 	@ln -s $(CURDIR)/orchestrator/door/* $(foreach room,models orchestrator results workers,$(CURDIR)/$(room)) build/typing/toppling/
+
+lint: setup packages  ## ruff and the type check
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
 	MYPYPATH=build/typing:benchmarks $(BIN)/mypy build/typing benchmarks
 
 format: setup  ## let ruff rewrite what it can
@@ -51,6 +53,12 @@ format: setup  ## let ruff rewrite what it can
 lock: setup  ## resolve the dependencies anew into the two lock files
 	$(BIN)/uv pip compile pyproject.toml --extra dev --python-version 3.11 --universal --generate-hashes --no-emit-index-url --no-header --quiet --upgrade -o requirements.lock
 	$(BIN)/uv pip compile pyproject.toml --extra cluster --python-version 3.11 --universal --generate-hashes --no-emit-index-url --no-header --quiet --upgrade -o requirements-worker.lock
+
+site: setup packages  ## build the documentation's site into build/site
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
+
+gallery: setup  ## run the demo and draw the documentation's gallery anew
+	$(BIN)/python benchmarks/gallery.py
 
 clean:  ## remove .venv, build files, caches and the folder demo; runs/ stays
 	rm -rf $(VENV) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis demo

@@ -197,6 +197,48 @@ def holds_still(
     return (pressing > margin) & grips & held
 
 
+def tipping_m_s2(
+    corners_m: Array, com_m: Array, normal: Array, gravity_m_s2: float, azimuths_deg: Iterable[float]
+) -> list[tuple[float, float]]:
+    """Least constant horizontal ground acceleration that tips a rock over an edge of a given support polygon.
+
+    Anooshehpoor, Brune and Zeng's formula (2004) for each edge, without slip: the line of action of gravity less
+    ground acceleration leaves the polygon.
+
+    Parameters
+    ----------
+    corners_m : (k, 3) array
+        Counter-clockwise seen against the normal.
+    com_m, normal : (3,) array
+    gravity_m_s2 : float
+    azimuths_deg : iterable of float
+        Of the ground's acceleration.
+
+    Returns
+    -------
+    list of (azimuth_deg, acceleration_m_s2)
+        Zero where gravity alone tips it, infinite where no acceleration of this azimuth does.
+
+    Examples
+    --------
+    A block of 0.4 x 0.4 x 1.2 m: g times half its width over half its height.
+
+    >>> corners = np.array([[-.2, -.2, 0], [.2, -.2, 0], [.2, .2, 0], [-.2, .2, 0]])
+    >>> com, up = np.array([0, 0, .6]), np.array([0.0, 0, 1])
+    >>> [(azimuth, round(float(value), 3)) for azimuth, value in tipping_m_s2(corners, com, up, 9.81, [0, 45])]
+    [(0, 3.27), (45, 4.624)]
+    """
+    arms = _moment_arms(corners_m, com_m, normal)
+    holding = arms @ np.array([0.0, 0.0, -gravity_m_s2])
+    found = []
+    for azimuth in azimuths_deg:
+        tipping = arms @ horizontal_unit_vector(azimuth)
+        over = tipping > 0.0
+        least = float((holding[over] / tipping[over]).min()) if over.any() else np.inf
+        found.append((azimuth, max(least, 0.0)))
+    return found
+
+
 def _moment_arms(ring: Array, com: Array, normal: Array) -> Array:
     """Vectors w (k, 3): w_k . f > 0 where a force f on the centre of mass holds the rock down on edge k."""
     edge = np.roll(ring, -1, axis=0) - ring

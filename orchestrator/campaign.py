@@ -14,6 +14,7 @@ from typing import Any
 from toppling.models.documents import is_number, read_toml, shown
 from toppling.models.errors import InputError
 from toppling.models.scene import ContactProperties
+from toppling.models.spelling import did_you_mean
 from toppling.workers.options import ENGINES, PRESETS
 
 LEVELS = ("all", "hunt")
@@ -89,7 +90,7 @@ class Campaign:
             content = read_toml(source)
         except FileNotFoundError:
             raise _error(
-                source, "no such file", "a campaign file", "write one: its keys are in docs/architecture.md"
+                source, "no such file", "a campaign file", "'toppling init SCENE ENSEMBLE' writes one"
             ) from None
         return cls.of(content, source.parent, where=str(source))
 
@@ -106,7 +107,10 @@ class Campaign:
         for key in content:
             if key not in known:
                 raise _error(
-                    where, f"unknown key {shown(key)}", f"keys: {', '.join(known)}", "correct or remove it"
+                    where,
+                    f"unknown key {shown(key)}",
+                    f"keys: {', '.join(known)}",
+                    did_you_mean(key, known, "correct or remove it"),
                 )
         missing = [
             name
@@ -160,7 +164,10 @@ class Campaign:
         preset = content.get("preset", "standard")
         if not isinstance(preset, str) or preset not in PRESETS:
             raise _error(
-                place("preset"), shown(preset), f"one of {', '.join(PRESETS)}", "take 'standard' if unsure"
+                place("preset"),
+                shown(preset),
+                f"one of {', '.join(PRESETS)}",
+                did_you_mean(preset, PRESETS, "take 'standard' if unsure"),
             )
         values["preset"] = preset
         values["engine"] = _engine(content.get("engine", "pybullet"), values, place("engine"))
@@ -253,11 +260,14 @@ def _axis(value: Any, where: str, fits: Callable[[float], bool], expected: str) 
             )
         start, stop, step = value["start"], value["stop"], value["step"]
         if not (step > 0 and stop >= start):
+            written = (
+                f"{{ start = {min(start, stop):g}, stop = {max(start, stop):g}, step = {abs(step) or 1:g} }}"
+            )
             raise _error(
                 where,
-                f"{shown(value)} holds no number",
+                f"the range from {start:g} to {stop:g} in steps of {step:g} holds no number",
                 "step above 0, stop not below start",
-                "swap the ends?",
+                f"did you mean {written}?",
             )
         # Half a thousandth of a step lets 0.1 + 0.1 + 0.1 reach a stop of 0.3; rounding gives 0.3 back.
         many = (float(stop) - float(start)) / step
@@ -288,6 +298,12 @@ def _friction(value: Any, where: str) -> tuple[tuple[float, float], ...]:
         pair = entry if isinstance(entry, list) else [entry, entry]
         if len(pair) != 2 or not all(is_number(number) for number in pair):
             raise _error(where, shown(entry), "a number, or [static, kinetic]", "correct the entry")
+        if pair[1] > pair[0]:
+            what, expected = (
+                f"{shown(entry)}: kinetic friction above static",
+                "[static, kinetic], the larger first",
+            )
+            raise _error(where, what, expected, f"did you mean [{pair[1]:g}, {pair[0]:g}]?")
         try:
             ContactProperties(*map(float, pair))
         except InputError as error:
@@ -298,7 +314,8 @@ def _friction(value: Any, where: str) -> tuple[tuple[float, float], ...]:
 
 def _engine(engine: Any, values: Mapping[str, Any], where: str) -> str:
     if engine not in ENGINES:
-        raise _error(where, f"{engine!r}", f"one of {', '.join(ENGINES)}", "leave it out for 'pybullet'")
+        remedy = did_you_mean(engine, ENGINES, "leave it out for 'pybullet'")
+        raise _error(where, f"{engine!r}", f"one of {', '.join(ENGINES)}", remedy)
     beyond = any(values["restitution"]) or any(static != kinetic for static, kinetic in values["friction"])
     if engine == "mujoco" and beyond:
         what = "mujoco knows neither restitution nor a kinetic friction of its own"

@@ -11,13 +11,16 @@ import click
 
 from toppling.models.errors import InputError
 from toppling.orchestrator.interrupt import INTERRUPTED, stop_once
+from toppling.orchestrator.spelling import Verbs
 
 VERBS = {
     "scan": "Turn laser scans into a rock on its pedestal.",
     "scene": "Show a scene or export it.",
     "records": "Ground motions: import, fetch, make, select and show ensembles of records.",
+    "init": "Write a campaign for SCENE and ENSEMBLE: levels, azimuths and frictions that suit the rock.",
     "plan": "Check CAMPAIGN against its scene and ensemble and count its jobs; run none.",
     "run": "Shake: carry CAMPAIGN out on a cluster, or go on where an interrupted run stopped.",
+    "watch": "Show RUN in a browser while it goes on: progress, failures, the map as it fills.",
     "status": "Say how far RUN is, while it runs and after.",
     "audit": "Do a random sample of RUN's jobs again and say how far its answers may be off.",
     "query": "Ask one or several runs in SQL (DuckDB), also while they go on.",
@@ -35,7 +38,7 @@ VERBS = {
 """Each is the command of its name in the module of its name in orchestrator/verbs; its line begins its own help."""
 
 
-class LazyGroup(click.Group):
+class LazyGroup(Verbs):
     """A group whose commands are imported when they are called, not when they are listed."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002  (click's signature)

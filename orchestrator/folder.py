@@ -33,6 +33,9 @@ WRITTEN_ONCE = (
 KEY_FILES = ".dask-jobqueue.worker."
 """How the names of the files begin in which batch jobs find the session's key; a killed session leaves them."""
 
+GOES_ON, INTERRUPTED = "running", "interrupted"
+"""What `run.json` says of the end of a session before it comes, and where it came too early."""
+
 LOCK_PATIENCE_S = 1.0
 """A writer has the lock for the whole of its session; who has it for less than this only looks."""
 
@@ -126,11 +129,13 @@ def session(run: Path, told: dict[str, Any]) -> Iterator[dict[str, Any]]:
         lock.write(f"{socket.gethostname()}:{os.getpid()}\n")
         lock.flush()
         _sweep(run)
-        notes = {"started_at": now(), "host": socket.gethostname(), "ended": "interrupted", **told}
+        notes = {"started_at": now(), "host": socket.gethostname(), "ended": GOES_ON, **told}
         note(run, notes, new=True)
         try:
             yield notes
         finally:
+            if notes["ended"] == GOES_ON:
+                notes["ended"] = INTERRUPTED
             note(run, notes)
 
 
@@ -139,9 +144,14 @@ def note(run: Path, notes: dict[str, Any], *, new: bool = False) -> None:
     if not new:
         notes["ended_at"] = now()
     content = describe(run)
-    sessions = content["sessions"]
-    content["sessions"] = [*(sessions if new else sessions[:-1]), notes]
+    sessions = [ended(one) for one in content["sessions"]] if new else content["sessions"][:-1]
+    content["sessions"] = [*sessions, notes]
     digest.write_json(run / "run.json", content)
+
+
+def ended(notes: dict[str, Any]) -> dict[str, Any]:
+    """Notes of a session that does not go on: one that was killed could not say so itself."""
+    return notes | {"ended": INTERRUPTED} if notes.get("ended") == GOES_ON else notes
 
 
 def place_in(run: Path, name: str) -> Path:

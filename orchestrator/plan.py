@@ -14,6 +14,7 @@ from toppling.models.errors import InputError
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import ContactProperties, Scene
 from toppling.models.settling import Settling
+from toppling.models.spelling import did_you_mean
 from toppling.orchestrator.campaign import Campaign, hash_of
 from toppling.workers.job import JobSpec
 from toppling.workers.seating import settled
@@ -38,12 +39,6 @@ Half way through 429 jobs with real records of 11 to 390 s, and 168 with synthet
 was so told 8 % too long and 25 % too short; by durations alone 36 and 43 % too short, by numbers of jobs 240 and 1 %
 too long.
 """
-
-
-WHY_A_SCANNED_ROCK_SETTLES = (
-    "it was scanned at rest, so one observation contradicts standing: a rim that is not where it seems, another plane "
-    "(--plane), or a wedge or adhesion that holds it"
-)
 
 
 def expected_s(motion_s: float, jobs: int) -> float:
@@ -187,17 +182,6 @@ def settling(scene: Scene) -> Settling:
     return Settling.between(scene.rock, settled(scene).rock, scene.pedestal.normal)
 
 
-def settling_notes(scene: Scene) -> list[str]:
-    """What a person who looks at a scene should know of how its rock stands: a sentence, or none."""
-    try:
-        sentence = settling(scene).sentence
-    except InputError as error:
-        return [f"warning: {error.what}; no campaign can be run with this scene: {error.remedy}"]
-    if sentence and "unseen_base" in scene.report:
-        sentence += f"; {WHY_A_SCANNED_ROCK_SETTLES}"
-    return [sentence] if sentence else []
-
-
 def _axes(campaign: Campaign) -> Iterator[tuple[float, float, float, float, float, int]]:
     """One record's points: those of one scene together, and of them the strongest shaking, the longest, first."""
     levels = sorted(campaign.pga_m_s2, reverse=True)
@@ -246,7 +230,11 @@ def _durations_s(campaign: Campaign, ensemble: Ensemble) -> dict[str, float]:
             + (" ..." if len(missing) > 10 else ""),
             where=str(campaign.ensemble),
             expected=f"ids of its {len(known)} records, such as {', '.join(known[:5])}",
-            remedy="correct 'records' in the campaign, or import the records into the ensemble",
+            remedy=did_you_mean(
+                missing[0],
+                known,
+                "correct 'records' in the campaign, or import the records into the ensemble",
+            ),
         )
     chosen = list(campaign.records or known)
     if not chosen:

@@ -1,15 +1,101 @@
-"""How far a run is: a bar on a terminal, one line a minute in a log."""
+"""How far something is: a bar on a terminal, one line a minute in a log."""
 
+from __future__ import annotations
+
+import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, TypeVar
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from toppling.orchestrator.run import Tally, Watcher
+if TYPE_CHECKING:
+    from toppling.orchestrator.run import Tally, Watcher
 
 LINE_EVERY_S = 60.0
+
+Item = TypeVar("Item")
+
+
+@dataclass
+class Advance:
+    """Counts what is done of a piece of work; called once for each part, which it may be given the name of."""
+
+    total: float | None
+    done: float = 0.0
+    doing: str = ""
+    began: float = field(default_factory=time.monotonic)
+
+    def __call__(self, parts: float = 1, doing: str = "", *, total: float | None = None) -> None:
+        """Take note that so many parts more are done, and of what comes next."""
+        self.done += parts
+        self.doing = doing or self.doing
+        self.total = self.total if total is None else total
+
+    def line(self, what: str) -> str:
+        """How far the work is, in one line."""
+        of = f"{self.done:g}" if self.total is None else f"{self.done:g} of {self.total:g}"
+        elapsed_s = time.monotonic() - self.began
+        told = [f"{what}: {of}", *([self.doing] if self.doing else []), duration(elapsed_s)]
+        if self.total and 0 < self.done < self.total:
+            told.append(f"{duration(elapsed_s * (self.total / self.done - 1.0))} left")
+        return "  ".join(told)
+
+
+@contextmanager
+def bar(what: str, total: float | None = None) -> Iterator[Advance]:
+    """Show on stderr how far a piece of work is, in the way that fits where stderr leads.
+
+    Parameters
+    ----------
+    what : str
+        Named before the numbers.
+    total : float or None
+        Parts of the work; None where they are not known.
+    """
+    console = Console(stderr=True)
+    advance = Advance(total)
+    ended = threading.Event()
+    if console.is_terminal:
+        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+        with Progress(*columns, console=console, transient=True) as shown:
+            task = shown.add_task(what, total=total)
+
+            class Shown(Advance):
+                def __call__(self, parts: float = 1, doing: str = "", *, total: float | None = None) -> None:
+                    super().__call__(parts, doing, total=total)
+                    shown.update(
+                        task,
+                        completed=self.done,
+                        total=self.total,
+                        description=f"{what} {self.doing}".rstrip(),
+                    )
+
+            yield Shown(total)
+        return
+
+    def speak() -> None:
+        while not ended.wait(LINE_EVERY_S):
+            console.print(advance.line(what), soft_wrap=True, markup=False, highlight=False)
+
+    speaker = threading.Thread(target=speak, name="progress", daemon=True)
+    speaker.start()
+    try:
+        yield advance
+    finally:
+        ended.set()
+        speaker.join()
+
+
+def each(items: Iterable[Item], what: str, total: float | None = None) -> Iterator[Item]:
+    """Go through items and show how far one is."""
+    with bar(what, total) as advance:
+        for item in items:
+            yield item
+            advance()
 
 
 @contextmanager
@@ -59,7 +145,13 @@ def told(tally: Tally) -> str:
 
 
 def duration(seconds: float) -> str:
-    """Seconds as a person reads them."""
+    """Seconds as a person reads them.
+
+    Examples
+    --------
+    >>> duration(75), duration(3700)
+    ('1 min 15 s', '1 h 01 min')
+    """
     minutes, rest = divmod(round(seconds), 60)
     hours, minutes = divmod(minutes, 60)
     if hours:

@@ -8,7 +8,8 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from toppling.models.tables import read_table
-from toppling.orchestrator.folder import describe, is_running
+from toppling.orchestrator.advice import Share
+from toppling.orchestrator.folder import describe, ended, is_running
 from toppling.orchestrator.journal import last
 from toppling.orchestrator.plan import expected_s
 from toppling.results.audit_folder import AUDIT_FOLDER
@@ -33,10 +34,11 @@ def state_of(run: Path) -> dict[str, Any]:
     jobs = described["jobs"]
     stored = len(rows)
     running = is_running(run)
+    sessions = described["sessions"] if running else [ended(one) for one in described["sessions"]]
     state: dict[str, Any] = {
         "state": "running" if running else "complete" if stored == jobs else "interrupted",
         "jobs": jobs, "stored": stored, "again": 0, "toppled": 0, "failed": 0, "status": {}, "failures": [],
-        "rate_per_s": None, "left_s": None, "workers": None, "deaths": None, "sessions": described["sessions"],
+        "rate_per_s": None, "left_s": None, "workers": None, "deaths": None, "sessions": sessions,
     }  # fmt: skip
     if running and (told := last(run, "work began", "rows stored")):
         state["workers"], state["deaths"] = told.get("workers"), told.get("deaths")
@@ -62,6 +64,16 @@ def _audited(run: Path) -> tuple[dict[str, Any], list[str]]:
 
     audits = audits_of(open_run(run))
     return audits_json(audits), [audit.sentence for audit in audits.values()]
+
+
+def shares_of(run: Path) -> list[Share]:
+    """Jobs with an answer and topplings of a run by its levels."""
+    columns = ["job_id", "level_pga_m_s2", "toppled", "attempt"]
+    rows = read_steady([run], lambda: newest_rows(result_files(run), columns))
+    answered = rows.filter(pc.is_valid(rows["toppled"]))
+    grouped = answered.group_by("level_pga_m_s2", use_threads=False)
+    table = grouped.aggregate([("toppled", "count"), ("toppled", "sum")]).to_pylist()
+    return [Share(row["level_pga_m_s2"], row["toppled_count"], row["toppled_sum"]) for row in table]
 
 
 def _failures(rows: pa.Table) -> list[dict[str, Any]]:

@@ -2,14 +2,18 @@
 
 import math
 from collections import Counter, defaultdict
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from toppling.models.documents import csv_rows, shown
 from toppling.models.errors import InputError
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.metadata import text_table
+
+LEAST_COMPONENTS = 2
+"""Every record has so many."""
 
 
 @dataclass(frozen=True)
@@ -30,6 +34,10 @@ class Choice:
         At most so many of one event: the nearest to the source, then by id.
     quality : tuple of str
         Any of these, as in `Record.quality`; empty for every quality.
+    pga_m_s2, pgv_pga_s : pair of float or None
+        As `magnitude`; of the record as it is, before it is scaled.
+    count : int
+        At most so many, spread evenly over the ranks of PGV/PGA.
     """
 
     magnitude: tuple[float, float] | None = None
@@ -38,6 +46,20 @@ class Choice:
     components: int = 0
     most_per_event: int = 0
     quality: tuple[str, ...] = ()
+    pga_m_s2: tuple[float, float] | None = None
+    pgv_pga_s: tuple[float, float] | None = None
+    count: int = 0
+
+    def __post_init__(self) -> None:
+        for name in ("magnitude", "distance_km", "pga_m_s2", "pgv_pga_s"):
+            limits = getattr(self, name)
+            if limits and not limits[0] <= limits[1]:
+                raise InputError(
+                    f"{name} from {limits[0]:g} to {limits[1]:g}",
+                    where="selection",
+                    expected="the least value first",
+                    remedy=f"did you mean {limits[1]:g} {limits[0]:g}?",
+                )
 
 
 @dataclass(frozen=True)
@@ -49,45 +71,115 @@ class Bin:
     contribution: float
 
 
-def select(ensemble: Ensemble, choice: Choice) -> list[str]:
-    """Ids of the records that are as chosen, in the catalogue's order.
+@dataclass(frozen=True)
+class Selection:
+    """Records that are as chosen.
+
+    Parameters
+    ----------
+    record_ids : tuple of str
+        In the catalogue's order.
+    left : tuple of (str, int)
+        After each condition in turn how many records were left.
+    """
+
+    record_ids: tuple[str, ...]
+    left: tuple[tuple[str, int], ...]
+
+
+def select(ensemble: Ensemble, choice: Choice) -> Selection:
+    """Records that are as chosen.
 
     Raises
     ------
     InputError
         If no record is.
     """
-    rows = ensemble.catalog.select(
-        ["record_id", "event", "magnitude", "distance_km", "components", "quality"]
-    ).to_pylist()
-    fit = [
-        row
-        for row in rows
-        if _within(row["magnitude"], choice.magnitude)
-        and _within(row["distance_km"], choice.distance_km)
-        and row["components"] >= choice.components
-        and (not choice.quality or row["quality"] in choice.quality)
-        and (choice.event is None or choice.event.lower() in row["event"].lower())
-    ]
-    if choice.most_per_event:
-        by_event = defaultdict(list)
-        for row in fit:
-            by_event[row["event"]].append(row)
-        kept: set[str] = set()
-        for group in by_event.values():
-            group.sort(
-                key=lambda r: (math.inf if r["distance_km"] is None else r["distance_km"], r["record_id"])
+    catalog = ensemble.catalog.select([name for name in _COLUMNS if name in ensemble.catalog.column_names])
+    rows = catalog.to_pylist()
+    left: list[tuple[str, int]] = []
+    fit = rows
+    for told, narrow in _conditions(choice):
+        fit = narrow(fit)
+        left.append((told, len(fit)))
+        if not fit:
+            steps = ", ".join(f"{told}: {count} left" for told, count in left)
+            raise InputError(
+                f"none of {len(rows)} records is as chosen ({steps})",
+                where=str(ensemble.folder),
+                expected="at least one",
+                remedy="widen the ranges; 'toppling records show' lists each record's numbers",
             )
-            kept.update(row["record_id"] for row in group[: choice.most_per_event])
-        fit = [row for row in fit if row["record_id"] in kept]
-    if not fit:
-        raise InputError(
-            f"none of {len(rows)} records is as chosen",
-            where=str(ensemble.folder),
-            expected="at least one",
-            remedy="widen the ranges; 'toppling records show' lists magnitudes and distances",
+    kept = {row["record_id"] for row in fit}
+    return Selection(tuple(row["record_id"] for row in rows if row["record_id"] in kept), tuple(left))
+
+
+_COLUMNS = (
+    "record_id",
+    "event",
+    "magnitude",
+    "distance_km",
+    "components",
+    "quality",
+    "pga_m_s2",
+    "pgv_pga_s",
+)
+Rows = list[dict[str, Any]]
+Narrow = Callable[[Rows], Rows]
+
+
+def _conditions(choice: Choice) -> Iterator[tuple[str, Narrow]]:
+    """Each condition that asks for something, in words and as what it leaves of some rows."""
+
+    def where(holds: Callable[[dict[str, Any]], bool]) -> Narrow:
+        return lambda rows: [row for row in rows if holds(row)]
+
+    ranges = (
+        ("magnitude", "magnitude", ""),
+        ("distance_km", "distance", " km"),
+        ("pga_m_s2", "PGA", " m/s2"),
+        ("pgv_pga_s", "PGV/PGA", " s"),
+    )
+    for column, name, unit in ranges:
+        limits = getattr(choice, column)
+        if limits:
+            told = f"{name} {limits[0]:g} to {limits[1]:g}{unit}"
+            yield told, where(lambda row, column=column, limits=limits: _within(row[column], limits))  # type: ignore[misc]
+    if choice.components > LEAST_COMPONENTS:
+        yield f"{choice.components} components", where(lambda row: row["components"] >= choice.components)
+    if choice.quality:
+        yield f"quality {' or '.join(choice.quality)}", where(lambda row: row["quality"] in choice.quality)
+    if choice.event is not None:
+        part = choice.event.lower()
+        yield f"event {choice.event!r}", where(lambda row: part in row["event"].lower())
+    if choice.most_per_event:
+        yield f"at most {choice.most_per_event} an event", lambda rows: _nearest(rows, choice.most_per_event)
+    if choice.count:
+        yield f"at most {choice.count}, spread over PGV/PGA", lambda rows: _spread(rows, choice.count)
+
+
+def _nearest(rows: Rows, most: int) -> Rows:
+    """At most so many of each event, the nearest to the source."""
+    by_event = defaultdict(list)
+    for row in rows:
+        by_event[row["event"]].append(row)
+    ranked = (
+        sorted(
+            group, key=lambda r: (math.inf if r["distance_km"] is None else r["distance_km"], r["record_id"])
         )
-    return [row["record_id"] for row in fit]
+        for group in by_event.values()
+    )
+    return [row for group in ranked for row in group[:most]]
+
+
+def _spread(rows: Rows, count: int) -> Rows:
+    """So many rows at even ranks of PGV/PGA, the shortest and the longest pulse among them."""
+    ranked = sorted(rows, key=lambda row: (row["pgv_pga_s"], row["record_id"]))
+    if count >= len(ranked):
+        return ranked
+    if count == 1:
+        return [ranked[len(ranked) // 2]]
+    return [ranked[round(place * (len(ranked) - 1) / (count - 1))] for place in range(count)]
 
 
 def read_deaggregation(table: Path) -> list[Bin]:

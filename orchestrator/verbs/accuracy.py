@@ -4,12 +4,11 @@ from pathlib import Path
 
 import click
 import pandas as pd
-from rich.console import Console
-from rich.progress import Progress
 
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
 from toppling.orchestrator.front import CONVERGED, FLOOR, Setting, answers, compare, draw_jobs, settings
+from toppling.orchestrator.progress import bar
 from toppling.results.figures import front_figure, save
 from toppling.workers.options import PRESETS
 
@@ -54,12 +53,7 @@ def accuracy(
     jobs = draw_jobs(motions, count, pga_m_s2)
     compared = settings(explore=explore)
     compared[FLOOR] = Setting(PRESETS[CONVERGED], disturbed_toward_deg=0.0)
-    with Progress(console=Console(stderr=True), transient=True) as progress:
-        task = progress.add_task("shaking", total=count * len(compared))
-
-        def seen() -> None:
-            progress.advance(task)
-
+    with bar("shaking", count * len(compared)) as seen:
         said = {
             name: answers(rock, motions, jobs, one, processes=workers, seen=seen, kept=out / "answers")
             for name, one in compared.items()

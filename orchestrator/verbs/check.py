@@ -9,7 +9,6 @@ from pathlib import Path
 import click
 from rich import box
 from rich.console import Console
-from rich.progress import Progress
 from rich.table import Table
 
 from toppling.models.errors import InputError
@@ -17,6 +16,8 @@ from toppling.models.motions.ensemble import CATALOG, Ensemble
 from toppling.models.motions.motion import Motion
 from toppling.models.motions.record import Record
 from toppling.models.scene import Scene
+from toppling.orchestrator.progress import bar
+from toppling.orchestrator.spelling import OneOf
 from toppling.workers.options import PRESETS
 from toppling.workers.shake import shake
 
@@ -76,7 +77,7 @@ class Verdict:
     show_default=True,
     help="On each side; 0 for none.",
 )
-@click.option("--preset", type=click.Choice(list(PRESETS)), default="standard")
+@click.option("--preset", type=OneOf(list(PRESETS)), default="standard")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def check(
     scene: Path,
@@ -105,10 +106,9 @@ def check(
     records = list(_records(seismograms, metadata, missing_vertical))
     factors = neighbouring_factors(largest, neighbours)
     verdicts = []
-    with Progress(console=Console(stderr=True), transient=True) as progress:
-        task = progress.add_task("shaking", total=len(records) * len(factors))
+    with bar("shaking", len(records) * len(factors)) as advance:
         for record in records:
-            verdicts.append(judged(loaded, record, factors, preset, lambda: progress.advance(task)))
+            verdicts.append(judged(loaded, record, factors, preset, advance))
     if as_json:
         click.echo(json.dumps([asdict(verdict) for verdict in verdicts], indent=1))
     else:

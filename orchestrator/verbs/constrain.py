@@ -3,15 +3,13 @@
 import json
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 import click
 import numpy as np
-from rich.console import Console
-from rich.progress import Progress
 
 from toppling.models.errors import InputError
+from toppling.orchestrator.progress import bar
 from toppling.results import figures
 from toppling.results.atlas import save_table
 from toppling.results.constraint import bound_table, branch_table, single_event
@@ -96,10 +94,9 @@ def constrain(
         raise click.UsageError(msg)
     over = _measure(measure, branches)
     ages = [parse_age(text) for text in age] or [np.array([np.nan])]
-    with Progress(console=Console(stderr=True), transient=True) as progress:
-        task = progress.add_task("drawing records anew", total=SAMPLES * sum(path.is_dir() for path in rocks))
+    with bar("drawing records anew", SAMPLES * sum(path.is_dir() for path in rocks)) as advance:
         standing = [
-            _standing(name, path, over, where, trusted, years, seen=partial(progress.advance, task))
+            _standing(name, path, over, where, trusted, years, seen=advance)
             for name, path, years in zip(
                 _names(rocks), rocks, ages * len(rocks) if len(ages) == 1 else ages, strict=True
             )

@@ -9,13 +9,12 @@ from pathlib import Path
 import click
 import pandas as pd
 from click.core import ParameterSource
-from rich.console import Console
-from rich.progress import track
 
 from toppling.models.errors import InputError
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import ContactProperties, Scene
 from toppling.orchestrator.folder import place_in
+from toppling.orchestrator.progress import bar, each
 from toppling.results.atlas import write_audits, write_directions, write_fits, write_friction, write_maps
 from toppling.results.audit import audits_of
 from toppling.results.directions import SECTOR_DEG
@@ -149,7 +148,7 @@ def fragility(
         + 4 * len(by_surroundings(jobs))
         + bool(audits)
     )
-    for path in track(written, "figures", total=total, console=Console(stderr=True), transient=True):
+    for path in each(written, "figures", total):
         click.echo(path)
     for audit in audits.values():
         click.echo(audit.sentence)
@@ -167,7 +166,7 @@ def _plane_reference(run: Run, jobs: pd.DataFrame, directions: int) -> pd.DataFr
     scene, ensemble = at_rest(Scene.load(run.path / "scene"), jobs), Ensemble.load(run.path / "ensemble")
     records, levels = (sorted(jobs[name].unique()) for name in ("record_id", "level_pga_m_s2"))
     azimuths = [number * 360.0 / directions for number in range(directions)]
-    with Console(stderr=True).status(f"plane reference: {len(azimuths)} sections, {len(levels)} levels"):
+    with bar(f"plane reference: {len(azimuths)} sections, {len(levels)} levels"):
         simulated = simulate(scene, ensemble, records, levels, azimuths)
     # Each record counts in the lines as in the cells that they are drawn over.
     weights = jobs[["record_id", "record_weight"]].drop_duplicates() if "record_weight" in jobs else None

@@ -19,28 +19,32 @@ from toppling.models.folder import new_file
 def plan(campaign: Path, table: Path | None, workers: int | None, no_estimate: bool, as_json: bool) -> None:
     """Check CAMPAIGN against its scene and ensemble and count its jobs; run none.
 
-    Where there are many, a few of them are done and timed, to say how long all will take.
+    It warns of what is probably a slip: levels in g, friction in degrees, levels that topple nothing. Where there are
+    many jobs, a few of them are done and timed, to say how long all will take.
 
     \b
     toppling plan campaign.toml --out jobs.parquet
     """  # noqa: D301  (\b keeps click from rewrapping the example)
     import pyarrow.parquet as pq
-    from rich.console import Console
 
     from toppling.models.motions.ensemble import Ensemble
-    from toppling.models.scene import Scene
+    from toppling.models.scene import ContactProperties, Scene
+    from toppling.orchestrator.advice import warnings_of
     from toppling.orchestrator.campaign import Campaign
     from toppling.orchestrator.estimate import estimate
     from toppling.orchestrator.plan import check_stands
     from toppling.orchestrator.plan import plan as expand
+    from toppling.orchestrator.progress import bar
+    from toppling.orchestrator.settling_told import settling_notes
 
     chosen = Campaign.read(campaign)
     scene = Scene.load(chosen.scene)
-    with Console(stderr=True).status("letting the rock stand, counting jobs"):
+    with bar("letting the rock stand, counting jobs"):
         settling = check_stands(chosen, scene)
         ensemble = Ensemble.load(chosen.ensemble)
         planned = expand(chosen, scene, ensemble)
-    with Console(stderr=True).status("timing a few jobs"):
+        warnings = warnings_of(chosen, scene)
+    with bar("timing a few jobs"):
         expected = None if no_estimate else estimate(planned, scene, ensemble)
     counts = {
         "jobs": len(planned), "records": len(planned.record_sha), "levels": len(chosen.pga_m_s2),
@@ -48,8 +52,8 @@ def plan(campaign: Path, table: Path | None, workers: int | None, no_estimate: b
         "restitutions": len(chosen.restitution), "realisations": chosen.realisations, "preset": chosen.preset,
         "engine": chosen.engine,
         "scene_id": planned.scene_id, "ensemble_id": planned.ensemble_id, "plan_id": planned.id,
-        "settling": settling.to_json(), "expected_work_s": expected and round(expected.work_s, 1),
-        "timed_jobs": expected.timed if expected else 0,
+        "settling": settling.to_json(), "warnings": warnings,
+        "expected_work_s": expected and round(expected.work_s, 1), "timed_jobs": expected.timed if expected else 0,
     }  # fmt: skip
     if table is not None:
         with new_file(table) as hidden:
@@ -65,6 +69,8 @@ def plan(campaign: Path, table: Path | None, workers: int | None, no_estimate: b
     )
     if expected:
         click.echo(expected.words(len(planned), workers))
-    if settling.sentence:
-        click.echo(settling.sentence)
+    for sentence in settling_notes(scene.with_contact(ContactProperties.of(chosen.friction[0]))):
+        click.echo(sentence)
+    for sentence in warnings:
+        click.echo(f"warning: {sentence}", err=True)
     click.echo(f"scene {planned.scene_id}, ensemble {planned.ensemble_id}, plan {planned.id}")

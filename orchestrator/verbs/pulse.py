@@ -4,11 +4,12 @@ from collections.abc import Callable
 from pathlib import Path
 
 import click
-from rich.console import Console
 
 from toppling.models.motions import idealised
 from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene
+from toppling.orchestrator.progress import bar
+from toppling.orchestrator.spelling import OneOf
 from toppling.orchestrator.verbs.replay import way_of, write_out
 from toppling.results.friction import friction_words
 from toppling.workers.options import PRESETS
@@ -22,7 +23,7 @@ SHAPES = ("sawtooth", "sine", "cosine", "ricker")
     "--out", required=True, type=click.Path(path_type=Path, file_okay=False), help="Folder to write to."
 )
 @click.option(
-    "--shape", type=click.Choice(list(SHAPES)), default="sawtooth", show_default=True,
+    "--shape", type=OneOf(list(SHAPES)), default="sawtooth", show_default=True,
     help="Sawtooth of velocity; sine, cosine or Ricker wavelet of acceleration.",
 )  # fmt: skip
 @click.option(
@@ -44,7 +45,7 @@ SHAPES = ("sawtooth", "sine", "cosine", "ricker")
     help="Toward which the ground moves first (Ricker: accelerates most), degrees counter-clockwise from east.",
 )
 @click.option("--friction", type=click.FloatRange(0, min_open=True), help="The scene's own if not given.")
-@click.option("--preset", type=click.Choice(list(PRESETS)), default="standard", show_default=True)
+@click.option("--preset", type=OneOf(list(PRESETS)), default="standard", show_default=True)
 def pulse(
     scene: Path,
     out: Path,
@@ -67,7 +68,7 @@ def pulse(
     if friction is not None:
         loaded = loaded.with_friction(friction)
     motion = pulse_motion(shape, pgv_m_s, period_s, azimuth)
-    with Console(stderr=True).status("shaking"):
+    with bar("shaking"):
         way, result = way_of(loaded, motion, preset)
     friction_told = friction_words(loaded.contact.friction_static, loaded.contact.friction_kinetic)
     title = (

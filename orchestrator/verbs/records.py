@@ -1,22 +1,20 @@
 """`toppling records`: from record files to an ensemble."""
 
 import json
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
 from toppling.models.errors import InputError
+from toppling.orchestrator.progress import bar
+from toppling.orchestrator.spelling import OneOf, Verbs
 
 if TYPE_CHECKING:
-    from rich.progress import Progress, TaskID
-
     from toppling.models.motions.importing import Refusal
 
 
-@click.group()
+@click.group(cls=Verbs)
 def records() -> None:
     """Ground motions: import, fetch, make, select and show ensembles of records.
 
@@ -84,9 +82,8 @@ def import_(
     table = read_table(metadata) if metadata else []
     files = record_files(paths)
     wishes = Wishes(missing_vertical, doubtful, process, corner_hz, time_step_s)
-    with _progress("reading") as (progress, task):
-        progress.update(task, total=2 * len(files))
-        outcome = import_records(files, table, wishes, lambda count: progress.advance(task, count))
+    with bar("reading", 2 * len(files)) as advance:
+        outcome = import_records(files, table, wishes, advance)
     if not metadata:
         for path in (found for folder in paths if folder.is_dir() for found in sorted(folder.rglob("*.csv"))):
             if looks_like_table(path):
@@ -179,10 +176,10 @@ def fetch(
     client = connect(service)
     event = find_event(connect(event_service) if event_service else client, event_id) if event_id else None
     names = [name.strip() for name in stations.split(",")] if stations else []
-    with _progress("fetching") as (progress, task):
+    with bar("fetching") as seen:
 
         def advance(total: int) -> None:
-            progress.update(task, total=total) if total else progress.advance(task)
+            seen(0, total=total) if total else seen()
 
         came = fetched(
             client,
@@ -250,8 +247,16 @@ def show(ensemble: Path, figure: Path | None, as_json: bool) -> None:
 @click.option(
     "--quality",
     multiple=True,
-    type=click.Choice(["corrected", "processed", "drifting", "sound", "uncorrected", "made"]),
+    type=OneOf(["corrected", "processed", "drifting", "sound", "uncorrected", "made"]),
     help="Only records of this quality; may be given again.",
+)
+@click.option("--pga", type=float, nargs=2, help="Least and largest PGA as recorded, m/s2.")
+@click.option("--pgv-pga", type=float, nargs=2, help="Least and largest PGV/PGA, s.")
+@click.option(
+    "--count",
+    type=click.IntRange(min=0),
+    default=0,
+    help="At most so many of what the other conditions leave, spread evenly over the ranks of PGV/PGA.",
 )
 @click.option(
     "--deaggregation",
@@ -269,13 +274,19 @@ def select(
     components: int,
     per_event: int,
     quality: tuple[str, ...],
+    pga: tuple[float, float] | None,
+    pgv_pga: tuple[float, float] | None,
+    count: int,
     deaggregation: Path | None,
     replace: bool,
 ) -> None:
     """Make an ensemble of some records of another, weighted by a site's hazard if asked.
 
+    Each condition says how many records it leaves.
+
     \b
     toppling records select ensembles/quakes --out ensembles/near --distance 0 20 --per-event 3
+    toppling records select ensembles/quakes --out ensembles/forty --pgv-pga 0.05 0.5 --count 40
     """  # noqa: D301  (\b keeps click from rewrapping the example)
     import dataclasses
 
@@ -285,9 +296,16 @@ def select(
 
     _refuse_existing(out, replace)
     loaded = Ensemble.load(ensemble)
-    names = chosen(
-        loaded, Choice(magnitude or None, distance_km or None, event, components, per_event, quality)
+    choice = Choice(
+        magnitude or None, distance_km or None, event, components, per_event, quality, pga, pgv_pga, count
     )
+    selection = chosen(loaded, choice)
+    names = list(selection.record_ids)
+    click.echo(f"{len(loaded.record_ids)} records in {ensemble}")
+    for told, left in selection.left:
+        click.echo(f"{told}: {left} left")
+    if 0 < len(names) < count:
+        click.echo(f"fewer than the {count} asked for: all that are left were taken", err=True)
     weights = dict(zip(loaded.record_ids, loaded.catalog["weight"].to_pylist(), strict=True))
     if deaggregation:
         weights, empty = hazard_weights(loaded, names, read_deaggregation(deaggregation))
@@ -326,23 +344,12 @@ def synthesise(out: Path, count: int, seed: int, pulse_share: float, replace: bo
     from toppling.models.motions.synthetic import against_targets, synthetic_ensemble
 
     _refuse_existing(out, replace)
-    with _progress("making") as (progress, task):
-        progress.update(task, total=count)
-        made = synthetic_ensemble(count, seed, pulse_share, lambda: progress.advance(task))
+    with bar("making", count) as advance:
+        made = synthetic_ensemble(count, seed, pulse_share, advance)
     Ensemble.write(out, made)
     for line in against_targets(made):
         click.echo(line)
     click.echo(f"{count} records in {out}")
-
-
-@contextmanager
-def _progress(what: str) -> "Iterator[tuple[Progress, TaskID]]":
-    """Show a bar with the time left, on stderr."""
-    from rich.console import Console
-    from rich.progress import Progress
-
-    with Progress(console=Console(stderr=True), transient=True) as progress:
-        yield progress, progress.add_task(what, total=None)
 
 
 def _no_record(files: int, where: str) -> InputError:

@@ -5,8 +5,6 @@ from pathlib import Path
 
 import click
 import pyarrow.compute as pc
-from rich.console import Console
-from rich.progress import track
 
 from toppling.models.digest import check
 from toppling.models.errors import InputError
@@ -16,6 +14,7 @@ from toppling.models.scene import Scene
 from toppling.models.tables import read_table
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.folder import place_in
+from toppling.orchestrator.progress import bar, each
 from toppling.results.friction import friction_words
 from toppling.results.replay import write_way
 from toppling.results.run import open_run
@@ -49,7 +48,7 @@ def replay(run: Path, job: str, out: Path | None) -> None:
     spec, job_id = _specification(run, job)
     assets = Assets(Scene.load(run / "scene"), Ensemble.load(run / "ensemble"))
     scene, imposed = prepared(spec, assets)
-    with Console(stderr=True).status("shaking"):
+    with bar("shaking"):
         way, result = way_of(scene, imposed.motion, spec.preset, spec.engine)
     title = (
         f"{spec.record_id}, PGA {spec.pga_m_s2:g} m/s², azimuth {spec.azimuth_deg:g}°, "
@@ -89,9 +88,7 @@ def way_of(scene: Scene, motion: Motion, preset: str, engine: str = "pybullet") 
 
 def write_out(way: Way, folder: Path, title: str) -> None:
     """Write all that shows a way, and name each file."""
-    for path in track(
-        write_way(way, folder, title), "drawing", total=6, console=Console(stderr=True), transient=True
-    ):
+    for path in each(write_way(way, folder, title), "drawing", total=6):
         click.echo(path)
 
 

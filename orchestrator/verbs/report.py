@@ -3,10 +3,9 @@
 from pathlib import Path
 
 import click
-from rich.console import Console
-from rich.progress import Progress
 
 from toppling.orchestrator.folder import place_in
+from toppling.orchestrator.progress import bar
 from toppling.results.report import SECTIONS, report_page, write_page
 from toppling.results.run import open_run
 
@@ -26,7 +25,6 @@ def report(run: Path, out: Path | None, samples: int) -> None:
     toppling report runs/first
     """  # noqa: D301
     opened = open_run(run)
-    with Progress(console=Console(stderr=True), transient=True) as progress:
-        task = progress.add_task("report", total=len(SECTIONS))
-        page = report_page(opened, samples, lambda title: progress.update(task, advance=1, description=title))
+    with bar("report", len(SECTIONS)) as advance:
+        page = report_page(opened, samples, lambda title: advance(doing=f"after {title}"))
     click.echo(write_page(page, out or place_in(run, "report.html")))

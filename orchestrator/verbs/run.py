@@ -81,13 +81,14 @@ def run(
     The same command again resumes: only jobs without a row are done. Exit code 3: some jobs have no answer, of
     this session or an earlier one; --again does them again, once what was in their way is mended.
     """  # noqa: D301  (\b keeps click from rewrapping the example)
+    from toppling.orchestrator.advice import suggestions
     from toppling.orchestrator.audit import AFTERWARDS
     from toppling.orchestrator.campaign import Campaign
     from toppling.orchestrator.cluster import job_script
     from toppling.orchestrator.progress import duration, watcher
     from toppling.orchestrator.run import RunError
     from toppling.orchestrator.run import run as carry_out
-    from toppling.orchestrator.status import state_of
+    from toppling.orchestrator.status import shares_of, state_of
 
     if dry_run:
         queue = where["queue_kind"]
@@ -115,12 +116,13 @@ def run(
     except KeyboardInterrupt:
         click.echo(f"stopped; the rows so far are kept. {to_go_on}", err=True)
         sys.exit(INTERRUPTED)
+    advice = suggestions(shares_of(folder))
     state = state_of(folder)  # of all sessions: what an earlier one left without an answer still has none
     summary = {
         "run": str(folder), "jobs": tally.total, "done_before": tally.before, "done": tally.done,
         "toppled": state["toppled"], "failed": state["failed"], "status": state["status"],
-        "deaths": tally.deaths,
-        "wall_s": round(tally.elapsed_s, 2), "work_s": round(tally.work_s, 2), "audit": state["audit"],
+        "deaths": tally.deaths, "suggestions": advice, "audit": state["audit"],
+        "wall_s": round(tally.elapsed_s, 2), "work_s": round(tally.work_s, 2),
     }  # fmt: skip
     if as_json:
         click.echo(json.dumps(summary))
@@ -135,6 +137,8 @@ def run(
             click.echo(sentence)
         if there := [name for name in AGAIN if name in state["status"]]:
             click.echo(f"to do them again: {command} --again {','.join(there)}")
+        for sentence in advice:
+            click.echo(sentence)
         click.echo(f"next: toppling fragility {folder}")
     if state["failed"]:
         sys.exit(FAILED_JOBS)

@@ -4,12 +4,11 @@ import json
 from pathlib import Path
 
 import click
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
 from toppling.models.errors import InputError
 from toppling.models.folder import refuse_existing
 from toppling.models.scene import Scene
+from toppling.orchestrator.progress import bar
 
 REALISATIONS = 8
 LEAST_REALISATIONS = 3
@@ -114,18 +113,17 @@ def scan(
     from toppling.models.scan.read import read_clouds
     from toppling.models.scan.survey import STAGES, save_survey, survey
     from toppling.models.scan.word import word_of
-    from toppling.orchestrator.plan import settling_notes
+    from toppling.orchestrator.settling_told import draw_settling, settling_notes
 
     refuse_existing(out)
     inspection = inspection_of(contact, pulls)
     word = word_of(plane, [_coordinates(point) for point in points], outline)
     total = STAGES + bootstrap + 3
-    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=Console(stderr=True)) as bar:
-        task = bar.add_task("reading", total=total)
+    with bar("scan", total) as advance:
+        advance(0, "reading")
 
         def stage(name: str) -> None:
-            bar.update(task, advance=1, description=name)
+            advance(1, name)
 
         cloud = read_clouds(files)
         try:
@@ -136,7 +134,7 @@ def scan(
         notes = settling_notes(result.scene) + base_sentences(result.scene.report)
         stage("writing")
         save_survey(result, out, notes)
-        bar.update(task, completed=total, description="done")
+        draw_settling(result.scene, out / "settling.png")
     click.echo(json.dumps(result.scene.to_json(), allow_nan=False) if as_json else _told(result.scene, out))
     if warning := invention_warning(result.scene):
         notes.append(warning)

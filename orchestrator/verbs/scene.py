@@ -5,9 +5,10 @@ from pathlib import Path
 import click
 
 from toppling.models.scene import Scene
+from toppling.orchestrator.spelling import Verbs
 
 
-@click.group()
+@click.group(cls=Verbs)
 def scene() -> None:
     """Show a scene or export it.
 
@@ -23,13 +24,15 @@ def scene() -> None:
 def show(folder: Path, out: Path | None) -> None:
     """Write a picture (scene.png) and a page that turns with the mouse (scene.html).
 
+    Where the rock settles far before it is shaken, settling.png shows its contact as scanned and settled.
+
     \b
     toppling scene show scenes/rock --out pictures
     """  # noqa: D301  (\b keeps click from rewrapping the example)
     from toppling.models.intervals import base_sentences
     from toppling.models.scan.page import write_page
     from toppling.models.scan.picture import draw_scene
-    from toppling.orchestrator.plan import settling_notes
+    from toppling.orchestrator.settling_told import draw_settling, settling_notes
 
     loaded = Scene.load(folder)
     target = out or folder
@@ -37,7 +40,10 @@ def show(folder: Path, out: Path | None) -> None:
     notes = settling_notes(loaded) + base_sentences(loaded.report)
     draw_scene(loaded, target / "scene.png", notes)
     write_page(loaded, target / "scene.html", notes)
-    click.echo("\n".join([str(target / "scene.png"), str(target / "scene.html"), *notes]))
+    drawn = [target / name for name in ("scene.png", "scene.html")]
+    if draw_settling(loaded, target / "settling.png"):
+        drawn.append(target / "settling.png")
+    click.echo("\n".join([*map(str, drawn), *notes]))
 
 
 @scene.command()

@@ -10,6 +10,7 @@ from typing import Any
 import click
 
 from toppling.orchestrator.cluster import QUEUES
+from toppling.orchestrator.spelling import OneOf
 
 FILE = click.Path(dir_okay=False, path_type=Path)
 
@@ -17,9 +18,7 @@ _OPTIONS = (
     click.option("--workers", type=click.IntRange(min=1), help="Local workers; one a core if not given."),
     click.option("--scheduler", help="Address of an existing scheduler; DASK_SCHEDULER_ADDRESS if set."),
     click.option("--scheduler-file", type=FILE, help="File that 'dask scheduler --scheduler-file' wrote."),
-    click.option(
-        "--queue", "queue_kind", type=click.Choice(list(QUEUES)), help="Batch system to ask for workers."
-    ),
+    click.option("--queue", "queue_kind", type=OneOf(list(QUEUES)), help="Batch system to ask for workers."),
     click.option(
         "--queue-jobs", type=click.IntRange(min=1), default=1, show_default=True, help="Batch jobs to submit."
     ),

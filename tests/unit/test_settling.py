@@ -23,8 +23,10 @@ from toppling.orchestrator.cli import cli
 from toppling.orchestrator.folder import describe, prepare
 from toppling.orchestrator.plan import check_stands, plan
 from toppling.orchestrator.run import run
+from toppling.orchestrator.settling_told import draw_settling, settling_notes
 from toppling.orchestrator.verbs.scan import scan
 from toppling.orchestrator.verbs.scene import scene
+from toppling.results.drawing import settling as drawing
 from toppling.results.report import _scene
 from toppling.results.run import open_run
 
@@ -136,7 +138,7 @@ def test_the_scenes_page_and_the_console_say_by_how_much_the_rock_settles(campai
 )
 def test_a_scan_is_written_and_says_how_its_rock_stands(monkeypatch, tmp_path, tilt_deg, said):
     found = Survey(leaning(tilt_deg), np.zeros(0, np.int8))
-    drawn = []
+    drawn: list[str] = []
     monkeypatch.setattr("toppling.models.scan.read.read_clouds", lambda _: None)
     monkeypatch.setattr("toppling.models.scan.survey.survey", lambda *_: found)
     monkeypatch.setattr("toppling.models.scan.survey.draw_scene", lambda *told: drawn.extend(told[2]))
@@ -144,5 +146,46 @@ def test_a_scan_is_written_and_says_how_its_rock_stands(monkeypatch, tmp_path, t
     assert Scene.load(tmp_path / "a").id == found.scene.id
     told = done.stdout.splitlines()[1:]
     assert told == drawn
-    assert len(told) == bool(said)
+    assert len(told) == {1.0: 3, 40.0: 1, 0.0: 0}[tilt_deg]
     assert "".join(told).startswith(said)
+    assert (tmp_path / "a" / "settling.png").exists() == (tilt_deg == 1.0)
+
+
+def scanned(tilt_deg):
+    """As :func:`leaning`, with a report as a scan has it."""
+    outline = [[x, y, 0.0] for x, y in ((-0.3, -0.2), (0.3, -0.2), (0.3, 0.2), (-0.3, 0.2))]
+    return dataclasses.replace(leaning(tilt_deg), report={"interface": {"outline_m": outline}})
+
+
+def test_a_large_settling_says_what_it_means_which_points_carry_and_what_to_do(tmp_path):
+    told = settling_notes(scanned(2.0))
+    assert "no scanner saw the base" in told[1]
+    assert "stands on 4 contact points" in told[1]
+    # Of the block that lies flat, by the closed form.
+    assert f"topples it is {9.81 * 0.2 / 0.5:.3g} m/s2" in told[1]
+    assert "--point" in told[2]
+    assert "--outline" in told[2]
+    assert "turn it" in settling_notes(leaning(2.0))[2]
+
+
+def test_a_small_settling_is_told_and_not_explained_or_drawn(tmp_path):
+    assert len(settling_notes(scanned(0.3))) == 1
+    assert not draw_settling(scanned(0.3), tmp_path / "settling.png")
+    assert not (tmp_path / "settling.png").exists()
+
+
+def test_a_large_settling_is_drawn_from_both_poses(tmp_path, monkeypatch):
+    shown = {}
+    monkeypatch.setattr(drawing.Figure, "savefig", lambda figure, path, **_: shown.update(lines_of(figure)))
+    assert draw_settling(scanned(4.0), tmp_path / "settling.png")
+    assert len(shown["4 contact points once settled"]) == len(shown["contact as scanned"]) == 5
+    at_east = shown["topples once settled"][0, 1]
+    assert at_east == pytest.approx(9.81 * 0.3 / 0.5, rel=1e-4)
+    # As scanned it stands on the whole outline, its centre of mass higher.
+    height_m = 0.5 * np.cos(np.deg2rad(4.0)) + 0.3 * np.sin(np.deg2rad(4.0))
+    assert shown["topples on the contact as scanned"][0, 1] == pytest.approx(9.81 * 0.3 / height_m)
+
+
+def lines_of(figure):
+    lines = [line for axes in figure.axes for line in axes.get_lines()]
+    return {line.get_label(): np.column_stack(line.get_data()) for line in lines}

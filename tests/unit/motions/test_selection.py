@@ -1,6 +1,7 @@
 """What is chosen is what was asked for; weights add up and say what hazard has no record."""
 
 import dataclasses
+from itertools import pairwise
 
 import pytest
 
@@ -39,12 +40,55 @@ def ensemble(tmp_path_factory):
     ],
 )
 def test_records_are_chosen(ensemble, choice, ids):
-    assert select(ensemble, choice) == ids
+    assert list(select(ensemble, choice).record_ids) == ids
 
 
-def test_a_choice_of_nothing_is_refused(ensemble):
-    with pytest.raises(InputError, match="none of 5 records"):
-        select(ensemble, Choice(magnitude=(8.0, 9.0)))
+def test_a_choice_of_nothing_is_refused_and_names_the_condition_that_left_none(ensemble):
+    with pytest.raises(
+        InputError, match=r"none of 5 records .* 6 to 7: 3 left, distance 50 to 60 km: 0 left"
+    ):
+        select(ensemble, Choice(magnitude=(6.0, 7.0), distance_km=(50.0, 60.0)))
+
+
+def test_each_condition_says_how_many_records_it_leaves(ensemble):
+    chosen = select(ensemble, Choice(magnitude=(6.0, 7.0), distance_km=(0.0, 20.0), most_per_event=1))
+    assert [count for _, count in chosen.left] == [3, 2, 1]
+
+
+@pytest.mark.parametrize("name", ["magnitude", "distance_km", "pga_m_s2", "pgv_pga_s"])
+def test_swapped_ends_of_a_range_are_refused_with_the_range_that_was_meant(name):
+    with pytest.raises(InputError, match="did you mean 5 6"):
+        Choice(**{name: (6.0, 5.0)})
+
+
+@pytest.fixture(scope="module")
+def pulses(tmp_path_factory):
+    """Nine records, each pulse longer than the one before, not in the order of their names."""
+    names = [f"P{(7 * place) % 9}" for place in range(9)]
+    records = [
+        Record.of(name, full_sine(1.0 + 0.1 * place, 0.3 + 0.1 * place)) for place, name in enumerate(names)
+    ]
+    return Ensemble.write(tmp_path_factory.mktemp("e") / "e", records), names
+
+
+def test_a_count_spreads_evenly_over_the_ranks_of_pulse_length_with_both_ends(pulses):
+    ensemble, names = pulses
+    for count in (2, 3, 5, 9, 50):
+        kept = select(ensemble, Choice(count=count)).record_ids
+        ranks = sorted(names.index(name) for name in kept)
+        assert (ranks[0], ranks[-1], len(ranks)) == (0, 8, min(count, 9))
+        steps = [above - below for below, above in pairwise(ranks)]
+        assert max(steps) - min(steps) <= 1
+
+
+def test_ranges_of_peaks_and_pulse_lengths_keep_what_lies_within(pulses):
+    ensemble, names = pulses
+    table = {row["record_id"]: row for row in ensemble.catalog.to_pylist()}
+    for field in ("pga_m_s2", "pgv_pga_s"):
+        low, high = (table[names[place]][field] for place in (2, 5))
+        kept = select(ensemble, Choice(**{field: (low, high)})).record_ids
+        assert sorted(kept) == sorted(n for n in names if low <= table[n][field] <= high)
+        assert 2 <= len(kept) < 9
 
 
 def deaggregation(tmp_path, text):

@@ -63,7 +63,7 @@ def test_what_is_written_reads_back_as_the_same_campaign(levels, azimuths, frict
     [
         ({"pga": [1.0]}, "unknown key 'pga'"),
         ({"friction": [-0.1]}, "friction_static is -0.1"),
-        ({"friction": [[0.5, 0.9]]}, "friction_kinetic is 0.9"),
+        ({"friction": [[0.5, 0.9]]}, "did you mean [0.9, 0.5]?"),
         ({"friction": []}, "friction"),
         ({"friction": 0.8}, "friction"),
         ({"friction": [True]}, "friction"),
@@ -72,7 +72,13 @@ def test_what_is_written_reads_back_as_the_same_campaign(levels, azimuths, frict
         ({"pga_m_s2": [981]}, "pga_m_s2"),
         ({"pga_m_s2": [float("nan")]}, "pga_m_s2"),
         ({"pga_m_s2": [1, 1.0]}, "given twice"),
-        ({"pga_m_s2": {"start": 2, "stop": 1, "step": 1}}, "holds no number"),
+        ({"pga_m_s2": {"start": 2, "stop": 1, "step": 1}}, "did you mean { start = 1, stop = 2, step = 1 }?"),
+        (
+            {"pga_m_s2": {"start": 1, "stop": 2, "step": -1}},
+            "did you mean { start = 1, stop = 2, step = 1 }?",
+        ),
+        ({"azimut": [0]}, "did you mean 'azimuth_deg'?"),
+        ({"preset": "standart"}, "did you mean 'standard'?"),
         ({"pga_m_s2": {"start": 1, "stop": 2}}, "pga_m_s2"),
         ({"azimuth_deg": [360]}, "azimuth_deg"),
         ({"azimuth_deg": "north"}, "azimuth_deg"),

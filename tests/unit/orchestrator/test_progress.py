@@ -5,7 +5,8 @@ import time
 import numpy as np
 import pytest
 
-from toppling.orchestrator.progress import duration, told
+from toppling.orchestrator import progress
+from toppling.orchestrator.progress import bar, duration, each, told
 from toppling.orchestrator.run import Tally
 
 
@@ -36,3 +37,24 @@ def test_a_session_that_is_complete_has_no_time_left():
 @pytest.mark.parametrize(("seconds", "words"), [(59.6, "1 min 00 s"), (3600, "1 h 00 min"), (3, "3 s")])
 def test_durations_are_told_as_a_person_reads_them(seconds, words):
     assert duration(seconds) == words
+
+
+def test_without_a_terminal_work_speaks_in_lines_even_while_no_part_ends(monkeypatch, capsys):
+    monkeypatch.setattr(progress, "LINE_EVERY_S", 0.05)
+    with bar("figures", total=4) as advance:
+        advance(1, "maps")
+        time.sleep(0.3)
+    lines = capsys.readouterr().err.splitlines()
+    assert 2 <= len(lines) <= 7
+    assert all(line.startswith("figures: 1 of 4  maps  0 s") for line in lines)
+
+
+def test_what_is_done_within_a_minute_says_nothing_in_a_log(capsys):
+    assert list(each(range(3), "drawing", total=3)) == [0, 1, 2]
+    assert capsys.readouterr().err == ""
+
+
+def test_the_time_left_of_a_bar_is_by_the_parts_done():
+    advance = progress.Advance(total=4.0, began=time.monotonic() - 60.0)
+    advance(3)
+    assert advance.line("drawing").endswith("1 min 00 s  20 s left")

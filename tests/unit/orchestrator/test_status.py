@@ -19,7 +19,7 @@ from toppling.orchestrator.cli import cli
 from toppling.orchestrator.folder import prepare, session
 from toppling.orchestrator.journal import journal, tell
 from toppling.orchestrator.plan import EQUAL_SHARE_S, plan
-from toppling.orchestrator.status import REASONS_SHOWN, state_of
+from toppling.orchestrator.status import REASONS_SHOWN, shares_of, state_of
 from toppling.orchestrator.task import lost_row
 from toppling.results.store import write_part
 
@@ -157,6 +157,27 @@ def test_a_file_system_without_locks_is_not_taken_for_another_process(planned, t
     ):
         pass
     assert state_of(tmp_path / "run")["state"] == "interrupted"
+
+
+def test_a_session_that_goes_on_is_called_running_and_one_that_was_killed_interrupted(planned, tmp_path):
+    run = tmp_path / "run"
+    with session(run, {}):
+        state = state_of(run)
+        assert (state["state"], state["sessions"][-1]["ended"]) == ("running", "running")
+        killed = (run / "run.json").read_bytes()
+    assert state_of(run)["sessions"][-1]["ended"] == "interrupted"
+    (run / "run.json").write_bytes(killed)  # as a killed session leaves it
+    assert state_of(run)["sessions"][-1]["ended"] == "interrupted"
+    with session(run, {}):
+        assert [one["ended"] for one in state_of(run)["sessions"]] == ["interrupted", "running"]
+
+
+def test_the_shares_of_a_run_count_jobs_with_an_answer_by_level(planned, tmp_path):
+    done = rows(planned, [("ok", ""), ("ok", ""), ("crashed", "died")])
+    answered = [row | {"toppled": n == 0} for n, row in enumerate(done[:2])]
+    write_part(tmp_path / "run", [*answered, done[2]])
+    (share,) = shares_of(tmp_path / "run")
+    assert (share.level_m_s2, share.jobs, share.toppled) == (5.0, 2, 1)
 
 
 def test_what_is_no_run_is_refused(tmp_path):

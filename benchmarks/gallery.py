@@ -1,0 +1,72 @@
+"""The gallery of the documentation, made by the program: `python benchmarks/gallery.py [FOLDER OF A DEMO]`.
+
+Draws into docs/figures and writes docs/gallery.md.
+"""
+
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+FIGURES = ROOT / "docs" / "figures"
+TOPPLING = [
+    sys.executable,
+    "-c",
+    "from toppling.orchestrator.cli import main\nif __name__ == '__main__': main()",
+]
+
+DRAWN = (
+    ("scene show {demo}/scene --out {out}", "scene.png", "demo_scene.png", "The rock, its interface and its pedestal"),
+    (
+        "records show {demo}/ensemble --figure {out}/records.png", "records.png", "demo_records.png",
+        "The records: spectra, and what sets the jobs apart",
+    ),
+    (
+        "fragility {demo}/run --fit --out {out}", "pga_pgv_pga.png", "demo_pga_pgv_pga.png",
+        "Toppling probability over PGA and PGV/PGA",
+    ),
+    (None, "pga_pgv_pga_by_direction.png", "demo_by_direction.png", "The same by the direction of the shaking"),
+    (None, "pga_pgv.png", "demo_pga_pgv.png", "Toppling probability over PGA and PGV"),
+    (None, "directions.png", "demo_directions.png", "Where the rock topples to, and what it takes"),
+    (None, "fits/fits.png", "demo_fits.png", "Fragility curves with intervals from resampling records"),
+    (
+        "pulse {demo}/scene --azimuth 135 --out {out}", "trajectory.png", "demo_trajectory.png",
+        "One shake, seen closely: the rock under the study's pulse",
+    ),
+    (
+        "constrain {demo}/run --age 15000..30000 --out {out}", "constraint.png", "demo_constraint.png",
+        "Rates of exceedance that the standing rock rejects",
+    ),
+)  # fmt: skip
+"""Command (None: as the one before), picture that it draws, name in the documentation, caption."""
+
+HEAD = """\
+# Gallery
+
+Made by the program itself: `make gallery` runs the demo and draws these again.
+"""
+
+
+def main() -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        demo = Path(sys.argv[1]) if len(sys.argv) > 1 else Path(folder) / "demo"
+        if not demo.exists():
+            subprocess.run([*TOPPLING, "demo", "--out", str(demo)], check=True)
+        parts, out, shown = [HEAD], Path(folder) / "out", ""
+        for command, drawn, name, caption in DRAWN:
+            if command:
+                shutil.rmtree(out, ignore_errors=True)
+                out.mkdir()
+                words = [word.format(demo=demo, out=out) for word in command.split()]
+                subprocess.run([*TOPPLING, *words], check=True, stdout=subprocess.DEVNULL)
+                verbs = [word for word in command.split() if "{" not in word and word != "--out"]
+                shown = " ".join(["toppling", *verbs])
+            shutil.copy(out / drawn, FIGURES / name)
+            parts.append(f"## {caption}\n\n![{caption}](figures/{name})\n\nFrom `{shown}`.\n")
+    (ROOT / "docs" / "gallery.md").write_text("\n".join(parts), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,132 @@
+"""What a person should think about before a campaign runs and after: warnings and suggestions, one sentence each."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from toppling.models.frames import compass_deg
+from toppling.models.scene import ContactProperties, Scene
+from toppling.orchestrator.campaign import Campaign
+from toppling.orchestrator.trial import Statics, statics_of
+
+LARGEST_FRICTION = 1.5
+"""Of rock on rock; above it a coefficient is more likely an angle."""
+
+G_AT_MOST = 1.5
+"""Levels that all lie below are more likely in g than in m/s2."""
+
+G_M_S2 = 9.81
+
+HARDLY_SHARE, MOSTLY_SHARE = 0.05, 0.5
+"""Shares toppled at the lowest level and at the highest between which levels see the whole rise, or near enough."""
+
+LEAST_WITHIN = 3
+"""Levels between hardly any and nearly all toppled, for the rise to be seen."""
+
+
+def warnings_of(campaign: Campaign, scene: Scene) -> list[str]:
+    """What is probably a slip in a campaign that is formally right.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from toppling import Scene
+    >>> axes = {"pga_m_s2": [0.2, 0.9], "azimuth_deg": [0], "friction": [35]}
+    >>> slips = Campaign.of({"scene": "s", "ensemble": "e", **axes}, Path("."))
+    >>> for sentence in warnings_of(slips, Scene.block(0.2, 0.2, 0.6)):
+    ...     print(sentence)
+    friction 35 is above 1.5: is it in degrees? tan(35°) is 0.7
+    all levels are below 1.5 m/s2: are they in g? 0.9 g is 8.83 m/s2
+    """
+    found = []
+    for static, _ in campaign.friction:
+        if static > LARGEST_FRICTION:
+            angle = f": is it in degrees? tan({static:g}°) is {math.tan(math.radians(static)):.2g}"
+            usual = ": rock on rock has 0.6 to 1.0"
+            found.append(
+                f"friction {static:g} is above {LARGEST_FRICTION:g}{angle if 10 <= static < 80 else usual}"
+            )
+    highest = max(campaign.pga_m_s2)
+    if highest < G_AT_MOST:
+        found.append(
+            f"all levels are below {G_AT_MOST:g} m/s2: are they in g? "
+            f"{highest:g} g is {highest * G_M_S2:.3g} m/s2"
+        )
+        return found  # the same slip in other words would follow
+    found += _of_statics(
+        campaign, statics_of(scene.with_contact(ContactProperties.of(campaign.friction[0]))), scene
+    )
+    return found
+
+
+def _of_statics(campaign: Campaign, statics: Statics, scene: Scene) -> list[str]:
+    """Levels and frictions against what topples the rock slowly."""
+    found, least, highest = [], statics.least_m_s2, max(campaign.pga_m_s2)
+    if highest <= least:
+        found.append(
+            f"all levels are below the least constant acceleration that topples the rock ({told(statics)}): "
+            "hardly any job will topple it; 'toppling init' writes levels that suit it"
+        )
+    slips = [static for static, _ in campaign.friction if static * scene.gravity_m_s2 < least]
+    for static in slips:
+        found.append(
+            f"with friction {static:g} the rock slides before it tips in every direction: few jobs will topple it"
+        )
+    return found
+
+
+def told(statics: Statics) -> str:
+    """The least static toppling acceleration in words."""
+    azimuth = statics.azimuth_deg
+    return f"{statics.least_m_s2:.3g} m/s2, ground toward azimuth {azimuth:.0f}°, compass {compass_deg(azimuth):.0f}°"
+
+
+@dataclass(frozen=True)
+class Share:
+    """Jobs of one level that have an answer, and those of them that toppled."""
+
+    level_m_s2: float
+    jobs: int
+    toppled: int
+
+    @property
+    def share(self) -> float:
+        """Share that toppled."""
+        return self.toppled / self.jobs
+
+
+def suggestions(shares: Sequence[Share]) -> list[str]:
+    """What the shares of a run suggest for the next one.
+
+    Parameters
+    ----------
+    shares : sequence of Share
+        One a level.
+
+    Examples
+    --------
+    >>> suggestions([Share(9.0, 78, 0), Share(13.0, 78, 7)])
+    ['7 of 156 toppled, 9 % at the highest level: add levels above 13 m/s2']
+    """
+    rising = sorted((one for one in shares if one.jobs), key=lambda one: one.level_m_s2)
+    if not rising:
+        return []
+    low, high = rising[0], rising[-1]
+    jobs, toppled = sum(one.jobs for one in rising), sum(one.toppled for one in rising)
+    found = []
+    if high.share < MOSTLY_SHARE:
+        at = f", {high.share:.0%} at the highest level".replace("%", " %") if toppled else ""
+        found.append(f"{toppled} of {jobs} toppled{at}: add levels above {high.level_m_s2:g} m/s2")
+    if low.share > HARDLY_SHARE:
+        at = f"{low.toppled} of {low.jobs} toppled at the lowest level"
+        found.append(f"{at}: add levels below {low.level_m_s2:g} m/s2")
+    within = [one for one in rising if HARDLY_SHARE < one.share < 1.0 - HARDLY_SHARE]
+    if not found and len(within) < LEAST_WITHIN:
+        below = max(one.level_m_s2 for one in rising if one.share <= HARDLY_SHARE)
+        above = [one.level_m_s2 for one in rising if one.share >= 1.0 - HARDLY_SHARE]
+        top = min(above, default=high.level_m_s2)
+        found.append(
+            f"the share that topples rises within {len(within)} levels: "
+            f"add some between {below:g} and {top:g} m/s2"
+        )
+    return found

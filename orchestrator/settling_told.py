@@ -1,0 +1,127 @@
+"""What a large settling means, what to do about it, and the picture that shows it."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from toppling.models.errors import InputError
+from toppling.models.scene import Scene
+from toppling.models.settling import Settling
+from toppling.models.statics import polygon, quasi_static_toppling_m_s2, support_polygon_m, tipping_m_s2
+from toppling.workers.seating import settled
+
+MEANT_FROM_DEG = 1.0
+MEANT_FROM_SHARE = 0.01
+"""Of the rock's height; from here on a settling is more than an interface that is a little off."""
+
+WHY_A_SCANNED_ROCK_SETTLES = (
+    "it was scanned at rest, so one observation contradicts standing: a rim that is not where it seems, another plane "
+    "(--plane), or a wedge or adhesion that holds it"
+)
+
+AZIMUTHS_DEG = range(0, 360, 10)
+
+Rose = list[tuple[float, float]]
+
+
+@dataclass(frozen=True, eq=False)
+class Settled:
+    """A scene as it was scanned and as every job begins."""
+
+    scanned: Scene
+    stands: Scene
+    settling: Settling
+
+    @classmethod
+    def of(cls, scene: Scene) -> "Settled":
+        """Let the rock of a scene settle.
+
+        Raises
+        ------
+        InputError
+            If it does not stand by itself.
+        """
+        stands = settled(scene)
+        return cls(scene, stands, Settling.between(scene.rock, stands.rock, scene.pedestal.normal))
+
+    @property
+    def outline_m(self) -> NDArray[np.float64]:
+        """Corners (k, 3) of the contact's hull as it was scanned; without a scan those of the first pose."""
+        outline = np.array(self.scanned.report.get("interface", {}).get("outline_m", []), float)
+        if len(outline) < 3:
+            return support_polygon_m(self.scanned.rock, self.scanned.pedestal)
+        return polygon(outline, self.scanned.pedestal.normal, 0.0)
+
+    @property
+    def rose_scanned(self) -> Rose:
+        """Least constant acceleration that tips the rock over the contact as scanned, by the ground's azimuth."""
+        outline, scene = self.outline_m, self.scanned
+        if len(outline) < 3:
+            return _rose(scene)
+        return tipping_m_s2(
+            outline, scene.rock.com_m, scene.pedestal.normal, scene.gravity_m_s2, AZIMUTHS_DEG
+        )
+
+    @property
+    def rose_stands(self) -> Rose:
+        """Least constant acceleration that topples the settled rock, by the ground's azimuth."""
+        return _rose(self.stands)
+
+    @property
+    def is_large(self) -> bool:
+        """Whether it is more than the interface's own error, so that a person should look at it."""
+        found = self.settling
+        return found.tilt_deg >= MEANT_FROM_DEG or found.way_m >= MEANT_FROM_SHARE * found.height_m
+
+    @property
+    def sentences(self) -> list[str]:
+        """How far the rock settles; where that is far, also what it means and what to do."""
+        told = [self.settling.sentence] if self.settling.sentence else []
+        if told and "unseen_base" in self.scanned.report:
+            told = [f"{told[0]}; {WHY_A_SCANNED_ROCK_SETTLES}"]
+        if not self.is_large:
+            return told
+        points = len(support_polygon_m(self.stands.rock, self.stands.pedestal))
+        before, after = (min(value for _, value in one) for one in (self.rose_scanned, self.rose_stands))
+        if self.scanned.report:
+            why = "no scanner saw the base, and the surface that closes it does not carry the rock as it was scanned"
+            remedy = "where you know that rock and pedestal touch, scan again with --point x,y,z (three or more) or "
+            remedy += "--outline FILE; otherwise the answers are those of a rock on these contact points"
+        else:
+            why = "the mesh is not in a pose in which it rests on its pedestal"
+            remedy = "turn it, or give another slope, until it stands as you know it to"
+        return [
+            *told,
+            f"what that means: {why}. Settled it stands on {points} contact points, and the least constant "
+            f"acceleration that topples it is {after:.3g} m/s2; on the contact "
+            f"as scanned it would be {before:.3g} m/s2",
+            f"what to do: look at settling.png, which 'toppling scene show' draws; {remedy}",
+        ]
+
+
+def _rose(scene: Scene) -> Rose:
+    return quasi_static_toppling_m_s2(scene.rock, scene.pedestal, scene.gravity_m_s2, AZIMUTHS_DEG)
+
+
+def settling_notes(scene: Scene) -> list[str]:
+    """What a person who looks at a scene should know of how its rock stands: sentences, or none."""
+    try:
+        return Settled.of(scene).sentences
+    except InputError as error:
+        return [f"warning: {error.what}; no campaign can be run with this scene: {error.remedy}"]
+
+
+def draw_settling(scene: Scene, path: Path) -> bool:
+    """Draw scanned and settled contact and both roses, where the rock settles far; whether that was so."""
+    try:
+        found = Settled.of(scene)
+    except InputError:
+        return False
+    if not found.is_large:
+        return False
+    from toppling.results.drawing.settling import draw
+
+    draw(found.scanned, found.stands, found.outline_m, found.rose_scanned, found.rose_stands, path)
+    return True

@@ -1,0 +1,115 @@
+"""The campaign file that `toppling init` writes: values that suit a rock, each with its reason beside it."""
+
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from toppling.orchestrator.advice import told
+from toppling.orchestrator.progress import duration
+from toppling.orchestrator.trial import Statics, Trial
+from toppling.workers.options import PRESETS
+
+BELOW_LEAST = 0.9
+"""The lowest level is at most this share of the least static toppling acceleration."""
+
+STEPS_M_S2 = (0.1, 0.2, 0.25, 0.5, 1.0, 2.0, 2.5, 5.0, 10.0)
+
+
+@dataclass(frozen=True)
+class Levels:
+    """Evenly spaced levels, the stop included."""
+
+    start_m_s2: float
+    stop_m_s2: float
+    step_m_s2: float
+
+    def __len__(self) -> int:
+        return round((self.stop_m_s2 - self.start_m_s2) / self.step_m_s2) + 1
+
+
+def levels_between(least_m_s2: float, most_m_s2: float, count: int) -> Levels:
+    """About so many levels at round numbers, from below the first acceleration to the second one or above.
+
+    Examples
+    --------
+    >>> levels_between(2.17, 18.3, 12)
+    Levels(start_m_s2=1.0, stop_m_s2=19.0, step_m_s2=2.0)
+    """
+    low = BELOW_LEAST * least_m_s2
+    step = min(STEPS_M_S2, key=lambda one: abs(math.log((most_m_s2 - low) / (one * max(count - 1, 1)))))
+    # On the grid of the next finer round number, so that a coarse step still begins above zero.
+    grid = step if low >= step else max((one for one in STEPS_M_S2 if one <= low), default=low)
+    start = math.floor(low / grid + 1e-9) * grid
+    stop = start + math.ceil((most_m_s2 - start) / step - 1e-9) * step
+    return Levels(round(start, 6), round(stop, 6), step)
+
+
+def even_azimuths_deg(count: int) -> list[float]:
+    """So many azimuths, evenly around, from east on."""
+    return [round(360.0 * number / count, 6) for number in range(count)]
+
+
+def campaign_text(
+    *,
+    name: str,
+    scene: str,
+    ensemble: str,
+    records: int,
+    statics: Statics,
+    trial: Trial,
+    levels: Levels,
+    azimuths_deg: Sequence[float],
+    frictions: Sequence[float],
+    preset: str,
+    workers: int,
+) -> str:
+    """Write the file: TOML with comments."""
+    jobs = records * len(levels) * len(azimuths_deg) * len(frictions)
+    start, stop, step = (f"{one:g}" for one in (levels.start_m_s2, levels.stop_m_s2, levels.step_m_s2))
+    azimuths, friction = (", ".join(f"{one:g}" for one in values) for values in (azimuths_deg, frictions))
+    # Strings of JSON are TOML's too.
+    return f"""\
+# A campaign, written by 'toppling init'. Change what you like, then:
+#   toppling plan {name}
+#   toppling run {name} --out runs/first
+# {jobs} jobs: about {duration(jobs * trial.job_s / workers)} on {workers} workers of this machine.
+
+scene = {_quoted(scene)}  # folders are relative to this file
+ensemble = {_quoted(ensemble)}  # {records} records
+
+# Levels that each record's peak ground acceleration (PGA, of the horizontal vector) is scaled to, in m/s2.
+# The least constant acceleration that topples the rock is {told(statics)}.
+# {_trial_told(trial)}
+pga_m_s2 = {{ start = {start}, stop = {stop}, step = {step} }}  # {len(levels)} levels, the stop included; or a list
+
+# Azimuths that the stronger horizontal component of each record is turned to, degrees counter-clockwise from east.
+azimuth_deg = [{azimuths}]
+
+# Coefficients of friction, of rock on rock 0.6 to 1.0. [0.6, 0.8] compares two and doubles the jobs;
+# [[0.8, 0.6]] has 0.8 at rest and 0.6 in a slip.
+friction = [{friction}]
+
+preset = {_quoted(preset)}  # {", ".join(PRESETS)}: how finely each shake is resolved
+
+# More keys, with their defaults:
+# restitution = [0.0]          # 0 to 1: how much of the speed of an impact comes back
+# realisations = 1             # more draw centre of mass and friction from their uncertainty
+# records = ["..."]            # some of the ensemble's records; all if left out
+# peak_displacement_m = 1.0    # high-pass motions whose ground displacement is larger; none if left out
+"""
+
+
+def _trial_told(trial: Trial) -> str:
+    shaken = len(trial.topples_at_m_s2)
+    first = min(trial.topples_at_m_s2)
+    if not trial.toppled:
+        return f"On trial none of {shaken} records toppled it up to {trial.highest_m_s2:.3g} m/s2."
+    return (
+        f"On trial the first of {shaken} records toppled it at {first:.3g} m/s2, "
+        f"{trial.toppled} had at {trial.most_at_m_s2:.3g} m/s2."
+    )
+
+
+def _quoted(text: str) -> str:
+    return json.dumps(text, ensure_ascii=False)

@@ -1,0 +1,106 @@
+"""`toppling init`: a campaign file that suits a rock and its records."""
+
+import os
+from pathlib import Path
+
+import click
+
+from toppling.models.folder import new_file, refuse_existing
+from toppling.orchestrator.spelling import OneOf
+from toppling.workers.options import PRESETS
+
+FOLDER = click.Path(path_type=Path)
+
+
+@click.command()
+@click.argument("scene", type=FOLDER)
+@click.argument("ensemble", type=FOLDER)
+@click.option(
+    "--out", type=click.Path(path_type=Path, dir_okay=False), default=Path("campaign.toml"), show_default=True,
+    help="File to write; must not exist.",
+)  # fmt: skip
+@click.option(
+    "--friction", "frictions", type=click.FloatRange(0, 1.5, min_open=True), multiple=True,
+    help="May be given again; the scene's own if not given.",
+)  # fmt: skip
+@click.option(
+    "--levels", type=click.IntRange(2), default=12, show_default=True, help="About so many levels of PGA."
+)
+@click.option("--azimuths", type=click.IntRange(1, 360), default=8, show_default=True, help="Evenly around.")
+@click.option("--preset", type=OneOf(list(PRESETS)), default="standard", show_default=True)
+@click.option(
+    "--workers", type=click.IntRange(1), help="That the time is estimated for; one a core if not given."
+)
+def init(
+    scene: Path,
+    ensemble: Path,
+    out: Path,
+    frictions: tuple[float, ...],
+    levels: int,
+    azimuths: int,
+    preset: str,
+    workers: int | None,
+) -> None:
+    """Write a campaign for SCENE and ENSEMBLE: levels, azimuths and frictions that suit the rock.
+
+    Levels span from below the least constant acceleration that topples the rock to where most records topple it. To
+    find the latter, and the time that a job takes, up to ten records are shaken harder and harder, for seconds to a
+    minute. The file explains every value.
+
+    \b
+    toppling init scenes/rock ensembles/quakes --out campaign.toml
+    """  # noqa: D301  (\b keeps click from rewrapping the example)
+    from toppling.models.errors import InputError
+    from toppling.models.motions.ensemble import Ensemble
+    from toppling.models.scene import ContactProperties, Scene
+    from toppling.orchestrator.campaign import LARGEST_PGA_M_S2, Campaign
+    from toppling.orchestrator.plan import check_stands
+    from toppling.orchestrator.progress import bar, duration
+    from toppling.orchestrator.starter import campaign_text, even_azimuths_deg, levels_between
+    from toppling.orchestrator.trial import RECORDS, levels_to_try, statics_of, try_out
+
+    refuse_existing(out)
+    rock, motions = Scene.load(scene), Ensemble.load(ensemble)
+    frictions = frictions or (rock.contact.friction_static,)
+    turned = even_azimuths_deg(azimuths)
+    axes = {"pga_m_s2": [1.0], "azimuth_deg": turned, "friction": list(frictions), "preset": preset}
+    chosen = Campaign.of({"scene": str(scene), "ensemble": str(ensemble), **axes}, Path())
+    with bar("letting the rock stand"):
+        check_stands(chosen, rock)
+        contact = ContactProperties.of(max(frictions))
+        statics = statics_of(rock.with_contact(contact))
+    if not 0.0 < statics.least_m_s2 < LARGEST_PGA_M_S2:
+        raise InputError(
+            f"the least constant acceleration that topples the rock is {statics.least_m_s2:.3g} m/s2",
+            where=str(scene),
+            expected=f"one above 0 and below {LARGEST_PGA_M_S2:g} m/s2",
+            remedy="look at the scene's picture: is the rock split from its pedestal where it should be?",
+        )
+    most = min(RECORDS, len(motions.record_ids)) * len(levels_to_try(statics.least_m_s2))
+    with bar("shaking on trial", most) as advance:
+        friction = contact.friction_static, contact.friction_kinetic
+        trial = try_out(rock, motions, statics.least_m_s2, turned, friction, preset, advance)
+    spaced = levels_between(statics.least_m_s2, trial.most_at_m_s2, levels)
+    records, workers = len(motions.record_ids), workers or os.cpu_count() or 1
+    folder = out.absolute().parent
+    text = campaign_text(
+        name=str(out),
+        scene=os.path.relpath(scene.absolute(), folder),
+        ensemble=os.path.relpath(ensemble.absolute(), folder),
+        records=records,
+        statics=statics,
+        trial=trial,
+        levels=spaced,
+        azimuths_deg=turned,
+        frictions=frictions,
+        preset=preset,
+        workers=workers,
+    )
+    with new_file(out) as hidden:
+        hidden.write_text(text, encoding="utf-8")
+    jobs = records * len(spaced) * len(turned) * len(frictions)
+    click.echo(
+        f"{out}: {jobs} jobs, levels {spaced.start_m_s2:g} to {spaced.stop_m_s2:g} m/s2, "
+        f"about {duration(jobs * trial.job_s / workers)} on {workers} workers"
+    )
+    click.echo(f"next: toppling plan {out}")

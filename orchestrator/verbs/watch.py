@@ -1,0 +1,43 @@
+"""`toppling watch`: a run in a browser while it goes on."""
+
+import os
+import sys
+import webbrowser
+from pathlib import Path
+
+import click
+
+
+@click.command()
+@click.argument("run", type=click.Path(path_type=Path))
+@click.option(
+    "--port", type=click.IntRange(0, 65535), default=0, show_default=True, help="0 for any that is free."
+)
+@click.option(
+    "--open/--no-open", "opens", default=None, help="Open a browser; by default where there is a screen."
+)
+def watch(run: Path, port: int, opens: bool | None) -> None:
+    """Show RUN in a browser while it goes on: progress, failures, the map as it fills.
+
+    Also rate and time left, and the latest topplings, which are replayed on a click. It reads what 'toppling query'
+    reads and writes nothing into the run: start and end it (Ctrl-C) whenever you like. It listens on this machine
+    only, at an address with a secret in it. From another machine: ssh -L PORT:127.0.0.1:PORT HOST.
+
+    \b
+    toppling watch runs/first
+    """  # noqa: D301  (\b keeps click from rewrapping the example)
+    from toppling.orchestrator.watch import new_place, watching
+
+    with new_place() as folder, watching(run, Path(folder), port) as server:
+        click.echo(f"{run}: {server.address}  (Ctrl-C ends)")
+        screen = sys.platform == "darwin" or bool(
+            os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+        )
+        if screen if opens is None else opens:
+            webbrowser.open(server.address)
+        try:
+            server.serve_forever()
+        except KeyboardInterrupt:
+            click.echo("ended; the run goes on if it was running", err=True)
+        finally:
+            server.replays.end()

@@ -1,0 +1,279 @@
+"""A run in a browser: a server on the loopback interface that reads what `query` reads and writes nothing into the run.
+
+The address holds a secret, so that no other user of the machine and no other page of the browser can ask.
+"""
+
+import json
+import re
+import secrets
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from functools import cached_property
+from html import escape
+from http import HTTPStatus
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from toppling.models.errors import InputError
+from toppling.orchestrator.progress import duration
+from toppling.orchestrator.status import state_of
+from toppling.results.drawing.watch_page import PAGE, WAITING
+from toppling.results.fragility import PLANES, by_contact, cells
+from toppling.results.run import open_run
+
+LATEST = 12
+"""Topplings that are listed."""
+
+KEPT_S = 1.5
+"""An answer serves all who ask within this time."""
+
+JOB = re.compile(r"[0-9a-f]{8,64}")
+LOOPBACK = "127.0.0.1"
+_RUN_TOPPLING = "from toppling.orchestrator.cli import main; main()"
+_HTML, _NOTHING = "text/html; charset=utf-8", "default-src 'none'"
+_STRICT = "default-src 'none'; connect-src 'self'; frame-src 'self'; style-src 'unsafe-inline'; script-src 'nonce-{}'"
+_OF_A_REPLAY = (
+    "default-src 'none'; script-src 'unsafe-inline' 'unsafe-eval'; style-src 'unsafe-inline'; "
+    "img-src data: blob:; worker-src blob:; frame-ancestors 'self'"
+)
+
+
+def shown(run: Path) -> dict[str, Any]:
+    """What the page shows of a run, in plain values.
+
+    Raises
+    ------
+    InputError
+        If the folder is no run, or a file of it is damaged.
+    """
+    state = state_of(run)
+    opened = open_run(run)
+    frame = opened.frame()
+    told = {name: state[name] for name in ("state", "jobs", "stored", "failures")}
+    return told | {
+        "name": opened.name,
+        "sentence": _sentence(state),
+        "counts": _counts(state),
+        "maps": [_map(name, jobs) for name, jobs in by_contact(frame).items()] if len(frame) else [],
+        "latest": _latest(frame),
+    }
+
+
+def _sentence(state: dict[str, Any]) -> str:
+    parts = [f"{state['state']}: {state['stored']} of {state['jobs']} jobs stored"]
+    if state["rate_per_s"]:
+        parts.append(f"{state['rate_per_s']:.1f} a second, {duration(state['left_s'])} left")
+    if state["workers"] is not None:
+        parts.append(f"{state['workers']} workers")
+    return ", ".join(parts)
+
+
+def _counts(state: dict[str, Any]) -> str:
+    counts = ", ".join(f"{name} {count}" for name, count in state["status"].items())
+    return f"{state['toppled']} toppled, {state['failed']} without an answer" + (
+        f" ({counts})" if counts else ""
+    )
+
+
+def _map(name: str, jobs: pd.DataFrame) -> dict[str, Any]:
+    """Cells of PGA and PGV/PGA of one contact, as places in a grid."""
+    table = cells(jobs, PLANES["pga_pgv_pga"])
+    pulses = sorted(set(zip(table["pgv_pga_s_low"], table["pgv_pga_s_high"], strict=True)))
+    levels = sorted(table["level_pga_m_s2"].unique())
+    placed = [
+        {
+            "column": pulses.index((row["pgv_pga_s_low"], row["pgv_pga_s_high"])),
+            "row": levels.index(row["level_pga_m_s2"]),
+            "jobs": int(row["jobs"]),
+            "toppled": int(row["toppled"]),
+            "probability": float(row["probability"]) if row["jobs"] else None,
+        }
+        for row in table.to_dict("records")
+    ]
+    columns = [f"{low:.3g} to {high:.3g}" for low, high in pulses]
+    return {"name": name, "columns": columns, "rows": [f"{level:g}" for level in levels], "cells": placed}
+
+
+def _latest(frame: pd.DataFrame) -> list[dict[str, Any]]:
+    """The topplings that were stored last, newest first."""
+    toppled = frame[frame["toppled"].fillna(value=False).astype(bool)]
+    newest = toppled.sort_values(["finished_at", "job_id"], ascending=False, na_position="last").head(LATEST)
+    names = ["job_id", "record_id", "level_pga_m_s2", "azimuth_deg", "topple_azimuth_deg", "topple_time_s"]
+    rounded = newest[names].round({"topple_azimuth_deg": 0, "topple_time_s": 2})
+    return json.loads(rounded.to_json(orient="records"))
+
+
+class Replays:
+    """Topplings that are replayed, one at a time, by 'toppling replay' in a process of its own, elsewhere than the run.
+
+    Parameters
+    ----------
+    run : Path
+    folder : Path
+        Where they are written to.
+    """
+
+    def __init__(self, run: Path, folder: Path) -> None:
+        self._run, self._folder = run, folder
+        self._lock = threading.Lock()
+        self._process: subprocess.Popen[str] | None = None
+        self._job = ""
+        self._failed: dict[str, str] = {}
+
+    def page(self, job: str) -> str | None:
+        """The replay's page once it is there; until then it is being made, and None is returned.
+
+        Raises
+        ------
+        InputError
+            If the job cannot be replayed.
+        """
+        drawn = self._folder / job / "replay.html"
+        with self._lock:
+            if drawn.exists():
+                return drawn.read_text(encoding="utf-8")
+            if self._process and self._process.poll() is not None:
+                _, said = self._process.communicate()
+                if not (self._folder / self._job / "replay.html").exists():
+                    self._failed[self._job] = said.strip() or "it ended without a page"
+                self._process = None
+            if job in self._failed:
+                raise InputError(
+                    f"the replay failed: {self._failed.pop(job)}",
+                    where=f"job {job}",
+                    expected="a job of this run",
+                    remedy=f"try it outside: toppling replay {self._run} {job}",
+                )
+            if self._process is None and not drawn.exists():
+                words = [sys.executable, "-c", _RUN_TOPPLING, "replay", str(self._run), job]
+                self._process = subprocess.Popen(
+                    [*words, "--out", str(self._folder / job)],
+                    stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
+                )  # fmt: skip
+                self._job = job
+        return None
+
+    def end(self) -> None:
+        """Stop what is being made."""
+        if self._process and self._process.poll() is None:
+            self._process.kill()
+            self._process.communicate()
+
+
+class Watching(ThreadingHTTPServer):
+    """The server of one run; listens on loopback only.
+
+    Parameters
+    ----------
+    run : Path
+    replays : Replays
+    port : int
+        0 for any that is free.
+    """
+
+    daemon_threads = True
+
+    def __init__(self, run: Path, replays: Replays, port: int = 0) -> None:
+        self.run, self.replays = run, replays
+        self.secret = secrets.token_urlsafe(16)
+        self._answered = -KEPT_S
+        self._answer = b""
+        self._lock = threading.Lock()
+        super().__init__((LOOPBACK, port), _Answers)
+
+    @property
+    def address(self) -> str:
+        """What to open in a browser."""
+        return f"http://{LOOPBACK}:{self.server_port}/{self.secret}/"
+
+    @cached_property
+    def hosts(self) -> set[str]:
+        """Names under which a browser may ask: another name may be another site's, turned to this address."""
+        return {f"{name}:{self.server_port}" for name in (LOOPBACK, "localhost")}
+
+    def state(self) -> bytes:
+        """State of the run as JSON; a run that cannot be read gives an error in its place."""
+        with self._lock:
+            if time.monotonic() - self._answered > KEPT_S:
+                try:
+                    told = shown(self.run)
+                except (InputError, OSError) as error:
+                    told = {"error": str(error)}
+                self._answer = json.dumps(told).encode()
+                self._answered = time.monotonic()
+            return self._answer
+
+
+class _Answers(BaseHTTPRequestHandler):
+    """Answers to GET; nothing else is understood."""
+
+    server: Watching
+    server_version = "toppling"
+    sys_version = ""
+
+    def do_GET(self) -> None:
+        """Answer with the page, the state or a replay."""
+        secret, _, asked = self.path.removeprefix("/").partition("/")
+        if self.headers.get("Host") not in self.server.hosts or not secrets.compare_digest(
+            secret.encode(), self.server.secret.encode()
+        ):
+            self._send(HTTPStatus.NOT_FOUND, b"not found", "text/plain")
+        elif asked == "":
+            nonce = secrets.token_urlsafe(12)
+            self._send(HTTPStatus.OK, PAGE.replace("NONCE", nonce).encode(), policy=_STRICT.format(nonce))
+        elif asked == "state.json":
+            self._send(HTTPStatus.OK, self.server.state(), "application/json")
+        elif JOB.fullmatch(job := asked.removeprefix("replay/")) and asked != job:
+            self._replay(job)
+        else:
+            self._send(HTTPStatus.NOT_FOUND, b"not found", "text/plain")
+
+    def _replay(self, job: str) -> None:
+        try:
+            page = self.server.replays.page(job)
+        except InputError as error:
+            self._send(HTTPStatus.OK, str(error).encode(), "text/plain; charset=utf-8")
+            return
+        told = f"shaking job {escape(job)} again: some seconds, up to a minute the first time"
+        waiting = WAITING.replace("TOLD", told)
+        self._send(HTTPStatus.OK, (page or waiting).encode(), policy=_OF_A_REPLAY)
+
+    def _send(self, status: HTTPStatus, body: bytes, kind: str = _HTML, policy: str = _NOTHING) -> None:
+        self.send_response(status)
+        for name, value in (
+            ("Content-Type", kind),
+            ("Content-Length", str(len(body))),
+            ("Content-Security-Policy", policy),
+            ("X-Content-Type-Options", "nosniff"),
+            ("Referrer-Policy", "no-referrer"),
+            ("Cache-Control", "no-store"),
+        ):
+            self.send_header(name, value)
+        self.end_headers()
+        self.wfile.write(body)
+
+    def log_message(self, format: str, *args: Any) -> None:  # noqa: A002  (the library's name)
+        """Say nothing: a page asks every two seconds."""
+
+
+def watching(run: Path, folder: Path, port: int = 0) -> Watching:
+    """Make the server of a run, whose replays go to a folder outside of it.
+
+    Raises
+    ------
+    InputError
+        If the folder is no run.
+    """
+    state_of(run)
+    return Watching(run, Replays(run.resolve(), folder), port)
+
+
+def new_place() -> "tempfile.TemporaryDirectory[str]":
+    """A folder for replays, which goes with the server."""
+    return tempfile.TemporaryDirectory(prefix="toppling-watch-")

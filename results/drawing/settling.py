@@ -1,0 +1,74 @@
+"""Where a rock was scanned and where it stands once it has settled: its contact, and what topples it."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.projections.polar import PolarAxes
+from numpy.typing import NDArray
+
+from toppling.models.scene import Scene
+from toppling.models.statics import support_polygon_m
+
+SCANNED, STANDS = "#0072b2", "#d55e00"
+"""Blue and vermilion of Okabe and Ito, which everybody can tell apart."""
+
+Array = NDArray[np.float64]
+Rose = Sequence[tuple[float, float]]
+
+
+def draw(
+    scanned: Scene, stands: Scene, outline_m: Array, rose_scanned: Rose, rose_stands: Rose, path: Path
+) -> None:
+    """Write a PNG of two panels: the contact in plan, and the least toppling acceleration by azimuth.
+
+    Parameters
+    ----------
+    scanned, stands : Scene
+        The rock as it was scanned, and settled.
+    outline_m : (k, 3) array
+        Corners of the contact as scanned.
+    rose_scanned, rose_stands : sequence of (float, float)
+        Azimuth of the ground's acceleration, degrees counter-clockwise from east, and the least constant
+        acceleration that topples, m/s2.
+    path : Path
+    """
+    figure = Figure(figsize=(10, 6), layout="constrained")
+    FigureCanvasAgg(figure)
+    _plan(figure.add_subplot(1, 2, 1), scanned, stands, outline_m)
+    _roses(figure.add_subplot(1, 2, 2, projection="polar"), rose_scanned, rose_stands)
+    told = [axes.get_legend_handles_labels() for axes in figure.axes]
+    lines, names = ([one for part in parts for one in part] for parts in zip(*told, strict=True))
+    figure.legend(lines, names, loc="outside lower center", ncols=2, frameon=False)
+    figure.savefig(path, dpi=150, format="png")
+
+
+def _plan(axes: Axes, scanned: Scene, stands: Scene, outline_m: Array) -> None:
+    ring = np.vstack([outline_m, outline_m[:1]])
+    axes.plot(ring[:, 0], ring[:, 1], "--", color=SCANNED, linewidth=1.5, label="contact as scanned")
+    carrying = support_polygon_m(stands.rock, stands.pedestal)
+    ring = np.vstack([carrying, carrying[:1]])
+    label = f"{len(carrying)} contact points once settled"
+    axes.plot(ring[:, 0], ring[:, 1], "s-", color=STANDS, markersize=5, linewidth=1.5, label=label)
+    for scene, colour, name in ((scanned, SCANNED, "as scanned"), (stands, STANDS, "once settled")):
+        label = f"centre of mass {name}"
+        axes.plot(*scene.rock.com_m[:2], "+", color=colour, markersize=12, markeredgewidth=2, label=label)
+    axes.set(aspect="equal", xlabel="east, m", ylabel="north, m", title="contact in plan")
+
+
+def _roses(axes: Axes, rose_scanned: Rose, rose_stands: Rose) -> None:
+    assert isinstance(axes, PolarAxes)
+    reach = 0.0
+    for rose, style, colour, name in (
+        (rose_scanned, "--", SCANNED, "on the contact as scanned"),
+        (rose_stands, "-", STANDS, "once settled"),
+    ):
+        azimuth, value = np.array([*rose, (360.0, rose[0][1])]).T
+        finite = value[np.isfinite(value)]
+        reach = max(reach, float(finite.max()) if len(finite) else 1.0)
+        axes.plot(np.deg2rad(azimuth), value, style, color=colour, label=f"topples {name}")
+    axes.set_ylim(0.0, 1.05 * reach)
+    axes.set_title("least constant acceleration that topples it, m/s²,\nby the ground's azimuth", fontsize=10)

@@ -1,0 +1,141 @@
+"""The page of `toppling watch`: asks for the run's state every two seconds and draws it; needs nothing else."""
+
+PAGE = """\
+<!doctype html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<title>toppling</title>
+<style>
+body { font: 15px/1.45 system-ui, sans-serif; max-width: 60em; margin: 1em auto; padding: 0 1em; color: #222; }
+h1 { font-size: 1.3em; margin: 0; } h2 { font-size: 1.05em; margin: 1.4em 0 .4em; }
+progress { width: 100%; height: 1.1em; }
+table { border-collapse: collapse; font-size: 90%; display: block; overflow-x: auto; }
+th, td { padding: .2em .7em .2em 0; text-align: left; border-bottom: 1px solid #ddd; }
+td.wide { min-width: 15em; } .number { text-align: right; }
+button { font: inherit; cursor: pointer; }
+svg { width: 100%; max-width: 40em; height: auto; } svg text { font-size: 12px; fill: #333; }
+iframe { width: 100%; height: 80vh; border: 1px solid #ccc; }
+.quiet { color: #666; } .error { color: #a00; }
+</style>
+</head>
+<body>
+<h1 id="name"></h1>
+<p id="state" role="status">asking ...</p>
+<progress id="progress" value="0" max="1"></progress>
+<p id="counts"></p>
+<section id="failed" hidden><h2>Failures by reason</h2><table id="failures"></table></section>
+<h2>Toppling probability so far</h2>
+<div id="maps"></div>
+<p class="quiet">Share of the jobs that toppled, by PGA (rows) and PGV/PGA (columns); a small square is a cell of
+few jobs. Point at a cell for its numbers.</p>
+<section id="toppled" hidden><h2>Latest topplings</h2><table id="latest"></table></section>
+<section id="replayed" hidden><h2 id="replaying"></h2><iframe id="replay" title="replay"></iframe></section>
+<script nonce="NONCE">
+"use strict";
+const at = (id) => document.getElementById(id);
+const svg = (name, attributes, text) => {
+  const made = document.createElementNS("http://www.w3.org/2000/svg", name);
+  for (const key in attributes) made.setAttribute(key, attributes[key]);
+  if (text !== undefined) made.textContent = text;
+  return made;
+};
+const row = (cells, head) => {
+  const made = document.createElement("tr");
+  for (const cell of cells) {
+    const place = document.createElement(head ? "th" : "td");
+    if (cell instanceof Node) place.append(cell); else place.textContent = cell;
+    if (typeof cell === "string" && cell.length > 60) place.className = "wide";
+    made.append(place);
+  }
+  return made;
+};
+const shade = (share) => {  // from pale to dark blue, readable in grey
+  const part = (low, high) => Math.round(low + (high - low) * share);
+  return `rgb(${part(236, 8)},${part(242, 48)},${part(250, 107)})`;
+};
+const map = (told) => {
+  const columns = told.columns, rows = told.rows, size = 30, left = 60, top = 6;
+  const width = left + columns.length * size + 10, height = top + rows.length * size + 44;
+  const drawn = svg("svg", {viewBox: `0 0 ${Math.max(width, 330)} ${height}`, role: "img"});
+  drawn.append(svg("title", {}, told.name));
+  const most = Math.max(...told.cells.map((cell) => cell.jobs), 1);
+  for (const cell of told.cells) {
+    const x = left + cell.column * size, y = top + (rows.length - 1 - cell.row) * size;
+    const side = (size - 2) * (cell.jobs * 4 >= most ? 1 : 0.5), gap = (size - side) / 2;
+    const box = svg("rect", {x: x + gap, y: y + gap, width: side, height: side, stroke: "#999",
+      fill: cell.probability === null ? "none" : shade(cell.probability)});
+    const numbers = `PGA ${rows[cell.row]} m/s², PGV/PGA ${columns[cell.column]} s: `;
+    box.append(svg("title", {}, numbers + `${cell.toppled} of ${cell.jobs} toppled`));
+    drawn.append(box);
+  }
+  rows.forEach((name, index) => drawn.append(svg("text", {x: left - 6, "text-anchor": "end",
+    y: top + (rows.length - 1 - index) * size + size / 2 + 4}, name)));
+  columns.forEach((name, index) => {
+    if (columns.length > 12 && index % 2) return;
+    drawn.append(svg("text", {x: left + index * size + size / 2, "text-anchor": "middle",
+      y: top + rows.length * size + 16}, name.split(" ")[0]));
+  });
+  const bottom = top + rows.length * size + 36;
+  drawn.append(svg("text", {x: left, y: bottom}, "PGV/PGA from, s; rows: PGA, m/s²"));
+  return drawn;
+};
+const replay = (job) => {
+  at("replayed").hidden = false;
+  at("replaying").textContent = `Job ${job.job_id}: ${job.record_id} at ${job.level_pga_m_s2} m/s²`;
+  at("replay").src = `replay/${job.job_id}`;
+  at("replayed").scrollIntoView();
+};
+const show = (told) => {
+  document.title = `${Math.floor(100 * told.stored / Math.max(told.jobs, 1))} % ${told.name}`;
+  at("name").textContent = told.name;
+  at("state").textContent = told.sentence;
+  at("state").className = "";
+  at("progress").max = Math.max(told.jobs, 1);
+  at("progress").value = told.stored;
+  at("counts").textContent = told.counts;
+  at("failed").hidden = !told.failures.length;
+  at("failures").replaceChildren(row(["jobs", "status", "message", "such as"], true),
+    ...told.failures.map((one) => row([one.jobs, one.status, one.message ?? "", one.job_id])));
+  at("maps").replaceChildren(...told.maps.flatMap((one) => {
+    const name = document.createElement("p");
+    name.textContent = told.maps.length > 1 ? one.name : "";
+    return [name, map(one)];
+  }));
+  at("toppled").hidden = !told.latest.length;
+  at("latest").replaceChildren(row(["record", "PGA m/s²", "azimuth °", "toppled toward °", "after s", ""], true),
+    ...told.latest.map((one) => {
+      const button = document.createElement("button");
+      button.textContent = "replay";
+      button.onclick = () => replay(one);
+      return row([one.record_id, one.level_pga_m_s2, one.azimuth_deg, one.topple_azimuth_deg, one.topple_time_s,
+        button]);
+    }));
+};
+let before = "";
+const ask = async () => {
+  try {
+    const answer = await fetch("state.json", {cache: "no-store"});
+    const text = await answer.text(), told = JSON.parse(text);
+    if (told.error) throw new Error(told.error);
+    if (text !== before) show(told);
+    before = text;
+  } catch (error) {
+    at("state").textContent = error instanceof TypeError ? "'toppling watch' has ended" : error.message;
+    at("state").className = "error";
+    before = "";
+  }
+  setTimeout(ask, 2000);
+};
+ask();
+</script>
+</body>
+</html>
+"""
+"""NONCE allows its one script."""
+
+WAITING = """\
+<!doctype html><html lang="en"><meta charset="utf-8"><meta http-equiv="refresh" content="1">
+<p style="font: 15px system-ui, sans-serif">TOLD</p></html>
+"""

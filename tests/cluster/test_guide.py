@@ -1,0 +1,248 @@
+"""Every command and every block of code in README and guide does what it shows, on one small example.
+
+A comment above a block says where it is only looked at: `parsed` for what needs a network, another machine or a person
+(its options are read as the command line reads them), `slow` for what takes minutes.
+"""
+
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import click
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from toppling.models.motions.synthetic import synthetic_ensemble
+from toppling.models.scene import Scene, write_ply
+from toppling.orchestrator.campaign import Campaign
+from toppling.orchestrator.cli import cli
+from toppling.results.run import open_run
+
+ROOT = Path(__file__).parents[2]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs" / "guide").glob("*.md"))]
+SMALLER = {
+    "--count 140": "--count 3",
+    "fragility runs/first --fit": "fragility runs/first --fit --samples 20",
+    "report runs/first": "report runs/first --samples 10",
+    "init scenes/rock ensembles/quakes": "init scenes/rock ensembles/quakes --levels 3 --azimuths 2 --preset fast",
+}
+"""What a test writes in place of what a page says, to be done in seconds."""
+
+RUN_TOPPLING = "from toppling.orchestrator.cli import main\nif __name__ == '__main__': main()"
+
+SITE = {"DASK_JOBQUEUE__SLURM__CORES": "8", "DASK_JOBQUEUE__SLURM__MEMORY": "16GB"}
+"""What the page on clusters has a site put into jobqueue.yaml."""
+
+SHELL = {"git", "mkdir", "docker"}
+"""Other programs that the pages name."""
+
+BLOCK = re.compile(
+    r"(?:<!-- (?P<how>parsed|slow)[^>]*-->\n)?```(?P<kind>\w*)\n(?P<text>.*?)^```$", re.M | re.S
+)
+
+
+@dataclass(frozen=True)
+class Block:
+    kind: str
+    text: str
+    how: str
+
+
+def blocks(page):
+    return [
+        Block(found["kind"], found["text"], found["how"] or "") for found in BLOCK.finditer(page.read_text())
+    ]
+
+
+def commands(text):
+    """Words of each command, comments left out; a quoted text may go over several lines."""
+    begun = ""
+    for line in text.splitlines(keepends=True):
+        begun += line
+        try:
+            words = shlex.split(begun, comments=True)
+        except ValueError:  # no closing quotation yet
+            continue
+        begun = ""
+        if words:
+            yield words
+    assert not begun, "a quotation is not closed"
+
+
+@pytest.fixture(scope="module")
+def inputs(tmp_path_factory):
+    """What the pages take as given: a rock, six records with their table, seismograms and hazard curves."""
+    folder = tmp_path_factory.mktemp("guide")
+    block = Scene.block(0.2, 0.25, 0.6)
+    block.save(folder / "scenes" / "rock")
+    write_ply(folder / "rock.ply", block.rock.vertices_m, block.rock.faces)
+    (folder / "records").mkdir()
+    (folder / "simulated").mkdir()
+    table = ["h1,h2,v,event,station,mag,dist_km"]
+    for record in synthetic_ensemble(6, 3):
+        name = f"{record.record_id}.csv"
+        time_s = np.arange(len(record.motion.acceleration_m_s2)) * record.motion.time_step_s
+        columns = np.column_stack([time_s, record.motion.acceleration_m_s2])
+        header = "time (s),EW (m/s2),NS (m/s2),UD (m/s2)"
+        np.savetxt(folder / "records" / name, columns, delimiter=",", header=header, comments="", fmt="%.7g")
+        table.append(
+            f"{name},{name},{name},{record.event},{record.station},{record.magnitude},{record.distance_km}"
+        )
+    (folder / "records" / "catalog.csv").write_text("\n".join(table) + "\n")
+    shutil.copy(folder / "records" / name, folder / "simulated" / "motion.csv")
+    told = "simulated/motion.csv"
+    (folder / "table.csv").write_text(f"h1,h2,v,event\n{told},{told},{told},scenario\n")
+    for curve, factor in (("mean.csv", 1.0), ("high.csv", 3.0)):
+        rows = "".join(
+            f"{pgv},{factor * 1e-4 * pgv**-2:.3g}\n" for pgv in (0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 4.0, 8.0)
+        )
+        (folder / curve).write_text(f"pgv_m_s,annual_rate\n{rows}")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def example(inputs):
+    """The same with the ensemble, and with the campaign and the run that the campaign's page makes."""
+    folder = inputs.with_name(f"{inputs.name}-run")
+    shutil.copytree(inputs, folder)
+    guide = ROOT / "docs" / "guide"
+    for block in [blocks(guide / "records.md")[0], *blocks(guide / "campaign.md")]:
+        if block.kind == "toml":
+            Campaign.read(folder / "campaign.toml")  # what 'init' wrote
+        carry_out(block, folder)
+    return folder
+
+
+def carry_out(block, folder):
+    """Do what a block says, in a folder."""
+    if block.kind == "sh":
+        for words in commands(shortened(block.text, folder)):
+            look_at(words) if block.how == "parsed" else call(words, folder)
+    elif block.kind == "python":
+        done = subprocess.run(
+            [sys.executable, "-c", block.text], cwd=folder, capture_output=True, text=True, check=False
+        )
+        assert done.returncode == 0, f"{block.text}\n{done.stderr}"
+    elif block.kind == "toml":
+        (folder / "campaign.toml").write_text(block.text)
+        Campaign.read(folder / "campaign.toml")
+    else:
+        pytest.fail(f"a block of no known kind: {block}")
+
+
+def shortened(text, folder):
+    for shown, done in SMALLER.items():
+        text = text.replace(shown, done)
+    if "3dea16b1" in text:
+        rows = open_run(folder / "runs" / "first").sql("select min(job_id) as job from results where toppled")
+        text = text.replace("3dea16b1", rows["job"][0].as_py()[:10])
+    return text
+
+
+def call(words, folder):
+    assert words[0] == "toppling", words
+    if words[1] == "run":  # it starts processes, and takes over signals
+        told = subprocess.run(
+            [sys.executable, "-c", RUN_TOPPLING, *words[1:]],
+            cwd=folder,
+            env=os.environ | SITE,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert told.returncode == 0, f"{words}\n{told.stdout}\n{told.stderr}"
+        return
+    before = Path.cwd()
+    os.chdir(folder)
+    try:
+        done = CliRunner().invoke(cli, words[1:])
+    finally:
+        os.chdir(before)
+    assert done.exit_code == 0, f"{words}\n{done.output}\n{done.exception!r}"
+
+
+def look_at(words):
+    """Read the options of a command as the command line does, without doing it."""
+    words = words[words[0] == "nohup" :]
+    shell = next((place for place, word in enumerate(words) if word in (">", "2>&1", "&", "&&")), len(words))
+    words = words[:shell]
+    if words[0] == "make":
+        assert f"\n{words[1]}:" in (ROOT / "Makefile").read_text()
+    elif words[0] != "toppling":
+        assert words[0] in SHELL, words
+    else:
+        command, context, words = cli, None, words[1:]
+        while isinstance(command, click.Group):
+            context = command.make_context("toppling", list(words), parent=context)
+            _, command, words = command.resolve_command(context, [*context._protected_args, *context.args])
+        command.make_context(command.name, list(words), parent=context)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_every_block_of_a_page_does_what_it_shows(page, request, tmp_path):
+    given = request.getfixturevalue("inputs" if page.name == "README.md" else "example")
+    if page.name == "campaign.md":  # done already, as the others' example
+        assert len(open_run(given / "runs" / "first").frame()) == open_run(given / "runs" / "first").planned()
+        return
+    folder = tmp_path / "here"
+    shutil.copytree(given, folder)
+    if page.name == "records.md":
+        shutil.rmtree(folder / "ensembles")
+    for block in blocks(page):
+        if block.how != "slow":
+            carry_out(block, folder)
+
+
+@pytest.mark.slow
+def test_the_scan_of_the_pages_makes_a_scene(tmp_path):
+    import laspy
+
+    from toppling.models.scan.virtual import demo_scan
+
+    stations, _ = demo_scan(1)
+    for number, group in enumerate((stations[::2], stations[1::2]), 1):
+        points_m = np.concatenate([station.points_m for station in group])
+        cloud = laspy.create(point_format=0, file_version="1.2")
+        cloud.header.scales, cloud.header.offsets = [1e-4] * 3, points_m.mean(axis=0).round()
+        cloud.x, cloud.y, cloud.z = points_m.T
+        cloud.write(tmp_path / f"station{number}.laz")
+    slow = [block for page in PAGES for block in blocks(page) if block.how == "slow"]
+    assert slow
+    for words in {tuple(words) for block in slow for words in commands(block.text)}:
+        call(list(words), tmp_path)
+    assert Scene.load(tmp_path / "scenes" / "rock").rock.volume_m3 > 100.0
+
+
+def test_each_page_of_the_guide_is_in_its_list_and_in_the_site():
+    listed = (ROOT / "docs" / "guide" / "index.md").read_text()
+    site = (ROOT / "mkdocs.yml").read_text()
+    for page in PAGES[1:]:
+        assert page.stem == "index" or f"({page.name})" in listed
+        assert f"guide/{page.name}" in site
+
+
+@pytest.mark.parametrize("page", [*PAGES, *sorted((ROOT / "docs").glob("*.md"))], ids=lambda page: page.stem)
+def test_links_lead_to_pages_and_sections_that_are_there(page):
+    def anchors(path):
+        heads = re.findall(r"^#+ (.*)$", path.read_text(), re.M)
+        return {re.sub(r"[^\w\- ]", "", head).strip().lower().replace(" ", "-") for head in heads}
+
+    for target in re.findall(r"\]\(([^)\s]+)\)", page.read_text()):
+        if re.match(r"[a-z]+:", target):
+            continue
+        path, _, anchor = target.partition("#")
+        there = (page.parent / path).resolve() if path else page
+        assert there.exists(), f"{page.name}: {target}"
+        assert not anchor or anchor in anchors(there), f"{page.name}: {target}"
+
+
+def test_readme_is_no_longer_than_a_newcomer_reads():
+    text = (ROOT / "README.md").read_text()
+    assert len(text.splitlines()) <= 120
+    assert len(text.split()) <= 1800

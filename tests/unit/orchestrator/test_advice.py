@@ -1,0 +1,79 @@
+"""What a campaign is warned of before it runs, and what its shares suggest afterwards."""
+
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from toppling.models.scene import Scene
+from toppling.orchestrator.advice import HARDLY_SHARE, MOSTLY_SHARE, Share, suggestions, warnings_of
+from toppling.orchestrator.campaign import Campaign
+from toppling.orchestrator.trial import statics_of
+
+BLOCK = Scene.block(0.2, 0.2, 0.6)
+LEAST_M_S2 = 9.81 * 0.2 / 0.6
+
+
+def warned(levels, friction=(0.8,)):
+    axes = {"pga_m_s2": list(levels), "azimuth_deg": [0], "friction": list(friction)}
+    return warnings_of(Campaign.of({"scene": "s", "ensemble": "e", **axes}, Path()), BLOCK)
+
+
+def test_the_least_static_acceleration_is_that_of_the_closed_form():
+    assert statics_of(BLOCK).least_m_s2 == pytest.approx(LEAST_M_S2)
+
+
+def test_a_sound_campaign_is_warned_of_nothing():
+    assert warned([2, 4, 8]) == []
+
+
+@pytest.mark.parametrize(
+    ("levels", "friction", "told"),
+    [
+        ([0.2, 1.4], [0.8], "are they in g? 1.4 g is 13.7 m/s2"),
+        ([1.6, LEAST_M_S2 - 0.01], [0.8], "below the least constant acceleration"),
+        ([2, 8], [0.8, 35], r"is it in degrees? tan(35°) is 0.7"),
+        ([2, 8], [1.7], "rock on rock has 0.6 to 1.0"),
+        ([2, 8], [0.3], "slides before it tips"),
+    ],
+)
+def test_each_slip_is_told_once(levels, friction, told):
+    (sentence,) = warned(levels, friction)
+    assert told in sentence
+
+
+def test_a_run_that_saw_the_whole_rise_suggests_nothing():
+    assert (
+        suggestions([Share(level, 100, n) for level, n in ((1, 0), (3, 20), (5, 50), (7, 80), (9, 100))])
+        == []
+    )
+
+
+def test_a_run_without_an_answer_suggests_nothing():
+    assert suggestions([]) == []
+    assert suggestions([Share(1.0, 0, 0)]) == []
+
+
+def test_few_topplings_at_the_highest_level_ask_for_higher_ones():
+    (told,) = suggestions([Share(13.0, 78, 7), Share(9.0, 78, 0)])
+    assert told == "7 of 156 toppled, 9 % at the highest level: add levels above 13 m/s2"
+    assert suggestions([Share(9.0, 40, 0)]) == ["0 of 40 toppled: add levels above 9 m/s2"]
+
+
+def test_many_topplings_at_the_lowest_level_ask_for_lower_ones():
+    (told,) = suggestions([Share(5.0, 10, 4), Share(9.0, 10, 10)])
+    assert told == "4 of 10 toppled at the lowest level: add levels below 5 m/s2"
+
+
+def test_a_rise_between_two_levels_asks_for_levels_between_them():
+    (told,) = suggestions([Share(1, 50, 0), Share(3, 50, 1), Share(6, 50, 49), Share(9, 50, 50)])
+    assert told.endswith("add some between 3 and 6 m/s2")
+
+
+@given(st.lists(st.tuples(st.integers(1, 50), st.floats(0, 1)), min_size=1, max_size=12))
+def test_every_share_is_advised_without_a_fault_and_ends_are_asked_for_exactly_where_they_are_open(drawn):
+    shares = [Share(float(n + 1), jobs, round(jobs * part)) for n, (jobs, part) in enumerate(drawn)]
+    told = suggestions(shares)
+    assert any("levels above" in sentence for sentence in told) == (shares[-1].share < MOSTLY_SHARE)
+    assert any("levels below" in sentence for sentence in told) == (shares[0].share > HARDLY_SHARE)

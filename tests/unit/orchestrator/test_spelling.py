@@ -1,0 +1,36 @@
+"""A misspelt word is answered with the one that was probably meant."""
+
+import pytest
+from click.testing import CliRunner
+
+from toppling.models.spelling import nearest
+from toppling.orchestrator.cli import VERBS, cli
+
+
+@pytest.mark.parametrize(
+    ("words", "meant"),
+    [
+        (["fragilty", "runs/first"], "fragility"),
+        (["Query", "runs/first"], "query"),
+        (["records", "imprt"], "import"),
+        (["scene", "exprot"], "export"),
+        (["pulse", ".", "--out", "x", "--preset", "standart"], "standard"),
+        (["records", "select", ".", "--out", "x", "--quality", "procesed"], "processed"),
+    ],
+)
+def test_a_misspelt_verb_or_choice_is_answered_with_what_was_meant(words, meant):
+    done = CliRunner().invoke(cli, words)
+    assert done.exit_code == 2
+    assert f"Did you mean '{meant}'?" in done.stderr
+
+
+def test_a_word_like_no_verb_gets_the_list():
+    done = CliRunner().invoke(cli, ["xyzzy"])
+    assert done.exit_code == 2
+    assert "Did you mean" not in done.stderr
+    assert "fragility" in done.stderr
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_each_verb_with_a_letter_left_out_is_found_again(verb):
+    assert nearest(verb[:2] + verb[3:], VERBS) == verb

@@ -1,0 +1,174 @@
+"""A run in a browser: what the page is told, who may ask, and that nothing in the run changes."""
+
+import hashlib
+import http.client
+import json
+import shutil
+import subprocess
+import threading
+import time
+import urllib.error
+import urllib.request
+from datetime import UTC, datetime, timedelta
+
+import pytest
+from browser import BROWSER, needs_browser
+from click.testing import CliRunner
+
+from toppling.models.errors import InputError
+from toppling.models.motions.ensemble import Ensemble
+from toppling.models.motions.idealised import ricker
+from toppling.models.motions.record import Record
+from toppling.models.scene import Scene
+from toppling.orchestrator.campaign import Campaign
+from toppling.orchestrator.cli import cli
+from toppling.orchestrator.folder import prepare, session
+from toppling.orchestrator.plan import plan
+from toppling.orchestrator.task import lost_row, versions
+from toppling.orchestrator.watch import shown, watching
+from toppling.results.store import write_part
+from toppling.workers.job import Assets, run_job
+
+STRANGE = "<img src=x onerror=document.title='owned'>"
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    """A run of 12 jobs, of which 7 are stored: 6 with an answer, one that failed with a strange message."""
+    folder = tmp_path_factory.mktemp("watched")
+    Scene.block(0.15, 0.2, 0.6).save(folder / "scene")
+    Ensemble.write(folder / "ensemble", [Record.of(f"P{n}", ricker(2.0, 0.6 + n, 0.01)) for n in range(2)])
+    axes = {"pga_m_s2": [1, 4, 8], "azimuth_deg": [0, 90], "friction": [0.9], "preset": "fast"}
+    campaign = Campaign.of({"scene": "scene", "ensemble": "ensemble", **axes}, folder)
+    assets = Assets(Scene.load(campaign.scene), Ensemble.load(campaign.ensemble))
+    planned = plan(campaign, assets.scene, assets.ensemble)
+    prepare(folder / "run", planned, dict(versions()))
+    now = datetime.now(UTC)
+    rows = [
+        run_job(planned.spec(job), assets) | {"attempt": 1, "finished_at": now + timedelta(seconds=job)}
+        for job in range(6)
+    ]
+    failed = lost_row(planned.spec(6), "failed", STRANGE) | {"attempt": 1, "finished_at": now}
+    write_part(folder / "run", [*rows, failed])
+    return folder / "run"
+
+
+def content(run):
+    """Every file of a run with its hash."""
+    files = [path for path in sorted(run.rglob("*")) if path.is_file() and path.name != ".lock"]
+    return {str(path): hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
+
+
+@pytest.fixture(scope="module")
+def server(run, tmp_path_factory):
+    before = content(run)
+    with watching(run, tmp_path_factory.mktemp("replays")) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        yield server
+        server.shutdown()
+        server.replays.end()
+    assert content(run) == before, "watching has written into the run"
+
+
+def asked(server, path="", host=None, method="GET"):
+    connection = http.client.HTTPConnection("127.0.0.1", server.server_port, timeout=30)
+    connection.request(method, path, headers={"Host": host or f"127.0.0.1:{server.server_port}"})
+    answer = connection.getresponse()
+    return answer.status, answer.read().decode()
+
+
+def state(server):
+    return json.loads(asked(server, f"/{server.secret}/state.json")[1])
+
+
+def test_the_page_is_told_progress_failures_cells_and_the_latest_topplings(server):
+    told = state(server)
+    assert (told["jobs"], told["stored"], told["state"]) == (12, 7, "interrupted")
+    assert [(one["jobs"], one["message"]) for one in told["failures"]] == [(1, STRANGE)]
+    (shown,) = told["maps"]
+    assert sum(cell["jobs"] for cell in shown["cells"]) == 6
+    assert shown["rows"] == ["1", "4", "8"]
+    assert sum(cell["toppled"] for cell in shown["cells"]) == len(told["latest"]) > 0
+    assert told["latest"][0]["topple_time_s"] > 0
+
+
+def test_a_run_that_goes_on_is_called_running(run, tmp_path):
+    shutil.copytree(run, tmp_path / "run")
+    with session(tmp_path / "run", {}):
+        assert shown(tmp_path / "run")["sentence"].startswith("running: 7 of 12 jobs stored")
+
+
+def test_only_who_knows_the_secret_and_asks_this_host_is_answered(server):
+    page = f"/{server.secret}/"
+    assert asked(server, page)[0] == 200
+    assert asked(server, page, host=f"localhost:{server.server_port}")[0] == 200
+    assert asked(server, page, host="rebound.example")[0] == 404
+    for path in ("/", "/state.json", "/wrong/", "/wrong/state.json", f"/{server.secret}x/"):
+        assert asked(server, path)[0] == 404
+    assert server.server_address[0] == "127.0.0.1"
+
+
+@pytest.mark.parametrize(
+    "path", ["run.json", "../run.json", "replay/", "replay/../x", "replay/ABCDEFGH", "replay/--help12"]
+)
+def test_nothing_but_the_page_its_state_and_replays_is_there(server, path):
+    assert asked(server, f"/{server.secret}/{path}")[0] == 404
+
+
+@pytest.mark.parametrize("method", ["POST", "PUT", "DELETE"])
+def test_nothing_can_be_sent_to_it(server, method):
+    assert asked(server, f"/{server.secret}/", method=method)[0] == 501
+
+
+def until(server, job, word, seconds=200):
+    end = time.monotonic() + seconds
+    while word not in (answer := asked(server, f"/{server.secret}/replay/{job}")[1]):
+        assert time.monotonic() < end, answer
+        time.sleep(0.5)
+    return answer
+
+
+def test_a_toppling_is_replayed_on_a_click(server):
+    job = state(server)["latest"][0]["job_id"]
+    page = until(server, job, "toppled</title>")
+    assert "<canvas" in page or "view" in page
+
+
+def test_a_job_that_is_not_there_says_so(server):
+    assert "no job begins with" in until(server, "0123456789abcdef", "the replay failed")
+
+
+@needs_browser
+def test_a_browser_draws_the_map_and_runs_nothing_that_a_run_says(server, tmp_path):
+    done = subprocess.run(
+        [
+            BROWSER, "--headless=new", "--no-sandbox", "--disable-gpu", f"--user-data-dir={tmp_path}", "--dump-dom",
+            "--enable-logging=stderr", "--virtual-time-budget=4000", server.address,
+        ],
+        capture_output=True, text=True, timeout=120, check=True,
+    )  # fmt: skip
+    told = state(server)
+    assert done.stdout.count("<rect") == len(told["maps"][0]["cells"])
+    assert done.stdout.count(">replay</button>") == len(told["latest"])
+    assert "&lt;img src=x" in done.stdout
+    assert "owned</title>" not in done.stdout
+    assert not [line for line in done.stderr.splitlines() if "CONSOLE" in line]
+
+
+def test_what_is_no_run_is_refused(tmp_path):
+    with pytest.raises(InputError, match="not a run's folder"):
+        watching(tmp_path, tmp_path)
+    done = CliRunner().invoke(cli, ["watch", str(tmp_path / "absent"), "--no-open"])
+    assert isinstance(done.exception, InputError)
+
+
+def test_a_run_that_vanishes_is_told_and_not_the_end(run, tmp_path):
+    shutil.copytree(run, tmp_path / "run")
+    with watching(tmp_path / "run", tmp_path / "replays") as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        shutil.rmtree(tmp_path / "run")
+        with urllib.request.urlopen(f"{server.address}state.json", timeout=10) as answer:
+            assert "not a run's folder" in json.load(answer)["error"]
+        with pytest.raises(urllib.error.HTTPError):
+            urllib.request.urlopen(f"{server.address}elsewhere", timeout=10)
+        server.shutdown()

@@ -12,9 +12,9 @@ from rich.console import Console
 from rich.progress import Progress
 
 from toppling.models.errors import InputError
-from toppling.results import figures
-from toppling.results.atlas import save_table
 from toppling.results.constraint import bound_table, branch_table, single_event
+from toppling.results.drawing import figures
+from toppling.results.drawing.atlas import save_table
 from toppling.results.exchange import read_curves
 from toppling.results.fits import MEASURES, SAMPLES, Lognormal, Resampled, answered, basis_of, bootstrap, fit
 from toppling.results.fragility import by_contact

@@ -14,8 +14,8 @@ from toppling.models.errors import InputError
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
 from toppling.orchestrator.folder import place_in
-from toppling.results.atlas import write_directions, write_fits, write_friction, write_maps
 from toppling.results.directions import SECTOR_DEG
+from toppling.results.drawing.atlas import write_directions, write_fits, write_friction, write_maps
 from toppling.results.fits import answered
 from toppling.results.fragility import DURATION, LEVEL, PGV, PLANES, PULSE, Axis, by_contact
 from toppling.results.friction import by_surroundings

@@ -220,7 +220,7 @@ def show(ensemble: Path, figure: Path | None, as_json: bool) -> None:
 
     loaded = Ensemble.load(ensemble)
     if figure:
-        from toppling.models.motions.figure import draw
+        from toppling.results.drawing.records import draw
 
         draw(loaded, figure)
     if as_json:

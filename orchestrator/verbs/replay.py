@@ -16,12 +16,12 @@ from toppling.models.scene import Scene
 from toppling.models.tables import read_table
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.folder import place_in
+from toppling.results.drawing.replay import write_way
 from toppling.results.friction import friction_words
-from toppling.results.replay import write_way
+from toppling.results.replay import Way
 from toppling.results.run import open_run
 from toppling.results.schema import SCHEMA, describe
 from toppling.results.store import has_digests
-from toppling.results.way import Way
 from toppling.workers.job import Assets, JobSpec, outcome_of, prepared
 from toppling.workers.outcome import ShakeResult
 from toppling.workers.seating import settled

@@ -7,7 +7,7 @@ from rich.console import Console
 from rich.progress import Progress
 
 from toppling.orchestrator.folder import place_in
-from toppling.results.report import SECTIONS, report_page, write_page
+from toppling.results.drawing.report import SECTIONS, report_page, write_page
 from toppling.results.run import open_run
 
 

@@ -115,6 +115,7 @@ def scan(
     from toppling.models.scan.survey import STAGES, save_survey, survey
     from toppling.models.scan.word import word_of
     from toppling.orchestrator.plan import settling_notes
+    from toppling.results.drawing.scene import draw_scene
 
     refuse_existing(out)
     inspection = inspection_of(contact, pulls)
@@ -135,7 +136,7 @@ def scan(
         stage("letting the rock stand")
         notes = settling_notes(result.scene)
         stage("writing")
-        save_survey(result, out, notes)
+        save_survey(result, out, lambda folder: draw_scene(result.scene, folder / "scene.png", notes))
         bar.update(task, completed=total, description="done")
     click.echo(json.dumps(result.scene.to_json(), allow_nan=False) if as_json else _told(result.scene, out))
     notes += base_sentences(result.scene)

@@ -27,9 +27,9 @@ def show(folder: Path, out: Path | None) -> None:
     toppling scene show scenes/rock --out pictures
     """  # noqa: D301  (\b keeps click from rewrapping the example)
     from toppling.models.intervals import base_sentences
-    from toppling.models.scan.page import write_page
-    from toppling.models.scan.picture import draw_scene
     from toppling.orchestrator.plan import settling_notes
+    from toppling.results.drawing.page import write_page
+    from toppling.results.drawing.scene import draw_scene
 
     loaded = Scene.load(folder)
     target = out or folder
@@ -51,7 +51,7 @@ def export(folder: Path, file: Path) -> None:
     \b
     toppling scene export scenes/rock rock.glb
     """  # noqa: D301  (\b keeps click from rewrapping the example)
-    from toppling.models.scan.page import export_scene
+    from toppling.results.drawing.export import export_scene
 
     export_scene(Scene.load(folder), file)
     click.echo(str(file))

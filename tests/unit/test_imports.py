@@ -22,6 +22,9 @@ ONLY_UNDER = {
     "distributed": "orchestrator",
     "dask_jobqueue": "orchestrator",
     "obspy": "models/motions",
+    "matplotlib": "results/drawing",
+    "seaborn": "results/drawing",
+    "PIL": "results/drawing",
 }
 UNPICKLERS = {"pickle", "cPickle", "dill", "joblib", "shelve", "marshal"}
 

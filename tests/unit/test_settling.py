@@ -25,7 +25,7 @@ from toppling.orchestrator.plan import check_stands, plan
 from toppling.orchestrator.run import run
 from toppling.orchestrator.verbs.scan import scan
 from toppling.orchestrator.verbs.scene import scene
-from toppling.results.report import _scene
+from toppling.results.drawing.report import _scene
 from toppling.results.run import open_run
 
 ROCK = box(0.3, 0.2, 0.5).moved(np.eye(3), (0.4, -0.3, 0.5))

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from seeded import row, rows
 
 from toppling.orchestrator.cli import cli
-from toppling.results.atlas import write_maps
-from toppling.results.figures import direction_figure, map_figure, save
+from toppling.results.drawing.atlas import write_maps
+from toppling.results.drawing.figures import direction_figure, map_figure, save
 from toppling.results.fits import answered, fit
 from toppling.results.fragility import (
     PLANES,

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from toppling.models.errors import InputError
 from toppling.results.constraint import bound_table
-from toppling.results.figures import constraint_figure
+from toppling.results.drawing.figures import constraint_figure
 from toppling.results.fits import Lognormal
 from toppling.results.hazard import (
     NODES_PER_E_FOLD,

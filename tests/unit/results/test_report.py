@@ -21,7 +21,15 @@ from browser import needs_browser, shown
 from toppling.models.errors import InputError
 from toppling.models.scene import Scene
 from toppling.orchestrator.cli import cli
-from toppling.results.report import _BUDGET, SECTIONS, _accuracy, _budget, _fit_table, _table, report_page
+from toppling.results.drawing.report import (
+    _BUDGET,
+    SECTIONS,
+    _accuracy,
+    _budget,
+    _fit_table,
+    _table,
+    report_page,
+)
 from toppling.results.run import open_run
 from toppling.results.store import write_part
 from toppling.workers.options import PRESETS

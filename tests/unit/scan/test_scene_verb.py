@@ -9,8 +9,10 @@ from click.testing import CliRunner
 from matplotlib.figure import Figure
 
 from toppling.models.errors import InputError
-from toppling.models.scan.page import scene_figure
-from toppling.models.scan.picture import (
+from toppling.models.scene import Scene, read_triangles
+from toppling.orchestrator.verbs.scene import scene
+from toppling.results.drawing.page import scene_figure
+from toppling.results.drawing.scene import (
     BAND_TITLE,
     VIEWS_DEG,
     beyond_frame,
@@ -19,8 +21,6 @@ from toppling.models.scan.picture import (
     polar_reach_m_s2,
     toppling_band,
 )
-from toppling.models.scene import Scene, read_triangles
-from toppling.orchestrator.verbs.scene import scene
 
 
 @pytest.fixture

@@ -9,9 +9,9 @@ from matplotlib.colors import to_rgb
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from toppling.models.scan.page import scene_figure
-from toppling.models.scan.picture import PEDESTAL_COLOUR, ROCK_COLOUR, far_to_near
-from toppling.results.way import Way, tilt_deg
+from toppling.results.drawing.page import scene_figure
+from toppling.results.drawing.scene import PEDESTAL_COLOUR, ROCK_COLOUR, far_to_near
+from toppling.results.replay import Way, tilt_deg
 
 Array = NDArray[np.float64]
 

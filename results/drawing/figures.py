@@ -321,7 +321,7 @@ def way_figure(table: pd.DataFrame, motion: Motion, title: str, topple_time_s: f
     Parameters
     ----------
     table : DataFrame
-        From `results.way.way_table`.
+        From `results.replay.way_table`.
     motion : Motion
         As imposed: drawn whole, where the table leaves out the time that the engine skips.
     title : str

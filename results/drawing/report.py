@@ -15,8 +15,9 @@ from matplotlib.figure import Figure
 from toppling.models.digest import check
 from toppling.models.errors import InputError
 from toppling.models.folder import new_file
-from toppling.results import figures, fits
+from toppling.results import fits
 from toppling.results.directions import SECTOR_DEG, sector_share, topple_rose
+from toppling.results.drawing import figures
 from toppling.results.fragility import PLANES, beyond, by_contact, cells, cells_by_direction, unplaced
 from toppling.results.friction import compare_frictions
 from toppling.results.run import Run
@@ -31,7 +32,7 @@ pre { background: #f5f5f5; padding: 1em; overflow-x: auto; }
 """
 
 
-_BUDGET = Path(__file__).with_name("preset_budget.json")
+_BUDGET = Path(__file__).parents[1] / "preset_budget.json"
 """Error and flips of the presets, as `benchmarks/accuracy.py` measured them last."""
 
 

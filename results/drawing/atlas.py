@@ -7,8 +7,9 @@ from pathlib import Path
 import pandas as pd
 
 from toppling.models.folder import new_file
-from toppling.results import figures, fits
+from toppling.results import fits
 from toppling.results.directions import sector_share, topple_rose
+from toppling.results.drawing import figures
 from toppling.results.exchange import OPENQUAKE, write_curves
 from toppling.results.fragility import Plane, beyond, by_contact, cells, cells_by_direction, unplaced
 from toppling.results.friction import compare_frictions

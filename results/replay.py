@@ -1,4 +1,4 @@
-"""A rock's way through one shake, in numbers. The engine's poses come in as plain arrays."""
+"""One shake seen again: scene, motion and the rock's trajectory, in numbers."""
 
 from dataclasses import dataclass
 
@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene
+from toppling.models.trajectory import Trajectory
 
 Array = NDArray[np.float64]
 
@@ -20,51 +21,50 @@ LEAD_S = 0.5
 
 
 @dataclass(frozen=True, eq=False)
-class Way:
-    """A rock's way under a ground motion, in the pedestal's frame.
+class Replay:
+    """A rock's trajectory under a ground motion, in the pedestal's frame.
 
     Parameters
     ----------
     scene : Scene
-        In the pose that the way starts from.
+        In the pose that the trajectory starts from.
     motion : Motion
         As imposed.
-    time_s : (n,) array
-    position_m : (n, 3) array
-        Centre of mass, scene frame.
-    quaternion_xyzw : (n, 4) array
-        Turn from the pose in the scene to the present one.
+    trajectory : Trajectory
+        Its quaternions rotate from the pose in the scene to the present one.
     topple_time_s : float or None
         Time of no return.
     """
 
     scene: Scene
     motion: Motion
-    time_s: Array
-    position_m: Array
-    quaternion_xyzw: Array
+    trajectory: Trajectory
     topple_time_s: float | None = None
 
     @property
     def tilt_deg(self) -> Array:
-        """Angle between the interface's normal and where the rock has carried it since the way's start, (n,)."""
-        return tilt_deg(self.quaternion_xyzw, self.scene.pedestal.normal)
+        """Angle between the interface's normal and where the rock has carried it since the start, (n,)."""
+        return tilt_deg(self.trajectory.quaternion_xyzw, self.scene.pedestal.normal)
 
     def at(self, time_s: Array) -> tuple[Array, Array]:
-        """Centres of mass (k, 3) and turns (k, 4) at any times of the way."""
-        position = np.column_stack([np.interp(time_s, self.time_s, axis) for axis in self.position_m.T])
-        times, first = np.unique(self.time_s, return_index=True)
+        """Centres of mass (k, 3) and rotations (k, 4) at any times of the trajectory."""
+        position = np.column_stack(
+            [np.interp(time_s, self.trajectory.time_s, axis) for axis in self.trajectory.position_m.T]
+        )
+        times, first = np.unique(self.trajectory.time_s, return_index=True)
         if len(times) < 2:
-            return position, np.repeat(self.quaternion_xyzw[:1], len(time_s), axis=0)
-        turns = Slerp(times, Rotation.from_quat(self.quaternion_xyzw[first]))
+            return position, np.repeat(self.trajectory.quaternion_xyzw[:1], len(time_s), axis=0)
+        turns = Slerp(times, Rotation.from_quat(self.trajectory.quaternion_xyzw[first]))
         return position, turns(np.clip(time_s, times[0], times[-1])).as_quat()
 
     def shown_s(self) -> tuple[float, float]:
-        """First and last time of the part in which something is to be seen."""
-        off = np.linalg.norm(self.position_m - self.position_m[0], axis=1)
+        """First and last time of the part in which something is to be seen; the whole motion where the rock rests."""
+        path = self.trajectory
+        off = np.linalg.norm(path.position_m - path.position_m[0], axis=1)
         seen = np.flatnonzero(off > STILL_SHARE * self.scene.rock.height_m)
-        first = max(float(self.time_s[seen[0]]) - LEAD_S, 0.0) if len(seen) else 0.0
-        return first, float(self.time_s[-1])
+        if not len(seen):
+            return 0.0, max(float(path.time_s[-1]), self.motion.duration_s)
+        return max(float(path.time_s[seen[0]]) - LEAD_S, 0.0), float(path.time_s[-1])
 
     def placed(self, position_m: Array, quaternion_xyzw: Array) -> Array:
         """Vertices of the rock in a pose, (n, 3)."""
@@ -79,25 +79,31 @@ def tilt_deg(quaternion_xyzw: Array, normal: Array) -> Array:
     return np.rad2deg(np.arctan2(np.linalg.norm(np.cross(normal, carried), axis=1), carried @ normal))
 
 
-def way_table(way: Way) -> pa.Table:
-    """The way as a table, one row a pose, units and descriptions in the fields' metadata."""
-    ground = _at(way, way.motion.acceleration_m_s2)
-    velocity = way.motion.velocity_at(way.time_s)
-    off = way.position_m - way.position_m[0]
+def trajectory_table(replay: Replay) -> pa.Table:
+    """The trajectory as a table, one row a pose, units and descriptions in the fields' metadata."""
+    path = replay.trajectory
+    ground = _at(replay, replay.motion.acceleration_m_s2)
+    velocity = replay.motion.velocity_at(path.time_s)
+    off = path.position_m - path.position_m[0]
     columns: list[tuple[str, Array, str, str]] = [
-        ("time_s", way.time_s, "s", "time from the start of the motion"),
-        *_three("com_{}_m", way.position_m, "m", "centre of mass in the pedestal's frame"),
+        ("time_s", path.time_s, "s", "time from the start of the motion"),
+        *_three("com_{}_m", path.position_m, "m", "centre of mass in the pedestal's frame"),
         *(
             (f"turn_{axis}", part, "1", f"quaternion from the pose at the start, {axis}")
-            for axis, part in zip("xyzw", way.quaternion_xyzw.T, strict=True)
+            for axis, part in zip("xyzw", path.quaternion_xyzw.T, strict=True)
         ),
         (
             "tilt_deg",
-            way.tilt_deg,
+            replay.tilt_deg,
             "deg",
             "angle between the interface's normal and where the rock carried it",
         ),
-        ("displacement_m", np.hypot(off[:, 0], off[:, 1]), "m", "way of the centre of mass, horizontal"),
+        (
+            "displacement_m",
+            np.hypot(off[:, 0], off[:, 1]),
+            "m",
+            "displacement of the centre of mass, horizontal",
+        ),
         *_three("ground_{}_m_s2", ground, "m/s2", "acceleration of the ground"),
         *_three("ground_{}_m_s", velocity, "m/s", "velocity of the ground"),
     ]
@@ -109,14 +115,16 @@ def way_table(way: Way) -> pa.Table:
 
 
 def _three(name: str, values: Array, unit: str, text: str) -> list[tuple[str, Array, str, str]]:
-    ways = (("x", "east"), ("y", "north"), ("z", "up"))
+    axes = (("x", "east"), ("y", "north"), ("z", "up"))
     return [
-        (name.format(axis), part, unit, f"{text}, {way}")
-        for (axis, way), part in zip(ways, values.T, strict=True)
+        (name.format(axis), part, unit, f"{text}, {toward}")
+        for (axis, toward), part in zip(axes, values.T, strict=True)
     ]
 
 
-def _at(way: Way, samples: Array) -> Array:
-    """Samples (n, 3) of the motion at the times of the way; zero after the motion."""
-    times = way.motion.time_s
-    return np.column_stack([np.interp(way.time_s, times, axis, right=0.0) for axis in samples.T])
+def _at(replay: Replay, samples: Array) -> Array:
+    """Samples (n, 3) of the motion at the times of the trajectory; zero after the motion."""
+    times = replay.motion.time_s
+    return np.column_stack(
+        [np.interp(replay.trajectory.time_s, times, axis, right=0.0) for axis in samples.T]
+    )

@@ -28,15 +28,16 @@ def show(folder: Path, out: Path | None) -> None:
     """  # noqa: D301  (\b keeps click from rewrapping the example)
     from toppling.models.intervals import base_sentences
     from toppling.orchestrator.plan import settling_notes
-    from toppling.results.drawing.page import write_page
+    from toppling.results.drawing.page import write_scene_page
     from toppling.results.drawing.scene import draw_scene
+    from toppling.results.run import rock_name
 
     loaded = Scene.load(folder)
     target = out or folder
     target.mkdir(parents=True, exist_ok=True)
     notes = settling_notes(loaded)
     draw_scene(loaded, target / "scene.png", notes)
-    write_page(loaded, target / "scene.html", notes)
+    write_scene_page(loaded, target / "scene.html", rock_name(folder), [*notes, *base_sentences(loaded)])
     click.echo(
         "\n".join([str(target / "scene.png"), str(target / "scene.html"), *notes, *base_sentences(loaded)])
     )

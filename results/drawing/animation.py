@@ -1,200 +1,190 @@
-"""A rock's way as a page that plays and turns with the mouse, and as a moving picture."""
+"""A shake as a moving picture: the rock across its fall, the seismogram below with a moving cursor."""
 
-import json
-from html import escape
+from dataclasses import dataclass
 from pathlib import Path
+from textwrap import wrap
 
+import matplotlib as mpl
 import numpy as np
-from matplotlib.colors import to_rgb
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from toppling.results.drawing.page import scene_figure
-from toppling.results.drawing.scene import PEDESTAL_COLOUR, ROCK_COLOUR, far_to_near
-from toppling.results.replay import Way, tilt_deg
+from toppling.results.drawing.mesh import far_to_near, shades, smooth_surface, surfaces_of, view_frame
+from toppling.results.drawing.page import ARROW_COLOUR, ELEVATION_DEG, azimuth_across, shown_times
+from toppling.results.drawing.style import ALARM_COLOUR, ROCK_COLOUR
+from toppling.results.replay import Replay, tilt_deg
 
 Array = NDArray[np.float64]
 
-PAGE_HZ, PAGE_POSES = 25.0, 1500
-"""Poses a second that a page holds, and how many at most."""
+FRAMES_HZ, MOST_FRAMES = 12.5, 100
+"""Frames a second of a moving picture, and how many at most: a longer shake is played faster, and says so."""
 
-GIF_HZ, GIF_FRAMES = 12.5, 75
-"""Frames a second of a moving picture, and how many at most: a longer way is played faster."""
+WIDTH, TITLE_ROWS, STRIP = 480, 2, 92
+"""Pixels: width of picture and view, rows of letters of the title, height of the strip below with the seismogram."""
 
-GIF_PIXELS, OVERSAMPLING = 360, 2
-"""Width of a moving picture, and how much finer it is drawn, so that its edges are smooth."""
-
-ELEVATION_DEG = 15.0
-EYE = 1.6
-"""Distance of the page's eye at the start, in plotly's unit, the size of the scene."""
-
-_PAGE = """<!doctype html>
-<html lang="en"><head><meta charset="utf-8"><title>{title}</title><style>
-body {{ font: 15px/1.4 system-ui, sans-serif; margin: 1em auto; max-width: 70em; padding: 0 1em; color: #222; }}
-#view {{ height: 78vh; }} #time {{ width: 60%; vertical-align: middle; }} button, select {{ font: inherit; }}
-</style></head><body>
-<h1 style="font-size: 1.1em">{title}</h1>
-<p><button id="play">play</button> <input id="time" type="range" min="0" max="{last}" value="0"
-aria-label="time"> <select id="speed" aria-label="speed"><option value="0.25">¼ speed</option>
-<option value="1" selected>real time</option><option value="4">4 times</option></select> <output id="told"></output></p>
-{view}
-<p>Drag to turn, scroll to come nearer. Seen from the pedestal, which moves with the ground.</p>
-<script>
-const way = {way};
-const view = document.getElementById("view"), slider = document.getElementById("time");
-const told = document.getElementById("told"), button = document.getElementById("play");
-const speed = document.getElementById("speed");
-const arms = way.arms;
-let playing = false, since = 0, from = 0, wanted = null, busy = true;
-async function show(frame) {{
-  wanted = frame;
-  if (busy) return;
-  busy = true;
-  while (wanted !== null) {{ const next = wanted; wanted = null; await place(next); }}
-  busy = false;
-}}
-function place(frame) {{
-  const [px, py, pz, x, y, z, w] = way.poses[frame];
-  const turn = [
-    [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-    [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-    [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)]];
-  const at = [px, py, pz].map((p, k) => {{
-    const t = turn[k], out = new Array(arms[0].length);
-    for (let i = 0; i < out.length; i++)
-      out[i] = p + t[0] * arms[0][i] + t[1] * arms[1][i] + t[2] * arms[2][i];
-    return out;
-  }});
-  slider.value = frame;
-  told.value = (way.start + frame * way.step).toFixed(2) + " s, tilt " + way.tilt[frame].toFixed(2) + "°";
-  view.dataset.frame = frame;
-  return Plotly.restyle(view, {{x: [at[0]], y: [at[1]], z: [at[2]]}}, [0]);
-}}
-function tick(now) {{
-  if (!playing) return;
-  const frame = from + Math.floor((now - since) / 1000 * speed.value / way.step);
-  if (frame >= way.poses.length) {{ show(way.poses.length - 1); stop(); return; }}
-  show(frame).then(() => requestAnimationFrame(tick));
-}}
-function stop() {{ playing = false; button.textContent = "play"; }}
-function go() {{
-  from = +slider.value >= way.poses.length - 1 ? 0 : +slider.value;
-  since = performance.now(); playing = true; button.textContent = "pause"; requestAnimationFrame(tick);
-}}
-button.onclick = () => playing ? stop() : go();
-speed.onchange = () => {{ if (playing) go(); }};
-slider.oninput = () => {{ stop(); show(+slider.value); }};
-// The library must have drawn once before it takes new places.
-addEventListener("load", () => setTimeout(() => {{ busy = false; show(wanted ?? 0); }}, 500));
-</script></body></html>
-"""
+ROW = 19
+OVERSAMPLING = 2
+"""How much finer it is drawn than shown, so that its edges are smooth."""
 
 
-def page(way: Way, title: str) -> str:
-    """Write a page that plays the way and turns with the mouse, and needs no network.
+@dataclass(frozen=True, eq=False)
+class _View:
+    """What stays the same from frame to frame: axes of the view, its middle and half width in metres."""
 
-    Parameters
-    ----------
-    way : Way
-    title : str
+    frame: Array
+    middle: Array
+    half_m: float
 
-    Returns
-    -------
-    str
-        HTML, the drawing library inside.
-    """
-    times = _times(way, PAGE_HZ, PAGE_POSES)
-    position, turn = way.at(times)
-    figure = scene_figure(way.scene)
-    figure.update_layout(
-        title=None, margin={"l": 0, "r": 0, "t": 0, "b": 0}, uirevision="the same", showlegend=False
-    )
-    # Room for the rock wherever it goes, so that the axes stand still while it plays.
-    reach = float(np.linalg.norm(way.scene.rock.vertices_m - way.scene.rock.com_m, axis=1).max())
-    drawn = np.vstack([np.column_stack([t.x, t.y, t.z]) for t in figure.data])
-    low = np.minimum(drawn.min(axis=0), np.append(position.min(axis=0)[:2] - reach, drawn[:, 2].min()))
-    high = np.maximum(drawn.max(axis=0), position.max(axis=0) + reach)
-    figure.update_scenes(
-        {f"{axis}axis_range": [a, b] for axis, a, b in zip("xyz", low, high, strict=True)}
-        | {f"camera_eye_{axis}": EYE * part for axis, part in zip("xyz", _eye(way), strict=True)}
-    )
-    poses = np.column_stack([position, turn])
-    told = {
-        "arms": np.round(way.scene.rock.vertices_m - way.scene.rock.com_m, 5).T.tolist(),
-        "start": float(times[0]),
-        "step": float(times[1] - times[0]),
-        "tilt": np.round(
-            tilt_deg(np.vstack([way.quaternion_xyzw[:1], turn]), way.scene.pedestal.normal)[1:], 3
-        ).tolist(),
-        "poses": np.round(poses, 6).tolist(),
-    }
-    view = figure.to_html(full_html=False, include_plotlyjs=True, div_id="view", default_height="78vh")
-    return _PAGE.format(title=escape(title), view=view, way=json.dumps(told), last=len(times) - 1)
+    def pixels(self, points_m: Array, size: int) -> Array:
+        """Places (..., 2) of points on a square of so many pixels."""
+        flat = points_m @ self.frame[:, :2]
+        return 0.5 * size * (1.0 + (flat - self.middle) / self.half_m * (1.0, -1.0))
 
 
-def moving_picture(way: Way, path: Path) -> None:
-    """Write a GIF of the part of the way in which something is to be seen, across the plane of the fall."""
-    times = _times(way, GIF_HZ, GIF_FRAMES)
-    position, turn = way.at(times)
-    tilts = tilt_deg(np.vstack([way.quaternion_xyzw[:1], turn]), way.scene.pedestal.normal)[1:]
-    toward = _eye(way)
-    right = np.array([-toward[1], toward[0], 0.0]) / np.hypot(toward[0], toward[1])
-    frame = np.column_stack([right, np.cross(toward, right), toward])
-    rock = way.scene.rock
-    reach = np.linalg.norm(rock.vertices_m - rock.com_m, axis=1).max()
-    centres = (position - rock.com_m) @ frame[:, :2]
-    low, high = centres.min(axis=0) - reach, centres.max(axis=0) + reach
-    window = (low + high) / 2, 0.5 * float((high - low).max())
+def moving_picture(replay: Replay, path: Path, title: str) -> None:
+    """Write a GIF of the part of a shake in which something is to be seen, with title, seismogram and speed."""
+    times = shown_times(replay, FRAMES_HZ, MOST_FRAMES)
+    position, turn = replay.at(times)
+    tilts = tilt_deg(np.vstack([replay.trajectory.quaternion_xyzw[:1], turn]), replay.scene.pedestal.normal)[
+        1:
+    ]
+    milliseconds = round(1000 / FRAMES_HZ)
+    speed = (times[-1] - times[0]) / (len(times) - 1) / (1e-3 * milliseconds)
+    view = _view_of(replay, position)
+    below = _seismogram(replay, times)
+    heading = _heading(title, speed)
     frames = []
     for time, place, attitude, tilt in zip(times, position, turn, tilts, strict=True):
-        text = f"{time:.2f} s, tilt {tilt:.1f}°"
-        frames.append(_picture(way, way.placed(place, attitude), frame, window, text))
+        picture = Image.new("RGB", (WIDTH, heading.height + WIDTH + STRIP), "white")
+        picture.paste(heading, (0, 0))
+        picture.paste(_pose(replay, view, place, attitude, time), (0, heading.height))
+        picture.paste(below, (0, heading.height + WIDTH))
+        draw = ImageDraw.Draw(picture)
+        past = replay.topple_time_s is not None and time >= replay.topple_time_s
+        draw.text(
+            (8, heading.height + 6), f"{time:.2f} s, tilt {tilt:.1f}°" + (", past no return" if past else ""),
+            fill=ALARM_COLOUR if past else "black", font=_font(14),
+        )  # fmt: skip
+        x = _across(time, times)
+        draw.line(
+            [(x, heading.height + WIDTH + 4), (x, heading.height + WIDTH + STRIP - 18)], fill="black", width=2
+        )
+        frames.append(picture.convert("P", palette=Image.Palette.ADAPTIVE, colors=128))
     # The last pose is held for a second.
-    milliseconds = [round(1000 / GIF_HZ)] * (len(frames) - 1) + [1000]
-    frames[0].save(path, format="GIF", save_all=True, append_images=frames[1:], duration=milliseconds, loop=0)
+    durations = [milliseconds] * (len(frames) - 1) + [1000]
+    frames[0].save(path, format="GIF", save_all=True, append_images=frames[1:], duration=durations, loop=0)
 
 
-def _times(way: Way, rate_hz: float, most: int) -> Array:
-    first, last = way.shown_s()
-    return np.linspace(first, max(last, first + 1e-3), int(np.clip((last - first) * rate_hz, 2, most)))
+def speed_words(speed: float) -> str:
+    """Say how much faster or slower than the shake the picture moves."""
+    if abs(speed - 1.0) < 0.05:
+        return "real time"
+    return f"{speed:.1f} times real time" if speed > 1.0 else f"1/{1.0 / speed:.1f} of real time"
 
 
-def _eye(way: Way) -> Array:
-    """Direction from which to look: across the way of the fall, from a little above."""
-    off = way.position_m - way.position_m[0]
-    farthest = off[np.argmax(np.hypot(off[:, 0], off[:, 1]))]
-    azimuth = np.arctan2(farthest[1], farthest[0]) - np.pi / 2
-    lift = np.deg2rad(ELEVATION_DEG)
-    return np.array([np.cos(lift) * np.cos(azimuth), np.cos(lift) * np.sin(azimuth), np.sin(lift)])
+def _view_of(replay: Replay, position: Array) -> _View:
+    """Across the fall, wide enough for all of it."""
+    rock = replay.scene.rock
+    frame = view_frame(ELEVATION_DEG, azimuth_across(replay))
+    reach = float(np.linalg.norm(rock.vertices_m - rock.com_m, axis=1).max())
+    centres = position @ frame[:, :2]
+    low, high = centres.min(axis=0) - reach, centres.max(axis=0) + reach
+    return _View(frame, 0.5 * (low + high), 0.5 * float((high - low).max()))
 
 
-def _picture(
-    way: Way, vertices_m: Array, frame: Array, window: tuple[Array, float], text: str
-) -> Image.Image:
-    """Triangles painted from far to near (orthographic), lit from behind the eye."""
-    rock = way.scene.rock
-    surfaces = [
-        (vertices_m, rock.faces, ROCK_COLOUR),
-        (*way.scene.pedestal_triangles(), PEDESTAL_COLOUR),
-    ]
-    corners, colours = [], []
-    for vertices, faces, colour in surfaces:
-        seen = ((vertices - rock.com_m) @ frame)[faces]
-        normal = np.cross(seen[:, 1] - seen[:, 0], seen[:, 2] - seen[:, 0])
-        facing = normal[:, 2] / np.maximum(np.linalg.norm(normal, axis=1), 1e-12)
-        corners.append(seen[facing > 0])
-        colours.append(np.outer(0.35 + 0.65 * facing[facing > 0], to_rgb(colour)))
-    triangles, shades = np.vstack(corners), np.vstack(colours)
-    (x, y), half = window
-    order = far_to_near(triangles, len(corners[0]), way.scene.pedestal)
-    size = OVERSAMPLING * GIF_PIXELS
-    places = 0.5 * size * (1.0 + (triangles[order, :, :2] - (x, y)) / half * (1.0, -1.0))
-    image = Image.new("RGB", (size, size), "white")
+def _pose(replay: Replay, view: _View, place: Array, attitude: Array, time_s: float) -> Image.Image:
+    """Triangles painted from far to near (orthographic), and the ground's acceleration as an arrow."""
+    rock, pedestal = smooth_surface(replay.placed(place, attitude), replay.scene.rock.faces, ROCK_COLOUR), (
+        surfaces_of(replay.scene)[1]
+    )  # fmt: skip
+    light = view.frame @ np.array([-0.4, 0.55, 0.75])
+    corners, painted = [], []
+    for surface in (rock, pedestal):
+        corner = surface.vertices_m[surface.faces] @ view.frame
+        side = np.cross((corner[:, 1] - corner[:, 0])[:, :2], (corner[:, 2] - corner[:, 0])[:, :2])
+        corners.append(corner[side > 0])
+        painted.append(shades(surface, light)[side > 0])
+    triangles, colours = np.concatenate(corners), np.concatenate(painted)
+    order = far_to_near(triangles, len(corners[0]), replay.scene.pedestal)
+    size = OVERSAMPLING * WIDTH
+    places = 0.5 * size * (1.0 + (triangles[order, :, :2] - view.middle) / view.half_m * (1.0, -1.0))
+    image = Image.new("RGB", (size, size), "#f4f6f8")
     draw = ImageDraw.Draw(image)
-    for corner, shade in zip(
-        places.reshape(-1, 6).tolist(), (255 * shades[order]).astype(int).tolist(), strict=True
+    for outline, shade in zip(
+        places.reshape(-1, 6).tolist(), (255 * colours[order]).astype(int).tolist(), strict=True
     ):
-        draw.polygon(corner, fill=tuple(shade))
-    small = image.resize((GIF_PIXELS, GIF_PIXELS), Image.Resampling.BOX)
-    ImageDraw.Draw(small).text((6, 6), text, fill="black", font=ImageFont.load_default(14))
-    return small
+        draw.polygon(outline, fill=tuple(shade))
+    _draw_arrow(draw, replay, view, time_s, size)
+    return image.resize((WIDTH, WIDTH), Image.Resampling.BOX)
+
+
+def _draw_arrow(draw: ImageDraw.ImageDraw, replay: Replay, view: _View, time_s: float, size: int) -> None:
+    motion = replay.motion
+    ground = np.array(
+        [np.interp(time_s, motion.time_s, axis, right=0.0) for axis in motion.acceleration_m_s2.T]
+    )
+    strongest = max(float(np.linalg.norm(motion.acceleration_m_s2, axis=1).max()), 1e-9)
+    foot = np.append(replay.scene.rock.com_m[:2], replay.scene.pedestal.point_m[2])
+    tip = foot + 0.6 * view.half_m * ground / strongest
+    start, end = view.pixels(np.array([foot, tip]), size)
+    along = end - start
+    length = float(np.hypot(*along))
+    if length < 6:
+        return
+    unit = along / length
+    head = min(22.0, 0.5 * length)
+    across = np.array([-unit[1], unit[0]]) * 0.5 * head
+    draw.line([tuple(start), tuple(end - head * unit)], fill=ARROW_COLOUR, width=7)
+    draw.polygon(
+        [tuple(end), tuple(end - head * unit + across), tuple(end - head * unit - across)], fill=ARROW_COLOUR
+    )
+
+
+def _heading(title: str, speed: float) -> Image.Image:
+    lines = [*wrap(title, 62), f"{speed_words(speed)}; arrow: ground's acceleration"]
+    image = Image.new("RGB", (WIDTH, ROW * len(lines) + 8), "white")
+    draw = ImageDraw.Draw(image)
+    for number, line in enumerate(lines):
+        fill = "black" if number < len(lines) - 1 else "#555555"
+        draw.text((8, 4 + ROW * number), line, fill=fill, font=_font(13))
+    return image
+
+
+def _seismogram(replay: Replay, times: Array) -> Image.Image:
+    """The stronger horizontal component over the time shown, with the point of no return."""
+    motion = replay.motion
+    column = int(np.argmax(np.abs(motion.acceleration_m_s2[:, :2]).max(axis=0)))
+    at = np.linspace(times[0], times[-1], 4 * WIDTH)
+    values = np.interp(at, motion.time_s, motion.acceleration_m_s2[:, column], right=0.0)
+    peak = max(float(np.abs(values).max()), 1e-9)
+    image = Image.new("RGB", (WIDTH, STRIP), "white")
+    draw = ImageDraw.Draw(image)
+    middle, reach = (STRIP - 18) / 2 + 2, (STRIP - 26) / 2
+    draw.line([(8, middle), (WIDTH - 8, middle)], fill="#cccccc")
+    draw.line(
+        [
+            (_across(time, times), middle - reach * value / peak)
+            for time, value in zip(at, values, strict=True)
+        ],
+        fill="#31688e",
+    )
+    if replay.topple_time_s is not None and times[0] <= replay.topple_time_s <= times[-1]:
+        x = _across(replay.topple_time_s, times)
+        for y in range(4, STRIP - 18, 7):
+            draw.line([(x, y), (x, y + 4)], fill=ALARM_COLOUR, width=2)
+    component = ("east", "north")[column]
+    draw.text(
+        (8, STRIP - 17),
+        f"ground acceleration toward {component}, peak {peak:.2g} m/s²",
+        fill="#444444",
+        font=_font(12),
+    )
+    return image
+
+
+def _across(time: float, times: Array) -> float:
+    return 8 + (time - times[0]) / (times[-1] - times[0]) * (WIDTH - 16)
+
+
+def _font(size: int) -> ImageFont.FreeTypeFont:
+    return ImageFont.truetype(str(Path(mpl.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf"), size)

@@ -7,7 +7,7 @@ import trimesh
 
 from toppling.models.errors import InputError
 from toppling.models.scene import Scene
-from toppling.results.drawing.scene import PEDESTAL_COLOUR, ROCK_COLOUR
+from toppling.results.drawing.style import PEDESTAL_COLOUR, ROCK_COLOUR
 
 EXPORTS = (".glb", ".gltf", ".ply", ".obj")
 Y_UP = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])

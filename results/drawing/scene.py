@@ -252,9 +252,33 @@ def draw_statics(axes: PolarAxes, scene: Scene) -> None:
     axes.fill_between(azimuth, value - spread, value + spread, color=ROCK_COLOUR, alpha=0.3, linewidth=0)
     axes.plot(azimuth, value, color=CONTACT_COLOUR, lw=1.2)
     axes.set_ylim(0, polar_reach_m_s2(value))
-    told = [STATICS_TITLE, *([BAND_TITLE] if spread.any() else []), *beyond_frame(value)]
+    around, low, high, level = base_interval(scene)
+    if len(around):
+        axes.fill_between(np.deg2rad(around), low, high, color=CONTACT_COLOUR, alpha=0.18, linewidth=0)
+    told = [
+        STATICS_TITLE,
+        *([f"blue band: {level:.0%} of the bases that may be"] if len(around) else []),
+        *([BAND_TITLE] if spread.any() else []),
+        *beyond_frame(value),
+    ]
     axes.set_title("\n".join(told))
     mark_winds(axes)
+
+
+def base_interval(scene: Scene) -> tuple[Array, Array, Array, float]:
+    """Azimuths (a closed round), and between what toppling accelerations bases that nobody saw leave the rock.
+
+    With the share of the bases; empty of a scene whose base was not drawn.
+    """
+    found = scene.report.get("unseen_base") or {}
+    table = found.get("toppling", [])
+    if not table:
+        return np.empty(0), np.empty(0), np.empty(0), 0.0
+    rows = [*table, {**table[0], "azimuth_deg": table[0]["azimuth_deg"] + 360.0}]
+    azimuth, low, high = (
+        np.array([row[name] for row in rows], float) for name in ("azimuth_deg", "low_m_s2", "high_m_s2")
+    )
+    return azimuth, low, high, float(found["level"])
 
 
 def polar_reach_m_s2(value: NDArray[np.float64]) -> float:

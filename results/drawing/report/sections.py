@@ -8,6 +8,7 @@ from importlib.metadata import version
 import pandas as pd
 from matplotlib.figure import Figure
 
+from toppling.models.intervals import base_sentences
 from toppling.results import fits
 from toppling.results.directions import SECTOR_DEG, sector_share, topple_rose
 from toppling.results.drawing.constraint import ages_words, constraint_figure
@@ -70,6 +71,7 @@ def scene_section(content: Content, document: Document) -> str:
             "acceleration that topples it, by azimuth (degrees counter-clockwise from east)."
         )
         parts.append(document.figure(lambda width: drawn(width_in=width), caption))
+        parts += map(paragraph, base_sentences(content.scene))
     row = table.drop_columns(["quasi_static_toppling"]).to_pylist()[0]
     rows = [
         {

@@ -24,7 +24,9 @@ from toppling.results.drawing.page import scene_page
 from toppling.results.drawing.scene import (
     BAND_TITLE,
     VIEWS_DEG,
+    base_interval,
     beyond_frame,
+    draw_statics,
     draw_view,
     numbers_of,
     polar_reach_m_s2,
@@ -265,3 +267,19 @@ def test_an_unknown_format_is_refused(folder, tmp_path):
             scene, ["export", str(folder), str(tmp_path / "block.doc")], catch_exceptions=False
         )
     assert not (tmp_path / "block.doc").exists()
+
+
+def test_the_interval_of_the_bases_that_may_be_goes_round_the_statics():
+    table = [
+        {"azimuth_deg": float(a), "low_m_s2": 2.0, "median_m_s2": 2.5, "high_m_s2": 3.0}
+        for a in range(0, 360, 10)
+    ]
+    drawn = dataclasses.replace(surveyed(), report={"unseen_base": {"toppling": table, "level": 0.9}})
+    azimuth, low, high, level = base_interval(drawn)
+    assert (azimuth[-1] - azimuth[0], level) == (360.0, 0.9)
+    assert set(low) == {2.0}
+    assert set(high) == {3.0}
+    axes = Figure().add_subplot(projection="polar")
+    draw_statics(axes, drawn)
+    assert "90% of the bases" in axes.get_title()
+    assert len(base_interval(surveyed())[0]) == 0

@@ -8,6 +8,7 @@ from importlib.metadata import version
 import pandas as pd
 from matplotlib.figure import Figure
 
+from toppling.models.digest import check
 from toppling.models.intervals import base_sentences
 from toppling.results import fits
 from toppling.results.directions import SECTOR_DEG, sector_share, topple_rose
@@ -356,6 +357,7 @@ def provenance_section(content: Content, document: Document) -> str:  # noqa: AR
     for name in ("campaign.toml", "run.json"):
         path = content.run.path / name
         if path.exists():
+            check(path)
             parts.append(f"{heading(name, 3)}<pre>{safe(path.read_text(encoding='utf-8'))}</pre>")
     return "".join(parts)
 

@@ -26,20 +26,26 @@ from toppling.orchestrator import ramp
 from toppling.orchestrator.audit import AFTERWARDS
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.run import Tally, Watcher, run
-from toppling.results.atlas import save_table, write_audits, write_directions, write_friction, write_maps
 from toppling.results.audit import audits_of
 from toppling.results.directions import SECTOR_DEG
-from toppling.results.figures import save
-from toppling.results.findings import Finding, findings
-from toppling.results.fragility import PLANES
-from toppling.results.plane_reference import reference_lines, simulate
-from toppling.results.run import open_run
-from toppling.results.study_figures import (
+from toppling.results.drawing.atlas import (
+    save_table,
+    write_audits,
+    write_directions,
+    write_friction,
+    write_maps,
+)
+from toppling.results.drawing.study import (
     directionality_figure,
     ramp_figure,
     topple_by_direction,
     topple_direction_figure,
 )
+from toppling.results.drawing.style import save
+from toppling.results.findings import Finding, findings
+from toppling.results.fragility import PLANES
+from toppling.results.plane_reference import reference_lines, simulate
+from toppling.results.run import open_run
 from toppling.workers.seating import settled
 
 MAIN, FRICTION = "main", "friction"

@@ -52,6 +52,12 @@ SUSPECT_SLOPE = 1.5
 """Times the fit's own, from which a resample's slope may be that of separated answers, where the search just ends:
 its likelihood rises for ever."""
 
+FEW_TOPPLED = 10
+"""Fewer topplings bear no curve that is worth a picture, and rank no measure."""
+
+NO_HEADLINE = ("pga_vertical_m_s2",)
+"""Measures that never stand for a run: vertical shaking goes with the horizontal that topples, and topples nothing."""
+
 LINKS = {"probit": sm.families.links.Probit, "logit": sm.families.links.Logit}
 
 
@@ -389,6 +395,14 @@ def observed_shares(frame: pd.DataFrame, measure: str, bins: int = 12) -> pd.Dat
     """
     table = _binned_shares(frame, np.log(frame[measure]), bins)
     return table.assign(value=np.exp(table["value"]))
+
+
+def headline(models: Sequence[Fit]) -> Fit | None:
+    """First of some fits, best first, that may stand for the run: of one measure, with a curve, horizontal."""
+    return next(
+        (told for told in models if told.lognormal and told.measures[0] not in NO_HEADLINE),
+        None,
+    )
 
 
 def summary(models: Sequence[Fit], resampled: Sequence[Resampled | None]) -> pd.DataFrame:

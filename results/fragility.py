@@ -27,6 +27,14 @@ CONTACT_COLUMNS = ("scene_id", "engine", "preset", "friction_static", "friction_
 
 FRICTION = ["friction_static", "friction_kinetic"]
 
+CONTACT_WORDS = (
+    ("restitution", "restitution "),
+    ("engine", ""),
+    ("preset", "preset "),
+    ("scene_id", "scene "),
+)
+"""Columns that a contact is named by beside its friction, where they differ, and the words before their values."""
+
 
 @dataclass(frozen=True)
 class Axis:
@@ -197,6 +205,19 @@ def cells_by_direction(frame: pd.DataFrame, plane: Plane, *, bins: int = 8) -> p
     return table[["direction_deg", *table.columns.drop("direction_deg")]]
 
 
+def records_on(frame: pd.DataFrame, plane: Plane) -> int:
+    """Distinct records of the jobs with an answer on a plane's map."""
+    known = frame["toppled"].notna() & frame[[plane.x.column, plane.y.column]].notna().all(axis=1)
+    return int(frame.loc[known & _below(frame, plane.x) & _below(frame, plane.y), "record_id"].nunique())
+
+
+def records_by_direction(frame: pd.DataFrame, plane: Plane, *, bins: int = 8) -> dict[float, int]:
+    """`records_on` of each direction bin of the vector PGA that holds a job."""
+    known = frame[frame["pga_azimuth_deg"].notna()]
+    directions = direction_bin_deg(known["pga_azimuth_deg"], bins)
+    return {float(centre): records_on(jobs, plane) for centre, jobs in known.groupby(directions)}
+
+
 def by_contact(frame: pd.DataFrame, columns: Sequence[str] = CONTACT_COLUMNS) -> dict[str, pd.DataFrame]:
     """Rows of each scene, engine, preset and contact, under a short name of what differs between them."""
     differing = [name for name in columns if frame[name].nunique() > 1]
@@ -207,6 +228,17 @@ def by_contact(frame: pd.DataFrame, columns: Sequence[str] = CONTACT_COLUMNS) ->
     return {
         _contact_name(dict(zip(differing, key, strict=True))): jobs for key, jobs in frame.groupby(differing)
     }
+
+
+def contact_words(jobs: pd.DataFrame, among: pd.DataFrame) -> str:
+    """Say what tells jobs of one contact from others, as a figure prints it: always the friction."""
+    first = jobs.iloc[0]
+    static, kinetic = (first[name] for name in FRICTION)
+    told = [f"μ = {static:g}" + ("" if static == kinetic else f" ({kinetic:g} kinetic)")]
+    for column, word in CONTACT_WORDS:
+        if among[column].nunique() > 1:
+            told.append(word + _plain(first[column]))
+    return ", ".join(told)
 
 
 def _contact_name(values: dict[str, object]) -> str:

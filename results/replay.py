@@ -1,33 +1,130 @@
-"""One shake seen closely: table, plots, a page that plays and a moving picture of the rock's way."""
+"""One shake seen again: scene, motion and the rock's trajectory, in numbers."""
 
-from collections.abc import Iterator
-from pathlib import Path
+from dataclasses import dataclass
 
-import pyarrow.parquet as pq
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation, Slerp
 
-from toppling.models.folder import new_file
-from toppling.results import figures
-from toppling.results.animation import moving_picture, page
-from toppling.results.way import Way, way_table
+from toppling.models.motions.motion import Motion
+from toppling.models.scene import Scene
+from toppling.models.trajectory import Trajectory
+
+Array = NDArray[np.float64]
+
+STILL_SHARE = 1e-3
+"""A rock whose centre of mass moves by less than this share of its height shows nothing yet."""
+
+LEAD_S = 0.5
+"""Time shown before something is to be seen."""
 
 
-def write_way(way: Way, folder: Path, title: str) -> Iterator[Path]:
-    """Write table (Parquet, CSV), plots (PNG, SVG), page and moving picture; yields each path once it is whole."""
-    folder.mkdir(parents=True, exist_ok=True)
-    table = way_table(way)
-    frame = table.to_pandas()
-    with new_file(folder / "trajectory.parquet") as hidden:
-        pq.write_table(table, hidden, compression="zstd")
-    yield folder / "trajectory.parquet"
-    with new_file(folder / "trajectory.csv") as hidden:
-        frame.to_csv(hidden, index=False, float_format="%.7g")
-    yield folder / "trajectory.csv"
-    yield from figures.save(
-        figures.way_figure(frame, way.motion, title, way.topple_time_s), folder / "trajectory"
+@dataclass(frozen=True, eq=False)
+class Replay:
+    """A rock's trajectory under a ground motion, in the pedestal's frame.
+
+    Parameters
+    ----------
+    scene : Scene
+        In the pose that the trajectory starts from.
+    motion : Motion
+        As imposed.
+    trajectory : Trajectory
+        Its quaternions rotate from the pose in the scene to the present one.
+    topple_time_s : float or None
+        Time of no return.
+    """
+
+    scene: Scene
+    motion: Motion
+    trajectory: Trajectory
+    topple_time_s: float | None = None
+
+    @property
+    def tilt_deg(self) -> Array:
+        """Angle between the interface's normal and where the rock has carried it since the start, (n,)."""
+        return tilt_deg(self.trajectory.quaternion_xyzw, self.scene.pedestal.normal)
+
+    def at(self, time_s: Array) -> tuple[Array, Array]:
+        """Centres of mass (k, 3) and rotations (k, 4) at any times of the trajectory."""
+        position = np.column_stack(
+            [np.interp(time_s, self.trajectory.time_s, axis) for axis in self.trajectory.position_m.T]
+        )
+        times, first = np.unique(self.trajectory.time_s, return_index=True)
+        if len(times) < 2:
+            return position, np.repeat(self.trajectory.quaternion_xyzw[:1], len(time_s), axis=0)
+        turns = Slerp(times, Rotation.from_quat(self.trajectory.quaternion_xyzw[first]))
+        return position, turns(np.clip(time_s, times[0], times[-1])).as_quat()
+
+    def shown_s(self) -> tuple[float, float]:
+        """First and last time of the part in which something is to be seen; the whole motion where the rock rests."""
+        path = self.trajectory
+        off = np.linalg.norm(path.position_m - path.position_m[0], axis=1)
+        seen = np.flatnonzero(off > STILL_SHARE * self.scene.rock.height_m)
+        if not len(seen):
+            return 0.0, max(float(path.time_s[-1]), self.motion.duration_s)
+        return max(float(path.time_s[seen[0]]) - LEAD_S, 0.0), float(path.time_s[-1])
+
+    def placed(self, position_m: Array, quaternion_xyzw: Array) -> Array:
+        """Vertices of the rock in a pose, (n, 3)."""
+        arms = self.scene.rock.vertices_m - self.scene.rock.com_m
+        return position_m + Rotation.from_quat(quaternion_xyzw).apply(arms)
+
+
+def tilt_deg(quaternion_xyzw: Array, normal: Array) -> Array:
+    """Angle (n,) between a normal (3,) and where it is carried from the first pose to each."""
+    turns = Rotation.from_quat(quaternion_xyzw)
+    carried = (turns * turns[0].inv()).apply(normal)
+    return np.rad2deg(np.arctan2(np.linalg.norm(np.cross(normal, carried), axis=1), carried @ normal))
+
+
+def trajectory_table(replay: Replay) -> pa.Table:
+    """The trajectory as a table, one row a pose, units and descriptions in the fields' metadata."""
+    path = replay.trajectory
+    ground = _at(replay, replay.motion.acceleration_m_s2)
+    velocity = replay.motion.velocity_at(path.time_s)
+    off = path.position_m - path.position_m[0]
+    columns: list[tuple[str, Array, str, str]] = [
+        ("time_s", path.time_s, "s", "time from the start of the motion"),
+        *_three("com_{}_m", path.position_m, "m", "centre of mass in the pedestal's frame"),
+        *(
+            (f"turn_{axis}", part, "1", f"quaternion from the pose at the start, {axis}")
+            for axis, part in zip("xyzw", path.quaternion_xyzw.T, strict=True)
+        ),
+        (
+            "tilt_deg",
+            replay.tilt_deg,
+            "deg",
+            "angle between the interface's normal and where the rock carried it",
+        ),
+        (
+            "displacement_m",
+            np.hypot(off[:, 0], off[:, 1]),
+            "m",
+            "displacement of the centre of mass, horizontal",
+        ),
+        *_three("ground_{}_m_s2", ground, "m/s2", "acceleration of the ground"),
+        *_three("ground_{}_m_s", velocity, "m/s", "velocity of the ground"),
+    ]
+    fields = [
+        pa.field(name, pa.float64(), metadata={"unit": unit, "description": text})
+        for name, _, unit, text in columns
+    ]
+    return pa.Table.from_arrays([pa.array(values) for _, values, _, _ in columns], schema=pa.schema(fields))
+
+
+def _three(name: str, values: Array, unit: str, text: str) -> list[tuple[str, Array, str, str]]:
+    axes = (("x", "east"), ("y", "north"), ("z", "up"))
+    return [
+        (name.format(axis), part, unit, f"{text}, {toward}")
+        for (axis, toward), part in zip(axes, values.T, strict=True)
+    ]
+
+
+def _at(replay: Replay, samples: Array) -> Array:
+    """Samples (n, 3) of the motion at the times of the trajectory; zero after the motion."""
+    times = replay.motion.time_s
+    return np.column_stack(
+        [np.interp(replay.trajectory.time_s, times, axis, right=0.0) for axis in samples.T]
     )
-    with new_file(folder / "replay.html") as hidden:
-        hidden.write_text(page(way, title), encoding="utf-8")
-    yield folder / "replay.html"
-    with new_file(folder / "replay.gif") as hidden:
-        moving_picture(way, hidden)
-    yield folder / "replay.gif"

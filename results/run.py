@@ -1,5 +1,6 @@
 """A run opened for reading, also while it goes on: pyarrow, pandas, SQL over its rows, records and scene."""
 
+import tomllib
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -66,6 +67,17 @@ class Run:
     def name(self) -> str:
         """The folder's name, which tells runs apart where several are asked together."""
         return self.path.resolve().name
+
+    @property
+    def rock(self) -> str:
+        """Name of the rock: that of the scene which the campaign names, or of the run where it names none."""
+        path = self.path / "campaign.toml"
+        try:
+            scene = tomllib.loads(path.read_text(encoding="utf-8")).get("scene") if path.exists() else None
+        except ValueError:  # damaged: who rests on the campaign says so, a name does not need it
+            scene = None
+        name = Path(str(scene)).name if scene else "scene"
+        return rock_name(self.path) if name == "scene" else name
 
     def table(self) -> pa.Table:
         """All rows under `results.schema.SCHEMA`, one a job."""
@@ -175,6 +187,12 @@ class Run:
             told = _as_recorded if name == "motions" else describe
             rows += [{"table": name, **told(field)} for field in schema or ()]
         return rows
+
+
+def rock_name(folder: PathLike) -> str:
+    """Name of a rock for people: its scene's folder, or where that is called no more than scene, the folder around."""
+    place = Path(folder).resolve()
+    return place.parent.name if place.name == "scene" and place.parent.name else place.name
 
 
 def open_run(path: PathLike) -> Run:

@@ -2,7 +2,7 @@
 
 import dataclasses
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -29,7 +29,6 @@ from toppling.models.scan.measure import (
     slenderness,
     uncertainty,
 )
-from toppling.models.scan.picture import draw_scene
 from toppling.models.scan.read import Cloud
 from toppling.models.scan.register import check_fit, register
 from toppling.models.scan.segment import NEITHER, PEDESTAL, ROCK, Segmentation, label_surfels, segment
@@ -369,8 +368,10 @@ def check_can_stand(rock: Rock, interface: Interface) -> None:
         )
 
 
-def save_survey(result: Survey, folder: str | os.PathLike[str], notes: Sequence[str] = ()) -> Path:
-    """Write the scene's folder with `labels.npz` and `scene.png`, and notes in this; complete or not at all.
+def save_survey(
+    result: Survey, folder: str | os.PathLike[str], also: Callable[[Path], object] = lambda _: None
+) -> Path:
+    """Write the scene's folder with `labels.npz`, and what `also` writes into it (a picture); complete or not at all.
 
     Raises
     ------
@@ -381,5 +382,5 @@ def save_survey(result: Survey, folder: str | os.PathLike[str], notes: Sequence[
     with new_folder(target) as staging:
         result.scene.write_into(staging)
         np.savez_compressed(staging / "labels.npz", label=result.label)
-        draw_scene(result.scene, staging / "scene.png", notes)
+        also(staging)
     return target

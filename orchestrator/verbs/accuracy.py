@@ -9,7 +9,8 @@ from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
 from toppling.orchestrator.front import CONVERGED, FLOOR, Setting, answers, compare, draw_jobs, settings
 from toppling.orchestrator.progress import bar
-from toppling.results.figures import front_figure, save
+from toppling.results.drawing.presets import front_figure
+from toppling.results.drawing.style import save
 from toppling.workers.options import PRESETS
 
 

@@ -10,9 +10,10 @@ import numpy as np
 
 from toppling.models.errors import InputError
 from toppling.orchestrator.progress import bar
-from toppling.results import figures
-from toppling.results.atlas import save_table
 from toppling.results.constraint import bound_table, branch_table, single_event
+from toppling.results.drawing.atlas import save_table
+from toppling.results.drawing.constraint import constraint_figure
+from toppling.results.drawing.style import save
 from toppling.results.exchange import read_curves
 from toppling.results.fits import MEASURES, SAMPLES, Lognormal, Resampled, answered, basis_of, bootstrap, fit
 from toppling.results.fragility import by_contact
@@ -88,7 +89,7 @@ def constrain(
     if where and not all(path.is_dir() for path in rocks):
         msg = "--where chooses jobs of runs: a file of curves has none"
         raise click.UsageError(msg)
-    branches = [_branch(text, site, ratio) for text in hazard]
+    branches = [read_branch(text, site, ratio) for text in hazard]
     if site and all(branch.site is None for branch in branches):
         msg = "--site chooses a place in OpenQuake's files: curves of two columns state none"
         raise click.UsageError(msg)
@@ -122,8 +123,7 @@ def constrain(
             if kept is not None:
                 save_table(kept, out / f"{name}.csv")
         if bound is not None:
-            drawn = figures.constraint_figure(bound, branches, confidence)
-            figures.save(drawn, out / "constraint")
+            save(constraint_figure(bound, branches, confidence, table, standing), out / "constraint")
     click.echo(json.dumps(told, indent=1) if as_json else _words(told))
 
 
@@ -149,7 +149,8 @@ def _names(rocks: tuple[Path, ...]) -> list[str]:
     return stems if len(set(stems)) == len(stems) else [str(path) for path in rocks]
 
 
-def _branch(text: str, site: tuple[float, float] | None, ratio: float) -> HazardCurve:
+def read_branch(text: str, site: tuple[float, float] | None, ratio: float) -> HazardCurve:
+    """Hazard curve named as FILE or FILE=WEIGHT."""
     path, _, weight = text.partition("=")
     try:
         share = float(weight) if weight else 1.0

@@ -78,6 +78,7 @@ def make_scene(out: Path) -> None:
     from toppling.models.scan.survey import save_survey, survey
     from toppling.models.scan.virtual import demo_scan
     from toppling.models.scene import write_ply
+    from toppling.results.drawing.scene import draw_scene
 
     _say("scan: ray-casting a rock like the one at Echo Cliffs from six stations")
     stations, _ = demo_scan(SEED)
@@ -88,7 +89,7 @@ def make_scene(out: Path) -> None:
         write_ply(file, station.points_m, np.empty((0, 3), np.int64))
     cloud = read_clouds(files)
     result = survey(cloud, lambda stage: _say(f"scan: {stage}"))
-    save_survey(result, out / "scene")
+    save_survey(result, out / "scene", lambda folder: draw_scene(result.scene, folder / "scene.png"))
     rock, pedestal = result.scene.rock, result.scene.pedestal
     _say(
         f"scan: {len(cloud.points_m)} points became a rock of {rock.volume_m3:.0f} m³, "
@@ -148,7 +149,7 @@ def _run(out: Path, workers: int) -> int:
 
 
 def _draw(out: Path) -> list[Path]:
-    from toppling.results.atlas import write_maps
+    from toppling.results.drawing.atlas import write_maps
     from toppling.results.fragility import PLANES
     from toppling.results.run import open_run
 

@@ -15,9 +15,15 @@ from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import ContactProperties, Scene
 from toppling.orchestrator.folder import place_in
 from toppling.orchestrator.progress import bar, each
-from toppling.results.atlas import write_audits, write_directions, write_fits, write_friction, write_maps
 from toppling.results.audit import audits_of
 from toppling.results.directions import SECTOR_DEG
+from toppling.results.drawing.atlas import (
+    write_audits,
+    write_directions,
+    write_fits,
+    write_friction,
+    write_maps,
+)
 from toppling.results.fits import answered
 from toppling.results.fragility import DURATION, LEVEL, PGV, PLANES, PULSE, Axis, by_contact
 from toppling.results.friction import by_surroundings, frictions

@@ -10,8 +10,9 @@ from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene
 from toppling.orchestrator.progress import bar
 from toppling.orchestrator.spelling import OneOf
-from toppling.orchestrator.verbs.replay import way_of, write_out
+from toppling.orchestrator.verbs.replay import replay_of, write_out
 from toppling.results.friction import friction_words
+from toppling.results.run import rock_name
 from toppling.workers.options import PRESETS
 
 SHAPES = ("sawtooth", "sine", "cosine", "ricker")
@@ -69,13 +70,13 @@ def pulse(
         loaded = loaded.with_friction(friction)
     motion = pulse_motion(shape, pgv_m_s, period_s, azimuth)
     with bar("shaking"):
-        way, result = way_of(loaded, motion, preset)
+        shown, result = replay_of(loaded, motion, preset)
     friction_told = friction_words(loaded.contact.friction_static, loaded.contact.friction_kinetic)
     title = (
-        f"{shape}, PGV {pgv_m_s:g} m/s, period {period_s:g} s, azimuth {azimuth:g}°, "
+        f"{rock_name(scene)}: {shape}, PGV {pgv_m_s:g} m/s, period {period_s:g} s, azimuth {azimuth:g}°, "
         f"friction {friction_told}: {result.outcome or result.status}"
     )
-    write_out(way, out, title)
+    write_out(shown, out, title)
     click.echo(title)
 
 

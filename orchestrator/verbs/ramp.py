@@ -124,9 +124,9 @@ def write(
     from toppling.models.scene import ContactProperties
     from toppling.models.statics import quasi_static_toppling_m_s2
     from toppling.orchestrator.ramp import summary
-    from toppling.results.atlas import save_table
-    from toppling.results.figures import save
-    from toppling.results.study_figures import ramp_figure
+    from toppling.results.drawing.atlas import save_table
+    from toppling.results.drawing.study import ramp_figure
+    from toppling.results.drawing.style import save
     from toppling.workers.seating import settled
 
     at_rest = settled(rock.with_contact(ContactProperties.of(friction)))

@@ -217,9 +217,9 @@ def show(ensemble: Path, figure: Path | None, as_json: bool) -> None:
 
     loaded = Ensemble.load(ensemble)
     if figure:
-        from toppling.models.motions.figure import draw
+        from toppling.results.drawing.records import draw_records
 
-        draw(loaded, figure)
+        draw_records(loaded, figure)
     if as_json:
         for row in loaded.catalog.to_pylist():
             click.echo(json.dumps(row))

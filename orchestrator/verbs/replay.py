@@ -15,12 +15,12 @@ from toppling.models.tables import read_table
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.folder import place_in
 from toppling.orchestrator.progress import bar, each
+from toppling.results.drawing.replay import write_replay
 from toppling.results.friction import friction_words
-from toppling.results.replay import write_way
+from toppling.results.replay import Replay
 from toppling.results.run import open_run
 from toppling.results.schema import SCHEMA, describe
 from toppling.results.store import has_digests
-from toppling.results.way import Way
 from toppling.workers.job import Assets, JobSpec, outcome_of, prepared
 from toppling.workers.outcome import ShakeResult
 from toppling.workers.seating import settled
@@ -49,12 +49,12 @@ def replay(run: Path, job: str, out: Path | None) -> None:
     assets = Assets(Scene.load(run / "scene"), Ensemble.load(run / "ensemble"))
     scene, imposed = prepared(spec, assets)
     with bar("shaking"):
-        way, result = way_of(scene, imposed.motion, spec.preset, spec.engine)
+        shown, result = replay_of(scene, imposed.motion, spec.preset, spec.engine)
     title = (
-        f"{spec.record_id}, PGA {spec.pga_m_s2:g} m/s², azimuth {spec.azimuth_deg:g}°, "
+        f"{open_run(run).rock}: {spec.record_id}, PGA {spec.pga_m_s2:g} m/s², azimuth {spec.azimuth_deg:g}°, "
         f"friction {friction_words(spec.friction_static, spec.friction_kinetic)}: {result.outcome or result.status}"
     )
-    write_out(way, out or place_in(run, f"replay/{job_id}"), title)
+    write_out(shown, out or place_in(run, f"replay/{job_id}"), title)
     row = _row(run, job_id)
     again = outcome_of(result)
     differing = [] if row is None else [_difference(name, row[name], again[name]) for name in _OUTCOME]
@@ -77,18 +77,18 @@ def replay(run: Path, job: str, out: Path | None) -> None:
         click.echo("The answer is that of the run.")
 
 
-def way_of(scene: Scene, motion: Motion, preset: str, engine: str = "pybullet") -> tuple[Way, ShakeResult]:
-    """Shake a scene and keep the rock's way."""
+def replay_of(
+    scene: Scene, motion: Motion, preset: str, engine: str = "pybullet"
+) -> tuple[Replay, ShakeResult]:
+    """Shake a scene and keep the rock's trajectory."""
     result = shake(scene, motion, preset, trajectory=True, engine=engine)
     assert result.trajectory is not None  # was asked for
-    kept = result.trajectory
-    poses = kept.time_s, kept.position_m, kept.quaternion_xyzw
-    return Way(settled(scene), motion, *poses, topple_time_s=result.topple_time_s), result
+    return Replay(settled(scene), motion, result.trajectory, result.topple_time_s), result
 
 
-def write_out(way: Way, folder: Path, title: str) -> None:
-    """Write all that shows a way, and name each file."""
-    for path in each(write_way(way, folder, title), "drawing", total=6):
+def write_out(shown: Replay, folder: Path, title: str) -> None:
+    """Write all that shows a shake, and name each file."""
+    for path in each(write_replay(shown, folder, title), "drawing", total=6):
         click.echo(path)
 
 

@@ -6,7 +6,11 @@ import click
 
 from toppling.orchestrator.folder import place_in
 from toppling.orchestrator.progress import bar
-from toppling.results.report import SECTIONS, report_page, write_page
+from toppling.orchestrator.verbs.constrain import read_branch
+from toppling.results.drawing.report.content import Content
+from toppling.results.drawing.report.sections import SECTIONS
+from toppling.results.drawing.report.write import report_page, write_page, write_pdf
+from toppling.results.hazard import SITE_REACH_KM, parse_age
 from toppling.results.run import open_run
 
 
@@ -14,17 +18,51 @@ from toppling.results.run import open_run
 @click.argument("run", type=click.Path(path_type=Path))
 @click.option("--out", type=click.Path(path_type=Path, dir_okay=False), help="RUN/report.html if not given.")
 @click.option(
+    "--pdf", is_flag=True, help="Print the page to PDF too, beside it (WeasyPrint, or Chromium's kin)."
+)
+@click.option(
+    "--age",
+    help="Years the rock has stood, as of 'toppling constrain': 20000, 15000..30000, 20000+-3000 or a CSV.",
+)
+@click.option(
+    "--hazard",
+    multiple=True,
+    metavar="FILE[=WEIGHT]",
+    help="Hazard curve to hold against the standing rock; needs --age.",
+)
+@click.option(
+    "--site", type=float, nargs=2, metavar="LON LAT",
+    help=f"Degrees: the nearest site of an OpenQuake file, which must lie within {SITE_REACH_KM:g} km.",
+)  # fmt: skip
+@click.option(
     "--samples", type=click.IntRange(1), default=100, show_default=True, help="Bootstrap, of records."
 )
-def report(run: Path, out: Path | None, samples: int) -> None:
-    """Write one HTML page about a run that can be read without a network.
+def report(
+    run: Path,
+    out: Path | None,
+    pdf: bool,
+    age: str | None,
+    hazard: tuple[str, ...],
+    site: tuple[float, float] | None,
+    samples: int,
+) -> None:
+    """Write one HTML page about a run that can be read without a network, and attached to a paper.
 
-    Scene, ensemble, maps, fits, failures, accuracy, provenance and the meaning of every column.
+    The result in three sentences and one picture; then scene, records, maps, fits, constraint, failures, accuracy,
+    a paragraph on methods to copy, provenance, and the meaning of every column.
 
     \b
-    toppling report runs/first
+    toppling report runs/first --pdf
+    toppling report runs/first --age 15000..30000 --hazard mean.csv=0.6 --hazard high.csv=0.4
     """  # noqa: D301
-    opened = open_run(run)
-    with bar("report", len(SECTIONS)) as advance:
-        page = report_page(opened, samples, lambda title: advance(doing=f"after {title}"))
-    click.echo(write_page(page, out or place_in(run, "report.html")))
+    if hazard and not age:
+        msg = "a hazard curve needs the rock's --age: rates become probabilities over years"
+        raise click.UsageError(msg)
+    branches = [read_branch(text, site, 1.0) for text in hazard]
+    content = Content(open_run(run), samples, parse_age(age) if age else None, branches)
+    target = out or place_in(run, "report.html")
+    with bar("report", len(SECTIONS) + pdf) as advance:
+        text = report_page(content, lambda title: advance(doing=f"after {title}"))
+        click.echo(write_page(text, target))
+        if pdf:
+            click.echo(write_pdf(text, target.with_suffix(".pdf")))

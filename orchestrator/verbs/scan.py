@@ -114,6 +114,7 @@ def scan(
     from toppling.models.scan.survey import STAGES, save_survey, survey
     from toppling.models.scan.word import word_of
     from toppling.orchestrator.settling_told import draw_settling, settling_notes
+    from toppling.results.drawing.scene import draw_scene
 
     refuse_existing(out)
     inspection = inspection_of(contact, pulls)
@@ -133,7 +134,7 @@ def scan(
         stage("letting the rock stand")
         notes = settling_notes(result.scene) + base_sentences(result.scene.report)
         stage("writing")
-        save_survey(result, out, notes)
+        save_survey(result, out, lambda folder: draw_scene(result.scene, folder / "scene.png", notes))
         draw_settling(result.scene, out / "settling.png")
     click.echo(json.dumps(result.scene.to_json(), allow_nan=False) if as_json else _told(result.scene, out))
     if warning := invention_warning(result.scene):

@@ -30,16 +30,17 @@ def show(folder: Path, out: Path | None) -> None:
     toppling scene show scenes/rock --out pictures
     """  # noqa: D301  (\b keeps click from rewrapping the example)
     from toppling.models.intervals import base_sentences
-    from toppling.models.scan.page import write_page
-    from toppling.models.scan.picture import draw_scene
     from toppling.orchestrator.settling_told import draw_settling, settling_notes
+    from toppling.results.drawing.page import write_scene_page
+    from toppling.results.drawing.scene import draw_scene
+    from toppling.results.run import rock_name
 
     loaded = Scene.load(folder)
     target = out or folder
     target.mkdir(parents=True, exist_ok=True)
     notes = settling_notes(loaded) + base_sentences(loaded.report)
     draw_scene(loaded, target / "scene.png", notes)
-    write_page(loaded, target / "scene.html", notes)
+    write_scene_page(loaded, target / "scene.html", rock_name(folder), notes)
     drawn = [target / name for name in ("scene.png", "scene.html")]
     if draw_settling(loaded, target / "settling.png"):
         drawn.append(target / "settling.png")
@@ -55,7 +56,7 @@ def export(folder: Path, file: Path) -> None:
     \b
     toppling scene export scenes/rock rock.glb
     """  # noqa: D301  (\b keeps click from rewrapping the example)
-    from toppling.models.scan.page import export_scene
+    from toppling.results.drawing.export import export_scene
 
     export_scene(Scene.load(folder), file)
     click.echo(str(file))

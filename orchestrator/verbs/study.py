@@ -64,15 +64,13 @@ def study(
     toppling study study --workers 2
     toppling study study --scan station1.laz --scan station2.laz --records ensembles/quakes
     """  # noqa: D301  (\b keeps click from rewrapping the example)
-    from rich.console import Console
-    from rich.progress import track
-
     from toppling.orchestrator import study as stages
     from toppling.orchestrator.interrupt import INTERRUPTED, stop_once
-    from toppling.orchestrator.progress import duration, watcher
+    from toppling.orchestrator.progress import duration, each, watcher
     from toppling.orchestrator.run import RunError
     from toppling.orchestrator.verbs.run import FAILED_JOBS
-    from toppling.results.report import report_page, write_page
+    from toppling.results.drawing.report.content import Content
+    from toppling.results.drawing.report.write import report_page, write_page
     from toppling.results.run import open_run
 
     if scan and scene:
@@ -102,14 +100,14 @@ def study(
         levels, protocol = stages.climb(chosen, out, lambda: cluster_of(out, **where), say)
         say("figures, findings, constraint, report")
         drawn = stages.draw(chosen, out, levels, protocol)
-        for path in track(drawn, "figures", total=60, console=Console(stderr=True), transient=True):
+        for path in each(drawn, "figures", 60):
             if path.suffix == ".png" and not as_json:
                 click.echo(path)
         found = stages.check_findings(chosen, out)
         opened = open_run(out / "runs" / stages.MAIN)
         _have_figure_8(out)
         _have_constraint(out, opened.path)
-        page = write_page(report_page(opened), out / "report.html")
+        page = write_page(report_page(Content(opened)), out / "report.html")
     except RunError as error:
         message = f"{error}; what was done is kept: the same command goes on"
         raise click.ClickException(message) from None

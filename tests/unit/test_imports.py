@@ -22,6 +22,8 @@ ONLY_UNDER = {
     "distributed": "orchestrator",
     "dask_jobqueue": "orchestrator",
     "obspy": "models/motions",
+    "seaborn": "results/drawing",
+    "PIL": "results/drawing",
 }
 UNPICKLERS = {"pickle", "cPickle", "dill", "joblib", "shelve", "marshal"}
 
@@ -64,6 +66,20 @@ def test_a_heavy_library_is_imported_in_one_room_only(library, home):
         str(path.relative_to(ROOT))
         for path in modules()
         if library in tops(path) and not path.is_relative_to(ROOT / home)
+    ]
+    assert not offences
+
+
+def test_only_the_drawing_room_draws():
+    """Geometry of polygons (`matplotlib.path`) draws nothing."""
+    offences = [
+        str(path.relative_to(ROOT))
+        for path in modules()
+        if not path.is_relative_to(ROOT / "results" / "drawing")
+        and any(
+            name.startswith("matplotlib") and not name.startswith("matplotlib.path")
+            for name in imported(path)
+        )
     ]
     assert not offences
 

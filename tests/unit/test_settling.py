@@ -27,7 +27,9 @@ from toppling.orchestrator.settling_told import draw_settling, settling_notes
 from toppling.orchestrator.verbs.scan import scan
 from toppling.orchestrator.verbs.scene import scene
 from toppling.results.drawing import settling as drawing
-from toppling.results.report import _scene
+from toppling.results.drawing.report.content import Content
+from toppling.results.drawing.report.document import Document
+from toppling.results.drawing.report.sections import scene_section
 from toppling.results.run import open_run
 
 ROCK = box(0.3, 0.2, 0.5).moved(np.eye(3), (0.4, -0.3, 0.5))
@@ -124,7 +126,7 @@ def test_the_reports_table_of_the_scene_says_by_how_much_the_rock_settles(campai
         {},
         check_stands(campaign, loaded),
     )
-    assert (f"<td>{TOLD}</td>" in _scene(open_run(tmp_path / "run"))) == said
+    assert (f">{TOLD}</td>" in scene_section(Content(open_run(tmp_path / "run")), Document())) == said
 
 
 def test_the_scenes_page_and_the_console_say_by_how_much_the_rock_settles(campaigns, tmp_path):
@@ -141,7 +143,7 @@ def test_a_scan_is_written_and_says_how_its_rock_stands(monkeypatch, tmp_path, t
     drawn: list[str] = []
     monkeypatch.setattr("toppling.models.scan.read.read_clouds", lambda _: None)
     monkeypatch.setattr("toppling.models.scan.survey.survey", lambda *_: found)
-    monkeypatch.setattr("toppling.models.scan.survey.draw_scene", lambda *told: drawn.extend(told[2]))
+    monkeypatch.setattr("toppling.results.drawing.scene.draw_scene", lambda *told: drawn.extend(told[2]))
     done = CliRunner().invoke(scan, ["a.laz", "--out", str(tmp_path / "a")], catch_exceptions=False)
     assert Scene.load(tmp_path / "a").id == found.scene.id
     told = done.stdout.splitlines()[1:]

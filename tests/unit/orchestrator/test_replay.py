@@ -12,7 +12,7 @@ from click.testing import CliRunner
 from PIL import Image
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
-from browser import needs_browser, shown
+from browser import needs_browser, overflow, shown
 
 from toppling.models.motions import idealised
 from toppling.models.motions.ensemble import Ensemble
@@ -22,6 +22,7 @@ from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.cli import cli
 from toppling.orchestrator.folder import prepare
 from toppling.orchestrator.plan import plan
+from toppling.results.drawing.animation import STRIP, WIDTH, speed_words
 from toppling.results.store import write_part
 from toppling.workers.job import Assets, run_job
 
@@ -105,10 +106,24 @@ def test_pictures_of_a_way_are_whole_and_move(replayed):
         moving.seek(moving.n_frames - 1)
         last = np.asarray(moving.convert("RGB"), int)
     assert (np.abs(first - last).sum(axis=2) > 60).mean() > 0.05  # the rock has left its place
-    ground = first[-first.shape[0] // 5 :, :].reshape(-1, 3)
+    view = first[-STRIP - WIDTH : -STRIP]
+    ground = view[-WIDTH // 5 :].reshape(-1, 3)
     assert np.ptp(ground, axis=1).max() < 60  # grey, not the paper's white
     assert ground.max() < 230
     assert (out / "trajectory.svg").read_text().rstrip().endswith("</svg>")
+
+
+@pytest.mark.parametrize(
+    ("speed", "words"), [(1.02, "real time"), (2.2, "2.2 times real time"), (0.25, "1/4.0 of real time")]
+)
+def test_a_moving_picture_says_how_fast_it_is(speed, words):
+    assert speed_words(speed) == words
+
+
+@needs_browser
+@pytest.mark.parametrize("width_px", [1400, 400])
+def test_nothing_on_the_page_sticks_out_of_the_screen(replayed, tmp_path, width_px):
+    assert overflow((replayed[2] / "replay.html").read_text(), width_px, tmp_path) == []
 
 
 @needs_browser
@@ -117,16 +132,15 @@ def test_the_page_plays_in_a_browser_without_a_network(replayed, tmp_path):
     page = out / "replay.html"
     asked = tmp_path / "asked.html"
     # Ask for the last pose as a hand on the slider would.
-    asked.write_text(
-        page.read_text().replace(
-            "</script></body>", "slider.value = slider.max; slider.oninput();</script></body>"
-        )
-    )
+    last = "slider.value = slider.max; slider.oninput(); document.body.dataset.told = told.value;"
+    asked.write_text(page.read_text().replace("</script></body>", f"{last}</script></body>"))
     document, complaints = shown(asked, tmp_path / "profile")
     poses = int(re.search(r'id="time"[^>]* max="(\d+)"', document).group(1))
     assert poses > 10
     assert f'data-frame="{poses}"' in document
-    assert float(re.search(r"tilt ([0-9.]+)°", document).group(1)) > 45
+    said = re.search(r'data-told="([^"]*)"', document).group(1)
+    assert float(re.search(r"tilt ([0-9.]+)°", said).group(1)) > 45
+    assert said.endswith("past no return")
     assert "<canvas" in document
     assert not [line for line in complaints if "Uncaught" in line or "ERR_" in line]
 

@@ -10,7 +10,7 @@ from seeded import THETA_M_S, rows
 
 from toppling.models.errors import InputError
 from toppling.orchestrator.cli import cli
-from toppling.results.atlas import write_fits
+from toppling.results.drawing.atlas import write_fits
 from toppling.results.exchange import write_curves
 from toppling.results.fits import Basis, Lognormal
 from toppling.results.run import open_run

@@ -11,7 +11,7 @@ from scipy.stats import lognorm
 from seeded import rows
 
 from toppling.models.errors import InputError
-from toppling.results.atlas import write_fits
+from toppling.results.drawing.atlas import write_fits
 from toppling.results.exchange import OPENQUAKE, moments, of_moments, read_curves, write_curves
 from toppling.results.fits import MEASURES, Basis, Lognormal
 from toppling.results.fragility import CONTACT_COLUMNS

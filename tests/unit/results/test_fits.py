@@ -8,7 +8,7 @@ import pytest
 from scipy.stats import norm
 from seeded import BETA, THETA_M_S, rows
 
-from toppling.results.figures import fit_figure
+from toppling.results.drawing.fits import fit_figure
 from toppling.results.fits import (
     Lognormal,
     answered,

@@ -13,8 +13,9 @@ from hypothesis import strategies as st
 from seeded import row, rows
 
 from toppling.orchestrator.cli import cli
-from toppling.results.atlas import write_maps
-from toppling.results.figures import direction_figure, map_figure, save
+from toppling.results.drawing.atlas import write_maps
+from toppling.results.drawing.maps import direction_figure, map_figure
+from toppling.results.drawing.style import save
 from toppling.results.fits import answered, fit
 from toppling.results.fragility import (
     PLANES,
@@ -193,8 +194,8 @@ def test_jobs_in_no_cell_are_told_in_the_title_and_in_a_table_beside_the_maps(tm
         {"map": "pga_pgv_pga_by_direction", "jobs": 11, "unplaced": 3, "beyond": 0},
     ]
     for name in told["map"]:
-        assert "3 more in no cell: measures not known" in (tmp_path / f"{name}.svg").read_text()
-    assert "8 jobs, 3 more in no cell" in (tmp_path / "pga_pgv_pga.svg").read_text()
+        assert "In no cell: 3 jobs whose measures are not known." in (tmp_path / f"{name}.svg").read_text()
+    assert "8 jobs, 4 records" in (tmp_path / "pga_pgv_pga.svg").read_text()
 
 
 def test_jobs_beyond_the_end_of_an_axis_are_told_in_the_title_and_in_the_table(tmp_path):
@@ -205,7 +206,9 @@ def test_jobs_beyond_the_end_of_an_axis_are_told_in_the_title_and_in_the_table(t
     told = pd.read_csv(tmp_path / "unplaced.csv").iloc[0]
     assert (told["unplaced"], told["beyond"]) == (0, 1)
     assert cells(frame, plane)["jobs"].sum() + told["beyond"] == told["jobs"]
-    assert "7 jobs, 1 more from 30 s or 3 m/s on" in (tmp_path / "pgv_duration.svg").read_text()
+    drawn = (tmp_path / "pgv_duration.svg").read_text()
+    assert "7 jobs, 4 records" in drawn
+    assert "Not shown: 1 jobs from 30 s or 3 m/s on." in drawn
 
 
 def test_lines_of_the_plane_reference_are_explained_on_the_figure(hand_made):
@@ -223,10 +226,12 @@ def test_lines_of_the_plane_reference_are_explained_on_the_figure(hand_made):
 @pytest.mark.parametrize("plane", PLANES.values(), ids=lambda p: p.name)
 def test_a_map_says_what_the_width_of_its_cells_means(plane):
     table = cells(pd.DataFrame(rows(records=4, levels=(1, 2, 4), azimuths=(0.0,))), plane)
-    label = map_figure(table, plane).axes[-1].get_ylabel()
-    pool = "the jobs" if plane.name == "pgv_duration" else "its level's jobs"
+    figure = map_figure(table, plane)
+    (caption,) = (text.get_text() for text in figure.texts)
+    assert figure.axes[-1].get_ylabel() == "toppling probability"
+    pool = "all jobs" if plane.name == "pgv_duration" else "its level's jobs"
     full = 100 * min(0.4, table["share"].max())
-    assert f"width: share of {pool}, full from {full:.0f} % on" in label
+    assert f"Width: share of {pool}, full from {full:.0f} %." in caption
 
 
 def test_the_dot_of_a_cell_of_few_records_lies_inside_it(hand_made):
@@ -255,7 +260,7 @@ def test_ticks_of_panels_by_direction_do_not_run_together_and_say_what_their_ang
     assert len(labels) >= 8
     apart = [right.x0 - left.x1 for left, right in pairwise(labels)]
     assert min(apart) > 0.03 * figure.dpi  # inches: a narrow blank
-    assert "azimuth of the vector PGA" in figure.get_supxlabel()
+    assert any("compass direction of the vector PGA" in text.get_text() for text in figure.texts)
 
 
 def test_the_same_table_gives_the_same_figure_files(hand_made, tmp_path):
@@ -281,8 +286,12 @@ def test_no_map_on_shared_axes_hides_a_cell_of_another(plane):
     far = pd.DataFrame(rows(records=20, levels=range(1, 20), azimuths=(0.0,))).assign(pga_azimuth_deg=90.0)
     table = cells_by_direction(pd.concat([near, far], ignore_index=True), plane)
     figure = direction_figure(table, plane, 8)
-    panels = [axes for axes in figure.axes if axes.get_title()]
+    panels = [axes for axes in figure.axes if axes.collections and axes.get_title()]
     assert len(panels) == 2
+    empty = [axes for axes in figure.axes if [text.get_text() for text in axes.texts] == ["no records"]]
+    assert len(empty) == 6
+    winds = [axes.get_title().partition(" ")[0] for axes in figure.axes if axes.get_title()]
+    assert winds == ["N", "NE", "E", "SE", "S", "SW", "W", "NW"]
     for axes in panels:
         (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
         corners = np.vstack([path.vertices for path in axes.collections[0].get_paths()])

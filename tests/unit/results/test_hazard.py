@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from toppling.models.errors import InputError
-from toppling.results.constraint import bound_table
-from toppling.results.figures import constraint_figure
+from toppling.results.constraint import bound_table, branch_table
+from toppling.results.drawing.constraint import constraint_figure
 from toppling.results.fits import Lognormal
 from toppling.results.hazard import (
     NODES_PER_E_FOLD,
@@ -177,8 +177,22 @@ def test_every_branch_that_the_legend_names_is_seen_within_the_frame(rate_at_one
 
 def test_a_branch_without_rates_in_the_frame_is_named_so():
     bound = bound_table([Standing("rock", ROCK, np.array([1e4]))], 0.95)
-    axes = constraint_figure(bound, [power_law(low=100.0)], 0.95).axes[0]
-    assert "power law (no rates here)" in [text.get_text() for text in axes.get_legend().get_texts()]
+    (legend,) = constraint_figure(bound, [power_law(low=100.0)], 0.95).legends
+    assert "power law (no rates here)" in [text.get_text() for text in legend.get_texts()]
+
+
+def test_the_figure_tells_each_branchs_survival_and_verdict_and_the_age():
+    rocks = [Standing("rock", ROCK, np.array([1e4, 2e4]))]
+    branches = [power_law(rate_at_one=1e-2), power_law(rate_at_one=1e-9)]
+    figure = constraint_figure(
+        bound_table(rocks, 0.95), branches, 0.95, branch_table(rocks, branches, 0.95), rocks
+    )
+    (legend,) = figure.legends
+    area, loud, quiet = (text.get_text() for text in legend.get_texts())
+    assert "whatever the rest of the curve" in area
+    assert loud.endswith(", rejected")
+    assert quiet == "power law: survival 1.00, not rejected"
+    assert figure.axes[0].get_title() == "standing for 10,000 to 20,000 years"
 
 
 def test_openquake_curves_become_annual_rates_in_si(tmp_path):

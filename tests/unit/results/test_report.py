@@ -15,12 +15,18 @@ from PIL import Image
 from seeded import row, rows
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
-from browser import needs_browser, shown
+from browser import needs_browser, overflow, shown
 
 from toppling.models.errors import InputError
 from toppling.models.scene import Scene
 from toppling.orchestrator.cli import cli
-from toppling.results.report import SECTIONS, _accuracy, _fit_table, _table, report_page
+from toppling.results.drawing.report.accuracy import accuracy_section
+from toppling.results.drawing.report.content import Content
+from toppling.results.drawing.report.document import Document
+from toppling.results.drawing.report.methods import methods
+from toppling.results.drawing.report.sections import SECTIONS, fit_table, fits_section
+from toppling.results.drawing.report.write import report_page, write_pdf
+from toppling.results.hazard import HazardCurve
 from toppling.results.run import open_run
 from toppling.results.store import write_part
 
@@ -28,11 +34,11 @@ from toppling.results.store import write_part
 class Page(html.parser.HTMLParser):
     """What a browser would load and show."""
 
-    VOID = ("img", "meta", "br")
+    VOID = ("img", "meta", "br", "source", "wbr")
 
     def __init__(self, text):
         super().__init__()
-        self.open, self.headings, self.sources, self.cells = [], [], [], 0
+        self.open, self.headings, self.sources, self.cells, self.anchors = [], [], [], 0, set()
         self.feed(text)
         self.close()
 
@@ -40,6 +46,7 @@ class Page(html.parser.HTMLParser):
         if tag not in self.VOID:
             self.open.append(tag)
         self.cells += tag == "td"
+        self.anchors |= {value for name, value in attrs if name == "id"}
         self.sources += [value for name, value in attrs if name in ("src", "href", "srcset", "action")]
 
     def handle_endtag(self, tag):
@@ -51,27 +58,66 @@ class Page(html.parser.HTMLParser):
 
 
 @pytest.fixture(scope="module")
-def page(tmp_path_factory):
+def run(tmp_path_factory):
     folder = tmp_path_factory.mktemp("report") / "run <1>"
     folder.mkdir()
     write_part(folder, rows(records=12, levels=(4, 8, 12), azimuths=(0.0, 135.0)))
     write_part(folder, [row("lost", status="crashed", message="worker <died>")])
     Scene.block(0.2, 0.2, 0.6).save(folder / "scene")
-    (folder / "campaign.toml").write_text('preset = "standard"\n')
-    return report_page(open_run(folder), samples=5)
+    (folder / "campaign.toml").write_text('preset = "standard"\nscene = "scenes/balanced <rock>"\n')
+    return open_run(folder)
+
+
+@pytest.fixture(scope="module")
+def page(run):
+    x = np.array([0.05, 0.5, 5.0])
+    branches = [
+        HazardCurve(name, "pgv_m_s", x, rate * x**-2.0) for name, rate in (("quiet", 1e-9), ("loud", 1e-2))
+    ]
+    return report_page(Content(run, 5, np.array([2e4]), branches))
 
 
 @pytest.mark.slow
-def test_the_page_has_every_section_and_closes_what_it_opens(page):
+def test_the_page_has_every_section_that_the_run_bears_and_closes_what_it_opens(page):
     read = Page(page)
     assert read.open == []
-    assert read.headings == ["Run run <1>", *SECTIONS]
+    titles = [section.title for section in SECTIONS if section.title != "Friction"]  # the run has one
+    assert read.headings == ["balanced <rock>", *titles]
     assert read.cells > 200
 
 
 @pytest.mark.slow
+def test_the_contents_lead_to_the_sections_and_the_figures_are_numbered(page):
+    read = Page(page)
+    links = [source.removeprefix("#") for source in read.sources if source.startswith("#")]
+    assert len(links) == len(SECTIONS) - 1
+    assert set(links) <= read.anchors
+    numbers = [int(number) for number in re.findall(r"<b>Figure (\d+)\.</b>", page)]
+    assert numbers == list(range(1, page.count("<figure ") + 1))
+    assert len(numbers) >= 9
+
+
+@pytest.mark.slow
+def test_the_first_screen_says_what_topples_with_what_probability_and_what_standing_says(page):
+    first = page[: page.index("<nav>")]
+    sentences = re.findall(r"<p>(.*?)</p>", first)
+    assert len(sentences) == 3
+    assert first.count("<img") == 1
+    assert "topples the rock in one case of two" in sentences[0]
+    assert "Of 72 shakings (12 records" in sentences[1]
+    assert "rejects 1 of 2 hazard curves (loud)" in sentences[2]
+
+
+@pytest.mark.slow
+def test_the_methods_name_the_runs_own_numbers(run):
+    told = methods(Content(run))
+    for number in ("(12)", "4 levels", "between 1 and 12 m/s²", "2 azimuths", "preset standard"):
+        assert number in told
+
+
+@pytest.mark.slow
 def test_the_page_loads_nothing_from_elsewhere_and_its_pictures_are_whole(page):
-    sources = Page(page).sources
+    sources = [source for source in Page(page).sources if not source.startswith("#")]
     assert len(sources) >= 8
     for source in sources:
         kind, _, data = source.partition(",")
@@ -90,7 +136,9 @@ def test_what_users_wrote_is_shown_and_not_run(page):
 
 @pytest.mark.slow
 def test_the_page_says_what_is_missing_and_how_sure_the_answers_are(page):
-    assert "73 jobs, 72 with an answer" in page
+    assert "worker &lt;died&gt;" in page
+    assert "Each of 73 combinations" in page
+    assert "72 had an answer" in page
     assert "has not been audited: <code>toppling audit RUN" in page
 
 
@@ -106,7 +154,7 @@ def test_time_steps_that_differ_in_no_digit_shown_are_told_once(tmp_path):
             "time_step_s": steps,
         }
     )
-    assert "time step 0.0049, 0.00978764 s" in _accuracy(open_run(tmp_path), frame)
+    assert "time step 0.0049, 0.00978764 s" in accuracy_section(open_run(tmp_path), frame, Document())
 
 
 def test_a_median_far_beyond_what_was_shaken_is_no_number_and_samples_without_fit_are_counted():
@@ -116,13 +164,48 @@ def test_a_median_far_beyond_what_was_shaken_is_no_number_and_samples_without_fi
         "median_low": [2.0, 0.1, np.nan], "median_high": [8e80, 0.3, np.nan], "samples": [43, 50, np.nan],
         "samples_without_fit": [7, 0, np.nan],
     })  # fmt: skip
-    table = _table(_fit_table(summary, known))
+    table = Document().table(fit_table(summary, known), "fits")
     first, second, third = table.split("<tr>")[2:]
     assert "8e+80" not in table
-    assert "<td>49</td><td>2</td><td>far beyond what was shaken</td>" in first
-    assert "<td>43</td><td>7</td>" in first
-    assert "<td>0.15</td><td>0.1</td><td>0.3</td>" in second
-    assert "<td>no job topples</td><td>2</td><td></td>" in third
+    assert ">49 (2 to far beyond what was shaken)</td>" in first
+    assert re.search(r">43</td>.*>7</td>", first)
+    assert ">0.15 (0.1 to 0.3)</td>" in second
+    assert ">no job topples</td>" in third
+
+
+def test_fewer_than_ten_topplings_bear_no_curve_and_no_ranking(tmp_path):
+    jobs = [
+        job | {"toppled": number < 9}
+        for number, job in enumerate(rows(records=12, levels=(4, 8), azimuths=(0.0,)))
+    ]
+    write_part(tmp_path, jobs)
+    content, document = Content(open_run(tmp_path), 5), Document()
+    told = fits_section(content, document)
+    assert "Too few topplings: 9 of 24 jobs" in told
+    assert (document.figures, document.tables) == (0, 0)
+    assert content.single_event is None
+
+
+@pytest.mark.slow
+@needs_browser
+@pytest.mark.parametrize("width_px", [1400, 400])
+def test_nothing_on_the_page_is_clipped_or_sticks_out_of_the_screen(page, tmp_path, width_px):
+    assert overflow(page, width_px, tmp_path) == []
+
+
+@needs_browser
+def test_the_check_of_the_layout_finds_what_sticks_out_and_what_is_clipped(tmp_path):
+    wide = '<body><p style="width: 700px">wide</p><div style="width: 90px; overflow: hidden; white-space: nowrap">'
+    found = overflow(wide + "words that are cut off at the end of their box</div></body>", 400, tmp_path)
+    assert [word.partition(":")[0] for word in found] == ["outside", "clipped", "page scrolls sideways"]
+
+
+@pytest.mark.slow
+@needs_browser
+def test_the_page_is_printed_to_pdf(page, tmp_path):
+    written = write_pdf(page, tmp_path / "report.pdf").read_bytes()
+    assert written.startswith(b"%PDF-")
+    assert len(re.findall(rb"/Type\s*/Page\b", written)) >= 5
 
 
 @pytest.mark.slow
@@ -139,13 +222,13 @@ def test_a_browser_without_a_network_shows_every_picture(page, tmp_path):
     widths = [int(width) for width in re.search(r'data-widths="([0-9 ]*)"', document).group(1).split()]
     assert len(widths) == page.count("<img")
     assert min(widths) > 300
-    assert all(f"<h2>{section}</h2>" in document for section in SECTIONS)
+    assert all(f">{section.title}</h2>" in document for section in SECTIONS if section.title != "Friction")
     assert not complaints
 
 
 def test_a_run_without_answers_has_no_page(tmp_path):
     write_part(tmp_path, [row("a", status="crashed")])
     with pytest.raises(InputError, match="none with an answer"):
-        report_page(open_run(tmp_path))
+        report_page(Content(open_run(tmp_path)))
     assert CliRunner().invoke(cli, ["report", str(tmp_path)]).exit_code == 1
     assert not (tmp_path / "report.html").exists()

@@ -1,6 +1,11 @@
 """`toppling scene`: what it writes can be read by others."""
 
+import base64
 import dataclasses
+import json
+import re
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,19 +13,25 @@ import trimesh
 from click.testing import CliRunner
 from matplotlib.figure import Figure
 
+sys.path.insert(0, str(Path(__file__).parents[2]))
+from browser import needs_browser, overflow
+
 from toppling.models.errors import InputError
-from toppling.models.scan.page import scene_figure
-from toppling.models.scan.picture import (
+from toppling.models.scene import Scene, read_triangles
+from toppling.orchestrator.verbs.scene import scene
+from toppling.results.drawing.mesh import hidden, smooth_surface
+from toppling.results.drawing.page import scene_page
+from toppling.results.drawing.scene import (
     BAND_TITLE,
     VIEWS_DEG,
+    base_interval,
     beyond_frame,
+    draw_statics,
     draw_view,
     numbers_of,
     polar_reach_m_s2,
     toppling_band,
 )
-from toppling.models.scene import Scene, read_triangles
-from toppling.orchestrator.verbs.scene import scene
 
 
 @pytest.fixture
@@ -35,7 +46,9 @@ def test_show_writes_a_picture_and_a_standalone_page(folder, tmp_path):
     assert done.exit_code == 0
     assert (tmp_path / "seen/scene.png").stat().st_size > 10_000
     page = (tmp_path / "seen/scene.html").read_text()
-    assert "Plotly.newPlot" in page
+    assert "WebGLRenderer" in page
+    assert "<h1>seen</h1>" not in page
+    assert "<h1>block</h1>" in page
     assert 'src="http' not in page
 
 
@@ -77,9 +90,7 @@ def test_show_says_how_sure_the_split_is_and_how_far_the_numbers_spread(tmp_path
         "other candidate 25% of",
     ):
         assert said in told
-    page = (
-        folder / "scene.html"
-    ).read_text()  # with all of plotly in it, where short numbers would be found too
+    page = (folder / "scene.html").read_text()
     assert "seen in 83% of the directions" in page
     assert BAND_TITLE in page
 
@@ -178,7 +189,32 @@ def test_an_export_holds_the_pedestal_beside_the_rock_also_where_it_is_an_endles
 
 
 def test_the_page_shows_the_pedestal_also_where_it_is_an_endless_plane(folder):
-    assert [trace.name for trace in scene_figure(Scene.load(folder)).data] == ["rock", "pedestal"]
+    told = json.loads(
+        re.search(r'id="data">(.*?)</script>', scene_page(Scene.load(folder), "block")).group(1)
+    )
+    faces = {name: len(base64.b64decode(told[name]["index"])) // 12 for name in ("rock", "pedestal")}
+    assert faces == {"rock": 12, "pedestal": 2}
+
+
+def test_a_block_keeps_its_edges_and_a_boulder_is_smooth():
+    block, ball = Scene.block(0.2, 0.3, 0.6).rock, trimesh.creation.icosphere(3)
+    sharp = smooth_surface(block.vertices_m, block.faces, "k")
+    assert np.abs(sharp.normals).max(axis=1) == pytest.approx(1.0)  # each along an axis, none between faces
+    smooth = smooth_surface(ball.vertices, ball.faces, "k")
+    assert len(smooth.vertices_m) == len(ball.vertices)
+    assert np.einsum("ij,ij->i", smooth.normals, ball.vertices) == pytest.approx(1.0, abs=1e-3)
+
+
+def test_a_point_is_hidden_by_what_lies_nearer_to_the_eye_and_not_by_what_it_lies_on():
+    triangle = np.array([[[-1.0, -1.0, 0.0], [3.0, -1.0, 0.0], [-1.0, 3.0, 0.0]]])
+    points = np.array([[0.0, 0.0, -1.0], [0.0, 0.0, 1.0], [0.0, 0.0, -0.01], [4.0, 4.0, -1.0]])
+    assert hidden(points, triangle, tolerance_m=0.05).tolist() == [True, False, False, False]
+
+
+@needs_browser
+@pytest.mark.parametrize("width_px", [1400, 400])
+def test_the_page_draws_in_a_browser_and_nothing_sticks_out(folder, tmp_path, width_px):
+    assert overflow(scene_page(Scene.load(folder), "block", ["a note"]), width_px, tmp_path) == []
 
 
 @pytest.mark.parametrize(("slope_deg", "planes"), [(0.0, [2, 2, 2]), (30.0, [2, 2, 0])])
@@ -231,3 +267,19 @@ def test_an_unknown_format_is_refused(folder, tmp_path):
             scene, ["export", str(folder), str(tmp_path / "block.doc")], catch_exceptions=False
         )
     assert not (tmp_path / "block.doc").exists()
+
+
+def test_the_interval_of_the_bases_that_may_be_goes_round_the_statics():
+    table = [
+        {"azimuth_deg": float(a), "low_m_s2": 2.0, "median_m_s2": 2.5, "high_m_s2": 3.0}
+        for a in range(0, 360, 10)
+    ]
+    drawn = dataclasses.replace(surveyed(), report={"unseen_base": {"toppling": table, "level": 0.9}})
+    azimuth, low, high, level = base_interval(drawn)
+    assert (azimuth[-1] - azimuth[0], level) == (360.0, 0.9)
+    assert set(low) == {2.0}
+    assert set(high) == {3.0}
+    axes = Figure().add_subplot(projection="polar")
+    draw_statics(axes, drawn)
+    assert "90% of the bases" in axes.get_title()
+    assert len(base_interval(surveyed())[0]) == 0

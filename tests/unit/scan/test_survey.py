@@ -17,6 +17,7 @@ from toppling.models.scan.survey import save_survey, survey
 from toppling.models.scan.word import Word
 from toppling.models.scene import Scene
 from toppling.models.statics import quasi_static_toppling_m_s2
+from toppling.results.drawing.scene import draw_scene
 
 RESOLUTION = 0.02
 """Point spacing in rock heights: coarse, to be quick."""
@@ -94,7 +95,9 @@ def test_base_rests_exactly_on_the_interface_and_nothing_lies_below_it(stump):
 
 def test_a_saved_scene_is_read_back_with_its_labels_and_survey_origin(stump, tmp_path):
     _, cloud, _, found = stump
-    folder = save_survey(found, tmp_path / "scene")
+    folder = save_survey(
+        found, tmp_path / "scene", lambda staging: draw_scene(found.scene, staging / "scene.png")
+    )
     again = Scene.load(folder)
     assert again.id == found.scene.id
     np.testing.assert_array_equal(again.origin_m, virtual.DEMO_ORIGIN_M)

@@ -8,7 +8,6 @@ from click.testing import CliRunner
 
 from toppling.models.errors import InputError
 from toppling.models.scan import virtual
-from toppling.models.scan.picture import numbers_of
 from toppling.models.scan.read import Cloud
 from toppling.models.scan.register import register
 from toppling.models.scan.segment import PEDESTAL, ROCK
@@ -16,6 +15,7 @@ from toppling.models.scan.survey import survey
 from toppling.models.scan.word import Word
 from toppling.models.statics import support_polygon_m
 from toppling.orchestrator.verbs.scan import scan
+from toppling.results.drawing.scene import numbers_of
 
 SLOPE_DEG, DOWNHILL_DEG = 6.0, 250.0
 

@@ -5,7 +5,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from toppling.models.frames import compass_deg
-from toppling.results.figures import COLOURS, FULL_WIDTH_IN, HALF_WIDTH_IN, style
+from toppling.results.drawing.style import COLOURS, FULL_WIDTH_IN, HALF_WIDTH_IN, style
 from toppling.results.fragility import direction_bin_deg
 
 

@@ -8,11 +8,26 @@ from pathlib import Path
 import pandas as pd
 
 from toppling.models.folder import new_file
-from toppling.results import figures, fits
+from toppling.results import fits
 from toppling.results.audit import Audit, audit_table
 from toppling.results.directions import sector_share, topple_rose
+from toppling.results.drawing.fits import fit_figure
+from toppling.results.drawing.friction import friction_figure
+from toppling.results.drawing.maps import direction_figure, map_figure
+from toppling.results.drawing.roses import rose_figure
+from toppling.results.drawing.style import save
 from toppling.results.exchange import OPENQUAKE, write_curves
-from toppling.results.fragility import Plane, beyond, by_contact, cells, cells_by_direction, unplaced
+from toppling.results.fragility import (
+    Plane,
+    beyond,
+    by_contact,
+    cells,
+    cells_by_direction,
+    contact_words,
+    records_by_direction,
+    records_on,
+    unplaced,
+)
 from toppling.results.friction import compare_frictions
 
 
@@ -46,14 +61,14 @@ def write_maps(
     for contact, jobs in by_contact(frame).items():
         place = folder / contact
         place.mkdir(parents=True, exist_ok=True)
-        told = []
+        told, title = [], contact_words(jobs, frame)
         for plane in planes:
             table = cells(jobs, plane)
             missing, outside = unplaced(jobs, plane), beyond(jobs, plane)
             told.append((plane.name, len(jobs), missing, outside))
             yield save_table(table, place / f"{plane.name}.csv")
-            drawn = figures.map_figure(table, plane, contact, missing, outside)
-            yield from figures.save(drawn, place / plane.name)
+            drawn = map_figure(table, plane, title, missing, outside, records_on(jobs, plane))
+            yield from save(drawn, place / plane.name)
             if not plane.by_direction:
                 continue
             split = cells_by_direction(jobs, plane, bins=directions)
@@ -64,8 +79,9 @@ def write_maps(
             lines = reference if plane.name == "pga_pgv_pga" else None
             if lines is not None:
                 yield save_table(lines, stem.with_name(f"{stem.name}_reference.csv"))
-            drawn = figures.direction_figure(split, plane, directions, contact, lines, missing)
-            yield from figures.save(drawn, stem)
+            records = records_by_direction(jobs, plane, bins=directions)
+            drawn = direction_figure(split, plane, directions, title, lines, missing, records)
+            yield from save(drawn, stem)
         counts = pd.DataFrame(told, columns=["map", "jobs", "unplaced", "beyond"])
         yield save_table(counts, place / "unplaced.csv")
 
@@ -86,7 +102,7 @@ def write_directions(
         rose, sector = topple_rose(jobs), sector_share(jobs, *sector_deg)
         yield save_table(rose, place / "directions.csv")
         yield save_table(pd.DataFrame([sector]), place / "sector.csv")
-        yield from figures.save(figures.rose_figure(rose, quasi_static, sector), place / "directions")
+        yield from save(rose_figure(rose, quasi_static, sector), place / "directions")
 
 
 def write_friction(frame: pd.DataFrame, folder: Path, plane: Plane) -> Iterator[Path]:
@@ -104,7 +120,7 @@ def write_friction(frame: pd.DataFrame, folder: Path, plane: Plane) -> Iterator[
         place.mkdir(parents=True, exist_ok=True)
         yield save_table(table, place / "friction_cells.csv")
         yield save_table(jobs, place / "friction_jobs.csv")
-        yield from figures.save(figures.friction_figure(table, jobs), place / "friction")
+        yield from save(friction_figure(table, jobs), place / "friction")
 
 
 def write_audits(audits: Mapping[str, Audit], folder: Path) -> Iterator[Path]:
@@ -179,15 +195,15 @@ def write_fits(
                 yield write_curves(place / f"curves{suffix}", curves, name)
             if any(curve.measure in OPENQUAKE for curve in curves):
                 yield write_curves(place / "curves.xml", curves, name)
-            best = curves[0].measure
+            chosen = fits.headline(models) or next(told for told in models if told.lognormal)
+            best, curve = chosen.measures[0], chosen.lognormal
+            assert curve is not None  # as chosen
             calibrated = fits.calibration(known, fits.out_of_fold(known, [best]))
             yield save_table(calibrated, place / "calibration.csv")
             observed = fits.observed_shares(known, best)
-            samples_of_best = next(
-                drawn for told, drawn in zip(models, resampled, strict=True) if told.lognormal
-            )
-            drawn = figures.fit_figure(curves[0], samples_of_best, observed, ranking, calibrated)
-            yield from figures.save(drawn, place / "fits")
+            toppled = int(known["toppled"].sum())
+            drawn = fit_figure(curve, resampled[models.index(chosen)], observed, ranking, calibrated, toppled)
+            yield from save(drawn, place / "fits")
 
 
 def save_table(table: pd.DataFrame, target: Path) -> Path:

@@ -1,0 +1,190 @@
+"""A shake as a moving picture: the rock across its fall, the seismogram below with a moving cursor."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from textwrap import wrap
+
+import matplotlib as mpl
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw, ImageFont
+
+from toppling.results.drawing.mesh import far_to_near, shades, smooth_surface, surfaces_of, view_frame
+from toppling.results.drawing.page import ARROW_COLOUR, ELEVATION_DEG, azimuth_across, shown_times
+from toppling.results.drawing.style import ALARM_COLOUR, ROCK_COLOUR
+from toppling.results.replay import Replay, tilt_deg
+
+Array = NDArray[np.float64]
+
+FRAMES_HZ, MOST_FRAMES = 12.5, 100
+"""Frames a second of a moving picture, and how many at most: a longer shake is played faster, and says so."""
+
+WIDTH, TITLE_ROWS, STRIP = 480, 2, 92
+"""Pixels: width of picture and view, rows of letters of the title, height of the strip below with the seismogram."""
+
+ROW = 19
+OVERSAMPLING = 2
+"""How much finer it is drawn than shown, so that its edges are smooth."""
+
+
+@dataclass(frozen=True, eq=False)
+class _View:
+    """What stays the same from frame to frame: axes of the view, its middle and half width in metres."""
+
+    frame: Array
+    middle: Array
+    half_m: float
+
+    def pixels(self, points_m: Array, size: int) -> Array:
+        """Places (..., 2) of points on a square of so many pixels."""
+        flat = points_m @ self.frame[:, :2]
+        return 0.5 * size * (1.0 + (flat - self.middle) / self.half_m * (1.0, -1.0))
+
+
+def moving_picture(replay: Replay, path: Path, title: str) -> None:
+    """Write a GIF of the part of a shake in which something is to be seen, with title, seismogram and speed."""
+    times = shown_times(replay, FRAMES_HZ, MOST_FRAMES)
+    position, turn = replay.at(times)
+    tilts = tilt_deg(np.vstack([replay.trajectory.quaternion_xyzw[:1], turn]), replay.scene.pedestal.normal)[
+        1:
+    ]
+    milliseconds = round(1000 / FRAMES_HZ)
+    speed = (times[-1] - times[0]) / (len(times) - 1) / (1e-3 * milliseconds)
+    view = _view_of(replay, position)
+    below = _seismogram(replay, times)
+    heading = _heading(title, speed)
+    frames = []
+    for time, place, attitude, tilt in zip(times, position, turn, tilts, strict=True):
+        picture = Image.new("RGB", (WIDTH, heading.height + WIDTH + STRIP), "white")
+        picture.paste(heading, (0, 0))
+        picture.paste(_pose(replay, view, place, attitude, time), (0, heading.height))
+        picture.paste(below, (0, heading.height + WIDTH))
+        draw = ImageDraw.Draw(picture)
+        past = replay.topple_time_s is not None and time >= replay.topple_time_s
+        draw.text(
+            (8, heading.height + 6), f"{time:.2f} s, tilt {tilt:.1f}°" + (", past no return" if past else ""),
+            fill=ALARM_COLOUR if past else "black", font=_font(14),
+        )  # fmt: skip
+        x = _across(time, times)
+        draw.line(
+            [(x, heading.height + WIDTH + 4), (x, heading.height + WIDTH + STRIP - 18)], fill="black", width=2
+        )
+        frames.append(picture.convert("P", palette=Image.Palette.ADAPTIVE, colors=128))
+    # The last pose is held for a second.
+    durations = [milliseconds] * (len(frames) - 1) + [1000]
+    frames[0].save(path, format="GIF", save_all=True, append_images=frames[1:], duration=durations, loop=0)
+
+
+def speed_words(speed: float) -> str:
+    """Say how much faster or slower than the shake the picture moves."""
+    if abs(speed - 1.0) < 0.05:
+        return "real time"
+    return f"{speed:.1f} times real time" if speed > 1.0 else f"1/{1.0 / speed:.1f} of real time"
+
+
+def _view_of(replay: Replay, position: Array) -> _View:
+    """Across the fall, wide enough for all of it."""
+    rock = replay.scene.rock
+    frame = view_frame(ELEVATION_DEG, azimuth_across(replay))
+    reach = float(np.linalg.norm(rock.vertices_m - rock.com_m, axis=1).max())
+    centres = position @ frame[:, :2]
+    low, high = centres.min(axis=0) - reach, centres.max(axis=0) + reach
+    return _View(frame, 0.5 * (low + high), 0.5 * float((high - low).max()))
+
+
+def _pose(replay: Replay, view: _View, place: Array, attitude: Array, time_s: float) -> Image.Image:
+    """Triangles painted from far to near (orthographic), and the ground's acceleration as an arrow."""
+    rock, pedestal = smooth_surface(replay.placed(place, attitude), replay.scene.rock.faces, ROCK_COLOUR), (
+        surfaces_of(replay.scene)[1]
+    )  # fmt: skip
+    light = view.frame @ np.array([-0.4, 0.55, 0.75])
+    corners, painted = [], []
+    for surface in (rock, pedestal):
+        corner = surface.vertices_m[surface.faces] @ view.frame
+        side = np.cross((corner[:, 1] - corner[:, 0])[:, :2], (corner[:, 2] - corner[:, 0])[:, :2])
+        corners.append(corner[side > 0])
+        painted.append(shades(surface, light)[side > 0])
+    triangles, colours = np.concatenate(corners), np.concatenate(painted)
+    order = far_to_near(triangles, len(corners[0]), replay.scene.pedestal)
+    size = OVERSAMPLING * WIDTH
+    places = 0.5 * size * (1.0 + (triangles[order, :, :2] - view.middle) / view.half_m * (1.0, -1.0))
+    image = Image.new("RGB", (size, size), "#f4f6f8")
+    draw = ImageDraw.Draw(image)
+    for outline, shade in zip(
+        places.reshape(-1, 6).tolist(), (255 * colours[order]).astype(int).tolist(), strict=True
+    ):
+        draw.polygon(outline, fill=tuple(shade))
+    _draw_arrow(draw, replay, view, time_s, size)
+    return image.resize((WIDTH, WIDTH), Image.Resampling.BOX)
+
+
+def _draw_arrow(draw: ImageDraw.ImageDraw, replay: Replay, view: _View, time_s: float, size: int) -> None:
+    motion = replay.motion
+    ground = np.array(
+        [np.interp(time_s, motion.time_s, axis, right=0.0) for axis in motion.acceleration_m_s2.T]
+    )
+    strongest = max(float(np.linalg.norm(motion.acceleration_m_s2, axis=1).max()), 1e-9)
+    foot = np.append(replay.scene.rock.com_m[:2], replay.scene.pedestal.point_m[2])
+    tip = foot + 0.6 * view.half_m * ground / strongest
+    start, end = view.pixels(np.array([foot, tip]), size)
+    along = end - start
+    length = float(np.hypot(*along))
+    if length < 6:
+        return
+    unit = along / length
+    head = min(22.0, 0.5 * length)
+    across = np.array([-unit[1], unit[0]]) * 0.5 * head
+    draw.line([tuple(start), tuple(end - head * unit)], fill=ARROW_COLOUR, width=7)
+    draw.polygon(
+        [tuple(end), tuple(end - head * unit + across), tuple(end - head * unit - across)], fill=ARROW_COLOUR
+    )
+
+
+def _heading(title: str, speed: float) -> Image.Image:
+    lines = [*wrap(title, 62), f"{speed_words(speed)}; arrow: ground's acceleration"]
+    image = Image.new("RGB", (WIDTH, ROW * len(lines) + 8), "white")
+    draw = ImageDraw.Draw(image)
+    for number, line in enumerate(lines):
+        fill = "black" if number < len(lines) - 1 else "#555555"
+        draw.text((8, 4 + ROW * number), line, fill=fill, font=_font(13))
+    return image
+
+
+def _seismogram(replay: Replay, times: Array) -> Image.Image:
+    """The stronger horizontal component over the time shown, with the point of no return."""
+    motion = replay.motion
+    column = int(np.argmax(np.abs(motion.acceleration_m_s2[:, :2]).max(axis=0)))
+    at = np.linspace(times[0], times[-1], 4 * WIDTH)
+    values = np.interp(at, motion.time_s, motion.acceleration_m_s2[:, column], right=0.0)
+    peak = max(float(np.abs(values).max()), 1e-9)
+    image = Image.new("RGB", (WIDTH, STRIP), "white")
+    draw = ImageDraw.Draw(image)
+    middle, reach = (STRIP - 18) / 2 + 2, (STRIP - 26) / 2
+    draw.line([(8, middle), (WIDTH - 8, middle)], fill="#cccccc")
+    draw.line(
+        [
+            (_across(time, times), middle - reach * value / peak)
+            for time, value in zip(at, values, strict=True)
+        ],
+        fill="#31688e",
+    )
+    if replay.topple_time_s is not None and times[0] <= replay.topple_time_s <= times[-1]:
+        x = _across(replay.topple_time_s, times)
+        for y in range(4, STRIP - 18, 7):
+            draw.line([(x, y), (x, y + 4)], fill=ALARM_COLOUR, width=2)
+    component = ("east", "north")[column]
+    draw.text(
+        (8, STRIP - 17),
+        f"ground acceleration toward {component}, peak {peak:.2g} m/s²",
+        fill="#444444",
+        font=_font(12),
+    )
+    return image
+
+
+def _across(time: float, times: Array) -> float:
+    return 8 + (time - times[0]) / (times[-1] - times[0]) * (WIDTH - 16)
+
+
+def _font(size: int) -> ImageFont.FreeTypeFont:
+    return ImageFont.truetype(str(Path(mpl.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf"), size)

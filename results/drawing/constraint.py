@@ -1,0 +1,116 @@
+"""Hazard curves beside the rates of exceedance that standing rocks reject."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator
+from numpy.typing import NDArray
+
+from toppling.results.drawing.style import COLOURS, HALF_WIDTH_IN, measure_label, plain_log, style
+from toppling.results.hazard import HazardCurve, Standing
+
+
+def constraint_figure(
+    bound: pd.DataFrame,
+    branches: Sequence[HazardCurve],
+    confidence: float,
+    verdicts: pd.DataFrame | None = None,
+    rocks: Sequence[Standing] = (),
+    width_in: float = HALF_WIDTH_IN,
+) -> Figure:
+    """Which rates of exceedance the standing rocks reject, with the hazard curves that were asked about.
+
+    Parameters
+    ----------
+    bound : DataFrame
+        From `results.constraint.bound_table`.
+    branches : sequence of HazardCurve
+    confidence : float
+    verdicts : DataFrame or None
+        From `results.constraint.branch_table`: survival and verdict of each branch, for the legend.
+    rocks : sequence of Standing
+        Their ages stand above the figure.
+    width_in : float
+    """
+    measure = bound.columns[0]
+    rate = bound["rejected_annual_rate"]
+    below_in = 0.45 + 0.16 * (1 + len(branches))
+    height = 3.0 + below_in
+    with style():
+        figure = Figure(figsize=(width_in, height))
+        axes = figure.subplots(
+            gridspec_kw={
+                "left": 0.62 / width_in, "right": 1 - 0.12 / width_in, "bottom": (below_in + 0.1) / height,
+                "top": 1 - 0.3 / height,
+            }
+        )  # fmt: skip
+        seen = [_within(bound, branch) for branch in branches]
+        least, top = _rates_shown(bound, [rates for rates in seen if len(rates)])
+        axes.fill_between(
+            bound[measure], rate, top, color="0.85", lw=0,
+            label=f"rates rejected at {100 * confidence:g} %, whatever the rest of the curve",
+        )  # fmt: skip
+        axes.plot(bound[measure], rate, color="k", lw=1)
+        colours = COLOURS(np.linspace(0.15, 0.85, max(1, len(branches))))
+        for number, (branch, rates, colour) in enumerate(zip(branches, seen, colours, strict=False)):
+            name = branch.name if len(rates) else f"{branch.name} (no rates here)"
+            dashes = ("-", "--", "-.", ":")[number % 4]
+            verdict = "" if verdicts is None else _verdict(verdicts.iloc[number])
+            axes.plot(
+                branch.intensity, branch.annual_rate, dashes, color=colour, lw=1.3, label=name + verdict
+            )
+        axes.set(
+            xscale="log", yscale="log", xlabel=measure_label(measure), ylabel="annual rate of exceedance",
+            xlim=(bound[measure].min(), bound[measure].max()), ylim=(least, top),
+        )  # fmt: skip
+        axes.set_title(ages_words(rocks))
+        plain_log(axes.xaxis)
+        axes.yaxis.set_major_locator(LogLocator(numticks=10))
+        axes.yaxis.set_minor_locator(LogLocator(subs=tuple(range(2, 10)), numticks=99))
+        figure.legend(
+            *axes.get_legend_handles_labels(), loc="lower left", frameon=False, bbox_to_anchor=(0.0, 0.0),
+            handlelength=2.4, borderaxespad=0.2,
+        )  # fmt: skip
+    return figure
+
+
+def ages_words(rocks: Sequence[Standing]) -> str:
+    """Say how long rocks have stood: one age, a range, or each by name; empty without rocks or ages."""
+    told = {rock.name: _years(rock.years) for rock in rocks if np.isfinite(rock.years).any()}
+    if len(set(told.values())) == 1:
+        return f"standing for {next(iter(told.values()))}"
+    return "; ".join(f"{name}: {years}" for name, years in told.items())
+
+
+def _years(years: NDArray[np.float64]) -> str:
+    low, high = (f"{float(f'{value:.3g}'):,.0f}" for value in (np.min(years), np.max(years)))
+    return f"{low} years" if low == high else f"{low} to {high} years"
+
+
+def _verdict(row: pd.Series) -> str:
+    survival = row["survival"]
+    told = f"{survival:.2f}" if survival >= 0.01 else f"{survival:.0e}" if survival > 1e-99 else "0"
+    return f": survival {told}, {'rejected' if row['rejected'] else 'not rejected'}"
+
+
+def _within(bound: pd.DataFrame, branch: HazardCurve) -> NDArray[np.float64]:
+    """Rates of a branch at the bound's intensities that it has."""
+    intensity = bound.iloc[:, 0].to_numpy()
+    inside = (intensity >= branch.intensity[0]) & (intensity <= branch.intensity[-1])
+    return branch.rate(intensity[inside])
+
+
+def _rates_shown(bound: pd.DataFrame, drawn: Sequence[NDArray[np.float64]]) -> tuple[float, float]:
+    """Ends of the rates: those of the bound, widened to what the branches have at its intensities.
+
+    A branch that falls steeply may leave the frame a thousand times below the bound, but where it comes nearest to
+    the bound it is seen, however far off that is.
+    """
+    rejected = bound["rejected_annual_rate"]
+    least, top = rejected.min() / 10, 3 * rejected.max()
+    for rates in drawn:
+        least = min(least, rates.max() / 10, max(rates.min() / 2, rejected.min() / 1000))
+        top = max(top, 3 * rates.min())
+    return float(least), float(top)

@@ -1,0 +1,144 @@
+"""Fragility curve of the best single measure, how the measures rank, and how predictions hold."""
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from scipy.stats import norm
+
+from toppling.results.drawing.style import (
+    FULL_WIDTH_IN,
+    MAIN_COLOUR,
+    measure_label,
+    plain_log,
+    printed_unit,
+    short_name,
+    style,
+)
+from toppling.results.fits import FEW_TOPPLED, Lognormal, Resampled
+
+FIT_CAPTION = (
+    "All intervals are of 95 %. Bars of shares: Wilson's, by record.",
+    "Band, and bars of the ranking: of records drawn anew (bootstrap).",
+)
+
+
+def fit_figure(
+    curve: Lognormal,
+    resampled: Resampled | None,
+    observed: pd.DataFrame,
+    ranking: pd.DataFrame,
+    calibrated: pd.DataFrame,
+    toppled: int | None = None,
+    width_in: float = FULL_WIDTH_IN,
+) -> Figure:
+    """One measure's fragility with its band, how the measures rank, and how predictions hold.
+
+    Parameters
+    ----------
+    curve : Lognormal
+    resampled : Resampled or None
+        From `results.fits.bootstrap`.
+    observed, ranking, calibrated : DataFrame
+        From `results.fits`: observed_shares, compare_measures, calibration.
+    toppled : int or None
+        Topplings among the jobs, where known: too few of them rank no measure.
+    width_in : float
+        Three panels in a row on a page's width, below each other on less.
+    """
+    beside = width_in >= FULL_WIDTH_IN
+    too_few = toppled is not None and toppled < FEW_TOPPLED
+    with style():
+        figure = Figure(figsize=(width_in, 2.75) if beside else (width_in, 7.6))
+        shape, room = (
+            ((1, 3), {"wspace": 0.72, "bottom": 0.27, "left": 0.075, "right": 0.975, "top": 0.86})
+            if beside
+            else ((3, 1), {"hspace": 0.5, "bottom": 0.11, "left": 0.27, "right": 0.95, "top": 0.96})
+        )
+        left, middle, right = figure.subplots(*shape, gridspec_kw=room)
+        figure.text(
+            0.5,
+            0.008,
+            (" " if beside else "\n").join(FIT_CAPTION),
+            ha="center",
+            va="bottom",
+            size=6.5,
+            color="0.25",
+        )
+        draw_curve(left, curve, resampled, observed)
+        if too_few:
+            left.set_title(f"too few topplings for a curve ({toppled})")
+            _say_too_few(middle, toppled)
+        else:
+            left.set_title(f"median {curve.median:.3g} {printed_unit(curve.measure)}, beta {curve.beta:.2f}")
+            _draw_ranking(middle, ranking)
+        middle.set_title("which measure predicts best")
+        _draw_calibration(right, calibrated)
+    return figure
+
+
+def draw_curve(axes: Axes, curve: Lognormal, resampled: Resampled | None, observed: pd.DataFrame) -> None:
+    """Lognormal fragility with its band, over the observed shares with their intervals."""
+    intensity = np.geomspace(
+        min(observed["value"].min(), curve.intensity(0.01)), observed["value"].max() * 1.1, 200
+    )
+    if resampled is not None and len(resampled.coefficients):
+        drawn = norm.cdf(resampled.coefficients[:, :1] + resampled.coefficients[:, 1:] * np.log(intensity))
+        axes.fill_between(intensity, *resampled.interval(drawn), color=MAIN_COLOUR, alpha=0.3, lw=0)
+    axes.plot(intensity, curve.probability(intensity), color=MAIN_COLOUR, lw=1.2)
+    spread = np.abs(observed[["wilson_low", "wilson_high"]].to_numpy().T - observed["probability"].to_numpy())
+    axes.errorbar(
+        observed["value"],
+        observed["probability"],
+        yerr=spread,
+        fmt=".",
+        ms=4,
+        lw=0.6,
+        color="0.2",
+        clip_on=False,
+    )
+    axes.set(
+        xscale="log", ylim=(0, 1), xlim=(intensity[0], intensity[-1]), xlabel=measure_label(curve.measure),
+        ylabel="toppling probability",
+    )  # fmt: skip
+    plain_log(axes.xaxis)
+
+
+def _say_too_few(axes: Axes, toppled: int | None) -> None:
+    axes.text(
+        0.5, 0.5, f"too few topplings:\n{toppled}, fewer than {FEW_TOPPLED}", transform=axes.transAxes, ha="center",
+        va="center", color="0.3",
+    )  # fmt: skip
+    axes.set(xticks=[], yticks=[])
+
+
+def _draw_ranking(axes: Axes, ranking: pd.DataFrame) -> None:
+    """Log loss of each measure above the best's, with its interval."""
+    places = np.arange(len(ranking))[::-1]
+    if "worse_by" in ranking:
+        ends = ranking[["worse_by_low", "worse_by_high"]].to_numpy().T
+        bars = np.abs(ends - ranking["worse_by"].to_numpy())
+        axes.axvline(0.0, color="0.7", lw=0.6)
+        axes.errorbar(ranking["worse_by"], places, xerr=bars, fmt="o", ms=3, lw=0.8, color=MAIN_COLOUR)
+    lost = ranking["worse_by"].isna() if "worse_by" in ranking else np.full(len(ranking), fill_value=True)
+    for place in places[lost]:
+        axes.text(
+            0.04, place, "no fit", va="center", size=6.5, color="0.4", transform=axes.get_yaxis_transform()
+        )
+    axes.set_ylim(-0.6, len(ranking) - 0.4)
+    axes.set_yticks(places, [short_name(name) for name in ranking["measures"]])
+    axes.set(xlabel="log loss above the best's")
+
+
+def _draw_calibration(axes: Axes, calibrated: pd.DataFrame) -> None:
+    """Share observed against probability predicted, of records that were not fitted to."""
+    axes.plot([0, 1], [0, 1], "k--", lw=0.8)
+    ends = calibrated[["wilson_low", "wilson_high"]].to_numpy().T
+    axes.errorbar(
+        calibrated["predicted"], calibrated["observed"], np.abs(ends - calibrated["observed"].to_numpy()), fmt="o",
+        ms=3, lw=0.6, color=MAIN_COLOUR, clip_on=False,
+    )  # fmt: skip
+    axes.set(
+        xlabel="predicted probability", ylabel="observed share", title="records not fitted to",
+        xlim=(0, 1), ylim=(0, 1), xticks=np.linspace(0, 1, 5), xticklabels=["0", "", "0.5", "", "1"],
+    )  # fmt: skip

@@ -1,0 +1,279 @@
+"""Maps: toppling probability in the cells of a plane, over all directions and by direction of the shaking.
+
+Empty cells stay empty, thin ones carry a dot, and a cell is as wide as its share of the jobs: the caption says so.
+"""
+
+from collections.abc import Mapping
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.collections import PolyCollection
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from toppling.models.frames import compass_deg
+from toppling.results.drawing.style import COLOURS, FULL_WIDTH_IN, HALF_WIDTH_IN, style
+from toppling.results.fragility import THIN_RECORDS, Axis, Plane
+
+LINE_IN = 0.15
+"""Height of a line of text above or below all panels."""
+
+FULL_SHARE = 0.4
+"""Share of the jobs from which on a cell fills its bin; without it, the narrow columns would vanish."""
+
+LAST_TICK = 0.85
+"""Share of a small panel's width beyond which no tick is labelled: it would run into the next panel's first."""
+
+NO_RECORDS = "no records"
+
+_WINDS = ("N", "NE", "E", "SE", "S", "SW", "W", "NW")
+
+
+def map_figure(
+    table: pd.DataFrame,
+    plane: Plane,
+    title: str = "",
+    unplaced: int = 0,
+    beyond: int = 0,
+    records: int | None = None,
+) -> Figure:
+    """One map: toppling probability in the cells of a plane.
+
+    Parameters
+    ----------
+    table : DataFrame
+        From `results.fragility.cells`.
+    plane : Plane
+        The plane it was made for.
+    title : str
+        What the jobs have in common, as "μ = 0.8".
+    unplaced, beyond : int
+        From `results.fragility`'s functions of these names.
+    records : int or None
+        Distinct records on the map, where known.
+    """
+    caption = [*_width_words(table, plane), *_left_out(plane, unplaced, beyond)]
+    height = 3.0 + LINE_IN * len(caption)
+    with style():
+        figure = Figure(figsize=(HALF_WIDTH_IN, height))
+        margins = _margins(HALF_WIDTH_IN, height, below_in=LINE_IN * len(caption))
+        axes = figure.subplots(gridspec_kw=margins)
+        _draw_cells(axes, table, plane, _full_share(table))
+        axes.set_title("\n".join(filter(None, (title, _counted(table, records)))))
+        _frame_cells(axes, table, plane)
+        axes.set(xlabel=_label(plane.x), ylabel=_label(plane.y))
+        _colour_bar(figure, margins)
+        _write_caption(figure, caption)
+    return figure
+
+
+def direction_figure(
+    table: pd.DataFrame,
+    plane: Plane,
+    bins: int,
+    title: str = "",
+    reference: pd.DataFrame | None = None,
+    unplaced: int = 0,
+    records: Mapping[float, int] | None = None,
+    width_in: float = FULL_WIDTH_IN,
+) -> Figure:
+    """One map for each direction bin of the vector PGA, clockwise from north, on shared axes.
+
+    Parameters
+    ----------
+    table : DataFrame
+        From `results.fragility.cells_by_direction`.
+    plane : Plane
+        The plane it was made for.
+    bins : int
+        Direction bins around the circle; those without a record are drawn empty.
+    title : str
+    reference : DataFrame or None
+        From `results.plane_reference.reference_lines`, for a plane of PGV/PGA and PGA.
+    unplaced : int
+        From `results.fragility.unplaced`.
+    records : mapping of float to int, or None
+        Distinct records of each direction bin, where known.
+    width_in : float
+        Four panels a row on a page's width, two on less.
+    """
+    directions = sorted(
+        (k * 360.0 / bins for k in range(bins)), key=lambda azimuth: float(compass_deg(azimuth))
+    )
+    columns = min(4 if width_in >= FULL_WIDTH_IN else 2, len(directions))
+    lines = -(-len(directions) // columns)
+    caption = [
+        "Panels: compass direction of the vector PGA; azimuths counter-clockwise from east.",
+        *_width_words(table, plane),
+        *_left_out(plane, unplaced, 0),
+        *_told_lines(reference),
+    ]
+    if width_in < FULL_WIDTH_IN:
+        caption = [part for line in caption for part in _halved(line)]
+    with style():
+        height = 0.9 + 2.1 * lines + LINE_IN * (len(caption) + bool(title))
+        figure = Figure(figsize=(width_in, height))
+        margins = _margins(width_in, height, above_in=LINE_IN * bool(title), below_in=LINE_IN * len(caption))
+        apart = {**margins, "wspace": 0.12, "hspace": 0.32}
+        grid = figure.subplots(lines, columns, sharex=True, sharey=True, squeeze=False, gridspec_kw=apart)
+        for axes, direction in zip(grid.flat, directions, strict=False):
+            cells = table[table["direction_deg"] == direction]
+            known = None if records is None else records.get(direction, 0)
+            axes.set_title(f"{_direction_words(direction, bins)}\n{_counted(cells, known)}")
+            if len(cells):
+                _draw_cells(axes, cells, plane, _full_share(table))
+            else:
+                axes.text(
+                    0.5, 0.5, NO_RECORDS, transform=axes.transAxes, ha="center", va="center", color="0.4"
+                )
+            _frame_cells(axes, table, plane)
+            _few_ticks(axes)
+            if reference is not None:
+                _draw_lines(axes, reference[reference["azimuth_deg"] == direction])
+        for axes in grid.flat[len(directions) :]:
+            axes.set_axis_off()
+        for column in range(columns):  # the lowest panel of each column, also where the last row is not full
+            lowest = max(row for row in range(lines) if row * columns + column < len(directions))
+            grid[lowest, column].tick_params(labelbottom=True)
+        middle = 0.5 * (margins["left"] + margins["right"])
+        figure.supxlabel(
+            _label(plane.x), x=middle, y=(LINE_IN * len(caption) + 0.1) / height, size=8, va="bottom"
+        )
+        figure.supylabel(_label(plane.y), size=8)
+        if title:
+            figure.text(0.01, 1 - 0.05 / height, title, size=8.5, va="top")
+        _colour_bar(figure, margins)
+        _write_caption(figure, caption)
+    return figure
+
+
+def _direction_words(direction_deg: float, bins: int) -> str:
+    """Compass name of a direction bin, with its azimuths."""
+    compass, half = float(compass_deg(direction_deg)), 180.0 / bins
+    wind = _WINDS[round(compass / 45.0) % 8] if compass % 45.0 == 0.0 else f"compass {compass:g}°"
+    return f"{wind} ({direction_deg - half:g}° to {direction_deg + half:g}°)"
+
+
+def _counted(table: pd.DataFrame, records: int | None) -> str:
+    jobs = int(table["jobs"].sum())
+    return f"{jobs:,} jobs" if records is None else f"{jobs:,} jobs, {records:,} records"
+
+
+def _few_ticks(axes: Axes) -> None:
+    left, right = axes.get_xlim()
+    ticks = np.asarray(MaxNLocator(4).tick_values(left, right))
+    axes.set_xticks(ticks[(ticks >= left) & (ticks <= left + LAST_TICK * (right - left))])
+    axes.yaxis.set_major_locator(MaxNLocator(5))
+
+
+def _draw_cells(axes: Axes, table: pd.DataFrame, plane: Plane, full_share: float) -> None:
+    """Each cell a bar in the middle of its bin, as wide as its share of the jobs."""
+    low, high = (table[f"{plane.x.column}_{end}"].to_numpy() for end in ("low", "high"))
+    bottom, top = (table[f"{plane.y.column}_{end}"].to_numpy() for end in ("low", "high"))
+    middle, half = (low + high) / 2, 0.48 * (high - low)
+    # Never thinner than the eye can tell a colour.
+    half *= np.clip(table["share"].to_numpy() / full_share, 0.08, 1.0)
+    corners = np.array(
+        [[middle - half, bottom], [middle + half, bottom], [middle + half, top], [middle - half, top]]
+    )
+    bars = PolyCollection(
+        list(corners.transpose(2, 0, 1)),
+        cmap=COLOURS,
+        norm=Normalize(0, 1),
+        edgecolors="0.4",
+        linewidths=0.15,
+    )
+    bars.set_array(table["probability"].to_numpy(float))
+    axes.add_collection(bars)
+    thin = table["thin"].to_numpy()
+    # Bright with a dark rim: seen on every colour.
+    axes.plot(
+        middle[thin], ((bottom + top) / 2)[thin], "o", ms=1.6, mfc="white", mec="0.2", mew=0.3, clip_on=False
+    )
+
+
+def _left_out(plane: Plane, unplaced: int, beyond: int) -> list[str]:
+    """What the map does not show, a line each."""
+    ends = [f"{axis.below:g} {axis.unit}" for axis in (plane.x, plane.y) if axis.below is not None]
+    told = []
+    if beyond:
+        told.append(f"Not shown: {beyond:,} jobs from {' or '.join(ends)} on.")
+    if unplaced:
+        told.append(f"In no cell: {unplaced:,} jobs whose measures are not known.")
+    return told
+
+
+def _frame_cells(axes: Axes, table: pd.DataFrame, plane: Plane) -> None:
+    """Limits that hold all cells of a table, so that maps on shared axes hide none of each other's."""
+    low, high = table[f"{plane.x.column}_low"], table[f"{plane.x.column}_high"]
+    axes.set_xlim(min(0.0, low.min()) if len(low) else 0.0, high.max() if len(high) else 1.0)
+    axes.set_ylim(0.0, table[f"{plane.y.column}_high"].max() if len(table) else 1.0)
+
+
+def _draw_lines(axes: Axes, lines: pd.DataFrame) -> None:
+    """Draw the plane reference's probabilities, inside the cells' frame."""
+    frame = axes.axis()
+    for probability, line in lines.groupby("probability"):
+        dashes = "-" if probability > 0.5 else "--"
+        axes.plot(line["pgv_pga_s"], line["pga_m_s2"], dashes, color="white", lw=2.0)
+        axes.plot(line["pgv_pga_s"], line["pga_m_s2"], dashes, color="black", lw=0.9)
+    axes.axis(frame)
+
+
+def _told_lines(lines: pd.DataFrame | None) -> list[str]:
+    if lines is None or not len(lines):
+        return []
+    low, high = (f"{100 * part:g} %" for part in (lines["probability"].min(), lines["probability"].max()))
+    return [f"Lines: a plane section of the rock topples with {low} (dashed) and {high} (solid)."]
+
+
+def _full_share(table: pd.DataFrame) -> float:
+    return min(FULL_SHARE, table["share"].max()) if len(table) else FULL_SHARE
+
+
+def _width_words(table: pd.DataFrame, plane: Plane) -> list[str]:
+    pool = "all jobs" if plane.share_within is None else "its level's jobs"
+    return [
+        f"Width: share of {pool}, full from {100 * _full_share(table):.0f} %. Dot: < {THIN_RECORDS} records."
+    ]
+
+
+def _halved(line: str) -> list[str]:
+    """A line of a caption in two where it is too long for a narrow figure, broken at a space near its middle."""
+    if len(line) < 62:
+        return [line]
+    spaces = [k for k, letter in enumerate(line) if letter == " "]
+    middle = min(spaces, key=lambda k: abs(k - len(line) // 2))
+    return [line[:middle], line[middle + 1 :]]
+
+
+def _write_caption(figure: Figure, lines: list[str]) -> None:
+    figure.text(
+        0.02, 0.04 / figure.get_size_inches()[1], "\n".join(lines), size=6.5, va="bottom", color="0.25"
+    )
+
+
+def _margins(
+    width_in: float, height_in: float, above_in: float = 0.0, below_in: float = 0.0
+) -> dict[str, float]:
+    """Room for labels and colour bar, in inches whatever the figure's size; a layout engine costs seconds."""
+    return {
+        "left": 0.55 / width_in,
+        "right": 1 - 0.62 / width_in,
+        "bottom": (0.48 + below_in) / height_in,
+        "top": 1 - (0.4 + above_in) / height_in,
+    }
+
+
+def _colour_bar(figure: Figure, margins: dict[str, float]) -> None:
+    width = figure.get_size_inches()[0]
+    place = (1 - 0.54 / width, margins["bottom"], 0.1 / width, margins["top"] - margins["bottom"])
+    bar = figure.colorbar(ScalarMappable(Normalize(0, 1), COLOURS), cax=figure.add_axes(place))
+    bar.set_label("toppling probability", size=7.5)
+
+
+def _label(axis: Axis) -> str:
+    return f"{axis.label} ({axis.unit})"

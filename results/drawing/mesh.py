@@ -1,0 +1,103 @@
+"""Surfaces for pictures: shaded smoothly up to their edges, painted from far to near, and what they hide."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import trimesh
+from matplotlib.colors import to_rgb
+from numpy.typing import NDArray
+
+from toppling.models.pedestal import Pedestal
+from toppling.models.scene import Scene
+from toppling.results.drawing.style import PEDESTAL_COLOUR, ROCK_COLOUR
+
+Array = NDArray[np.float64]
+
+CREASE_DEG = 35.0
+"""Between faces at a larger angle an edge stays sharp: a block looks like one, a boulder is smooth."""
+
+AMBIENT = 0.45
+"""Share of light that comes from everywhere."""
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """Triangles with a normal at each vertex; vertices on a sharp edge occur once a side.
+
+    Parameters
+    ----------
+    vertices_m, normals : (n, 3) array
+    faces : (k, 3) array of int
+    colour : str
+    """
+
+    vertices_m: Array
+    normals: Array
+    faces: NDArray[np.int64]
+    colour: str
+
+
+def smooth_surface(vertices_m: Array, faces: NDArray[np.int64], colour: str) -> Surface:
+    """A mesh whose edges are sharp where its faces meet at more than `CREASE_DEG`."""
+    mesh = trimesh.Trimesh(vertices_m, faces, process=False)
+    smooth = trimesh.graph.smooth_shade(mesh, angle=np.deg2rad(CREASE_DEG))
+    return Surface(
+        np.asarray(smooth.vertices, float),
+        np.asarray(smooth.vertex_normals, float),
+        np.asarray(smooth.faces),
+        colour,
+    )
+
+
+def surfaces_of(scene: Scene) -> tuple[Surface, Surface]:
+    """Rock and pedestal of a scene."""
+    return (
+        smooth_surface(scene.rock.vertices_m, scene.rock.faces, ROCK_COLOUR),
+        smooth_surface(*scene.pedestal_triangles(), PEDESTAL_COLOUR),
+    )
+
+
+def view_frame(elevation_deg: float, azimuth_deg: float) -> Array:
+    """Axes (3, 3, as columns) of a view: to the right, up, toward the eye, which stands at an elevation and azimuth."""
+    turn, lift = np.deg2rad(azimuth_deg), np.deg2rad(elevation_deg)
+    toward = np.array([np.cos(lift) * np.cos(turn), np.cos(lift) * np.sin(turn), np.sin(lift)])
+    right = np.array([-np.sin(turn), np.cos(turn), 0.0])
+    return np.column_stack([right, np.cross(toward, right), toward])
+
+
+def shades(surface: Surface, light: Array) -> Array:
+    """Colour of each face (k, 3), between 0 and 1, lit from a direction; the side in shadow keeps its shape."""
+    normal = surface.normals[surface.faces].mean(axis=1)
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-30)
+    # Half Lambert: light wraps around, so that no side of a boulder is one flat dark.
+    lit = AMBIENT + (1.0 - AMBIENT) * (0.5 + 0.5 * (normal @ (light / np.linalg.norm(light)))) ** 1.5
+    return lit[:, None] * np.array(to_rgb(surface.colour))
+
+
+def far_to_near(corners: Array, of_rock: int, pedestal: Pedestal) -> NDArray[np.intp]:
+    """Order in which triangles (n, 3, 3), third axis toward the eye, are painted: those of the rock come first."""
+    depth = corners[:, :, 2].mean(axis=1)
+    if pedestal.is_plane:  # its triangles are too large to have one depth, and the rock is on them
+        depth[of_rock:] = -np.inf
+    return np.argsort(depth)
+
+
+def hidden(points: Array, corners: Array, tolerance_m: float) -> NDArray[np.bool_]:
+    """Which points (k, 3) lie behind a triangle (n, 3, 3), third axis toward the eye.
+
+    A point that is less than the tolerance behind lies on the surface, and is seen.
+    """
+    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
+    area = (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0])
+    facing = np.abs(area) > 1e-14
+    a, b, c, area = a[facing], b[facing], c[facing], area[facing]
+    behind = np.zeros(len(points), bool)
+    for number, (x, y, depth) in enumerate(points):
+        u = ((b[:, 0] - x) * (c[:, 1] - y) - (b[:, 1] - y) * (c[:, 0] - x)) / area
+        v = ((c[:, 0] - x) * (a[:, 1] - y) - (c[:, 1] - y) * (a[:, 0] - x)) / area
+        over = (u >= 0) & (v >= 0) & (u + v <= 1)
+        if over.any():
+            w = 1.0 - u[over] - v[over]
+            nearest = (u[over] * a[over, 2] + v[over] * b[over, 2] + w * c[over, 2]).max()
+            behind[number] = nearest > depth + tolerance_m
+    return behind

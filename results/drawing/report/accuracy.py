@@ -1,0 +1,32 @@
+"""How far the answers of a run may be off."""
+
+import pandas as pd
+
+from toppling.results.audit import audit_table, audits_of
+from toppling.results.drawing.report.document import Document, safe
+from toppling.results.run import Run
+
+
+def accuracy_section(run: Run, frame: pd.DataFrame, document: Document) -> str:
+    """Engine, preset and time step, deepest overlap, and what the run's audit says."""
+    presets, engines = (", ".join(sorted(frame[name].unique())) for name in ("preset", "engine"))
+    # A preset's steps may differ beyond the digits that are shown.
+    steps = ", ".join(dict.fromkeys(f"{step:g}" for step in sorted(frame["time_step_s"].dropna())))
+    lines = [f"<p>Engine {safe(engines)}; preset {safe(presets)}; time step {steps or 'not stated'} s.</p>"]
+    if frame["penetration_m"].notna().any():
+        lines.append(f"<p>Deepest overlap of rock and pedestal {frame['penetration_m'].max():.2g} m.</p>")
+    audits = audits_of(run)
+    lines += [f"<p>{safe(audit.sentence)}.</p>" for audit in audits.values()]
+    if not audits:
+        lines.append(
+            "<p>This run has not been audited: <code>toppling audit RUN --jobs 200</code> does a sample of its jobs "
+            "again and says how far its answers may be off.</p>"
+        )
+    else:
+        caption = "Jobs done again: what moves, with intervals of 95 %."
+        lines.append(document.table(audit_table(audits), caption))
+        lines.append(
+            "<p>Near a threshold the answer to one job is chaotic, whatever the settings: one job is no statement "
+            "about a rock, the share of many is.</p>"
+        )
+    return "".join(lines)

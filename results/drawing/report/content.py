@@ -1,0 +1,187 @@
+"""What a report rests on, computed once: the run's jobs, fits of each contact, and what the standing rock says."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from toppling.models.errors import InputError
+from toppling.models.motions.ensemble import CATALOG, Ensemble
+from toppling.models.scene import Scene
+from toppling.results import fits
+from toppling.results.constraint import bound_table, branch_table, single_event
+from toppling.results.fragility import FRICTION, by_contact, contact_words
+from toppling.results.hazard import HazardCurve, Standing
+from toppling.results.run import Run
+
+CONFIDENCE = 0.95
+
+HEADLINE_MEASURE = "pgv_m_s"
+"""What a report's first sentence is about where it has a fit, as 'toppling constrain' is: hazard curves of it exist."""
+
+
+@dataclass(frozen=True, eq=False)
+class Contact:
+    """Jobs of one scene, preset and contact, with their fits.
+
+    Parameters
+    ----------
+    words : str
+        What tells it from others, such as "μ = 0.8".
+    jobs : DataFrame
+        All of its jobs, with or without an answer.
+    samples : int
+        Bootstrap samples of the fits.
+    """
+
+    words: str
+    jobs: pd.DataFrame
+    samples: int
+
+    @cached_property
+    def known(self) -> pd.DataFrame:
+        """Jobs with an answer."""
+        return fits.answered(self.jobs)
+
+    @property
+    def toppled(self) -> int:
+        """Number of jobs that toppled the rock."""
+        return int(self.known["toppled"].sum())
+
+    @cached_property
+    def ranking(self) -> pd.DataFrame:
+        """Measures of intensity, best first."""
+        return fits.compare_measures(self.known)
+
+    @cached_property
+    def models(self) -> list[tuple[fits.Fit, fits.Resampled | None]]:
+        """Fit of each single measure with its samples, in the ranking's order."""
+        singles = [name for name in self.ranking["measures"] if name in fits.MEASURES]
+        models = [fits.fit(self.known, [name]) for name in singles]
+        return [
+            (one, None if one.problem else fits.bootstrap(self.known, one, self.samples)) for one in models
+        ]
+
+    @property
+    def best(self) -> tuple[fits.Lognormal, fits.Resampled | None] | None:
+        """Curve of the measure that predicts best and may stand for the run."""
+        return (
+            self.curve_of(chosen.measures[0])
+            if (chosen := fits.headline([one for one, _ in self.models]))
+            else None
+        )
+
+    @property
+    def headline(self) -> tuple[fits.Lognormal, fits.Resampled | None] | None:
+        """Curve that the report begins with; None where too few topple for one."""
+        if self.toppled < fits.FEW_TOPPLED:
+            return None
+        return self.curve_of(HEADLINE_MEASURE) or self.best
+
+    def curve_of(self, measure: str) -> tuple[fits.Lognormal, fits.Resampled | None] | None:
+        """Curve over a measure with its samples; None where it has no fit."""
+        return next(
+            (
+                (one.lognormal, drawn)
+                for one, drawn in self.models
+                if one.measures == (measure,) and one.lognormal
+            ),
+            None,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Content:
+    """A run as its report sees it.
+
+    Parameters
+    ----------
+    run : Run
+    samples : int
+        Bootstrap samples of the fits.
+    years : (n,) array or None
+        Equally likely ages of the standing rock.
+    branches : sequence of HazardCurve
+        Asked about; they need an age.
+    """
+
+    run: Run
+    samples: int = 100
+    years: NDArray[np.float64] | None = None
+    branches: Sequence[HazardCurve] = ()
+
+    @cached_property
+    def frame(self) -> pd.DataFrame:
+        """All rows, weighted where the run's ensemble has weights."""
+        frame = self.run.weighted(self.run.frame())
+        if not frame["toppled"].notna().any():
+            raise InputError(
+                what=f"{len(frame)} jobs, none with an answer",
+                where=str(self.run.path),
+                expected="finished jobs",
+                remedy="'toppling status RUN' shows how far the run is",
+            )
+        return frame
+
+    @cached_property
+    def contacts(self) -> list[Contact]:
+        """Contacts of the run."""
+        return [
+            Contact(contact_words(jobs, self.frame), jobs, self.samples)
+            for jobs in by_contact(self.frame).values()
+        ]
+
+    @property
+    def chief(self) -> Contact:
+        """The contact that the report begins with: of the greatest friction."""
+        return max(self.contacts, key=lambda one: tuple(one.jobs[FRICTION].iloc[0]))
+
+    @cached_property
+    def scene(self) -> Scene | None:
+        """The run's scene, where it holds one."""
+        folder = self.run.path / "scene"
+        return (
+            Scene.load(folder)
+            if (folder / "scene.json").exists() and (folder / "rock.ply").exists()
+            else None
+        )
+
+    @cached_property
+    def ensemble(self) -> Ensemble | None:
+        """The run's records, where it holds them."""
+        folder = self.run.path / "ensemble"
+        return Ensemble.load(folder) if (folder / CATALOG).exists() else None
+
+    @cached_property
+    def standing(self) -> Standing | None:
+        """The chief contact's rock, over the hazard's measure or the headline's; None where that has no fit."""
+        measure = self.branches[0].measure if self.branches else None
+        found = self.chief.curve_of(measure) if measure else self.chief.headline
+        if found is None or self.chief.toppled < fits.FEW_TOPPLED:
+            return None
+        curve, resampled = found
+        return Standing(
+            self.run.rock, curve, np.array([np.nan]) if self.years is None else self.years, resampled
+        )
+
+    @cached_property
+    def single_event(self) -> dict | None:
+        """What the standing rock says of a single event."""
+        return None if self.standing is None else single_event([self.standing], CONFIDENCE)
+
+    @cached_property
+    def bound(self) -> pd.DataFrame | None:
+        """Rates of exceedance that the standing rock rejects, where its age is known."""
+        return (
+            None if self.standing is None or self.years is None else bound_table([self.standing], CONFIDENCE)
+        )
+
+    @cached_property
+    def verdicts(self) -> pd.DataFrame | None:
+        """Survival and verdict of each hazard branch."""
+        if self.standing is None or not self.branches:
+            return None
+        return branch_table([self.standing], self.branches, CONFIDENCE)

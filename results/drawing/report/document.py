@@ -1,0 +1,143 @@
+"""The page as a document: numbered figures and tables, headings that one can go to, nothing from elsewhere."""
+
+import base64
+import html
+import re
+from collections.abc import Callable, Iterable
+from importlib.resources import files
+
+import pandas as pd
+from matplotlib.figure import Figure
+
+from toppling.results.drawing.style import FULL_WIDTH_IN, HALF_WIDTH_IN, png_bytes
+
+SCREEN_PX_PER_IN = 132
+"""At which a figure of a page's width fills the page, and its letters are those of the text around it."""
+
+
+LEAST_BROKEN = 12
+"""Letters of a cell: what is shorter breaks at blanks only."""
+
+BREAKS = re.compile(r"(?<=[_/.])(?=[^\s\d])|(?<=\S{40})(?=\S)")
+"""Places within a word where a line may break."""
+
+MOST_BESIDE = 4
+"""Columns that stand beside each other also on a narrow screen."""
+
+
+class Document:
+    """Counts the figures and tables of a page as they are written."""
+
+    def __init__(self) -> None:
+        self.figures = 0
+        self.tables = 0
+
+    def figure(self, draw: Callable[[float], Figure], caption: str, width_in: float = FULL_WIDTH_IN) -> str:
+        """A numbered figure.
+
+        Parameters
+        ----------
+        draw : callable
+            From a width in inches to the figure: asked for the page's, and for that of a narrow screen too.
+        caption : str
+            Stands alone: says what is seen without the text around it.
+        width_in : float
+            Of the figure on a page.
+        """
+        wide = png_bytes(draw(width_in))
+        narrow = png_bytes(draw(HALF_WIDTH_IN)) if width_in > HALF_WIDTH_IN else None
+        return self.picture(wide, caption, narrow, width_in)
+
+    def picture(
+        self, png: bytes, caption: str, narrow: bytes | None = None, width_in: float = FULL_WIDTH_IN
+    ) -> str:
+        """A numbered figure from the content of PNG files: of a page's width and, where given, of a narrow screen's."""
+        self.figures += 1
+        source = (
+            f'<source media="screen and (max-width: 640px)" srcset="{_data(narrow)}">'
+            if narrow is not None
+            else ""
+        )
+        image = f'<img alt="{safe(caption)}" style="width: {round(SCREEN_PX_PER_IN * width_in)}px" src="{_data(png)}">'
+        return (
+            f'<figure id="figure-{self.figures}"><picture>{source}{image}</picture>'
+            f"<figcaption><b>Figure {self.figures}.</b> {safe(caption)}</figcaption></figure>"
+        )
+
+    def table(self, frame: pd.DataFrame, caption: str) -> str:
+        """A numbered table; the cells of a row stand below each other on a narrow screen where they are many."""
+        self.tables += 1
+        names = [str(name) for name in frame.columns]
+        head = "".join(f"<th>{safe(name)}</th>" for name in names)
+        rows = "".join(f"<tr>{_cells(names, row)}</tr>" for row in frame.itertuples(index=False))
+        kind = ' class="stacks"' if len(names) > MOST_BESIDE else ""
+        return (
+            f"<table{kind}><caption><b>Table {self.tables}.</b> {safe(caption)}</caption>"
+            f"<thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>"
+        )
+
+
+def page(title: str, first: str, sections: Iterable[tuple[str, str]]) -> str:
+    """Put a page together: what the first screen shows, contents, sections."""
+    known = list(sections)
+    contents = "".join(f'<li><a href="#{_anchor(name)}">{safe(name)}</a></li>' for name, _ in known)
+    body = "\n".join(f'<h2 id="{_anchor(name)}">{safe(name)}</h2>\n{content}' for name, content in known)
+    look = files("toppling.results.drawing.report").joinpath("report.css").read_text(encoding="utf-8")
+    return (
+        '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        f"<title>{safe(title)}</title><style>{look}</style></head>\n"
+        f"<body>\n{first}\n<nav><ol>{contents}</ol></nav>\n{body}\n</body></html>\n"
+    )
+
+
+def heading(text: str, level: int) -> str:
+    """A heading below a section's."""
+    return f"<h{level}>{safe(text)}</h{level}>" if text else ""
+
+
+def paragraph(text: str) -> str:
+    """A paragraph of plain text."""
+    return f"<p>{safe(text)}</p>"
+
+
+def pair(*figures: str) -> str:
+    """Figures beside each other, two a row."""
+    return f'<div class="pair">{"".join(figures)}</div>'
+
+
+def safe(text: object) -> str:
+    """Text as HTML that shows it and runs nothing."""
+    return html.escape(str(text))
+
+
+def told(value: object) -> str:
+    """A value as a table prints it; nothing where there is none."""
+    if value is None or value is pd.NA or value != value:
+        return ""
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def _cells(names: list[str], row: Iterable[object]) -> str:
+    cells = []
+    for name, value in zip(names, row, strict=True):
+        kind = "" if told(value) else ' class="empty"'
+        if isinstance(value, int | float) and not isinstance(value, bool) and told(value):
+            kind = ' class="number"'
+        cells.append(f'<td{kind} data-label="{safe(name)}">{_breakable(told(value))}</td>')
+    return "".join(cells)
+
+
+def _breakable(text: str) -> str:
+    """Text that may break after an underscore, slash or point, and within what is longer than any word."""
+    if len(text) < LEAST_BROKEN:
+        return safe(text)
+    return "<wbr>".join(map(safe, BREAKS.split(text)))
+
+
+def _data(png: bytes) -> str:
+    return f"data:image/png;base64,{base64.b64encode(png).decode()}"
+
+
+def _anchor(name: str) -> str:
+    return name.lower().replace(" ", "-")

@@ -1,0 +1,149 @@
+"""The first screen: three sentences and one picture with the result."""
+
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from toppling.results.drawing.constraint import ages_words
+from toppling.results.drawing.fits import draw_curve
+from toppling.results.drawing.report.content import CONFIDENCE, Contact, Content
+from toppling.results.drawing.report.document import Document, heading, paragraph
+from toppling.results.drawing.style import (
+    ALARM_COLOUR,
+    HALF_WIDTH_IN,
+    MAIN_COLOUR,
+    measure_label,
+    printed_unit,
+    short_name,
+    style,
+)
+from toppling.results.fits import FEW_TOPPLED, Fit, lognormal_interval, observed_shares
+
+
+def first_screen(content: Content, document: Document) -> str:
+    """Name of the rock, three sentences, one picture."""
+    sentences = "".join(
+        map(paragraph, (what_topples(content), how_likely(content), what_standing_says(content)))
+    )
+    picture = document.figure(lambda width: headline_figure(content, width), caption(content), HALF_WIDTH_IN)
+    return f'{heading(content.run.rock, 1)}<div class="first"><div>{sentences}</div>{picture}</div>'
+
+
+def what_topples(content: Content) -> str:
+    """Intensity at which one in two topples."""
+    contact = content.chief
+    if contact.headline is None:
+        return (
+            f"The rock toppled in {contact.toppled} of {len(contact.known):,} shakings with an answer "
+            f"({contact.words}): " + _no_curve(contact)
+        )
+    curve, resampled = contact.headline
+    unit, name = printed_unit(curve.measure), short_name(curve.measure)
+    spread = ""
+    if resampled is not None and len(resampled.coefficients):
+        ends = lognormal_interval(resampled)
+        spread = f" (95 %: {ends['median_low']:.2g} to {ends['median_high']:.2g})"
+    return (
+        f"Shaking with a {name} of {curve.median:.2g} {unit}{spread} topples the rock in one case of two, and with "
+        f"{curve.intensity(0.05):.2g} {unit} in one of twenty ({contact.words})."
+    )
+
+
+def _no_curve(contact: Contact) -> str:
+    if contact.toppled < FEW_TOPPLED:
+        return f"fewer than {FEW_TOPPLED} topplings bear no curve."
+    problems: list[Fit] = [one for one, _ in contact.models if one.problem]
+    return f"no curve can be fitted ({problems[0].problem})." if problems else "no curve can be fitted."
+
+
+def how_likely(content: Content) -> str:
+    """Share of shakings that topple, over all and along the levels of PGA."""
+    contact = content.chief
+    known = contact.known
+    share = known.groupby("level_pga_m_s2")["toppled"].mean()
+    told = [f"{_percent(share.iloc[k])} at {share.index[k]:g} m/s²" for k in _ends_and_middle(share)]
+    return (
+        f"Of {len(known):,} shakings ({known['record_id'].nunique():,} records, scaled to a PGA of "
+        f"{share.index[0]:g} to {share.index[-1]:g} m/s², {known['azimuth_deg'].nunique()} azimuths) "
+        f"{contact.toppled:,} topple it, {_percent(contact.toppled / len(known))}: {', '.join(told)}."
+    )
+
+
+def what_standing_says(content: Content) -> str:
+    """What the rock, as it stands, rejects."""
+    event = content.single_event
+    if event is None:
+        return "What its standing says about past shaking cannot be told from so few topplings."
+    measure = event["measure"]
+    said = (
+        f"As it still stands, no single shaking like these has exceeded a {short_name(measure)} of "
+        f"{event['unexceeded']:.2g} {printed_unit(measure)} since it has had its present shape "
+        f"({100 * CONFIDENCE:g} % confidence)"
+    )
+    if content.verdicts is None or content.standing is None:
+        return said + "."
+    rejected = content.verdicts.loc[content.verdicts["rejected"], "branch"].tolist()
+    named = f" ({', '.join(rejected)})" if rejected else ""
+    return (
+        f"{said}; {ages_words([content.standing])}, it rejects {len(rejected) or 'none'} of {len(content.verdicts)} "
+        f"hazard curves{named}."
+    )
+
+
+def caption(content: Content) -> str:
+    """Words for the picture, that stand alone."""
+    contact, rock = content.chief, f"the rock {content.run.rock}"
+    if contact.headline is None:
+        return f"Share of shakings that topple {rock} at each level of PGA ({contact.words}); bars: 95 %, by record."
+    name = short_name(contact.headline[0].measure)
+    return (
+        f"Toppling probability of {rock} over {name} ({contact.words}). Dots: share of shakings that topple it, with "
+        "95 % intervals by record; curve: lognormal fit, with its 95 % band; dashed: one case of two; hatched: what "
+        "the standing rock rejects of a single event."
+    )
+
+
+def headline_figure(content: Content, width_in: float = HALF_WIDTH_IN) -> Figure:
+    """Fragility curve with what the standing rock rejects, or shares by level where there is no curve."""
+    contact = content.chief
+    with style():
+        figure = Figure(figsize=(width_in, 3.0))
+        axes = figure.subplots(gridspec_kw={"left": 0.14, "right": 0.96, "bottom": 0.15, "top": 0.9})
+        if contact.headline is None:
+            _draw_shares(axes, observed_shares(contact.known, "level_pga_m_s2"))
+            axes.set_title(f"{contact.toppled} of {len(contact.known):,} shakings topple it")
+            return figure
+        curve, resampled = contact.headline
+        observed = observed_shares(contact.known, curve.measure)
+        draw_curve(axes, curve, resampled, observed)
+        axes.plot([curve.median, curve.median, axes.get_xlim()[0]], [0, 0.5, 0.5], "--", color="0.3", lw=0.8)
+        event = content.single_event
+        if event is not None and event["measure"] == curve.measure:
+            limit, end = event["unexceeded"], axes.get_xlim()[1]
+            end = max(end, 1.3 * limit)
+            axes.set_xlim(right=end)
+            axes.axvspan(limit, end, facecolor="none", edgecolor=ALARM_COLOUR, hatch="////", alpha=0.35, lw=0)
+            axes.axvline(limit, color=ALARM_COLOUR, lw=1.0)
+            axes.annotate(
+                f"not exceeded\n({100 * CONFIDENCE:g} %)", (limit, 0.22), xytext=(-4, 0), textcoords="offset points",
+                ha="right", color=ALARM_COLOUR, size=7, bbox={"facecolor": "white", "alpha": 0.85, "lw": 0, "pad": 0.8},
+            )  # fmt: skip
+        axes.set_title(f"one in two topples at {curve.median:.2g} {printed_unit(curve.measure)}")
+    return figure
+
+
+def _draw_shares(axes: Axes, observed: pd.DataFrame) -> None:
+    ends = observed[["wilson_low", "wilson_high"]].to_numpy().T
+    bars = abs(ends - observed["probability"].to_numpy())
+    axes.errorbar(observed["value"], observed["probability"], bars, fmt="o", ms=3, lw=0.8, color=MAIN_COLOUR)
+    axes.set(xlabel=measure_label("level_pga_m_s2"), ylabel="share toppled", ylim=(0, 1))
+
+
+def _ends_and_middle(share: pd.Series) -> list[int]:
+    """Places of the least level, of that whose share is nearest one half, and of the largest."""
+    middle = int((share - 0.5).abs().to_numpy().argmin())
+    return sorted({0, middle, len(share) - 1})
+
+
+def _percent(share: float) -> str:
+    return "none" if share == 0 else "all" if share == 1 else f"{100 * share:.0f} %"

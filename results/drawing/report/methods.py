@@ -1,0 +1,103 @@
+"""A paragraph on methods that one may copy into a paper, with what to cite."""
+
+from importlib.metadata import version
+
+from toppling.results.drawing.report.content import Content
+from toppling.results.drawing.report.document import Document, paragraph, safe
+from toppling.results.friction import friction_words, frictions
+
+REFERENCES = (
+    "Baker, J. W. (2015). Efficient analytical fragility function fitting using dynamic structural analysis. "
+    "Earthquake Spectra 31, 579-599.",
+    "Coumans, E., and Bai, Y. PyBullet, a Python module for physics simulation for games, robotics and machine "
+    "learning.",
+    "Veeraraghavan, S., Hudnut, K. W., and Krishnan, S. (2017). Toppling analysis of the Echo Cliffs precariously "
+    "balanced rock. Bulletin of the Seismological Society of America 107, 72-84.",
+    "Wilson, E. B. (1927). Probable inference, the law of succession, and statistical inference. "
+    "Journal of the American Statistical Association 22, 209-212.",
+)
+
+
+def methods_section(content: Content, document: Document) -> str:  # noqa: ARG001  (as every section)
+    """Methods to copy, and the works that they rest on."""
+    cited = "".join(f"<li>{safe(reference)}</li>" for reference in (_program(content), *REFERENCES))
+    return f'<div class="methods">{paragraph(methods(content))}</div><p>To cite:</p><ul>{cited}</ul>'
+
+
+def methods(content: Content) -> str:
+    """What was done, in the past tense, with the run's own numbers."""
+    return " ".join([_rock(content), _shaking(content), _engine(content), _statistics(content)])
+
+
+def _rock(content: Content) -> str:
+    table = content.run.scene()
+    if table is None:
+        return "The rock and its pedestal were taken as rigid bodies."
+    row = table.to_pylist()[0]
+    report = content.scene.report if content.scene is not None else {}
+    stations = report.get("registration", {}).get("stations")
+    scanned = (
+        f"{stations} laser scans of rock and pedestal were merged, the rock told apart from its pedestal and closed: "
+        if stations
+        else ""
+    )
+    return (
+        f"{scanned}the rock ({row['volume_m3']:.3g} m³, {row['height_m']:.3g} m high, homogeneous) and its pedestal "
+        f"(interface dipping {row['slope_deg']:.1f}°) were taken as rigid bodies under a gravity of "
+        f"{row['gravity_m_s2']:g} m/s²."
+    )
+
+
+def _shaking(content: Content) -> str:
+    frame = content.frame
+    levels = frame["level_pga_m_s2"]
+    restitution = ", ".join(f"{value:g}" for value in sorted(frame["restitution"].unique()))
+    friction = " and ".join(friction_words(*one) for one in frictions(frame))
+    drawn = int(frame["realisation"].max()) + 1
+    several = f" in {drawn} realisations with perturbed properties" if drawn > 1 else ""
+    return (
+        f"Three-component records ({frame['record_id'].nunique():,}) were scaled to {levels.nunique()} levels of the "
+        f"peak horizontal ground acceleration vector between {levels.min():g} and {levels.max():g} m/s² and turned to "
+        f"{frame['azimuth_deg'].nunique()} azimuths{several}. Contact followed Coulomb friction "
+        f"(coefficient {friction}) and Newtonian restitution ({restitution})."
+    )
+
+
+def _engine(content: Content) -> str:
+    told = content.run.provenance().get("versions", {})
+    frame = content.frame
+    physics = ", ".join(sorted(frame["physics_version"].dropna().astype(str).unique())) or told.get(
+        "physics", "unknown"
+    )
+    presets = ", ".join(sorted(frame["preset"].unique()))
+    bullet = f" {told['pybullet']}" if "pybullet" in told else ""
+    answered = int(frame["toppled"].notna().sum())
+    return (
+        f"Each of {len(frame):,} combinations was integrated in six degrees of freedom in the frame of the pedestal "
+        f"with toppling {told.get('toppling', version('toppling'))} (physics version {physics}, preset {presets}) on "
+        f"PyBullet{bullet} (Coumans and Bai), following Veeraraghavan et al. (2017); {answered:,} had an answer. "
+        "A rock counts as toppled from when it cannot come back."
+    )
+
+
+def _statistics(content: Content) -> str:
+    weighted = ", weighted by a hazard deaggregation" if "record_weight" in content.frame else ""
+    return (
+        f"Toppling probabilities are shares of the jobs with an answer{weighted}; their 95 % intervals are Wilson's "
+        "(1927) with the number of distinct records as trials, since scaled and turned copies of one record are not "
+        "independent. Fragility curves are lognormal, by maximum likelihood (Baker, 2015), with 95 % intervals from "
+        f"{content.samples} bootstrap samples of records. Measures of intensity are ranked by the log loss of "
+        "predictions for records left out of the fit."
+    )
+
+
+def _program(content: Content) -> str:
+    told = content.run.provenance()
+    made = str(told.get("created_at", ""))[:4]
+    number = told.get("versions", {}).get("toppling", version("toppling"))
+    physics = told.get("versions", {}).get("physics")
+    return (
+        f"The toppling developers{f' ({made})' if made else ''}. toppling: toppling probability of precariously "
+        f"balanced rocks under ensembles of earthquake records, version {number}"
+        f"{f', physics version {physics}' if physics else ''}."
+    )

@@ -1,0 +1,406 @@
+"""The report's sections, one function each; SECTIONS orders them."""
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from functools import partial
+from importlib.metadata import version
+
+import pandas as pd
+from matplotlib.figure import Figure
+
+from toppling.models.digest import check
+from toppling.models.intervals import base_sentences
+from toppling.results import fits
+from toppling.results.directions import SECTOR_DEG, sector_share, topple_rose
+from toppling.results.drawing.constraint import ages_words, constraint_figure
+from toppling.results.drawing.fits import fit_figure
+from toppling.results.drawing.friction import friction_figure
+from toppling.results.drawing.maps import direction_figure, map_figure
+from toppling.results.drawing.records import records_figure
+from toppling.results.drawing.report.accuracy import accuracy_section
+from toppling.results.drawing.report.content import CONFIDENCE, Contact, Content
+from toppling.results.drawing.report.document import Document, heading, pair, paragraph, safe
+from toppling.results.drawing.report.methods import methods_section
+from toppling.results.drawing.roses import rose_figure
+from toppling.results.drawing.scene import scene_picture
+from toppling.results.drawing.style import HALF_WIDTH_IN, printed_unit, short_name, with_superscripts
+from toppling.results.fragility import (
+    PLANES,
+    Plane,
+    beyond,
+    cells,
+    cells_by_direction,
+    records_by_direction,
+    records_on,
+    unplaced,
+)
+from toppling.results.friction import compare_frictions
+from toppling.results.hunted import SKIPPED
+
+FAR_SHAKEN = 10.0
+"""Medians above so many times the strongest shaken value are no numbers: nothing was shaken anywhere near."""
+_FAR_WORDS = "far beyond what was shaken"
+
+MOST_RECORDS = 150
+"""Rows of the table of records: of more, those that topple the rock most often are shown."""
+
+
+@dataclass(frozen=True)
+class Section:
+    """A part of the report.
+
+    Parameters
+    ----------
+    title : str
+    write : callable
+        From the content and the document, which numbers figures and tables, to HTML; empty leaves the section out.
+    """
+
+    title: str
+    write: Callable[[Content, Document], str]
+
+
+def scene_section(content: Content, document: Document) -> str:
+    """Picture of the rock and what was measured of it."""
+    table, parts = content.run.scene(), []
+    if table is None:
+        return "<p>The run holds no scene.</p>"
+    settling = (content.run.provenance().get("settling") or {}).get("sentence")
+    if content.scene is not None:
+        drawn = partial(scene_picture, content.scene, [settling] if settling else [])
+        caption = (
+            f"The rock {content.run.rock} on its pedestal, from three sides and from above; least constant ground "
+            "acceleration that topples it, by azimuth (degrees counter-clockwise from east)."
+        )
+        parts.append(document.figure(lambda width: drawn(width_in=width), caption))
+        parts += map(paragraph, base_sentences(content.run.scene_report()))
+    row = table.drop_columns(["quasi_static_toppling"]).to_pylist()[0]
+    rows = [
+        {
+            "quantity": field.metadata[b"description"].decode(),
+            "value": row[field.name],
+            "unit": _unit(field.metadata[b"unit"].decode()),
+        }
+        for field in table.schema
+        if field.name in row
+    ]
+    if settling:
+        rows.append({"quantity": "from scan to shake", "value": settling, "unit": ""})
+    return "".join([*parts, document.table(pd.DataFrame(rows), "The scene in numbers.")])
+
+
+def records_section(content: Content, document: Document) -> str:
+    """Records with what they did, and their figure."""
+    frame = content.frame
+    used = frame.drop_duplicates("record_id")
+    lines = [paragraph(f"{len(used):,} records of {used['event'].nunique():,} named earthquakes.")]
+    if "record_weight" in frame:
+        least, most = used["record_weight"].min(), used["record_weight"].max()
+        lines.append(
+            f"<p>The records are weighted by a hazard deaggregation, from {least:.3g} to {most:.3g} of an even share: "
+            "maps and fits count each by its weight.</p>"
+        )
+    if content.ensemble is not None:
+        caption = (
+            "The records as recorded. Left: response spectra (RotD50, 5 % damping) with median and 16 and 84 % "
+            "quantiles; middle: PGA against PGV/PGA; right: magnitude against distance. Triangles at the edge: beyond."
+        )
+        lines.append(document.figure(partial(records_figure, content.ensemble), caption))
+    answered = frame.groupby("record_id")["toppled"]
+    told = pd.DataFrame({"jobs": answered.count(), "toppled": answered.sum().astype(int)}).reset_index()
+    motions = content.run.motions()
+    if motions is not None:
+        told = told.merge(_as_recorded(motions.to_pandas()), how="left")
+    told = told.sort_values(["toppled", "record_id"], ascending=[False, True])
+    some = f", the {MOST_RECORDS} that topple the rock most often" if len(told) > MOST_RECORDS else ""
+    shown = told.head(MOST_RECORDS)
+    order = [name for name in shown.columns if name not in ("jobs", "toppled")]
+    shown = shown[[*order, "jobs", "toppled"]].rename(columns={"record_id": "record"})
+    caption = f"Records as recorded{some}: jobs with an answer that each shook, and those that it toppled."
+    lines.append(document.table(shown, caption))
+    return "".join(lines)
+
+
+def _as_recorded(catalogue: pd.DataFrame) -> pd.DataFrame:
+    """Columns of the catalogue that a person reads, with their units."""
+    names = {
+        "record_id": "record_id", "event": "event", "station": "station", "magnitude": "magnitude",
+        "distance_km": "distance (km)", "pga_m_s2": "PGA (m/s²)", "pgv_m_s": "PGV (m/s)",
+        "pgv_pga_s": "PGV/PGA (s)", "duration_energy_s": "duration (s)",
+    }  # fmt: skip
+    shown = catalogue[[name for name in names if name in catalogue]].rename(columns=names)
+    numbers = shown.select_dtypes("number").columns
+    return shown.assign(**{name: [_three_digits(value) for value in shown[name]] for name in numbers})
+
+
+def maps_section(content: Content, document: Document) -> str:
+    """Maps of each contact, two a row, and where the rock topples to."""
+    return "".join(_maps_of(content, one, document) for one in content.contacts)
+
+
+def _maps_of(content: Content, contact: Contact, document: Document) -> str:
+    jobs, words = contact.jobs, contact.words
+    single, split = [], []
+    for plane in PLANES.values():
+        caption = f"Toppling probability over {plane.x.label} and {plane.y.label} ({words})."
+        single.append(document.figure(partial(_map, contact, plane), caption, HALF_WIDTH_IN))
+    for plane in (plane for plane in PLANES.values() if plane.by_direction):
+        caption = f"Toppling probability over {plane.x.label} and {plane.y.label}, by direction of shaking ({words})."
+        split.append(document.figure(partial(_map_by_direction, contact, plane), caption))
+    sector = sector_share(jobs, *SECTOR_DEG)
+    rose = document.figure(
+        lambda width: rose_figure(topple_rose(jobs), content.run.quasi_static(), sector, width),
+        f"Where the rock topples to ({words}), and the least constant ground acceleration that topples it.",
+    )
+    title = heading(words, 3) if len(content.contacts) > 1 else ""
+    return "".join([title, *(pair(*single[k : k + 2]) for k in range(0, len(single), 2)), *split, rose])
+
+
+def _map(contact: Contact, plane: Plane, _: float) -> Figure:
+    jobs = contact.jobs
+    return map_figure(
+        cells(jobs, plane),
+        plane,
+        contact.words,
+        unplaced(jobs, plane),
+        beyond(jobs, plane),
+        records_on(jobs, plane),
+    )
+
+
+def _map_by_direction(contact: Contact, plane: Plane, width_in: float) -> Figure:
+    jobs = contact.jobs
+    return direction_figure(
+        cells_by_direction(jobs, plane), plane, 8, contact.words, unplaced=unplaced(jobs, plane, by_direction=True),
+        records=records_by_direction(jobs, plane), width_in=width_in,
+    )  # fmt: skip
+
+
+def friction_section(content: Content, document: Document) -> str:
+    """Each friction against the greatest; nothing where there is one."""
+    parts = []
+    for surroundings, table, pairs in compare_frictions(content.frame, PLANES["pga_pgv"]):
+        caption = (
+            "Toppling probability of the cells of PGA and PGV under one friction against another, of the same jobs "
+            "shaken with both. Dashed: no difference."
+        )
+        draw = partial(friction_figure, table, pairs)
+        parts.append(heading(surroundings, 3) + document.figure(draw, caption))
+    return "".join(parts)
+
+
+def fits_section(content: Content, document: Document) -> str:
+    """Curves, ranking of the measures and calibration of each contact."""
+    return "".join(_fits_of(content, one, document) for one in content.contacts)
+
+
+def _fits_of(content: Content, contact: Contact, document: Document) -> str:
+    title = heading(contact.words, 3) if len(content.contacts) > 1 else ""
+    if contact.toppled < fits.FEW_TOPPLED:
+        return title + paragraph(
+            f"Too few topplings: {contact.toppled} of {len(contact.known):,} jobs, fewer than {fits.FEW_TOPPLED}. "
+            "No curve is drawn and no measure ranked; shake stronger, or with more records."
+        )
+    summary = fits.summary([one for one, _ in contact.models], [drawn for _, drawn in contact.models])
+    parts = [title, verdict(contact.ranking)]
+    if contact.best is not None:
+        curve, drawn = contact.best
+        calibrated = fits.calibration(contact.known, fits.out_of_fold(contact.known, [curve.measure]))
+        observed = fits.observed_shares(contact.known, curve.measure)
+        draw = partial(fit_figure, curve, drawn, observed, contact.ranking, calibrated, contact.toppled)
+        caption = (
+            f"Left: lognormal fragility over {short_name(curve.measure)}, the measure that predicts best "
+            f"({contact.words}), with its 95 % band. Middle: how much worse the others predict records that were not "
+            "fitted to. Right: predicted probability against observed share."
+        )
+        parts.append(document.figure(lambda width: draw(width_in=width), caption))
+    parts += [
+        document.table(
+            _ranking_table(contact.ranking), f"Measures of intensity, best first ({contact.words})."
+        ),
+        document.table(
+            fit_table(summary, contact.known), f"Lognormal fragility over each measure ({contact.words})."
+        ),
+        "<p>Intervals (95 %) are of the samples, records drawn anew, that have a fit; samples without fit have none: "
+        f"their answers are separated, or there are fewer than {fits.LEAST_RECORDS} records. "
+        "Below some 20 records the intervals are too narrow. "
+        f"What is {_FAR_WORDS} lies above {FAR_SHAKEN:g} times the strongest shaken, where the jobs say nothing.</p>",
+    ]
+    return "".join(parts)
+
+
+def _ranking_table(ranking: pd.DataFrame) -> pd.DataFrame:
+    """The ranking in words, to the digits that the records bear."""
+    table = pd.DataFrame({"measure": [short_name(name) for name in ranking["measures"]]})
+    names = {"brier": "Brier score", "log_loss": "log loss", "auc": "area under ROC", "worse_by": "log loss above best",
+             "worse_by_low": "from", "worse_by_high": "to"}  # fmt: skip
+    for column, name in names.items():
+        if column in ranking:
+            table[name] = [_digits(value, 3) for value in ranking[column]]
+    return table
+
+
+def fit_table(summary: pd.DataFrame, known: pd.DataFrame) -> pd.DataFrame:
+    """Fits as the page shows them: without medians that lie far beyond what was shaken."""
+    strongest = [float(known[name].max()) for name in summary["measures"]]
+    far = {
+        name: summary[name].astype(float) > [FAR_SHAKEN * value for value in strongest]
+        for name in ("median", "median_low", "median_high")
+    }
+    table = pd.DataFrame({
+        "measure": [f"{short_name(name)} ({printed_unit(name)})" for name in summary["measures"]],
+        "strongest shaken": [_three_digits(value) for value in strongest],
+    })  # fmt: skip
+    for name in ("median", "beta"):
+        ends = [name, f"{name}_low", f"{name}_high"]
+        values = summary.reindex(columns=ends).astype(float)
+        known_far = values.assign(**{end: far.get(end, False) for end in ends})
+        table[f"{name} (95 %)"] = [
+            _with_interval(row, over)
+            for row, over in zip(
+                values.itertuples(index=False), known_far.astype(bool).itertuples(index=False), strict=True
+            )
+        ]
+    # Whole numbers, where some fits have none.
+    counts = summary.reindex(columns=["samples", "samples_without_fit"]).astype("Int64")
+    table = table.assign(**{"samples": counts["samples"], "without fit": counts["samples_without_fit"]})
+    return table.assign(problem=summary["problem"]) if summary["problem"].astype(bool).any() else table
+
+
+def _with_interval(numbers: Iterable[float], beyond: Iterable[bool]) -> str:
+    """A number with its interval, in words where it lies far beyond what was shaken."""
+    told = [_FAR_WORDS if far else _three_digits(one) for one, far in zip(numbers, beyond, strict=True)]
+    return f"{told[0]} ({told[1]} to {told[2]})" if told[1] and told[2] else told[0]
+
+
+def verdict(ranking: pd.DataFrame) -> str:
+    """Whether this rock agrees with the study, which says that PGV governs toppling."""
+    singles = ranking[~ranking["measures"].str.contains("+", regex=False)].dropna(subset=["log_loss"])
+    if not len(singles):
+        return "<p>No measure has a fit out of fold: too few records, or separated answers.</p>"
+    best = singles["measures"].iloc[0]
+    agrees = (
+        "as the study says of its rock" if best == "pgv_m_s" else "unlike the study's rock, where it was PGV"
+    )
+    return (
+        f"<p>Of the single measures {safe(short_name(best))} predicts records it was not fitted to best, {agrees}. "
+        "A difference in log loss whose interval includes 0 decides nothing.</p>"
+    )
+
+
+def constraint_section(content: Content, document: Document) -> str:
+    """What the standing rock says of a single event, of rates, and of hazard curves."""
+    event = content.single_event
+    if event is None or content.standing is None:
+        return paragraph("Without a fragility curve the standing rock constrains nothing.")
+    measure = event["measure"]
+    unit, ends = printed_unit(measure), (event["unexceeded_low"], event["unexceeded_high"])
+    interval = (
+        "" if None in ends else f" ({ends[0]:.3g} to {ends[1]:.3g} with other records like these, 95 %)"
+    )
+    parts = [
+        paragraph(
+            f"At {100 * CONFIDENCE:g} % confidence no single event since the rock has stood as it does exceeded a "
+            f"{short_name(measure)} of {event['unexceeded']:.3g} {unit}{interval} ({content.chief.words})."
+        )
+    ]
+    if content.bound is None:
+        parts.append(
+            "<p>No age was given: with one (<code>--age 15000..30000</code>) rates of exceedance are rejected, with "
+            "hazard curves (<code>--hazard FILE</code>) their survival is told.</p>"
+        )
+        return "".join(parts)
+    rocks, bound, verdicts = [content.standing], content.bound, content.verdicts
+    caption = (
+        f"Annual rates of exceedance of {short_name(measure)} that the rock, {ages_words(rocks)}, rejects at "
+        f"{100 * CONFIDENCE:g} % whatever the rest of a hazard curve (grey), and the curves asked about. A curve "
+        "outside of the grey can be rejected too, by all its rates together."
+    )
+    draw = partial(constraint_figure, bound, content.branches, CONFIDENCE, verdicts, rocks)
+    parts.append(document.figure(lambda _: draw(), caption, HALF_WIDTH_IN))
+    if verdicts is not None:
+        shown = pd.DataFrame({
+            "hazard curve": verdicts["branch"],
+            "survival": [_digits(value, 3) for value in verdicts["survival"]],
+            "from (95 %)": [_digits(value, 3) for value in verdicts["survival_low"]],
+            "to": [_digits(value, 3) for value in verdicts["survival_high"]],
+            "verdict": ["rejected" if no else "not rejected" for no in verdicts["rejected"]],
+            "prior weight": [_digits(value, 2) for value in verdicts["prior_weight"]],
+            "posterior weight": [_digits(value, 2) for value in verdicts["posterior_weight"]],
+        })  # fmt: skip
+        parts.append(
+            document.table(
+                shown, "Probability that the rock survives under each hazard curve, and what follows."
+            )
+        )
+    return "".join(parts)
+
+
+def failures_section(content: Content, document: Document) -> str:
+    """How jobs ended, and which have no answer."""
+    frame = content.frame
+    counts = frame.groupby(["status", "ended_by"], dropna=False).size().rename("jobs").reset_index()
+    parts = [document.table(counts.rename(columns={"ended_by": "ended by"}), "How the jobs ended.")]
+    failed = frame[~frame["status"].isin(["ok", SKIPPED])]
+    if len(failed):
+        why = failed.groupby(["status", "message"], dropna=False)
+        rows = why.agg(jobs=("job_id", "size"), example=("job_id", "first")).reset_index()
+        rows = rows.sort_values("jobs", ascending=False).head(20)
+        parts.append(document.table(rows, "Jobs without an answer, by reason."))
+    else:
+        parts.append("<p>Every job has an answer.</p>")
+    return "".join(parts)
+
+
+def provenance_section(content: Content, document: Document) -> str:  # noqa: ARG001  (as every section)
+    """The program's version, campaign and run as they lie in the folder."""
+    parts = [paragraph(f"Page written by toppling {version('toppling')}.")]
+    for name in ("campaign.toml", "run.json"):
+        path = content.run.path / name
+        if path.exists():
+            check(path)
+            parts.append(f"{heading(name, 3)}<pre>{safe(path.read_text(encoding='utf-8'))}</pre>")
+    return "".join(parts)
+
+
+def columns_section(content: Content, document: Document) -> str:
+    """Every column of every table, with unit and meaning."""
+    rows = [{**row, "unit": _unit(row["unit"])} for row in content.run.describe()]
+    parts = []
+    for table in dict.fromkeys(row["table"] for row in rows):
+        shown = [
+            {"column": row["column"], "unit": row["unit"], "meaning": row["description"]}
+            for row in rows
+            if row["table"] == table
+        ]
+        caption = f"Columns of the table {table}, as 'toppling query' reads it."
+        parts.append(document.table(pd.DataFrame(shown), caption))
+    return "".join(parts)
+
+
+SECTIONS = (
+    Section("Scene", scene_section),
+    Section("Records", records_section),
+    Section("Toppling probability", maps_section),
+    Section("Friction", friction_section),
+    Section("Fits", fits_section),
+    Section("Constraint", constraint_section),
+    Section("Failures", failures_section),
+    Section("Accuracy", lambda content, document: accuracy_section(content.run, content.frame, document)),
+    Section("Methods", methods_section),
+    Section("Provenance", provenance_section),
+    Section("Columns", columns_section),
+)
+"""In the page's order."""
+
+
+def _unit(unit: str) -> str:
+    return with_superscripts(unit).replace("deg", "°") if unit != "1" else ""
+
+
+def _three_digits(value: float) -> str:
+    return "" if value != value else f"{value:.3g}"
+
+
+def _digits(value: float, digits: int) -> str:
+    return "" if value != value else f"{value:.{digits}f}"

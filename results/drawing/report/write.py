@@ -1,0 +1,108 @@
+"""The report as HTML and as PDF."""
+
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+
+from toppling.models.errors import InputError
+from toppling.models.folder import new_file
+from toppling.results.drawing.report.content import Content
+from toppling.results.drawing.report.document import Document, page
+from toppling.results.drawing.report.headline import first_screen
+from toppling.results.drawing.report.sections import SECTIONS
+
+BROWSERS = (
+    "chromium",
+    "chromium-browser",
+    "google-chrome",
+    "google-chrome-stable",
+    "chrome",
+    "msedge",
+    "microsoft-edge",
+)
+PRINTING_S = 300.0
+"""Longest that a browser may take to print."""
+
+
+def report_page(content: Content, advance: Callable[[str], object] = lambda _: None) -> str:
+    """Write the page about a run.
+
+    Parameters
+    ----------
+    content : Content
+    advance : callable
+        Told the name of each section once it is done.
+
+    Returns
+    -------
+    str
+        HTML with its pictures inside.
+
+    Raises
+    ------
+    InputError
+        If no job has an answer yet.
+    """
+    document = Document()
+    first = first_screen(content, document)
+    written = []
+    for section in SECTIONS:
+        if text := section.write(content, document):
+            written.append((section.title, text))
+        advance(section.title)
+    return page(f"toppling: {content.run.rock} ({content.run.name})", first, written)
+
+
+def write_page(text: str, target: Path) -> Path:
+    """Write the page; it appears complete or not at all."""
+    with new_file(target) as hidden:
+        hidden.write_text(text, encoding="utf-8")
+    return target
+
+
+def write_pdf(text: str, target: Path) -> Path:
+    """Print the page to PDF, with WeasyPrint where it is installed, else with a browser without a window.
+
+    Raises
+    ------
+    InputError
+        If there is neither.
+    """
+    try:
+        from weasyprint import HTML
+    except (ImportError, OSError):  # OSError: its system library Pango is missing
+        return _printed_by_browser(text, target)
+    with new_file(target) as hidden:
+        HTML(string=text).write_pdf(hidden)
+    return target
+
+
+def _printed_by_browser(text: str, target: Path) -> Path:
+    browser = next(filter(None, map(shutil.which, BROWSERS)), None)
+    if browser is None:
+        raise InputError(
+            "nothing here prints to PDF",
+            where=str(target),
+            expected="WeasyPrint, or Chromium, Chrome or Edge on the PATH",
+            remedy="'pip install weasyprint' (it needs the system library Pango), or print the page from a browser",
+        )
+    with tempfile.TemporaryDirectory() as folder, new_file(target) as hidden:
+        source, printed = Path(folder) / "report.html", Path(folder) / "report.pdf"
+        source.write_text(text, encoding="utf-8")
+        command = [
+            browser, "--headless=new", "--disable-gpu", "--no-pdf-header-footer", f"--user-data-dir={folder}/profile",
+            f"--print-to-pdf={printed}", source.as_uri(),
+        ]  # fmt: skip
+        if _is_root():
+            command.insert(1, "--no-sandbox")  # Chromium has no sandbox for root
+        subprocess.run(command, check=True, capture_output=True, timeout=PRINTING_S)
+        shutil.copyfile(printed, hidden)
+    return target
+
+
+def _is_root() -> bool:
+    import os
+
+    return hasattr(os, "geteuid") and os.geteuid() == 0

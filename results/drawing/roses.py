@@ -1,0 +1,82 @@
+"""Where the rock topples to, beside the least constant acceleration that topples it."""
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+from matplotlib.projections.polar import PolarAxes
+from matplotlib.ticker import MaxNLocator
+
+from toppling.results.drawing.style import FULL_WIDTH_IN, MAIN_COLOUR, style
+
+WINDS = ("E", "45°", "N", "135°", "W", "225°", "S", "315°")
+"""Azimuths are counter-clockwise from east; the four winds stand where a map has them."""
+
+
+def rose_figure(
+    rose: pd.DataFrame,
+    quasi_static: pd.DataFrame | None,
+    sector: dict[str, float],
+    width_in: float = FULL_WIDTH_IN,
+) -> Figure:
+    """Where the rock topples to, beside the least constant ground acceleration that topples it, by azimuth.
+
+    Parameters
+    ----------
+    rose : DataFrame
+        From `results.directions.topple_rose`.
+    quasi_static : DataFrame or None
+        azimuth_deg of the ground's acceleration, and value in m/s2.
+    sector : dict
+        From `results.directions.sector_share`.
+    width_in : float
+        Beside each other on a page's width, below each other on less.
+    """
+    beside = width_in >= FULL_WIDTH_IN
+    with style():
+        figure = Figure(figsize=(width_in, 3.4 if beside else 6.8))
+        shape, room = ((1, 2), {"top": 0.76, "bottom": 0.08}) if beside else (
+            (2, 1), {"top": 0.87, "bottom": 0.05, "hspace": 0.5}
+        )  # fmt: skip
+        left, right = figure.subplots(*shape, subplot_kw={"projection": "polar"}, gridspec_kw=room)
+        width = 2 * np.pi / len(rose)
+        left.bar(
+            np.deg2rad(rose["azimuth_deg"]), 100 * rose["share_of_toppled"], width, color=MAIN_COLOUR,
+            edgecolor="white", lw=0.4,
+        )  # fmt: skip
+        left.set_title(
+            f"toppled toward, % of {sector['toppled']:,} toppled\n{sector['low_deg']:g}° to "
+            f"{sector['high_deg']:g}°: {100 * sector['share_of_jobs']:.0f} % of {sector['jobs']:,} jobs,\n"
+            f"{100 * sector['share_of_toppled']:.0f} % of the toppled"
+        )
+        emptiest = int(rose["toppled"].rolling(3, center=True, min_periods=1).sum().argmin())
+        mark_winds(left, float(rose["azimuth_deg"].iloc[emptiest]))
+        if quasi_static is not None and len(quasi_static):
+            _draw_round(
+                right, quasi_static["azimuth_deg"].to_numpy(float), quasi_static["value"].to_numpy(float)
+            )
+            right.set_title(
+                "quasi-static toppling acceleration (m/s²)\nby azimuth of the ground's acceleration:\n"
+                "the rock falls the opposite way"
+            )
+        else:
+            right.set_visible(False)
+    return figure
+
+
+def _draw_round(axes: PolarAxes, azimuth_deg: np.ndarray, value_m_s2: np.ndarray) -> None:
+    """Least constant acceleration that topples, as a closed curve round the azimuths."""
+    around = np.append(np.deg2rad(azimuth_deg), np.deg2rad(azimuth_deg[0]))
+    axes.plot(around, np.append(value_m_s2, value_m_s2[0]), color=MAIN_COLOUR, lw=1.3)
+    axes.set_rlim(0.0)
+    mark_winds(axes)
+
+
+def mark_winds(axes: PolarAxes, scale_deg: float = 67.5) -> None:
+    """Name the winds and azimuths round a polar plot; the radial scale stands at an azimuth."""
+    axes.set_xticks(np.deg2rad(np.arange(0, 360, 45)), WINDS)
+    axes.tick_params(labelsize=7, pad=0)
+    axes.grid(linewidth=0.4)
+    axes.yaxis.set_major_locator(MaxNLocator(4))
+    axes.set_rlabel_position(scale_deg)
+    for label in axes.get_yticklabels():
+        label.set_bbox({"facecolor": "white", "alpha": 0.8, "lw": 0, "pad": 0.5})

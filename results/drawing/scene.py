@@ -1,0 +1,379 @@
+"""The scene's picture: rock, interface and pedestal in colours, so that a wrong split is seen at once."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from textwrap import wrap
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import PolyCollection
+from matplotlib.figure import Figure
+from matplotlib.patheffects import Stroke, withStroke
+from matplotlib.projections.polar import PolarAxes
+from numpy.typing import NDArray
+
+from toppling.models.frames import compass_deg
+from toppling.models.scene import Scene
+from toppling.results.drawing.mesh import far_to_near, hidden, shades, surfaces_of, view_frame
+from toppling.results.drawing.roses import mark_winds
+from toppling.results.drawing.style import CLIFF_COLOUR, CONTACT_COLOUR, FULL_WIDTH_IN, ROCK_COLOUR, style
+
+VIEWS_DEG = ((20.0, 0.0), (20.0, 120.0), (20.0, 240.0))
+"""Elevation and azimuth of the eye."""
+VIEW_REACH = 0.66
+"""From the middle of the rock to the edge of a view, as share of the rock's largest side."""
+STATICS_TITLE = "quasi-static toppling\nacceleration (m/s²) by azimuth\nof the ground's acceleration"
+BAND_TITLE = "band: one standard deviation"
+LEGEND = "blue: contact outline; black: cliff edge; dotted where rock or pedestal hides them"
+PRINTED_WIDTH = 45
+"""Letters in a line of a third of a printed page."""
+SHADOW_COLOUR = "#f0dcc0"
+"""Of the rock in plan."""
+ON_SURFACE = 0.03
+"""Of the rock's height: how far behind a surface a line may lie and still be on it."""
+POINTS_ON_LINE = 160
+
+_COMPASS = (
+    "N",
+    "NNE",
+    "NE",
+    "ENE",
+    "E",
+    "ESE",
+    "SE",
+    "SSE",
+    "S",
+    "SSW",
+    "SW",
+    "WSW",
+    "W",
+    "WNW",
+    "NW",
+    "NNW",
+)
+
+Array = NDArray[np.float64]
+
+
+def draw_scene(scene: Scene, path: Path, notes: Sequence[str] = ()) -> None:
+    """Write a PNG: three views, the plan of the interface, the statics by azimuth, and numbers with notes below."""
+    figure = scene_picture(scene, notes)
+    with style():
+        figure.savefig(path, format="png")
+
+
+def scene_picture(scene: Scene, notes: Sequence[str] = (), width_in: float = FULL_WIDTH_IN) -> Figure:
+    """Three views, the plan of the interface, the statics by azimuth, and numbers with notes.
+
+    Parameters
+    ----------
+    scene : Scene
+    notes : sequence of str
+        Sentences below the numbers.
+    width_in : float
+        Three panels a row on a page's width, one on less.
+    """
+    printed = [line for told in [*numbers_of(scene, notes), LEGEND] for line in wrapped(told)]
+    with style():
+        if width_in >= FULL_WIDTH_IN:
+            lines_in = 0.13 * len(printed)
+            figure = Figure(figsize=(width_in, 2.75 + max(2.9, lines_in + 0.2)), layout="constrained")
+            grid = figure.add_gridspec(2, 3, height_ratios=(2.6, max(2.9, lines_in + 0.2)))
+            places = [grid[0, 0], grid[0, 1], grid[0, 2], grid[1, 0], grid[1, 1], grid[1, 2]]
+        else:
+            heights = (3.4, 3.4, 3.4, 3.2, 3.4, 0.14 * len(printed) + 0.1)
+            figure = Figure(figsize=(width_in, sum(heights) + 0.4), layout="constrained")
+            grid = figure.add_gridspec(6, 1, height_ratios=heights)
+            places = [grid[k, 0] for k in range(6)]
+        FigureCanvasAgg(figure)
+        for place, (elevation, azimuth) in zip(places[:3], VIEWS_DEG, strict=True):
+            axes = figure.add_subplot(place)
+            draw_view(axes, scene, elevation, azimuth)
+            axes.set_title(view_title(elevation, azimuth))
+        _draw_plan(figure.add_subplot(places[3]), scene)
+        polar = figure.add_subplot(places[4], projection="polar")
+        assert isinstance(polar, PolarAxes)  # as asked for
+        draw_statics(polar, scene)
+        axes = figure.add_subplot(places[5])
+        axes.axis("off")
+        axes.text(
+            0.0, 1.0, "\n".join(printed), va="top", size=6.5, linespacing=1.35, transform=axes.transAxes
+        )
+    return figure
+
+
+def wrapped(line: str, width: int = PRINTED_WIDTH) -> list[str]:
+    """A line of the numbers broken for print, what follows indented."""
+    return wrap(line, width, subsequent_indent="   ", drop_whitespace=True) or [""]
+
+
+def wind_of(azimuth_deg: float) -> str:
+    """Nearest of the sixteen winds toward an azimuth (degrees counter-clockwise from east)."""
+    return _COMPASS[round(float(compass_deg(azimuth_deg)) / 22.5) % 16]
+
+
+def view_title(elevation_deg: float, azimuth_deg: float) -> str:
+    """From where a panel looks, and toward where."""
+    return (
+        f"looking {wind_of(azimuth_deg + 180.0)}, {elevation_deg:.0f}° down\n"
+        f"(eye at azimuth {azimuth_deg:.0f}°, compass {float(compass_deg(azimuth_deg)):.0f}°)"
+    )
+
+
+def draw_view(axes: Axes, scene: Scene, elevation_deg: float, azimuth_deg: float) -> None:
+    """Triangles painted from far to near (orthographic), and the interface's lines, dotted where they are hidden."""
+    frame = view_frame(elevation_deg, azimuth_deg)
+    toward = frame[:, 2]
+    rock, pedestal = surfaces_of(scene)
+    surfaces = [rock]
+    # From below, as from behind a slope steeper than the eye is high, an endless plane would hide the rock.
+    if not scene.pedestal.is_plane or toward @ scene.pedestal.normal > 0:
+        surfaces.append(pedestal)
+    light = frame @ np.array([-0.4, 0.55, 0.75])  # from the upper left of every view, as a reader expects
+    corner = np.concatenate([surface.vertices_m[surface.faces] @ frame for surface in surfaces])
+    painted = np.concatenate([shades(surface, light) for surface in surfaces])
+    order = far_to_near(corner, len(rock.faces), scene.pedestal)
+    axes.add_collection(
+        PolyCollection(
+            list(corner[order][:, :, :2]), facecolors=painted[order], edgecolors="face", linewidths=0.3
+        )
+    )
+    seen_through = corner if not scene.pedestal.is_plane else corner[: len(rock.faces)]
+    for line, dashes, colour in interface_lines(scene):
+        _draw_line(axes, line @ frame, seen_through, ON_SURFACE * scene.rock.height_m, dashes, colour)
+    # The same scale in all views, about the rock: a wide pedestal would make it small.
+    seen = scene.rock.vertices_m @ frame
+    middle = 0.5 * (seen.min(axis=0) + seen.max(axis=0))
+    reach = VIEW_REACH * float(np.ptp(scene.rock.vertices_m, axis=0).max())
+    axes.set(
+        aspect="equal",
+        xlim=(middle[0] - reach, middle[0] + reach),
+        ylim=(middle[1] - reach, middle[1] + reach),
+        xticks=[],
+        yticks=[],
+    )
+    _draw_scale(axes, reach)
+    axes.annotate(
+        f"{wind_of(azimuth_deg + 90.0)} →", (0.98, 0.02), xycoords="axes fraction", ha="right", va="bottom", size=7,
+        path_effects=[withStroke(linewidth=2, foreground="white")],
+    )  # fmt: skip
+
+
+def _draw_line(axes: Axes, line: Array, corners: Array, tolerance_m: float, dashes: str, colour: str) -> None:
+    """A line of the interface: strong where it is seen, thin and dotted where a surface hides it."""
+    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
+    at = np.linspace(0.0, along[-1], POINTS_ON_LINE)
+    points = np.column_stack([np.interp(at, along, axis) for axis in line.T])
+    behind = hidden(points, corners, tolerance_m)
+    halo = [
+        Stroke(linewidth=2.8, foreground="white", alpha=0.8),
+        withStroke(linewidth=2.2, foreground="white"),
+    ]
+    seen, covered = (
+        np.where((behind == is_hidden)[:, None], points[:, :2], np.nan) for is_hidden in (False, True)
+    )
+    axes.plot(covered[:, 0], covered[:, 1], ":", lw=0.8, alpha=0.9, color=colour)
+    axes.plot(
+        seen[:, 0], seen[:, 1], dashes, lw=1.5, color=colour, path_effects=halo if dashes == "-" else None
+    )
+
+
+def _draw_scale(axes: Axes, reach_m: float) -> None:
+    """A bar of a round length in the lower left corner."""
+    decade = float(10 ** np.floor(np.log10(0.6 * reach_m)))
+    length = max(step * decade for step in (1, 2, 5) if step * decade <= 0.6 * reach_m)
+    left, bottom = axes.get_xlim()[0], axes.get_ylim()[0]
+    x, y = left + 0.08 * reach_m, bottom + 0.1 * reach_m
+    around = [withStroke(linewidth=3, foreground="white")]
+    axes.plot([x, x + length], [y, y], "k-", lw=1.5, path_effects=around, solid_capstyle="butt")
+    axes.text(
+        x + 0.5 * length,
+        y + 0.04 * reach_m,
+        f"{length:g} m",
+        ha="center",
+        va="bottom",
+        size=7,
+        path_effects=around,
+    )
+
+
+def interface_lines(scene: Scene) -> list[tuple[Array, str, str]]:
+    """Contact outline and cliff edges, (n, 3) each, with dashes and colour."""
+    interface = scene.report.get("interface", {})
+    outline = np.array(interface.get("outline_m", np.empty((0, 3))))
+    lines = [(np.vstack([outline, outline[:1]]), "-", CONTACT_COLOUR)] if len(outline) else []
+    return lines + [(np.array(edge), "-.", CLIFF_COLOUR) for edge in interface.get("edges_m", [])]
+
+
+def _draw_plan(axes: Axes, scene: Scene) -> None:
+    """From above: the rock's shadow, contact outline, cliff edge, centre of mass, north."""
+    seen = scene.rock.vertices_m[scene.rock.faces][:, :, :2]
+    axes.add_collection(
+        PolyCollection(list(seen), facecolors=SHADOW_COLOUR, edgecolors="face", linewidths=0.3)
+    )
+    for line, dashes, colour in interface_lines(scene):
+        axes.plot(line[:, 0], line[:, 1], dashes, color=colour, lw=1.3)
+    axes.plot(*scene.rock.com_m[:2], "k+", markersize=8, mew=1.3)
+    flat = scene.rock.vertices_m[:, :2]
+    middle, reach = 0.5 * (flat.min(axis=0) + flat.max(axis=0)), 0.72 * float(np.ptp(flat, axis=0).max())
+    axes.set(
+        aspect="equal",
+        xlim=(middle[0] - reach, middle[0] + reach),
+        ylim=(middle[1] - reach, middle[1] + reach),
+        xlabel="east (m)",
+        ylabel="north (m)",
+        title="from above: rock, contact outline,\ncliff edge, centre of mass (+)",
+    )
+    axes.annotate(
+        "N",
+        (0.93, 0.83),
+        (0.93, 0.97),
+        xycoords="axes fraction",
+        ha="center",
+        va="top",
+        size=8,
+        weight="bold",
+    )
+    axes.annotate(
+        "",
+        (0.93, 0.9),
+        (0.93, 0.76),
+        xycoords="axes fraction",
+        arrowprops={"arrowstyle": "-|>", "lw": 1.2, "color": "k"},
+    )
+
+
+def draw_statics(axes: PolarAxes, scene: Scene) -> None:
+    """Least constant acceleration that topples, round the azimuths, with its band."""
+    azimuth_deg, value, spread = toppling_band(scene)
+    azimuth = np.deg2rad(azimuth_deg)
+    axes.fill_between(azimuth, value - spread, value + spread, color=ROCK_COLOUR, alpha=0.3, linewidth=0)
+    axes.plot(azimuth, value, color=CONTACT_COLOUR, lw=1.2)
+    axes.set_ylim(0, polar_reach_m_s2(value))
+    around, low, high, level = base_interval(scene)
+    if len(around):
+        axes.fill_between(np.deg2rad(around), low, high, color=CONTACT_COLOUR, alpha=0.18, linewidth=0)
+    told = [
+        STATICS_TITLE,
+        *([f"blue band: {level:.0%} of the bases that may be"] if len(around) else []),
+        *([BAND_TITLE] if spread.any() else []),
+        *beyond_frame(value),
+    ]
+    axes.set_title("\n".join(told))
+    mark_winds(axes)
+
+
+def base_interval(scene: Scene) -> tuple[Array, Array, Array, float]:
+    """Azimuths (a closed round), and between what toppling accelerations bases that nobody saw leave the rock.
+
+    With the share of the bases; empty of a scene whose base was not drawn.
+    """
+    found = scene.report.get("unseen_base") or {}
+    table = found.get("toppling", [])
+    if not table:
+        return np.empty(0), np.empty(0), np.empty(0), 0.0
+    rows = [*table, {**table[0], "azimuth_deg": table[0]["azimuth_deg"] + 360.0}]
+    azimuth, low, high = (
+        np.array([row[name] for row in rows], float) for name in ("azimuth_deg", "low_m_s2", "high_m_s2")
+    )
+    return azimuth, low, high, float(found["level"])
+
+
+def polar_reach_m_s2(value: NDArray[np.float64]) -> float:
+    """Radius of the statics' plot: where a few azimuths need much more than the rest, they leave it."""
+    finite = value[np.isfinite(value)]
+    return float(min(2.0 * np.median(finite), finite.max()) * 1.05) if len(finite) else 1.0
+
+
+def beyond_frame(value: NDArray[np.float64]) -> list[str]:
+    """Say what the azimuths need whose curve leaves the frame, if there are any."""
+    reach = polar_reach_m_s2(value)
+    return [f"beyond the frame: more than {reach:.3g} m/s²"] if (value > reach).any() else []
+
+
+def toppling_band(scene: Scene) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Azimuth of the ground's acceleration (a closed round), what topples (m/s2), and its standard deviation.
+
+    The latter comes from the scan's report, which has it every ten degrees; 0 without one.
+    """
+    table = scene.to_json()["quasi_static_toppling_m_s2"]
+    rows = [*table, {**table[0], "azimuth_deg": 360.0}]
+    azimuth = np.array([row["azimuth_deg"] for row in rows], float)
+    value = np.array([row["value"] for row in rows], float)
+    known = scene.report.get("uncertainty", {}).get("quasi_static_toppling_m_s2", [])
+    if not known:
+        return azimuth, value, np.zeros(len(azimuth))
+    at = np.array([row["azimuth_deg"] for row in known], float)
+    std = np.array([row["std"] for row in known], float)
+    return azimuth, value, np.interp(azimuth, at, std, period=360.0)
+
+
+def numbers_of(scene: Scene, notes: Sequence[str] = ()) -> list[str]:
+    """What a person wants to read beside the views: sizes with their spread, the interface, how sure the split is.
+
+    Notes follow.
+    """
+    rock, report = scene.rock, scene.report
+    spread, registration = report.get("uncertainty", {}), report.get("registration", {})
+    downhill = scene.pedestal.downhill_azimuth_deg
+    volume, com = spread.get("volume_std_m3"), spread.get("com_std_m")
+    tilt = spread.get("interface_normal_std_deg")
+    lines = [
+        f"volume {rock.volume_m3:.5g}{'' if volume is None else f' ± {volume:.2g}'} m³, "
+        f"height {rock.height_m:.4g} m",
+        "centre of mass {:.3f}, {:.3f}, {:.3f}".format(*rock.com_m)
+        + (" m" if com is None else " ± {:.2g}, {:.2g}, {:.2g} m".format(*com)),
+        f"interface falls {scene.pedestal.slope_deg:.2f}°{'' if tilt is None else f' ± {tilt:.2f}°'} toward azimuth "
+        f"{downhill:.1f}° ({float(compass_deg(downhill)):.0f}° compass)",
+        *_surface_of(report),
+        "origin {:.1f}, {:.1f}, {:.1f} m".format(*scene.origin_m),
+        *_split_of(report),
+    ]
+    if "residual_m" in registration:
+        lines.append(_fit_of(registration))
+    return [*lines, *notes]
+
+
+def _surface_of(report: Mapping[str, Any]) -> list[str]:
+    """How rough the interface is and how much of the surface was seen, where a scan has measured them."""
+    interface, surface = report.get("interface", {}), report.get("surface", {})
+    lines = []
+    if "roughness_m" in interface and interface.get("given_by") != "plane":  # a plane fits itself
+        lines.append(f"roughness {interface['roughness_m']:.3g} m")
+    if surface:
+        lines.append(
+            f"surface seen {surface['seen_share']:.1%}, closed at the interface {surface['closed_share']:.1%}, "
+            f"invented {surface['invented_share']:.1%}"
+        )
+    return lines
+
+
+def _split_of(report: Mapping[str, Any]) -> list[str]:
+    """How sure the split of rock and pedestal is; other candidates are sought only where the interface is fitted."""
+    sure = report.get("segmentation", {}).get("confidence")
+    if not sure:
+        return []
+    fitted = report.get("interface", {}).get("given_by", "fit") == "fit"
+    return [
+        f"split: {sure['concave_share_of_cut']:.0%} of the cut lies in creases,",
+        f"  crevice seen in {sure['crevice_seen_share']:.0%} of the directions,",
+        f"  {sure['undisputed_share']:.1%} of the points beside it undisputed,",
+        f"  highest other candidate {sure['runner_up']:.0%} of the rock's height"
+        if fitted
+        else "  no other candidate looked for, as the interface is given",
+    ]
+
+
+def _fit_of(registration: Mapping[str, Any]) -> str:
+    """How well the stations fit each other, if they show common places."""
+    stations, residual = registration["stations"], registration["residual_m"]
+    if residual is None:
+        return f"{stations} stations show no common places: how well they fit each other cannot be told"
+    each = [fit["residual_m"] for fit in registration.get("of_stations", [])]
+    alone = [one for one in each if one is not None]
+    compared = f"{len(alone)} of {stations}" if alone and len(alone) < stations else f"{stations}"
+    return f"{compared} stations fit each other within {1e3 * residual:.2g} mm" + (
+        f", the worst within {1e3 * max(alone):.2g} mm" if alone else ""
+    )

@@ -1,0 +1,116 @@
+"""What all figures share: sizes, colours, words for axes, and files that appear complete or not at all."""
+
+import io
+from contextlib import AbstractContextManager
+from pathlib import Path
+
+import matplotlib as mpl
+import seaborn as sns
+from matplotlib.axis import XAxis, YAxis
+from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
+
+from toppling.models.folder import new_file
+from toppling.results.schema import SCHEMA, describe
+
+FULL_WIDTH_IN = 7.0
+"""Of a page of paper, 178 mm."""
+
+HALF_WIDTH_IN = 3.6
+"""Of a column of paper, and of a screen of 400 pixels, on which the letters are then 12 pixels high."""
+
+COLOURS = sns.color_palette("viridis", as_cmap=True)
+"""Equal steps in lightness, so that it reads in grey and with every kind of colour vision."""
+
+MAIN_COLOUR = COLOURS(0.35)
+ROCK_COLOUR, PEDESTAL_COLOUR = "#d9a066", "#7d8b99"
+CONTACT_COLOUR, CLIFF_COLOUR = "#0057b7", "#1a1a1a"
+ALARM_COLOUR = "#b3261e"
+"""Of the point of no return; a line in this colour is dashed as well, so that no one depends on the colour."""
+
+_STYLE = {
+    "savefig.dpi": 200,
+    "svg.fonttype": "none",  # text stays text, to be searched and edited
+    "svg.hashsalt": "toppling",  # the same table gives the same file
+    "axes.linewidth": 0.6,
+    "font.size": 8,
+    "axes.labelsize": 8,
+    "axes.titlesize": 8,
+    "figure.titlesize": 8.5,
+    "xtick.labelsize": 7,
+    "ytick.labelsize": 7,
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+    "xtick.major.size": 3,
+    "ytick.major.size": 3,
+    "legend.fontsize": 7,
+}
+
+_SHORT = {
+    "level_pga_m_s2": "PGA", "pga_m_s2": "PGA", "pgv_m_s": "PGV", "pgd_m": "PGD", "pgv_pga_s": "PGV/PGA",
+    "sa_1s_m_s2": "SA(1 s)", "sa_2s_m_s2": "SA(2 s)", "arias_m_s": "Arias intensity", "cav_m_s": "CAV",
+    "duration_energy_s": "duration",
+    "pga_vertical_m_s2": "vertical PGA",
+}  # fmt: skip
+
+
+def style() -> AbstractContextManager[None]:
+    """Seaborn's ticks, in sizes for print."""
+    settings: dict = {**sns.axes_style("ticks"), **sns.plotting_context("paper"), **_STYLE}
+    return mpl.rc_context(settings)
+
+
+def save(figure: Figure, stem: Path) -> list[Path]:
+    """Write a figure as PNG and SVG beside each other; each appears complete or not at all."""
+    written = []
+    with style():
+        for suffix, told in ((".png", {"Software": None}), (".svg", {"Date": None})):
+            target = stem.with_name(stem.name + suffix)
+            with new_file(target) as hidden:
+                figure.savefig(hidden, format=suffix[1:], metadata=told)
+            written.append(target)
+    return written
+
+
+def png_bytes(figure: Figure) -> bytes:
+    """A figure as the content of a PNG file."""
+    drawn = io.BytesIO()
+    with style():
+        figure.savefig(drawn, format="png", metadata={"Software": None})
+    return drawn.getvalue()
+
+
+def svg_text(figure: Figure) -> str:
+    """A figure as an SVG element that a page may hold."""
+    drawn = io.StringIO()
+    with style():
+        figure.savefig(drawn, format="svg", metadata={"Date": None}, transparent=True)
+    text = drawn.getvalue()
+    return text[text.index("<svg") :]
+
+
+def short_name(measures: str) -> str:
+    """Name of a measure of intensity, or of several joined by ' + ', as a figure prints it."""
+    return " + ".join(_SHORT.get(name, name) for name in measures.split(" + "))
+
+
+def printed_unit(measure: str) -> str:
+    """Unit of a column of the results, as a figure prints it."""
+    return with_superscripts(describe(SCHEMA.field(measure))["unit"])
+
+
+def with_superscripts(unit: str) -> str:
+    """A unit as a person writes it: m/s² for m/s2."""
+    return unit.replace("m/s2", "m/s²").replace("m3", "m³").replace("m2", "m²")
+
+
+def measure_label(measure: str) -> str:
+    """Axis label of a measure of intensity."""
+    return f"{short_name(measure)} ({printed_unit(measure)})"
+
+
+def plain_log(axis: XAxis | YAxis) -> None:
+    """Label a logarithmic axis at 1, 2 and 5 of each decade, without powers of ten."""
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axis.set_major_formatter(StrMethodFormatter("{x:g}"))
+    axis.set_minor_formatter(NullFormatter())

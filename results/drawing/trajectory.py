@@ -1,0 +1,80 @@
+"""One shake against time: ground motion, tilt and displacement of the rock."""
+
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+
+from toppling.models.motions.motion import Motion
+from toppling.results.drawing.style import ALARM_COLOUR, COLOURS, FULL_WIDTH_IN, style
+
+COMPONENTS = (("x", "east", "-"), ("y", "north", "--"), ("z", "up", ":"))
+AFTER_FALL_S = 1.0
+"""Of the ground motion, shown after the rock's fall is over."""
+
+
+def trajectory_figure(
+    table: pd.DataFrame,
+    motion: Motion,
+    title: str,
+    topple_time_s: float | None = None,
+    width_in: float = FULL_WIDTH_IN,
+) -> Figure:
+    """Ground motion, tilt and displacement of the rock against time.
+
+    Parameters
+    ----------
+    table : DataFrame
+        From `results.replay.trajectory_table`.
+    motion : Motion
+        As imposed: drawn also where the table leaves out the time that the engine skips. Where the rock topples it
+        ends soon after the fall.
+    title : str
+    topple_time_s : float or None
+        Time of no return, marked by a line.
+    width_in : float
+    """
+    end_s = motion.duration_s
+    if topple_time_s is not None:
+        end_s = min(end_s, float(table["time_s"].iloc[-1]) + AFTER_FALL_S)
+    shown = motion.time_s <= end_s
+    times, velocity = motion.time_s[shown], motion.velocity_at(motion.time_s[shown])
+    with style():
+        figure = Figure(figsize=(width_in, 7.2))
+        grid = figure.subplots(
+            6, 1, sharex=True,
+            gridspec_kw={
+                "left": 0.75 / width_in, "right": 1 - 0.55 / width_in, "top": 0.94, "bottom": 0.06, "hspace": 0.16,
+                "height_ratios": (1, 1, 1, 1.2, 1.2, 1.2),
+            },
+        )  # fmt: skip
+        peak = 1.05 * max(float(np.abs(motion.acceleration_m_s2[shown]).max()), 1e-9)
+        for axes, column, (axis, name, dashes) in zip(grid[:3], range(3), COMPONENTS, strict=True):
+            colour = COLOURS((0.1, 0.5, 0.75)[column])
+            axes.plot(times, motion.acceleration_m_s2[shown, column], color=colour, lw=0.8)
+            axes.set(ylim=(-peak, peak), ylabel=name)  # one scale, so that they can be compared
+            look = {"color": colour, "ls": dashes, "lw": 1.0, "label": name}
+            grid[3].plot(times, velocity[:, column], **look)
+            grid[5].plot(table["time_s"], table[f"com_{axis}_m"] - table[f"com_{axis}_m"].iloc[0], **look)
+        grid[4].plot(table["time_s"], table["tilt_deg"], color=COLOURS(0.1), lw=1.0)
+        grid[0].set_title("ground acceleration (m/s²)", loc="left", pad=3)
+        for axes, label in zip(
+            grid[3:], ("ground\nvelocity (m/s)", "tilt (°)", "displacement\nof the rock (m)"), strict=True
+        ):
+            axes.set_ylabel(label)
+        if topple_time_s is not None:
+            for axes in grid:
+                axes.axvline(topple_time_s, color=ALARM_COLOUR, lw=0.8, dashes=(4, 2))
+            late = topple_time_s > 0.75 * end_s
+            grid[4].annotate(
+                "no return", (topple_time_s, 0.88), xycoords=("data", "axes fraction"), size=7, color=ALARM_COLOUR,
+                ha="right" if late else "left", xytext=(-3 if late else 3, 0), textcoords="offset points",
+            )  # fmt: skip
+        for axes in grid[[3, 5]]:
+            axes.legend(
+                loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False, handlelength=1.2, handletextpad=0.4,
+                borderaxespad=0.2,
+            )  # fmt: skip
+        grid[-1].set(xlabel="time (s)", xlim=(0.0, end_s))
+        figure.align_ylabels(grid)
+        figure.suptitle(title, wrap=True)
+    return figure

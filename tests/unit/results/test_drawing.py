@@ -1,0 +1,113 @@
+"""Pictures say what they show: nothing stretched, nothing past its end, no claim that the jobs do not bear."""
+
+import numpy as np
+import pandas as pd
+import pytest
+from matplotlib.figure import Figure
+from seeded import rows
+
+from toppling.models.errors import InputError
+from toppling.models.motions.idealised import full_sine
+from toppling.models.scene import Scene
+from toppling.models.trajectory import Trajectory
+from toppling.results.drawing.fits import fit_figure
+from toppling.results.drawing.records import scatter, upper_limit
+from toppling.results.drawing.report.write import write_pdf
+from toppling.results.drawing.trajectory import AFTER_FALL_S, trajectory_figure
+from toppling.results.fits import (
+    answered,
+    calibration,
+    compare_measures,
+    fit,
+    headline,
+    observed_shares,
+    out_of_fold,
+)
+from toppling.results.fragility import contact_words
+from toppling.results.replay import Replay
+from toppling.results.run import rock_name
+from toppling.results.schema import SCHEMA
+
+
+def test_an_outlier_stretches_no_axis_and_is_named_with_its_value():
+    x, names = np.append(np.linspace(0.05, 0.25, 20), 9.0), [f"record{k}" for k in range(21)]
+    assert upper_limit(x) < 0.3
+    axes = Figure().add_subplot()
+    scatter(axes, x, np.ones(21), names, "k")
+    assert axes.get_xlim()[1] < 0.3
+    assert [text.get_text() for text in axes.texts] == ["record20: 9"]
+
+
+def test_without_outliers_the_axis_holds_every_value():
+    x = np.random.default_rng(1).uniform(5.0, 80.0, 50)
+    assert x.max() < upper_limit(x) < 1.1 * x.max()
+
+
+def trajectory(end_s):
+    time = np.linspace(0.0, end_s, 50)
+    zero = np.zeros(50)
+    return pd.DataFrame(
+        {"time_s": time, "tilt_deg": 10 * time, "com_x_m": zero, "com_y_m": zero, "com_z_m": zero}
+    )
+
+
+def test_three_components_have_three_axes_and_the_motion_ends_soon_after_the_fall():
+    motion = full_sine(4.0, 8.0)
+    fallen = trajectory_figure(trajectory(3.0), motion, "", topple_time_s=2.0).axes
+    standing = trajectory_figure(trajectory(3.0), motion, "").axes
+    assert [axes.get_ylabel() for axes in fallen[:3]] == ["east", "north", "up"]
+    assert len({axes.get_ylim() for axes in fallen[:3]}) == 1
+    assert fallen[0].get_xlim()[1] == pytest.approx(3.0 + AFTER_FALL_S)
+    assert standing[0].get_xlim()[1] == pytest.approx(motion.duration_s)
+    assert "no return" in [text.get_text() for axes in fallen for text in axes.texts]
+
+
+@pytest.fixture(scope="module")
+def jobs():
+    frame = answered(pd.DataFrame(rows(records=20, azimuths=(0.0,)), columns=SCHEMA.names))
+    return frame.assign(pga_vertical_m_s2=frame["pgv_m_s"])
+
+
+def test_a_curve_over_vertical_pga_never_stands_for_a_run(jobs):
+    vertical, level = (fit(jobs, [name]) for name in ("pga_vertical_m_s2", "pga_m_s2"))
+    assert vertical.lognormal is not None
+    assert headline([vertical, level]) is level
+    assert headline([vertical]) is None
+
+
+@pytest.mark.parametrize(("toppled", "is_ranked"), [(9, False), (10, True)])
+def test_a_picture_of_too_few_topplings_says_so_and_ranks_nothing(jobs, toppled, is_ranked):
+    curve = fit(jobs, ["pgv_m_s"]).lognormal
+    ranking = compare_measures(jobs, [["pgv_m_s"], ["pga_m_s2"]], samples=20)
+    calibrated = calibration(jobs, out_of_fold(jobs, ["pgv_m_s"]))
+    figure = fit_figure(curve, None, observed_shares(jobs, "pgv_m_s"), ranking, calibrated, toppled)
+    left, middle, _ = figure.axes
+    assert ("too few topplings" in left.get_title()) != is_ranked
+    assert any("too few topplings" in text.get_text() for text in middle.texts) != is_ranked
+    assert ("PGV" in [label.get_text() for label in middle.get_yticklabels()]) == is_ranked
+
+
+def test_a_contact_is_named_by_its_friction_and_by_what_else_differs(jobs):
+    one = jobs.assign(friction_static=0.8, friction_kinetic=0.6, restitution=0.0)
+    assert contact_words(one, one) == "μ = 0.8 (0.6 kinetic)"
+    both = pd.concat([one, one.assign(restitution=0.2)])
+    assert contact_words(one, both) == "μ = 0.8 (0.6 kinetic), restitution 0"
+
+
+def test_a_rock_is_called_by_its_folder(tmp_path):
+    assert rock_name(tmp_path / "echo_cliffs") == "echo_cliffs"
+    assert rock_name(tmp_path / "echo_cliffs" / "scene") == "echo_cliffs"
+
+
+def test_where_nothing_prints_a_pdf_it_is_said_what_would(monkeypatch, tmp_path):
+    monkeypatch.setitem(__import__("sys").modules, "weasyprint", None)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.raises(InputError, match="pip install weasyprint"):
+        write_pdf("<p>text</p>", tmp_path / "report.pdf")
+    assert not (tmp_path / "report.pdf").exists()
+
+
+def test_a_replay_of_a_rock_that_rests_shows_the_whole_motion():
+    scene, motion = Scene.block(0.2, 0.2, 0.6), full_sine(1.0, 2.0)
+    rest = Trajectory(np.zeros(1), scene.rock.com_m[None, :], np.array([[0.0, 0.0, 0.0, 1.0]]))
+    assert Replay(scene, motion, rest).shown_s() == (0.0, motion.duration_s)

@@ -246,7 +246,7 @@ class Campaign:
             If there are more than `MOST_JOBS` with so many records.
         """
         axes = {
-            "records": records, "levels": len(self.pga_m_s2), "azimuths": len(self.azimuth_deg),
+            "records": records, "levels": max(len(self.pga_m_s2), 1), "azimuths": len(self.azimuth_deg),
             "frictions": len(self.friction), "restitutions": len(self.restitution),
             "realisations": self.realisations,
         }  # fmt: skip

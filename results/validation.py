@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy.special import logit, logsumexp
+from scipy.special import logit
 from sklearn.linear_model import LogisticRegression
 from sklearn.metrics import accuracy_score, brier_score_loss, confusion_matrix, log_loss
 from sklearn.model_selection import LeaveOneGroupOut
@@ -24,8 +24,9 @@ SAMPLES = 1000
 """Of records drawn anew, for intervals of 95 %."""
 SURE = 1e-3
 """Probabilities nearer to 0 or 1 count as this near in logarithmic scores: who says never may be wrong."""
-ROUNDS = 30
+ROUNDS = 200
 """In which weights and rates are found together."""
+FIRST_RATES = (0.05, 0.95)
 
 Array = NDArray[np.float64]
 Truths = NDArray[np.bool_]
@@ -130,21 +131,26 @@ def learnt(
     predicted = np.empty(len(overturned))
     for seen, hidden in LeaveOneGroupOut().split(toppled.T, overturned, group):
         left(group[hidden[0]])
-        weights, rates = weighted_draws(toppled[:, seen], overturned[seen], group[seen])
-        said = rates[0] + (rates[1] - rates[0]) * toppled[:, hidden]
-        known = np.isfinite(said)
+        weights, (stands, topples) = weighted_draws(toppled[:, seen], overturned[seen], group[seen])
+        known = np.isfinite(toppled[:, hidden])
+        said = np.where(toppled[:, hidden] > 0.5, topples, stands)
         heard = (weights[:, None] * known).sum(axis=0)
-        predicted[hidden] = np.nansum(weights[:, None] * said, axis=0) / np.where(heard > 0, heard, 1.0)
+        mean = (weights[:, None] * known * said).sum(axis=0)
+        predicted[hidden] = np.where(
+            heard > 0.0, mean / np.where(heard > 0.0, heard, 1.0), overturned[seen].mean()
+        )
     return predicted
 
 
 def weighted_draws(
     toppled: Array, overturned: Truths, group: NDArray[Any]
 ) -> tuple[Array, tuple[float, float]]:
-    """Weights of draws by the likelihood of outcomes, with the rates at which a draw is right, found together.
+    """Weights of draws that make their mean most likely, with the rates at which a draw is right, found together.
 
-    A draw that says 'stands' is wrong at one rate and one that says 'topples' right at another: no base that was drawn
-    is the true one. The tests of a record count as one together, since they err together.
+    No draw is the true base. Weights by each draw's own likelihood would leave the one that errs least, whereas draws
+    on either side of the truth tell more together: so it is the likelihood of the weighted mean that is as large as it
+    can be (stacking of predictive distributions, Yao et al. 2018), by expectation and maximisation. The tests of a
+    record err together and count as one; before any outcome, draws weigh alike, with the weight of one record.
 
     Returns
     -------
@@ -155,18 +161,18 @@ def weighted_draws(
     """
     names, size = np.unique(group, return_counts=True)
     evidence = len(names) / size.sum()
-    weights = np.full(len(toppled), 1.0 / len(toppled))
     known = np.isfinite(toppled)
     falls, stands = known & (toppled > 0.5), known & (toppled <= 0.5)
-    rates = (0.0, 1.0)
+    weights = np.full(len(toppled), 1.0 / len(toppled))
+    rates = FIRST_RATES
     for _ in range(ROUNDS):
-        rates = (_rate(weights, stands, overturned), _rate(weights, falls, overturned))
         chance = np.where(falls, rates[1], rates[0])
-        log_chance = np.where(known, np.log(np.where(overturned, chance, 1.0 - chance)), 0.0)
-        # Of a draw without some answers, what it has counts for all.
-        told = evidence * log_chance.sum(axis=1) * known.shape[1] / np.maximum(known.sum(axis=1), 1)
-        told = np.where(known.any(axis=1), told, -np.inf)
-        weights = np.exp(told - logsumexp(told))
+        likelihood = weights[:, None] * np.where(overturned, chance, 1.0 - chance) * known
+        total = likelihood.sum(axis=0)
+        told_by = likelihood / np.where(total > 0.0, total, 1.0)
+        weights = evidence * told_by.sum(axis=1) + 1.0 / len(toppled)
+        weights /= weights.sum()
+        rates = (_rate(told_by * stands, overturned), _rate(told_by * falls, overturned))
     return weights, rates
 
 
@@ -214,10 +220,9 @@ def table(rows: Mapping[str, Mapping[str, Any]]) -> pd.DataFrame:
     return frame.set_index("who")
 
 
-def _rate(weights: Array, said: NDArray[np.bool_], overturned: Truths) -> float:
-    """Share that overturned where draws said so, with half a count on either side."""
-    heard = weights[:, None] * said
-    return float(((heard * overturned).sum() + 0.5) / (heard.sum() + 1.0))
+def _rate(told_by: Array, overturned: Truths) -> float:
+    """Share that overturned of what draws told, with half a count on either side."""
+    return float(((told_by * overturned).sum() + 0.5) / (told_by.sum() + 1.0))
 
 
 def _threshold(measure: Array, overturned: Truths, seen: NDArray, hidden: NDArray) -> Array:

@@ -55,7 +55,7 @@ class Unmeasured:
 def _point(realisation: int) -> tuple[float, float, float, float]:
     """Point of the unit cube: few realisations fill it evenly, and the same whatever their number."""
     point = qmc.Sobol(4, rng=29).fast_forward(realisation).random(1)[0]
-    return tuple(point.tolist())  # type: ignore[return-value]
+    return tuple(point.tolist())
 
 
 def _between(interval: tuple[float, float], share: float) -> float:

@@ -65,7 +65,7 @@ def raw_motion(path: Path) -> Motion:
     except (ValueError, IndexError, OSError, UnicodeDecodeError) as error:
         raise _error(path, f"cannot be read ({error})") from None
     time_s = columns[:, 0]
-    step_s = float((time_s[-1] - time_s[0]) / max(len(columns) - 1, 1))
+    step_s = round(float((time_s[-1] - time_s[0]) / max(len(columns) - 1, 1)), 6)
     even_s = time_s[0] + step_s * np.arange(len(columns))
     # Times are printed with six digits.
     if len(columns) < 100 or not np.isfinite(columns).all() or np.abs(time_s - even_s).max() > 0.5 * step_s:

@@ -75,21 +75,29 @@ def test_the_outcomes_of_a_record_do_not_change_what_is_foretold_of_it():
 def test_learning_finds_the_draw_that_is_right_and_how_often():
     draws, overturned = experiment(0.8)
     weights, (stands, topples) = weighted_draws(draws, overturned, GROUP)
-    assert weights[0] > 0.9
-    # Where the second draw decides, it agrees by chance half of the time: the first is right nine times in ten.
-    assert stands == pytest.approx(0.1, abs=0.08)
-    assert topples == pytest.approx(0.9, abs=0.08)
+    assert weights[0] == pytest.approx(0.8, abs=0.08)
+    assert stands < 0.1
+    assert topples > 0.9
     unlearnt = scores(overturned, share(draws)[0])
     assert scores(overturned, learnt(draws, overturned, GROUP))["brier"] < unlearnt["brier"]
 
 
-def test_a_draw_without_answers_weighs_nothing_and_spoils_nothing():
+def test_draws_on_either_side_of_the_truth_tell_more_together_than_the_better_one_alone():
+    random = np.random.default_rng(11)
+    strength = random.random(len(GROUP))
+    overturned = strength > random.normal(0.5, 0.12, len(GROUP))
+    draws = (strength > np.array([[0.35], [0.62]])).astype(float)
+    together = scores(overturned, learnt(draws, overturned, GROUP))["brier"]
+    alone = [scores(overturned, learnt(draws[[k]], overturned, GROUP))["brier"] for k in (0, 1)]
+    assert together < min(alone)
+
+
+def test_a_draw_without_answers_keeps_at_most_the_weight_it_had_before_any_outcome():
     draws, overturned = experiment(0.8)
     with_silent = np.vstack([draws, np.full(draws.shape[1], np.nan)])
-    assert weighted_draws(with_silent, overturned, GROUP)[0][2] == 0.0
-    np.testing.assert_allclose(
-        learnt(with_silent, overturned, GROUP), learnt(draws, overturned, GROUP), atol=1e-6
-    )
+    assert weighted_draws(with_silent, overturned, GROUP)[0][2] <= 1.0 / 3.0 / RECORDS
+    spoilt = learnt(with_silent, overturned, GROUP) - learnt(draws, overturned, GROUP)
+    assert np.abs(spoilt).max() < 0.02  # two draws share what one record weighs, then three
 
 
 def test_simple_rules_find_a_threshold_of_velocity_without_the_record_itself():

@@ -234,6 +234,8 @@ class Campaign:
                 f"one of {', '.join(LEVELS)}",
                 "the levels themselves are pga_m_s2",
             )
+        if levels == "hunt" and not values["pga_m_s2"]:
+            raise _error(place("levels"), "'hunt' among no levels", "levels in pga_m_s2", "leave levels out")
         values["levels"] = levels
         return cls(**values)
 

@@ -193,6 +193,7 @@ def shake_tests(
             engine=wanted.engine,
             records=tuple(np.array(ids)[uncertain].tolist()),
             unmeasured=unmeasured(wanted.engine),
+            audit=0,
         )
         place = folder / f"realisations_{first}_{last}"
         with watcher() as watch:

@@ -22,9 +22,9 @@ from toppling.orchestrator.cluster import local
 from toppling.orchestrator.progress import watcher
 from toppling.orchestrator.run import RunError
 from toppling.orchestrator.validation import Shaken, Wanted, ensemble_of, scene_of, shake_tests, unmeasured
-from toppling.results.figures import save
+from toppling.results.drawing.style import save
+from toppling.results.drawing.validation import calibration_figure
 from toppling.results.validation import calibration, intervals, learnt, scores, share, simple_rules, table
-from toppling.results.validation_figure import calibration_figure
 from toppling.workers.options import ENGINES, PRESETS
 
 MEASURES = ("pga_m_s2", "pgv_m_s", "pgv_pga_s")

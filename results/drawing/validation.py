@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from statsmodels.stats.proportion import proportion_confint
 
-from toppling.results.figures import HALF_WIDTH_IN, style
+from toppling.results.drawing.style import HALF_WIDTH_IN, style
 
 
 def calibration_figure(

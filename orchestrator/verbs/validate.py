@@ -10,7 +10,6 @@ from typing import Any
 import click
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 from rich.console import Console
 from rich.progress import Progress
 
@@ -113,7 +112,7 @@ def _told(
     """All that is known in the end."""
     overturned = np.array([test.overturned for test in experiment.tests])
     group = np.array([test.ground_motion for test in experiment.tests])
-    answered: NDArray[np.bool_] = np.isfinite(shaken.toppled).any(axis=0)
+    answered = np.asarray(np.isfinite(shaken.toppled).any(axis=0), bool)
     if not answered.any():
         raise InputError(
             "no draw has an answer to any test",

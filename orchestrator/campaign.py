@@ -16,6 +16,10 @@ from toppling.models.errors import InputError
 from toppling.models.scene import ContactProperties
 from toppling.models.spelling import did_you_mean
 from toppling.workers.options import ENGINES, PRESETS
+from toppling.workers.unmeasured import Unmeasured
+
+AS_RECORDED = "recorded"
+"""In place of levels: every record as strong as it is."""
 
 LEVELS = ("all", "hunt")
 
@@ -38,14 +42,16 @@ class Campaign:
     scene, ensemble : Path
         Folders of the scene and of the ensemble.
     pga_m_s2 : tuple of float
-        Levels that every record is scaled to, m/s2.
+        Levels that every record is scaled to, m/s2; none where each is left as strong as it was recorded.
     azimuth_deg : tuple of float
         Azimuths that every record is turned to, degrees counter-clockwise from x.
     friction : tuple of (float, float)
         Static and kinetic coefficients.
     restitution : tuple of float
     realisations : int
-        Jobs per point, from realisation 0, the nominal scene.
+        Jobs per point, from realisation 0, the nominal scene, on.
+    first_realisation : int
+        Where they begin instead, so that a campaign adds to another.
     preset : str
         Settings of the engine: fast, standard or reference.
     engine : str
@@ -60,6 +66,8 @@ class Campaign:
     levels : str
         all, or hunt: of each record and azimuth those that tell where it begins to topple, the others audited at
         random (`orchestrator.hunt`).
+    unmeasured : Unmeasured or None
+        What realisations draw besides base, centre of mass and some per cent of friction.
     """
 
     scene: Path
@@ -69,12 +77,19 @@ class Campaign:
     friction: tuple[tuple[float, float], ...]
     restitution: tuple[float, ...] = (0.0,)
     realisations: int = 1
+    first_realisation: int = 0
     preset: str = "standard"
     engine: str = "pybullet"
     records: tuple[str, ...] | None = None
     peak_displacement_m: float | None = None
     audit: int | None = None
     levels: str = "all"
+    unmeasured: Unmeasured | None = None
+
+    @property
+    def as_recorded(self) -> bool:
+        """Whether records are imposed unscaled."""
+        return not self.pga_m_s2
 
     @classmethod
     def read(cls, path: str | os.PathLike[str]) -> "Campaign":
@@ -129,12 +144,14 @@ class Campaign:
             return folder / content[key]
 
         values: dict[str, Any] = {"scene": folder_of("scene"), "ensemble": folder_of("ensemble")}
-        values["pga_m_s2"] = _axis(
-            content["pga_m_s2"],
-            place("pga_m_s2"),
-            lambda pga: 0 < pga <= LARGEST_PGA_M_S2,
-            f"accelerations above 0 and up to {LARGEST_PGA_M_S2:g} m/s2",
-        )
+        values["pga_m_s2"] = ()
+        if content["pga_m_s2"] != AS_RECORDED:
+            values["pga_m_s2"] = _axis(
+                content["pga_m_s2"],
+                place("pga_m_s2"),
+                lambda pga: 0 < pga <= LARGEST_PGA_M_S2,
+                f"accelerations above 0 and up to {LARGEST_PGA_M_S2:g} m/s2, or {AS_RECORDED!r} for no scaling",
+            )
         values["azimuth_deg"] = _axis(
             content["azimuth_deg"],
             place("azimuth_deg"),
@@ -161,6 +178,15 @@ class Campaign:
                 "1 is the nominal scene",
             )
         values["realisations"] = realisations
+        first = content.get("first_realisation", 0)
+        if not isinstance(first, int) or isinstance(first, bool) or first < 0:
+            raise _error(
+                place("first_realisation"),
+                f"{first!r}",
+                "a whole number from 0",
+                "leave it out for the nominal scene",
+            )
+        values["first_realisation"] = first
         preset = content.get("preset", "standard")
         if not isinstance(preset, str) or preset not in PRESETS:
             raise _error(
@@ -170,6 +196,7 @@ class Campaign:
                 did_you_mean(preset, PRESETS, "take 'standard' if unsure"),
             )
         values["preset"] = preset
+        values["unmeasured"] = _unmeasured(content.get("unmeasured"), place("unmeasured"))
         values["engine"] = _engine(content.get("engine", "pybullet"), values, place("engine"))
         if (records := content.get("records")) is not None:
             if (
@@ -207,6 +234,8 @@ class Campaign:
                 f"one of {', '.join(LEVELS)}",
                 "the levels themselves are pga_m_s2",
             )
+        if levels == "hunt" and not values["pga_m_s2"]:
+            raise _error(place("levels"), "'hunt' among no levels", "levels in pga_m_s2", "leave levels out")
         values["levels"] = levels
         return cls(**values)
 
@@ -219,7 +248,7 @@ class Campaign:
             If there are more than `MOST_JOBS` with so many records.
         """
         axes = {
-            "records": records, "levels": len(self.pga_m_s2), "azimuths": len(self.azimuth_deg),
+            "records": records, "levels": max(len(self.pga_m_s2), 1), "azimuths": len(self.azimuth_deg),
             "frictions": len(self.friction), "restitutions": len(self.restitution),
             "realisations": self.realisations,
         }  # fmt: skip
@@ -237,9 +266,10 @@ class Campaign:
             for field in dataclasses.fields(self)
             if getattr(self, field.name) is not None
         }
-        content |= {"scene": scene, "ensemble": ensemble}
-        # JSON's strings, numbers and arrays are TOML's too.
-        return "".join(f"{key} = {json.dumps(value, ensure_ascii=False)}\n" for key, value in content.items())
+        content |= {"scene": scene, "ensemble": ensemble, "pga_m_s2": self.pga_m_s2 or AS_RECORDED}
+        if self.unmeasured is not None:
+            content["unmeasured"] = dataclasses.asdict(self.unmeasured)
+        return "".join(f"{key} = {_toml(value)}\n" for key, value in content.items())
 
 
 def hash_of(texts: Iterable[str]) -> str:
@@ -312,11 +342,50 @@ def _friction(value: Any, where: str) -> tuple[tuple[float, float], ...]:
     return tuple(_distinct(pairs, where))
 
 
+def _toml(value: Any) -> str:
+    """A value in TOML: JSON's strings, numbers, truths and arrays are TOML's too, its tables are not."""
+    if isinstance(value, dict):
+        pairs = (f"{key} = {_toml(each)}" for key, each in value.items() if each is not None)
+        return f"{{ {', '.join(pairs)} }}"
+    return json.dumps(value, ensure_ascii=False)
+
+
+def _unmeasured(value: Any, where: str) -> Unmeasured | None:
+    if value is None:
+        return None
+    expected = (
+        "{ friction = [low, high], restitution = [low, high], yaw_deg = number, either_sense = true or false }, "
+        "each as wanted"
+    )
+    known = {field.name for field in dataclasses.fields(Unmeasured)}
+    if not isinstance(value, dict) or not set(value) <= known:
+        raise _error(where, f"{value!r}", expected, "correct or remove it")
+    drawn = dict(value)
+    for key, highest in (("friction", math.inf), ("restitution", 1.0)):
+        if key not in drawn:
+            continue
+        pair = drawn[key]
+        if not isinstance(pair, list) or len(pair) != 2 or not all(map(is_number, pair)):
+            raise _error(f"{where}.{key}", f"{pair!r}", "[low, high]", "give two numbers")
+        if not 0.0 <= pair[0] <= pair[1] <= highest:
+            raise _error(f"{where}.{key}", f"{pair!r}", f"0 to {highest:g}, the lower first", "correct it")
+        drawn[key] = (float(pair[0]), float(pair[1]))
+    yaw_deg = drawn.get("yaw_deg", 0.0)
+    if not is_number(yaw_deg) or not 0.0 <= yaw_deg <= 180.0:
+        raise _error(f"{where}.yaw_deg", f"{yaw_deg!r}", "0 to 180 degrees", "correct it")
+    drawn["yaw_deg"] = float(yaw_deg)
+    if not isinstance(drawn.get("either_sense", False), bool):
+        raise _error(f"{where}.either_sense", f"{drawn['either_sense']!r}", "true or false", "correct it")
+    return Unmeasured(**drawn)
+
+
 def _engine(engine: Any, values: Mapping[str, Any], where: str) -> str:
     if engine not in ENGINES:
         remedy = did_you_mean(engine, ENGINES, "leave it out for 'pybullet'")
         raise _error(where, f"{engine!r}", f"one of {', '.join(ENGINES)}", remedy)
     beyond = any(values["restitution"]) or any(static != kinetic for static, kinetic in values["friction"])
+    drawn: Unmeasured | None = values["unmeasured"]
+    beyond |= drawn is not None and drawn.restitution is not None and drawn.restitution[1] > 0.0
     if engine == "mujoco" and beyond:
         what = "mujoco knows neither restitution nor a kinetic friction of its own"
         raise _error(

@@ -33,6 +33,7 @@ VERBS = {
     "accuracy": "Compare the presets' answers for the rock of SCENE under motions of ENSEMBLE, and their cost.",
     "ramp": "Shake the rock of SCENE with waveforms of ENSEMBLE, each stronger by a step until it topples.",
     "study": "Repeat the study of Veeraraghavan, Hudnut and Krishnan on a rock: runs, figures, findings, report.",
+    "validate": "Foretell the shake-table tests of FOLDER as probabilities, and score them against what happened.",
     "demo": "Scan a virtual rock, make earthquakes, shake, and draw the maps: minutes on two cores.",
 }
 """Each is the command of its name in the module of its name in orchestrator/verbs; its line begins its own help."""

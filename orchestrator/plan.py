@@ -129,11 +129,15 @@ def plan(campaign: Campaign, scene: Scene, ensemble: Ensemble) -> Plan:
     sha = {record: ensemble.sha(record) for record in records}
     axes = list(_axes(campaign))
     scene_id = scene.id
-    ids = pa.array(
-        (_spec(campaign, scene_id, sha[record], record, *axis).job_id for record in records for axis in axes),
-        pa.string(),
-    )
     per_record = [np.tile(np.array(column), len(records)) for column in zip(*axes, strict=True)]
+    if campaign.as_recorded:
+        pga = dict(zip(ensemble.record_ids, ensemble.catalog["pga_m_s2"].to_pylist(), strict=True))
+        per_record[0] = np.repeat([pga[record] for record in records], len(axes))
+    named = np.repeat(records, len(axes)).tolist()
+    rows = zip(named, *(column.tolist() for column in per_record), strict=True)
+    ids = pa.array(
+        (_spec(campaign, scene_id, sha[record], record, *axis).job_id for record, *axis in rows), pa.string()
+    )
     codes = np.repeat(np.arange(len(records), dtype=np.int32), len(axes))
     jobs = pa.Table.from_arrays(
         [ids, pa.DictionaryArray.from_arrays(codes, pa.array(records)), *map(pa.array, per_record)],
@@ -184,9 +188,11 @@ def settling(scene: Scene) -> Settling:
 
 def _axes(campaign: Campaign) -> Iterator[tuple[float, float, float, float, float, int]]:
     """One record's points: those of one scene together, and of them the strongest shaking, the longest, first."""
-    levels = sorted(campaign.pga_m_s2, reverse=True)
+    levels = sorted(campaign.pga_m_s2, reverse=True) or [np.nan]  # of records as they are, each has its own
+    first = campaign.first_realisation
+    numbers = range(first, first + campaign.realisations)
     for (static, kinetic), restitution, realisation, pga, azimuth in product(
-        campaign.friction, campaign.restitution, range(campaign.realisations), levels, campaign.azimuth_deg
+        campaign.friction, campaign.restitution, numbers, levels, campaign.azimuth_deg
     ):
         yield pga, azimuth, static, kinetic, restitution, realisation
 
@@ -216,6 +222,7 @@ def _spec(
         preset=campaign.preset,
         engine=campaign.engine,
         peak_displacement_m=campaign.peak_displacement_m,
+        unmeasured=campaign.unmeasured,
     )
 
 

@@ -19,6 +19,7 @@ from toppling.models.scene import ContactProperties, Scene
 from toppling.workers.options import PHYSICS_VERSION
 from toppling.workers.outcome import ShakeResult
 from toppling.workers.shake import shake
+from toppling.workers.unmeasured import Unmeasured
 
 COM_SPREAD_SHARE = 0.005
 """Standard deviation of the centre of mass over the height, in a realisation of a scene that knows none of its own."""
@@ -45,6 +46,8 @@ class JobSpec:
     engine : str
     peak_displacement_m : float or None
         Largest ground displacement to impose.
+    unmeasured : Unmeasured or None
+        What realisations draw besides.
     """
 
     scene_id: str
@@ -59,11 +62,13 @@ class JobSpec:
     preset: str
     engine: str = "pybullet"
     peak_displacement_m: float | None = None
+    unmeasured: Unmeasured | None = None
 
     @property
     def job_id(self) -> str:
         """Hash of the specification and the physics version."""
         content = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+        content["unmeasured"] = self.unmeasured and dataclasses.asdict(self.unmeasured)
         canonical = json.dumps({**content, "physics_version": PHYSICS_VERSION}, sort_keys=True)
         return hashlib.sha256(canonical.encode()).hexdigest()[:24]
 
@@ -117,13 +122,15 @@ def prepared(spec: JobSpec, assets: Assets) -> tuple[Scene, Imposed]:
             expected=f"scene {spec.scene_id} and record {spec.record_sha}",
             remedy="plan the campaign anew: its scene or ensemble has changed",
         )
-    imposed = impose(record, spec.pga_m_s2, spec.azimuth_deg, spec.peak_displacement_m)
+    unmeasured = spec.unmeasured or Unmeasured()
+    azimuth_deg = spec.azimuth_deg + unmeasured.turn_deg(spec.realisation)
+    imposed = impose(record, spec.pga_m_s2, azimuth_deg, spec.peak_displacement_m)
     contact = ContactProperties(spec.friction_static, spec.friction_kinetic, spec.restitution)
-    return _realised(assets.scene, contact, spec.realisation), imposed
+    return _realised(assets.scene, contact, unmeasured, spec.realisation), imposed
 
 
 @lru_cache(maxsize=8)  # scenes compare by identity: one object a realisation lets the settled pose be kept
-def _realised(scene: Scene, contact: ContactProperties, realisation: int) -> Scene:
+def _realised(scene: Scene, contact: ContactProperties, unmeasured: Unmeasured, realisation: int) -> Scene:
     """The scene with the job's contact properties, and with what the realisation draws."""
     if realisation == 0:
         return scene.with_contact(contact)
@@ -137,6 +144,7 @@ def _realised(scene: Scene, contact: ContactProperties, realisation: int) -> Sce
     drawn = ContactProperties(
         contact.friction_static * factor, contact.friction_kinetic * factor, contact.restitution
     )
+    drawn = unmeasured.contact(drawn, realisation)
     if scene.unseen is not None:  # base and centre of mass are drawn together: on each base the rock stands
         number = scene.unseen.number_of(realisation)
         assert number is not None
@@ -147,7 +155,7 @@ def _realised(scene: Scene, contact: ContactProperties, realisation: int) -> Sce
 
 def _identity(spec: JobSpec, record: Record) -> dict[str, Any]:
     columns = dataclasses.asdict(spec)
-    del columns["record_sha"], columns["peak_displacement_m"]
+    del columns["record_sha"], columns["peak_displacement_m"], columns["unmeasured"]
     columns["level_pga_m_s2"] = columns.pop("pga_m_s2")
     return {**columns, "job_id": spec.job_id, "event": record.event, "physics_version": PHYSICS_VERSION}
 

@@ -47,7 +47,7 @@ def plan(campaign: Path, table: Path | None, workers: int | None, no_estimate: b
     with bar("timing a few jobs"):
         expected = None if no_estimate else estimate(planned, scene, ensemble)
     counts = {
-        "jobs": len(planned), "records": len(planned.record_sha), "levels": len(chosen.pga_m_s2),
+        "jobs": len(planned), "records": len(planned.record_sha), "levels": max(len(chosen.pga_m_s2), 1),
         "azimuths": len(chosen.azimuth_deg), "frictions": len(chosen.friction),
         "restitutions": len(chosen.restitution), "realisations": chosen.realisations, "preset": chosen.preset,
         "engine": chosen.engine,

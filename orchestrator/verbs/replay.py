@@ -121,6 +121,7 @@ def _specification(run: Path, job: str) -> tuple[JobSpec, str]:
         preset=campaign.preset,
         engine=campaign.engine,
         peak_displacement_m=campaign.peak_displacement_m,
+        unmeasured=campaign.unmeasured,
         **chosen,
     ), job_id
 

@@ -113,3 +113,37 @@ def test_what_is_no_campaign_file_is_refused(tmp_path, content):
         path.write_bytes(content)
     with pytest.raises(InputError, match=r"c\.toml"):
         Campaign.read(path)
+
+
+DRAWN = {"friction": [0.5, 1.0], "restitution": [0.0, 0.3], "yaw_deg": 5.0, "either_sense": True}
+
+
+@pytest.mark.parametrize("drawn", [DRAWN, {"yaw_deg": 3}, {"friction": [0.6, 0.6]}, {}])
+def test_what_realisations_draw_and_records_as_they_are_read_back_the_same(drawn):
+    one = campaign(pga_m_s2="recorded", unmeasured=drawn, realisations=5, first_realisation=4)
+    again = Campaign.of(tomllib.loads(one.to_toml("scenes/echo", "ensembles/quakes")), Path("here"))
+    assert again == one
+    assert one.as_recorded
+
+
+@pytest.mark.parametrize(
+    "drawn",
+    [
+        {"friction": [1.0, 0.5]},
+        {"restitution": [0.0, 1.2]},
+        {"yaw_deg": -1},
+        {"either_sense": 1},
+        {"gravity": [9, 10]},
+        {"friction": 0.5},
+        [0.5, 1.0],
+    ],
+)
+def test_draws_of_what_is_unmeasured_out_of_their_range_are_refused(drawn):
+    with pytest.raises(InputError, match="unmeasured"):
+        campaign(unmeasured=drawn)
+
+
+def test_an_engine_without_restitution_refuses_to_draw_it():
+    with pytest.raises(InputError, match="restitution"):
+        campaign(unmeasured=DRAWN, engine="mujoco", friction=[0.8])
+    assert campaign(unmeasured={"friction": [0.5, 1.0]}, engine="mujoco", friction=[0.8]).engine == "mujoco"

@@ -14,6 +14,7 @@ from click.testing import CliRunner
 from toppling.models.errors import InputError
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.idealised import ricker
+from toppling.models.motions.impose import impose
 from toppling.models.motions.record import Record
 from toppling.models.scene import Scene
 from toppling.orchestrator.campaign import Campaign
@@ -44,6 +45,26 @@ def test_every_point_of_the_product_is_one_job_with_an_id_of_its_own(campaign):
     whole = planned(campaign, friction=((0.8, 0.8), (0.6, 0.6)), realisations=3)
     assert len(whole) == 3 * 2 * 2 * 2 * 3
     assert len(set(whole.jobs["job_id"].to_pylist())) == len(whole)
+
+
+def test_records_as_they_are_are_imposed_unscaled(campaign):
+    ensemble = Ensemble.load(campaign.ensemble)
+    whole = planned(campaign, pga_m_s2=(), azimuth_deg=(0.0,))
+    assert len(whole) == 3
+    for row in range(3):
+        spec = whole.spec(row)
+        record = ensemble.record(spec.record_id)
+        motion = impose(record, spec.pga_m_s2, record.intensity["strong_azimuth_deg"]).motion
+        assert (motion.acceleration_m_s2 == record.motion.acceleration_m_s2).all()
+        assert spec.job_id == whole.jobs["job_id"][row].as_py()
+
+
+def test_a_campaign_of_further_realisations_repeats_no_job(campaign):
+    first = planned(campaign, realisations=3)
+    further = planned(campaign, realisations=2, first_realisation=3)
+    whole = planned(campaign, realisations=5)
+    assert first.ids.isdisjoint(further.ids)
+    assert first.ids | further.ids == whole.ids
 
 
 def test_the_table_and_the_specifications_agree(campaign):

@@ -1,0 +1,178 @@
+"""Shake-table tests of a specimen: what the table did, whether the rock overturned, what others predicted.
+
+A folder holds `tests.csv` (one row a test: `test_no`, a column of outcomes, and where known `ground_motion`) and
+`motions.parquet` (`test_no`, `dt_s`, `acc_m_s2` along the table's axis), or the experiment's own files
+(:mod:`models.motions.shaketable_raw`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+
+from toppling.models.errors import InputError
+from toppling.models.motions.motion import Motion
+from toppling.models.motions.record import Record
+from toppling.models.motions.shaketable_raw import is_raw, raw_motions, raw_tests
+
+TESTS, MOTIONS = "tests.csv", "motions.parquet"
+ALONG_X_DEG = (0.0, 90.0)
+"""The table's axis is x: which way it points in the mesh's frame is the campaign's to say."""
+
+
+@dataclass(frozen=True)
+class Test:
+    """One test of which the outcome is known.
+
+    Parameters
+    ----------
+    test_no : int
+    ground_motion : str
+        The record that the table followed, at whatever amplitude: tests of one are not independent.
+    overturned : bool
+    predicted : mapping
+        Other people's predictions of this specimen by their names.
+    """
+
+    test_no: int
+    ground_motion: str
+    overturned: bool
+    predicted: Mapping[str, bool]
+
+    @property
+    def record_id(self) -> str:
+        """Its motion in the ensemble."""
+        return f"test_{self.test_no:04d}"
+
+
+@dataclass(frozen=True, eq=False)
+class Experiment:
+    """Tests with motion and outcome, by their numbers.
+
+    Parameters
+    ----------
+    tests : tuple of Test
+    motions : tuple of Motion
+        As many; the table's motion along x.
+    without_motion : int
+        Tests with an outcome of which the table's motion is not known.
+    """
+
+    tests: tuple[Test, ...]
+    motions: tuple[Motion, ...]
+    without_motion: int
+
+    def records(self) -> Iterator[Record]:
+        """The tests' motions, measured."""
+        for test, motion in zip(self.tests, self.motions, strict=True):
+            yield _record(test, motion)
+
+
+def read_experiment(folder: Path, outcome: str) -> Experiment:
+    """Read a folder of tests.
+
+    Parameters
+    ----------
+    folder : Path
+    outcome : str
+        Column of 0 and 1, such as `sp1_overturned`; empty where the specimen was not on the table.
+
+    Raises
+    ------
+    InputError
+        If a file or a column is missing, or no test has both motion and outcome.
+    """
+    if is_raw(folder):
+        rows, motions = raw_tests(folder), raw_motions(folder)
+    else:
+        rows, motions = _rows(folder / TESTS), _motions(folder / MOTIONS)
+    for name in ("test_no", outcome):
+        if not rows or name not in rows[0]:
+            columns = ", ".join(rows[0]) if rows else "none"
+            raise InputError(
+                f"no column {name!r}",
+                where=str(folder),
+                expected=f"one of its columns: {columns}",
+                remedy="name the specimen's outcomes with --outcome",
+            )
+    known = [_test(row, outcome) for row in rows if _is_known(row[outcome])]
+    moved = sorted((test for test in known if test.test_no in motions), key=lambda test: test.test_no)
+    if not moved:
+        raise InputError(
+            f"{len(known)} tests with an outcome, {len(motions)} with a motion, none with both",
+            where=str(folder),
+            expected="tests with both",
+            remedy="check the test numbers, and that --outcome names the right specimen",
+        )
+    return Experiment(tuple(moved), tuple(motions[test.test_no] for test in moved), len(known) - len(moved))
+
+
+def _rows(path: Path) -> list[dict[str, Any]]:
+    try:
+        return pyarrow.csv.read_csv(path).to_pylist()
+    except (OSError, pa.ArrowException) as error:
+        raise _unreadable(path, error, "a table of tests with a header, separated by commas") from None
+
+
+def _motions(path: Path) -> dict[int, Motion]:
+    try:
+        rows: Iterable[Mapping[str, Any]] = pq.read_table(
+            path, columns=["test_no", "dt_s", "acc_m_s2"]
+        ).to_pylist()
+    except (OSError, pa.ArrowException) as error:
+        raise _unreadable(path, error, "Parquet with the columns test_no, dt_s and acc_m_s2") from None
+    # A time step kept in single precision is that of the decimal it stands for.
+    return {row["test_no"]: along_x(row["acc_m_s2"], float(f"{row['dt_s']:.6g}")) for row in rows}
+
+
+def along_x(acceleration_m_s2: Iterable[float] | NDArray[np.float64], time_step_s: float) -> Motion:
+    """A motion of the table along one axis."""
+    along = np.asarray(acceleration_m_s2, float)
+    return Motion(np.outer(along, [1.0, 0.0, 0.0]), time_step_s)
+
+
+def _test(row: Mapping[str, Any], outcome: str) -> Test:
+    number = int(row["test_no"])
+    where = f"test {number}, {outcome}"
+    specimen = outcome.split("_")[0]
+    predicted = {
+        name: value == 1
+        for name, value in row.items()
+        if name != outcome and specimen in name.split("_") and value in (0, 1)
+    }
+    if row[outcome] not in (0, 1):
+        raise InputError(f"{row[outcome]!r}", where=where, expected="0 or 1", remedy="correct the table")
+    return Test(number, str(row.get("ground_motion") or f"test {number}"), row[outcome] == 1, predicted)
+
+
+def _is_known(value: object) -> bool:
+    return value is not None and value != "" and not (isinstance(value, float) and math.isnan(value))
+
+
+def _record(test: Test, motion: Motion) -> Record:
+    return Record.of(
+        test.record_id,
+        motion,
+        event=test.ground_motion,
+        station="shaking table",
+        component_azimuths_deg=ALONG_X_DEG,
+        quality="corrected",
+    )
+
+
+def _unreadable(path: Path, error: Exception, expected: str) -> InputError:
+    return InputError(
+        f"cannot be read ({error})" if path.exists() else "no such file",
+        where=str(path),
+        expected=expected,
+        remedy="give the folder of the experiment; docs/validation.md describes its files",
+    )

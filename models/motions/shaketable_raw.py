@@ -1,0 +1,184 @@
+"""Shake-table tests in the layout in which the experiment was published: `TestNNN.txt` and two workbooks.
+
+A text file holds pairs of columns, time (s) and amplitude, of four channels at 800 Hz: acceleration of the table (g), a
+second accelerometer (g), displacement of the actuator (counts, the other way round) and one more displacement. Below
+some hertz the accelerometer drifts and the displacement is exact, above it is the other way round, so the two are
+fused by complementary filters. The constants were found by comparison with fused motions of the same experiment.
+"""
+
+from __future__ import annotations
+
+import re
+import zipfile
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import butter, sosfiltfilt
+
+from toppling.models.errors import InputError
+from toppling.models.frames import STANDARD_GRAVITY_M_S2
+from toppling.models.motions.motion import Motion
+
+METRES_A_COUNT = -1.524e-5
+"""0.6 thousandths of an inch, opposite to the accelerometer's positive direction."""
+CROSSOVER_HZ, CROSSOVER_ORDER = 4.0, 2
+BAND_HZ, BAND_ORDER = 25.0, 3
+"""The records' band; beyond it the accelerometer tells of the table's bearings rather than of its motion."""
+KEPT_EVERY = 2
+"""Samples, of those filtered to the band."""
+ACCELERATION, DISPLACEMENT = 1, 5
+"""Columns of the text file."""
+LARGEST_SHEET_BYTES = 50_000_000
+
+Array = NDArray[np.float64]
+
+
+def is_raw(folder: Path) -> bool:
+    """Whether a folder holds the experiment's own files."""
+    return not (folder / "tests.csv").exists() and any(folder.rglob("Test*.txt"))
+
+
+def raw_motions(folder: Path) -> dict[int, Motion]:
+    """Motions of the table by the numbers of the tests."""
+    found = {}
+    for path in sorted(folder.rglob("Test*.txt")):
+        named = re.fullmatch(r"Test[ _]*0*(\d+)", path.stem)
+        if named:
+            found[int(named[1])] = raw_motion(path)
+    return found
+
+
+def raw_motion(path: Path) -> Motion:
+    """Motion of the table along x in one test.
+
+    Raises
+    ------
+    InputError
+        If the file does not hold the columns of four channels.
+    """
+    try:
+        columns = np.loadtxt(path, skiprows=1, usecols=(0, ACCELERATION, DISPLACEMENT), ndmin=2)
+    except (ValueError, IndexError, OSError, UnicodeDecodeError) as error:
+        raise _error(path, f"cannot be read ({error})") from None
+    time_s = columns[:, 0]
+    step_s = round(float((time_s[-1] - time_s[0]) / max(len(columns) - 1, 1)), 6)
+    even_s = time_s[0] + step_s * np.arange(len(columns))
+    # Times are printed with six digits.
+    if len(columns) < 100 or not np.isfinite(columns).all() or np.abs(time_s - even_s).max() > 0.5 * step_s:
+        raise _error(path, f"{len(columns)} samples, or not at equal times")
+    along = fused_m_s2(columns[:, 1] * STANDARD_GRAVITY_M_S2, columns[:, 2] * METRES_A_COUNT, step_s)
+    return Motion(np.outer(along[::KEPT_EVERY], [1.0, 0.0, 0.0]), KEPT_EVERY * step_s)
+
+
+def fused_m_s2(acceleration_m_s2: Array, displacement_m: Array, time_step_s: float) -> Array:
+    """Acceleration of the table: that of its displacement at low frequencies, the accelerometer's above."""
+    low = _low_passed(displacement_m, CROSSOVER_HZ, CROSSOVER_ORDER, time_step_s)
+    from_displacement = np.gradient(np.gradient(low, time_step_s), time_step_s)
+    measured = acceleration_m_s2 - _low_passed(acceleration_m_s2, CROSSOVER_HZ, CROSSOVER_ORDER, time_step_s)
+    return _low_passed(from_displacement + measured, BAND_HZ, BAND_ORDER, time_step_s)
+
+
+def raw_tests(folder: Path) -> list[dict[str, Any]]:
+    """Rows of the workbook of results, with the ground motions of the workbook of records where it lies beside it.
+
+    Columns are renamed: `spN_overturned` is the outcome of specimen N, `dem_spN_...` a numerical prediction of it.
+
+    Raises
+    ------
+    InputError
+        If no workbook holds results.
+    """
+    results: list[dict[str, Any]] = []
+    motions: dict[int, str] = {}
+    for path in sorted(folder.rglob("*.xlsx")):
+        rows = [row for row in sheet(path) if row]
+        titled = next(
+            (k for k, row in enumerate(rows) if str(row.get("A", "")).strip().startswith("Test N")), None
+        )
+        if titled is None:
+            continue
+        titles = {letter: str(title).strip() for letter, title in rows[titled].items()}
+        numbered = [row for row in rows[titled + 1 :] if isinstance(row.get("A"), float)]
+        if any("Experimental Results" in title for title in titles.values()):
+            names = {letter: _column(title) for letter, title in titles.items()}
+            results = [{names[letter]: row.get(letter) for letter in names} for row in numbered]
+        motion = next((letter for letter, title in titles.items() if title == "Ground Motion"), None)
+        if motion:
+            motions |= {int(row["A"]): _record_name(str(row.get(motion, ""))) for row in numbered}
+    if not results:
+        raise _error(
+            folder, "no workbook (xlsx) with 'Test Number' and 'Experimental Results ...' in its first row"
+        )
+    return [row | {"ground_motion": motions.get(int(row["test_no"]), "")} for row in results]
+
+
+def sheet(path: Path) -> Iterator[Mapping[str, Any]]:
+    """Rows of a workbook's first sheet, each a mapping from the column's letter to a number or a text."""
+    try:
+        with zipfile.ZipFile(path) as book:
+            if max(info.file_size for info in book.infolist()) > LARGEST_SHEET_BYTES:
+                raise _error(path, "a sheet is too large")
+            names = book.namelist()
+            shared = []
+            if "xl/sharedStrings.xml" in names:
+                strings = _parsed(book.read("xl/sharedStrings.xml"), path)
+                shared = ["".join(text.itertext()) for text in strings if text.tag.endswith("}si")]
+            root = _parsed(book.read("xl/worksheets/sheet1.xml"), path)
+    except (zipfile.BadZipFile, KeyError, OSError, ElementTree.ParseError) as error:
+        raise _error(path, f"is no workbook ({error})") from None
+    for row in root.iter():
+        if row.tag.endswith("}row"):
+            yield {re.sub(r"\d", "", cell.get("r", "")): _value(cell, shared) for cell in row}
+
+
+def _parsed(content: bytes, path: Path) -> ElementTree.Element:
+    if b"<!DOCTYPE" in content or b"<!ENTITY" in content:  # entities can grow without bound
+        raise _error(path, "its XML declares entities")
+    return ElementTree.fromstring(content)
+
+
+def _value(cell: ElementTree.Element, shared: list[str]) -> float | str | None:
+    text = "".join(part for child in cell if child.tag.endswith(("}v", "}is")) for part in child.itertext())
+    if cell.get("t") == "s":
+        return shared[int(text)]
+    if cell.get("t") in ("inlineStr", "str"):
+        return text
+    try:
+        return float(text)
+    except ValueError:
+        return None
+
+
+def _column(title: str) -> str:
+    """Short name of a column of the workbook of results."""
+    if title.startswith("Test N"):
+        return "test_no"
+    specimen = re.search(r"Specimen (\d+)", title)
+    if specimen is None:
+        return title
+    if "Experimental" in title:
+        return f"sp{specimen[1]}_overturned"
+    words = re.findall(r"([A-Za-z]+)=([\d.]+)", title)
+    return "_".join([f"dem_sp{specimen[1]}", *(f"{name.lower()}{value}" for name, value in words)])
+
+
+def _record_name(text: str) -> str:
+    return re.sub(r"\.(xlsx|AT2|txt)$", "", text.strip().strip("'").strip(), flags=re.IGNORECASE).strip()
+
+
+def _low_passed(values: Array, corner_hz: float, order: int, time_step_s: float) -> Array:
+    """Butterworth's filter forward and backward, without delay."""
+    return np.asarray(sosfiltfilt(butter(order, corner_hz, fs=1.0 / time_step_s, output="sos"), values))
+
+
+def _error(path: Path, what: str) -> InputError:
+    return InputError(
+        what,
+        where=str(path),
+        expected="the experiment's own files: TestNNN.txt of four channels, workbooks of results and of records",
+        remedy="docs/validation.md describes both layouts",
+    )

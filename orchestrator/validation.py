@@ -1,0 +1,226 @@
+"""Shake an experiment's tests as campaigns whose realisations draw what nobody measured, until the shares are known.
+
+Everything here is fixed before any outcome is looked at, and the same for every specimen.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from distributed import Client
+from numpy.typing import NDArray
+
+from toppling.models.errors import InputError
+from toppling.models.folder import new_folder
+from toppling.models.motions.ensemble import Ensemble
+from toppling.models.motions.record import motion_sha
+from toppling.models.motions.shaketable import Experiment
+from toppling.models.rough_base import Standing, with_rough_base
+from toppling.models.scene import Scene
+from toppling.orchestrator.campaign import Campaign
+from toppling.orchestrator.run import Watcher, run
+from toppling.results.run import open_run
+from toppling.results.validation import share
+from toppling.workers.unmeasured import Unmeasured
+
+FRICTION = (0.5, 1.0)
+"""Granite on steel or concrete."""
+RESTITUTION = (0.0, 0.3)
+YAW_DEG = 5.0
+"""How well a heavy rock is set down along the table's axis."""
+BASE_STD_M, BASE_WAVELENGTH_M = 0.003, 0.15
+"""Error of a mesh from photographs where it meets the table, and how far it is correlated."""
+BASE_BAND_PER_HEIGHT = 0.1
+"""What stands so close to the table is seen worst."""
+STANDING = Standing(attitude_std_deg=1.0, least_toppling_m_s2=0.25)
+"""The mesh is upright as the rock stood; it stood by itself and through the weakest motions: half of some .05 g."""
+FIRST_DRAWS = 12
+"""Of every test; then as many again, and so on, of those whose share is not known well enough."""
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """How the tests are shaken.
+
+    Parameters
+    ----------
+    engine, preset : str
+    most_draws : int
+        Realisations of a test at most.
+    error : float
+        Standard error of a test's share below which it is not shaken again.
+    seed : int
+        Of the bases.
+    """
+
+    engine: str
+    preset: str
+    most_draws: int
+    error: float
+    seed: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class Shaken:
+    """What the draws say.
+
+    Parameters
+    ----------
+    nominal : (tests,) array
+        The mesh as it is: 1 toppled, 0 stands, NaN without an answer.
+    toppled : (draws, tests) array
+        The same of the draws. A test on which the first ones agreed is not shaken again: the others are taken to say
+        the same.
+    shaken : (tests,) array
+        Draws that were shaken, of each test.
+    """
+
+    nominal: Array
+    toppled: Array
+    shaken: NDArray[np.int64]
+
+
+def specimen(mesh: Path, wanted: Wanted, progress: Callable[[int], None] = lambda _: None) -> Scene:
+    """The specimen on a level table, with draws of its base.
+
+    Raises
+    ------
+    InputError
+        If the mesh is none, or the rock hardly ever stands on such bases.
+    """
+    scene = Scene.from_mesh(mesh, 0.5 * sum(FRICTION))
+    return with_rough_base(
+        scene,
+        std_m=BASE_STD_M,
+        wavelength_m=BASE_WAVELENGTH_M,
+        band_m=BASE_BAND_PER_HEIGHT * scene.rock.height_m,
+        draws=wanted.most_draws,
+        standing=STANDING,
+        seed=wanted.seed,
+        progress=progress,
+    )
+
+
+def unmeasured(engine: str) -> Unmeasured:
+    """Distributions of what nobody measured; MuJoCo knows no restitution."""
+    restitution = RESTITUTION if engine == "pybullet" else None
+    return Unmeasured(FRICTION, restitution, YAW_DEG, either_sense=True)
+
+
+def ensemble_of(
+    folder: Path, experiment: Experiment, progress: Callable[[], None] = lambda: None
+) -> Ensemble:
+    """The tests' motions as an ensemble in the folder, written unless an earlier call did."""
+    target = folder / "ensemble"
+    if not target.exists():
+        measured = []
+        for record in experiment.records():
+            measured.append(record)
+            progress()
+        with new_folder(target) as staging:
+            Ensemble.write(staging, measured)
+    found = Ensemble.load(target)
+    asked = [test.record_id for test in experiment.tests]
+    shas = [motion_sha(motion, 0.0) for motion in experiment.motions]
+    if dict(zip(asked, shas, strict=True)) != {name: found.sha(name) for name in found.record_ids}:
+        raise InputError(
+            "holds the motions of other tests",
+            where=str(target),
+            expected=f"the motions of {len(asked)} tests",
+            remedy="give another --out, or remove the folder",
+        )
+    return found
+
+
+def scene_of(
+    folder: Path, mesh: Path, wanted: Wanted, progress: Callable[[int], None] = lambda _: None
+) -> Scene:
+    """The specimen with its bases in the folder, drawn unless an earlier call did."""
+    target = folder / "scene"
+    if not target.exists():
+        specimen(mesh, wanted, progress).save(target)
+    found = Scene.load(target)
+    bare = Scene.from_mesh(mesh, 0.5 * sum(FRICTION))
+    if (
+        found.unseen is None
+        or replace(found, unseen=None).id != bare.id
+        or len(found.unseen) < wanted.most_draws
+    ):
+        raise InputError(
+            "holds another specimen, or too few bases",
+            where=str(target),
+            expected=f"the rock of {mesh} with {wanted.most_draws} bases",
+            remedy="give another --out, or remove the folder",
+        )
+    return found
+
+
+def shake_tests(
+    folder: Path,
+    experiment: Experiment,
+    wanted: Wanted,
+    cluster: Callable[[], AbstractContextManager[Client]],
+    watcher: Callable[[], AbstractContextManager[Watcher]],
+) -> Shaken:
+    """Shake all tests, then those whose share is uncertain with more draws; what was done before is not done again.
+
+    Raises
+    ------
+    InputError, RunError
+        As :func:`orchestrator.run.run`.
+    """
+    ids = [test.record_id for test in experiment.tests]
+    answers = np.full((wanted.most_draws + 1, len(ids)), np.nan)
+    shaken = np.zeros(len(ids), np.int64)
+    uncertain = np.ones(len(ids), bool)
+    first, last = 0, min(FIRST_DRAWS, wanted.most_draws)
+    while uncertain.any():
+        campaign = Campaign(
+            scene=folder / "scene",
+            ensemble=folder / "ensemble",
+            pga_m_s2=(),
+            azimuth_deg=(0.0,),
+            friction=((0.5 * sum(FRICTION),) * 2,),
+            realisations=last + 1 - first,
+            first_realisation=first,
+            preset=wanted.preset,
+            engine=wanted.engine,
+            records=tuple(np.array(ids)[uncertain].tolist()),
+            unmeasured=unmeasured(wanted.engine),
+            audit=0,
+        )
+        place = folder / f"realisations_{first}_{last}"
+        with watcher() as watch:
+            run(campaign, place, cluster(), watch)
+        _collect(place, ids, answers)
+        shaken[uncertain] = last
+        _, error = share(answers[1 : last + 1])
+        uncertain &= error > wanted.error
+        if last == wanted.most_draws:
+            break
+        first, last = last + 1, min(2 * last, wanted.most_draws)
+    toppled = answers[1 : int(shaken.max()) + 1]
+    return Shaken(answers[0], _agreed(toppled, shaken), shaken)
+
+
+def _collect(place: Path, ids: list[str], answers: Array) -> None:
+    """Enter a run's answers, (realisations, tests)."""
+    frame = open_run(place).frame()
+    column = frame["record_id"].map({name: number for number, name in enumerate(ids)})
+    answers[frame["realisation"], column] = (
+        frame["toppled"].astype("Float64").to_numpy(float, na_value=np.nan)
+    )
+
+
+def _agreed(toppled: Array, shaken: NDArray[np.int64]) -> Array:
+    """Fill in what was not shaken because the draws before agreed."""
+    filled = toppled.copy()
+    for test, draws in enumerate(shaken):
+        filled[draws:, test] = np.round(np.nanmean(toppled[:draws, test])) if draws else np.nan
+    return filled

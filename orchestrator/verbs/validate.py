@@ -1,0 +1,224 @@
+"""`toppling validate`: what the program foretells of an experiment's tests, and what happened."""
+
+import json
+import os
+from collections.abc import Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+import pandas as pd
+from rich.console import Console
+from rich.progress import Progress
+
+from toppling.models.errors import InputError
+from toppling.models.folder import new_file
+from toppling.models.motions.ensemble import Ensemble
+from toppling.models.motions.shaketable import Experiment, read_experiment
+from toppling.orchestrator.cluster import local
+from toppling.orchestrator.progress import watcher
+from toppling.orchestrator.run import RunError
+from toppling.orchestrator.validation import Shaken, Wanted, ensemble_of, scene_of, shake_tests, unmeasured
+from toppling.results.drawing.style import save
+from toppling.results.drawing.validation import calibration_figure
+from toppling.results.validation import calibration, intervals, learnt, scores, share, simple_rules, table
+from toppling.workers.options import ENGINES, PRESETS
+
+MEASURES = ("pga_m_s2", "pgv_m_s", "pgv_pga_s")
+FOLDER = click.Path(file_okay=False, path_type=Path)
+
+
+@click.command()
+@click.argument("folder", type=click.Path(path_type=Path, exists=True, file_okay=False))
+@click.option(
+    "--mesh", required=True, type=click.Path(path_type=Path, dir_okay=False),
+    help="Closed mesh of the specimen, metres, z up, x along the table; a name alone is looked for in FOLDER too.",
+)  # fmt: skip
+@click.option(
+    "--outcome", required=True, metavar="COLUMN", help="Column of outcomes, 0 or 1, such as sp1_overturned."
+)
+@click.option("--learn", is_flag=True, help="Weight the draws by the outcomes of other records.")
+@click.option("--out", type=FOLDER, help="Folder to write to; validation/MESH-ENGINE-PRESET if not given.")
+@click.option(
+    "--draws", type=click.IntRange(4), default=288, show_default=True, help="Realisations of a test at most."
+)
+@click.option(
+    "--error", type=click.FloatRange(0, 0.5, min_open=True), default=0.03, show_default=True,
+    help="Standard error of a test's share below which no more are added.",
+)  # fmt: skip
+@click.option(
+    "--engine", type=click.Choice(ENGINES), default="mujoco", show_default=True, help="What shakes."
+)
+@click.option(
+    "--preset", type=click.Choice(list(PRESETS)), default="draft", show_default=True, help="How finely."
+)
+@click.option("--seed", type=int, default=0, show_default=True, help="Of the bases that are drawn.")
+@click.option("--workers", type=click.IntRange(min=1), help="Local workers; one a core if not given.")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+def validate(
+    folder: Path,
+    mesh: Path,
+    outcome: str,
+    learn: bool,
+    out: Path | None,
+    draws: int,
+    error: float,
+    engine: str,
+    preset: str,
+    seed: int,
+    workers: int | None,
+    as_json: bool,
+) -> None:
+    """Foretell the shake-table tests of FOLDER as probabilities, and score them against what happened.
+
+    FOLDER holds tests.csv and motions.parquet, or TestNNN.txt and the workbook of results (docs/validation.md). What
+    nobody measured is drawn: the base, friction, restitution (PyBullet), yaw and sense of the table; a probability is
+    the share of draws that topple. No outcome is looked at, except with --learn: then draws are weighted by the
+    outcomes of other records, never of the one foretold. Beside the scores stand those of other people's predictions in
+    the tests' table and of simple rules. The same command goes on where it was stopped.
+
+    \b
+    toppling validate shaketable --mesh sp1.ply --outcome sp1_overturned
+    toppling validate shaketable --mesh sp1.ply --outcome sp1_overturned --learn --json
+    """  # noqa: D301  (\b keeps click from rewrapping the example)
+    console = Console(stderr=True)
+    mesh = mesh if mesh.exists() else folder / mesh
+    with console.status("reading tests"):
+        experiment = read_experiment(folder, outcome)
+    wanted = Wanted(engine, preset, draws, error, seed)
+    place = out or Path("validation") / f"{mesh.stem}-{engine}-{preset}"
+    with Progress(console=console, transient=True) as progress:
+        task = progress.add_task("measuring motions", total=len(experiment.tests))
+        ensemble = ensemble_of(place, experiment, lambda: progress.advance(task))
+        task = progress.add_task("drawing bases", total=draws)
+        scene_of(place, mesh, wanted, lambda kept: progress.update(task, completed=kept))
+    try:
+        shaken = shake_tests(
+            place, experiment, wanted, partial(local, workers or os.cpu_count() or 1), watcher
+        )
+    except RunError as stopped:
+        msg = f"{stopped}; the rows so far are kept: the same command goes on"
+        raise click.ClickException(msg) from None
+    told = _told(experiment, ensemble, shaken, learn, wanted)
+    _write(place, told, "learnt" if learn else "unlearnt")
+    click.echo(json.dumps(told) if as_json else _words(told, place))
+
+
+def _told(
+    experiment: Experiment, ensemble: Ensemble, shaken: Shaken, learn: bool, wanted: Wanted
+) -> dict[str, Any]:
+    """All that is known in the end."""
+    overturned = np.array([test.overturned for test in experiment.tests])
+    group = np.array([test.ground_motion for test in experiment.tests])
+    answered = np.asarray(np.isfinite(shaken.toppled).any(axis=0), bool)
+    if not answered.any():
+        raise InputError(
+            "no draw has an answer to any test",
+            where="validate",
+            expected="shakes that end",
+            remedy="see why with 'toppling status' of the folders realisations_...",
+        )
+    probability, error = share(shaken.toppled)
+    if learn:
+        with Console(stderr=True).status("learning the base"):
+            probability = learnt(shaken.toppled, overturned, group)
+    catalog = ensemble.catalog.to_pandas().set_index("record_id")
+    intensity = catalog.loc[[test.record_id for test in experiment.tests], list(MEASURES)]
+    rules = simple_rules(intensity, overturned, group)
+    peers = _peers(experiment)
+    nominal = np.isfinite(shaken.nominal)
+    return {
+        **scores(overturned[answered], probability[answered]),
+        "learnt": learn,
+        "without_answer": int((~answered).sum()),
+        "without_motion": experiment.without_motion,
+        "largest_error": float(error.max()),
+        "draws": int(shaken.shaken.max()),
+        "shakes": int(shaken.shaken.sum()),
+        "intervals": intervals(overturned[answered], probability[answered], group[answered]),
+        "mesh_as_it_is": scores(overturned[nominal], shaken.nominal[nominal]) if nominal.any() else None,
+        "peers": {name: scores(overturned[known], said[known]) for name, (known, said) in peers.items()},
+        "rules": {name: scores(overturned, said) for name, said in rules.items()},
+        "settings": _settings(wanted),
+        "tests": [
+            {
+                "test_no": test.test_no,
+                "ground_motion": test.ground_motion,
+                "overturned": test.overturned,
+                "probability": float(probability[number]),
+                "error": float(error[number]),
+                "draws": int(shaken.shaken[number]),
+                "share": float(np.nanmean(shaken.toppled[:, number])),
+            }
+            for number, test in enumerate(experiment.tests)
+            if answered[number]
+        ],
+    }
+
+
+def _peers(experiment: Experiment) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Other people's predictions by their names: which tests have one, and what it says."""
+    names = sorted({name for test in experiment.tests for name in test.predicted})
+    said = {
+        name: np.array([float(test.predicted.get(name, np.nan)) for test in experiment.tests])
+        for name in names
+    }
+    return {name: (np.isfinite(each), each) for name, each in said.items()}
+
+
+def _settings(wanted: Wanted) -> dict[str, Any]:
+    from dataclasses import asdict
+
+    from toppling.orchestrator import validation as fixed
+
+    return {
+        **asdict(wanted),
+        "unmeasured": asdict(unmeasured(wanted.engine)),
+        "base_std_m": fixed.BASE_STD_M,
+        "base_wavelength_m": fixed.BASE_WAVELENGTH_M,
+        "base_band_per_height": fixed.BASE_BAND_PER_HEIGHT,
+        "standing": asdict(fixed.STANDING),
+    }
+
+
+def _write(place: Path, told: Mapping[str, Any], name: str) -> None:
+    """JSON, the tests' table, the scores' table and the calibration plot."""
+    with new_file(place / f"{name}.json") as hidden:
+        hidden.write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
+    tests = pd.DataFrame(told["tests"])
+    with new_file(place / f"{name}_tests.csv") as hidden:
+        tests.to_csv(hidden, index=False)
+    with new_file(place / f"{name}_scores.csv") as hidden:
+        table(_rows(told)).to_csv(hidden)
+    overturned, probability = tests["overturned"].to_numpy(bool), tests["probability"].to_numpy(float)
+    title = f"{told['n']} tests, Brier score {told['brier']:.3f}"
+    drawn = calibration_figure(calibration(overturned, probability), probability, overturned, title)
+    save(drawn, place / f"{name}_calibration")
+
+
+def _rows(told: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
+    rows = {"toppling, base learnt" if told["learnt"] else "toppling": told}
+    if told["mesh_as_it_is"]:
+        rows["toppling, the mesh as it is"] = told["mesh_as_it_is"]
+    return {**rows, **told["rules"], **told["peers"]}
+
+
+def _words(told: Mapping[str, Any], place: Path) -> str:
+    lines = [table(_rows(told)).to_string(float_format="{:.3f}".format, na_rep="-"), ""]
+    ends = {name: pair for name, pair in told["intervals"].items() if None not in pair}
+    lines.append(
+        "95 % over records: " + ", ".join(f"{name} {a:.3f} to {b:.3f}" for name, (a, b) in ends.items())
+    )
+    counts = told["confusion"]
+    lines.append(
+        f"overturned: {counts['overturned_called_overturned']} called so, {counts['overturned_called_standing']} not; "
+        f"stood: {counts['standing_called_standing']} called so, {counts['standing_called_overturned']} not"
+    )
+    lines.append(
+        f"{told['shakes']} shakes, at most {told['draws']} draws a test, error of a share at most "
+        f"{told['largest_error']:.3f}; {told['without_motion']} tests have no motion"
+    )
+    lines.append(f"{place}: JSON, tables (CSV) and the calibration plot")
+    return "\n".join(lines)

@@ -1,0 +1,261 @@
+"""How well probabilities foretell an experiment's outcomes: scores, simple rules beside them, draws learnt from others.
+
+Tests of one record at several amplitudes are not independent: intervals draw records anew, and whatever learns from
+outcomes predicts a record without having seen any test of it.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from scipy.special import logit
+from sklearn.linear_model import LogisticRegression
+from sklearn.metrics import accuracy_score, brier_score_loss, confusion_matrix, log_loss
+from sklearn.model_selection import LeaveOneGroupOut
+
+CALLED_FROM = 0.5
+"""Probability from which on a rock is called overturned."""
+SAMPLES = 1000
+"""Of records drawn anew, for intervals of 95 %."""
+SURE = 1e-3
+"""Probabilities nearer to 0 or 1 count as this near in logarithmic scores: who says never may be wrong."""
+ROUNDS = 200
+"""In which weights and rates are found together."""
+FIRST_RATES = (0.05, 0.95)
+
+Array = NDArray[np.float64]
+Truths = NDArray[np.bool_]
+
+
+def share(toppled: Array) -> tuple[Array, Array]:
+    """Probability of each test from its draws (draws, tests), and its standard error; NaN is no answer.
+
+    The mean and the deviation of a share of which nothing is known but the draws (Jeffreys' prior), so that a test
+    that no draw topples is not called impossible.
+    """
+    answered = np.isfinite(toppled).sum(axis=0)
+    toppling = np.nansum(toppled, axis=0)
+    mean = (toppling + 0.5) / (answered + 1.0)
+    return mean, np.sqrt(mean * (1.0 - mean) / (answered + 2.0))
+
+
+def scores(overturned: Truths, probability: Array) -> dict[str, Any]:
+    """Scores of probabilities, called at one half where a score needs a call.
+
+    Returns
+    -------
+    dict
+        n, accuracy, balanced_accuracy, recall, specificity, brier, log_loss, calibration_slope (logistic regression of
+        the outcomes on the log odds; 1 is calibrated, less is overconfident; None where there are too few outcomes)
+        and confusion, a dict of counts.
+    """
+    called = probability >= CALLED_FROM
+    (stood_right, stood_wrong), (fell_wrong, fell_right) = confusion_matrix(
+        overturned, called, labels=[False, True]
+    )
+    fell, stood = fell_right + fell_wrong, stood_right + stood_wrong
+    recall = fell_right / fell if fell else np.nan
+    specificity = stood_right / stood if stood else np.nan
+    return {
+        "n": len(overturned),
+        "accuracy": _number(accuracy_score(overturned, called)),
+        "balanced_accuracy": _number(0.5 * (recall + specificity)),
+        "recall": _number(recall),
+        "specificity": _number(specificity),
+        "brier": _number(brier_score_loss(overturned, probability)),
+        "log_loss": _number(log_loss(overturned, _unsure(probability), labels=[False, True])),
+        "calibration_slope": _number(_calibration_slope(overturned, probability)),
+        "confusion": {
+            "overturned_called_overturned": int(fell_right),
+            "overturned_called_standing": int(fell_wrong),
+            "standing_called_overturned": int(stood_wrong),
+            "standing_called_standing": int(stood_right),
+        },
+    }
+
+
+def intervals(
+    overturned: Truths, probability: Array, group: NDArray[Any], seed: int = 0
+) -> dict[str, list[float | None]]:
+    """Intervals of 95 % of the scores, by drawing records anew."""
+    random = np.random.default_rng(seed)
+    of_group = [np.flatnonzero(group == name) for name in np.unique(group)]
+    drawn = []
+    for _ in range(SAMPLES):
+        rows = np.concatenate([of_group[k] for k in random.integers(len(of_group), size=len(of_group))])
+        drawn.append(scores(overturned[rows], probability[rows]))
+    names = [name for name in drawn[0] if name not in ("n", "confusion")]
+    frame = pd.DataFrame(drawn)[names].astype(float)
+    return {
+        name: [_number(end) for end in np.nanquantile(frame[name], [0.025, 0.975])]
+        if frame[name].notna().any()
+        else [None, None]
+        for name in names
+    }
+
+
+def calibration(overturned: Truths, probability: Array, bins: int = 6) -> pd.DataFrame:
+    """Shares that overturned, where probabilities are alike: one row a bin of equal width that holds any test."""
+    number = np.clip((probability * bins).astype(int), 0, bins - 1)
+    frame = pd.DataFrame({"bin": number, "probability": probability, "overturned": overturned})
+    grouped = frame.groupby("bin")
+    return grouped.agg(
+        tests=("overturned", "size"), probability=("probability", "mean"), overturned=("overturned", "mean")
+    ).reset_index(drop=True)
+
+
+def learnt(
+    toppled: Array, overturned: Truths, group: NDArray[Any], left: Callable[[Any], None] = lambda _: None
+) -> Array:
+    """Probabilities (tests,) from draws weighted by the likelihood of the outcomes of other records only.
+
+    Parameters
+    ----------
+    toppled : (draws, tests) array
+        1, 0, or NaN where a draw has no answer.
+    overturned : (tests,) array of bool
+    group : (tests,) array
+        The record of each test: none of its tests is looked at when it is predicted.
+    left : callable
+        Told each record as its turn comes.
+
+    Returns
+    -------
+    (tests,) array
+    """
+    predicted = np.empty(len(overturned))
+    for seen, hidden in LeaveOneGroupOut().split(toppled.T, overturned, group):
+        left(group[hidden[0]])
+        weights, (stands, topples) = weighted_draws(toppled[:, seen], overturned[seen], group[seen])
+        known = np.isfinite(toppled[:, hidden])
+        said = np.where(toppled[:, hidden] > 0.5, topples, stands)
+        heard = (weights[:, None] * known).sum(axis=0)
+        mean = (weights[:, None] * known * said).sum(axis=0)
+        predicted[hidden] = np.where(
+            heard > 0.0, mean / np.where(heard > 0.0, heard, 1.0), overturned[seen].mean()
+        )
+    return predicted
+
+
+def weighted_draws(
+    toppled: Array, overturned: Truths, group: NDArray[Any]
+) -> tuple[Array, tuple[float, float]]:
+    """Weights of draws that make their mean most likely, with the rates at which a draw is right, found together.
+
+    No draw is the true base. Weights by each draw's own likelihood would leave the one that errs least, whereas draws
+    on either side of the truth tell more together: so it is the likelihood of the weighted mean that is as large as it
+    can be (stacking of predictive distributions, Yao et al. 2018), by expectation and maximisation. The tests of a
+    record err together and count as one; before any outcome, draws weigh alike, with the weight of one record.
+
+    Returns
+    -------
+    weights : (draws,) array
+        Their sum is 1.
+    rates : (float, float)
+        Share that overturns where a draw says that it stands, and where it says that it topples.
+    """
+    names, size = np.unique(group, return_counts=True)
+    evidence = len(names) / size.sum()
+    known = np.isfinite(toppled)
+    falls, stands = known & (toppled > 0.5), known & (toppled <= 0.5)
+    weights = np.full(len(toppled), 1.0 / len(toppled))
+    rates = FIRST_RATES
+    for _ in range(ROUNDS):
+        chance = np.where(falls, rates[1], rates[0])
+        likelihood = weights[:, None] * np.where(overturned, chance, 1.0 - chance) * known
+        total = likelihood.sum(axis=0)
+        told_by = likelihood / np.where(total > 0.0, total, 1.0)
+        weights = evidence * told_by.sum(axis=1) + 1.0 / len(toppled)
+        weights /= weights.sum()
+        rates = (_rate(told_by * stands, overturned), _rate(told_by * falls, overturned))
+    return weights, rates
+
+
+def simple_rules(intensity: pd.DataFrame, overturned: Truths, group: NDArray[Any]) -> dict[str, Array]:
+    """Probabilities of rules without mechanics, each fitted without the record that it predicts.
+
+    Parameters
+    ----------
+    intensity : DataFrame
+        pga_m_s2, pgv_m_s and pgv_pga_s of each test.
+    overturned : (tests,) array of bool
+    group : (tests,) array
+    """
+    pga, ratio = (np.log(intensity[name].to_numpy()) for name in ("pga_m_s2", "pgv_pga_s"))
+    linear = np.column_stack([pga, ratio])
+    quadratic = np.column_stack([pga, ratio, pga**2, pga * ratio, ratio**2])
+    pgv = intensity["pgv_m_s"].to_numpy()
+    rules: dict[str, Callable[[NDArray, NDArray], Array]] = {
+        "one PGV threshold": lambda seen, hidden: _threshold(pgv, overturned, seen, hidden),
+        "logistic in ln PGA, ln PGV/PGA": lambda seen, hidden: _logistic(linear, overturned, seen, hidden),
+        "quadratic in ln PGA, ln PGV/PGA": lambda seen, hidden: _logistic(
+            quadratic, overturned, seen, hidden
+        ),
+    }
+    said = {name: np.empty(len(overturned)) for name in rules}
+    for seen, hidden in LeaveOneGroupOut().split(linear, overturned, group):
+        for name, rule in rules.items():
+            said[name][hidden] = rule(seen, hidden)
+    return said
+
+
+def table(rows: Mapping[str, Mapping[str, Any]]) -> pd.DataFrame:
+    """Scores of several predictors, one a row."""
+    names = (
+        "n",
+        "accuracy",
+        "balanced_accuracy",
+        "recall",
+        "specificity",
+        "brier",
+        "log_loss",
+        "calibration_slope",
+    )
+    frame = pd.DataFrame([{"who": who, **{name: row[name] for name in names}} for who, row in rows.items()])
+    return frame.set_index("who")
+
+
+def _rate(told_by: Array, overturned: Truths) -> float:
+    """Share that overturned of what draws told, with half a count on either side."""
+    return float(((told_by * overturned).sum() + 0.5) / (told_by.sum() + 1.0))
+
+
+def _threshold(measure: Array, overturned: Truths, seen: NDArray, hidden: NDArray) -> Array:
+    """1 above the threshold that is most often right among the tests seen, 0 below."""
+    order = np.sort(measure[seen])
+    between = np.sqrt(order[1:] * order[:-1])
+    right = [(overturned[seen] == (measure[seen] > each)).mean() for each in between]
+    return (measure[hidden] > between[int(np.argmax(right))]).astype(float)
+
+
+def _logistic(features: Array, overturned: Truths, seen: NDArray, hidden: NDArray) -> Array:
+    """Logistic regression, hardly regularised, so that separated outcomes have a fit."""
+    if len(np.unique(overturned[seen])) < 2:
+        return np.full(len(hidden), float(overturned[seen].mean()))
+    centre, spread = features[seen].mean(axis=0), features[seen].std(axis=0)
+    scaled = (features - centre) / np.where(spread > 0.0, spread, 1.0)
+    model = LogisticRegression(C=100.0, max_iter=1000).fit(scaled[seen], overturned[seen])
+    return np.asarray(model.predict_proba(scaled[hidden])[:, 1])
+
+
+def _calibration_slope(overturned: Truths, probability: Array) -> float:
+    odds = logit(_unsure(probability))
+    if len(np.unique(overturned)) < 2 or np.ptp(odds) == 0.0:
+        return np.nan
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        model = LogisticRegression(C=1e6, max_iter=1000).fit(odds[:, None], overturned)
+    return float(model.coef_[0, 0])
+
+
+def _unsure(probability: Array) -> Array:
+    return np.clip(probability, SURE, 1.0 - SURE)
+
+
+def _number(value: float) -> float | None:
+    return None if not np.isfinite(value) else float(value)

@@ -1,0 +1,133 @@
+"""Shake-table tests in both layouts; the table's motion is fused of what each of two sensors knows."""
+
+import zipfile
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from toppling.models.errors import InputError
+from toppling.models.motions.shaketable import read_experiment
+from toppling.models.motions.shaketable_raw import METRES_A_COUNT, fused_m_s2
+
+STEP_S = 1 / 800
+TIME_S = np.arange(0.0, 12.0, STEP_S)
+
+
+def moved(frequency_hz, amplitude_m):
+    """Displacement and acceleration of a table that swings, faded in and out so that filters have no ends to see."""
+    phase = 2.0 * np.pi * frequency_hz * TIME_S
+    fade = np.sin(np.pi * TIME_S / TIME_S[-1]) ** 4
+    displacement = amplitude_m * fade * np.sin(phase)
+    return displacement, np.gradient(np.gradient(displacement, STEP_S), STEP_S)
+
+
+@pytest.mark.parametrize(
+    ("frequency_hz", "amplitude_m"), [(0.5, 0.05), (2.0, 0.01), (4.0, 0.004), (9.0, 0.001)]
+)
+def test_fusion_gives_the_motion_where_both_sensors_are_right(frequency_hz, amplitude_m):
+    displacement, acceleration = moved(frequency_hz, amplitude_m)
+    fused = fused_m_s2(acceleration, displacement, STEP_S)
+    np.testing.assert_allclose(fused, acceleration, atol=0.02 * np.abs(acceleration).max())
+
+
+def test_fusion_takes_slow_motion_from_the_displacement_and_fast_motion_from_the_accelerometer():
+    slow, slow_acceleration = moved(0.5, 0.05)
+    fast, fast_acceleration = moved(12.0, 0.0005)
+    drifting = fast_acceleration + 0.3 + 0.05 * TIME_S  # which knows nothing of the slow motion
+    rounded = slow + 0.0 * fast
+    fused = fused_m_s2(drifting, rounded, STEP_S)
+    inner = slice(800, -800)
+    right = (slow_acceleration + fast_acceleration)[inner]
+    assert np.corrcoef(fused[inner], right)[0, 1] > 0.999
+    assert np.std(fused[inner] - right) < 0.03 * np.std(right)
+
+
+def plain_folder(folder, outcomes, motions):
+    rows = "\n".join(f"{number},{'quake'},{value},1" for number, value in outcomes.items())
+    (folder / "tests.csv").write_text(f"test_no,ground_motion,sp9_overturned,dem_sp9_soft\n{rows}\n")
+    table = {
+        "test_no": list(motions),
+        "dt_s": [0.01] * len(motions),
+        "acc_m_s2": [list(map(float, each)) for each in motions.values()],
+    }
+    pq.write_table(pa.table(table), folder / "motions.parquet")
+
+
+def test_tests_with_motion_and_outcome_are_read_and_the_others_counted(tmp_path):
+    plain_folder(tmp_path, {7: 1, 3: 0, 5: "", 9: 0}, {3: [0, 1, 0], 7: [0, 2, 0], 5: [0, 3, 0]})
+    read = read_experiment(tmp_path, "sp9_overturned")
+    assert [(test.test_no, test.overturned) for test in read.tests] == [(3, False), (7, True)]
+    assert read.without_motion == 1
+    assert read.tests[0].predicted == {"dem_sp9_soft": True}
+    np.testing.assert_array_equal(read.motions[1].acceleration_m_s2[:, 0], [0.0, 2.0, 0.0])
+
+
+def test_an_outcome_that_is_no_column_is_refused_with_the_columns_there_are(tmp_path):
+    plain_folder(tmp_path, {3: 0}, {3: [0, 1, 0]})
+    with pytest.raises(InputError, match="sp9_overturned"):
+        read_experiment(tmp_path, "sp1_overturned")
+
+
+def workbook(path, rows):
+    cells = "".join(
+        "<row>"
+        + "".join(
+            f'<c r="{letter}{number}" t="inlineStr"><is><t>{value}</t></is></c>'
+            if isinstance(value, str)
+            else f'<c r="{letter}{number}"><v>{value}</v></c>'
+            for letter, value in zip("ABCD", row, strict=False)
+            if value is not None
+        )
+        + "</row>"
+        for number, row in enumerate(rows, 1)
+    )
+    sheet = f'<worksheet xmlns="urn:sheet"><sheetData>{cells}</sheetData></worksheet>'
+    with zipfile.ZipFile(path, "w") as book:
+        book.writestr("xl/worksheets/sheet1.xml", sheet)
+
+
+def raw_folder(folder):
+    specimen = "Experimental Results for response-Specimen"
+    header = ["Test Number", f"{specimen} 1", f"{specimen} 2", "Specimen 2-Numerical KN=3 KS=1"]
+    workbook(folder / "Results.xlsx", [header, [4, 0, 1, 1], [11, None, 0, 0]])
+    names = ["Test No. ", "Date", "Test Type", "Ground Motion"]
+    workbook(folder / "Records.xlsx", [[], names, [4, 1, "x", "'RSN1_A.xlsx'"], [11, 1, "x", " RSN1_A.AT2 "]])
+    displacement, acceleration = moved(2.0, 0.01)
+    columns = np.zeros((len(TIME_S), 8))
+    columns[:, ::2] = TIME_S[:, None]
+    columns[:, 1], columns[:, 5] = acceleration / 9.81, displacement / METRES_A_COUNT
+    for number in (4, 11):
+        np.savetxt(
+            folder / f"Test{number}.txt", columns, fmt="%.6g", delimiter="\t", header="Time", comments=""
+        )
+    return acceleration
+
+
+def test_the_experiments_own_files_give_the_same_table_of_tests(tmp_path):
+    acceleration = raw_folder(tmp_path)
+    read = read_experiment(tmp_path, "sp2_overturned")
+    assert [(test.test_no, test.overturned) for test in read.tests] == [(4, True), (11, False)]
+    assert {test.ground_motion for test in read.tests} == {"RSN1_A"}
+    assert read.tests[0].predicted == {"dem_sp2_kn3_ks1": True}
+    assert read.motions[0].time_step_s == pytest.approx(2 * STEP_S, rel=1e-5)
+    along = read.motions[0].acceleration_m_s2[:, 0]
+    np.testing.assert_allclose(along, acceleration[::2], atol=0.02 * np.abs(acceleration).max())
+    assert len(read_experiment(tmp_path, "sp1_overturned").tests) == 1
+
+
+def test_a_workbook_whose_xml_declares_entities_is_refused(tmp_path):
+    raw_folder(tmp_path)
+    with zipfile.ZipFile(tmp_path / "Results.xlsx", "w") as book:
+        book.writestr("xl/worksheets/sheet1.xml", '<!DOCTYPE a [<!ENTITY b "c">]><a>&b;</a>')
+    with pytest.raises(InputError, match="entities"):
+        read_experiment(tmp_path, "sp2_overturned")
+
+
+def test_a_text_file_of_unequal_times_is_refused(tmp_path):
+    raw_folder(tmp_path)
+    lines = (tmp_path / "Test4.txt").read_text().splitlines()
+    (tmp_path / "Test4.txt").write_text("\n".join(lines[:2000] + lines[2600:]))
+    with pytest.raises(InputError, match="equal times"):
+        read_experiment(tmp_path, "sp2_overturned")

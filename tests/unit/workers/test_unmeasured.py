@@ -1,0 +1,61 @@
+"""What nobody measured is drawn within its bounds, evenly, and the same whatever else is drawn."""
+
+import numpy as np
+import pytest
+
+from toppling.models.motions.ensemble import Ensemble
+from toppling.models.motions.motion import Motion
+from toppling.models.motions.record import Record
+from toppling.models.scene import ContactProperties, Scene
+from toppling.workers.job import Assets, JobSpec, prepared
+from toppling.workers.unmeasured import Unmeasured
+
+ALL = Unmeasured((0.5, 1.0), (0.0, 0.3), 5.0, either_sense=True)
+NOMINAL = ContactProperties(0.75, 0.7, 0.1)
+NUMBERS = range(1, 129)
+
+
+def test_draws_fill_their_intervals_evenly():
+    drawn = [ALL.contact(NOMINAL, number) for number in NUMBERS]
+    friction = np.sort([contact.friction_static for contact in drawn])
+    restitution = np.sort([contact.restitution for contact in drawn])
+    # A sequence of low discrepancy: each of sixteen parts has eight of 128 points, give or take one.
+    for values, low, high in ((friction, 0.5, 1.0), (restitution, 0.0, 0.3)):
+        assert np.histogram(values, 16, (low, high))[0] == pytest.approx(8, abs=1)
+    assert all(contact.friction_kinetic == contact.friction_static for contact in drawn)
+
+
+def test_the_motion_is_turned_by_the_yaw_and_half_of_the_time_about():
+    turns = np.array([ALL.turn_deg(number) for number in NUMBERS])
+    about = np.abs(turns) > 90.0
+    assert about.sum() == pytest.approx(64, abs=1)
+    yaw = np.where(about, turns - 180.0, turns)
+    assert np.abs(yaw).max() <= 5.0
+    assert abs(yaw.mean()) < 0.2
+    assert abs(np.corrcoef(about, yaw)[0, 1]) < 0.15
+
+
+def test_the_first_realisation_and_what_is_not_named_draw_nothing():
+    assert ALL.contact(NOMINAL, 0) == NOMINAL
+    assert ALL.turn_deg(0) == 0.0
+    bare = Unmeasured()
+    assert bare.contact(NOMINAL, 5) == NOMINAL
+    assert bare.turn_deg(5) == 0.0
+    assert Unmeasured(restitution=(0.0, 0.3)).contact(NOMINAL, 5).friction_static == 0.75
+
+
+def test_a_job_shakes_with_what_its_realisation_draws_and_its_id_tells(tmp_path):
+    along = np.outer(np.sin(np.arange(200) / 10.0), [2.0, 0.0, 0.0])
+    record = Record.of("made", Motion(along, 0.01), component_azimuths_deg=(0.0, 90.0))
+    assets = Assets(Scene.block(0.2, 0.2, 0.6), Ensemble.write(tmp_path / "one", [record]))
+    given = (assets.scene.id, "made", record.sha, record.intensity["pga_m_s2"], 0.0, 0.8, 0.8, 0.0)
+    spec = JobSpec(*given, realisation=7, preset="draft", unmeasured=ALL)
+    scene, imposed = prepared(spec, assets)
+    turn = np.deg2rad(ALL.turn_deg(7))
+    np.testing.assert_allclose(
+        imposed.motion.acceleration_m_s2[:, :2],
+        along[:, :1] * [np.cos(turn), np.sin(turn)],
+        atol=1e-9,
+    )
+    assert scene.contact == ALL.contact(ContactProperties(0.8, 0.8, 0.0), 7)
+    assert spec.job_id != JobSpec(*given, realisation=7, preset="draft").job_id

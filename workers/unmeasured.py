@@ -1,0 +1,63 @@
+"""What nobody measured of a shaking: friction, restitution, how the rock was turned. Realisations draw it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+from scipy.stats import qmc
+
+from toppling.models.scene import ContactProperties
+
+
+@dataclass(frozen=True)
+class Unmeasured:
+    """Distributions that a campaign states before any outcome is looked at; realisation 0 draws nothing.
+
+    Parameters
+    ----------
+    friction : (float, float) or None
+        Friction is as likely anywhere between these; None leaves the job's, which varies by some per cent.
+    restitution : (float, float) or None
+        The same of Newton's coefficient.
+    yaw_deg : float
+        The motion is turned about the vertical by at most so much, either way.
+    either_sense : bool
+        Whether the motion's positive axis may as well point the other way.
+    """
+
+    friction: tuple[float, float] | None = None
+    restitution: tuple[float, float] | None = None
+    yaw_deg: float = 0.0
+    either_sense: bool = False
+
+    def turn_deg(self, realisation: int) -> float:
+        """By which a realisation turns the motion, degrees counter-clockwise."""
+        if realisation == 0:
+            return 0.0
+        _, _, yaw, sense = _point(realisation)
+        return self.yaw_deg * (2.0 * yaw - 1.0) + (180.0 if self.either_sense and sense < 0.5 else 0.0)
+
+    def contact(self, contact: ContactProperties, realisation: int) -> ContactProperties:
+        """Contact properties of a realisation; what is not drawn stays."""
+        if realisation == 0:
+            return contact
+        friction, restitution = _point(realisation)[:2]
+        static, kinetic, bounce = contact.friction_static, contact.friction_kinetic, contact.restitution
+        if self.friction is not None:
+            static = kinetic = _between(self.friction, friction)
+        if self.restitution is not None:
+            bounce = _between(self.restitution, restitution)
+        return ContactProperties(static, kinetic, bounce)
+
+
+@lru_cache(maxsize=64)
+def _point(realisation: int) -> tuple[float, float, float, float]:
+    """Point of the unit cube: few realisations fill it evenly, and the same whatever their number."""
+    point = qmc.Sobol(4, rng=29).fast_forward(realisation).random(1)[0]
+    return tuple(point.tolist())
+
+
+def _between(interval: tuple[float, float], share: float) -> float:
+    low, high = interval
+    return low + share * (high - low)

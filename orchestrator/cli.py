@@ -29,7 +29,7 @@ VERBS = {
     "check": "Say whether SEISMOGRAMS, unscaled and in their own directions, topple the rock of SCENE.",
     "pulse": "Shake the rock of SCENE with one pulse of velocity and show how it moves.",
     "replay": "Do one JOB of RUN again, and show how the rock moves.",
-    "report": "Write one HTML page about a run that can be read without a network.",
+    "report": "Write one HTML page about a run that can be read without a network, and attached to a paper.",
     "accuracy": "Compare the presets' answers for the rock of SCENE under motions of ENSEMBLE, and their cost.",
     "ramp": "Shake the rock of SCENE with waveforms of ENSEMBLE, each stronger by a step until it topples.",
     "study": "Repeat the study of Veeraraghavan, Hudnut and Krishnan on a rock: runs, figures, findings, report.",

@@ -213,6 +213,8 @@ def _read_files(
 
 
 def _head(path: Path) -> str:
+    if not path.is_file():  # whoever opens a pipe waits for its writer
+        return ""
     with path.open("rb") as file:
         return file.read(2000).decode("utf-8", errors="replace")
 

@@ -19,7 +19,7 @@ from toppling.models.scan.unseen import (
     AZIMUTHS_DEG,
     ContradictionError,
     DrawnBases,
-    close_on_a_draw,
+    close_at_rest,
     draw_bases,
     pierced_m,
     unseen_base,
@@ -103,7 +103,7 @@ def base_unseen(
     if seen.word is not None and seen.word.encloses:
         closed, number = former, None  # the user says where it rests: flat, within the outline
     else:
-        closed, number = close_on_a_draw(seen, interface, drawn, former)
+        closed, number = close_at_rest(seen, interface, drawn, former)
     report["nominal_draw"] = number
     return Based(closed, unseen_base(drawn, closed.rock, interface, seen.height_m), report)
 

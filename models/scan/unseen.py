@@ -57,15 +57,12 @@ class DrawnBases:
         Centre of mass with each, scene frame.
     toppling_m_s2 : (n, azimuths) array
         Quasi-static toppling acceleration with each, for ground accelerations toward AZIMUTHS_DEG.
-    central : int
-        Number of the draw nearest to the median of these.
     """
 
     part: HiddenPart
     gaps: list[GapDraw]
     com_m: Array
     toppling_m_s2: Array
-    central: int
 
     def base(self, number: int, height_m: float) -> Base:
         """The hidden base of a draw, to close the rock with."""
@@ -142,41 +139,38 @@ def draw_bases(
         if id(gap) not in once:
             once[id(gap)] = statics.toppling_m_s2(gap, com_m, tuple(AZIMUTHS_DEG))
     toppling = np.array([once[id(gap)] for gap, _ in kept])
-    apart = np.abs(np.log(np.maximum(toppling, 1e-3) / np.maximum(np.median(toppling, axis=0), 1e-3)))
     return DrawnBases(
         part,
         [gap for gap, _ in kept],
         np.array([com for _, com in kept]),
         toppling,
-        int(apart.mean(axis=1).argmin()),
     )
 
 
-def close_on_a_draw(
-    seen: SeenRock, interface: Interface, drawn: DrawnBases, former: ClosedRock
+def close_at_rest(
+    seen: SeenRock, interface: Interface, drawn: DrawnBases, smooth: ClosedRock
 ) -> tuple[ClosedRock, int | None]:
-    """Close the rock on the central draw, or the next, on which the closed mesh is at rest as scanned; which one.
+    """Close the rock smoothly where it is at rest so, else on a draw near the median of all; on which draw.
 
-    The former closing and None where it is so on none of a few.
+    A smooth closing is nearest to the truth of a flat base, and stands on its whole rim; on a bulging one it rocks.
     """
     plane = Pedestal(interface.point_m, interface.normal)
-    median = np.median(drawn.toppling_m_s2, axis=0)
-    apart = np.abs(np.log(np.maximum(drawn.toppling_m_s2, 1e-3) / np.maximum(median, 1e-3))).mean(axis=1)
-    numbers = [drawn.central, *(n for n in np.argsort(apart, kind="stable") if n != drawn.central)]
-    tried: set[int] = set()
-    for number in numbers:
-        if id(drawn.gaps[number]) in tried:
-            continue
-        tried.add(id(drawn.gaps[number]))
+    median = np.maximum(np.median(drawn.toppling_m_s2, axis=0), 1e-3)
+    apart = np.abs(np.log(np.maximum(drawn.toppling_m_s2, 1e-3) / median)).mean(axis=1)
+    numbers: dict[int, int] = {}  # of each draw, which may have been taken several times, the first
+    for number in np.argsort(apart, kind="stable").tolist():
+        numbers.setdefault(id(drawn.gaps[number]), number)
+    for chosen in (None, *list(numbers.values())[:TRIES]):
         try:
-            closed = close_rock(seen.surfels, seen.patches, drawn.base(number, seen.height_m), interface)
+            closed = smooth
+            if chosen is not None:
+                base = drawn.base(chosen, seen.height_m)
+                closed = close_rock(seen.surfels, seen.patches, base, interface)
         except InputError:
             continue
         if equilibrium_possible(closed.rock, plane, STANDARD_GRAVITY_M_S2, FRICTION, np.zeros(3))[0]:
-            return closed, int(number)
-        if len(tried) == TRIES:
-            break
-    return former, None
+            return closed, chosen
+    return smooth, None
 
 
 def unseen_base(drawn: DrawnBases, rock: Rock, interface: Interface, height_m: float) -> UnseenBase:

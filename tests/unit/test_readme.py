@@ -25,7 +25,9 @@ def stated(words):
 
 
 def test_thresholds_are_as_near_the_exact_ones_as_readme_says():
-    (row,) = re.findall(r"^\| overturning threshold \|(.*)$", (ROOT / "docs" / "accuracy.md").read_text(), re.M)
+    (row,) = re.findall(
+        r"^\| overturning threshold \|(.*)$", (ROOT / "docs" / "accuracy.md").read_text(), re.M
+    )
     found = [float(cell.strip().split()[0]) for cell in row.split("|")[:3]]
     assert max(found) <= stated(r"are met within ([\d.]+) %")
 

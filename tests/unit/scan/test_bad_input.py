@@ -131,7 +131,7 @@ def in_millimetres(stump):
         (few, "station0.xyz", "holds 500 points"),
         (one_place, "station0.xyz", "one and the same"),
         (bare_slope, "station0.xyz", "nothing in the cloud stands on anything"),
-        (rock_alone, "station0.xyz", "patches of the pedestal were seen beside the rock"),
+        (rock_alone, "station0.xyz", "nothing in the cloud stands on anything"),
         (pedestal_alone, "station0.xyz", "nothing in the cloud stands on anything"),
         (foot_hidden, "station0.xyz", "patches of the pedestal were seen beside the rock"),
         (leaning, "station0.xyz", "outside any support"),

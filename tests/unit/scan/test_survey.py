@@ -313,7 +313,7 @@ def test_points_that_the_user_deleted_or_classed_as_noise_are_not_read(
     ("name", "content", "what"),
     [
         ("absent.laz", None, "no such file"),
-        ("empty.ply", b"", "holds 0 points"),
+        ("empty.ply", b"", "has no PLY header"),
         ("noise.laz", b"not a laz file at all", "cannot be read"),
         ("cloud.doc", b"x", "unknown format"),
         ("few.xyz", b"1 2 3\n4 5 6\n", "holds 2 points"),

@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: help setup system-libraries demo study test test-all lint format lock site gallery packages clean
+.PHONY: help setup system-libraries demo study test end-to-end test-all lint format lock site gallery packages clean
 
 help:  ## show the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 20
@@ -30,11 +30,14 @@ study: setup  ## the published study on the demo's rock and 140 synthetic record
 # Tests of the cluster start workers of their own, which some of them kill: nothing else runs beside them.
 TESTS := "not slow"
 test: setup  ## the fast tests, at most five minutes
-	$(BIN)/python -m pytest -m $(TESTS) --numprocesses logical --dist worksteal --ignore tests/cluster
+	$(BIN)/python -m pytest -m $(TESTS) --numprocesses logical --dist worksteal --ignore tests/cluster --ignore tests/end_to_end
 	$(BIN)/python -m pytest -m $(TESTS) tests/cluster
 
+end-to-end: setup  ## the guide, an experiment and the built wheel, minutes
+	$(BIN)/python -m pytest -m $(TESTS) tests/end_to_end
+
 test-all: TESTS := "slow or not slow"
-test-all: test  ## the fast and the slow tests
+test-all: test end-to-end  ## the fast and the slow tests
 
 # Neither mypy nor the site knows mapped packages: they are shown them as the wheel lays them out.
 packages:

@@ -60,7 +60,7 @@ def test_an_interrupted_run_goes_on_where_it_stopped(carry_out, undisturbed, tmp
 
 
 def test_killed_workers_cost_no_job(carry_out, client, undisturbed, tmp_path, faults):
-    faults.set(every={"kind": "wait", "seconds": 0.05})
+    faults.set(every={"kind": "wait", "seconds": 0.2})
     killed = []
 
     def kill(tally):

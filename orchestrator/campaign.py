@@ -53,7 +53,7 @@ class Campaign:
     first_realisation : int
         Where they begin instead, so that a campaign adds to another.
     preset : str
-        Settings of the engine: fast, standard or reference.
+        Settings of the engine: draft, fast, standard or reference.
     engine : str
         pybullet, or mujoco.
     records : tuple of str or None

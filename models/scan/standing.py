@@ -29,8 +29,8 @@ from toppling.models.unseen import UnseenBase
 LEVEL = 0.9
 """Of the intervals that are stated."""
 OTHER_ERRORS_SHARE = 0.04
-"""Standard deviation of the toppling acceleration that no draw shows: of fourteen known rocks with a rim that was seen
-all round, draws alone hold 75 % of the azimuths in their 90 % interval."""
+"""Standard deviation of the toppling acceleration that no draw shows; set on known virtual rocks, not derived
+(docs/scan.md)."""
 
 Array = NDArray[np.float64]
 

@@ -38,6 +38,8 @@ SETTINGS = Path(__file__).with_name("dask.yaml")
 def load_defaults() -> None:
     """Put the project's Dask settings below the user's files and DASK_* variables."""
     for settings in dask.config.collect_yaml([str(SETTINGS)]):
+        # As if for the first time: what is a default already, Dask takes for the user's own after a refresh.
+        dask.config.defaults[:] = [known for known in dask.config.defaults if known != settings]
         dask.config.update_defaults(settings)
     for name in (
         "distributed",

@@ -69,10 +69,6 @@ class BaseDraw:
         """Angle by which the pose at rest is turned from that of the scene."""
         return float(np.rad2deg(np.linalg.norm(self.turn_rad)))
 
-    def contacts_m(self, tolerance_m: float) -> Array:
-        """Feet (k, 3) whose clearance is at most the tolerance: where the rock touches."""
-        return self.feet_m[self.feet_m[:, 2] <= tolerance_m]
-
 
 @dataclass(frozen=True, eq=False)
 class UnseenBase:

@@ -166,12 +166,6 @@ class ContactModel:
         )
         return np.asarray(above_centre_m - self.radius_m)
 
-    def gaps_of_pose_m(self, pose: Pose, points: int) -> Array:
-        """The same for one pose and the first so many points, (points,)."""
-        (_, _, height), attitude = pose
-        above_m = height - self.radius_m
-        return np.asarray(self.centres_body_m[:points] @ _normals_body(np.array(attitude)) + above_m)
-
     def lowest_m(self, pose: Pose) -> float:
         """Clearance of the lowest point in a pose."""
         return float(self.gaps_m(np.array([pose[0]]), np.array([pose[1]])).min())

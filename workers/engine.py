@@ -492,7 +492,6 @@ class _Bullet:
     reset = _called("b3InitResetSimulationCommand", P, P)
     parameters = _called("b3InitPhysicsParamCommand", P, P)
     set_substeps = _called("b3PhysicsParamSetNumSubSteps", K, P, K)
-    set_iterations = _called("b3PhysicsParamSetNumSolverIterations", K, P, K)
     set_deterministic = _called("b3PhysicsParameterSetDeterministicOverlappingPairs", K, P, K)
     set_cone_friction = _called("b3PhysicsParamSetEnableConeFriction", K, P, K)
     set_slop = _called("b3PhysicsParamSetContactSlop", K, P, N)

@@ -20,16 +20,14 @@ from typing import Any
 
 import numpy as np
 
-from toppling.models.motions.motion import Motion
-from toppling.models.scene import Scene
 from toppling.workers import engine, sticking
 from toppling.workers.compiled import compiled, inner
-from toppling.workers.contact_points import REACH_DEG, ContactModel, Pose
+from toppling.workers.contact_points import REACH_DEG
 from toppling.workers.engine_steps import approach_1_s, place, solved_step, take_over
 from toppling.workers.events import gap_rates_m_s, time_to_contact_s
 from toppling.workers.held import LOOKED_AHEAD, held_velocity, velocity_over
 from toppling.workers.impact import resolve_impact
-from toppling.workers.options import NumericalOptions
+from toppling.workers.problem import Problem
 from toppling.workers.simulation import (
     NOT,
     RAISED,
@@ -37,7 +35,6 @@ from toppling.workers.simulation import (
     Array,
     Numbers,
     Simulation,
-    Vector,
     append,
     gaps_of,
     hover_for,
@@ -241,44 +238,20 @@ class Integrator:
 
     Parameters
     ----------
-    scene : Scene
-    contact : ContactModel
-        The scene's.
-    motion : Motion
-    time_step_s : float
-    options : NumericalOptions
-    pose, velocity_m_s, angular_velocity_rad_s
-        State at time 0, support frame.
-    rests : bool
-        Whether it rests there.
-    skips_rest : bool
-        Whether a rock at rest is left alone by the engine.
+    problem : Problem
     pool : EnginePool
     """
 
-    def __init__(
-        self,
-        scene: Scene,
-        contact: ContactModel,
-        motion: Motion,
-        time_step_s: float,
-        options: NumericalOptions,
-        pose: Pose,
-        velocity_m_s: Vector,
-        angular_velocity_rad_s: Vector,
-        *,
-        rests: bool,
-        skips_rest: bool,
-        pool: engine.EnginePool,
-    ) -> None:
-        self._contact, self._surface, self._solver, self.pool = contact, scene.contact, options.solver, pool
+    def __init__(self, problem: Problem, pool: engine.EnginePool) -> None:
+        scene, contact, motion = problem.scene, problem.contact, problem.motion
+        self._contact, self._surface, self._solver = contact, scene.contact, problem.options.solver
+        self.pool = pool
         counts = [contact.points_within(tilt) for tilt in REACH_DEG]
         acceleration = np.ascontiguousarray(motion.acceleration_m_s2 @ contact.scene_from_support)
-        speed_m_s = math.sqrt(scene.gravity_m_s2 * contact.half_diagonal_m)
         self.sim = Simulation(
             state=np.zeros(1, STATE),
             worlds=np.zeros(len(counts), engine.WORLD),
-            numbers=_numbers(options, contact.half_diagonal_m, speed_m_s, skips_rest=skips_rest),
+            numbers=_numbers(problem),
             **_track(4 * ROOM),
             carries=np.zeros(len(contact.points_body_m), np.bool_),
             acceleration=np.zeros(6),
@@ -296,14 +269,14 @@ class Integrator:
             ground_acceleration_m_s2=acceleration,
             ground_velocity_m_s=_velocity_at_samples(acceleration, motion.time_step_s),
             sample_s=motion.time_step_s,
-            step_s=time_step_s,
+            step_s=problem.time_step_s,
         )
         self._deepest_m = 0.0
-        self.sim.pose[0] = [*pose[0], *pose[1]]
-        self.sim.velocity[0] = [*velocity_m_s, *angular_velocity_rad_s]
+        self.sim.pose[0] = [*problem.pose[0], *problem.pose[1]]
+        self.sim.velocity[0] = [*problem.velocity_m_s, *problem.angular_velocity_rad_s]
         state = self.sim.state
         state["set"] = state["widest"] = self.sim.sets[0]
-        state["world"], state["rests"], state["slips_after"] = -1, rests, -1.0
+        state["world"], state["rests"], state["slips_after"] = -1, problem.rests, -1.0
 
     @property
     def last(self) -> int:
@@ -368,10 +341,9 @@ class Integrator:
         self.sim = self.sim._replace(**longer)  # type: ignore[arg-type]
 
 
-def _numbers(
-    options: NumericalOptions, half_diagonal_m: float, speed_m_s: float, *, skips_rest: bool
-) -> Numbers:
-    contact, impact, resolved_m_s = options.contact, options.impact, options.resolved_impact * speed_m_s
+def _numbers(problem: Problem) -> Numbers:
+    options, half_diagonal_m, speed_m_s = problem.options, problem.contact.half_diagonal_m, problem.speed_m_s
+    contact, impact = options.contact, options.impact
     return Numbers(
         touching_m=contact.touching_share * half_diagonal_m,
         carrying_m=contact.carrying_share * half_diagonal_m,
@@ -393,9 +365,9 @@ def _numbers(
         terminal_share=impact.terminal_share,
         left_out=impact.left_out,
         residual_share=options.solver.residual_share,
-        resolved_m_s=resolved_m_s,
+        resolved_m_s=options.resolved_impact * speed_m_s,
         direct=options.direct_contacts,
-        skips_rest=skips_rest,
+        skips_rest=problem.shortcuts,
     )
 
 

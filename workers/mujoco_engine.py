@@ -16,15 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from toppling.models.errors import InputError
-from toppling.models.motions.motion import Motion
 from toppling.models.relief import contact_feet_m
 from toppling.models.scene import Scene
 from toppling.workers import quaternion as quat
-from toppling.workers.contact_points import ContactModel, Pose, contact_of
+from toppling.workers.contact_points import contact_of
 from toppling.workers.engine import EnginePool
 from toppling.workers.integrator import ROOM, Integrator
 from toppling.workers.observation import travel_m
-from toppling.workers.options import NumericalOptions
+from toppling.workers.problem import Problem
 
 Array = NDArray[np.float64]
 Vector = tuple[float, float, float]
@@ -47,38 +46,20 @@ class World:
 class MujocoIntegrator(Integrator):
     """A rock on its way through a motion; as its base, with MuJoCo as the engine."""
 
-    def __init__(
-        self,
-        scene: Scene,
-        contact: ContactModel,
-        motion: Motion,
-        time_step_s: float,
-        options: NumericalOptions,
-        pose: Pose,
-        velocity_m_s: Vector,
-        angular_velocity_rad_s: Vector,
-        *,
-        rests: bool,
-        skips_rest: bool,
-        pool: EnginePool,
-    ) -> None:
-        super().__init__(
-            scene, contact, motion, time_step_s, options, pose, velocity_m_s, angular_velocity_rad_s,
-            rests=rests, skips_rest=skips_rest, pool=pool,
-        )  # fmt: skip
-        _check(scene)
-        self._world, self._roll = _world(scene, time_step_s), _rollout()
-        self._seat = self.sim.pose[0].copy() if rests else None
-        self._rest_speed_m_s = options.rest_speed * math.sqrt(scene.gravity_m_s2 * contact.half_diagonal_m)
+    def __init__(self, problem: Problem, pool: EnginePool) -> None:
+        _check(problem.scene)
+        super().__init__(problem, pool)
+        motion, step_s = problem.motion, problem.time_step_s
+        self._world, self._roll = _world(problem.scene, step_s), _rollout()
+        self._seat = self.sim.pose[0].copy() if problem.rests else None
+        self._rest_speed_m_s = problem.rest_speed_m_s
         self._warm = np.zeros((1, 6))
         self._taken = 0
         # The force on a unit mass from step middle to step middle, as a leapfrog needs it.
-        middles_s = (
-            np.maximum(np.arange(math.ceil(motion.duration_s / time_step_s) + 2) - 0.5, 0.0) * time_step_s
-        )
-        velocity = motion.velocity_at(middles_s) @ contact.scene_from_support
+        middles_s = np.maximum(np.arange(math.ceil(motion.duration_s / step_s) + 2) - 0.5, 0.0) * step_s
+        velocity = motion.velocity_at(middles_s) @ problem.contact.scene_from_support
         lasting_s = np.diff(middles_s)[:, None]
-        self._forces = (self.sim.gravity_m_s2 * lasting_s - np.diff(velocity, axis=0)) / time_step_s
+        self._forces = (self.sim.gravity_m_s2 * lasting_s - np.diff(velocity, axis=0)) / step_s
 
     @property
     def steps(self) -> int:

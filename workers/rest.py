@@ -7,13 +7,11 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from toppling.models.motions.motion import Motion
-from toppling.models.scene import Scene
 from toppling.models.statics import EQUILIBRIUM_MARGIN
 from toppling.workers.compiled import compiled, inner
-from toppling.workers.contact_points import ContactModel
 from toppling.workers.integrator import Integrator
 from toppling.workers.observation import Observation
+from toppling.workers.problem import Problem
 from toppling.workers.quaternion import to_world
 
 Array = NDArray[np.float64]
@@ -27,37 +25,22 @@ class Rest:
 
     Parameters
     ----------
-    scene : Scene
-    contact : ContactModel
-    motion : Motion
+    problem : Problem
     integrator : Integrator
-    block : int
-        Steps between two looks.
-    rest_speed_m_s : float
-        A rock whose points are slower rests.
-    rests : bool
-        Whether it does at the start.
     """
 
-    def __init__(
-        self,
-        scene: Scene,
-        contact: ContactModel,
-        motion: Motion,
-        integrator: Integrator,
-        block: int,
-        rest_speed_m_s: float,
-        rests: bool,
-    ) -> None:
+    def __init__(self, problem: Problem, integrator: Integrator) -> None:
+        scene, contact, motion = problem.scene, problem.contact, problem.motion
         turn = contact.scene_from_support
         gravity = np.array([[0.0, 0.0, -scene.gravity_m_s2]]) @ turn
         self._forces = np.vstack([gravity - motion.acceleration_m_s2 @ turn, gravity])
         """Specific force at the motion's samples, and after the last of them."""
-        self._friction, self._integrator, self._block = scene.contact.friction_static, integrator, block
+        self._friction, self._integrator = scene.contact.friction_static, integrator
+        self._block = problem.options.termination.block
         self._points_m = np.ascontiguousarray(contact.points_body_m)
         self._touching_m = TOUCHING_SHARE * contact.half_diagonal_m
-        self._sample_s, self._speed_m_s = motion.time_step_s, rest_speed_m_s
-        self.rests = rests
+        self._sample_s, self._speed_m_s = motion.time_step_s, problem.rest_speed_m_s
+        self.rests = problem.rests
         """For the whole of the last block."""
         self.came_to_rest = False
         self.skipped_s = 0.0

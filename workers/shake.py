@@ -13,17 +13,20 @@ from toppling.models.errors import InputError
 from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene
 from toppling.workers.compiled import ensure_compiled
-from toppling.workers.contact_points import ContactModel, Pose, contact_of
+from toppling.workers.contact_points import ContactModel, Pose
 from toppling.workers.engine import EnginePool, process_pool
 from toppling.workers.integrator import Integrator
 from toppling.workers.mujoco_engine import MujocoIntegrator
 from toppling.workers.observation import Body, Observation, observe
 from toppling.workers.options import NumericalOptions, options_of
 from toppling.workers.outcome import ShakeResult, outcome_of, trajectory_of
+from toppling.workers.problem import Problem
 from toppling.workers.rest import Rest
 from toppling.workers.seating import settled
-from toppling.workers.start import State, checked_start, start_of
+from toppling.workers.start import State, checked_start
 from toppling.workers.termination import ENDS, FALLS, Context, Verdict, verdict, weak_from_s
+
+INTEGRATORS = {"pybullet": Integrator, "mujoco": MujocoIntegrator}
 
 LONGEST_STEP_SHARE = 1 / 16
 """Steps longer than this share of sqrt(R / g) do not resolve a rocking rock."""
@@ -85,8 +88,7 @@ def shake(
     step_s = options.time_step_s(half_diagonal_m, gravity_m_s2)
     if time_step is not None:
         step_s = _checked_step(time_step, half_diagonal_m, gravity_m_s2)
-    integrators = {"pybullet": Integrator, "mujoco": MujocoIntegrator}
-    shaking = Shaking.of(scene, motion, options, step_s, start, shortcuts, integrators[engine], pool)
+    shaking = Shaking.of(scene, motion, options, step_s, start, shortcuts, INTEGRATORS[engine], pool)
     result = shaking.result(*shaking.run(), trajectory=trajectory)
     return replace(result, wall_s=time.perf_counter() - began)
 
@@ -134,41 +136,19 @@ class Shaking:
         pool: EnginePool,
     ) -> Shaking:
         """At its start; a scene without a start of its own is seated."""
-        contact = contact_of(scene)
-        pose, velocity, spin = start_of(contact, start)
-        rest_speed_m_s = options.rest_speed * float(np.sqrt(scene.gravity_m_s2 * contact.half_diagonal_m))
-        integrator = integrates(
-            scene,
-            contact,
-            motion,
-            step_s,
-            options,
-            pose,
-            velocity,
-            spin,
-            rests=start is None,
-            skips_rest=shortcuts,
-            pool=pool,
-        )
+        problem = Problem.of(scene, motion, options, step_s, start, shortcuts)
+        integrator = integrates(problem, pool)
         return cls(
             integrator=integrator,
-            body=Body.of(scene, contact, integrator.sim.pose[0].copy()),
-            rest=Rest(
-                scene,
-                contact,
-                motion,
-                integrator,
-                options.termination.block,
-                rest_speed_m_s,
-                rests=start is None,
-            ),
+            body=Body.of(scene, problem.contact, integrator.sim.pose[0].copy()),
+            rest=Rest(problem, integrator),
             context=Context(
                 scene=scene,
-                contact=contact,
+                contact=problem.contact,
                 motion_s=motion.duration_s,
                 weak_from_s=weak_from_s(scene, motion, options.termination.weak_share),
-                rest_speed_m_s=rest_speed_m_s,
-                speed_limit_m_s=_speed_limit(scene, contact, motion, start, pose),
+                rest_speed_m_s=problem.rest_speed_m_s,
+                speed_limit_m_s=_speed_limit(scene, problem.contact, motion, start, problem.pose),
                 shortcuts=shortcuts,
                 options=options.termination,
             ),

@@ -19,8 +19,8 @@ Array = NDArray[np.float64]
 FRAMES_HZ, MOST_FRAMES = 12.5, 100
 """Frames a second of a moving picture, and how many at most: a longer shake is played faster, and says so."""
 
-WIDTH, TITLE_ROWS, STRIP = 480, 2, 92
-"""Pixels: width of picture and view, rows of letters of the title, height of the strip below with the seismogram."""
+WIDTH, STRIP = 480, 92
+"""Pixels: width of picture and view, height of the strip below with the seismogram."""
 
 ROW = 19
 OVERSAMPLING = 2

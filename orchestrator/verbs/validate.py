@@ -49,7 +49,7 @@ FOLDER = click.Path(file_okay=False, path_type=Path)
     help="Standard error of a test's share below which no more are added.",
 )  # fmt: skip
 @click.option(
-    "--engine", type=click.Choice(ENGINES), default="mujoco", show_default=True, help="What shakes."
+    "--engine", type=click.Choice(ENGINES), default="pybullet", show_default=True, help="What shakes."
 )
 @click.option(
     "--preset", type=click.Choice(list(PRESETS)), default="draft", show_default=True, help="How finely."

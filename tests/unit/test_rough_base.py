@@ -31,7 +31,9 @@ def cobble():
 
 @pytest.fixture(scope="module")
 def drawn():
-    return with_rough_base(cobble(), std_m=0.002, wavelength_m=0.12, band_m=0.08, draws=6, com_std_m=0.003)
+    return with_rough_base(
+        cobble(), std_m=(0.002, 0.002), wavelength_m=0.12, band_m=0.08, draws=6, com_std_m=0.003
+    )
 
 
 def test_on_every_drawn_base_the_rock_is_at_rest_in_its_pose(drawn):
@@ -75,13 +77,13 @@ def test_bases_survive_the_disk_and_belong_to_the_scenes_id(drawn, tmp_path):
 
 
 def test_the_same_seed_gives_the_same_bases_and_another_gives_others():
-    ask = {"std_m": 0.002, "wavelength_m": 0.12, "band_m": 0.08, "draws": 2}
+    ask = {"std_m": (0.002, 0.002), "wavelength_m": 0.12, "band_m": 0.08, "draws": 2}
     first, again, other = (with_rough_base(cobble(), **ask, seed=seed) for seed in (1, 1, 2))
     assert first.id == again.id != other.id
 
 
 def test_a_rock_known_to_bear_more_has_only_bases_that_bear_it():
-    ask = {"std_m": 0.004, "wavelength_m": 0.12, "band_m": 0.08, "draws": 4}
+    ask = {"std_m": (0.004, 0.004), "wavelength_m": 0.12, "band_m": 0.08, "draws": 4}
     scene = with_rough_base(cobble(), **ask, standing=Standing(least_toppling_m_s2=1.6))
     for number in range(4):
         realised = scene.on_base(number)
@@ -94,7 +96,9 @@ def test_a_rock_known_to_bear_more_has_only_bases_that_bear_it():
 def test_bases_on_which_the_rock_would_never_stand_are_refused_with_their_count():
     standing = Standing(least_toppling_m_s2=9.0)
     with pytest.raises(InputError, match="stands on 0"):
-        with_rough_base(cobble(), std_m=0.002, wavelength_m=0.12, band_m=0.08, draws=1, standing=standing)
+        with_rough_base(
+            cobble(), std_m=(0.002, 0.002), wavelength_m=0.12, band_m=0.08, draws=1, standing=standing
+        )
 
 
 def test_a_file_of_bases_that_is_cut_off_is_refused(drawn, tmp_path):

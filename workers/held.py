@@ -52,8 +52,8 @@ def velocity_over(
         near[i] = sim.carries[i] or gap[i] < numbers.touching_m
         if near[i] and -rate[i] > resolved_m_s:  # it has landed as the latest step ended
             return True, 0.0
-        # So that the point comes to the surface on its arc.
-        least[i] = -gap[i] / step_s - 0.5 * step_s * least[i]
+        # So that the point comes to the surface on its arc; from below in a whole step, as less would throw it.
+        least[i] = -gap[i] / (step_s if gap[i] > 0.0 else max(step_s, sim.step_s)) - 0.5 * step_s * least[i]
     while True:
         if not held_velocity(sim, pose, since_s + 0.5 * step_s, near, least, velocity):
             return False, left_s

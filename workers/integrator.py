@@ -52,6 +52,9 @@ ROOM = 512
 SOON = 0.02
 """Share of a step: the engine is given no shorter one before an impact of points that slip."""
 
+LATER = 2.0
+"""Times the time to a contact: where the velocity that was found for it meets the contact later, it is not yet met."""
+
 
 @compiled
 def advance(sim: Simulation, steps_to: int) -> int:
@@ -140,8 +143,8 @@ def _step_over(sim: Simulation) -> None:
 
 @inner
 def _move(sim: Simulation, left_s: float, resolved_m_s: float) -> bool:
-    """Move for some time, or until a point has landed; whether one did."""
-    last, velocity = sim.state[0].last, np.empty(6)
+    """Move for some time, or until a point has landed or nearly has; whether time is left."""
+    last, velocity, lands = sim.state[0].last, np.empty(6), True
     if sim.numbers.direct:
         hover_for(sim, 0.0)
     held, contact_s = velocity_over(sim, left_s, left_s, resolved_m_s, velocity)
@@ -150,6 +153,8 @@ def _move(sim: Simulation, left_s: float, resolved_m_s: float) -> bool:
         # Once more with the velocity up to the contact, which it meets a little sooner or later.
         before_s = contact_s
         held, contact_s = velocity_over(sim, before_s, left_s, resolved_m_s, velocity)
+        lands = contact_s < LATER * before_s
+        contact_s = contact_s if lands else before_s
         share = 0.5 * (contact_s - before_s) / (sim.time_s[last] - sim.velocity_time_s[last] + 0.5 * before_s)
         velocity += share * (velocity - sim.velocity[last])
     if not held:
@@ -158,7 +163,8 @@ def _move(sim: Simulation, left_s: float, resolved_m_s: float) -> bool:
         _glide(sim, velocity, contact_s)
     if contact_s >= left_s:
         return False
-    resolve_impact(sim)
+    if lands:
+        resolve_impact(sim)
     return True
 
 

@@ -164,6 +164,9 @@ def kept_from_children() -> Iterator[None]:
 
     A terminal sends it to all of them: the main thread ends the others, which have nothing to say.
     """
+    from multiprocessing import resource_tracker
+
+    resource_tracker.ensure_running()  # it would let the signals through in the thread that first needs it
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield

@@ -1,7 +1,7 @@
 """Ctrl-C, as often as somebody presses it: the first stops the program in order, the others change nothing.
 
-The first raises KeyboardInterrupt in the main thread, wherever that is. So what must be whole holds it back, what a
-finalizer swallows is raised again, and what fails after it fails because of it and is not told.
+The first raises KeyboardInterrupt in the main thread, wherever that is. So what must be whole holds it back, it is
+raised again where a finalizer or a library swallowed it, and what fails after it fails because of it and is not told.
 """
 
 import contextlib
@@ -9,6 +9,7 @@ import os
 import signal
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from types import FrameType, TracebackType
@@ -20,18 +21,17 @@ INTERRUPTED = 130
 PATIENCE_S = 60
 """What has not ended in order so long after it was told to is ended without."""
 
-AGAIN_S = 0.02
-"""After so long a KeyboardInterrupt that a finalizer swallowed is raised again, outside of it."""
+LOOK_S = 0.1
+"""Time between looks at whether the KeyboardInterrupt is still on its way."""
 
 Entered = TypeVar("Entered")
 
 
 class _Stop:
-    """Whether a stop was asked for, and how it stands. No dataclass, whose import takes longer than all of this one."""
+    """Whether and when a stop was asked for. No dataclass, whose import takes longer than that of all else here."""
 
-    asked = False
+    asked_at: float | None = None
     held = 0
-    due = False
 
 
 _STOP = _Stop()
@@ -48,6 +48,7 @@ def as_program(work: Callable[[], object]) -> NoReturn:
         except SystemExit as end:
             code = end.code
         finally:  # there is nothing left to stop
+            end_of_stop()
             signal.signal(signal.SIGINT, signal.SIG_IGN)
             signal.signal(signal.SIGTERM, signal.SIG_DFL)
     except KeyboardInterrupt:
@@ -65,38 +66,36 @@ def stop_once(signum: int, frame: FrameType | None) -> None:  # noqa: ARG001  (a
     """Raise KeyboardInterrupt for the first signal, and let no other come between it and an orderly end."""
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.SIG_IGN)
-    sys.unraisablehook = _unraisable
-    threading.excepthook = _of_no_interest
-    _STOP.asked = True
-    _STOP.due = bool(_STOP.held)
-    _raise_in_time(held=_STOP.due)
+    sys.unraisablehook = threading.excepthook = _of_no_interest
+    _STOP.asked_at = time.monotonic()
+    signal.signal(signal.SIGALRM, _look)
+    signal.setitimer(signal.ITIMER_REAL, LOOK_S, LOOK_S)
+    _raise_unless_held()
 
 
-def _raise_in_time(*, held: bool = False) -> None:
-    signal.signal(signal.SIGALRM, _end)
-    signal.alarm(PATIENCE_S)
-    if not held:
+def end_of_stop() -> None:
+    """Take a KeyboardInterrupt for done: it is not raised again."""
+    signal.setitimer(signal.ITIMER_REAL, 0.0)
+
+
+def _look(signum: int, frame: FrameType | None) -> None:  # noqa: ARG001
+    """See whether the KeyboardInterrupt is still on its way: libraries swallow it in finalizers and bare excepts."""
+    if _STOP.asked_at is not None and time.monotonic() - _STOP.asked_at > PATIENCE_S:
+        print("stopped: the end took too long", file=sys.stderr, flush=True)  # noqa: T201  (nothing else works here)
+        os._exit(INTERRUPTED)
+    _raise_unless_held()
+
+
+def _raise_unless_held() -> None:
+    error = sys.exc_info()[1]  # of the main thread, which was interrupted here
+    while error is not None and not isinstance(error, KeyboardInterrupt):
+        error = error.__context__
+    if error is None and not _STOP.held:
         raise KeyboardInterrupt
 
 
-def _end(signum: int, frame: FrameType | None) -> None:  # noqa: ARG001
-    print("stopped: the end took too long", file=sys.stderr, flush=True)  # noqa: T201  (nothing else works here)
-    os._exit(INTERRUPTED)
-
-
-def _unraisable(what: "sys.UnraisableHookArgs") -> None:
-    """A finalizer or a callback of the interpreter has failed: Ctrl-C must not end there, and the rest is its doing."""
-    if issubclass(what.exc_type, KeyboardInterrupt):
-        signal.signal(signal.SIGALRM, _again)
-        signal.setitimer(signal.ITIMER_REAL, AGAIN_S)
-
-
-def _again(signum: int, frame: FrameType | None) -> None:  # noqa: ARG001
-    _raise_in_time()
-
-
-def _of_no_interest(what: threading.ExceptHookArgs) -> None:
-    """A thread has failed after the stop."""
+def _of_no_interest(what: object) -> None:
+    """What a finalizer or a thread fails with after the stop, it fails with because of it."""
 
 
 @contextmanager
@@ -105,7 +104,7 @@ def told_as_stop() -> Iterator[None]:
     try:
         yield
     except Exception as error:
-        if _STOP.asked:
+        if _STOP.asked_at is not None:
             raise KeyboardInterrupt from error
         raise
 
@@ -118,9 +117,8 @@ def held_back() -> Iterator[None]:
         yield
     finally:
         _STOP.held -= 1
-        if _STOP.due and not _STOP.held:
-            _STOP.due = False
-            raise KeyboardInterrupt
+        if _STOP.asked_at is not None:
+            _raise_unless_held()
 
 
 class Whole(AbstractContextManager[Entered]):

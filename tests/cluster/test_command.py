@@ -142,7 +142,8 @@ def test_stopping_it_at_any_step_of_its_end_says_one_line(inputs, tmp_path, plac
     *before, last = told.splitlines()
     assert process.returncode == 130, told
     assert last.startswith("stopped")
-    assert [line for line in before if "jobs" not in line] == []  # but how far it is
+    # But how far it is, and what it warns of itself on a busy machine.
+    assert [line for line in before if "jobs" not in line and not line.startswith("WARNING ")] == []
     assert list(tmp_path.glob("toppling-session-*")) == []
     assert state_of(tmp_path / "run")["state"] in ("interrupted", "complete")
 

@@ -69,7 +69,10 @@ def read_guarded(reader: str, path: Path, libraries: Sequence[str] = ()) -> Read
         except _EndedError as end:
             _refuse(end.reason, path)
     if "refusal" in told:
-        raise InputError(**(told["refusal"] | {"where": told["refusal"]["where"] or str(path)}))
+        where = told["refusal"]["where"].replace(request["path"], str(path)) or str(
+            path
+        )  # as it was asked for
+        raise InputError(**(told["refusal"] | {"where": where}))
     if "failure" in told:
         _refuse(f"cannot be read ({told['failure']})", path)
     return told["said"], arrays

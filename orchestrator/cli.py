@@ -1,8 +1,6 @@
 """The command line. A room is imported only when its verb is called, so that `toppling query` needs no Open3D."""
 
 import importlib
-import os
-import signal
 import sys
 from pathlib import Path
 from typing import Any
@@ -10,7 +8,7 @@ from typing import Any
 import click
 
 from toppling.models.errors import InputError
-from toppling.orchestrator.interrupt import INTERRUPTED, stop_once
+from toppling.orchestrator.interrupt import as_program, told_as_stop
 from toppling.orchestrator.spelling import Verbs
 
 VERBS = {
@@ -81,31 +79,18 @@ def cli() -> None:
 
 
 def main() -> None:
-    """Entry point of the command `toppling`; exit 0 done, 1 failed, 2 wrong usage, 3 finished with failed jobs."""
-    signal.signal(signal.SIGINT, stop_once)
-    try:
-        _main()
-    except SystemExit as end:
-        if end.code == INTERRUPTED:  # all that had to end has ended: the interpreter's own end may be slow
-            sys.stdout.flush()
-            sys.stderr.flush()
-            os._exit(INTERRUPTED)
-        raise
-    finally:
-        signal.signal(signal.SIGINT, signal.SIG_IGN)  # there is nothing left to stop
+    """Be the command `toppling`, for a program that has begun otherwise."""
+    as_program(call)
 
 
-def _main() -> None:
+def call() -> None:
+    """Call the verb that the command line names; exit 0 done, 1 failed, 2 wrong usage, 3 finished with failed jobs."""
     try:
-        cli.main(prog_name="toppling", standalone_mode=False)
-    except click.exceptions.Exit as stop:
-        sys.exit(stop.exit_code)
+        with told_as_stop():
+            cli.main(prog_name="toppling", standalone_mode=False)
     except click.ClickException as error:
         error.show()
         sys.exit(error.exit_code)
-    except click.Abort:
-        click.echo("stopped", err=True)
-        sys.exit(INTERRUPTED)
     except (InputError, FileExistsError, FileNotFoundError) as error:
         click.echo(f"toppling: {error}", err=True)
         sys.exit(1)

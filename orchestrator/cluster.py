@@ -15,7 +15,7 @@ from distributed import Client, LocalCluster, SpecCluster
 from distributed.security import Security
 
 from toppling.models.errors import InputError
-from toppling.orchestrator.interrupt import kept_from_children
+from toppling.orchestrator.interrupt import Whole, kept_from_children
 from toppling.workers.compiled import compile_apart
 
 log = logging.getLogger(__name__)
@@ -41,11 +41,14 @@ def load_defaults() -> None:
         # As if for the first time: what is a default already, Dask takes for the user's own after a refresh.
         dask.config.defaults[:] = [known for known in dask.config.defaults if known != settings]
         dask.config.update_defaults(settings)
-    for name in (
-        "distributed",
-        "tornado.application",
-        "asyncio",
-    ):  # every fault they report is reported by the run
+    # Every fault that these report is reported by the run. Some loggers below them have a level of their own.
+    silent = ("distributed", "tornado", "bokeh", "asyncio")
+    below = [
+        name
+        for name in logging.root.manager.loggerDict
+        if name.startswith(tuple(f"{one}." for one in silent))
+    ]
+    for name in (*silent, *below):
         logging.getLogger(name).setLevel(logging.CRITICAL)
 
 
@@ -58,6 +61,13 @@ def local(workers: int) -> Iterator[Client]:
     """
     compile_apart()
     load_defaults()
+    with Whole(_local_session()) as (cluster, client):
+        cluster.scale(workers)  # not at once: the cluster would fail with a worker that dies while it starts
+        yield client
+
+
+@contextlib.contextmanager
+def _local_session() -> Iterator[tuple[LocalCluster, Client]]:
     with (
         # After this time Dask would drop a worker whose successor happens to be starting, and start no other.
         dask.config.set({"distributed.deploy.lost-worker-timeout": "1000 days", **_SILENT}),
@@ -65,9 +75,8 @@ def local(workers: int) -> Iterator[Client]:
         _local_cluster(scratch) as cluster,
         Client(cluster) as client,
     ):
-        cluster.scale(workers)  # not at once: the cluster would fail with a worker that dies while it starts
         try:
-            yield client
+            yield cluster, client
         finally:
             client.sync(_end_workers, cluster)
 
@@ -104,7 +113,8 @@ async def _end_workers(cluster: LocalCluster) -> None:
     for nanny in cluster.workers.values():
         nanny.close_gracefully()  # starts no other in its place
         if nanny.is_alive():
-            os.kill(nanny.pid, signal.SIGKILL)
+            with contextlib.suppress(ProcessLookupError):  # it has died at this moment
+                os.kill(nanny.pid, signal.SIGKILL)
 
 
 class Upkeep:
@@ -206,7 +216,7 @@ def existing(address: str | None, scheduler_file: Path | None, tls: Security | N
         if "ssl_context" in what:  # an argument deep inside Dask
             what = "the address asks for TLS, and no certificates are given"
         raise _unreachable(where, what) from None
-    with client:
+    with Whole(client):
         _check_scheduler(client)
         yield client
 
@@ -227,9 +237,15 @@ def queue(kind: str, jobs: int, secrets: Path) -> Iterator[Client]:
     secrets : Path
         Folder for the key, which all hosts see.
     """
-    with _queue_cluster(kind, secrets) as cluster, Client(cluster) as client:
+    with Whole(_queue_session(kind, secrets)) as (cluster, client):
         cluster.scale(jobs=jobs)
         yield client
+
+
+@contextlib.contextmanager
+def _queue_session(kind: str, secrets: Path) -> Iterator[tuple[Any, Client]]:
+    with _queue_cluster(kind, secrets) as cluster, Client(cluster) as client:
+        yield cluster, client
 
 
 def job_script(kind: str) -> str:
@@ -292,16 +308,17 @@ def _new_queue_cluster(kind: str, secrets: Path) -> Any:
     try:
         # A process a core: the engine is one per process, and its threads would wait for each other.
         cores = dask.config.get(f"jobqueue.{kind}.cores") or 1
-        return getattr(jobqueue, QUEUES[kind])(
-            cores=cores,
-            processes=cores,
-            security=security,
-            shared_temp_directory=str(secrets),
-            scheduler_options={
-                "dashboard_address": "127.0.0.1:0",  # Dask's pages ask for no key
-                **dask.config.get(f"jobqueue.{kind}.scheduler-options", {}),
-            },
-        )
+        with kept_from_children():  # what submits and takes back batch jobs
+            return getattr(jobqueue, QUEUES[kind])(
+                cores=cores,
+                processes=cores,
+                security=security,
+                shared_temp_directory=str(secrets),
+                scheduler_options={
+                    "dashboard_address": "127.0.0.1:0",  # Dask's pages ask for no key
+                    **dask.config.get(f"jobqueue.{kind}.scheduler-options", {}),
+                },
+            )
     except (ValueError, KeyError) as error:
         raise InputError(
             str(error).splitlines()[0],

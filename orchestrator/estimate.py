@@ -7,7 +7,6 @@ import math
 import os
 import time
 from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 
@@ -17,6 +16,7 @@ from numpy.typing import NDArray
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
 from toppling.orchestrator.plan import Plan, expected_s
+from toppling.orchestrator.pool import pool_of
 from toppling.orchestrator.progress import duration
 from toppling.workers.job import Assets, JobSpec, run_job
 
@@ -110,7 +110,7 @@ def estimate(
     cost_s: list[float] = []
     timed_rows: list[int] = []
     try:
-        with ProcessPoolExecutor(1, initializer=_load, initargs=(scene, ensemble)) as pool:
+        with pool_of(1, _load, scene, ensemble) as pool:
             # The first one also pays for what is computed once in a process, and is timed again.
             pool.submit(_timed_s, planned.spec(int(chosen[0]))).result()
             end = time.monotonic() + TIMED_S

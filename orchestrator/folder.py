@@ -88,7 +88,7 @@ def describe(run: Path) -> dict[str, Any]:
             expected="a folder that 'toppling run' made",
             remedy="give the folder named with --out, or another name for a new run",
         ) from None
-    if not isinstance(content, dict) or content.get("schema_version") != SCHEMA_VERSION:
+    if content.get("schema_version") != SCHEMA_VERSION:
         raise _error(
             run,
             "run.json is of another layout",

@@ -10,10 +10,8 @@ import hashlib
 import importlib.util
 import logging
 import math
-import signal
 import time
 from collections.abc import Callable, Iterable, Mapping
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass, replace
 from itertools import repeat
 from pathlib import Path
@@ -29,6 +27,7 @@ from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.impose import impose
 from toppling.models.scene import Scene
 from toppling.models.tables import read_table, write_table
+from toppling.orchestrator.pool import pool_of
 from toppling.results.fits import fit
 from toppling.workers.options import PHYSICS_VERSION, PRESETS, NumericalOptions, SolverOptions, options_of
 from toppling.workers.seating import settled
@@ -153,7 +152,7 @@ def answers(
     missing = [job for job in jobs if job not in known]
     for _ in range(len(jobs) - len(missing)):
         seen()
-    with ProcessPoolExecutor(processes, initializer=_load, initargs=(stands, ensemble)) as pool:
+    with pool_of(processes, _load, stands, ensemble) as pool:
         for job, row in zip(missing, pool.map(_shake, missing, repeat(setting)), strict=True):
             known[job] = row
             seen()
@@ -264,7 +263,6 @@ _ASSETS: list[tuple[Scene, Ensemble]] = []
 
 
 def _load(scene: Scene, ensemble: Ensemble) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the main process ends these
     _ASSETS[:] = [(scene, ensemble)]
 
 

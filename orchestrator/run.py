@@ -29,6 +29,7 @@ from toppling.orchestrator.cluster import Upkeep
 from toppling.orchestrator.dispatch import JOBS_IN_BATCH, USUAL_LIMITS, Batch, Dispatch, Limits, why_given_up
 from toppling.orchestrator.folder import describe, note, prepare, session
 from toppling.orchestrator.hunting import hunt_of, known_answers, marked, skipped_rows
+from toppling.orchestrator.interrupt import held_back
 from toppling.orchestrator.journal import journal, tell
 from toppling.orchestrator.plan import Plan, check_stands, expected_s, plan
 from toppling.orchestrator.task import Order, Row, UnfitWorkerError, check, lost_row, shake_batch, versions
@@ -493,12 +494,13 @@ class Execution:
         except (CommClosedError, TimeoutError) as error:
             raise RunError(LOST) from error
         finally:
-            arriving.clear()
-            self._flush(last=True)
-            if self._flying and self.client.status == "running":
-                with suppress(CommClosedError, TimeoutError):
-                    self.client.cancel(list(self._flying), force=True)
-            self.watch(self.tally)
+            with held_back():
+                arriving.clear()
+                self._flush(last=True)
+                if self._flying and self.client.status == "running":
+                    with suppress(CommClosedError, TimeoutError):
+                        self.client.cancel(list(self._flying), force=True)
+                self.watch(self.tally)
         return self.tally
 
     def _submit(self, arriving: as_completed) -> None:

@@ -35,7 +35,6 @@ KEPT_S = 1.5
 
 JOB = re.compile(r"[0-9a-f]{8,64}")
 LOOPBACK = "127.0.0.1"
-_RUN_TOPPLING = "from toppling.orchestrator.cli import main; main()"
 _HTML, _NOTHING = "text/html; charset=utf-8", "default-src 'none'"
 _STRICT = "default-src 'none'; connect-src 'self'; frame-src 'self'; style-src 'unsafe-inline'; script-src 'nonce-{}'"
 _OF_A_REPLAY = (
@@ -151,7 +150,7 @@ class Replays:
                     remedy=f"try it outside: toppling replay {self._run} {job}",
                 )
             if self._process is None and not drawn.exists():
-                words = [sys.executable, "-c", _RUN_TOPPLING, "replay", str(self._run), job]
+                words = [sys.executable, "-P", "-m", "toppling", "replay", str(self._run), job]
                 self._process = subprocess.Popen(
                     [*words, "--out", str(self._folder / job)],
                     stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,

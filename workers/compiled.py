@@ -32,6 +32,7 @@ def _hash() -> str:
         digest.update(package.__version__.encode())
     digest.update(llvmlite.binding.get_host_cpu_name().encode())
     digest.update(llvmlite.binding.get_host_cpu_features().flatten().encode())
+    digest.update(bytes(Path(__file__).parent))  # Numba finds code again only for files at the same place
     for path in sorted(Path(__file__).parent.glob("*.py")):
         digest.update(path.read_bytes())
     return digest.hexdigest()
@@ -116,4 +117,5 @@ def compile_apart() -> None:
     """As :func:`toppling.workers.shake.compile_once`, in a process of its own: what compiling takes is given back."""
     if not is_compiled() and FOLDER is not None:
         program = "from toppling.workers.shake import compile_once; compile_once()"
-        subprocess.run([sys.executable, "-c", program], check=True)
+        # Ctrl-C is for this process, which ends the other one.
+        subprocess.run([sys.executable, "-c", program], check=True, start_new_session=True)

@@ -1,6 +1,5 @@
 """`toppling ramp`: the shake-table protocol of the study's figure 4 on any rock."""
 
-from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -82,6 +81,7 @@ def ramp(
     from toppling.models.errors import InputError
     from toppling.models.motions.ensemble import Ensemble
     from toppling.models.scene import Scene
+    from toppling.orchestrator.pool import pool_of
     from toppling.orchestrator.ramp import Ramp, carry_out, chosen_waveforms, weakest_azimuth_deg
 
     rock, motions = Scene.load(scene), Ensemble.load(ensemble)
@@ -101,7 +101,7 @@ def ramp(
     )  # fmt: skip
     with (
         Progress(console=Console(stderr=True), transient=True) as progress,
-        ProcessPoolExecutor(workers) as pool,
+        pool_of(workers) as pool,
     ):
         task = progress.add_task("waveforms", total=len(names))
         levels = carry_out(

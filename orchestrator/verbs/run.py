@@ -12,7 +12,7 @@ import click
 from click.core import ParameterSource
 
 from toppling.orchestrator.dispatch import Limits
-from toppling.orchestrator.interrupt import INTERRUPTED, stop_once
+from toppling.orchestrator.interrupt import INTERRUPTED, stop_once, told_as_stop
 from toppling.orchestrator.verbs.where import FILE, cluster_of, cluster_options
 
 if TYPE_CHECKING:
@@ -107,7 +107,7 @@ def run(
     command = _command(click.get_current_context())
     to_go_on = " ".join([f"To go on: {command}", *(["--again", ",".join(again)] if again else [])])
     try:
-        with watcher() as watch:
+        with told_as_stop(), watcher() as watch:
             limits = Limits(job_limit, tries)
             tally = carry_out(chosen, folder, cluster, watch, limits, report, again, AFTERWARDS)
     except RunError as error:

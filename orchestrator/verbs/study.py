@@ -65,7 +65,7 @@ def study(
     toppling study study --scan station1.laz --scan station2.laz --records ensembles/quakes
     """  # noqa: D301  (\b keeps click from rewrapping the example)
     from toppling.orchestrator import study as stages
-    from toppling.orchestrator.interrupt import INTERRUPTED, stop_once
+    from toppling.orchestrator.interrupt import INTERRUPTED, stop_once, told_as_stop
     from toppling.orchestrator.progress import duration, each, watcher
     from toppling.orchestrator.run import RunError
     from toppling.orchestrator.verbs.run import FAILED_JOBS
@@ -92,22 +92,23 @@ def study(
         click.echo(line, err=True)
 
     try:
-        chosen.check(out)
-        _have_scene(out, scan, scene, say)
-        _have_records(out, records, metadata, count, say)
-        _say_time(chosen, out, where, say)
-        tallies = stages.carry_out(chosen, out, lambda: cluster_of(out, **where), watcher, say)
-        levels, protocol = stages.climb(chosen, out, lambda: cluster_of(out, **where), say)
-        say("figures, findings, constraint, report")
-        drawn = stages.draw(chosen, out, levels, protocol)
-        for path in each(drawn, "figures", 60):
-            if path.suffix == ".png" and not as_json:
-                click.echo(path)
-        found = stages.check_findings(chosen, out)
-        opened = open_run(out / "runs" / stages.MAIN)
-        _have_figure_8(out)
-        _have_constraint(out, opened.path)
-        page = write_page(report_page(Content(opened)), out / "report.html")
+        with told_as_stop():
+            chosen.check(out)
+            _have_scene(out, scan, scene, say)
+            _have_records(out, records, metadata, count, say)
+            _say_time(chosen, out, where, say)
+            tallies = stages.carry_out(chosen, out, lambda: cluster_of(out, **where), watcher, say)
+            levels, protocol = stages.climb(chosen, out, lambda: cluster_of(out, **where), say)
+            say("figures, findings, constraint, report")
+            drawn = stages.draw(chosen, out, levels, protocol)
+            for path in each(drawn, "figures", 60):
+                if path.suffix == ".png" and not as_json:
+                    click.echo(path)
+            found = stages.check_findings(chosen, out)
+            opened = open_run(out / "runs" / stages.MAIN)
+            _have_figure_8(out)
+            _have_constraint(out, opened.path)
+            page = write_page(report_page(Content(opened)), out / "report.html")
     except RunError as error:
         message = f"{error}; what was done is kept: the same command goes on"
         raise click.ClickException(message) from None

@@ -26,6 +26,7 @@ def watch(run: Path, port: int, opens: bool | None) -> None:
     \b
     toppling watch runs/first
     """  # noqa: D301  (\b keeps click from rewrapping the example)
+    from toppling.orchestrator.interrupt import end_of_stop
     from toppling.orchestrator.watch import new_place, watching
 
     with new_place() as folder, watching(run, Path(folder), port) as server:
@@ -38,6 +39,7 @@ def watch(run: Path, port: int, opens: bool | None) -> None:
         try:
             server.serve_forever()
         except KeyboardInterrupt:
+            end_of_stop()
             click.echo("ended; the run goes on if it was running", err=True)
         finally:
             server.replays.end()

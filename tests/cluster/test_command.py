@@ -15,6 +15,7 @@ import pytest
 from answers import answers_of
 from click.testing import CliRunner
 from conftest import OTHER_CODE_VARIABLE
+from struck_client import STRUCK_VARIABLE
 
 from toppling.orchestrator.cli import cli
 from toppling.orchestrator.status import state_of
@@ -114,6 +115,37 @@ def test_stopping_it_at_any_moment_of_its_start_says_one_line(inputs, tmp_path, 
     _, told = process.communicate(timeout=90)
     assert (process.returncode, told.count("stopped")) in {(130, 1), (0, 0)}  # or done before
     assert "Traceback" not in told
+
+
+ENDS_OF_A_RUN = [
+    "toppling.orchestrator.run:compact",  # all rows are there
+    "distributed:Future.__del__",  # a finalizer, which swallows what is raised
+    "distributed:Client.close",
+    "distributed:LocalCluster.close",
+    "distributed.deploy.spec:SpecCluster.scale",  # within Dask's own loop
+    "tempfile:TemporaryDirectory.cleanup",
+    "toppling.orchestrator.run:note",
+    "toppling.orchestrator.status:state_of",  # what is said at the end
+]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("place", ENDS_OF_A_RUN)
+def test_stopping_it_at_any_step_of_its_end_says_one_line(inputs, tmp_path, place):
+    struck = [sys.executable, str(Path(__file__).with_name("struck_client.py"))]
+    process = subprocess.Popen(
+        [*struck, *command(inputs, "run", "--workers", "2")[1:]],
+        start_new_session=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path,
+        env=os.environ | {STRUCK_VARIABLE: place, "TMPDIR": str(tmp_path)},
+    )  # fmt: skip
+    _, told = process.communicate(timeout=90)
+    *before, last = told.splitlines()
+    assert process.returncode == 130, told
+    assert last.startswith("stopped")
+    # But how far it is, and what it warns of itself on a busy machine.
+    assert [line for line in before if "jobs" not in line and not line.startswith("WARNING ")] == []
+    assert list(tmp_path.glob("toppling-session-*")) == []
+    assert state_of(tmp_path / "run")["state"] in ("interrupted", "complete")
 
 
 @pytest.mark.slow  # test_two_workers.py has the law; this is the command's part

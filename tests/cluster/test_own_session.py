@@ -1,7 +1,9 @@
 """A local run belongs to its user: who shares the host but not the session's key gets no answer."""
 
 import os
+import signal
 import stat
+import time
 from contextlib import suppress
 from http.client import HTTPException
 from pathlib import Path
@@ -71,6 +73,20 @@ def test_scratch_folders_of_a_local_run_are_its_own(client):
         above = next(folder for folder in Path(place).parents if folder.name.startswith("toppling-session-"))
         assert stat.S_IMODE(above.stat().st_mode) == 0o700
         assert above.stat().st_uid == os.getuid()
+
+
+def test_workers_hear_nothing_of_ctrl_c_nor_do_those_that_come_in_their_place(client):
+    client.wait_for_workers(2)
+    first = set(client.run(os.getpid).values())
+    os.kill(min(first), signal.SIGKILL)
+    end = time.monotonic() + 60
+    while len(there := set(client.run(os.getpid, on_error="ignore").values())) < 2 or there == first:
+        assert time.monotonic() < end, "no worker came in its place"
+        time.sleep(0.2)
+    for process in there:
+        os.kill(process, signal.SIGINT)
+    time.sleep(1.0)
+    assert set(client.run(os.getpid).values()) == there
 
 
 def test_batch_jobs_find_the_key_in_files_of_the_user_alone(tmp_path):

@@ -62,7 +62,7 @@ def test_a_wheel_holds_the_program_and_nothing_else(unpacked):
         for path in (ROOT / room).rglob("*.*")
         if path.suffix in (".py", ".yaml", ".json", ".js", ".css", ".LICENSE") and path.parent.name != "door"
     }
-    assert inside == whole | {"__init__.py", "py.typed"}
+    assert inside == whole | {"__init__.py", "__main__.py", "py.typed"}
 
 
 def test_a_wheel_works_without_the_checkout(unpacked, folder):

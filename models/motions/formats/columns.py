@@ -68,7 +68,7 @@ def read(path: Path, text: str) -> list[Component]:
             )
     values = numbers_in(rows, path, first + 1).reshape(-1, max(width, 1))
     if len(values) < 2 or width not in WIDTHS:
-        refuse("fewer than two samples", path, first + 1, expected="a record", remedy="fetch the file again")
+        refuse("fewer than two samples", path, first + 1, expected="a record")
     columns = _columns(lines[at], width) if at is not None else []
     labels = _labels(columns, width, path, (at or 0) + 1)
     units = columns if len(columns) == width else [_Column("", "")] * width

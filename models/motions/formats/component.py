@@ -89,7 +89,9 @@ class Component:
         return f"{self.path}:{self.line}" if self.line else str(self.path)
 
 
-def refuse(what: str, path: Path | str, line: int = 0, *, expected: str, remedy: str) -> NoReturn:
+def refuse(
+    what: str, path: Path | str, line: int = 0, *, expected: str, remedy: str = "fetch the file again"
+) -> NoReturn:
     """Raise the error that names file and line."""
     raise InputError(what, where=f"{path}:{line}" if line else str(path), expected=expected, remedy=remedy)
 

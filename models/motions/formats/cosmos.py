@@ -67,7 +67,6 @@ def _channel(lines: list[str], start: int, path: Path) -> tuple[Component | None
             path,
             start + 1,
             expected="a line with '(Format v01.20 with 13 text lines)'",
-            remedy="fetch the file again",
         )
     title = lines[start : start + int(version[2])]
     integers, at = _header(lines, start + int(version[2]), path, whole=True)
@@ -82,7 +81,6 @@ def _channel(lines: list[str], start: int, path: Path) -> tuple[Component | None
             path,
             at + 1,
             expected="a line such as '13400 acceleration pts, approx 67 secs, units=g.(02)Format=(8f9.6)'",
-            remedy="fetch the file again",
         )
     count, across, width = int(data[1]), int(data[5]), int(data[6])
     body = lines[at + 1 : at + 1 + -(-count // max(across, 1))]
@@ -95,7 +93,6 @@ def _channel(lines: list[str], start: int, path: Path) -> tuple[Component | None
             path,
             at + 1,
             expected="'End-of-data' after the samples",
-            remedy="fetch the file again",
         )
     if "accel" not in data[2].lower():
         return None, stop + 1
@@ -129,7 +126,6 @@ def _header(lines: list[str], at: int, path: Path, *, whole: bool) -> tuple[NDAr
             path,
             at + 1,
             expected="a line such as '100 Integer-header values follow on 10 lines, Format= (10I8)'",
-            remedy="fetch the file again",
         )
     body = lines[at + 1 : at + 1 + int(block[2])]
     numbers = numbers_in(body, path, at + 2, int(block[4]))

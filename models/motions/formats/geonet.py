@@ -56,7 +56,6 @@ def _channel(lines: list[str], start: int, path: Path) -> tuple[Component, int]:
             path,
             at + 1,
             expected="counts of acceleration, velocity and displacement",
-            remedy="fetch the file again",
         )
     at += NUMBER_LINES
     rows = [-(-count // ACROSS) for count in counts]
@@ -72,7 +71,6 @@ def _channel(lines: list[str], start: int, path: Path) -> tuple[Component, int]:
             path,
             start + 11,
             expected="'... at 0.020 sec intervals' and 'Component N28W'",
-            remedy="fetch the file again",
         )
     return Component(
         acceleration_m_s2=values * 0.001 * (float(unit[1]) if unit else 1.0),

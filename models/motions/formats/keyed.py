@@ -45,9 +45,7 @@ class esm:  # noqa: N801  (a reader, as the modules are)
             )
         unit = UNITS_M_S2.get(header.get("UNITS", "").lower())
         if unit is None:
-            refuse(
-                f"UNITS is {header.get('UNITS')!r}", path, 1, expected="cm/s^2", remedy="fetch the file again"
-            )
+            refuse(f"UNITS is {header.get('UNITS')!r}", path, 1, expected="cm/s^2")
         step = _number(header, "SAMPLING_INTERVAL_S", path)
         values = exactly(
             numbers_in(lines[ESM_LINES:], path, ESM_LINES + 1), int(_number(header, "NDATA", path)), path, 1
@@ -92,13 +90,7 @@ class unam:  # noqa: N801
         lines = text.splitlines()
         at = next((i for i, line in enumerate(lines) if line.startswith("DATOS DE ACELERACION:")), None)
         if at is None:
-            refuse(
-                "no 'DATOS DE ACELERACION:'",
-                path,
-                len(lines),
-                expected="samples",
-                remedy="fetch the file again",
-            )
+            refuse("no 'DATOS DE ACELERACION:'", path, len(lines), expected="samples")
         header = {
             key.strip(): value.strip() for key, _, value in (line.partition(" : ") for line in lines[:at])
         }
@@ -109,7 +101,6 @@ class unam:  # noqa: N801
                 path,
                 at + 1,
                 expected="Gal (cm/s/s)",
-                remedy="fetch the file again",
             )
         labels = _slashed(header, "ORIENTACION C1-C6 (rumbo;orientacion)")
         steps = _slashed(header, "INTERVALO DE MUESTREO, C1-C6 (s)")
@@ -120,7 +111,6 @@ class unam:  # noqa: N801
                 path,
                 1,
                 expected="one of each for every channel",
-                remedy="fetch the file again",
             )
         first = at + 5
         table = numbers_in(lines[first:], path, first + 1)
@@ -170,7 +160,6 @@ class cwb:  # noqa: N801
                 path,
                 1,
                 expected="Time U(+); N(+); E(+) in gal",
-                remedy="fetch the file again",
             )
         first = max(i for i, line in enumerate(lines) if line.startswith("#")) + 1
         table = numbers_in(lines[first:], path, first + 1)
@@ -183,7 +172,6 @@ class cwb:  # noqa: N801
                 path,
                 len(lines),
                 expected=f"{count} rows of time, up, north and east",
-                remedy="fetch the file again",
             )
         table = table.reshape(rows, 4)
         magnitude = next((value for key, value in header.items() if key.startswith("Magnitude")), None)
@@ -214,7 +202,7 @@ def _slashed(header: dict[str, str], key: str) -> list[str]:
 def _number(header: dict[str, str], key: str, path: Path) -> float:
     text = header.get(key, "")
     if not _is_number(text):
-        refuse(f"{key} is {text!r}", path, 1, expected="a number", remedy="fetch the file again")
+        refuse(f"{key} is {text!r}", path, 1, expected="a number")
     return float(text)
 
 

@@ -66,7 +66,6 @@ def _count_and_step(line: str, path: Path) -> tuple[int, float]:
             path,
             4,
             expected="a line such as 'NPTS=  5437, DT= .0050 SEC'",
-            remedy="fetch the file again",
         )
     try:
         number = int(count if isinstance(count, str) else count[1])
@@ -77,7 +76,6 @@ def _count_and_step(line: str, path: Path) -> tuple[int, float]:
             path,
             4,
             expected="a line such as 'NPTS=  5437, DT= .0050 SEC'",
-            remedy="fetch the file again",
         )
     return number, positive(seconds, "time step", path, 4)
 

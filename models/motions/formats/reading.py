@@ -59,7 +59,7 @@ def read_file(path: Path, inventory: Any | None = None) -> list[Component]:
         )
     content = path.read_bytes()
     if not content.strip():
-        refuse("the file is empty", path, expected="a record", remedy="fetch the file again")
+        refuse("the file is empty", path, expected="a record")
     text = content.decode("utf-8-sig", errors="replace") if b"\0" not in content[:HEAD_BYTES] else None
     reader = next((reader for reader in TEXT_FORMATS if text and reader.recognises(text[:HEAD_BYTES])), None)
     if text is not None and reader is not None:
@@ -86,7 +86,6 @@ def _read_text(reader: Reader, path: Path, text: str) -> list[Component]:
             path,
             longest[0],
             expected=f"{reader.NAME}, with lines of at most {LONGEST_LINE} characters",
-            remedy="fetch the file again",
         )
     try:
         return reader.read(path, text)
@@ -97,7 +96,6 @@ def _read_text(reader: Reader, path: Path, text: str) -> list[Component]:
             f"the file is damaged: it begins as {reader.NAME} and cannot be read so ({error})",
             path,
             expected="a whole file of one format",
-            remedy="fetch the file again",
         )
 
 
@@ -105,23 +103,16 @@ def _checked(components: list[Component], path: Path) -> list[Component]:
     for component in components:
         a, step = component.acceleration_m_s2, component.time_step_s
         if len(a) < 2:
-            refuse(
-                f"{len(a)} samples",
-                path,
-                component.line,
-                expected="at least two samples",
-                remedy="fetch the file again",
-            )
+            refuse(f"{len(a)} samples", path, component.line, expected="at least two samples")
         if not np.isfinite(a).all() or np.abs(a).max() > LARGEST_SAMPLE:
             refuse(
                 f"a sample is {a[~(np.abs(a) <= LARGEST_SAMPLE)][0]:g}",
                 path,
                 component.line,
                 expected="finite samples of a record",
-                remedy="fetch the file again",
             )
         if not math.isnan(step):
             check_time_step(step, path, component.line)
     if not components:
-        refuse("no channel", path, expected="at least one channel", remedy="fetch the file again")
+        refuse("no channel", path, expected="at least one channel")
     return components

@@ -76,12 +76,7 @@ def parse(path: Path) -> tuple[list[dict[str, Any]] | None, list[np.ndarray]]:
         _unreadable(path, ValueError(doubt[0]))
     for trace in stream:
         if np.ma.isMaskedArray(trace.data):
-            refuse(
-                f"samples of {trace.id} are missing",
-                path,
-                expected="all samples",
-                remedy="fetch the file again",
-            )
+            refuse(f"samples of {trace.id} are missing", path, expected="all samples")
         if trace.data.dtype.kind not in "iuf":
             refuse(f"{trace.id} holds no numbers", path, expected="samples", remedy="give the record's file")
     return [_header(trace.stats) for trace in stream], [trace.data for trace in stream]
@@ -147,17 +142,12 @@ def is_station_xml(head: str) -> bool:
 
 
 def _unreadable(path: Path, error: Exception) -> NoReturn:
-    refuse(
-        f"ObsPy cannot read it ({error})",
-        path,
-        expected="a whole file of a format that ObsPy knows",
-        remedy="fetch the file again",
-    )
+    refuse(f"ObsPy cannot read it ({error})", path, expected="a whole file of a format that ObsPy knows")
 
 
 def _refuse_gaps(stream: Any, path: Path) -> None:
     if len(stream) == 0:
-        refuse("no samples", path, expected="a record", remedy="fetch the file again")
+        refuse("no samples", path, expected="a record")
     gaps = stream.get_gaps()
     if gaps:
         network, station, _, channel, start, end, seconds, _ = gaps[0]
@@ -174,12 +164,7 @@ def _component(trace: Any, path: Path, inventory: Any | None) -> Component:
     values = np.asarray(trace.data, dtype=float)
     bad = np.flatnonzero(~np.isfinite(values))
     if len(bad):
-        refuse(
-            f"sample {int(bad[0])} of {trace.id} is not finite",
-            path,
-            expected="finite samples",
-            remedy="fetch the file again",
-        )
+        refuse(f"sample {int(bad[0])} of {trace.id} is not finite", path, expected="finite samples")
     step = positive(float(stats.delta), "time step", path, 0)
     own = stats.get("knet") or stats.get("sac") or {}
     if "duration" in own:
@@ -213,7 +198,6 @@ def _counted(duration_s: float, step_s: float, path: Path) -> int:
             path,
             KNET_DURATION_LINE,
             expected="the duration of the samples",
-            remedy="fetch the file again",
         )
     return round(count)
 

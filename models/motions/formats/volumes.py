@@ -112,7 +112,6 @@ def _equally_spaced(
             path,
             line + heading,
             expected="'10100 points of accel data equally spaced at 0.010 sec, in cm/sec2. (8f10.5)'",
-            remedy="fetch the file again",
         )
     at = line + heading
     step = float(spaced[1]) if spaced else 1 / positive(float(rate[1] if rate else 0), "rate", path, at)
@@ -136,7 +135,6 @@ def _headed_by_count(
             path,
             line,
             expected="the header of a volume 1 channel",
-            remedy="fetch the file again",
         )
     count = int(_COUNT.search(lines[at])[1])  # type: ignore[index]
     body = lines[HEADER_LINES:]
@@ -154,7 +152,7 @@ def _headed_by_count(
 def _pairs(body: list[str], path: Path, line: int) -> NDArray[np.float64]:
     """Pairs (n, 2) in columns of seven characters, after a carriage-control column if there is one."""
     if not body:
-        refuse("no samples after the header", path, line, expected="samples", remedy="fetch the file again")
+        refuse("no samples after the header", path, line, expected="samples")
     filled = body[0].rstrip()
     offset = next(
         (o for o in (0, 1) if all(filled[k : k + 1] == "." for k in range(o + 3, len(filled), PAIR_WIDTH))), 0
@@ -166,7 +164,6 @@ def _pairs(body: list[str], path: Path, line: int) -> NDArray[np.float64]:
             path,
             line + len(body) - 1,
             expected="pairs of time and acceleration",
-            remedy="fetch the file again",
         )
     return numbers.reshape(-1, 2)
 
@@ -177,7 +174,7 @@ def _evenly(
     """Acceleration at equal steps: as it is where times are equal but for printing, else interpolated."""
     time, values = pairs.T
     if len(time) < 2:
-        refuse("fewer than two samples", path, line, expected="a record", remedy="fetch the file again")
+        refuse("fewer than two samples", path, line, expected="a record")
     steps = np.diff(time)
     step = (time[-1] - time[0]) / len(steps)
     wrong = np.flatnonzero((steps < 0) | (steps > 5 * step + PRINTED_TIME_S))
@@ -208,7 +205,6 @@ def _label(lines: list[str], path: Path, line: int) -> str:
             path,
             line,
             expected="a component such as 'CHAN 1: 90 DEG'",
-            remedy="fetch the file again",
         )
     return re.sub(r"\(STA CHN.*|\s{3,}\d+\s*$", "", match[1], flags=re.IGNORECASE).strip()
 

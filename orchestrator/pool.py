@@ -1,0 +1,37 @@
+"""Processes of this machine that share a loop of work with the program, and end with it."""
+
+import signal
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
+from typing import Any
+
+from toppling.orchestrator.interrupt import kept_from_children
+
+
+@contextmanager
+def pool_of(count: int, load: Callable[..., object] = bool, *assets: Any) -> Iterator[ProcessPoolExecutor]:
+    """A pool of processes that hear nothing of Ctrl-C, and that end at once where what is done with them fails.
+
+    Parameters
+    ----------
+    count : int
+    load : callable
+        Called with `assets` in each of them first.
+    """
+    pool = ProcessPoolExecutor(count, initializer=_begin, initargs=(load, *assets))
+    try:
+        with kept_from_children():
+            pool.submit(bool).result()  # all of them start with the first task
+        yield pool
+    except BaseException:
+        for process in list(pool._processes.values()):  # else the end waits for all that was asked for
+            process.kill()
+        raise
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+def _begin(load: Callable[..., object], *assets: Any) -> None:
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)  # a fork has the handlers of the program
+    load(*assets)

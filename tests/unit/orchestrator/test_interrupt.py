@@ -1,0 +1,189 @@
+"""Ctrl-C ends a program with code 130 and one line, wherever it comes; each program here is a process of its own."""
+
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+
+import psutil
+import pytest
+
+BEGINNING = """
+    import os, signal, sys, threading, time
+    from toppling.orchestrator.interrupt import Whole, as_program, held_back, told_as_stop
+
+    def ctrl_c(times=6):
+        for _ in range(times):
+            os.kill(os.getpid(), signal.SIGINT)
+"""
+
+
+def ended(work):
+    """Code, output and errors of a program that does this work."""
+    program = f"{textwrap.dedent(BEGINNING)}\ndef work():\n{textwrap.indent(textwrap.dedent(work), '    ')}\n"
+    done = subprocess.run(
+        [sys.executable, "-c", f"{program}\nas_program(work)"], capture_output=True, text=True, timeout=50
+    )
+    return done.returncode, done.stdout, done.stderr
+
+
+def test_a_program_that_nobody_stops_ends_with_its_own_code():
+    assert ended("print('done')") == (0, "done\n", "")
+    assert ended("sys.exit(3)") == (3, "", "")
+
+
+STOPPED = {
+    "anywhere": "ctrl_c()\ntime.sleep(60)",
+    "in a finalizer, which swallows it": """
+        class Closed:
+            def __del__(self):
+                ctrl_c()
+                sum(range(1000))
+        closed = Closed()
+        del closed
+        time.sleep(60)
+    """,
+    "in a callback of the interpreter, which swallows it": """
+        import weakref
+        class Referred: pass
+        referred = Referred()
+        kept = weakref.ref(referred, lambda _: (ctrl_c(), sum(range(1000))))
+        del referred
+        time.sleep(60)
+    """,
+    "in a library, which swallows it": """
+        try:
+            ctrl_c()
+            sum(range(1000))
+        except:
+            pass
+        time.sleep(60)
+    """,
+    "and what it ends fails": """
+        try:
+            ctrl_c()
+        finally:
+            raise AssertionError("the scheduler has gone")
+    """,
+    "and a thread fails because of it": """
+        def fails():
+            gone.wait()
+            raise AssertionError("the loop has gone")
+        gone = threading.Event()
+        thread = threading.Thread(target=fails)
+        thread.start()
+        try:
+            ctrl_c()
+        finally:
+            gone.set()
+            thread.join()
+    """,
+    "while its report of an error is on the way": """
+        try:
+            raise ValueError("no such file")
+        except ValueError:
+            ctrl_c()
+            sys.exit(1)
+    """,
+}
+
+
+@pytest.mark.parametrize("work", STOPPED.values(), ids=STOPPED)
+def test_ctrl_c_ends_it_with_one_line(work):
+    assert ended(work) == (130, "", "stopped\n")
+
+
+def test_it_is_raised_once_and_no_more_while_the_program_ends():
+    work = """
+        try:
+            ctrl_c()
+            time.sleep(60)
+        finally:
+            try:
+                raise ValueError("of the end")
+            except ValueError:
+                time.sleep(0.5)
+            time.sleep(0.5)
+            print("ended in order", flush=True)
+    """
+    assert ended(work) == (130, "ended in order\n", "stopped\n")
+
+
+def test_what_fails_by_itself_is_told():
+    code, _, told = ended("raise AssertionError('a defect')")
+    assert code == 1
+    assert "a defect" in told
+
+
+def test_what_is_held_back_is_done_whole_and_then_stopped():
+    work = """
+        with held_back():
+            with held_back():
+                ctrl_c()
+            print("whole", flush=True)
+        print("more", flush=True)
+    """
+    assert ended(work) == (130, "whole\n", "stopped\n")
+
+
+@pytest.mark.parametrize(
+    ("when", "told"), [("begins", "begins\nends\n"), ("works", "begins\nends\n"), ("ends", "begins\nends\n")]
+)
+def test_a_context_begins_and_ends_whole(when, told):
+    work = f"""
+        from contextlib import contextmanager
+        @contextmanager
+        def context():
+            {"ctrl_c()" if when == "begins" else "pass"}
+            print("begins", flush=True)
+            try:
+                yield
+            finally:
+                {"ctrl_c()" if when == "ends" else "pass"}
+                print("ends", flush=True)
+        with Whole(context()):
+            {"ctrl_c()" if when == "works" else "pass"}
+        time.sleep(60)
+    """
+    assert ended(work) == (130, told, "stopped\n")
+
+
+POOL = """
+import os, sys, time
+from toppling.orchestrator.interrupt import as_program
+from toppling.orchestrator.pool import pool_of
+
+def work():
+    with pool_of(2) as pool:
+        print("begun", flush=True)
+        list(pool.map(time.sleep, [60] * 8))
+
+as_program(work)
+"""
+
+
+def test_a_pool_of_processes_ends_at_once_and_says_nothing(tmp_path):
+    script = tmp_path / "pool.py"
+    script.write_text(POOL)
+    # A session of its own, so that the signal reaches all its processes, as from a terminal.
+    process = subprocess.Popen(
+        [sys.executable, script], start_new_session=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )  # fmt: skip
+    assert process.stdout.readline() == "begun\n"
+    pool = psutil.Process(process.pid).children()
+    began = time.monotonic()
+    for _ in range(6):
+        os.killpg(process.pid, signal.SIGINT)
+    assert process.communicate(timeout=30)[1] == "stopped\n"
+    assert process.returncode == 130
+    assert time.monotonic() - began < 10
+    assert len(pool) >= 2
+    _, left = psutil.wait_procs(pool, timeout=10)
+    assert [each for each in left if each.status() != psutil.STATUS_ZOMBIE] == []
+
+
+def test_the_command_hears_it_before_it_has_imported_its_verbs():
+    program = "import sys, toppling.__main__; sys.exit('click' in sys.modules or 'numpy' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", program]).returncode == 0

@@ -12,6 +12,9 @@ from toppling.models.scene import Scene
 from toppling.models.trajectory import Trajectory
 from toppling.results.drawing.fits import fit_figure
 from toppling.results.drawing.records import scatter, upper_limit
+from toppling.results.drawing.report.content import Content
+from toppling.results.drawing.report.document import Document
+from toppling.results.drawing.report.methods import methods_section
 from toppling.results.drawing.report.write import write_pdf
 from toppling.results.drawing.trajectory import AFTER_FALL_S, trajectory_figure
 from toppling.results.fits import (
@@ -25,8 +28,9 @@ from toppling.results.fits import (
 )
 from toppling.results.fragility import contact_words
 from toppling.results.replay import Replay
-from toppling.results.run import rock_name
+from toppling.results.run import open_run, rock_name
 from toppling.results.schema import SCHEMA
+from toppling.results.store import write_part
 
 
 def test_an_outlier_stretches_no_axis_and_is_named_with_its_value():
@@ -62,6 +66,14 @@ def test_three_components_have_three_axes_and_the_motion_ends_soon_after_the_fal
     assert "no return" in [text.get_text() for axes in fallen for text in axes.texts]
 
 
+@pytest.mark.parametrize("topple_time_s", [None, 7.0])
+def test_a_rock_that_moves_on_after_the_motion_is_shown_to_its_last_pose(topple_time_s):
+    motion = full_sine(1.0, 8.0)
+    drawn = trajectory_figure(trajectory(9.0), motion, "", topple_time_s=topple_time_s).axes
+    assert motion.duration_s < 9.0
+    assert drawn[0].get_xlim()[1] == pytest.approx(9.0)
+
+
 @pytest.fixture(scope="module")
 def jobs():
     frame = answered(pd.DataFrame(rows(records=20, azimuths=(0.0,)), columns=SCHEMA.names))
@@ -92,6 +104,15 @@ def test_a_contact_is_named_by_its_friction_and_by_what_else_differs(jobs):
     assert contact_words(one, one) == "μ = 0.8 (0.6 kinetic)"
     both = pd.concat([one, one.assign(restitution=0.2)])
     assert contact_words(one, both) == "μ = 0.8 (0.6 kinetic), restitution 0"
+
+
+@pytest.mark.parametrize(("engine", "other"), [("pybullet", "Todorov"), ("mujoco", "Coumans")])
+def test_methods_name_and_cite_the_engine_that_shook_and_no_other(tmp_path, engine, other):
+    name = {"pybullet": "PyBullet (Coumans and Bai)", "mujoco": "MuJoCo (Todorov et al., 2012)"}[engine]
+    write_part(tmp_path, [row | {"engine": engine} for row in rows(records=3, azimuths=(0.0,))])
+    written = methods_section(Content(open_run(tmp_path)), Document())
+    assert f"on {name}, following" in written
+    assert other not in written
 
 
 def test_a_rock_is_called_by_its_folder(tmp_path):

@@ -14,7 +14,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from toppling.models.frames import compass_deg
+from toppling.results.drawing.roses import by_compass, direction_words
 from toppling.results.drawing.style import COLOURS, FULL_WIDTH_IN, HALF_WIDTH_IN, style
 from toppling.results.fragility import THIN_RECORDS, Axis, Plane
 
@@ -28,8 +28,6 @@ LAST_TICK = 0.85
 """Share of a small panel's width beyond which no tick is labelled: it would run into the next panel's first."""
 
 NO_RECORDS = "no records"
-
-_WINDS = ("N", "NE", "E", "SE", "S", "SW", "W", "NW")
 
 
 def map_figure(
@@ -100,9 +98,7 @@ def direction_figure(
     width_in : float
         Four panels a row on a page's width, two on less.
     """
-    directions = sorted(
-        (k * 360.0 / bins for k in range(bins)), key=lambda azimuth: float(compass_deg(azimuth))
-    )
+    directions = by_compass(k * 360.0 / bins for k in range(bins))
     columns = min(4 if width_in >= FULL_WIDTH_IN else 2, len(directions))
     lines = -(-len(directions) // columns)
     caption = [
@@ -122,7 +118,7 @@ def direction_figure(
         for axes, direction in zip(grid.flat, directions, strict=False):
             cells = table[table["direction_deg"] == direction]
             known = None if records is None else records.get(direction, 0)
-            axes.set_title(f"{_direction_words(direction, bins)}\n{_counted(cells, known)}")
+            axes.set_title(f"{direction_words(direction, bins)}\n{_counted(cells, known)}")
             if len(cells):
                 _draw_cells(axes, cells, plane, _full_share(table))
             else:
@@ -148,13 +144,6 @@ def direction_figure(
         _colour_bar(figure, margins)
         _write_caption(figure, caption)
     return figure
-
-
-def _direction_words(direction_deg: float, bins: int) -> str:
-    """Compass name of a direction bin, with its azimuths."""
-    compass, half = float(compass_deg(direction_deg)), 180.0 / bins
-    wind = _WINDS[round(compass / 45.0) % 8] if compass % 45.0 == 0.0 else f"compass {compass:g}°"
-    return f"{wind} ({direction_deg - half:g}° to {direction_deg + half:g}°)"
 
 
 def _counted(table: pd.DataFrame, records: int | None) -> str:

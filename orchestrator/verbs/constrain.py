@@ -13,7 +13,7 @@ from toppling.orchestrator.progress import bar
 from toppling.results.constraint import bound_table, branch_table, single_event
 from toppling.results.drawing.atlas import save_table
 from toppling.results.drawing.constraint import constraint_figure
-from toppling.results.drawing.style import save
+from toppling.results.drawing.style import save, short_name
 from toppling.results.exchange import read_curves
 from toppling.results.fits import MEASURES, SAMPLES, Lognormal, Resampled, answered, basis_of, bootstrap, fit
 from toppling.results.fragility import by_contact
@@ -95,7 +95,7 @@ def constrain(
         raise click.UsageError(msg)
     over = _measure(measure, branches)
     ages = [parse_age(text) for text in age] or [np.array([np.nan])]
-    with bar("drawing records anew", SAMPLES * sum(path.is_dir() for path in rocks)) as advance:
+    with bar("bootstrap of records", SAMPLES * sum(path.is_dir() for path in rocks)) as advance:
         standing = [
             _standing(name, path, over, where, trusted, years, seen=advance)
             for name, path, years in zip(
@@ -253,14 +253,15 @@ def _fit(
 
 
 def _words(told: dict) -> str:
-    unit = describe(SCHEMA.field(told["measure"]))["unit"]
+    unit, measure = describe(SCHEMA.field(told["measure"]))["unit"], short_name(told["measure"])
+    stood = "it has stood" if len(told["rocks"]) == 1 else "they have stood"
     lines = [
         f"{rock['name']}: median {rock['median']:.3g} {unit}, beta {rock['beta']:.2f}"
         for rock in told["rocks"]
     ]
     lines.append(
-        f"No single event exceeded {told['measure']} = {told['unexceeded']:.3g} {unit} while they stood, "
-        f"at {100 * told['confidence']:g} % confidence."
+        f"At {100 * told['confidence']:g} % confidence no single event exceeded a {measure} of "
+        f"{told['unexceeded']:.3g} {unit} since {stood}."
     )
     if told["unexceeded_low"] is None:
         lines.append(
@@ -322,8 +323,8 @@ def _words(told: dict) -> str:
         lines.append("Every branch is rejected" + (": the weights only rank them." if ranked else "."))
     rejected = told.get("rejected", ())
     lines += [
-        f"{told['measure']} = {row[told['measure']]:.3g} {unit} is rejected at return periods below "
-        f"{row['rejected_return_years']:.0f} years"
+        f"a {measure} of {row[told['measure']]:.3g} {unit} or more is rejected at return periods below "
+        f"{row['rejected_return_years']:,.0f} years"
         for row in rejected[9::10]
     ]
     return "\n".join(lines)

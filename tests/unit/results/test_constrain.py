@@ -266,7 +266,7 @@ def test_a_branch_is_rejected_at_the_confidence_that_is_asked_for(curves, hazard
 def test_words_are_for_people(curves, hazards):
     done = constrain(curves, "--age", "10000", "--hazard", hazards[1])
     assert "rejected" in done.output
-    assert "No single event exceeded pgv_m_s" in done.output
+    assert "no single event exceeded a PGV of" in done.output
 
 
 def test_wrong_usage_and_wrong_data_are_told_apart(curves, hazards):

@@ -25,22 +25,26 @@ from toppling.results.schema import SCHEMA, describe
 @click.command()
 @click.argument("rocks", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="ROCK...")
 @click.option(
-    "--hazard", multiple=True, metavar="FILE[=WEIGHT]", help="Hazard curve; one a branch of the tree."
+    "--hazard",
+    multiple=True,
+    metavar="FILE[=WEIGHT]",
+    help="Hazard curve of one branch of the logic tree, with its weight; may be given again.",
 )
 @click.option(
     "--age", multiple=True,
-    help="Years each rock has stood: 20000, 15000..30000 (uniform), 20000+-3000 (normal, one sigma) or a CSV. "
-    "One for several rocks is each one's: "
-    "they are taken as dated independently, which rejects more than one common age would.",
+    help="Years for which each rock has stood: 20000, 15000..30000 (uniform), 20000+-3000 (normal, one sigma) or a "
+    "CSV. One age for several rocks is taken as an independent date of each, which rejects more than one common date "
+    "would.",
 )  # fmt: skip
-@click.option(
-    "--where", help="Only jobs of the runs that this condition of SQL holds for, such as one friction's."
-)
+@click.option("--where", help="Only jobs for which this SQL condition holds, such as those of one friction.")
 @click.option("--trusted", is_flag=True, help="Let --where read files of yours.")
-@click.option("--measure", help="Column of the results; the hazard curves' own, or pgv_m_s, if not given.")
+@click.option(
+    "--measure",
+    help="Intensity measure (a column of the results); that of the hazard curves, or pgv_m_s, if not given.",
+)
 @click.option(
     "--confidence", type=click.FloatRange(0.5, 1, max_open=True), default=0.95, show_default=True,
-    help="Of all bounds; a branch is rejected where survival is below 1 - confidence.",
+    help="Confidence of all bounds; a branch is rejected where survival is below 1 - confidence.",
 )  # fmt: skip
 @click.option(
     "--site", type=float, nargs=2, metavar="LON LAT",
@@ -67,11 +71,11 @@ def constrain(
     out: Path | None,
     as_json: bool,
 ) -> None:
-    """Say which ground motion one or several standing rocks reject.
+    """State which ground motions one or several standing rocks reject.
 
-    A ROCK is a run, or a file of curves (CSV, JSON or NRML) as 'toppling fragility --fit' writes it. Without
-    an age the statement is about a single event; with ages, about rates of exceedance; with hazard curves,
-    about the rocks' survival under each and the branches' weights. Several rocks feel the same events.
+    A ROCK is a run, or a file of fragility curves (CSV, JSON or NRML) as 'toppling fragility --fit' writes it.
+    Without an age the statement is about a single event; with ages, about rates of exceedance; with hazard curves,
+    about the rocks' survival under each curve and the weights of the branches. Several rocks feel the same events.
 
     \b
     toppling constrain runs/first --where "friction_static = 0.8"

@@ -59,8 +59,8 @@ def pulse(
 ) -> None:
     """Shake the rock of SCENE with one pulse of velocity and show how it moves.
 
-    Writes what 'toppling replay' writes: table, plots, a page that plays and turns with the mouse, and a GIF.
-    The defaults are the pulse of the study's figure 8.
+    It writes what 'toppling replay' writes: table, plots, an interactive page that plays the motion, and a GIF. The
+    defaults are the pulse of the study's figure 8.
 
     \b
     toppling pulse scenes/rock --azimuth 135 --out pulse

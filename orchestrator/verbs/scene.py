@@ -22,9 +22,10 @@ def scene() -> None:
 @click.argument("folder", type=click.Path(path_type=Path))
 @click.option("--out", type=click.Path(path_type=Path), help="Where to write; the scene's folder by default.")
 def show(folder: Path, out: Path | None) -> None:
-    """Write a picture (scene.png) and a page that turns with the mouse (scene.html).
+    """Write scene.png, a picture, and scene.html, an interactive page.
 
-    Where the rock settles far before it is shaken, settling.png shows its contact as scanned and settled.
+    Where the rock settles far before it is shaken, settling.png shows the contact as scanned and as settled, and what
+    topples the rock on either.
 
     \b
     toppling scene show scenes/rock --out pictures
@@ -51,7 +52,9 @@ def show(folder: Path, out: Path | None) -> None:
 @click.argument("folder", type=click.Path(path_type=Path))
 @click.argument("file", type=click.Path(path_type=Path))
 def export(folder: Path, file: Path) -> None:
-    """Write rock and pedestal as one file: .glb or .gltf (y up, as glTF prescribes), .ply or .obj (z up).
+    """Export rock and pedestal as one file.
+
+    The suffix chooses the format: .glb or .gltf (y up, as glTF prescribes), .ply or .obj (z up).
 
     \b
     toppling scene export scenes/rock rock.glb

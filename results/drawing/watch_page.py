@@ -69,8 +69,8 @@ const map = (told) => {
   for (const cell of told.cells) {
     const x = left + cell.column * wide, y = top + (rows.length - 1 - cell.row) * high;
     const part = cell.jobs * 4 >= most ? 1 : 0.5, width = (wide - 2) * part, height = (high - 2) * part;
-    const box = svg("rect", {x: x + (wide - width) / 2, y: y + (high - height) / 2, width, height, stroke: "#999", class: "cell",
-      fill: cell.probability === null ? "none" : shade(cell.probability)});
+    const box = svg("rect", {x: x + (wide - width) / 2, y: y + (high - height) / 2, width, height,
+      stroke: "#999", class: "cell", fill: cell.probability === null ? "none" : shade(cell.probability)});
     const numbers = `PGA ${rows[cell.row]} m/s², PGV/PGA ${columns[cell.column]} s: `;
     box.append(svg("title", {}, numbers + `${cell.toppled} of ${cell.jobs} toppled`));
     drawn.append(box);
@@ -112,7 +112,8 @@ const show = (told) => {
     return [name, map(one)];
   }));
   at("toppled").hidden = !told.latest.length;
-  at("latest").replaceChildren(row(["record", "PGA (m/s²)", "azimuth (°)", "toppled toward (°)", "after (s)", ""], true),
+  at("latest").replaceChildren(row(["record", "PGA (m/s²)", "azimuth (°)", "toppled toward (°)", "after (s)", ""],
+    true),
     ...told.latest.map((one) => {
       const button = document.createElement("button");
       button.textContent = "replay";

@@ -37,9 +37,10 @@ class Advance:
 
     def line(self, what: str) -> str:
         """How far the work is, in one line."""
-        of = f"{self.done:g}" if self.total is None else f"{self.done:g} of {self.total:g}"
+        counted = f"{self.done:g}" if self.done else ""  # a single piece of work has no parts to count
+        of = counted if self.total is None else f"{self.done:g} of {self.total:g}"
         elapsed_s = time.monotonic() - self.began
-        told = [f"{what}: {of}", *([self.doing] if self.doing else []), duration(elapsed_s)]
+        told = [f"{what}: {of}" if of else what, *([self.doing] if self.doing else []), duration(elapsed_s)]
         if self.total and 0 < self.done < self.total:
             told.append(f"{duration(elapsed_s * (self.total / self.done - 1.0))} left")
         return "  ".join(told)

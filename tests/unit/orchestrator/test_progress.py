@@ -54,6 +54,12 @@ def test_what_is_done_within_a_minute_says_nothing_in_a_log(capsys):
     assert capsys.readouterr().err == ""
 
 
+def test_a_piece_of_work_without_parts_says_how_long_it_has_gone_on():
+    assert (
+        progress.Advance(total=None, began=time.monotonic() - 60.0).line("shaking") == "shaking  1 min 00 s"
+    )
+
+
 def test_the_time_left_of_a_bar_is_by_the_parts_done():
     advance = progress.Advance(total=4.0, began=time.monotonic() - 60.0)
     advance(3)

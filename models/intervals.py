@@ -42,8 +42,8 @@ def base_sentences(report: Mapping[str, Any]) -> list[str]:
         sentences.append(f"what is known by inspection tightens the interval: without it {told}")
     if found.get("nominal_draw") is None and report.get("interface", {}).get("given_by") != "outline":
         sentences.append(
-            "warning: on no closed mesh of the likeliest bases the rock is at rest as scanned; the nominal scene has a "
-            "smooth base, the draws stand"
+            "warning: none of the likeliest bases gives a closed mesh on which the rock is at rest as scanned: the "
+            "nominal scene has a smooth base instead, while the rock stands on every drawn base"
         )
     return sentences
 

@@ -25,7 +25,7 @@ VIEWS_DEG = ((20.0, 0.0), (20.0, 120.0), (20.0, 240.0))
 VIEW_REACH = 0.66
 """From the middle of the rock to the edge of a view, as share of the rock's largest side."""
 STATICS_TITLE = "quasi-static toppling\nacceleration (m/s²) by azimuth\nof the ground's acceleration"
-BAND_TITLE = "band: one standard deviation"
+BAND_TITLE = "brown band: one standard deviation"
 LEGEND = "blue: contact outline; black: cliff edge; dotted where rock or pedestal hides them"
 PRINTED_WIDTH = 45
 """Letters in a line of a third of a printed page."""
@@ -91,7 +91,7 @@ def scene_picture(scene: Scene, notes: Sequence[str] = (), width_in: float = FUL
         for place, (elevation, azimuth) in zip(places[:3], VIEWS_DEG, strict=True):
             axes = figure.add_subplot(place)
             draw_view(axes, scene, elevation, azimuth)
-            axes.set_title(view_title(elevation, azimuth))
+            axes.set_title(view_title(elevation, azimuth), size=7)
         _draw_plan(figure.add_subplot(places[3]), scene)
         polar = figure.add_subplot(places[4], projection="polar")
         assert isinstance(polar, PolarAxes)  # as asked for

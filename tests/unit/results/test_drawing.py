@@ -42,6 +42,27 @@ def test_an_outlier_stretches_no_axis_and_is_named_with_its_value():
     assert [text.get_text() for text in axes.texts] == ["record20: 9"]
 
 
+def test_an_outlier_on_a_logarithmic_axis_stretches_it_neither_up_nor_down_and_is_named():
+    y = np.append(np.geomspace(0.5, 8.0, 30), [1e-3, 1e3])
+    axes = Figure().add_subplot()
+    scatter(axes, np.linspace(0.1, 0.2, 32), y, [f"record{k}" for k in range(32)], "k", log_y=True)
+    bottom, top = axes.get_ylim()
+    assert 0.2 < bottom < 0.5
+    assert 8.0 < top < 20.0
+    assert {text.get_text() for text in axes.texts} == {"record30: 0.001", "record31: 1e+03"}
+
+
+def test_names_of_outliers_at_one_height_do_not_run_into_each_other():
+    x = np.append(np.linspace(1.0, 2.0, 20), [50.0, 60.0, 70.0])
+    y = np.append(np.linspace(1.0, 2.0, 20), [2.0, 2.0, 2.0])
+    axes = Figure(figsize=(2.3, 2.7)).add_subplot()
+    scatter(axes, x, y, [f"record{k}" for k in range(23)], "k")
+    heights = sorted(text.xy[1] for text in axes.texts)
+    assert len(heights) == 3
+    assert min(np.diff(heights)) > 0.06
+    assert heights[-1] < 1.0
+
+
 def test_without_outliers_the_axis_holds_every_value():
     x = np.random.default_rng(1).uniform(5.0, 80.0, 50)
     assert x.max() < upper_limit(x) < 1.1 * x.max()

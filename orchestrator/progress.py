@@ -123,13 +123,14 @@ def watcher() -> Iterator[Watcher]:
 
 
 def _lines(console: Console) -> Watcher:
-    last = time.monotonic()
+    last, ended = time.monotonic(), ""
 
     def watch(tally: Tally) -> None:
-        nonlocal last
-        complete = tally.before + tally.done == tally.total
+        nonlocal last, ended
+        complete = tally.before + tally.done == tally.total and tally.what != ended
         if complete or time.monotonic() - last >= LINE_EVERY_S:
             last = time.monotonic()
+            ended = tally.what if complete else ended
             what = "" if tally.what == "shaking" else f"{tally.what}: "
             done = f"{tally.before + tally.done}/{tally.total} jobs"
             console.print(f"{what}{done}  {told(tally)}", soft_wrap=True)

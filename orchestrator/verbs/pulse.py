@@ -5,6 +5,7 @@ from pathlib import Path
 
 import click
 
+from toppling.models.folder import rock_name
 from toppling.models.motions import idealised
 from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene
@@ -12,7 +13,6 @@ from toppling.orchestrator.progress import bar
 from toppling.orchestrator.spelling import OneOf
 from toppling.orchestrator.verbs.replay import replay_of, write_out
 from toppling.results.friction import friction_words
-from toppling.results.run import rock_name
 from toppling.workers.options import PRESETS
 
 SHAPES = ("sawtooth", "sine", "cosine", "ricker")

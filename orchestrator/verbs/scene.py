@@ -30,11 +30,11 @@ def show(folder: Path, out: Path | None) -> None:
     \b
     toppling scene show scenes/rock --out pictures
     """  # noqa: D301  (\b keeps click from rewrapping the example)
+    from toppling.models.folder import rock_name
     from toppling.models.intervals import base_sentences
     from toppling.orchestrator.settling_told import draw_settling, settling_notes
     from toppling.results.drawing.page import write_scene_page
     from toppling.results.drawing.scene import draw_scene
-    from toppling.results.run import rock_name
 
     loaded = Scene.load(folder)
     target = out or folder

@@ -6,7 +6,9 @@ import pytest
 from matplotlib.figure import Figure
 from seeded import rows
 
+from toppling.models.digest import write_json
 from toppling.models.errors import InputError
+from toppling.models.folder import rock_name
 from toppling.models.motions.idealised import full_sine
 from toppling.models.scene import Scene
 from toppling.models.trajectory import Trajectory
@@ -28,7 +30,7 @@ from toppling.results.fits import (
 )
 from toppling.results.fragility import contact_words
 from toppling.results.replay import Replay
-from toppling.results.run import open_run, rock_name
+from toppling.results.run import open_run
 from toppling.results.schema import SCHEMA
 from toppling.results.store import write_part
 
@@ -139,6 +141,15 @@ def test_methods_name_and_cite_the_engine_that_shook_and_no_other(tmp_path, engi
 def test_a_rock_is_called_by_its_folder(tmp_path):
     assert rock_name(tmp_path / "echo_cliffs") == "echo_cliffs"
     assert rock_name(tmp_path / "echo_cliffs" / "scene") == "echo_cliffs"
+
+
+def test_a_run_calls_its_rock_as_it_was_called_when_the_run_began(tmp_path):
+    (tmp_path / "first").mkdir()
+    write_part(tmp_path / "first", rows(records=3, azimuths=(0.0,)))
+    (tmp_path / "first" / "campaign.toml").write_text('scene = "scene"\n')  # the run's own copy
+    assert open_run(tmp_path / "first").rock == "first"
+    write_json(tmp_path / "first" / "run.json", {"rock": "echo_cliffs"})
+    assert open_run(tmp_path / "first").rock == "echo_cliffs"
 
 
 def test_where_nothing_prints_a_pdf_it_is_said_what_would(monkeypatch, tmp_path):

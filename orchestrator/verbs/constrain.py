@@ -269,23 +269,25 @@ def _words(told: dict) -> str:
     )
     if told["unexceeded_low"] is None:
         lines.append(
-            "  how far other records would move it is not known of a file of curves, or of few records"
+            "  how far other records would move it is not known: a file of curves does not tell, nor do few records"
         )
     else:
         high = told["unexceeded_high"]
         ends = f"{told['unexceeded_low']:.3g} {'or any more' if high is None else f'to {high:.3g}'} {unit}"
         unfit = max(rock["samples_without_fit"] for rock in told["rocks"])
-        bare = f"; {unfit} of {SAMPLES} draws of them have no fit and bound nothing" if unfit else ""
+        bare = f"; {unfit} of {SAMPLES} bootstrap samples have no fit and bound nothing" if unfit else ""
         lines.append(f"  {ends} with other records like these (95 %{bare}): the jobs are of few earthquakes")
     for rock in told["rocks"]:
         if rock.get("without_answer"):
+            jobs = rock["without_answer"] + rock["jobs"]
             lines.append(
-                f"  {rock['without_answer']:,} jobs of {rock['name']} have no answer and count nowhere, beside "
-                f"{rock['jobs']:,} that have one: those near a threshold rock longest"
+                f"  {rock['without_answer']:,} of {jobs:,} jobs of {rock['name']} have no answer and are left out: "
+                "jobs near the threshold rock longest and miss an answer most often"
             )
         if "strongest_shaken" not in rock:
             lines.append(
-                f"  on what jobs the curve of {rock['name']} rests is not known, nor whether this is an extrapolation"
+                f"  it is not known on which jobs the curve of {rock['name']} rests, nor whether this is an "
+                "extrapolation"
             )
         elif told["unexceeded"] > rock["strongest_shaken"]:
             seen = f"{rock['toppled']} toppled of {rock['jobs']} jobs, {rock['records']} records"
@@ -295,7 +297,7 @@ def _words(told: dict) -> str:
             )
     if told.get("ages_independent"):
         lines.append(
-            "The rocks' ages are drawn independently of each other, as of rocks that were dated each by itself."
+            "The ages of the rocks are taken as independent, as if each rock had been dated by itself."
         )
     if told.get("hazard_ratio") == 1.0:
         lines.append(
@@ -339,7 +341,7 @@ def _over_records(branch: dict, least: float) -> list[str]:
     low, high = branch["survival_low"], branch["survival_high"]
     if low is None:
         return []
-    hangs = "; the verdict hangs on them" if low < least <= high else ""
+    hangs = "; the verdict depends on them" if low < least <= high else ""
     return [f"  survival {low:.3g} to {high:.3g} with other records like these (95 %){hangs}"]
 
 

@@ -63,7 +63,10 @@ def run(tmp_path_factory):
     folder = tmp_path_factory.mktemp("report") / "run <1>"
     folder.mkdir()
     write_part(folder, rows(records=12, levels=(4, 8, 12), azimuths=(0.0, 135.0)))
-    write_part(folder, [row("lost", status="crashed", message="worker <died>")])
+    write_part(
+        folder,
+        [row("5162611b55ade96713b9ba77", status="diverged", message="worker <died>: ended by speed_limit")],
+    )
     Scene.block(0.2, 0.2, 0.6).save(folder / "scene")
     (folder / "campaign.toml").write_text('preset = "standard"\nscene = "scenes/balanced <rock>"\n')
     return open_run(folder)

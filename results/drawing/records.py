@@ -1,6 +1,7 @@
 """One figure of an ensemble: response spectra, PGA against PGV/PGA, magnitude against distance."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -98,7 +99,7 @@ def scatter(axes: Axes, x: Array, y: Array, names: list[str], colour: object, *,
     else:
         axes.scatter(np.minimum(x, end), y, s=0)  # the axis holds the outliers in x too
         axes.set_ylim(axes.get_ylim())
-    look = {"s": 16, "color": "0.2", "clip_on": False, "zorder": 3}
+    look: dict[str, Any] = {"s": 16, "color": "0.2", "clip_on": False, "zorder": 3}
     right = np.flatnonzero((x > end) & np.isfinite(y))
     axes.scatter(np.full(len(right), end), np.clip(y[right], bottom, top), marker=">", **look)
     for marker, beyond, edge in (("v", y < bottom, bottom), ("^", y > top, top)):

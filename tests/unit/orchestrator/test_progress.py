@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from toppling.orchestrator import progress
-from toppling.orchestrator.progress import bar, duration, each, told
+from toppling.orchestrator.progress import bar, duration, each, told, watcher
 from toppling.orchestrator.run import Tally
 
 
@@ -32,6 +32,19 @@ def test_a_session_that_is_complete_has_no_time_left():
     tally = Tally(total=1, before=0, motion_s=80.0)
     tally.count([{"record_id": "long", "status": "ok"}], {"long": 80.0})
     assert "left" not in told(tally)
+
+
+def test_a_session_that_is_complete_says_so_once(capsys):
+    tally = Tally(total=1, before=0, motion_s=80.0)
+    tally.count([{"record_id": "long", "status": "ok"}], {"long": 80.0})
+    with watcher() as watch:
+        watch(tally)
+        watch(tally)
+        tally.what = "auditing"
+        watch(tally)
+    first, second = capsys.readouterr().err.splitlines()
+    assert first.startswith("1/1 jobs")
+    assert second.startswith("auditing: 1/1 jobs")
 
 
 @pytest.mark.parametrize(("seconds", "words"), [(59.6, "1 min 00 s"), (3600, "1 h 00 min"), (3, "3 s")])

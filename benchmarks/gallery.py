@@ -21,7 +21,7 @@ DRAWN = (
     ("scene show {demo}/scene --out {out}", "scene.png", "demo_scene.png", "The rock, its interface and its pedestal"),
     (
         "records show {demo}/ensemble --figure {out}/records.png", "records.png", "demo_records.png",
-        "The records: spectra, and what sets the jobs apart",
+        "The records: response spectra, PGA and PGV/PGA, magnitude and distance",
     ),
     (
         "fragility {demo}/run --fit --out {out}", "pga_pgv_pga.png", "demo_pga_pgv_pga.png",
@@ -36,8 +36,9 @@ DRAWN = (
         "One shake, seen closely: the rock under the study's pulse",
     ),
     (
-        "constrain {demo}/run --age 15000..30000 --out {out}", "constraint.png", "demo_constraint.png",
-        "Rates of exceedance that the standing rock rejects",
+        "constrain {demo}/run --age 15000..30000 --hazard {demo}/mean.csv=0.6 --hazard {demo}/high.csv=0.4 --out {out}",
+        "constraint.png", "demo_constraint.png",
+        "Rates of exceedance that the standing rock rejects, and two hazard curves made up for the example",
     ),
 )  # fmt: skip
 """Command (None: as the one before), picture that it draws, name in the documentation, caption."""
@@ -48,12 +49,20 @@ HEAD = """\
 Made by the program itself: `make gallery` runs the demo and draws these again.
 """
 
+HAZARD = {"mean.csv": 3e-4, "high.csv": 3e-3}
+"""Annual rate at which each made-up hazard curve exceeds a PGV of 0.2 m/s; it falls with the square of PGV."""
+
 
 def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         demo = Path(sys.argv[1]) if len(sys.argv) > 1 else Path(folder) / "demo"
         if not demo.exists():
             subprocess.run([*TOPPLING, "demo", "--out", str(demo)], check=True)
+        for name, rate in HAZARD.items():
+            rows = [
+                f"{pgv},{rate * (0.2 / pgv) ** 2:.3g}\n" for pgv in (0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 4.0, 8.0)
+            ]
+            (demo / name).write_text("pgv_m_s,annual_rate\n" + "".join(rows), encoding="utf-8")
         parts, out, shown = [HEAD], Path(folder) / "out", ""
         for command, drawn, name, caption in DRAWN:
             if command:
@@ -61,8 +70,7 @@ def main() -> None:
                 out.mkdir()
                 words = [word.format(demo=demo, out=out) for word in command.split()]
                 subprocess.run([*TOPPLING, *words], check=True, stdout=subprocess.DEVNULL)
-                verbs = [word for word in command.split() if "{" not in word and word != "--out"]
-                shown = " ".join(["toppling", *verbs])
+                shown = f"toppling {command.format(demo='demo', out='pictures')}"
             shutil.copy(out / drawn, FIGURES / name)
             parts.append(f"## {caption}\n\n![{caption}](figures/{name})\n\nFrom `{shown}`.\n")
     (ROOT / "docs" / "gallery.md").write_text("\n".join(parts), encoding="utf-8")

@@ -56,3 +56,9 @@ def new_file(target: Path) -> Iterator[Path]:
         hidden.replace(target)
     finally:
         hidden.unlink(missing_ok=True)
+
+
+def rock_name(folder: str | Path) -> str:
+    """Name of a rock for people: its scene's folder, or where that is called no more than scene, the folder around."""
+    place = Path(folder).resolve()
+    return place.parent.name if place.name == "scene" and place.parent.name else place.name

@@ -22,24 +22,28 @@ def base_sentences(report: Mapping[str, Any]) -> list[str]:
         return [f"warning: what was seen contradicts that the rock stands: {contradiction}"]
     table = found["toppling"]
     least = min(table, key=lambda each: each["median_m_s2"])
-    share = f"{found['level']:.0%} of {found['draws']} bases that agree with all that was seen"
+    share = f"{100 * found['level']:.0f} % of {found['draws']} bases that agree with all that was seen"
     few, _, many = found["contacts"]["count"]
     com = np.array(found["com_m"])
     sentences = [
-        f"toppling acceleration ({share}): least toward azimuth {least['azimuth_deg']:.0f}° "
-        f"(compass {compass_deg(least['azimuth_deg']):.0f}°), {_interval(least)}; over all azimuths the interval is "
-        f"{median_width(table):.0%} of its median wide",
-        f"contacts: {few} to {many} places touch, reaching {_reach(found)} from the line of the weight; centre of mass "
-        "known to ± " + ", ".join(f"{0.5 * (high - low):.2g}" for low, _, high in com) + " m (x, y, z)",
+        f"least constant acceleration that topples it, in {share}: {_interval(least)}, where the ground accelerates "
+        f"toward azimuth {least['azimuth_deg']:.0f}° (compass {compass_deg(least['azimuth_deg']):.0f}°); over all "
+        f"azimuths the interval's width is {100 * median_width(table):.0f} % of its median",
+        f"contacts: {few} to {many} places touch, {_reach(found)} from the vertical through the centre of mass, which "
+        "is known to ± " + ", ".join(f"{0.5 * (high - low):.2g}" for low, _, high in com) + " m (x, y, z)",
     ]
     if "without_inspection" in found:
         before = found["without_inspection"]
-        told = "no base agreed" if before is None else f"it was {median_width(before):.0%} wide"
+        told = (
+            "no base agreed"
+            if before is None
+            else f"its width was {100 * median_width(before):.0f} % of its median"
+        )
         sentences.append(f"what is known by inspection tightens the interval: without it {told}")
     if found.get("nominal_draw") is None and report.get("interface", {}).get("given_by") != "outline":
         sentences.append(
-            "warning: on no closed mesh of the likeliest bases the rock is at rest as scanned; the nominal scene has a "
-            "smooth base, the draws stand"
+            "warning: none of the likeliest bases gives a closed mesh on which the rock is at rest as scanned: the "
+            "nominal scene has a smooth base instead, while the rock stands on every drawn base"
         )
     return sentences
 

@@ -13,6 +13,7 @@ _REQUIRED = {
 }
 _READ = {
     "plan_id?": TEXT,
+    "rock?": TEXT,
     "versions?": _OBJECT,
     "scene_id?": TEXT,
     "ensemble_id?": TEXT,

@@ -14,24 +14,24 @@ from toppling.orchestrator.spelling import Verbs
 VERBS = {
     "scan": "Turn laser scans into a rock on its pedestal.",
     "scene": "Show a scene or export it.",
-    "records": "Ground motions: import, fetch, make, select and show ensembles of records.",
+    "records": "Import, fetch, synthesise, select and show ensembles of records.",
     "init": "Write a campaign for SCENE and ENSEMBLE: levels, azimuths and frictions that suit the rock.",
-    "plan": "Check CAMPAIGN against its scene and ensemble and count its jobs; run none.",
-    "run": "Shake: carry CAMPAIGN out on a cluster, or go on where an interrupted run stopped.",
-    "watch": "Show RUN in a browser while it goes on: progress, failures, the map as it fills.",
-    "status": "Say how far RUN is, while it runs and after.",
-    "audit": "Do a random sample of RUN's jobs again and say how far its answers may be off.",
-    "query": "Ask one or several runs in SQL (DuckDB), also while they go on.",
-    "fragility": "Draw the study's figures of a run: PNG, SVG and the table behind each as CSV.",
-    "constrain": "Say which ground motion one or several standing rocks reject.",
-    "check": "Say whether SEISMOGRAMS, unscaled and in their own directions, topple the rock of SCENE.",
+    "plan": "Check CAMPAIGN against its scene and ensemble and count its jobs, without running any.",
+    "run": "Carry out CAMPAIGN on local or remote workers, or resume an interrupted run.",
+    "watch": "Show RUN in a browser while it runs: progress, failures and the map as it fills.",
+    "status": "Show the progress of RUN, during the run and after it.",
+    "audit": "Repeat a random sample of RUN's jobs and state how far its answers may be off.",
+    "query": "Query one or several runs in SQL (DuckDB), also while they run.",
+    "fragility": "Draw the fragility maps and curves of RUN (PNG, SVG), with the table behind each (CSV).",
+    "constrain": "State which ground motions one or several standing rocks reject.",
+    "check": "Test whether SEISMOGRAMS, unscaled and in their own directions, topple the rock of SCENE.",
     "pulse": "Shake the rock of SCENE with one pulse of velocity and show how it moves.",
-    "replay": "Do one JOB of RUN again, and show how the rock moves.",
-    "report": "Write one HTML page about a run that can be read without a network, and attached to a paper.",
-    "accuracy": "Compare the presets' answers for the rock of SCENE under motions of ENSEMBLE, and their cost.",
-    "ramp": "Shake the rock of SCENE with waveforms of ENSEMBLE, each stronger by a step until it topples.",
+    "replay": "Repeat one JOB of RUN and show how the rock moves.",
+    "report": "Write a report on RUN as one HTML page that needs no network and can be attached to a paper.",
+    "accuracy": "Compare the answers and the cost of the presets for the rock of SCENE under motions of ENSEMBLE.",
+    "ramp": "Shake the rock of SCENE with waveforms of ENSEMBLE, each scaled up step by step until it topples.",
     "study": "Repeat the study of Veeraraghavan, Hudnut and Krishnan on a rock: runs, figures, findings, report.",
-    "validate": "Foretell the shake-table tests of FOLDER as probabilities, and score them against what happened.",
+    "validate": "Predict the shake-table tests of FOLDER as probabilities and score them against the outcomes.",
     "demo": "Scan a virtual rock, make earthquakes, shake, and draw the maps: minutes on two cores.",
 }
 """Each is the command of its name in the module of its name in orchestrator/verbs; its line begins its own help."""
@@ -68,7 +68,7 @@ class LazyGroup(Verbs):
 )
 @click.version_option(package_name="toppling")
 def cli() -> None:
-    """Say how strong a shaking topples this rock, and with what probability.
+    """Find out how strong a shaking topples this rock, and with what probability.
 
     \b
     toppling scan station1.laz station2.laz --out scenes/rock

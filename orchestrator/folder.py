@@ -13,7 +13,7 @@ from typing import IO, Any
 
 from toppling.models import digest
 from toppling.models.errors import InputError
-from toppling.models.folder import new_folder
+from toppling.models.folder import new_folder, rock_name
 from toppling.models.motions.ensemble import CATALOG, MOTIONS
 from toppling.models.run_document import check_run_document
 from toppling.models.settling import Settling
@@ -61,6 +61,7 @@ def prepare(run: Path, plan: Plan, versions: dict[str, str], settling: Settling 
             "schema_version": SCHEMA_VERSION,
             "plan_id": plan.id,
             "jobs": len(plan),
+            "rock": rock_name(plan.campaign.scene),
             "scene_id": plan.scene_id,
             "ensemble_id": plan.ensemble_id,
             "versions": versions,

@@ -37,9 +37,10 @@ class Advance:
 
     def line(self, what: str) -> str:
         """How far the work is, in one line."""
-        of = f"{self.done:g}" if self.total is None else f"{self.done:g} of {self.total:g}"
+        counted = f"{self.done:g}" if self.done else ""  # a single piece of work has no parts to count
+        of = counted if self.total is None else f"{self.done:g} of {self.total:g}"
         elapsed_s = time.monotonic() - self.began
-        told = [f"{what}: {of}", *([self.doing] if self.doing else []), duration(elapsed_s)]
+        told = [f"{what}: {of}" if of else what, *([self.doing] if self.doing else []), duration(elapsed_s)]
         if self.total and 0 < self.done < self.total:
             told.append(f"{duration(elapsed_s * (self.total / self.done - 1.0))} left")
         return "  ".join(told)
@@ -122,13 +123,14 @@ def watcher() -> Iterator[Watcher]:
 
 
 def _lines(console: Console) -> Watcher:
-    last = time.monotonic()
+    last, ended = time.monotonic(), ""
 
     def watch(tally: Tally) -> None:
-        nonlocal last
-        complete = tally.before + tally.done == tally.total
+        nonlocal last, ended
+        complete = tally.before + tally.done == tally.total and tally.what != ended
         if complete or time.monotonic() - last >= LINE_EVERY_S:
             last = time.monotonic()
+            ended = tally.what if complete else ended
             what = "" if tally.what == "shaking" else f"{tally.what}: "
             done = f"{tally.before + tally.done}/{tally.total} jobs"
             console.print(f"{what}{done}  {told(tally)}", soft_wrap=True)

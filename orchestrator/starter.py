@@ -106,8 +106,8 @@ def _trial_told(trial: Trial) -> str:
     if not trial.toppled:
         return f"On trial none of {shaken} records toppled it up to {trial.highest_m_s2:.3g} m/s2."
     return (
-        f"On trial the first of {shaken} records toppled it at {first:.3g} m/s2, "
-        f"{trial.toppled} had at {trial.most_at_m_s2:.3g} m/s2."
+        f"On trial the first of {shaken} records toppled it at {first:.3g} m/s2, and {trial.toppled} of them up to "
+        f"{trial.most_at_m_s2:.3g} m/s2."
     )
 
 

@@ -1,5 +1,6 @@
 """A run opened for reading, also while it goes on: pyarrow, pandas, SQL over its rows, records and scene."""
 
+import contextlib
 import tomllib
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -12,6 +13,7 @@ import pyarrow.dataset as ds
 
 from toppling.models.digest import read_json
 from toppling.models.errors import InputError
+from toppling.models.folder import rock_name
 from toppling.models.motions.catalogue import meaning
 from toppling.models.run_document import check_run_document
 from toppling.models.scene_document import read_scene_document
@@ -70,7 +72,10 @@ class Run:
 
     @property
     def rock(self) -> str:
-        """Name of the rock: that of the scene which the campaign names, or of the run where it names none."""
+        """Name of the rock: as the run was begun with, or that of the scene which its campaign names, or of the run."""
+        with contextlib.suppress(InputError):  # damaged: as below
+            if rock := self.provenance().get("rock"):
+                return str(rock)
         path = self.path / "campaign.toml"
         try:
             scene = tomllib.loads(path.read_text(encoding="utf-8")).get("scene") if path.exists() else None
@@ -187,12 +192,6 @@ class Run:
             told = _as_recorded if name == "motions" else describe
             rows += [{"table": name, **told(field)} for field in schema or ()]
         return rows
-
-
-def rock_name(folder: PathLike) -> str:
-    """Name of a rock for people: its scene's folder, or where that is called no more than scene, the folder around."""
-    place = Path(folder).resolve()
-    return place.parent.name if place.name == "scene" and place.parent.name else place.name
 
 
 def open_run(path: PathLike) -> Run:

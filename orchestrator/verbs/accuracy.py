@@ -21,13 +21,13 @@ from toppling.workers.options import PRESETS
     "--out", required=True, type=click.Path(path_type=Path, file_okay=False), help="Folder to write to."
 )
 @click.option(
-    "--jobs", "count", type=click.IntRange(10), default=200, show_default=True, help="Jobs compared."
+    "--jobs", "count", type=click.IntRange(10), default=200, show_default=True, help="Number of jobs."
 )
 @click.option(
     "--pga", "pga_m_s2", type=(float, float), default=(3.0, 15.0), show_default=True,
-    help="Range of PGA that jobs are drawn from, m/s2.",
+    metavar="LOW HIGH", help="Range of PGA that jobs are drawn from, m/s2.",
 )  # fmt: skip
-@click.option("--explore", is_flag=True, help="Also settings beside and between the presets.")
+@click.option("--explore", is_flag=True, help="Also compare settings beside and between the presets.")
 @click.option("--workers", type=click.IntRange(1), default=2, show_default=True, help="Processes.")
 def accuracy(
     scene: Path,
@@ -38,14 +38,16 @@ def accuracy(
     explore: bool,
     workers: int,
 ) -> None:
-    """Compare the presets' answers for the rock of SCENE under motions of ENSEMBLE, and their cost.
+    """Compare the answers and the cost of the presets for the rock of SCENE under motions of ENSEMBLE.
 
-    Jobs of any record, level and azimuth are shaken with every preset of every engine that is installed. Each is ranked
-    by what it moves against 'reference', with the standard deviation: the PGA at which half topple, the share that
-    topples, the tilt of rocks that stand. Single answers near a threshold are chaotic: 'reference, disturbed' is itself
-    from a start disturbed by a millionth of the rock's height. Friction and restitution are the scene's own, not a
-    campaign's. Writes accuracy.csv and the front of error against cost (front.png, front.svg). Answers are kept in
-    OUT/answers: the same command goes on where it was stopped, and more jobs add to those that were shaken.
+    Jobs of random record, level and azimuth are shaken with every preset of every installed engine. The presets are
+    compared by how far they shift, against 'reference', the PGA at which half topple, the share that topples and the
+    tilt of rocks that stand, each with its standard deviation. Single answers near a threshold are chaotic: the row
+    'reference, disturbed' is 'reference' from a start disturbed by a millionth of the rock's height. Friction and
+    restitution are those of the scene, not of a campaign.
+
+    It writes accuracy.csv and the front of error against cost (front.png, front.svg). Answers are kept in OUT/answers:
+    the same command resumes an interrupted comparison, and a larger --jobs extends it.
 
     \b
     toppling accuracy scenes/rock ensembles/quakes --jobs 200 --out accuracy

@@ -16,18 +16,18 @@ from toppling.orchestrator.verbs.where import cluster_of, cluster_options
 @click.option(
     "--jobs",
     type=click.IntRange(min=1),
-    help="Jobs done again; as many as cost a tenth of the run if not given.",
+    help="Size of the sample; as many jobs as cost a tenth of the run if not given.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print the statement as JSON.")
 @cluster_options
 def audit(run: Path, jobs: int | None, as_json: bool, **where: Any) -> None:
-    """Do a random sample of RUN's jobs again and say how far its answers may be off.
+    """Repeat a random sample of RUN's jobs and state how far its answers may be off.
 
-    The sample is done with the preset 'reference', and with the second engine where its extra is installed. Stated are,
-    for this rock and these records: the shift of the median PGA and of the share toppled with intervals (95 %), which
-    way single answers lean, and whether the second engine agrees. 'status', 'fragility' and 'report' state it from
-    then on. The same command goes on where it was stopped; more jobs add to those that were done. A run that goes on
-    is audited by what it has so far.
+    The sample is shaken with the preset 'reference', and with the second engine where its extra is installed. The
+    audit states, for this rock and these records, the shift of the median PGA and of the share toppled with intervals
+    (95 %), which way single answers lean, and whether the second engine agrees; 'status', 'fragility' and 'report'
+    repeat it from then on. The same command resumes an interrupted audit, and a larger --jobs extends it. A run that
+    is still going is audited on the jobs that it has so far.
 
     \b
     toppling audit runs/first --jobs 200 --workers 2

@@ -68,14 +68,14 @@ class Verdict:
 @click.option("--missing-vertical", is_flag=True, help="Allow seismograms without a vertical component.")
 @click.option(
     "--range", "largest", type=click.FloatRange(1, 10), default=1.25, show_default=True,
-    help="Neighbours in strength: from 1/RANGE to RANGE times the seismogram.",
+    help="Strength of the neighbours: from 1/RANGE to RANGE times the seismogram.",
 )  # fmt: skip
 @click.option(
     "--neighbours",
     type=click.IntRange(0, 100),
     default=5,
     show_default=True,
-    help="On each side; 0 for none.",
+    help="Neighbours on each side; 0 for none.",
 )
 @click.option("--preset", type=OneOf(list(PRESETS)), default="standard")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
@@ -90,11 +90,12 @@ def check(
     preset: str,
     as_json: bool,
 ) -> None:
-    """Say whether SEISMOGRAMS, unscaled and in their own directions, topple the rock of SCENE.
+    """Test whether SEISMOGRAMS, unscaled and in their own directions, topple the rock of SCENE.
 
-    For the motions of a scenario simulation at the site, or a record from nearby. SEISMOGRAMS are files or
-    folders that 'records import' reads, or folders of ensembles. Near its threshold a rock's answer flips with
-    a millimetre, so each is shaken a little weaker and stronger too: the share that topples is the statement.
+    Use it for the motions of a scenario simulation at the site, or for a record from nearby. SEISMOGRAMS are files or
+    folders that 'records import' reads, or folders of ensembles. Near its threshold a millimetre decides whether a
+    rock topples, so each seismogram is also shaken a little weaker and a little stronger: what counts is the share
+    that topples.
 
     \b
     toppling check scenes/rock simulated.csv --metadata simulated_table.csv

@@ -13,7 +13,7 @@ from toppling.orchestrator.progress import bar
 from toppling.results.constraint import bound_table, branch_table, single_event
 from toppling.results.drawing.atlas import save_table
 from toppling.results.drawing.constraint import constraint_figure
-from toppling.results.drawing.style import save
+from toppling.results.drawing.style import save, short_name
 from toppling.results.exchange import read_curves
 from toppling.results.fits import MEASURES, SAMPLES, Lognormal, Resampled, answered, basis_of, bootstrap, fit
 from toppling.results.fragility import by_contact
@@ -25,22 +25,26 @@ from toppling.results.schema import SCHEMA, describe
 @click.command()
 @click.argument("rocks", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="ROCK...")
 @click.option(
-    "--hazard", multiple=True, metavar="FILE[=WEIGHT]", help="Hazard curve; one a branch of the tree."
+    "--hazard",
+    multiple=True,
+    metavar="FILE[=WEIGHT]",
+    help="Hazard curve of one branch of the logic tree, with its weight; may be given again.",
 )
 @click.option(
     "--age", multiple=True,
-    help="Years each rock has stood: 20000, 15000..30000 (uniform), 20000+-3000 (normal, one sigma) or a CSV. "
-    "One for several rocks is each one's: "
-    "they are taken as dated independently, which rejects more than one common age would.",
+    help="Years for which each rock has stood: 20000, 15000..30000 (uniform), 20000+-3000 (normal, one sigma) or a "
+    "CSV. One age for several rocks is taken as an independent date of each, which rejects more than one common date "
+    "would.",
 )  # fmt: skip
-@click.option(
-    "--where", help="Only jobs of the runs that this condition of SQL holds for, such as one friction's."
-)
+@click.option("--where", help="Only jobs for which this SQL condition holds, such as those of one friction.")
 @click.option("--trusted", is_flag=True, help="Let --where read files of yours.")
-@click.option("--measure", help="Column of the results; the hazard curves' own, or pgv_m_s, if not given.")
+@click.option(
+    "--measure",
+    help="Intensity measure (a column of the results); that of the hazard curves, or pgv_m_s, if not given.",
+)
 @click.option(
     "--confidence", type=click.FloatRange(0.5, 1, max_open=True), default=0.95, show_default=True,
-    help="Of all bounds; a branch is rejected where survival is below 1 - confidence.",
+    help="Confidence of all bounds; a branch is rejected where survival is below 1 - confidence.",
 )  # fmt: skip
 @click.option(
     "--site", type=float, nargs=2, metavar="LON LAT",
@@ -67,11 +71,11 @@ def constrain(
     out: Path | None,
     as_json: bool,
 ) -> None:
-    """Say which ground motion one or several standing rocks reject.
+    """State which ground motions one or several standing rocks reject.
 
-    A ROCK is a run, or a file of curves (CSV, JSON or NRML) as 'toppling fragility --fit' writes it. Without
-    an age the statement is about a single event; with ages, about rates of exceedance; with hazard curves,
-    about the rocks' survival under each and the branches' weights. Several rocks feel the same events.
+    A ROCK is a run, or a file of fragility curves (CSV, JSON or NRML) as 'toppling fragility --fit' writes it.
+    Without an age the statement is about a single event; with ages, about rates of exceedance; with hazard curves,
+    about the rocks' survival under each curve and the weights of the branches. Several rocks feel the same events.
 
     \b
     toppling constrain runs/first --where "friction_static = 0.8"
@@ -95,7 +99,7 @@ def constrain(
         raise click.UsageError(msg)
     over = _measure(measure, branches)
     ages = [parse_age(text) for text in age] or [np.array([np.nan])]
-    with bar("drawing records anew", SAMPLES * sum(path.is_dir() for path in rocks)) as advance:
+    with bar("bootstrap of records", SAMPLES * sum(path.is_dir() for path in rocks)) as advance:
         standing = [
             _standing(name, path, over, where, trusted, years, seen=advance)
             for name, path, years in zip(
@@ -253,34 +257,37 @@ def _fit(
 
 
 def _words(told: dict) -> str:
-    unit = describe(SCHEMA.field(told["measure"]))["unit"]
+    unit, measure = describe(SCHEMA.field(told["measure"]))["unit"], short_name(told["measure"])
+    stood = "it has stood" if len(told["rocks"]) == 1 else "they have stood"
     lines = [
         f"{rock['name']}: median {rock['median']:.3g} {unit}, beta {rock['beta']:.2f}"
         for rock in told["rocks"]
     ]
     lines.append(
-        f"No single event exceeded {told['measure']} = {told['unexceeded']:.3g} {unit} while they stood, "
-        f"at {100 * told['confidence']:g} % confidence."
+        f"At {100 * told['confidence']:g} % confidence no single event exceeded a {measure} of "
+        f"{told['unexceeded']:.3g} {unit} since {stood}."
     )
     if told["unexceeded_low"] is None:
         lines.append(
-            "  how far other records would move it is not known of a file of curves, or of few records"
+            "  how far other records would move it is not known: a file of curves does not tell, nor do few records"
         )
     else:
         high = told["unexceeded_high"]
         ends = f"{told['unexceeded_low']:.3g} {'or any more' if high is None else f'to {high:.3g}'} {unit}"
         unfit = max(rock["samples_without_fit"] for rock in told["rocks"])
-        bare = f"; {unfit} of {SAMPLES} draws of them have no fit and bound nothing" if unfit else ""
+        bare = f"; {unfit} of {SAMPLES} bootstrap samples have no fit and bound nothing" if unfit else ""
         lines.append(f"  {ends} with other records like these (95 %{bare}): the jobs are of few earthquakes")
     for rock in told["rocks"]:
         if rock.get("without_answer"):
+            jobs = rock["without_answer"] + rock["jobs"]
             lines.append(
-                f"  {rock['without_answer']:,} jobs of {rock['name']} have no answer and count nowhere, beside "
-                f"{rock['jobs']:,} that have one: those near a threshold rock longest"
+                f"  {rock['without_answer']:,} of {jobs:,} jobs of {rock['name']} have no answer and are left out: "
+                "jobs near the threshold rock longest and miss an answer most often"
             )
         if "strongest_shaken" not in rock:
             lines.append(
-                f"  on what jobs the curve of {rock['name']} rests is not known, nor whether this is an extrapolation"
+                f"  it is not known on which jobs the curve of {rock['name']} rests, nor whether this is an "
+                "extrapolation"
             )
         elif told["unexceeded"] > rock["strongest_shaken"]:
             seen = f"{rock['toppled']} toppled of {rock['jobs']} jobs, {rock['records']} records"
@@ -290,7 +297,7 @@ def _words(told: dict) -> str:
             )
     if told.get("ages_independent"):
         lines.append(
-            "The rocks' ages are drawn independently of each other, as of rocks that were dated each by itself."
+            "The ages of the rocks are taken as independent, as if each rock had been dated by itself."
         )
     if told.get("hazard_ratio") == 1.0:
         lines.append(
@@ -322,8 +329,8 @@ def _words(told: dict) -> str:
         lines.append("Every branch is rejected" + (": the weights only rank them." if ranked else "."))
     rejected = told.get("rejected", ())
     lines += [
-        f"{told['measure']} = {row[told['measure']]:.3g} {unit} is rejected at return periods below "
-        f"{row['rejected_return_years']:.0f} years"
+        f"a {measure} of {row[told['measure']]:.3g} {unit} or more is rejected at return periods below "
+        f"{row['rejected_return_years']:,.0f} years"
         for row in rejected[9::10]
     ]
     return "\n".join(lines)
@@ -334,7 +341,7 @@ def _over_records(branch: dict, least: float) -> list[str]:
     low, high = branch["survival_low"], branch["survival_high"]
     if low is None:
         return []
-    hangs = "; the verdict hangs on them" if low < least <= high else ""
+    hangs = "; the verdict depends on them" if low < least <= high else ""
     return [f"  survival {low:.3g} to {high:.3g} with other records like these (95 %){hangs}"]
 
 

@@ -40,7 +40,7 @@ from results where level_pga_m_s2::int % 6 = 1 group by all order by all"""
 @click.option("--workers", type=click.IntRange(min=1), default=2, show_default=True, help="Local workers.")
 @click.option(
     "--seconds", type=click.FloatRange(min=0.0), default=75.0, show_default=True,
-    help="Time for shaking: the campaign is as large as that allows.",
+    help="Time for shaking; the campaign is as large as it allows.",
 )  # fmt: skip
 def demo(out: Path, workers: int, seconds: float) -> None:
     """Scan a virtual rock, make earthquakes, shake, and draw the maps: minutes on two cores.

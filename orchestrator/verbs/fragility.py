@@ -41,20 +41,21 @@ FOLDER = click.Path(path_type=Path, file_okay=False)
 @click.option("--out", type=FOLDER, help="Folder; RUN/fragility if not given.")
 @click.option("--where", help="Only jobs that this condition of SQL holds for.")
 @click.option("--trusted", is_flag=True, help="Let --where read files of yours.")
-@click.option("--unweighted", is_flag=True, help="Leave the ensemble's weights aside.")
+@click.option("--unweighted", is_flag=True, help="Ignore the ensemble's weights.")
 @click.option("--pga-bin", type=WIDTH, help="m/s2; one bin a level if not given.")
 @click.option("--pgv-bin", type=WIDTH, default=0.25, show_default=True, help="m/s")
 @click.option("--pgv-pga-bin", type=WIDTH, default=0.05, show_default=True, help="s")
 @click.option("--duration-bin", type=WIDTH, default=5.0, show_default=True, help="s")
 @click.option(
     "--pgv-below", type=WIDTH, default=PGV_DURATION.y.below, show_default=True,
-    help="m/s; end of the map of PGV and duration, 'inf' for all.",
+    help="m/s; upper end of PGV in the map of PGV and duration, 'inf' for none.",
 )  # fmt: skip
 @click.option(
-    "--duration-below", type=WIDTH, default=PGV_DURATION.x.below, show_default=True, help="s; the other end."
+    "--duration-below", type=WIDTH, default=PGV_DURATION.x.below, show_default=True,
+    help="s; upper end of duration in that map."
 )  # fmt: skip
 @click.option(
-    "--directions", type=click.IntRange(1, 72), default=8, show_default=True, help="Bins of azimuth."
+    "--directions", type=click.IntRange(1, 72), default=8, show_default=True, help="Direction bins."
 )
 @click.option(
     "--sector",
@@ -62,16 +63,17 @@ FOLDER = click.Path(path_type=Path, file_okay=False)
     nargs=2,
     default=SECTOR_DEG,
     show_default=True,
-    help="Azimuths, degrees counter-clockwise from east, between which the share of topplings is told.",
+    metavar="FROM TO",
+    help="Azimuths, degrees counter-clockwise from east, between which the share of topplings is stated.",
 )
-@click.option("--fit", is_flag=True, help="Fit curves and surfaces too, and rank the intensity measures.")
+@click.option("--fit", is_flag=True, help="Also fit curves and surfaces, and rank the intensity measures.")
 @click.option(
     "--reference",
     is_flag=True,
-    help="Draw where the rock's section, on two corners and without slip, topples with 1 and 99 %.",
+    help="Draw where a plane section of the rock, rocking on two corners without slip, topples with 1 and 99 %.",
 )
 @click.option(
-    "--samples", type=click.IntRange(1), default=200, show_default=True, help="Bootstrap, of records."
+    "--samples", type=click.IntRange(1), default=200, show_default=True, help="Bootstrap samples of records."
 )
 def fragility(
     run: Path,
@@ -91,19 +93,19 @@ def fragility(
     reference: bool,
     samples: int,
 ) -> None:
-    """Draw the study's figures of a run: PNG, SVG and the table behind each as CSV.
+    """Draw the fragility maps and curves of RUN (PNG, SVG), with the table behind each (CSV).
 
-    Toppling probability over PGA and PGV/PGA, PGA and PGV, PGV and duration, PGA and duration; where the rock
-    topples to; one friction against another where the run has several.
+    Maps show the toppling probability over PGA and PGV/PGA, PGA and PGV, PGV and duration, and PGA and duration.
+    Further figures show where the rock topples to and, where the run has several frictions, one against another.
 
-    A cell's colour is the share of its jobs that toppled. It is as wide as its share of the jobs of its level (in
-    the map of PGV and duration: of all jobs), full from a share on that the colour bar says. A dot marks cells
-    of fewer than 10 records.
+    The colour of a cell is the share of its jobs that toppled. Its width is its share of the jobs of its level (in
+    the map of PGV and duration: of all jobs); the caption states from which share on a cell is full. A dot marks
+    cells of fewer than 10 records.
 
-    The binning is the study's unless told otherwise. Direction bins are of the azimuth of the vector PGA,
-    degrees counter-clockwise from east. Contacts that differ (friction, restitution) get their own folders.
-    Where the ensemble has weights (records select --deaggregation), maps and fits count each record by its own;
-    the ranking of measures, the rose and the pairs of friction against friction count jobs.
+    The bins are those of the study by Veeraraghavan, Hudnut and Krishnan unless you choose others. Direction bins are
+    of the azimuth of the vector PGA, degrees counter-clockwise from east. Each contact (friction, restitution) gets a
+    folder of its own where there are several. Where the ensemble has weights (records select --deaggregation), maps
+    and fits weight each record; the ranking of measures, the rose and the comparison of frictions count jobs.
 
     \b
     toppling fragility runs/first --fit

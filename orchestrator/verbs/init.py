@@ -29,7 +29,9 @@ FOLDER = click.Path(path_type=Path)
 @click.option("--azimuths", type=click.IntRange(1, 360), default=8, show_default=True, help="Evenly around.")
 @click.option("--preset", type=OneOf(list(PRESETS)), default="standard", show_default=True)
 @click.option(
-    "--workers", type=click.IntRange(1), help="That the time is estimated for; one a core if not given."
+    "--workers",
+    type=click.IntRange(1),
+    help="Local workers that the time is estimated for; one a core if not given.",
 )
 def init(
     scene: Path,
@@ -44,8 +46,8 @@ def init(
     """Write a campaign for SCENE and ENSEMBLE: levels, azimuths and frictions that suit the rock.
 
     Levels span from below the least constant acceleration that topples the rock to where most records topple it. To
-    find the latter, and the time that a job takes, up to ten records are shaken harder and harder, for seconds to a
-    minute. The file explains every value.
+    find the latter, and the time that a job takes, the rock is shaken on trial with up to ten records, each harder
+    and harder, which takes seconds to a minute. The file explains every value.
 
     \b
     toppling init scenes/rock ensembles/quakes --out campaign.toml

@@ -13,14 +13,18 @@ from toppling.models.folder import new_file
 @click.option(
     "--out", "table", type=click.Path(dir_okay=False, path_type=Path), help="Write the job table (Parquet)."
 )
-@click.option("--workers", type=click.IntRange(min=1), help="To tell the time on; one a core if not given.")
-@click.option("--no-estimate", is_flag=True, help="Do not time a few jobs.")
+@click.option(
+    "--workers",
+    type=click.IntRange(min=1),
+    help="Local workers that the time is estimated for; one a core if not given.",
+)
+@click.option("--no-estimate", is_flag=True, help="Do not estimate the time.")
 @click.option("--json", "as_json", is_flag=True, help="Print the counts as JSON.")
 def plan(campaign: Path, table: Path | None, workers: int | None, no_estimate: bool, as_json: bool) -> None:
-    """Check CAMPAIGN against its scene and ensemble and count its jobs; run none.
+    """Check CAMPAIGN against its scene and ensemble and count its jobs, without running any.
 
-    It warns of what is probably a slip: levels in g, friction in degrees, levels that topple nothing. Where there are
-    many jobs, a few of them are done and timed, to say how long all will take.
+    It warns of probable slips: levels in g, friction in degrees, levels that topple nothing. Where there are many
+    jobs, it runs and times a few of them to estimate how long all will take.
 
     \b
     toppling plan campaign.toml --out jobs.parquet

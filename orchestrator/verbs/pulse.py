@@ -5,6 +5,7 @@ from pathlib import Path
 
 import click
 
+from toppling.models.folder import rock_name
 from toppling.models.motions import idealised
 from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene
@@ -12,7 +13,6 @@ from toppling.orchestrator.progress import bar
 from toppling.orchestrator.spelling import OneOf
 from toppling.orchestrator.verbs.replay import replay_of, write_out
 from toppling.results.friction import friction_words
-from toppling.results.run import rock_name
 from toppling.workers.options import PRESETS
 
 SHAPES = ("sawtooth", "sine", "cosine", "ricker")
@@ -59,8 +59,8 @@ def pulse(
 ) -> None:
     """Shake the rock of SCENE with one pulse of velocity and show how it moves.
 
-    Writes what 'toppling replay' writes: table, plots, a page that plays and turns with the mouse, and a GIF.
-    The defaults are the pulse of the study's figure 8.
+    It writes what 'toppling replay' writes: table, plots, an interactive page that plays the motion, and a GIF. The
+    defaults are the pulse of the study's figure 8.
 
     \b
     toppling pulse scenes/rock --azimuth 135 --out pulse

@@ -36,11 +36,11 @@ def query(
     describe: bool,
     spread: bool,
 ) -> None:
-    """Ask one or several runs in SQL (DuckDB), also while they go on.
+    """Query one or several runs in SQL (DuckDB), also while they run.
 
-    The tables are results (one row a job), motions (one row a record) and scene (one row). With several runs
-    each table holds the rows of all, and the column run tells them apart. A query is one SELECT and reads
-    nothing else; --trusted lets it join files of yours.
+    The tables are results (a row a job), motions (a row a record) and scene (one row). With several runs each
+    table holds the rows of all, and the column run tells them apart. A query is one SELECT and reads nothing
+    else; --trusted lets it join files of yours.
 
     \b
     toppling query runs/first --describe

@@ -64,11 +64,11 @@ def ramp(
     three_components: bool,
     workers: int,
 ) -> None:
-    """Shake the rock of SCENE with waveforms of ENSEMBLE, each stronger by a step until it topples.
+    """Shake the rock of SCENE with waveforms of ENSEMBLE, each scaled up step by step until it topples.
 
-    The protocol of the study's figure 4 (rock K on a shaking table). Writes ramp.csv (PGA that topples by PGV/PGA
-    averaged over the levels), levels.csv (every shake) and ramp.png, .svg. The same command goes on where it was
-    stopped.
+    This is the protocol of the study's figure 4 (rock K on a shaking table). It writes ramp.csv (the PGA that topples
+    over PGV/PGA, averaged over the levels), levels.csv (every shake) and ramp.png, .svg. The same command resumes an
+    interrupted ramp.
 
     \b
     toppling ramp scenes/rock ensembles/waveforms --out ramp

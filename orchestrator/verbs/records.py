@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 @click.group(cls=Verbs)
 def records() -> None:
-    """Ground motions: import, fetch, make, select and show ensembles of records.
+    """Import, fetch, synthesise, select and show ensembles of records.
 
     \b
     toppling records import records/ --out ensembles/quakes --metadata records/catalog.csv
@@ -34,7 +34,7 @@ def records() -> None:
     "--metadata",
     type=click.Path(path_type=Path, dir_okay=False, exists=True),
     help="CSV table, a row a record: h1, h2, v (paths relative to it), unit, event, mag, dist_km, station;"
-    " processing (corrected or uncorrected) where the file does not say it; pga_h1, pga_h2, pga_v (m/s2) scale"
+    " processing (corrected or uncorrected) where the file does not state it; pga_h1, pga_h2, pga_v (m/s2) scale"
     " counts of no known unit.",
 )
 @click.option("--missing-vertical", is_flag=True, help="Allow records without a vertical component.")
@@ -42,8 +42,8 @@ def records() -> None:
 @click.option(
     "--process/--no-process",
     default=None,
-    help="Process every record or none; by default those that their agency has not corrected, and those that drift"
-    " where nobody says.",
+    help="Process every record or none. By default those are processed that their agency has not corrected and,"
+    " where that is not stated, those whose displacement drifts.",
 )
 @click.option(
     "--corner", "corner_hz", type=click.FloatRange(min=0, min_open=True), help="High-pass corner in Hz."
@@ -52,7 +52,7 @@ def records() -> None:
     "--time-step", "time_step_s", type=click.FloatRange(0, 0.1, min_open=True), metavar="S",
     help="Resample every record to this step, without aliasing.",
 )  # fmt: skip
-@click.option("--replace", is_flag=True, help="Replace an ensemble that is there.")
+@click.option("--replace", is_flag=True, help="Replace an existing ensemble.")
 @click.option("--json", "as_json", is_flag=True, help="Print what was read and left out as JSON.")
 def import_(
     paths: tuple[Path, ...],
@@ -121,12 +121,15 @@ def import_(
 @click.option(
     "--service", default="EARTHSCOPE", show_default=True, help="FDSN service: ObsPy's name or an address."
 )
-@click.option("--event-service", help="Service that knows the event, where it is another (such as USGS).")
+@click.option("--event-service", help="Service that knows the event, if not the same (such as USGS).")
 @click.option(
     "--event", "event_id", help="Event id at the service; sets the window and gives magnitude and distance."
 )
 @click.option(
-    "--radius", "radius_km", type=click.FloatRange(min=0, min_open=True), help="All stations so near, km."
+    "--radius",
+    "radius_km",
+    type=click.FloatRange(min=0, min_open=True),
+    help="All stations within this distance of the epicentre, km.",
 )
 @click.option("--stations", help="NET.STA, separated by commas, instead of a radius.")
 @click.option("--start", help="Start of the window (UTC) where no event is given.")
@@ -137,7 +140,7 @@ def import_(
 @click.option(
     "--corner", "corner_hz", type=click.FloatRange(min=0, min_open=True), help="High-pass corner in Hz."
 )
-@click.option("--replace", is_flag=True, help="Replace an ensemble that is there.")
+@click.option("--replace", is_flag=True, help="Replace an existing ensemble.")
 def fetch(
     service: str,
     event_service: str | None,
@@ -150,7 +153,9 @@ def fetch(
     corner_hz: float | None,
     replace: bool,
 ) -> None:
-    """Fetch records from an FDSN service, remove the instruments' response and import them.
+    """Fetch records from an FDSN service.
+
+    The instruments' response is removed and the records are imported.
 
     Waveforms and StationXML as they came are kept in OUT/raw, from where 'records import' reads them again.
 
@@ -204,7 +209,9 @@ def fetch(
 @records.command()
 @click.argument("ensemble", type=click.Path(path_type=Path, file_okay=False, exists=True))
 @click.option(
-    "--figure", type=click.Path(path_type=Path, dir_okay=False), help="Draw spectra and scatters into a file."
+    "--figure",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Draw spectra and scatter plots into this file.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print the catalogue as JSON lines.")
 def show(ensemble: Path, figure: Path | None, as_json: bool) -> None:
@@ -237,12 +244,17 @@ def show(ensemble: Path, figure: Path | None, as_json: bool) -> None:
     type=click.Path(path_type=Path, file_okay=False),
     help="Folder of the new ensemble.",
 )
-@click.option("--magnitude", type=float, nargs=2, help="Least and largest.")
-@click.option("--distance", "distance_km", type=float, nargs=2, help="Least and largest, km.")
-@click.option("--event", help="Part of the event's name.")
+@click.option("--magnitude", type=float, nargs=2, metavar="LOW HIGH", help="Least and largest.")
+@click.option(
+    "--distance", "distance_km", type=float, nargs=2, metavar="LOW HIGH", help="Least and largest, km."
+)
+@click.option("--event", help="Part of the name of the event.")
 @click.option("--components", type=click.IntRange(2, 3), default=2, help="At least so many components.")
 @click.option(
-    "--per-event", type=click.IntRange(min=0), default=0, help="At most so many of one event, the nearest."
+    "--per-event",
+    type=click.IntRange(min=0),
+    default=0,
+    help="At most so many records of one event, the nearest.",
 )
 @click.option(
     "--quality",
@@ -250,13 +262,15 @@ def show(ensemble: Path, figure: Path | None, as_json: bool) -> None:
     type=OneOf(["corrected", "processed", "drifting", "sound", "uncorrected", "made"]),
     help="Only records of this quality; may be given again.",
 )
-@click.option("--pga", type=float, nargs=2, help="Least and largest PGA as recorded, m/s2.")
-@click.option("--pgv-pga", type=float, nargs=2, help="Least and largest PGV/PGA, s.")
+@click.option(
+    "--pga", type=float, nargs=2, metavar="LOW HIGH", help="Least and largest PGA as recorded, m/s2."
+)
+@click.option("--pgv-pga", type=float, nargs=2, metavar="LOW HIGH", help="Least and largest PGV/PGA, s.")
 @click.option(
     "--count",
     type=click.IntRange(min=0),
     default=0,
-    help="At most so many of what the other conditions leave, spread evenly over the ranks of PGV/PGA.",
+    help="At most so many of the records that the other conditions leave, spread evenly over the ranks of PGV/PGA.",
 )
 @click.option(
     "--deaggregation",
@@ -264,7 +278,7 @@ def show(ensemble: Path, figure: Path | None, as_json: bool) -> None:
     help="CSV table that weights the records:"
     " magnitude_low, magnitude_high, distance_low_km, distance_high_km, contribution.",
 )
-@click.option("--replace", is_flag=True, help="Replace an ensemble that is there.")
+@click.option("--replace", is_flag=True, help="Replace an existing ensemble.")
 def select(
     ensemble: Path,
     out: Path,
@@ -280,7 +294,7 @@ def select(
     deaggregation: Path | None,
     replace: bool,
 ) -> None:
-    """Make an ensemble of some records of another, weighted by a site's hazard if asked.
+    """Select records of an ensemble, or weight them by a hazard.
 
     Each condition says how many records it leaves.
 
@@ -329,11 +343,13 @@ def select(
     type=click.FloatRange(0, 1),
     default=0.15,
     show_default=True,
-    help="With near-fault pulses.",
+    help="Share of records with near-fault pulses.",
 )
-@click.option("--replace", is_flag=True, help="Replace an ensemble that is there.")
+@click.option("--replace", is_flag=True, help="Replace an existing ensemble.")
 def synthesise(out: Path, count: int, seed: int, pulse_share: float, replace: bool) -> None:
-    """Make an ensemble of synthetic records, and print what it should be beside what it is.
+    """Make an ensemble of synthetic records.
+
+    Its statistics are printed beside those that were aimed at.
 
     Magnitudes are 6 to 8, distances 5 to 100 km.
 

@@ -35,10 +35,10 @@ SAME = 1e-9
 @click.argument("job")
 @click.option("--out", type=click.Path(path_type=Path, file_okay=False), help="RUN/replay/JOB if not given.")
 def replay(run: Path, job: str, out: Path | None) -> None:
-    """Do one JOB of RUN again, and show how the rock moves.
+    """Repeat one JOB of RUN and show how the rock moves.
 
-    Writes the trajectory as a table (Parquet, CSV) and as plots (PNG, SVG), a page that plays and turns with
-    the mouse, and a GIF. Says whether the answer is that of the run, and ends with 1 if it is not. The
+    It writes the trajectory as a table (Parquet, CSV) and as plots (PNG, SVG), an interactive page that plays the
+    motion, and a GIF. It states whether the answer is that of the run, and ends with exit code 1 if it is not. The
     beginning of a job's id is enough.
 
     \b

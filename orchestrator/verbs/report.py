@@ -35,7 +35,7 @@ from toppling.results.run import open_run
     help=f"Degrees: the nearest site of an OpenQuake file, which must lie within {SITE_REACH_KM:g} km.",
 )  # fmt: skip
 @click.option(
-    "--samples", type=click.IntRange(1), default=100, show_default=True, help="Bootstrap, of records."
+    "--samples", type=click.IntRange(1), default=100, show_default=True, help="Bootstrap samples of records."
 )
 def report(
     run: Path,
@@ -46,10 +46,10 @@ def report(
     site: tuple[float, float] | None,
     samples: int,
 ) -> None:
-    """Write one HTML page about a run that can be read without a network, and attached to a paper.
+    """Write a report on RUN as one HTML page that needs no network and can be attached to a paper.
 
-    The result in three sentences and one picture; then scene, records, maps, fits, constraint, failures, accuracy,
-    a paragraph on methods to copy, provenance, and the meaning of every column.
+    It begins with the result in three sentences and one picture. Then come scene, records, maps, fits, constraint,
+    failures, accuracy, a paragraph on methods to copy, provenance, and the meaning of every column.
 
     \b
     toppling report runs/first --pdf

@@ -45,18 +45,18 @@ def _statuses(context: click.Context, parameter: click.Parameter, value: str | N
 @click.option("--dry-run", is_flag=True, help="With --queue: print the job script and stop.")
 @click.option(
     "--job-limit", type=click.FloatRange(1), default=Limits.job_s, show_default=True,
-    help="Wall time in seconds after which a worker is taken to hang.",
+    help="Wall time in seconds after which a job counts as hanging.",
 )  # fmt: skip
 @click.option(
     "--tries", type=click.IntRange(min=1), default=Limits.tries, show_default=True,
-    help="Deaths of its worker after which a job is given up; more where workers are often taken away.",
+    help="Deaths of its worker after which a job is given up; raise it where workers are often preempted.",
 )  # fmt: skip
 @click.option(
     "--again", callback=_statuses, metavar="STATUS,...",
-    help=f"Also do jobs again that ended without an answer: {', '.join(AGAIN)}.",
+    help=f"Also repeat jobs that ended without an answer, by status: {', '.join(AGAIN)}.",
 )  # fmt: skip
 @click.option("--performance-report", "report", type=FILE, help="Write Dask's performance report (HTML).")
-@click.option("--no-estimate", is_flag=True, help="Do not time a few jobs beforehand.")
+@click.option("--no-estimate", is_flag=True, help="Do not estimate the time beforehand.")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
 def run(
     campaign: Path,
@@ -70,7 +70,7 @@ def run(
     as_json: bool,
     **where: Any,
 ) -> None:
-    """Shake: carry CAMPAIGN out on a cluster, or go on where an interrupted run stopped.
+    """Carry out CAMPAIGN on local or remote workers, or resume an interrupted run.
 
     \b
     toppling run campaign.toml --out runs/first --workers 2
@@ -78,8 +78,8 @@ def run(
     toppling run campaign.toml --queue slurm --dry-run
     toppling run campaign.toml --out runs/first --again crashed,timeout
 
-    The same command again resumes: only jobs without a row are done. Exit code 3: some jobs have no answer, of
-    this session or an earlier one; --again does them again, once what was in their way is mended.
+    The same command resumes an interrupted run: only jobs without a row are done. Exit code 3 means that some jobs,
+    of this session or an earlier one, have no answer; --again repeats them once the cause is removed.
     """  # noqa: D301  (\b keeps click from rewrapping the example)
     from toppling.orchestrator.advice import suggestions
     from toppling.orchestrator.audit import AFTERWARDS

@@ -33,14 +33,14 @@ def _enough(_: click.Context, __: click.Parameter, realisations: int) -> int:
     type=float,
     nargs=2,
     metavar="X Y",
-    help="Survey coordinates near the rock's top, where several stand.",
+    help="Survey coordinates near the top of your rock, where several rocks stand.",
 )
 @click.option(
     "--plane",
     type=float,
     nargs=5,
     metavar="X Y Z SLOPE AZIMUTH",
-    help="The interface as measured: a point of it, its slope and the azimuth toward which it falls, degrees from "
+    help="The interface as measured: one of its points, its slope and the azimuth toward which it falls, degrees from "
     "east to north.",
 )
 @click.option(
@@ -96,10 +96,10 @@ def scan(
     """Turn laser scans into a rock on its pedestal.
 
     FILES are stations of one survey: LAZ, LAS, PLY, PCD, XYZ, PTS, TXT, CSV or E57, in metres, z up. Rock and pedestal
-    are told apart without help; --plane, --point or --outline says where they meet if you know better.
+    are separated automatically; state with --plane, --point or --outline where they meet if you know better.
 
-    The base that no laser saw is a distribution: bases that agree with all that was seen, and on which the rock stands
-    as scanned, are drawn and kept in the scene. --contact, --pull and --outline tighten it.
+    No laser sees the base of the rock. The verb draws bases that agree with all that was seen and on which the rock
+    stands as scanned, and keeps them in the scene. --contact, --pull and --outline narrow them down.
 
     \b
     toppling scan station1.laz station2.laz --out scenes/rock

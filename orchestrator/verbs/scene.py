@@ -22,18 +22,19 @@ def scene() -> None:
 @click.argument("folder", type=click.Path(path_type=Path))
 @click.option("--out", type=click.Path(path_type=Path), help="Where to write; the scene's folder by default.")
 def show(folder: Path, out: Path | None) -> None:
-    """Write a picture (scene.png) and a page that turns with the mouse (scene.html).
+    """Write scene.png, a picture, and scene.html, an interactive page.
 
-    Where the rock settles far before it is shaken, settling.png shows its contact as scanned and settled.
+    Where the rock settles far before it is shaken, settling.png shows the contact as scanned and as settled, and what
+    topples the rock on either.
 
     \b
     toppling scene show scenes/rock --out pictures
     """  # noqa: D301  (\b keeps click from rewrapping the example)
+    from toppling.models.folder import rock_name
     from toppling.models.intervals import base_sentences
     from toppling.orchestrator.settling_told import draw_settling, settling_notes
     from toppling.results.drawing.page import write_scene_page
     from toppling.results.drawing.scene import draw_scene
-    from toppling.results.run import rock_name
 
     loaded = Scene.load(folder)
     target = out or folder
@@ -51,7 +52,9 @@ def show(folder: Path, out: Path | None) -> None:
 @click.argument("folder", type=click.Path(path_type=Path))
 @click.argument("file", type=click.Path(path_type=Path))
 def export(folder: Path, file: Path) -> None:
-    """Write rock and pedestal as one file: .glb or .gltf (y up, as glTF prescribes), .ply or .obj (z up).
+    """Export rock and pedestal as one file.
+
+    The suffix chooses the format: .glb or .gltf (y up, as glTF prescribes), .ply or .obj (z up).
 
     \b
     toppling scene export scenes/rock rock.glb

@@ -10,9 +10,9 @@ import click
 @click.argument("run", type=click.Path(path_type=Path))
 @click.option("--json", "as_json", is_flag=True, help="Print the state as JSON.")
 def status(run: Path, as_json: bool) -> None:
-    """Say how far RUN is, while it runs and after.
+    """Show the progress of RUN, during the run and after it.
 
-    Rows count once they are stored, seconds after they are done.
+    Jobs count once their rows are stored, seconds after they end.
 
     \b
     toppling status runs/first

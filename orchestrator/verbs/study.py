@@ -56,9 +56,9 @@ def study(
 ) -> None:
     """Repeat the study of Veeraraghavan, Hudnut and Krishnan on a rock: runs, figures, findings, report.
 
-    21,280 jobs at friction 1 (140 records, 19 levels, 8 directions) and 2,660 each at 0.6 and 0.8, the ramp of figure
-    4, every figure by its number with the table behind it, the constraint, a report, and the study's findings as a
-    checked list. The same command goes on where it was stopped.
+    It runs 21,280 jobs at friction 1 (140 records, 19 levels, 8 directions), 2,660 each at 0.6 and 0.8, and the ramp of
+    figure 4. It writes every figure by its number with the table behind it, the constraint, a report, and the study's
+    findings as a checked list. The same command resumes an interrupted study.
 
     \b
     toppling study study --workers 2

@@ -71,13 +71,13 @@ def validate(
     workers: int | None,
     as_json: bool,
 ) -> None:
-    """Foretell the shake-table tests of FOLDER as probabilities, and score them against what happened.
+    """Predict the shake-table tests of FOLDER as probabilities and score them against the outcomes.
 
     FOLDER holds tests.csv and motions.parquet, or TestNNN.txt and the workbook of results (docs/validation.md). What
-    nobody measured is drawn: the base, friction, restitution (PyBullet), yaw and sense of the table; a probability is
-    the share of draws that topple. No outcome is looked at, except with --learn: then draws are weighted by the
-    outcomes of other records, never of the one foretold. Beside the scores stand those of other people's predictions in
-    the tests' table and of simple rules. The same command goes on where it was stopped.
+    nobody measured is drawn at random: the base, friction, restitution (PyBullet), yaw and the sense of the table. The
+    probability is the share of draws that topple. No outcome is used, except with --learn: then draws are weighted by
+    the outcomes of other records, never of the one predicted. The scores stand beside those of other people's
+    predictions in the table of tests and of simple rules. The same command resumes an interrupted validation.
 
     \b
     toppling validate shaketable --mesh sp1.ply --outcome sp1_overturned

@@ -17,11 +17,12 @@ import click
     "--open/--no-open", "opens", default=None, help="Open a browser; by default where there is a screen."
 )
 def watch(run: Path, port: int, opens: bool | None) -> None:
-    """Show RUN in a browser while it goes on: progress, failures, the map as it fills.
+    """Show RUN in a browser while it runs: progress, failures and the map as it fills.
 
-    Also rate and time left, and the latest topplings, which are replayed on a click. It reads what 'toppling query'
-    reads and writes nothing into the run: start and end it (Ctrl-C) whenever you like. It listens on this machine
-    only, at an address with a secret in it. From another machine: ssh -L PORT:127.0.0.1:PORT HOST.
+    The page also shows the rate, the time left and the latest topplings, which a click replays. It reads what
+    'toppling query' reads and writes nothing into the run, so it may be started and ended (Ctrl-C) at any time. It
+    listens on this machine only, at an address that holds a secret. From another machine forward the port:
+    ssh -L PORT:127.0.0.1:PORT HOST.
 
     \b
     toppling watch runs/first

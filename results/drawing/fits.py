@@ -19,7 +19,7 @@ from toppling.results.fits import FEW_TOPPLED, Lognormal, Resampled
 
 FIT_CAPTION = (
     "All intervals are of 95 %. Bars of shares: Wilson's, by record.",
-    "Band, and bars of the ranking: of records drawn anew (bootstrap).",
+    "Band, and bars of the ranking: bootstrap of records.",
 )
 
 
@@ -139,6 +139,6 @@ def _draw_calibration(axes: Axes, calibrated: pd.DataFrame) -> None:
         ms=3, lw=0.6, color=MAIN_COLOUR, clip_on=False,
     )  # fmt: skip
     axes.set(
-        xlabel="predicted probability", ylabel="observed share", title="records not fitted to",
+        xlabel="predicted probability", ylabel="observed share", title="records left out of the fit",
         xlim=(0, 1), ylim=(0, 1), xticks=np.linspace(0, 1, 5), xticklabels=["0", "", "0.5", "", "1"],
     )  # fmt: skip

@@ -13,8 +13,9 @@ from matplotlib.collections import PolyCollection
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
+from numpy.typing import NDArray
 
-from toppling.models.frames import compass_deg
+from toppling.results.drawing.roses import by_compass, direction_words
 from toppling.results.drawing.style import COLOURS, FULL_WIDTH_IN, HALF_WIDTH_IN, style
 from toppling.results.fragility import THIN_RECORDS, Axis, Plane
 
@@ -24,12 +25,18 @@ LINE_IN = 0.15
 FULL_SHARE = 0.4
 """Share of the jobs from which on a cell fills its bin; without it, the narrow columns would vanish."""
 
+LEAST_WIDTH = 1 / 3
+"""Of its bin, that a cell of however few jobs has: thinner, the eye tells no colour."""
+
+DOT_PT, DOT_IN_CELL = 1.6, 0.6
+"""Size of a dot, and of how much of its cell's shorter side it takes at most: it must not hide the colour."""
+
 LAST_TICK = 0.85
 """Share of a small panel's width beyond which no tick is labelled: it would run into the next panel's first."""
 
 NO_RECORDS = "no records"
 
-_WINDS = ("N", "NE", "E", "SE", "S", "SW", "W", "NW")
+Array = NDArray[np.float64]
 
 
 def map_figure(
@@ -61,9 +68,9 @@ def map_figure(
         figure = Figure(figsize=(HALF_WIDTH_IN, height))
         margins = _margins(HALF_WIDTH_IN, height, below_in=LINE_IN * len(caption))
         axes = figure.subplots(gridspec_kw=margins)
+        _frame_cells(axes, table, plane)
         _draw_cells(axes, table, plane, _full_share(table))
         axes.set_title("\n".join(filter(None, (title, _counted(table, records)))))
-        _frame_cells(axes, table, plane)
         axes.set(xlabel=_label(plane.x), ylabel=_label(plane.y))
         _colour_bar(figure, margins)
         _write_caption(figure, caption)
@@ -100,9 +107,7 @@ def direction_figure(
     width_in : float
         Four panels a row on a page's width, two on less.
     """
-    directions = sorted(
-        (k * 360.0 / bins for k in range(bins)), key=lambda azimuth: float(compass_deg(azimuth))
-    )
+    directions = by_compass(k * 360.0 / bins for k in range(bins))
     columns = min(4 if width_in >= FULL_WIDTH_IN else 2, len(directions))
     lines = -(-len(directions) // columns)
     caption = [
@@ -122,14 +127,14 @@ def direction_figure(
         for axes, direction in zip(grid.flat, directions, strict=False):
             cells = table[table["direction_deg"] == direction]
             known = None if records is None else records.get(direction, 0)
-            axes.set_title(f"{_direction_words(direction, bins)}\n{_counted(cells, known)}")
+            axes.set_title(f"{direction_words(direction, bins)}\n{_counted(cells, known)}")
+            _frame_cells(axes, table, plane)
             if len(cells):
                 _draw_cells(axes, cells, plane, _full_share(table))
             else:
                 axes.text(
                     0.5, 0.5, NO_RECORDS, transform=axes.transAxes, ha="center", va="center", color="0.4"
                 )
-            _frame_cells(axes, table, plane)
             _few_ticks(axes)
             if reference is not None:
                 _draw_lines(axes, reference[reference["azimuth_deg"] == direction])
@@ -150,13 +155,6 @@ def direction_figure(
     return figure
 
 
-def _direction_words(direction_deg: float, bins: int) -> str:
-    """Compass name of a direction bin, with its azimuths."""
-    compass, half = float(compass_deg(direction_deg)), 180.0 / bins
-    wind = _WINDS[round(compass / 45.0) % 8] if compass % 45.0 == 0.0 else f"compass {compass:g}°"
-    return f"{wind} ({direction_deg - half:g}° to {direction_deg + half:g}°)"
-
-
 def _counted(table: pd.DataFrame, records: int | None) -> str:
     jobs = int(table["jobs"].sum())
     return f"{jobs:,} jobs" if records is None else f"{jobs:,} jobs, {records:,} records"
@@ -174,8 +172,7 @@ def _draw_cells(axes: Axes, table: pd.DataFrame, plane: Plane, full_share: float
     low, high = (table[f"{plane.x.column}_{end}"].to_numpy() for end in ("low", "high"))
     bottom, top = (table[f"{plane.y.column}_{end}"].to_numpy() for end in ("low", "high"))
     middle, half = (low + high) / 2, 0.48 * (high - low)
-    # Never thinner than the eye can tell a colour.
-    half *= np.clip(table["share"].to_numpy() / full_share, 0.08, 1.0)
+    half *= np.clip(table["share"].to_numpy() / full_share, LEAST_WIDTH, 1.0)
     corners = np.array(
         [[middle - half, bottom], [middle + half, bottom], [middle + half, top], [middle - half, top]]
     )
@@ -189,9 +186,24 @@ def _draw_cells(axes: Axes, table: pd.DataFrame, plane: Plane, full_share: float
     bars.set_array(table["probability"].to_numpy(float))
     axes.add_collection(bars)
     thin = table["thin"].to_numpy()
+    wide_pt, high_pt = _points_of(axes, 2 * half, top - bottom)
+    dot_pt = np.minimum(DOT_PT, DOT_IN_CELL * np.minimum(wide_pt, high_pt))[thin]
     # Bright with a dark rim: seen on every colour.
-    axes.plot(
-        middle[thin], ((bottom + top) / 2)[thin], "o", ms=1.6, mfc="white", mec="0.2", mew=0.3, clip_on=False
+    axes.scatter(
+        middle[thin], ((bottom + top) / 2)[thin], s=dot_pt**2, facecolors="white", edgecolors="0.2",
+        linewidths=0.2 * dot_pt, clip_on=False, zorder=3,
+    )  # fmt: skip
+
+
+def _points_of(axes: Axes, width: Array, height: Array) -> tuple[Array, Array]:
+    """Sizes on paper, in points, of widths and heights in the units of framed axes."""
+    figure = axes.figure
+    assert isinstance(figure, Figure)
+    place, (across_in, up_in) = axes.get_position(), figure.get_size_inches()
+    (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
+    return (
+        72.0 * across_in * place.width * width / (right - left),
+        72.0 * up_in * place.height * height / (top - bottom),
     )
 
 
@@ -237,7 +249,8 @@ def _full_share(table: pd.DataFrame) -> float:
 def _width_words(table: pd.DataFrame, plane: Plane) -> list[str]:
     pool = "all jobs" if plane.share_within is None else "its level's jobs"
     return [
-        f"Width: share of {pool}, full from {100 * _full_share(table):.0f} %. Dot: < {THIN_RECORDS} records."
+        f"Width: share of {pool}, full from {100 * _full_share(table):.0f} %, never below a third.",
+        f"Dot: fewer than {THIN_RECORDS} records.",
     ]
 
 

@@ -76,7 +76,7 @@ def scene_page(scene: Scene, name: str, notes: Sequence[str] = ()) -> str:
     lines = "\n".join(numbers_of(scene, notes)).replace("\n  ", " ").split("\n")  # what is indented goes on
     items = "".join(f"<li>{escape(line)}</li>" for line in lines)
     body = (
-        f'<h1>{escape(name)}</h1><div id="view">{_COMPASS}</div>{_HINT}'
+        f'<h1>{escape(name)}</h1><div id="view">{_COMPASS}</div>{_HINT}{_LINES if interface_lines(scene) else ""}'
         f'<div class="beside"><div>{_statics_svg(scene)}</div><ul>{items}</ul></div>'
     )
     return _page(f"{name}: scene", body, told, "scene")
@@ -114,6 +114,10 @@ to a time; space plays.</p>
 {_HINT}<p class="hint">Seen from the pedestal, which moves with the ground.</p>"""
     return _page(title, body, told, "replay")
 
+
+_LINES = (
+    '<p class="hint">Blue: contact outline; black: cliff edge; dashed where rock or pedestal hides them.</p>'
+)
 
 _HINT = (
     '<p class="hint">Drag to turn, scroll or pinch to come nearer, double-click to frame the rock again.</p>'

@@ -1,6 +1,7 @@
 """One figure of an ensemble: response spectra, PGA against PGV/PGA, magnitude against distance."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -16,6 +17,11 @@ FENCE = 3.0
 """Interquartile ranges above the third quartile, beyond which a value would stretch an axis."""
 
 MOST_NAMED = 3
+
+LINE_SHARE = 0.065
+"""Of a panel's height, that a line of text takes."""
+
+_BEHIND = {"facecolor": "white", "alpha": 0.75, "lw": 0, "pad": 0.6}
 
 Array = NDArray[np.float64]
 
@@ -46,8 +52,8 @@ def records_figure(ensemble: Ensemble, width_in: float = FULL_WIDTH_IN) -> Figur
         figure = Figure(figsize=(width_in, 2.7) if beside else (width_in, 7.6), layout="constrained")
         spectra, ratio, source = figure.subplots(*((1, 3) if beside else (3, 1)))
         _draw_spectra(ensemble, spectra)
-        scatter(ratio, value["pgv_pga_s"], value["pga_m_s2"], names, COLOURS(0.35))
-        ratio.set(xlabel="PGV/PGA (s)", ylabel="PGA, horizontal vector (m/s²)", yscale="log")
+        scatter(ratio, value["pgv_pga_s"], value["pga_m_s2"], names, COLOURS(0.35), log_y=True)
+        ratio.set(xlabel="PGV/PGA (s)", ylabel="PGA, horizontal vector (m/s²)")
         plain_log(ratio.yaxis)
         known = np.isfinite(value["distance_km"]) & np.isfinite(value["magnitude"])
         scatter(
@@ -70,26 +76,67 @@ def upper_limit(values: Array) -> float:
     return float(1.05 * inside.max()) or 1.0
 
 
-def scatter(axes: Axes, x: Array, y: Array, names: list[str], colour: object) -> None:
-    """Points whose outliers in x stand at the right edge as triangles, with name and value."""
+def log_limits(values: Array) -> tuple[float, float]:
+    """Ends of a logarithmic axis that no outlier stretches: the outermost values within the fences, and a margin."""
+    logs = np.log(values[np.isfinite(values) & (values > 0)])
+    if not len(logs):
+        return 0.1, 10.0
+    low, high = np.percentile(logs, [25, 75])
+    inside = logs[(logs >= low - FENCE * (high - low)) & (logs <= high + FENCE * (high - low))]
+    margin = 0.05 * max(float(np.ptp(inside)), 0.2)
+    return float(np.exp(inside.min() - margin)), float(np.exp(inside.max() + margin))
+
+
+def scatter(axes: Axes, x: Array, y: Array, names: list[str], colour: object, *, log_y: bool = False) -> None:
+    """Points whose outliers, in x and in a logarithmic y, stand at the edge as triangles with name and value."""
     end = upper_limit(x)
-    inside = x <= end
+    bottom, top = log_limits(y) if log_y else (-np.inf, np.inf)
+    inside = (x <= end) & (y >= bottom) & (y <= top)
     axes.scatter(x[inside], y[inside], s=12, alpha=0.75, color=colour, linewidths=0)
     axes.set_xlim(0.0, end)
-    beyond = np.flatnonzero(~inside & np.isfinite(x))
-    axes.scatter(np.full(len(beyond), end), y[beyond], s=16, marker=">", color="0.2", clip_on=False, zorder=3)
-    farthest = beyond[np.argsort(-x[beyond])]
-    for place in farthest[:MOST_NAMED]:
+    if log_y:
+        axes.set(yscale="log", ylim=(bottom, top))
+    else:
+        axes.scatter(np.minimum(x, end), y, s=0)  # the axis holds the outliers in x too
+        axes.set_ylim(axes.get_ylim())
+    look: dict[str, Any] = {"s": 16, "color": "0.2", "clip_on": False, "zorder": 3}
+    right = np.flatnonzero((x > end) & np.isfinite(y))
+    axes.scatter(np.full(len(right), end), np.clip(y[right], bottom, top), marker=">", **look)
+    for marker, beyond, edge in (("v", y < bottom, bottom), ("^", y > top, top)):
+        some = np.flatnonzero(beyond & (x <= end))
+        axes.scatter(x[some], np.full(len(some), edge), marker=marker, **look)
+        for place in some[np.argsort(np.abs(np.log(y[some] / edge)))][::-1][:MOST_NAMED]:
+            axes.annotate(
+                f"{_shortened(names[place])}: {y[place]:.2g}", (x[place], edge), xytext=(5, 3 if marker == "v" else -3),
+                textcoords="offset points", size=6.5, va="bottom" if marker == "v" else "top", bbox=_BEHIND,
+            )  # fmt: skip
+    named = right[np.argsort(-x[right])][:MOST_NAMED]
+    for place, height in zip(named, _apart(_heights(axes, y[named])), strict=True):
         axes.annotate(
-            f"{_shortened(names[place])}: {x[place]:.3g}", (end, y[place]), xytext=(-5, 0), size=6.5, ha="right",
-            va="center", textcoords="offset points",
-            bbox={"facecolor": "white", "alpha": 0.75, "lw": 0, "pad": 0.6},
+            f"{_shortened(names[place])}: {x[place]:.3g}", (1.0, height), xycoords="axes fraction", xytext=(-5, 0),
+            size=6.5, ha="right", va="center", textcoords="offset points", bbox=_BEHIND,
         )  # fmt: skip
-    if len(farthest) > MOST_NAMED:
+    if len(right) > MOST_NAMED:
         axes.annotate(
-            f"and {len(farthest) - MOST_NAMED} more beyond", (0.98, 0.02), xycoords="axes fraction", size=6.5,
-            ha="right",
+            f"and {len(right) - MOST_NAMED} more beyond", (0.98, 0.02), xycoords="axes fraction", size=6.5,
+            ha="right", bbox=_BEHIND,
         )  # fmt: skip
+
+
+def _heights(axes: Axes, y: Array) -> Array:
+    """Where values stand between the ends of the vertical axis, from 0 to 1."""
+    bottom, top = axes.get_ylim()
+    if axes.get_yscale() == "log":
+        bottom, top, y = np.log(bottom), np.log(top), np.log(y)
+    return np.clip((y - bottom) / (top - bottom), 0.0, 1.0)
+
+
+def _apart(heights: Array) -> Array:
+    """The same heights moved so far that no line of text runs into another."""
+    moved, below = np.array(heights, float), -np.inf
+    for place in np.argsort(heights, kind="stable"):
+        below = moved[place] = max(moved[place], below + LINE_SHARE)
+    return moved - max(0.0, float(moved.max(initial=0.0)) - 0.97)
 
 
 def _draw_spectra(ensemble: Ensemble, axes: Axes) -> None:
@@ -103,6 +150,8 @@ def _draw_spectra(ensemble: Ensemble, axes: Axes) -> None:
         SPECTRUM_PERIODS_S, low, color=COLOURS(0.1), linewidth=0.9, linestyle="--", label="16 and 84 %"
     )
     axes.loglog(SPECTRUM_PERIODS_S, high, color=COLOURS(0.1), linewidth=0.9, linestyle="--")
+    ends = [log_limits(column) for column in table.T]  # a spectrum far from all others leaves the frame
+    axes.set_ylim(min(low for low, _ in ends), max(high for _, high in ends))
     axes.set(xlabel="period (s)", ylabel="SA RotD50, 5 % damping (m/s²)")
     plain_log(axes.xaxis)
     axes.legend(frameon=False)
@@ -114,4 +163,4 @@ def _shortened(name: str, most: int = 22) -> str:
 
 def _unknown(known: NDArray[np.bool_]) -> str:
     missing = int((~known).sum())
-    return f"{missing} of unknown magnitude or distance" if missing else ""
+    return f"{missing} not drawn: magnitude or\ndistance unknown" if missing else ""

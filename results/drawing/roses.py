@@ -1,15 +1,20 @@
 """Where the rock topples to, beside the least constant acceleration that topples it."""
 
+from collections.abc import Iterable
+
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 from matplotlib.projections.polar import PolarAxes
 from matplotlib.ticker import MaxNLocator
 
+from toppling.models.frames import compass_deg
 from toppling.results.drawing.style import FULL_WIDTH_IN, MAIN_COLOUR, style
 
 WINDS = ("E", "45°", "N", "135°", "W", "225°", "S", "315°")
 """Azimuths are counter-clockwise from east; the four winds stand where a map has them."""
+
+_COMPASS = ("N", "NE", "E", "SE", "S", "SW", "W", "NW")
 
 
 def rose_figure(
@@ -68,7 +73,24 @@ def _draw_round(axes: PolarAxes, azimuth_deg: np.ndarray, value_m_s2: np.ndarray
     around = np.append(np.deg2rad(azimuth_deg), np.deg2rad(azimuth_deg[0]))
     axes.plot(around, np.append(value_m_s2, value_m_s2[0]), color=MAIN_COLOUR, lw=1.3)
     axes.set_rlim(0.0)
-    mark_winds(axes)
+    mark_winds(axes, emptiest_deg(azimuth_deg, value_m_s2))
+
+
+def emptiest_deg(azimuth_deg: np.ndarray, value: np.ndarray) -> float:
+    """Azimuth at which a curve is nearest to the centre: the scale that stands there crosses it least."""
+    return float(azimuth_deg[np.nanargmin(value)]) if np.isfinite(value).any() else 67.5
+
+
+def by_compass(directions_deg: Iterable[float]) -> list[float]:
+    """Azimuths clockwise from north, as panels stand."""
+    return sorted(directions_deg, key=lambda azimuth: float(compass_deg(azimuth)))
+
+
+def direction_words(direction_deg: float, bins: int) -> str:
+    """Compass name of a direction bin, with its azimuths."""
+    compass, half = float(compass_deg(direction_deg)), 180.0 / bins
+    wind = _COMPASS[round(compass / 45.0) % 8] if compass % 45.0 == 0.0 else f"compass {compass:g}°"
+    return f"{wind} ({direction_deg - half:g}° to {direction_deg + half:g}°)"
 
 
 def mark_winds(axes: PolarAxes, scale_deg: float = 67.5) -> None:

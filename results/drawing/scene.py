@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from toppling.models.frames import compass_deg
 from toppling.models.scene import Scene
 from toppling.results.drawing.mesh import far_to_near, hidden, shades, surfaces_of, view_frame
-from toppling.results.drawing.roses import mark_winds
+from toppling.results.drawing.roses import emptiest_deg, mark_winds
 from toppling.results.drawing.style import CLIFF_COLOUR, CONTACT_COLOUR, FULL_WIDTH_IN, ROCK_COLOUR, style
 
 VIEWS_DEG = ((20.0, 0.0), (20.0, 120.0), (20.0, 240.0))
@@ -25,7 +25,7 @@ VIEWS_DEG = ((20.0, 0.0), (20.0, 120.0), (20.0, 240.0))
 VIEW_REACH = 0.66
 """From the middle of the rock to the edge of a view, as share of the rock's largest side."""
 STATICS_TITLE = "quasi-static toppling\nacceleration (m/s²) by azimuth\nof the ground's acceleration"
-BAND_TITLE = "band: one standard deviation"
+BAND_TITLE = "brown band: one standard deviation"
 LEGEND = "blue: contact outline; black: cliff edge; dotted where rock or pedestal hides them"
 PRINTED_WIDTH = 45
 """Letters in a line of a third of a printed page."""
@@ -91,7 +91,7 @@ def scene_picture(scene: Scene, notes: Sequence[str] = (), width_in: float = FUL
         for place, (elevation, azimuth) in zip(places[:3], VIEWS_DEG, strict=True):
             axes = figure.add_subplot(place)
             draw_view(axes, scene, elevation, azimuth)
-            axes.set_title(view_title(elevation, azimuth))
+            axes.set_title(view_title(elevation, azimuth), size=7)
         _draw_plan(figure.add_subplot(places[3]), scene)
         polar = figure.add_subplot(places[4], projection="polar")
         assert isinstance(polar, PolarAxes)  # as asked for
@@ -257,12 +257,12 @@ def draw_statics(axes: PolarAxes, scene: Scene) -> None:
         axes.fill_between(np.deg2rad(around), low, high, color=CONTACT_COLOUR, alpha=0.18, linewidth=0)
     told = [
         STATICS_TITLE,
-        *([f"blue band: {level:.0%} of the bases that may be"] if len(around) else []),
+        *([f"blue band: {100 * level:.0f} % of possible bases"] if len(around) else []),
         *([BAND_TITLE] if spread.any() else []),
         *beyond_frame(value),
     ]
     axes.set_title("\n".join(told))
-    mark_winds(axes)
+    mark_winds(axes, emptiest_deg(azimuth_deg[:-1], value[:-1]))
 
 
 def base_interval(scene: Scene) -> tuple[Array, Array, Array, float]:
@@ -344,8 +344,8 @@ def _surface_of(report: Mapping[str, Any]) -> list[str]:
         lines.append(f"roughness {interface['roughness_m']:.3g} m")
     if surface:
         lines.append(
-            f"surface seen {surface['seen_share']:.1%}, closed at the interface {surface['closed_share']:.1%}, "
-            f"invented {surface['invented_share']:.1%}"
+            f"surface seen {_percent(surface['seen_share'], 1)}, closed at the interface "
+            f"{_percent(surface['closed_share'], 1)}, invented {_percent(surface['invented_share'], 1)}"
         )
     return lines
 
@@ -357,13 +357,17 @@ def _split_of(report: Mapping[str, Any]) -> list[str]:
         return []
     fitted = report.get("interface", {}).get("given_by", "fit") == "fit"
     return [
-        f"split: {sure['concave_share_of_cut']:.0%} of the cut lies in creases,",
-        f"  crevice seen in {sure['crevice_seen_share']:.0%} of the directions,",
-        f"  {sure['undisputed_share']:.1%} of the points beside it undisputed,",
-        f"  highest other candidate {sure['runner_up']:.0%} of the rock's height"
+        f"split: {_percent(sure['concave_share_of_cut'])} of the cut lies in creases,",
+        f"  crevice seen in {_percent(sure['crevice_seen_share'])} of the directions,",
+        f"  {_percent(sure['undisputed_share'], 1)} of the points beside it undisputed,",
+        f"  highest other candidate {_percent(sure['runner_up'])} of the rock's height"
         if fitted
         else "  no other candidate looked for, as the interface is given",
     ]
+
+
+def _percent(share: float, digits: int = 0) -> str:
+    return f"{100 * share:.{digits}f} %"
 
 
 def _fit_of(registration: Mapping[str, Any]) -> str:

@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 
 from toppling.models.scene import Scene
 from toppling.models.statics import support_polygon_m
+from toppling.results.drawing.roses import emptiest_deg, mark_winds
+from toppling.results.drawing.style import FULL_WIDTH_IN, style
 
 SCANNED, STANDS = "#0072b2", "#d55e00"
 """Blue and vermilion of Okabe and Ito, which everybody can tell apart."""
@@ -36,39 +38,42 @@ def draw(
         acceleration that topples, m/s2.
     path : Path
     """
-    figure = Figure(figsize=(10, 6), layout="constrained")
-    FigureCanvasAgg(figure)
-    _plan(figure.add_subplot(1, 2, 1), scanned, stands, outline_m)
-    _roses(figure.add_subplot(1, 2, 2, projection="polar"), rose_scanned, rose_stands)
-    told = [axes.get_legend_handles_labels() for axes in figure.axes]
-    lines, names = ([one for part in parts for one in part] for parts in zip(*told, strict=True))
-    figure.legend(lines, names, loc="outside lower center", ncols=2, frameon=False)
-    figure.savefig(path, dpi=150, format="png")
+    with style():
+        figure = Figure(figsize=(FULL_WIDTH_IN, 4.4), layout="constrained")
+        FigureCanvasAgg(figure)
+        _plan(figure.add_subplot(1, 2, 1), scanned, stands, outline_m)
+        _roses(figure.add_subplot(1, 2, 2, projection="polar"), rose_scanned, rose_stands)
+        told = [axes.get_legend_handles_labels() for axes in figure.axes]
+        lines, names = ([one for part in parts for one in part] for parts in zip(*told, strict=True))
+        figure.legend(lines, names, loc="outside lower center", ncols=2, frameon=False)
+        figure.savefig(path, format="png")
 
 
 def _plan(axes: Axes, scanned: Scene, stands: Scene, outline_m: Array) -> None:
     ring = np.vstack([outline_m, outline_m[:1]])
-    axes.plot(ring[:, 0], ring[:, 1], "--", color=SCANNED, linewidth=1.5, label="contact as scanned")
+    axes.plot(ring[:, 0], ring[:, 1], "--", color=SCANNED, linewidth=1.3, label="contact as scanned")
     carrying = support_polygon_m(stands.rock, stands.pedestal)
     ring = np.vstack([carrying, carrying[:1]])
     label = f"{len(carrying)} contact points once settled"
-    axes.plot(ring[:, 0], ring[:, 1], "s-", color=STANDS, markersize=5, linewidth=1.5, label=label)
+    axes.plot(ring[:, 0], ring[:, 1], "s-", color=STANDS, markersize=4, linewidth=1.3, label=label)
     for scene, colour, name in ((scanned, SCANNED, "as scanned"), (stands, STANDS, "once settled")):
         label = f"centre of mass {name}"
-        axes.plot(*scene.rock.com_m[:2], "+", color=colour, markersize=12, markeredgewidth=2, label=label)
-    axes.set(aspect="equal", xlabel="east, m", ylabel="north, m", title="contact in plan")
+        axes.plot(*scene.rock.com_m[:2], "+", color=colour, markersize=9, markeredgewidth=1.5, label=label)
+    axes.set(aspect="equal", xlabel="east (m)", ylabel="north (m)", title="contact from above")
 
 
 def _roses(axes: Axes, rose_scanned: Rose, rose_stands: Rose) -> None:
     assert isinstance(axes, PolarAxes)
-    reach = 0.0
-    for rose, style, colour, name in (
+    reach, scale_deg = 0.0, 67.5
+    for rose, dashes, colour, name in (
         (rose_scanned, "--", SCANNED, "on the contact as scanned"),
         (rose_stands, "-", STANDS, "once settled"),
     ):
         azimuth, value = np.array([*rose, (360.0, rose[0][1])]).T
         finite = value[np.isfinite(value)]
         reach = max(reach, float(finite.max()) if len(finite) else 1.0)
-        axes.plot(np.deg2rad(azimuth), value, style, color=colour, label=f"topples {name}")
+        scale_deg = emptiest_deg(azimuth, value)
+        axes.plot(np.deg2rad(azimuth), value, dashes, color=colour, label=f"topples {name}")
     axes.set_ylim(0.0, 1.05 * reach)
-    axes.set_title("least constant acceleration that topples it, m/s²,\nby the ground's azimuth", fontsize=10)
+    axes.set_title("quasi-static toppling acceleration (m/s²)\nby azimuth of the ground's acceleration")
+    mark_winds(axes, scale_deg)

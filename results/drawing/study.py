@@ -3,8 +3,10 @@
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from toppling.models.frames import compass_deg
+from toppling.results.drawing.roses import by_compass, direction_words, mark_winds
 from toppling.results.drawing.style import COLOURS, FULL_WIDTH_IN, HALF_WIDTH_IN, style
 from toppling.results.fragility import direction_bin_deg
 
@@ -74,30 +76,36 @@ def topple_by_direction(frame: pd.DataFrame, bins: int = 8, petal_deg: float = 1
 
 def topple_direction_figure(table: pd.DataFrame, bins: int = 8) -> Figure:
     """A rose of toppling azimuths for each direction of the vector PGA, from `topple_by_direction`."""
-    directions = sorted(table["direction_deg"].unique())
+    directions = by_compass(table["direction_deg"].unique())
     columns = min(4, max(1, len(directions)))
     lines = max(1, -(-len(directions) // columns))
     with style():
-        figure = Figure(figsize=(FULL_WIDTH_IN, 0.4 + 2.0 * lines))
+        height = 0.45 + 2.35 * lines
+        figure = Figure(figsize=(FULL_WIDTH_IN, height))
         grid = figure.subplots(
             lines, columns, squeeze=False, subplot_kw={"projection": "polar"},
-            gridspec_kw={"hspace": 0.55, "wspace": 0.35, "top": 0.86, "bottom": 0.06},
+            gridspec_kw={
+                "hspace": 0.5, "wspace": 0.35, "left": 0.05, "right": 0.95, "top": 1 - 0.95 / height,
+                "bottom": 0.25 / height,
+            },
         )  # fmt: skip
         for axes, direction in zip(grid.flat, directions, strict=False):
             petals = table[table["direction_deg"] == direction]
             width = 2 * np.pi / len(petals)
             angle = np.deg2rad(petals["azimuth_deg"].to_numpy(float))
             axes.bar(angle, 100 * petals["share_of_toppled"], width, color=COLOURS(0.35), lw=0)
-            half = 180.0 / bins
-            axes.set_title(
-                f"{direction - half:g}° to {direction + half:g}°, {petals['toppled'].sum()} toppled", pad=10
-            )
+            axes.set_title(f"{direction_words(direction, bins)}\n{petals['toppled'].sum():,} toppled", pad=4)
+            nearby = petals["toppled"].rolling(3, center=True, min_periods=1).sum()
+            mark_winds(axes, float(petals["azimuth_deg"].iloc[int(nearby.argmin())]))
             axes.tick_params(labelsize=6)
-            axes.grid(linewidth=0.4)
+            axes.yaxis.set_major_locator(MaxNLocator(3))
         for axes in grid.flat[len(directions) :]:
             axes.set_axis_off()
         figure.suptitle(
-            "toppled toward azimuth, % of each panel's; panels: azimuth of the vector PGA", size=8
+            "toppled toward, % of each panel's topplings\n"
+            "panels: compass direction of the vector PGA; azimuths counter-clockwise from east",
+            size=8,
+            y=1 - 0.06 / height,
         )
     return figure
 

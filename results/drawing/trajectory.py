@@ -26,16 +26,17 @@ def trajectory_figure(
     table : DataFrame
         From `results.replay.trajectory_table`.
     motion : Motion
-        As imposed: drawn also where the table leaves out the time that the engine skips. Where the rock topples it
-        ends soon after the fall.
+        As imposed: drawn also where the table leaves out the time that the engine skips. The figure ends soon after
+        a fall, and otherwise with the motion, or with the rock's rocking where that goes on longer.
     title : str
     topple_time_s : float or None
         Time of no return, marked by a line.
     width_in : float
     """
-    end_s = motion.duration_s
+    last_s = float(table["time_s"].iloc[-1])
+    end_s = max(motion.duration_s, last_s)  # a rock may rock on, or fall, after the motion
     if topple_time_s is not None:
-        end_s = min(end_s, float(table["time_s"].iloc[-1]) + AFTER_FALL_S)
+        end_s = min(end_s, last_s + AFTER_FALL_S)
     shown = motion.time_s <= end_s
     times, velocity = motion.time_s[shown], motion.velocity_at(motion.time_s[shown])
     with style():

@@ -1,4 +1,4 @@
-"""The calibration plot of a validation: what was foretold against what happened."""
+"""The calibration plot of a validation: what was predicted against what happened."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from toppling.results.drawing.style import HALF_WIDTH_IN, style
 def calibration_figure(
     bins: pd.DataFrame, probability: NDArray[np.float64], overturned: NDArray[np.bool_], title: str
 ) -> Figure:
-    """Shares that overturned over the probability foretold, and below it how many tests had which probability.
+    """Shares that overturned over the predicted probability, and below it how many tests had which probability.
 
     Intervals of 95 % (Wilson) count tests as independent, which those of one record are not.
     """
@@ -36,6 +36,6 @@ def calibration_figure(
             [probability[~overturned], probability[overturned]], edges, stacked=True, color=["0.75", "0.25"],
             label=["stood", "overturned"],
         )  # fmt: skip
-        below.set(xlabel="probability foretold", ylabel="tests")
+        below.set(xlabel="predicted probability", ylabel="tests")
         below.legend(fontsize=7, frameon=False)
     return figure

@@ -15,21 +15,21 @@ table { border-collapse: collapse; font-size: 90%; display: block; overflow-x: a
 th, td { padding: .2em .7em .2em 0; text-align: left; border-bottom: 1px solid #ddd; }
 td.wide { min-width: 15em; } .number { text-align: right; }
 button { font: inherit; cursor: pointer; }
-svg { width: 100%; max-width: 40em; height: auto; } svg text { font-size: 12px; fill: #333; }
+svg { max-width: 100%; height: auto; } svg text { font-size: 12px; fill: #333; }
 iframe { width: 100%; height: 80vh; border: 1px solid #ccc; }
 .quiet { color: #666; } .error { color: #a00; }
 </style>
 </head>
 <body>
 <h1 id="name"></h1>
-<p id="state" role="status">asking ...</p>
+<p id="state" role="status">reading the run ...</p>
 <progress id="progress" value="0" max="1"></progress>
 <p id="counts"></p>
 <section id="failed" hidden><h2>Failures by reason</h2><table id="failures"></table></section>
 <h2>Toppling probability so far</h2>
 <div id="maps"></div>
-<p class="quiet">Share of the jobs that toppled, by PGA (rows) and PGV/PGA (columns); a small square is a cell of
-few jobs. Point at a cell for its numbers.</p>
+<p class="quiet">Share of the jobs that toppled; a small box is a cell of few jobs. Point at a cell for its
+numbers.</p>
 <section id="toppled" hidden><h2>Latest topplings</h2><table id="latest"></table></section>
 <section id="replayed" hidden><h2 id="replaying"></h2><iframe id="replay" title="replay"></iframe></section>
 <script nonce="NONCE">
@@ -56,29 +56,37 @@ const shade = (share) => {  // from pale to dark blue, readable in grey
   return `rgb(${part(236, 8)},${part(242, 48)},${part(250, 107)})`;
 };
 const map = (told) => {
-  const columns = told.columns, rows = told.rows, size = 30, left = 60, top = 6;
-  const width = left + columns.length * size + 10, height = top + rows.length * size + 44;
-  const drawn = svg("svg", {viewBox: `0 0 ${Math.max(width, 330)} ${height}`, role: "img"});
+  const columns = told.columns, rows = told.rows, wide = 34, high = 22, left = 60, top = 50;
+  const width = Math.max(left + columns.length * wide + 10, 300), height = top + rows.length * high + 44;
+  const drawn = svg("svg", {viewBox: `0 0 ${width} ${height}`, width, height, role: "img"});
   drawn.append(svg("title", {}, told.name));
+  [0, 0.25, 0.5, 0.75, 1].forEach((share, index) => {  // the scale of colours
+    const x = left + 36 * index;
+    drawn.append(svg("rect", {x, y: 2, width: 36, height: 12, stroke: "#999", fill: shade(share)}));
+    drawn.append(svg("text", {x: x + 18, y: 27, "text-anchor": "middle"}, share));
+  });
   const most = Math.max(...told.cells.map((cell) => cell.jobs), 1);
   for (const cell of told.cells) {
-    const x = left + cell.column * size, y = top + (rows.length - 1 - cell.row) * size;
-    const side = (size - 2) * (cell.jobs * 4 >= most ? 1 : 0.5), gap = (size - side) / 2;
-    const box = svg("rect", {x: x + gap, y: y + gap, width: side, height: side, stroke: "#999",
-      fill: cell.probability === null ? "none" : shade(cell.probability)});
+    const x = left + cell.column * wide, y = top + (rows.length - 1 - cell.row) * high;
+    const part = cell.jobs * 4 >= most ? 1 : 0.5, width = (wide - 2) * part, height = (high - 2) * part;
+    const box = svg("rect", {x: x + (wide - width) / 2, y: y + (high - height) / 2, width, height,
+      stroke: "#999", class: "cell", fill: cell.probability === null ? "none" : shade(cell.probability)});
     const numbers = `PGA ${rows[cell.row]} m/s², PGV/PGA ${columns[cell.column]} s: `;
     box.append(svg("title", {}, numbers + `${cell.toppled} of ${cell.jobs} toppled`));
     drawn.append(box);
   }
   rows.forEach((name, index) => drawn.append(svg("text", {x: left - 6, "text-anchor": "end",
-    y: top + (rows.length - 1 - index) * size + size / 2 + 4}, name)));
+    y: top + (rows.length - 1 - index) * high + high / 2 + 4}, name)));
   columns.forEach((name, index) => {
     if (columns.length > 12 && index % 2) return;
-    drawn.append(svg("text", {x: left + index * size + size / 2, "text-anchor": "middle",
-      y: top + rows.length * size + 16}, name.split(" ")[0]));
+    drawn.append(svg("text", {x: left + index * wide + wide / 2, "text-anchor": "middle",
+      y: top + rows.length * high + 16}, name.split(" ")[0]));
   });
-  const bottom = top + rows.length * size + 36;
-  drawn.append(svg("text", {x: left, y: bottom}, "PGV/PGA from, s; rows: PGA, m/s²"));
+  const bottom = top + rows.length * high + 36;
+  drawn.append(svg("text", {x: left, y: bottom}, "PGV/PGA (s), each column from"));
+  const middle = top + rows.length * high / 2;
+  drawn.append(svg("text", {x: 14, y: middle, "text-anchor": "middle", transform: `rotate(-90 14 ${middle})`},
+    "PGA (m/s²)"));
   return drawn;
 };
 const replay = (job) => {
@@ -104,7 +112,8 @@ const show = (told) => {
     return [name, map(one)];
   }));
   at("toppled").hidden = !told.latest.length;
-  at("latest").replaceChildren(row(["record", "PGA m/s²", "azimuth °", "toppled toward °", "after s", ""], true),
+  at("latest").replaceChildren(row(["record", "PGA (m/s²)", "azimuth (°)", "toppled toward (°)", "after (s)", ""],
+    true),
     ...told.latest.map((one) => {
       const button = document.createElement("button");
       button.textContent = "replay";

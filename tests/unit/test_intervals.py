@@ -26,13 +26,13 @@ def report(**more):
 def test_an_interval_is_said_and_not_a_value():
     first, second = base_sentences(report())
     assert "3.60 to 4.40 m/s²" in first
-    assert "20% of its median wide" in first
+    assert "width is 20 % of its median" in first
     assert "3 to 7 places touch" in second
     assert "± 0.1, 0.1, 0.1 m" in second
 
 
 def test_what_an_inspection_tightens_is_shown_beside_the_width_without_it():
-    assert "it was 50% wide" in base_sentences(report(without_inspection=rows(0.5)))[2]
+    assert "its width was 50 % of its median" in base_sentences(report(without_inspection=rows(0.5)))[2]
 
 
 def test_a_contradiction_with_standing_is_a_warning_that_says_it():

@@ -111,6 +111,7 @@ def test_a_run_keeps_and_says_by_how_much_its_rock_settles(campaigns, tmp_path, 
     with pytest.raises(KeyboardInterrupt):
         run(Campaign.read(campaigns / f"{name}.toml"), tmp_path / "run", cluster, lambda _: None)
     assert describe(tmp_path / "run")["settling"]["sentence"] == said
+    assert open_run(tmp_path / "run").rock == name  # the scene's own name, which the run's copy has lost
     logged = [json.loads(line) for line in (tmp_path / "run" / "run.log").read_text().splitlines()]
     for events in ([entry["event"] for entry in logged], caplog.messages):
         assert [event for event in events if "settles" in event] == ([said] if said else [])

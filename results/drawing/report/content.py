@@ -1,7 +1,7 @@
 """What a report rests on, computed once: the run's jobs, fits of each contact, and what the standing rock says."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -13,6 +13,7 @@ from toppling.models.motions.ensemble import CATALOG, Ensemble
 from toppling.models.scene import Scene
 from toppling.results import fits
 from toppling.results.constraint import bound_table, branch_table, single_event
+from toppling.results.drawing.style import printed_unit
 from toppling.results.fragility import FRICTION, by_contact, contact_words
 from toppling.results.hazard import HazardCurve, Standing
 from toppling.results.run import Run
@@ -163,6 +164,7 @@ class Content:
         if found is None or self.chief.toppled < fits.FEW_TOPPLED:
             return None
         curve, resampled = found
+        curve = replace(curve, basis=fits.basis_of(self.chief.jobs, curve.measure))
         return Standing(
             self.run.rock, curve, np.array([np.nan]) if self.years is None else self.years, resampled
         )
@@ -171,6 +173,19 @@ class Content:
     def single_event(self) -> dict | None:
         """What the standing rock says of a single event."""
         return None if self.standing is None else single_event([self.standing], CONFIDENCE)
+
+    @property
+    def extrapolated(self) -> str:
+        """Words for a statement about a single event that lies beyond what was shaken; empty where it does not."""
+        event = self.single_event
+        if event is None or self.standing is None or self.standing.curve.basis is None:
+            return ""
+        strongest = self.standing.curve.basis.strongest_shaken
+        if event["unexceeded"] <= strongest:
+            return ""
+        return (
+            f"an extrapolation beyond the strongest shaking, {strongest:.2g} {printed_unit(event['measure'])}"
+        )
 
     @cached_property
     def bound(self) -> pd.DataFrame | None:

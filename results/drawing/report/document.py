@@ -18,8 +18,8 @@ SCREEN_PX_PER_IN = 132
 LEAST_BROKEN = 12
 """Letters of a cell: what is shorter breaks at blanks only."""
 
-BREAKS = re.compile(r"(?<=[_/.])(?=[^\s\d])|(?<=\S{40})(?=\S)")
-"""Places within a word where a line may break."""
+BREAKS = re.compile(r"(?<=[_/.])(?=[^\s\d])|(?<=[0-9a-f]{8})(?=[0-9a-f]{4})|(?<=\S{40})(?=\S)")
+"""Places within a word where a line may break: within an id too, which is wider than a column on a narrow screen."""
 
 MOST_BESIDE = 4
 """Columns that stand beside each other also on a narrow screen."""

@@ -78,7 +78,7 @@ def what_standing_says(content: Content) -> str:
     said = (
         f"As it still stands, no single shaking like these has exceeded a {short_name(measure)} of "
         f"{event['unexceeded']:.2g} {printed_unit(measure)} since it has had its present shape "
-        f"({100 * CONFIDENCE:g} % confidence)"
+        f"({100 * CONFIDENCE:g} % confidence{'; ' if content.extrapolated else ''}{content.extrapolated})"
     )
     if content.verdicts is None or content.standing is None:
         return said + "."

@@ -1,5 +1,6 @@
 """A paragraph on methods that one may copy into a paper, with what to cite."""
 
+from collections.abc import Mapping
 from importlib.metadata import version
 
 from toppling.results.drawing.report.content import Content
@@ -11,16 +12,27 @@ REFERENCES = (
     "Earthquake Spectra 31, 579-599.",
     "Coumans, E., and Bai, Y. PyBullet, a Python module for physics simulation for games, robotics and machine "
     "learning.",
+    "Todorov, E., Erez, T., and Tassa, Y. (2012). MuJoCo: A physics engine for model-based control. "
+    "2012 IEEE/RSJ International Conference on Intelligent Robots and Systems, 5026-5033.",
     "Veeraraghavan, S., Hudnut, K. W., and Krishnan, S. (2017). Toppling analysis of the Echo Cliffs precariously "
     "balanced rock. Bulletin of the Seismological Society of America 107, 72-84.",
     "Wilson, E. B. (1927). Probable inference, the law of succession, and statistical inference. "
     "Journal of the American Statistical Association 22, 209-212.",
 )
 
+ENGINES = {"pybullet": ("PyBullet", "Coumans and Bai"), "mujoco": ("MuJoCo", "Todorov et al., 2012")}
+"""Each engine's own name, and whom to cite for it."""
+
 
 def methods_section(content: Content, document: Document) -> str:  # noqa: ARG001  (as every section)
     """Methods to copy, and the works that they rest on."""
-    cited = "".join(f"<li>{safe(reference)}</li>" for reference in (_program(content), *REFERENCES))
+    used = content.frame["engine"].unique()
+    unused = [authors for name, (_, authors) in ENGINES.items() if name not in used]
+    cited = "".join(
+        f"<li>{safe(reference)}</li>"
+        for reference in (_program(content), *REFERENCES)
+        if not reference.startswith(tuple(author.split()[0] for author in unused))
+    )
     return f'<div class="methods">{paragraph(methods(content))}</div><p>To cite:</p><ul>{cited}</ul>'
 
 
@@ -70,14 +82,22 @@ def _engine(content: Content) -> str:
         "physics", "unknown"
     )
     presets = ", ".join(sorted(frame["preset"].unique()))
-    bullet = f" {told['pybullet']}" if "pybullet" in told else ""
+    engines = " and ".join(
+        _engine_words(name, told) for name in sorted(frame["engine"].unique(), reverse=True)
+    )
     answered = int(frame["toppled"].notna().sum())
     return (
         f"Each of {len(frame):,} combinations was integrated in six degrees of freedom in the frame of the pedestal "
         f"with toppling {told.get('toppling', version('toppling'))} (physics version {physics}, preset {presets}) on "
-        f"PyBullet{bullet} (Coumans and Bai), following Veeraraghavan et al. (2017); {answered:,} had an answer. "
+        f"{engines}, following Veeraraghavan et al. (2017); {answered:,} had an answer. "
         "A rock counts as toppled from when it cannot come back."
     )
+
+
+def _engine_words(name: str, versions: Mapping[str, str]) -> str:
+    """An engine with its version and authors."""
+    number = f" {versions[name]}" if name in versions else ""
+    return f"{ENGINES[name][0]}{number} ({ENGINES[name][1]})"
 
 
 def _statistics(content: Content) -> str:

@@ -73,7 +73,9 @@ def scene_section(content: Content, document: Document) -> str:
             "acceleration that topples it, by azimuth (degrees counter-clockwise from east)."
         )
         parts.append(document.figure(lambda width: drawn(width_in=width), caption))
-        parts += map(paragraph, base_sentences(content.run.scene_report()))
+        parts += [
+            paragraph(f"{told[0].upper()}{told[1:]}.") for told in base_sentences(content.run.scene_report())
+        ]
     row = table.drop_columns(["quasi_static_toppling"]).to_pylist()[0]
     rows = [
         {
@@ -210,8 +212,8 @@ def _fits_of(content: Content, contact: Contact, document: Document) -> str:
         draw = partial(fit_figure, curve, drawn, observed, contact.ranking, calibrated, contact.toppled)
         caption = (
             f"Left: lognormal fragility over {short_name(curve.measure)}, the measure that predicts best "
-            f"({contact.words}), with its 95 % band. Middle: how much worse the others predict records that were not "
-            "fitted to. Right: predicted probability against observed share."
+            f"({contact.words}), with its 95 % band. Middle: how much worse the others predict records left out "
+            "of the fit. Right: predicted probability against observed share."
         )
         parts.append(document.figure(lambda width: draw(width_in=width), caption))
     parts += [
@@ -221,7 +223,7 @@ def _fits_of(content: Content, contact: Contact, document: Document) -> str:
         document.table(
             fit_table(summary, contact.known), f"Lognormal fragility over each measure ({contact.words})."
         ),
-        "<p>Intervals (95 %) are of the samples, records drawn anew, that have a fit; samples without fit have none: "
+        "<p>Intervals (95 %) come from the bootstrap samples of records that have a fit; the others have none: "
         f"their answers are separated, or there are fewer than {fits.LEAST_RECORDS} records. "
         "Below some 20 records the intervals are too narrow. "
         f"What is {_FAR_WORDS} lies above {FAR_SHAKEN:g} times the strongest shaken, where the jobs say nothing.</p>",
@@ -301,7 +303,8 @@ def constraint_section(content: Content, document: Document) -> str:
     parts = [
         paragraph(
             f"At {100 * CONFIDENCE:g} % confidence no single event since the rock has stood as it does exceeded a "
-            f"{short_name(measure)} of {event['unexceeded']:.3g} {unit}{interval} ({content.chief.words})."
+            f"{short_name(measure)} of {event['unexceeded']:.3g} {unit}{interval} ({content.chief.words})"
+            f"{', ' if content.extrapolated else ''}{content.extrapolated}."
         )
     ]
     if content.bound is None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from toppling.orchestrator import progress
-from toppling.orchestrator.progress import bar, duration, each, told
+from toppling.orchestrator.progress import bar, duration, each, told, watcher
 from toppling.orchestrator.run import Tally
 
 
@@ -34,6 +34,19 @@ def test_a_session_that_is_complete_has_no_time_left():
     assert "left" not in told(tally)
 
 
+def test_a_session_that_is_complete_says_so_once(capsys):
+    tally = Tally(total=1, before=0, motion_s=80.0)
+    tally.count([{"record_id": "long", "status": "ok"}], {"long": 80.0})
+    with watcher() as watch:
+        watch(tally)
+        watch(tally)
+        tally.what = "auditing"
+        watch(tally)
+    first, second = capsys.readouterr().err.splitlines()
+    assert first.startswith("1/1 jobs")
+    assert second.startswith("auditing: 1/1 jobs")
+
+
 @pytest.mark.parametrize(("seconds", "words"), [(59.6, "1 min 00 s"), (3600, "1 h 00 min"), (3, "3 s")])
 def test_durations_are_told_as_a_person_reads_them(seconds, words):
     assert duration(seconds) == words
@@ -52,6 +65,12 @@ def test_without_a_terminal_work_speaks_in_lines_even_while_no_part_ends(monkeyp
 def test_what_is_done_within_a_minute_says_nothing_in_a_log(capsys):
     assert list(each(range(3), "drawing", total=3)) == [0, 1, 2]
     assert capsys.readouterr().err == ""
+
+
+def test_a_piece_of_work_without_parts_says_how_long_it_has_gone_on():
+    assert (
+        progress.Advance(total=None, began=time.monotonic() - 60.0).line("shaking") == "shaking  1 min 00 s"
+    )
 
 
 def test_the_time_left_of_a_bar_is_by_the_parts_done():

@@ -148,7 +148,7 @@ def test_a_browser_draws_the_map_and_runs_nothing_that_a_run_says(server, tmp_pa
         capture_output=True, text=True, timeout=120, check=True,
     )  # fmt: skip
     told = state(server)
-    assert done.stdout.count("<rect") == len(told["maps"][0]["cells"])
+    assert done.stdout.count('class="cell"') == len(told["maps"][0]["cells"])
     assert done.stdout.count(">replay</button>") == len(told["latest"])
     assert "&lt;img src=x" in done.stdout
     assert "owned</title>" not in done.stdout

@@ -6,12 +6,17 @@ import pytest
 from matplotlib.figure import Figure
 from seeded import rows
 
+from toppling.models.digest import write_json
 from toppling.models.errors import InputError
+from toppling.models.folder import rock_name
 from toppling.models.motions.idealised import full_sine
 from toppling.models.scene import Scene
 from toppling.models.trajectory import Trajectory
 from toppling.results.drawing.fits import fit_figure
 from toppling.results.drawing.records import scatter, upper_limit
+from toppling.results.drawing.report.content import Content
+from toppling.results.drawing.report.document import Document
+from toppling.results.drawing.report.methods import methods_section
 from toppling.results.drawing.report.write import write_pdf
 from toppling.results.drawing.trajectory import AFTER_FALL_S, trajectory_figure
 from toppling.results.fits import (
@@ -25,8 +30,9 @@ from toppling.results.fits import (
 )
 from toppling.results.fragility import contact_words
 from toppling.results.replay import Replay
-from toppling.results.run import rock_name
+from toppling.results.run import open_run
 from toppling.results.schema import SCHEMA
+from toppling.results.store import write_part
 
 
 def test_an_outlier_stretches_no_axis_and_is_named_with_its_value():
@@ -36,6 +42,27 @@ def test_an_outlier_stretches_no_axis_and_is_named_with_its_value():
     scatter(axes, x, np.ones(21), names, "k")
     assert axes.get_xlim()[1] < 0.3
     assert [text.get_text() for text in axes.texts] == ["record20: 9"]
+
+
+def test_an_outlier_on_a_logarithmic_axis_stretches_it_neither_up_nor_down_and_is_named():
+    y = np.append(np.geomspace(0.5, 8.0, 30), [1e-3, 1e3])
+    axes = Figure().add_subplot()
+    scatter(axes, np.linspace(0.1, 0.2, 32), y, [f"record{k}" for k in range(32)], "k", log_y=True)
+    bottom, top = axes.get_ylim()
+    assert 0.2 < bottom < 0.5
+    assert 8.0 < top < 20.0
+    assert {text.get_text() for text in axes.texts} == {"record30: 0.001", "record31: 1e+03"}
+
+
+def test_names_of_outliers_at_one_height_do_not_run_into_each_other():
+    x = np.append(np.linspace(1.0, 2.0, 20), [50.0, 60.0, 70.0])
+    y = np.append(np.linspace(1.0, 2.0, 20), [2.0, 2.0, 2.0])
+    axes = Figure(figsize=(2.3, 2.7)).add_subplot()
+    scatter(axes, x, y, [f"record{k}" for k in range(23)], "k")
+    heights = sorted(text.xy[1] for text in axes.texts)
+    assert len(heights) == 3
+    assert min(np.diff(heights)) > 0.06
+    assert heights[-1] < 1.0
 
 
 def test_without_outliers_the_axis_holds_every_value():
@@ -60,6 +87,14 @@ def test_three_components_have_three_axes_and_the_motion_ends_soon_after_the_fal
     assert fallen[0].get_xlim()[1] == pytest.approx(3.0 + AFTER_FALL_S)
     assert standing[0].get_xlim()[1] == pytest.approx(motion.duration_s)
     assert "no return" in [text.get_text() for axes in fallen for text in axes.texts]
+
+
+@pytest.mark.parametrize("topple_time_s", [None, 7.0])
+def test_a_rock_that_moves_on_after_the_motion_is_shown_to_its_last_pose(topple_time_s):
+    motion = full_sine(1.0, 8.0)
+    drawn = trajectory_figure(trajectory(9.0), motion, "", topple_time_s=topple_time_s).axes
+    assert motion.duration_s < 9.0
+    assert drawn[0].get_xlim()[1] == pytest.approx(9.0)
 
 
 @pytest.fixture(scope="module")
@@ -94,9 +129,27 @@ def test_a_contact_is_named_by_its_friction_and_by_what_else_differs(jobs):
     assert contact_words(one, both) == "μ = 0.8 (0.6 kinetic), restitution 0"
 
 
+@pytest.mark.parametrize(("engine", "other"), [("pybullet", "Todorov"), ("mujoco", "Coumans")])
+def test_methods_name_and_cite_the_engine_that_shook_and_no_other(tmp_path, engine, other):
+    name = {"pybullet": "PyBullet (Coumans and Bai)", "mujoco": "MuJoCo (Todorov et al., 2012)"}[engine]
+    write_part(tmp_path, [row | {"engine": engine} for row in rows(records=3, azimuths=(0.0,))])
+    written = methods_section(Content(open_run(tmp_path)), Document())
+    assert f"on {name}, following" in written
+    assert other not in written
+
+
 def test_a_rock_is_called_by_its_folder(tmp_path):
     assert rock_name(tmp_path / "echo_cliffs") == "echo_cliffs"
     assert rock_name(tmp_path / "echo_cliffs" / "scene") == "echo_cliffs"
+
+
+def test_a_run_calls_its_rock_as_it_was_called_when_the_run_began(tmp_path):
+    (tmp_path / "first").mkdir()
+    write_part(tmp_path / "first", rows(records=3, azimuths=(0.0,)))
+    (tmp_path / "first" / "campaign.toml").write_text('scene = "scene"\n')  # the run's own copy
+    assert open_run(tmp_path / "first").rock == "first"
+    write_json(tmp_path / "first" / "run.json", {"rock": "echo_cliffs"})
+    assert open_run(tmp_path / "first").rock == "echo_cliffs"
 
 
 def test_where_nothing_prints_a_pdf_it_is_said_what_would(monkeypatch, tmp_path):

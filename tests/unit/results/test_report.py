@@ -23,8 +23,9 @@ from toppling.orchestrator.cli import cli
 from toppling.results.drawing.report.accuracy import accuracy_section
 from toppling.results.drawing.report.content import Content
 from toppling.results.drawing.report.document import Document
+from toppling.results.drawing.report.headline import what_standing_says
 from toppling.results.drawing.report.methods import methods
-from toppling.results.drawing.report.sections import SECTIONS, fit_table, fits_section
+from toppling.results.drawing.report.sections import SECTIONS, constraint_section, fit_table, fits_section
 from toppling.results.drawing.report.write import report_page, write_pdf
 from toppling.results.hazard import HazardCurve
 from toppling.results.run import open_run
@@ -62,7 +63,10 @@ def run(tmp_path_factory):
     folder = tmp_path_factory.mktemp("report") / "run <1>"
     folder.mkdir()
     write_part(folder, rows(records=12, levels=(4, 8, 12), azimuths=(0.0, 135.0)))
-    write_part(folder, [row("lost", status="crashed", message="worker <died>")])
+    write_part(
+        folder,
+        [row("5162611b55ade96713b9ba77", status="diverged", message="worker <died>: ended by speed_limit")],
+    )
     Scene.block(0.2, 0.2, 0.6).save(folder / "scene")
     (folder / "campaign.toml").write_text('preset = "standard"\nscene = "scenes/balanced <rock>"\n')
     return open_run(folder)
@@ -171,6 +175,20 @@ def test_a_median_far_beyond_what_was_shaken_is_no_number_and_samples_without_fi
     assert re.search(r">43</td>.*>7</td>", first)
     assert ">0.15 (0.1 to 0.3)</td>" in second
     assert ">no job topples</td>" in third
+
+
+@pytest.mark.parametrize(("below_m_s", "is_extrapolated"), [(1.3, True), (np.inf, False)])
+def test_a_statement_beyond_the_strongest_shaking_says_that_it_is_an_extrapolation(
+    tmp_path, below_m_s, is_extrapolated
+):
+    jobs = [job for job in rows(records=60, azimuths=(0.0,)) if job["pgv_m_s"] < below_m_s]
+    write_part(tmp_path, jobs)
+    content = Content(open_run(tmp_path), 5)
+    strongest = max(job["pgv_m_s"] for job in jobs)
+    assert (content.single_event["unexceeded"] > strongest) == is_extrapolated
+    words = f"an extrapolation beyond the strongest shaking, {strongest:.2g} m/s"
+    assert (words in what_standing_says(content)) == is_extrapolated
+    assert (words in constraint_section(content, Document())) == is_extrapolated
 
 
 def test_fewer_than_ten_topplings_bear_no_curve_and_no_ranking(tmp_path):

@@ -84,14 +84,14 @@ def test_show_says_how_sure_the_split_is_and_how_far_the_numbers_spread(tmp_path
         "± 0.0012 m³",
         "± 0.0021, 0.0022, 0.0034 m",
         "± 0.07°",
-        "71% of the cut",
-        "seen in 83% of",
-        "99.6% of the points",
-        "other candidate 25% of",
+        "71 % of the cut",
+        "seen in 83 % of",
+        "99.6 % of the points",
+        "other candidate 25 % of",
     ):
         assert said in told
     page = (folder / "scene.html").read_text()
-    assert "seen in 83% of the directions" in page
+    assert "seen in 83 % of the directions" in page
     assert BAND_TITLE in page
 
 
@@ -110,7 +110,7 @@ def interfaced(given_by):
 def test_of_a_scene_that_was_scanned_roughness_and_shares_are_said():
     told = interfaced("fit")
     assert "roughness 0.0123 m" in told
-    assert "surface seen 80.0%, closed at the interface 15.0%, invented 5.0%" in told
+    assert "surface seen 80.0 %, closed at the interface 15.0 %, invented 5.0 %" in told
 
 
 def test_the_roughness_of_a_plane_that_is_given_is_not_said():
@@ -118,7 +118,7 @@ def test_the_roughness_of_a_plane_that_is_given_is_not_said():
 
 
 def test_other_candidates_are_told_where_they_were_looked_for():
-    assert "highest other candidate 25%" in interfaced("fit")
+    assert "highest other candidate 25 %" in interfaced("fit")
 
 
 @pytest.mark.parametrize("given_by", ["plane", "points", "outline"])
@@ -281,5 +281,5 @@ def test_the_interval_of_the_bases_that_may_be_goes_round_the_statics():
     assert set(high) == {3.0}
     axes = Figure().add_subplot(projection="polar")
     draw_statics(axes, drawn)
-    assert "90% of the bases" in axes.get_title()
+    assert "90 % of possible bases" in axes.get_title()
     assert len(base_interval(surveyed())[0]) == 0

@@ -33,7 +33,7 @@ RESTITUTION = (0.0, 0.3)
 YAW_DEG = 5.0
 """How well a heavy rock is set down along the table's axis."""
 BASE_STD_M, BASE_WAVELENGTH_M = (0.0005, 0.003), 0.15
-"""Error of a mesh from photographs where it meets the table, some thousandth of its size, and how far it is correlated."""
+"""Error of a mesh from photographs where it meets the table, some thousandth of its size, and how far it reaches."""
 BASE_BAND_PER_HEIGHT = 0.1
 """What stands so close to the table is seen worst."""
 STANDING = Standing(attitude_std_deg=3.0, least_toppling_m_s2=0.25)

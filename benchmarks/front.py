@@ -234,7 +234,7 @@ def main() -> None:
 
 def _draw(table: pd.DataFrame) -> None:
     FIGURE.parent.mkdir(exist_ok=True)
-    save(front_figure(table, "no floor"), FIGURE)
+    save(front_figure(table), FIGURE)
 
 
 if __name__ == "__main__":

@@ -30,8 +30,6 @@ SPREAD_OF_WAVENUMBERS = 0.3
 """Standard deviation of a wave's number over that of the wavelength asked for."""
 FADES_OVER = 0.25
 """Share of the band, at its top, in which the noise fades to nothing."""
-THINNED_SHARE_OF_STD = 0.05
-"""Feet are left out while the hull of the others stays within this share of the noise's standard deviation."""
 LEAST_SHARE_THAT_STANDS = 0.005
 """Of the bases tried; below it the rock hardly ever stands."""
 
@@ -65,6 +63,7 @@ def with_rough_base(
     draws: int = 32,
     standing: Standing | None = None,
     com_std_m: float = 0.0,
+    tolerance_share: float = 0.05,
     seed: int = 0,
     progress: Callable[[int], None] = lambda _: None,
 ) -> Scene:
@@ -84,6 +83,8 @@ def with_rough_base(
     standing : Standing, optional
     com_std_m : float
         Standard deviation of each coordinate of the centre of mass.
+    tolerance_share : float
+        Feet are left out while the hull of the others stays within this share of the noise's standard deviation.
     seed : int
         The same seed gives the same draws.
     progress : callable
@@ -108,7 +109,7 @@ def with_rough_base(
         noise = _Noise.drawn(deviation_m, wavelength_m, random)
         offset_m = random.normal(size=3) * com_std_m
         chance = float(random.random())
-        draw = _let_down(scene, noise, band_m, offset_m, THINNED_SHARE_OF_STD * deviation_m)
+        draw = _let_down(scene, noise, band_m, offset_m, tolerance_share * deviation_m)
         if draw is not None and _stood(scene, UnseenBase(band_m, (draw,)), standing, chance):
             kept.append(draw)
             progress(len(kept))

@@ -1,0 +1,108 @@
+"""What the scores of `toppling validate` should not depend on: preset, engine, resolution of the mesh, contact points.
+
+    .venv/bin/python benchmarks/validation.py FOLDER --mesh sp1.ply --outcome sp1_overturned [--draws 12]
+
+Every variant shakes all tests on draws of the same bases and of all else that nobody measured. Puts its table into
+docs/validation.md.
+"""
+
+from __future__ import annotations
+
+import argparse
+import tempfile
+from collections.abc import Iterator
+from contextlib import nullcontext
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import trimesh
+
+from toppling.models.motions.shaketable import Experiment, read_experiment
+from toppling.models.rough_base import with_rough_base
+from toppling.models.scene import Scene, read_triangles
+from toppling.orchestrator import validation as settings
+from toppling.orchestrator.cluster import local
+from toppling.orchestrator.validation import Shaken, Wanted, ensemble_of, shake_tests
+from toppling.results.validation import learnt, scores, share
+
+PAGE = Path(__file__).parent.parent / "docs" / "validation.md"
+MEASURES = ("accuracy", "balanced_accuracy", "brier", "calibration_slope")
+
+
+def scene_of(mesh: Path, draws: int, finer: int = 0, tolerance_share: float = 0.05) -> Scene:
+    """The specimen with draws of its base; each triangle of its mesh cut into four so often."""
+    vertices, faces = read_triangles(mesh)
+    for _ in range(finer):
+        vertices, faces = trimesh.remesh.subdivide(vertices, faces)
+    scene = Scene.from_mesh((vertices, faces), 0.5 * sum(settings.FRICTION))
+    return with_rough_base(
+        scene,
+        std_m=settings.BASE_STD_M,
+        wavelength_m=settings.BASE_WAVELENGTH_M,
+        band_m=settings.BASE_BAND_PER_HEIGHT * scene.rock.height_m,
+        draws=draws,
+        standing=settings.STANDING,
+        tolerance_share=tolerance_share,
+    )
+
+
+def variants(mesh: Path, wanted: Wanted) -> Iterator[tuple[str, Scene, Wanted]]:
+    """Name, scene and settings of each."""
+    usual = scene_of(mesh, wanted.most_draws)
+    yield "as `toppling validate` does it", usual, wanted
+    yield "preset `fast`", usual, replace(wanted, preset="fast")
+    yield "preset `standard`", usual, replace(wanted, preset="standard")
+    yield "MuJoCo `draft`, no restitution", usual, replace(wanted, engine="mujoco")
+    yield (
+        "contact points to a fifth of the noise",
+        scene_of(mesh, wanted.most_draws, tolerance_share=0.2),
+        wanted,
+    )
+    yield "mesh four times as fine", scene_of(mesh, wanted.most_draws, finer=1), wanted
+
+
+def shaken(experiment: Experiment, scene: Scene, wanted: Wanted) -> Shaken:
+    """All tests on all draws."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        ensemble_of(folder, experiment)
+        scene.save(folder / "scene")
+        return shake_tests(folder, experiment, wanted, partial(local, 2), lambda: nullcontext(lambda _: None))
+
+
+def row(experiment: Experiment, said: Shaken) -> str:
+    """Scores without and with learning."""
+    overturned = np.array([test.overturned for test in experiment.tests])
+    group = np.array([test.ground_motion for test in experiment.tests])
+    free = scores(overturned, share(said.toppled)[0])
+    taught = scores(overturned, learnt(said.toppled, overturned, group))
+    return " | ".join(f"{one[name]:.3f}" for one in (free, taught) for name in MEASURES)
+
+
+def main() -> None:
+    """Measure and write the table."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--mesh", required=True)
+    parser.add_argument("--outcome", required=True)
+    parser.add_argument("--draws", type=int, default=12)
+    given = parser.parse_args()
+    experiment = read_experiment(given.folder, given.outcome)
+    wanted = Wanted("pybullet", "draft", given.draws, 0.0)
+    names = "accuracy | balanced | Brier | slope"
+    lines = [f"| | {names} | learnt: {names} |", "|---" * 9 + "|"]
+    for name, scene, asked in variants(given.folder / given.mesh, wanted):
+        lines.append(f"| {name} | {row(experiment, shaken(experiment, scene, asked))} |")
+        print(lines[-1], flush=True)
+    begin, end = "<!-- invariance -->", "<!-- end of invariance -->"
+    before, rest = PAGE.read_text().split(begin)
+    table = "\n".join(lines)
+    PAGE.write_text(f"{before}{begin}\n\n{table}\n\n{end}{rest.split(end)[1]}")
+
+
+if __name__ == "__main__":
+    main()

@@ -335,13 +335,6 @@ def _words(told: dict) -> str:
         f"No single event exceeded {told['measure']} = {told['unexceeded']:.3g} {unit} while they stood, "
         f"at {100 * told['confidence']:g} % confidence."
     )
-    for rock in told.get("stood", ()):
-        lines += [f"  {sentence}" for sentence in sentences({**rock, "contacts": [rock]})]
-        if rock["median_shift_percent"] is not None:
-            lines.append(
-                f"  with all bases alike the median of {rock['rock']} would be {rock['median_bases_alike']:.3g} "
-                f"{unit}: their weights move it by {rock['median_shift_percent']:+.1f} %"
-            )
     if told["unexceeded_low"] is None:
         lines.append(
             "  how far other records would move it is not known of a file of curves, or of few records"
@@ -352,6 +345,13 @@ def _words(told: dict) -> str:
         unfit = max(rock["samples_without_fit"] for rock in told["rocks"])
         bare = f"; {unfit} of {SAMPLES} draws of them have no fit and bound nothing" if unfit else ""
         lines.append(f"  {ends} with other records like these (95 %{bare}): the jobs are of few earthquakes")
+    for rock in told.get("stood", ()):
+        lines += [f"  {sentence}" for sentence in sentences({**rock, "contacts": [rock]})]
+        if rock["median_shift_percent"]:
+            lines.append(
+                f"  with all bases alike the median of {rock['rock']} would be {rock['median_bases_alike']:.3g} "
+                f"{unit}: their weights move it by {rock['median_shift_percent']:+.1f} %"
+            )
     for rock in told["rocks"]:
         if rock.get("without_answer"):
             lines.append(

@@ -137,10 +137,10 @@ class Stood:
             told = read_json(path, required=True)
             if told["schema_version"] != SCHEMA_VERSION:
                 raise _file_error(f"is of schema version {told['schema_version']}", path)
-            weights = {
-                tuple(float(one[name]) for name in CONTACT): np.array(one["weights"], float)
-                for one in told["contacts"]
-            }
+            weights: dict[Contact, Array] = {}
+            for one in told["contacts"]:
+                static, kinetic, restitution = (float(one[name]) for name in CONTACT)
+                weights[static, kinetic, restitution] = np.array(one["weights"], float)
             motions = tuple(Motion(**{**one, "files": tuple(one["files"])}) for one in told["motions"])
             sound = all(
                 len(each) and np.isfinite(each).all() and (each > 0).all() for each in weights.values()
@@ -246,7 +246,7 @@ def told_of(stood: Stood, frame: pd.DataFrame) -> dict[str, Any]:
         weights = stood.of(tuple(map(float, contact)))[used]  # type: ignore[arg-type]  # of three columns
         contacts.append(
             {
-                **dict(zip(CONTACT, map(float, contact), strict=True)),  # type: ignore[arg-type]
+                **dict(zip(CONTACT, map(float, contact), strict=True)),
                 "weights": {
                     str(base): float(each / weights.mean()) for base, each in zip(used, weights, strict=True)
                 },

@@ -53,9 +53,10 @@ def folder(tmp_path_factory):
         place / "ensemble", [Record.of(f"P{n}", ricker(2.0, 0.5 + 0.2 * n, 0.01)) for n in range(5)]
     )
     for name, pga_m_s2, azimuths in (
-        ("strong", 2.0, (0.0, 90.0)), ("weak", 0.3, (0.0, 90.0)), ("across", 2.0, (90.0, 180.0)), ("unoriented", 2.0, None),
+        ("strong", 2.0, (0.0, 90.0)), ("weak", 0.3, (0.0, 90.0)), ("across", 2.0, (90.0, 180.0)),
+        ("unoriented", 2.0, None),
     ):  # fmt: skip
-        motion = ricker(pga_m_s2, 1.2, 0.01, 90.0 if name == "across" else 0.0)
+        motion = ricker(pga_m_s2, 1.2, 90.0 if name == "across" else 0.0)
         Ensemble.write(place / name, [Record.of(name, motion, component_azimuths_deg=azimuths)])
     (place / "plain.toml").write_text(CAMPAIGN)
     for name in ("strong", "unoriented"):

@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from click.testing import CliRunner
-from seeded import rows, row
+from seeded import row, rows
 from test_spread import run as spread_rows
 
 from toppling.models.errors import InputError
@@ -65,7 +65,7 @@ def test_a_base_without_an_answer_is_told_nothing_and_a_motion_without_any_is_re
     weights = weights_of(shakes([[True] * 4, [None] * 4, [True] * 4]), 3)[CONTACT]
     assert weights == pytest.approx([1.0, 1.0, 1.0])
     failed = shakes([[None] * 2]).assign(message="InputError: mujoco knows no such pedestal")
-    with pytest.raises(InputError, match="none of 2 shakes with quake has an answer.*no such pedestal"):
+    with pytest.raises(InputError, match=r"none of 2 shakes with quake has an answer.*no such pedestal"):
         weights_of(failed, 1)
 
 
@@ -142,7 +142,7 @@ def test_one_contact_does_not_lend_another_its_weights():
     rough = found["friction_static"] == 1.0
     assert set(found[rough & (found["base"] == 0)]["base_weight"]) == {1.5}
     assert set(found[~rough & (found["base"] == 0)]["base_weight"]) == {0.5}
-    with pytest.raises(InputError, match="no weights of the bases under friction 0.5"):
+    with pytest.raises(InputError, match=r"no weights of the bases under friction 0\.5"):
         weighed(frame, stood(1.5, 0.5))
 
 

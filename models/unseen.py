@@ -88,8 +88,17 @@ class UnseenBase:
         return len(self.draws)
 
     def number_of(self, realisation: int) -> int | None:
-        """Which draw a realisation of a campaign takes; None for realisation 0, the nominal scene."""
-        return (realisation - 1) % len(self.draws) if realisation > 0 else None
+        """Which draw a realisation of a campaign takes; None for realisation 0, the nominal scene.
+
+        Every draw once in each round of as many realisations as there are draws. Only the first round is in order: what
+        else a realisation draws (`workers.unmeasured`) fills its intervals in steps of powers of two, and would go with
+        the base.
+        """
+        if realisation == 0:
+            return None
+        count = len(self.draws)
+        turn, place = divmod(realisation - 1, count)
+        return place if turn == 0 else int(np.random.default_rng([2030, turn]).permutation(count)[place])
 
     def realised(self, rock: Rock, pedestal: Pedestal, number: int) -> Rock:
         """The rock with the feet, the centre of mass and the pose of one draw."""

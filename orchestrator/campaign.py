@@ -19,7 +19,7 @@ from toppling.workers.options import ENGINES, PRESETS
 from toppling.workers.unmeasured import Unmeasured
 
 AS_RECORDED = "recorded"
-"""In place of levels: every record as strong as it is."""
+"""In place of levels: every record as strong as it is. In place of azimuths: every record as it was oriented."""
 
 LEVELS = ("all", "hunt")
 
@@ -44,7 +44,8 @@ class Campaign:
     pga_m_s2 : tuple of float
         Levels that every record is scaled to, m/s2; none where each is left as strong as it was recorded.
     azimuth_deg : tuple of float
-        Azimuths that every record is turned to, degrees counter-clockwise from x.
+        Azimuths that every record is turned to, degrees counter-clockwise from x; none where each is left as it was
+        recorded.
     friction : tuple of (float, float)
         Static and kinetic coefficients.
     restitution : tuple of float
@@ -68,6 +69,9 @@ class Campaign:
         random (`orchestrator.hunt`).
     unmeasured : Unmeasured or None
         What realisations draw besides base, centre of mass and some per cent of friction.
+    stood : tuple of Path
+        Recorded motions that the rock is known to have stood, as files or folders of ensembles: draws of its base weigh
+        as much as they let it stand them (`orchestrator.stood`).
     """
 
     scene: Path
@@ -85,6 +89,7 @@ class Campaign:
     audit: int | None = None
     levels: str = "all"
     unmeasured: Unmeasured | None = None
+    stood: tuple[Path, ...] = ()
 
     @property
     def as_recorded(self) -> bool:
@@ -152,12 +157,15 @@ class Campaign:
                 lambda pga: 0 < pga <= LARGEST_PGA_M_S2,
                 f"accelerations above 0 and up to {LARGEST_PGA_M_S2:g} m/s2, or {AS_RECORDED!r} for no scaling",
             )
-        values["azimuth_deg"] = _axis(
-            content["azimuth_deg"],
-            place("azimuth_deg"),
-            lambda azimuth: 0 <= azimuth < 360,
-            "azimuths from 0 to below 360 degrees, counter-clockwise from x (east)",
-        )
+        values["azimuth_deg"] = ()
+        if content["azimuth_deg"] != AS_RECORDED:
+            values["azimuth_deg"] = _axis(
+                content["azimuth_deg"],
+                place("azimuth_deg"),
+                lambda azimuth: 0 <= azimuth < 360,
+                "azimuths from 0 to below 360 degrees, counter-clockwise from x (east), "
+                f"or {AS_RECORDED!r} for no turning",
+            )
         values["restitution"] = _axis(
             content.get("restitution", [0.0]),
             place("restitution"),
@@ -236,7 +244,12 @@ class Campaign:
             )
         if levels == "hunt" and not values["pga_m_s2"]:
             raise _error(place("levels"), "'hunt' among no levels", "levels in pga_m_s2", "leave levels out")
+        if levels == "hunt" and not values["azimuth_deg"]:
+            raise _error(
+                place("levels"), "'hunt' among no azimuths", "azimuths in azimuth_deg", "leave levels out"
+            )
         values["levels"] = levels
+        values["stood"] = _stood(content.get("stood", []), folder, place("stood"))
         return cls(**values)
 
     def check_jobs(self, records: int) -> None:
@@ -248,7 +261,7 @@ class Campaign:
             If there are more than `MOST_JOBS` with so many records.
         """
         axes = {
-            "records": records, "levels": max(len(self.pga_m_s2), 1), "azimuths": len(self.azimuth_deg),
+            "records": records, "levels": max(len(self.pga_m_s2), 1), "azimuths": max(len(self.azimuth_deg), 1),
             "frictions": len(self.friction), "restitutions": len(self.restitution),
             "realisations": self.realisations,
         }  # fmt: skip
@@ -259,7 +272,7 @@ class Campaign:
                 "campaign", f"{jobs:.3g} jobs = {told}", f"at most {MOST_JOBS} jobs", "leave some of them out"
             )
 
-    def to_toml(self, scene: str, ensemble: str) -> str:
+    def to_toml(self, scene: str, ensemble: str, stood: Iterable[str] = ()) -> str:
         """Write the campaign as TOML with the folders given and every value written out."""
         content = {
             field.name: getattr(self, field.name)
@@ -267,6 +280,9 @@ class Campaign:
             if getattr(self, field.name) is not None
         }
         content |= {"scene": scene, "ensemble": ensemble, "pga_m_s2": self.pga_m_s2 or AS_RECORDED}
+        content |= {"azimuth_deg": self.azimuth_deg or AS_RECORDED, "stood": list(stood)}
+        if not content["stood"]:
+            del content["stood"]
         if self.unmeasured is not None:
             content["unmeasured"] = dataclasses.asdict(self.unmeasured)
         return "".join(f"{key} = {_toml(value)}\n" for key, value in content.items())
@@ -377,6 +393,17 @@ def _unmeasured(value: Any, where: str) -> Unmeasured | None:
     if not isinstance(drawn.get("either_sense", False), bool):
         raise _error(f"{where}.either_sense", f"{drawn['either_sense']!r}", "true or false", "correct it")
     return Unmeasured(**drawn)
+
+
+def _stood(value: Any, folder: Path, where: str) -> tuple[Path, ...]:
+    if not isinstance(value, list) or not all(isinstance(name, str) and name for name in value):
+        raise _error(
+            where,
+            shown(value),
+            "a list of files of records, or folders of ensembles",
+            'such as ["quake.AT2"]',
+        )
+    return tuple(folder / name for name in _distinct(value, where))
 
 
 def _engine(engine: Any, values: Mapping[str, Any], where: str) -> str:

@@ -20,6 +20,8 @@ from toppling.models.settling import Settling
 from toppling.models.tables import write_table
 from toppling.orchestrator.journal import LOG_FILE
 from toppling.orchestrator.plan import Plan
+from toppling.orchestrator.stood import ensembles_in
+from toppling.results.stood import FOLDER
 from toppling.results.store import PARTS_FOLDER, RESULTS_FILE
 
 SCHEMA_VERSION = 1
@@ -55,7 +57,11 @@ def prepare(run: Path, plan: Plan, versions: dict[str, str], settling: Settling 
         (staging / PARTS_FOLDER).mkdir()
         shutil.copytree(plan.campaign.scene, staging / "scene")
         shutil.copytree(plan.campaign.ensemble, staging / "ensemble")
-        digest.write_text(staging / "campaign.toml", plan.campaign.to_toml("scene", "ensemble"))
+        stood = []
+        if plan.recorded:
+            plan.recorded.write(staging / FOLDER)
+            stood = [str(path.relative_to(staging)) for path in ensembles_in(staging / FOLDER)]
+        digest.write_text(staging / "campaign.toml", plan.campaign.to_toml("scene", "ensemble", stood))
         write_table(plan.jobs, staging / "jobs.parquet")
         described = {
             "schema_version": SCHEMA_VERSION,
@@ -208,8 +214,8 @@ def _sweep(run: Path) -> None:
 
 def _check(run: Path, plan: Plan, versions: dict[str, str]) -> None:
     content = describe(run)
-    written = (PARTS_FOLDER, "scene", "ensemble", "run.json", LOG_FILE, RESULTS_FILE, ".lock")
-    _refuse_links(run, [run / name for name in written])
+    written = (PARTS_FOLDER, "scene", "ensemble", "run.json", LOG_FILE, RESULTS_FILE, ".lock", FOLDER)
+    _refuse_links(run, [*(run / name for name in written), *(run / FOLDER).rglob("*")])
     there = content.get("versions", {})
     differing = [
         f"{name} {there.get(name)}, now {version}"
@@ -231,7 +237,8 @@ def _check(run: Path, plan: Plan, versions: dict[str, str]) -> None:
             remedy="give another --out, or go on with the one that lies in the folder",
         )
     required = digest.check(run / "run.json")
-    for name in WRITTEN_ONCE:
+    stood = [str(path.relative_to(run)) for path in ensembles_in(run / FOLDER)]
+    for name in (*WRITTEN_ONCE, *(f"{place}/{file}" for place in stood for file in (CATALOG, MOTIONS))):
         digest.check(run / name, required=required)
 
 

@@ -16,6 +16,7 @@ from toppling.models.scene import ContactProperties, Scene
 from toppling.models.settling import Settling
 from toppling.models.spelling import did_you_mean
 from toppling.orchestrator.campaign import Campaign, hash_of
+from toppling.orchestrator.stood import Recorded, check_weighable, read_recorded
 from toppling.workers.job import JobSpec
 from toppling.workers.seating import settled
 
@@ -60,6 +61,8 @@ class Plan:
         Duration of every record in use.
     jobs : pyarrow.Table
         One row a job, the longest records first.
+    recorded : Recorded or None
+        What the rock is known to have stood.
     """
 
     campaign: Campaign
@@ -68,6 +71,7 @@ class Plan:
     record_sha: dict[str, str]
     duration_s: dict[str, float]
     jobs: pa.Table
+    recorded: Recorded | None = None
 
     def __len__(self) -> int:
         return len(self.jobs)
@@ -77,7 +81,8 @@ class Plan:
         """Hash of all jobs."""
         # A run that chooses its levels has rows that one of all levels must not take for its own.
         chosen = [] if self.campaign.levels == "all" else [self.campaign.levels]
-        return hash_of([*self.jobs.column("job_id").to_pylist(), *chosen])
+        stood = self.recorded.identity if self.recorded else ()  # jobs are the same, what they say is not
+        return hash_of([*self.jobs.column("job_id").to_pylist(), *chosen, *stood])
 
     @cached_property
     def ids(self) -> frozenset[str]:
@@ -121,18 +126,26 @@ def plan(campaign: Campaign, scene: Scene, ensemble: Ensemble) -> Plan:
     Raises
     ------
     InputError
-        If the campaign names a record that the ensemble lacks, or the ensemble is empty.
+        If the campaign names a record that the ensemble lacks, or the ensemble is empty, or a motion that the rock
+        stood cannot be read or tells nothing of it.
     """
     duration_s = _durations_s(campaign, ensemble)
     records = list(duration_s)
     campaign.check_jobs(len(records))
+    recorded = None
+    if campaign.stood:
+        check_weighable(scene, campaign.first_realisation + campaign.realisations - 1, str(campaign.scene))
+        recorded = read_recorded(campaign.stood)
     sha = {record: ensemble.sha(record) for record in records}
     axes = list(_axes(campaign))
     scene_id = scene.id
     per_record = [np.tile(np.array(column), len(records)) for column in zip(*axes, strict=True)]
-    if campaign.as_recorded:
-        pga = dict(zip(ensemble.record_ids, ensemble.catalog["pga_m_s2"].to_pylist(), strict=True))
-        per_record[0] = np.repeat([pga[record] for record in records], len(axes))
+    for column, name, given in (
+        (0, "pga_m_s2", campaign.pga_m_s2), (1, "strong_azimuth_deg", campaign.azimuth_deg),
+    ):  # fmt: skip
+        if not given:
+            own = dict(zip(ensemble.record_ids, ensemble.catalog[name].to_pylist(), strict=True))
+            per_record[column] = np.repeat([own[record] for record in records], len(axes))
     named = np.repeat(records, len(axes)).tolist()
     rows = zip(named, *(column.tolist() for column in per_record), strict=True)
     ids = pa.array(
@@ -143,7 +156,7 @@ def plan(campaign: Campaign, scene: Scene, ensemble: Ensemble) -> Plan:
         [ids, pa.DictionaryArray.from_arrays(codes, pa.array(records)), *map(pa.array, per_record)],
         names=COLUMNS.names,
     ).cast(COLUMNS)
-    return Plan(campaign, scene_id, ensemble.id, sha, duration_s, jobs)
+    return Plan(campaign, scene_id, ensemble.id, sha, duration_s, jobs, recorded)
 
 
 def check_stands(campaign: Campaign, scene: Scene) -> Settling:
@@ -189,10 +202,11 @@ def settling(scene: Scene) -> Settling:
 def _axes(campaign: Campaign) -> Iterator[tuple[float, float, float, float, float, int]]:
     """One record's points: those of one scene together, and of them the strongest shaking, the longest, first."""
     levels = sorted(campaign.pga_m_s2, reverse=True) or [np.nan]  # of records as they are, each has its own
+    azimuths = campaign.azimuth_deg or (np.nan,)
     first = campaign.first_realisation
     numbers = range(first, first + campaign.realisations)
     for (static, kinetic), restitution, realisation, pga, azimuth in product(
-        campaign.friction, campaign.restitution, numbers, levels, campaign.azimuth_deg
+        campaign.friction, campaign.restitution, numbers, levels, azimuths
     ):
         yield pga, azimuth, static, kinetic, restitution, realisation
 

@@ -10,7 +10,7 @@ import time
 import uuid
 from collections import Counter
 from collections.abc import Callable, Collection, Mapping, Sequence
-from contextlib import AbstractContextManager, nullcontext, suppress
+from contextlib import AbstractContextManager, ExitStack, nullcontext, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
@@ -32,7 +32,9 @@ from toppling.orchestrator.hunting import hunt_of, known_answers, marked, skippe
 from toppling.orchestrator.interrupt import held_back
 from toppling.orchestrator.journal import journal, tell
 from toppling.orchestrator.plan import Plan, check_stands, expected_s, plan
+from toppling.orchestrator.stood import Recorded, weigh_bases
 from toppling.orchestrator.task import Order, Row, UnfitWorkerError, check, lost_row, shake_batch, versions
+from toppling.results.stood import FILE, FOLDER, Stood
 from toppling.results.store import (
     RESULTS_FILE,
     attempts_with,
@@ -236,14 +238,49 @@ def run(
         if sentence := settles.pop("sentence", None):
             log.warning("%s", sentence, extra={"fields": settles})
         try:
-            tally = _until_complete(
-                planned, folder, cluster, watch, order, limits, report, again, notes, afterwards
-            )
+            with ExitStack() as stack:
+                if planned.recorded and not (folder / FOLDER / FILE).exists():
+                    # One cluster for the shakes that weigh the bases and for the run's own.
+                    client = stack.enter_context(cluster)
+                    cluster = nullcontext(client)
+                    weigh(campaign, planned.recorded, folder / FOLDER, client, watch, limits)
+                elif planned.recorded:
+                    Stood.read(folder / FOLDER / FILE)  # damaged ones are told before work is done
+                tally = _until_complete(
+                    planned, folder, cluster, watch, order, limits, report, again, notes, afterwards
+                )
         except BaseException as error:
             tell("session ended", how=type(error).__name__, why=str(error))
             raise
         tell("session ended", how="complete", **tally.told())
     return tally
+
+
+def weigh(
+    campaign: Campaign,
+    recorded: Recorded,
+    place: Path,
+    client: Client,
+    watch: Watcher,
+    limits: Limits = USUAL_LIMITS,
+) -> Stood:
+    """Weigh the draws of a base by the motions that the rock is known to have stood (`orchestrator.stood`).
+
+    Raises
+    ------
+    InputError, RunError
+        As :func:`run`, and if a motion gets no answer.
+    """
+
+    def weighing(tally: Tally) -> None:
+        tally.what = "shaking each base with what the rock stood"
+        watch(tally)
+
+    def shake(one: Campaign, target: Path) -> None:
+        run(one, target, nullcontext(client), weighing, limits)
+
+    tell("weighing the bases", records=[one.record_id for one in recorded.records])
+    return weigh_bases(campaign, recorded, place, shake)
 
 
 def _until_complete(

@@ -14,6 +14,7 @@ from toppling.orchestrator.journal import last
 from toppling.orchestrator.plan import expected_s
 from toppling.results.audit_folder import AUDIT_FOLDER
 from toppling.results.hunted import SKIPPED
+from toppling.results.stood import CONTACT, FILE, FOLDER, Stood, sentences, told_of
 from toppling.results.store import newest_rows, read_steady, result_files
 
 WINDOW = timedelta(minutes=1)
@@ -49,6 +50,7 @@ def state_of(run: Path) -> dict[str, Any]:
     state["toppled"] = pc.sum(rows["toppled"]).as_py() or 0
     state["failures"] = _failures(rows.filter(pc.invert(pc.is_in(rows["status"], pa.array(["ok", SKIPPED])))))
     state["audit"], state["audit_sentences"] = _audited(run)
+    state["stood"], state["stood_sentences"] = _stood(run)
     # What is to be done again has a row, so that the rows do not tell what work is left.
     if running and stored < jobs and not state["again"]:
         state["rate_per_s"], state["left_s"] = _pace(run, rows)
@@ -64,6 +66,16 @@ def _audited(run: Path) -> tuple[dict[str, Any], list[str]]:
 
     audits = audits_of(open_run(run))
     return audits_json(audits), [audit.sentence for audit in audits.values()]
+
+
+def _stood(run: Path) -> tuple[dict[str, Any], list[str]]:
+    """What the motions that the rock is known to have stood say of its bases, once it is known."""
+    if not (run / FOLDER / FILE).exists():
+        return {}, ["The bases are not weighted yet"] if (run / FOLDER).exists() else []
+    columns = ["job_id", *CONTACT, "base", "attempt"]
+    rows = read_steady([run], lambda: newest_rows(result_files(run), columns)).to_pandas()
+    told = told_of(Stood.read(run / FOLDER / FILE), rows)
+    return told, sentences(told)
 
 
 def shares_of(run: Path) -> list[Share]:

@@ -59,7 +59,9 @@ def shown(run: Path) -> dict[str, Any]:
         "name": opened.name,
         "sentence": _sentence(state),
         "counts": _counts(state),
-        "maps": [_map(name, jobs) for name, jobs in by_contact(frame).items()] if len(frame) else [],
+        "maps": [_map(name, jobs) for name, jobs in by_contact(opened.weighted(frame)).items()]
+        if len(frame)
+        else [],
         "latest": _latest(frame),
     }
 

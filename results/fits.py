@@ -496,13 +496,14 @@ def _binned_shares(frame: pd.DataFrame, value: pd.Series, bins: int) -> pd.DataF
 def _grouped(frame: pd.DataFrame, measures: Sequence[str]) -> pd.DataFrame:
     """Jobs of one record with equal measures together: the same likelihood at a fraction of the cost.
 
-    A column `record_weight` (`Run.weighted`) multiplies the record's part of the likelihood. Of a run that chose its
-    levels the share is an estimate, which may lie outside 0 to 1: the score of the likelihood is linear in it.
+    A column `record_weight` (`Run.weighted`) multiplies a job's part of the likelihood: jobs of one record weigh unlike
+    on bases that do. Of a run that chose its levels the share is an estimate, which may lie outside 0 to 1: the score
+    of the likelihood is linear in it.
     """
     weight, answer = frame.get("record_weight", 1.0), frame.get(ESTIMATE, frame["toppled"].astype(float))
-    grouped = frame.assign(weight=weight, answer=answer).groupby(["record_id", *measures], sort=False)
-    table = grouped.agg(share=("answer", "mean"), trials=("weight", "sum"))
-    return table.reset_index()
+    jobs = frame.assign(trials=weight, share=weight * answer)
+    table = jobs.groupby(["record_id", *measures], sort=False)[["share", "trials"]].sum()
+    return table.assign(share=table["share"] / table["trials"]).reset_index()
 
 
 def _regress(

@@ -6,7 +6,7 @@ other. Jobs without an answer are counted, and left out of the probability. Thos
 their motion, as the worker died or was too slow, lie in no cell: `unplaced` counts them.
 
 Where the frame has a column `record_weight` (`Run.weighted`), jobs count by it, and the number of records behind
-an interval is Kish's effective one, (sum of weights)^2 / sum of squared weights.
+an interval is Kish's effective one, (sum of weights)^2 / sum of squared weights, of each record's mean weight.
 """
 
 from collections.abc import Iterable, Sequence
@@ -189,8 +189,12 @@ _WEIGHTS = ["weight", "answered_weight", "toppled_weight"]
 
 
 def effective_records(jobs: pd.DataFrame, group: Sequence[str]) -> "pd.Series[float]":
-    """Kish's number of records in each group, by which a `weight` that differs between them widens an interval."""
-    weight = jobs.groupby([*group, "record_id"])["weight"].first()
+    """Kish's number of records in each group, by which a `weight` that differs between them widens an interval.
+
+    Within a record weights differ where its jobs are on bases that do not weigh alike: the mean is the record's, as
+    more jobs of one record are no more records.
+    """
+    weight = jobs.groupby([*group, "record_id"])["weight"].mean()
     return weight.groupby(list(group)).sum() ** 2 / (weight**2).groupby(list(group)).sum()
 
 

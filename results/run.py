@@ -20,6 +20,7 @@ from toppling.models.scene_document import read_scene_document
 from toppling.models.tables import read_table
 from toppling.results.hunted import estimated
 from toppling.results.schema import SCHEMA, describe
+from toppling.results.stood import CONTACT, Stood, stood_of, weighed
 from toppling.results.store import PathLike, newest_rows, read_steady, result_files
 
 _LOCKED = {
@@ -129,13 +130,57 @@ class Run:
         jobs = self.provenance().get("jobs")
         return None if jobs is None else int(jobs)
 
-    def weighted(self, frame: pd.DataFrame) -> pd.DataFrame:
-        """Add `record_weight` (1 on average over the records in use) to rows of a run whose ensemble has weights.
+    def weighted(self, frame: pd.DataFrame, stood: Stood | None = None) -> pd.DataFrame:
+        """Add `record_weight`, by which shares are to count, to rows of a run whose records or bases weigh unlike.
 
-        Weights come from 'toppling records select --deaggregation'; without them the frame stays as it is. Of a run
-        that chose its levels, rows stand for those that were skipped too (`results.hunted`).
+        Records have the weights of 'toppling records select --deaggregation', 1 on average over those in use. Bases
+        have those that the motions give which the rock is known to have stood (`results.stood`), by the campaign's key
+        `stood`; `base_weight` is their part. Where all weigh alike the frame stays as it is. Of a run that chose its
+        levels, rows stand for those that were skipped too (`results.hunted`).
+
+        Parameters
+        ----------
+        frame : DataFrame
+        stood : Stood or None
+            Weights of the bases by more than the run knows of.
+
+        Raises
+        ------
+        InputError
+            If the run's own weights of its bases are not there, or are damaged.
         """
-        frame = estimated(frame)
+        stood = stood or self.stood()
+        frame = self._by_records(estimated(frame))
+        return frame if stood is None else weighed(frame, stood)
+
+    def stood(self) -> Stood | None:
+        """Weights of the bases by the motions that the campaign knows the rock to have stood; None where of none.
+
+        Raises
+        ------
+        InputError
+            If they are not there yet, or damaged.
+        """
+        return stood_of(self.path)
+
+    def bases(self) -> pa.Table | None:
+        """Weight of each base under each contact, a row each; None where all weigh alike."""
+        stood = self.stood()
+        if stood is None:
+            return None
+        rows = [
+            {**dict(zip(CONTACT, contact, strict=True)), "base": base, "weight": weight}
+            for contact, weights in stood.weights.items()
+            for base, weight in enumerate(weights.tolist())
+        ]
+        text = "how much shares of its jobs count, 1 on average over all draws"
+        weight = pa.field(
+            "weight", pa.float64(), metadata={"group": "bases", "unit": "1", "description": text}
+        )
+        fields = [*(SCHEMA.field(name) for name in (*CONTACT, "base")), weight]
+        return pa.Table.from_pylist(rows, schema=pa.schema(fields))
+
+    def _by_records(self, frame: pd.DataFrame) -> pd.DataFrame:
         motions = self.motions()
         if motions is None or "weight" not in motions.column_names:
             return frame
@@ -187,7 +232,10 @@ class Run:
     def describe(self) -> list[dict[str, str]]:
         """Every column of every table with its unit and meaning."""
         rows = [{"table": "results", **_RUN_COLUMN}]
-        for name, table in (("results", SCHEMA), ("motions", self.motions()), ("scene", self.scene())):
+        tables = (
+            ("results", SCHEMA), ("motions", self.motions()), ("scene", self.scene()), ("bases", self.bases())
+        )  # fmt: skip
+        for name, table in tables:
             schema = table.schema if isinstance(table, pa.Table) else table
             told = _as_recorded if name == "motions" else describe
             rows += [{"table": name, **told(field)} for field in schema or ()]
@@ -208,7 +256,8 @@ def open_run(path: PathLike) -> Run:
 def ask(runs: Sequence[Run], query: str, *, trusted: bool = False) -> pa.Table:
     """Answer of a DuckDB query over one or several runs.
 
-    The tables `results`, `motions` and `scene` hold the rows of all, and a column `run` tells them apart.
+    The tables `results`, `motions` and `scene` hold the rows of all, and a column `run` tells them apart. Where a
+    rock is known to have stood a recorded motion, `bases` holds the weights of the draws of its base.
 
     Parameters
     ----------
@@ -227,7 +276,7 @@ def ask(runs: Sequence[Run], query: str, *, trusted: bool = False) -> pa.Table:
 
 
 def connect(runs: Sequence[Run], trusted: bool = False) -> duckdb.DuckDBPyConnection:
-    """DuckDB connection with the views `results`, `motions` and `scene` over some runs as they are now.
+    """DuckDB connection with the views `results`, `motions`, `scene` and `bases` over some runs as they are now.
 
     Unless it is trusted, it reads and writes no file, loads no extension, sees no variable of this program, and its
     configuration is locked.
@@ -242,7 +291,7 @@ def connect(runs: Sequence[Run], trusted: bool = False) -> duckdb.DuckDBPyConnec
             remedy="rename one of the folders",
         )
     connection = duckdb.connect(config={} if trusted else dict(_LOCKED))
-    for view in ("results", "motions", "scene"):
+    for view in ("results", "motions", "scene", "bases"):
         parts = []
         for number, run in enumerate(runs):
             source = run.dataset() if view == "results" else getattr(run, view)()

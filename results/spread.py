@@ -53,6 +53,9 @@ def spreads(frame: pd.DataFrame) -> pd.DataFrame:
     frame : DataFrame
         Rows of results of one scene, preset and restitution.
 
+    Where bases do not weigh alike (`base_weight`, from `Run.weighted`), means and variances are of draws so weighted,
+    with 1 - sum of squared shares in the place of (n - 1) / n.
+
     Returns
     -------
     DataFrame
@@ -102,13 +105,22 @@ def _spread(level: float, jobs: pd.DataFrame) -> Spread | None:
     records, draws = values.shape
     if records < LEAST or draws < LEAST:
         return None
-    mean, by_record, by_draw = values.mean(), values.mean(axis=1), values.mean(axis=0)
-    left = ((values - by_record[:, None] - by_draw + mean) ** 2).sum() / ((records - 1) * (draws - 1))
-    of_records = max((draws * ((by_record - mean) ** 2).sum() / (records - 1) - left) / draws, 0.0)
-    of_draws = max((records * ((by_draw - mean) ** 2).sum() / (draws - 1) - left) / records, 0.0)
+    of = np.full(records, 1.0 / records)
+    weight = _weights(jobs, draw).reindex(entries.columns).to_numpy()
+    share_of = weight / weight.sum()
+    by_record, by_draw = values @ share_of, of @ values
+    mean = float(of @ by_record)
+    free_records, free_draws = 1.0 - 1.0 / records, 1.0 - float((share_of**2).sum())
+    if free_draws <= 0.0:
+        return None
+    deviation = (values - by_record[:, None] - by_draw + mean) ** 2
+    left = float(of @ deviation @ share_of) / (free_records * free_draws)
+    of_records = float(of @ (by_record - mean) ** 2) / free_records - left * (1.0 - free_draws)
+    of_draws = float(share_of @ (by_draw - mean) ** 2) / free_draws - left / records
+    of_records, of_draws = max(of_records, 0.0), max(of_draws, 0.0)
     factor = jobs.groupby(draw)["friction_factor"].first().reindex(entries.columns).fillna(1.0).to_numpy()
     friction = np.log(np.maximum(entries.columns.get_level_values(0).to_numpy(float) * factor, 1e-9))
-    share = _explained(friction, by_draw)
+    share = _explained(friction, by_draw, share_of)
     return Spread(
         level_pga_m_s2=level,
         probability=float(mean),
@@ -120,13 +132,21 @@ def _spread(level: float, jobs: pd.DataFrame) -> Spread | None:
     )
 
 
-def _explained(cause: np.ndarray, effect: np.ndarray) -> float:
+def _weights(jobs: pd.DataFrame, draw: list[str]) -> pd.Series:
+    """Weight of each draw: that of its base, where bases do not weigh alike."""
+    return jobs.assign(weight=jobs.get("base_weight", 1.0)).groupby(draw)["weight"].first()
+
+
+def _explained(cause: np.ndarray, effect: np.ndarray, share: np.ndarray) -> float:
     """Share of a variance that a straight line explains, less what it explains by chance (adjusted), 0 to 1."""
-    count = len(cause)
+    count = 1.0 / float((share**2).sum())
     if count <= 2 or np.ptp(cause) == 0.0 or np.ptp(effect) == 0.0:
         return 0.0
-    correlation = float(np.corrcoef(cause, effect)[0, 1])
-    return float(np.clip(1.0 - (1.0 - correlation**2) * (count - 1) / (count - 2), 0.0, 1.0))
+    variance = np.cov(cause, effect, aweights=share)
+    if not variance[0, 0] * variance[1, 1] > 0.0:
+        return 0.0
+    squared = variance[0, 1] ** 2 / (variance[0, 0] * variance[1, 1])
+    return float(np.clip(1.0 - (1.0 - squared) * (count - 1) / (count - 2), 0.0, 1.0))
 
 
 def surroundings(frame: pd.DataFrame) -> list[tuple[str, pd.DataFrame]]:

@@ -64,7 +64,7 @@ def accuracy(
     table = compare(said, said[CONVERGED])
     out.mkdir(parents=True, exist_ok=True)
     table.to_csv(out / "accuracy.csv", index=False)
-    save(front_figure(table, FLOOR), out / "front")
+    save(front_figure(table), out / "front")
     click.echo(_told(table))
     click.echo(f"{out / 'accuracy.csv'}\n{out / 'front.png'}")
 

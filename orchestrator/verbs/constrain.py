@@ -1,15 +1,21 @@
 """`toppling constrain`: what standing rocks say about the ground motion that has not happened."""
 
 import json
+import os
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
 
 import click
 import numpy as np
+import pandas as pd
 
 from toppling.models.errors import InputError
+from toppling.models.scene import Scene
 from toppling.orchestrator.progress import bar
+from toppling.orchestrator.stood import Recorded, check_weighable, read_recorded
 from toppling.results.constraint import bound_table, branch_table, single_event
 from toppling.results.drawing.atlas import save_table
 from toppling.results.drawing.constraint import constraint_figure
@@ -20,6 +26,7 @@ from toppling.results.fragility import by_contact
 from toppling.results.hazard import SITE_REACH_KM, HazardCurve, Standing, distance_km, parse_age, read_hazard
 from toppling.results.run import open_run
 from toppling.results.schema import SCHEMA, describe
+from toppling.results.stood import CONTACT, Stood, sentences, told_of, unweighed
 
 
 @click.command()
@@ -38,6 +45,11 @@ from toppling.results.schema import SCHEMA, describe
 )  # fmt: skip
 @click.option("--where", help="Only jobs for which this SQL condition holds, such as those of one friction.")
 @click.option("--trusted", is_flag=True, help="Let --where read files of yours.")
+@click.option(
+    "--stood", multiple=True, type=click.Path(path_type=Path), metavar="FILE",
+    help="Recorded motion that the rock is known to have stood (one --stood a file), or an ensemble's folder: weights "
+    "the draws of its base.",
+)  # fmt: skip
 @click.option(
     "--measure",
     help="Intensity measure (a column of the results); that of the hazard curves, or pgv_m_s, if not given.",
@@ -64,6 +76,7 @@ def constrain(
     age: tuple[str, ...],
     where: str | None,
     trusted: bool,
+    stood: tuple[Path, ...],
     measure: str | None,
     confidence: float,
     site: tuple[float, float] | None,
@@ -77,9 +90,14 @@ def constrain(
     Without an age the statement is about a single event; with ages, about rates of exceedance; with hazard curves,
     about the rocks' survival under each curve and the weights of the branches. Several rocks feel the same events.
 
+    An earthquake that was recorded beside a standing rock tells of its unseen base: with --stood every draw of it is
+    shaken with that record, as strong and as oriented as it was, and counts by how likely the rock stands it there.
+    The run must have realisations on a scene with draws.
+
     \b
     toppling constrain runs/first --where "friction_static = 0.8"
     toppling constrain runs/first --age 15000..30000 --hazard mean.csv=0.6 --hazard high.csv=0.4
+    toppling constrain runs/first --stood quake_e.AT2 --stood quake_n.AT2 --stood quake_up.AT2
     """  # noqa: D301
     if age and len(age) not in (1, len(rocks)):
         msg = f"give one --age, or one a rock: {len(age)} for {len(rocks)} rocks"
@@ -93,21 +111,32 @@ def constrain(
     if where and not all(path.is_dir() for path in rocks):
         msg = "--where chooses jobs of runs: a file of curves has none"
         raise click.UsageError(msg)
+    if stood and not all(path.is_dir() for path in rocks):
+        msg = "--stood weights the bases of runs: a file of curves has none"
+        raise click.UsageError(msg)
     branches = [read_branch(text, site, ratio) for text in hazard]
     if site and all(branch.site is None for branch in branches):
         msg = "--site chooses a place in OpenQuake's files: curves of two columns state none"
         raise click.UsageError(msg)
     over = _measure(measure, branches)
     ages = [parse_age(text) for text in age] or [np.array([np.nan])]
-    with bar("bootstrap of records", SAMPLES * sum(path.is_dir() for path in rocks)) as advance:
+    recorded = read_recorded(stood) if stood else None
+    runs = {path: _jobs(path, where, trusted, recorded) for path in rocks if path.is_dir()}
+    with bar("bootstrap of records", SAMPLES * len(runs)) as advance:
         standing = [
-            _standing(name, path, over, where, trusted, years, seen=advance)
+            _standing(name, path, over, runs.get(path), years, seen=advance)
             for name, path, years in zip(
                 _names(rocks), rocks, ages * len(rocks) if len(ages) == 1 else ages, strict=True
             )
         ]
     _refuse_twins(rocks, standing)
     told = single_event(standing, confidence)
+    if of_bases := [
+        {"rock": rock.name, **_of_bases(runs[path], rock.curve)}
+        for path, rock in zip(rocks, standing, strict=True)
+        if path in runs and runs[path].stood
+    ]:
+        told["stood"] = of_bases
     if age:
         told["ages_independent"] = sum(len(rock.years) > 1 for rock in standing) > 1
     bound = bound_table(standing, confidence) if age else None
@@ -193,27 +222,20 @@ def _measure(asked: str | None, branches: list[HazardCurve]) -> str:
     return stated[0] if stated else asked or "pgv_m_s"
 
 
+@dataclass(frozen=True, eq=False)
+class _Jobs:
+    """Jobs of one contact of a run, weighted, and by what their bases are."""
+
+    path: Path
+    frame: pd.DataFrame
+    stood: Stood | None
+
+
 def _standing(
-    name: str,
-    path: Path,
-    measure: str,
-    where: str | None,
-    trusted: bool,
-    years: np.ndarray,
-    seen: Callable[[], None],
+    name: str, path: Path, measure: str, jobs: _Jobs | None, years: np.ndarray, seen: Callable[[], None]
 ) -> Standing:
-    curve, resampled = _curve(path, measure, where, trusted, seen)
-    return Standing(name, curve, years, resampled)
-
-
-def _curve(
-    path: Path, measure: str, where: str | None, trusted: bool, seen: Callable[[], None]
-) -> tuple[Lognormal, Resampled | None]:
-    """Fragility of a run or a file, and of a run's records drawn anew."""
-    if path.is_dir():
-        curve, resampled = _fit(path, measure, where, trusted, seen)
-    else:
-        curve, resampled = read_curves(path).get(measure), None
+    """A rock by the fragility of a run, with its records drawn anew, or of a file."""
+    curve, resampled = (read_curves(path).get(measure), None) if jobs is None else _fit(jobs, measure, seen)
     if curve is None:
         raise InputError(
             what=f"has no fragility over {measure}",
@@ -221,14 +243,15 @@ def _curve(
             expected="a lognormal fragility over the measure of the hazard",
             remedy="'toppling fragility RUN --fit' says over which measures there is one",
         )
-    return curve, resampled
+    return Standing(name, curve, years, resampled)
 
 
-def _fit(
-    path: Path, measure: str, where: str | None, trusted: bool, seen: Callable[[], None]
-) -> tuple[Lognormal | None, Resampled | None]:
+def _jobs(path: Path, where: str | None, trusted: bool, recorded: Recorded | None) -> _Jobs:
+    """Jobs that are asked for, by the weights of their records and bases."""
     run = open_run(path)
-    jobs = run.weighted(run.frame(where, trusted=trusted))
+    stood = run.stood()
+    bare = run.frame(where, trusted=trusted)
+    jobs = run.weighted(bare)
     if where and jobs.empty:
         raise InputError(
             what=f"no job meets {where}",
@@ -248,12 +271,62 @@ def _fit(
             expected="jobs of one contact",
             remedy='choose one, such as --where "friction_static = 0.8"',
         )
-    known = jobs[jobs[measure] > 0] if measure in jobs else jobs[:0]
-    heard = answered(known)
+    if recorded:
+        if stood:
+            stood.refuse_twins(recorded.motions)
+        also = _weighed(path, bare, recorded)
+        stood = stood.joined(also) if stood else also
+        jobs = run.weighted(bare, stood)
+    return _Jobs(path, jobs, stood)
+
+
+def _weighed(path: Path, jobs: pd.DataFrame, recorded: Recorded) -> Stood:
+    """Weights of a run's bases by what its rock stood, from shakes that are not kept."""
+    from toppling.orchestrator.campaign import Campaign
+    from toppling.orchestrator.cluster import local
+    from toppling.orchestrator.progress import watcher
+    from toppling.orchestrator.run import RunError, weigh
+
+    campaign = Campaign.read(path / "campaign.toml")
+    scene = Scene.load(campaign.scene)
+    check_weighable(scene, jobs["base"].nunique(), str(path))
+    (contact,) = jobs[CONTACT].drop_duplicates().itertuples(index=False, name=None)
+    one = replace(campaign, friction=(contact[:2],), restitution=(contact[2],))
+    with TemporaryDirectory(prefix="toppling-stood-") as place:
+        recorded.write(Path(place))
+        try:
+            with watcher() as watch, local(os.cpu_count() or 1) as client:
+                return weigh(one, recorded, Path(place), client, watch)
+        except RunError as stopped:
+            raise click.ClickException(str(stopped)) from None
+
+
+def _fit(jobs: _Jobs, measure: str, seen: Callable[[], None]) -> tuple[Lognormal | None, Resampled | None]:
+    """Fragility of a run, and of its records drawn anew."""
+    heard = _heard(jobs.frame, measure)
     fitted = fit(heard, [measure]) if len(heard) else None
     if fitted is None or (curve := fitted.lognormal) is None:
         return None, None
-    return replace(curve, basis=basis_of(jobs, measure)), bootstrap(heard, fitted, seen=seen)
+    return replace(curve, basis=basis_of(jobs.frame, measure)), bootstrap(heard, fitted, seen=seen)
+
+
+def _heard(jobs: pd.DataFrame, measure: str) -> pd.DataFrame:
+    """Jobs with an answer whose measure is known."""
+    return answered(jobs[jobs[measure] > 0] if measure in jobs else jobs[:0])
+
+
+def _of_bases(jobs: _Jobs, curve: Lognormal) -> dict[str, Any]:
+    """What the motions that a rock stood say of its base, and what that does to the median."""
+    assert jobs.stood is not None
+    told = told_of(jobs.stood, jobs.frame)
+    alike = fit(_heard(unweighed(jobs.frame), curve.measure), [curve.measure]).lognormal
+    (of_contact,) = told.pop("contacts")
+    return {
+        **told,
+        **of_contact,
+        "median_bases_alike": None if alike is None else alike.median,
+        "median_shift_percent": None if alike is None else 100.0 * (curve.median / alike.median - 1.0),
+    }
 
 
 def _words(told: dict) -> str:
@@ -277,6 +350,13 @@ def _words(told: dict) -> str:
         unfit = max(rock["samples_without_fit"] for rock in told["rocks"])
         bare = f"; {unfit} of {SAMPLES} bootstrap samples have no fit and bound nothing" if unfit else ""
         lines.append(f"  {ends} with other records like these (95 %{bare}): the jobs are of few earthquakes")
+    for rock in told.get("stood", ()):
+        lines += [f"  {sentence}" for sentence in sentences({**rock, "contacts": [rock]})]
+        if rock["median_shift_percent"]:
+            lines.append(
+                f"  with all bases alike the median of {rock['rock']} would be {rock['median_bases_alike']:.3g} "
+                f"{unit}: their weights move it by {rock['median_shift_percent']:+.1f} %"
+            )
     for rock in told["rocks"]:
         if rock.get("without_answer"):
             jobs = rock["without_answer"] + rock["jobs"]

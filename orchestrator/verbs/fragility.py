@@ -29,6 +29,7 @@ from toppling.results.fragility import DURATION, LEVEL, PGV, PLANES, PULSE, Axis
 from toppling.results.friction import by_surroundings, frictions
 from toppling.results.plane_reference import reference_lines, simulate
 from toppling.results.run import Run, open_run
+from toppling.results.stood import records_weight, sentences, told_of
 from toppling.workers.seating import settled
 
 PGV_DURATION = PLANES["pgv_duration"]
@@ -41,7 +42,7 @@ FOLDER = click.Path(path_type=Path, file_okay=False)
 @click.option("--out", type=FOLDER, help="Folder; RUN/fragility if not given.")
 @click.option("--where", help="Only jobs that this condition of SQL holds for.")
 @click.option("--trusted", is_flag=True, help="Let --where read files of yours.")
-@click.option("--unweighted", is_flag=True, help="Ignore the ensemble's weights.")
+@click.option("--unweighted", is_flag=True, help="Ignore the weights of records and bases.")
 @click.option("--pga-bin", type=WIDTH, help="m/s2; one bin a level if not given.")
 @click.option("--pgv-bin", type=WIDTH, default=0.25, show_default=True, help="m/s")
 @click.option("--pgv-pga-bin", type=WIDTH, default=0.05, show_default=True, help="s")
@@ -105,7 +106,8 @@ def fragility(
     The bins are those of the study by Veeraraghavan, Hudnut and Krishnan unless you choose others. Direction bins are
     of the azimuth of the vector PGA, degrees counter-clockwise from east. Each contact (friction, restitution) gets a
     folder of its own where there are several. Where the ensemble has weights (records select --deaggregation), maps
-    and fits weight each record; the ranking of measures, the rose and the comparison of frictions count jobs.
+    and fits weight each record, and where the campaign knows of motions that the rock stood (stood), each base; the
+    ranking of measures, the rose and the comparison of frictions count jobs.
 
     \b
     toppling fragility runs/first --fit
@@ -160,6 +162,9 @@ def fragility(
         click.echo(path)
     for audit in audits.values():
         click.echo(audit.sentence)
+    if not unweighted and (stood := opened.stood()):
+        for sentence in sentences(told_of(stood, jobs)):
+            click.echo(sentence)
 
 
 def at_rest(scene: Scene, jobs: pd.DataFrame) -> Scene:
@@ -177,5 +182,8 @@ def _plane_reference(run: Run, jobs: pd.DataFrame, directions: int) -> pd.DataFr
     with bar(f"plane reference: {len(azimuths)} sections, {len(levels)} levels"):
         simulated = simulate(scene, ensemble, records, levels, azimuths)
     # Each record counts in the lines as in the cells that they are drawn over.
-    weights = jobs[["record_id", "record_weight"]].drop_duplicates() if "record_weight" in jobs else None
-    return reference_lines(simulated if weights is None else answered(simulated.merge(weights)))
+    weight = records_weight(jobs)  # the reference has one base
+    if weight is None:
+        return reference_lines(simulated)
+    weights = jobs[["record_id"]].assign(record_weight=weight).drop_duplicates("record_id")
+    return reference_lines(answered(simulated.merge(weights)))

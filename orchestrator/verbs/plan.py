@@ -52,7 +52,7 @@ def plan(campaign: Path, table: Path | None, workers: int | None, no_estimate: b
         expected = None if no_estimate else estimate(planned, scene, ensemble)
     counts = {
         "jobs": len(planned), "records": len(planned.record_sha), "levels": max(len(chosen.pga_m_s2), 1),
-        "azimuths": len(chosen.azimuth_deg), "frictions": len(chosen.friction),
+        "azimuths": max(len(chosen.azimuth_deg), 1), "frictions": len(chosen.friction),
         "restitutions": len(chosen.restitution), "realisations": chosen.realisations, "preset": chosen.preset,
         "engine": chosen.engine,
         "scene_id": planned.scene_id, "ensemble_id": planned.ensemble_id, "plan_id": planned.id,

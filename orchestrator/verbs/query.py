@@ -38,9 +38,10 @@ def query(
 ) -> None:
     """Query one or several runs in SQL (DuckDB), also while they run.
 
-    The tables are results (a row a job), motions (a row a record) and scene (one row). With several runs each
-    table holds the rows of all, and the column run tells them apart. A query is one SELECT and reads nothing
-    else; --trusted lets it join files of yours.
+    The tables are results (a row a job), motions (a row a record) and scene (one row); where the campaign knows of
+    motions that the rock stood, also bases (the weight of each). With several runs each table holds the rows of all,
+    and the column run tells them apart. A query is one SELECT and reads nothing else; --trusted lets it join files of
+    yours. --spread weights each base.
 
     \b
     toppling query runs/first --describe
@@ -70,7 +71,7 @@ def query(
 def _spread(runs: tuple[str, ...]) -> pa.Table:
     parts = []
     for run in map(open_run, runs):
-        for name, jobs in surroundings(run.frame()):
+        for name, jobs in surroundings(run.weighted(run.frame())):
             parts.append(spreads(jobs).assign(**{"run": run.name} if len(runs) > 1 else {}))
             if name:
                 parts[-1].insert(0, "of", name)

@@ -122,6 +122,7 @@ def run(
         "run": str(folder), "jobs": tally.total, "done_before": tally.before, "done": tally.done,
         "toppled": state["toppled"], "failed": state["failed"], "status": state["status"],
         "deaths": tally.deaths, "suggestions": advice, "audit": state["audit"],
+        "stood": state["stood"],
         "wall_s": round(tally.elapsed_s, 2), "work_s": round(tally.work_s, 2),
     }  # fmt: skip
     if as_json:
@@ -133,7 +134,7 @@ def run(
         )
         if state["failed"]:
             click.echo(f"why some failed: toppling status {folder}")
-        for sentence in state["audit_sentences"]:
+        for sentence in [*state["audit_sentences"], *state["stood_sentences"]]:
             click.echo(sentence)
         if there := [name for name in AGAIN if name in state["status"]]:
             click.echo(f"to do them again: {command} --again {','.join(there)}")

@@ -31,7 +31,7 @@ def status(run: Path, as_json: bool) -> None:
     if state["workers"] is not None:
         click.echo(f"{state['workers']} workers, {state['deaths']} deaths of workers in this session")
     click.echo(f"toppled {state['toppled']}, failed {state['failed']} ({_counts(state['status'])})")
-    for sentence in state["audit_sentences"]:
+    for sentence in [*state["audit_sentences"], *state["stood_sentences"]]:
         click.echo(sentence)
     for failure in state["failures"]:
         click.echo(

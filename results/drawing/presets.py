@@ -25,7 +25,9 @@ def front_figure(table: pd.DataFrame) -> Figure:
     """
     with style():
         figure = Figure(figsize=(FULL_WIDTH_IN, 2.9))
-        for axes, (column, label) in zip(figure.subplots(1, 3, sharex=True), FRONT_PANELS.items(), strict=True):
+        for axes, (column, label) in zip(
+            figure.subplots(1, 3, sharex=True), FRONT_PANELS.items(), strict=True
+        ):
             axes.axhline(0.0, color="0.5", linewidth=0.8)
             for number, (_, row) in enumerate(table.iterrows()):
                 axes.errorbar(

@@ -116,7 +116,7 @@ class Content:
 
     @cached_property
     def frame(self) -> pd.DataFrame:
-        """All rows, weighted where the run's ensemble has weights."""
+        """All rows, weighted where the run's records or bases do not weigh alike."""
         frame = self.run.weighted(self.run.frame())
         if not frame["toppled"].notna().any():
             raise InputError(

@@ -60,12 +60,15 @@ def how_likely(content: Content) -> str:
     """Share of shakings that topple, over all and along the levels of PGA."""
     contact = content.chief
     known = contact.known
-    share = known.groupby("level_pga_m_s2")["toppled"].mean()
+    weight = known.get("base_weight", pd.Series(1.0, known.index))
+    levels = known["level_pga_m_s2"]
+    share = (weight * known["toppled"]).groupby(levels).sum() / weight.groupby(levels).sum()
+    weighted = ", each base by its weight" if "base_weight" in known else ""
     told = [f"{_percent(share.iloc[k])} at {share.index[k]:g} m/s²" for k in _ends_and_middle(share)]
     return (
         f"Of {len(known):,} shakings ({known['record_id'].nunique():,} records, scaled to a PGA of "
         f"{share.index[0]:g} to {share.index[-1]:g} m/s², {known['azimuth_deg'].nunique()} azimuths) "
-        f"{contact.toppled:,} topple it, {_percent(contact.toppled / len(known))}: {', '.join(told)}."
+        f"{contact.toppled:,} topple it, {_percent(contact.toppled / len(known))}{weighted}: {', '.join(told)}."
     )
 
 

@@ -6,6 +6,7 @@ from importlib.metadata import version
 from toppling.results.drawing.report.content import Content
 from toppling.results.drawing.report.document import Document, paragraph, safe
 from toppling.results.friction import friction_words, frictions
+from toppling.results.stood import records_weight
 
 REFERENCES = (
     "Baker, J. W. (2015). Efficient analytical fragility function fitting using dynamic structural analysis. "
@@ -101,7 +102,13 @@ def _engine_words(name: str, versions: Mapping[str, str]) -> str:
 
 
 def _statistics(content: Content) -> str:
-    weighted = ", weighted by a hazard deaggregation" if "record_weight" in content.frame else ""
+    reasons = ["a hazard deaggregation"] if records_weight(content.frame) is not None else []
+    if stood := content.run.stood():
+        reasons.append(
+            f"how likely the rock stands {' and '.join(one.record_id for one in stood.motions)}, which it is known to "
+            f"have stood, on each drawn base ({stood.shakes} shakings of each)"
+        )
+    weighted = f", weighted by {' and by '.join(reasons)}" if reasons else ""
     return (
         f"Toppling probabilities are shares of the jobs with an answer{weighted}; their 95 % intervals are Wilson's "
         "(1927) with the number of distinct records as trials, since scaled and turned copies of one record are not "

@@ -36,6 +36,7 @@ from toppling.results.fragility import (
 )
 from toppling.results.friction import compare_frictions
 from toppling.results.hunted import SKIPPED
+from toppling.results.stood import records_weight, sentences, told_of
 
 FAR_SHAKEN = 10.0
 """Medians above so many times the strongest shaken value are no numbers: nothing was shaken anywhere near."""
@@ -76,6 +77,10 @@ def scene_section(content: Content, document: Document) -> str:
         parts += [
             paragraph(f"{told[0].upper()}{told[1:]}.") for told in base_sentences(content.run.scene_report())
         ]
+    if stood := content.run.stood():
+        parts += [
+            paragraph(f"{told[0].upper()}{told[1:]}.") for told in sentences(told_of(stood, content.frame))
+        ]
     row = table.drop_columns(["quasi_static_toppling"]).to_pylist()[0]
     rows = [
         {
@@ -96,8 +101,8 @@ def records_section(content: Content, document: Document) -> str:
     frame = content.frame
     used = frame.drop_duplicates("record_id")
     lines = [paragraph(f"{len(used):,} records of {used['event'].nunique():,} named earthquakes.")]
-    if "record_weight" in frame:
-        least, most = used["record_weight"].min(), used["record_weight"].max()
+    if (weight := records_weight(frame)) is not None:
+        least, most = weight[used.index].min(), weight[used.index].max()
         lines.append(
             f"<p>The records are weighted by a hazard deaggregation, from {least:.3g} to {most:.3g} of an even share: "
             "maps and fits count each by its weight.</p>"

@@ -1,12 +1,14 @@
 """What nobody measured is drawn within its bounds, evenly, and the same whatever else is drawn."""
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.motion import Motion
 from toppling.models.motions.record import Record
 from toppling.models.scene import ContactProperties, Scene
+from toppling.models.unseen import BaseDraw, UnseenBase
 from toppling.workers.job import Assets, JobSpec, prepared
 from toppling.workers.unmeasured import Unmeasured
 
@@ -59,3 +61,21 @@ def test_a_job_shakes_with_what_its_realisation_draws_and_its_id_tells(tmp_path)
     )
     assert scene.contact == ALL.contact(ContactProperties(0.8, 0.8, 0.0), 7)
     assert spec.job_id != JobSpec(*given, realisation=7, preset="draft").job_id
+
+
+@pytest.mark.parametrize("draws", [32, 48, 29])
+def test_friction_varies_as_much_on_one_base_as_on_all_of_them(draws):
+    feet_m = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    bases = UnseenBase(0.1, (BaseDraw(feet_m),) * draws)
+    realisations = range(1, 20 * draws + 1)
+    frame = pd.DataFrame({
+        "base": [bases.number_of(one) for one in realisations],
+        "friction": [
+            Unmeasured(friction=(0.5, 1.0)).contact(ContactProperties(0.7, 0.7), one).friction_static
+            for one in realisations
+        ],
+    })  # fmt: skip
+    on_one = frame.groupby("base")["friction"]
+    assert (on_one.size() == 20).all()
+    uniform_std = 0.5 / np.sqrt(12.0)
+    assert on_one.std().mean() == pytest.approx(uniform_std, rel=0.1)

@@ -1,0 +1,213 @@
+"""A rock that stood a recorded shaking tells of its base: each draw of it is shaken with the recorded motion.
+
+The shakes are campaigns like any other, each motion as strong and as oriented as it was recorded. Their realisations
+draw the bases, and friction and what else nobody measured beside them, as those of the run do. What they say is
+arithmetic: `results.stood`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import pandas as pd
+
+from toppling.models.errors import InputError
+from toppling.models.motions.ensemble import CATALOG, Ensemble
+from toppling.models.motions.record import Record
+from toppling.models.scene import Scene
+from toppling.orchestrator.campaign import Campaign
+from toppling.results.run import open_run
+from toppling.results.stood import FILE, Motion, Stood, weights_of
+
+SHAKES = 8
+"""Of each draw with each motion: a draw on which the rock never stands has a seventeenth of the weight of one on which
+it always does."""
+AZIMUTHS_DEG = tuple(360.0 / SHAKES * number for number in range(SHAKES))
+"""To which a motion is turned where nobody knows how its components pointed: every draw feels the same ones."""
+ENSEMBLES = ("as_recorded", "from_all_sides")
+"""Of motions whose components' azimuths are known, and of the others."""
+
+Shake = Callable[[Campaign, Path], object]
+"""Carries a campaign out in a folder."""
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """Motions that the rock is known to have stood.
+
+    Parameters
+    ----------
+    records : tuple of Record
+    paths : tuple of str
+        As they were given, one a record.
+    """
+
+    records: tuple[Record, ...]
+    paths: tuple[str, ...]
+
+    @property
+    def identity(self) -> tuple[str, ...]:
+        """All that can change a weight: hashes of the motions, whether they were oriented, and how often they shake."""
+        return (f"stood {SHAKES}", *sorted(f"{one.sha} {one.north_known}" for one in self.records))
+
+    @property
+    def motions(self) -> tuple[Motion, ...]:
+        """What the weights' document says of them."""
+        return tuple(
+            Motion(one.record_id, one.sha, one.files or (path,), one.north_known)
+            for one, path in zip(self.records, self.paths, strict=True)
+        )
+
+    def write(self, place: Path) -> None:
+        """Write them as ensembles in a folder, by whether their azimuths are known."""
+        for name in ENSEMBLES:
+            chosen = [one for one in self.records if one.north_known == (name == ENSEMBLES[0])]
+            if chosen:
+                (place / name).mkdir(parents=True)
+                Ensemble.write(place / name / "ensemble", chosen)
+
+
+def ensembles_in(place: Path) -> list[Path]:
+    """Ensembles that `Recorded.write` wrote."""
+    return [place / name / "ensemble" for name in ENSEMBLES if (place / name / "ensemble" / CATALOG).exists()]
+
+
+def read_recorded(paths: Sequence[Path]) -> Recorded:
+    """Read motions that a rock is known to have stood.
+
+    Parameters
+    ----------
+    paths : sequence of Path
+        Files of records, those of one record's components together, or folders of ensembles.
+
+    Raises
+    ------
+    InputError
+        If one cannot be read, holds no record, or is given twice.
+    """
+    found: list[tuple[Record, str]] = []
+    files = [path for path in paths if not (path / CATALOG).is_file()]
+    for path in paths:
+        if path not in files:
+            ensemble = Ensemble.load(path)
+            found += [(ensemble.record(name), str(path)) for name in ensemble.record_ids]
+    if files:
+        found += [(record, ", ".join(record.files)) for record in _read_files(files)]
+    _refuse_twins([record for record, _ in found])
+    return Recorded(tuple(record for record, _ in found), tuple(path for _, path in found))
+
+
+def check_weighable(scene: Scene, realisations: int, where: str) -> None:
+    """Make sure that there are bases to weigh, and jobs that have them.
+
+    Parameters
+    ----------
+    scene : Scene
+    realisations : int
+        Of a campaign, the nominal scene (0) not counted.
+    where : str
+        What the messages name.
+
+    Raises
+    ------
+    InputError
+        If the scene has no draws of its base, or the campaign no realisations.
+    """
+    if scene.unseen is None:
+        raise InputError(
+            "the scene has no draws of its base, so there is nothing that a shaking it stood could tell of",
+            where=where,
+            expected="a scene with bases.json",
+            remedy="make it with 'toppling scan', or give a mesh draws with models.rough_base.with_rough_base",
+        )
+    if realisations < 1:
+        raise InputError(
+            "there are no realisations: every job is on the nominal scene, and none on a draw of its base",
+            where=where,
+            expected=f"a campaign with realisations of up to {len(scene.unseen) + 1}, one a base and the nominal scene",
+            remedy=f"set realisations = {len(scene.unseen) + 1} in the campaign, and run it with another --out",
+        )
+
+
+def weigh_bases(campaign: Campaign, recorded: Recorded, place: Path, shake: Shake) -> Stood:
+    """Shake every draw of the base with what the rock stood, and weigh the draws by it; goes on where it was stopped.
+
+    Parameters
+    ----------
+    campaign : Campaign
+        Whose contacts, engine, preset and unmeasured the shakes have.
+    recorded : Recorded
+        As `Recorded.write` wrote it to the folder.
+    place : Path
+        Where the shakes go, and `weights.json` once they are done.
+    shake : callable
+
+    Raises
+    ------
+    InputError
+        If a motion gets no answer, as where the engine refuses to shake this rock.
+    """
+    scene = Scene.load(campaign.scene)
+    check_weighable(scene, 1, str(campaign.scene))
+    assert scene.unseen is not None
+    rows = []
+    for ensemble in ensembles_in(place):
+        known = ensemble.parent.name == ENSEMBLES[0]
+        one = replace(
+            campaign,
+            ensemble=ensemble,
+            pga_m_s2=(),
+            azimuth_deg=() if known else AZIMUTHS_DEG,
+            realisations=len(scene.unseen) * (SHAKES if known else 1),
+            first_realisation=1,
+            records=None,
+            peak_displacement_m=None,
+            audit=0,
+            levels="all",
+            stood=(),
+        )
+        shake(one, ensemble.parent / "run")
+        rows.append(open_run(ensemble.parent / "run").frame())
+    stood = Stood(recorded.motions, SHAKES, weights_of(pd.concat(rows), len(scene.unseen)))
+    stood.write(place / FILE)
+    return stood
+
+
+def _read_files(paths: Sequence[Path]) -> list[Record]:
+    from toppling.models.motions.importing import import_records, record_files
+
+    files = record_files(paths)
+    read = import_records(files)
+    for refusal in read.refusals:
+        raise InputError(
+            f"{refusal.subject}: {refusal.reason.what}",
+            where=refusal.reason.where,
+            expected=refusal.reason.expected,
+            remedy="import it with the options that it needs ('toppling records import'), and give the ensemble",
+        )
+    if not read.records:
+        raise InputError(
+            "holds no record",
+            where=", ".join(map(str, paths)),
+            expected="files of a recorded motion, or an ensemble's folder",
+            remedy="check the path; 'toppling records import --help' names the formats",
+        )
+    return read.records
+
+
+def _refuse_twins(records: Sequence[Record]) -> None:
+    for attribute, what in (("sha", "the same motion"), ("record_id", "of the same name")):
+        seen: dict[str, Record] = {}
+        for record in records:
+            other = seen.setdefault(getattr(record, attribute), record)
+            if other is not record:
+                raise InputError(
+                    f"{record.record_id} and {other.record_id} are {what}",
+                    where="motions that the rock stood",
+                    expected="each motion once, as what is told twice would count twice",
+                    remedy="leave one of the two out"
+                    if attribute == "sha"
+                    else "import them into one ensemble ('toppling records import'), and give its folder",
+                )

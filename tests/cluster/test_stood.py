@@ -1,0 +1,168 @@
+"""From the command line: a motion that the rock stood weights the draws of its base."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from toppling.models.errors import InputError
+from toppling.models.motions.ensemble import Ensemble
+from toppling.models.motions.idealised import ricker
+from toppling.models.motions.record import Record
+from toppling.models.scene import Scene
+from toppling.models.unseen import BaseDraw, UnseenBase
+from toppling.orchestrator.cli import cli
+from toppling.orchestrator.stood import SHAKES
+from toppling.results.run import open_run
+from toppling.results.stood import FILE, FOLDER, Stood
+
+CAMPAIGN = """\
+scene = "scene"
+ensemble = "ensemble"
+pga_m_s2 = [0.8, 1.2, 1.6, 2, 2.5, 3, 4]
+azimuth_deg = [0]
+friction = [0.9]
+realisations = 3
+preset = "draft"
+audit = 0
+"""
+WEIGHTS = pytest.approx([17.0 / 9.0, 1.0 / 9.0])
+"""Of a base on which the rock always stood, and one on which it never did."""
+
+
+def toppling(*words):
+    done = CliRunner().invoke(cli, [str(word) for word in words])
+    if isinstance(done.exception, InputError):
+        raise done.exception
+    assert done.exit_code == 0, done.output
+    return done
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A block on one stable and one weak base, and pulses that topple it on the weak one, or on none."""
+    place = tmp_path_factory.mktemp("stood")
+    half_m = (0.15, 0.06)
+    feet = [np.array([[x, y, 0.0] for x in (-w, w) for y in (-0.2, 0.2)]) for w in half_m]
+    bases = UnseenBase(0.05, tuple(BaseDraw(each) for each in feet))
+    replace(Scene.block(0.15, 0.2, 0.6), unseen=bases).save(place / "scene")
+    Scene.block(0.15, 0.2, 0.6).save(place / "bare")
+    Ensemble.write(
+        place / "ensemble", [Record.of(f"P{n}", ricker(2.0, 0.5 + 0.2 * n, 0.01)) for n in range(5)]
+    )
+    for name, pga_m_s2, azimuths in (
+        ("strong", 2.0, (0.0, 90.0)), ("weak", 0.3, (0.0, 90.0)), ("across", 2.0, (90.0, 180.0)),
+        ("unoriented", 2.0, None),
+    ):  # fmt: skip
+        motion = ricker(pga_m_s2, 1.2, 90.0 if name == "across" else 0.0)
+        Ensemble.write(place / name, [Record.of(name, motion, component_azimuths_deg=azimuths)])
+    (place / "plain.toml").write_text(CAMPAIGN)
+    for name in ("strong", "unoriented"):
+        (place / f"{name}.toml").write_text(f'{CAMPAIGN}stood = ["{name}"]\n')
+    return place
+
+
+@pytest.fixture(scope="module")
+def plain(folder):
+    toppling("run", folder / "plain.toml", "--out", folder / "run", "--workers", 2, "--no-estimate")
+    return folder / "run"
+
+
+def test_a_motion_that_topples_the_weak_base_moves_nearly_all_weight_to_the_stable_one(folder, plain):
+    told = json.loads(
+        toppling("constrain", plain, "--measure", "pga_m_s2", "--stood", folder / "strong", "--json").stdout
+    )
+    (base,) = told["stood"]
+    assert [base["weights"]["0"], base["weights"]["1"]] == WEIGHTS
+    assert base["files"] == [str(folder / "strong")]
+    assert (base["bases"], base["shakes"]) == (2, SHAKES)
+    assert base["effective_bases"] == pytest.approx(1.117, abs=1e-3)
+    assert base["median_shift_percent"] > 10.0
+
+
+def test_a_motion_too_weak_to_topple_anything_changes_nothing(folder, plain):
+    asked = ("constrain", plain, "--measure", "pga_m_s2", "--json")
+    without, told = (
+        json.loads(toppling(*asked).stdout),
+        json.loads(toppling(*asked, "--stood", folder / "weak").stdout),
+    )
+    (base,) = told.pop("stood")
+    assert set(base["weights"].values()) == {1.0}
+    assert told == without
+
+
+def test_a_motion_shakes_the_way_it_was_recorded(folder, plain):
+    asked = ("constrain", plain, "--measure", "pga_m_s2", "--json", "--stood", folder / "across")
+    (base,) = json.loads(toppling(*asked).stdout)["stood"]
+    assert set(base["weights"].values()) == {1.0}  # along y the bases are one
+
+
+def test_a_campaigns_weights_are_the_same_on_any_number_of_workers_and_as_constrain_finds_them(folder, plain):
+    for workers in (1, 2):
+        out = folder / f"strong-{workers}"
+        done = toppling("run", folder / "strong.toml", "--out", out, "--workers", workers, "--no-estimate")
+        assert "say as much as 1.1 equal ones" in done.output
+    one, two = (open_run(folder / f"strong-{workers}") for workers in (1, 2))
+    ((weights,), (again,)) = (run.stood().weights.values() for run in (one, two))
+    assert (weights == again).all()
+    assert list(weights) == WEIGHTS
+    assert (one.path / FOLDER / FILE).read_bytes() == (two.path / FOLDER / FILE).read_bytes()
+    assert set(one.frame()["job_id"]) == set(open_run(plain).frame()["job_id"])  # the shakes are the same
+    assert one.provenance()["plan_id"] != open_run(plain).provenance()["plan_id"]  # what they say is not
+    asked = ("--measure", "pga_m_s2", "--json")
+    told, later = (
+        json.loads(toppling("constrain", run, *asked, *also).stdout)
+        for run, also in ((one.path, ()), (plain, ("--stood", folder / "strong")))
+    )
+    assert told["unexceeded"] == pytest.approx(later["unexceeded"])
+    assert told["stood"][0]["weights"] == later["stood"][0]["weights"]
+    with pytest.raises(InputError, match="the run counts strong already"):
+        toppling("constrain", one.path, *asked, "--stood", folder / "strong")
+    state = json.loads(toppling("status", one.path, "--json").stdout)
+    assert state["stood"]["contacts"][0]["effective_bases"] == pytest.approx(1.117, abs=1e-3)
+    # The folder repeats itself, and damaged weights stop it.
+    toppling("run", one.path / "campaign.toml", "--out", one.path, "--no-estimate")
+    path = one.path / FOLDER / FILE
+    path.write_bytes(path.read_bytes().replace(b"1.88", b"1.89"))
+    with pytest.raises(InputError, match="is damaged"):
+        toppling("run", folder / "strong.toml", "--out", one.path, "--no-estimate")
+
+
+def test_a_motion_of_unknown_azimuth_shakes_from_all_sides(folder):
+    out = folder / "unoriented-run"
+    toppling("run", folder / "unoriented.toml", "--out", out, "--workers", 2, "--no-estimate")
+    shakes = open_run(out / FOLDER / "from_all_sides" / "run").frame()
+    assert sorted(shakes["azimuth_deg"].unique()) == [45.0 * number for number in range(8)]
+    (weights,) = Stood.read(out / FOLDER / FILE).weights.values()
+    assert weights[0] > 1.0 > weights[1]
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (('scene = "scene"', 'scene = "bare"'), "no draws of its base"),
+        (("realisations = 3", "realisations = 1"), "there are no realisations"),
+        (("[4]", '["torn.v2"]'), "torn.v2"),
+        (("[4]", '["nowhere"]'), "there is no such file"),
+        (("[4]", '["strong", "twin"]'), "the same motion"),
+        (("[4]", '"strong"'), "'strong'"),
+    ],
+)
+def test_what_cannot_weigh_bases_is_refused_by_name_before_a_run_begins(folder, change, told):
+    (folder / "torn.v2").write_text("no record\n")
+    if not (folder / "twin").exists():
+        motion = Ensemble.load(folder / "strong").record("strong").motion
+        Ensemble.write(folder / "twin", [Record.of("twin", motion, component_azimuths_deg=(0.0, 90.0))])
+    text = CAMPAIGN + 'stood = ["strong"]\n'
+    text = (
+        text.replace('stood = ["strong"]', f"stood = {change[1]}")
+        if change[0] == "[4]"
+        else text.replace(*change)
+    )
+    (folder / "wrong.toml").write_text(text)
+    with pytest.raises(InputError) as refused:
+        toppling("run", folder / "wrong.toml", "--out", folder / "wrong", "--no-estimate")
+    assert told in str(refused.value)
+    assert not (folder / "wrong").exists()

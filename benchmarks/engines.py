@@ -1,0 +1,62 @@
+"""Two runs of the same jobs by two engines, cell by cell beside the records' own error.
+
+    .venv/bin/python benchmarks/engines.py RUN OTHER
+"""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from hunt import probabilities, record_errors
+
+from toppling.results.fragility import PLANES
+from toppling.results.run import open_run
+
+JOB = ["record_id", "azimuth_deg", "level_pga_m_s2", "friction_static", "realisation"]
+LEAST_TILT_DEG = 0.1
+"""Smaller tilts are of a rock that hardly moves."""
+
+
+def answers(one: pd.DataFrame, other: pd.DataFrame) -> dict[str, float]:
+    """Jobs that both answered: shares toppled, single answers that differ, tilts where both stand."""
+    both = one.merge(other, on=JOB, suffixes=("", "_other")).dropna(subset=["toppled", "toppled_other"])
+    fell, fell_other = (both[name].astype(bool) for name in ("toppled", "toppled_other"))
+    stands = ~fell & ~fell_other & (both["max_tilt_deg"] > LEAST_TILT_DEG)
+    ratio = np.log(both["max_tilt_deg_other"] / both["max_tilt_deg"])[stands]
+    return {
+        "jobs": len(both),
+        "share toppled": fell.mean(),
+        "of the other": fell_other.mean(),
+        "stand here, topple there": (~fell & fell_other).sum(),
+        "topple here, stand there": (fell & ~fell_other).sum(),
+        "tilt there over here, mean log": ratio.mean(),
+        "its standard error": ratio.std() / len(ratio) ** 0.5,
+    }
+
+
+def cells(one: pd.DataFrame, other: pd.DataFrame, plane: str) -> dict[str, float]:
+    """Differences of a map's cells of ten records or more, and the standard deviations that records leave them."""
+    table, known = probabilities(one, plane), probabilities(other, plane)
+    thick = table.index[~table["thin"]].intersection(known.index)
+    off = known["probability"].loc[thick] - table["probability"].loc[thick]
+    std = record_errors(one, plane).loc[thick]
+    return {
+        "cells": len(thick),
+        "root mean square": float((off**2).mean() ** 0.5),
+        "largest": float(off.abs().max()),
+        "of records": float((std**2).mean() ** 0.5),
+        "share within one std of records": float((off.abs() <= std).mean()),
+        "within two": float((off.abs() <= 2.0 * std).mean()),
+    }
+
+
+def main() -> None:
+    """Print both tables."""
+    one, other = (open_run(Path(path)).frame() for path in sys.argv[1:3])
+    print(pd.Series(answers(one, other)).to_string(float_format=lambda value: f"{value:.4f}"))
+    print(pd.DataFrame({name: cells(one, other, name) for name in PLANES}).round(4).to_string())
+
+
+if __name__ == "__main__":
+    main()

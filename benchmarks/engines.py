@@ -1,6 +1,8 @@
 """Two runs of the same jobs by two engines, cell by cell beside the records' own error.
 
     .venv/bin/python benchmarks/engines.py RUN OTHER
+
+Prints shares, single answers that differ, tilts, and the differences of the maps' cells.
 """
 
 import sys

@@ -27,9 +27,9 @@ from toppling.models.errors import InputError
 
 MEMORY_BYTES, MEMORY_PER_BYTE = 768 << 20, 100
 """A file may take so much memory, and so much more a byte: the most that a LAZ needs to become points is 30."""
-PROCESSOR_S, PROCESSOR_S_PER_MB = 5.0, 2.0
-"""Seconds of processor time that a file may take; the slowest format takes 0.3 s a megabyte."""
-PATIENCE = 20.0
+PROCESSOR_S, PROCESSOR_S_PER_MB = 0.8, 2.0
+"""Seconds of processor time that a file may take, rounded up; the slowest format takes 0.3 s a megabyte."""
+PATIENCE = 100.0
 """So many times the processor time may pass on the clock: other work and slow file systems are no fault of a file."""
 THREADS = 4
 """Of the libraries there: each has a stack and an arena that count as memory."""

@@ -9,9 +9,9 @@ from matplotlib.figure import Figure
 from toppling.results.drawing.style import COLOURS, FULL_WIDTH_IN, plain_log, style
 
 FRONT_PANELS = {
-    "median_shift": "shift of the median PGA (%)",
-    "share_shift": "shift of the share toppled (points)",
-    "tilt_log_ratio": "shift of the tilt of those that stand (%)",
+    "median_shift": "median PGA (%)",
+    "share_shift": "share toppled (points)",
+    "tilt_log_ratio": "tilt where both stand (%)",
 }
 
 
@@ -39,7 +39,7 @@ def front_figure(table: pd.DataFrame) -> Figure:
             plain_log(axes.xaxis)
             axes.margins(x=0.15)
             axes.set_xlabel("cost (processor s per job)")
-            axes.set_ylabel(label)
+            axes.set_ylabel(f"shift of the\n{label}")
         figure.legend(*axes.get_legend_handles_labels(), loc="upper center", ncols=3, frameon=False)
         sns.despine(figure)
         figure.tight_layout(rect=(0.0, 0.0, 1.0, 1.0 - 0.07 * math.ceil(len(table) / 3)))

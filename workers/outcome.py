@@ -87,7 +87,7 @@ def outcome_of(
     pose : (n, 7) array
         The whole trajectory, support frame.
     """
-    contact = context.contact
+    contact = context.problem.contact
     tilt = contact.tilts_deg(pose[:, 3:])
     toppled = (said.ended_by in FALLS or bool(tilt[-1] > TOPPLED_TILT_DEG)) if said.status == "ok" else None
     turning = _point_of_no_return(said.ended_by, contact, pose[:, :3], tilt) if toppled else None

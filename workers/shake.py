@@ -13,7 +13,6 @@ from toppling.models.errors import InputError
 from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene
 from toppling.workers.compiled import ensure_compiled
-from toppling.workers.contact_points import ContactModel, Pose
 from toppling.workers.engine import EnginePool, process_pool
 from toppling.workers.integrator import Integrator
 from toppling.workers.mujoco_engine import MujocoIntegrator
@@ -88,7 +87,8 @@ def shake(
     step_s = options.time_step_s(half_diagonal_m, gravity_m_s2)
     if time_step is not None:
         step_s = _checked_step(time_step, half_diagonal_m, gravity_m_s2)
-    shaking = Shaking.of(scene, motion, options, step_s, start, shortcuts, INTEGRATORS[engine], pool)
+    problem = Problem.of(scene, motion, options, step_s, start, shortcuts)
+    shaking = Shaking.of(problem, INTEGRATORS[engine], pool)
     result = shaking.result(*shaking.run(), trajectory=trajectory)
     return replace(result, wall_s=time.perf_counter() - began)
 
@@ -124,33 +124,18 @@ class Shaking:
     context: Context
 
     @classmethod
-    def of(
-        cls,
-        scene: Scene,
-        motion: Motion,
-        options: NumericalOptions,
-        step_s: float,
-        start: State | None,
-        shortcuts: bool,
-        integrates: type[Integrator],
-        pool: EnginePool,
-    ) -> Shaking:
+    def of(cls, problem: Problem, integrates: type[Integrator], pool: EnginePool) -> Shaking:
         """At its start; a scene without a start of its own is seated."""
-        problem = Problem.of(scene, motion, options, step_s, start, shortcuts)
         integrator = integrates(problem, pool)
+        weak_share = problem.options.termination.weak_share
         return cls(
             integrator=integrator,
-            body=Body.of(scene, problem.contact, integrator.sim.pose[0].copy()),
+            body=Body.of(problem.scene, problem.contact, integrator.sim.pose[0].copy()),
             rest=Rest(problem, integrator),
             context=Context(
-                scene=scene,
-                contact=problem.contact,
-                motion_s=motion.duration_s,
-                weak_from_s=weak_from_s(scene, motion, options.termination.weak_share),
-                rest_speed_m_s=problem.rest_speed_m_s,
-                speed_limit_m_s=_speed_limit(scene, problem.contact, motion, start, problem.pose),
-                shortcuts=shortcuts,
-                options=options.termination,
+                problem=problem,
+                weak_from_s=weak_from_s(problem.scene, problem.motion, weak_share),
+                speed_limit_m_s=_speed_limit_m_s(problem),
             ),
         )
 
@@ -158,7 +143,7 @@ class Shaking:
         """Step until the answer is certain; the verdict, and what was seen last."""
         integrator, rest, context = self.integrator, self.rest, self.context
         since, seen = 0, self._seen(0)
-        if context.shortcuts and rest.rests and rest.lasts():
+        if context.problem.shortcuts and rest.rests and rest.lasts():
             return Verdict("ok", "never_moved"), seen
         while True:
             integrator.advance(context.options.block)
@@ -171,7 +156,7 @@ class Shaking:
             over = seen.time_s > context.motion_s
             if over and rest.came_to_rest and rest.is_held():
                 return Verdict("ok", "rest"), seen
-            if not over and context.shortcuts and rest.rests and rest.lasts():
+            if not over and context.problem.shortcuts and rest.rests and rest.lasts():
                 return Verdict("ok", "rest_certain"), seen
             said = verdict(ENDS, seen, context)
             if said is not None:
@@ -180,7 +165,7 @@ class Shaking:
 
     def result(self, said: Verdict, seen: Observation, *, trajectory: bool) -> ShakeResult:
         """Tell what happened; a state that is not finite has spoilt the worlds."""
-        integrator, contact, skipped_s = self.integrator, self.context.contact, self.rest.skipped_s
+        integrator, contact, skipped_s = self.integrator, self.context.problem.contact, self.rest.skipped_s
         if said.status == "diverged":
             integrator.pool.forget()
         times, poses = integrator.time_and_pose()
@@ -202,17 +187,16 @@ class Shaking:
         return observe(self.integrator.sim, self.body, since, shortest_s)
 
 
-def _speed_limit(
-    scene: Scene, contact: ContactModel, motion: Motion, start: State | None, pose: Pose
-) -> float:
-    """A speed that the motion, the start and a fall of ten R more together cannot give, m/s."""
-    given = float(np.linalg.norm(motion.acceleration_m_s2, axis=1).sum() * motion.time_step_s)
-    fall_m = 10.0 * contact.half_diagonal_m
-    if start is not None:
-        fall_m += max(pose[0][2], 0.0)
-        given += float(np.linalg.norm(start.velocity_m_s))
-        given += float(np.linalg.norm(start.angular_velocity_rad_s)) * contact.half_diagonal_m
-    return 2.0 * (given + float(np.sqrt(2.0 * scene.gravity_m_s2 * fall_m)))
+def _speed_limit_m_s(problem: Problem) -> float:
+    """A speed that the motion, the start and a fall of ten R more together cannot give."""
+    motion, half_diagonal_m = problem.motion, problem.contact.half_diagonal_m
+    given_m_s = float(np.linalg.norm(motion.acceleration_m_s2, axis=1).sum() * motion.time_step_s)
+    fall_m = 10.0 * half_diagonal_m
+    if not problem.rests:
+        fall_m += max(problem.pose[0][2], 0.0)
+        given_m_s += float(np.linalg.norm(problem.velocity_m_s))
+        given_m_s += float(np.linalg.norm(problem.angular_velocity_rad_s)) * half_diagonal_m
+    return 2.0 * (given_m_s + float(np.sqrt(2.0 * problem.scene.gravity_m_s2 * fall_m)))
 
 
 def _checked_step(time_step: float, half_diagonal_m: float, gravity_m_s2: float) -> float:

@@ -18,9 +18,10 @@ from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene
 from toppling.models.statics import TOPPLED_FALL, quasi_static_toppling_m_s2
 from toppling.workers.barrier import least_overturning_j_kg
-from toppling.workers.contact_points import LARGEST_OPEN_TILT_DEG, ContactModel, contact_of
+from toppling.workers.contact_points import LARGEST_OPEN_TILT_DEG, contact_of
 from toppling.workers.observation import Observation
 from toppling.workers.options import TerminationOptions
+from toppling.workers.problem import Problem
 
 Array = NDArray[np.float64]
 
@@ -49,35 +50,31 @@ class Context:
 
     Parameters
     ----------
-    scene : Scene
-        As seated.
-    contact : ContactModel
-    motion_s : float
-        When the motion ends.
+    problem : Problem
     weak_from_s : float
         From when on what is left of it is weak.
-    rest_speed_m_s : float
-        A rock whose points are slower rests.
     speed_limit_m_s : float
         What no energy in the motion explains.
-    shortcuts : bool
-        Whether to end as soon as the answer is certain.
-    options : TerminationOptions
     """
 
-    scene: Scene
-    contact: ContactModel
-    motion_s: float
+    problem: Problem
     weak_from_s: float
-    rest_speed_m_s: float
     speed_limit_m_s: float
-    shortcuts: bool
-    options: TerminationOptions
+
+    @property
+    def options(self) -> TerminationOptions:
+        """The preset's."""
+        return self.problem.options.termination
+
+    @property
+    def motion_s(self) -> float:
+        """How long the ground moves."""
+        return self.problem.motion.duration_s
 
     @property
     def unit_s(self) -> float:
         """sqrt(R / g)."""
-        return math.sqrt(self.contact.half_diagonal_m / self.scene.gravity_m_s2)
+        return math.sqrt(self.problem.contact.half_diagonal_m / self.problem.scene.gravity_m_s2)
 
 
 Rule = Callable[[Observation, Context], Verdict | None]
@@ -91,7 +88,7 @@ def diverged(seen: Observation, context: Context) -> Verdict | None:
 
 def fallen(seen: Observation, context: Context) -> Verdict | None:
     """The centre of mass has lost more of its height than that of a rock which stands may."""
-    low = seen.lowest_m < (1.0 - TOPPLED_FALL) * context.contact.com_m[2]
+    low = seen.lowest_m < (1.0 - TOPPLED_FALL) * context.problem.contact.com_m[2]
     return Verdict("ok", "fallen") if low else None
 
 
@@ -110,7 +107,7 @@ def too_little_energy(seen: Observation, context: Context) -> Verdict | None:
 
     It counts as it will at rest: one that is tilted may come to stand, unless it is displaced anyway.
     """
-    if not (context.shortcuts and seen.time_s > context.motion_s):
+    if not (context.problem.shortcuts and seen.time_s > context.motion_s):
         return None
     if not _has_little_energy(seen, context, context.options.certain_share):
         return None
@@ -122,9 +119,9 @@ def cannot_overturn(seen: Observation, context: Context) -> Verdict | None:
     """Long after the motion: the energy overturns the rock in no yaw, and no slope keeps it sliding."""
     if seen.time_s <= context.motion_s + context.options.calmed_after * context.unit_s:
         return None
-    slips_end = context.scene.contact.friction_kinetic >= friction_that_stops(context.scene)
-    settles = slips_end or seen.sliding_m_s <= context.rest_speed_m_s
-    held = seen.energy_j_kg < least_overturning_j_kg(context.scene, seen.tilt_deg, None)
+    slips_end = context.problem.scene.contact.friction_kinetic >= friction_that_stops(context.problem.scene)
+    settles = slips_end or seen.sliding_m_s <= context.problem.rest_speed_m_s
+    held = seen.energy_j_kg < least_overturning_j_kg(context.problem.scene, seen.tilt_deg, None)
     return Verdict("ok", "rest_certain") if held and settles else None
 
 
@@ -136,7 +133,7 @@ def time_is_up(seen: Observation, context: Context) -> Verdict | None:
 
 def calms_down(seen: Observation, context: Context) -> Verdict | None:
     """All that is left of the motion is weak, so is the rocking, and the rock is displaced anyway."""
-    if not (context.shortcuts and context.weak_from_s < seen.time_s <= context.motion_s):
+    if not (context.problem.shortcuts and context.weak_from_s < seen.time_s <= context.motion_s):
         return None
     options = context.options
     near = seen.tilt_deg < options.weak_tilt_deg and abs(seen.yaw_deg) < options.weak_yaw_deg
@@ -162,15 +159,15 @@ def verdict(rules: tuple[Rule, ...], seen: Observation, context: Context) -> Ver
 
 def is_displaced(seen: Observation, context: Context) -> bool:
     """Whether the rock has slid or turned about the normal so far that it counts as moved, however it rocks."""
-    options, half_diagonal_m = context.options, context.contact.half_diagonal_m
+    options, half_diagonal_m = context.options, context.problem.contact.half_diagonal_m
     return seen.slip_m > options.moved_share * half_diagonal_m or seen.turned_deg > options.moved_deg
 
 
 def _has_little_energy(seen: Observation, context: Context, share: float) -> bool:
     # Past its balance all of a rock's energies are below that of lying: no share of them holds it.
     energy = max(seen.energy_j_kg, 0.0)
-    barrier = least_overturning_j_kg(context.scene, seen.tilt_deg, seen.yaw_deg)
-    return energy < share * barrier and seen.sliding_m_s <= context.rest_speed_m_s
+    barrier = least_overturning_j_kg(context.problem.scene, seen.tilt_deg, seen.yaw_deg)
+    return energy < share * barrier and seen.sliding_m_s <= context.problem.rest_speed_m_s
 
 
 def friction_that_stops(scene: Scene) -> float:

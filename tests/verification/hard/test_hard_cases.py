@@ -16,6 +16,7 @@ from toppling.models.shapes import box, cylinder, ellipsoid
 from toppling.workers.engine import process_pool
 from toppling.workers.integrator import Integrator
 from toppling.workers.options import PRESETS
+from toppling.workers.problem import Problem
 from toppling.workers.reference.closed_forms import landing_boundary
 from toppling.workers.shake import Shaking, shake
 from toppling.workers.start import State
@@ -349,7 +350,8 @@ def test_a_state_that_is_not_finite_or_too_fast_ends_as_diverged_never_as_topple
     step_s = settings.time_step_s(scene.rock.half_diagonal_m, G)
     dropped = partial(shake, scene, case.STILL, "fast", initial={"position_m": (0, 0, 0.7)}, trajectory=True)
     before = dropped()
-    shaking = Shaking.of(scene, case.STILL, settings, step_s, start, False, Integrator, process_pool())
+    problem = Problem.of(scene, case.STILL, settings, step_s, start, False)
+    shaking = Shaking.of(problem, Integrator, process_pool())
     # Nothing that a caller may ask for makes the engine faster than its own.
     shaking = replace(shaking, context=replace(shaking.context, speed_limit_m_s=limit_m_s))
     result = shaking.result(*shaking.run(), trajectory=False)
@@ -364,7 +366,8 @@ def test_feet_set_to_their_height_in_a_part_of_no_time_are_no_speed(part_s, stat
     # A step to a touch began with such a part, and 3e-8 m in it seemed to be 190 m/s.
     scene, settings = Scene.block(0.2, 0.2, 0.6), PRESETS["fast"]
     step_s = settings.time_step_s(scene.rock.half_diagonal_m, G)
-    shaking = Shaking.of(scene, case.STILL, settings, step_s, State(), False, Integrator, process_pool())
+    problem = Problem.of(scene, case.STILL, settings, step_s, State(), False)
+    shaking = Shaking.of(problem, Integrator, process_pool())
     shaking.integrator.advance(0)  # the engine has the rock
     sim = shaking.integrator.sim
     sim.state["last"] = 1

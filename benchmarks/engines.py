@@ -12,12 +12,11 @@ import numpy as np
 import pandas as pd
 from hunt import probabilities, record_errors
 
+from toppling.results.audit import LEAST_TILT_DEG
 from toppling.results.fragility import PLANES
 from toppling.results.run import open_run
 
 JOB = ["record_id", "azimuth_deg", "level_pga_m_s2", "friction_static", "realisation"]
-LEAST_TILT_DEG = 0.1
-"""Smaller tilts are of a rock that hardly moves."""
 
 
 def answers(one: pd.DataFrame, other: pd.DataFrame) -> dict[str, float]:

@@ -28,6 +28,7 @@ import numpy as np
 from base_rocks import base_rock
 from blind_rocks import blind_rock
 from numpy.typing import NDArray
+from pages import put
 from squat_rocks import beside_the_contact, member
 
 from toppling.models.errors import InputError
@@ -397,13 +398,6 @@ def table(rows: dict[str, dict[str, float]], first: str) -> str:
     return "\n".join(lines)
 
 
-def put(name: str, text: str) -> None:
-    """Replace the page's table of this name."""
-    begin, end = f"<!-- {name} -->", f"<!-- end of {name} -->"
-    before, rest = PAGE.read_text().split(begin)
-    PAGE.write_text(f"{before}{begin}\n\n{text}\n\n{end}{rest.split(end)[1]}")
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
@@ -441,19 +435,19 @@ def main() -> None:
         for name, known in all_known(given.shape, given.scans):
             rows[name] = accuracy(known, 8)
             print(name, {key: round(value, 3) for key, value in rows[name].items()}, flush=True)
-        put("accuracy", table(rows, "shape"))
+        put(PAGE, "accuracy", table(rows, "shape"))
     elif given.command == "blind":
         rows = {}
         for name, known in map(blind, range(given.first, given.first + given.count)):
             rows[name] = accuracy(known, 8)
             print(name, {key: round(value, 3) for key, value in rows[name].items()}, flush=True)
-        put("blind", table(rows, "rock"))
+        put(PAGE, "blind", table(rows, "rock"))
     elif given.command == "family":
         rows = {}
         for name, row in map(family_row, range(given.first, given.first + given.count)):
             rows[name] = row
             print(name, {key: round(value, 3) for key, value in row.items()}, flush=True)
-            put("family", table(rows, "rock"))
+            put(PAGE, "family", table(rows, "rock"))
     elif given.command == "base":
         ensemble = None if given.fragility is None else Ensemble.load(given.fragility)
         rows = {}
@@ -471,19 +465,19 @@ def main() -> None:
             print(name, {key: round(value, 3) for key, value in rows[name].items()}, flush=True)
         columns = list(dict.fromkeys(column for row in rows.values() for column in row))
         rows["mean"] = {c: float(np.mean([row[c] for row in rows.values() if c in row])) for c in columns}
-        put("base", table(rows, "rock"))
+        put(PAGE, "base", table(rows, "rock"))
     elif given.command == "answers":
         rows = {}
         for name, known in all_known(given.shape, given.scans):
             rows[name] = agreement(name, known, Ensemble.load(given.ensemble), given.jobs)
-        put("answers", table(rows, "shape"))
+        put(PAGE, "answers", table(rows, "shape"))
     else:
         rows = {}
         for million in given.million:
             row = cost(million)
             within = row["processor s"] < LIMIT_S and row["peak memory GB"] < LIMIT_GB
             rows[f"{million:g} million"] = row
-            put("cost", table(rows, "asked for"))
+            put(PAGE, "cost", table(rows, "asked for"))
             if not within:
                 print(f"beyond {LIMIT_S} s or {LIMIT_GB} GB: larger clouds are left out", flush=True)
                 break

@@ -18,49 +18,32 @@ from pathlib import Path
 
 import numpy as np
 import trimesh
+from pages import put
 
 from toppling.models.motions.shaketable import Experiment, read_experiment
-from toppling.models.rough_base import with_rough_base
 from toppling.models.scene import Scene, read_triangles
-from toppling.orchestrator import validation as settings
 from toppling.orchestrator.cluster import local
-from toppling.orchestrator.validation import Shaken, Wanted, ensemble_of, shake_tests
+from toppling.orchestrator.validation import Shaken, Wanted, ensemble_of, shake_tests, specimen
 from toppling.results.validation import learnt, scores, share
 
 PAGE = Path(__file__).parent.parent / "docs" / "validation.md"
 MEASURES = ("accuracy", "balanced_accuracy", "brier", "calibration_slope")
 
 
-def scene_of(mesh: Path, draws: int, finer: int = 0, tolerance_share: float = 0.05) -> Scene:
-    """The specimen with draws of its base; each triangle of its mesh cut into four so often."""
-    vertices, faces = read_triangles(mesh)
-    for _ in range(finer):
-        vertices, faces = trimesh.remesh.subdivide(vertices, faces)
-    scene = Scene.from_mesh((vertices, faces), 0.5 * sum(settings.FRICTION))
-    return with_rough_base(
-        scene,
-        std_m=settings.BASE_STD_M,
-        wavelength_m=settings.BASE_WAVELENGTH_M,
-        band_m=settings.BASE_BAND_PER_HEIGHT * scene.rock.height_m,
-        draws=draws,
-        standing=settings.STANDING,
-        tolerance_share=tolerance_share,
-    )
+def finer(mesh: Path) -> tuple[np.ndarray, np.ndarray]:
+    """The same surface, each of its triangles cut into four."""
+    return trimesh.remesh.subdivide(*read_triangles(mesh))
 
 
 def variants(mesh: Path, wanted: Wanted) -> Iterator[tuple[str, Scene, Wanted]]:
     """Name, scene and settings of each."""
-    usual = scene_of(mesh, wanted.most_draws)
+    usual = specimen(mesh, wanted)
     yield "as `toppling validate` does it", usual, wanted
     yield "preset `fast`", usual, replace(wanted, preset="fast")
     yield "preset `standard`", usual, replace(wanted, preset="standard")
     yield "MuJoCo `draft`, no restitution", usual, replace(wanted, engine="mujoco")
-    yield (
-        "contact points to a fifth of the noise",
-        scene_of(mesh, wanted.most_draws, tolerance_share=0.2),
-        wanted,
-    )
-    yield "mesh four times as fine", scene_of(mesh, wanted.most_draws, finer=1), wanted
+    yield "contact points to a fifth of the noise", specimen(mesh, wanted, tolerance_share=0.2), wanted
+    yield "mesh four times as fine", specimen(finer(mesh), wanted), wanted
 
 
 def shaken(experiment: Experiment, scene: Scene, wanted: Wanted) -> Shaken:
@@ -98,10 +81,7 @@ def main() -> None:
     for name, scene, asked in variants(given.folder / given.mesh, wanted):
         lines.append(f"| {name} | {row(experiment, shaken(experiment, scene, asked))} |")
         print(lines[-1], flush=True)
-    begin, end = "<!-- invariance -->", "<!-- end of invariance -->"
-    before, rest = PAGE.read_text().split(begin)
-    table = "\n".join(lines)
-    PAGE.write_text(f"{before}{begin}\n\n{table}\n\n{end}{rest.split(end)[1]}")
+    put(PAGE, "invariance", "\n".join(lines))
 
 
 if __name__ == "__main__":

@@ -69,9 +69,8 @@ def read_guarded(reader: str, path: Path, libraries: Sequence[str] = ()) -> Read
         except _EndedError as end:
             _refuse(end.reason, path)
     if "refusal" in told:
-        where = told["refusal"]["where"].replace(request["path"], str(path)) or str(
-            path
-        )  # as it was asked for
+        where = str(told["refusal"]["where"] or request["path"])
+        where = where.replace(str(request["path"]), str(path))  # as it was asked for
         raise InputError(**(told["refusal"] | {"where": where}))
     if "failure" in told:
         _refuse(f"cannot be read ({told['failure']})", path)

@@ -277,12 +277,12 @@ class Campaign:
         content = {
             field.name: getattr(self, field.name)
             for field in dataclasses.fields(self)
-            if getattr(self, field.name) is not None
+            if getattr(self, field.name) not in (None, ())
         }
         content |= {"scene": scene, "ensemble": ensemble, "pga_m_s2": self.pga_m_s2 or AS_RECORDED}
-        content |= {"azimuth_deg": self.azimuth_deg or AS_RECORDED, "stood": list(stood)}
-        if not content["stood"]:
-            del content["stood"]
+        content["azimuth_deg"] = self.azimuth_deg or AS_RECORDED
+        if self.stood:
+            content["stood"] = list(stood)
         if self.unmeasured is not None:
             content["unmeasured"] = dataclasses.asdict(self.unmeasured)
         return "".join(f"{key} = {_toml(value)}\n" for key, value in content.items())

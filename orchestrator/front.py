@@ -28,6 +28,7 @@ from toppling.models.motions.impose import impose
 from toppling.models.scene import Scene
 from toppling.models.tables import read_table, write_table
 from toppling.orchestrator.pool import pool_of
+from toppling.results.audit import LEAST_TILT_DEG
 from toppling.results.fits import fit
 from toppling.workers.options import PHYSICS_VERSION, PRESETS, NumericalOptions, SolverOptions, options_of
 from toppling.workers.seating import settled
@@ -38,9 +39,6 @@ log = logging.getLogger(__name__)
 
 DISTURBED_SHARE = 1e-6
 """Of its height, by which the rock's start is disturbed to measure the floor of chaos."""
-
-LEAST_TILT_DEG = 0.1
-"""Tilts below count as this one: rocks that are hardly lifted would outweigh those that rock."""
 
 KEPT_AT_ONCE = 50
 """Answers written together."""

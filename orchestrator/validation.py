@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 from distributed import Client
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from toppling.models.errors import InputError
 from toppling.models.folder import new_folder
@@ -86,8 +86,22 @@ class Shaken:
     shaken: NDArray[np.int64]
 
 
-def specimen(mesh: Path, wanted: Wanted, progress: Callable[[int], None] = lambda _: None) -> Scene:
+def specimen(
+    mesh: Path | tuple[ArrayLike, ArrayLike],
+    wanted: Wanted,
+    progress: Callable[[int], None] = lambda _: None,
+    tolerance_share: float = 0.05,
+) -> Scene:
     """The specimen on a level table, with draws of its base.
+
+    Parameters
+    ----------
+    mesh : Path or (vertices, faces)
+    wanted : Wanted
+    progress : callable
+        Told of each draw.
+    tolerance_share : float
+        What contact points may leave out of a draw, of its standard deviation.
 
     Raises
     ------
@@ -104,6 +118,7 @@ def specimen(mesh: Path, wanted: Wanted, progress: Callable[[int], None] = lambd
         standing=STANDING,
         seed=wanted.seed,
         progress=progress,
+        tolerance_share=tolerance_share,
     )
 
 

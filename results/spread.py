@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 
 from toppling.models.errors import InputError
+from toppling.results.shares import effective_number
 
 LEAST = 3
 """Records, and realisations, of which a spread can be told."""
@@ -110,7 +111,7 @@ def _spread(level: float, jobs: pd.DataFrame) -> Spread | None:
     share_of = weight / weight.sum()
     by_record, by_draw = values @ share_of, of @ values
     mean = float(of @ by_record)
-    free_records, free_draws = 1.0 - 1.0 / records, 1.0 - float((share_of**2).sum())
+    free_records, free_draws = 1.0 - 1.0 / records, 1.0 - 1.0 / effective_number(share_of)
     if free_draws <= 0.0:
         return None
     deviation = (values - by_record[:, None] - by_draw + mean) ** 2
@@ -139,7 +140,7 @@ def _weights(jobs: pd.DataFrame, draw: list[str]) -> pd.Series:
 
 def _explained(cause: np.ndarray, effect: np.ndarray, share: np.ndarray) -> float:
     """Share of a variance that a straight line explains, less what it explains by chance (adjusted), 0 to 1."""
-    count = 1.0 / float((share**2).sum())
+    count = effective_number(share)
     if count <= 2 or np.ptp(cause) == 0.0 or np.ptp(effect) == 0.0:
         return 0.0
     variance = np.cov(cause, effect, aweights=share)

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from toppling.models.digest import read_json, write_json
 from toppling.models.documents import read_toml
 from toppling.models.errors import InputError
+from toppling.results.shares import effective_number, jeffreys_mean
 
 FOLDER = "stood"
 """Of a run: the motions that its rock is known to have stood, their shakes, and the weights."""
@@ -226,11 +227,6 @@ def records_weight(frame: pd.DataFrame) -> pd.Series | None:
     return None if (weight.sub(1.0).abs() < SAME).all() else weight
 
 
-def effective(weights: Array) -> float:
-    """Kish's number of equal bases that say as much as these."""
-    return float(weights.sum() ** 2 / (weights**2).sum())
-
-
 def told_of(stood: Stood, frame: pd.DataFrame) -> dict[str, Any]:
     """What a program reads of the weights of a run's bases.
 
@@ -251,7 +247,7 @@ def told_of(stood: Stood, frame: pd.DataFrame) -> dict[str, Any]:
                     str(base): float(each / weights.mean()) for base, each in zip(used, weights, strict=True)
                 },
                 "bases": len(used),
-                "effective_bases": effective(weights) if len(used) else 0.0,
+                "effective_bases": effective_number(weights) if len(used) else 0.0,
             }
         )
     return {
@@ -304,7 +300,7 @@ def _chances(name: str, shakes: pd.DataFrame, draws: int) -> Array:
     base = known["base"].to_numpy(int)
     answered = np.bincount(base, minlength=draws)
     standing = np.bincount(base[~known["toppled"].to_numpy(bool)], minlength=draws)
-    chance = (standing + 0.5) / (answered + 1.0)
+    chance = jeffreys_mean(standing, answered)
     return np.where(answered > 0, chance, chance[answered > 0].mean())
 
 

@@ -18,6 +18,8 @@ from sklearn.linear_model import LogisticRegression
 from sklearn.metrics import accuracy_score, brier_score_loss, confusion_matrix, log_loss
 from sklearn.model_selection import LeaveOneGroupOut
 
+from toppling.results.shares import jeffreys_mean
+
 CALLED_FROM = 0.5
 """Probability from which on a rock is called overturned."""
 SAMPLES = 500
@@ -40,7 +42,7 @@ def share(toppled: Array) -> tuple[Array, Array]:
     """
     answered = np.isfinite(toppled).sum(axis=0)
     toppling = np.nansum(toppled, axis=0)
-    mean = (toppling + 0.5) / (answered + 1.0)
+    mean = jeffreys_mean(toppling, answered)
     return mean, np.sqrt(mean * (1.0 - mean) / (answered + 2.0))
 
 
@@ -221,8 +223,8 @@ def table(rows: Mapping[str, Mapping[str, Any]]) -> pd.DataFrame:
 
 
 def _rate(told_by: Array, overturned: Truths) -> float:
-    """Share that overturned of what draws told, with half a count on either side."""
-    return float(((told_by * overturned).sum() + 0.5) / (told_by.sum() + 1.0))
+    """Share that overturned of what draws told."""
+    return float(jeffreys_mean((told_by * overturned).sum(), told_by.sum()))
 
 
 def _threshold(measure: Array, overturned: Truths, seen: NDArray, hidden: NDArray) -> Array:

@@ -251,7 +251,7 @@ def _jobs(path: Path, where: str | None, trusted: bool, recorded: Recorded | Non
     run = open_run(path)
     stood = run.stood()
     bare = run.frame(where, trusted=trusted)
-    jobs = run.weighted(bare)
+    jobs = run.weighted(bare, stood)
     if where and jobs.empty:
         raise InputError(
             what=f"no job meets {where}",

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve, cholesky
+from scipy.linalg import block_diag, cho_factor, cho_solve, cholesky
 from scipy.spatial import ConvexHull, QhullError
 from scipy.spatial.distance import cdist
 
@@ -74,7 +74,9 @@ class Seen:
     known : (m,) int array
         Places where it was seen.
     gap_m, std_m : (m,) arrays
-        What was seen there, and how well.
+        What was seen there, and how well: the standard deviation of an error of the place's own, and again of one that
+        it shares with its group.
+    group : (m,) int array
     floor_m : (n,) array
         Least gap; above 0 where rock and pedestal cannot touch.
     touching : (k,) int array
@@ -85,6 +87,7 @@ class Seen:
     known: Index
     gap_m: Array
     std_m: Array
+    group: Index
     floor_m: Array
     touching: Index
 
@@ -134,8 +137,7 @@ def resampled(
     """Numbers (count,) of draws, each as often as its weight says (systematic resampling).
 
     Weights that would leave fewer effective draws than a share of all are tempered: they are costs of a Gaussian prior,
-    which no base follows so closely. What was
-    `measured` on each draw, the logarithms of likelihoods, is added as it is.
+    which no base follows so closely. What was `measured` on each draw, the logarithms of likelihoods, is added as is.
     """
     log_weight = log_weight - log_weight.max()
     power = 1.0
@@ -193,11 +195,13 @@ def _conditioned(
     free = cholesky(prior, lower=True) @ random.normal(size=(len(prior), count))
     known = np.concatenate([seen.known, seen.touching])
     target = np.concatenate([seen.gap_m, np.zeros(len(seen.touching))])
-    std = np.concatenate([seen.std_m, np.full(len(seen.touching), 1e-3 * relief.shape_m)])
     if not len(known):
         return free.T, prior, 0.0
-    factor = cho_factor(prior[np.ix_(known, known)] + np.diag(std**2), lower=True)
-    noise = std[:, None] * random.normal(size=(len(known), count))
+    of_group = seen.std_m[:, None] * (seen.group[:, None] == np.unique(seen.group))
+    touching_m = np.full(len(seen.touching), 1e-3 * relief.shape_m)
+    errors = block_diag(np.hstack([np.diag(seen.std_m), of_group]), np.diag(touching_m))
+    factor = cho_factor(prior[np.ix_(known, known)] + errors @ errors.T, lower=True)
+    noise = errors @ random.normal(size=(errors.shape[1], count))
     cross = prior[:, known]
     fields = free + cross @ cho_solve(factor, target[:, None] - free[known] - noise)
     covariance = prior - cross @ cho_solve(factor, cross.T)

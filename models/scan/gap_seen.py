@@ -24,16 +24,19 @@ RIM_CELLS = 8.0
 """Cells from the hidden part within which what was seen is its rim."""
 RIM_WINDOW, RIM_RISES_PER_CELL = 13, 0.8
 """The rim is what of it is as low as all within a window of cells, but for so much: a rim may rise along itself."""
-ABOVE_RIM_PER_SPACING, RIM_STD_PER_SPACING = 0.33, 0.19
-"""How far the lowest seen point lies above a rim, and its spread, over the distance of the point's fourth neighbour:
-of five known rocks .30 to .36, and .16 to .22."""
-SIDE_PER_HEIGHT, LEAST_SIDE, MOST_LEAN = 0.025, 8, 3.0
-"""A rim's side is a plane through so many points or more within this distance; it leans outward by so much at most."""
-BESIDE_PER_HEIGHT, BESIDE_PER_GAP = 0.02, 1.0
+BEYOND_PER_SPACING, BEYOND_STD_PER_SPACING = 0.33, 0.19
+"""How far a rock's side goes on below its lowest seen point, and its spread, over the distance of the point's fourth
+neighbour: of five known rocks .30 to .36, and .16 to .22."""
+LEAST_STD_PER_SPACING = 0.05
+"""Of a gap below a level underside, which does not go on downward."""
+BESIDE_PER_HEIGHT, BESIDE_PER_GAP = 0.01, 0.3
 """A rim was seen to its end where the pedestal was seen so near, plus so many times its gap."""
+UNSEEN_STD_SHARE = 0.3
+"""Of the height of a rim that was not seen to its end: spread of the gap below it about a half."""
 FLATTEST_RAY = 0.07
 """Tangent over the pedestal of the flattest ray (4 degrees) that lights it below a rock."""
-NEIGHBOURS = 5
+NEIGHBOURS, OF_SIDE = 5, 6
+"""Points by which the pedestal, and a rock's side, are known at a place; the place's own point is one of them."""
 RIM_BORDER = 3.0
 """Cells from the hidden part's border: points there may be the pedestal beside the rock."""
 LIT_CELLS = 2.0
@@ -79,6 +82,16 @@ class HiddenPart:
         return self.width_m**2 / self.inner
 
 
+@dataclass(frozen=True, eq=False)
+class Rim:
+    """Places (k, 2) of a rim, the gap there (k,), its standard deviation (k,), and which share an error (k,)."""
+
+    places_m: Array
+    gap_m: Array
+    std_m: Array
+    group: NDArray[np.intp]
+
+
 def hidden_part(
     under: Underside, low: Array, lit: Array, height_m: float, inspection: Inspection, interface: Interface
 ) -> HiddenPart:
@@ -108,25 +121,26 @@ def hidden_part(
     inner = grid.nodes_m[under.hidden & chosen]
     rim = _outlined(under, height_m) if under.outline is not None else _seen_rim(under, low, lit, height_m)
     told = [interface.flat(each)[:, :2] for each in (inspection.touching_m, inspection.open_m)]
-    places = np.vstack([inner, rim[:, :2], *told])
-    _check_under_the_rock(np.vstack(told), places[: len(inner) + len(rim)], height_m)
-    first = np.cumsum([len(inner), len(rim), len(told[0])])
+    places = np.vstack([inner, rim.places_m, *told])
+    _check_under_the_rock(np.vstack(told), places[: len(inner) + len(rim.gap_m)], height_m)
+    first = np.cumsum([len(inner), len(rim.gap_m), len(told[0])])
     floor = np.zeros(len(places))
     floor[: first[0]] = _least_gap(under).ravel()[grid.index(inner)]
     floor[first[2] :] = LEAST_GAP_PER_HEIGHT * height_m
     seen = Seen(
         places,
         np.arange(first[0], first[1]),
-        rim[:, 2],
-        rim[:, 3],
+        rim.gap_m,
+        rim.std_m,
+        rim.group,
         floor,
         np.arange(first[1], first[2]),
     )
     return HiddenPart(under, seen, width_m, len(inner))
 
 
-def _seen_rim(under: Underside, low: Array, lit: Array, height_m: float) -> Array:
-    """Places of the rim, the gap seen there and its standard deviation (k, 4)."""
+def _seen_rim(under: Underside, low: Array, lit: Array, height_m: float) -> Rim:
+    """The rim as far as it was seen."""
     rim = _lowest_points(under, low)
     rim = rim[_spread(rim[:, :2], MOST_RIM)]
     gap, beside = rim[:, 2], np.full(len(rim), np.inf)
@@ -136,22 +150,32 @@ def _seen_rim(under: Underside, low: Array, lit: Array, height_m: float) -> Arra
         gap = gap - np.where(beside[:, None] < BESIDE_PER_HEIGHT * height_m, lit[nearest, 2], 0.0).mean(
             axis=1
         )
-    to_its_end = beside < BESIDE_PER_HEIGHT * height_m + BESIDE_PER_GAP * np.maximum(gap, 0.0)
-    spacing = cKDTree(low).query(rim, NEIGHBOURS)[0][:, -1]
-    above, std = ABOVE_RIM_PER_SPACING * spacing, RIM_STD_PER_SPACING * spacing
-    at = rim[:, :2] - np.clip(gap, 0.0, above)[:, None] * _outward_per_rise(rim, low, height_m)
+    hangs = np.maximum(gap, 0.0)
+    to_its_end = beside < BESIDE_PER_HEIGHT * height_m + BESIDE_PER_GAP * hangs
+    away, nearest = cKDTree(low).query(rim, OF_SIDE)
+    spacing, upward = away[:, NEIGHBOURS - 1], _upward_along(low[nearest])
+    beyond = BEYOND_PER_SPACING * spacing
+    rise = beyond * upward[:, 2]
+    # It ends on the pedestal at the latest.
+    way = beyond * np.minimum(hangs / np.maximum(rise, 1e-12), 1.0)
+    std = np.hypot(BEYOND_STD_PER_SPACING * upward[:, 2], LEAST_STD_PER_SPACING) * spacing
     # Of a rim that was not seen to its end the gap lies anywhere below what was seen.
-    seen_gap = np.where(to_its_end, gap - above, 0.5 * gap)
-    return np.column_stack([at, seen_gap, np.where(to_its_end, std, np.maximum(0.4 * gap, std))])
+    return Rim(
+        rim[:, :2] - way[:, None] * upward[:, :2],
+        np.where(to_its_end, gap - rise, 0.5 * gap),
+        np.where(to_its_end, std, np.maximum(UNSEEN_STD_SHARE * gap, std)),
+        to_its_end.astype(np.intp),
+    )
 
 
-def _outlined(under: Underside, height_m: float) -> Array:
+def _outlined(under: Underside, height_m: float) -> Rim:
     """The same for the border of a contact that the user outlined: there the gap is closed."""
     assert under.outline is not None
     border = under.outline & ~ndimage.binary_erosion(under.outline)
     at = under.grid.nodes_m[border]
     at = at[_spread(at, MOST_RIM)]
-    return np.column_stack([at, np.zeros(len(at)), np.full(len(at), OUTLINE_STD_PER_HEIGHT * height_m)])
+    std = np.full(len(at), OUTLINE_STD_PER_HEIGHT * height_m)
+    return Rim(at, np.zeros(len(at)), std, np.ones(len(at), np.intp))
 
 
 def _check_under_the_rock(told: Array, places: Array, height_m: float) -> None:
@@ -176,23 +200,12 @@ def _lowest_points(under: Underside, low: Array) -> Array:
     return low[order][first[of_rim]]
 
 
-def _outward_per_rise(rim: Array, low: Array, height_m: float) -> Array:
-    """How far the rock's side leans outward (k, 2) over its rise, above each point of the rim."""
-    tree = cKDTree(low[:, :2])
-    lean = np.zeros((len(rim), 2))
-    for number, (point, near) in enumerate(
-        zip(rim, tree.query_ball_point(rim[:, :2], SIDE_PER_HEIGHT * height_m), strict=True)
-    ):
-        side = low[near]
-        side = side[side[:, 2] < point[2] + SIDE_PER_HEIGHT * height_m]
-        if len(side) < LEAST_SIDE:
-            continue
-        offset = side - side.mean(axis=0)
-        slope, *_ = np.linalg.lstsq(offset[:, :2], offset[:, 2], rcond=None)
-        steep = float(np.linalg.norm(slope))
-        if steep > 0.0:
-            lean[number] = slope / steep * min(1.0 / steep, MOST_LEAN)
-    return lean
+def _upward_along(side: Array) -> Array:
+    """Unit vectors (k, 3) of steepest rise in the planes through points (k, n, 3); none where one is level."""
+    normal = np.linalg.svd(side - side.mean(axis=1, keepdims=True), full_matrices=False)[2][:, 2]
+    rise = np.hypot(normal[:, 0], normal[:, 1])
+    along = np.column_stack([-normal[:, :2] * normal[:, 2:], rise**2])
+    return along / np.maximum(rise, 1e-9)[:, None]
 
 
 def _least_gap(under: Underside) -> Array:

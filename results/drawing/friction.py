@@ -11,6 +11,9 @@ from toppling.results.friction import friction_words
 BAND = 0.3
 """Difference of probability that the outer lines show: a cell of 10 records is not known better."""
 
+GAP_IN = 0.6
+"""Between panels, for the right one's axis and half a circle of the left one's."""
+
 
 def friction_figure(table: pd.DataFrame, jobs: pd.DataFrame, width_in: float = FULL_WIDTH_IN) -> Figure:
     """Each cell's toppling probability under one friction against that under the reference.
@@ -26,13 +29,13 @@ def friction_figure(table: pd.DataFrame, jobs: pd.DataFrame, width_in: float = F
     """
     columns = min(len(jobs), max(1, int((width_in - 0.6) // 2.2)))
     lines = -(-len(jobs) // columns)
-    side_in = min(2.9, (width_in - 0.7 - 0.35 * (columns - 1)) / columns)
-    width, height = 0.7 + columns * side_in + 0.35 * (columns - 1), 0.55 + lines * (side_in + 0.85)
+    side_in = min(2.9, (width_in - 0.7 - GAP_IN * (columns - 1)) / columns)
+    width, height = 0.7 + columns * side_in + GAP_IN * (columns - 1), 0.55 + lines * (side_in + 0.85)
     with style():
         figure = Figure(figsize=(width, height))
         room = {
             "left": 0.55 / width, "right": 1 - 0.15 / width, "bottom": 0.95 / height, "top": 1 - 0.45 / height,
-            "wspace": 0.35 / side_in, "hspace": 0.85 / side_in,
+            "wspace": GAP_IN / side_in, "hspace": 0.85 / side_in,
         }  # fmt: skip
         grid = figure.subplots(lines, columns, squeeze=False, gridspec_kw=room)
         for axes, (_, counts) in zip(grid.flat, jobs.iterrows(), strict=False):
@@ -73,7 +76,7 @@ def _draw_pair(axes: Axes, cells: pd.DataFrame, counts: pd.Series) -> None:
             axes.annotate(
                 f"{several} cells", (x, y), xytext=(7 * inward, -4 if y > 0.5 else 3), textcoords="offset points",
                 size=6.5, ha="left" if inward > 0 else "right", va="top" if y > 0.5 else "bottom", color="0.25",
-                zorder=4,
+                zorder=2.5,
                 bbox={"facecolor": "white", "lw": 0, "pad": 0.8},
             )  # fmt: skip
     axes.plot([0, 1], [0, 1], "k--", lw=0.8, label="same probability")

@@ -17,9 +17,8 @@ def disc(rim_gap_m, touching=(), floor=lambda places: np.zeros(len(places))):
     rim = 0.5 * np.column_stack([np.cos(turn), np.sin(turn)])
     places = np.vstack([inner, rim])
     known = np.arange(len(inner), len(places))
-    return Seen(
-        places, known, np.full(40, rim_gap_m), np.full(40, RIM_STD_M), floor(places), np.array(touching, int)
-    )
+    seen, group = (np.full(40, rim_gap_m), np.full(40, RIM_STD_M)), np.zeros(40, int)
+    return Seen(places, known, *seen, group, floor(places), np.array(touching, int))
 
 
 def draws(seen, weight=(0.05, -0.1), count=6, seed=1):
@@ -47,6 +46,12 @@ def test_a_rim_that_hangs_high_leaves_contacts_within_and_a_closed_one_leaves_th
             np.hypot(*seen.places_m[draw.gap_m == 0.0].T).max() for draw in draws(seen, count=12)
         ])  # fmt: skip
     assert reach[0.0] > reach[0.03] + 0.05
+
+
+def test_an_error_that_the_rim_shares_does_not_average_out_over_its_places():
+    seen = disc(0.05)
+    level = [draw.gap_m[seen.known].mean() for draw in draws(seen, count=60)]
+    assert 0.7 * RIM_STD_M < np.std(level) < 1.3 * RIM_STD_M  # of its own alone it were a sixth
 
 
 def test_a_place_that_is_known_to_touch_is_closed_and_one_with_daylight_is_open():

@@ -1,0 +1,61 @@
+"""What is seen of the gap at a rim: of a side that goes on below it, of an underside, of a rim behind rubble."""
+
+import numpy as np
+import pytest
+
+from toppling.models.scan.base import Underside
+from toppling.models.scan.gap_seen import UNSEEN_STD_SHARE, hidden_part
+from toppling.models.scan.inspection import Inspection
+from toppling.models.scan.interface import Interface
+
+HEIGHT_M, RADIUS_M, PITCH_M, RIM_M = 2.0, 0.5, 0.01, 0.04
+LEVEL = Interface(np.zeros(3), np.array([0.0, 0.0, 1.0]), np.eye(3), 0.0)
+
+
+def rings(radii_m, heights_m):
+    """Points on rings round the origin, about a pitch apart along each."""
+    random, points = np.random.default_rng(1), []
+    for radius, height in zip(radii_m, heights_m, strict=True):
+        turn = np.arange(0.0, 2.0 * np.pi, PITCH_M / radius)
+        away = radius + random.uniform(-0.2, 0.2, len(turn)) * PITCH_M
+        points.append(np.column_stack([away * np.cos(turn), away * np.sin(turn), np.full(len(turn), height)]))
+    return np.vstack(points)
+
+
+def seen_at_the_rim(low, ground):
+    part = hidden_part(Underside.of(low, ground, HEIGHT_M), low, ground, HEIGHT_M, Inspection(), LEVEL)
+    return part.seen
+
+
+def ground_from(radius_m):
+    radii = np.arange(radius_m, 1.5, PITCH_M)
+    return rings(radii, np.zeros(len(radii)))
+
+
+@pytest.fixture(scope="module")
+def wall():
+    heights = np.arange(RIM_M, 0.3, PITCH_M)
+    return rings(np.full(len(heights), RADIUS_M), heights)
+
+
+def test_a_steep_side_ends_a_part_of_the_points_spacing_below_its_lowest_point(wall):
+    seen = seen_at_the_rim(wall, ground_from(RADIUS_M - 0.02))
+    below = RIM_M - seen.gap_m
+    assert np.all((below > 0.2 * PITCH_M) & (below < 0.6 * PITCH_M))
+    assert np.all(seen.std_m < 0.5 * PITCH_M)
+
+
+def test_a_level_underside_is_as_high_as_its_points(wall):
+    radii = np.arange(RADIUS_M - 0.06, RADIUS_M, PITCH_M)
+    underside = rings(radii, np.full(len(radii), RIM_M))
+    seen = seen_at_the_rim(np.vstack([wall, underside]), ground_from(RADIUS_M - 0.12))
+    inner = np.hypot(*seen.places_m[seen.known].T) < RADIUS_M - 0.05
+    assert inner.sum() > 20
+    np.testing.assert_allclose(seen.gap_m[inner], RIM_M, atol=0.05 * PITCH_M)
+
+
+def test_below_a_rim_whose_pedestal_was_not_seen_the_gap_is_anything_up_to_its_height(wall):
+    seen = seen_at_the_rim(wall, ground_from(RADIUS_M + 0.05))  # rubble lay there
+    np.testing.assert_allclose(seen.gap_m, 0.5 * RIM_M)
+    np.testing.assert_allclose(seen.std_m, UNSEEN_STD_SHARE * RIM_M)
+    assert len(set(seen.group)) == 1

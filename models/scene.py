@@ -15,6 +15,7 @@ import trimesh
 from numpy.typing import ArrayLike, NDArray
 
 from toppling.models import digest
+from toppling.models.contact import ContactProperties
 from toppling.models.documents import shown
 from toppling.models.errors import InputError
 from toppling.models.folder import new_folder
@@ -30,44 +31,6 @@ from toppling.models.unseen import FILE as BASES
 from toppling.models.unseen import UnseenBase
 
 MESH_FORMATS = (".ply", ".stl", ".obj", ".off", ".glb", ".gltf")
-
-
-@dataclass(frozen=True)
-class ContactProperties:
-    """What happens where rock and pedestal touch.
-
-    Parameters
-    ----------
-    friction_static, friction_kinetic : float
-        Coulomb's coefficients, not negative, the kinetic one not above the static one.
-    restitution : float
-        Newton's coefficient of restitution, 0 to 1.
-    """
-
-    friction_static: float = 0.8
-    friction_kinetic: float = 0.8
-    restitution: float = 0.0
-
-    def __post_init__(self) -> None:
-        for name, low, high in (
-            ("friction_static", 0.0, math.inf),
-            ("friction_kinetic", 0.0, self.friction_static),
-            ("restitution", 0.0, 1.0),
-        ):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and low <= value <= high):
-                raise InputError(
-                    f"{name} is {value}",
-                    where="contact properties",
-                    expected=f"a finite number from {low} to {high}",
-                    remedy="rock on rock has friction 0.6 to 1.0 (Byerlee 1978) and restitution near 0",
-                )
-
-    @classmethod
-    def of(cls, friction: float | tuple[float, float], restitution: float = 0.0) -> "ContactProperties":
-        """Contact properties from one coefficient of friction or a (static, kinetic) pair."""
-        static, kinetic = (friction, friction) if np.isscalar(friction) else friction  # type: ignore[misc]
-        return cls(float(static), float(kinetic), float(restitution))  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,8 +4,9 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from toppling.models.contact import ContactProperties
 from toppling.models.frames import compass_deg
-from toppling.models.scene import ContactProperties, Scene
+from toppling.models.scene import Scene
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.trial import Statics, statics_of
 

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from toppling.models.contact import ContactProperties
 from toppling.models.documents import is_number, read_toml, shown
 from toppling.models.errors import InputError
-from toppling.models.scene import ContactProperties
 from toppling.models.spelling import did_you_mean
 from toppling.workers.options import ENGINES, PRESETS
 from toppling.workers.unmeasured import Unmeasured

@@ -10,9 +10,10 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
+from toppling.models.contact import ContactProperties
 from toppling.models.errors import InputError
 from toppling.models.motions.ensemble import Ensemble
-from toppling.models.scene import ContactProperties, Scene
+from toppling.models.scene import Scene
 from toppling.models.settling import Settling
 from toppling.models.spelling import did_you_mean
 from toppling.orchestrator.campaign import Campaign, hash_of

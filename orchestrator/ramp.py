@@ -18,13 +18,14 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from toppling.models.contact import ContactProperties
 from toppling.models.errors import InputError
 from toppling.models.folder import new_file
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.impose import impose
 from toppling.models.motions.motion import Motion
 from toppling.models.motions.record import Record
-from toppling.models.scene import ContactProperties, Scene
+from toppling.models.scene import Scene
 from toppling.models.statics import lift_off_m_s2
 from toppling.workers.options import PHYSICS_VERSION
 from toppling.workers.seating import settled

@@ -23,7 +23,7 @@ from numba import carray, types
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from toppling.models.scene import ContactProperties
+from toppling.models.contact import ContactProperties
 from toppling.workers.compiled import compiled, inner
 from toppling.workers.contact_points import ContactModel
 from toppling.workers.options import SolverOptions

@@ -11,11 +11,12 @@ from typing import Any
 
 import numpy as np
 
+from toppling.models.contact import ContactProperties
 from toppling.models.errors import InputError
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.impose import Imposed, impose
 from toppling.models.motions.record import Record
-from toppling.models.scene import ContactProperties, Scene
+from toppling.models.scene import Scene
 from toppling.workers.options import PHYSICS_VERSION
 from toppling.workers.outcome import ShakeResult
 from toppling.workers.shake import shake

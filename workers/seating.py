@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from toppling.models.contact import ContactProperties
 from toppling.models.errors import InputError
-from toppling.models.scene import ContactProperties, Scene
+from toppling.models.scene import Scene
 from toppling.models.statics import TOPPLED_TILT_DEG, equilibrium_possible
 from toppling.workers import engine
 from toppling.workers import quaternion as quat

@@ -5,9 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import lru_cache
 
-from scipy.stats import qmc
-
-from toppling.models.scene import ContactProperties
+from toppling.models.contact import ContactProperties
 
 
 @dataclass(frozen=True)
@@ -54,6 +52,8 @@ class Unmeasured:
 @lru_cache(maxsize=64)
 def _point(realisation: int) -> tuple[float, float, float, float]:
     """Point of the unit cube: few realisations fill it evenly, and the same whatever their number."""
+    from scipy.stats import qmc  # most campaigns are read without it, and it takes half a second
+
     point = qmc.Sobol(4, rng=29).fast_forward(realisation).random(1)[0]
     return tuple(point.tolist())
 

@@ -10,9 +10,10 @@ import click
 import pandas as pd
 from click.core import ParameterSource
 
+from toppling.models.contact import ContactProperties
 from toppling.models.errors import InputError
 from toppling.models.motions.ensemble import Ensemble
-from toppling.models.scene import ContactProperties, Scene
+from toppling.models.scene import Scene
 from toppling.orchestrator.folder import place_in
 from toppling.orchestrator.progress import bar, each
 from toppling.results.audit import audits_of

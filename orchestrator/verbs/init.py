@@ -52,9 +52,10 @@ def init(
     \b
     toppling init scenes/rock ensembles/quakes --out campaign.toml
     """  # noqa: D301  (\b keeps click from rewrapping the example)
+    from toppling.models.contact import ContactProperties
     from toppling.models.errors import InputError
     from toppling.models.motions.ensemble import Ensemble
-    from toppling.models.scene import ContactProperties, Scene
+    from toppling.models.scene import Scene
     from toppling.orchestrator.campaign import LARGEST_PGA_M_S2, Campaign
     from toppling.orchestrator.plan import check_stands
     from toppling.orchestrator.progress import bar, duration

@@ -29,19 +29,22 @@ def plan(campaign: Path, table: Path | None, workers: int | None, no_estimate: b
     \b
     toppling plan campaign.toml --out jobs.parquet
     """  # noqa: D301  (\b keeps click from rewrapping the example)
+    from toppling.orchestrator.campaign import Campaign
+
+    chosen = Campaign.read(campaign)  # one that is refused is refused before the others are imported
+
     import pyarrow.parquet as pq
 
+    from toppling.models.contact import ContactProperties
     from toppling.models.motions.ensemble import Ensemble
-    from toppling.models.scene import ContactProperties, Scene
+    from toppling.models.scene import Scene
     from toppling.orchestrator.advice import warnings_of
-    from toppling.orchestrator.campaign import Campaign
     from toppling.orchestrator.estimate import estimate
     from toppling.orchestrator.plan import check_stands
     from toppling.orchestrator.plan import plan as expand
     from toppling.orchestrator.progress import bar
     from toppling.orchestrator.settling_told import settling_notes
 
-    chosen = Campaign.read(campaign)
     scene = Scene.load(chosen.scene)
     with bar("letting the rock stand, counting jobs"):
         settling = check_stands(chosen, scene)

@@ -121,7 +121,7 @@ def write(
     rock: "Scene", levels: "pd.DataFrame", azimuth_deg: float, friction: float, out: Path
 ) -> list[Path]:
     """Write tables and figure of a ramp."""
-    from toppling.models.scene import ContactProperties
+    from toppling.models.contact import ContactProperties
     from toppling.models.statics import quasi_static_toppling_m_s2
     from toppling.orchestrator.ramp import summary
     from toppling.results.drawing.atlas import save_table

@@ -7,10 +7,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import linprog
 
+from toppling.models.contact import ContactProperties
 from toppling.models.frames import plane_axes, plane_normal
 from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock
-from toppling.models.scene import ContactProperties, Scene
+from toppling.models.scene import Scene
 from toppling.models.shapes import box, ellipsoid
 from toppling.models.statics import (
     equilibrium_possible,

@@ -8,10 +8,11 @@ import pytest
 from click.testing import CliRunner
 from scipy.spatial.transform import Rotation
 
+from toppling.models.contact import ContactProperties
 from toppling.models.errors import InputError
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.synthetic import synthetic_ensemble
-from toppling.models.scene import ContactProperties, Scene
+from toppling.models.scene import Scene
 from toppling.models.shapes import box
 from toppling.orchestrator import front
 from toppling.orchestrator.front import (

@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from toppling.models.contact import ContactProperties
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.synthetic import synthetic_ensemble
-from toppling.models.scene import ContactProperties, Scene
+from toppling.models.scene import Scene
 from toppling.models.unseen import BaseDraw, UnseenBase
 from toppling.workers import job
 from toppling.workers.job import Assets, JobSpec, prepared

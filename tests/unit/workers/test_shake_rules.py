@@ -8,11 +8,12 @@ import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
 
+from toppling.models.contact import ContactProperties
 from toppling.models.errors import InputError
 from toppling.models.motions.motion import Motion
 from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock
-from toppling.models.scene import ContactProperties, Scene
+from toppling.models.scene import Scene
 from toppling.models.shapes import box, ellipsoid
 from toppling.workers import quaternion as quat
 from toppling.workers.barrier import least_overturning_j_kg, potential_j_kg

@@ -16,9 +16,12 @@ from pathlib import Path
 import click
 import numpy as np
 import pytest
+import trimesh
 from click.testing import CliRunner
 
+from toppling.models.frames import STANDARD_GRAVITY_M_S2
 from toppling.models.motions.synthetic import synthetic_ensemble
+from toppling.models.rough_base import with_rough_base
 from toppling.models.scene import Scene, write_ply
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.cli import cli
@@ -33,6 +36,9 @@ SMALLER = {
     "init scenes/rock ensembles/quakes": "init scenes/rock ensembles/quakes --levels 3 --azimuths 2 --preset fast",
 }
 """What a test writes in place of what a page says, to be done in seconds."""
+
+AT2_NAMES = {"e": "090", "n": "000", "up": "UP"}
+"""How the files of a record's components say where they point."""
 
 RUN_TOPPLING = "from toppling.orchestrator.cli import main\nif __name__ == '__main__': main()"
 
@@ -80,7 +86,11 @@ def inputs(tmp_path_factory):
     """What the pages take as given: a rock, six records with their table, seismograms and hazard curves."""
     folder = tmp_path_factory.mktemp("guide")
     block = Scene.block(0.2, 0.25, 0.6)
-    block.save(folder / "scenes" / "rock")
+    fine = Scene.from_mesh(
+        trimesh.remesh.subdivide_to_size(block.rock.vertices_m, block.rock.faces, max_edge=0.1)
+    )
+    rough = with_rough_base(fine, std_m=(0.001, 0.002), wavelength_m=0.1, band_m=0.05, draws=4)
+    rough.save(folder / "scenes" / "rock")
     write_ply(folder / "rock.ply", block.rock.vertices_m, block.rock.faces)
     (folder / "records").mkdir()
     (folder / "simulated").mkdir()
@@ -95,6 +105,13 @@ def inputs(tmp_path_factory):
             f"{name},{name},{name},{record.event},{record.station},{record.magnitude},{record.distance_km}"
         )
     (folder / "records" / "catalog.csv").write_text("\n".join(table) + "\n")
+    for component, name_of in enumerate(("e", "n", "up")):
+        series = record.motion.acceleration_m_s2[:, component] / STANDARD_GRAVITY_M_S2
+        title = f"PEER NGA STRONG MOTION DATABASE RECORD\nQuake, 1/2/2003, Station, {AT2_NAMES[name_of]}\n"
+        title += "ACCELERATION TIME SERIES IN UNITS OF G\n"
+        count = f"NPTS= {len(series):6d}, DT= {record.motion.time_step_s:8.4f} SEC,\n"
+        lines = "".join(f"{value:15.7E}\n" for value in series)
+        (folder / f"quake_{name_of}.AT2").write_text(title + count + lines)
     shutil.copy(folder / "records" / name, folder / "simulated" / "motion.csv")
     told = "simulated/motion.csv"
     (folder / "table.csv").write_text(f"h1,h2,v,event\n{told},{told},{told},scenario\n")

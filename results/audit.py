@@ -57,6 +57,13 @@ class Estimate:
         """Whether the interval holds a value."""
         return self.low <= truth <= self.high
 
+    def told(self, form: str) -> str:
+        """The number and its interval in words, each in a form such as '{:+.1f}'."""
+        if math.isnan(self.value):
+            return "none"
+        value, low, high = (form.format(part) for part in (self.value, self.low, self.high))
+        return f"{value} ({low} to {high})"
+
 
 @dataclass(frozen=True)
 class Audit:
@@ -120,18 +127,13 @@ class Audit:
         """What a person should know."""
         up, down = self.flips_to_toppled, self.flips_to_standing
         median, share = self.median_shift_percent, self.share_shift
-        known = "no median" if math.isnan(median.value) else _told(median, "{:+.1f}")
+        known = "no median" if math.isnan(median.value) else median.told("{:+.1f}")
         agrees = "they agree within the intervals" if self.agrees else "they differ beyond the intervals"
         return (
             f"{self.jobs} of {self.of_jobs} jobs done again with {self.by}: {agrees}. Against it the run has its "
-            f"median PGA shifted by {known} %, its share toppled by {_told(share, '{:+.3f}')}; {up + down} single "
+            f"median PGA shifted by {known} %, its share toppled by {share.told('{:+.3f}')}; {up + down} single "
             f"answers differ ({up} topple that stand, {down} stand that topple; sign test p {self.sign_test_p:.2f})"
         )
-
-
-def _told(estimate: Estimate, form: str) -> str:
-    value, low, high = (form.format(part) for part in (estimate.value, estimate.low, estimate.high))
-    return f"{value} ({low} to {high})"
 
 
 def audits_of(run: Run, measure: str = "pga_m_s2") -> dict[str, Audit]:

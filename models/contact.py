@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from numbers import Real
 
 from toppling.models.errors import InputError
 
@@ -40,7 +42,7 @@ class ContactProperties:
                 )
 
     @classmethod
-    def of(cls, friction: float | tuple[float, float], restitution: float = 0.0) -> ContactProperties:
+    def of(cls, friction: float | Sequence[float], restitution: float = 0.0) -> ContactProperties:
         """Contact properties from one coefficient of friction or a (static, kinetic) pair."""
-        static, kinetic = friction if isinstance(friction, tuple) else (friction, friction)
+        static, kinetic = (friction, friction) if isinstance(friction, float | Real) else friction
         return cls(float(static), float(kinetic), float(restitution))

@@ -20,6 +20,8 @@ from scipy.linalg import block_diag, cho_factor, cho_solve, cholesky
 from scipy.spatial import ConvexHull, QhullError
 from scipy.spatial.distance import cdist
 
+from toppling.models.shares import effective_number
+
 Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
@@ -143,7 +145,7 @@ def resampled(
     power = 1.0
     for _ in range(60):
         weight = np.exp(power * log_weight)
-        if weight.sum() ** 2 / (weight**2).sum() >= EFFECTIVE_SHARE * len(weight):
+        if effective_number(weight) >= EFFECTIVE_SHARE * len(weight):
             break
         power *= 0.9
     log_weight = power * log_weight + measured

@@ -32,6 +32,8 @@ FADES_OVER = 0.25
 """Share of the band, at its top, in which the noise fades to nothing."""
 LEAST_SHARE_THAT_STANDS = 0.005
 """Of the bases tried; below it the rock hardly ever stands."""
+TOLERANCE_SHARE = 0.05
+"""What contact points may leave out of a draw, of the noise's standard deviation."""
 
 Array = NDArray[np.float64]
 
@@ -63,7 +65,7 @@ def with_rough_base(
     draws: int = 32,
     standing: Standing | None = None,
     com_std_m: float = 0.0,
-    tolerance_share: float = 0.05,
+    tolerance_share: float = TOLERANCE_SHARE,
     seed: int = 0,
     progress: Callable[[int], None] = lambda _: None,
 ) -> Scene:

@@ -4,7 +4,7 @@ import dataclasses
 import hashlib
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -69,7 +69,7 @@ class Scene:
         half_width: float,
         half_depth: float,
         half_height: float,
-        friction: float | tuple[float, float] = 0.8,
+        friction: float | Sequence[float] = 0.8,
         restitution: float = 0.0,
         gravity: float = STANDARD_GRAVITY_M_S2,
     ) -> "Scene":
@@ -105,7 +105,7 @@ class Scene:
     def from_mesh(
         cls,
         mesh: str | os.PathLike[str] | tuple[ArrayLike, ArrayLike],
-        friction: float | tuple[float, float] = 0.8,
+        friction: float | Sequence[float] = 0.8,
         restitution: float = 0.0,
         slope_deg: float = 0.0,
         slope_azimuth_deg: float = 0.0,

@@ -19,7 +19,7 @@ from toppling.models.folder import new_folder
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.record import motion_sha
 from toppling.models.motions.shaketable import Experiment
-from toppling.models.rough_base import Standing, with_rough_base
+from toppling.models.rough_base import TOLERANCE_SHARE, Standing, with_rough_base
 from toppling.models.scene import Scene
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.run import Watcher, run
@@ -90,7 +90,7 @@ def specimen(
     mesh: Path | tuple[ArrayLike, ArrayLike],
     wanted: Wanted,
     progress: Callable[[int], None] = lambda _: None,
-    tolerance_share: float = 0.05,
+    tolerance_share: float = TOLERANCE_SHARE,
 ) -> Scene:
     """The specimen on a level table, with draws of its base.
 

@@ -57,10 +57,10 @@ class Estimate:
         """Whether the interval holds a value."""
         return self.low <= truth <= self.high
 
-    def told(self, form: str) -> str:
+    def told(self, form: str, unknown: str = "none") -> str:
         """The number and its interval in words, each in a form such as '{:+.1f}'."""
         if math.isnan(self.value):
-            return "none"
+            return unknown
         value, low, high = (form.format(part) for part in (self.value, self.low, self.high))
         return f"{value} ({low} to {high})"
 
@@ -127,11 +127,11 @@ class Audit:
         """What a person should know."""
         up, down = self.flips_to_toppled, self.flips_to_standing
         median, share = self.median_shift_percent, self.share_shift
-        known = "no median" if math.isnan(median.value) else median.told("{:+.1f}")
+        shift = median.told("{:+.1f}", unknown="an unknown number of")
         agrees = "they agree within the intervals" if self.agrees else "they differ beyond the intervals"
         return (
             f"{self.jobs} of {self.of_jobs} jobs done again with {self.by}: {agrees}. Against it the run has its "
-            f"median PGA shifted by {known} %, its share toppled by {share.told('{:+.3f}')}; {up + down} single "
+            f"median PGA shifted by {shift} %, its share toppled by {share.told('{:+.3f}')}; {up + down} single "
             f"answers differ ({up} topple that stand, {down} stand that topple; sign test p {self.sign_test_p:.2f})"
         )
 

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from toppling.models.errors import InputError
-from toppling.results.shares import effective_number
+from toppling.models.shares import effective_number
 
 LEAST = 3
 """Records, and realisations, of which a spread can be told."""

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from toppling.models.digest import read_json, write_json
 from toppling.models.documents import read_toml
 from toppling.models.errors import InputError
-from toppling.results.shares import effective_number, jeffreys_mean
+from toppling.models.shares import effective_number, jeffreys_mean
 
 FOLDER = "stood"
 """Of a run: the motions that its rock is known to have stood, their shakes, and the weights."""

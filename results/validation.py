@@ -18,7 +18,7 @@ from sklearn.linear_model import LogisticRegression
 from sklearn.metrics import accuracy_score, brier_score_loss, confusion_matrix, log_loss
 from sklearn.model_selection import LeaveOneGroupOut
 
-from toppling.results.shares import jeffreys_mean
+from toppling.models.shares import jeffreys_mean
 
 CALLED_FROM = 0.5
 """Probability from which on a rock is called overturned."""

@@ -81,16 +81,9 @@ def run(
     The same command resumes an interrupted run: only jobs without a row are done. Exit code 3 means that some jobs,
     of this session or an earlier one, have no answer; --again repeats them once the cause is removed.
     """  # noqa: D301  (\b keeps click from rewrapping the example)
-    from toppling.orchestrator.advice import suggestions
-    from toppling.orchestrator.audit import AFTERWARDS
-    from toppling.orchestrator.campaign import Campaign
-    from toppling.orchestrator.cluster import job_script
-    from toppling.orchestrator.progress import duration, watcher
-    from toppling.orchestrator.run import RunError
-    from toppling.orchestrator.run import run as carry_out
-    from toppling.orchestrator.status import shares_of, state_of
-
     if dry_run:
+        from toppling.orchestrator.cluster import job_script
+
         queue = where["queue_kind"]
         if queue is None:
             raise click.UsageError("--dry-run needs --queue")
@@ -98,9 +91,18 @@ def run(
         return
     if folder is None:
         raise click.UsageError("Missing option '--out'.")
+    from toppling.orchestrator.campaign import Campaign
+
+    chosen = Campaign.read(campaign)  # before what takes seconds to import: most campaigns are refused here
+    from toppling.orchestrator.advice import suggestions
+    from toppling.orchestrator.audit import AFTERWARDS
+    from toppling.orchestrator.progress import duration, watcher
+    from toppling.orchestrator.run import RunError
+    from toppling.orchestrator.run import run as carry_out
+    from toppling.orchestrator.status import shares_of, state_of
+
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(message)s")
     signal.signal(signal.SIGTERM, stop_once)  # a batch system's warning
-    chosen = Campaign.read(campaign)
     cluster = cluster_of(folder, **where)
     if not (no_estimate or folder.exists()) and (words := time_words(chosen, where["workers"])):
         click.echo(words, err=True)

@@ -1,7 +1,7 @@
 """Every command and every block of code in README and guide does what it shows, on one small example.
 
-A comment above a block says where it is only looked at: `parsed` for what needs a network, another machine, a person or
-more than the example has (its options are read as the command line reads them), `slow` for what takes minutes.
+A comment above a block says where it is only looked at: `parsed` for what needs a network, another machine or a person
+(its options are read as the command line reads them), `slow` for what takes minutes.
 """
 
 import os

@@ -328,3 +328,13 @@ def turn_y(degrees):
 def test_another_friction_leaves_the_restitution_as_it_is():
     scene = Scene.block(0.2, 0.2, 0.6, friction=(0.8, 0.6), restitution=0.3).with_friction(0.7)
     assert scene.contact == ContactProperties(0.7, 0.7, 0.3)
+
+
+@pytest.mark.parametrize("pair", [(0.8, 0.6), [0.8, 0.6], np.array([0.8, 0.6])])
+def test_a_pair_of_frictions_may_be_any_sequence(pair):
+    assert ContactProperties.of(pair) == ContactProperties(0.8, 0.6)
+
+
+@pytest.mark.parametrize("coefficient", [1, 1.0, np.float32(1.0), np.int64(1)])
+def test_one_friction_may_be_any_number(coefficient):
+    assert ContactProperties.of(coefficient) == ContactProperties(1.0, 1.0)

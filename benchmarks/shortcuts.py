@@ -5,7 +5,7 @@
 Writes docs/shortcuts.md. Jobs: blocks, turned against the axes and on a slope too, the demo's scanned rock, and a rock
 that falls from facet to facet; any record of the demo's ensemble, level and azimuth, preset `fast`. The floor is the
 same without shortcuts from a start disturbed by a millionth of the height. A job whose answer a shortcut changes is
-shaken without shortcuts from eight such starts: where none of them changes the answer, the job was not near its
+shaken without shortcuts from 24 such starts: where none of them changes the answer, the job was not near its
 threshold. Answers are kept in runs/shortcuts and not computed again.
 """
 
@@ -48,7 +48,7 @@ WHOLE = replace(SHORT, shortcuts=False)
 FLOOR_OF = 4
 """One in so many jobs is shaken from a disturbed start."""
 
-DISTURBED = [replace(WHOLE, disturbed_toward_deg=45.0 * k) for k in range(8)]
+DISTURBED = [replace(WHOLE, disturbed_toward_deg=15.0 * k) for k in range(24)]
 
 
 def block(half_sizes_m: tuple[float, float, float], turn_deg: float, slope_deg: float) -> Scene:

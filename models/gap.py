@@ -50,6 +50,8 @@ class Relief:
         Standard deviation and correlation length of what the base bulges, hollows or slopes.
     rough_m, rough_length_m : float
         The same of its roughness.
+    curvature_per_m : float
+        Standard deviation of the curvature of a paraboloid about the middle: a base is round or hollow as a whole.
     """
 
     level_m: float
@@ -57,11 +59,14 @@ class Relief:
     shape_length_m: float
     rough_m: float
     rough_length_m: float
+    curvature_per_m: float = 0.0
 
     def covariance(self, places_m: Array) -> Array:
         """Covariance (n, n) of the gaps at places (n, 2)."""
         apart = cdist(places_m, places_m)
         shape = self.shape_m**2 * _matern(apart / self.shape_length_m)
+        paraboloid = 0.5 * self.curvature_per_m * ((places_m - places_m.mean(axis=0)) ** 2).sum(axis=1)
+        shape += np.outer(paraboloid, paraboloid)
         return self.level_m**2 + shape + self.rough_m**2 * _matern(apart / self.rough_length_m)
 
 
@@ -76,8 +81,10 @@ class Seen:
     known : (m,) int array
         Places where it was seen.
     gap_m, std_m : (m,) arrays
-        What was seen there, and how well: the standard deviation of an error of the place's own, and again of one that
-        it shares with its group.
+        What was seen there, and the standard deviation of an error of the place's own.
+    shared_m : (m,) array
+        The same of an error that it shares with its group. Where it follows from what was seen, so that low places have
+        large ones, a fit takes the group's error for the difference between them: give such a group one value.
     group : (m,) int array
     floor_m : (n,) array
         Least gap; above 0 where rock and pedestal cannot touch.
@@ -89,6 +96,7 @@ class Seen:
     known: Index
     gap_m: Array
     std_m: Array
+    shared_m: Array
     group: Index
     floor_m: Array
     touching: Index
@@ -199,7 +207,7 @@ def _conditioned(
     target = np.concatenate([seen.gap_m, np.zeros(len(seen.touching))])
     if not len(known):
         return free.T, prior, 0.0
-    of_group = seen.std_m[:, None] * (seen.group[:, None] == np.unique(seen.group))
+    of_group = seen.shared_m[:, None] * (seen.group[:, None] == np.unique(seen.group))
     touching_m = np.full(len(seen.touching), 1e-3 * relief.shape_m)
     errors = block_diag(np.hstack([np.diag(seen.std_m), of_group]), np.diag(touching_m))
     factor = cho_factor(prior[np.ix_(known, known)] + errors @ errors.T, lower=True)

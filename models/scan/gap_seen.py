@@ -24,11 +24,13 @@ RIM_CELLS = 8.0
 """Cells from the hidden part within which what was seen is its rim."""
 RIM_WINDOW, RIM_RISES_PER_CELL = 13, 0.8
 """The rim is what of it is as low as all within a window of cells, but for so much: a rim may rise along itself."""
-BEYOND_PER_SPACING, BEYOND_STD_PER_SPACING = 0.33, 0.19
-"""How far a rock's side goes on below its lowest seen point, and its spread, over the distance of the point's fourth
-neighbour: of five known rocks .30 to .36, and .16 to .22."""
+STD_PER_SPACING, STD_PER_SPACING_AT_CONTACT = 0.19, 0.29
+"""Of the gap below a steep side's lowest seen point, over the distance of that point's fourth neighbour: of five known
+rocks .16 to .22; where the side may go down to the pedestal, it ends anywhere within a spacing."""
 LEAST_STD_PER_SPACING = 0.05
-"""Of a gap below a level underside, which does not go on downward."""
+"""Of the gap below a level underside, which does not go on downward."""
+SPACING_OVER = 15
+"""Places of the rim over which the points' spacing is taken."""
 BESIDE_PER_HEIGHT, BESIDE_PER_GAP = 0.01, 0.3
 """A rim was seen to its end where the pedestal was seen so near, plus so many times its gap."""
 UNSEEN_STD_SHARE = 0.3
@@ -47,7 +49,9 @@ LENGTHS_PER_WIDTH = (0.25, 0.7, 2.0)
 """... and over what length."""
 LONG_PER_WIDTH = 0.5
 """Of a longer correlation the base sees a part, so its deviation is raised in proportion."""
-ROUGH_PER_WIDTH, ROUGH_LENGTH_PER_WIDTH = (0.001, 0.003), 0.07
+ROUGH_PER_WIDTH, ROUGH_LENGTH_PER_WIDTH = (0.0005, 0.003), 0.07
+CURVATURE_PER_SHAPE = 8.0
+"""Curvature of the whole base, times its width, over the shape's deviation."""
 LEVEL_PER_WIDTH = 0.1
 OUTLINE_STD_PER_HEIGHT = 0.0015
 """Of the gap along an outline of the contact."""
@@ -84,11 +88,12 @@ class HiddenPart:
 
 @dataclass(frozen=True, eq=False)
 class Rim:
-    """Places (k, 2) of a rim, the gap there (k,), its standard deviation (k,), and which share an error (k,)."""
+    """Places (k, 2) of a rim, the gap there (k,), what is known of its errors as in :class:`Seen` (k,)."""
 
     places_m: Array
     gap_m: Array
     std_m: Array
+    shared_m: Array
     group: NDArray[np.intp]
 
 
@@ -132,6 +137,7 @@ def hidden_part(
         np.arange(first[0], first[1]),
         rim.gap_m,
         rim.std_m,
+        rim.shared_m,
         rim.group,
         floor,
         np.arange(first[1], first[2]),
@@ -153,17 +159,22 @@ def _seen_rim(under: Underside, low: Array, lit: Array, height_m: float) -> Rim:
     hangs = np.maximum(gap, 0.0)
     to_its_end = beside < BESIDE_PER_HEIGHT * height_m + BESIDE_PER_GAP * hangs
     away, nearest = cKDTree(low).query(rim, OF_SIDE)
-    spacing, upward = away[:, NEIGHBOURS - 1], _upward_along(low[nearest])
-    beyond = BEYOND_PER_SPACING * spacing
-    rise = beyond * upward[:, 2]
-    # It ends on the pedestal at the latest.
-    way = beyond * np.minimum(hangs / np.maximum(rise, 1e-12), 1.0)
-    std = np.hypot(BEYOND_STD_PER_SPACING * upward[:, 2], LEAST_STD_PER_SPACING) * spacing
+    beside_m = rim[:, None, :2] - rim[None, :, :2]
+    around = np.argsort((beside_m**2).sum(axis=2), axis=1)[:, :SPACING_OVER]
+    spacing = np.median(away[around, NEIGHBOURS - 1], axis=1)
+    steepness, off_m = _side_at(rim, low[nearest[:, 1:]])
+    at_contact = np.clip(2.0 - hangs / spacing, 0.0, 1.0)
+    of_side = STD_PER_SPACING + (STD_PER_SPACING_AT_CONTACT - STD_PER_SPACING) * at_contact
+    end_std = np.hypot(of_side * steepness, LEAST_STD_PER_SPACING) * spacing
+    std = np.hypot(end_std, off_m)
+    shared = np.full(len(rim), np.sqrt((end_std[to_its_end] ** 2).mean()) if to_its_end.any() else 0.0)
     # Of a rim that was not seen to its end the gap lies anywhere below what was seen.
+    half_unseen = np.maximum(UNSEEN_STD_SHARE * gap, std)
     return Rim(
-        rim[:, :2] - way[:, None] * upward[:, :2],
-        np.where(to_its_end, gap - rise, 0.5 * gap),
-        np.where(to_its_end, std, np.maximum(UNSEEN_STD_SHARE * gap, std)),
+        rim[:, :2],
+        np.where(to_its_end, gap, 0.5 * gap),
+        np.where(to_its_end, std, half_unseen),
+        np.where(to_its_end, shared, half_unseen),
         to_its_end.astype(np.intp),
     )
 
@@ -175,7 +186,7 @@ def _outlined(under: Underside, height_m: float) -> Rim:
     at = under.grid.nodes_m[border]
     at = at[_spread(at, MOST_RIM)]
     std = np.full(len(at), OUTLINE_STD_PER_HEIGHT * height_m)
-    return Rim(at, np.zeros(len(at)), std, np.ones(len(at), np.intp))
+    return Rim(at, np.zeros(len(at)), std, std, np.ones(len(at), np.intp))
 
 
 def _check_under_the_rock(told: Array, places: Array, height_m: float) -> None:
@@ -200,12 +211,14 @@ def _lowest_points(under: Underside, low: Array) -> Array:
     return low[order][first[of_rim]]
 
 
-def _upward_along(side: Array) -> Array:
-    """Unit vectors (k, 3) of steepest rise in the planes through points (k, n, 3); none where one is level."""
-    normal = np.linalg.svd(side - side.mean(axis=1, keepdims=True), full_matrices=False)[2][:, 2]
-    rise = np.hypot(normal[:, 0], normal[:, 1])
-    along = np.column_stack([-normal[:, :2] * normal[:, 2:], rise**2])
-    return along / np.maximum(rise, 1e-9)[:, None]
+def _side_at(rim: Array, others: Array) -> tuple[Array, Array]:
+    """Sine of the slope (k,) of the side through the neighbours (k, n, 3) of each place of a rim (k, 3).
+
+    Second, how far the place lies off that plane (k,), m: much, for a stray between rock and pedestal.
+    """
+    middle = others.mean(axis=1)
+    normal = np.linalg.svd(others - middle[:, None], full_matrices=False)[2][:, 2]
+    return np.hypot(normal[:, 0], normal[:, 1]), np.abs(((rim - middle) * normal).sum(axis=1))
 
 
 def _least_gap(under: Underside) -> Array:
@@ -242,6 +255,7 @@ def reliefs(width_m: float) -> list[Relief]:
             length * width_m,
             rough * width_m,
             ROUGH_LENGTH_PER_WIDTH * width_m,
+            CURVATURE_PER_SHAPE * shape / width_m,
         )
         for shape, length, rough in product(SHAPES_PER_WIDTH, LENGTHS_PER_WIDTH, ROUGH_PER_WIDTH)
     ]

@@ -17,8 +17,9 @@ def disc(rim_gap_m, touching=(), floor=lambda places: np.zeros(len(places))):
     rim = 0.5 * np.column_stack([np.cos(turn), np.sin(turn)])
     places = np.vstack([inner, rim])
     known = np.arange(len(inner), len(places))
-    seen, group = (np.full(40, rim_gap_m), np.full(40, RIM_STD_M)), np.zeros(40, int)
-    return Seen(places, known, *seen, group, floor(places), np.array(touching, int))
+    std_m = np.full(40, RIM_STD_M)
+    seen = (known, np.full(40, rim_gap_m), std_m, std_m, np.zeros(40, int))
+    return Seen(places, *seen, floor(places), np.array(touching, int))
 
 
 def draws(seen, weight=(0.05, -0.1), count=6, seed=1):

@@ -38,11 +38,35 @@ def wall():
     return rings(np.full(len(heights), RADIUS_M), heights)
 
 
-def test_a_steep_side_ends_a_part_of_the_points_spacing_below_its_lowest_point(wall):
+def test_a_steep_side_is_seen_down_to_its_lowest_point_and_may_end_a_part_of_the_spacing_below(wall):
     seen = seen_at_the_rim(wall, ground_from(RADIUS_M - 0.02))
-    below = RIM_M - seen.gap_m
-    assert np.all((below > 0.2 * PITCH_M) & (below < 0.6 * PITCH_M))
-    assert np.all(seen.std_m < 0.5 * PITCH_M)
+    np.testing.assert_allclose(seen.gap_m, RIM_M, atol=1e-9)
+    assert np.all((seen.std_m > 0.1 * PITCH_M) & (seen.std_m < 0.5 * PITCH_M))
+
+
+def test_a_steep_side_that_may_reach_the_pedestal_ends_anywhere_within_a_spacing(wall):
+    low = wall - [0.0, 0.0, RIM_M - 0.5 * PITCH_M]
+    near, hanging = (seen_at_the_rim(each, ground_from(RADIUS_M - 0.02)) for each in (low, wall))
+    assert np.median(near.std_m) > 1.3 * np.median(hanging.std_m)
+
+
+def test_an_error_that_the_whole_rim_shares_does_not_follow_what_was_seen_at_its_places():
+    """It would lift a rim whose low places are those with large errors, as where points lie sparse."""
+    sparse = np.random.default_rng(3).random(3000) < np.linspace(0.15, 1.0, 3000)
+    turn = np.linspace(0.0, 2.0 * np.pi, 3000)
+    height = RIM_M + np.random.default_rng(4).uniform(0.0, 0.2, 3000)
+    side = np.column_stack([RADIUS_M * np.cos(turn), RADIUS_M * np.sin(turn), height])[sparse]
+    seen = seen_at_the_rim(side, ground_from(RADIUS_M - 0.02))
+    assert np.ptp(seen.std_m) > 0.2 * np.median(seen.std_m)
+    assert np.ptp(seen.shared_m) == 0.0
+
+
+def test_a_stray_off_the_side_says_less_of_the_rim(wall):
+    stray = np.array([[RADIUS_M - 3.0 * PITCH_M, 0.0, RIM_M - PITCH_M]])
+    seen = seen_at_the_rim(np.vstack([wall, stray]), ground_from(RADIUS_M - 0.06))
+    at = np.linalg.norm(seen.places_m[seen.known] - stray[0, :2], axis=1)
+    assert at.min() == 0.0
+    assert seen.std_m[at.argmin()] > 3.0 * np.median(seen.std_m)
 
 
 def test_a_level_underside_is_as_high_as_its_points(wall):

@@ -199,7 +199,8 @@ def main() -> None:
             "of sqrt(R/g). The bare loop of PyBullet (setGravity, stepSimulation, a look at the pose; eight spheres) "
             f"takes {bare_step_us():.0f} µs a step.",
             110,
-        ),
+        )
+        + "\n",
     ]
     for name, scene in scenes().items():
         jobs = draw(scene, ensemble, count)

@@ -24,6 +24,8 @@ FINEST_VOXELS_PER_HEIGHT = 80
 TRIED_HEIGHTS = (1.0, 0.7, 0.45)
 """Heights that a thing may have, over its drop to where it joins another."""
 NEARLY = 0.9
+LEAST_CONCAVE_SHARE = 0.3
+"""Share of the cut's edges that must run through a crease: a hummock's foot has none."""
 LEAST_SURFELS = 50
 """Fewer patches are no rock."""
 SURFACE_ROUGHNESS = 0.4
@@ -104,6 +106,8 @@ def _seen_near_by(points_m: NDArray[np.float64], coarse: Candidate) -> Candidate
         finer = _cut_off(surfels, edges, peak, height, rim)
         if finer is None:
             break
+        if LEAST_CONCAVE_SHARE < finer.concave_share < NEARLY * coarse.concave_share:
+            break  # it stands there, but where points are sparse finer patches fall apart
         coarse = finer
     return coarse
 

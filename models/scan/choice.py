@@ -5,12 +5,16 @@ from numpy.typing import NDArray
 
 from toppling.models.errors import InputError
 from toppling.models.frames import slope_of_normal
-from toppling.models.scan.candidates import LEAST_PEAK_VOXELS, Candidate, find_candidates, surfels_of
+from toppling.models.scan.candidates import (
+    LEAST_CONCAVE_SHARE,
+    LEAST_PEAK_VOXELS,
+    Candidate,
+    find_candidates,
+    surfels_of,
+)
 from toppling.models.scan.interface import fitted_plane
 from toppling.models.scan.surfels import Surfels
 
-LEAST_CONCAVE_SHARE = 0.3
-"""Share of the coarse cut's edges that must run through a crease: a hummock's foot has none."""
 RIVAL_SHARE = 0.6
 """A second thing of this share of the first one's height may be the rock that is meant."""
 NEAR_HEIGHTS = 1.5

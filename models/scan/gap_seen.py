@@ -158,14 +158,7 @@ def _seen_rim(under: Underside, low: Array, lit: Array, height_m: float) -> Rim:
         )
     hangs = np.maximum(gap, 0.0)
     to_its_end = beside < BESIDE_PER_HEIGHT * height_m + BESIDE_PER_GAP * hangs
-    away, nearest = cKDTree(low).query(rim, OF_SIDE)
-    beside_m = rim[:, None, :2] - rim[None, :, :2]
-    around = np.argsort((beside_m**2).sum(axis=2), axis=1)[:, :SPACING_OVER]
-    spacing = np.median(away[around, NEIGHBOURS - 1], axis=1)
-    steepness, off_m = _side_at(rim, low[nearest[:, 1:]])
-    at_contact = np.clip(2.0 - hangs / spacing, 0.0, 1.0)
-    of_side = STD_PER_SPACING + (STD_PER_SPACING_AT_CONTACT - STD_PER_SPACING) * at_contact
-    end_std = np.hypot(of_side * steepness, LEAST_STD_PER_SPACING) * spacing
+    end_std, off_m = _errors(rim, hangs, low)
     std = np.hypot(end_std, off_m)
     shared = np.full(len(rim), np.sqrt((end_std[to_its_end] ** 2).mean()) if to_its_end.any() else 0.0)
     # Of a rim that was not seen to its end the gap lies anywhere below what was seen.
@@ -177,6 +170,25 @@ def _seen_rim(under: Underside, low: Array, lit: Array, height_m: float) -> Rim:
         np.where(to_its_end, shared, half_unseen),
         to_its_end.astype(np.intp),
     )
+
+
+def _errors(rim: Array, hangs: Array, low: Array) -> tuple[Array, Array]:
+    """Standard deviation (k,) of where the side ends below each place of a rim that hangs so high, m.
+
+    Second, how far the place lies off the plane of its neighbours (k,), m: much, for a stray.
+    """
+    away, nearest = cKDTree(low).query(rim, OF_SIDE)
+    apart_m = rim[:, None, :2] - rim[None, :, :2]
+    around = np.argsort((apart_m**2).sum(axis=2), axis=1)[:, :SPACING_OVER]
+    spacing = np.median(away[around, NEIGHBOURS - 1], axis=1)
+    others = low[nearest[:, 1:]]
+    middle = others.mean(axis=1)
+    normal = np.linalg.svd(others - middle[:, None], full_matrices=False)[2][:, 2]
+    steepness = np.hypot(normal[:, 0], normal[:, 1])
+    at_contact = np.clip(2.0 - hangs / spacing, 0.0, 1.0)
+    of_side = STD_PER_SPACING + (STD_PER_SPACING_AT_CONTACT - STD_PER_SPACING) * at_contact
+    end_std = np.hypot(of_side * steepness, LEAST_STD_PER_SPACING) * spacing
+    return end_std, np.abs(((rim - middle) * normal).sum(axis=1))
 
 
 def _outlined(under: Underside, height_m: float) -> Rim:
@@ -209,16 +221,6 @@ def _lowest_points(under: Underside, low: Array) -> Array:
     lowest = known <= ndimage.minimum_filter(known, RIM_WINDOW) + RIM_RISES_PER_CELL * under.grid.cell_m
     of_rim = (lowest & under.seen & (under.into_seen <= RIM_CELLS)).ravel()[cells]
     return low[order][first[of_rim]]
-
-
-def _side_at(rim: Array, others: Array) -> tuple[Array, Array]:
-    """Sine of the slope (k,) of the side through the neighbours (k, n, 3) of each place of a rim (k, 3).
-
-    Second, how far the place lies off that plane (k,), m: much, for a stray between rock and pedestal.
-    """
-    middle = others.mean(axis=1)
-    normal = np.linalg.svd(others - middle[:, None], full_matrices=False)[2][:, 2]
-    return np.hypot(normal[:, 0], normal[:, 1]), np.abs(((rim - middle) * normal).sum(axis=1))
 
 
 def _least_gap(under: Underside) -> Array:

@@ -29,6 +29,7 @@ from base_rocks import base_rock
 from blind_rocks import blind_rock
 from numpy.typing import NDArray
 from pages import put
+from scipy.stats import t as student_t
 from squat_rocks import beside_the_contact, member
 
 from toppling.models.errors import InputError
@@ -47,7 +48,7 @@ from toppling.workers.options import PRESETS
 
 PAGE = Path(__file__).parent.parent / "docs" / "scan.md"
 AZIMUTHS_DEG = np.arange(0.0, 360.0, 10.0)
-FAST = Setting(PRESETS["fast"])
+FAST, DRAFT = (Setting(PRESETS[name]) for name in ("fast", "draft"))
 LIMIT_S, LIMIT_GB = 70.0, 2.5
 """What a scan of twenty million points may cost: processor time and memory."""
 
@@ -202,12 +203,14 @@ def base_fragility(found: Scene, true: Scene, ensemble: Ensemble, count: int) ->
     if found.unseen is None:
         return {}
     jobs, _ = jobs_that_half_topple(true, ensemble, count)
-    right = float(answers(true, ensemble, jobs, FAST).toppled.mean())
+    right = float(answers(true, ensemble, jobs, DRAFT).toppled.mean())
     shares = [
-        float(answers(found.on_base(number), ensemble, jobs, FAST).toppled.mean())
+        float(answers(found.on_base(number), ensemble, jobs, DRAFT).toppled.mean())
         for number in range(0, len(found.unseen), max(1, len(found.unseen) // BASES_SHAKEN))
     ]
-    low, high = np.quantile(shares, [0.05, 0.95])
+    # Quantiles of so few hold less of the next one than they say: the interval in which it lies if they are normal.
+    spread = np.std(shares, ddof=1) * np.sqrt(1.0 + 1.0 / len(shares))
+    low, high = np.mean(shares) + spread * student_t(len(shares) - 1).ppf([0.05, 0.95])
     return {
         "true share toppled, %": 100 * right,
         "predicted low, %": 100 * float(low),

@@ -40,10 +40,10 @@ def base_sentences(report: Mapping[str, Any]) -> list[str]:
             else f"its width was {100 * median_width(before):.0f} % of its median"
         )
         sentences.append(f"what is known by inspection tightens the interval: without it {told}")
-    if found.get("nominal_draw") is None and report.get("interface", {}).get("given_by") != "outline":
+    if not found.get("nominal_at_rest", True):
         sentences.append(
-            "warning: none of the likeliest bases gives a closed mesh on which the rock is at rest as scanned: the "
-            "nominal scene has a smooth base instead, while the rock stands on every drawn base"
+            "warning: with the centre of mass of the mesh the rock is at rest as scanned on none of the bases: the "
+            "nominal scene has a smooth base, while the rock stands on every drawn base with the centre drawn with it"
         )
     return sentences
 

@@ -52,7 +52,8 @@ class Scene:
         What the scan found out on the way (interface, uncertainty, shares of the surface seen and invented ...):
         kept and shown, without influence on the motion or on the id, the spread of the centre of mass aside.
     unseen : UnseenBase or None
-        Draws of the base that nobody saw, from which realisations take theirs.
+        Draws of the base that nobody saw, from which realisations take theirs. Where it names a nominal one, the rock
+        is given its feet.
     """
 
     rock: Rock
@@ -62,6 +63,11 @@ class Scene:
     origin_m: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
     report: Mapping[str, Any] = field(default_factory=dict)
     unseen: UnseenBase | None = None
+
+    def __post_init__(self) -> None:
+        unseen = self.unseen
+        if unseen is not None and unseen.nominal is not None and self.rock.feet_m is None:
+            object.__setattr__(self, "rock", unseen.on_feet_of(self.rock, self.pedestal, unseen.nominal))
 
     @classmethod
     def block(
@@ -171,7 +177,8 @@ class Scene:
     def on_base(self, number: int) -> "Scene":
         """The same scene on one of the drawn bases, with its centre of mass, and at rest in its pose."""
         assert self.unseen is not None
-        return dataclasses.replace(self, rock=self.unseen.realised(self.rock, self.pedestal, number))
+        rock = self.unseen.realised(self.rock, self.pedestal, number)
+        return dataclasses.replace(self, rock=rock, unseen=dataclasses.replace(self.unseen, nominal=None))
 
     @property
     def com_std_m(self) -> NDArray[np.float64] | None:
@@ -188,7 +195,7 @@ class Scene:
             geometry += [self.pedestal.vertices_m, self.pedestal.faces]
         if self.com_std_m is not None:
             geometry.append(self.com_std_m)
-        if self.rock.feet_m is not None:
+        if self.rock.feet_m is not None and (self.unseen is None or self.unseen.nominal is None):
             geometry.append(self.rock.feet_m)
         for array in geometry:
             canonical = np.ascontiguousarray(array, dtype="<f8" if array.dtype.kind == "f" else "<i8")

@@ -22,6 +22,7 @@ from scipy.spatial import ConvexHull, QhullError
 from scipy.spatial.transform import Rotation
 
 from toppling.models.digest import BLANK, KEY, read_json, seal
+from toppling.models.documents import shown
 from toppling.models.errors import InputError
 from toppling.models.frames import plane_axes
 from toppling.models.pedestal import Pedestal
@@ -79,10 +80,14 @@ class UnseenBase:
     band_m : float
         Clearance below which a draw's feet replace those of the scene's meshes.
     draws : tuple of BaseDraw
+    nominal : int or None
+        Draw whose feet the scene itself stands on, in its own pose and with its own centre of mass; None for those of
+        its meshes.
     """
 
     band_m: float
     draws: tuple[BaseDraw, ...]
+    nominal: int | None = None
 
     def __len__(self) -> int:
         return len(self.draws)
@@ -109,10 +114,16 @@ class UnseenBase:
         high = feet_above_m(rock, pedestal, self.band_m) @ turn.T + draw.shift_m
         return dataclasses.replace(moved, feet_m=np.vstack([draw.feet_m @ frame + pedestal.point_m, high]))
 
+    def on_feet_of(self, rock: Rock, pedestal: Pedestal, number: int) -> Rock:
+        """The rock with the feet of one draw, as it stands and with its own centre of mass."""
+        return dataclasses.replace(rock, feet_m=self.realised(rock, pedestal, number).feet_m)
+
     @property
     def digest(self) -> bytes:
         """Hash of all draws."""
         content = hashlib.sha256(repr(float(self.band_m)).encode())
+        if self.nominal is not None:
+            content.update(repr(self.nominal).encode())
         for draw in self.draws:
             for field in dataclasses.fields(draw):
                 array = np.ascontiguousarray(getattr(draw, field.name), "<f8")
@@ -124,6 +135,8 @@ class UnseenBase:
         """Write the draws as JSON with its digest, one draw a line."""
         lines = ",\n".join(json.dumps(_lists(draw)) for draw in self.draws)
         head = f'"{KEY}": "{BLANK}", "schema_version": {SCHEMA_VERSION}, "band_m": {float(self.band_m)!r}'
+        if self.nominal is not None:
+            head += f', "nominal": {self.nominal}'
         path.write_text(f'{{{head}, "draws": [\n{lines}\n]}}\n')
         seal(path)
 
@@ -141,14 +154,16 @@ class UnseenBase:
             if content["schema_version"] != SCHEMA_VERSION:
                 raise _file_error(f"schema version {content['schema_version']}", path)
             draws = tuple(BaseDraw(**_checked(draw)) for draw in content["draws"])
-            band_m = float(content["band_m"])
+            band_m, nominal = float(content["band_m"]), content.get("nominal")
         except InputError:
             raise
         except (OSError, UnicodeDecodeError, KeyError, TypeError, ValueError, OverflowError) as error:
             raise _file_error(f"is not whole ({type(error).__name__}: {error})", path) from None
         if not draws or not band_m > 0.0:
             raise _file_error(f"{len(draws)} draws below {band_m} m", path)
-        return cls(band_m, draws)
+        if nominal is not None and (type(nominal) is not int or not 0 <= nominal < len(draws)):
+            raise _file_error(f"nominal is {shown(nominal)}, of {len(draws)} draws", path)
+        return cls(band_m, draws, nominal)
 
 
 @lru_cache(maxsize=8)  # rocks and pedestals compare by identity: one look at the meshes serves every draw

@@ -31,6 +31,7 @@ MOST_REALISATIONS = 1_000_000
 MOST_JOBS = 10_000_000
 """Beyond, the table of jobs leaves no memory for anything else: 2 GB, and 23 days at five jobs a second."""
 LARGEST_DISPLACEMENT_M = 1000.0
+HIGHEST_BAND_HZ = 1000.0
 
 
 @dataclass(frozen=True)
@@ -370,14 +371,14 @@ def _unmeasured(value: Any, where: str) -> Unmeasured | None:
     if value is None:
         return None
     expected = (
-        "{ friction = [low, high], restitution = [low, high], yaw_deg = number, either_sense = true or false }, "
-        "each as wanted"
+        "{ friction = [low, high], restitution = [low, high], yaw_deg = number, either_sense = true or false, "
+        "band_hz = number, above_band = [low, high] }, each as wanted"
     )
     known = {field.name for field in dataclasses.fields(Unmeasured)}
     if not isinstance(value, dict) or not set(value) <= known:
         raise _error(where, f"{value!r}", expected, "correct or remove it")
     drawn = dict(value)
-    for key, highest in (("friction", math.inf), ("restitution", 1.0)):
+    for key, highest in (("friction", math.inf), ("restitution", 1.0), ("above_band", 2.0)):
         if key not in drawn:
             continue
         pair = drawn[key]
@@ -392,6 +393,13 @@ def _unmeasured(value: Any, where: str) -> Unmeasured | None:
     drawn["yaw_deg"] = float(yaw_deg)
     if not isinstance(drawn.get("either_sense", False), bool):
         raise _error(f"{where}.either_sense", f"{drawn['either_sense']!r}", "true or false", "correct it")
+    if ("band_hz" in drawn) != ("above_band" in drawn):
+        raise _error(where, "one of band_hz and above_band", "both or neither", "such as 25.0 and [0.0, 0.6]")
+    if "band_hz" in drawn:
+        if not is_number(drawn["band_hz"]) or not 0.0 < drawn["band_hz"] <= HIGHEST_BAND_HZ:
+            what, expected = f"{drawn['band_hz']!r}", f"up to {HIGHEST_BAND_HZ:g} Hz"
+            raise _error(f"{where}.band_hz", what, expected, "correct it")
+        drawn["band_hz"] = float(drawn["band_hz"])
     return Unmeasured(**drawn)
 
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from toppling.models.contact import ContactProperties
 from toppling.models.errors import InputError
+from toppling.models.motions.above_band import HIGHEST_CORNER
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
 from toppling.models.settling import Settling
@@ -128,11 +129,13 @@ def plan(campaign: Campaign, scene: Scene, ensemble: Ensemble) -> Plan:
     ------
     InputError
         If the campaign names a record that the ensemble lacks, or the ensemble is empty, or a motion that the rock
-        stood cannot be read or tells nothing of it.
+        stood cannot be read or tells nothing of it, or a record is sampled too coarsely for the band that it is said
+        to have.
     """
     duration_s = _durations_s(campaign, ensemble)
     records = list(duration_s)
     campaign.check_jobs(len(records))
+    _check_band(campaign, ensemble, records)
     recorded = None
     if campaign.stood:
         check_weighable(scene, campaign.first_realisation + campaign.realisations - 1, str(campaign.scene))
@@ -239,6 +242,23 @@ def _spec(
         peak_displacement_m=campaign.peak_displacement_m,
         unmeasured=campaign.unmeasured,
     )
+
+
+def _check_band(campaign: Campaign, ensemble: Ensemble, records: list[str]) -> None:
+    """Refuse before any job what :func:`models.motions.above_band.with_motion_above` would refuse in each."""
+    band_hz = campaign.unmeasured and campaign.unmeasured.band_hz
+    if not band_hz:
+        return
+    step_s = dict(zip(ensemble.record_ids, ensemble.catalog["time_step_s"].to_pylist(), strict=True))
+    coarsest = max(records, key=lambda record: step_s[record])
+    highest_hz = HIGHEST_CORNER / step_s[coarsest]
+    if band_hz > highest_hz:
+        raise InputError(
+            f"unmeasured.band_hz is {band_hz:g}, but record {coarsest} has a step of {step_s[coarsest]:g} s",
+            where=str(campaign.ensemble),
+            expected=f"at most {highest_hz:g} Hz: what is added is as strong as the octave below",
+            remedy="give a smaller band_hz, or name finer records",
+        )
 
 
 def _durations_s(campaign: Campaign, ensemble: Ensemble) -> dict[str, float]:

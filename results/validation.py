@@ -91,14 +91,27 @@ def intervals(
     for _ in range(SAMPLES):
         rows = np.concatenate([of_group[k] for k in random.integers(len(of_group), size=len(of_group))])
         drawn.append(scores(overturned[rows], probability[rows]))
-    names = [name for name in drawn[0] if name not in ("n", "confusion")]
-    frame = pd.DataFrame(drawn)[names].astype(float)
-    return {
-        name: [_number(end) for end in np.nanquantile(frame[name], [0.025, 0.975])]
-        if frame[name].notna().any()
-        else [None, None]
-        for name in names
-    }
+    return _quantiles(drawn, 0.025, 0.975)
+
+
+def were_a_draw_true(toppled: Array) -> dict[str, list[float | None]]:
+    """Intervals of 90 % of the scores that draws would have were each of them in turn the specimen.
+
+    All tests are of one specimen, so what nobody measured of it is one draw for them all: even where the distribution
+    drawn from is right, shares are not calibrated over its tests, and the slope is seldom 1. Scores outside of these
+    intervals say that the specimen is none of the draws.
+
+    Parameters
+    ----------
+    toppled : (draws, tests) array
+        1, 0, or NaN where a draw has no answer. Tests with a missing answer are left out.
+    """
+    whole = toppled[:, np.isfinite(toppled).all(axis=0)]
+    drawn = []
+    for number, true in enumerate(whole):
+        probability, _ = share(np.delete(whole, number, axis=0))
+        drawn.append(scores(true > 0.5, probability))
+    return _quantiles(drawn, 0.05, 0.95)
 
 
 def calibration(overturned: Truths, probability: Array, bins: int = 6) -> pd.DataFrame:
@@ -220,6 +233,17 @@ def table(rows: Mapping[str, Mapping[str, Any]]) -> pd.DataFrame:
     )
     frame = pd.DataFrame([{"who": who, **{name: row[name] for name in names}} for who, row in rows.items()])
     return frame.set_index("who")
+
+
+def _quantiles(drawn: list[dict[str, Any]], low: float, high: float) -> dict[str, list[float | None]]:
+    names = [name for name in drawn[0] if name not in ("n", "confusion")]
+    frame = pd.DataFrame(drawn)[names].astype(float)
+    return {
+        name: [_number(end) for end in np.nanquantile(frame[name], [low, high])]
+        if frame[name].notna().any()
+        else [None, None]
+        for name in names
+    }
 
 
 def _rate(told_by: Array, overturned: Truths) -> float:

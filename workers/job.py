@@ -125,6 +125,7 @@ def prepared(spec: JobSpec, assets: Assets) -> tuple[Scene, Imposed]:
         )
     unmeasured = spec.unmeasured or Unmeasured()
     azimuth_deg = spec.azimuth_deg + unmeasured.turn_deg(spec.realisation)
+    record = unmeasured.record(record, spec.realisation)
     imposed = impose(record, spec.pga_m_s2, azimuth_deg, spec.peak_displacement_m)
     contact = ContactProperties(spec.friction_static, spec.friction_kinetic, spec.restitution)
     return _realised(assets.scene, contact, unmeasured, spec.realisation), imposed

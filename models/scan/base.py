@@ -140,17 +140,12 @@ class Underside:
         carries = _lowest_of_rim(seen_height, seen, height_m) | (seen & (into_seen > 8.0))
         return cls(grid, seen_height, seen, hidden, carries, outline, depth, into_seen)
 
-    def closed_by(
-        self, sheet_m: NDArray[np.float64], height_m: float, resting: float = RESTING_PER_HEIGHT
-    ) -> Base:
-        """Base whose hidden part is a sheet; beside it the seen surface rules, and gives way within a few cells.
-
-        What lies lower than a share `resting` of the height rests.
-        """
+    def closed_by(self, sheet_m: NDArray[np.float64], height_m: float) -> Base:
+        """Base whose hidden part is a sheet; beside it the seen surface rules, and gives way within a few cells."""
         side = smooth_sheet(self.grid, np.where(self.seen, self.seen_m, 0.0), np.where(self.seen, 3.0, 0.0))
         away = 0.002 * height_m * np.maximum(self.into_seen - 1.0, 0.0)
         sheet = np.where(self.hidden, sheet_m, side - away)
-        return Base(self.grid, np.where(sheet < resting * height_m, 0.0, sheet), self.hidden)
+        return Base(self.grid, np.where(sheet < RESTING_PER_HEIGHT * height_m, 0.0, sheet), self.hidden)
 
 
 def hidden_base(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -19,8 +18,8 @@ from toppling.models.scan.unseen import (
     AZIMUTHS_DEG,
     ContradictionError,
     DrawnBases,
-    close_at_rest,
     draw_bases,
+    nominal_draw,
     pierced_m,
     unseen_base,
 )
@@ -35,38 +34,21 @@ OTHER_ERRORS_SHARE = 0.04
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, eq=False)
-class Based:
-    """A rock closed on its central base, the draws beside it, and what they say.
-
-    Parameters
-    ----------
-    closed : ClosedRock
-    unseen : UnseenBase or None
-        None where what was seen contradicts standing.
-    report : dict
-    """
-
-    closed: ClosedRock
-    unseen: UnseenBase | None
-    report: dict[str, Any]
-
-
 def base_unseen(
     seen: SeenRock,
     interface: Interface,
-    former: ClosedRock,
+    closed: ClosedRock,
     core: float,
     com_std_m: list[float] | None,
     inspection: Inspection,
-) -> Based:
-    """Draw the base, and close the rock on the draw in the middle.
+) -> tuple[UnseenBase | None, dict[str, Any]]:
+    """Draw the base, and choose the draw on which the scene itself stands.
 
     Parameters
     ----------
     seen : SeenRock
     interface : Interface
-    former : ClosedRock
+    closed : ClosedRock
         Closed smoothly, whatever stands on it.
     core : float
         Of the feet of that closing.
@@ -75,6 +57,13 @@ def base_unseen(
     inspection : Inspection
         In the scene's frame.
 
+    Returns
+    -------
+    UnseenBase or None
+        None where what was seen contradicts standing.
+    dict
+        What the draws say.
+
     Raises
     ------
     InputError
@@ -82,30 +71,32 @@ def base_unseen(
     """
     low, lit = interface.flat(seen.low_m), interface.flat(seen.lit_m)
     smooth = hidden_base(low, lit, seen.height_m, core, seen.word)
-    least = np.full(3, floors(former.invented_share)["com_per_height"] * seen.height_m)
+    least = np.full(3, floors(closed.invented_share)["com_per_height"] * seen.height_m)
     std_m = least if com_std_m is None else np.array(com_std_m)
-    central = toppling(former.rock, interface, AZIMUTHS_DEG)
+    central = toppling(closed.rock, interface, AZIMUTHS_DEG)
     report: dict[str, Any] = {"level": LEVEL, "smooth_closing_m_s2": central.tolist()}
     try:
-        drawn = draw_bases(seen, interface, former.rock, smooth, std_m, inspection)
+        drawn = draw_bases(seen, interface, closed.rock, smooth, std_m, inspection)
     except ContradictionError as error:
-        return Based(former, None, report | {"contradiction": f"{error.what}; {error.remedy}"})
+        return None, report | {"contradiction": f"{error.what}; {error.remedy}"}
     report |= intervals(drawn, interface)
     if not inspection.says_nothing or (seen.word is not None and seen.word.encloses):
         unaided = dataclasses.replace(
             seen, word=None if seen.word is None or seen.word.encloses else seen.word
         )
         try:
-            before = draw_bases(unaided, interface, former.rock, smooth, std_m)
+            before = draw_bases(unaided, interface, closed.rock, smooth, std_m)
             report["without_inspection"] = intervals(before, interface)["toppling"]
         except ContradictionError:
             report["without_inspection"] = None
-    if seen.word is not None and seen.word.encloses:
-        closed, number = former, None  # the user says where it rests: flat, within the outline
-    else:
-        closed, number = close_at_rest(seen, interface, drawn, former)
-    report["nominal_draw"] = number
-    return Based(closed, unseen_base(drawn, closed.rock, interface, seen.height_m), report)
+    unseen = unseen_base(drawn, closed.rock, interface, seen.height_m)
+    number, at_rest = None, True
+    if (
+        seen.word is None or not seen.word.encloses
+    ):  # else the user says where it rests: flat, within the outline
+        number, at_rest = nominal_draw(drawn, unseen, closed.rock, interface, central)
+    report |= {"nominal_draw": number, "nominal_at_rest": at_rest}
+    return dataclasses.replace(unseen, nominal=number), report
 
 
 def intervals(drawn: DrawnBases, interface: Interface) -> dict[str, Any]:

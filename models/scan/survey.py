@@ -127,12 +127,11 @@ def survey(
         spread = uncertainty(seen, interface, core, closed.invented_share, bootstrap, resampled)
     progress("drawing the hidden base")
     known = (inspection or Inspection()).moved(cloud.origin_m)
-    based = base_unseen(seen, interface, closed, core, spread.get("com_std_m"), known)
-    closed = based.closed
+    unseen, standing = base_unseen(seen, interface, closed, core, spread.get("com_std_m"), known)
     progress("meshing the pedestal")
     pedestal = label_surfels(parts.surfels, cloud.points_m, label) == PEDESTAL
     ground = pedestal_ground(parts.surfels, pedestal, closed.rock, interface)
-    scene = Scene(closed.rock, ground.pedestal, origin_m=cloud.origin_m, unseen=based.unseen)
+    scene = Scene(closed.rock, ground.pedestal, origin_m=cloud.origin_m, unseen=unseen)
     report = {
         "interface": {
             "given_by": "fit" if word is None else word.kind,
@@ -146,7 +145,7 @@ def survey(
             "invented_share": closed.invented_share,
         },
         "slenderness": slenderness(scene),
-        "unseen_base": based.report,
+        "unseen_base": standing,
         "segmentation": {
             "rock_points": int((label == ROCK).sum()),
             "pedestal_points": int((label == PEDESTAL).sum()),

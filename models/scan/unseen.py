@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator
 from scipy.spatial import ConvexHull, cKDTree
 
 from toppling.models.errors import InputError
@@ -16,7 +15,6 @@ from toppling.models.gap import GapDraw, draw_gaps, encloses, resampled
 from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock
 from toppling.models.scan.base import Base, Underside
-from toppling.models.scan.close import ClosedRock, close_rock
 from toppling.models.scan.gap_seen import HiddenPart, hidden_part, reliefs
 from toppling.models.scan.inspection import PULL_STD_SHARE, Inspection
 from toppling.models.scan.interface import Interface
@@ -38,9 +36,8 @@ HIGH_FEET_PER_HEIGHT = 0.3
 """Higher ones come down only when the rock has toppled."""
 FRICTION = 0.8
 """With which the nominal rock must stand as scanned."""
-TRIES = 4
-DRAWN_RESTING_PER_HEIGHT = 1e-4
-"""What of a drawn base lies lower rests: its contacts are places, not the patches of a smooth closing."""
+SMOOTH_IS_LIKELY = 0.25
+"""Mean deviation of a smooth closing's toppling acceleration from the draws' median; with more the base bulges."""
 
 Array = NDArray[np.float64]
 
@@ -63,15 +60,6 @@ class DrawnBases:
     gaps: list[GapDraw]
     com_m: Array
     toppling_m_s2: Array
-
-    def base(self, number: int, height_m: float) -> Base:
-        """The hidden base of a draw, to close the rock with."""
-        places, gap = self.part.seen.places_m, self.gaps[number].gap_m
-        at = self.part.under.grid.nodes_m
-        sheet = LinearNDInterpolator(places, gap)(at)
-        sheet = np.where(np.isfinite(sheet), sheet, NearestNDInterpolator(places, gap)(at))
-        touching = cKDTree(places[gap <= 0.0]).query(at)[0] <= self.part.under.grid.cell_m
-        return self.part.under.closed_by(np.where(touching, 0.0, sheet), height_m, DRAWN_RESTING_PER_HEIGHT)
 
 
 class ContradictionError(InputError):
@@ -147,30 +135,27 @@ def draw_bases(
     )
 
 
-def close_at_rest(
-    seen: SeenRock, interface: Interface, drawn: DrawnBases, smooth: ClosedRock
-) -> tuple[ClosedRock, int | None]:
-    """Close the rock smoothly where it is at rest so, else on a draw near the median of all; on which draw.
+def nominal_draw(
+    drawn: DrawnBases, unseen: UnseenBase, rock: Rock, interface: Interface, smooth_m_s2: Array
+) -> tuple[int | None, bool]:
+    """Draw on whose feet the scene stands, and whether the rock is at rest there; None for the smooth closing's feet.
 
-    A smooth closing is nearest to the truth of a flat base, and stands on its whole rim; on a bulging one it rocks.
+    The smooth closing is nearest to the truth of a flat base, whereas on one that bulges the rock stands too broadly:
+    where its toppling acceleration toward AZIMUTHS_DEG (`smooth_m_s2`) is far from the median of the draws, the draw
+    nearest to that median is taken.
     """
     plane = Pedestal(interface.point_m, interface.normal)
-    median = np.maximum(np.median(drawn.toppling_m_s2, axis=0), 1e-3)
-    apart = np.abs(np.log(np.maximum(drawn.toppling_m_s2, 1e-3) / median)).mean(axis=1)
-    numbers: dict[int, int] = {}  # of each draw, which may have been taken several times, the first
-    for number in np.argsort(apart, kind="stable").tolist():
-        numbers.setdefault(id(drawn.gaps[number]), number)
-    for chosen in (None, *list(numbers.values())[:TRIES]):
-        try:
-            closed = smooth
-            if chosen is not None:
-                base = drawn.base(chosen, seen.height_m)
-                closed = close_rock(seen.surfels, seen.patches, base, interface)
-        except InputError:
-            continue
-        if equilibrium_possible(closed.rock, plane, STANDARD_GRAVITY_M_S2, FRICTION, np.zeros(3))[0]:
-            return closed, chosen
-    return smooth, None
+    middle = np.maximum(np.median(drawn.toppling_m_s2, axis=0), 1e-3)
+
+    def apart(toppling_m_s2: Array) -> Array:
+        return np.abs(np.log(np.maximum(toppling_m_s2, 1e-3) / middle)).mean(axis=-1)
+
+    nearest = np.argsort(apart(drawn.toppling_m_s2), kind="stable").tolist()
+    for number in [None, *nearest] if apart(smooth_m_s2) < SMOOTH_IS_LIKELY else nearest:
+        standing = rock if number is None else unseen.on_feet_of(rock, plane, number)
+        if equilibrium_possible(standing, plane, STANDARD_GRAVITY_M_S2, FRICTION, np.zeros(3))[0]:
+            return number, True
+    return None, False
 
 
 def unseen_base(drawn: DrawnBases, rock: Rock, interface: Interface, height_m: float) -> UnseenBase:

@@ -23,7 +23,16 @@ from toppling.orchestrator.run import RunError
 from toppling.orchestrator.validation import Shaken, Wanted, ensemble_of, scene_of, shake_tests, unmeasured
 from toppling.results.drawing.style import save
 from toppling.results.drawing.validation import calibration_figure
-from toppling.results.validation import calibration, intervals, learnt, scores, share, simple_rules, table
+from toppling.results.validation import (
+    calibration,
+    intervals,
+    learnt,
+    scores,
+    share,
+    simple_rules,
+    table,
+    were_a_draw_true,
+)
 from toppling.workers.options import ENGINES, PRESETS
 
 MEASURES = ("pga_m_s2", "pgv_m_s", "pgv_pga_s")
@@ -138,6 +147,7 @@ def _told(
         "draws": int(shaken.shaken.max()),
         "shakes": int(shaken.shaken.sum()),
         "intervals": intervals(overturned[answered], probability[answered], group[answered]),
+        "were_a_draw_true": None if learn else were_a_draw_true(shaken.toppled),
         "mesh_as_it_is": scores(overturned[nominal], shaken.nominal[nominal]) if nominal.any() else None,
         "peers": {name: scores(overturned[known], said[known]) for name, (known, said) in peers.items()},
         "rules": {name: scores(overturned, said) for name, said in rules.items()},
@@ -207,10 +217,9 @@ def _rows(told: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
 
 def _words(told: Mapping[str, Any], place: Path) -> str:
     lines = [table(_rows(told)).to_string(float_format="{:.3f}".format, na_rep="-"), ""]
-    ends = {name: pair for name, pair in told["intervals"].items() if None not in pair}
-    lines.append(
-        "95 % over records: " + ", ".join(f"{name} {a:.3f} to {b:.3f}" for name, (a, b) in ends.items())
-    )
+    lines.append("95 % over records: " + _ends(told["intervals"]))
+    if told["were_a_draw_true"]:
+        lines.append("90 % were a draw the specimen itself: " + _ends(told["were_a_draw_true"]))
     counts = told["confusion"]
     lines.append(
         f"overturned: {counts['overturned_called_overturned']} called so, {counts['overturned_called_standing']} not; "
@@ -222,3 +231,8 @@ def _words(told: Mapping[str, Any], place: Path) -> str:
     )
     lines.append(f"{place}: JSON, tables (CSV) and the calibration plot")
     return "\n".join(lines)
+
+
+def _ends(intervals: Mapping[str, list[float | None]]) -> str:
+    known = {name: pair for name, pair in intervals.items() if None not in pair}
+    return ", ".join(f"{name} {low:.3f} to {high:.3f}" for name, (low, high) in known.items())

@@ -42,6 +42,13 @@ def test_a_contradiction_with_standing_is_a_warning_that_says_it():
     assert "daylight everywhere" in said[0]
 
 
+def test_a_nominal_scene_that_is_not_at_rest_is_a_warning_and_one_on_its_smooth_base_is_not():
+    assert not any(
+        "warning" in said for said in base_sentences(report(nominal_draw=None, nominal_at_rest=True))
+    )
+    assert any("warning" in said for said in base_sentences(report(nominal_draw=None, nominal_at_rest=False)))
+
+
 def test_a_scene_without_draws_says_nothing():
     assert base_sentences({}) == []
 

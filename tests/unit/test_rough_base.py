@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
+from toppling.models.digest import seal
 from toppling.models.errors import InputError
 from toppling.models.frames import rotation_between
 from toppling.models.pedestal import Pedestal
@@ -18,7 +19,7 @@ from toppling.models.statics import (
     quasi_static_toppling_m_s2,
     support_polygon_m,
 )
-from toppling.models.unseen import FILE, UnseenBase
+from toppling.models.unseen import FILE, BaseDraw, UnseenBase
 
 
 def cobble():
@@ -99,6 +100,35 @@ def test_bases_on_which_the_rock_would_never_stand_are_refused_with_their_count(
         with_rough_base(
             cobble(), std_m=(0.002, 0.002), wavelength_m=0.12, band_m=0.08, draws=1, standing=standing
         )
+
+
+def test_a_scene_on_a_nominal_base_keeps_mesh_and_mass_and_its_draws_stay_the_same(drawn, tmp_path):
+    upright = replace(
+        drawn.unseen, draws=tuple(BaseDraw(draw.feet_m, draw.com_offset_m) for draw in drawn.unseen.draws)
+    )
+    plain = replace(drawn, unseen=upright)
+    scene = replace(drawn, unseen=replace(upright, nominal=2))
+    np.testing.assert_array_equal(scene.rock.feet_m, plain.on_base(2).rock.feet_m)
+    np.testing.assert_array_equal(scene.rock.com_m, plain.rock.com_m)
+    scene.save(tmp_path / "scene")
+    loaded = Scene.load(tmp_path / "scene")
+    assert loaded.id == scene.id != plain.id
+    np.testing.assert_array_equal(loaded.rock.feet_m, scene.rock.feet_m)
+    for number in range(len(upright)):
+        of_plain, of_nominal = plain.on_base(number), loaded.on_base(number)
+        np.testing.assert_array_equal(of_nominal.rock.feet_m, of_plain.rock.feet_m)
+        np.testing.assert_allclose(of_nominal.rock.com_m, of_plain.rock.com_m, atol=1e-12)
+    assert loaded.on_base(2).id != loaded.id
+
+
+@pytest.mark.parametrize("nominal", ["6", "-1", "true", '"2"', "1.0"])
+def test_a_nominal_base_that_is_none_of_the_draws_is_refused(drawn, tmp_path, nominal):
+    path = tmp_path / FILE
+    replace(drawn.unseen, nominal=3).write(path)
+    path.write_text(path.read_text().replace('"nominal": 3', f'"nominal": {nominal}'))
+    seal(path)
+    with pytest.raises(InputError, match="nominal is"):
+        UnseenBase.read(path)
 
 
 def test_a_file_of_bases_that_is_cut_off_is_refused(drawn, tmp_path):

@@ -116,9 +116,10 @@ def test_what_is_no_campaign_file_is_refused(tmp_path, content):
 
 
 DRAWN = {"friction": [0.5, 1.0], "restitution": [0.0, 0.3], "yaw_deg": 5.0, "either_sense": True}
+BAND = {"band_hz": 25.0, "above_band": [0.0, 0.6]}
 
 
-@pytest.mark.parametrize("drawn", [DRAWN, {"yaw_deg": 3}, {"friction": [0.6, 0.6]}, {}])
+@pytest.mark.parametrize("drawn", [DRAWN, BAND, {"yaw_deg": 3}, {"friction": [0.6, 0.6]}, {}])
 def test_what_realisations_draw_and_records_as_they_are_read_back_the_same(drawn):
     one = campaign(pga_m_s2="recorded", unmeasured=drawn, realisations=5, first_realisation=4)
     again = Campaign.of(tomllib.loads(one.to_toml("scenes/echo", "ensembles/quakes")), Path("here"))
@@ -132,6 +133,10 @@ def test_what_realisations_draw_and_records_as_they_are_read_back_the_same(drawn
         {"friction": [1.0, 0.5]},
         {"restitution": [0.0, 1.2]},
         {"yaw_deg": -1},
+        {"band_hz": 25.0},
+        {"above_band": [0.0, 0.6]},
+        {**BAND, "band_hz": 0.0},
+        {**BAND, "above_band": [0.6, 0.0]},
         {"either_sense": 1},
         {"gravity": [9, 10]},
         {"friction": 0.5},

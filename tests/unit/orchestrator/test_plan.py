@@ -22,6 +22,7 @@ from toppling.orchestrator.cli import cli
 from toppling.orchestrator.folder import describe, place_in, prepare
 from toppling.orchestrator.plan import plan
 from toppling.orchestrator.run import run
+from toppling.workers.unmeasured import Unmeasured
 
 VERSIONS = {"physics": "1"}
 
@@ -109,6 +110,13 @@ def test_the_order_of_the_axes_in_the_file_does_not_change_a_job(campaign):
 def test_a_record_that_is_not_there_is_named(campaign):
     with pytest.raises(InputError, match="P9"):
         planned(campaign, records=("P1", "P9"))
+
+
+def test_a_record_too_coarse_for_the_band_it_is_said_to_have_is_named(campaign):
+    step_s = max(Ensemble.load(campaign.ensemble).catalog["time_step_s"].to_pylist())
+    planned(campaign, unmeasured=Unmeasured(band_hz=0.499 / step_s, above_band=(0.0, 0.6)))
+    with pytest.raises(InputError, match=r"but record P\d has a step of"):
+        planned(campaign, unmeasured=Unmeasured(band_hz=0.501 / step_s, above_band=(0.0, 0.6)))
 
 
 def test_pending_is_the_plan_without_what_is_finished(campaign):

@@ -12,6 +12,7 @@ from toppling.results.validation import (
     share,
     simple_rules,
     weighted_draws,
+    were_a_draw_true,
 )
 
 RECORDS, EACH = 20, 8
@@ -132,3 +133,21 @@ def test_bins_of_the_calibration_plot_hold_every_test_once():
     bins = calibration(np.array([False, False, True, True]), probability)
     assert bins["tests"].sum() == 4
     assert bins["overturned"].tolist() == [0.0, 1.0, 1.0]
+
+
+def test_a_specimen_from_the_distribution_drawn_from_scores_as_its_draws_would():
+    random = np.random.default_rng(8)
+    strength = random.uniform(0.0, 3.0, 120)
+    thresholds = random.normal(1.5, 0.4, 60)
+    toppled = (strength > thresholds[:, None]).astype(float)
+    said = were_a_draw_true(toppled)
+    probability, _ = share(toppled)
+    held = dict.fromkeys(("brier", "calibration_slope", "balanced_accuracy"), 0)
+    for threshold in random.normal(1.5, 0.4, 100):
+        found = scores(strength > threshold, probability)
+        for name in held:
+            held[name] += said[name][0] <= found[name] <= said[name][1]
+    # Of 100 at 90 % three standard deviations are 9; the interval's own ends are of 60 draws.
+    assert all(abs(count - 90) <= 10 for count in held.values())
+    elsewhere = scores(strength > 2.9, probability)
+    assert elsewhere["brier"] > said["brier"][1]

@@ -14,6 +14,7 @@ from toppling.workers.job import Assets, JobSpec, prepared
 from toppling.workers.unmeasured import Unmeasured
 
 ALL = Unmeasured((0.5, 1.0), (0.0, 0.3), 5.0, either_sense=True)
+BAND = Unmeasured(band_hz=10.0, above_band=(0.3, 0.6))
 NOMINAL = ContactProperties(0.75, 0.7, 0.1)
 NUMBERS = range(1, 129)
 
@@ -62,6 +63,21 @@ def test_a_job_shakes_with_what_its_realisation_draws_and_its_id_tells(tmp_path)
     )
     assert scene.contact == ALL.contact(ContactProperties(0.8, 0.8, 0.0), 7)
     assert spec.job_id != JobSpec(*given, realisation=7, preset="draft").job_id
+
+
+def test_a_job_adds_what_the_records_band_left_out_and_states_the_records_own_strength(tmp_path):
+    noise = np.outer(np.random.default_rng(3).normal(size=400), [1.0, 0.0, 0.0])
+    record = Record.of("made", Motion(noise, 0.01), component_azimuths_deg=(0.0, 90.0))
+    assets = Assets(Scene.block(0.2, 0.2, 0.6), Ensemble.write(tmp_path / "one", [record]))
+    given = (assets.scene.id, "made", record.sha, record.intensity["pga_m_s2"], 0.0, 0.8, 0.8, 0.0)
+    nominal, second, third = (
+        prepared(JobSpec(*given, realisation=number, preset="draft", unmeasured=BAND), assets)[1]
+        for number in (0, 1, 2)
+    )
+    np.testing.assert_array_equal(nominal.motion.acceleration_m_s2, noise)
+    assert second.motion.acceleration_m_s2.shape == third.motion.acceleration_m_s2.shape
+    assert not np.array_equal(second.motion.acceleration_m_s2, third.motion.acceleration_m_s2)
+    assert second.intensity == third.intensity == nominal.intensity
 
 
 @pytest.mark.parametrize("draws", [32, 48, 29])

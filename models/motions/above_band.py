@@ -1,0 +1,74 @@
+"""What a record's band leaves out: motion in the octave above it, as strong as the octave below lets one expect."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter1d
+from scipy.signal import butter, sosfiltfilt
+
+from toppling.models.errors import InputError
+from toppling.models.motions.motion import Motion
+from toppling.models.motions.processing import resample
+
+ORDER = 3
+ENVELOPE_S = 0.25
+"""Standard deviation of the window through which the octave below the corner gives the octave above its envelope."""
+HIGHEST_CORNER = 0.5
+"""Of the sampling frequency: the octave below is then still resolved."""
+SAMPLES_A_PERIOD = 4
+"""At least, at the highest frequency that is added."""
+
+Array = NDArray[np.float64]
+
+
+def with_motion_above(motion: Motion, corner_hz: float, share: float, random: np.random.Generator) -> Motion:
+    """A motion with noise in the octave above its band.
+
+    Each component gets Gaussian noise between `corner_hz` and twice that, in time as strong as the component itself is
+    in the octave below.
+
+    Parameters
+    ----------
+    motion : Motion
+        Of whose content nothing is known above `corner_hz`.
+    corner_hz : float
+    share : float
+        Root mean square of the noise over that of the component in the octave below.
+    random : numpy.random.Generator
+
+    Returns
+    -------
+    Motion
+        Sampled finely enough for the noise; the given one where `share` is 0.
+
+    Raises
+    ------
+    InputError
+        If the motion is sampled too coarsely to tell of the octave below the corner.
+    """
+    if share == 0.0:
+        return motion
+    if motion.time_step_s * corner_hz > HIGHEST_CORNER:
+        raise InputError(
+            f"a time step of {motion.time_step_s:g} s tells nothing below {corner_hz:g} Hz",
+            where="motion above the band",
+            expected=f"a corner of at most {HIGHEST_CORNER / motion.time_step_s:g} Hz",
+            remedy="give a smaller band_hz",
+        )
+    finer = int(np.ceil(2.0 * corner_hz * SAMPLES_A_PERIOD * motion.time_step_s - 1e-9))
+    fine = resample(motion, motion.time_step_s / max(finer, 1))
+    acceleration_m_s2 = fine.acceleration_m_s2
+    below = _octave(acceleration_m_s2, 0.5 * corner_hz, fine.time_step_s)
+    strength = np.sqrt(gaussian_filter1d(below**2, ENVELOPE_S / fine.time_step_s, axis=0))
+    noise = _octave(strength * random.normal(size=strength.shape), corner_hz, fine.time_step_s)
+    size = np.sqrt((noise**2).mean(axis=0))
+    wanted = share * np.sqrt((below**2).mean(axis=0))
+    factor = np.divide(wanted, size, out=np.zeros(3), where=size > 0.0)
+    return Motion(acceleration_m_s2 + factor * noise, fine.time_step_s)
+
+
+def _octave(values: Array, from_hz: float, time_step_s: float) -> Array:
+    """What lies between a frequency and its double, without a shift in time."""
+    sections = butter(ORDER, [from_hz, 2.0 * from_hz], "bandpass", fs=1.0 / time_step_s, output="sos")
+    return sosfiltfilt(sections, values, axis=0, padtype="constant")

@@ -90,10 +90,8 @@ def base_unseen(
         except ContradictionError:
             report["without_inspection"] = None
     unseen = unseen_base(drawn, closed.rock, interface, seen.height_m)
-    number, at_rest = None, True
-    if (
-        seen.word is None or not seen.word.encloses
-    ):  # else the user says where it rests: flat, within the outline
+    number, at_rest = None, True  # as the user says where it rests: flat, within the outline
+    if seen.word is None or not seen.word.encloses:
         number, at_rest = nominal_draw(drawn, unseen, closed.rock, interface, central)
     report |= {"nominal_draw": number, "nominal_at_rest": at_rest}
     return dataclasses.replace(unseen, nominal=number), report

@@ -5,7 +5,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from toppling.orchestrator.advice import told
+from toppling.orchestrator.advice import REALISATIONS, told
 from toppling.orchestrator.progress import duration
 from toppling.orchestrator.trial import Statics, Trial
 from toppling.workers.options import PRESETS
@@ -63,6 +63,7 @@ def campaign_text(
     frictions: Sequence[float],
     preset: str,
     workers: int,
+    bases: int,
 ) -> str:
     """Write the file: TOML with comments."""
     jobs = records * len(levels) * len(azimuths_deg) * len(frictions)
@@ -94,10 +95,19 @@ preset = {_quoted(preset)}  # {", ".join(PRESETS)}: how finely each shake is res
 
 # More keys, with their defaults:
 # restitution = [0.0]          # 0 to 1: how much of the speed of an impact comes back
-# realisations = 1             # more draw centre of mass and friction from their uncertainty
+{_realisations_told(bases)}
 # records = ["..."]            # some of the ensemble's records; all if left out
 # peak_displacement_m = 1.0    # high-pass motions whose ground displacement is larger; none if left out
 """
+
+
+def _realisations_told(bases: int) -> str:
+    if not bases:
+        return "# realisations = 1             # more draw centre of mass and friction from their uncertainty"
+    one_each = f"takes one of the {bases} drawn bases and a friction of its own"
+    return (
+        f"# realisations = {REALISATIONS}            # 1 shakes the nominal base alone; each other {one_each}"
+    )
 
 
 def _trial_told(trial: Trial) -> str:

@@ -98,6 +98,7 @@ def init(
         frictions=frictions,
         preset=preset,
         workers=workers,
+        bases=0 if rock.unseen is None else len(rock.unseen),
     )
     with new_file(out) as hidden:
         hidden.write_text(text, encoding="utf-8")

@@ -1,12 +1,15 @@
 """What a campaign is warned of before it runs, and what its shares suggest afterwards."""
 
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from toppling.models.scene import Scene
+from toppling.models.unseen import BaseDraw, UnseenBase
 from toppling.orchestrator.advice import HARDLY_SHARE, MOSTLY_SHARE, Share, suggestions, warnings_of
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.trial import statics_of
@@ -15,9 +18,14 @@ BLOCK = Scene.block(0.2, 0.2, 0.6)
 LEAST_M_S2 = 9.81 * 0.2 / 0.6
 
 
-def warned(levels, friction=(0.8,)):
-    axes = {"pga_m_s2": list(levels), "azimuth_deg": [0], "friction": list(friction)}
-    return warnings_of(Campaign.of({"scene": "s", "ensemble": "e", **axes}, Path()), BLOCK)
+FEET_M = np.array([[0.2, 0.2, 0.0], [-0.2, 0.2, 0.0], [0.0, -0.2, 0.0]])
+UNSEEN = replace(BLOCK, unseen=UnseenBase(0.05, (BaseDraw(FEET_M),)))
+
+
+def warned(levels, friction=(0.8,), scene=BLOCK, **more):
+    pga = levels if isinstance(levels, str) else list(levels)
+    axes = {"pga_m_s2": pga, "azimuth_deg": [0], "friction": list(friction), **more}
+    return warnings_of(Campaign.of({"scene": "s", "ensemble": "e", **axes}, Path()), scene)
 
 
 def test_the_least_static_acceleration_is_that_of_the_closed_form():
@@ -26,6 +34,15 @@ def test_the_least_static_acceleration_is_that_of_the_closed_form():
 
 def test_a_sound_campaign_is_warned_of_nothing():
     assert warned([2, 4, 8]) == []
+    assert warned("recorded") == []
+
+
+def test_a_campaign_that_shakes_one_of_many_possible_bases_is_told_so():
+    (said,) = warned([2, 4, 8], scene=UNSEEN)
+    assert "only one of the rock's possible bases" in said
+    assert "realisations = 25" in said
+    assert warned([2, 4, 8], scene=UNSEEN, realisations=12) == []
+    assert warned([2, 4, 8], scene=UNSEEN, first_realisation=3) == []
 
 
 @pytest.mark.parametrize(

@@ -214,8 +214,8 @@ def base_fragility(found: Scene, true: Scene, ensemble: Ensemble, count: int) ->
     return {
         "true share toppled, %": 100 * right,
         "predicted low, %": 100 * float(low),
-        "high, %": 100 * float(high),
-        "fragility held": float(low <= right <= high),
+        "predicted high, %": 100 * float(high),
+        "held": float(low <= right <= high),
     }
 
 
@@ -453,7 +453,7 @@ def main() -> None:
             put(PAGE, "family", table(rows, "rock"))
     elif given.command == "base":
         ensemble = None if given.fragility is None else Ensemble.load(given.fragility)
-        rows = {}
+        rows, fragile = {}, {}
         for number in range(given.count):
             name, known = on_a_known_base(given.first + number)
             try:
@@ -464,11 +464,14 @@ def main() -> None:
                 continue
             rows[name] = base_coverage(found, known.true)
             if ensemble is not None and number < given.rocks:
-                rows[name] |= base_fragility(found, known.true, ensemble, given.jobs)
+                fragile[name] = base_fragility(found, known.true, ensemble, given.jobs)
+                print(fragile[name], flush=True)
             print(name, {key: round(value, 3) for key, value in rows[name].items()}, flush=True)
         columns = list(dict.fromkeys(column for row in rows.values() for column in row))
         rows["mean"] = {c: float(np.mean([row[c] for row in rows.values() if c in row])) for c in columns}
         put(PAGE, "base", table(rows, "rock"))
+        if fragile:
+            put(PAGE, "fragility", table(fragile, "rock"))
     elif given.command == "answers":
         rows = {}
         for name, known in all_known(given.shape, given.scans):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter1d
+from scipy.ndimage import uniform_filter1d
 from scipy.signal import butter, sosfiltfilt
 
 from toppling.models.errors import InputError
@@ -12,8 +12,8 @@ from toppling.models.motions.motion import Motion
 from toppling.models.motions.processing import resample
 
 ORDER = 3
-ENVELOPE_S = 0.25
-"""Standard deviation of the window through which the octave below the corner gives the octave above its envelope."""
+ENVELOPE_S = 0.5
+"""Window over which the octave below the corner is averaged for the envelope of the octave above."""
 HIGHEST_CORNER = 0.5
 """Of the sampling frequency: the octave below is then still resolved."""
 SAMPLES_A_PERIOD = 4
@@ -60,7 +60,9 @@ def with_motion_above(motion: Motion, corner_hz: float, share: float, random: np
     fine = resample(motion, motion.time_step_s / max(finer, 1))
     acceleration_m_s2 = fine.acceleration_m_s2
     below = _octave(acceleration_m_s2, 0.5 * corner_hz, fine.time_step_s)
-    strength = np.sqrt(gaussian_filter1d(below**2, ENVELOPE_S / fine.time_step_s, axis=0))
+    window = max(round(ENVELOPE_S / fine.time_step_s), 1)
+    power = uniform_filter1d(below**2, window, axis=0)
+    strength = np.sqrt(np.maximum(power, 0.0))  # running sums leave zero by their rounding
     noise = _octave(strength * random.normal(size=strength.shape), corner_hz, fine.time_step_s)
     size = np.sqrt((noise**2).mean(axis=0))
     wanted = share * np.sqrt((below**2).mean(axis=0))

@@ -62,7 +62,8 @@ class Plan:
     duration_s : dict
         Duration of every record in use.
     jobs : pyarrow.Table
-        One row a job, the longest records first.
+        One row a job: record after record, the longest first; where records keep their own levels and azimuths, scene
+        after scene, since each then shakes a scene once.
     recorded : Recorded or None
         What the rock is known to have stood.
     """
@@ -95,6 +96,13 @@ class Plan:
     def record_of(self) -> NDArray[np.int32]:
         """For every job the number of its record, (n,)."""
         return self.jobs.column("record_id").combine_chunks().indices.to_numpy()
+
+    @cached_property
+    def kin_of(self) -> NDArray[np.integer]:
+        """For every job what it shares with those it travels with, (n,): its record, or else its scene."""
+        if not _scene_by_scene(self.campaign):
+            return self.record_of
+        return np.arange(len(self)) // len(self._records)
 
     @cached_property
     def _records(self) -> list[str]:
@@ -160,6 +168,8 @@ def plan(campaign: Campaign, scene: Scene, ensemble: Ensemble) -> Plan:
         [ids, pa.DictionaryArray.from_arrays(codes, pa.array(records)), *map(pa.array, per_record)],
         names=COLUMNS.names,
     ).cast(COLUMNS)
+    if _scene_by_scene(campaign):
+        jobs = jobs.take(np.arange(len(jobs)).reshape(len(records), len(axes)).T.ravel())
     return Plan(campaign, scene_id, ensemble.id, sha, duration_s, jobs, recorded)
 
 
@@ -213,6 +223,11 @@ def _axes(campaign: Campaign) -> Iterator[tuple[float, float, float, float, floa
         campaign.friction, campaign.restitution, numbers, levels, azimuths
     ):
         yield pga, azimuth, static, kinetic, restitution, realisation
+
+
+def _scene_by_scene(campaign: Campaign) -> bool:
+    """Whether a record shakes a scene once: making many scenes ready would cost more than reading many records."""
+    return len(campaign.pga_m_s2) <= 1 and len(campaign.azimuth_deg) <= 1
 
 
 def _spec(

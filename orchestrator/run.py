@@ -495,7 +495,7 @@ class Execution:
         self.plan, self.client, self.folder, self.order = plan, client, folder, order
         self.watch, self.tally, self.limits, self.task = watch, tally, limits, task
         self.redo = redo
-        self.dispatch = Dispatch(pending, plan.record_of, limits.tries)
+        self.dispatch = Dispatch(pending, plan.kin_of, limits.tries)
         self._session = uuid.uuid4().hex[:8]
         self.tasks = 0  # handed out so far
         self._room = JOBS_IN_BATCH

@@ -7,6 +7,7 @@ import sys
 from contextlib import nullcontext
 from itertools import pairwise
 
+import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from click.testing import CliRunner
@@ -86,6 +87,15 @@ def test_jobs_that_a_worker_prepares_one_scene_for_follow_each_other(campaign):
     scenes = whole.jobs.select(["record_id", "friction_static", "realisation"]).to_pylist()
     changes = sum(one != other for one, other in pairwise(scenes))
     assert changes + 1 == 3 * 2 * 3  # records, frictions, realisations: each once
+
+
+def test_where_a_record_shakes_a_scene_once_jobs_of_a_scene_travel_together(campaign):
+    asked = {"pga_m_s2": (), "azimuth_deg": (), "friction": ((0.8, 0.8), (0.6, 0.6)), "realisations": 3}
+    whole = planned(campaign, **asked)
+    scenes = whole.jobs.select(["friction_static", "realisation"]).to_pylist()
+    changes = [one != other for one, other in pairwise(scenes)]
+    assert sum(changes) + 1 == 2 * 3  # frictions, realisations: each once, with every record
+    assert changes == list(np.diff(whole.kin_of) != 0)
 
 
 @pytest.mark.parametrize(
@@ -233,7 +243,7 @@ content = {"scene": "scene", "ensemble": "ensemble", "pga_m_s2": {"start": 0.1, 
 campaign = Campaign.of(content, folder)
 whole = plan(campaign, Scene.load(campaign.scene), Ensemble.load(campaign.ensemble))
 finished = set(whole.jobs["job_id"].to_pylist()[::2])
-dispatch = Dispatch(whole.pending(finished), whole.record_of)
+dispatch = Dispatch(whole.pending(finished), whole.kin_of)
 while batch := dispatch.next_batch(2):
     dispatch.came_back(batch, done=len(batch.jobs))
 # Not ru_maxrss, which begins with the peak of the process that started this one.

@@ -104,9 +104,10 @@ def were_a_draw_true(toppled: Array) -> dict[str, list[float | None]]:
     Parameters
     ----------
     toppled : (draws, tests) array
-        1, 0, or NaN where a draw has no answer. Tests with a missing answer are left out.
+        1, 0, or NaN where a draw has no answer. Draws that shook not all tests, such as those added where a share was
+        still unsure, are left out: easy tests are part of the scores.
     """
-    whole = toppled[:, np.isfinite(toppled).all(axis=0)]
+    whole = toppled[np.isfinite(toppled).all(axis=1)]
     drawn = []
     for number, true in enumerate(whole):
         probability, _ = share(np.delete(whole, number, axis=0))

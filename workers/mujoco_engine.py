@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from toppling.models.errors import InputError
 from toppling.models.relief import contact_feet_m
@@ -30,6 +31,9 @@ Vector = tuple[float, float, float]
 
 STIFFNESS_STEPS, DAMPING_RATIO, IMPEDANCE = 2.0, 1.5, 0.9999
 """Time constant of a contact in steps, the stiffest that MuJoCo allows; its damping, with which nothing rebounds."""
+
+MARGIN_SHARE = 1e-6
+"""Of R: points so near are in contact, or rounding decides which corners of a block at rest are, and it slips askew."""
 
 SEATED_WITHIN_DEG = 0.5
 """A rock at rest that is tilted by less from its seat is back in it: what is left is the contacts' compression."""
@@ -209,6 +213,7 @@ def _world(scene: Scene, step_s: float) -> World:
     body.mass, body.ipos, body.explicitinertial = 1.0, np.zeros(3), True
     body.inertia = contact.principal_inertia_m2
     ground = spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[1.0, 1.0, 1.0])
+    ground.margin = MARGIN_SHARE * contact.half_diagonal_m
     feet_m = (contact_feet_m(scene.rock, scene.pedestal) - scene.rock.com_m) @ contact.scene_from_support
     for geom in (ground, body.add_geom(**_shape(spec, feet_m @ contact.support_from_body))):
         geom.condim, geom.friction = 3, [scene.contact.friction_static, 0.0, 0.0]
@@ -219,17 +224,40 @@ def _world(scene: Scene, step_s: float) -> World:
 
 
 def _shape(spec: Any, points_m: Array) -> dict[str, Any]:
-    """A box or a nearly round cylinder as such, any other body as the convex hull of its feet.
+    """A box as such, however it is turned, any other body as the convex hull of its feet.
 
-    Spheres at the points are the same on a block, five times dearer on a scanned rock, and brake a rolling rim.
+    A plane meets a box at all its lower corners, a hull at some of them: which, rounding decides. Spheres at the points
+    are the same on a block, five times dearer on a scanned rock, and brake a rolling rim.
     """
     import mujoco
 
-    middle, half = 0.5 * (points_m.max(axis=0) + points_m.min(axis=0)), 0.5 * np.ptp(points_m, axis=0)
-    out = np.abs(points_m - middle)
-    if len(points_m) == 8 and np.allclose(out, half):
-        return {"type": mujoco.mjtGeom.mjGEOM_BOX, "size": half, "pos": middle}
+    axes = _box_axes(points_m)
+    if axes is not None:
+        half, middle = 0.5 * np.ptp(points_m @ axes, axis=0), points_m.mean(axis=0)
+        quaternion = np.roll(Rotation.from_matrix(axes).as_quat(), 1)
+        return {"type": mujoco.mjtGeom.mjGEOM_BOX, "size": half, "pos": middle, "quat": quaternion}
     mesh = spec.add_mesh(
         name="hull", uservert=points_m.ravel(), inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX
     )
     return {"type": mujoco.mjtGeom.mjGEOM_MESH, "meshname": mesh.name}
+
+
+def _box_axes(points_m: Array) -> Array | None:
+    """Right-handed axes (columns) of the box whose corners the points are, None where they are no box's.
+
+    Principal axes would not do: two of a square plate's are anywhere in its plane.
+    """
+    if len(points_m) != 8:
+        return None
+    from_first = points_m[1:] - points_m[0]
+    length_m = np.linalg.norm(from_first, axis=1)
+    shortest = from_first[np.argmin(length_m)] / length_m.min()
+    across = from_first[np.abs(from_first @ shortest) < 1e-6 * length_m.max()]
+    if len(across) == 0:
+        return None
+    second = across[np.argmin(np.linalg.norm(across, axis=1))]
+    second = second - (second @ shortest) * shortest
+    second /= np.linalg.norm(second)
+    axes = np.stack([shortest, second, np.cross(shortest, second)], axis=1)
+    out_m = np.abs((points_m - points_m.mean(axis=0)) @ axes)
+    return axes if np.allclose(out_m, out_m[0]) else None

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 from toppling.models.errors import InputError
 
-PHYSICS_VERSION = "14"
+PHYSICS_VERSION = "15"
 """Part of every job's id: raised whenever the same job may give another answer."""
 
 

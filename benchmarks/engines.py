@@ -1,8 +1,9 @@
 """Two runs of the same jobs by two engines, cell by cell beside the records' own error.
 
-    .venv/bin/python benchmarks/engines.py RUN OTHER
+    .venv/bin/python benchmarks/engines.py RUN OTHER [FIGURE]
 
-Prints shares, single answers that differ, tilts, and the differences of the maps' cells.
+Prints shares, single answers that differ, tilts, and the differences of the maps' cells; FIGURE (without an ending) is
+where the two maps are drawn side by side.
 """
 
 import sys
@@ -13,7 +14,9 @@ import pandas as pd
 from hunt import probabilities, record_errors
 
 from toppling.results.audit import LEAST_TILT_DEG
-from toppling.results.fragility import PLANES
+from toppling.results.drawing.maps import pair_figure
+from toppling.results.drawing.style import save
+from toppling.results.fragility import PLANES, cells
 from toppling.results.run import open_run
 
 JOB = ["record_id", "azimuth_deg", "level_pga_m_s2", "friction_static", "realisation"]
@@ -36,7 +39,7 @@ def answers(one: pd.DataFrame, other: pd.DataFrame) -> dict[str, float]:
     }
 
 
-def cells(one: pd.DataFrame, other: pd.DataFrame, plane: str) -> dict[str, float]:
+def differences(one: pd.DataFrame, other: pd.DataFrame, plane: str) -> dict[str, float]:
     """Differences of a map's cells of ten records or more, and the standard deviations that records leave them."""
     table, known = probabilities(one, plane), probabilities(other, plane)
     thick = table.index[~table["thin"]].intersection(known.index)
@@ -52,11 +55,26 @@ def cells(one: pd.DataFrame, other: pd.DataFrame, plane: str) -> dict[str, float
     }
 
 
+def draw(one: pd.DataFrame, other: pd.DataFrame, plane: str, figure: Path) -> None:
+    """Draw both runs' maps, and their differences over the standard deviations that records leave."""
+    first, second = probabilities(one, plane), probabilities(other, plane)
+    thick = first.index[~first["thin"]].intersection(second.index)
+    off = second["probability"].loc[thick] - first["probability"].loc[thick]
+    deviations = (off / record_errors(one, plane).loc[thick]).where(off != 0.0, 0.0)
+    tables = {run["engine"].iloc[0]: cells(run, PLANES[plane]) for run in (one, other)}
+    save(
+        pair_figure(tables, first.loc[thick].assign(deviations=deviations).reset_index(), PLANES[plane]),
+        figure,
+    )
+
+
 def main() -> None:
-    """Print both tables."""
+    """Print both tables, and draw."""
     one, other = (open_run(Path(path)).frame() for path in sys.argv[1:3])
     print(pd.Series(answers(one, other)).to_string(float_format=lambda value: f"{value:.4f}"))
-    print(pd.DataFrame({name: cells(one, other, name) for name in PLANES}).round(4).to_string())
+    print(pd.DataFrame({name: differences(one, other, name) for name in PLANES}).round(4).to_string())
+    if len(sys.argv) > 3:
+        draw(one, other, "pga_pgv_pga", Path(sys.argv[3]))
 
 
 if __name__ == "__main__":

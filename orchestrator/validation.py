@@ -7,13 +7,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from distributed import Client
 from numpy.typing import ArrayLike, NDArray
 
+from toppling.models import digest
 from toppling.models.errors import InputError
 from toppling.models.folder import new_folder
 from toppling.models.motions.ensemble import Ensemble
@@ -36,8 +38,8 @@ ABOVE_BAND = (0.0, 0.6)
 the table's bearings."""
 YAW_DEG = 5.0
 """How well a heavy rock is set down along the table's axis."""
-BASE_STD_M, BASE_WAVELENGTH_M = (0.0005, 0.003), 0.15
-"""Error of a mesh from photographs where it meets the table, some thousandth of its size, and how far it reaches."""
+BASE_STD_PER_HEIGHT, BASE_WAVELENGTH_PER_HEIGHT = (1 / 2000, 1 / 500), 0.2
+"""Error of a mesh from photographs where it meets the table, about a thousandth of its size, and how far it reaches."""
 BASE_BAND_PER_HEIGHT = 0.1
 """What stands so close to the table is seen worst."""
 STANDING = Standing(attitude_std_deg=3.0, least_toppling_m_s2=0.25)
@@ -113,17 +115,29 @@ def specimen(
         If the mesh is none, or the rock hardly ever stands on such bases.
     """
     scene = Scene.from_mesh(mesh, 0.5 * sum(FRICTION))
+    height_m = scene.rock.height_m
     return with_rough_base(
         scene,
-        std_m=BASE_STD_M,
-        wavelength_m=BASE_WAVELENGTH_M,
-        band_m=BASE_BAND_PER_HEIGHT * scene.rock.height_m,
+        std_m=(BASE_STD_PER_HEIGHT[0] * height_m, BASE_STD_PER_HEIGHT[1] * height_m),
+        wavelength_m=BASE_WAVELENGTH_PER_HEIGHT * height_m,
+        band_m=BASE_BAND_PER_HEIGHT * height_m,
         draws=wanted.most_draws,
         standing=STANDING,
         seed=wanted.seed,
         progress=progress,
         tolerance_share=tolerance_share,
     )
+
+
+def drawn_bases(wanted: Wanted) -> dict[str, Any]:
+    """How the bases are drawn, for who reads the scores."""
+    return {
+        "seed": wanted.seed,
+        "base_std_per_height": list(BASE_STD_PER_HEIGHT),
+        "base_wavelength_per_height": BASE_WAVELENGTH_PER_HEIGHT,
+        "base_band_per_height": BASE_BAND_PER_HEIGHT,
+        "standing": asdict(STANDING),
+    }
 
 
 def unmeasured(engine: str) -> Unmeasured:
@@ -161,9 +175,17 @@ def scene_of(
     folder: Path, mesh: Path, wanted: Wanted, progress: Callable[[int], None] = lambda _: None
 ) -> Scene:
     """The specimen with its bases in the folder, drawn unless an earlier call did."""
-    target = folder / "scene"
+    target, settings = folder / "scene", folder / "bases_drawn.json"
     if not target.exists():
+        digest.write_json(settings, drawn_bases(wanted))
         specimen(mesh, wanted, progress).save(target)
+    if not settings.exists() or digest.read_json(settings) != drawn_bases(wanted):
+        raise InputError(
+            "holds bases that were drawn otherwise",
+            where=str(target),
+            expected=f"seed {wanted.seed} and the distribution of this version, as {settings.name} states them",
+            remedy="give another --out, or remove the folder",
+        )
     found = Scene.load(target)
     bare = Scene.from_mesh(mesh, 0.5 * sum(FRICTION))
     if (

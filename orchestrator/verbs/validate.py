@@ -3,6 +3,7 @@
 import json
 import os
 from collections.abc import Mapping
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -20,7 +21,15 @@ from toppling.models.motions.shaketable import Experiment, read_experiment
 from toppling.orchestrator.cluster import local
 from toppling.orchestrator.progress import watcher
 from toppling.orchestrator.run import RunError
-from toppling.orchestrator.validation import Shaken, Wanted, ensemble_of, scene_of, shake_tests, unmeasured
+from toppling.orchestrator.validation import (
+    Shaken,
+    Wanted,
+    drawn_bases,
+    ensemble_of,
+    scene_of,
+    shake_tests,
+    unmeasured,
+)
 from toppling.results.drawing.style import save
 from toppling.results.drawing.validation import calibration_figure
 from toppling.results.validation import (
@@ -151,7 +160,11 @@ def _told(
         "mesh_as_it_is": scores(overturned[nominal], shaken.nominal[nominal]) if nominal.any() else None,
         "peers": {name: scores(overturned[known], said[known]) for name, (known, said) in peers.items()},
         "rules": {name: scores(overturned, said) for name, said in rules.items()},
-        "settings": _settings(wanted),
+        "settings": {
+            **asdict(wanted),
+            **drawn_bases(wanted),
+            "unmeasured": asdict(unmeasured(wanted.engine)),
+        },
         "tests": [
             {
                 "test_no": test.test_no,
@@ -176,21 +189,6 @@ def _peers(experiment: Experiment) -> dict[str, tuple[np.ndarray, np.ndarray]]:
         for name in names
     }
     return {name: (np.isfinite(each), each) for name, each in said.items()}
-
-
-def _settings(wanted: Wanted) -> dict[str, Any]:
-    from dataclasses import asdict
-
-    from toppling.orchestrator import validation as fixed
-
-    return {
-        **asdict(wanted),
-        "unmeasured": asdict(unmeasured(wanted.engine)),
-        "base_std_m": fixed.BASE_STD_M,
-        "base_wavelength_m": fixed.BASE_WAVELENGTH_M,
-        "base_band_per_height": fixed.BASE_BAND_PER_HEIGHT,
-        "standing": asdict(fixed.STANDING),
-    }
 
 
 def _write(place: Path, told: Mapping[str, Any], name: str) -> None:

@@ -7,10 +7,11 @@ from collections.abc import Mapping
 
 import numpy as np
 import pandas as pd
+from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import PolyCollection
-from matplotlib.colors import Normalize
+from matplotlib.colors import Colormap, Normalize
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
@@ -35,6 +36,9 @@ LAST_TICK = 0.85
 """Share of a small panel's width beyond which no tick is labelled: it would run into the next panel's first."""
 
 NO_RECORDS = "no records"
+
+SHARES, DEVIATIONS = Normalize(0, 1), Normalize(-3, 3)
+"""Scales of probabilities, and of differences over their standard deviation."""
 
 Array = NDArray[np.float64]
 
@@ -155,6 +159,55 @@ def direction_figure(
     return figure
 
 
+def pair_figure(tables: Mapping[str, pd.DataFrame], off: pd.DataFrame, plane: Plane) -> Figure:
+    """Two maps of the same jobs on shared axes, and how far the second is off the first, cell by cell.
+
+    Parameters
+    ----------
+    tables : mapping of two names to DataFrames
+        From `results.fragility.cells`.
+    off : DataFrame
+        The first table's cells of enough records, with `deviations`: the second's probability less the first's, over
+        the standard deviation that other records would leave.
+    plane : Plane
+    """
+    width, height = FULL_WIDTH_IN, 3.0
+    left, right = 0.55 / width, 0.62 / width
+    below, above = 0.75 / height, 0.4 / height
+    panel = (1.0 - left - 2.4 * right) / 3.0
+    with style():
+        figure = Figure(figsize=(width, height))
+        grid = [
+            figure.add_axes((x, below, 0.94 * panel, 1.0 - below - above))
+            for x in (left, left + panel, left + 2.0 * panel + 1.4 * right)
+        ]
+        first = next(iter(tables.values()))
+        colours = colormaps["RdBu_r"]
+        for axes in grid:
+            _frame_cells(axes, first, plane)
+        for axes, (name, table) in zip(grid, tables.items(), strict=False):
+            axes.set_title(f"{name}\n{_counted(table, None)}")
+            _draw_cells(axes, table, plane, _full_share(first))
+        grid[2].set_title("difference over what\nother records would change")
+        _draw_cells(grid[2], off, plane, _full_share(first), "deviations", colours, DEVIATIONS)
+        for axes in grid:
+            _few_ticks(axes)
+            axes.set_xlabel(_label(plane.x))
+        for axes in grid[1:]:
+            axes.set_yticklabels([])
+        grid[0].set_ylabel(_label(plane.y))
+        for axes, norm, shown, words in (
+            (grid[1], SHARES, COLOURS, "toppling probability"),
+            (grid[2], DEVIATIONS, colours, "standard deviations"),
+        ):
+            end = axes.get_position().x1
+            place = (end + 0.08 / width, below, 0.1 / width, 1.0 - below - above)
+            bar = figure.colorbar(ScalarMappable(norm, shown), cax=figure.add_axes(place))
+            bar.set_label(words, size=7.5)
+        _write_caption(figure, _width_words(first, plane))
+    return figure
+
+
 def _counted(table: pd.DataFrame, records: int | None) -> str:
     jobs = int(table["jobs"].sum())
     return f"{jobs:,} jobs" if records is None else f"{jobs:,} jobs, {records:,} records"
@@ -167,7 +220,15 @@ def _few_ticks(axes: Axes) -> None:
     axes.yaxis.set_major_locator(MaxNLocator(5))
 
 
-def _draw_cells(axes: Axes, table: pd.DataFrame, plane: Plane, full_share: float) -> None:
+def _draw_cells(
+    axes: Axes,
+    table: pd.DataFrame,
+    plane: Plane,
+    full_share: float,
+    column: str = "probability",
+    colours: Colormap = COLOURS,
+    norm: Normalize = SHARES,
+) -> None:
     """Each cell a bar in the middle of its bin, as wide as its share of the jobs."""
     low, high = (table[f"{plane.x.column}_{end}"].to_numpy() for end in ("low", "high"))
     bottom, top = (table[f"{plane.y.column}_{end}"].to_numpy() for end in ("low", "high"))
@@ -178,12 +239,12 @@ def _draw_cells(axes: Axes, table: pd.DataFrame, plane: Plane, full_share: float
     )
     bars = PolyCollection(
         list(corners.transpose(2, 0, 1)),
-        cmap=COLOURS,
-        norm=Normalize(0, 1),
+        cmap=colours,
+        norm=norm,
         edgecolors="0.4",
         linewidths=0.15,
     )
-    bars.set_array(table["probability"].to_numpy(float))
+    bars.set_array(table[column].to_numpy(float))
     axes.add_collection(bars)
     thin = table["thin"].to_numpy()
     wide_pt, high_pt = _points_of(axes, 2 * half, top - bottom)
@@ -284,7 +345,7 @@ def _margins(
 def _colour_bar(figure: Figure, margins: dict[str, float]) -> None:
     width = figure.get_size_inches()[0]
     place = (1 - 0.54 / width, margins["bottom"], 0.1 / width, margins["top"] - margins["bottom"])
-    bar = figure.colorbar(ScalarMappable(Normalize(0, 1), COLOURS), cax=figure.add_axes(place))
+    bar = figure.colorbar(ScalarMappable(SHARES, COLOURS), cax=figure.add_axes(place))
     bar.set_label("toppling probability", size=7.5)
 
 

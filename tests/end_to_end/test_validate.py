@@ -67,3 +67,6 @@ def test_an_experiment_is_foretold_scored_and_not_shaken_twice(experiment, tmp_p
     other = validate(experiment, tmp_path / "out", "--draws", "5")
     assert other.returncode == 1
     assert "bases" in other.stderr
+    other = validate(experiment, tmp_path / "out", "--seed", "1")
+    assert other.returncode == 1
+    assert "drawn otherwise" in other.stderr

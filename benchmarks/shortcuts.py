@@ -126,12 +126,12 @@ def page(rows: pd.DataFrame) -> str:
         f"{len(rows)} random jobs, equally many on each of: blocks (half sizes, turn and slope: "
         + "; ".join(f"{size} m, {turn:g}°, {slope:g}°" for size, turn, slope in BLOCKS)
         + "),",
-        "the demo's scanned rock, and a rock that falls from facet to facet. Records are those of the demo's ensemble, at "
-        f"{PGA_M_S2[0]:.0f} to {PGA_M_S2[1]:.0f} m/s2",
+        "the demo's scanned rock, and a rock that falls from facet to facet. Records are those of the demo's "
+        f"ensemble, at {PGA_M_S2[0]:.0f} to {PGA_M_S2[1]:.0f} m/s2",
         f"and any azimuth; preset `{PRESET}`, physics version {PHYSICS_VERSION}; "
         f"{100 * rows.toppled.mean():.0f} % topple. Each job is shaken with and without",
-        f"shortcuts, and one in {FLOOR_OF} also without them from a start disturbed by a millionth of the height, which "
-        "gives the floor set by chaos.",
+        f"shortcuts, and one in {FLOOR_OF} also without them from a start disturbed by a millionth of the height, "
+        "which gives the floor set by chaos.",
         "",
         f"- Answers changed by the shortcuts: {changed} ({100 * changed / len(rows):.2f} %): "
         f"{rows.to_toppled.sum()} to toppled, {rows.to_standing.sum()} to standing.",

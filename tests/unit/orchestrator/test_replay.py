@@ -216,7 +216,7 @@ def test_a_table_of_files_is_refused_where_only_ensembles_are_given(scene, tmp_p
     (tmp_path / "table.csv").write_text("h1,h2\nx,y\n")
     done = told("check", scene, tmp_path / "motions", "--metadata", tmp_path / "table.csv")
     assert done.exit_code == 2
-    assert "--metadata is a table of files" in done.stderr
+    assert "--metadata describes files" in done.stderr
 
 
 def test_a_folder_without_seismograms_is_refused(scene, tmp_path):

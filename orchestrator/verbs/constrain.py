@@ -346,7 +346,9 @@ def _words(told: dict) -> str:
         )
     else:
         high = told["unexceeded_high"]
-        ends = f"{told['unexceeded_low']:.3g} {'or more' if high is None else f'to {high:.3g}'} {unit}"
+        ends = (
+            f"{told['unexceeded_low']:.3g} {f'{unit} or more' if high is None else f'to {high:.3g} {unit}'}"
+        )
         unfit = max(rock["samples_without_fit"] for rock in told["rocks"])
         bare = f"; {unfit} of {SAMPLES} bootstrap samples have no fit and count as unbounded" if unfit else ""
         lines.append(

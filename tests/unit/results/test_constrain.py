@@ -61,7 +61,7 @@ def test_a_bound_of_which_too_many_draws_have_no_fit_has_no_upper_end(tmp_path):
     assert told["unexceeded_high"] is None
     unfit = told["rocks"][0]["samples_without_fit"]
     words = constrain(str(tmp_path)).output
-    assert f"or any more m/s with other records like these (95 %; {unfit} of 200 bootstrap samples" in words
+    assert f"m/s or more with other records like these (95 %; {unfit} of 200 bootstrap samples" in words
 
 
 def test_the_survival_under_a_branch_has_an_interval_too(tmp_path, hazards):

@@ -190,14 +190,15 @@ def main() -> None:
     parts = [
         "# Accuracy and cost\n",
         fill(
-            f"Written by `benchmarks/front.py` with physics version {PHYSICS_VERSION}; do not edit. The same {count} "
-            "jobs on each body (any record of the demo's ensemble, any azimuth, levels from .7 to 5 times the least "
-            "static toppling acceleration) by the presets of both engines, compared with Bullet's `reference`: by how "
-            "much the PGA at which half topple, the share that topples (points) and the largest tilt of those that "
-            "stand (mean log ratio) move, ± one standard deviation over jobs; single answers near a threshold are "
-            "chaotic. Costs are the processor's; only their ratios mean anything: MuJoCo's `fast` takes steps of 1/128 "
-            "of sqrt(R/g). The bare loop of PyBullet (setGravity, stepSimulation, a look at the pose; eight spheres) "
-            f"takes {bare_step_us():.0f} µs a step.",
+            f"Written by `benchmarks/front.py` with physics version {PHYSICS_VERSION}; do not edit. The presets of "
+            f"both engines shake each body with the same {count} jobs (any record of the demo's ensemble, any "
+            "azimuth, levels from .7 to 5 times the least static toppling acceleration). The tables give, "
+            "relative to Bullet's `reference`, the shift of the PGA at which half topple, of the share that "
+            "topples (points) and of the largest tilt of rocks that stand (mean log ratio), ± one standard "
+            "deviation over jobs; single answers near a threshold are chaotic. Costs are processor time, and only "
+            "their ratios are meaningful; MuJoCo's `fast` takes steps of 1/128 of sqrt(R/g). The bare loop of "
+            f"PyBullet (setGravity, stepSimulation, reading the pose; eight spheres) takes {bare_step_us():.0f} µs "
+            "a step.",
             110,
         )
         + "\n",
@@ -235,8 +236,8 @@ def main() -> None:
     presets = " | ".join(("fast", "standard", "reference"))
     parts += [
         "## Cases with exact answers\n",
-        "The worst error over the cases of `benchmarks/exact_cases.py`, without shortcuts. The laws of",
-        "`tests/verification` hold them, and hard cases, in every change.\n",
+        "The largest error over the cases of `benchmarks/exact_cases.py`, without shortcuts. `tests/verification`",
+        "checks these cases, and harder ones, on every change.\n",
         f"| case | {presets} | target of `standard` |\n|---|---|---|---|---|",
         *exact_errors(),
         "",

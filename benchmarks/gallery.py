@@ -27,18 +27,18 @@ DRAWN = (
         "fragility {demo}/run --fit --out {out}", "pga_pgv_pga.png", "demo_pga_pgv_pga.png",
         "Toppling probability over PGA and PGV/PGA",
     ),
-    (None, "pga_pgv_pga_by_direction.png", "demo_by_direction.png", "The same by the direction of the shaking"),
+    (None, "pga_pgv_pga_by_direction.png", "demo_by_direction.png", "The same by direction of shaking"),
     (None, "pga_pgv.png", "demo_pga_pgv.png", "Toppling probability over PGA and PGV"),
-    (None, "directions.png", "demo_directions.png", "Where the rock topples to, and what it takes"),
-    (None, "fits/fits.png", "demo_fits.png", "Fragility curves with intervals from resampling records"),
+    (None, "directions.png", "demo_directions.png", "Where the rock topples to, and the acceleration needed"),
+    (None, "fits/fits.png", "demo_fits.png", "Fragility curves with intervals from resampled records"),
     (
         "pulse {demo}/scene --azimuth 135 --out {out}", "trajectory.png", "demo_trajectory.png",
-        "One shake, seen closely: the rock under the study's pulse",
+        "One shake in detail: the rock under the study's pulse",
     ),
     (
         "constrain {demo}/run --age 15000..30000 --hazard {demo}/mean.csv=0.6 --hazard {demo}/high.csv=0.4 --out {out}",
         "constraint.png", "demo_constraint.png",
-        "Rates of exceedance that the standing rock rejects, and two hazard curves made up for the example",
+        "Rates of exceedance that the standing rock rejects, and two hypothetical hazard curves",
     ),
 )  # fmt: skip
 """Command (None: as the one before), picture that it draws, name in the documentation, caption."""
@@ -46,7 +46,7 @@ DRAWN = (
 HEAD = """\
 # Gallery
 
-Made by the program itself: `make gallery` runs the demo and draws these again.
+Made by the program itself; `make gallery` runs the demo and redraws all figures.
 """
 
 HAZARD = {"mean.csv": 3e-4, "high.csv": 3e-3}

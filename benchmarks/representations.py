@@ -175,8 +175,8 @@ def table_of_representations() -> str:
     """The comparison as a section of a page, with the presets in its last rows."""
     lines = [
         "## Contact representations\n",
-        "Least full sines that overturn three blocks, in a bare loop of Bullet over its own shapes, and with the",
-        "presets. Steps are shares of sqrt(R/g).\n",
+        "Error of the smallest full sine that overturns each of three blocks, in a bare Bullet loop with Bullet's own",
+        "shapes and with the presets. Steps are in units of sqrt(R/g).\n",
         "| representation | step | mean error | largest |",
         "|---|---|---|---|",
     ]

@@ -123,24 +123,22 @@ def page(rows: pd.DataFrame) -> str:
         "",
         "Written by `benchmarks/shortcuts.py`; do not edit.",
         "",
-        f"{len(rows)} random jobs on blocks (half sizes, turn and slope: "
+        f"{len(rows)} random jobs, equally many on each of: blocks (half sizes, turn and slope: "
         + "; ".join(f"{size} m, {turn:g}°, {slope:g}°" for size, turn, slope in BLOCKS)
         + "),",
-        "the demo's scanned rock and one that falls from facet to facet, as many each, under any record of the demo's "
-        "ensemble at",
-        f"{PGA_M_S2[0]:.0f} to {PGA_M_S2[1]:.0f} m/s2 and any azimuth, preset `{PRESET}`, physics version "
-        f"{PHYSICS_VERSION};",
-        f"{100 * rows.toppled.mean():.0f} % topple. Each with shortcuts and without, one in "
-        f"{FLOOR_OF} also without from a start",
-        "disturbed by a millionth of the height: the floor of chaos.",
+        "the demo's scanned rock, and a rock that falls from facet to facet. Records are those of the demo's "
+        f"ensemble, at {PGA_M_S2[0]:.0f} to {PGA_M_S2[1]:.0f} m/s2",
+        f"and any azimuth; preset `{PRESET}`, physics version {PHYSICS_VERSION}; "
+        f"{100 * rows.toppled.mean():.0f} % topple. Each job is shaken with and without",
+        f"shortcuts, and one in {FLOOR_OF} also without them from a start disturbed by a millionth of the height, "
+        "which gives the floor set by chaos.",
         "",
-        f"- Answers that the shortcuts change: {changed} ({100 * changed / len(rows):.2f} %): "
+        f"- Answers changed by the shortcuts: {changed} ({100 * changed / len(rows):.2f} %): "
         f"{rows.to_toppled.sum()} to toppled, {rows.to_standing.sum()} to standing.",
-        f"- Answers that the disturbance changes: {rows.floor.sum()} of {rows.floor.count()} "
+        f"- Answers changed by the disturbance: {rows.floor.sum()} of {rows.floor.count()} "
         f"({100 * rows.floor.mean():.2f} %).",
-        f"- Changed by a shortcut, and by none of {len(DISTURBED)} disturbances: {rows.away.sum()}.",
-        f"- Time saved: {100 * saved_s.sum() / whole_s:.0f} % of the processor's time of the jobs without, measured on "
-        f"{saved_s.count()}.",
+        f"- Changed by a shortcut but by none of {len(DISTURBED)} disturbances: {rows.away.sum()}.",
+        f"- Processor time saved: {100 * saved_s.sum() / whole_s:.0f} %, measured on {saved_s.count()} jobs.",
         "",
         "| ended by | jobs | answers changed | time saved, share of their own | of all |",
         "|---|---|---|---|---|",

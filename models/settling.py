@@ -1,4 +1,4 @@
-"""How far a rock settles before it is shaken: from where the scan has it to where it stands by itself."""
+"""How far a rock settles before it is shaken: from its scanned pose to the one in which it stands by itself."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from toppling.models.frames import azimuth_deg
 from toppling.models.rock import Rock
 
 SAID_FROM_DEG = 0.1
-"""Half samples of a scan give its interface within about this angle: less cannot be told from a rock that stands."""
+"""Half samples of a scan give its interface within about this angle; a smaller tilt is not significant."""
 
 SAID_FROM_SHARE = 0.002
-"""Of the rock's height: a rock that was scanned at rest moves less."""
+"""Of the rock's height; a rock scanned at rest moves less."""
 
 
 @dataclass(frozen=True)
@@ -25,11 +25,11 @@ class Settling:
     Parameters
     ----------
     tilt_deg : float
-        Angle between the interface's normal and where the rock has carried it.
+        Angle between the interface's normal before and after it moved with the rock.
     toward_deg : float
         Azimuth toward which it tilted.
     way_m : float
-        Of the vertex that moved farthest.
+        Displacement of the vertex that moved farthest.
     height_m : float
         Of the rock in the scene.
     """
@@ -41,7 +41,7 @@ class Settling:
 
     @classmethod
     def between(cls, scanned: Rock, settled: Rock, normal: np.ndarray) -> Settling:
-        """Settling of a rock over an interface with this upward normal, from the poses of its mesh before and after."""
+        """Settling of a rock on an interface with this upward normal, from its mesh before and after."""
         before, after = scanned.vertices_m - scanned.com_m, settled.vertices_m - settled.com_m
         turn, _ = Rotation.align_vectors(after, before)
         leant = turn.apply(normal) - normal
@@ -54,7 +54,7 @@ class Settling:
 
     @property
     def sentence(self) -> str | None:
-        """What a person should know about it; None where the rock stands as scanned."""
+        """The settling in words; None where the rock stands as scanned."""
         if self.tilt_deg >= SAID_FROM_DEG:
             return (
                 f"the rock settles by {self.tilt_deg:.1f}° toward azimuth {self.toward_deg:.0f}° "

@@ -1,4 +1,4 @@
-"""What a person should think about before a campaign runs and after: warnings and suggestions, one sentence each."""
+"""Warnings before a campaign runs and suggestions after it, one sentence each."""
 
 import math
 from collections.abc import Sequence
@@ -15,22 +15,22 @@ LARGEST_FRICTION = 1.5
 """Of rock on rock; above it a coefficient is more likely an angle."""
 
 G_AT_MOST = 1.5
-"""Levels that all lie below are more likely in g than in m/s2."""
+"""Levels that are all below this are more likely in g than in m/s2."""
 
 G_M_S2 = 9.81
 
 REALISATIONS = 25
-"""Of a rock whose base is a distribution: the nominal one and as many others as give a spread."""
+"""For a rock whose base is a distribution: the nominal base and enough others to give a spread."""
 
 HARDLY_SHARE, MOSTLY_SHARE = 0.05, 0.5
-"""Shares toppled at the lowest level and at the highest between which levels see the whole rise, or near enough."""
+"""Shares toppled at the lowest and the highest level between which levels cover nearly the whole rise."""
 
 LEAST_WITHIN = 3
-"""Levels between hardly any and nearly all toppled, for the rise to be seen."""
+"""Levels between hardly any and nearly all toppled that resolve the rise."""
 
 
 def warnings_of(campaign: Campaign, scene: Scene) -> list[str]:
-    """What is probably a slip in a campaign that is formally right.
+    """Probable mistakes in a campaign that is formally valid.
 
     Examples
     --------
@@ -53,8 +53,8 @@ def warnings_of(campaign: Campaign, scene: Scene) -> list[str]:
             )
     if scene.unseen is not None and campaign.first_realisation == 0 and campaign.realisations == 1:
         found.append(
-            f"only one of the rock's possible bases is shaken: nobody saw the base, and {_width_told(scene)}"
-            f"'realisations = {REALISATIONS}' shakes others, too"
+            f"only one of the rock's possible bases is shaken, but nobody saw the base; {_width_told(scene)}"
+            f"'realisations = {REALISATIONS}' shakes others too"
         )
     highest = max(campaign.pga_m_s2, default=math.inf)  # none where records are shaken as they are
     if highest < G_AT_MOST:
@@ -74,11 +74,11 @@ def _width_told(scene: Scene) -> str:
     if not said:
         return ""
     width = f"{median_width(said):.0%}".replace("%", " %")
-    return f"the interval of what topples the rock is as wide as {width} of its median; "
+    return f"the interval of the toppling acceleration is {width} of its median wide; "
 
 
 def _of_statics(campaign: Campaign, highest: float, statics: Statics, scene: Scene) -> list[str]:
-    """Levels and frictions against what topples the rock slowly."""
+    """Levels and frictions against the static toppling acceleration."""
     found, least = [], statics.least_m_s2
     if highest <= least:
         found.append(
@@ -88,7 +88,7 @@ def _of_statics(campaign: Campaign, highest: float, statics: Statics, scene: Sce
     slips = [static for static, _ in campaign.friction if static * scene.gravity_m_s2 < least]
     for static in slips:
         found.append(
-            f"with friction {static:g} the rock slides before it tips in every direction: few jobs will topple it"
+            f"with friction {static:g} the rock slides in every direction before it tips: few jobs will topple it"
         )
     return found
 
@@ -101,7 +101,7 @@ def told(statics: Statics) -> str:
 
 @dataclass(frozen=True)
 class Share:
-    """Jobs of one level that have an answer, and those of them that toppled."""
+    """Answered jobs of one level, and how many of them toppled."""
 
     level_m_s2: float
     jobs: int
@@ -119,7 +119,7 @@ def suggestions(shares: Sequence[Share]) -> list[str]:
     Parameters
     ----------
     shares : sequence of Share
-        One a level.
+        One per level.
 
     Examples
     --------
@@ -145,6 +145,6 @@ def suggestions(shares: Sequence[Share]) -> list[str]:
         top = min(above, default=high.level_m_s2)
         found.append(
             f"the share that topples rises within {len(within)} levels: "
-            f"add some between {below:g} and {top:g} m/s2"
+            f"add levels between {below:g} and {top:g} m/s2"
         )
     return found

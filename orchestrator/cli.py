@@ -21,7 +21,7 @@ VERBS = {
     "watch": "Show RUN in a browser while it runs: progress, failures and the map as it fills.",
     "status": "Show the progress of RUN, during the run and after it.",
     "audit": "Repeat a random sample of RUN's jobs and state how far its answers may be off.",
-    "query": "Query one or several runs in SQL (DuckDB), also while they run.",
+    "query": "Query one or several runs in SQL (DuckDB), also during the run.",
     "fragility": "Draw the fragility maps and curves of RUN (PNG, SVG), with the table behind each (CSV).",
     "constrain": "State which ground motions one or several standing rocks reject.",
     "check": "Test whether SEISMOGRAMS, unscaled and in their own directions, topple the rock of SCENE.",
@@ -32,7 +32,7 @@ VERBS = {
     "ramp": "Shake the rock of SCENE with waveforms of ENSEMBLE, each scaled up step by step until it topples.",
     "study": "Repeat the study of Veeraraghavan, Hudnut and Krishnan on a rock: runs, figures, findings, report.",
     "validate": "Predict the shake-table tests of FOLDER as probabilities and score them against the outcomes.",
-    "demo": "Scan a virtual rock, make earthquakes, shake, and draw the maps: minutes on two cores.",
+    "demo": "Scan a virtual rock, make earthquakes, shake the rock and draw the maps: minutes on two cores.",
 }
 """Each is the command of its name in the module of its name in orchestrator/verbs; its line begins its own help."""
 

@@ -1,4 +1,4 @@
-"""The findings of Veeraraghavan, Hudnut and Krishnan (2017), looked for in the runs of a study of any rock."""
+"""The findings of Veeraraghavan, Hudnut and Krishnan (2017), tested on the runs of a study of any rock."""
 
 import math
 from collections.abc import Callable
@@ -14,13 +14,13 @@ from toppling.results.friction import compare_cells, compare_jobs, friction_word
 
 LOW_PGA_M_S2, LOW_PGV_M_S, LOW_PROBABILITY = 3.0, 0.75, 0.2
 HALF_SECTOR_DEG = 17.5
-"""The study counts topplings within 35 degrees about its rock's overhang."""
+"""The study counts topplings in a sector of 35 degrees around its rock's overhang."""
 
 UNSURE = 0.05
-"""Probability of a rank correlation without any, above which none is said to be seen."""
+"""Significance level: a rank correlation with a larger p value is not taken as seen."""
 
 HARDLY = 0.3
-"""A rank correlation below this is hardly any dependence."""
+"""A rank correlation below this counts as hardly any dependence."""
 
 WITHIN = 0.3
 """The study's band about equal toppling probabilities."""
@@ -28,17 +28,17 @@ WITHIN = 0.3
 
 @dataclass(frozen=True)
 class Finding:
-    """One statement of the study, and what the runs say.
+    """One statement of the study, and what the runs show.
 
     Parameters
     ----------
     name : str
     paper : str
-        What the study found of its rock.
+        What the study found for its rock.
     found : str
         What was found here, in numbers.
     agrees : bool or None
-        None where the runs do not tell.
+        None where the runs are inconclusive.
     """
 
     name: str
@@ -50,9 +50,11 @@ class Finding:
     def line(self) -> str:
         """One line of a checked list."""
         mark = {True: "[x]", False: "[ ]", None: "[?]"}[self.agrees]
-        verdict = {True: "as the study", False: "this rock disagrees", None: "these runs do not tell"}[
-            self.agrees
-        ]
+        verdict = {
+            True: "as in the study",
+            False: "this rock disagrees",
+            None: "these runs do not tell",
+        }[self.agrees]
         return f"- {mark} {self.name}: {self.found} ({verdict}: {self.paper})"
 
 
@@ -72,7 +74,7 @@ def findings(
     frictions_run : DataFrame
         Rows of one direction with every friction.
     weakest_azimuth_deg : float
-        Of the ground's acceleration with the least quasi-static toppling: the rock then topples the other way.
+        Of the least ground acceleration that topples quasi-statically; the rock then topples the other way.
     lines : DataFrame
         From `results.plane_reference.reference_lines`.
     directions : int
@@ -103,12 +105,12 @@ def _rarely_below(main: pd.DataFrame) -> Finding:
     share = float(weak["toppled"].mean())
     one = weak.assign(weight=1.0, pool=0)
     low, high = wilson(pd.Series([share]), effective_records(one, ["pool"]).reset_index(drop=True))
-    told = f"{share:.3f} of {len(weak)} jobs ({low[0]:.3f} to {high[0]:.3f}, records counted)"
+    told = f"{share:.3f} of {len(weak)} jobs ({low[0]:.3f} to {high[0]:.3f}, by record)"
     return Finding(name, paper, told, share < LOW_PROBABILITY)
 
 
 def toppling_levels(main: pd.DataFrame) -> pd.DataFrame:
-    """Least PGA and PGV that topple, by record, the median over azimuths; infinite where no level did."""
+    """Least PGA and PGV that topple, by record: the median over azimuths, infinite where no level topples."""
     known = main[main["toppled"].notna()]
     job = ["record_id", "azimuth_deg"]
     least = known[known["toppled"].astype(bool)].groupby(job)[["pga_m_s2", "pgv_m_s"]].min()
@@ -160,15 +162,18 @@ def _toward_the_overhang(main: pd.DataFrame, overhang_deg: float) -> Finding:
     told = sector_share(
         main, (overhang_deg - HALF_SECTOR_DEG) % 360.0, (overhang_deg + HALF_SECTOR_DEG) % 360.0
     )
-    name, paper = "topplings gather around the overhang", "60 % of the cases within 35 degrees about it"
+    name, paper = (
+        "topplings cluster around the overhang",
+        "60 % of the cases in a sector of 35 degrees around it",
+    )
     if not told["toppled"]:
         return Finding(name, paper, "nothing toppled", None)
     azimuth = np.deg2rad(main["topple_azimuth_deg"].dropna().to_numpy(float))
     mean = np.exp(1j * azimuth).mean()
     off = abs((math.degrees(np.angle(mean)) - overhang_deg + 180.0) % 360.0 - 180.0)
     found = (
-        f"{100 * told['share_of_toppled']:.0f} % of {told['toppled']} topplings within {2 * HALF_SECTOR_DEG:g} "
-        f"degrees about {overhang_deg:g} degrees; their mean azimuth is {off:.0f} degrees off it"
+        f"{100 * told['share_of_toppled']:.0f} % of {told['toppled']} topplings in a sector of {2 * HALF_SECTOR_DEG:g} "
+        f"degrees around {overhang_deg:g} degrees; their mean azimuth is {off:.0f} degrees off"
     )
     evenly = 2 * HALF_SECTOR_DEG / 360.0
     return Finding(name, paper, found, bool(told["share_of_toppled"] > 2 * evenly and off < 45.0))
@@ -184,13 +189,13 @@ def _directionality(main: pd.DataFrame) -> Finding:
 
 
 def _lower_friction(rows: pd.DataFrame) -> Finding:
-    name, paper = "lower friction, more toppling", "most cells lie above the diagonal"
+    name, paper = "lower friction gives more toppling", "most cells lie above the diagonal"
     if len(frictions(rows)) < 2:
         return Finding(name, paper, "one friction only", None)
     table = compare_jobs(rows, frictions(rows)[-1])
     told = [
         f"{counts.only_this} topple only at {friction_words(counts.friction_static, counts.friction_kinetic)}, "
-        f"{counts.only_reference} only at the greatest, of {counts.pairs} pairs"
+        f"{counts.only_reference} only at the highest, of {counts.pairs} pairs"
         for counts in table.itertuples()
     ]
     more, fewer = int(table["only_this"].sum()), int(table["only_reference"].sum())
@@ -199,7 +204,7 @@ def _lower_friction(rows: pd.DataFrame) -> Finding:
 
 
 def _within_the_band(rows: pd.DataFrame) -> Finding:
-    name, paper = f"most cells within {WITHIN:g} of those of the greatest friction", "in general within 0.3"
+    name, paper = f"most cells within {WITHIN:g} of those of the highest friction", "in general within 0.3"
     if len(frictions(rows)) < 2:
         return Finding(name, paper, "one friction only", None)
     cells = compare_cells(rows, PLANES["pga_pgv"], frictions(rows)[-1])

@@ -1,4 +1,4 @@
-"""`toppling accuracy`: how far a rock's answers depend on the numerical settings, and what each setting costs."""
+"""`toppling accuracy`: how much a rock's answers depend on the numerical settings, and what each setting costs."""
 
 from pathlib import Path
 
@@ -25,9 +25,9 @@ from toppling.workers.options import PRESETS
 )
 @click.option(
     "--pga", "pga_m_s2", type=(float, float), default=(3.0, 15.0), show_default=True,
-    metavar="LOW HIGH", help="Range of PGA that jobs are drawn from, m/s2.",
+    metavar="LOW HIGH", help="Range from which PGA is drawn, m/s2.",
 )  # fmt: skip
-@click.option("--explore", is_flag=True, help="Also compare settings beside and between the presets.")
+@click.option("--explore", is_flag=True, help="Also compare settings around and between the presets.")
 @click.option("--workers", type=click.IntRange(1), default=2, show_default=True, help="Processes.")
 def accuracy(
     scene: Path,
@@ -70,7 +70,7 @@ def accuracy(
 
 
 def _told(table: pd.DataFrame) -> str:
-    """The ranking as a person reads it."""
+    """The ranking as a readable table."""
     percent = {"median_shift": "median PGA", "share_shift": "share toppled", "tilt_log_ratio": "tilt"}
     shown = {"setting": table["setting"], "s a job": table["processor_s_per_job"].map("{:.3f}".format)}
     for column, label in percent.items():

@@ -1,4 +1,4 @@
-"""`toppling audit`: do a sample of a run's jobs again more finely, and say how far its answers may be off."""
+"""`toppling audit`: repeat a sample of a run's jobs more finely, and state how far its answers may be off."""
 
 import json
 import logging
@@ -16,7 +16,7 @@ from toppling.orchestrator.verbs.where import cluster_of, cluster_options
 @click.option(
     "--jobs",
     type=click.IntRange(min=1),
-    help="Size of the sample; as many jobs as cost a tenth of the run if not given.",
+    help="Size of the sample; by default as many jobs as cost a tenth of the run.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print the statement as JSON.")
 @cluster_options
@@ -25,9 +25,9 @@ def audit(run: Path, jobs: int | None, as_json: bool, **where: Any) -> None:
 
     The sample is shaken with the preset 'reference', and with the second engine where its extra is installed. The
     audit states, for this rock and these records, the shift of the median PGA and of the share toppled with intervals
-    (95 %), which way single answers lean, and whether the second engine agrees; 'status', 'fragility' and 'report'
-    repeat it from then on. The same command resumes an interrupted audit, and a larger --jobs extends it. A run that
-    is still going is audited on the jobs that it has so far.
+    (95 %), the bias of single answers, and whether the second engine agrees; 'status', 'fragility' and 'report'
+    repeat it from then on. The same command resumes an interrupted audit, and a larger --jobs extends it. A run in
+    progress is audited on the jobs done so far.
 
     \b
     toppling audit runs/first --jobs 200 --workers 2
@@ -58,7 +58,7 @@ def audit(run: Path, jobs: int | None, as_json: bool, **where: Any) -> None:
     count = jobs or affordable(campaign, rows)
     if min(count, len(rows)) < LEAST_JOBS:
         raise InputError(
-            f"an audit of {min(count, len(rows))} of {len(rows)} answered jobs says nothing",
+            f"an audit of {min(count, len(rows))} of {len(rows)} answered jobs is too small",
             where=str(run),
             expected=f"at least {LEAST_JOBS} jobs",
             remedy="give --jobs 200" if jobs is None else "let the run go on, or give more --jobs",
@@ -74,4 +74,4 @@ def audit(run: Path, jobs: int | None, as_json: bool, **where: Any) -> None:
     for found in audits.values():
         click.echo(found.sentence)
     if not audits:
-        click.echo(f"fewer than {LEAST_JOBS} of the jobs have an answer the second time: nothing can be said")
+        click.echo(f"fewer than {LEAST_JOBS} repeated jobs have an answer: nothing can be said")

@@ -1,4 +1,4 @@
-"""`toppling check`: whether given seismograms, as they are, topple the rock at this site."""
+"""`toppling check`: whether given seismograms, unscaled, topple the rock."""
 
 import json
 import math
@@ -24,7 +24,7 @@ from toppling.workers.shake import shake
 
 @dataclass(frozen=True)
 class Verdict:
-    """What one seismogram does to the rock, and what its neighbours in strength do.
+    """What one seismogram and its scaled neighbours do to the rock.
 
     Parameters
     ----------
@@ -37,11 +37,11 @@ class Verdict:
         Of the seismogram as it is: stands, moved, toppled, or the status of a shake without an answer.
     max_tilt_deg : float
     toppled, shaken : int
-        Of the neighbours in strength that have an answer, the seismogram itself among them.
+        Of the scaled neighbours with an answer, including the seismogram itself.
     probability : float or None
-        Share of these that toppled. They are copies of one motion: no interval is given, as it would claim more.
+        Share of these that toppled. They are copies of one motion, so no interval is given.
     least_factor : float or None
-        Least factor among them that toppled.
+        Least factor that toppled the rock.
     """
 
     record_id: str
@@ -61,9 +61,9 @@ class Verdict:
 @click.command()
 @click.argument("scene", type=click.Path(path_type=Path))
 @click.argument("seismograms", nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option("--friction", type=click.FloatRange(0, min_open=True), help="The scene's own if not given.")
+@click.option("--friction", type=click.FloatRange(0, min_open=True), help="Default: the scene's own.")
 @click.option(
-    "--metadata", type=click.Path(path_type=Path, exists=True), help="Table as of 'records import'."
+    "--metadata", type=click.Path(path_type=Path, exists=True), help="Table as for 'records import'."
 )
 @click.option("--missing-vertical", is_flag=True, help="Allow seismograms without a vertical component.")
 @click.option(
@@ -92,9 +92,9 @@ def check(
 ) -> None:
     """Test whether SEISMOGRAMS, unscaled and in their own directions, topple the rock of SCENE.
 
-    Use it for the motions of a scenario simulation at the site, or for a record from nearby. SEISMOGRAMS are files or
+    Use it for motions simulated at the site or recorded nearby. SEISMOGRAMS are files or
     folders that 'records import' reads, or folders of ensembles. Near its threshold a millimetre decides whether a
-    rock topples, so each seismogram is also shaken a little weaker and a little stronger: what counts is the share
+    rock topples, so each seismogram is also shaken a little weaker and a little stronger; the result is the share
     that topples.
 
     \b
@@ -128,7 +128,7 @@ def judged(
     preset: str,
     advance: Callable[[], object] = lambda: None,
 ) -> Verdict:
-    """Shake a rock with a record as it is, and a little weaker and stronger."""
+    """Shake a rock with an unscaled record, and with a little weaker and stronger ones."""
     answers: dict[float, bool | None] = {}
     outcome, tilt = "", math.nan
     for factor in factors:
@@ -167,30 +167,30 @@ def _records(paths: Sequence[Path], metadata: Path | None, missing_vertical: boo
     if not files:
         if metadata:
             raise click.UsageError(
-                "--metadata is a table of files; ensembles were given, which have theirs already"
+                "--metadata describes files, but only ensembles were given, which have their own metadata"
             )
         return
     table = read_table(metadata) if metadata else []
     came = import_records(files, table, Wishes(missing_vertical=missing_vertical))
     if came.unused_rows:
         click.echo(
-            f"{came.unused_rows} of {len(table)} rows of {metadata} name no file that was given", err=True
+            f"{came.unused_rows} of {len(table)} rows of {metadata} name files that were not given", err=True
         )
     for refusal in came.refusals:
         click.echo(f"left out {refusal.subject}: {refusal.reason}", err=True)
     for record in came.records:
         if record.quality in {"processed", "drifting"}:
             click.echo(
-                f"{record.record_id} is not as it came: uncorrected or drifting, it was processed"
-                " ('corrected' in the table's column 'processing' leaves it)",
+                f"{record.record_id} was uncorrected or drifting, and has been processed"
+                " ('corrected' in the table's column 'processing' prevents this)",
                 err=True,
             )
     if not came.records:
         raise InputError(
-            f"none of {len(files)} files became a seismogram",
+            f"none of {len(files)} files gave a seismogram",
             where=", ".join(map(str, paths)),
             expected="three-component seismograms",
-            remedy="see above why; a metadata table says what the files do not (--metadata)",
+            remedy="the reasons are above; a metadata table adds what the files do not state (--metadata)",
         )
     yield from came.records
 
@@ -218,8 +218,8 @@ def _show(verdicts: Sequence[Verdict], largest: float) -> None:
     console = Console()
     Console(width=None if console.is_terminal else 150).print(table)
     click.echo(
-        f"toppled near it: of the seismogram scaled from {1 / largest:.3g} to {largest:.3g} in equal ratios;\n"
-        "least factor: the least of these that toppled the rock"
+        f"toppled near it: with the seismogram scaled by {1 / largest:.3g} to {largest:.3g} in equal ratios;\n"
+        "least factor: the smallest of these that toppled the rock"
     )
     if not all(told.north_known for told in verdicts):
-        click.echo("(north?): the directions are not known; the first horizontal component was taken as east")
+        click.echo("(north?): unknown directions; the first horizontal component was taken as east")

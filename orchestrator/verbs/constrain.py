@@ -1,4 +1,4 @@
-"""`toppling constrain`: what standing rocks say about the ground motion that has not happened."""
+"""`toppling constrain`: what standing rocks say about past ground motion."""
 
 import json
 import os
@@ -35,36 +35,36 @@ from toppling.results.stood import CONTACT, Stood, sentences, told_of, unweighed
     "--hazard",
     multiple=True,
     metavar="FILE[=WEIGHT]",
-    help="Hazard curve of one branch of the logic tree, with its weight; may be given again.",
+    help="Hazard curve of one branch of the logic tree, with its weight; repeatable.",
 )
 @click.option(
     "--age", multiple=True,
     help="Years for which each rock has stood: 20000, 15000..30000 (uniform), 20000+-3000 (normal, one sigma) or a "
-    "CSV. One age for several rocks is taken as an independent date of each, which rejects more than one common date "
+    "CSV. One age for several rocks counts as an independent date of each, which rejects more than one common date "
     "would.",
 )  # fmt: skip
 @click.option("--where", help="Only jobs for which this SQL condition holds, such as those of one friction.")
-@click.option("--trusted", is_flag=True, help="Let --where read files of yours.")
+@click.option("--trusted", is_flag=True, help="Let --where read your files.")
 @click.option(
     "--stood", multiple=True, type=click.Path(path_type=Path), metavar="FILE",
-    help="Recorded motion that the rock is known to have stood (one --stood a file), or an ensemble's folder: weights "
-    "the draws of its base.",
+    help="Recorded motion that the rock is known to have survived (one --stood per file), or an ensemble's folder; it "
+    "weights the draws of the base.",
 )  # fmt: skip
 @click.option(
     "--measure",
-    help="Intensity measure (a column of the results); that of the hazard curves, or pgv_m_s, if not given.",
+    help="Intensity measure (a column of the results). Default: that of the hazard curves, or pgv_m_s.",
 )
 @click.option(
     "--confidence", type=click.FloatRange(0.5, 1, max_open=True), default=0.95, show_default=True,
-    help="Confidence of all bounds; a branch is rejected where survival is below 1 - confidence.",
+    help="Confidence of all bounds; a branch is rejected if its survival is below 1 - confidence.",
 )  # fmt: skip
 @click.option(
     "--site", type=float, nargs=2, metavar="LON LAT",
-    help=f"Degrees: the nearest site of an OpenQuake file, which must lie within {SITE_REACH_KM:g} km.",
+    help=f"Degrees; takes the nearest site of an OpenQuake file, within {SITE_REACH_KM:g} km.",
 )  # fmt: skip
 @click.option(
     "--ratio", type=click.FloatRange(0, min_open=True), default=1.0, show_default=True,
-    help="Peak of the horizontal vector over the horizontal component of the hazard.",
+    help="Ratio of the peak of the horizontal vector to the hazard's horizontal component.",
 )  # fmt: skip
 @click.option(
     "--out", type=click.Path(path_type=Path, file_okay=False), help="Folder for statement, tables and figure."
@@ -88,10 +88,10 @@ def constrain(
 
     A ROCK is a run, or a file of fragility curves (CSV, JSON or NRML) as 'toppling fragility --fit' writes it.
     Without an age the statement is about a single event; with ages, about rates of exceedance; with hazard curves,
-    about the rocks' survival under each curve and the weights of the branches. Several rocks feel the same events.
+    about the rocks' survival under each curve and the weights of the branches. Several rocks share the same events.
 
-    An earthquake that was recorded beside a standing rock tells of its unseen base: with --stood every draw of it is
-    shaken with that record, as strong and as oriented as it was, and counts by how likely the rock stands it there.
+    An earthquake recorded near a standing rock tells about its unseen base: with --stood every draw of the base is
+    shaken with that record, unscaled and in its own orientation, and weighted by how likely the rock survives it.
     The run must have realisations on a scene with draws.
 
     \b
@@ -100,23 +100,23 @@ def constrain(
     toppling constrain runs/first --stood quake_e.AT2 --stood quake_n.AT2 --stood quake_up.AT2
     """  # noqa: D301
     if age and len(age) not in (1, len(rocks)):
-        msg = f"give one --age, or one a rock: {len(age)} for {len(rocks)} rocks"
+        msg = f"give one --age, or one per rock: got {len(age)} for {len(rocks)} rocks"
         raise click.UsageError(msg)
     if hazard and not age:
-        msg = "a hazard curve needs the rocks' --age: rates become probabilities over years"
+        msg = "a hazard curve needs the rocks' --age, to turn rates into probabilities"
         raise click.UsageError(msg)
     if not hazard and (site or ratio != 1.0):
-        msg = f"{'--site' if site else '--ratio'} is of hazard curves: give --hazard too"
+        msg = f"{'--site' if site else '--ratio'} applies to hazard curves: give --hazard too"
         raise click.UsageError(msg)
     if where and not all(path.is_dir() for path in rocks):
-        msg = "--where chooses jobs of runs: a file of curves has none"
+        msg = "--where selects jobs of runs; a file of curves has none"
         raise click.UsageError(msg)
     if stood and not all(path.is_dir() for path in rocks):
-        msg = "--stood weights the bases of runs: a file of curves has none"
+        msg = "--stood weights the bases of runs; a file of curves has none"
         raise click.UsageError(msg)
     branches = [read_branch(text, site, ratio) for text in hazard]
     if site and all(branch.site is None for branch in branches):
-        msg = "--site chooses a place in OpenQuake's files: curves of two columns state none"
+        msg = "--site selects a place in OpenQuake's files; two-column curves state none"
         raise click.UsageError(msg)
     over = _measure(measure, branches)
     ages = [parse_age(text) for text in age] or [np.array([np.nan])]
@@ -161,7 +161,7 @@ def constrain(
 
 
 def _refuse_twins(rocks: tuple[Path, ...], standing: list[Standing]) -> None:
-    """Refuse a rock that is given twice, as it would count twice: its scene's hash tells, or else its file."""
+    """Refuse a rock that is given twice, by its scene's hash or else its file: it would count twice."""
     seen: dict[str, Path] = {}
     for path, rock in zip(rocks, standing, strict=True):
         basis = rock.curve.basis
@@ -170,14 +170,14 @@ def _refuse_twins(rocks: tuple[Path, ...], standing: list[Standing]) -> None:
             raise InputError(
                 what=f"is the same rock as {seen[of]}" + (f" (scene {of})" if basis else ""),
                 where=str(path),
-                expected="each rock once, as what stands twice would count twice",
+                expected="each rock once",
                 remedy="leave one of the two out",
             )
         seen[of] = path
 
 
 def _names(rocks: tuple[Path, ...]) -> list[str]:
-    """Last part of each path, or the whole paths where that tells no two apart."""
+    """Last part of each path, or the whole paths where these are not distinct."""
     stems = [path.stem for path in rocks]
     return stems if len(set(stems)) == len(stems) else [str(path) for path in rocks]
 
@@ -196,7 +196,7 @@ def read_branch(text: str, site: tuple[float, float] | None, ratio: float) -> Ha
 
 
 def _place(taken: tuple[float, float] | None, asked: tuple[float, float] | None) -> dict[str, float]:
-    """Say where a hazard curve holds, and how far that is from where it was asked for."""
+    """Site of a hazard curve, and its distance from the site requested."""
     if taken is None:
         return {}
     place = {"site_longitude_deg": taken[0], "site_latitude_deg": taken[1]}
@@ -206,15 +206,15 @@ def _place(taken: tuple[float, float] | None, asked: tuple[float, float] | None)
 def _measure(asked: str | None, branches: list[HazardCurve]) -> str:
     if asked and asked not in MEASURES:
         raise InputError(
-            what=f"{asked!r} is no measure of intensity with a fragility",
+            what=f"{asked!r} is not an intensity measure with a fragility",
             where="--measure",
             expected=f"one of {', '.join(MEASURES)}",
-            remedy="leave it out for the hazard curves' own, or pgv_m_s",
+            remedy="leave it out to use that of the hazard curves, or pgv_m_s",
         )
     stated = sorted({branch.measure for branch in branches})
     if len(stated) > 1 or (asked and stated and asked != stated[0]):
         raise InputError(
-            what=f"hazard curves over {', '.join(stated)}" + (f", asked for {asked}" if asked else ""),
+            what=f"hazard curves over {', '.join(stated)}" + (f", but --measure {asked}" if asked else ""),
             where="--hazard",
             expected="one measure",
             remedy="give the curves of one intensity measure",
@@ -224,7 +224,7 @@ def _measure(asked: str | None, branches: list[HazardCurve]) -> str:
 
 @dataclass(frozen=True, eq=False)
 class _Jobs:
-    """Jobs of one contact of a run, weighted, and by what their bases are."""
+    """Weighted jobs of one contact of a run, and what weights their bases."""
 
     path: Path
     frame: pd.DataFrame
@@ -234,35 +234,35 @@ class _Jobs:
 def _standing(
     name: str, path: Path, measure: str, jobs: _Jobs | None, years: np.ndarray, seen: Callable[[], None]
 ) -> Standing:
-    """A rock by the fragility of a run, with its records drawn anew, or of a file."""
+    """A rock with the fragility of a run, with bootstrap samples of its records, or of a file."""
     curve, resampled = (read_curves(path).get(measure), None) if jobs is None else _fit(jobs, measure, seen)
     if curve is None:
         raise InputError(
             what=f"has no fragility over {measure}",
             where=str(path),
             expected="a lognormal fragility over the measure of the hazard",
-            remedy="'toppling fragility RUN --fit' says over which measures there is one",
+            remedy="'toppling fragility RUN --fit' lists the measures that have one",
         )
     return Standing(name, curve, years, resampled)
 
 
 def _jobs(path: Path, where: str | None, trusted: bool, recorded: Recorded | None) -> _Jobs:
-    """Jobs that are asked for, by the weights of their records and bases."""
+    """The jobs requested, with the weights of their records and bases."""
     run = open_run(path)
     stood = run.stood()
     bare = run.frame(where, trusted=trusted)
     jobs = run.weighted(bare, stood)
     if where and jobs.empty:
         raise InputError(
-            what=f"no job meets {where}",
+            what=f"no job satisfies {where}",
             where=str(path),
-            expected="a condition that some jobs meet",
+            expected="a condition that some jobs satisfy",
             remedy="'toppling query RUN --describe' names columns and units",
         )
     planned, done = run.planned(), run.table().num_rows
     if planned and done < planned:
-        left = f"{planned - done:,} of {planned:,} jobs have not run, and the others are no random sample of them"
-        click.echo(f"{path}: {left}: finish the run with 'toppling run' before you rest on it", err=True)
+        left = f"{planned - done:,} of {planned:,} jobs have not run, and the others are not a random sample"
+        click.echo(f"{path}: {left}: finish the run with 'toppling run' before you rely on it", err=True)
     contacts = by_contact(answered(jobs))
     if len(contacts) > 1:
         raise InputError(
@@ -281,7 +281,7 @@ def _jobs(path: Path, where: str | None, trusted: bool, recorded: Recorded | Non
 
 
 def _weighed(path: Path, jobs: pd.DataFrame, recorded: Recorded) -> Stood:
-    """Weights of a run's bases by what its rock stood, from shakes that are not kept."""
+    """Weights of a run's bases from motions that its rock survived; the shakes are not kept."""
     from toppling.orchestrator.campaign import Campaign
     from toppling.orchestrator.cluster import local
     from toppling.orchestrator.progress import watcher
@@ -302,7 +302,7 @@ def _weighed(path: Path, jobs: pd.DataFrame, recorded: Recorded) -> Stood:
 
 
 def _fit(jobs: _Jobs, measure: str, seen: Callable[[], None]) -> tuple[Lognormal | None, Resampled | None]:
-    """Fragility of a run, and of its records drawn anew."""
+    """Fragility of a run, and of bootstrap samples of its records."""
     heard = _heard(jobs.frame, measure)
     fitted = fit(heard, [measure]) if len(heard) else None
     if fitted is None or (curve := fitted.lognormal) is None:
@@ -316,7 +316,7 @@ def _heard(jobs: pd.DataFrame, measure: str) -> pd.DataFrame:
 
 
 def _of_bases(jobs: _Jobs, curve: Lognormal) -> dict[str, Any]:
-    """What the motions that a rock stood say of its base, and what that does to the median."""
+    """What the motions that a rock survived say about its base, and the resulting shift of the median."""
     assert jobs.stood is not None
     told = told_of(jobs.stood, jobs.frame)
     alike = fit(_heard(unweighed(jobs.frame), curve.measure), [curve.measure]).lognormal
@@ -331,58 +331,61 @@ def _of_bases(jobs: _Jobs, curve: Lognormal) -> dict[str, Any]:
 
 def _words(told: dict) -> str:
     unit, measure = describe(SCHEMA.field(told["measure"]))["unit"], short_name(told["measure"])
-    stood = "it has stood" if len(told["rocks"]) == 1 else "they have stood"
+    stood = "the rock has stood" if len(told["rocks"]) == 1 else "the rocks have stood"
     lines = [
         f"{rock['name']}: median {rock['median']:.3g} {unit}, beta {rock['beta']:.2f}"
         for rock in told["rocks"]
     ]
     lines.append(
-        f"At {100 * told['confidence']:g} % confidence no single event exceeded a {measure} of "
-        f"{told['unexceeded']:.3g} {unit} since {stood}."
+        f"At {100 * told['confidence']:g} % confidence no single event has exceeded a {measure} of "
+        f"{told['unexceeded']:.3g} {unit} while {stood}."
     )
     if told["unexceeded_low"] is None:
         lines.append(
-            "  how far other records would move it is not known: a file of curves does not tell, nor do few records"
+            "  its uncertainty from the choice of records is unknown: this needs a run with enough records"
         )
     else:
         high = told["unexceeded_high"]
-        ends = f"{told['unexceeded_low']:.3g} {'or any more' if high is None else f'to {high:.3g}'} {unit}"
+        ends = (
+            f"{told['unexceeded_low']:.3g} {f'{unit} or more' if high is None else f'to {high:.3g} {unit}'}"
+        )
         unfit = max(rock["samples_without_fit"] for rock in told["rocks"])
-        bare = f"; {unfit} of {SAMPLES} bootstrap samples have no fit and bound nothing" if unfit else ""
-        lines.append(f"  {ends} with other records like these (95 %{bare}): the jobs are of few earthquakes")
+        bare = f"; {unfit} of {SAMPLES} bootstrap samples have no fit and count as unbounded" if unfit else ""
+        lines.append(
+            f"  {ends} with other records like these (95 %{bare}), as the jobs come from few earthquakes"
+        )
     for rock in told.get("stood", ()):
         lines += [f"  {sentence}" for sentence in sentences({**rock, "contacts": [rock]})]
         if rock["median_shift_percent"]:
             lines.append(
-                f"  with all bases alike the median of {rock['rock']} would be {rock['median_bases_alike']:.3g} "
-                f"{unit}: their weights move it by {rock['median_shift_percent']:+.1f} %"
+                f"  with equal weights the median of {rock['rock']} would be {rock['median_bases_alike']:.3g} "
+                f"{unit}: the weights shift it by {rock['median_shift_percent']:+.1f} %"
             )
     for rock in told["rocks"]:
         if rock.get("without_answer"):
             jobs = rock["without_answer"] + rock["jobs"]
             lines.append(
                 f"  {rock['without_answer']:,} of {jobs:,} jobs of {rock['name']} have no answer and are left out: "
-                "jobs near the threshold rock longest and miss an answer most often"
+                "jobs near the threshold rock longest and most often lack one"
             )
         if "strongest_shaken" not in rock:
             lines.append(
-                f"  it is not known on which jobs the curve of {rock['name']} rests, nor whether this is an "
-                "extrapolation"
+                f"  the jobs behind the curve of {rock['name']} are unknown, so this may be an extrapolation"
             )
         elif told["unexceeded"] > rock["strongest_shaken"]:
             seen = f"{rock['toppled']} toppled of {rock['jobs']} jobs, {rock['records']} records"
             lines.append(
-                f"  an extrapolation beyond the strongest shaking of {rock['name']}, "
+                f"  this extrapolates beyond the strongest shaking of {rock['name']}, "
                 f"{rock['strongest_shaken']:.3g} {unit} ({seen})"
             )
     if told.get("ages_independent"):
         lines.append(
-            "The ages of the rocks are taken as independent, as if each rock had been dated by itself."
+            "The ages of the rocks are taken as independent, as if each rock had been dated separately."
         )
     if told.get("hazard_ratio") == 1.0:
         lines.append(
-            "The hazard is taken as stated for the peak of the horizontal vector (SA: the largest of all azimuths); "
-            "give --ratio where it is of another component."
+            "The hazard is taken to be for the peak of the horizontal vector (SA: the largest of all azimuths); "
+            "give --ratio if it is for another component."
         )
     for branch in told.get("branches", ()):
         verdict = "rejected" if branch["rejected"] else "kept"
@@ -390,7 +393,7 @@ def _words(told: dict) -> str:
             f"{branch['branch']}: topples at {branch['toppling_rate']:.2e} a year, "
             f"survival {branch['survival']:.3g}, {verdict}; "
             + (
-                "no branch lets the rocks survive"
+                "the rocks survive under no branch"
                 if branch["posterior_weight"] is None
                 else f"weight {branch['prior_weight']:.3g} becomes {branch['posterior_weight']:.3g}"
             )
@@ -417,7 +420,7 @@ def _words(told: dict) -> str:
 
 
 def _over_records(branch: dict, least: float) -> list[str]:
-    """Say between what a branch's survival lies with other records, and whether the verdict hangs on them."""
+    """State the interval of a branch's survival over records, and whether the verdict depends on them."""
     low, high = branch["survival_low"], branch["survival_high"]
     if low is None:
         return []
@@ -426,10 +429,10 @@ def _over_records(branch: dict, least: float) -> list[str]:
 
 
 def _outside(branch: dict, least: float) -> list[str]:
-    """Say what may lie outside a hazard curve's points, and whether the verdict hangs on it."""
+    """State the rate that may lie outside a hazard curve's points, and whether the verdict depends on it."""
     shares = {
         "beyond the curve's last point": branch["unstated_above"],
-        "below its first point, if its first slope goes on": branch["unstated_below"],
+        "below its first point, if its initial slope continues": branch["unstated_below"],
     }
     lines = [
         f"  {100 * share:.0f} % of its toppling rate may lie {where}: not counted"
@@ -438,7 +441,7 @@ def _outside(branch: dict, least: float) -> list[str]:
     ]
     if branch["survival_least"] < least <= branch["survival"]:
         lines.append(
-            f"  with what lies outside the curve survival would be {branch['survival_least']:.3g}, and the branch "
-            "rejected: give a curve that reaches further"
+            f"  including it, survival would be {branch['survival_least']:.3g} and the branch rejected: give a curve "
+            "that extends further"
         )
     return lines

@@ -1,4 +1,4 @@
-"""`toppling demo`: the whole way, from laser scan to maps, on inputs that the program makes itself."""
+"""`toppling demo`: the whole workflow, from laser scan to maps, on inputs that the program makes itself."""
 
 import os
 import shutil
@@ -13,7 +13,7 @@ MARK = ".demo"
 RECORDS = 24
 SEED = 1
 CAMPAIGN = """\
-# As many levels and azimuths as the time allowed. The study has 19 levels and 8 azimuths of 140 records.
+# As many levels and azimuths as the time allowed. The study has 140 records, 19 levels and 8 azimuths.
 scene = "scene"
 ensemble = "ensemble"
 pga_m_s2 = {{ start = 1, stop = 19, step = {step} }}
@@ -24,7 +24,7 @@ preset = "fast"
 """
 SAMPLE_LEVELS_M_S2 = (4.0, 10.0, 16.0)
 DESIGNS = ((1, 8), (1, 4), (2, 4), (2, 2), (3, 2), (3, 1), (6, 1))
-"""Step of the levels in m/s2 and number of azimuths, from the study's own down."""
+"""Step of the levels in m/s2 and number of azimuths, from the study's own to coarser ones."""
 
 QUERY = """\
 select level_pga_m_s2, count(toppled) as jobs, round(avg(toppled::int), 2) as p_toppled,
@@ -35,7 +35,7 @@ from results where level_pga_m_s2::int % 6 = 1 group by all order by all"""
 @click.command()
 @click.option(
     "--out", type=click.Path(file_okay=False, path_type=Path), default=Path("demo"), show_default=True,
-    help="Folder, replaced if it is an earlier demo's.",
+    help="Folder; that of an earlier demo is replaced.",
 )  # fmt: skip
 @click.option("--workers", type=click.IntRange(min=1), default=2, show_default=True, help="Local workers.")
 @click.option(
@@ -43,7 +43,7 @@ from results where level_pga_m_s2::int % 6 = 1 group by all order by all"""
     help="Time for shaking; the campaign is as large as it allows.",
 )  # fmt: skip
 def demo(out: Path, workers: int, seconds: float) -> None:
-    """Scan a virtual rock, make earthquakes, shake, and draw the maps: minutes on two cores.
+    """Scan a virtual rock, make earthquakes, shake the rock and draw the maps: minutes on two cores.
 
     \b
     toppling demo --out demo
@@ -92,8 +92,8 @@ def make_scene(out: Path) -> None:
     save_survey(result, out / "scene", lambda folder: draw_scene(result.scene, folder / "scene.png"))
     rock, pedestal = result.scene.rock, result.scene.pedestal
     _say(
-        f"scan: {len(cloud.points_m)} points became a rock of {rock.volume_m3:.0f} m³, "
-        f"{rock.height_m:.1f} m high, on a pedestal that falls {pedestal.slope_deg:.1f}° "
+        f"scan: {len(cloud.points_m)} points gave a rock of {rock.volume_m3:.0f} m³, "
+        f"{rock.height_m:.1f} m high, on a pedestal that dips {pedestal.slope_deg:.1f}° "
         f"toward azimuth {pedestal.downhill_azimuth_deg:.0f}°"
     )
 
@@ -107,7 +107,7 @@ def _make_records(out: Path) -> None:
 
 
 def _plan(out: Path, workers: int, seconds: float) -> None:
-    """Write the largest campaign that a few sampled jobs let hope to end in time."""
+    """Write the largest campaign that should end in time, judging by a few sampled jobs."""
     from toppling.models.motions.ensemble import Ensemble
     from toppling.models.scene import Scene
     from toppling.workers.job import Assets, JobSpec, run_job
@@ -163,7 +163,7 @@ def _tell(out: Path, figures: Iterable[Path], took_s: float) -> None:
     from toppling.results.run import open_run
 
     maps = [path for path in figures if path.suffix == ".png"]
-    click.echo(f"\nThe main job took {duration(took_s)}. It made")
+    click.echo(f"\nThe demo took {duration(took_s)} and made")
     for what, path in (
         ("scene picture", out / "scene" / "scene.png"),
         *(("fragility map", path) for path in maps),

@@ -40,21 +40,21 @@ FOLDER = click.Path(path_type=Path, file_okay=False)
 
 @click.command()
 @click.argument("run", type=click.Path(path_type=Path))
-@click.option("--out", type=FOLDER, help="Folder; RUN/fragility if not given.")
-@click.option("--where", help="Only jobs that this condition of SQL holds for.")
-@click.option("--trusted", is_flag=True, help="Let --where read files of yours.")
+@click.option("--out", type=FOLDER, help="Folder; default RUN/fragility.")
+@click.option("--where", help="Only jobs for which this SQL condition holds.")
+@click.option("--trusted", is_flag=True, help="Let --where read your files.")
 @click.option("--unweighted", is_flag=True, help="Ignore the weights of records and bases.")
-@click.option("--pga-bin", type=WIDTH, help="m/s2; one bin a level if not given.")
+@click.option("--pga-bin", type=WIDTH, help="m/s2; default one bin per level.")
 @click.option("--pgv-bin", type=WIDTH, default=0.25, show_default=True, help="m/s")
 @click.option("--pgv-pga-bin", type=WIDTH, default=0.05, show_default=True, help="s")
 @click.option("--duration-bin", type=WIDTH, default=5.0, show_default=True, help="s")
 @click.option(
     "--pgv-below", type=WIDTH, default=PGV_DURATION.y.below, show_default=True,
-    help="m/s; upper end of PGV in the map of PGV and duration, 'inf' for none.",
+    help="m/s; upper limit of PGV in the map of PGV and duration, 'inf' for none.",
 )  # fmt: skip
 @click.option(
     "--duration-below", type=WIDTH, default=PGV_DURATION.x.below, show_default=True,
-    help="s; upper end of duration in that map."
+    help="s; upper limit of duration in that map."
 )  # fmt: skip
 @click.option(
     "--directions", type=click.IntRange(1, 72), default=8, show_default=True, help="Direction bins."
@@ -66,13 +66,13 @@ FOLDER = click.Path(path_type=Path, file_okay=False)
     default=SECTOR_DEG,
     show_default=True,
     metavar="FROM TO",
-    help="Azimuths, degrees counter-clockwise from east, between which the share of topplings is stated.",
+    help="Sector of azimuths, degrees counter-clockwise from east, whose share of topplings is stated.",
 )
 @click.option("--fit", is_flag=True, help="Also fit curves and surfaces, and rank the intensity measures.")
 @click.option(
     "--reference",
     is_flag=True,
-    help="Draw where a plane section of the rock, rocking on two corners without slip, topples with 1 and 99 %.",
+    help="Draw the lines of 1 and 99 % toppling of a plane section rocking on two corners without slip.",
 )
 @click.option(
     "--samples", type=click.IntRange(1), default=200, show_default=True, help="Bootstrap samples of records."
@@ -98,17 +98,17 @@ def fragility(
     """Draw the fragility maps and curves of RUN (PNG, SVG), with the table behind each (CSV).
 
     Maps show the toppling probability over PGA and PGV/PGA, PGA and PGV, PGV and duration, and PGA and duration.
-    Further figures show where the rock topples to and, where the run has several frictions, one against another.
+    Further figures show where the rock topples to and, for runs with several frictions, compare these.
 
     The colour of a cell is the share of its jobs that toppled. Its width is its share of the jobs of its level (in
     the map of PGV and duration: of all jobs); the caption states from which share on a cell is full. A dot marks
     cells of fewer than 10 records.
 
-    The bins are those of the study by Veeraraghavan, Hudnut and Krishnan unless you choose others. Direction bins are
-    of the azimuth of the vector PGA, degrees counter-clockwise from east. Each contact (friction, restitution) gets a
-    folder of its own where there are several. Where the ensemble has weights (records select --deaggregation), maps
-    and fits weight each record, and where the campaign knows of motions that the rock stood (stood), each base; the
-    ranking of measures, the rose and the comparison of frictions count jobs.
+    The default bins are those of the study by Veeraraghavan, Hudnut and Krishnan. Direction bins are of the azimuth of
+    the vector PGA, degrees counter-clockwise from east. If there are several contacts (friction, restitution), each
+    gets its own folder. Maps and fits weight each record if the ensemble has weights (records select
+    --deaggregation), and each base if the campaign names motions that the rock survived (stood); the ranking of
+    measures, the rose and the comparison of frictions are unweighted.
 
     \b
     toppling fragility runs/first --fit
@@ -117,7 +117,7 @@ def fragility(
     opened = open_run(run)
     jobs = opened.frame(where, trusted=trusted)
     if not fit and click.get_current_context().get_parameter_source("samples") != ParameterSource.DEFAULT:
-        msg = "--samples are of the fits: give --fit too"
+        msg = "--samples applies to the fits: give --fit too"
         raise click.UsageError(msg)
     if not unweighted:
         jobs = opened.weighted(jobs)
@@ -169,7 +169,7 @@ def fragility(
 
 
 def at_rest(scene: Scene, jobs: pd.DataFrame) -> Scene:
-    """The scene as jobs shake it, settled with their greatest friction: a scan hardly finds a rock at rest."""
+    """The scene as jobs shake it, settled with their highest friction: a scanned rock is seldom exactly at rest."""
     static, kinetic = frictions(jobs)[-1]
     with contextlib.suppress(InputError):  # then it has no rest, and its section is that of the scan
         return settled(scene.with_contact(ContactProperties(static, kinetic)))

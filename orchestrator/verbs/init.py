@@ -21,17 +21,27 @@ FOLDER = click.Path(path_type=Path)
 )  # fmt: skip
 @click.option(
     "--friction", "frictions", type=click.FloatRange(0, 1.5, min_open=True), multiple=True,
-    help="May be given again; the scene's own if not given.",
+    help="Repeatable. Default: the scene's own.",
 )  # fmt: skip
 @click.option(
-    "--levels", type=click.IntRange(2), default=12, show_default=True, help="About so many levels of PGA."
+    "--levels",
+    type=click.IntRange(2),
+    default=12,
+    show_default=True,
+    help="Approximate number of PGA levels.",
 )
-@click.option("--azimuths", type=click.IntRange(1, 360), default=8, show_default=True, help="Evenly around.")
+@click.option(
+    "--azimuths",
+    type=click.IntRange(1, 360),
+    default=8,
+    show_default=True,
+    help="Number of evenly spaced azimuths.",
+)
 @click.option("--preset", type=OneOf(list(PRESETS)), default="standard", show_default=True)
 @click.option(
     "--workers",
     type=click.IntRange(1),
-    help="Local workers that the time is estimated for; one a core if not given.",
+    help="Local workers assumed for the time estimate. Default: one per core.",
 )
 def init(
     scene: Path,
@@ -45,9 +55,9 @@ def init(
 ) -> None:
     """Write a campaign for SCENE and ENSEMBLE: levels, azimuths and frictions that suit the rock.
 
-    Levels span from below the least constant acceleration that topples the rock to where most records topple it. To
-    find the latter, and the time that a job takes, the rock is shaken on trial with up to ten records, each harder
-    and harder, which takes seconds to a minute. The file explains every value.
+    Levels range from below the least constant acceleration that topples the rock to the level at which most records
+    topple it. To find that level, and the time per job, the rock is shaken in trials with up to ten records at
+    increasing levels, which takes seconds to a minute. The file explains every value.
 
     \b
     toppling init scenes/rock ensembles/quakes --out campaign.toml
@@ -77,7 +87,7 @@ def init(
             f"the least constant acceleration that topples the rock is {statics.least_m_s2:.3g} m/s2",
             where=str(scene),
             expected=f"one above 0 and below {LARGEST_PGA_M_S2:g} m/s2",
-            remedy="look at the scene's picture: is the rock split from its pedestal where it should be?",
+            remedy="check in the scene's picture that rock and pedestal are separated correctly",
         )
     most = min(RECORDS, len(motions.record_ids)) * len(levels_to_try(statics.least_m_s2))
     with bar("shaking on trial", most) as advance:

@@ -16,15 +16,15 @@ from toppling.models.folder import new_file
 @click.option(
     "--workers",
     type=click.IntRange(min=1),
-    help="Local workers that the time is estimated for; one a core if not given.",
+    help="Local workers assumed for the time estimate. Default: one per core.",
 )
 @click.option("--no-estimate", is_flag=True, help="Do not estimate the time.")
 @click.option("--json", "as_json", is_flag=True, help="Print the counts as JSON.")
 def plan(campaign: Path, table: Path | None, workers: int | None, no_estimate: bool, as_json: bool) -> None:
     """Check CAMPAIGN against its scene and ensemble and count its jobs, without running any.
 
-    It warns of probable slips: levels in g, friction in degrees, levels that topple nothing. Where there are many
-    jobs, it runs and times a few of them to estimate how long all will take.
+    It warns of probable mistakes: levels in g, friction in degrees, levels that topple nothing. If there are many
+    jobs, it runs and times a few of them to estimate the total time.
 
     \b
     toppling plan campaign.toml --out jobs.parquet

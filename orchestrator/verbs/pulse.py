@@ -1,4 +1,4 @@
-"""`toppling pulse`: how a rock answers to an idealised pulse, as in the study's figure 8."""
+"""`toppling pulse`: the response of a rock to an idealised pulse, as in the study's figure 8."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -43,9 +43,9 @@ SHAPES = ("sawtooth", "sine", "cosine", "ricker")
     type=float,
     default=0.0,
     show_default=True,
-    help="Toward which the ground moves first (Ricker: accelerates most), degrees counter-clockwise from east.",
+    help="Direction in which the ground moves first (Ricker: accelerates most), degrees counter-clockwise from east.",
 )
-@click.option("--friction", type=click.FloatRange(0, min_open=True), help="The scene's own if not given.")
+@click.option("--friction", type=click.FloatRange(0, min_open=True), help="Default: the scene's own.")
 @click.option("--preset", type=OneOf(list(PRESETS)), default="standard", show_default=True)
 def pulse(
     scene: Path,
@@ -59,7 +59,7 @@ def pulse(
 ) -> None:
     """Shake the rock of SCENE with one pulse of velocity and show how it moves.
 
-    It writes what 'toppling replay' writes: table, plots, an interactive page that plays the motion, and a GIF. The
+    It writes the files of 'toppling replay': table, plots, an interactive page that plays the motion, and a GIF. The
     defaults are the pulse of the study's figure 8.
 
     \b

@@ -26,7 +26,7 @@ SHOWN_ROWS = 60
 @click.option("--trusted", is_flag=True, help="Let the query read and write files, as DuckDB can.")
 @click.option("--describe", is_flag=True, help="Print every column with its unit and meaning.")
 @click.option(
-    "--spread", is_flag=True, help="Say how much of the spread comes from base, friction and records."
+    "--spread", is_flag=True, help="State how much of the spread comes from base, friction and records."
 )
 def query(
     runs: tuple[str, ...],
@@ -36,12 +36,12 @@ def query(
     describe: bool,
     spread: bool,
 ) -> None:
-    """Query one or several runs in SQL (DuckDB), also while they run.
+    """Query one or several runs in SQL (DuckDB), also during the run.
 
-    The tables are results (a row a job), motions (a row a record) and scene (one row); where the campaign knows of
-    motions that the rock stood, also bases (the weight of each). With several runs each table holds the rows of all,
-    and the column run tells them apart. A query is one SELECT and reads nothing else; --trusted lets it join files of
-    yours. --spread weights each base.
+    The tables are results (one row per job), motions (one row per record) and scene (one row); if the campaign names
+    motions that the rock survived, also bases (with their weights). With several runs each table holds the rows of
+    all, distinguished by the column run. A query is one SELECT and reads nothing else; --trusted lets it join your
+    files. --spread weights each base.
 
     \b
     toppling query runs/first --describe
@@ -84,7 +84,7 @@ def _frame(table: pa.Table) -> pd.DataFrame:
 
 
 def _plain(value: Any) -> Any:
-    """Value as JSON has it: DuckDB's sums of whole numbers are decimals, and infinity is no number there."""
+    """Value for JSON, where DuckDB's decimal sums become whole numbers and infinity becomes null."""
     if isinstance(value, list):
         return [_plain(part) for part in value]
     if isinstance(value, dict):

@@ -23,21 +23,21 @@ ABOVE_0 = click.FloatRange(0, min_open=True)
 )
 @click.option(
     "--records",
-    help="Ids of the waveforms, with commas; ten spread over PGV/PGA, or all if fewer, if not given.",
+    help="Ids of the waveforms, separated by commas. Default: ten spread over PGV/PGA, or all if fewer.",
 )
 @click.option(
     "--azimuth",
     type=float,
-    help="Of the motion, degrees counter-clockwise from x; where the rock lifts first if absent.",
+    help="Of the motion, degrees counter-clockwise from x. Default: that at which the rock lifts first.",
 )
 @click.option("--start", type=ABOVE_0, default=0.981, show_default=True, help="First PGA, m/s2.")
-@click.option("--step", type=ABOVE_0, default=0.245, show_default=True, help="Between levels, m/s2.")
+@click.option("--step", type=ABOVE_0, default=0.245, show_default=True, help="Step between levels, m/s2.")
 @click.option(
     "--end", type=ABOVE_0, default=20.0, show_default=True, help="PGA at which a waveform is given up, m/s2."
 )
 @click.option(
     "--peak-displacement", type=ABOVE_0, default=0.3, show_default=True,
-    help="m that the table can move: motions beyond it are high-passed; 'inf' for no bound.",
+    help="Largest displacement of the table, m: larger motions are high-passed; 'inf' for no limit.",
 )  # fmt: skip
 @click.option(
     "--friction", type=click.FloatRange(0), default=2.0, show_default=True, help="Static and kinetic."
@@ -45,7 +45,7 @@ ABOVE_0 = click.FloatRange(0, min_open=True)
 @click.option("--restitution", type=click.FloatRange(0, 1), default=0.0, show_default=True)
 @click.option("--preset", type=click.Choice(list(PRESETS)), default="standard", show_default=True)
 @click.option(
-    "--three-components", is_flag=True, help="Shake with whole records, not their stronger component alone."
+    "--three-components", is_flag=True, help="Shake with all components, not only the stronger one."
 )
 @click.option("--workers", type=click.IntRange(1), default=2, show_default=True, help="Processes.")
 def ramp(

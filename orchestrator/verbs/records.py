@@ -33,24 +33,24 @@ def records() -> None:
 @click.option(
     "--metadata",
     type=click.Path(path_type=Path, dir_okay=False, exists=True),
-    help="CSV table, a row a record: h1, h2, v (paths relative to it), unit, event, mag, dist_km, station;"
-    " processing (corrected or uncorrected) where the file does not state it; pga_h1, pga_h2, pga_v (m/s2) scale"
-    " counts of no known unit.",
+    help="CSV table, one row per record: h1, h2, v (paths relative to it), unit, event, mag, dist_km, station;"
+    " processing (corrected or uncorrected) if the file does not state it; pga_h1, pga_h2, pga_v (m/s2) scale"
+    " counts of unknown unit.",
 )
 @click.option("--missing-vertical", is_flag=True, help="Allow records without a vertical component.")
 @click.option("--doubtful", is_flag=True, help="Allow peaks beyond 5 g, clipping, spikes and filled gaps.")
 @click.option(
     "--process/--no-process",
     default=None,
-    help="Process every record or none. By default those are processed that their agency has not corrected and,"
-    " where that is not stated, those whose displacement drifts.",
+    help="Process every record or none. The default is to process records that their agency has not corrected and,"
+    " if that is not stated, those whose displacement drifts.",
 )
 @click.option(
     "--corner", "corner_hz", type=click.FloatRange(min=0, min_open=True), help="High-pass corner in Hz."
 )
 @click.option(
     "--time-step", "time_step_s", type=click.FloatRange(0, 0.1, min_open=True), metavar="S",
-    help="Resample every record to this step, without aliasing.",
+    help="Resample every record to this step with an anti-alias filter.",
 )  # fmt: skip
 @click.option("--replace", is_flag=True, help="Replace an existing ensemble.")
 @click.option("--json", "as_json", is_flag=True, help="Print what was read and left out as JSON.")
@@ -68,7 +68,7 @@ def import_(
 ) -> None:
     """Read records of any agency's format into the ensemble OUT.
 
-    The format is found by content. What cannot be read is left out and listed with its reason.
+    The format is detected from the content. Files that cannot be read are left out and listed with the reason.
 
     \b
     toppling records import RSN1158_KOCAELI_DZC*.AT2 --out ensembles/duzce
@@ -111,17 +111,20 @@ def import_(
         return
     _show_refusals(outcome.refusals)
     click.echo(
-        f"{len(outcome.records)} records of {len(files)} files in {out}, {len(outcome.refusals)} left out"
+        f"{len(outcome.records)} records from {len(files)} files in {out}, {len(outcome.refusals)} left out"
     )
     if outcome.unused_rows:
-        click.echo(f"{outcome.unused_rows} of {len(table)} rows of {metadata} name no file that was given")
+        click.echo(f"{outcome.unused_rows} of {len(table)} rows of {metadata} name files that were not given")
 
 
 @records.command()
 @click.option(
-    "--service", default="EARTHSCOPE", show_default=True, help="FDSN service: ObsPy's name or an address."
+    "--service",
+    default="EARTHSCOPE",
+    show_default=True,
+    help="FDSN service: its name in ObsPy, or an address.",
 )
-@click.option("--event-service", help="Service that knows the event, if not the same (such as USGS).")
+@click.option("--event-service", help="Service that has the event, if another one (such as USGS).")
 @click.option(
     "--event", "event_id", help="Event id at the service; sets the window and gives magnitude and distance."
 )
@@ -132,8 +135,8 @@ def import_(
     help="All stations within this distance of the epicentre, km.",
 )
 @click.option("--stations", help="NET.STA, separated by commas, instead of a radius.")
-@click.option("--start", help="Start of the window (UTC) where no event is given.")
-@click.option("--end", help="End of the window (UTC) where no event is given.")
+@click.option("--start", help="Start of the window (UTC) if no event is given.")
+@click.option("--end", help="End of the window (UTC) if no event is given.")
 @click.option(
     "--out", required=True, type=click.Path(path_type=Path, file_okay=False), help="Folder of the ensemble."
 )
@@ -155,9 +158,9 @@ def fetch(
 ) -> None:
     """Fetch records from an FDSN service.
 
-    The instruments' response is removed and the records are imported.
+    The instrument response is removed and the records are imported.
 
-    Waveforms and StationXML as they came are kept in OUT/raw, from where 'records import' reads them again.
+    The original waveforms and StationXML are kept in OUT/raw, where 'records import' can read them again.
 
     \b
     toppling records fetch --service SCEDC --event 38457511 --radius 50 --out ensembles/ridgecrest
@@ -203,7 +206,7 @@ def fetch(
     if not outcome.records:
         raise _no_record(len(came.files), str(out / "raw"))
     Ensemble.write(out, outcome.records)
-    click.echo(f"{len(outcome.records)} records in {out}, as they came in {out / 'raw'}")
+    click.echo(f"{len(outcome.records)} records in {out}, originals in {out / 'raw'}")
 
 
 @records.command()
@@ -249,18 +252,18 @@ def show(ensemble: Path, figure: Path | None, as_json: bool) -> None:
     "--distance", "distance_km", type=float, nargs=2, metavar="LOW HIGH", help="Least and largest, km."
 )
 @click.option("--event", help="Part of the name of the event.")
-@click.option("--components", type=click.IntRange(2, 3), default=2, help="At least so many components.")
+@click.option("--components", type=click.IntRange(2, 3), default=2, help="Least number of components.")
 @click.option(
     "--per-event",
     type=click.IntRange(min=0),
     default=0,
-    help="At most so many records of one event, the nearest.",
+    help="Largest number of records per event; the nearest are kept.",
 )
 @click.option(
     "--quality",
     multiple=True,
     type=OneOf(["corrected", "processed", "drifting", "sound", "uncorrected", "made"]),
-    help="Only records of this quality; may be given again.",
+    help="Only records of this quality; repeatable.",
 )
 @click.option(
     "--pga", type=float, nargs=2, metavar="LOW HIGH", help="Least and largest PGA as recorded, m/s2."
@@ -270,7 +273,7 @@ def show(ensemble: Path, figure: Path | None, as_json: bool) -> None:
     "--count",
     type=click.IntRange(min=0),
     default=0,
-    help="At most so many of the records that the other conditions leave, spread evenly over the ranks of PGV/PGA.",
+    help="Largest number of records, spread evenly over the ranks of PGV/PGA of those that the other conditions leave.",
 )
 @click.option(
     "--deaggregation",
@@ -296,7 +299,7 @@ def select(
 ) -> None:
     """Select records of an ensemble, or weight them by a hazard.
 
-    Each condition says how many records it leaves.
+    Each condition reports how many records remain.
 
     \b
     toppling records select ensembles/quakes --out ensembles/near --distance 0 20 --per-event 3
@@ -319,7 +322,7 @@ def select(
     for told, left in selection.left:
         click.echo(f"{told}: {left} left")
     if 0 < len(names) < count:
-        click.echo(f"fewer than the {count} asked for: all that are left were taken", err=True)
+        click.echo(f"fewer than the {count} requested: all that are left were taken", err=True)
     weights = dict(zip(loaded.record_ids, loaded.catalog["weight"].to_pylist(), strict=True))
     if deaggregation:
         weights, empty = hazard_weights(loaded, names, read_deaggregation(deaggregation))
@@ -349,7 +352,7 @@ def select(
 def synthesise(out: Path, count: int, seed: int, pulse_share: float, replace: bool) -> None:
     """Make an ensemble of synthetic records.
 
-    Its statistics are printed beside those that were aimed at.
+    Its statistics are printed beside their targets.
 
     Magnitudes are 6 to 8, distances 5 to 100 km.
 
@@ -370,7 +373,7 @@ def synthesise(out: Path, count: int, seed: int, pulse_share: float, replace: bo
 
 def _no_record(files: int, where: str) -> InputError:
     return InputError(
-        f"none of {files} files became a record",
+        f"none of {files} files gave a record",
         where=where,
         expected="three-component records",
         remedy="see the table above",
@@ -382,7 +385,7 @@ def _refuse_existing(out: Path, replace: bool) -> None:
 
     if (out / CATALOG).exists() and not replace:
         raise InputError(
-            "an ensemble is there already",
+            "an ensemble exists there already",
             where=str(out),
             expected="a new folder",
             remedy="choose another --out, or replace it with --replace",

@@ -1,4 +1,4 @@
-"""`toppling replay`: one job of a run again, seen closely."""
+"""`toppling replay`: one job of a run, repeated in detail."""
 
 import math
 from pathlib import Path
@@ -27,18 +27,18 @@ from toppling.workers.seating import settled
 from toppling.workers.shake import shake
 
 SAME = 1e-9
-"""Relative difference up to which two numbers are the same answer."""
+"""Relative difference up to which two numbers count as equal."""
 
 
 @click.command()
 @click.argument("run", type=click.Path(path_type=Path))
 @click.argument("job")
-@click.option("--out", type=click.Path(path_type=Path, file_okay=False), help="RUN/replay/JOB if not given.")
+@click.option("--out", type=click.Path(path_type=Path, file_okay=False), help="Default: RUN/replay/JOB.")
 def replay(run: Path, job: str, out: Path | None) -> None:
     """Repeat one JOB of RUN and show how the rock moves.
 
     It writes the trajectory as a table (Parquet, CSV) and as plots (PNG, SVG), an interactive page that plays the
-    motion, and a GIF. It states whether the answer is that of the run, and ends with exit code 1 if it is not. The
+    motion, and a GIF. It states whether the answer is that of the run, and exits with code 1 if it is not. The
     beginning of a job's id is enough.
 
     \b
@@ -60,13 +60,11 @@ def replay(run: Path, job: str, out: Path | None) -> None:
     differing = [] if row is None else [_difference(name, row[name], again[name]) for name in _OUTCOME]
     click.echo(title)
     if row is None:
-        click.echo("The run has no answer to this job yet.")
+        click.echo("The run has no answer for this job yet.")
     elif any(differing):
         version = row["physics_version"]
         if spec.job_id != job_id:
-            click.echo(
-                f"The run was done with physics version {version}, which is not this program's.", err=True
-            )
+            click.echo(f"The run was done with physics version {version}, not with this program's.", err=True)
         raise InputError(
             "; ".join(filter(None, differing)),
             where=f"job {job_id}",
@@ -87,7 +85,7 @@ def replay_of(
 
 
 def write_out(shown: Replay, folder: Path, title: str) -> None:
-    """Write all that shows a shake, and name each file."""
+    """Write the files that show a shake, and name each."""
     for path in each(write_replay(shown, folder, title), "drawing", total=6):
         click.echo(path)
 
@@ -98,7 +96,7 @@ _OUTCOME = [
 
 
 def _specification(run: Path, job: str) -> tuple[JobSpec, str]:
-    """Specification of the job whose id begins as given, and its whole id."""
+    """Specification of the job whose id begins with the given text, and its full id."""
     open_run(run)  # refuses what is no run
     path = run / "jobs.parquet"
     if not path.exists():
@@ -137,7 +135,7 @@ def _difference(name: str, was: object, now: object) -> str:
         same = math.isclose(was, now, rel_tol=SAME, abs_tol=SAME)
     else:
         same = was == now
-    return "" if same else f"{name} is {now}, in the run {was}"
+    return "" if same else f"{name} is {now}, but was {was} in the run"
 
 
 def _error(run: Path, what: str, remedy: str) -> InputError:

@@ -16,23 +16,25 @@ from toppling.results.run import open_run
 
 @click.command()
 @click.argument("run", type=click.Path(path_type=Path))
-@click.option("--out", type=click.Path(path_type=Path, dir_okay=False), help="RUN/report.html if not given.")
+@click.option("--out", type=click.Path(path_type=Path, dir_okay=False), help="Default: RUN/report.html.")
 @click.option(
-    "--pdf", is_flag=True, help="Print the page to PDF too, beside it (WeasyPrint, or Chromium's kin)."
+    "--pdf",
+    is_flag=True,
+    help="Also print the page to PDF, beside it (with WeasyPrint, Chromium, Chrome or Edge).",
 )
 @click.option(
     "--age",
-    help="Years the rock has stood, as of 'toppling constrain': 20000, 15000..30000, 20000+-3000 or a CSV.",
+    help="Years the rock has stood, as for 'toppling constrain': 20000, 15000..30000, 20000+-3000 or a CSV.",
 )
 @click.option(
     "--hazard",
     multiple=True,
     metavar="FILE[=WEIGHT]",
-    help="Hazard curve to hold against the standing rock; needs --age.",
+    help="Hazard curve to test against the standing rock; needs --age.",
 )
 @click.option(
     "--site", type=float, nargs=2, metavar="LON LAT",
-    help=f"Degrees: the nearest site of an OpenQuake file, which must lie within {SITE_REACH_KM:g} km.",
+    help=f"Degrees; takes the nearest site of an OpenQuake file, within {SITE_REACH_KM:g} km.",
 )  # fmt: skip
 @click.option(
     "--samples", type=click.IntRange(1), default=100, show_default=True, help="Bootstrap samples of records."
@@ -56,7 +58,7 @@ def report(
     toppling report runs/first --age 15000..30000 --hazard mean.csv=0.6 --hazard high.csv=0.4
     """  # noqa: D301
     if hazard and not age:
-        msg = "a hazard curve needs the rock's --age: rates become probabilities over years"
+        msg = "a hazard curve needs the rock's --age, to turn rates into probabilities"
         raise click.UsageError(msg)
     branches = [read_branch(text, site, 1.0) for text in hazard]
     content = Content(open_run(run), samples, parse_age(age) if age else None, branches)

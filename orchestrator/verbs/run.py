@@ -1,4 +1,4 @@
-"""`toppling run`: carry a campaign out, or go on with it."""
+"""`toppling run`: carry out a campaign, or resume it."""
 
 import json
 import logging
@@ -20,10 +20,10 @@ if TYPE_CHECKING:
 
 FAILED_JOBS = 3
 AGAIN = ("crashed", "timeout", "failed")
-"""Statuses that something transient may cause. What is undecided or diverged would be so again."""
+"""Statuses that may have a transient cause. Undecided and diverged jobs would end so again."""
 
 OF_ONE_CALL = ("again", "report", "as_json", "dry_run")
-"""Options that a call which goes on does not repeat."""
+"""Options that a resuming call does not repeat."""
 
 FOLDER = click.Path(file_okay=False, path_type=Path)
 
@@ -45,11 +45,11 @@ def _statuses(context: click.Context, parameter: click.Parameter, value: str | N
 @click.option("--dry-run", is_flag=True, help="With --queue: print the job script and stop.")
 @click.option(
     "--job-limit", type=click.FloatRange(1), default=Limits.job_s, show_default=True,
-    help="Wall time in seconds after which a job counts as hanging.",
+    help="Wall time in seconds after which a job counts as hung.",
 )  # fmt: skip
 @click.option(
     "--tries", type=click.IntRange(min=1), default=Limits.tries, show_default=True,
-    help="Deaths of its worker after which a job is given up; raise it where workers are often preempted.",
+    help="Number of worker deaths after which a job is given up; raise it if workers are often preempted.",
 )  # fmt: skip
 @click.option(
     "--again", callback=_statuses, metavar="STATUS,...",
@@ -148,7 +148,7 @@ def run(
 
 
 def _command(context: click.Context) -> str:
-    """The command that goes on with this run where it ran, without what is of this call alone."""
+    """The command that resumes this run, without the options of this call alone."""
     words = ["toppling", "run", str(context.params["campaign"])]
     for option in context.command.params:
         value = context.params.get(str(option.name))
@@ -159,7 +159,7 @@ def _command(context: click.Context) -> str:
 
 
 def time_words(campaign: "Campaign", workers: int | None) -> str:
-    """Say how long a campaign will take, from a few of its jobs; nothing of one that is soon done, or refused."""
+    """Estimate a campaign's duration from a few of its jobs; empty if it is short, or refused."""
     from rich.console import Console
 
     from toppling.models.errors import InputError

@@ -1,4 +1,4 @@
-"""`toppling scan`: clouds of laser points to a scene."""
+"""`toppling scan`: from point clouds to a scene."""
 
 import json
 from pathlib import Path
@@ -18,7 +18,7 @@ LEAST_REALISATIONS = 3
 def _enough(_: click.Context, __: click.Parameter, realisations: int) -> int:
     if 0 < realisations < LEAST_REALISATIONS:
         raise click.BadParameter(
-            f"{realisations} give no spread; 0 for none, or {LEAST_REALISATIONS} and more."
+            f"{realisations} give no spread: give 0 for none, or at least {LEAST_REALISATIONS}."
         )
     return realisations
 
@@ -40,21 +40,20 @@ def _enough(_: click.Context, __: click.Parameter, realisations: int) -> int:
     type=float,
     nargs=5,
     metavar="X Y Z SLOPE AZIMUTH",
-    help="The interface as measured: one of its points, its slope and the azimuth toward which it falls, degrees from "
-    "east to north.",
+    help="The measured interface: one of its points, its slope and the azimuth of its dip, degrees from east to north.",
 )
 @click.option(
     "--point",
     "points",
     multiple=True,
     metavar="X,Y,Z",
-    help="A place where rock and pedestal meet, in survey coordinates; give it three times or more.",
+    help="A place where rock and pedestal meet, in survey coordinates; give three or more.",
 )
 @click.option(
     "--outline",
     type=click.Path(path_type=Path),
     metavar="FILE",
-    help="CSV of the contact's outline: x,y,z of one vertex a line, in order, in survey coordinates.",
+    help="CSV of the contact's outline: x,y,z of one vertex per line, in order, in survey coordinates.",
 )
 @click.option(
     "--contact",
@@ -69,8 +68,8 @@ def _enough(_: click.Context, __: click.Parameter, realisations: int) -> int:
     nargs=2,
     multiple=True,
     metavar="AZIMUTH RATIO",
-    help="A pull or tilt test: the azimuth toward which the rock was pulled, degrees from east to north, and the force "
-    "over its weight that all but toppled it.",
+    help="A pull or tilt test: the azimuth of the pull, degrees from east to north, and the largest force that the "
+    "rock bore, over its weight.",
 )
 @click.option(
     "--bootstrap",
@@ -78,9 +77,9 @@ def _enough(_: click.Context, __: click.Parameter, realisations: int) -> int:
     default=REALISATIONS,
     show_default=True,
     callback=_enough,
-    help=f"Half samples that the uncertainty is drawn from, at least {LEAST_REALISATIONS}; 0 for none.",
+    help=f"Half samples for the uncertainty, at least {LEAST_REALISATIONS}; 0 for none.",
 )
-@click.option("--json", "as_json", is_flag=True, help="Print scene.json's content.")
+@click.option("--json", "as_json", is_flag=True, help="Print the content of scene.json.")
 def scan(
     files: tuple[Path, ...],
     out: Path,
@@ -96,9 +95,9 @@ def scan(
     """Turn laser scans into a rock on its pedestal.
 
     FILES are stations of one survey: LAZ, LAS, PLY, PCD, XYZ, PTS, TXT, CSV or E57, in metres, z up. Rock and pedestal
-    are separated automatically; state with --plane, --point or --outline where they meet if you know better.
+    are separated automatically; if you know better where they meet, use --plane, --point or --outline.
 
-    No laser sees the base of the rock. The verb draws bases that agree with all that was seen and on which the rock
+    No laser sees the base of the rock. The command draws bases that are consistent with the scan and on which the rock
     stands as scanned, and keeps them in the scene. --contact, --pull and --outline narrow them down.
 
     \b
@@ -147,14 +146,14 @@ def _told(scene: Scene, out: Path) -> str:
     """Say what the scan found in one line."""
     rock, pedestal = scene.rock, scene.pedestal
     return (
-        f"{out}: rock of {rock.volume_m3:.4g} m³, {rock.height_m:.3g} m high, on a pedestal that falls "
+        f"{out}: rock of {rock.volume_m3:.4g} m³, {rock.height_m:.3g} m high, on a pedestal that dips "
         f"{pedestal.slope_deg:.2f}° toward azimuth {pedestal.downhill_azimuth_deg:.1f}°; "
         f"see {out / 'scene.png'}"
     )
 
 
 def _in_files(error: InputError, files: tuple[Path, ...]) -> InputError:
-    """Name the files in an error about what they show together."""
+    """Name the files in an error that concerns all of them."""
     if error.where in {file.name for file in files}:
         return error
     names = ", ".join(file.name for file in files[:3]) + (" ..." if len(files) > 3 else "")
@@ -168,7 +167,7 @@ def _coordinates(text: str) -> tuple[float, ...]:
         x, y, z = (float(word) for word in text.replace(",", " ").split())
     except ValueError:
         raise InputError(
-            f"'{text}' is no place",
+            f"'{text}' is not a place",
             where="--point",
             expected="three numbers: x,y,z in survey coordinates",
             remedy="write it like --point 331250.1,3777309.2,480.3",

@@ -1,4 +1,4 @@
-"""`toppling scene`: look at a scene, hand it to other programs."""
+"""`toppling scene`: show a scene, or export it to other programs."""
 
 from pathlib import Path
 
@@ -20,12 +20,14 @@ def scene() -> None:
 
 @scene.command()
 @click.argument("folder", type=click.Path(path_type=Path))
-@click.option("--out", type=click.Path(path_type=Path), help="Where to write; the scene's folder by default.")
+@click.option(
+    "--out", type=click.Path(path_type=Path), help="Folder to write to. Default: the scene's folder."
+)
 def show(folder: Path, out: Path | None) -> None:
     """Write scene.png, a picture, and scene.html, an interactive page.
 
-    Where the rock settles far before it is shaken, settling.png shows the contact as scanned and as settled, and what
-    topples the rock on either.
+    If the rock settles far before it is shaken, settling.png shows the contact and the toppling acceleration, as
+    scanned and as settled.
 
     \b
     toppling scene show scenes/rock --out pictures

@@ -1,4 +1,4 @@
-"""`toppling status`: how far a run is, from its folder alone."""
+"""`toppling status`: the progress of a run, from its folder alone."""
 
 import json
 from pathlib import Path
@@ -12,7 +12,7 @@ import click
 def status(run: Path, as_json: bool) -> None:
     """Show the progress of RUN, during the run and after it.
 
-    Jobs count once their rows are stored, seconds after they end.
+    Jobs count once their rows are stored, a few seconds after they end.
 
     \b
     toppling status runs/first
@@ -29,7 +29,7 @@ def status(run: Path, as_json: bool) -> None:
     if state["rate_per_s"]:
         click.echo(f"rate {state['rate_per_s']:.1f}/s over the last minute, {duration(state['left_s'])} left")
     if state["workers"] is not None:
-        click.echo(f"{state['workers']} workers, {state['deaths']} deaths of workers in this session")
+        click.echo(f"{state['workers']} workers, {state['deaths']} worker deaths in this session")
     click.echo(f"toppled {state['toppled']}, failed {state['failed']} ({_counts(state['status'])})")
     for sentence in [*state["audit_sentences"], *state["stood_sentences"]]:
         click.echo(sentence)

@@ -1,4 +1,4 @@
-"""`toppling study`: the whole published study on any rock, from one command."""
+"""`toppling study`: the whole published study on any rock, with one command."""
 
 import json
 import logging
@@ -20,24 +20,24 @@ PATH = click.Path(path_type=Path)
 @click.command()
 @click.argument("out", type=click.Path(path_type=Path, file_okay=False))
 @click.option(
-    "--scan", multiple=True, type=PATH, help="Laser scans of the rock; the demo's virtual rock if not given."
+    "--scan", multiple=True, type=PATH, help="Laser scans of the rock. Default: the demo's virtual rock."
 )
 @click.option("--scene", type=PATH, help="Folder of a scene, instead of scans.")
+@click.option("--records", type=PATH, help="Ensemble, or folder of record files. Default: synthetic records.")
 @click.option(
-    "--records", type=PATH, help="Ensemble, or folder of record files; synthetic records if not given."
-)
-@click.option(
-    "--metadata", type=click.Path(path_type=Path, dir_okay=False), help="Table about the record files."
+    "--metadata", type=click.Path(path_type=Path, dir_okay=False), help="Metadata table of the record files."
 )
 @click.option("--count", type=click.IntRange(5), default=140, show_default=True, help="Synthetic records.")
 @click.option(
-    "--pga-step", type=click.FloatRange(0.5, 9), default=1.0, show_default=True, help="From 1 to 19 m/s2."
+    "--pga-step",
+    type=click.FloatRange(0.5, 9),
+    default=1.0,
+    show_default=True,
+    help="Step of the levels from 1 to 19 m/s2.",
 )
 @click.option("--directions", type=click.Choice(["2", "4", "8", "16"]), default="8", show_default=True)
 @click.option("--preset", type=click.Choice(list(PRESETS)), default="standard", show_default=True)
-@click.option(
-    "--audit", type=click.IntRange(0), help="Jobs of each run that are done again with 'reference'."
-)
+@click.option("--audit", type=click.IntRange(0), help="Jobs of each run that are repeated with 'reference'.")
 @click.option("--json", "as_json", is_flag=True, help="Print findings and counts as JSON.")
 @cluster_options
 def study(
@@ -57,8 +57,8 @@ def study(
     """Repeat the study of Veeraraghavan, Hudnut and Krishnan on a rock: runs, figures, findings, report.
 
     It runs 21,280 jobs at friction 1 (140 records, 19 levels, 8 directions), 2,660 each at 0.6 and 0.8, and the ramp of
-    figure 4. It writes every figure by its number with the table behind it, the constraint, a report, and the study's
-    findings as a checked list. The same command resumes an interrupted study.
+    figure 4. It writes every figure by its number with its table, the constraint, a report, and a checklist of the
+    study's findings. The same command resumes an interrupted study.
 
     \b
     toppling study study --workers 2
@@ -110,10 +110,10 @@ def study(
             _have_constraint(out, opened.path)
             page = write_page(report_page(Content(opened)), out / "report.html")
     except RunError as error:
-        message = f"{error}; what was done is kept: the same command goes on"
+        message = f"{error}; finished work is kept, and the same command resumes"
         raise click.ClickException(message) from None
     except KeyboardInterrupt:
-        click.echo("stopped; what was done is kept: the same command goes on", err=True)
+        click.echo("stopped; finished work is kept, and the same command resumes", err=True)
         sys.exit(INTERRUPTED)
     if as_json:
         content = json.loads((out / "findings.json").read_text(encoding="utf-8"))

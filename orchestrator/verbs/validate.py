@@ -1,4 +1,4 @@
-"""`toppling validate`: what the program foretells of an experiment's tests, and what happened."""
+"""`toppling validate`: predictions of an experiment's tests, scored against the outcomes."""
 
 import json
 import os
@@ -52,28 +52,36 @@ FOLDER = click.Path(file_okay=False, path_type=Path)
 @click.argument("folder", type=click.Path(path_type=Path, exists=True, file_okay=False))
 @click.option(
     "--mesh", required=True, type=click.Path(path_type=Path, dir_okay=False),
-    help="Closed mesh of the specimen, metres, z up, x along the table; a name alone is looked for in FOLDER too.",
+    help="Closed mesh of the specimen, metres, z up, x along the table; a bare name is also looked up in FOLDER.",
 )  # fmt: skip
 @click.option(
     "--outcome", required=True, metavar="COLUMN", help="Column of outcomes, 0 or 1, such as sp1_overturned."
 )
 @click.option("--learn", is_flag=True, help="Weight the draws by the outcomes of other records.")
-@click.option("--out", type=FOLDER, help="Folder to write to; validation/MESH-ENGINE-PRESET if not given.")
+@click.option("--out", type=FOLDER, help="Folder to write to. Default: validation/MESH-ENGINE-PRESET.")
 @click.option(
-    "--draws", type=click.IntRange(4), default=288, show_default=True, help="Realisations of a test at most."
+    "--draws",
+    type=click.IntRange(4),
+    default=288,
+    show_default=True,
+    help="Largest number of realisations per test.",
 )
 @click.option(
     "--error", type=click.FloatRange(0, 0.5, min_open=True), default=0.03, show_default=True,
-    help="Standard error of a test's share below which no more are added.",
+    help="Standard error of a test's share below which no draws are added.",
 )  # fmt: skip
 @click.option(
-    "--engine", type=click.Choice(ENGINES), default="pybullet", show_default=True, help="What shakes."
+    "--engine", type=click.Choice(ENGINES), default="pybullet", show_default=True, help="Physics engine."
 )
 @click.option(
-    "--preset", type=click.Choice(list(PRESETS)), default="draft", show_default=True, help="How finely."
+    "--preset",
+    type=click.Choice(list(PRESETS)),
+    default="draft",
+    show_default=True,
+    help="Numerical settings.",
 )
-@click.option("--seed", type=int, default=0, show_default=True, help="Of the bases that are drawn.")
-@click.option("--workers", type=click.IntRange(min=1), help="Local workers; one a core if not given.")
+@click.option("--seed", type=int, default=0, show_default=True, help="Random seed of the bases.")
+@click.option("--workers", type=click.IntRange(min=1), help="Local workers. Default: one per core.")
 @click.option("--json", "as_json", is_flag=True, help="Print JSON.")
 def validate(
     folder: Path,
@@ -91,11 +99,11 @@ def validate(
 ) -> None:
     """Predict the shake-table tests of FOLDER as probabilities and score them against the outcomes.
 
-    FOLDER holds tests.csv and motions.parquet, or TestNNN.txt and the workbook of results (docs/validation.md). What
-    nobody measured is drawn at random: the base, friction, restitution (PyBullet), yaw and the sense of the table. The
-    probability is the share of draws that topple. No outcome is used, except with --learn: then draws are weighted by
-    the outcomes of other records, never of the one predicted. The scores stand beside those of other people's
-    predictions in the table of tests and of simple rules. The same command resumes an interrupted validation.
+    FOLDER holds tests.csv and motions.parquet, or TestNNN.txt and the workbook of results (docs/validation.md).
+    Unmeasured properties are drawn: the base, friction, restitution (PyBullet), yaw and the sense of the table. The
+    probability is the share of draws that topple. No outcome is used, except with --learn, which weights draws by the
+    outcomes of other records, never of the one predicted. Scores of others' predictions in the table of tests and of
+    simple rules are given for comparison. The same command resumes an interrupted validation.
 
     \b
     toppling validate shaketable --mesh sp1.ply --outcome sp1_overturned
@@ -117,7 +125,7 @@ def validate(
             place, experiment, wanted, partial(local, workers or os.cpu_count() or 1), watcher
         )
     except RunError as stopped:
-        msg = f"{stopped}; the rows so far are kept: the same command goes on"
+        msg = f"{stopped}; the rows so far are kept, and the same command resumes"
         raise click.ClickException(msg) from None
     told = _told(experiment, ensemble, shaken, learn, wanted)
     _write(place, told, "learnt" if learn else "unlearnt")
@@ -127,7 +135,7 @@ def validate(
 def _told(
     experiment: Experiment, ensemble: Ensemble, shaken: Shaken, learn: bool, wanted: Wanted
 ) -> dict[str, Any]:
-    """All that is known in the end."""
+    """All results."""
     overturned = np.array([test.overturned for test in experiment.tests])
     group = np.array([test.ground_motion for test in experiment.tests])
     answered = np.asarray(np.isfinite(shaken.toppled).any(axis=0), bool)
@@ -135,8 +143,8 @@ def _told(
         raise InputError(
             "no draw has an answer to any test",
             where="validate",
-            expected="shakes that end",
-            remedy="see why with 'toppling status' of the folders realisations_...",
+            expected="completed shakes",
+            remedy="'toppling status' of the folders realisations_... shows why",
         )
     probability, error = share(shaken.toppled)
     if learn:
@@ -182,7 +190,7 @@ def _told(
 
 
 def _peers(experiment: Experiment) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Other people's predictions by their names: which tests have one, and what it says."""
+    """Others' predictions by name: which tests have one, and its value."""
     names = sorted({name for test in experiment.tests for name in test.predicted})
     said = {
         name: np.array([float(test.predicted.get(name, np.nan)) for test in experiment.tests])
@@ -217,14 +225,14 @@ def _words(told: Mapping[str, Any], place: Path) -> str:
     lines = [table(_rows(told)).to_string(float_format="{:.3f}".format, na_rep="-"), ""]
     lines.append("95 % over records: " + _ends(told["intervals"]))
     if told["were_a_draw_true"]:
-        lines.append("90 % were a draw the specimen itself: " + _ends(told["were_a_draw_true"]))
+        lines.append("90 % if a draw were the specimen: " + _ends(told["were_a_draw_true"]))
     counts = told["confusion"]
     lines.append(
-        f"overturned: {counts['overturned_called_overturned']} called so, {counts['overturned_called_standing']} not; "
-        f"stood: {counts['standing_called_standing']} called so, {counts['standing_called_overturned']} not"
+        f"overturned: {counts['overturned_called_overturned']} predicted, {counts['overturned_called_standing']} not; "
+        f"stood: {counts['standing_called_standing']} predicted, {counts['standing_called_overturned']} not"
     )
     lines.append(
-        f"{told['shakes']} shakes, at most {told['draws']} draws a test, error of a share at most "
+        f"{told['shakes']} shakes, at most {told['draws']} draws per test, error of a share at most "
         f"{told['largest_error']:.3f}; {told['without_motion']} tests have no motion"
     )
     lines.append(f"{place}: JSON, tables (CSV) and the calibration plot")

@@ -1,4 +1,4 @@
-"""`toppling watch`: a run in a browser while it goes on."""
+"""`toppling watch`: a run in progress, in a browser."""
 
 import os
 import sys
@@ -11,18 +11,17 @@ import click
 @click.command()
 @click.argument("run", type=click.Path(path_type=Path))
 @click.option(
-    "--port", type=click.IntRange(0, 65535), default=0, show_default=True, help="0 for any that is free."
+    "--port", type=click.IntRange(0, 65535), default=0, show_default=True, help="0 for any free port."
 )
 @click.option(
-    "--open/--no-open", "opens", default=None, help="Open a browser; by default where there is a screen."
+    "--open/--no-open", "opens", default=None, help="Open a browser. Default: if there is a screen."
 )
 def watch(run: Path, port: int, opens: bool | None) -> None:
     """Show RUN in a browser while it runs: progress, failures and the map as it fills.
 
-    The page also shows the rate, the time left and the latest topplings, which a click replays. It reads what
-    'toppling query' reads and writes nothing into the run, so it may be started and ended (Ctrl-C) at any time. It
-    listens on this machine only, at an address that holds a secret. From another machine forward the port:
-    ssh -L PORT:127.0.0.1:PORT HOST.
+    The page also shows the rate, the time left and the latest topplings, which a click replays. It only
+    reads the run, so it may be started and ended (Ctrl-C) at any time. It listens on this machine only, at an address
+    that contains a secret. From another machine forward the port: ssh -L PORT:127.0.0.1:PORT HOST.
 
     \b
     toppling watch runs/first
@@ -41,6 +40,6 @@ def watch(run: Path, port: int, opens: bool | None) -> None:
             server.serve_forever()
         except KeyboardInterrupt:
             end_of_stop()
-            click.echo("ended; the run goes on if it was running", err=True)
+            click.echo("ended; a run in progress continues", err=True)
         finally:
             server.replays.end()

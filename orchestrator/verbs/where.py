@@ -1,4 +1,4 @@
-"""Where a verb's jobs run: options that several verbs share, and the cluster that they mean."""
+"""Where a command's jobs run: options shared by several commands, and the cluster that they select."""
 
 import os
 from collections.abc import Callable
@@ -15,10 +15,14 @@ from toppling.orchestrator.spelling import OneOf
 FILE = click.Path(dir_okay=False, path_type=Path)
 
 _OPTIONS = (
-    click.option("--workers", type=click.IntRange(min=1), help="Local workers; one a core if not given."),
-    click.option("--scheduler", help="Address of an existing scheduler; DASK_SCHEDULER_ADDRESS if set."),
-    click.option("--scheduler-file", type=FILE, help="File that 'dask scheduler --scheduler-file' wrote."),
-    click.option("--queue", "queue_kind", type=OneOf(list(QUEUES)), help="Batch system to ask for workers."),
+    click.option("--workers", type=click.IntRange(min=1), help="Local workers. Default: one per core."),
+    click.option(
+        "--scheduler", help="Address of an existing scheduler. Default: DASK_SCHEDULER_ADDRESS, if set."
+    ),
+    click.option("--scheduler-file", type=FILE, help="File written by 'dask scheduler --scheduler-file'."),
+    click.option(
+        "--queue", "queue_kind", type=OneOf(list(QUEUES)), help="Batch system to request workers from."
+    ),
     click.option(
         "--queue-jobs", type=click.IntRange(min=1), default=1, show_default=True, help="Batch jobs to submit."
     ),
@@ -44,7 +48,7 @@ def cluster_of(
     tls_cert: Path | None,
     tls_key: Path | None,
 ) -> AbstractContextManager:
-    """Cluster that the options mean; nothing is started before it is entered.
+    """Cluster that the options select; nothing starts before it is entered.
 
     Raises
     ------
@@ -68,7 +72,7 @@ def cluster_of(
             msg = "--tls-ca, --tls-cert and --tls-key are for a running scheduler: give --scheduler or --scheduler-file"
             raise click.UsageError(msg)
         if tls_ca is None or tls_cert is None or tls_key is None:
-            msg = "--tls-ca, --tls-cert and --tls-key belong together"
+            msg = "--tls-ca, --tls-cert and --tls-key must be given together"
             raise click.UsageError(msg)
         tls = tls_security(tls_ca, tls_cert, tls_key)
     if queue_kind:

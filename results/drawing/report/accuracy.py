@@ -8,26 +8,26 @@ from toppling.results.run import Run
 
 
 def accuracy_section(run: Run, frame: pd.DataFrame, document: Document) -> str:
-    """Engine, preset and time step, deepest overlap, and what the run's audit says."""
+    """Engine, preset and time step, deepest penetration, and the results of the run's audit."""
     presets, engines = (", ".join(sorted(frame[name].unique())) for name in ("preset", "engine"))
     # A preset's steps may differ beyond the digits that are shown.
     steps = ", ".join(dict.fromkeys(f"{step:g}" for step in sorted(frame["time_step_s"].dropna())))
     lines = [f"<p>Engine {safe(engines)}; preset {safe(presets)}; time step {steps or 'not stated'} s.</p>"]
     if frame["penetration_m"].notna().any():
-        lines.append(f"<p>Deepest overlap of rock and pedestal {frame['penetration_m'].max():.2g} m.</p>")
+        lines.append(f"<p>Deepest penetration of rock and pedestal {frame['penetration_m'].max():.2g} m.</p>")
     audits = audits_of(run)
     lines += [f"<p>{safe(audit.sentence)}.</p>" for audit in audits.values()]
     if not audits:
         lines.append(
-            "<p>This run has not been audited: <code>toppling audit RUN --jobs 200</code> does a sample of its jobs "
-            "again and says how far its answers may be off.</p>"
+            "<p>This run has not been audited: <code>toppling audit RUN --jobs 200</code> repeats a sample of its jobs "
+            "and states how far its answers may be off.</p>"
         )
     else:
-        caption = "Jobs done again: what moves, with intervals of 95 %."
+        caption = "Repeated jobs: differences of the run, with 95 % intervals."
         lines.append(document.table(pd.DataFrame(map(_row, audits.values())), caption))
         lines.append(
-            "<p>Near a threshold the answer to one job is chaotic, whatever the settings: one job is no statement "
-            "about a rock, the share of many is.</p>"
+            "<p>Near a threshold the answer to a single job is chaotic, whatever the settings; only the share of many "
+            "jobs is meaningful.</p>"
         )
     return "".join(lines)
 

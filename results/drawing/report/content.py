@@ -1,4 +1,4 @@
-"""What a report rests on, computed once: the run's jobs, fits of each contact, and what the standing rock says."""
+"""The data of a report, computed once: the run's jobs, fits of each contact, and the standing rock's constraint."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -21,7 +21,7 @@ from toppling.results.run import Run
 CONFIDENCE = 0.95
 
 HEADLINE_MEASURE = "pgv_m_s"
-"""What a report's first sentence is about where it has a fit, as 'toppling constrain' is: hazard curves of it exist."""
+"""Measure of the report's first sentence if it has a fit, as in 'toppling constrain': hazard curves of it exist."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +31,7 @@ class Contact:
     Parameters
     ----------
     words : str
-        What tells it from others, such as "μ = 0.8".
+        What distinguishes it from others, such as "μ = 0.8".
     jobs : DataFrame
         All of its jobs, with or without an answer.
     samples : int
@@ -68,7 +68,7 @@ class Contact:
 
     @property
     def best(self) -> tuple[fits.Lognormal, fits.Resampled | None] | None:
-        """Curve of the measure that predicts best and may stand for the run."""
+        """Curve of the best predictor that may represent the run."""
         return (
             self.curve_of(chosen.measures[0])
             if (chosen := fits.headline([one for one, _ in self.models]))
@@ -116,7 +116,7 @@ class Content:
 
     @cached_property
     def frame(self) -> pd.DataFrame:
-        """All rows, weighted where the run's records or bases do not weigh alike."""
+        """All rows, weighted if the run's records or bases have unequal weights."""
         frame = self.run.weighted(self.run.frame())
         if not frame["toppled"].notna().any():
             raise InputError(
@@ -137,7 +137,7 @@ class Content:
 
     @property
     def chief(self) -> Contact:
-        """The contact that the report begins with: of the greatest friction."""
+        """The contact that the report begins with: that of the highest friction."""
         return max(self.contacts, key=lambda one: tuple(one.jobs[FRICTION].iloc[0]))
 
     @cached_property
@@ -171,12 +171,12 @@ class Content:
 
     @cached_property
     def single_event(self) -> dict | None:
-        """What the standing rock says of a single event."""
+        """What the standing rock says about a single event."""
         return None if self.standing is None else single_event([self.standing], CONFIDENCE)
 
     @property
     def extrapolated(self) -> str:
-        """Words for a statement about a single event that lies beyond what was shaken; empty where it does not."""
+        """A remark if the statement about a single event is an extrapolation; empty otherwise."""
         event = self.single_event
         if event is None or self.standing is None or self.standing.curve.basis is None:
             return ""

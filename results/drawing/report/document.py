@@ -1,4 +1,4 @@
-"""The page as a document: numbered figures and tables, headings that one can go to, nothing from elsewhere."""
+"""The page as a self-contained document: numbered figures and tables, headings with anchors."""
 
 import base64
 import html
@@ -12,11 +12,11 @@ from matplotlib.figure import Figure
 from toppling.results.drawing.style import FULL_WIDTH_IN, HALF_WIDTH_IN, png_bytes
 
 SCREEN_PX_PER_IN = 132
-"""At which a figure of a page's width fills the page, and its letters are those of the text around it."""
+"""At this scale a page-wide figure fills the page, and its letters match the surrounding text."""
 
 
 LEAST_BROKEN = 12
-"""Letters of a cell: what is shorter breaks at blanks only."""
+"""Length of a cell in letters; shorter text breaks only at blanks."""
 
 BREAKS = re.compile(r"(?<=[_/.])(?=[^\s\d])|(?<=[0-9a-f]{8})(?=[0-9a-f]{4})|(?<=\S{40})(?=\S)")
 """Places within a word where a line may break: within an id too, which is wider than a column on a narrow screen."""
@@ -65,7 +65,7 @@ class Document:
         )
 
     def table(self, frame: pd.DataFrame, caption: str) -> str:
-        """A numbered table; the cells of a row stand below each other on a narrow screen where they are many."""
+        """A numbered table; on a narrow screen the cells of a wide row are stacked."""
         self.tables += 1
         names = [str(name) for name in frame.columns]
         head = "".join(f"<th>{safe(name)}</th>" for name in names)
@@ -78,7 +78,7 @@ class Document:
 
 
 def page(title: str, first: str, sections: Iterable[tuple[str, str]]) -> str:
-    """Put a page together: what the first screen shows, contents, sections."""
+    """Assemble a page: first screen, contents, sections."""
     known = list(sections)
     contents = "".join(f'<li><a href="#{_anchor(name)}">{safe(name)}</a></li>' for name, _ in known)
     body = "\n".join(f'<h2 id="{_anchor(name)}">{safe(name)}</h2>\n{content}' for name, content in known)
@@ -102,12 +102,12 @@ def paragraph(text: str) -> str:
 
 
 def pair(*figures: str) -> str:
-    """Figures beside each other, two a row."""
+    """Figures side by side, two per row."""
     return f'<div class="pair">{"".join(figures)}</div>'
 
 
 def safe(text: object) -> str:
-    """Text as HTML that shows it and runs nothing."""
+    """Text escaped for HTML."""
     return html.escape(str(text))
 
 
@@ -129,7 +129,7 @@ def _cells(names: list[str], row: Iterable[object]) -> str:
 
 
 def _breakable(text: str) -> str:
-    """Text that may break after an underscore, slash or point, and within what is longer than any word."""
+    """Text that may break after an underscore, slash or point, and within very long words."""
     if len(text) < LEAST_BROKEN:
         return safe(text)
     return "<wbr>".join(map(safe, BREAKS.split(text)))

@@ -30,7 +30,7 @@ def first_screen(content: Content, document: Document) -> str:
 
 
 def what_topples(content: Content) -> str:
-    """Intensity at which one in two topples."""
+    """Intensity at which one in two shakings topples the rock."""
     contact = content.chief
     if contact.headline is None:
         return (
@@ -44,14 +44,14 @@ def what_topples(content: Content) -> str:
         ends = lognormal_interval(resampled)
         spread = f" (95 %: {ends['median_low']:.2g} to {ends['median_high']:.2g})"
     return (
-        f"Shaking with a {name} of {curve.median:.2g} {unit}{spread} topples the rock in one case of two, and with "
-        f"{curve.intensity(0.05):.2g} {unit} in one of twenty ({contact.words})."
+        f"Shaking with a {name} of {curve.median:.2g} {unit}{spread} topples the rock in one case in two, and with "
+        f"{curve.intensity(0.05):.2g} {unit} in one in twenty ({contact.words})."
     )
 
 
 def _no_curve(contact: Contact) -> str:
     if contact.toppled < FEW_TOPPLED:
-        return f"fewer than {FEW_TOPPLED} topplings bear no curve."
+        return f"fewer than {FEW_TOPPLED} topplings are too few for a curve."
     problems: list[Fit] = [one for one, _ in contact.models if one.problem]
     return f"no curve can be fitted ({problems[0].problem})." if problems else "no curve can be fitted."
 
@@ -63,7 +63,7 @@ def how_likely(content: Content) -> str:
     weight = known.get("base_weight", pd.Series(1.0, known.index))
     levels = known["level_pga_m_s2"]
     share = (weight * known["toppled"]).groupby(levels).sum() / weight.groupby(levels).sum()
-    weighted = ", each base by its weight" if "base_weight" in known else ""
+    weighted = ", with weighted bases" if "base_weight" in known else ""
     told = [f"{_percent(share.iloc[k])} at {share.index[k]:g} m/s²" for k in _ends_and_middle(share)]
     return (
         f"Of {len(known):,} shakings ({known['record_id'].nunique():,} records, scaled to a PGA of "
@@ -73,14 +73,14 @@ def how_likely(content: Content) -> str:
 
 
 def what_standing_says(content: Content) -> str:
-    """What the rock, as it stands, rejects."""
+    """What the standing rock rejects."""
     event = content.single_event
     if event is None:
-        return "What its standing says about past shaking cannot be told from so few topplings."
+        return "With so few topplings, its survival says nothing about past shaking."
     measure = event["measure"]
     said = (
-        f"As it still stands, no single shaking like these has exceeded a {short_name(measure)} of "
-        f"{event['unexceeded']:.2g} {printed_unit(measure)} since it has had its present shape "
+        f"Since it still stands, no single shaking like these has exceeded a {short_name(measure)} of "
+        f"{event['unexceeded']:.2g} {printed_unit(measure)} since it acquired its present shape "
         f"({100 * CONFIDENCE:g} % confidence{'; ' if content.extrapolated else ''}{content.extrapolated})"
     )
     if content.verdicts is None or content.standing is None:
@@ -94,15 +94,15 @@ def what_standing_says(content: Content) -> str:
 
 
 def caption(content: Content) -> str:
-    """Words for the picture, that stand alone."""
+    """Self-contained caption of the picture."""
     contact, rock = content.chief, f"the rock {content.run.rock}"
     if contact.headline is None:
         return f"Share of shakings that topple {rock} at each level of PGA ({contact.words}); bars: 95 %, by record."
     name = short_name(contact.headline[0].measure)
     return (
         f"Toppling probability of {rock} over {name} ({contact.words}). Dots: share of shakings that topple it, with "
-        "95 % intervals by record; curve: lognormal fit, with its 95 % band; dashed: one case of two; hatched: what "
-        "the standing rock rejects of a single event."
+        "95 % intervals by record; curve: lognormal fit, with its 95 % band; dashed: one case in two; hatched: what "
+        "the standing rock rejects for a single event."
     )
 
 

@@ -1,4 +1,4 @@
-"""A paragraph on methods that one may copy into a paper, with what to cite."""
+"""A paragraph on methods to copy into a paper, with references."""
 
 from collections.abc import Mapping
 from importlib.metadata import version
@@ -26,7 +26,7 @@ ENGINES = {"pybullet": ("PyBullet", "Coumans and Bai"), "mujoco": ("MuJoCo", "To
 
 
 def methods_section(content: Content, document: Document) -> str:  # noqa: ARG001  (as every section)
-    """Methods to copy, and the works that they rest on."""
+    """Methods to copy, and references."""
     used = content.frame["engine"].unique()
     unused = [authors for name, (_, authors) in ENGINES.items() if name not in used]
     cited = "".join(
@@ -50,7 +50,8 @@ def _rock(content: Content) -> str:
     report = content.scene.report if content.scene is not None else {}
     stations = report.get("registration", {}).get("stations")
     scanned = (
-        f"{stations} laser scans of rock and pedestal were merged, the rock told apart from its pedestal and closed: "
+        f"{stations} laser scans of rock and pedestal were merged, and the rock was separated from its pedestal "
+        "and closed; "
         if stations
         else ""
     )
@@ -70,7 +71,7 @@ def _shaking(content: Content) -> str:
     several = f" in {drawn} realisations with perturbed properties" if drawn > 1 else ""
     return (
         f"Three-component records ({frame['record_id'].nunique():,}) were scaled to {levels.nunique()} levels of the "
-        f"peak horizontal ground acceleration vector between {levels.min():g} and {levels.max():g} m/s² and turned to "
+        f"peak horizontal ground acceleration vector between {levels.min():g} and {levels.max():g} m/s² and rotated to "
         f"{frame['azimuth_deg'].nunique()} azimuths{several}. Contact followed Coulomb friction "
         f"(coefficient {friction}) and Newtonian restitution ({restitution})."
     )
@@ -91,7 +92,7 @@ def _engine(content: Content) -> str:
         f"Each of {len(frame):,} combinations was integrated in six degrees of freedom in the frame of the pedestal "
         f"with toppling {told.get('toppling', version('toppling'))} (physics version {physics}, preset {presets}) on "
         f"{engines}, following Veeraraghavan et al. (2017); {answered:,} had an answer. "
-        "A rock counts as toppled from when it cannot come back."
+        "A rock counts as toppled once it cannot come back."
     )
 
 
@@ -105,13 +106,13 @@ def _statistics(content: Content) -> str:
     reasons = ["a hazard deaggregation"] if records_weight(content.frame) is not None else []
     if stood := content.run.stood():
         reasons.append(
-            f"how likely the rock stands {' and '.join(one.record_id for one in stood.motions)}, which it is known to "
-            f"have stood, on each drawn base ({stood.shakes} shakings of each)"
+            f"the probability that the rock stands {' and '.join(one.record_id for one in stood.motions)}, which it is "
+            f"known to have survived, on each drawn base ({stood.shakes} shakings of each)"
         )
     weighted = f", weighted by {' and by '.join(reasons)}" if reasons else ""
     return (
         f"Toppling probabilities are shares of the jobs with an answer{weighted}; their 95 % intervals are Wilson's "
-        "(1927) with the number of distinct records as trials, since scaled and turned copies of one record are not "
+        "(1927) with the number of distinct records as trials, since scaled and rotated copies of one record are not "
         "independent. Fragility curves are lognormal, by maximum likelihood (Baker, 2015), with 95 % intervals from "
         f"{content.samples} bootstrap samples of records. Measures of intensity are ranked by the log loss of "
         "predictions for records left out of the fit."

@@ -39,11 +39,11 @@ from toppling.results.hunted import SKIPPED
 from toppling.results.stood import records_weight, sentences, told_of
 
 FAR_SHAKEN = 10.0
-"""Medians above so many times the strongest shaken value are no numbers: nothing was shaken anywhere near."""
+"""Medians above this multiple of the strongest shaken value are not printed: nothing was shaken near them."""
 _FAR_WORDS = "far beyond what was shaken"
 
 MOST_RECORDS = 150
-"""Rows of the table of records: of more, those that topple the rock most often are shown."""
+"""Largest number of rows in the table of records; those that topple the rock most often are shown."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class Section:
     ----------
     title : str
     write : callable
-        From the content and the document, which numbers figures and tables, to HTML; empty leaves the section out.
+        From the content and the document, which numbers figures and tables, to HTML; empty omits the section.
     """
 
     title: str
@@ -62,7 +62,7 @@ class Section:
 
 
 def scene_section(content: Content, document: Document) -> str:
-    """Picture of the rock and what was measured of it."""
+    """Picture and measurements of the rock."""
     table, parts = content.run.scene(), []
     if table is None:
         return "<p>The run holds no scene.</p>"
@@ -97,20 +97,21 @@ def scene_section(content: Content, document: Document) -> str:
 
 
 def records_section(content: Content, document: Document) -> str:
-    """Records with what they did, and their figure."""
+    """Records with their effect, and their figure."""
     frame = content.frame
     used = frame.drop_duplicates("record_id")
     lines = [paragraph(f"{len(used):,} records of {used['event'].nunique():,} named earthquakes.")]
     if (weight := records_weight(frame)) is not None:
         least, most = weight[used.index].min(), weight[used.index].max()
         lines.append(
-            f"<p>The records are weighted by a hazard deaggregation, from {least:.3g} to {most:.3g} of an even share: "
-            "maps and fits count each by its weight.</p>"
+            f"<p>The records are weighted by a hazard deaggregation, from {least:.3g} to {most:.3g} times an equal "
+            "share, in maps and fits.</p>"
         )
     if content.ensemble is not None:
         caption = (
             "The records as recorded. Left: response spectra (RotD50, 5 % damping) with median and 16 and 84 % "
-            "quantiles; middle: PGA against PGV/PGA; right: magnitude against distance. Triangles at the edge: beyond."
+            "quantiles; middle: PGA against PGV/PGA; right: magnitude against distance. Triangles at the edge: "
+            "outside the axes."
         )
         lines.append(document.figure(partial(records_figure, content.ensemble), caption))
     answered = frame.groupby("record_id")["toppled"]
@@ -123,13 +124,13 @@ def records_section(content: Content, document: Document) -> str:
     shown = told.head(MOST_RECORDS)
     order = [name for name in shown.columns if name not in ("jobs", "toppled")]
     shown = shown[[*order, "jobs", "toppled"]].rename(columns={"record_id": "record"})
-    caption = f"Records as recorded{some}: jobs with an answer that each shook, and those that it toppled."
+    caption = f"Records as recorded{some}: answered jobs of each, and those that toppled."
     lines.append(document.table(shown, caption))
     return "".join(lines)
 
 
 def _as_recorded(catalogue: pd.DataFrame) -> pd.DataFrame:
-    """Columns of the catalogue that a person reads, with their units."""
+    """Readable columns of the catalogue, with their units."""
     names = {
         "record_id": "record_id", "event": "event", "station": "station", "magnitude": "magnitude",
         "distance_km": "distance (km)", "pga_m_s2": "PGA (m/s²)", "pgv_m_s": "PGV (m/s)",
@@ -141,7 +142,7 @@ def _as_recorded(catalogue: pd.DataFrame) -> pd.DataFrame:
 
 
 def maps_section(content: Content, document: Document) -> str:
-    """Maps of each contact, two a row, and where the rock topples to."""
+    """Maps of each contact, two per row, and where the rock topples to."""
     return "".join(_maps_of(content, one, document) for one in content.contacts)
 
 
@@ -184,12 +185,12 @@ def _map_by_direction(contact: Contact, plane: Plane, width_in: float) -> Figure
 
 
 def friction_section(content: Content, document: Document) -> str:
-    """Each friction against the greatest; nothing where there is one."""
+    """Each friction against the highest; empty if there is only one."""
     parts = []
     for surroundings, table, pairs in compare_frictions(content.frame, PLANES["pga_pgv"]):
         caption = (
-            "Toppling probability of the cells of PGA and PGV under one friction against another, of the same jobs "
-            "shaken with both. Dashed: no difference."
+            "Toppling probability in cells of PGA and PGV with one friction against another, for the same jobs shaken "
+            "with both. Dashed: no difference."
         )
         draw = partial(friction_figure, table, pairs)
         parts.append(heading(surroundings, 3) + document.figure(draw, caption))
@@ -206,7 +207,7 @@ def _fits_of(content: Content, contact: Contact, document: Document) -> str:
     if contact.toppled < fits.FEW_TOPPLED:
         return title + paragraph(
             f"Too few topplings: {contact.toppled} of {len(contact.known):,} jobs, fewer than {fits.FEW_TOPPLED}. "
-            "No curve is drawn and no measure ranked; shake stronger, or with more records."
+            "No curve is drawn and no measure is ranked; shake more strongly, or with more records."
         )
     summary = fits.summary([one for one, _ in contact.models], [drawn for _, drawn in contact.models])
     parts = [title, verdict(contact.ranking)]
@@ -230,14 +231,14 @@ def _fits_of(content: Content, contact: Contact, document: Document) -> str:
         ),
         "<p>Intervals (95 %) come from the bootstrap samples of records that have a fit; the others have none: "
         f"their answers are separated, or there are fewer than {fits.LEAST_RECORDS} records. "
-        "Below some 20 records the intervals are too narrow. "
-        f"What is {_FAR_WORDS} lies above {FAR_SHAKEN:g} times the strongest shaken, where the jobs say nothing.</p>",
+        "With fewer than about 20 records the intervals are too narrow. "
+        f"Values {_FAR_WORDS} exceed {FAR_SHAKEN:g} times the strongest shaking, where the jobs say nothing.</p>",
     ]
     return "".join(parts)
 
 
 def _ranking_table(ranking: pd.DataFrame) -> pd.DataFrame:
-    """The ranking in words, to the digits that the records bear."""
+    """The ranking in words, to significant digits."""
     table = pd.DataFrame({"measure": [short_name(name) for name in ranking["measures"]]})
     names = {"brier": "Brier score", "log_loss": "log loss", "auc": "area under ROC", "worse_by": "log loss above best",
              "worse_by_low": "from", "worse_by_high": "to"}  # fmt: skip
@@ -248,7 +249,7 @@ def _ranking_table(ranking: pd.DataFrame) -> pd.DataFrame:
 
 
 def fit_table(summary: pd.DataFrame, known: pd.DataFrame) -> pd.DataFrame:
-    """Fits as the page shows them: without medians that lie far beyond what was shaken."""
+    """Fits as the page shows them, without medians far beyond what was shaken."""
     strongest = [float(known[name].max()) for name in summary["measures"]]
     far = {
         name: summary[name].astype(float) > [FAR_SHAKEN * value for value in strongest]
@@ -275,7 +276,7 @@ def fit_table(summary: pd.DataFrame, known: pd.DataFrame) -> pd.DataFrame:
 
 
 def _with_interval(numbers: Iterable[float], beyond: Iterable[bool]) -> str:
-    """A number with its interval, in words where it lies far beyond what was shaken."""
+    """A number with its interval, in words if it is far beyond what was shaken."""
     told = [_FAR_WORDS if far else _three_digits(one) for one, far in zip(numbers, beyond, strict=True)]
     return f"{told[0]} ({told[1]} to {told[2]})" if told[1] and told[2] else told[0]
 
@@ -284,22 +285,22 @@ def verdict(ranking: pd.DataFrame) -> str:
     """Whether this rock agrees with the study, which says that PGV governs toppling."""
     singles = ranking[~ranking["measures"].str.contains("+", regex=False)].dropna(subset=["log_loss"])
     if not len(singles):
-        return "<p>No measure has a fit out of fold: too few records, or separated answers.</p>"
+        return "<p>No measure has an out-of-fold fit: too few records, or separated answers.</p>"
     best = singles["measures"].iloc[0]
     agrees = (
-        "as the study says of its rock" if best == "pgv_m_s" else "unlike the study's rock, where it was PGV"
+        "as for the study's rock" if best == "pgv_m_s" else "unlike for the study's rock, where it was PGV"
     )
     return (
-        f"<p>Of the single measures {safe(short_name(best))} predicts records it was not fitted to best, {agrees}. "
-        "A difference in log loss whose interval includes 0 decides nothing.</p>"
+        f"<p>Of the single measures, {safe(short_name(best))} best predicts records left out of the fit, {agrees}. "
+        "A difference in log loss whose interval includes 0 is not significant.</p>"
     )
 
 
 def constraint_section(content: Content, document: Document) -> str:
-    """What the standing rock says of a single event, of rates, and of hazard curves."""
+    """What the standing rock says about a single event, rates, and hazard curves."""
     event = content.single_event
     if event is None or content.standing is None:
-        return paragraph("Without a fragility curve the standing rock constrains nothing.")
+        return paragraph("Without a fragility curve the standing rock gives no constraint.")
     measure = event["measure"]
     unit, ends = printed_unit(measure), (event["unexceeded_low"], event["unexceeded_high"])
     interval = (
@@ -307,22 +308,22 @@ def constraint_section(content: Content, document: Document) -> str:
     )
     parts = [
         paragraph(
-            f"At {100 * CONFIDENCE:g} % confidence no single event since the rock has stood as it does exceeded a "
-            f"{short_name(measure)} of {event['unexceeded']:.3g} {unit}{interval} ({content.chief.words})"
+            f"At {100 * CONFIDENCE:g} % confidence no single event since the rock acquired its present shape has "
+            f"exceeded a {short_name(measure)} of {event['unexceeded']:.3g} {unit}{interval} ({content.chief.words})"
             f"{', ' if content.extrapolated else ''}{content.extrapolated}."
         )
     ]
     if content.bound is None:
         parts.append(
-            "<p>No age was given: with one (<code>--age 15000..30000</code>) rates of exceedance are rejected, with "
-            "hazard curves (<code>--hazard FILE</code>) their survival is told.</p>"
+            "<p>No age was given. With one (<code>--age 15000..30000</code>) the report rejects rates of exceedance, "
+            "and tests hazard curves (<code>--hazard FILE</code>).</p>"
         )
         return "".join(parts)
     rocks, bound, verdicts = [content.standing], content.bound, content.verdicts
     caption = (
         f"Annual rates of exceedance of {short_name(measure)} that the rock, {ages_words(rocks)}, rejects at "
-        f"{100 * CONFIDENCE:g} % whatever the rest of a hazard curve (grey), and the curves asked about. A curve "
-        "outside of the grey can be rejected too, by all its rates together."
+        f"{100 * CONFIDENCE:g} % whatever the rest of a hazard curve (grey), and the given curves. A curve outside the "
+        "grey can also be rejected, by all its rates together."
     )
     draw = partial(constraint_figure, bound, content.branches, CONFIDENCE, verdicts, rocks)
     parts.append(document.figure(lambda _: draw(), caption, HALF_WIDTH_IN))
@@ -338,7 +339,8 @@ def constraint_section(content: Content, document: Document) -> str:
         })  # fmt: skip
         parts.append(
             document.table(
-                shown, "Probability that the rock survives under each hazard curve, and what follows."
+                shown,
+                "Probability that the rock survives under each hazard curve, and the resulting weights.",
             )
         )
     return "".join(parts)
@@ -361,7 +363,7 @@ def failures_section(content: Content, document: Document) -> str:
 
 
 def provenance_section(content: Content, document: Document) -> str:  # noqa: ARG001  (as every section)
-    """The program's version, campaign and run as they lie in the folder."""
+    """The program's version, and campaign and run as stored in the folder."""
     parts = [paragraph(f"Page written by toppling {version('toppling')}.")]
     for name in ("campaign.toml", "run.json"):
         path = content.run.path / name

@@ -23,7 +23,7 @@ BROWSERS = (
     "microsoft-edge",
 )
 PRINTING_S = 300.0
-"""Longest that a browser may take to print."""
+"""Time limit for a browser to print."""
 
 
 def report_page(content: Content, advance: Callable[[str], object] = lambda _: None) -> str:
@@ -63,7 +63,7 @@ def write_page(text: str, target: Path) -> Path:
 
 
 def write_pdf(text: str, target: Path) -> Path:
-    """Print the page to PDF, with WeasyPrint where it is installed, else with a browser without a window.
+    """Print the page to PDF, with WeasyPrint if it is installed, else with a headless browser.
 
     Raises
     ------
@@ -83,7 +83,7 @@ def _printed_by_browser(text: str, target: Path) -> Path:
     browser = next(filter(None, map(shutil.which, BROWSERS)), None)
     if browser is None:
         raise InputError(
-            "nothing here prints to PDF",
+            "no program that prints to PDF is installed",
             where=str(target),
             expected="WeasyPrint, or Chromium, Chrome or Edge on the PATH",
             remedy="'pip install weasyprint' (it needs the system library Pango), or print the page from a browser",

@@ -52,7 +52,7 @@ def test_a_campaign_that_shakes_one_of_many_possible_bases_is_told_so():
         ([1.6, LEAST_M_S2 - 0.01], [0.8], "below the least constant acceleration"),
         ([2, 8], [0.8, 35], r"is it in degrees? tan(35°) is 0.7"),
         ([2, 8], [1.7], "rock on rock has 0.6 to 1.0"),
-        ([2, 8], [0.3], "slides before it tips"),
+        ([2, 8], [0.3], "slides in every direction before it tips"),
     ],
 )
 def test_each_slip_is_told_once(levels, friction, told):
@@ -85,7 +85,7 @@ def test_many_topplings_at_the_lowest_level_ask_for_lower_ones():
 
 def test_a_rise_between_two_levels_asks_for_levels_between_them():
     (told,) = suggestions([Share(1, 50, 0), Share(3, 50, 1), Share(6, 50, 49), Share(9, 50, 50)])
-    assert told.endswith("add some between 3 and 6 m/s2")
+    assert told.endswith("add levels between 3 and 6 m/s2")
 
 
 @given(st.lists(st.tuples(st.integers(1, 50), st.floats(0, 1)), min_size=1, max_size=12))

@@ -207,8 +207,8 @@ def test_a_seismogram_that_was_processed_is_said_to_be(scene, tmp_path, word, to
         "check", scene, tmp_path / "simulated.txt", "--metadata", tmp_path / "table.csv", "--neighbours", 0
     )
     assert done.exit_code == 0, done.output
-    assert ("A is not as it came" in done.stderr) is told_so
-    assert f"1 of 2 rows of {tmp_path / 'table.csv'} name no file that was given" in done.stderr
+    assert ("A was uncorrected or drifting, and has been processed" in done.stderr) is told_so
+    assert f"1 of 2 rows of {tmp_path / 'table.csv'} name files that were not given" in done.stderr
 
 
 def test_a_table_of_files_is_refused_where_only_ensembles_are_given(scene, tmp_path):
@@ -216,7 +216,7 @@ def test_a_table_of_files_is_refused_where_only_ensembles_are_given(scene, tmp_p
     (tmp_path / "table.csv").write_text("h1,h2\nx,y\n")
     done = told("check", scene, tmp_path / "motions", "--metadata", tmp_path / "table.csv")
     assert done.exit_code == 2
-    assert "--metadata is a table of files" in done.stderr
+    assert "--metadata describes files" in done.stderr
 
 
 def test_a_folder_without_seismograms_is_refused(scene, tmp_path):

@@ -25,13 +25,13 @@ def test_what_the_answers_are_made_of_is_found(main):
     assert told["probability below 0.2 for PGA < 3 m/s2 and PGV < 0.75 m/s"].agrees is True
     assert told["toppling PGA falls with PGV/PGA"].agrees is True
     assert told["toppling PGV hardly depends on duration"].agrees is not False
-    assert told["topplings gather around the overhang"].agrees is True
+    assert told["topplings cluster around the overhang"].agrees is True
     assert told["about half of the records lack strong directionality"].agrees is False
-    assert told["lower friction, more toppling"].agrees is None
+    assert told["lower friction gives more toppling"].agrees is None
 
 
 def test_an_overhang_elsewhere_is_a_disagreement(main):
-    finding = found(main, weakest_deg=90.0)["topplings gather around the overhang"]
+    finding = found(main, weakest_deg=90.0)["topplings cluster around the overhang"]
     assert finding.agrees is False
     assert "this rock disagrees" in finding.line
 
@@ -40,10 +40,10 @@ def test_lower_friction_is_told_by_pairs(main):
     lower = pd.DataFrame(rows(records=40, azimuths=(0.0, 90.0), friction=0.6)).astype({"toppled": "boolean"})
     more = lower.assign(toppled=lower["toppled"] | (lower["level_pga_m_s2"] > 8))
     both = pd.concat([main, more], ignore_index=True)
-    assert found(main, both)["lower friction, more toppling"].agrees is True
+    assert found(main, both)["lower friction gives more toppling"].agrees is True
     fewer = lower.assign(toppled=lower["toppled"] & (lower["level_pga_m_s2"] > 12))
     both = pd.concat([main, fewer], ignore_index=True)
-    assert found(main, both)["lower friction, more toppling"].agrees is False
+    assert found(main, both)["lower friction gives more toppling"].agrees is False
 
 
 def test_reference_lines_in_some_directions_only_are_not_in_every_one(main):

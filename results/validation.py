@@ -84,7 +84,9 @@ def scores(overturned: Truths, probability: Array) -> dict[str, Any]:
 def intervals(
     overturned: Truths, probability: Array, group: NDArray[Any], seed: int = 0
 ) -> dict[str, list[float | None]]:
-    """Intervals of 95 % of the scores, by drawing records anew."""
+    """Intervals of 95 % of the scores, by drawing records anew; none of tests of one record."""
+    if len(np.unique(group)) < 2:
+        return {}
     random = np.random.default_rng(seed)
     of_group = [np.flatnonzero(group == name) for name in np.unique(group)]
     drawn = []
@@ -201,7 +203,14 @@ def simple_rules(intensity: pd.DataFrame, overturned: Truths, group: NDArray[Any
         pga_m_s2, pgv_m_s and pgv_pga_s of each test.
     overturned : (tests,) array of bool
     group : (tests,) array
+
+    Returns
+    -------
+    dict
+        By the rule's name; empty where all tests are of one record.
     """
+    if len(np.unique(group)) < 2:
+        return {}
     pga, ratio = (np.log(intensity[name].to_numpy()) for name in ("pga_m_s2", "pgv_pga_s"))
     linear = np.column_stack([pga, ratio])
     quadratic = np.column_stack([pga, ratio, pga**2, pga * ratio, ratio**2])
@@ -233,7 +242,7 @@ def table(rows: Mapping[str, Mapping[str, Any]]) -> pd.DataFrame:
         "calibration_slope",
     )
     frame = pd.DataFrame([{"who": who, **{name: row[name] for name in names}} for who, row in rows.items()])
-    return frame.set_index("who")
+    return frame.set_index("who").astype({name: float for name in names[1:]})
 
 
 def _quantiles(drawn: list[dict[str, Any]], low: float, high: float) -> dict[str, list[float | None]]:

@@ -27,6 +27,10 @@ from toppling.models.motions.shaketable_raw import is_raw, raw_motions, raw_test
 TESTS, MOTIONS = "tests.csv", "motions.parquet"
 ALONG_X_DEG = (0.0, 90.0)
 """The table's axis is x: which way it points in the mesh's frame is the campaign's to say."""
+UNKNOWN_RECORD = "unknown record"
+"""Tests whose record is not known count as one record: none of them may tell of another."""
+END_S, STILL_SHARE = 0.25, 0.15
+"""A table has come to rest if its last motion (root mean square) is less than this share of the peak."""
 
 
 @dataclass(frozen=True)
@@ -70,6 +74,22 @@ class Experiment:
     tests: tuple[Test, ...]
     motions: tuple[Motion, ...]
     without_motion: int
+
+    @property
+    def warnings(self) -> list[str]:
+        """What may be wrong with the files, in sentences."""
+        told = []
+        unknown = [test.test_no for test in self.tests if test.ground_motion == UNKNOWN_RECORD]
+        if unknown:
+            told.append(
+                f"which record the table followed is not known of {named(unknown)}, which count as one record: "
+                "give a column ground_motion in tests.csv, or 'Ground Motion' in the workbook of records"
+            )
+        pairs = zip(self.tests, self.motions, strict=True)
+        moving = [test.test_no for test, motion in pairs if not _ends_at_rest(motion)]
+        if moving:
+            told.append(f"the table still moves at the end of {named(moving)}: is the file cut off?")
+        return told
 
     def records(self) -> Iterator[Record]:
         """The tests' motions, measured."""
@@ -151,7 +171,20 @@ def _test(row: Mapping[str, Any], outcome: str) -> Test:
     }
     if row[outcome] not in (0, 1):
         raise InputError(f"{row[outcome]!r}", where=where, expected="0 or 1", remedy="correct the table")
-    return Test(number, str(row.get("ground_motion") or f"test {number}"), row[outcome] == 1, predicted)
+    return Test(number, str(row.get("ground_motion") or UNKNOWN_RECORD), row[outcome] == 1, predicted)
+
+
+def named(test_numbers: list[int], most: int = 8) -> str:
+    """Tests by their numbers, the first few of many."""
+    shown = ", ".join(str(number) for number in test_numbers[:most])
+    more = f" and {len(test_numbers) - most} more" if len(test_numbers) > most else ""
+    return f"test{'s' * (len(test_numbers) > 1)} {shown}{more}"
+
+
+def _ends_at_rest(motion: Motion) -> bool:
+    along = motion.acceleration_m_s2[:, 0]
+    last = along[-max(round(END_S / motion.time_step_s), 1) :]
+    return bool(np.sqrt((last**2).mean()) <= STILL_SHARE * np.abs(along).max())
 
 
 def _is_known(value: object) -> bool:

@@ -9,6 +9,7 @@ fused by complementary filters. The constants were found by comparison with fuse
 from __future__ import annotations
 
 import re
+import warnings
 import zipfile
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -32,6 +33,7 @@ KEPT_EVERY = 2
 """Samples, of those filtered to the band."""
 ACCELERATION, DISPLACEMENT = 1, 5
 """Columns of the text file."""
+LEAST_SAMPLES = 100
 LARGEST_SHEET_BYTES = 50_000_000
 
 Array = NDArray[np.float64]
@@ -61,15 +63,21 @@ def raw_motion(path: Path) -> Motion:
         If the file does not hold the columns of four channels.
     """
     try:
-        columns = np.loadtxt(path, skiprows=1, usecols=(0, ACCELERATION, DISPLACEMENT), ndmin=2)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # of an empty file, which is told below
+            columns = np.loadtxt(path, skiprows=1, usecols=(0, ACCELERATION, DISPLACEMENT), ndmin=2)
     except (ValueError, IndexError, OSError, UnicodeDecodeError) as error:
-        raise _error(path, f"cannot be read ({error})") from None
+        short = re.search(r"at row (\d+) with", str(error))
+        what = f"line {int(short[1]) + 1} is cut off" if short else f"cannot be read ({error})"
+        raise _error(path, what) from None
+    if len(columns) < LEAST_SAMPLES:
+        raise _error(path, f"{len(columns)} samples, fewer than {LEAST_SAMPLES}")
     time_s = columns[:, 0]
-    step_s = round(float((time_s[-1] - time_s[0]) / max(len(columns) - 1, 1)), 6)
+    step_s = round(float((time_s[-1] - time_s[0]) / (len(columns) - 1)), 6)
     even_s = time_s[0] + step_s * np.arange(len(columns))
     # Times are printed with six digits.
-    if len(columns) < 100 or not np.isfinite(columns).all() or np.abs(time_s - even_s).max() > 0.5 * step_s:
-        raise _error(path, f"{len(columns)} samples, or not at equal times")
+    if not np.isfinite(columns).all() or np.abs(time_s - even_s).max() > 0.5 * step_s:
+        raise _error(path, "values that are no numbers, or samples not at equal times")
     along = fused_m_s2(columns[:, 1] * STANDARD_GRAVITY_M_S2, columns[:, 2] * METRES_A_COUNT, step_s)
     return Motion(np.outer(along[::KEPT_EVERY], [1.0, 0.0, 0.0]), KEPT_EVERY * step_s)
 

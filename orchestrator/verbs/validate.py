@@ -113,6 +113,15 @@ def validate(
     mesh = mesh if mesh.exists() else folder / mesh
     with console.status("reading tests"):
         experiment = read_experiment(folder, outcome)
+    for warning in experiment.warnings:
+        click.echo(f"warning: {warning}", err=True)
+    if learn and len({test.ground_motion for test in experiment.tests}) < 2:
+        raise InputError(
+            "all tests follow one record",
+            where=str(folder),
+            expected="two records or more: each is predicted from the others",
+            remedy="leave --learn out, or give the record of each test (docs/validation.md)",
+        )
     wanted = Wanted(engine, preset, draws, error, seed)
     place = out or Path("validation") / f"{mesh.stem}-{engine}-{preset}"
     with Progress(console=console, transient=True) as progress:
@@ -223,7 +232,12 @@ def _rows(told: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
 
 def _words(told: Mapping[str, Any], place: Path) -> str:
     lines = [table(_rows(told)).to_string(float_format="{:.3f}".format, na_rep="-"), ""]
-    lines.append("95 % over records: " + _ends(told["intervals"]))
+    if told["intervals"]:
+        lines.append("95 % over records: " + _ends(told["intervals"]))
+    else:
+        lines.append(
+            "all tests follow one record: no intervals over records, no rules fitted to other records"
+        )
     if told["were_a_draw_true"]:
         lines.append("90 % if a draw were the specimen: " + _ends(told["were_a_draw_true"]))
     counts = told["confusion"]

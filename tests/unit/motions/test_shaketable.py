@@ -131,3 +131,25 @@ def test_a_text_file_of_unequal_times_is_refused(tmp_path):
     (tmp_path / "Test4.txt").write_text("\n".join(lines[:2000] + lines[2600:]))
     with pytest.raises(InputError, match="equal times"):
         read_experiment(tmp_path, "sp2_overturned")
+
+
+def test_a_text_file_that_is_cut_off_is_told_wherever_the_cut_is(tmp_path):
+    raw_folder(tmp_path)
+    lines = (tmp_path / "Test4.txt").read_text().splitlines()
+    (tmp_path / "Test4.txt").write_text("\n".join(lines[:5000]))
+    assert "at the end of test 4:" in " ".join(read_experiment(tmp_path, "sp2_overturned").warnings)
+    (tmp_path / "Test4.txt").write_text("\n".join(lines[:5000]) + "\n6.2")
+    with pytest.raises(InputError, match="line 5001 is cut off"):
+        read_experiment(tmp_path, "sp2_overturned")
+    (tmp_path / "Test4.txt").write_text("Time\n")
+    with pytest.raises(InputError, match="0 samples"):
+        read_experiment(tmp_path, "sp2_overturned")
+
+
+def test_tests_of_unknown_records_count_as_one_record(tmp_path):
+    raw_folder(tmp_path)
+    assert read_experiment(tmp_path, "sp2_overturned").warnings == []
+    (tmp_path / "Records.xlsx").unlink()
+    read = read_experiment(tmp_path, "sp2_overturned")
+    assert len({test.ground_motion for test in read.tests}) == 1
+    assert "not known of tests 4, 11" in " ".join(read.warnings)

@@ -151,3 +151,10 @@ def test_a_specimen_from_the_distribution_drawn_from_scores_as_its_draws_would()
     assert all(abs(count - 90) <= 10 for count in held.values())
     elsewhere = scores(strength > 2.9, probability)
     assert elsewhere["brier"] > said["brier"][1]
+
+
+def test_tests_of_one_record_have_neither_rules_nor_intervals():
+    overturned, group = np.array([True, False, True]), np.array(["record"] * 3)
+    intensity = pd.DataFrame({name: [1.0, 2.0, 3.0] for name in ("pga_m_s2", "pgv_m_s", "pgv_pga_s")})
+    assert simple_rules(intensity, overturned, group) == {}
+    assert intervals(overturned, np.array([0.9, 0.2, 0.6]), group) == {}

@@ -9,14 +9,17 @@ README = (ROOT / "README.md").read_text()
 
 
 def column(page, name):
-    """Numbers of one column of a page's table, by the beginning of the column's name."""
+    """Numbers of one column of all tables of a page that have it, by the beginning of the column's name."""
     text = (ROOT / "docs" / page).read_text()
-    head = re.search(rf"^\|.*\| {name}.*$", text, re.M)
-    assert head, f"{page} has no table with a column '{name}'"
-    lines = text[head.start() :].splitlines()
-    rows = [line.strip("|").split("|") for line in takewhile(lambda line: line.startswith("|"), lines)]
-    place = next(place for place, told in enumerate(rows[0]) if told.strip().startswith(name))
-    found = [re.search(r"-?[\d.]+", row[place]) for row in rows[2:]]
+    heads = list(re.finditer(rf"^\|.*\| {name}.*$", text, re.M))
+    assert heads, f"{page} has no table with a column '{name}'"
+    cells = []
+    for head in heads:
+        lines = text[head.start() :].splitlines()
+        rows = [line.strip("|").split("|") for line in takewhile(lambda line: line.startswith("|"), lines)]
+        place = next(place for place, told in enumerate(rows[0]) if told.strip().startswith(name))
+        cells += [row[place] for row in rows[2:]]
+    found = [re.search(r"-?[\d.]+", cell) for cell in cells]
     return [abs(float(one.group())) for one in found if one and any(map(str.isdigit, one.group()))]
 
 

@@ -40,6 +40,9 @@ STILL_MOVES = 1e-2
 """Share of gravity's velocity in a step: a contact whose points all move along the plane by less has stopped, however
 much its friction holds up. The solver leaves a contact that sticks up to a tenth of it."""
 
+COLD_ITERATIONS = 200
+"""Of the contact solver in the first step of a new state, at least."""
+
 WORLD = np.dtype(
     [
         ("client", "i8"),  # address of Bullet's client
@@ -51,6 +54,7 @@ WORLD = np.dtype(
         ("cold", "i8"),  # whether the next step is the first in a new state
         ("iterations", "i8"),
         ("cold_iterations", "i8"),
+        ("residual_share", "f8"),  # of the impulse: the solver stops once none changes by more
         ("impulse_m_s", "f8"),  # velocity that gravity gives in a step
         ("near_share", "f8"),  # of R: within it contacts are prepared, unless told otherwise
         ("axes_rad", "f8"),
@@ -146,7 +150,7 @@ def place(
     client = world.client
     command = _parameters(client)
     _set_near(command, near_share)
-    _set_iterations(command, max(world.cold_iterations, world.iterations))
+    _set_iterations(command, world.cold_iterations)
     _submit(client, command)
     world.cold = 1
     command = _pose(client, world.rock)
@@ -267,10 +271,8 @@ def rebound(
 
 
 @inner
-def configure(
-    world: Any, impulse_m_s: float, near_share: float, rebound_from_m_s: float, residual_share: float
-) -> None:
-    """Suit the world to steps in which gravity gives this velocity.
+def configure(world: Any, impulse_m_s: float, near_share: float, rebound_from_m_s: float) -> None:
+    """Suit the world to steps in which gravity gives this velocity; its contact sticks until it slips.
 
     Parameters
     ----------
@@ -280,19 +282,13 @@ def configure(
         Of R: within it contacts are prepared, unless told otherwise.
     rebound_from_m_s : float
         Impacts slower than this do not rebound.
-    residual_share : float
-        Of the impulse: the solver stops once none changes by more.
     """
     world.impulse_m_s, world.near_share = impulse_m_s, near_share
     command = _parameters(world.client)
-    _set_residual(command, (residual_share * impulse_m_s) * (residual_share * impulse_m_s))
+    residual = world.residual_share * impulse_m_s
+    _set_residual(command, residual * residual)
     _set_rebound_from(command, rebound_from_m_s)
     _submit(world.client, command)
-
-
-@inner
-def let_stick(world: Any) -> None:
-    """Give the contact its static friction, as it has before it slips."""
     world.grip_x = world.grip_y = world.grip_z = 0.0
     set_friction(world, world.friction_static)
 
@@ -627,4 +623,5 @@ def configure_for(world: NDArray[np.void], surface: ContactProperties, solver: S
     """Give a world (1,) the contact's properties and the solver's limits."""
     world["friction_static"], world["friction_kinetic"] = surface.friction_static, surface.friction_kinetic
     world["restitution"] = surface.restitution
-    world["iterations"], world["cold_iterations"] = solver.iterations, solver.cold_iterations
+    world["iterations"], world["residual_share"] = solver.iterations, solver.residual_share
+    world["cold_iterations"] = max(solver.iterations, COLD_ITERATIONS)

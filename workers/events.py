@@ -67,19 +67,6 @@ def moved(pose: Array, velocity: Array, time_s: float, out: Array) -> None:
 
 
 @compiled
-def height_correction_m(gap_m: Array, offset_m: Array, aloft_m: float, penetrating_m: float) -> float:
-    """Way up that brings the lowest point to the centripetal offset of its step; 0 where the rock is aloft.
-
-    In a steady step a point that carries leaves the plane along its tangent, by half of (step)^2 times its centripetal
-    acceleration, and the next step takes that back. After a change of step the offset is another one.
-    """
-    lowest = np.inf
-    for i in range(len(gap_m)):
-        lowest = min(lowest, gap_m[i] - offset_m[i])
-    return -lowest if -aloft_m < -lowest < penetrating_m else 0.0
-
-
-@compiled
 def time_to_contact_s(
     point_m: Array,
     pose: Array,

@@ -9,7 +9,7 @@ from toppling.workers import sticking
 from toppling.workers.compiled import inner
 from toppling.workers.events import centripetal_m_s2, gap_rates_m_s, time_to_contact_s
 from toppling.workers.quaternion import to_body, to_world
-from toppling.workers.simulation import Array, Flags, Simulation, gaps_of, velocity_increment_m_s
+from toppling.workers.simulation import Array, Flags, Simulation, gaps_of, touching_m, velocity_increment_m_s
 
 LOOKED_AHEAD = 1.2
 """Times the rest of the step: points that come down so far at their present speed may land within it."""
@@ -35,13 +35,13 @@ def velocity_over(
     Returns
     -------
     held : bool
-        False where a point slips, and where the engine is to solve the contacts anyway.
+        False where a point slips.
     contact_s : float
         `left_s` if no point lands before.
     """
-    state, numbers = sim.state[0], sim.numbers
+    state = sim.state[0]
     last, world = state.last, sim.worlds[state.world]
-    if not numbers.direct or world.friction != world.friction_static:
+    if world.friction != world.friction_static:
         return False, left_s
     pose, since_s = sim.pose[last], sim.time_s[last] - sim.velocity_time_s[last]
     gap = gaps_of(sim, pose)
@@ -49,7 +49,7 @@ def velocity_over(
     gap_rates_m_s(sim.points_m, pose, sim.velocity[last], rate)
     centripetal_m_s2(sim.points_m, pose, sim.velocity[last], least)
     for i in range(len(gap)):
-        near[i] = sim.carries[i] or gap[i] < numbers.touching_m
+        near[i] = sim.carries[i] or gap[i] < touching_m(sim)
         if near[i] and -rate[i] > resolved_m_s:  # it has landed as the latest step ended
             return True, 0.0
         # So that the point comes to the surface on its arc; from below in a whole step, as less would throw it.
@@ -115,12 +115,12 @@ def held_velocity(
     for i in range(len(near)):
         if near[i]:
             points[k], bounds[k] = i, least[i]
-            carries[k], touches[k] = sim.carries[i], gap[i] < sim.numbers.touching_m
+            carries[k], touches[k] = sim.carries[i], gap[i] < touching_m(sim)
             x, y, z = to_world(sim.points_m[i, 0], sim.points_m[i, 1], sim.points_m[i, 2], pose)
             arms[k, 0], arms[k, 1], arms[k, 2] = x, y, z
             k += 1
     found, needed = sticking.solve(
-        arms, bounds, free, _mobility(sim, pose), touches, carries, sim.numbers.allowed_m_s, velocity
+        arms, bounds, free, _mobility(sim, pose), touches, carries, sim.allowed_m_s, velocity
     )
     if not found or needed > friction:
         state.slips_after = -1.0

@@ -10,21 +10,20 @@ from toppling.workers.engine_steps import solved_impact
 from toppling.workers.events import gap_rates_m_s
 from toppling.workers.held import held_velocity
 from toppling.workers.quaternion import to_world
-from toppling.workers.simulation import RAISED, Simulation, gaps_of
+from toppling.workers.simulation import RAISED, Simulation, gaps_of, touching_m
 
 
 @inner
 def resolve_impact(sim: Simulation) -> None:
     """Change the velocity of the latest pose as its touching points land: at once where they stick, else in a step."""
-    state, world = sim.state[0], sim.worlds[sim.state[0].world]
+    world = sim.worlds[sim.state[0].world]
     _reach_contact(sim)
-    state.impacts += 1
     sim.acceleration[:] = 0.0
     if world.friction_static != world.friction_kinetic and not sim.carries.any():
         # A rock in the air lands as one that slips if its lowest point moves along the plane.
         sliding = _lowest_slip_m_s(sim) > world.impulse_m_s
         engine.set_friction(world, world.friction_kinetic if sliding else world.friction_static)
-    if not (sim.numbers.direct and world.friction == world.friction_static and _sticks(sim)):
+    if not (world.friction == world.friction_static and _sticks(sim)):
         solved_impact(sim)
 
 
@@ -35,7 +34,7 @@ def _reach_contact(sim: Simulation) -> None:
     gap = gaps_of(sim, sim.pose[last])
     velocity, near, least = np.empty(6), sim.carries[: len(gap)].copy(), np.zeros(len(gap))
     lasting_s = sim.time_s[last] - sim.velocity_time_s[last]
-    if sim.numbers.direct and held_velocity(sim, sim.pose[last], lasting_s, near, least, velocity):
+    if held_velocity(sim, sim.pose[last], lasting_s, near, least, velocity):
         sim.velocity[last] = velocity
         sim.velocity_time_s[last] = sim.time_s[last]
         state.placed = min(state.placed, RAISED)
@@ -44,14 +43,14 @@ def _reach_contact(sim: Simulation) -> None:
 @inner
 def _sticks(sim: Simulation) -> bool:
     """Take from the points that touch what speed they land with, by Newton's law at each; whether none slips."""
-    state, last, numbers = sim.state[0], sim.state[0].last, sim.numbers
+    state, last = sim.state[0], sim.state[0].last
     restitution = sim.worlds[state.world].restitution
     gap = gaps_of(sim, sim.pose[last])
     velocity, near, least = np.empty(6), np.empty(len(gap), np.bool_), np.empty(len(gap))
     gap_rates_m_s(sim.points_m, sim.pose[last], sim.velocity[last], least)
     for i in range(len(gap)):
-        near[i] = sim.carries[i] or gap[i] < numbers.touching_m
-        least[i] = -restitution * least[i] if -least[i] > numbers.resolved_m_s else 0.0
+        near[i] = sim.carries[i] or gap[i] < touching_m(sim)
+        least[i] = -restitution * least[i] if -least[i] > sim.resolved_m_s else 0.0
     sim.carries[:] = False
     if not held_velocity(
         sim, sim.pose[last], sim.time_s[last] - sim.velocity_time_s[last], near, least, velocity

@@ -58,17 +58,11 @@ class MujocoIntegrator(Integrator):
         self._seat = self.sim.pose[0].copy() if problem.rests else None
         self._rest_speed_m_s = problem.rest_speed_m_s
         self._warm = np.zeros((1, 6))
-        self._taken = 0
         # The force on a unit mass from step middle to step middle, as a leapfrog needs it.
         middles_s = np.maximum(np.arange(math.ceil(motion.duration_s / step_s) + 2) - 0.5, 0.0) * step_s
         velocity = motion.velocity_at(middles_s) @ problem.contact.scene_from_support
         lasting_s = np.diff(middles_s)[:, None]
         self._forces = (self.sim.gravity_m_s2 * lasting_s - np.diff(velocity, axis=0)) / step_s
-
-    @property
-    def steps(self) -> int:
-        """Engine steps taken."""
-        return self._taken
 
     def advance(self, steps: int) -> None:
         """Go on by this many steps."""
@@ -83,8 +77,8 @@ class MujocoIntegrator(Integrator):
         sim.velocity[new, :3] = out[:, 8:11]
         sim.velocity[new, 3:] = _turned(sim.pose[new, 3:], out[:, 11:14])
         sim.state["last"], sim.state["grid"], sim.state["rests"] = first + steps, grid + steps, 0
-        sim.state["widest"] = sim.sets[-1]
-        self._taken += steps
+        sim.state["widest"] = len(sim.set_points) - 1
+        sim.state["engine_steps"] += steps
         if self._seat is not None and self._is_slow(first):
             self._sit_down()
 

@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 
 PASSES = 3
 
-PREPARED_STEPS, PREPARED_SHARE = ContactOptions.prepared_steps, 2e-5
+PREPARED_STEPS, PREPARED_SHARE = ContactOptions().prepared_steps, 2e-5
 """Contacts are prepared within the one times g (step)^2, and within the other share of R."""
 
 SOLVER = SolverOptions(iterations=200, residual_share=1e-3)
@@ -97,7 +97,6 @@ def _let_down(scene: Scene, pool: engine.EnginePool) -> Scene:
         scene.gravity_m_s2,
         gravity,
         step_s,
-        SOLVER.residual_share,
         pose,
     )
     relative = quat.matrix(quat.product(pose[3:], quat.inverse(contact.start_quaternion_xyzw)))
@@ -119,7 +118,6 @@ def _swing_out(
     gravity_m_s2: float,
     force_m_s2: Array,
     step_s: float,
-    residual_share: float,
     pose: Array,
 ) -> float:
     """Let a rock swing, and go at rest from the lowest point of each swing; its last speed, m/s, or 0 at rest."""
@@ -129,8 +127,7 @@ def _swing_out(
         (force_m_s2[0], force_m_s2[1], force_m_s2[2]),
     )
     near = max(PREPARED_STEPS * (impulse * step_s) / half_diagonal_m, PREPARED_SHARE)
-    engine.configure(world, impulse, near, 0.0, residual_share)
-    engine.let_stick(world)
+    engine.configure(world, impulse, near, 0.0)
     engine.place(world, pose, still, still, near, 0.0)
     strict = 3e-7 * half_diagonal_m  # the solver lets a rock at rest creep by a quarter of it
     previous, travel, before, velocity = np.inf, np.inf, pose.copy(), np.empty(6)

@@ -183,7 +183,7 @@ class Shaking:
         )
 
     def _seen(self, since: int) -> Observation:
-        shortest_s = self.integrator.sim.numbers.impact_step * self.integrator.sim.step_s
+        shortest_s = self.integrator.sim.impact.engine_step * self.integrator.sim.step_s
         return observe(self.integrator.sim, self.body, since, shortest_s)
 
 

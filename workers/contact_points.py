@@ -25,8 +25,6 @@ from toppling.models.scene import Scene
 from toppling.workers import quaternion
 
 Array = NDArray[np.float64]
-Pose = tuple[tuple[float, float, float], tuple[float, float, float, float]]
-"""Centre of mass, support frame, and attitude of the body frame as a quaternion (x, y, z, w)."""
 
 LARGEST_OPEN_TILT_DEG = 75.0
 """Beyond this tilt a rock's fate is no longer open; points that touch only later are left out."""
@@ -132,9 +130,9 @@ class ContactModel:
         return quaternion.from_matrix(self.support_from_body)
 
     @cached_property
-    def start_pose(self) -> Pose:
-        """The pose of the scene."""
-        return tuple(self.com_m.tolist()), tuple(self.start_quaternion_xyzw.tolist())
+    def start_pose(self) -> Array:
+        """The pose (7,) of the scene: centre of mass, support frame, and attitude of the body frame."""
+        return np.concatenate([self.com_m, self.start_quaternion_xyzw])
 
     def points_within(self, tilt_deg: float) -> int:
         """Number of the points that can touch up to a tilt; they come first."""
@@ -145,35 +143,14 @@ class ContactModel:
         cosines = self.support_from_body[2] @ _normals_body(quaternions_xyzw)
         return np.rad2deg(np.arccos(np.clip(cosines, -1.0, 1.0)))
 
-    def gaps_m(self, positions_m: Array, quaternions_xyzw: Array, points: int | None = None) -> Array:
-        """Clearance of contact points' spheres in a sequence of poses, negative where one has sunk in.
+    def gaps_m(self, pose: Array) -> Array:
+        """Clearance (n,) of the contact points' spheres in a pose (7,), negative where one has sunk in."""
+        above_centre_m = pose[2] + _normals_body(pose[None, 3:]).T @ self.centres_body_m.T
+        return np.asarray(above_centre_m[0] - self.radius_m)
 
-        Parameters
-        ----------
-        positions_m : (m, 3) array
-            Centre of mass, support frame.
-        quaternions_xyzw : (m, 4) array
-            Attitude of the body frame.
-        points : int, optional
-            Look only at this many of the rock's points.
-
-        Returns
-        -------
-        (m, points) array
-        """
-        above_centre_m = (
-            positions_m[:, 2:3] + _normals_body(quaternions_xyzw).T @ self.centres_body_m[:points].T
-        )
-        return np.asarray(above_centre_m - self.radius_m)
-
-    def lowest_m(self, pose: Pose) -> float:
-        """Clearance of the lowest point in a pose."""
-        return float(self.gaps_m(np.array([pose[0]]), np.array([pose[1]])).min())
-
-    def touching(self, pose: Pose) -> Pose:
-        """A pose shifted along the interface's normal to where its lowest point touches."""
-        (x, y, z), attitude = pose
-        return (x, y, z - self.lowest_m(pose)), attitude
+    def touching(self, pose: Array) -> Array:
+        """A pose (7,) shifted along the interface's normal to where its lowest point touches."""
+        return np.concatenate([pose[:2], [pose[2] - self.gaps_m(pose).min()], pose[3:]])
 
 
 def _normals_body(quaternions_xyzw: Array) -> Array:

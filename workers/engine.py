@@ -130,15 +130,8 @@ def _pointer(typing_context: Any, address: Any) -> Any:  # noqa: ARG001  (numba'
 
 
 @inner
-def place(
-    world: Any,
-    pose: Array,
-    velocity_m_s: Vector,
-    spin_rad_s: Vector,
-    near_share: float,
-    axes_rad: float,
-) -> None:
-    """Place the rock and set it going; forgets all contacts.
+def place(world: Any, pose: Array, velocity: Array, near_share: float, axes_rad: float) -> None:
+    """Place the rock (7,) and set it going with a velocity (6,); forgets all contacts.
 
     From here on contacts are prepared within `near_share` of R, and friction acts along axes that are turned by
     `axes_rad` from the support frame's.
@@ -157,7 +150,7 @@ def place(
     _set_pose(world, command, pose, 0.0)
     _submit(client, command)
     command = _pose(client, world.rock)
-    _set_velocities(world, command, velocity_m_s, spin_rad_s)
+    _set_velocities(world, command, velocity, (velocity[3], velocity[4], velocity[5]))
     _submit(client, command)
     # Takes the rock out of the broad phase and back: only so do contacts get the new threshold.
     command = _collision_filter(client)
@@ -221,7 +214,7 @@ def glide(world: Any, step_s: float, placed: bool, raised_m: float, pose: Array,
     if not placed:
         _set_pose(world, command, pose, raised_m)
     before = _before_turning(world, pose, velocity, step_s)
-    _set_velocities(world, command, (velocity[0], velocity[1], velocity[2]), before)
+    _set_velocities(world, command, velocity, before)
     _submit(client, command)
     _submit(client, _step(client))
     world.grip_x = world.grip_y = world.grip_z = 0.0
@@ -311,10 +304,10 @@ def set_friction(world: Any, friction: float) -> None:
 
 
 @compiled
-def slip_m_s(velocity_m_s: Vector, spin_rad_s: Vector, arm_m: Vector) -> float:
+def slip_m_s(velocity: Array, arm_m: Vector) -> float:
     """Speed along the plane of the point of a rock that is so far from its centre of mass; z is the normal."""
-    along = velocity_m_s[0] + spin_rad_s[1] * arm_m[2] - spin_rad_s[2] * arm_m[1]
-    across = velocity_m_s[1] + spin_rad_s[2] * arm_m[0] - spin_rad_s[0] * arm_m[2]
+    along = velocity[0] + velocity[4] * arm_m[2] - velocity[5] * arm_m[1]
+    across = velocity[1] + velocity[5] * arm_m[0] - velocity[3] * arm_m[2]
     return math.sqrt(along * along + across * across)
 
 
@@ -333,11 +326,12 @@ def _set_pose(world: Any, command: int, pose: Array, raised_m: float) -> None:
 
 
 @inner
-def _set_velocities(world: Any, command: int, velocity_m_s: Vector, spin_rad_s: Vector) -> None:
+def _set_velocities(world: Any, command: int, velocity: Array, spin_rad_s: Vector) -> None:
+    """The centre of mass moves as `velocity` (6,) says."""
     cos, sin, vector = world.cos, world.sin, np.empty(3)
-    vector[0] = cos * velocity_m_s[0] + sin * velocity_m_s[1]
-    vector[1] = cos * velocity_m_s[1] - sin * velocity_m_s[0]
-    vector[2] = velocity_m_s[2]
+    vector[0] = cos * velocity[0] + sin * velocity[1]
+    vector[1] = cos * velocity[1] - sin * velocity[0]
+    vector[2] = velocity[2]
     _set_velocity(command, vector.ctypes.data)
     vector[0] = cos * spin_rad_s[0] + sin * spin_rad_s[1]
     vector[1] = cos * spin_rad_s[1] - sin * spin_rad_s[0]
@@ -389,10 +383,7 @@ def _follow_slip(world: Any, centres_m: Array) -> None:
         touches = touches or contact[_NORMAL_FORCE] > 0.0
     if not touches:
         world.grip_x = world.grip_y = world.grip_z = 0.0
-        slips = (
-            slip_m_s(state[7:10], state[10:13], _lowest_arm_m(centres_m[: world.points], state))
-            > world.impulse_m_s
-        )
+        slips = slip_m_s(state[7:], _lowest_arm_m(centres_m[: world.points], state)) > world.impulse_m_s
     else:
         slips = _slips_on(world, contacts, state)
     static, kinetic = world.friction_static, world.friction_kinetic
@@ -426,12 +417,11 @@ def _slips_on(world: Any, contacts: Array, state: Array) -> bool:
     if sticks:
         return True
     # Whether a point that touches moves along the plane after the step, which took it from where it touched.
-    velocity, spin = state[7:10], state[10:13]
-    before = state[:3] - velocity * world.step_s
+    before = state[:3] - state[7:10] * world.step_s
     for contact in contacts:
         if contact[_NORMAL_FORCE] > 0.0:
-            arm = contact[_PLACE_A : _PLACE_A + 3] - before
-            if slip_m_s(velocity, spin, arm) > STILL_MOVES * world.impulse_m_s:
+            x, y, z = contact[_PLACE_A : _PLACE_A + 3] - before
+            if slip_m_s(state[7:], (x, y, z)) > STILL_MOVES * world.impulse_m_s:
                 return True
     return False
 
@@ -452,7 +442,7 @@ _PLACE_A, _NORMAL_FORCE, _FRICTION_1, _FRICTION_2, _DIRECTION_1, _DIRECTION_2 = 
 
 
 @inner
-def _lowest_arm_m(centres_m: Array, state: Array) -> Array:
+def _lowest_arm_m(centres_m: Array, state: Array) -> Vector:
     """From the centre of mass to the lowest of some points, in the world's own frame."""
     x, y, z, w = state[3], state[4], state[5], state[6]
     lowest, index = np.inf, 0
@@ -462,11 +452,9 @@ def _lowest_arm_m(centres_m: Array, state: Array) -> Array:
         if height < lowest:
             lowest, index = height, i
     a, b, c = centres_m[index, 0], centres_m[index, 1], centres_m[index, 2]
-    arm = np.empty(3)
-    arm[0] = (1 - 2 * (y * y + z * z)) * a + 2 * (x * y - z * w) * b + 2 * (x * z + y * w) * c
-    arm[1] = 2 * (x * y + z * w) * a + (1 - 2 * (x * x + z * z)) * b + 2 * (y * z - x * w) * c
-    arm[2] = lowest
-    return arm
+    along = (1 - 2 * (y * y + z * z)) * a + 2 * (x * y - z * w) * b + 2 * (x * z + y * w) * c
+    across = 2 * (x * y + z * w) * a + (1 - 2 * (x * x + z * z)) * b + 2 * (y * z - x * w) * c
+    return along, across, lowest
 
 
 def _called(name: str, result: Any, *arguments: Any) -> Any:
@@ -615,7 +603,7 @@ def _urdf(centres_m: Array, radius_m: float, contact: ContactModel) -> str:
 
 @cache
 def process_pool() -> EnginePool:
-    """The pool of this process, for who has none of his own."""
+    """The pool of this process."""
     return EnginePool()
 
 

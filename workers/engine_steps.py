@@ -107,9 +107,8 @@ def approach_1_s(sim: Simulation) -> float:
 @inner
 def place(sim: Simulation, near_share: float, axes_rad: float) -> None:
     """Give the engine the latest pose and velocity, with contacts prepared within a share of R."""
-    state, velocity = sim.state[0], sim.velocity[sim.state[0].last]
-    linear, spin = (velocity[0], velocity[1], velocity[2]), (velocity[3], velocity[4], velocity[5])
-    engine.place(sim.worlds[state.world], sim.pose[state.last], linear, spin, near_share, axes_rad)
+    state, last = sim.state[0], sim.state[0].last
+    engine.place(sim.worlds[state.world], sim.pose[last], sim.velocity[last], near_share, axes_rad)
     state.near_share, state.axes_rad, state.placed = near_share, axes_rad, EXACT
 
 

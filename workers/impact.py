@@ -68,5 +68,4 @@ def _lowest_slip_m_s(sim: Simulation) -> float:
     pose, velocity = sim.pose[sim.state[0].last], sim.velocity[sim.state[0].last]
     lowest = gaps_of(sim, pose).argmin()
     x, y, z = to_world(sim.points_m[lowest, 0], sim.points_m[lowest, 1], sim.points_m[lowest, 2], pose)
-    linear, spin = (velocity[0], velocity[1], velocity[2]), (velocity[3], velocity[4], velocity[5])
-    return engine.slip_m_s(linear, spin, (x, y, z))
+    return engine.slip_m_s(velocity, (x, y, z))

@@ -239,14 +239,12 @@ class Integrator:
     Parameters
     ----------
     problem : Problem
-    pool : EnginePool
     """
 
-    def __init__(self, problem: Problem, pool: engine.EnginePool) -> None:
+    def __init__(self, problem: Problem) -> None:
         scene, contact, motion = problem.scene, problem.contact, problem.motion
         options = problem.options
         self._contact, self._surface, self._solver = contact, scene.contact, options.solver
-        self.pool = pool
         # Of sets with as many points, that which serves most.
         reach_deg = {contact.points_within(tilt): tilt for tilt in REACH_DEG}
         acceleration = np.ascontiguousarray(motion.acceleration_m_s2 @ contact.scene_from_support)
@@ -277,10 +275,9 @@ class Integrator:
             step_s=problem.time_step_s,
         )
         self._deepest_m = 0.0
-        self.sim.pose[0] = [*problem.pose[0], *problem.pose[1]]
-        self.sim.velocity[0] = [*problem.velocity_m_s, *problem.angular_velocity_rad_s]
+        self.sim.pose[0], self.sim.velocity[0] = problem.initial
         state = self.sim.state
-        state["world"], state["rests"], state["slips_after"] = -1, problem.rests, -1.0
+        state["world"], state["rests"], state["slips_after"] = -1, problem.start is None, -1.0
 
     @property
     def last(self) -> int:
@@ -334,7 +331,7 @@ class Integrator:
         rest_until(self.sim, grid)
 
     def _make_world(self, points: int) -> None:
-        world = self.pool.world(self._contact, int(self.sim.set_points[points]))
+        world = engine.process_pool().world(self._contact, int(self.sim.set_points[points]))
         engine.configure_for(world, self._surface, self._solver)
         self.sim.worlds[points] = world[0]
 

@@ -21,7 +21,6 @@ from toppling.models.relief import contact_feet_m
 from toppling.models.scene import Scene
 from toppling.workers import quaternion as quat
 from toppling.workers.contact_points import contact_of
-from toppling.workers.engine import EnginePool
 from toppling.workers.integrator import ROOM, Integrator
 from toppling.workers.observation import travel_m
 from toppling.workers.problem import Problem
@@ -50,12 +49,12 @@ class World:
 class MujocoIntegrator(Integrator):
     """A rock on its way through a motion; as its base, with MuJoCo as the engine."""
 
-    def __init__(self, problem: Problem, pool: EnginePool) -> None:
+    def __init__(self, problem: Problem) -> None:
         _check(problem.scene)
-        super().__init__(problem, pool)
+        super().__init__(problem)
         motion, step_s = problem.motion, problem.time_step_s
         self._world, self._roll = _world(problem.scene, step_s), _rollout()
-        self._seat = self.sim.pose[0].copy() if problem.rests else None
+        self._seat = self.sim.pose[0].copy() if problem.start is None else None
         self._rest_speed_m_s = problem.rest_speed_m_s
         self._warm = np.zeros((1, 6))
         # The force on a unit mass from step middle to step middle, as a leapfrog needs it.

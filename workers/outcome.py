@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,9 +14,13 @@ from toppling.models.trajectory import Trajectory
 from toppling.workers import quaternion
 from toppling.workers.contact_points import LARGEST_OPEN_TILT_DEG, ContactModel
 from toppling.workers.observation import Observation
-from toppling.workers.termination import Context, Verdict, is_displaced
+from toppling.workers.problem import Problem
+from toppling.workers.termination import is_displaced
 
 Array = NDArray[np.float64]
+
+STATUS = {"speed_limit": "diverged", "time_cap": "undecided"}
+"""Of the rules after which there is no answer."""
 
 FALLS = ("fallen", "tilted", "slid_off")
 """Rules after which the rock has toppled whatever its pose."""
@@ -72,41 +77,55 @@ class ShakeResult:
     trajectory: Trajectory | None = field(repr=False, default=None)
 
 
-def outcome_of(
-    said: Verdict, seen: Observation, context: Context, time_s: Array, pose: Array
-) -> dict[str, object]:
-    """Fields of a result that the motion decides.
+def result_of(
+    ended_by: str,
+    seen: Observation,
+    problem: Problem,
+    time_s: Array,
+    pose: Array,
+    *,
+    trajectory: bool,
+    **cost: Any,
+) -> ShakeResult:
+    """What happened, told from the whole trajectory.
 
     Parameters
     ----------
-    said : Verdict
+    ended_by : str
+        The rule that ended the shake.
     seen : Observation
         Of the end.
-    context : Context
+    problem : Problem
     time_s : (n,) array
     pose : (n, 7) array
-        The whole trajectory, support frame.
+        Support frame.
+    trajectory : bool
+        Whether the result keeps it.
+    **cost
+        The result's other fields.
     """
-    contact = context.problem.contact
+    contact, status = problem.contact, STATUS.get(ended_by, "ok")
     tilt = contact.tilts_deg(pose[:, 3:])
-    toppled = (said.ended_by in FALLS or bool(tilt[-1] > TOPPLED_TILT_DEG)) if said.status == "ok" else None
-    turning = _point_of_no_return(said.ended_by, contact, pose[:, :3], tilt) if toppled else None
+    toppled = (ended_by in FALLS or bool(tilt[-1] > TOPPLED_TILT_DEG)) if status == "ok" else None
+    turning = _point_of_no_return(ended_by, contact, pose[:, :3], tilt) if toppled else None
     outcome = None
-    if said.status == "ok":
-        displaced = is_displaced(seen, context) or tilt[-1] > context.options.moved_deg
+    if status == "ok":
+        displaced = is_displaced(seen, problem) or tilt[-1] > problem.options.termination.moved_deg
         outcome = "toppled" if toppled else "moved" if displaced else "stands"
-    return {
-        "status": said.status,
-        "outcome": outcome,
-        "toppled": toppled,
-        "topple_time_s": None if turning is None else float(time_s[turning]),
-        "topple_azimuth_deg": None if turning is None else _fell_toward_deg(contact, pose[:, :3], turning),
-        "max_tilt_deg": float(np.nanmax(tilt)),
-        "residual_tilt_deg": float(tilt[-1]),
-        "residual_yaw_deg": seen.turned_deg,
-        "slip_m": seen.slip_m,
-        "ended_by": said.ended_by,
-    }
+    return ShakeResult(
+        status=status,
+        outcome=outcome,
+        toppled=toppled,
+        topple_time_s=None if turning is None else float(time_s[turning]),
+        topple_azimuth_deg=None if turning is None else _fell_toward_deg(contact, pose[:, :3], turning),
+        max_tilt_deg=float(np.nanmax(tilt)),
+        residual_tilt_deg=float(tilt[-1]),
+        residual_yaw_deg=seen.turned_deg,
+        slip_m=seen.slip_m,
+        ended_by=ended_by,
+        trajectory=trajectory_of(contact, time_s, pose) if trajectory else None,
+        **cost,
+    )
 
 
 def trajectory_of(contact: ContactModel, time_s: Array, pose: Array) -> Trajectory:

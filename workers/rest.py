@@ -16,9 +16,6 @@ from toppling.workers.quaternion import to_world
 
 Array = NDArray[np.float64]
 
-TOUCHING_SHARE = 1e-5
-"""Contact points within this share of R of the plane carry a rock at rest: a seat leaves them ten times closer."""
-
 
 class Rest:
     """Whether the rock rests, held by its contact, and what is left out while it does.
@@ -30,17 +27,11 @@ class Rest:
     """
 
     def __init__(self, problem: Problem, integrator: Integrator) -> None:
-        scene, contact, motion = problem.scene, problem.contact, problem.motion
-        turn = contact.scene_from_support
-        gravity = np.array([[0.0, 0.0, -scene.gravity_m_s2]]) @ turn
-        self._forces = np.vstack([gravity - motion.acceleration_m_s2 @ turn, gravity])
+        sim = integrator.sim
+        self._problem, self._integrator, self._sample_s = problem, integrator, sim.sample_s
+        self._forces = np.vstack([sim.gravity_m_s2 - sim.ground_acceleration_m_s2, sim.gravity_m_s2])
         """Specific force at the motion's samples, and after the last of them."""
-        self._friction, self._integrator = scene.contact.friction_static, integrator
-        self._block = problem.options.termination.block
-        self._points_m = np.ascontiguousarray(contact.points_body_m)
-        self._touching_m = TOUCHING_SHARE * contact.half_diagonal_m
-        self._sample_s, self._speed_m_s = motion.time_step_s, problem.rest_speed_m_s
-        self.rests = problem.rests
+        self.rests = problem.start is None
         """For the whole of the last block."""
         self.came_to_rest = False
         self.skipped_s = 0.0
@@ -51,8 +42,9 @@ class Rest:
         In the block in which it comes to rest it stays where it is: only what follows is known to be creep.
         """
         integrator, rested = self._integrator, self.rests
-        slow = seen.drift_m_s < self._speed_m_s
-        self.came_to_rest = slow and seen.speed_m_s < self._speed_m_s
+        slow_m_s = self._problem.rest_speed_m_s
+        slow = seen.drift_m_s < slow_m_s
+        self.came_to_rest = slow and seen.speed_m_s < slow_m_s
         self.rests = slow if rested else self.came_to_rest
         if not self.rests or integrator.rests:
             return False
@@ -83,18 +75,18 @@ class Rest:
         if until == end:
             return True
         until_s = max(until - 1, first) * self._sample_s
-        blocks = (int(until_s / step_s) - integrator.grid) // self._block
+        block = self._problem.options.termination.block
+        blocks = (int(until_s / step_s) - integrator.grid) // block
         if blocks > 0:
-            self.skipped_s += blocks * self._block * step_s
-            integrator.rest_until(integrator.last, integrator.grid + blocks * self._block)
+            self.skipped_s += blocks * block * step_s
+            integrator.rest_until(integrator.last, integrator.grid + blocks * block)
         return False
 
     def _held_until(self, index: int, first: int, end: int) -> int:
         """First sample, from `first` on, whose force the points that touch in a pose cannot hold; `end` if all."""
-        pose = self._integrator.sim.pose[index]
-        return int(
-            held_until(self._points_m, self._touching_m, pose, self._friction, self._forces, first, end)
-        )
+        sim, friction = self._integrator.sim, self._problem.scene.contact.friction_static
+        touching_m = sim.contact.resting_share * sim.half_diagonal_m
+        return int(held_until(sim.points_m, touching_m, sim.pose[index], friction, self._forces, first, end))
 
 
 @compiled

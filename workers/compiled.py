@@ -14,7 +14,7 @@ import os
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -61,19 +61,13 @@ FOLDER = private_folder(_parent())
 """Where compiled code is kept, or None."""
 
 
-@contextlib.contextmanager
-def _kept_in_folder() -> Iterator[None]:
-    """Numba reads its setting when a function is decorated; other users of Numba keep theirs."""
+def _compile(function: Callable[..., Any], **options: bool) -> Any:  # Numba's dispatcher has no type
+    # Numba reads its setting when a function is decorated; other users of Numba keep theirs.
     before, config.CACHE_DIR = config.CACHE_DIR, str(FOLDER)
     try:
-        yield
+        return numba.njit(cache=FOLDER is not None, error_model="numpy", **options)(function)
     finally:
         config.CACHE_DIR = before
-
-
-def _compile(function: Callable[..., Any], **options: bool) -> Any:  # Numba's dispatcher has no type
-    with _kept_in_folder():
-        return numba.njit(cache=FOLDER is not None, error_model="numpy", **options)(function)
 
 
 def compiled(function: Callable[..., Any]) -> Any:

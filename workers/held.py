@@ -65,14 +65,8 @@ def velocity_over(
                 continue
             lands_s = left_s
             if -rate[i] > resolved_m_s and gap[i] + LOOKED_AHEAD * rate[i] * left_s < 0.0:
-                lands_s = time_to_contact_s(
-                    sim.points_m[i : i + 1],
-                    pose,
-                    sim.velocity[last],
-                    acceleration,
-                    since_s,
-                    left_s,
-                )
+                point, before = sim.points_m[i : i + 1], sim.velocity[last]
+                lands_s = time_to_contact_s(point, pose, before, acceleration, since_s, left_s)
             if lands_s < left_s:
                 contact_s = min(contact_s, lands_s)
             elif rate[i] < least[i]:
@@ -101,27 +95,19 @@ def held_velocity(
         Put here.
     """
     state, friction = sim.state[0], sim.worlds[sim.state[0].world].friction_static
-    free, count = _free_velocity(sim, pose, lasting_s), 0
-    for flag in near:
-        count += flag
+    free, count = _free_velocity(sim, pose, lasting_s), near.sum()
     if count == 0:
         velocity[:] = free
         sim.carries[:] = False
         state.needed_friction = 0.0
         return True
-    points, arms, bounds = np.empty(count, np.int64), np.empty((count, 3)), np.empty(count)
-    carries, touches, k = np.empty(count, np.bool_), np.empty(count, np.bool_), 0
-    gap = gaps_of(sim, pose)
-    for i in range(len(near)):
-        if near[i]:
-            points[k], bounds[k] = i, least[i]
-            carries[k], touches[k] = sim.carries[i], gap[i] < touching_m(sim)
-            x, y, z = to_world(sim.points_m[i, 0], sim.points_m[i, 1], sim.points_m[i, 2], pose)
-            arms[k, 0], arms[k, 1], arms[k, 2] = x, y, z
-            k += 1
-    found, needed = sticking.solve(
-        arms, bounds, free, _mobility(sim, pose), touches, carries, sim.allowed_m_s, velocity
-    )
+    these = sticking.contacts(count, free, _mobility(sim, pose), sim.allowed_m_s, velocity)
+    gap, points = gaps_of(sim, pose), np.flatnonzero(near)
+    for k, i in enumerate(points):
+        these.least_m_s[k], these.touches[k] = least[i], gap[i] < touching_m(sim)
+        these.carries[k] = sim.carries[i]
+        these.arms_m[k] = to_world(sim.points_m[i, 0], sim.points_m[i, 1], sim.points_m[i, 2], pose)
+    found, needed = sticking.solve(these)
     if not found or needed > friction:
         state.slips_after = -1.0
         if found:  # between the middles of the latest step and of this one
@@ -130,8 +116,8 @@ def held_velocity(
         return False
     state.needed_friction = needed
     sim.carries[:] = False
-    for k in range(count):
-        sim.carries[points[k]] = carries[k]
+    for k, i in enumerate(points):
+        sim.carries[i] = these.carries[k]
     return True
 
 

@@ -8,7 +8,6 @@ seated by our statics, ends by our rules, and is described by our outcome.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
@@ -26,7 +25,6 @@ from toppling.workers.observation import travel_m
 from toppling.workers.problem import Problem
 
 Array = NDArray[np.float64]
-Vector = tuple[float, float, float]
 
 STIFFNESS_STEPS, DAMPING_RATIO, IMPEDANCE = 2.0, 1.5, 0.9999
 """Time constant of a contact in steps, the stiffest that MuJoCo allows; its damping, with which nothing rebounds."""
@@ -38,14 +36,6 @@ SEATED_WITHIN_DEG = 0.5
 """A rock at rest that is tilted by less from its seat is back in it: what is left is the contacts' compression."""
 
 
-@dataclass(frozen=True, eq=False)
-class World:
-    """A scene in MuJoCo: support frame, body axes."""
-
-    model: Any  # MuJoCo has no types
-    data: Any
-
-
 class MujocoIntegrator(Integrator):
     """A rock on its way through a motion; as its base, with MuJoCo as the engine."""
 
@@ -53,7 +43,7 @@ class MujocoIntegrator(Integrator):
         _check(problem.scene)
         super().__init__(problem)
         motion, step_s = problem.motion, problem.time_step_s
-        self._world, self._roll = _world(problem.scene, step_s), _rollout()
+        self._model, self._data = _world(problem.scene, step_s)
         self._seat = self.sim.pose[0].copy() if problem.start is None else None
         self._rest_speed_m_s = problem.rest_speed_m_s
         self._warm = np.zeros((1, 6))
@@ -100,11 +90,12 @@ class MujocoIntegrator(Integrator):
         spin = quat.matrix(pose[3:]).T @ velocity[3:]
         state = np.array([[0.0, *pose[:3], pose[6], *pose[3:6], *velocity[:3], *spin]])
         out = np.empty((1, steps, state.shape[1]))
-        self._roll.rollout(
-            self._world.model, self._world.data, state, force_m_s2, control_spec=_force_bit(), nstep=steps,
+        rollout, force_bit = _rollout()
+        rollout.rollout(
+            self._model, self._data, state, force_m_s2, control_spec=force_bit, nstep=steps,
             initial_warmstart=self._warm, state=out,
         )  # fmt: skip
-        self._warm[0] = self._world.data.qacc_warmstart
+        self._warm[0] = self._data.qacc_warmstart
         return np.asarray(out[0])
 
     def _is_slow(self, since: int) -> bool:
@@ -137,20 +128,18 @@ def _turned(quaternion_xyzw: Array, carried: Array) -> Array:
 
 def _check(scene: Scene) -> None:
     contact = scene.contact
-    for what, refused in (
-        (f"restitution {contact.restitution:g}", contact.restitution > 0.0),
-        (
-            f"friction {contact.friction_static:g} at rest and {contact.friction_kinetic:g} in slip",
-            contact.friction_static != contact.friction_kinetic,
-        ),
-    ):
-        if refused:
-            raise InputError(
-                what,
-                where="engine mujoco",
-                expected="restitution 0 and one coefficient of friction",
-                remedy="shake with engine 'pybullet', or change the contact's properties",
-            )
+    if contact.restitution > 0.0:
+        what = f"restitution {contact.restitution:g}"
+    elif contact.friction_static != contact.friction_kinetic:
+        what = f"friction {contact.friction_static:g} at rest and {contact.friction_kinetic:g} in slip"
+    else:
+        return
+    raise InputError(
+        what,
+        where="engine mujoco",
+        expected="restitution 0 and one coefficient of friction",
+        remedy="shake with engine 'pybullet', or change the contact's properties",
+    )
 
 
 def require() -> None:
@@ -173,22 +162,16 @@ def require() -> None:
 
 
 @lru_cache(maxsize=1)
-def _rollout() -> Any:
-    require()
-    from mujoco import rollout
+def _rollout() -> tuple[Any, int]:
+    """What steps in C, and the bit that says it is given forces. MuJoCo has no types."""
+    from mujoco import mjtState, rollout
 
-    return rollout.Rollout(nthread=0)
-
-
-@lru_cache(maxsize=1)
-def _force_bit() -> int:
-    import mujoco
-
-    return int(mujoco.mjtState.mjSTATE_XFRC_APPLIED.value)
+    return rollout.Rollout(nthread=0), int(mjtState.mjSTATE_XFRC_APPLIED.value)
 
 
 @lru_cache(maxsize=8)  # scenes compare by identity
-def _world(scene: Scene, step_s: float) -> World:
+def _world(scene: Scene, step_s: float) -> tuple[Any, Any]:
+    """A scene as MuJoCo's model and data: support frame, body axes."""
     require()
     import mujoco
 
@@ -213,7 +196,7 @@ def _world(scene: Scene, step_s: float) -> World:
         geom.solref = [STIFFNESS_STEPS * step_s, DAMPING_RATIO]
         geom.solimp = [IMPEDANCE, IMPEDANCE, 1e-3, 0.5, 2.0]
     model = spec.compile()
-    return World(model, mujoco.MjData(model))
+    return model, mujoco.MjData(model)
 
 
 def _shape(spec: Any, points_m: Array) -> dict[str, Any]:

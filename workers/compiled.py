@@ -22,6 +22,12 @@ import llvmlite.binding
 import numba
 import numpy as np
 from numba.core import config
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Indices = NDArray[np.int64]
+Vector = tuple[float, float, float]
 
 FOLDER_VARIABLE = "TOPPLING_CACHE"
 

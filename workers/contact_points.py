@@ -23,8 +23,7 @@ from toppling.models.frames import plane_axes
 from toppling.models.relief import contact_feet_m
 from toppling.models.scene import Scene
 from toppling.workers import quaternion
-
-Array = NDArray[np.float64]
+from toppling.workers.compiled import Array, Flags
 
 LARGEST_OPEN_TILT_DEG = 75.0
 """Beyond this tilt a rock's fate is no longer open; points that touch only later are left out."""
@@ -77,30 +76,6 @@ class ContactModel:
     points_body_m: Array
     onset_deg: Array
     half_diagonal_m: float
-
-    @classmethod
-    def of(cls, scene: Scene) -> ContactModel:
-        """Contact model of a scene."""
-        normal = scene.pedestal.normal
-        scene_from_support = np.column_stack([*plane_axes(normal), normal])
-        origin = scene.pedestal.point_m
-        com = (scene.rock.com_m - origin) @ scene_from_support
-        inertia = scene_from_support.T @ scene.rock.inertia_per_mass_m2 @ scene_from_support
-        moments, axes = np.linalg.eigh(inertia)
-        if np.linalg.det(axes) < 0:
-            axes[:, 0] *= -1.0
-        feet = (contact_feet_m(scene.rock, scene.pedestal) - origin) @ scene_from_support - com
-        reachable, onset_deg = _vertices_that_can_touch(feet, scene.rock.half_diagonal_m)
-        return cls(
-            scene_from_support=scene_from_support,
-            origin_m=origin,
-            com_m=com,
-            support_from_body=axes,
-            principal_inertia_m2=moments,
-            points_body_m=reachable @ axes,
-            onset_deg=onset_deg,
-            half_diagonal_m=scene.rock.half_diagonal_m,
-        )
 
     @cached_property
     def radius_m(self) -> float:
@@ -161,8 +136,32 @@ def _normals_body(quaternions_xyzw: Array) -> Array:
 
 @lru_cache(maxsize=8)  # scenes compare by identity
 def contact_of(scene: Scene) -> ContactModel:
-    """Contact model of a scene, made once."""
-    return ContactModel.of(scene)
+    """Contact model of a scene, made once.
+
+    Raises
+    ------
+    InputError
+        If the points that can touch span no volume.
+    """
+    normal, origin = scene.pedestal.normal, scene.pedestal.point_m
+    scene_from_support = np.column_stack([*plane_axes(normal), normal])
+    com = (scene.rock.com_m - origin) @ scene_from_support
+    inertia = scene_from_support.T @ scene.rock.inertia_per_mass_m2 @ scene_from_support
+    moments, axes = np.linalg.eigh(inertia)
+    if np.linalg.det(axes) < 0:
+        axes[:, 0] *= -1.0
+    feet = (contact_feet_m(scene.rock, scene.pedestal) - origin) @ scene_from_support - com
+    reachable, onset_deg = _vertices_that_can_touch(feet, scene.rock.half_diagonal_m)
+    return ContactModel(
+        scene_from_support=scene_from_support,
+        origin_m=origin,
+        com_m=com,
+        support_from_body=axes,
+        principal_inertia_m2=moments,
+        points_body_m=reachable @ axes,
+        onset_deg=onset_deg,
+        half_diagonal_m=scene.rock.half_diagonal_m,
+    )
 
 
 def _vertices_that_can_touch(points_m: Array, size_m: float) -> tuple[Array, Array]:
@@ -255,7 +254,7 @@ def _angle_to_arc_deg(start: Array, end: Array) -> Array:
     return np.rad2deg(np.arccos(np.clip(cosine, -1.0, 1.0)))
 
 
-def _extreme(corners: Array) -> NDArray[np.bool_]:
+def _extreme(corners: Array) -> Flags:
     """Which corners stand out of their facets: rounding makes hull vertices of points that lie in a flat face.
 
     A corner within 1e-7 of the size of the segment or triangle of its neighbours takes no load of its own, and would

@@ -14,7 +14,6 @@ import importlib.util
 import math
 import tempfile
 from collections import OrderedDict
-from functools import cache
 from typing import Any
 
 import llvmlite.binding
@@ -24,13 +23,10 @@ from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from toppling.models.contact import ContactProperties
-from toppling.workers.compiled import compiled, inner
+from toppling.workers.compiled import Array, Vector, compiled, inner
 from toppling.workers.contact_points import ContactModel
 from toppling.workers.options import SolverOptions
 from toppling.workers.quaternion import to_body, to_world
-
-Array = NDArray[np.float64]
-Vector = tuple[float, float, float]
 
 STARTS_TO_SLIP, STILL_SLIPS = 0.999, 0.7
 """Shares of the limit of friction from which a contact that stuck slips, and down to which one that slipped still does:
@@ -62,16 +58,12 @@ WORLD = np.dtype(
         ("sin", "f8"),
         ("half_cos", "f8"),
         ("half_sin", "f8"),
-        ("inertia_x", "f8"),  # principal, over mass
-        ("inertia_y", "f8"),
-        ("inertia_z", "f8"),
+        ("inertia_m2", "f8", 3),  # principal, over mass
         ("friction", "f8"),  # present coefficient
         ("friction_static", "f8"),
         ("friction_kinetic", "f8"),
         ("restitution", "f8"),
-        ("grip_x", "f8"),  # latest resultant of friction, support frame
-        ("grip_y", "f8"),
-        ("grip_z", "f8"),
+        ("grip", "f8", 3),  # latest resultant of friction, support frame
     ]
 )
 """A world, as compiled code sees it."""
@@ -217,7 +209,7 @@ def glide(world: Any, step_s: float, placed: bool, raised_m: float, pose: Array,
     _set_velocities(world, command, velocity, before)
     _submit(client, command)
     _submit(client, _step(client))
-    world.grip_x = world.grip_y = world.grip_z = 0.0
+    world.grip[:] = 0.0
     _read(world, pose, velocity)
     pose[2] -= raised_m
 
@@ -230,7 +222,7 @@ def _before_turning(world: Any, pose: Array, velocity: Array, step_s: float) -> 
     """
     a, b, c = to_body(velocity[3], velocity[4], velocity[5], pose)
     p, q, r = a, b, c
-    x, y, z = world.inertia_x, world.inertia_y, world.inertia_z
+    x, y, z = world.inertia_m2[0], world.inertia_m2[1], world.inertia_m2[2]
     for _ in range(20):
         u = a - step_s * (y - z) / x * q * r
         v = b - step_s * (z - x) / y * r * p
@@ -282,14 +274,15 @@ def configure(world: Any, impulse_m_s: float, near_share: float, rebound_from_m_
     _set_residual(command, residual * residual)
     _set_rebound_from(command, rebound_from_m_s)
     _submit(world.client, command)
-    world.grip_x = world.grip_y = world.grip_z = 0.0
+    world.grip[:] = 0.0
     set_friction(world, world.friction_static)
 
 
 @inner
 def hold_as(world: Any, other: Any) -> None:
     """Let the contact stick or slip as in another world, from which this one takes the rock over."""
-    world.grip_x, world.grip_y, world.grip_z = other.grip_x, other.grip_y, other.grip_z
+    for k in range(3):
+        world.grip[k] = other.grip[k]
     set_friction(world, other.friction)
 
 
@@ -382,7 +375,7 @@ def _follow_slip(world: Any, centres_m: Array) -> None:
     for contact in contacts:
         touches = touches or contact[_NORMAL_FORCE] > 0.0
     if not touches:
-        world.grip_x = world.grip_y = world.grip_z = 0.0
+        world.grip[:] = 0.0
         slips = slip_m_s(state[7:], _lowest_arm_m(centres_m[: world.points], state)) > world.impulse_m_s
     else:
         slips = _slips_on(world, contacts, state)
@@ -408,8 +401,9 @@ def _slips_on(world: Any, contacts: Array, state: Array) -> bool:
             y += first * contact[_DIRECTION_1 + 1] + second * contact[_DIRECTION_2 + 1]
             z += first * contact[_DIRECTION_1 + 2] + second * contact[_DIRECTION_2 + 2]
     x, y = world.cos * x - world.sin * y, world.cos * y + world.sin * x
-    turned = x * world.grip_x + y * world.grip_y + z * world.grip_z < 0.0  # slip came to a halt on the way
-    world.grip_x, world.grip_y, world.grip_z = x, y, z
+    grip = world.grip
+    turned = x * grip[0] + y * grip[1] + z * grip[2] < 0.0  # slip came to a halt on the way
+    grip[0], grip[1], grip[2] = x, y, z
     sticks = world.friction == world.friction_static
     share = STARTS_TO_SLIP if sticks else STILL_SLIPS
     if turned or math.sqrt(x * x + y * y + z * z) < share * world.friction * pressing:
@@ -475,7 +469,6 @@ class _Bullet:
     submit = _called("b3SubmitClientCommandAndWaitStatus", P, P, P)
     reset = _called("b3InitResetSimulationCommand", P, P)
     parameters = _called("b3InitPhysicsParamCommand", P, P)
-    set_substeps = _called("b3PhysicsParamSetNumSubSteps", K, P, K)
     set_deterministic = _called("b3PhysicsParameterSetDeterministicOverlappingPairs", K, P, K)
     set_cone_friction = _called("b3PhysicsParamSetEnableConeFriction", K, P, K)
     set_slop = _called("b3PhysicsParamSetContactSlop", K, P, N)
@@ -488,8 +481,6 @@ class _Bullet:
     new_body = _called("b3CreateMultiBodyCommandInit", P, P)
     add_base = _called("b3CreateMultiBodyBase", K, P, N, K, K, THREE, FOUR, THREE, FOUR)
     dynamics = _called("b3InitChangeDynamicsInfo", P, P)
-    set_mass = _called("b3ChangeDynamicsInfoSetMass", K, P, K, K, N)
-    set_inertia = _called("b3ChangeDynamicsInfoSetLocalInertiaDiagonal", K, P, K, K, THREE)
     set_friction = _called("b3ChangeDynamicsInfoSetLateralFriction", K, P, K, K, N)
     set_spinning_friction = _called("b3ChangeDynamicsInfoSetSpinningFriction", K, P, K, K, N)
     set_rolling_friction = _called("b3ChangeDynamicsInfoSetRollingFriction", K, P, K, K, N)
@@ -525,7 +516,10 @@ class EnginePool:
         """World (1,) of dtype WORLD that holds the first `points` of a rock's contact points."""
         key = (id(contact), points)  # the model is kept beside its world, so that its identity stays its own
         if key not in self._worlds:
-            client = self._client()
+            if len(self._worlds) < self._most:
+                client = int(_Bullet.connect())
+            else:  # worlds are reset, not removed, since only that frees their memory
+                client = int(self._worlds.popitem(last=False)[1][1]["client"][0])
             self._worlds[key] = contact, _build(client, contact, points)
         self._worlds.move_to_end(key)
         return self._worlds[key][1]
@@ -535,18 +529,11 @@ class EnginePool:
         while self._worlds:
             _Bullet.disconnect(int(self._worlds.popitem()[1][1]["client"][0]))
 
-    def _client(self) -> int:
-        """A connection to Bullet. Worlds are reset, not removed, since only that frees their memory."""
-        if len(self._worlds) < self._most:
-            return int(_Bullet.connect())
-        return int(self._worlds.popitem(last=False)[1][1]["client"][0])
-
 
 def _build(client: int, contact: ContactModel, points: int) -> NDArray[np.void]:
     bullet = _Bullet
     bullet.submit(client, bullet.reset(client))
     command = bullet.parameters(client)
-    bullet.set_substeps(command, 0)
     bullet.set_deterministic(command, 1)
     bullet.set_cone_friction(command, 1)
     bullet.set_slop(command, 0.0)
@@ -558,8 +545,6 @@ def _build(client: int, contact: ContactModel, points: int) -> NDArray[np.void]:
         bullet.set_urdf_flags(command, USE_INERTIA_FROM_FILE)
         rock = bullet.body_of(bullet.submit(client, command))
     command = bullet.dynamics(client)
-    bullet.set_mass(command, rock, -1, 1.0)
-    bullet.set_inertia(command, rock, -1, bullet.THREE(*contact.principal_inertia_m2))
     bullet.set_friction(command, rock, -1, 1.0)
     bullet.set_spinning_friction(command, rock, -1, 0.0)
     bullet.set_rolling_friction(command, rock, -1, 0.0)
@@ -582,7 +567,7 @@ def _build(client: int, contact: ContactModel, points: int) -> NDArray[np.void]:
     bullet.submit(client, command)
     world = np.zeros(1, WORLD)
     world["client"], world["rock"], world["ground"], world["points"] = client, rock, ground, points
-    world["inertia_x"], world["inertia_y"], world["inertia_z"] = contact.principal_inertia_m2
+    world["inertia_m2"] = contact.principal_inertia_m2
     world["cos"] = world["half_cos"] = 1.0
     return world
 
@@ -601,10 +586,8 @@ def _urdf(centres_m: Array, radius_m: float, contact: ContactModel) -> str:
     )
 
 
-@cache
-def process_pool() -> EnginePool:
-    """The pool of this process."""
-    return EnginePool()
+POOL = EnginePool()
+"""That of this process."""
 
 
 def configure_for(world: NDArray[np.void], surface: ContactProperties, solver: SolverOptions) -> None:

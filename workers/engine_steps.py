@@ -5,16 +5,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from toppling.workers import engine
-from toppling.workers.compiled import inner
-from toppling.workers.friction_axes import best_axes_rad, point_mobilities, squared_error
+from toppling.workers.compiled import Array, Vector, inner
+from toppling.workers.friction_axes import Complex, best_axes_rad, point_mobilities, squared_error
 from toppling.workers.simulation import (
     EXACT,
-    Array,
     Simulation,
-    Vector,
     append,
     gaps_of,
     hover_for,
@@ -121,14 +118,10 @@ def _axes_rad(sim: Simulation, near_share: float) -> float:
 
 
 @inner
-def _mobilities(
-    sim: Simulation, pose: Array, velocity: Array, near_share: float
-) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+def _mobilities(sim: Simulation, pose: Array, velocity: Array, near_share: float) -> tuple[Complex, Complex]:
     """Mobilities and slips of the points within a share of R."""
     near = np.flatnonzero(gaps_of(sim, pose) < near_share * sim.half_diagonal_m)
-    unlike, slip = np.empty(len(near), np.complex128), np.empty(len(near), np.complex128)
-    point_mobilities(sim.points_m, sim.mobilities, near, pose, velocity, sim.resolved_m_s, unlike, slip)
-    return unlike, slip
+    return point_mobilities(sim.points_m, sim.mobilities, near, pose, velocity, sim.resolved_m_s)
 
 
 @inner

@@ -10,12 +10,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-from toppling.workers.compiled import compiled
+from toppling.workers.compiled import Array, compiled
 from toppling.workers.quaternion import normal_in_body, to_body
-
-Array = NDArray[np.float64]
 
 
 @compiled
@@ -89,7 +86,7 @@ def time_to_contact_s(
     since_s, end_s : float
     """
     there, gap, mean = np.empty(7), np.empty(1), np.empty(6)
-    low, high, time = 0.0, end_s, 0.0
+    low, high = 0.0, end_s
     gaps_m(point_m, pose, gap)
     before_s, before_m, time = 0.0, gap[0], end_s
     for _ in range(30):

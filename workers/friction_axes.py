@@ -20,9 +20,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from toppling.workers.compiled import compiled
+from toppling.workers.compiled import Array, Indices, compiled
 
-Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 CANDIDATES = np.exp(4j * np.deg2rad(np.arange(0.0, 90.0, 2.0)))
@@ -33,14 +32,12 @@ CANDIDATES = np.exp(4j * np.deg2rad(np.arange(0.0, 90.0, 2.0)))
 def point_mobilities(
     points_m: Array,
     mobilities: Array,
-    points: NDArray[np.int64],
+    points: Indices,
     pose: Array,
     velocity: Array,
     slips_from_m_s: float,
-    unlike: Complex,
-    slip: Complex,
-) -> None:
-    """What decides on the axes, into `unlike` and `slip` (k,), of the points of these indices (k,).
+) -> tuple[Complex, Complex]:
+    """What decides on the axes, `unlike` and `slip` (k,), of the points of these indices (k,).
 
     Parameters
     ----------
@@ -63,6 +60,7 @@ def point_mobilities(
     forward, turning = complex(velocity[0], velocity[1]), 1j * velocity[5]
     rolling = -1j * complex(velocity[3], velocity[4])
     pp, qq, rr, pq, pr, qr = p * p, q * q, r * r, 2 * p * q, 2 * p * r, 2 * q * r
+    unlike, slip = np.empty(len(points), np.complex128), np.empty(len(points), np.complex128)
     for k, i in enumerate(points):
         a, b, c = points_m[i, 0], points_m[i, 1], points_m[i, 2]
         aa, bb, cc = mobilities[i, 0], mobilities[i, 1], mobilities[i, 2]
@@ -83,6 +81,7 @@ def point_mobilities(
             slip[k] = sliding * sliding / (speed * speed)
         else:
             slip[k] = 0j
+    return unlike, slip
 
 
 @compiled

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from toppling.workers import sticking
-from toppling.workers.compiled import inner
+from toppling.workers.compiled import Array, Flags, inner
 from toppling.workers.events import centripetal_m_s2, gap_rates_m_s, time_to_contact_s
 from toppling.workers.quaternion import to_body, to_world
-from toppling.workers.simulation import Array, Flags, Simulation, gaps_of, touching_m, velocity_increment_m_s
+from toppling.workers.simulation import Simulation, gaps_of, touching_m, velocity_increment_m_s
 
 LOOKED_AHEAD = 1.2
 """Times the rest of the step: points that come down so far at their present speed may land within it."""
@@ -146,7 +145,7 @@ def _free_velocity(sim: Simulation, pose: Array, lasting_s: float) -> Array:
 
 
 @inner
-def _mobility(sim: Simulation, pose: Array) -> NDArray[np.float64]:
+def _mobility(sim: Simulation, pose: Array) -> Array:
     """Inverse (3, 3) of the inertia over mass in a pose, support frame."""
     out = np.zeros((3, 3))
     for k in range(3):

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from toppling.workers import engine
-from toppling.workers.compiled import inner
+from toppling.workers.compiled import Array, Flags, inner
 from toppling.workers.engine_steps import solved_impact
 from toppling.workers.events import gap_rates_m_s
 from toppling.workers.held import held_velocity
 from toppling.workers.quaternion import to_world
-from toppling.workers.simulation import RAISED, Array, Flags, Simulation, gaps_of, touching_m
+from toppling.workers.simulation import RAISED, Simulation, gaps_of, touching_m
 
 
 @inner

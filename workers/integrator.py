@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from toppling.workers import engine, sticking
-from toppling.workers.compiled import compiled, inner
+from toppling.workers.compiled import Array, compiled, inner
 from toppling.workers.contact_points import REACH_DEG
 from toppling.workers.engine_steps import approach_1_s, place, solved_step, take_over
 from toppling.workers.events import gap_rates_m_s, time_to_contact_s
@@ -32,7 +32,6 @@ from toppling.workers.simulation import (
     NOT,
     RAISED,
     STATE,
-    Array,
     Simulation,
     append,
     gaps_of,
@@ -234,20 +233,17 @@ def _slide(sim: Simulation, left_s: float, resolved_m_s: float) -> bool:
 
 
 class Integrator:
-    """A rock on its way through a motion.
-
-    Parameters
-    ----------
-    problem : Problem
-    """
+    """A rock on its way through a motion."""
 
     def __init__(self, problem: Problem) -> None:
-        scene, contact, motion = problem.scene, problem.contact, problem.motion
-        options = problem.options
-        self._contact, self._surface, self._solver = contact, scene.contact, options.solver
+        contact, motion, options = problem.contact, problem.motion, problem.options
+        self._problem = problem
         # Of sets with as many points, that which serves most.
         reach_deg = {contact.points_within(tilt): tilt for tilt in REACH_DEG}
-        acceleration = np.ascontiguousarray(motion.acceleration_m_s2 @ contact.scene_from_support)
+        acceleration = motion.acceleration_m_s2 @ contact.scene_from_support
+        velocity = np.zeros_like(acceleration)
+        means = 0.5 * (acceleration[1:] + acceleration[:-1])
+        np.cumsum(motion.time_step_s * means, axis=0, out=velocity[1:])
         self.sim = Simulation(
             state=np.zeros(1, STATE),
             worlds=np.zeros(len(reach_deg), engine.WORLD),
@@ -259,18 +255,18 @@ class Integrator:
             **_track(4 * ROOM),
             carries=np.zeros(len(contact.points_body_m), np.bool_),
             acceleration=np.zeros(6),
-            points_m=np.ascontiguousarray(contact.points_body_m),
-            centres_m=np.ascontiguousarray(contact.centres_body_m),
+            points_m=contact.points_body_m,
+            centres_m=contact.centres_body_m,
             radius_m=contact.radius_m,
             mobilities=np.ascontiguousarray(contact.mobilities_m2),
-            inertia_m2=np.ascontiguousarray(contact.principal_inertia_m2),
+            inertia_m2=contact.principal_inertia_m2,
             upright=np.ascontiguousarray(contact.support_from_body[2]),
             half_diagonal_m=contact.half_diagonal_m,
             set_tilt_deg=np.array(list(reach_deg.values())),
             set_points=np.array(list(reach_deg)),
-            gravity_m_s2=np.array([0.0, 0.0, -scene.gravity_m_s2]) @ contact.scene_from_support,
+            gravity_m_s2=np.array([0.0, 0.0, -problem.scene.gravity_m_s2]) @ contact.scene_from_support,
             ground_acceleration_m_s2=acceleration,
-            ground_velocity_m_s=_velocity_at_samples(acceleration, motion.time_step_s),
+            ground_velocity_m_s=velocity,
             sample_s=motion.time_step_s,
             step_s=problem.time_step_s,
         )
@@ -331,30 +327,19 @@ class Integrator:
         rest_until(self.sim, grid)
 
     def _make_world(self, points: int) -> None:
-        world = engine.process_pool().world(self._contact, int(self.sim.set_points[points]))
-        engine.configure_for(world, self._surface, self._solver)
+        problem = self._problem
+        world = engine.POOL.world(problem.contact, int(self.sim.set_points[points]))
+        engine.configure_for(world, problem.scene.contact, problem.options.solver)
         self.sim.worlds[points] = world[0]
 
     def _make_room(self) -> None:
         longer = _track(2 * len(self.sim.time_s))
         for name, array in longer.items():
             array[: self.last + 1] = getattr(self.sim, name)[: self.last + 1]
-        self.sim = self.sim._replace(**longer)  # type: ignore[arg-type]
+        self.sim = self.sim._replace(**longer)
 
 
-def _track(room: int) -> dict[str, Array]:
+def _track(room: int) -> dict[str, Any]:
     """Empty arrays of a trajectory."""
-    columns: dict[str, Any] = {
-        "time_s": room,
-        "velocity_time_s": room,
-        "pose": (room, 7),
-        "velocity": (room, 6),
-    }
+    columns = {"time_s": (room,), "velocity_time_s": (room,), "pose": (room, 7), "velocity": (room, 6)}
     return {name: np.zeros(shape) for name, shape in columns.items()}
-
-
-def _velocity_at_samples(acceleration_m_s2: Array, sample_s: float) -> Array:
-    velocity = np.zeros_like(acceleration_m_s2)
-    means = 0.5 * (acceleration_m_s2[1:] + acceleration_m_s2[:-1])
-    np.cumsum(sample_s * means, axis=0, out=velocity[1:])
-    return velocity

@@ -12,19 +12,17 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from toppling.models.errors import InputError
 from toppling.models.relief import contact_feet_m
 from toppling.models.scene import Scene
 from toppling.workers import quaternion as quat
+from toppling.workers.compiled import Array
 from toppling.workers.contact_points import contact_of
 from toppling.workers.integrator import ROOM, Integrator
 from toppling.workers.observation import travel_m
 from toppling.workers.problem import Problem
-
-Array = NDArray[np.float64]
 
 STIFFNESS_STEPS, DAMPING_RATIO, IMPEDANCE = 2.0, 1.5, 0.9999
 """Time constant of a contact in steps, the stiffest that MuJoCo allows; its damping, with which nothing rebounds."""
@@ -45,7 +43,6 @@ class MujocoIntegrator(Integrator):
         motion, step_s = problem.motion, problem.time_step_s
         self._model, self._data = _world(problem.scene, step_s)
         self._seat = self.sim.pose[0].copy() if problem.start is None else None
-        self._rest_speed_m_s = problem.rest_speed_m_s
         self._warm = np.zeros((1, 6))
         # The force on a unit mass from step middle to step middle, as a leapfrog needs it.
         middles_s = np.maximum(np.arange(math.ceil(motion.duration_s / step_s) + 2) - 0.5, 0.0) * step_s
@@ -104,7 +101,7 @@ class MujocoIntegrator(Integrator):
         way_m = travel_m(sim.pose[since], sim.pose[last], sim.half_diagonal_m)
         speed_m_s = np.linalg.norm(sim.velocity[last, :3])
         speed_m_s += sim.half_diagonal_m * np.linalg.norm(sim.velocity[last, 3:])
-        slow = self._rest_speed_m_s
+        slow = self._problem.rest_speed_m_s
         return bool(way_m < slow * (sim.time_s[last] - sim.time_s[since]) and speed_m_s < slow)
 
     def _sit_down(self) -> None:

@@ -7,20 +7,16 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
 from toppling.models.scene import Scene
 from toppling.workers.barrier import lying_arms_m
-from toppling.workers.compiled import compiled, inner
+from toppling.workers.compiled import Array, Vector, compiled, inner
 from toppling.workers.contact_points import contact_of
 from toppling.workers.engine import slip_m_s
 from toppling.workers.problem import Problem
 from toppling.workers.quaternion import normal_in_body, rotation_between, to_body, to_world, yaw_between
 from toppling.workers.simulation import Simulation, largest_tilt_deg
-
-Array = NDArray[np.float64]
-Vector = tuple[float, float, float]
 
 TOUCHING_AT_START_SHARE = 1e-4
 """Of R: contact points so near the lowest one touch at the start."""

@@ -6,18 +6,16 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from toppling.models.frames import azimuth_deg
 from toppling.models.statics import TOPPLED_FALL, TOPPLED_TILT_DEG
 from toppling.models.trajectory import Trajectory
 from toppling.workers import quaternion
+from toppling.workers.compiled import Array
 from toppling.workers.contact_points import LARGEST_OPEN_TILT_DEG, ContactModel
 from toppling.workers.observation import Observation
 from toppling.workers.problem import Problem
 from toppling.workers.termination import is_displaced
-
-Array = NDArray[np.float64]
 
 STATUS = {"speed_limit": "diverged", "time_cap": "undecided"}
 """Of the rules after which there is no answer."""

@@ -3,11 +3,8 @@
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-from toppling.workers.compiled import compiled, inner
-
-Array = NDArray[np.float64]
+from toppling.workers.compiled import Array, compiled, inner
 
 
 def product(left: Array, right: Array) -> Array:

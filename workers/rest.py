@@ -5,26 +5,17 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from toppling.models.statics import EQUILIBRIUM_MARGIN
-from toppling.workers.compiled import compiled, inner
+from toppling.workers.compiled import Array, Indices, compiled, inner
 from toppling.workers.integrator import Integrator
 from toppling.workers.observation import Observation
 from toppling.workers.problem import Problem
 from toppling.workers.quaternion import to_world
 
-Array = NDArray[np.float64]
-
 
 class Rest:
-    """Whether the rock rests, held by its contact, and what is left out while it does.
-
-    Parameters
-    ----------
-    problem : Problem
-    integrator : Integrator
-    """
+    """Whether the rock rests, held by its contact, and what is left out while it does."""
 
     def __init__(self, problem: Problem, integrator: Integrator) -> None:
         sim = integrator.sim
@@ -146,7 +137,7 @@ def held_until(
 
 
 @compiled
-def convex_ring(points: Array, width: float) -> NDArray[np.int64]:
+def convex_ring(points: Array, width: float) -> Indices:
     """Indices of the convex hull's corners in the plane of x and y, counter-clockwise; fewer than three if thinner.
 
     Andrew's monotone chain (1979).

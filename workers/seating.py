@@ -7,7 +7,6 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from toppling.models.contact import ContactProperties
 from toppling.models.errors import InputError
@@ -15,13 +14,11 @@ from toppling.models.scene import Scene
 from toppling.models.statics import TOPPLED_TILT_DEG, equilibrium_possible
 from toppling.workers import engine
 from toppling.workers import quaternion as quat
-from toppling.workers.compiled import compiled
+from toppling.workers.compiled import Array, compiled
 from toppling.workers.contact_points import contact_of
 from toppling.workers.observation import travel_m
 from toppling.workers.options import PRESETS, SolverOptions
 from toppling.workers.termination import friction_that_stops
-
-Array = NDArray[np.float64]
 
 PASSES = 3
 
@@ -85,20 +82,12 @@ def _let_down(scene: Scene) -> Scene:
     turn = contact.scene_from_support
     gravity = np.array([0.0, 0.0, -scene.gravity_m_s2]) @ turn
     step_s = OPTIONS.time_step_s(contact.half_diagonal_m, scene.gravity_m_s2)
-    world = engine.process_pool().world(contact, len(contact.points_body_m))
+    world = engine.POOL.world(contact, len(contact.points_body_m))
     surface = ContactProperties.of(scene.contact.friction_static)  # let down without a rebound
     engine.configure_for(world, surface, SOLVER)
     pose = contact.touching(contact.start_pose)
-    centres_m = np.ascontiguousarray(contact.centres_body_m)
-    still = _swing_out(
-        world[0],
-        centres_m,
-        contact.half_diagonal_m,
-        scene.gravity_m_s2,
-        gravity,
-        step_s,
-        pose,
-    )
+    size_m, g_m_s2 = contact.half_diagonal_m, scene.gravity_m_s2
+    still = _swing_out(world[0], contact.centres_body_m, size_m, g_m_s2, gravity, step_s, pose)
     relative = quat.matrix(quat.product(pose[3:], quat.inverse(contact.start_quaternion_xyzw)))
     rotation = turn @ relative @ turn.T
     tilt = np.rad2deg(np.arccos(np.clip(rotation[2, 2], -1.0, 1.0)))

@@ -13,7 +13,7 @@ from toppling.models.errors import InputError
 from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene
 from toppling.workers.compiled import ensure_compiled
-from toppling.workers.engine import process_pool
+from toppling.workers.engine import POOL
 from toppling.workers.integrator import Integrator
 from toppling.workers.mujoco_engine import MujocoIntegrator
 from toppling.workers.observation import Body, Observation, observe
@@ -102,14 +102,7 @@ def _small_shake() -> None:
 
 
 class Shaking:
-    """A shake under way.
-
-    Parameters
-    ----------
-    problem : Problem
-    integrates : type
-        Integrator or MujocoIntegrator.
-    """
+    """A shake under way."""
 
     def __init__(self, problem: Problem, integrates: type[Integrator]) -> None:
         self.problem, self.integrator = problem, integrates(problem)
@@ -146,7 +139,7 @@ class Shaking:
         """Tell what happened; a state that is not finite has spoilt the worlds."""
         integrator, skipped_s = self.integrator, self._rest.skipped_s
         if ended_by == "speed_limit":
-            process_pool().forget()
+            POOL.forget()
         certain = ended_by in ("never_moved", "rest_certain")
         left_s = max(self.problem.motion.duration_s - seen.time_s, 0.0) if certain else 0.0
         return result_of(

@@ -6,17 +6,11 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from toppling.workers.compiled import compiled, inner
+from toppling.workers.compiled import Array, Flags, Indices, Vector, compiled, inner
 from toppling.workers.events import centripetal_m_s2, gaps_m
 from toppling.workers.options import ContactOptions, ImpactOptions
 from toppling.workers.quaternion import normal_in_body
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
-Indices = NDArray[np.int64]
-Vector = tuple[float, float, float]
 
 NOT, RAISED, EXACT = 0, 1, 2
 """How a world has the rock in the latest pose: not; a little higher; as it is, with its velocity."""

@@ -17,13 +17,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from toppling.workers.compiled import inner
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
-Indices = NDArray[np.int64]
+from toppling.workers.compiled import Array, Flags, Indices, inner
 
 MOST_CARRYING = 3
 
@@ -205,13 +200,8 @@ def _choose(these: Contacts) -> tuple[int, int]:
 @inner
 def _normal_row(k: int, sticking: int) -> int:
     """Row of the normal of the point chosen k-th, among the equations of :func:`_hold`."""
-    return _rows_of(min(k, sticking)) + max(k - sticking, 0)
-
-
-@inner
-def _rows_of(sticking: int) -> int:
-    """Rows of so many points that stick: three, two more and one more."""
-    return (sticking * (7 - sticking)) // 2
+    before = min(k, sticking)  # points that stick have three, two and one
+    return (before * (7 - before)) // 2 + max(k - sticking, 0)
 
 
 @inner

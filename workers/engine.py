@@ -53,11 +53,7 @@ WORLD = np.dtype(
         ("residual_share", "f8"),  # of the impulse: the solver stops once none changes by more
         ("impulse_m_s", "f8"),  # velocity that gravity gives in a step
         ("near_share", "f8"),  # of R: within it contacts are prepared, unless told otherwise
-        ("axes_rad", "f8"),
-        ("cos", "f8"),
-        ("sin", "f8"),
-        ("half_cos", "f8"),
-        ("half_sin", "f8"),
+        ("axes_rad", "f8"),  # to which it is turned against the support frame
         ("inertia_m2", "f8", 3),  # principal, over mass
         ("friction", "f8"),  # present coefficient
         ("friction_static", "f8"),
@@ -128,11 +124,7 @@ def place(world: Any, pose: Array, velocity: Array, near_share: float, axes_rad:
     From here on contacts are prepared within `near_share` of R, and friction acts along axes that are turned by
     `axes_rad` from the support frame's.
     """
-    if axes_rad != world.axes_rad:
-        world.axes_rad = axes_rad
-        world.cos, world.sin = math.cos(axes_rad), math.sin(axes_rad)
-        world.half_cos, world.half_sin = math.cos(0.5 * axes_rad), math.sin(0.5 * axes_rad)
-    client = world.client
+    client, world.axes_rad = world.client, axes_rad
     command = _parameters(client)
     _set_near(command, near_share)
     _set_iterations(command, world.cold_iterations)
@@ -163,8 +155,8 @@ def step(
     if step_s != world.step_s:
         _set_step(command, step_s)
         world.step_s = step_s
-    x, y, z = force_m_s2
-    _set_gravity(command, world.cos * x + world.sin * y, world.cos * y - world.sin * x, z)
+    x, y, z = _turned(world, force_m_s2[0], force_m_s2[1], force_m_s2[2])
+    _set_gravity(command, x, y, z)
     _submit(client, command)
     world.weightless = 0
     _submit(client, _step(client))
@@ -305,30 +297,35 @@ def slip_m_s(velocity: Array, arm_m: Vector) -> float:
 
 
 @inner
+def _turned(world: Any, x: float, y: float, z: float) -> Vector:
+    """A vector of the support frame in the world's own."""
+    cos, sin = math.cos(world.axes_rad), math.sin(world.axes_rad)
+    return cos * x + sin * y, cos * y - sin * x, z
+
+
+@inner
+def _turned_back(world: Any, x: float, y: float, z: float) -> Vector:
+    """A vector of the world's own frame in the support frame."""
+    cos, sin = math.cos(world.axes_rad), math.sin(world.axes_rad)
+    return cos * x - sin * y, cos * y + sin * x, z
+
+
+@inner
 def _set_pose(world: Any, command: int, pose: Array, raised_m: float) -> None:
-    cos, sin, half_cos, half_sin = world.cos, world.sin, world.half_cos, world.half_sin
+    x, y, z = _turned(world, pose[0], pose[1], pose[2] + raised_m)
+    _set_place(command, x, y, z)
     x, y, z, w = pose[3], pose[4], pose[5], pose[6]
-    _set_place(command, cos * pose[0] + sin * pose[1], cos * pose[1] - sin * pose[0], pose[2] + raised_m)
-    _set_attitude(
-        command,
-        half_cos * x + half_sin * y,
-        half_cos * y - half_sin * x,
-        half_cos * z - half_sin * w,
-        half_cos * w + half_sin * z,
-    )
+    cos, sin = math.cos(0.5 * world.axes_rad), math.sin(0.5 * world.axes_rad)
+    _set_attitude(command, cos * x + sin * y, cos * y - sin * x, cos * z - sin * w, cos * w + sin * z)
 
 
 @inner
 def _set_velocities(world: Any, command: int, velocity: Array, spin_rad_s: Vector) -> None:
     """The centre of mass moves as `velocity` (6,) says."""
-    cos, sin, vector = world.cos, world.sin, np.empty(3)
-    vector[0] = cos * velocity[0] + sin * velocity[1]
-    vector[1] = cos * velocity[1] - sin * velocity[0]
-    vector[2] = velocity[2]
+    vector = np.empty(3)
+    vector[0], vector[1], vector[2] = _turned(world, velocity[0], velocity[1], velocity[2])
     _set_velocity(command, vector.ctypes.data)
-    vector[0] = cos * spin_rad_s[0] + sin * spin_rad_s[1]
-    vector[1] = cos * spin_rad_s[1] - sin * spin_rad_s[0]
-    vector[2] = spin_rad_s[2]
+    vector[0], vector[1], vector[2] = _turned(world, spin_rad_s[0], spin_rad_s[1], spin_rad_s[2])
     _set_spin(command, vector.ctypes.data)
 
 
@@ -336,15 +333,17 @@ def _set_velocities(world: Any, command: int, velocity: Array, spin_rad_s: Vecto
 def _read(world: Any, pose: Array, velocity: Array) -> None:
     """Pose (7,) and velocities (6,) of the rock, support frame."""
     state = _state(world)
+    pose[:3] = _turned_back(world, state[0], state[1], state[2])
+    velocity[:3] = _turned_back(world, state[7], state[8], state[9])
+    velocity[3:] = _turned_back(world, state[10], state[11], state[12])
     x, y, z, w = state[3], state[4], state[5], state[6]
-    cos, sin, half_cos, half_sin = world.cos, world.sin, world.half_cos, world.half_sin
-    pose[0], pose[1], pose[2] = cos * state[0] - sin * state[1], cos * state[1] + sin * state[0], state[2]
-    pose[3], pose[4] = half_cos * x - half_sin * y, half_cos * y + half_sin * x
-    pose[5], pose[6] = half_cos * z + half_sin * w, half_cos * w - half_sin * z
-    for k in range(7, 13, 3):
-        velocity[k - 7] = cos * state[k] - sin * state[k + 1]
-        velocity[k - 6] = cos * state[k + 1] + sin * state[k]
-        velocity[k - 5] = state[k + 2]
+    cos, sin = math.cos(0.5 * world.axes_rad), math.sin(0.5 * world.axes_rad)
+    pose[3], pose[4], pose[5], pose[6] = (
+        cos * x - sin * y,
+        cos * y + sin * x,
+        cos * z + sin * w,
+        cos * w - sin * z,
+    )
 
 
 @inner
@@ -400,7 +399,7 @@ def _slips_on(world: Any, contacts: Array, state: Array) -> bool:
             x += first * contact[_DIRECTION_1] + second * contact[_DIRECTION_2]
             y += first * contact[_DIRECTION_1 + 1] + second * contact[_DIRECTION_2 + 1]
             z += first * contact[_DIRECTION_1 + 2] + second * contact[_DIRECTION_2 + 2]
-    x, y = world.cos * x - world.sin * y, world.cos * y + world.sin * x
+    x, y, z = _turned_back(world, x, y, z)
     grip = world.grip
     turned = x * grip[0] + y * grip[1] + z * grip[2] < 0.0  # slip came to a halt on the way
     grip[0], grip[1], grip[2] = x, y, z
@@ -482,12 +481,9 @@ class _Bullet:
     add_base = _called("b3CreateMultiBodyBase", K, P, N, K, K, THREE, FOUR, THREE, FOUR)
     dynamics = _called("b3InitChangeDynamicsInfo", P, P)
     set_friction = _called("b3ChangeDynamicsInfoSetLateralFriction", K, P, K, K, N)
-    set_spinning_friction = _called("b3ChangeDynamicsInfoSetSpinningFriction", K, P, K, K, N)
-    set_rolling_friction = _called("b3ChangeDynamicsInfoSetRollingFriction", K, P, K, K, N)
     set_restitution = _called("b3ChangeDynamicsInfoSetRestitution", K, P, K, K, N)
     set_linear_damping = _called("b3ChangeDynamicsInfoSetLinearDamping", K, P, K, N)
     set_angular_damping = _called("b3ChangeDynamicsInfoSetAngularDamping", K, P, K, N)
-    set_joint_damping = _called("b3ChangeDynamicsInfoSetJointDamping", K, P, K, K, N)
     set_largest_speed = _called("b3ChangeDynamicsInfoSetMaxJointVelocity", K, P, K, N)
     set_activation = _called("b3ChangeDynamicsInfoSetActivationState", K, P, K, K)
 
@@ -546,12 +542,9 @@ def _build(client: int, contact: ContactModel, points: int) -> NDArray[np.void]:
         rock = bullet.body_of(bullet.submit(client, command))
     command = bullet.dynamics(client)
     bullet.set_friction(command, rock, -1, 1.0)
-    bullet.set_spinning_friction(command, rock, -1, 0.0)
-    bullet.set_rolling_friction(command, rock, -1, 0.0)
     bullet.set_restitution(command, rock, -1, 1.0)
     bullet.set_linear_damping(command, rock, 0.0)
     bullet.set_angular_damping(command, rock, 0.0)
-    bullet.set_joint_damping(command, rock, -1, 0.0)
     bullet.set_largest_speed(command, rock, 1e9)
     bullet.set_activation(command, rock, DISABLE_SLEEPING)
     bullet.submit(client, command)
@@ -562,13 +555,9 @@ def _build(client: int, contact: ContactModel, points: int) -> NDArray[np.void]:
     origin, upright = bullet.THREE(0.0, 0.0, 0.0), bullet.FOUR(0.0, 0.0, 0.0, 1.0)
     bullet.add_base(command, 0.0, plane, -1, origin, upright, origin, upright)
     ground = bullet.body_of(bullet.submit(client, command))
-    command = bullet.dynamics(client)
-    bullet.set_restitution(command, ground, -1, 0.0)
-    bullet.submit(client, command)
     world = np.zeros(1, WORLD)
     world["client"], world["rock"], world["ground"], world["points"] = client, rock, ground, points
     world["inertia_m2"] = contact.principal_inertia_m2
-    world["cos"] = world["half_cos"] = 1.0
     return world
 
 

@@ -94,17 +94,28 @@ def held_velocity(
         Put here.
     """
     state, friction = sim.state[0], sim.worlds[sim.state[0].world].friction_static
-    free, count = _free_velocity(sim, pose, lasting_s), near.sum()
-    if count == 0:
+    free, points = _free_velocity(sim, pose, lasting_s), np.flatnonzero(near)
+    if len(points) == 0:
         velocity[:] = free
         sim.carries[:] = False
         state.needed_friction = 0.0
         return True
-    these = sticking.contacts(count, free, _mobility(sim, pose), sim.allowed_m_s, velocity)
-    gap, points = gaps_of(sim, pose), np.flatnonzero(near)
+    these = sticking.Contacts(
+        arms_m=np.empty((len(points), 3)),
+        least_m_s=least[points],
+        touches=gaps_of(sim, pose)[points] < touching_m(sim),
+        carries=sim.carries[points],
+        free=free,
+        mobility=_mobility(sim, pose),
+        allowed_m_s=sim.allowed_m_s,
+        velocity=velocity,
+        slides=np.zeros(len(points), np.bool_),
+        chosen=np.empty(sticking.MOST_CARRYING, np.int64),
+        rows=np.empty((6, 6)),
+        gram=np.empty((6, 6)),
+        impulse=np.empty(6),
+    )
     for k, i in enumerate(points):
-        these.least_m_s[k], these.touches[k] = least[i], gap[i] < touching_m(sim)
-        these.carries[k] = sim.carries[i]
         these.arms_m[k] = to_world(sim.points_m[i, 0], sim.points_m[i, 1], sim.points_m[i, 2], pose)
     found, needed = sticking.solve(these)
     if not found or needed > friction:
@@ -115,8 +126,7 @@ def held_velocity(
         return False
     state.needed_friction = needed
     sim.carries[:] = False
-    for k, i in enumerate(points):
-        sim.carries[i] = these.carries[k]
+    sim.carries[points] = these.carries
     return True
 
 

@@ -163,12 +163,17 @@ def note_acceleration(sim: Simulation, since: int) -> None:
 
 
 @inner
+def _centripetal_m_s2(sim: Simulation) -> Array:
+    """Acceleration (points,) of the present set in the latest pose toward the axis of rotation, along the normal."""
+    last, out = sim.state[0].last, np.empty(points_of(sim))
+    centripetal_m_s2(sim.points_m, sim.pose[last], sim.velocity[last], out)
+    return out
+
+
+@inner
 def hover_m(sim: Simulation) -> float:
     """Gap from which a point does not carry in an engine's step: those that do stand off by an offset at most."""
-    state, offset, largest = sim.state[0], np.empty(points_of(sim)), 0.0
-    centripetal_m_s2(sim.points_m, sim.pose[state.last], sim.velocity[state.last], offset)
-    for value in offset:
-        largest = max(largest, abs(value))
+    largest = np.abs(_centripetal_m_s2(sim)).max()
     carrying_m = sim.contact.carrying_share * sim.half_diagonal_m
     return max(sim.contact.highest_offset * sim.step_s**2 * largest, carrying_m)
 
@@ -184,10 +189,8 @@ def hover_for(sim: Simulation, step_s: float) -> None:
     if state.hovers_s == step_s:
         return
     state.hovers_s = step_s
-    pose, offset = sim.pose[state.last], np.empty(points_of(sim))
-    centripetal_m_s2(sim.points_m, pose, sim.velocity[state.last], offset)
-    offset *= 0.5 * step_s**2
-    gap = gaps_of(sim, pose)
+    pose = sim.pose[state.last]
+    gap, offset = gaps_of(sim, pose), 0.5 * step_s**2 * _centripetal_m_s2(sim)
     if step_s > 0.0:  # the engine's points are small spheres
         gaps_m(sim.centres_m, pose, gap)
         gap -= sim.radius_m

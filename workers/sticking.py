@@ -81,26 +81,6 @@ class Contacts(NamedTuple):
 
 
 @inner
-def contacts(count: int, free: Array, mobility: Array, allowed_m_s: float, velocity: Array) -> Contacts:
-    """Room for so many points, still to be filled in."""
-    return Contacts(
-        np.empty((count, 3)),
-        np.empty(count),
-        np.empty(count, np.bool_),
-        np.empty(count, np.bool_),
-        free,
-        mobility,
-        allowed_m_s,
-        velocity,
-        np.zeros(count, np.bool_),
-        np.empty(MOST_CARRYING, np.int64),
-        np.empty((6, 6)),
-        np.empty((6, 6)),
-        np.empty(6),
-    )
-
-
-@inner
 def solve(these: Contacts) -> tuple[bool, float]:
     """Velocity of a rock whose points stick where they carry.
 

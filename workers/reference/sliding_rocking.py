@@ -19,6 +19,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
+from toppling.models.contact import ContactProperties
 from toppling.workers.reference.rocking import PlaneBody
 
 Array = NDArray[np.float64]
@@ -27,15 +28,6 @@ STEPS_OF_FLIGHT = 10
 """A corner that has been off the ground for so many steps lands as one that slips."""
 
 _SLACK = 1e-12  # share of the speeds and impulses at hand by which a mode may miss its conditions
-
-
-@dataclass(frozen=True)
-class PlaneContact:
-    """Friction and restitution of the corners."""
-
-    friction_static: float
-    friction_kinetic: float
-    restitution: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -57,7 +49,7 @@ class PlaneMotion:
 
 def slide_and_rock(
     body: PlaneBody,
-    contact: PlaneContact,
+    contact: ContactProperties,
     gravity_m_s2: Callable[[float], tuple[float, float]],
     duration_s: float,
     time_step_s: float,
@@ -125,7 +117,7 @@ def _corner_offsets(body: PlaneBody, angle: float) -> list[tuple[float, float]]:
 
 def _impulses(
     inertia: float,
-    contact: PlaneContact,
+    contact: ContactProperties,
     touching: list[tuple[float, float]],
     before: Array,
     free: Array,
@@ -160,7 +152,7 @@ def _impulses(
 
 
 def _mode(
-    contact: PlaneContact,
+    contact: ContactProperties,
     way: int,
     pressing: tuple[bool, ...],
     normals: list[Array],

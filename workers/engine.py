@@ -174,18 +174,9 @@ def step(
 def glide(world: Any, step_s: float, placed: bool, raised_m: float, pose: Array, velocity: Array) -> None:
     """Advance by one step with a velocity that meets all contacts; the engine would take from it what does not.
 
-    Parameters
-    ----------
-    world : record of WORLD
-    step_s : float
-    placed : bool
-        Whether the engine already has the rock in this pose, as far above it.
-    raised_m : float
-        How much higher the engine has the rock: a point that comes to the surface on an arc is nearer on its tangent.
-    pose : (7,) array
-        Replaced by the one that the step leads to.
-    velocity : (6,) array
-        Velocity and angular velocity to move with. Replaced by what the engine moved with.
+    It has the rock higher by `raised_m`, since a point that comes to the surface on an arc is nearer on its tangent;
+    `placed` says that it already has it there. The pose (7,) is replaced by the one that the step leads to, and the
+    velocity (6,) by what the engine moved with.
     """
     client = world.client
     if step_s != world.step_s or not world.weightless:
@@ -251,14 +242,8 @@ def rebound(
 def configure(world: Any, impulse_m_s: float, near_share: float, rebound_from_m_s: float) -> None:
     """Suit the world to steps in which gravity gives this velocity; its contact sticks until it slips.
 
-    Parameters
-    ----------
-    world : record of WORLD
-    impulse_m_s : float
-    near_share : float
-        Of R: within it contacts are prepared, unless told otherwise.
-    rebound_from_m_s : float
-        Impacts slower than this do not rebound.
+    Contacts are prepared within `near_share` of R, unless told otherwise; slower impacts than `rebound_from_m_s` do not
+    rebound.
     """
     world.impulse_m_s, world.near_share = impulse_m_s, near_share
     command = _parameters(world.client)
@@ -495,24 +480,21 @@ DISABLE_SLEEPING = 2
 """Of activation states."""
 
 
+MOST_WORLDS = 6
+"""In a process; each takes some 35 MB."""
+
+
 class EnginePool:
-    """Worlds of a process, each kept while the same rock is shaken again; the least recently used one is rebuilt.
+    """Worlds of a process, each kept while the same rock is shaken again; the least recently used one is rebuilt."""
 
-    Parameters
-    ----------
-    worlds : int
-        At most so many; each takes some 35 MB.
-    """
-
-    def __init__(self, worlds: int = 6) -> None:
-        self._most = worlds
+    def __init__(self) -> None:
         self._worlds: OrderedDict[tuple[int, int], tuple[ContactModel, NDArray[np.void]]] = OrderedDict()
 
     def world(self, contact: ContactModel, points: int) -> NDArray[np.void]:
         """World (1,) of dtype WORLD that holds the first `points` of a rock's contact points."""
         key = (id(contact), points)  # the model is kept beside its world, so that its identity stays its own
         if key not in self._worlds:
-            if len(self._worlds) < self._most:
+            if len(self._worlds) < MOST_WORLDS:
                 client = int(_Bullet.connect())
             else:  # worlds are reset, not removed, since only that frees their memory
                 client = int(self._worlds.popitem(last=False)[1][1]["client"][0])

@@ -72,18 +72,9 @@ def time_to_contact_s(
     since_s: float,
     end_s: float,
 ) -> float:
-    """Time at which one point comes down to the plane; `end_s` if it does not before.
+    """Time at which one point (1, 3), body axes, comes down to the plane; `end_s` if it does not before.
 
-    Parameters
-    ----------
-    point_m : (1, 3) array
-        Of the point, body axes.
-    pose : (7,) array
-    velocity : (6,) array
-        At a time `since_s` before the pose.
-    acceleration : (6,) array
-        A step of a duration moves with the velocity at its middle.
-    since_s, end_s : float
+    The velocity is that at a time `since_s` before the pose; a step moves the rock with that of its middle.
     """
     there, gap, mean = np.empty(7), np.empty(1), np.empty(6)
     low, high = 0.0, end_s

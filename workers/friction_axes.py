@@ -39,18 +39,9 @@ def point_mobilities(
 ) -> tuple[Complex, Complex]:
     """What decides on the axes, `unlike` and `slip` (k,), of the points of these indices (k,).
 
-    Parameters
-    ----------
-    points_m : (n, 3) array
-        Of all contact points, body axes.
-    mobilities : (n, 6) array
-        Arm x (inertia / mass)^-1 x arm of each, as xx, yy, zz, xy, xz, yz.
-    points : (k,) array of int
-    pose : (7,) array
-    velocity : (6,) array
-        Of the centre of mass, and angular, support frame.
-    slips_from_m_s : float
-        Points that are slower may slip in any direction, and so may those that come down faster than they slip.
+    `points_m` (n, 3) and `mobilities` (n, 6), arm x (inertia / mass)^-1 x arm as xx, yy, zz, xy, xz, yz, are those of
+    all contact points, body axes. Points slower than `slips_from_m_s` may slip in any direction, and so may those that
+    come down faster than they slip.
     """
     x, y, z, w = pose[3], pose[4], pose[5], pose[6]
     p = complex(1 - 2 * (y * y + z * z), 2 * (x * y + z * w))

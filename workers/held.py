@@ -18,25 +18,10 @@ LOOKED_AHEAD = 1.2
 def velocity_over(
     sim: Simulation, step_s: float, left_s: float, resolved_m_s: float, velocity: Array
 ) -> tuple[bool, float]:
-    """Velocity for a step of `step_s` from the latest pose, and when the first point lands that is resolved.
+    """Find the velocity (6,) of the middle of a step from the latest pose, by which it moves the rock.
 
-    Parameters
-    ----------
-    sim : Simulation
-    step_s : float
-    left_s : float
-        Time within which a point may land.
-    resolved_m_s : float
-        Points that land slower come to the surface as the step ends.
-    velocity : (6,) array
-        Put here: that of the step's middle, by which it moves the rock.
-
-    Returns
-    -------
-    held : bool
-        False where a point slips.
-    contact_s : float
-        `left_s` if no point lands before.
+    Points that land within `left_s` slower than `resolved_m_s` come to the surface as the step ends. Returns whether
+    no point slips, and when the first other one lands, `left_s` if none does.
     """
     state = sim.state[0]
     last, world = state.last, sim.worlds[state.world]
@@ -78,20 +63,10 @@ def velocity_over(
 def held_velocity(
     sim: Simulation, pose: Array, lasting_s: float, near: Flags, least: Array, velocity: Array
 ) -> bool:
-    """Velocity (6,) some time after that of the latest pose, as the points that carry stick; whether they can.
+    """Find the velocity (6,) some time after that of the latest pose, as the points that carry stick; whether they can.
 
-    Parameters
-    ----------
-    sim : Simulation
-        Its `carries` is set, or if a point would slip `slips_after`.
-    pose : (7,) array
-    lasting_s : float
-    near : (points,) bool array
-        Points that may carry.
-    least : (points,) array
-        Least velocity along the normal of each.
-    velocity : (6,) array
-        Put here.
+    May carry `near` points, each with a `least` velocity along the normal. Sets `sim.carries`, or if a point would slip
+    `slips_after`.
     """
     state, friction = sim.state[0], sim.worlds[sim.state[0].world].friction_static
     free, points = _free_velocity(sim, pose, lasting_s), np.flatnonzero(near)

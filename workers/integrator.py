@@ -115,7 +115,8 @@ def _stays(sim: Simulation) -> bool:
         return False
     if not sim.skips_rest:
         there, still = pose.copy(), np.zeros(6)
-        engine.glide(sim.worlds[state.world], sim.step_s, False, _raised_m(sim), there, still)
+        raised_m = sim.contact.raised_share * sim.half_diagonal_m
+        engine.glide(sim.worlds[state.world], sim.step_s, False, raised_m, there, still)
         state.engine_steps += 1
     rest_until(sim, state.grid + 1)
     return True
@@ -173,17 +174,11 @@ def _glide(sim: Simulation, velocity: Array, step_s: float) -> None:
     placed = state.placed == RAISED
     new = append(sim, step_s, 0.5 * step_s)
     sim.pose[new], sim.velocity[new] = sim.pose[last], velocity
-    world = sim.worlds[state.world]
-    engine.glide(world, step_s, placed, _raised_m(sim), sim.pose[new], sim.velocity[new])
+    world, raised_m = sim.worlds[state.world], sim.contact.raised_share * sim.half_diagonal_m
+    engine.glide(world, step_s, placed, raised_m, sim.pose[new], sim.velocity[new])
     state.engine_steps += 1
     state.placed = RAISED
     note_acceleration(sim, last)
-
-
-@inner
-def _raised_m(sim: Simulation) -> float:
-    """By how much the engine has the rock higher where it only moves it."""
-    return sim.contact.raised_share * sim.half_diagonal_m
 
 
 @inner

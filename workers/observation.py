@@ -23,31 +23,14 @@ TOUCHING_AT_START_SHARE = 1e-4
 
 
 class Body(NamedTuple):
-    """A rock, as compiled code observes it.
+    """A rock, as compiled code observes it; support frame."""
 
-    Parameters
-    ----------
-    lying_m : (n, 3) array
-        From each contact point to the centre of mass as the rock stood in the scene, support frame.
-    scene_pose : (7,) array
-        Pose in the scene.
-    first_contact_m : (3,) array
-        Centroid of the points that touch at the start, body axes.
-    first_place_m : (3,) array
-        Where it is then, support frame.
-    up : (3,) array
-        Upward unit vector, support frame.
-    ends : (n, 3) array
-        Lines a x + b y + c = 0 where the pedestal ends, positive beyond, where plumb lines meet the interface plane.
-    gravity_m_s2 : float
-    """
-
-    lying_m: Array
+    lying_m: Array  # (n, 3) from each contact point to the centre of mass as the rock stood in the scene
     scene_pose: Array
-    first_contact_m: Array
-    first_place_m: Array
-    up: Array
-    ends: Array
+    first_contact_m: Array  # (3,) centroid of the points that touch at the start, body axes
+    first_place_m: Array  # (3,) where it is then
+    up: Array  # (3,) upward unit vector
+    ends: Array  # of the pedestal: those of :func:`ends_of_pedestal`
     gravity_m_s2: float
 
     @classmethod

@@ -15,13 +15,10 @@ from toppling.workers.compiled import Array
 from toppling.workers.contact_points import LARGEST_OPEN_TILT_DEG, ContactModel
 from toppling.workers.observation import Observation
 from toppling.workers.problem import Problem
-from toppling.workers.termination import is_displaced
+from toppling.workers.termination import FALLS, is_displaced
 
 STATUS = {"speed_limit": "diverged", "time_cap": "undecided"}
 """Of the rules after which there is no answer."""
-
-FALLS = ("fallen", "tilted", "slid_off")
-"""Rules after which the rock has toppled whatever its pose."""
 
 NEGLIGIBLE_WAY_SHARE = 1e-3
 """Of R: the centre of mass comes to its balance over a point on a way that is longer by far."""
@@ -85,26 +82,10 @@ def result_of(
     trajectory: bool,
     **cost: Any,
 ) -> ShakeResult:
-    """What happened, told from the whole trajectory.
-
-    Parameters
-    ----------
-    ended_by : str
-        The rule that ended the shake.
-    seen : Observation
-        Of the end.
-    problem : Problem
-    time_s : (n,) array
-    pose : (n, 7) array
-        Support frame.
-    trajectory : bool
-        Whether the result keeps it.
-    **cost
-        The result's other fields.
-    """
+    """What happened, told from the whole trajectory (n,) and (n, 7), support frame, and from what was seen last."""
     contact, status = problem.contact, STATUS.get(ended_by, "ok")
     tilt = contact.tilts_deg(pose[:, 3:])
-    toppled = (ended_by in FALLS or bool(tilt[-1] > TOPPLED_TILT_DEG)) if status == "ok" else None
+    toppled = (ended_by in dict(FALLS) or bool(tilt[-1] > TOPPLED_TILT_DEG)) if status == "ok" else None
     turning = _point_of_no_return(ended_by, contact, pose[:, :3], tilt) if toppled else None
     outcome = None
     if status == "ok":
@@ -143,7 +124,7 @@ def _point_of_no_return(ended_by: str, contact: ContactModel, com_m: Array, tilt
     """
     if ended_by == "slid_off":
         return len(com_m) - 1
-    if ended_by in FALLS:
+    if ended_by in dict(FALLS):
         low = com_m[:, 2] < (1.0 - TOPPLED_FALL) * contact.com_m[2]
         still = int(np.argmax(low | (tilt_deg > LARGEST_OPEN_TILT_DEG))) - 1
     else:  # at rest on another face

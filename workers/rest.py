@@ -12,6 +12,7 @@ from toppling.workers.integrator import Integrator
 from toppling.workers.observation import Observation
 from toppling.workers.problem import Problem
 from toppling.workers.quaternion import to_world
+from toppling.workers.simulation import Simulation
 
 
 class Rest:
@@ -75,40 +76,28 @@ class Rest:
 
     def _held_until(self, index: int, first: int, end: int) -> int:
         """First sample, from `first` on, whose force the points that touch in a pose cannot hold; `end` if all."""
-        sim, friction = self._integrator.sim, self._problem.scene.contact.friction_static
-        touching_m = sim.contact.resting_share * sim.half_diagonal_m
-        return int(held_until(sim.points_m, touching_m, sim.pose[index], friction, self._forces, first, end))
+        friction = self._problem.scene.contact.friction_static
+        return int(held_until(self._integrator.sim, index, friction, self._forces, first, end))
 
 
 @compiled
-def held_until(
-    points_m: Array, touching_m: float, pose: Array, friction: float, forces_m_s2: Array, first: int, end: int
-) -> int:
-    """First of some specific forces that the points which touch cannot hold; `end` if they hold all.
+def held_until(sim: Simulation, index: int, friction: float, forces_m_s2: Array, first: int, end: int) -> int:
+    """First of some specific forces (m, 3) that the points which touch in a pose cannot hold; `end` if they hold all.
 
     The cone of :func:`models.statics.equilibrium_possible`: the force points into the plane, its tangential part is at
     most the friction times the normal one, and its line of action through the centre of mass pierces the hull of the
     points.
-
-    Parameters
-    ----------
-    points_m : (n, 3) array
-        Contact points, body axes.
-    touching_m : float
-        Those touch that are so near the plane.
-    pose : (7,) array
-        Support frame.
-    friction : float
-        Static coefficient.
-    forces_m_s2 : (m, 3) array
-        Support frame.
-    first, end : int
     """
+    points_m, pose, touching_m = (
+        sim.points_m,
+        sim.pose[index],
+        sim.contact.resting_share * sim.half_diagonal_m,
+    )
     arms, count = np.empty((len(points_m), 3)), 0
     for i in range(len(points_m)):
         arm = to_world(points_m[i, 0], points_m[i, 1], points_m[i, 2], pose)
         if pose[2] + arm[2] <= touching_m:
-            arms[count, 0], arms[count, 1], arms[count, 2] = arm
+            arms[count] = arm
             count += 1
     ring = convex_ring(arms[:count], touching_m)
     if len(ring) < 3:
@@ -119,11 +108,7 @@ def held_until(
         x, y = b[0] - a[0], b[1] - a[1]
         far = math.sqrt(x * x + y * y)
         # w . f > 0 where the force f on the centre of mass holds the rock down on the edge.
-        moments[k, 0], moments[k, 1], moments[k, 2] = (
-            y * a[2] / far,
-            -x * a[2] / far,
-            (a[1] * x - a[0] * y) / far,
-        )
+        moments[k] = y * a[2] / far, -x * a[2] / far, (a[1] * x - a[0] * y) / far
         longest = max(longest, math.sqrt(a[0] ** 2 + a[1] ** 2 + a[2] ** 2))
     for n in range(first, end):
         x, y, z = forces_m_s2[n]

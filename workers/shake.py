@@ -50,11 +50,11 @@ def shake(
     motion : Motion
         Acceleration of the ground. After it the ground stays at rest until the answer is certain.
     preset : str or NumericalOptions
-        'fast', 'standard' or 'reference', or options of one's own.
+        'draft', 'fast', 'standard' or 'reference', or options of one's own.
     trajectory : bool
         Keep the rock's poses.
     time_step : float, optional
-        Seconds; replaces the preset's. Divided as the preset's is while the rock has hardly lifted.
+        Seconds; replaces the preset's.
     shortcuts : bool
         Skip the time in which nothing can move, and end as soon as the answer is certain.
     initial : State or mapping of its fields, optional

@@ -88,15 +88,9 @@ def append(sim: Simulation, step_s: float, velocity_s: float) -> int:
 
 
 @inner
-def points_of(sim: Simulation) -> int:
-    """How many contact points are looked at, from the first."""
-    return sim.set_points[sim.state[0].set]
-
-
-@inner
 def gaps_of(sim: Simulation, pose: Array) -> Array:
-    """Gaps (points,), m, of the present set in a pose."""
-    out = np.empty(points_of(sim))
+    """Gaps (points,), m, of the present set in a pose: so many contact points are looked at, from the first."""
+    out = np.empty(sim.set_points[sim.state[0].set])
     gaps_m(sim.points_m, pose, out)
     return out
 
@@ -165,7 +159,7 @@ def note_acceleration(sim: Simulation, since: int) -> None:
 @inner
 def _centripetal_m_s2(sim: Simulation) -> Array:
     """Acceleration (points,) of the present set in the latest pose toward the axis of rotation, along the normal."""
-    last, out = sim.state[0].last, np.empty(points_of(sim))
+    last, out = sim.state[0].last, np.empty(sim.set_points[sim.state[0].set])
     centripetal_m_s2(sim.points_m, sim.pose[last], sim.velocity[last], out)
     return out
 

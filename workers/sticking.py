@@ -36,48 +36,21 @@ SINGULAR = 1e-12
 
 
 class Contacts(NamedTuple):
-    """Points that may carry a rock which begins to move, and arrays to work in.
+    """Points that may carry a rock which begins to move, and arrays to work in."""
 
-    Parameters
-    ----------
-    arms_m : (n, 3) array
-        From the centre of mass to the points, at equal heights.
-    least_m_s : (n,) array
-        Normal velocity of a point that carries, below which none may be.
-    touches : (n,) bool array
-        Points that touch as the rock begins to move.
-    carries : (n,) bool array
-        Points that carried before; those that do now are put here.
-    free : (6,) array
-        Velocity without contact.
-    mobility : (3, 3) array
-        Inverse of the inertia over mass, same frame.
-    allowed_m_s : float
-        By which a point may come nearer all the same.
-    velocity : (6,) array
-        That which the points leave is put here.
-    slides : (n,) bool array
-        Points that carry and slide.
-    chosen : (3,) array of int
-        Points that carry, those that stick first.
-    rows, gram : (6, 6) array
-        Directions of the impulses that hold these, and what they do to each other.
-    impulse : (6,) array
-    """
-
-    arms_m: Array
-    least_m_s: Array
-    touches: Flags
-    carries: Flags
-    free: Array
-    mobility: Array
-    allowed_m_s: float
-    velocity: Array
-    slides: Flags
-    chosen: Indices
-    rows: Array
-    gram: Array
-    impulse: Array
+    arms_m: Array  # (n, 3) from the centre of mass to the points, at equal heights
+    least_m_s: Array  # (n,) normal velocity of a point that carries, below which none may be
+    touches: Flags  # (n,) as the rock begins to move
+    carries: Flags  # (n,) before; those that do now are put here
+    free: Array  # (6,) velocity without contact
+    mobility: Array  # (3, 3) inverse of the inertia over mass, same frame
+    allowed_m_s: float  # by which a point may come nearer all the same
+    velocity: Array  # (6,) that which the points leave is put here
+    slides: Flags  # (n,) of those that carry
+    chosen: Indices  # (3,) points that carry, those that stick first
+    rows: Array  # (6, 6) directions of the impulses that hold these
+    gram: Array  # (6, 6) what the impulses do to each other
+    impulse: Array  # (6,)
 
 
 @inner

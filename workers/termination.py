@@ -82,7 +82,7 @@ Rules = tuple[tuple[str, Rule], ...]
 """By what they are called in a result."""
 
 FALLS: Rules = (("speed_limit", diverged), ("fallen", fallen), ("tilted", tilted), ("slid_off", slid_off))
-"""Looked at first."""
+"""Looked at first; after the last three the rock has toppled whatever its pose."""
 
 ENDS: Rules = (
     ("rest_certain", too_little_energy),

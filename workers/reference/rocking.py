@@ -191,8 +191,9 @@ def rock(
                 break
             time, sense = uplift
             angle = rate = 0.0
-        end = _next_break(ground.breaks_s, time, duration_s)
-        solved = _swing(body, ground, gravity_m_s2, sense, (time, end), (angle, rate))
+        later = ground.breaks_s[ground.breaks_s > time + 1e-12]
+        span = (time, float(min(later[0], duration_s)) if len(later) else duration_s)
+        solved = _swing(body, ground, gravity_m_s2, sense, span, (angle, rate))
         result.pieces.append((time, float(solved.t[-1]), solved.sol))
         time = float(solved.t[-1])
         angle, rate = float(solved.y[0, -1]), float(solved.y[1, -1])
@@ -253,11 +254,6 @@ def _swing(
     )
 
 
-def _next_break(breaks: Array, time: float, duration: float) -> float:
-    later = breaks[breaks > time + 1e-12]
-    return float(min(later[0], duration)) if len(later) else duration
-
-
 def _next_uplift(
     body: PlaneBody, ground: Ground, gravity: float, start: float, duration: float
 ) -> tuple[float, int] | None:
@@ -268,9 +264,8 @@ def _next_uplift(
         return -sense * a_x - (gravity + a_z) * np.tan(body.slenderness(sense))
 
     found: list[tuple[float, int]] = []
-    breaks = np.concatenate(
-        [[start], ground.breaks_s[(ground.breaks_s > start) & (ground.breaks_s <= duration)]]
-    )
+    within = (ground.breaks_s > start) & (ground.breaks_s <= duration)
+    breaks = np.concatenate([[start], ground.breaks_s[within]])
     for sense in (1, -1):
         if lifting(start, sense) > 0:
             found.append((start, sense))

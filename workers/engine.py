@@ -144,7 +144,7 @@ def place(world: Any, pose: Array, velocity: Array, near_share: float, axes_rad:
 
 @inner
 def step(
-    world: Any, centres_m: Array, step_s: float, force_m_s2: Vector, pose: Array, velocity: Array
+    world: Any, points_m: Array, step_s: float, force_m_s2: Vector, pose: Array, velocity: Array
 ) -> None:
     """Advance by one step under a constant specific force, contacts solved by the engine.
 
@@ -166,7 +166,7 @@ def step(
         _set_iterations(command, world.iterations)
         _submit(client, command)
     if world.friction_static != world.friction_kinetic:
-        _follow_slip(world, centres_m)
+        _follow_slip(world, points_m)
     _read(world, pose, velocity)
 
 
@@ -219,7 +219,7 @@ def _before_turning(world: Any, pose: Array, velocity: Array, step_s: float) -> 
 
 @inner
 def rebound(
-    world: Any, centres_m: Array, step_s: float, force_m_s2: Vector, pose: Array, velocity: Array
+    world: Any, points_m: Array, step_s: float, force_m_s2: Vector, pose: Array, velocity: Array
 ) -> None:
     """Advance by the step that begins as points touch down: they leave with Newton's share of their speed.
 
@@ -227,7 +227,7 @@ def rebound(
     gap, and so take speed from the fall.
     """
     if world.restitution == 0.0:
-        step(world, centres_m, step_s, force_m_s2, pose, velocity)
+        step(world, points_m, step_s, force_m_s2, pose, velocity)
         return
     # Bullet multiplies the two bodies' coefficients; the rock's is 1.
     for restitution in (world.restitution, 0.0):
@@ -235,7 +235,7 @@ def rebound(
         _change_restitution(command, world.ground, -1, restitution)
         _submit(world.client, command)
         if restitution > 0.0:
-            step(world, centres_m, step_s, force_m_s2, pose, velocity)
+            step(world, points_m, step_s, force_m_s2, pose, velocity)
 
 
 @inner
@@ -345,7 +345,7 @@ def _state(world: Any) -> Array:
 
 
 @inner
-def _follow_slip(world: Any, centres_m: Array) -> None:
+def _follow_slip(world: Any, points_m: Array) -> None:
     """Choose the coefficient of the next step: the kinetic one while the contact as a whole slips.
 
     It slips where the resultant of its friction uses up what the present coefficient allows, and once it does until its
@@ -360,7 +360,7 @@ def _follow_slip(world: Any, centres_m: Array) -> None:
         touches = touches or contact[_NORMAL_FORCE] > 0.0
     if not touches:
         world.grip[:] = 0.0
-        slips = slip_m_s(state[7:], _lowest_arm_m(centres_m[: world.points], state)) > world.impulse_m_s
+        slips = slip_m_s(state[7:], _lowest_arm_m(points_m[: world.points], state)) > world.impulse_m_s
     else:
         slips = _slips_on(world, contacts, state)
     static, kinetic = world.friction_static, world.friction_kinetic
@@ -420,16 +420,16 @@ _PLACE_A, _NORMAL_FORCE, _FRICTION_1, _FRICTION_2, _DIRECTION_1, _DIRECTION_2 = 
 
 
 @inner
-def _lowest_arm_m(centres_m: Array, state: Array) -> Vector:
+def _lowest_arm_m(points_m: Array, state: Array) -> Vector:
     """From the centre of mass to the lowest of some points, in the world's own frame."""
     x, y, z, w = state[3], state[4], state[5], state[6]
     lowest, index = np.inf, 0
-    for i in range(len(centres_m)):
-        a, b, c = centres_m[i, 0], centres_m[i, 1], centres_m[i, 2]
+    for i in range(len(points_m)):
+        a, b, c = points_m[i, 0], points_m[i, 1], points_m[i, 2]
         height = 2 * (x * z - y * w) * a + 2 * (y * z + x * w) * b + (1 - 2 * (x * x + y * y)) * c
         if height < lowest:
             lowest, index = height, i
-    a, b, c = centres_m[index, 0], centres_m[index, 1], centres_m[index, 2]
+    a, b, c = points_m[index, 0], points_m[index, 1], points_m[index, 2]
     along = (1 - 2 * (y * y + z * z)) * a + 2 * (x * y - z * w) * b + 2 * (x * z + y * w) * c
     across = 2 * (x * y + z * w) * a + (1 - 2 * (x * x + z * z)) * b + 2 * (y * z - x * w) * c
     return along, across, lowest

@@ -55,7 +55,10 @@ class MujocoIntegrator(Integrator):
         if self.last + max(ROOM, steps + 1) > len(self.sim.time_s):
             self._make_room()
         first, grid, sim = self.last, self.grid, self.sim
-        out = self._rolled(self._force(grid, steps))
+        force_m_s2 = np.tile(sim.gravity_m_s2, (steps, 1))
+        moved = self._forces[grid : grid + steps]
+        force_m_s2[: len(moved)] = moved
+        out = self._rolled(force_m_s2)
         new = slice(first + 1, first + steps + 1)
         sim.time_s[new] = (grid + 1 + np.arange(steps)) * sim.step_s
         sim.velocity_time_s[new] = sim.time_s[new] - 0.5 * sim.step_s
@@ -73,23 +76,18 @@ class MujocoIntegrator(Integrator):
         super().rest_until(since, grid)
         self._warm[:] = 0.0
 
-    def _force(self, grid: int, steps: int) -> Array:
-        applied = np.zeros((1, steps, 12))  # of the world's body and the rock's
-        moved = self._forces[grid : grid + steps]
-        applied[0, : len(moved), 6:9] = moved
-        applied[0, len(moved) :, 6:9] = self.sim.gravity_m_s2
-        return applied
-
     def _rolled(self, force_m_s2: Array) -> Array:
         """States (steps, 14) of MuJoCo: time, place, attitude as w, x, y, z, velocity, spin in body axes."""
-        last, sim, steps = self.last, self.sim, force_m_s2.shape[1]
+        last, sim, steps = self.last, self.sim, len(force_m_s2)
+        applied = np.zeros((1, steps, 12))  # of the world's body and the rock's
+        applied[0, :, 6:9] = force_m_s2
         pose, velocity = sim.pose[last], sim.velocity[last]
         spin = quat.matrix(pose[3:]).T @ velocity[3:]
         state = np.array([[0.0, *pose[:3], pose[6], *pose[3:6], *velocity[:3], *spin]])
         out = np.empty((1, steps, state.shape[1]))
         rollout, force_bit = _rollout()
         rollout.rollout(
-            self._model, self._data, state, force_m_s2, control_spec=force_bit, nstep=steps,
+            self._model, self._data, state, applied, control_spec=force_bit, nstep=steps,
             initial_warmstart=self._warm, state=out,
         )  # fmt: skip
         self._warm[0] = self._data.qacc_warmstart

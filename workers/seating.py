@@ -87,7 +87,7 @@ def _let_down(scene: Scene) -> Scene:
     engine.configure_for(world, surface, SOLVER)
     pose = contact.touching(contact.start_pose)
     size_m, g_m_s2 = contact.half_diagonal_m, scene.gravity_m_s2
-    still = _swing_out(world[0], contact.centres_body_m, size_m, g_m_s2, gravity, step_s, pose)
+    still = _swing_out(world[0], contact.points_body_m, size_m, g_m_s2, gravity, step_s, pose)
     relative = quat.matrix(quat.product(pose[3:], quat.inverse(contact.start_quaternion_xyzw)))
     rotation = turn @ relative @ turn.T
     tilt = np.rad2deg(np.arccos(np.clip(rotation[2, 2], -1.0, 1.0)))
@@ -102,7 +102,7 @@ def _let_down(scene: Scene) -> Scene:
 @compiled
 def _swing_out(
     world: Any,
-    centres_m: Array,
+    points_m: Array,
     half_diagonal_m: float,
     gravity_m_s2: float,
     force_m_s2: Array,
@@ -122,7 +122,7 @@ def _swing_out(
         limit = strict if look < 1000 else 10.0 * strict
         for _ in range(STEPS_IN_A_LOOK):
             before[:] = pose
-            engine.step(world, centres_m, step_s, force, pose, velocity)
+            engine.step(world, points_m, step_s, force, pose, velocity)
         travel = travel_m(before, pose, half_diagonal_m)
         # Past the lowest point of this swing: let it go from here at rest. What is left in the end dies by itself.
         if travel < previous and travel > STOPPED_SHARE * half_diagonal_m:

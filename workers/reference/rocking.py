@@ -157,11 +157,7 @@ class Rocking:
 
 
 def rock(
-    body: PlaneBody,
-    ground: Ground,
-    duration_s: float,
-    angle_rad: float = 0.0,
-    gravity_m_s2: float = 9.81,
+    body: PlaneBody, ground: Ground, duration_s: float, angle_rad: float = 0.0, gravity_m_s2: float = 9.81
 ) -> Rocking:
     """Rock a body on two corners until a time, or until it lies on its side.
 

@@ -1,4 +1,4 @@
-"""Energy: what a rock has, and the least that overturns it."""
+"""The least energy that overturns a rock."""
 
 from __future__ import annotations
 
@@ -10,10 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from toppling.models.scene import Scene
 from toppling.models.statics import TOPPLED_TILT_DEG
+from toppling.workers.compiled import Array
 from toppling.workers.contact_points import ContactModel, contact_of
-from toppling.workers.quaternion import inverse, matrix, product
-
-Array = NDArray[np.float64]
 
 AXES_STEP_DEG = 2.0
 """Between axes of tilt. Between them the centre of mass is taken as lower by up to 1.5e-4 of its lever arm."""
@@ -23,7 +21,7 @@ YAWS = 72
 
 
 def least_overturning_j_kg(scene: Scene, tilt_deg: float = 0.0, yaw_deg: float | None = 0.0) -> float:
-    """Least energy per mass that overturns a rock tilted so far, J/kg; counts as :func:`potential_j_kg` does.
+    """Least energy per mass that overturns a rock tilted so far, J/kg, above that of the same one lying.
 
     Whatever overturns it passes every larger tilt, up to that at which it counts as toppled: the least energy at the
     tilt where that is largest is needed in any case. For a block it is g R (1 - cos alpha). It is what a rock needs
@@ -43,39 +41,6 @@ def least_overturning_j_kg(scene: Scene, tilt_deg: float = 0.0, yaw_deg: float |
     yaws = slice(None) if yaw_deg is None else [round(yaw_deg * YAWS / 360.0) % len(by_yaw)]
     by_tilt = by_yaw[yaws].min(axis=0)
     return float(by_tilt[min(int(np.ceil(tilt_deg)), len(by_tilt) - 1) :].max())
-
-
-def potential_j_kg(scene: Scene, com_m: Array, attitude: Array) -> float:
-    """Potential energy per mass of a rock above that of the same one lying where it is, J/kg.
-
-    What a slope gave to a rock that slid does not count, since friction took it.
-
-    Parameters
-    ----------
-    scene : Scene
-    com_m : (3,) array
-        Centre of mass, support frame.
-    attitude : (4,) array
-        Of the body frame, support frame.
-    """
-    contact = contact_of(scene)
-    up = contact.scene_from_support[2]
-    return float(scene.gravity_m_s2 * up @ (com_m - lying_com_m(contact, com_m, attitude)))
-
-
-def lying_com_m(contact: ContactModel, com_m: Array, attitude: Array) -> Array:
-    """Centre of mass (3,) if the rock lay where it is: turned as now, its lowest contact point on the same spot."""
-    arms = contact.points_body_m @ matrix(attitude).T
-    lowest = int(arms[:, 2].argmin())
-    point = (com_m + arms[lowest]) * (1.0, 1.0, 0.0)
-    turned = Rotation.from_euler("z", yaw_rad(attitude, contact.start_quaternion_xyzw))
-    return np.asarray(point + turned.apply(lying_arms_m(contact)[lowest]))
-
-
-def yaw_rad(attitude: Array, since: Array) -> float:
-    """Turn since another attitude about the interface's normal: what is left of a rotation without the tilt."""
-    _, _, z, w = product(attitude, inverse(since))
-    return float(2.0 * np.arctan2(z, w))
 
 
 @lru_cache(maxsize=8)

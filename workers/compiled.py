@@ -14,7 +14,7 @@ import os
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +22,12 @@ import llvmlite.binding
 import numba
 import numpy as np
 from numba.core import config
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Indices = NDArray[np.int64]
+Vector = tuple[float, float, float]
 
 FOLDER_VARIABLE = "TOPPLING_CACHE"
 
@@ -61,19 +67,13 @@ FOLDER = private_folder(_parent())
 """Where compiled code is kept, or None."""
 
 
-@contextlib.contextmanager
-def _kept_in_folder() -> Iterator[None]:
-    """Numba reads its setting when a function is decorated; other users of Numba keep theirs."""
+def _compile(function: Callable[..., Any], **options: bool) -> Any:  # Numba's dispatcher has no type
+    # Numba reads its setting when a function is decorated; other users of Numba keep theirs.
     before, config.CACHE_DIR = config.CACHE_DIR, str(FOLDER)
     try:
-        yield
+        return numba.njit(cache=FOLDER is not None, error_model="numpy", **options)(function)
     finally:
         config.CACHE_DIR = before
-
-
-def _compile(function: Callable[..., Any], **options: bool) -> Any:  # Numba's dispatcher has no type
-    with _kept_in_folder():
-        return numba.njit(cache=FOLDER is not None, error_model="numpy", **options)(function)
 
 
 def compiled(function: Callable[..., Any]) -> Any:

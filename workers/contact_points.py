@@ -23,10 +23,7 @@ from toppling.models.frames import plane_axes
 from toppling.models.relief import contact_feet_m
 from toppling.models.scene import Scene
 from toppling.workers import quaternion
-
-Array = NDArray[np.float64]
-Pose = tuple[tuple[float, float, float], tuple[float, float, float, float]]
-"""Centre of mass, support frame, and attitude of the body frame as a quaternion (x, y, z, w)."""
+from toppling.workers.compiled import Array, Flags
 
 LARGEST_OPEN_TILT_DEG = 75.0
 """Beyond this tilt a rock's fate is no longer open; points that touch only later are left out."""
@@ -80,30 +77,6 @@ class ContactModel:
     onset_deg: Array
     half_diagonal_m: float
 
-    @classmethod
-    def of(cls, scene: Scene) -> ContactModel:
-        """Contact model of a scene."""
-        normal = scene.pedestal.normal
-        scene_from_support = np.column_stack([*plane_axes(normal), normal])
-        origin = scene.pedestal.point_m
-        com = (scene.rock.com_m - origin) @ scene_from_support
-        inertia = scene_from_support.T @ scene.rock.inertia_per_mass_m2 @ scene_from_support
-        moments, axes = np.linalg.eigh(inertia)
-        if np.linalg.det(axes) < 0:
-            axes[:, 0] *= -1.0
-        feet = (contact_feet_m(scene.rock, scene.pedestal) - origin) @ scene_from_support - com
-        reachable, onset_deg = _vertices_that_can_touch(feet, scene.rock.half_diagonal_m)
-        return cls(
-            scene_from_support=scene_from_support,
-            origin_m=origin,
-            com_m=com,
-            support_from_body=axes,
-            principal_inertia_m2=moments,
-            points_body_m=reachable @ axes,
-            onset_deg=onset_deg,
-            half_diagonal_m=scene.rock.half_diagonal_m,
-        )
-
     @cached_property
     def radius_m(self) -> float:
         """Radius of the contact points' spheres."""
@@ -132,9 +105,9 @@ class ContactModel:
         return quaternion.from_matrix(self.support_from_body)
 
     @cached_property
-    def start_pose(self) -> Pose:
-        """The pose of the scene."""
-        return tuple(self.com_m.tolist()), tuple(self.start_quaternion_xyzw.tolist())
+    def start_pose(self) -> Array:
+        """The pose (7,) of the scene: centre of mass, support frame, and attitude of the body frame."""
+        return np.concatenate([self.com_m, self.start_quaternion_xyzw])
 
     def points_within(self, tilt_deg: float) -> int:
         """Number of the points that can touch up to a tilt; they come first."""
@@ -145,35 +118,14 @@ class ContactModel:
         cosines = self.support_from_body[2] @ _normals_body(quaternions_xyzw)
         return np.rad2deg(np.arccos(np.clip(cosines, -1.0, 1.0)))
 
-    def gaps_m(self, positions_m: Array, quaternions_xyzw: Array, points: int | None = None) -> Array:
-        """Clearance of contact points' spheres in a sequence of poses, negative where one has sunk in.
+    def gaps_m(self, pose: Array) -> Array:
+        """Clearance (n,) of the contact points' spheres in a pose (7,), negative where one has sunk in."""
+        above_centre_m = pose[2] + _normals_body(pose[None, 3:]).T @ self.centres_body_m.T
+        return np.asarray(above_centre_m[0] - self.radius_m)
 
-        Parameters
-        ----------
-        positions_m : (m, 3) array
-            Centre of mass, support frame.
-        quaternions_xyzw : (m, 4) array
-            Attitude of the body frame.
-        points : int, optional
-            Look only at this many of the rock's points.
-
-        Returns
-        -------
-        (m, points) array
-        """
-        above_centre_m = (
-            positions_m[:, 2:3] + _normals_body(quaternions_xyzw).T @ self.centres_body_m[:points].T
-        )
-        return np.asarray(above_centre_m - self.radius_m)
-
-    def lowest_m(self, pose: Pose) -> float:
-        """Clearance of the lowest point in a pose."""
-        return float(self.gaps_m(np.array([pose[0]]), np.array([pose[1]])).min())
-
-    def touching(self, pose: Pose) -> Pose:
-        """A pose shifted along the interface's normal to where its lowest point touches."""
-        (x, y, z), attitude = pose
-        return (x, y, z - self.lowest_m(pose)), attitude
+    def touching(self, pose: Array) -> Array:
+        """A pose (7,) shifted along the interface's normal to where its lowest point touches."""
+        return np.concatenate([pose[:2], [pose[2] - self.gaps_m(pose).min()], pose[3:]])
 
 
 def _normals_body(quaternions_xyzw: Array) -> Array:
@@ -184,8 +136,32 @@ def _normals_body(quaternions_xyzw: Array) -> Array:
 
 @lru_cache(maxsize=8)  # scenes compare by identity
 def contact_of(scene: Scene) -> ContactModel:
-    """Contact model of a scene, made once."""
-    return ContactModel.of(scene)
+    """Contact model of a scene, made once.
+
+    Raises
+    ------
+    InputError
+        If the points that can touch span no volume.
+    """
+    normal, origin = scene.pedestal.normal, scene.pedestal.point_m
+    scene_from_support = np.column_stack([*plane_axes(normal), normal])
+    com = (scene.rock.com_m - origin) @ scene_from_support
+    inertia = scene_from_support.T @ scene.rock.inertia_per_mass_m2 @ scene_from_support
+    moments, axes = np.linalg.eigh(inertia)
+    if np.linalg.det(axes) < 0:
+        axes[:, 0] *= -1.0
+    feet = (contact_feet_m(scene.rock, scene.pedestal) - origin) @ scene_from_support - com
+    reachable, onset_deg = _vertices_that_can_touch(feet, scene.rock.half_diagonal_m)
+    return ContactModel(
+        scene_from_support=scene_from_support,
+        origin_m=origin,
+        com_m=com,
+        support_from_body=axes,
+        principal_inertia_m2=moments,
+        points_body_m=reachable @ axes,
+        onset_deg=onset_deg,
+        half_diagonal_m=scene.rock.half_diagonal_m,
+    )
 
 
 def _vertices_that_can_touch(points_m: Array, size_m: float) -> tuple[Array, Array]:
@@ -278,7 +254,7 @@ def _angle_to_arc_deg(start: Array, end: Array) -> Array:
     return np.rad2deg(np.arccos(np.clip(cosine, -1.0, 1.0)))
 
 
-def _extreme(corners: Array) -> NDArray[np.bool_]:
+def _extreme(corners: Array) -> Flags:
     """Which corners stand out of their facets: rounding makes hull vertices of points that lie in a flat face.
 
     A corner within 1e-7 of the size of the segment or triangle of its neighbours takes no load of its own, and would

@@ -14,7 +14,6 @@ import importlib.util
 import math
 import tempfile
 from collections import OrderedDict
-from functools import cache
 from typing import Any
 
 import llvmlite.binding
@@ -24,13 +23,10 @@ from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from toppling.models.contact import ContactProperties
-from toppling.workers.compiled import compiled, inner
+from toppling.workers.compiled import Array, Vector, compiled, inner
 from toppling.workers.contact_points import ContactModel
 from toppling.workers.options import SolverOptions
 from toppling.workers.quaternion import to_body, to_world
-
-Array = NDArray[np.float64]
-Vector = tuple[float, float, float]
 
 STARTS_TO_SLIP, STILL_SLIPS = 0.999, 0.7
 """Shares of the limit of friction from which a contact that stuck slips, and down to which one that slipped still does:
@@ -39,6 +35,9 @@ the solver's iterations leave the friction of a sliding contact a little below w
 STILL_MOVES = 1e-2
 """Share of gravity's velocity in a step: a contact whose points all move along the plane by less has stopped, however
 much its friction holds up. The solver leaves a contact that sticks up to a tenth of it."""
+
+COLD_ITERATIONS = 200
+"""Of the contact solver in the first step of a new state, at least."""
 
 WORLD = np.dtype(
     [
@@ -51,23 +50,16 @@ WORLD = np.dtype(
         ("cold", "i8"),  # whether the next step is the first in a new state
         ("iterations", "i8"),
         ("cold_iterations", "i8"),
+        ("residual_share", "f8"),  # of the impulse: the solver stops once none changes by more
         ("impulse_m_s", "f8"),  # velocity that gravity gives in a step
         ("near_share", "f8"),  # of R: within it contacts are prepared, unless told otherwise
-        ("axes_rad", "f8"),
-        ("cos", "f8"),
-        ("sin", "f8"),
-        ("half_cos", "f8"),
-        ("half_sin", "f8"),
-        ("inertia_x", "f8"),  # principal, over mass
-        ("inertia_y", "f8"),
-        ("inertia_z", "f8"),
+        ("axes_rad", "f8"),  # to which it is turned against the support frame
+        ("inertia_m2", "f8", 3),  # principal, over mass
         ("friction", "f8"),  # present coefficient
         ("friction_static", "f8"),
         ("friction_kinetic", "f8"),
         ("restitution", "f8"),
-        ("grip_x", "f8"),  # latest resultant of friction, support frame
-        ("grip_y", "f8"),
-        ("grip_z", "f8"),
+        ("grip", "f8", 3),  # latest resultant of friction, support frame
     ]
 )
 """A world, as compiled code sees it."""
@@ -126,34 +118,23 @@ def _pointer(typing_context: Any, address: Any) -> Any:  # noqa: ARG001  (numba'
 
 
 @inner
-def place(
-    world: Any,
-    pose: Array,
-    velocity_m_s: Vector,
-    spin_rad_s: Vector,
-    near_share: float,
-    axes_rad: float,
-) -> None:
-    """Place the rock and set it going; forgets all contacts.
+def place(world: Any, pose: Array, velocity: Array, near_share: float, axes_rad: float) -> None:
+    """Place the rock (7,) and set it going with a velocity (6,); forgets all contacts.
 
     From here on contacts are prepared within `near_share` of R, and friction acts along axes that are turned by
     `axes_rad` from the support frame's.
     """
-    if axes_rad != world.axes_rad:
-        world.axes_rad = axes_rad
-        world.cos, world.sin = math.cos(axes_rad), math.sin(axes_rad)
-        world.half_cos, world.half_sin = math.cos(0.5 * axes_rad), math.sin(0.5 * axes_rad)
-    client = world.client
+    client, world.axes_rad = world.client, axes_rad
     command = _parameters(client)
     _set_near(command, near_share)
-    _set_iterations(command, max(world.cold_iterations, world.iterations))
+    _set_iterations(command, world.cold_iterations)
     _submit(client, command)
     world.cold = 1
     command = _pose(client, world.rock)
     _set_pose(world, command, pose, 0.0)
     _submit(client, command)
     command = _pose(client, world.rock)
-    _set_velocities(world, command, velocity_m_s, spin_rad_s)
+    _set_velocities(world, command, velocity, (velocity[3], velocity[4], velocity[5]))
     _submit(client, command)
     # Takes the rock out of the broad phase and back: only so do contacts get the new threshold.
     command = _collision_filter(client)
@@ -163,7 +144,7 @@ def place(
 
 @inner
 def step(
-    world: Any, centres_m: Array, step_s: float, force_m_s2: Vector, pose: Array, velocity: Array
+    world: Any, points_m: Array, step_s: float, force_m_s2: Vector, pose: Array, velocity: Array
 ) -> None:
     """Advance by one step under a constant specific force, contacts solved by the engine.
 
@@ -174,8 +155,8 @@ def step(
     if step_s != world.step_s:
         _set_step(command, step_s)
         world.step_s = step_s
-    x, y, z = force_m_s2
-    _set_gravity(command, world.cos * x + world.sin * y, world.cos * y - world.sin * x, z)
+    x, y, z = _turned(world, force_m_s2[0], force_m_s2[1], force_m_s2[2])
+    _set_gravity(command, x, y, z)
     _submit(client, command)
     world.weightless = 0
     _submit(client, _step(client))
@@ -185,7 +166,7 @@ def step(
         _set_iterations(command, world.iterations)
         _submit(client, command)
     if world.friction_static != world.friction_kinetic:
-        _follow_slip(world, centres_m)
+        _follow_slip(world, points_m)
     _read(world, pose, velocity)
 
 
@@ -193,18 +174,9 @@ def step(
 def glide(world: Any, step_s: float, placed: bool, raised_m: float, pose: Array, velocity: Array) -> None:
     """Advance by one step with a velocity that meets all contacts; the engine would take from it what does not.
 
-    Parameters
-    ----------
-    world : record of WORLD
-    step_s : float
-    placed : bool
-        Whether the engine already has the rock in this pose, as far above it.
-    raised_m : float
-        How much higher the engine has the rock: a point that comes to the surface on an arc is nearer on its tangent.
-    pose : (7,) array
-        Replaced by the one that the step leads to.
-    velocity : (6,) array
-        Velocity and angular velocity to move with. Replaced by what the engine moved with.
+    It has the rock higher by `raised_m`, since a point that comes to the surface on an arc is nearer on its tangent;
+    `placed` says that it already has it there. The pose (7,) is replaced by the one that the step leads to, and the
+    velocity (6,) by what the engine moved with.
     """
     client = world.client
     if step_s != world.step_s or not world.weightless:
@@ -217,10 +189,10 @@ def glide(world: Any, step_s: float, placed: bool, raised_m: float, pose: Array,
     if not placed:
         _set_pose(world, command, pose, raised_m)
     before = _before_turning(world, pose, velocity, step_s)
-    _set_velocities(world, command, (velocity[0], velocity[1], velocity[2]), before)
+    _set_velocities(world, command, velocity, before)
     _submit(client, command)
     _submit(client, _step(client))
-    world.grip_x = world.grip_y = world.grip_z = 0.0
+    world.grip[:] = 0.0
     _read(world, pose, velocity)
     pose[2] -= raised_m
 
@@ -233,7 +205,7 @@ def _before_turning(world: Any, pose: Array, velocity: Array, step_s: float) -> 
     """
     a, b, c = to_body(velocity[3], velocity[4], velocity[5], pose)
     p, q, r = a, b, c
-    x, y, z = world.inertia_x, world.inertia_y, world.inertia_z
+    x, y, z = world.inertia_m2[0], world.inertia_m2[1], world.inertia_m2[2]
     for _ in range(20):
         u = a - step_s * (y - z) / x * q * r
         v = b - step_s * (z - x) / y * r * p
@@ -247,7 +219,7 @@ def _before_turning(world: Any, pose: Array, velocity: Array, step_s: float) -> 
 
 @inner
 def rebound(
-    world: Any, centres_m: Array, step_s: float, force_m_s2: Vector, pose: Array, velocity: Array
+    world: Any, points_m: Array, step_s: float, force_m_s2: Vector, pose: Array, velocity: Array
 ) -> None:
     """Advance by the step that begins as points touch down: they leave with Newton's share of their speed.
 
@@ -255,7 +227,7 @@ def rebound(
     gap, and so take speed from the fall.
     """
     if world.restitution == 0.0:
-        step(world, centres_m, step_s, force_m_s2, pose, velocity)
+        step(world, points_m, step_s, force_m_s2, pose, velocity)
         return
     # Bullet multiplies the two bodies' coefficients; the rock's is 1.
     for restitution in (world.restitution, 0.0):
@@ -263,44 +235,31 @@ def rebound(
         _change_restitution(command, world.ground, -1, restitution)
         _submit(world.client, command)
         if restitution > 0.0:
-            step(world, centres_m, step_s, force_m_s2, pose, velocity)
+            step(world, points_m, step_s, force_m_s2, pose, velocity)
 
 
 @inner
-def configure(
-    world: Any, impulse_m_s: float, near_share: float, rebound_from_m_s: float, residual_share: float
-) -> None:
-    """Suit the world to steps in which gravity gives this velocity.
+def configure(world: Any, impulse_m_s: float, near_share: float, rebound_from_m_s: float) -> None:
+    """Suit the world to steps in which gravity gives this velocity; its contact sticks until it slips.
 
-    Parameters
-    ----------
-    world : record of WORLD
-    impulse_m_s : float
-    near_share : float
-        Of R: within it contacts are prepared, unless told otherwise.
-    rebound_from_m_s : float
-        Impacts slower than this do not rebound.
-    residual_share : float
-        Of the impulse: the solver stops once none changes by more.
+    Contacts are prepared within `near_share` of R, unless told otherwise; slower impacts than `rebound_from_m_s` do not
+    rebound.
     """
     world.impulse_m_s, world.near_share = impulse_m_s, near_share
     command = _parameters(world.client)
-    _set_residual(command, (residual_share * impulse_m_s) * (residual_share * impulse_m_s))
+    residual = world.residual_share * impulse_m_s
+    _set_residual(command, residual * residual)
     _set_rebound_from(command, rebound_from_m_s)
     _submit(world.client, command)
-
-
-@inner
-def let_stick(world: Any) -> None:
-    """Give the contact its static friction, as it has before it slips."""
-    world.grip_x = world.grip_y = world.grip_z = 0.0
+    world.grip[:] = 0.0
     set_friction(world, world.friction_static)
 
 
 @inner
 def hold_as(world: Any, other: Any) -> None:
     """Let the contact stick or slip as in another world, from which this one takes the rock over."""
-    world.grip_x, world.grip_y, world.grip_z = other.grip_x, other.grip_y, other.grip_z
+    for k in range(3):
+        world.grip[k] = other.grip[k]
     set_friction(world, other.friction)
 
 
@@ -315,37 +274,43 @@ def set_friction(world: Any, friction: float) -> None:
 
 
 @compiled
-def slip_m_s(velocity_m_s: Vector, spin_rad_s: Vector, arm_m: Vector) -> float:
+def slip_m_s(velocity: Array, arm_m: Vector) -> float:
     """Speed along the plane of the point of a rock that is so far from its centre of mass; z is the normal."""
-    along = velocity_m_s[0] + spin_rad_s[1] * arm_m[2] - spin_rad_s[2] * arm_m[1]
-    across = velocity_m_s[1] + spin_rad_s[2] * arm_m[0] - spin_rad_s[0] * arm_m[2]
+    along = velocity[0] + velocity[4] * arm_m[2] - velocity[5] * arm_m[1]
+    across = velocity[1] + velocity[5] * arm_m[0] - velocity[3] * arm_m[2]
     return math.sqrt(along * along + across * across)
 
 
 @inner
-def _set_pose(world: Any, command: int, pose: Array, raised_m: float) -> None:
-    cos, sin, half_cos, half_sin = world.cos, world.sin, world.half_cos, world.half_sin
-    x, y, z, w = pose[3], pose[4], pose[5], pose[6]
-    _set_place(command, cos * pose[0] + sin * pose[1], cos * pose[1] - sin * pose[0], pose[2] + raised_m)
-    _set_attitude(
-        command,
-        half_cos * x + half_sin * y,
-        half_cos * y - half_sin * x,
-        half_cos * z - half_sin * w,
-        half_cos * w + half_sin * z,
-    )
+def _turned(world: Any, x: float, y: float, z: float) -> Vector:
+    """A vector of the support frame in the world's own."""
+    cos, sin = math.cos(world.axes_rad), math.sin(world.axes_rad)
+    return cos * x + sin * y, cos * y - sin * x, z
 
 
 @inner
-def _set_velocities(world: Any, command: int, velocity_m_s: Vector, spin_rad_s: Vector) -> None:
-    cos, sin, vector = world.cos, world.sin, np.empty(3)
-    vector[0] = cos * velocity_m_s[0] + sin * velocity_m_s[1]
-    vector[1] = cos * velocity_m_s[1] - sin * velocity_m_s[0]
-    vector[2] = velocity_m_s[2]
+def _turned_back(world: Any, x: float, y: float, z: float) -> Vector:
+    """A vector of the world's own frame in the support frame."""
+    cos, sin = math.cos(world.axes_rad), math.sin(world.axes_rad)
+    return cos * x - sin * y, cos * y + sin * x, z
+
+
+@inner
+def _set_pose(world: Any, command: int, pose: Array, raised_m: float) -> None:
+    x, y, z = _turned(world, pose[0], pose[1], pose[2] + raised_m)
+    _set_place(command, x, y, z)
+    x, y, z, w = pose[3], pose[4], pose[5], pose[6]
+    cos, sin = math.cos(0.5 * world.axes_rad), math.sin(0.5 * world.axes_rad)
+    _set_attitude(command, cos * x + sin * y, cos * y - sin * x, cos * z - sin * w, cos * w + sin * z)
+
+
+@inner
+def _set_velocities(world: Any, command: int, velocity: Array, spin_rad_s: Vector) -> None:
+    """The centre of mass moves as `velocity` (6,) says."""
+    vector = np.empty(3)
+    vector[0], vector[1], vector[2] = _turned(world, velocity[0], velocity[1], velocity[2])
     _set_velocity(command, vector.ctypes.data)
-    vector[0] = cos * spin_rad_s[0] + sin * spin_rad_s[1]
-    vector[1] = cos * spin_rad_s[1] - sin * spin_rad_s[0]
-    vector[2] = spin_rad_s[2]
+    vector[0], vector[1], vector[2] = _turned(world, spin_rad_s[0], spin_rad_s[1], spin_rad_s[2])
     _set_spin(command, vector.ctypes.data)
 
 
@@ -353,15 +318,17 @@ def _set_velocities(world: Any, command: int, velocity_m_s: Vector, spin_rad_s: 
 def _read(world: Any, pose: Array, velocity: Array) -> None:
     """Pose (7,) and velocities (6,) of the rock, support frame."""
     state = _state(world)
+    pose[:3] = _turned_back(world, state[0], state[1], state[2])
+    velocity[:3] = _turned_back(world, state[7], state[8], state[9])
+    velocity[3:] = _turned_back(world, state[10], state[11], state[12])
     x, y, z, w = state[3], state[4], state[5], state[6]
-    cos, sin, half_cos, half_sin = world.cos, world.sin, world.half_cos, world.half_sin
-    pose[0], pose[1], pose[2] = cos * state[0] - sin * state[1], cos * state[1] + sin * state[0], state[2]
-    pose[3], pose[4] = half_cos * x - half_sin * y, half_cos * y + half_sin * x
-    pose[5], pose[6] = half_cos * z + half_sin * w, half_cos * w - half_sin * z
-    for k in range(7, 13, 3):
-        velocity[k - 7] = cos * state[k] - sin * state[k + 1]
-        velocity[k - 6] = cos * state[k + 1] + sin * state[k]
-        velocity[k - 5] = state[k + 2]
+    cos, sin = math.cos(0.5 * world.axes_rad), math.sin(0.5 * world.axes_rad)
+    pose[3], pose[4], pose[5], pose[6] = (
+        cos * x - sin * y,
+        cos * y + sin * x,
+        cos * z + sin * w,
+        cos * w - sin * z,
+    )
 
 
 @inner
@@ -378,7 +345,7 @@ def _state(world: Any) -> Array:
 
 
 @inner
-def _follow_slip(world: Any, centres_m: Array) -> None:
+def _follow_slip(world: Any, points_m: Array) -> None:
     """Choose the coefficient of the next step: the kinetic one while the contact as a whole slips.
 
     It slips where the resultant of its friction uses up what the present coefficient allows, and once it does until its
@@ -392,11 +359,8 @@ def _follow_slip(world: Any, centres_m: Array) -> None:
     for contact in contacts:
         touches = touches or contact[_NORMAL_FORCE] > 0.0
     if not touches:
-        world.grip_x = world.grip_y = world.grip_z = 0.0
-        slips = (
-            slip_m_s(state[7:10], state[10:13], _lowest_arm_m(centres_m[: world.points], state))
-            > world.impulse_m_s
-        )
+        world.grip[:] = 0.0
+        slips = slip_m_s(state[7:], _lowest_arm_m(points_m[: world.points], state)) > world.impulse_m_s
     else:
         slips = _slips_on(world, contacts, state)
     static, kinetic = world.friction_static, world.friction_kinetic
@@ -420,9 +384,10 @@ def _slips_on(world: Any, contacts: Array, state: Array) -> bool:
             x += first * contact[_DIRECTION_1] + second * contact[_DIRECTION_2]
             y += first * contact[_DIRECTION_1 + 1] + second * contact[_DIRECTION_2 + 1]
             z += first * contact[_DIRECTION_1 + 2] + second * contact[_DIRECTION_2 + 2]
-    x, y = world.cos * x - world.sin * y, world.cos * y + world.sin * x
-    turned = x * world.grip_x + y * world.grip_y + z * world.grip_z < 0.0  # slip came to a halt on the way
-    world.grip_x, world.grip_y, world.grip_z = x, y, z
+    x, y, z = _turned_back(world, x, y, z)
+    grip = world.grip
+    turned = x * grip[0] + y * grip[1] + z * grip[2] < 0.0  # slip came to a halt on the way
+    grip[0], grip[1], grip[2] = x, y, z
     sticks = world.friction == world.friction_static
     share = STARTS_TO_SLIP if sticks else STILL_SLIPS
     if turned or math.sqrt(x * x + y * y + z * z) < share * world.friction * pressing:
@@ -430,12 +395,11 @@ def _slips_on(world: Any, contacts: Array, state: Array) -> bool:
     if sticks:
         return True
     # Whether a point that touches moves along the plane after the step, which took it from where it touched.
-    velocity, spin = state[7:10], state[10:13]
-    before = state[:3] - velocity * world.step_s
+    before = state[:3] - state[7:10] * world.step_s
     for contact in contacts:
         if contact[_NORMAL_FORCE] > 0.0:
-            arm = contact[_PLACE_A : _PLACE_A + 3] - before
-            if slip_m_s(velocity, spin, arm) > STILL_MOVES * world.impulse_m_s:
+            x, y, z = contact[_PLACE_A : _PLACE_A + 3] - before
+            if slip_m_s(state[7:], (x, y, z)) > STILL_MOVES * world.impulse_m_s:
                 return True
     return False
 
@@ -456,21 +420,19 @@ _PLACE_A, _NORMAL_FORCE, _FRICTION_1, _FRICTION_2, _DIRECTION_1, _DIRECTION_2 = 
 
 
 @inner
-def _lowest_arm_m(centres_m: Array, state: Array) -> Array:
+def _lowest_arm_m(points_m: Array, state: Array) -> Vector:
     """From the centre of mass to the lowest of some points, in the world's own frame."""
     x, y, z, w = state[3], state[4], state[5], state[6]
     lowest, index = np.inf, 0
-    for i in range(len(centres_m)):
-        a, b, c = centres_m[i, 0], centres_m[i, 1], centres_m[i, 2]
+    for i in range(len(points_m)):
+        a, b, c = points_m[i, 0], points_m[i, 1], points_m[i, 2]
         height = 2 * (x * z - y * w) * a + 2 * (y * z + x * w) * b + (1 - 2 * (x * x + y * y)) * c
         if height < lowest:
             lowest, index = height, i
-    a, b, c = centres_m[index, 0], centres_m[index, 1], centres_m[index, 2]
-    arm = np.empty(3)
-    arm[0] = (1 - 2 * (y * y + z * z)) * a + 2 * (x * y - z * w) * b + 2 * (x * z + y * w) * c
-    arm[1] = 2 * (x * y + z * w) * a + (1 - 2 * (x * x + z * z)) * b + 2 * (y * z - x * w) * c
-    arm[2] = lowest
-    return arm
+    a, b, c = points_m[index, 0], points_m[index, 1], points_m[index, 2]
+    along = (1 - 2 * (y * y + z * z)) * a + 2 * (x * y - z * w) * b + 2 * (x * z + y * w) * c
+    across = 2 * (x * y + z * w) * a + (1 - 2 * (x * x + z * z)) * b + 2 * (y * z - x * w) * c
+    return along, across, lowest
 
 
 def _called(name: str, result: Any, *arguments: Any) -> Any:
@@ -491,7 +453,6 @@ class _Bullet:
     submit = _called("b3SubmitClientCommandAndWaitStatus", P, P, P)
     reset = _called("b3InitResetSimulationCommand", P, P)
     parameters = _called("b3InitPhysicsParamCommand", P, P)
-    set_substeps = _called("b3PhysicsParamSetNumSubSteps", K, P, K)
     set_deterministic = _called("b3PhysicsParameterSetDeterministicOverlappingPairs", K, P, K)
     set_cone_friction = _called("b3PhysicsParamSetEnableConeFriction", K, P, K)
     set_slop = _called("b3PhysicsParamSetContactSlop", K, P, N)
@@ -504,15 +465,10 @@ class _Bullet:
     new_body = _called("b3CreateMultiBodyCommandInit", P, P)
     add_base = _called("b3CreateMultiBodyBase", K, P, N, K, K, THREE, FOUR, THREE, FOUR)
     dynamics = _called("b3InitChangeDynamicsInfo", P, P)
-    set_mass = _called("b3ChangeDynamicsInfoSetMass", K, P, K, K, N)
-    set_inertia = _called("b3ChangeDynamicsInfoSetLocalInertiaDiagonal", K, P, K, K, THREE)
     set_friction = _called("b3ChangeDynamicsInfoSetLateralFriction", K, P, K, K, N)
-    set_spinning_friction = _called("b3ChangeDynamicsInfoSetSpinningFriction", K, P, K, K, N)
-    set_rolling_friction = _called("b3ChangeDynamicsInfoSetRollingFriction", K, P, K, K, N)
     set_restitution = _called("b3ChangeDynamicsInfoSetRestitution", K, P, K, K, N)
     set_linear_damping = _called("b3ChangeDynamicsInfoSetLinearDamping", K, P, K, N)
     set_angular_damping = _called("b3ChangeDynamicsInfoSetAngularDamping", K, P, K, N)
-    set_joint_damping = _called("b3ChangeDynamicsInfoSetJointDamping", K, P, K, K, N)
     set_largest_speed = _called("b3ChangeDynamicsInfoSetMaxJointVelocity", K, P, K, N)
     set_activation = _called("b3ChangeDynamicsInfoSetActivationState", K, P, K, K)
 
@@ -524,24 +480,24 @@ DISABLE_SLEEPING = 2
 """Of activation states."""
 
 
+MOST_WORLDS = 6
+"""In a process; each takes some 35 MB."""
+
+
 class EnginePool:
-    """Worlds of a process, each kept while the same rock is shaken again; the least recently used one is rebuilt.
+    """Worlds of a process, each kept while the same rock is shaken again; the least recently used one is rebuilt."""
 
-    Parameters
-    ----------
-    worlds : int
-        At most so many; each takes some 35 MB.
-    """
-
-    def __init__(self, worlds: int = 6) -> None:
-        self._most = worlds
+    def __init__(self) -> None:
         self._worlds: OrderedDict[tuple[int, int], tuple[ContactModel, NDArray[np.void]]] = OrderedDict()
 
     def world(self, contact: ContactModel, points: int) -> NDArray[np.void]:
         """World (1,) of dtype WORLD that holds the first `points` of a rock's contact points."""
         key = (id(contact), points)  # the model is kept beside its world, so that its identity stays its own
         if key not in self._worlds:
-            client = self._client()
+            if len(self._worlds) < MOST_WORLDS:
+                client = int(_Bullet.connect())
+            else:  # worlds are reset, not removed, since only that frees their memory
+                client = int(self._worlds.popitem(last=False)[1][1]["client"][0])
             self._worlds[key] = contact, _build(client, contact, points)
         self._worlds.move_to_end(key)
         return self._worlds[key][1]
@@ -551,18 +507,11 @@ class EnginePool:
         while self._worlds:
             _Bullet.disconnect(int(self._worlds.popitem()[1][1]["client"][0]))
 
-    def _client(self) -> int:
-        """A connection to Bullet. Worlds are reset, not removed, since only that frees their memory."""
-        if len(self._worlds) < self._most:
-            return int(_Bullet.connect())
-        return int(self._worlds.popitem(last=False)[1][1]["client"][0])
-
 
 def _build(client: int, contact: ContactModel, points: int) -> NDArray[np.void]:
     bullet = _Bullet
     bullet.submit(client, bullet.reset(client))
     command = bullet.parameters(client)
-    bullet.set_substeps(command, 0)
     bullet.set_deterministic(command, 1)
     bullet.set_cone_friction(command, 1)
     bullet.set_slop(command, 0.0)
@@ -574,15 +523,10 @@ def _build(client: int, contact: ContactModel, points: int) -> NDArray[np.void]:
         bullet.set_urdf_flags(command, USE_INERTIA_FROM_FILE)
         rock = bullet.body_of(bullet.submit(client, command))
     command = bullet.dynamics(client)
-    bullet.set_mass(command, rock, -1, 1.0)
-    bullet.set_inertia(command, rock, -1, bullet.THREE(*contact.principal_inertia_m2))
     bullet.set_friction(command, rock, -1, 1.0)
-    bullet.set_spinning_friction(command, rock, -1, 0.0)
-    bullet.set_rolling_friction(command, rock, -1, 0.0)
     bullet.set_restitution(command, rock, -1, 1.0)
     bullet.set_linear_damping(command, rock, 0.0)
     bullet.set_angular_damping(command, rock, 0.0)
-    bullet.set_joint_damping(command, rock, -1, 0.0)
     bullet.set_largest_speed(command, rock, 1e9)
     bullet.set_activation(command, rock, DISABLE_SLEEPING)
     bullet.submit(client, command)
@@ -593,13 +537,9 @@ def _build(client: int, contact: ContactModel, points: int) -> NDArray[np.void]:
     origin, upright = bullet.THREE(0.0, 0.0, 0.0), bullet.FOUR(0.0, 0.0, 0.0, 1.0)
     bullet.add_base(command, 0.0, plane, -1, origin, upright, origin, upright)
     ground = bullet.body_of(bullet.submit(client, command))
-    command = bullet.dynamics(client)
-    bullet.set_restitution(command, ground, -1, 0.0)
-    bullet.submit(client, command)
     world = np.zeros(1, WORLD)
     world["client"], world["rock"], world["ground"], world["points"] = client, rock, ground, points
-    world["inertia_x"], world["inertia_y"], world["inertia_z"] = contact.principal_inertia_m2
-    world["cos"] = world["half_cos"] = 1.0
+    world["inertia_m2"] = contact.principal_inertia_m2
     return world
 
 
@@ -617,14 +557,13 @@ def _urdf(centres_m: Array, radius_m: float, contact: ContactModel) -> str:
     )
 
 
-@cache
-def process_pool() -> EnginePool:
-    """The pool of this process, for who has none of his own."""
-    return EnginePool()
+POOL = EnginePool()
+"""That of this process."""
 
 
 def configure_for(world: NDArray[np.void], surface: ContactProperties, solver: SolverOptions) -> None:
     """Give a world (1,) the contact's properties and the solver's limits."""
     world["friction_static"], world["friction_kinetic"] = surface.friction_static, surface.friction_kinetic
     world["restitution"] = surface.restitution
-    world["iterations"], world["cold_iterations"] = solver.iterations, solver.cold_iterations
+    world["iterations"], world["residual_share"] = solver.iterations, solver.residual_share
+    world["cold_iterations"] = max(solver.iterations, COLD_ITERATIONS)

@@ -5,16 +5,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from toppling.workers import engine
-from toppling.workers.compiled import inner
-from toppling.workers.friction_axes import best_axes_rad, point_mobilities, squared_error
+from toppling.workers.compiled import Array, Vector, inner
+from toppling.workers.friction_axes import Complex, best_axes_rad, point_mobilities, squared_error
 from toppling.workers.simulation import (
     EXACT,
-    Array,
     Simulation,
-    Vector,
     append,
     gaps_of,
     hover_for,
@@ -33,12 +30,10 @@ def take_over(sim: Simulation) -> None:
     state, world = sim.state[0], sim.worlds[sim.state[0].set]
     x, y, z = sim.gravity_m_s2
     impulse_m_s = math.sqrt(x * x + y * y + z * z) * sim.step_s
-    near = sim.numbers.prepared_steps * impulse_m_s * sim.step_s / sim.half_diagonal_m
-    near = max(near, sim.numbers.prepared_share)
-    engine.configure(world, impulse_m_s, near, sim.numbers.resolved_m_s, sim.numbers.residual_share)
-    if state.world < 0:
-        engine.let_stick(world)
-    else:
+    near = sim.contact.prepared_steps * impulse_m_s * sim.step_s / sim.half_diagonal_m
+    near = max(near, sim.contact.prepared_share)
+    engine.configure(world, impulse_m_s, near, sim.resolved_m_s)
+    if state.world >= 0:
         engine.hold_as(world, sim.worlds[state.world])
     state.world = state.set
     place(sim, near, _axes_rad(sim, near))
@@ -59,7 +54,6 @@ def solved_step(sim: Simulation, step_s: float, velocity_share: float, near_shar
     new = append(sim, step_s, velocity_share * step_s)
     engine.step(sim.worlds[state.world], sim.points_m, step_s, force, sim.pose[new], sim.velocity[new])
     state.engine_steps += 1
-    state.solved_steps += 1
     state.placed = EXACT
     gap, carrying_m = gaps_of(sim, sim.pose[new]), hover_m(sim)
     sim.carries[:] = False
@@ -75,26 +69,25 @@ def solved_impact(sim: Simulation) -> None:
     Friction opposes the slip with which the points leave an impact. Along the axes that served the slip before it the
     impulse of a block that landed on an edge was off by up to 16 degrees, at any step.
     """
-    state, numbers, step_s = sim.state[0], sim.numbers, sim.numbers.impact_step * sim.step_s
+    state, step_s = sim.state[0], sim.impact.engine_step * sim.step_s
     contact, world = state.last, sim.worlds[state.world]
     state.slips_after = -1.0
     hover_for(sim, step_s)
     near = max(AHEAD * step_s * approach_1_s(sim), world.near_share)
     axes_rad = _axes_rad(sim, near)
-    for _ in range(numbers.impact_tries):
+    for _ in range(sim.impact.engine_tries):
         state.last = contact
         place(sim, near, axes_rad)
         force = _force_m_s2(sim, step_s, 0.5)
         new = append(sim, step_s, 0.5 * step_s)
         engine.rebound(world, sim.points_m, step_s, force, sim.pose[new], sim.velocity[new])
         state.engine_steps += 1
-        state.solved_steps += 1
         unlike, slip = _mobilities(sim, sim.pose[contact], sim.velocity[new], near)
         slipping = np.flatnonzero(slip != 0)
         unlike, slip = unlike[slipping], slip[slipping]
-        axes_rad = best_axes_rad(unlike, slip, state.axes_rad, numbers.friction_direction_rad)
+        axes_rad = best_axes_rad(unlike, slip, state.axes_rad, sim.contact.friction_direction_rad)
         gained = squared_error(unlike, slip, state.axes_rad) - squared_error(unlike, slip, axes_rad)
-        if gained <= numbers.impact_friction_direction_rad**2 * len(slipping):
+        if gained <= sim.contact.impact_friction_direction_rad**2 * len(slipping):
             break
     sim.acceleration[:] = 0.0
     state.placed = EXACT
@@ -111,9 +104,8 @@ def approach_1_s(sim: Simulation) -> float:
 @inner
 def place(sim: Simulation, near_share: float, axes_rad: float) -> None:
     """Give the engine the latest pose and velocity, with contacts prepared within a share of R."""
-    state, velocity = sim.state[0], sim.velocity[sim.state[0].last]
-    linear, spin = (velocity[0], velocity[1], velocity[2]), (velocity[3], velocity[4], velocity[5])
-    engine.place(sim.worlds[state.world], sim.pose[state.last], linear, spin, near_share, axes_rad)
+    state, last = sim.state[0], sim.state[0].last
+    engine.place(sim.worlds[state.world], sim.pose[last], sim.velocity[last], near_share, axes_rad)
     state.near_share, state.axes_rad, state.placed = near_share, axes_rad, EXACT
 
 
@@ -122,19 +114,14 @@ def _axes_rad(sim: Simulation, near_share: float) -> float:
     """Axes that serve the friction of the points that are near in the latest pose."""
     state = sim.state[0]
     unlike, slip = _mobilities(sim, sim.pose[state.last], sim.velocity[state.last], near_share)
-    return best_axes_rad(unlike, slip, state.axes_rad, sim.numbers.friction_direction_rad)
+    return best_axes_rad(unlike, slip, state.axes_rad, sim.contact.friction_direction_rad)
 
 
 @inner
-def _mobilities(
-    sim: Simulation, pose: Array, velocity: Array, near_share: float
-) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+def _mobilities(sim: Simulation, pose: Array, velocity: Array, near_share: float) -> tuple[Complex, Complex]:
     """Mobilities and slips of the points within a share of R."""
     near = np.flatnonzero(gaps_of(sim, pose) < near_share * sim.half_diagonal_m)
-    unlike, slip = np.empty(len(near), np.complex128), np.empty(len(near), np.complex128)
-    slips_from_m_s = sim.numbers.resolved_m_s
-    point_mobilities(sim.points_m, sim.mobilities, near, pose, velocity, slips_from_m_s, unlike, slip)
-    return unlike, slip
+    return point_mobilities(sim.points_m, sim.mobilities, near, pose, velocity, sim.resolved_m_s)
 
 
 @inner

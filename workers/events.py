@@ -10,12 +10,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-from toppling.workers.compiled import compiled
+from toppling.workers.compiled import Array, compiled
 from toppling.workers.quaternion import normal_in_body, to_body
-
-Array = NDArray[np.float64]
 
 
 @compiled
@@ -67,19 +64,6 @@ def moved(pose: Array, velocity: Array, time_s: float, out: Array) -> None:
 
 
 @compiled
-def height_correction_m(gap_m: Array, offset_m: Array, aloft_m: float, penetrating_m: float) -> float:
-    """Way up that brings the lowest point to the centripetal offset of its step; 0 where the rock is aloft.
-
-    In a steady step a point that carries leaves the plane along its tangent, by half of (step)^2 times its centripetal
-    acceleration, and the next step takes that back. After a change of step the offset is another one.
-    """
-    lowest = np.inf
-    for i in range(len(gap_m)):
-        lowest = min(lowest, gap_m[i] - offset_m[i])
-    return -lowest if -aloft_m < -lowest < penetrating_m else 0.0
-
-
-@compiled
 def time_to_contact_s(
     point_m: Array,
     pose: Array,
@@ -88,21 +72,12 @@ def time_to_contact_s(
     since_s: float,
     end_s: float,
 ) -> float:
-    """Time at which one point comes down to the plane; `end_s` if it does not before.
+    """Time at which one point (1, 3), body axes, comes down to the plane; `end_s` if it does not before.
 
-    Parameters
-    ----------
-    point_m : (1, 3) array
-        Of the point, body axes.
-    pose : (7,) array
-    velocity : (6,) array
-        At a time `since_s` before the pose.
-    acceleration : (6,) array
-        A step of a duration moves with the velocity at its middle.
-    since_s, end_s : float
+    The velocity is that at a time `since_s` before the pose; a step moves the rock with that of its middle.
     """
     there, gap, mean = np.empty(7), np.empty(1), np.empty(6)
-    low, high, time = 0.0, end_s, 0.0
+    low, high = 0.0, end_s
     gaps_m(point_m, pose, gap)
     before_s, before_m, time = 0.0, gap[0], end_s
     for _ in range(30):

@@ -20,9 +20,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from toppling.workers.compiled import compiled
+from toppling.workers.compiled import Array, Indices, compiled
 
-Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 CANDIDATES = np.exp(4j * np.deg2rad(np.arange(0.0, 90.0, 2.0)))
@@ -33,27 +32,16 @@ CANDIDATES = np.exp(4j * np.deg2rad(np.arange(0.0, 90.0, 2.0)))
 def point_mobilities(
     points_m: Array,
     mobilities: Array,
-    points: NDArray[np.int64],
+    points: Indices,
     pose: Array,
     velocity: Array,
     slips_from_m_s: float,
-    unlike: Complex,
-    slip: Complex,
-) -> None:
-    """What decides on the axes, into `unlike` and `slip` (k,), of the points of these indices (k,).
+) -> tuple[Complex, Complex]:
+    """What decides on the axes, `unlike` and `slip` (k,), of the points of these indices (k,).
 
-    Parameters
-    ----------
-    points_m : (n, 3) array
-        Of all contact points, body axes.
-    mobilities : (n, 6) array
-        Arm x (inertia / mass)^-1 x arm of each, as xx, yy, zz, xy, xz, yz.
-    points : (k,) array of int
-    pose : (7,) array
-    velocity : (6,) array
-        Of the centre of mass, and angular, support frame.
-    slips_from_m_s : float
-        Points that are slower may slip in any direction, and so may those that come down faster than they slip.
+    `points_m` (n, 3) and `mobilities` (n, 6), arm x (inertia / mass)^-1 x arm as xx, yy, zz, xy, xz, yz, are those of
+    all contact points, body axes. Points slower than `slips_from_m_s` may slip in any direction, and so may those that
+    come down faster than they slip.
     """
     x, y, z, w = pose[3], pose[4], pose[5], pose[6]
     p = complex(1 - 2 * (y * y + z * z), 2 * (x * y + z * w))
@@ -63,6 +51,7 @@ def point_mobilities(
     forward, turning = complex(velocity[0], velocity[1]), 1j * velocity[5]
     rolling = -1j * complex(velocity[3], velocity[4])
     pp, qq, rr, pq, pr, qr = p * p, q * q, r * r, 2 * p * q, 2 * p * r, 2 * q * r
+    unlike, slip = np.empty(len(points), np.complex128), np.empty(len(points), np.complex128)
     for k, i in enumerate(points):
         a, b, c = points_m[i, 0], points_m[i, 1], points_m[i, 2]
         aa, bb, cc = mobilities[i, 0], mobilities[i, 1], mobilities[i, 2]
@@ -83,6 +72,7 @@ def point_mobilities(
             slip[k] = sliding * sliding / (speed * speed)
         else:
             slip[k] = 0j
+    return unlike, slip
 
 
 @compiled

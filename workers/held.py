@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from toppling.workers import sticking
-from toppling.workers.compiled import inner
+from toppling.workers.compiled import Array, Flags, inner
 from toppling.workers.events import centripetal_m_s2, gap_rates_m_s, time_to_contact_s
 from toppling.workers.quaternion import to_body, to_world
-from toppling.workers.simulation import Array, Flags, Simulation, gaps_of, velocity_increment_m_s
+from toppling.workers.simulation import Simulation, gaps_of, touching_m, velocity_increment_m_s
 
 LOOKED_AHEAD = 1.2
 """Times the rest of the step: points that come down so far at their present speed may land within it."""
@@ -19,29 +18,14 @@ LOOKED_AHEAD = 1.2
 def velocity_over(
     sim: Simulation, step_s: float, left_s: float, resolved_m_s: float, velocity: Array
 ) -> tuple[bool, float]:
-    """Velocity for a step of `step_s` from the latest pose, and when the first point lands that is resolved.
+    """Find the velocity (6,) of the middle of a step from the latest pose, by which it moves the rock.
 
-    Parameters
-    ----------
-    sim : Simulation
-    step_s : float
-    left_s : float
-        Time within which a point may land.
-    resolved_m_s : float
-        Points that land slower come to the surface as the step ends.
-    velocity : (6,) array
-        Put here: that of the step's middle, by which it moves the rock.
-
-    Returns
-    -------
-    held : bool
-        False where a point slips, and where the engine is to solve the contacts anyway.
-    contact_s : float
-        `left_s` if no point lands before.
+    Points that land within `left_s` slower than `resolved_m_s` come to the surface as the step ends. Returns whether
+    no point slips, and when the first other one lands, `left_s` if none does.
     """
-    state, numbers = sim.state[0], sim.numbers
+    state = sim.state[0]
     last, world = state.last, sim.worlds[state.world]
-    if not numbers.direct or world.friction != world.friction_static:
+    if world.friction != world.friction_static:
         return False, left_s
     pose, since_s = sim.pose[last], sim.time_s[last] - sim.velocity_time_s[last]
     gap = gaps_of(sim, pose)
@@ -49,7 +33,7 @@ def velocity_over(
     gap_rates_m_s(sim.points_m, pose, sim.velocity[last], rate)
     centripetal_m_s2(sim.points_m, pose, sim.velocity[last], least)
     for i in range(len(gap)):
-        near[i] = sim.carries[i] or gap[i] < numbers.touching_m
+        near[i] = sim.carries[i] or gap[i] < touching_m(sim)
         if near[i] and -rate[i] > resolved_m_s:  # it has landed as the latest step ended
             return True, 0.0
         # So that the point comes to the surface on its arc; from below in a whole step, as less would throw it.
@@ -65,14 +49,8 @@ def velocity_over(
                 continue
             lands_s = left_s
             if -rate[i] > resolved_m_s and gap[i] + LOOKED_AHEAD * rate[i] * left_s < 0.0:
-                lands_s = time_to_contact_s(
-                    sim.points_m[i : i + 1],
-                    pose,
-                    sim.velocity[last],
-                    acceleration,
-                    since_s,
-                    left_s,
-                )
+                point, before = sim.points_m[i : i + 1], sim.velocity[last]
+                lands_s = time_to_contact_s(point, pose, before, acceleration, since_s, left_s)
             if lands_s < left_s:
                 contact_s = min(contact_s, lands_s)
             elif rate[i] < least[i]:
@@ -85,43 +63,36 @@ def velocity_over(
 def held_velocity(
     sim: Simulation, pose: Array, lasting_s: float, near: Flags, least: Array, velocity: Array
 ) -> bool:
-    """Velocity (6,) some time after that of the latest pose, as the points that carry stick; whether they can.
+    """Find the velocity (6,) some time after that of the latest pose, as the points that carry stick; whether they can.
 
-    Parameters
-    ----------
-    sim : Simulation
-        Its `carries` is set, or if a point would slip `slips_after`.
-    pose : (7,) array
-    lasting_s : float
-    near : (points,) bool array
-        Points that may carry.
-    least : (points,) array
-        Least velocity along the normal of each.
-    velocity : (6,) array
-        Put here.
+    May carry `near` points, each with a `least` velocity along the normal. Sets `sim.carries`, or if a point would slip
+    `slips_after`.
     """
     state, friction = sim.state[0], sim.worlds[sim.state[0].world].friction_static
-    free, count = _free_velocity(sim, pose, lasting_s), 0
-    for flag in near:
-        count += flag
-    if count == 0:
+    free, points = _free_velocity(sim, pose, lasting_s), np.flatnonzero(near)
+    if len(points) == 0:
         velocity[:] = free
         sim.carries[:] = False
         state.needed_friction = 0.0
         return True
-    points, arms, bounds = np.empty(count, np.int64), np.empty((count, 3)), np.empty(count)
-    carries, touches, k = np.empty(count, np.bool_), np.empty(count, np.bool_), 0
-    gap = gaps_of(sim, pose)
-    for i in range(len(near)):
-        if near[i]:
-            points[k], bounds[k] = i, least[i]
-            carries[k], touches[k] = sim.carries[i], gap[i] < sim.numbers.touching_m
-            x, y, z = to_world(sim.points_m[i, 0], sim.points_m[i, 1], sim.points_m[i, 2], pose)
-            arms[k, 0], arms[k, 1], arms[k, 2] = x, y, z
-            k += 1
-    found, needed = sticking.solve(
-        arms, bounds, free, _mobility(sim, pose), touches, carries, sim.numbers.allowed_m_s, velocity
+    these = sticking.Contacts(
+        arms_m=np.empty((len(points), 3)),
+        least_m_s=least[points],
+        touches=gaps_of(sim, pose)[points] < touching_m(sim),
+        carries=sim.carries[points],
+        free=free,
+        mobility=_mobility(sim, pose),
+        allowed_m_s=sim.allowed_m_s,
+        velocity=velocity,
+        slides=np.zeros(len(points), np.bool_),
+        chosen=np.empty(sticking.MOST_CARRYING, np.int64),
+        rows=np.empty((6, 6)),
+        gram=np.empty((6, 6)),
+        impulse=np.empty(6),
     )
+    for k, i in enumerate(points):
+        these.arms_m[k] = to_world(sim.points_m[i, 0], sim.points_m[i, 1], sim.points_m[i, 2], pose)
+    found, needed = sticking.solve(these)
     if not found or needed > friction:
         state.slips_after = -1.0
         if found:  # between the middles of the latest step and of this one
@@ -130,8 +101,7 @@ def held_velocity(
         return False
     state.needed_friction = needed
     sim.carries[:] = False
-    for k in range(count):
-        sim.carries[points[k]] = carries[k]
+    sim.carries[points] = these.carries
     return True
 
 
@@ -160,7 +130,7 @@ def _free_velocity(sim: Simulation, pose: Array, lasting_s: float) -> Array:
 
 
 @inner
-def _mobility(sim: Simulation, pose: Array) -> NDArray[np.float64]:
+def _mobility(sim: Simulation, pose: Array) -> Array:
     """Inverse (3, 3) of the inertia over mass in a pose, support frame."""
     out = np.zeros((3, 3))
     for k in range(3):

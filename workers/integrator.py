@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from toppling.workers import engine, sticking
-from toppling.workers.compiled import compiled, inner
+from toppling.workers.compiled import Array, compiled, inner
 from toppling.workers.contact_points import REACH_DEG
 from toppling.workers.engine_steps import approach_1_s, place, solved_step, take_over
 from toppling.workers.events import gap_rates_m_s, time_to_contact_s
@@ -32,8 +32,6 @@ from toppling.workers.simulation import (
     NOT,
     RAISED,
     STATE,
-    Array,
-    Numbers,
     Simulation,
     append,
     gaps_of,
@@ -77,8 +75,7 @@ def advance(sim: Simulation, steps_to: int) -> int:
 def rest_until(sim: Simulation, grid: int) -> None:
     """Let the rock rest where it is up to a step; what comes then depends on that pose alone."""
     state = sim.state[0]
-    if sim.numbers.direct:
-        hover_for(sim, 0.0)
+    hover_for(sim, 0.0)
     last = state.last
     if not (last > 0 and state.rests and (sim.pose[last] == sim.pose[last - 1]).all()):
         last = append(sim, 0.0, 0.0)
@@ -99,8 +96,8 @@ def _choose_set(sim: Simulation) -> None:
     velocity = sim.velocity[state.last]
     spin = math.sqrt(velocity[3] ** 2 + velocity[4] ** 2 + velocity[5] ** 2)
     needed_deg = largest_tilt_deg(sim, state.last) + math.degrees(4.0 * spin * sim.step_s)
-    chosen = sim.sets[-1]
-    for points in sim.sets[::-1]:
+    chosen = len(sim.set_points) - 1
+    for points in range(chosen, -1, -1):
         if sim.set_tilt_deg[points] * (0.5 if points < state.set else 1.0) >= needed_deg:
             chosen = points
     state.set, state.widest = chosen, max(state.widest, chosen)
@@ -110,15 +107,16 @@ def _choose_set(sim: Simulation) -> None:
 def _stays(sim: Simulation) -> bool:
     """Take one step with a rock at rest, if its contact holds it; whether it does."""
     state, pose = sim.state[0], sim.pose[sim.state[0].last]
-    near = gaps_of(sim, pose) < sim.numbers.resting_m
+    near = gaps_of(sim, pose) < sim.contact.resting_share * sim.half_diagonal_m
     velocity, least = np.empty(6), np.zeros(len(near))
     held = held_velocity(sim, pose, sim.step_s, near, least, velocity)
     if not held or sim.carries.sum() < sticking.MOST_CARRYING:
         state.rests = 0
         return False
-    if not sim.numbers.skips_rest:
+    if not sim.skips_rest:
         there, still = pose.copy(), np.zeros(6)
-        engine.glide(sim.worlds[state.world], sim.step_s, False, sim.numbers.raised_m, there, still)
+        raised_m = sim.contact.raised_share * sim.half_diagonal_m
+        engine.glide(sim.worlds[state.world], sim.step_s, False, raised_m, there, still)
         state.engine_steps += 1
     rest_until(sim, state.grid + 1)
     return True
@@ -129,12 +127,12 @@ def _step_over(sim: Simulation) -> None:
     """Go on to the end of this step, or of the next where this one has nearly ended, over all impacts on the way."""
     state = sim.state[0]
     state.rests = 0
-    for impact in range(sim.numbers.most_impacts + 1):
+    for impact in range(sim.impact.most + 1):
         grid = math.ceil(sim.time_s[state.last] / sim.step_s + 0.5)  # leaves half a step to one and a half
         left_s = grid * sim.step_s - sim.time_s[state.last]
         if abs(left_s - sim.step_s) < 1e-9 * sim.step_s:
             left_s = sim.step_s
-        resolved_m_s = sim.numbers.resolved_m_s if impact < sim.numbers.most_impacts else np.inf
+        resolved_m_s = sim.resolved_m_s if impact < sim.impact.most else np.inf
         if not _move(sim, left_s, resolved_m_s):
             sim.time_s[state.last] = grid * sim.step_s
             state.grid = grid
@@ -145,10 +143,9 @@ def _step_over(sim: Simulation) -> None:
 def _move(sim: Simulation, left_s: float, resolved_m_s: float) -> bool:
     """Move for some time, or until a point has landed or nearly has; whether time is left."""
     last, velocity, lands = sim.state[0].last, np.empty(6), True
-    if sim.numbers.direct:
-        hover_for(sim, 0.0)
+    hover_for(sim, 0.0)
     held, contact_s = velocity_over(sim, left_s, left_s, resolved_m_s, velocity)
-    soonest_s = sim.numbers.at_once * sim.step_s
+    soonest_s = sim.impact.at_once * sim.step_s
     if held and soonest_s < contact_s < left_s:
         # Once more with the velocity up to the contact, which it meets a little sooner or later.
         before_s = contact_s
@@ -172,28 +169,22 @@ def _move(sim: Simulation, left_s: float, resolved_m_s: float) -> bool:
 def _glide(sim: Simulation, velocity: Array, step_s: float) -> None:
     """Move with a velocity that meets all contacts."""
     state, last = sim.state[0], sim.state[0].last
-    if state.near_share != sim.numbers.checked_share:
-        place(sim, sim.numbers.checked_share, state.axes_rad)
+    if state.near_share != sim.contact.checked_share:
+        place(sim, sim.contact.checked_share, state.axes_rad)
     placed = state.placed == RAISED
     new = append(sim, step_s, 0.5 * step_s)
     sim.pose[new], sim.velocity[new] = sim.pose[last], velocity
-    engine.glide(
-        sim.worlds[state.world], step_s, placed, sim.numbers.raised_m, sim.pose[new], sim.velocity[new]
-    )
+    world, raised_m = sim.worlds[state.world], sim.contact.raised_share * sim.half_diagonal_m
+    engine.glide(world, step_s, placed, raised_m, sim.pose[new], sim.velocity[new])
     state.engine_steps += 1
     state.placed = RAISED
-    changed_m_s = 0.0
-    for k in range(6):
-        change = abs(sim.velocity[new, k] - velocity[k])
-        changed_m_s = max(changed_m_s, change if k < 3 else change * sim.half_diagonal_m)
-    state.corrected_steps += changed_m_s > sim.numbers.resolved_m_s
     note_acceleration(sim, last)
 
 
 @inner
 def _slide(sim: Simulation, left_s: float, resolved_m_s: float) -> bool:
     """Move for some time, or until a point has landed, with contacts solved by the engine; whether one did."""
-    state, numbers = sim.state[0], sim.numbers
+    state, contact, impact = sim.state[0], sim.contact, sim.impact
     last, world = state.last, sim.worlds[state.world]
     if state.slips_after >= 0.0 and world.friction_kinetic != world.friction_static:
         # The force of a step is that from middle to middle: slip may have begun before it, held by the latest step.
@@ -208,81 +199,76 @@ def _slide(sim: Simulation, left_s: float, resolved_m_s: float) -> bool:
     for i in range(len(gap)):
         if gap[i] + LOOKED_AHEAD * rate[i] * left_s < 0.0:
             needed_m = max(needed_m, gap[i])
-            if gap[i] > numbers.carrying_m and -rate[i] > resolved_m_s:
+            if gap[i] > contact.carrying_share * sim.half_diagonal_m and -rate[i] > resolved_m_s:
                 nearest_m = min(nearest_m, gap[i])
                 point, pose, velocity = sim.points_m[i : i + 1], sim.pose[last], sim.velocity[last]
                 lands_s = time_to_contact_s(point, pose, velocity, sim.acceleration, since_s, left_s)
                 contact_s = min(contact_s, lands_s)
     if contact_s < left_s:
         if contact_s > SOON * sim.step_s:
-            near, terminal_s = (
-                numbers.left_out * nearest_m / sim.half_diagonal_m,
-                numbers.terminal_share * contact_s,
-            )
-            near = min(world.near_share, near)
+            near = min(world.near_share, impact.left_out * nearest_m / sim.half_diagonal_m)
+            terminal_s = impact.terminal_share * contact_s
             solved_step(sim, contact_s - terminal_s, 0.5, near)
-            solved_step(sim, terminal_s, 1.0, numbers.left_out * numbers.terminal_share * near)
+            solved_step(sim, terminal_s, 1.0, impact.left_out * impact.terminal_share * near)
         resolve_impact(sim)
         return True
-    near = min(
-        max(2.0 * LOOKED_AHEAD * needed_m / sim.half_diagonal_m, numbers.prepared_share), world.near_share
-    )
+    near = max(2.0 * LOOKED_AHEAD * needed_m / sim.half_diagonal_m, contact.prepared_share)
+    near = min(near, world.near_share)
     if 0.5 * near < state.near_share < 4.0 * near:  # what the engine was told of serves
         near = state.near_share
     solved_step(sim, left_s, 0.5, near)
-    if gap.min() > -numbers.penetrating_m > gaps_of(sim, sim.pose[state.last]).min():
+    deepest_m = -contact.penetrating_share * sim.half_diagonal_m
+    if gap.min() > deepest_m > gaps_of(sim, sim.pose[state.last]).min():
         state.last, state.placed = last, NOT
         near = max(LOOKED_AHEAD * left_s * approach_1_s(sim), world.near_share)
-        for _ in range(numbers.repeated_parts):
-            solved_step(sim, left_s / numbers.repeated_parts, 0.5, near)
+        for _ in range(contact.repeated_parts):
+            solved_step(sim, left_s / contact.repeated_parts, 0.5, near)
         sim.acceleration[:] = 0.0
     return False
 
 
 class Integrator:
-    """A rock on its way through a motion.
+    """A rock on its way through a motion."""
 
-    Parameters
-    ----------
-    problem : Problem
-    pool : EnginePool
-    """
-
-    def __init__(self, problem: Problem, pool: engine.EnginePool) -> None:
-        scene, contact, motion = problem.scene, problem.contact, problem.motion
-        self._contact, self._surface, self._solver = contact, scene.contact, problem.options.solver
-        self.pool = pool
-        counts = [contact.points_within(tilt) for tilt in REACH_DEG]
-        acceleration = np.ascontiguousarray(motion.acceleration_m_s2 @ contact.scene_from_support)
+    def __init__(self, problem: Problem) -> None:
+        contact, motion, options = problem.contact, problem.motion, problem.options
+        self._problem = problem
+        # Of sets with as many points, that which serves most.
+        reach_deg = {contact.points_within(tilt): tilt for tilt in REACH_DEG}
+        acceleration = motion.acceleration_m_s2 @ contact.scene_from_support
+        velocity = np.zeros_like(acceleration)
+        means = 0.5 * (acceleration[1:] + acceleration[:-1])
+        np.cumsum(motion.time_step_s * means, axis=0, out=velocity[1:])
         self.sim = Simulation(
             state=np.zeros(1, STATE),
-            worlds=np.zeros(len(counts), engine.WORLD),
-            numbers=_numbers(problem),
+            worlds=np.zeros(len(reach_deg), engine.WORLD),
+            contact=options.contact,
+            impact=options.impact,
+            resolved_m_s=options.resolved_impact * problem.speed_m_s,
+            allowed_m_s=options.contact.allowed_speed * problem.speed_m_s,
+            skips_rest=problem.shortcuts,
             **_track(4 * ROOM),
             carries=np.zeros(len(contact.points_body_m), np.bool_),
             acceleration=np.zeros(6),
-            points_m=np.ascontiguousarray(contact.points_body_m),
-            centres_m=np.ascontiguousarray(contact.centres_body_m),
+            points_m=contact.points_body_m,
+            centres_m=contact.centres_body_m,
             radius_m=contact.radius_m,
             mobilities=np.ascontiguousarray(contact.mobilities_m2),
-            inertia_m2=np.ascontiguousarray(contact.principal_inertia_m2),
+            inertia_m2=contact.principal_inertia_m2,
             upright=np.ascontiguousarray(contact.support_from_body[2]),
             half_diagonal_m=contact.half_diagonal_m,
-            set_tilt_deg=np.array(REACH_DEG),
-            set_points=np.array(counts),
-            sets=np.array([i for i, count in enumerate(counts) if count not in counts[i + 1 :]]),
-            gravity_m_s2=np.array([0.0, 0.0, -scene.gravity_m_s2]) @ contact.scene_from_support,
+            set_tilt_deg=np.array(list(reach_deg.values())),
+            set_points=np.array(list(reach_deg)),
+            gravity_m_s2=np.array([0.0, 0.0, -problem.scene.gravity_m_s2]) @ contact.scene_from_support,
             ground_acceleration_m_s2=acceleration,
-            ground_velocity_m_s=_velocity_at_samples(acceleration, motion.time_step_s),
+            ground_velocity_m_s=velocity,
             sample_s=motion.time_step_s,
             step_s=problem.time_step_s,
         )
         self._deepest_m = 0.0
-        self.sim.pose[0] = [*problem.pose[0], *problem.pose[1]]
-        self.sim.velocity[0] = [*problem.velocity_m_s, *problem.angular_velocity_rad_s]
+        self.sim.pose[0], self.sim.velocity[0] = problem.initial
         state = self.sim.state
-        state["set"] = state["widest"] = self.sim.sets[0]
-        state["world"], state["rests"], state["slips_after"] = -1, problem.rests, -1.0
+        state["world"], state["rests"], state["slips_after"] = -1, problem.start is None, -1.0
 
     @property
     def last(self) -> int:
@@ -336,60 +322,19 @@ class Integrator:
         rest_until(self.sim, grid)
 
     def _make_world(self, points: int) -> None:
-        world = self.pool.world(self._contact, int(self.sim.set_points[points]))
-        engine.configure_for(world, self._surface, self._solver)
+        problem = self._problem
+        world = engine.POOL.world(problem.contact, int(self.sim.set_points[points]))
+        engine.configure_for(world, problem.scene.contact, problem.options.solver)
         self.sim.worlds[points] = world[0]
 
     def _make_room(self) -> None:
         longer = _track(2 * len(self.sim.time_s))
         for name, array in longer.items():
             array[: self.last + 1] = getattr(self.sim, name)[: self.last + 1]
-        self.sim = self.sim._replace(**longer)  # type: ignore[arg-type]
+        self.sim = self.sim._replace(**longer)
 
 
-def _numbers(problem: Problem) -> Numbers:
-    options, half_diagonal_m, speed_m_s = problem.options, problem.contact.half_diagonal_m, problem.speed_m_s
-    contact, impact = options.contact, options.impact
-    return Numbers(
-        touching_m=contact.touching_share * half_diagonal_m,
-        carrying_m=contact.carrying_share * half_diagonal_m,
-        resting_m=contact.resting_share * half_diagonal_m,
-        penetrating_m=contact.penetrating_share * half_diagonal_m,
-        raised_m=contact.raised_share * half_diagonal_m,
-        checked_share=contact.checked_share,
-        repeated_parts=contact.repeated_parts,
-        prepared_share=contact.prepared_share,
-        prepared_steps=contact.prepared_steps,
-        highest_offset=contact.highest_offset,
-        allowed_m_s=contact.allowed_speed * speed_m_s,
-        friction_direction_rad=contact.friction_direction_rad,
-        impact_friction_direction_rad=contact.impact_friction_direction_rad,
-        most_impacts=impact.most,
-        at_once=impact.at_once,
-        impact_step=impact.engine_step,
-        impact_tries=impact.engine_tries,
-        terminal_share=impact.terminal_share,
-        left_out=impact.left_out,
-        residual_share=options.solver.residual_share,
-        resolved_m_s=options.resolved_impact * speed_m_s,
-        direct=options.direct_contacts,
-        skips_rest=problem.shortcuts,
-    )
-
-
-def _track(room: int) -> dict[str, Array]:
+def _track(room: int) -> dict[str, Any]:
     """Empty arrays of a trajectory."""
-    columns: dict[str, Any] = {
-        "time_s": room,
-        "velocity_time_s": room,
-        "pose": (room, 7),
-        "velocity": (room, 6),
-    }
+    columns = {"time_s": (room,), "velocity_time_s": (room,), "pose": (room, 7), "velocity": (room, 6)}
     return {name: np.zeros(shape) for name, shape in columns.items()}
-
-
-def _velocity_at_samples(acceleration_m_s2: Array, sample_s: float) -> Array:
-    velocity = np.zeros_like(acceleration_m_s2)
-    means = 0.5 * (acceleration_m_s2[1:] + acceleration_m_s2[:-1])
-    np.cumsum(sample_s * means, axis=0, out=velocity[1:])
-    return velocity

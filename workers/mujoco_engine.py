@@ -8,26 +8,21 @@ seated by our statics, ends by our rules, and is described by our outcome.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from toppling.models.errors import InputError
 from toppling.models.relief import contact_feet_m
 from toppling.models.scene import Scene
 from toppling.workers import quaternion as quat
+from toppling.workers.compiled import Array
 from toppling.workers.contact_points import contact_of
-from toppling.workers.engine import EnginePool
 from toppling.workers.integrator import ROOM, Integrator
 from toppling.workers.observation import travel_m
 from toppling.workers.problem import Problem
-
-Array = NDArray[np.float64]
-Vector = tuple[float, float, float]
 
 STIFFNESS_STEPS, DAMPING_RATIO, IMPEDANCE = 2.0, 1.5, 0.9999
 """Time constant of a contact in steps, the stiffest that MuJoCo allows; its damping, with which nothing rebounds."""
@@ -39,43 +34,31 @@ SEATED_WITHIN_DEG = 0.5
 """A rock at rest that is tilted by less from its seat is back in it: what is left is the contacts' compression."""
 
 
-@dataclass(frozen=True, eq=False)
-class World:
-    """A scene in MuJoCo: support frame, body axes."""
-
-    model: Any  # MuJoCo has no types
-    data: Any
-
-
 class MujocoIntegrator(Integrator):
     """A rock on its way through a motion; as its base, with MuJoCo as the engine."""
 
-    def __init__(self, problem: Problem, pool: EnginePool) -> None:
+    def __init__(self, problem: Problem) -> None:
         _check(problem.scene)
-        super().__init__(problem, pool)
+        super().__init__(problem)
         motion, step_s = problem.motion, problem.time_step_s
-        self._world, self._roll = _world(problem.scene, step_s), _rollout()
-        self._seat = self.sim.pose[0].copy() if problem.rests else None
-        self._rest_speed_m_s = problem.rest_speed_m_s
+        self._model, self._data = _world(problem.scene, step_s)
+        self._seat = self.sim.pose[0].copy() if problem.start is None else None
         self._warm = np.zeros((1, 6))
-        self._taken = 0
         # The force on a unit mass from step middle to step middle, as a leapfrog needs it.
         middles_s = np.maximum(np.arange(math.ceil(motion.duration_s / step_s) + 2) - 0.5, 0.0) * step_s
         velocity = motion.velocity_at(middles_s) @ problem.contact.scene_from_support
         lasting_s = np.diff(middles_s)[:, None]
         self._forces = (self.sim.gravity_m_s2 * lasting_s - np.diff(velocity, axis=0)) / step_s
 
-    @property
-    def steps(self) -> int:
-        """Engine steps taken."""
-        return self._taken
-
     def advance(self, steps: int) -> None:
         """Go on by this many steps."""
         if self.last + max(ROOM, steps + 1) > len(self.sim.time_s):
             self._make_room()
         first, grid, sim = self.last, self.grid, self.sim
-        out = self._rolled(self._force(grid, steps))
+        force_m_s2 = np.tile(sim.gravity_m_s2, (steps, 1))
+        moved = self._forces[grid : grid + steps]
+        force_m_s2[: len(moved)] = moved
+        out = self._rolled(force_m_s2)
         new = slice(first + 1, first + steps + 1)
         sim.time_s[new] = (grid + 1 + np.arange(steps)) * sim.step_s
         sim.velocity_time_s[new] = sim.time_s[new] - 0.5 * sim.step_s
@@ -83,8 +66,8 @@ class MujocoIntegrator(Integrator):
         sim.velocity[new, :3] = out[:, 8:11]
         sim.velocity[new, 3:] = _turned(sim.pose[new, 3:], out[:, 11:14])
         sim.state["last"], sim.state["grid"], sim.state["rests"] = first + steps, grid + steps, 0
-        sim.state["widest"] = sim.sets[-1]
-        self._taken += steps
+        sim.state["widest"] = len(sim.set_points) - 1
+        sim.state["engine_steps"] += steps
         if self._seat is not None and self._is_slow(first):
             self._sit_down()
 
@@ -93,25 +76,21 @@ class MujocoIntegrator(Integrator):
         super().rest_until(since, grid)
         self._warm[:] = 0.0
 
-    def _force(self, grid: int, steps: int) -> Array:
-        applied = np.zeros((1, steps, 12))  # of the world's body and the rock's
-        moved = self._forces[grid : grid + steps]
-        applied[0, : len(moved), 6:9] = moved
-        applied[0, len(moved) :, 6:9] = self.sim.gravity_m_s2
-        return applied
-
     def _rolled(self, force_m_s2: Array) -> Array:
         """States (steps, 14) of MuJoCo: time, place, attitude as w, x, y, z, velocity, spin in body axes."""
-        last, sim, steps = self.last, self.sim, force_m_s2.shape[1]
+        last, sim, steps = self.last, self.sim, len(force_m_s2)
+        applied = np.zeros((1, steps, 12))  # of the world's body and the rock's
+        applied[0, :, 6:9] = force_m_s2
         pose, velocity = sim.pose[last], sim.velocity[last]
         spin = quat.matrix(pose[3:]).T @ velocity[3:]
         state = np.array([[0.0, *pose[:3], pose[6], *pose[3:6], *velocity[:3], *spin]])
         out = np.empty((1, steps, state.shape[1]))
-        self._roll.rollout(
-            self._world.model, self._world.data, state, force_m_s2, control_spec=_force_bit(), nstep=steps,
+        rollout, force_bit = _rollout()
+        rollout.rollout(
+            self._model, self._data, state, applied, control_spec=force_bit, nstep=steps,
             initial_warmstart=self._warm, state=out,
         )  # fmt: skip
-        self._warm[0] = self._world.data.qacc_warmstart
+        self._warm[0] = self._data.qacc_warmstart
         return np.asarray(out[0])
 
     def _is_slow(self, since: int) -> bool:
@@ -120,7 +99,7 @@ class MujocoIntegrator(Integrator):
         way_m = travel_m(sim.pose[since], sim.pose[last], sim.half_diagonal_m)
         speed_m_s = np.linalg.norm(sim.velocity[last, :3])
         speed_m_s += sim.half_diagonal_m * np.linalg.norm(sim.velocity[last, 3:])
-        slow = self._rest_speed_m_s
+        slow = self._problem.rest_speed_m_s
         return bool(way_m < slow * (sim.time_s[last] - sim.time_s[since]) and speed_m_s < slow)
 
     def _sit_down(self) -> None:
@@ -144,20 +123,18 @@ def _turned(quaternion_xyzw: Array, carried: Array) -> Array:
 
 def _check(scene: Scene) -> None:
     contact = scene.contact
-    for what, refused in (
-        (f"restitution {contact.restitution:g}", contact.restitution > 0.0),
-        (
-            f"friction {contact.friction_static:g} at rest and {contact.friction_kinetic:g} in slip",
-            contact.friction_static != contact.friction_kinetic,
-        ),
-    ):
-        if refused:
-            raise InputError(
-                what,
-                where="engine mujoco",
-                expected="restitution 0 and one coefficient of friction",
-                remedy="shake with engine 'pybullet', or change the contact's properties",
-            )
+    if contact.restitution > 0.0:
+        what = f"restitution {contact.restitution:g}"
+    elif contact.friction_static != contact.friction_kinetic:
+        what = f"friction {contact.friction_static:g} at rest and {contact.friction_kinetic:g} in slip"
+    else:
+        return
+    raise InputError(
+        what,
+        where="engine mujoco",
+        expected="restitution 0 and one coefficient of friction",
+        remedy="shake with engine 'pybullet', or change the contact's properties",
+    )
 
 
 def require() -> None:
@@ -180,22 +157,16 @@ def require() -> None:
 
 
 @lru_cache(maxsize=1)
-def _rollout() -> Any:
-    require()
-    from mujoco import rollout
+def _rollout() -> tuple[Any, int]:
+    """What steps in C, and the bit that says it is given forces. MuJoCo has no types."""
+    from mujoco import mjtState, rollout
 
-    return rollout.Rollout(nthread=0)
-
-
-@lru_cache(maxsize=1)
-def _force_bit() -> int:
-    import mujoco
-
-    return int(mujoco.mjtState.mjSTATE_XFRC_APPLIED.value)
+    return rollout.Rollout(nthread=0), int(mjtState.mjSTATE_XFRC_APPLIED.value)
 
 
 @lru_cache(maxsize=8)  # scenes compare by identity
-def _world(scene: Scene, step_s: float) -> World:
+def _world(scene: Scene, step_s: float) -> tuple[Any, Any]:
+    """A scene as MuJoCo's model and data: support frame, body axes."""
     require()
     import mujoco
 
@@ -220,7 +191,7 @@ def _world(scene: Scene, step_s: float) -> World:
         geom.solref = [STIFFNESS_STEPS * step_s, DAMPING_RATIO]
         geom.solimp = [IMPEDANCE, IMPEDANCE, 1e-3, 0.5, 2.0]
     model = spec.compile()
-    return World(model, mujoco.MjData(model))
+    return model, mujoco.MjData(model)
 
 
 def _shape(spec: Any, points_m: Array) -> dict[str, Any]:

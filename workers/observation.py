@@ -7,84 +7,47 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
 from toppling.models.scene import Scene
 from toppling.workers.barrier import lying_arms_m
-from toppling.workers.compiled import compiled, inner
-from toppling.workers.contact_points import ContactModel, contact_of
+from toppling.workers.compiled import Array, Vector, compiled, inner
+from toppling.workers.contact_points import contact_of
 from toppling.workers.engine import slip_m_s
-from toppling.workers.quaternion import (
-    normal_in_body,
-    rotation_between,
-    to_body,
-    to_world,
-    yaw_between,
-)
-from toppling.workers.simulation import Simulation
-
-Array = NDArray[np.float64]
-Vector = tuple[float, float, float]
+from toppling.workers.problem import Problem
+from toppling.workers.quaternion import normal_in_body, rotation_between, to_body, to_world, yaw_between
+from toppling.workers.simulation import Simulation, largest_tilt_deg
 
 TOUCHING_AT_START_SHARE = 1e-4
 """Of R: contact points so near the lowest one touch at the start."""
 
 
 class Body(NamedTuple):
-    """A rock, as compiled code observes it.
+    """A rock, as compiled code observes it; support frame."""
 
-    Parameters
-    ----------
-    points_m : (n, 3) array
-        Contact points, body axes.
-    lying_m : (n, 3) array
-        From each of them to the centre of mass as the rock stood in the scene, support frame.
-    scene_pose, start_pose : (7,) array
-        Pose in the scene, and at time 0.
-    first_contact_m : (3,) array
-        Centroid of the points that touch at the start, body axes.
-    first_place_m : (3,) array
-        Where it is then, support frame.
-    up : (3,) array
-        Upward unit vector, support frame.
-    inertia_m2 : (3,) array
-        Principal moments of inertia over mass.
-    ends : (n, 3) array
-        Lines a x + b y + c = 0 where the pedestal ends, positive beyond, where plumb lines meet the interface plane.
-    gravity_m_s2, half_diagonal_m : float
-    """
-
-    points_m: Array
-    lying_m: Array
+    lying_m: Array  # (n, 3) from each contact point to the centre of mass as the rock stood in the scene
     scene_pose: Array
-    start_pose: Array
-    first_contact_m: Array
-    first_place_m: Array
-    up: Array
-    inertia_m2: Array
-    ends: Array
+    first_contact_m: Array  # (3,) centroid of the points that touch at the start, body axes
+    first_place_m: Array  # (3,) where it is then
+    up: Array  # (3,) upward unit vector
+    ends: Array  # of the pedestal: those of :func:`ends_of_pedestal`
     gravity_m_s2: float
-    half_diagonal_m: float
 
     @classmethod
-    def of(cls, scene: Scene, contact: ContactModel, start_pose: Array) -> Body:
-        """Of a scene whose shake starts in a pose (7,)."""
-        gaps = contact.gaps_m(start_pose[None, :3], start_pose[None, 3:])[0]
+    def of(cls, problem: Problem) -> Body:
+        """Of a problem."""
+        contact, (start_pose, _) = problem.contact, problem.initial
+        gaps = contact.gaps_m(start_pose)
         touching = gaps <= gaps.min() + TOUCHING_AT_START_SHARE * contact.half_diagonal_m
         first = contact.points_body_m[touching].mean(axis=0)
         return cls(
-            points_m=np.ascontiguousarray(contact.points_body_m),
             lying_m=np.ascontiguousarray(lying_arms_m(contact)),
-            scene_pose=np.array([*contact.com_m, *contact.start_quaternion_xyzw]),
-            start_pose=start_pose,
+            scene_pose=contact.start_pose,
             first_contact_m=first,
             first_place_m=start_pose[:3] + to_world(*first, start_pose),
             up=np.ascontiguousarray(contact.scene_from_support[2]),
-            inertia_m2=contact.principal_inertia_m2,
-            ends=np.ascontiguousarray(ends_of_pedestal(scene)),
-            gravity_m_s2=scene.gravity_m_s2,
-            half_diagonal_m=contact.half_diagonal_m,
+            ends=np.ascontiguousarray(ends_of_pedestal(problem.scene)),
+            gravity_m_s2=problem.scene.gravity_m_s2,
         )
 
 
@@ -117,54 +80,39 @@ class Observation(NamedTuple):
 
 
 @compiled
-def observe(sim: Simulation, body: Body, since: int, shortest_step_s: float) -> Observation:
-    """Look at the steps since a pose.
-
-    Parameters
-    ----------
-    sim : Simulation
-    body : Body
-    since : int
-    shortest_step_s : float
-        Substeps count as no shorter for speeds: one to a contact may take next to no time, in which points are set to
-        their height.
-    """
+def observe(sim: Simulation, body: Body, since: int) -> Observation:
+    """Look at the steps since a pose."""
     last = sim.state[0].last
-    pose = sim.pose[last]
-    fastest, lowest, cosine = 0.0, np.inf, 1.0
-    a, b, c = sim.upright
+    pose, velocity = sim.pose[last], sim.velocity[last]
+    # Substeps count as no shorter: one to a contact may take next to no time, in which points are set to their height.
+    shortest_step_s = sim.impact.engine_step * sim.step_s
+    fastest, lowest = 0.0, np.inf
     for i in range(since, last + 1):
         here = sim.pose[i]
         if not (math.isfinite(here[0]) and math.isfinite(here[1]) and math.isfinite(here[2])):
             fastest = np.nan
-        x, y, z = normal_in_body(here)
-        cosine, lowest = min(cosine, x * a + y * b + z * c), min(lowest, here[2])
+        lowest = min(lowest, here[2])
         if i > since:
             x, y, z = here[0] - sim.pose[i - 1, 0], here[1] - sim.pose[i - 1, 1], here[2] - sim.pose[i - 1, 2]
             way, duration = math.sqrt(x * x + y * y + z * z), sim.time_s[i] - sim.time_s[i - 1]
             fastest = max(fastest, way / max(duration, shortest_step_s))
-    x, y, z = normal_in_body(pose)
-    tilt = math.degrees(math.acos(min(max(x * a + y * b + z * c, -1.0), 1.0)))
-    here = sim.velocity[last]
-    velocity, spin = (here[0], here[1], here[2]), (here[3], here[4], here[5])
-    lying, arm = _lying_com_m(body, pose)
+    lying, arm = _lying_com_m(sim.points_m, body, pose)
     x, y, z = to_world(body.first_contact_m[0], body.first_contact_m[1], body.first_contact_m[2], pose)
     x, y = pose[0] + x - body.first_place_m[0], pose[1] + y - body.first_place_m[1]
-    yaw = math.degrees(yaw_between(body.scene_pose, pose))
-    turned = math.degrees(yaw_between(body.start_pose, pose))
+    turned = math.degrees(yaw_between(sim.pose[0], pose))
     up, lasted_s = body.up, sim.time_s[last] - sim.time_s[since]
     height = up[0] * (pose[0] - lying[0]) + up[1] * (pose[1] - lying[1]) + up[2] * (pose[2] - lying[2])
     return Observation(
         time_s=sim.time_s[last],
         fastest_m_s=fastest,
         lowest_m=lowest,
-        largest_tilt_deg=math.degrees(math.acos(max(cosine, -1.0))),
-        drift_m_s=travel_m(sim.pose[since], pose, body.half_diagonal_m) / lasted_s if lasted_s > 0.0 else 0.0,
-        speed_m_s=_size(velocity) + _size(spin) * body.half_diagonal_m,
-        sliding_m_s=slip_m_s(velocity, spin, arm),
-        energy_j_kg=_kinetic_j_kg(body, pose, velocity, spin) + body.gravity_m_s2 * height,
-        tilt_deg=tilt,
-        yaw_deg=yaw,
+        largest_tilt_deg=largest_tilt_deg(sim, since),
+        drift_m_s=travel_m(sim.pose[since], pose, sim.half_diagonal_m) / lasted_s if lasted_s > 0.0 else 0.0,
+        speed_m_s=_size(velocity[:3]) + _size(velocity[3:]) * sim.half_diagonal_m,
+        sliding_m_s=slip_m_s(velocity, arm),
+        energy_j_kg=_kinetic_j_kg(sim.inertia_m2, pose, velocity) + body.gravity_m_s2 * height,
+        tilt_deg=largest_tilt_deg(sim, last),
+        yaw_deg=math.degrees(yaw_between(body.scene_pose, pose)),
         turned_deg=abs((turned + 180.0) % 360.0 - 180.0),
         slip_m=math.sqrt(x * x + y * y),
         beyond_end=_is_beyond(body, pose[0], pose[1], pose[2])
@@ -212,28 +160,27 @@ def travel_m(start: Array, end: Array, radius_m: float) -> float:
 
 
 @inner
-def _size(vector: Vector) -> float:
+def _size(vector: Array | Vector) -> float:
     return math.sqrt(vector[0] * vector[0] + vector[1] * vector[1] + vector[2] * vector[2])
 
 
 @inner
-def _kinetic_j_kg(body: Body, pose: Array, velocity: Vector, spin: Vector) -> float:
-    p, q, r = to_body(spin[0], spin[1], spin[2], pose)
-    inertia = body.inertia_m2
-    turning = inertia[0] * p * p + inertia[1] * q * q + inertia[2] * r * r
+def _kinetic_j_kg(inertia_m2: Array, pose: Array, velocity: Array) -> float:
+    p, q, r = to_body(velocity[3], velocity[4], velocity[5], pose)
+    turning = inertia_m2[0] * p * p + inertia_m2[1] * q * q + inertia_m2[2] * r * r
     return 0.5 * (velocity[0] ** 2 + velocity[1] ** 2 + velocity[2] ** 2 + turning)
 
 
 @inner
-def _lying_com_m(body: Body, pose: Array) -> tuple[Vector, Vector]:
+def _lying_com_m(points_m: Array, body: Body, pose: Array) -> tuple[Vector, Vector]:
     """Centre of mass if the rock lay where it is, and the arm from the present one to the lowest contact point."""
     nx, ny, nz = normal_in_body(pose)
     lowest, index = np.inf, 0
-    for i in range(len(body.points_m)):
-        height = body.points_m[i, 0] * nx + body.points_m[i, 1] * ny + body.points_m[i, 2] * nz
+    for i in range(len(points_m)):
+        height = points_m[i, 0] * nx + points_m[i, 1] * ny + points_m[i, 2] * nz
         if height < lowest:
             lowest, index = height, i
-    arm = to_world(body.points_m[index, 0], body.points_m[index, 1], body.points_m[index, 2], pose)
+    arm = to_world(points_m[index, 0], points_m[index, 1], points_m[index, 2], pose)
     yaw = yaw_between(body.scene_pose, pose)
     cos, sin = math.cos(yaw), math.sin(yaw)
     x, y, z = body.lying_m[index]

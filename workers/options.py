@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 from toppling.models.errors import InputError
 
@@ -21,17 +22,13 @@ class SolverOptions:
         At most.
     residual_share : float
         It stops before once no impulse (at unit mass) changes by more than this share of gravity's in a step.
-    cold_iterations : int
-        At most, in the first step of a new state, if that is more.
     """
 
     iterations: int
     residual_share: float
-    cold_iterations: int = 200
 
 
-@dataclass(frozen=True)
-class ContactOptions:
+class ContactOptions(NamedTuple):
     """Which contact points carry, and which the engine is told of. Lengths are shares of the half diagonal R.
 
     Parameters
@@ -78,8 +75,7 @@ class ContactOptions:
     impact_friction_direction_rad: float = 1e-2
 
 
-@dataclass(frozen=True)
-class ImpactOptions:
+class ImpactOptions(NamedTuple):
     """How impacts are resolved. Times are shares of the step.
 
     Parameters
@@ -160,8 +156,6 @@ class NumericalOptions:
     solver : SolverOptions
     longest_step_s : float
         Upper bound of the time step, so that a large rock still follows the record.
-    direct_contacts : bool
-        Whether contacts that stick are solved directly, and not by the engine.
     contact : ContactOptions
     impact : ImpactOptions
     termination : TerminationOptions
@@ -172,7 +166,6 @@ class NumericalOptions:
     rest_speed: float
     solver: SolverOptions
     longest_step_s: float = 0.016
-    direct_contacts: bool = True
     contact: ContactOptions = field(default_factory=ContactOptions)
     impact: ImpactOptions = field(default_factory=ImpactOptions)
     termination: TerminationOptions = field(default_factory=TerminationOptions)

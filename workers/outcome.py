@@ -3,22 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from toppling.models.frames import azimuth_deg
 from toppling.models.statics import TOPPLED_FALL, TOPPLED_TILT_DEG
 from toppling.models.trajectory import Trajectory
 from toppling.workers import quaternion
+from toppling.workers.compiled import Array
 from toppling.workers.contact_points import LARGEST_OPEN_TILT_DEG, ContactModel
 from toppling.workers.observation import Observation
-from toppling.workers.termination import Context, Verdict, is_displaced
+from toppling.workers.problem import Problem
+from toppling.workers.termination import FALLS, is_displaced
 
-Array = NDArray[np.float64]
-
-FALLS = ("fallen", "tilted", "slid_off")
-"""Rules after which the rock has toppled whatever its pose."""
+STATUS = {"speed_limit": "diverged", "time_cap": "undecided"}
+"""Of the rules after which there is no answer."""
 
 NEGLIGIBLE_WAY_SHARE = 1e-3
 """Of R: the centre of mass comes to its balance over a point on a way that is longer by far."""
@@ -72,41 +72,39 @@ class ShakeResult:
     trajectory: Trajectory | None = field(repr=False, default=None)
 
 
-def outcome_of(
-    said: Verdict, seen: Observation, context: Context, time_s: Array, pose: Array
-) -> dict[str, object]:
-    """Fields of a result that the motion decides.
-
-    Parameters
-    ----------
-    said : Verdict
-    seen : Observation
-        Of the end.
-    context : Context
-    time_s : (n,) array
-    pose : (n, 7) array
-        The whole trajectory, support frame.
-    """
-    contact = context.problem.contact
+def result_of(
+    ended_by: str,
+    seen: Observation,
+    problem: Problem,
+    time_s: Array,
+    pose: Array,
+    *,
+    trajectory: bool,
+    **cost: Any,
+) -> ShakeResult:
+    """What happened, told from the whole trajectory (n,) and (n, 7), support frame, and from what was seen last."""
+    contact, status = problem.contact, STATUS.get(ended_by, "ok")
     tilt = contact.tilts_deg(pose[:, 3:])
-    toppled = (said.ended_by in FALLS or bool(tilt[-1] > TOPPLED_TILT_DEG)) if said.status == "ok" else None
-    turning = _point_of_no_return(said.ended_by, contact, pose[:, :3], tilt) if toppled else None
+    toppled = (ended_by in dict(FALLS) or bool(tilt[-1] > TOPPLED_TILT_DEG)) if status == "ok" else None
+    turning = _point_of_no_return(ended_by, contact, pose[:, :3], tilt) if toppled else None
     outcome = None
-    if said.status == "ok":
-        displaced = is_displaced(seen, context) or tilt[-1] > context.options.moved_deg
+    if status == "ok":
+        displaced = is_displaced(seen, problem) or tilt[-1] > problem.options.termination.moved_deg
         outcome = "toppled" if toppled else "moved" if displaced else "stands"
-    return {
-        "status": said.status,
-        "outcome": outcome,
-        "toppled": toppled,
-        "topple_time_s": None if turning is None else float(time_s[turning]),
-        "topple_azimuth_deg": None if turning is None else _fell_toward_deg(contact, pose[:, :3], turning),
-        "max_tilt_deg": float(np.nanmax(tilt)),
-        "residual_tilt_deg": float(tilt[-1]),
-        "residual_yaw_deg": seen.turned_deg,
-        "slip_m": seen.slip_m,
-        "ended_by": said.ended_by,
-    }
+    return ShakeResult(
+        status=status,
+        outcome=outcome,
+        toppled=toppled,
+        topple_time_s=None if turning is None else float(time_s[turning]),
+        topple_azimuth_deg=None if turning is None else _fell_toward_deg(contact, pose[:, :3], turning),
+        max_tilt_deg=float(np.nanmax(tilt)),
+        residual_tilt_deg=float(tilt[-1]),
+        residual_yaw_deg=seen.turned_deg,
+        slip_m=seen.slip_m,
+        ended_by=ended_by,
+        trajectory=trajectory_of(contact, time_s, pose) if trajectory else None,
+        **cost,
+    )
 
 
 def trajectory_of(contact: ContactModel, time_s: Array, pose: Array) -> Trajectory:
@@ -126,7 +124,7 @@ def _point_of_no_return(ended_by: str, contact: ContactModel, com_m: Array, tilt
     """
     if ended_by == "slid_off":
         return len(com_m) - 1
-    if ended_by in FALLS:
+    if ended_by in dict(FALLS):
         low = com_m[:, 2] < (1.0 - TOPPLED_FALL) * contact.com_m[2]
         still = int(np.argmax(low | (tilt_deg > LARGEST_OPEN_TILT_DEG))) - 1
     else:  # at rest on another face

@@ -4,12 +4,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property, lru_cache
+
+import numpy as np
 
 from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene
-from toppling.workers.contact_points import ContactModel, Pose, contact_of
+from toppling.models.statics import quasi_static_toppling_m_s2
+from toppling.workers.contact_points import ContactModel, contact_of
 from toppling.workers.options import NumericalOptions
-from toppling.workers.start import State, Vector, start_of
+from toppling.workers.start import Array, State, start_of
+
+AZIMUTH_STEP_DEG = 10.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,50 +25,42 @@ class Problem:
     Parameters
     ----------
     scene : Scene
-    contact : ContactModel
-        The scene's.
     motion : Motion
     options : NumericalOptions
     time_step_s : float
-    pose, velocity_m_s, angular_velocity_rad_s
-        State at time 0, support frame.
-    rests : bool
-        Whether the rock rests there.
+    start : State or None
+        Where and how fast the rock starts; None where it rests as the scene has it.
     shortcuts : bool
         Whether time in which nothing can move is skipped, and the shake ends as soon as its answer is certain.
     """
 
     scene: Scene
-    contact: ContactModel
     motion: Motion
     options: NumericalOptions
     time_step_s: float
-    pose: Pose
-    velocity_m_s: Vector
-    angular_velocity_rad_s: Vector
-    rests: bool
+    start: State | None
     shortcuts: bool
 
-    @classmethod
-    def of(
-        cls,
-        scene: Scene,
-        motion: Motion,
-        options: NumericalOptions,
-        time_step_s: float,
-        start: State | None,
-        shortcuts: bool,
-    ) -> Problem:
-        """Of a scene, at rest where no start is given.
+    @cached_property
+    def contact(self) -> ContactModel:
+        """The scene's."""
+        return contact_of(self.scene)
+
+    @cached_property
+    def initial(self) -> tuple[Array, Array]:
+        """Pose (7,) and velocity (6,) at time 0, support frame.
 
         Raises
         ------
         InputError
             If the start is given too deep inside the ground.
         """
-        contact = contact_of(scene)
-        state = start_of(contact, start)
-        return cls(scene, contact, motion, options, time_step_s, *state, start is None, shortcuts)
+        return start_of(self.contact, self.start)
+
+    @property
+    def rest_speed_m_s(self) -> float:
+        """A rock whose points are slower rests."""
+        return self.options.rest_speed * self.speed_m_s
 
     @property
     def speed_m_s(self) -> float:
@@ -70,6 +68,43 @@ class Problem:
         return math.sqrt(self.scene.gravity_m_s2 * self.contact.half_diagonal_m)
 
     @property
-    def rest_speed_m_s(self) -> float:
-        """A rock whose points are slower rests."""
-        return self.options.rest_speed * self.speed_m_s
+    def unit_s(self) -> float:
+        """sqrt(R / g), which times are shares of."""
+        return math.sqrt(self.contact.half_diagonal_m / self.scene.gravity_m_s2)
+
+    @cached_property
+    def speed_limit_m_s(self) -> float:
+        """A speed that the motion, the start and a fall of ten R more together cannot give."""
+        motion, half_diagonal_m = self.motion, self.contact.half_diagonal_m
+        given_m_s = float(np.linalg.norm(motion.acceleration_m_s2, axis=1).sum() * motion.time_step_s)
+        fall_m = 10.0 * half_diagonal_m
+        if self.start is not None:
+            pose, velocity = self.initial
+            fall_m += max(float(pose[2]), 0.0)
+            given_m_s += float(np.linalg.norm(velocity[:3]))
+            given_m_s += float(np.linalg.norm(velocity[3:])) * half_diagonal_m
+        return 2.0 * (given_m_s + float(np.sqrt(2.0 * self.scene.gravity_m_s2 * fall_m)))
+
+    @cached_property
+    def weak_from_s(self) -> float:
+        """Time from which the motion is weak, s: much stronger it would neither tip nor drag the rock.
+
+        What tips it is the least constant acceleration of any azimuth that, slowly applied, topples
+        (:mod:`models.statics`): of any, since a rock that has turned has its weakest side elsewhere.
+        """
+        scene, motion = self.scene, self.motion
+        stronger = motion.acceleration_m_s2 / self.options.termination.weak_share
+        downward = scene.gravity_m_s2 + stronger[:, 2]
+        holds = np.hypot(stronger[:, 0], stronger[:, 1]) < downward * _tipping_ratio(scene)
+        force = (np.array([0.0, 0.0, -scene.gravity_m_s2]) - stronger) @ self.contact.scene_from_support
+        grips = np.hypot(force[:, 0], force[:, 1]) < -scene.contact.friction_kinetic * force[:, 2]
+        strong = np.flatnonzero(~(holds & grips))
+        return (strong[-1] + 1) * motion.time_step_s if len(strong) else 0.0
+
+
+@lru_cache(maxsize=8)
+def _tipping_ratio(scene: Scene) -> float:
+    """Least constant horizontal acceleration that topples the rock, over gravity."""
+    azimuths = np.arange(0.0, 360.0, AZIMUTH_STEP_DEG).tolist()
+    least = quasi_static_toppling_m_s2(scene.rock, scene.pedestal, scene.gravity_m_s2, azimuths)
+    return min(value for _, value in least) / scene.gravity_m_s2

@@ -3,11 +3,8 @@
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-from toppling.workers.compiled import compiled
-
-Array = NDArray[np.float64]
+from toppling.workers.compiled import Array, compiled, inner
 
 
 def product(left: Array, right: Array) -> Array:
@@ -66,18 +63,26 @@ def normal_in_body(pose: Array) -> tuple[float, float, float]:
     return 2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)
 
 
+@inner
+def _turn_between(start: Array, end: Array) -> tuple[float, float, float, float]:
+    """Quaternion that carries the attitude of pose `start` (7,) into that of pose `end`."""
+    x1, y1, z1, w1 = end[3], end[4], end[5], end[6]
+    x2, y2, z2, w2 = -start[3], -start[4], -start[5], start[6]
+    return (
+        w1 * x2 + x1 * w2 + y1 * z2 - z1 * y2,
+        w1 * y2 - x1 * z2 + y1 * w2 + z1 * x2,
+        w1 * z2 + x1 * y2 - y1 * x2 + z1 * w2,
+        w1 * w2 - x1 * x2 - y1 * y2 - z1 * z2,
+    )
+
+
 @compiled
 def rotation_between(start: Array, end: Array) -> tuple[float, float, float]:
     """Rotation vector, rad, that carries the attitude of pose `start` (7,) into that of pose `end`."""
-    x1, y1, z1, w1 = end[3], end[4], end[5], end[6]
-    x2, y2, z2, w2 = -start[3], -start[4], -start[5], start[6]
-    x = w1 * x2 + x1 * w2 + y1 * z2 - z1 * y2
-    y = w1 * y2 - x1 * z2 + y1 * w2 + z1 * x2
-    z = w1 * z2 + x1 * y2 - y1 * x2 + z1 * w2
-    w = w1 * w2 - x1 * x2 - y1 * y2 - z1 * z2
+    x, y, z, w = _turn_between(start, end)
     sine = math.sqrt(x * x + y * y + z * z)
     if w < 0:
-        sine, w, x, y, z = sine, -w, -x, -y, -z
+        x, y, z, w = -x, -y, -z, -w
     scale = 2.0 * math.atan2(sine, w) / sine if sine > 1e-300 else 2.0
     return x * scale, y * scale, z * scale
 
@@ -102,8 +107,5 @@ def to_world(a: float, b: float, c: float, pose: Array) -> tuple[float, float, f
 @compiled
 def yaw_between(start: Array, end: Array) -> float:
     """Turn about z, rad, from one pose (7,) to another: what is left of a rotation without the tilt."""
-    x1, y1, z1, w1 = end[3], end[4], end[5], end[6]
-    x2, y2, z2, w2 = -start[3], -start[4], -start[5], start[6]
-    z = w1 * z2 + x1 * y2 - y1 * x2 + z1 * w2
-    w = w1 * w2 - x1 * x2 - y1 * y2 - z1 * z2
+    _, _, z, w = _turn_between(start, end)
     return 2.0 * math.atan2(z, w)

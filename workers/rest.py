@@ -5,42 +5,25 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from toppling.models.statics import EQUILIBRIUM_MARGIN
-from toppling.workers.compiled import compiled, inner
+from toppling.workers.compiled import Array, Indices, compiled, inner
 from toppling.workers.integrator import Integrator
 from toppling.workers.observation import Observation
 from toppling.workers.problem import Problem
 from toppling.workers.quaternion import to_world
-
-Array = NDArray[np.float64]
-
-TOUCHING_SHARE = 1e-5
-"""Contact points within this share of R of the plane carry a rock at rest: a seat leaves them ten times closer."""
+from toppling.workers.simulation import Simulation
 
 
 class Rest:
-    """Whether the rock rests, held by its contact, and what is left out while it does.
-
-    Parameters
-    ----------
-    problem : Problem
-    integrator : Integrator
-    """
+    """Whether the rock rests, held by its contact, and what is left out while it does."""
 
     def __init__(self, problem: Problem, integrator: Integrator) -> None:
-        scene, contact, motion = problem.scene, problem.contact, problem.motion
-        turn = contact.scene_from_support
-        gravity = np.array([[0.0, 0.0, -scene.gravity_m_s2]]) @ turn
-        self._forces = np.vstack([gravity - motion.acceleration_m_s2 @ turn, gravity])
+        sim = integrator.sim
+        self._problem, self._integrator, self._sample_s = problem, integrator, sim.sample_s
+        self._forces = np.vstack([sim.gravity_m_s2 - sim.ground_acceleration_m_s2, sim.gravity_m_s2])
         """Specific force at the motion's samples, and after the last of them."""
-        self._friction, self._integrator = scene.contact.friction_static, integrator
-        self._block = problem.options.termination.block
-        self._points_m = np.ascontiguousarray(contact.points_body_m)
-        self._touching_m = TOUCHING_SHARE * contact.half_diagonal_m
-        self._sample_s, self._speed_m_s = motion.time_step_s, problem.rest_speed_m_s
-        self.rests = problem.rests
+        self.rests = problem.start is None
         """For the whole of the last block."""
         self.came_to_rest = False
         self.skipped_s = 0.0
@@ -51,8 +34,9 @@ class Rest:
         In the block in which it comes to rest it stays where it is: only what follows is known to be creep.
         """
         integrator, rested = self._integrator, self.rests
-        slow = seen.drift_m_s < self._speed_m_s
-        self.came_to_rest = slow and seen.speed_m_s < self._speed_m_s
+        slow_m_s = self._problem.rest_speed_m_s
+        slow = seen.drift_m_s < slow_m_s
+        self.came_to_rest = slow and seen.speed_m_s < slow_m_s
         self.rests = slow if rested else self.came_to_rest
         if not self.rests or integrator.rests:
             return False
@@ -83,49 +67,37 @@ class Rest:
         if until == end:
             return True
         until_s = max(until - 1, first) * self._sample_s
-        blocks = (int(until_s / step_s) - integrator.grid) // self._block
+        block = self._problem.options.termination.block
+        blocks = (int(until_s / step_s) - integrator.grid) // block
         if blocks > 0:
-            self.skipped_s += blocks * self._block * step_s
-            integrator.rest_until(integrator.last, integrator.grid + blocks * self._block)
+            self.skipped_s += blocks * block * step_s
+            integrator.rest_until(integrator.last, integrator.grid + blocks * block)
         return False
 
     def _held_until(self, index: int, first: int, end: int) -> int:
         """First sample, from `first` on, whose force the points that touch in a pose cannot hold; `end` if all."""
-        pose = self._integrator.sim.pose[index]
-        return int(
-            held_until(self._points_m, self._touching_m, pose, self._friction, self._forces, first, end)
-        )
+        friction = self._problem.scene.contact.friction_static
+        return int(held_until(self._integrator.sim, index, friction, self._forces, first, end))
 
 
 @compiled
-def held_until(
-    points_m: Array, touching_m: float, pose: Array, friction: float, forces_m_s2: Array, first: int, end: int
-) -> int:
-    """First of some specific forces that the points which touch cannot hold; `end` if they hold all.
+def held_until(sim: Simulation, index: int, friction: float, forces_m_s2: Array, first: int, end: int) -> int:
+    """First of some specific forces (m, 3) that the points which touch in a pose cannot hold; `end` if they hold all.
 
     The cone of :func:`models.statics.equilibrium_possible`: the force points into the plane, its tangential part is at
     most the friction times the normal one, and its line of action through the centre of mass pierces the hull of the
     points.
-
-    Parameters
-    ----------
-    points_m : (n, 3) array
-        Contact points, body axes.
-    touching_m : float
-        Those touch that are so near the plane.
-    pose : (7,) array
-        Support frame.
-    friction : float
-        Static coefficient.
-    forces_m_s2 : (m, 3) array
-        Support frame.
-    first, end : int
     """
+    points_m, pose, touching_m = (
+        sim.points_m,
+        sim.pose[index],
+        sim.contact.resting_share * sim.half_diagonal_m,
+    )
     arms, count = np.empty((len(points_m), 3)), 0
     for i in range(len(points_m)):
         arm = to_world(points_m[i, 0], points_m[i, 1], points_m[i, 2], pose)
         if pose[2] + arm[2] <= touching_m:
-            arms[count, 0], arms[count, 1], arms[count, 2] = arm
+            arms[count] = arm
             count += 1
     ring = convex_ring(arms[:count], touching_m)
     if len(ring) < 3:
@@ -136,11 +108,7 @@ def held_until(
         x, y = b[0] - a[0], b[1] - a[1]
         far = math.sqrt(x * x + y * y)
         # w . f > 0 where the force f on the centre of mass holds the rock down on the edge.
-        moments[k, 0], moments[k, 1], moments[k, 2] = (
-            y * a[2] / far,
-            -x * a[2] / far,
-            (a[1] * x - a[0] * y) / far,
-        )
+        moments[k] = y * a[2] / far, -x * a[2] / far, (a[1] * x - a[0] * y) / far
         longest = max(longest, math.sqrt(a[0] ** 2 + a[1] ** 2 + a[2] ** 2))
     for n in range(first, end):
         x, y, z = forces_m_s2[n]
@@ -154,7 +122,7 @@ def held_until(
 
 
 @compiled
-def convex_ring(points: Array, width: float) -> NDArray[np.int64]:
+def convex_ring(points: Array, width: float) -> Indices:
     """Indices of the convex hull's corners in the plane of x and y, counter-clockwise; fewer than three if thinner.
 
     Andrew's monotone chain (1979).

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
-import itertools
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from toppling.models.contact import ContactProperties
 from toppling.models.errors import InputError
@@ -16,18 +14,17 @@ from toppling.models.scene import Scene
 from toppling.models.statics import TOPPLED_TILT_DEG, equilibrium_possible
 from toppling.workers import engine
 from toppling.workers import quaternion as quat
-from toppling.workers.compiled import compiled
-from toppling.workers.contact_points import LARGEST_OPEN_TILT_DEG, contact_of
+from toppling.workers.compiled import Array, compiled
+from toppling.workers.contact_points import contact_of
 from toppling.workers.observation import travel_m
-from toppling.workers.options import ContactOptions, SolverOptions, options_of
-from toppling.workers.rest import TOUCHING_SHARE
+from toppling.workers.options import PRESETS, SolverOptions
 from toppling.workers.termination import friction_that_stops
-
-Array = NDArray[np.float64]
 
 PASSES = 3
 
-PREPARED_STEPS, PREPARED_SHARE = ContactOptions.prepared_steps, 2e-5
+OPTIONS = PRESETS["standard"]
+
+PREPARED_STEPS, PREPARED_SHARE = OPTIONS.contact.prepared_steps, 2e-5
 """Contacts are prepared within the one times g (step)^2, and within the other share of R."""
 
 SOLVER = SolverOptions(iterations=200, residual_share=1e-3)
@@ -39,7 +36,7 @@ STEPS_IN_A_LOOK = 4
 
 
 @lru_cache(maxsize=8)
-def settled(scene: Scene, pool: engine.EnginePool | None = None) -> Scene:
+def settled(scene: Scene) -> Scene:
     """The scene with its rock at rest: as it is where statics holds it, else let down without gathering speed.
 
     Raises
@@ -63,7 +60,7 @@ def settled(scene: Scene, pool: engine.EnginePool | None = None) -> Scene:
             seated.rock, seated.pedestal, seated.gravity_m_s2, seated.contact.friction_static, np.zeros(3)
         )[0]:
             break
-        seated = _let_down(seated, pool or engine.process_pool())
+        seated = _let_down(seated)
     way_m = float(np.linalg.norm(seated.rock.com_m - scene.rock.com_m))
     if way_m > 0.1 * scene.rock.height_m:
         raise _falls(scene, f"its centre of mass moves by {way_m:.3g} m")
@@ -73,33 +70,24 @@ def settled(scene: Scene, pool: engine.EnginePool | None = None) -> Scene:
 def _on_its_pedestal(scene: Scene) -> Scene:
     """The scene with its rock shifted along the normal to where its lowest foot touches."""
     contact = contact_of(scene)
-    lowest_m = contact.lowest_m(contact.start_pose)
-    if abs(lowest_m) <= TOUCHING_SHARE * contact.half_diagonal_m:
+    lowest_m = float(contact.gaps_m(contact.start_pose).min())
+    if abs(lowest_m) <= OPTIONS.contact.resting_share * contact.half_diagonal_m:
         return scene
     return dataclasses.replace(scene, rock=scene.rock.moved(np.eye(3), -lowest_m * scene.pedestal.normal))
 
 
-def _let_down(scene: Scene, pool: engine.EnginePool) -> Scene:
+def _let_down(scene: Scene) -> Scene:
     """The scene with its rock where it comes to rest when all speed is taken from it again and again."""
     contact = contact_of(scene)
     turn = contact.scene_from_support
     gravity = np.array([0.0, 0.0, -scene.gravity_m_s2]) @ turn
-    step_s = options_of("standard").time_step_s(contact.half_diagonal_m, scene.gravity_m_s2)
-    world = pool.world(contact, contact.points_within(LARGEST_OPEN_TILT_DEG))
+    step_s = OPTIONS.time_step_s(contact.half_diagonal_m, scene.gravity_m_s2)
+    world = engine.POOL.world(contact, len(contact.points_body_m))
     surface = ContactProperties.of(scene.contact.friction_static)  # let down without a rebound
     engine.configure_for(world, surface, SOLVER)
-    pose = np.array([*itertools.chain(*contact.touching(contact.start_pose))])
-    centres_m = np.ascontiguousarray(contact.centres_body_m)
-    still = _swing_out(
-        world[0],
-        centres_m,
-        contact.half_diagonal_m,
-        scene.gravity_m_s2,
-        gravity,
-        step_s,
-        SOLVER.residual_share,
-        pose,
-    )
+    pose = contact.touching(contact.start_pose)
+    size_m, g_m_s2 = contact.half_diagonal_m, scene.gravity_m_s2
+    still = _swing_out(world[0], contact.points_body_m, size_m, g_m_s2, gravity, step_s, pose)
     relative = quat.matrix(quat.product(pose[3:], quat.inverse(contact.start_quaternion_xyzw)))
     rotation = turn @ relative @ turn.T
     tilt = np.rad2deg(np.arccos(np.clip(rotation[2, 2], -1.0, 1.0)))
@@ -114,24 +102,19 @@ def _let_down(scene: Scene, pool: engine.EnginePool) -> Scene:
 @compiled
 def _swing_out(
     world: Any,
-    centres_m: Array,
+    points_m: Array,
     half_diagonal_m: float,
     gravity_m_s2: float,
     force_m_s2: Array,
     step_s: float,
-    residual_share: float,
     pose: Array,
 ) -> float:
     """Let a rock swing, and go at rest from the lowest point of each swing; its last speed, m/s, or 0 at rest."""
-    impulse, still, force = (
-        gravity_m_s2 * step_s,
-        (0.0, 0.0, 0.0),
-        (force_m_s2[0], force_m_s2[1], force_m_s2[2]),
-    )
+    impulse, still = gravity_m_s2 * step_s, np.zeros(6)
+    force = (force_m_s2[0], force_m_s2[1], force_m_s2[2])
     near = max(PREPARED_STEPS * (impulse * step_s) / half_diagonal_m, PREPARED_SHARE)
-    engine.configure(world, impulse, near, 0.0, residual_share)
-    engine.let_stick(world)
-    engine.place(world, pose, still, still, near, 0.0)
+    engine.configure(world, impulse, near, 0.0)
+    engine.place(world, pose, still, near, 0.0)
     strict = 3e-7 * half_diagonal_m  # the solver lets a rock at rest creep by a quarter of it
     previous, travel, before, velocity = np.inf, np.inf, pose.copy(), np.empty(6)
     for look in range(5000):
@@ -139,11 +122,11 @@ def _swing_out(
         limit = strict if look < 1000 else 10.0 * strict
         for _ in range(STEPS_IN_A_LOOK):
             before[:] = pose
-            engine.step(world, centres_m, step_s, force, pose, velocity)
+            engine.step(world, points_m, step_s, force, pose, velocity)
         travel = travel_m(before, pose, half_diagonal_m)
         # Past the lowest point of this swing: let it go from here at rest. What is left in the end dies by itself.
         if travel < previous and travel > STOPPED_SHARE * half_diagonal_m:
-            engine.place(world, pose, still, still, near, 0.0)
+            engine.place(world, pose, still, near, 0.0)
         if max(travel, previous) < limit:
             return 0.0
         previous = travel

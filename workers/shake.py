@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,17 +13,17 @@ from toppling.models.errors import InputError
 from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene
 from toppling.workers.compiled import ensure_compiled
-from toppling.workers.engine import EnginePool, process_pool
+from toppling.workers.engine import POOL
 from toppling.workers.integrator import Integrator
 from toppling.workers.mujoco_engine import MujocoIntegrator
 from toppling.workers.observation import Body, Observation, observe
 from toppling.workers.options import NumericalOptions, options_of
-from toppling.workers.outcome import ShakeResult, outcome_of, trajectory_of
+from toppling.workers.outcome import ShakeResult, result_of
 from toppling.workers.problem import Problem
 from toppling.workers.rest import Rest
 from toppling.workers.seating import settled
 from toppling.workers.start import State, checked_start
-from toppling.workers.termination import ENDS, FALLS, Context, Verdict, verdict, weak_from_s
+from toppling.workers.termination import ENDS, FALLS, first_met
 
 INTEGRATORS = {"pybullet": Integrator, "mujoco": MujocoIntegrator}
 
@@ -41,7 +41,6 @@ def shake(
     shortcuts: bool = True,
     initial: State | Mapping[str, Any] | None = None,
     engine: str = "pybullet",
-    pool: EnginePool | None = None,
 ) -> ShakeResult:
     """Shake a rock with a ground motion and say whether it topples.
 
@@ -51,11 +50,11 @@ def shake(
     motion : Motion
         Acceleration of the ground. After it the ground stays at rest until the answer is certain.
     preset : str or NumericalOptions
-        'fast', 'standard' or 'reference', or options of one's own.
+        'draft', 'fast', 'standard' or 'reference', or options of one's own.
     trajectory : bool
         Keep the rock's poses.
     time_step : float, optional
-        Seconds; replaces the preset's. Divided as the preset's is while the rock has hardly lifted.
+        Seconds; replaces the preset's.
     shortcuts : bool
         Skip the time in which nothing can move, and end as soon as the answer is certain.
     initial : State or mapping of its fields, optional
@@ -63,8 +62,6 @@ def shake(
         normal to where it touches. Without it the rock is seated and settled first.
     engine : str
         'pybullet', or 'mujoco' where that extra is installed: cheaper, without restitution, with one friction.
-    pool : EnginePool, optional
-        Worlds to shake in; those of the process unless given.
 
     Returns
     -------
@@ -79,16 +76,14 @@ def shake(
     compile_once()
     began = time.perf_counter()
     start = None if initial is None else checked_start(initial)
-    pool = pool or process_pool()
     if start is None:
-        scene = settled(scene, pool)
+        scene = settled(scene)
     options = preset if isinstance(preset, NumericalOptions) else options_of(preset, engine)
     half_diagonal_m, gravity_m_s2 = scene.rock.half_diagonal_m, scene.gravity_m_s2
     step_s = options.time_step_s(half_diagonal_m, gravity_m_s2)
     if time_step is not None:
         step_s = _checked_step(time_step, half_diagonal_m, gravity_m_s2)
-    problem = Problem.of(scene, motion, options, step_s, start, shortcuts)
-    shaking = Shaking.of(problem, INTEGRATORS[engine], pool)
+    shaking = Shaking(Problem(scene, motion, options, step_s, start, shortcuts), INTEGRATORS[engine])
     result = shaking.result(*shaking.run(), trajectory=trajectory)
     return replace(result, wall_s=time.perf_counter() - began)
 
@@ -106,97 +101,60 @@ def _small_shake() -> None:
     shake(Scene.block(0.3, 0.3, 1.0), motion, "fast")
 
 
-@dataclass(frozen=True, eq=False)
 class Shaking:
-    """A shake under way.
+    """A shake under way."""
 
-    Parameters
-    ----------
-    integrator : Integrator
-    body : Body
-    rest : Rest
-    context : Context
-    """
+    def __init__(self, problem: Problem, integrates: type[Integrator]) -> None:
+        self.problem, self.integrator = problem, integrates(problem)
+        self._body = Body.of(problem)
+        self._rest = Rest(problem, self.integrator)
 
-    integrator: Integrator
-    body: Body
-    rest: Rest
-    context: Context
-
-    @classmethod
-    def of(cls, problem: Problem, integrates: type[Integrator], pool: EnginePool) -> Shaking:
-        """At its start; a scene without a start of its own is seated."""
-        integrator = integrates(problem, pool)
-        weak_share = problem.options.termination.weak_share
-        return cls(
-            integrator=integrator,
-            body=Body.of(problem.scene, problem.contact, integrator.sim.pose[0].copy()),
-            rest=Rest(problem, integrator),
-            context=Context(
-                problem=problem,
-                weak_from_s=weak_from_s(problem.scene, problem.motion, weak_share),
-                speed_limit_m_s=_speed_limit_m_s(problem),
-            ),
-        )
-
-    def run(self) -> tuple[Verdict, Observation]:
-        """Step until the answer is certain; the verdict, and what was seen last."""
-        integrator, rest, context = self.integrator, self.rest, self.context
-        since, seen = 0, self._seen(0)
-        if context.problem.shortcuts and rest.rests and rest.lasts():
-            return Verdict("ok", "never_moved"), seen
+    def run(self) -> tuple[str, Observation]:
+        """Step until the answer is certain; the rule that says so, and what was seen last."""
+        problem, integrator, rest = self.problem, self.integrator, self._rest
+        since, seen = 0, self.seen()
+        if problem.shortcuts and rest.rests and rest.lasts():
+            return "never_moved", seen
         while True:
-            integrator.advance(context.options.block)
-            seen = self._seen(since)
-            said = verdict(FALLS, seen, context)
-            if said is not None:
-                return said, seen
+            integrator.advance(problem.options.termination.block)
+            seen = self.seen(since)
+            if ended_by := first_met(FALLS, seen, problem):
+                return ended_by, seen
             if rest.keep(seen, since):
-                seen = self._seen(integrator.last)
-            over = seen.time_s > context.motion_s
+                seen = self.seen(integrator.last)
+            over = seen.time_s > problem.motion.duration_s
             if over and rest.came_to_rest and rest.is_held():
-                return Verdict("ok", "rest"), seen
-            if not over and context.problem.shortcuts and rest.rests and rest.lasts():
-                return Verdict("ok", "rest_certain"), seen
-            said = verdict(ENDS, seen, context)
-            if said is not None:
-                return said, seen
+                return "rest", seen
+            if not over and problem.shortcuts and rest.rests and rest.lasts():
+                return "rest_certain", seen
+            if ended_by := first_met(ENDS, seen, problem):
+                return ended_by, seen
             since = integrator.last
 
-    def result(self, said: Verdict, seen: Observation, *, trajectory: bool) -> ShakeResult:
+    def seen(self, since: int = 0) -> Observation:
+        """Look at the steps since a pose."""
+        return observe(self.integrator.sim, self._body, since)
+
+    def result(self, ended_by: str, seen: Observation, *, trajectory: bool) -> ShakeResult:
         """Tell what happened; a state that is not finite has spoilt the worlds."""
-        integrator, contact, skipped_s = self.integrator, self.context.problem.contact, self.rest.skipped_s
-        if said.status == "diverged":
-            integrator.pool.forget()
-        times, poses = integrator.time_and_pose()
-        certain = said.ended_by in ("never_moved", "rest_certain")
-        left_s = max(self.context.motion_s - seen.time_s, 0.0) if certain else 0.0
-        return ShakeResult(
-            **outcome_of(said, seen, self.context, times, poses),  # type: ignore[arg-type]
+        integrator, skipped_s = self.integrator, self._rest.skipped_s
+        if ended_by == "speed_limit":
+            POOL.forget()
+        certain = ended_by in ("never_moved", "rest_certain")
+        left_s = max(self.problem.motion.duration_s - seen.time_s, 0.0) if certain else 0.0
+        return result_of(
+            ended_by,
+            seen,
+            self.problem,
+            *integrator.time_and_pose(),
+            trajectory=trajectory,
             penetration_m=integrator.penetration_m(),
             steps=integrator.steps,
             simulated_s=integrator.time_s - skipped_s,
             skipped_s=skipped_s + left_s,
             wall_s=0.0,
             time_step_s=integrator.sim.step_s,
-            trajectory=trajectory_of(contact, times, poses) if trajectory else None,
         )
-
-    def _seen(self, since: int) -> Observation:
-        shortest_s = self.integrator.sim.numbers.impact_step * self.integrator.sim.step_s
-        return observe(self.integrator.sim, self.body, since, shortest_s)
-
-
-def _speed_limit_m_s(problem: Problem) -> float:
-    """A speed that the motion, the start and a fall of ten R more together cannot give."""
-    motion, half_diagonal_m = problem.motion, problem.contact.half_diagonal_m
-    given_m_s = float(np.linalg.norm(motion.acceleration_m_s2, axis=1).sum() * motion.time_step_s)
-    fall_m = 10.0 * half_diagonal_m
-    if not problem.rests:
-        fall_m += max(problem.pose[0][2], 0.0)
-        given_m_s += float(np.linalg.norm(problem.velocity_m_s))
-        given_m_s += float(np.linalg.norm(problem.angular_velocity_rad_s)) * half_diagonal_m
-    return 2.0 * (given_m_s + float(np.sqrt(2.0 * problem.scene.gravity_m_s2 * fall_m)))
 
 
 def _checked_step(time_step: float, half_diagonal_m: float, gravity_m_s2: float) -> float:

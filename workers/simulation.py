@@ -6,16 +6,11 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from toppling.workers.compiled import compiled, inner
-from toppling.workers.events import centripetal_m_s2, gaps_m, height_correction_m
+from toppling.workers.compiled import Array, Flags, Indices, Vector, compiled, inner
+from toppling.workers.events import centripetal_m_s2, gaps_m
+from toppling.workers.options import ContactOptions, ImpactOptions
 from toppling.workers.quaternion import normal_in_body
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
-Indices = NDArray[np.int64]
-Vector = tuple[float, float, float]
 
 NOT, RAISED, EXACT = 0, 1, 2
 """How a world has the rock in the latest pose: not; a little higher; as it is, with its velocity."""
@@ -25,55 +20,20 @@ STATE = np.dtype(
         ("last", "i8"),  # index of the latest pose
         ("grid", "i8"),  # steps from time 0 to it
         ("engine_steps", "i8"),
-        ("solved_steps", "i8"),  # of them, those whose contacts the engine solved
-        ("corrected_steps", "i8"),  # of the others, those whose velocity the engine changed
-        ("impacts", "i8"),
         ("set", "i8"),  # set of contact points, by the tilt that it serves
         ("widest", "i8"),  # that of all so far
         ("world", "i8"),  # set whose world holds the rock, -1 for none
         ("placed", "i8"),  # how
         ("rests", "i8"),  # whether the rock rests in the latest pose
         ("hovers_s", "f8"),  # points that carry stand off by the offset of a step of this duration
-        (
-            "needed_friction",
-            "f8",
-        ),  # least coefficient at which the latest step's contacts stick; 0 unless known
-        (
-            "slips_after",
-            "f8",
-        ),  # when slip began, in steps after the middle of the latest one; negative if it did not
+        # least coefficient at which the latest step's contacts stick; 0 unless known
+        ("needed_friction", "f8"),
+        # when slip began, in steps after the middle of the latest one; negative if it did not
+        ("slips_after", "f8"),
         ("axes_rad", "f8"),
         ("near_share", "f8"),  # of R: within it the engine was told of contacts
     ]
 )
-
-
-class Numbers(NamedTuple):
-    """Numerical options (:mod:`workers.options`) as compiled code takes them."""
-
-    touching_m: float
-    carrying_m: float
-    resting_m: float
-    penetrating_m: float
-    raised_m: float
-    checked_share: float
-    repeated_parts: int
-    prepared_share: float
-    prepared_steps: float
-    highest_offset: float
-    allowed_m_s: float
-    friction_direction_rad: float
-    impact_friction_direction_rad: float
-    most_impacts: int
-    at_once: float
-    impact_step: float
-    impact_tries: int
-    terminal_share: float
-    left_out: float
-    residual_share: float
-    resolved_m_s: float
-    direct: bool
-    skips_rest: bool
 
 
 class Simulation(NamedTuple):
@@ -86,7 +46,11 @@ class Simulation(NamedTuple):
 
     state: Any  # (1,) record of STATE
     worlds: Any  # (sets,) records of engine.WORLD, those without a client are still to be built
-    numbers: Numbers
+    contact: ContactOptions
+    impact: ImpactOptions
+    resolved_m_s: float
+    allowed_m_s: float
+    skips_rest: bool
     # the trajectory, in arrays that may be longer than it
     time_s: Array
     velocity_time_s: Array
@@ -103,9 +67,8 @@ class Simulation(NamedTuple):
     inertia_m2: Array
     upright: Array  # the normal in body axes in the pose of the scene
     half_diagonal_m: float
-    set_tilt_deg: Array
+    set_tilt_deg: Array  # sets of the first contact points, which serve up to these tilts
     set_points: Indices
-    sets: Indices  # those that differ
     # what shakes it
     gravity_m_s2: Array
     ground_acceleration_m_s2: Array
@@ -125,17 +88,17 @@ def append(sim: Simulation, step_s: float, velocity_s: float) -> int:
 
 
 @inner
-def points_of(sim: Simulation) -> int:
-    """How many contact points are looked at, from the first."""
-    return sim.set_points[sim.state[0].set]
+def gaps_of(sim: Simulation, pose: Array) -> Array:
+    """Gaps (points,), m, of the present set in a pose: so many contact points are looked at, from the first."""
+    out = np.empty(sim.set_points[sim.state[0].set])
+    gaps_m(sim.points_m, pose, out)
+    return out
 
 
 @inner
-def gaps_of(sim: Simulation, pose: Array) -> Array:
-    """Gaps (points,), m, of the present set in a pose."""
-    out = np.empty(points_of(sim))
-    gaps_m(sim.points_m, pose, out)
-    return out
+def touching_m(sim: Simulation) -> float:
+    """Gap up to which a point touches."""
+    return sim.contact.touching_share * sim.half_diagonal_m
 
 
 @compiled
@@ -194,13 +157,19 @@ def note_acceleration(sim: Simulation, since: int) -> None:
 
 
 @inner
+def _centripetal_m_s2(sim: Simulation) -> Array:
+    """Acceleration (points,) of the present set in the latest pose toward the axis of rotation, along the normal."""
+    last, out = sim.state[0].last, np.empty(sim.set_points[sim.state[0].set])
+    centripetal_m_s2(sim.points_m, sim.pose[last], sim.velocity[last], out)
+    return out
+
+
+@inner
 def hover_m(sim: Simulation) -> float:
     """Gap from which a point does not carry in an engine's step: those that do stand off by an offset at most."""
-    state, offset, largest = sim.state[0], np.empty(points_of(sim)), 0.0
-    centripetal_m_s2(sim.points_m, sim.pose[state.last], sim.velocity[state.last], offset)
-    for value in offset:
-        largest = max(largest, abs(value))
-    return max(sim.numbers.highest_offset * sim.step_s**2 * largest, sim.numbers.carrying_m)
+    largest = np.abs(_centripetal_m_s2(sim)).max()
+    carrying_m = sim.contact.carrying_share * sim.half_diagonal_m
+    return max(sim.contact.highest_offset * sim.step_s**2 * largest, carrying_m)
 
 
 @inner
@@ -208,20 +177,19 @@ def hover_for(sim: Simulation, step_s: float) -> None:
     """Set the latest pose to the height that belongs to an engine's step of this duration; 0 is the surface.
 
     Such a step leads a point that carries off the plane along its tangent, by half of (step)^2 times its centripetal
-    acceleration, and the next one takes that back.
+    acceleration, and the next one takes that back. After a change of step the offset is another one.
     """
     state = sim.state[0]
     if state.hovers_s == step_s:
         return
     state.hovers_s = step_s
-    pose, offset = sim.pose[state.last], np.empty(points_of(sim))
-    centripetal_m_s2(sim.points_m, pose, sim.velocity[state.last], offset)
-    offset *= 0.5 * step_s**2
-    gap = gaps_of(sim, pose)
+    pose = sim.pose[state.last]
+    gap, offset = gaps_of(sim, pose), 0.5 * step_s**2 * _centripetal_m_s2(sim)
     if step_s > 0.0:  # the engine's points are small spheres
         gaps_m(sim.centres_m, pose, gap)
         gap -= sim.radius_m
-    raised_m = height_correction_m(gap, offset, hover_m(sim), sim.numbers.penetrating_m)
-    if raised_m != 0.0:
+    raised_m = -(gap - offset).min()
+    # Else the rock is aloft, or a point has penetrated.
+    if raised_m != 0.0 and -hover_m(sim) < raised_m < sim.contact.penetrating_share * sim.half_diagonal_m:
         pose[2] += raised_m
         state.placed = NOT

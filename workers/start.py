@@ -11,11 +11,8 @@ from numpy.typing import ArrayLike
 
 from toppling.models.errors import InputError
 from toppling.workers import quaternion as quat
-from toppling.workers.contact_points import ContactModel, Pose
-
-Vector = tuple[float, float, float]
-
-STILL: Vector = (0.0, 0.0, 0.0)
+from toppling.workers.compiled import Array
+from toppling.workers.contact_points import ContactModel
 
 SUNK_SHARE = 1e-4
 """A start whose points are deeper than this share of R is raised; what is less the engine lets out gently."""
@@ -46,8 +43,8 @@ class State:
     angular_velocity_rad_s: ArrayLike = (0.0, 0.0, 0.0)
 
 
-def start_of(contact: ContactModel, start: State | None) -> tuple[Pose, Vector, Vector]:
-    """Pose and velocities in the engine's frames; of the scene, at rest, where none is given.
+def start_of(contact: ContactModel, start: State | None) -> tuple[Array, Array]:
+    """Pose (7,) and velocity (6,), support frame; of the scene, at rest, where none is given.
 
     Raises
     ------
@@ -55,7 +52,7 @@ def start_of(contact: ContactModel, start: State | None) -> tuple[Pose, Vector, 
         If the start is given too deep inside the ground.
     """
     if start is None:
-        return contact.start_pose, STILL, STILL
+        return contact.start_pose, np.zeros(6)
     turn = contact.scene_from_support
     position = contact.com_m
     if start.position_m is not None:
@@ -63,12 +60,10 @@ def start_of(contact: ContactModel, start: State | None) -> tuple[Pose, Vector, 
     given = np.asarray(start.quaternion_xyzw, float)
     relative = quat.from_matrix(turn.T @ quat.matrix(given / np.linalg.norm(given)) @ turn)
     attitude = quat.product(relative, contact.start_quaternion_xyzw)
-    pose = (tuple(position.tolist()), tuple(attitude.tolist()))
-    velocity, spin = (
-        tuple((np.asarray(given, float) @ turn).tolist())
-        for given in (start.velocity_m_s, start.angular_velocity_rad_s)
-    )
-    return _out_of_the_ground(contact, pose), velocity, spin
+    pose = np.concatenate([position, attitude])
+    velocities = (start.velocity_m_s, start.angular_velocity_rad_s)
+    velocity = np.concatenate([np.asarray(given, float) @ turn for given in velocities])
+    return _out_of_the_ground(contact, pose), velocity
 
 
 def checked_start(initial: State | Mapping[str, Any]) -> State:
@@ -106,7 +101,7 @@ def checked_start(initial: State | Mapping[str, Any]) -> State:
     return State(**given)
 
 
-def _out_of_the_ground(contact: ContactModel, pose: Pose) -> Pose:
+def _out_of_the_ground(contact: ContactModel, pose: Array) -> Array:
     """A pose raised along the interface's normal to where its lowest point touches, unless it has hardly sunk in.
 
     The engine lets a point out in one step, and so the faster the deeper it is: a block that leaned by one degree, its
@@ -117,7 +112,7 @@ def _out_of_the_ground(contact: ContactModel, pose: Pose) -> Pose:
     InputError
         If the lowest point is deeper than DEEPEST_START_SHARE of the half diagonal.
     """
-    deep_share = -contact.lowest_m(pose) / contact.half_diagonal_m
+    deep_share = -float(contact.gaps_m(pose).min()) / contact.half_diagonal_m
     if deep_share > DEEPEST_START_SHARE:
         raise InputError(
             f"the rock starts inside the ground, {deep_share:.2g} of its half diagonal deep",

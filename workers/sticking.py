@@ -17,13 +17,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from toppling.workers.compiled import compiled, inner
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
-Indices = NDArray[np.int64]
+from toppling.workers.compiled import Array, Flags, Indices, inner
 
 MOST_CARRYING = 3
 
@@ -40,37 +35,27 @@ SINGULAR = 1e-12
 """Share of a diagonal element that must be left, or the points are too close to each other."""
 
 
-@compiled
-def solve(
-    arms_m: Array,
-    least_m_s: Array,
-    free: Array,
-    mobility: Array,
-    touches: Flags,
-    carries: Flags,
-    allowed_m_s: float,
-    velocity: Array,
-) -> tuple[bool, float]:
-    """Velocity of a rock whose points stick where they carry.
+class Contacts(NamedTuple):
+    """Points that may carry a rock which begins to move, and arrays to work in."""
 
-    Parameters
-    ----------
-    arms_m : (n, 3) array
-        From the centre of mass to the points, at equal heights.
-    least_m_s : (n,) array
-        Normal velocity of a point that carries, below which none may be.
-    free : (6,) array
-        Velocity without contact.
-    mobility : (3, 3) array
-        Inverse of the inertia over mass, same frame.
-    touches : (n,) bool array
-        Points that touch as the rock begins to move.
-    carries : (n,) bool array
-        Points that carried before; those that do now are put here.
-    allowed_m_s : float
-        By which a point may come nearer all the same.
-    velocity : (6,) array
-        Put here.
+    arms_m: Array  # (n, 3) from the centre of mass to the points, at equal heights
+    least_m_s: Array  # (n,) normal velocity of a point that carries, below which none may be
+    touches: Flags  # (n,) as the rock begins to move
+    carries: Flags  # (n,) before; those that do now are put here
+    free: Array  # (6,) velocity without contact
+    mobility: Array  # (3, 3) inverse of the inertia over mass, same frame
+    allowed_m_s: float  # by which a point may come nearer all the same
+    velocity: Array  # (6,) that which the points leave is put here
+    slides: Flags  # (n,) of those that carry
+    chosen: Indices  # (3,) points that carry, those that stick first
+    rows: Array  # (6, 6) directions of the impulses that hold these
+    gram: Array  # (6, 6) what the impulses do to each other
+    impulse: Array  # (6,)
+
+
+@inner
+def solve(these: Contacts) -> tuple[bool, float]:
+    """Velocity of a rock whose points stick where they carry.
 
     Returns
     -------
@@ -79,181 +64,114 @@ def solve(
     friction : float
         Least coefficient of friction at which no point that carries slips.
     """
-    n = len(arms_m)
-    room = _Room(
-        np.empty(MOST_CARRYING, np.int64),
-        np.zeros(n, np.bool_),
-        np.empty((6, 6)),
-        np.empty((6, 6)),
-        np.empty(6),
-    )
-    dropped = np.zeros(n, np.bool_)
+    carries, dropped = these.carries, np.zeros(len(these.carries), np.bool_)
     for _ in range(ROUNDS):
-        pulled, pulls, near, comes_near = _try(arms_m, least_m_s, free, mobility, carries, velocity, room)
+        pulled, pulls, near, comes_near = _try(these)
         count = carries.sum()
-        if pulled < -1e-3 * allowed_m_s:
+        if pulled < -1e-3 * these.allowed_m_s:
             if pulled == -np.inf:
                 return False, np.inf
             carries[pulls], dropped[pulls] = False, True
-        elif near < allowed_m_s * (LOOSE if count == MOST_CARRYING else 1.0):
-            if _extend(arms_m, least_m_s, free, mobility, touches, carries, allowed_m_s, velocity, room):
-                continue
-            sticking, count = _choose(carries, room.slides, room.chosen)
-            return True, _friction(arms_m, room.chosen, sticking, count, room.rows, room.impulse)
+        elif near < these.allowed_m_s * (LOOSE if count == MOST_CARRYING else 1.0):
+            if not _extend(these):
+                return True, _friction(these)
         elif count == MOST_CARRYING:
             return False, np.inf
         else:
-            carries[comes_near], room.slides[comes_near] = True, dropped[comes_near]
+            carries[comes_near], these.slides[comes_near] = True, dropped[comes_near]
     return False, np.inf
 
 
-class _Room(NamedTuple):
-    """Arrays to work in."""
-
-    chosen: Indices
-    slides: Flags
-    rows: Array
-    gram: Array
-    impulse: Array
-
-
 @inner
-def _try(
-    arms_m: Array,
-    least_m_s: Array,
-    free: Array,
-    mobility: Array,
-    carries: Flags,
-    velocity: Array,
-    room: _Room,
-) -> tuple[float, int, float, int]:
+def _try(these: Contacts) -> tuple[float, int, float, int]:
     """Let some points carry: the least of their normal impulses, and by how much another comes nearer than it may.
 
     Each with the point's index. An impulse of minus infinity says that the points can't carry together.
     """
-    sticking, count = _choose(carries, room.slides, room.chosen)
-    velocity[:] = free
+    carries, velocity, arms_m = these.carries, these.velocity, these.arms_m
+    sticking, count = _choose(these)
+    velocity[:] = these.free
     pulled, pulls = np.inf, -1
     if count > 0:
-        if sticking == 0 or not _hold(
-            arms_m,
-            least_m_s,
-            room.chosen,
-            sticking,
-            count,
-            mobility,
-            velocity,
-            room.rows,
-            room.gram,
-            room.impulse,
-        ):
+        if sticking == 0 or not _hold(these, sticking, count):
             return -np.inf, -1, 0.0, -1
         for k in range(count):
-            impulse = room.impulse[_normal_row(k, sticking)]
+            impulse = these.impulse[_normal_row(k, sticking)]
             if impulse < pulled:
-                pulled, pulls = impulse, room.chosen[k]
+                pulled, pulls = impulse, these.chosen[k]
     near, comes_near = 0.0, -1
     for i in range(len(carries)):
         if not carries[i]:
             rise = velocity[2] + velocity[3] * arms_m[i, 1] - velocity[4] * arms_m[i, 0]
-            if least_m_s[i] - rise > near:
-                near, comes_near = least_m_s[i] - rise, i
+            if these.least_m_s[i] - rise > near:
+                near, comes_near = these.least_m_s[i] - rise, i
     return pulled, pulls, near, comes_near
 
 
 @inner
-def _extend(
-    arms_m: Array,
-    least_m_s: Array,
-    free: Array,
-    mobility: Array,
-    touches: Flags,
-    carries: Flags,
-    allowed_m_s: float,
-    velocity: Array,
-    room: _Room,
-) -> bool:
+def _extend(these: Contacts) -> bool:
     """Let one more of the points that touch carry, if one can: that which takes most. Whether one does.
 
     Sticking has several answers: a block on an edge that is pushed hard may turn about it, or swing about one of its
     corners, off the other one, though nothing has begun to turn it so. The answer that lets go of least is taken.
     """
+    carries = these.carries
     count = carries.sum()
-    if count == 0 or count == MOST_CARRYING or room.slides.any():
+    if count == 0 or count == MOST_CARRYING or these.slides.any():
         return False
     most, best = 0.0, -1
     for i in range(len(carries)):
-        if touches[i] and not carries[i]:
+        if these.touches[i] and not carries[i]:
             carries[i] = True
-            pulled, _, near, _ = _try(arms_m, least_m_s, free, mobility, carries, velocity, room)
+            pulled, _, near, _ = _try(these)
             carries[i] = False
-            if pulled > most and near < allowed_m_s * (LOOSE if count + 1 == MOST_CARRYING else 1.0):
+            if pulled > most and near < these.allowed_m_s * (LOOSE if count + 1 == MOST_CARRYING else 1.0):
                 most, best = pulled, i
     if best < 0:
-        _try(arms_m, least_m_s, free, mobility, carries, velocity, room)
+        _try(these)
         return False
     carries[best] = True
     return True
 
 
 @inner
-def _choose(carries: Flags, slides: Flags, chosen: Indices) -> tuple[int, int]:
+def _choose(these: Contacts) -> tuple[int, int]:
     """Indices of points that carry, those that stick first: how many stick, and how many there are."""
-    count = 0
-    for i in range(len(carries)):
-        if carries[i] and not slides[i]:
-            if count < MOST_CARRYING:
-                chosen[count] = i
-                count += 1
-            else:
-                carries[i] = False
-    sticking = count
-    for i in range(len(carries)):
-        if carries[i] and slides[i]:
-            if count < MOST_CARRYING:
-                chosen[count] = i
-                count += 1
-            else:
-                carries[i] = False
+    sticking, count = 0, 0
+    for slides in (False, True):
+        sticking = count
+        for i in range(len(these.carries)):
+            if these.carries[i] and these.slides[i] == slides:
+                if count < MOST_CARRYING:
+                    these.chosen[count] = i
+                    count += 1
+                else:
+                    these.carries[i] = False
     return sticking, count
 
 
 @inner
 def _normal_row(k: int, sticking: int) -> int:
     """Row of the normal of the point chosen k-th, among the equations of :func:`_hold`."""
-    return _rows_of(min(k, sticking)) + max(k - sticking, 0)
+    before = min(k, sticking)  # points that stick have three, two and one
+    return (before * (7 - before)) // 2 + max(k - sticking, 0)
 
 
 @inner
-def _rows_of(sticking: int) -> int:
-    """Rows of so many points that stick: three, two more and one more."""
-    return (sticking * (7 - sticking)) // 2
-
-
-@inner
-def _hold(
-    arms_m: Array,
-    least_m_s: Array,
-    chosen: Indices,
-    sticking: int,
-    count: int,
-    mobility: Array,
-    velocity: Array,
-    rows: Array,
-    gram: Array,
-    impulse: Array,
-) -> bool:
-    """Add the impulses that hold some points to `velocity`; they go into `impulse`, their directions into `rows`.
+def _hold(these: Contacts, sticking: int, count: int) -> bool:
+    """Add the impulses that hold some points to the velocity; they and their directions are kept.
 
     Equations without those that follow from others: the first point along the normal, x and y; the second along the
     normal and across the line to the first; the third, and points that slide, along the normal.
     """
+    arms_m, chosen, mobility, velocity = these.arms_m, these.chosen, these.mobility, these.velocity
+    rows, gram, impulse = these.rows, these.gram, these.impulse
     ax, ay, _ = arms_m[chosen[0]]
     total = 0
     for k in range(count):
         arm = arms_m[chosen[k]]
         _row(rows, total, 0.0, 0.0, 1.0, arm)
-        impulse[total] = least_m_s[chosen[k]]
+        impulse[total] = these.least_m_s[chosen[k]]
         total += 1
         if k == 0:
             _row(rows, 1, 1.0, 0.0, 0.0, arm)
@@ -324,15 +242,15 @@ def _solve_symmetric(gram: Array, right: Array, count: int) -> bool:
 
 
 @inner
-def _friction(
-    arms_m: Array, chosen: Indices, sticking: int, count: int, rows: Array, impulse: Array
-) -> float:
+def _friction(these: Contacts) -> float:
     """Least coefficient of friction with which the points can give what holds them.
 
     How they share it is not determined for rigid bodies. As in :func:`models.statics.equilibrium_possible` each gives
     the resultant in proportion to its normal force; what turns the rock about the centre of pressure is shared in
     proportion to the distance from it too.
     """
+    arms_m, chosen, rows, impulse = these.arms_m, these.chosen, these.rows, these.impulse
+    sticking, count = _choose(these)
     total, sliding, x, y = 0.0, 0.0, 0.0, 0.0
     for k in range(count):
         normal = impulse[_normal_row(k, sticking)]

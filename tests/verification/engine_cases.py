@@ -9,6 +9,7 @@ import trimesh
 from scipy.optimize import fsolve
 from scipy.spatial.transform import Rotation
 
+from toppling.models.contact import ContactProperties
 from toppling.models.frames import azimuth_deg, horizontal_unit_vector
 from toppling.models.motions.motion import Motion
 from toppling.models.pedestal import Pedestal
@@ -18,7 +19,7 @@ from toppling.workers.options import options_of
 from toppling.workers.reference import closed_forms as exact
 from toppling.workers.reference.rocking import Ground, PlaneBody, overturns
 from toppling.workers.reference.rocking import rock as rock_in_plane
-from toppling.workers.reference.sliding_rocking import PlaneContact, slide_and_rock
+from toppling.workers.reference.sliding_rocking import slide_and_rock
 from toppling.workers.shake import shake
 
 G = 9.81
@@ -119,7 +120,7 @@ def rebound_error(alpha_deg, restitution, preset, share=0.5):
     result = let_go(scene, start, preset)
     stepped = slide_and_rock(
         PlaneBody.rectangle(b, h),
-        PlaneContact(GRIP, GRIP, restitution),
+        ContactProperties(GRIP, GRIP, restitution),
         lambda _: (0.0, -G),
         times.max() + 0.01,
         2e-5,
@@ -481,7 +482,7 @@ def coupled_ways(friction, preset, times, acceleration=None, duration=0.0, veloc
     static, kinetic = scene.contact.friction_static, scene.contact.friction_kinetic
     stepped = slide_and_rock(
         body,
-        PlaneContact(static, kinetic),
+        ContactProperties(static, kinetic),
         lambda t: (-float(np.interp(t, sampled, values, right=0.0)), -G),
         max(times) + 5e-3,
         max(2e-5, max(times) / 4000),

@@ -10,11 +10,12 @@ import engine_cases as case
 import numpy as np
 import pytest
 
+from toppling.models.contact import ContactProperties
 from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene
 from toppling.workers.reference.closed_forms import landing_boundary, rock_friction_boundary
 from toppling.workers.reference.rocking import PlaneBody
-from toppling.workers.reference.sliding_rocking import PlaneContact, slide_and_rock
+from toppling.workers.reference.sliding_rocking import slide_and_rock
 from toppling.workers.shake import shake
 
 TARGET = {"standard": 0.002, "reference": 0.0005}  # of times, thresholds, impact ratios and slip
@@ -275,7 +276,7 @@ def test_a_slip_that_has_stopped_holds_again_as_one_that_never_began(preset, sha
     scene = Scene.block(1.0, 1.0, 0.05, friction=(static, kinetic))
     slid = slide_and_rock(
         PlaneBody.rectangle(1.0, 0.05),
-        PlaneContact(static, kinetic),
+        ContactProperties(static, kinetic),
         lambda t: (float(np.interp(t, time, G * drive, right=0.0)), -G),
         halt_s + 0.5,
         2e-4,

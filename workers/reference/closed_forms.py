@@ -7,9 +7,9 @@ from scipy.special import ellipkinc, ellipkm1
 GRAVITY_M_S2 = 9.81
 
 
-def rocking_frequency(half_width: float, half_height: float, gravity: float = GRAVITY_M_S2) -> float:
+def rocking_frequency(half_width: float, half_height: float) -> float:
     """Rocking frequency p = sqrt(3 g / 4 R) of a solid rectangle, rad/s (Housner 1963)."""
-    return float(np.sqrt(0.75 * gravity / np.hypot(half_width, half_height)))
+    return float(np.sqrt(0.75 * GRAVITY_M_S2 / np.hypot(half_width, half_height)))
 
 
 def impact_ratio(half_width: float, half_height: float) -> float:
@@ -35,16 +35,14 @@ def next_peak(alpha: float, ratio: float, peak: float) -> float:
     return float(alpha - np.arccos(np.cos(alpha) + kept))
 
 
-def overturning_velocity_step_m_s(
-    half_width: float, half_height: float, gravity: float = GRAVITY_M_S2
-) -> float:
+def overturning_velocity_step_m_s(half_width: float, half_height: float) -> float:
     """Least step of the base's velocity that overturns a rectangle.
 
     V = sqrt((8/3) g R (1 - cos alpha)) / cos alpha.
     The step gives angular momentum m V h about the corner; the energy must lift the centre of mass over it.
     """
     half_diagonal, alpha = np.hypot(half_width, half_height), np.arctan2(half_width, half_height)
-    return float(np.sqrt(8.0 / 3.0 * gravity * half_diagonal * (1 - np.cos(alpha))) / np.cos(alpha))
+    return float(np.sqrt(8.0 / 3.0 * GRAVITY_M_S2 * half_diagonal * (1 - np.cos(alpha))) / np.cos(alpha))
 
 
 def overturning_duration_s(alpha: float, frequency: float, acceleration_ratio: float) -> float:
@@ -87,23 +85,21 @@ def landing_boundary(slenderness: float, friction: float) -> float:
     return (4 + k * k - 3 * mu * k) / (mu * (1 + 4 * k * k) - 3 * k)
 
 
-def slip_of_pulse_m(
-    friction: float, slope: float, acceleration_g: float, duration_s: float, gravity: float = GRAVITY_M_S2
-) -> float:
+def slip_of_pulse_m(friction: float, slope: float, acceleration_g: float, duration_s: float) -> float:
     """Slip downhill under a rectangular pulse of uphill horizontal ground acceleration, until rest.
 
     Gained: g [(A cos + sin) - mu (cos - A sin)]; lost afterwards: g (mu cos - sin), beta < atan(mu) (Newmark
     1965).
     """
     sine, cosine = np.sin(slope), np.cos(slope)
-    gained = gravity * ((acceleration_g * cosine + sine) - friction * (cosine - acceleration_g * sine))
-    lost = gravity * (friction * cosine - sine)
+    gained = GRAVITY_M_S2 * ((acceleration_g * cosine + sine) - friction * (cosine - acceleration_g * sine))
+    lost = GRAVITY_M_S2 * (friction * cosine - sine)
     return float(0.5 * gained * duration_s**2 * (1.0 + gained / lost)) if gained > 0 else 0.0
 
 
-def wobble_rate_rad_s(radius: float, half_height: float, tilt: float, gravity: float = GRAVITY_M_S2) -> float:
+def wobble_rate_rad_s(radius: float, half_height: float, tilt: float) -> float:
     """Rate of precession of a solid cylinder that wobbles steadily on its rim, centre of mass at rest."""
     sine, cosine = np.sin(tilt), np.cos(tilt)
     about_axis, across = radius**2 / 2, radius**2 / 4 + half_height**2 / 3
-    moment = gravity * (radius * cosine - half_height * sine)
+    moment = GRAVITY_M_S2 * (radius * cosine - half_height * sine)
     return float(np.sqrt(moment / (sine * (across * cosine - about_axis * half_height / radius * sine))))

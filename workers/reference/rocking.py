@@ -19,6 +19,9 @@ from scipy.optimize import brentq
 
 Array = NDArray[np.float64]
 
+TOLERANCE = 1e-11
+"""Relative, of the integrator (Dormand and Prince 8(5,3)) with located events."""
+
 _STILL = 1e-9  # an impact that leaves less than this share of p is the last of its train
 
 
@@ -154,13 +157,7 @@ class Rocking:
 
 
 def rock(
-    body: PlaneBody,
-    ground: Ground,
-    duration_s: float,
-    angle_rad: float = 0.0,
-    rate_rad_s: float = 0.0,
-    gravity_m_s2: float = 9.81,
-    tolerance: float = 1e-11,
+    body: PlaneBody, ground: Ground, duration_s: float, angle_rad: float = 0.0, gravity_m_s2: float = 9.81
 ) -> Rocking:
     """Rock a body on two corners until a time, or until it lies on its side.
 
@@ -168,10 +165,8 @@ def rock(
     ----------
     body, ground
     duration_s : float
-    angle_rad, rate_rad_s : float
-        At the start.
-    tolerance : float
-        Relative tolerance of the integrator (Dormand and Prince 8(5,3)) with located events.
+    angle_rad : float
+        At the start, at rest.
 
     Raises
     ------
@@ -183,8 +178,8 @@ def rock(
         msg = f"{body} has no positive impact ratio: it does not rock from corner to corner"
         raise ValueError(msg)
     result = Rocking()
-    time, angle, rate = 0.0, angle_rad, rate_rad_s
-    sense = int(np.sign(angle_rad) or np.sign(rate_rad_s))
+    time, angle, rate = 0.0, angle_rad, 0.0
+    sense = int(np.sign(angle_rad))
     while time < duration_s:
         if sense == 0:
             uplift = _next_uplift(body, ground, gravity_m_s2, time, duration_s)
@@ -192,8 +187,9 @@ def rock(
                 break
             time, sense = uplift
             angle = rate = 0.0
-        end = _next_break(ground.breaks_s, time, duration_s)
-        solved = _swing(body, ground, gravity_m_s2, sense, (time, end), (angle, rate), tolerance)
+        later = ground.breaks_s[ground.breaks_s > time + 1e-12]
+        span = (time, float(min(later[0], duration_s)) if len(later) else duration_s)
+        solved = _swing(body, ground, gravity_m_s2, sense, span, (angle, rate))
         result.pieces.append((time, float(solved.t[-1]), solved.sol))
         time = float(solved.t[-1])
         angle, rate = float(solved.y[0, -1]), float(solved.y[1, -1])
@@ -210,12 +206,10 @@ def rock(
     return result
 
 
-def overturns(body: PlaneBody, ground: Ground, gravity_m_s2: float = 9.81) -> int:
+def overturns(body: PlaneBody, ground: Ground) -> int:
     """Sense (+1, -1) in which a ground motion overturns a body, or 0."""
-    slowest = np.sqrt(max(body.inertia_about_corner_m2(s) / (gravity_m_s2 * body.arm_m(s)) for s in (1, -1)))
-    return rock(
-        body, ground, float(ground.breaks_s[-1]) + 30.0 * float(slowest), gravity_m_s2=gravity_m_s2
-    ).overturned
+    slowest = np.sqrt(max(body.inertia_about_corner_m2(s) / (9.81 * body.arm_m(s)) for s in (1, -1)))
+    return rock(body, ground, float(ground.breaks_s[-1]) + 30.0 * float(slowest)).overturned
 
 
 def _swing(
@@ -225,14 +219,10 @@ def _swing(
     sense: int,
     span: tuple[float, float],
     state: tuple[float, float],
-    tolerance: float,
 ) -> Any:
     """Integrate about one corner until it lands, lies on its side, or the ground's acceleration kinks."""
-    arm, beta, inertia = (
-        body.arm_m(sense),
-        sense * body.slenderness(sense),
-        body.inertia_about_corner_m2(sense),
-    )
+    arm, inertia = body.arm_m(sense), body.inertia_about_corner_m2(sense)
+    beta = sense * body.slenderness(sense)
 
     def motion(time: float, y: Array) -> list[float]:
         a_x, a_z = ground.at(min(time, span[1]))
@@ -247,7 +237,6 @@ def _swing(
 
     lands.terminal, lands.direction = True, -1.0  # type: ignore[attr-defined]
     lies.terminal, lies.direction = True, 1.0  # type: ignore[attr-defined]
-    scale = abs(beta) * tolerance * 1e-2
     return solve_ivp(
         motion,
         span,
@@ -255,15 +244,10 @@ def _swing(
         "DOP853",
         dense_output=True,
         events=(lands, lies),
-        rtol=tolerance,
-        atol=scale,
+        rtol=TOLERANCE,
+        atol=abs(beta) * TOLERANCE * 1e-2,
         first_step=min(1e-3, 0.5 * (span[1] - span[0])),
     )
-
-
-def _next_break(breaks: Array, time: float, duration: float) -> float:
-    later = breaks[breaks > time + 1e-12]
-    return float(min(later[0], duration)) if len(later) else duration
 
 
 def _next_uplift(
@@ -276,9 +260,8 @@ def _next_uplift(
         return -sense * a_x - (gravity + a_z) * np.tan(body.slenderness(sense))
 
     found: list[tuple[float, int]] = []
-    breaks = np.concatenate(
-        [[start], ground.breaks_s[(ground.breaks_s > start) & (ground.breaks_s <= duration)]]
-    )
+    within = (ground.breaks_s > start) & (ground.breaks_s <= duration)
+    breaks = np.concatenate([[start], ground.breaks_s[within]])
     for sense in (1, -1):
         if lifting(start, sense) > 0:
             found.append((start, sense))

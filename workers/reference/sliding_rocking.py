@@ -19,6 +19,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
+from toppling.models.contact import ContactProperties
 from toppling.workers.reference.rocking import PlaneBody
 
 Array = NDArray[np.float64]
@@ -27,15 +28,6 @@ STEPS_OF_FLIGHT = 10
 """A corner that has been off the ground for so many steps lands as one that slips."""
 
 _SLACK = 1e-12  # share of the speeds and impulses at hand by which a mode may miss its conditions
-
-
-@dataclass(frozen=True)
-class PlaneContact:
-    """Friction and restitution of the corners."""
-
-    friction_static: float
-    friction_kinetic: float
-    restitution: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -57,7 +49,7 @@ class PlaneMotion:
 
 def slide_and_rock(
     body: PlaneBody,
-    contact: PlaneContact,
+    contact: ContactProperties,
     gravity_m_s2: Callable[[float], tuple[float, float]],
     duration_s: float,
     time_step_s: float,
@@ -89,8 +81,9 @@ def slide_and_rock(
     sticks, aloft = False, 0
     for step in range(steps):
         middle = at + 0.5 * time_step_s * moving
-        offsets = _corner_offsets(body, middle[2])
-        touching = [offset for offset in offsets if middle[1] + offset[1] <= touch_depth]
+        cosine, sine, z = np.cos(middle[2]), np.sin(middle[2]), -body.height_m
+        corners = [(x * cosine + z * sine, -x * sine + z * cosine) for x in (body.right_m, -body.left_m)]
+        touching = [corner for corner in corners if middle[1] + corner[1] <= touch_depth]
         g_x, g_z = gravity_m_s2((step + 0.5) * time_step_s)
         free = moving + time_step_s * np.array([g_x, g_z, 0.0])
         after, stuck = free, None
@@ -105,27 +98,9 @@ def slide_and_rock(
     return PlaneMotion(np.linspace(0.0, steps * time_step_s, steps + 1), places, velocities)
 
 
-def corner_places_m(body: PlaneBody, place: Array) -> Array:
-    """Places (n, 2, 2) of the right and left corner, along the ground and off it, at poses (n, 3)."""
-    cosine, sine = np.cos(place[:, 2]), np.sin(place[:, 2])
-    corners = []
-    for x in (body.right_m, -body.left_m):
-        z = -body.height_m
-        corners.append(
-            np.stack([place[:, 0] + x * cosine + z * sine, place[:, 1] - x * sine + z * cosine], axis=1)
-        )
-    return np.stack(corners, axis=1)
-
-
-def _corner_offsets(body: PlaneBody, angle: float) -> list[tuple[float, float]]:
-    cosine, sine = np.cos(angle), np.sin(angle)
-    z = -body.height_m
-    return [(x * cosine + z * sine, -x * sine + z * cosine) for x in (body.right_m, -body.left_m)]
-
-
 def _impulses(
     inertia: float,
-    contact: PlaneContact,
+    contact: ContactProperties,
     touching: list[tuple[float, float]],
     before: Array,
     free: Array,
@@ -145,6 +120,32 @@ def _impulses(
         return free, None
     scale = float(np.abs(free).max() + np.abs(before).max()) + 1e-300
     slack = _SLACK * scale
+
+    def after_mode(way: int, pressing: tuple[bool, ...]) -> Array | None:
+        """Velocity after one mode's impulses, or None where it breaks one of its conditions."""
+        closed = [n for n, p in zip(normals, pressing, strict=True) if p]
+        targets = [v for v, p in zip(least, pressing, strict=True) if p]
+        if way == 0:
+            rows, wanted = [*closed, tangent], [*targets, 0.0]
+            columns = rows
+        else:
+            rows, wanted = closed, targets
+            columns = [n - way * contact.friction_kinetic * tangent for n in closed]
+        system = np.array([[float(r @ (compliance * c)) for c in columns] for r in rows])
+        try:
+            impulse = np.linalg.solve(system, np.array(wanted) - np.array([float(r @ free) for r in rows]))
+        except np.linalg.LinAlgError:
+            return None
+        after = free + compliance * np.sum([i * c for i, c in zip(impulse, columns, strict=True)], axis=0)
+        normal = impulse[: len(closed)]
+        if (normal < -slack).any():
+            return None
+        if any(float(n @ after) < v - slack for n, v in zip(normals, least, strict=True)):
+            return None
+        if way == 0:
+            return after if abs(impulse[-1]) <= contact.friction_static * normal.sum() + slack else None
+        return after if way * float(tangent @ after) >= -slack else None
+
     slip = float(tangent @ before)
     slipping = not sticks and abs(slip) > 1e-9 * scale
     onward = int(np.sign(slip))
@@ -152,44 +153,8 @@ def _impulses(
     ways = (onward, 0, -onward) if slipping else (0, 1, -1)
     sets = [s for s in product((True, False), repeat=len(normals)) if any(s)]
     for way, pressing in product(ways, sets):
-        after = _mode(contact, way, pressing, normals, tangent, compliance, least, free, slack)
+        after = after_mode(way, pressing)
         if after is not None:
             return after, way == 0
     msg = f"no contact mode is consistent: velocity before {before}, free {free}, corners {touching}"
     raise ArithmeticError(msg)
-
-
-def _mode(
-    contact: PlaneContact,
-    way: int,
-    pressing: tuple[bool, ...],
-    normals: list[Array],
-    tangent: Array,
-    compliance: Array,
-    least: list[float],
-    free: Array,
-    slack: float,
-) -> Array | None:
-    """Velocity after one mode's impulses, or None where it breaks one of its conditions."""
-    closed = [n for n, p in zip(normals, pressing, strict=True) if p]
-    targets = [v for v, p in zip(least, pressing, strict=True) if p]
-    if way == 0:
-        rows, wanted = [*closed, tangent], [*targets, 0.0]
-        columns = rows
-    else:
-        rows, wanted = closed, targets
-        columns = [n - way * contact.friction_kinetic * tangent for n in closed]
-    system = np.array([[float(r @ (compliance * c)) for c in columns] for r in rows])
-    try:
-        impulse = np.linalg.solve(system, np.array(wanted) - np.array([float(r @ free) for r in rows]))
-    except np.linalg.LinAlgError:
-        return None
-    after = free + compliance * np.sum([i * c for i, c in zip(impulse, columns, strict=True)], axis=0)
-    normal = impulse[: len(closed)]
-    if (normal < -slack).any():
-        return None
-    if any(float(n @ after) < v - slack for n, v in zip(normals, least, strict=True)):
-        return None
-    if way == 0:
-        return after if abs(impulse[-1]) <= contact.friction_static * normal.sum() + slack else None
-    return after if way * float(tangent @ after) >= -slack else None

@@ -9,7 +9,7 @@ from toppling.models.pedestal import Pedestal
 from toppling.models.relief import contact_feet_m, height_below
 from toppling.models.scene import Scene
 from toppling.models.shapes import box, cylinder
-from toppling.workers.contact_points import ContactModel
+from toppling.workers.contact_points import contact_of
 from toppling.workers.seating import settled
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -23,7 +23,7 @@ def square(half, z=0.0, right=None):
 
 
 def test_a_block_touches_with_its_four_lower_corners_from_no_tilt_on():
-    contact = ContactModel.of(Scene.block(0.2, 0.3, 0.6))
+    contact = contact_of(Scene.block(0.2, 0.3, 0.6))
     assert contact.points_within(1.0) == 4
     corners = contact.points_body_m @ contact.support_from_body.T
     np.testing.assert_allclose(np.sort(corners[:, 2]), [-0.6] * 4)
@@ -35,13 +35,13 @@ def test_points_within_a_flat_face_do_not_touch():
     mesh = scene.rock
     vertices, faces = trimesh.remesh.subdivide(mesh.vertices_m, mesh.faces)
     fine = Scene.from_mesh((vertices, faces))
-    assert len(ContactModel.of(fine).points_body_m) == 4
+    assert len(contact_of(fine).points_body_m) == 4
 
 
 @pytest.mark.parametrize("sides", [16, 64])
 def test_every_corner_of_a_cylinders_rim_touches(sides):
     rock = cylinder(0.2, 0.5, sides)
-    contact = ContactModel.of(Scene.from_mesh((rock.vertices_m, rock.faces)))
+    contact = contact_of(Scene.from_mesh((rock.vertices_m, rock.faces)))
     assert len(contact.points_body_m) == sides
 
 

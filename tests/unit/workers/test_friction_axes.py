@@ -34,16 +34,13 @@ def leans_rad(axes_rad, feet, turn, velocity, spin):
 
 def axes_for(points, turn, velocity, spin, slips_from_m_s=0.0, present_rad=0.0):
     pose = np.array([0.0, 0.0, 0.6, *Rotation.from_matrix(turn).as_quat()])
-    unlike, slip = np.empty((2, len(points)), complex)
-    point_mobilities(
+    unlike, slip = point_mobilities(
         np.ascontiguousarray(CONTACT.centres_body_m),
         np.ascontiguousarray(CONTACT.mobilities_m2),
         np.array(points, np.int64),
         pose,
         np.array([*velocity, *spin], float),
         float(slips_from_m_s),
-        unlike,
-        slip,
     )
     return best_axes_rad(unlike, slip, float(present_rad), ALLOWED_RAD)
 

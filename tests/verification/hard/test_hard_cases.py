@@ -13,7 +13,6 @@ from toppling.models.errors import InputError
 from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene
 from toppling.models.shapes import box, cylinder, ellipsoid
-from toppling.workers.engine import process_pool
 from toppling.workers.integrator import Integrator
 from toppling.workers.options import PRESETS
 from toppling.workers.problem import Problem
@@ -344,17 +343,19 @@ def test_a_start_deep_inside_the_ground_is_refused():
 @pytest.mark.parametrize(
     ("velocity_m_s", "limit_m_s"), [((np.nan, 0.0, 0.0), np.inf), ((0.0, 0.0, 5.0), 4.9)]
 )
-def test_a_state_that_is_not_finite_or_too_fast_ends_as_diverged_never_as_toppled(velocity_m_s, limit_m_s):
+def test_a_state_that_is_not_finite_or_too_fast_ends_as_diverged_never_as_toppled(
+    velocity_m_s, limit_m_s, monkeypatch
+):
     scene = Scene.block(0.2, 0.2, 0.6)
     start, settings = State(velocity_m_s=velocity_m_s), PRESETS["fast"]
     step_s = settings.time_step_s(scene.rock.half_diagonal_m, G)
     dropped = partial(shake, scene, case.STILL, "fast", initial={"position_m": (0, 0, 0.7)}, trajectory=True)
     before = dropped()
-    problem = Problem.of(scene, case.STILL, settings, step_s, start, False)
-    shaking = Shaking.of(problem, Integrator, process_pool())
-    # Nothing that a caller may ask for makes the engine faster than its own.
-    shaking = replace(shaking, context=replace(shaking.context, speed_limit_m_s=limit_m_s))
-    result = shaking.result(*shaking.run(), trajectory=False)
+    shaking = Shaking(Problem(scene, case.STILL, settings, step_s, start, False), Integrator)
+    with monkeypatch.context() as patched:
+        # Nothing that a caller may ask for makes the engine faster than its own.
+        patched.setattr(Problem, "speed_limit_m_s", limit_m_s)
+        result = shaking.result(*shaking.run(), trajectory=False)
     assert (result.status, result.toppled, result.outcome) == ("diverged", None, None)
     after = dropped()  # it fell through the ground of a world that had held a rock without a place
     assert after.outcome == before.outcome == "stands"
@@ -366,15 +367,14 @@ def test_feet_set_to_their_height_in_a_part_of_no_time_are_no_speed(part_s, stat
     # A step to a touch began with such a part, and 3e-8 m in it seemed to be 190 m/s.
     scene, settings = Scene.block(0.2, 0.2, 0.6), PRESETS["fast"]
     step_s = settings.time_step_s(scene.rock.half_diagonal_m, G)
-    problem = Problem.of(scene, case.STILL, settings, step_s, State(), False)
-    shaking = Shaking.of(problem, Integrator, process_pool())
+    shaking = Shaking(Problem(scene, case.STILL, settings, step_s, State(), False), Integrator)
     shaking.integrator.advance(0)  # the engine has the rock
     sim = shaking.integrator.sim
     sim.state["last"] = 1
     sim.pose[1] = sim.pose[0] + np.array([190.0 * part_s, 0, 0, 0, 0, 0, 0])
     sim.time_s[1] = part_s
     sim.velocity_time_s[1] = 0.0
-    assert shaking.run()[0].status == status
+    assert shaking.result(*shaking.run(), trajectory=False).status == status
 
 
 @pytest.mark.slow

@@ -14,6 +14,7 @@ import importlib.util
 import math
 import tempfile
 from collections import OrderedDict
+from functools import cache
 from typing import Any
 
 import llvmlite.binding
@@ -557,8 +558,10 @@ def _urdf(centres_m: Array, radius_m: float, contact: ContactModel) -> str:
     )
 
 
-POOL = EnginePool()
-"""That of this process."""
+@cache
+def process_pool() -> EnginePool:
+    """The pool of this process, for who has none of his own."""
+    return EnginePool()
 
 
 def configure_for(world: NDArray[np.void], surface: ContactProperties, solver: SolverOptions) -> None:

@@ -228,11 +228,11 @@ def _slide(sim: Simulation, left_s: float, resolved_m_s: float) -> bool:
 
 
 class Integrator:
-    """A rock on its way through a motion."""
+    """A rock on its way through a motion, in worlds of a pool."""
 
-    def __init__(self, problem: Problem) -> None:
+    def __init__(self, problem: Problem, pool: engine.EnginePool) -> None:
         contact, motion, options = problem.contact, problem.motion, problem.options
-        self._problem = problem
+        self._problem, self.pool = problem, pool
         # Of sets with as many points, that which serves most.
         reach_deg = {contact.points_within(tilt): tilt for tilt in REACH_DEG}
         acceleration = motion.acceleration_m_s2 @ contact.scene_from_support
@@ -323,7 +323,7 @@ class Integrator:
 
     def _make_world(self, points: int) -> None:
         problem = self._problem
-        world = engine.POOL.world(problem.contact, int(self.sim.set_points[points]))
+        world = self.pool.world(problem.contact, int(self.sim.set_points[points]))
         engine.configure_for(world, problem.scene.contact, problem.options.solver)
         self.sim.worlds[points] = world[0]
 

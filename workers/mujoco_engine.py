@@ -20,6 +20,7 @@ from toppling.models.scene import Scene
 from toppling.workers import quaternion as quat
 from toppling.workers.compiled import Array
 from toppling.workers.contact_points import contact_of
+from toppling.workers.engine import EnginePool
 from toppling.workers.integrator import ROOM, Integrator
 from toppling.workers.observation import travel_m
 from toppling.workers.problem import Problem
@@ -37,9 +38,9 @@ SEATED_WITHIN_DEG = 0.5
 class MujocoIntegrator(Integrator):
     """A rock on its way through a motion; as its base, with MuJoCo as the engine."""
 
-    def __init__(self, problem: Problem) -> None:
+    def __init__(self, problem: Problem, pool: EnginePool) -> None:
         _check(problem.scene)
-        super().__init__(problem)
+        super().__init__(problem, pool)
         motion, step_s = problem.motion, problem.time_step_s
         self._model, self._data = _world(problem.scene, step_s)
         self._seat = self.sim.pose[0].copy() if problem.start is None else None

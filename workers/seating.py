@@ -35,8 +35,7 @@ STOPPED_SHARE = 1e-5
 STEPS_IN_A_LOOK = 4
 
 
-@lru_cache(maxsize=8)
-def settled(scene: Scene) -> Scene:
+def settled(scene: Scene, pool: engine.EnginePool | None = None) -> Scene:
     """The scene with its rock at rest: as it is where statics holds it, else let down without gathering speed.
 
     Raises
@@ -44,6 +43,11 @@ def settled(scene: Scene) -> Scene:
     InputError
         If the rock does not come to rest, or only far from the pose of the scene, or slides for ever once it slips.
     """
+    return _settled(scene, pool or engine.process_pool())
+
+
+@lru_cache(maxsize=8)  # scenes compare by identity
+def _settled(scene: Scene, pool: engine.EnginePool) -> Scene:
     kinetic, least = scene.contact.friction_kinetic, friction_that_stops(scene)
     if kinetic < min(scene.contact.friction_static, least):
         raise InputError(
@@ -60,7 +64,7 @@ def settled(scene: Scene) -> Scene:
             seated.rock, seated.pedestal, seated.gravity_m_s2, seated.contact.friction_static, np.zeros(3)
         )[0]:
             break
-        seated = _let_down(seated)
+        seated = _let_down(seated, pool)
     way_m = float(np.linalg.norm(seated.rock.com_m - scene.rock.com_m))
     if way_m > 0.1 * scene.rock.height_m:
         raise _falls(scene, f"its centre of mass moves by {way_m:.3g} m")
@@ -76,13 +80,13 @@ def _on_its_pedestal(scene: Scene) -> Scene:
     return dataclasses.replace(scene, rock=scene.rock.moved(np.eye(3), -lowest_m * scene.pedestal.normal))
 
 
-def _let_down(scene: Scene) -> Scene:
+def _let_down(scene: Scene, pool: engine.EnginePool) -> Scene:
     """The scene with its rock where it comes to rest when all speed is taken from it again and again."""
     contact = contact_of(scene)
     turn = contact.scene_from_support
     gravity = np.array([0.0, 0.0, -scene.gravity_m_s2]) @ turn
     step_s = OPTIONS.time_step_s(contact.half_diagonal_m, scene.gravity_m_s2)
-    world = engine.POOL.world(contact, len(contact.points_body_m))
+    world = pool.world(contact, len(contact.points_body_m))
     surface = ContactProperties.of(scene.contact.friction_static)  # let down without a rebound
     engine.configure_for(world, surface, SOLVER)
     pose = contact.touching(contact.start_pose)

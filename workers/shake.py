@@ -13,7 +13,7 @@ from toppling.models.errors import InputError
 from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene
 from toppling.workers.compiled import ensure_compiled
-from toppling.workers.engine import POOL
+from toppling.workers.engine import EnginePool, process_pool
 from toppling.workers.integrator import Integrator
 from toppling.workers.mujoco_engine import MujocoIntegrator
 from toppling.workers.observation import Body, Observation, observe
@@ -41,6 +41,7 @@ def shake(
     shortcuts: bool = True,
     initial: State | Mapping[str, Any] | None = None,
     engine: str = "pybullet",
+    pool: EnginePool | None = None,
 ) -> ShakeResult:
     """Shake a rock with a ground motion and say whether it topples.
 
@@ -62,6 +63,8 @@ def shake(
         normal to where it touches. Without it the rock is seated and settled first.
     engine : str
         'pybullet', or 'mujoco' where that extra is installed: cheaper, without restitution, with one friction.
+    pool : EnginePool, optional
+        Worlds to shake in; those of the process unless given.
 
     Returns
     -------
@@ -76,14 +79,16 @@ def shake(
     compile_once()
     began = time.perf_counter()
     start = None if initial is None else checked_start(initial)
+    pool = pool or process_pool()
     if start is None:
-        scene = settled(scene)
+        scene = settled(scene, pool)
     options = preset if isinstance(preset, NumericalOptions) else options_of(preset, engine)
     half_diagonal_m, gravity_m_s2 = scene.rock.half_diagonal_m, scene.gravity_m_s2
     step_s = options.time_step_s(half_diagonal_m, gravity_m_s2)
     if time_step is not None:
         step_s = _checked_step(time_step, half_diagonal_m, gravity_m_s2)
-    shaking = Shaking(Problem(scene, motion, options, step_s, start, shortcuts), INTEGRATORS[engine])
+    problem = Problem(scene, motion, options, step_s, start, shortcuts)
+    shaking = Shaking(problem, INTEGRATORS[engine](problem, pool))
     result = shaking.result(*shaking.run(), trajectory=trajectory)
     return replace(result, wall_s=time.perf_counter() - began)
 
@@ -104,8 +109,8 @@ def _small_shake() -> None:
 class Shaking:
     """A shake under way."""
 
-    def __init__(self, problem: Problem, integrates: type[Integrator]) -> None:
-        self.problem, self.integrator = problem, integrates(problem)
+    def __init__(self, problem: Problem, integrator: Integrator) -> None:
+        self.problem, self.integrator = problem, integrator
         self._body = Body.of(problem)
         self._rest = Rest(problem, self.integrator)
 
@@ -139,7 +144,7 @@ class Shaking:
         """Tell what happened; a state that is not finite has spoilt the worlds."""
         integrator, skipped_s = self.integrator, self._rest.skipped_s
         if ended_by == "speed_limit":
-            POOL.forget()
+            integrator.pool.forget()
         certain = ended_by in ("never_moved", "rest_certain")
         left_s = max(self.problem.motion.duration_s - seen.time_s, 0.0) if certain else 0.0
         return result_of(

@@ -17,6 +17,7 @@ from toppling.models.scene import Scene
 from toppling.models.shapes import box, ellipsoid
 from toppling.workers.barrier import least_overturning_j_kg
 from toppling.workers.contact_points import contact_of
+from toppling.workers.engine import EnginePool
 from toppling.workers.integrator import Integrator
 from toppling.workers.options import PRESETS
 from toppling.workers.problem import Problem
@@ -234,7 +235,9 @@ def test_potential_energy_is_what_lifting_the_block_over_its_edge_takes_wherever
     problem = Problem(
         scene, Motion(np.zeros((2, 3)), 1e-3), PRESETS["fast"], 1e-3, State(slid, turn.as_quat()), False
     )
-    assert Shaking(problem, Integrator).seen().energy_j_kg == pytest.approx(exact, abs=1e-9)
+    assert Shaking(problem, Integrator(problem, EnginePool())).seen().energy_j_kg == pytest.approx(
+        exact, abs=1e-9
+    )
 
 
 def test_a_turned_slab_that_is_pushed_over_is_not_called_standing():

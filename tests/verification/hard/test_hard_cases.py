@@ -13,6 +13,7 @@ from toppling.models.errors import InputError
 from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene
 from toppling.models.shapes import box, cylinder, ellipsoid
+from toppling.workers.engine import process_pool
 from toppling.workers.integrator import Integrator
 from toppling.workers.options import PRESETS
 from toppling.workers.problem import Problem
@@ -340,6 +341,11 @@ def test_a_start_deep_inside_the_ground_is_refused():
         shake(Scene.block(0.2, 0.2, 0.6), case.STILL, initial={"position_m": (0, 0, 0.05)})
 
 
+def shaking_of(problem):
+    """In the worlds that any other shake of the process has."""
+    return Shaking(problem, Integrator(problem, process_pool()))
+
+
 @pytest.mark.parametrize(
     ("velocity_m_s", "limit_m_s"), [((np.nan, 0.0, 0.0), np.inf), ((0.0, 0.0, 5.0), 4.9)]
 )
@@ -351,7 +357,7 @@ def test_a_state_that_is_not_finite_or_too_fast_ends_as_diverged_never_as_topple
     step_s = settings.time_step_s(scene.rock.half_diagonal_m, G)
     dropped = partial(shake, scene, case.STILL, "fast", initial={"position_m": (0, 0, 0.7)}, trajectory=True)
     before = dropped()
-    shaking = Shaking(Problem(scene, case.STILL, settings, step_s, start, False), Integrator)
+    shaking = shaking_of(Problem(scene, case.STILL, settings, step_s, start, False))
     with monkeypatch.context() as patched:
         # Nothing that a caller may ask for makes the engine faster than its own.
         patched.setattr(Problem, "speed_limit_m_s", limit_m_s)
@@ -367,7 +373,7 @@ def test_feet_set_to_their_height_in_a_part_of_no_time_are_no_speed(part_s, stat
     # A step to a touch began with such a part, and 3e-8 m in it seemed to be 190 m/s.
     scene, settings = Scene.block(0.2, 0.2, 0.6), PRESETS["fast"]
     step_s = settings.time_step_s(scene.rock.half_diagonal_m, G)
-    shaking = Shaking(Problem(scene, case.STILL, settings, step_s, State(), False), Integrator)
+    shaking = shaking_of(Problem(scene, case.STILL, settings, step_s, State(), False))
     shaking.integrator.advance(0)  # the engine has the rock
     sim = shaking.integrator.sim
     sim.state["last"] = 1

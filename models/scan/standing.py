@@ -89,7 +89,9 @@ def base_unseen(
     unseen = unseen_base(drawn, closed.rock, interface, seen.height_m)
     number, at_rest = None, True  # as the user says where it rests: flat, within the outline
     if seen.word is None or not seen.word.encloses or not inspection.says_nothing:
-        agrees = smooth_fits_inspection(closed.rock, smooth, interface, inspection, seen.height_m)
+        agrees = None
+        if not inspection.says_nothing:
+            agrees = smooth_fits_inspection(closed.rock, smooth, interface, inspection, seen.height_m)
         number, at_rest = nominal_draw(
             drawn, unseen, closed.rock, interface, central, agrees, inspection.pulls
         )

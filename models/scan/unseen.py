@@ -51,6 +51,9 @@ SMOOTH_IS_LIKELY = 0.25
 NEARLY_ALL = 0.75
 """Share of the azimuths at which the nominal scene topples within the interval; true flat bases do at .79 and more of
 them, but for one."""
+FLAT_MARGIN = 0.1
+"""Share of the median by which a smooth closing may exceed the interval, but for the least azimuths, where no hint says
+otherwise: on known flat bases, to which it is true, the draws topple too easily by 5 to 12 %."""
 
 Array = NDArray[np.float64]
 
@@ -214,16 +217,16 @@ def nominal_draw(
     rock: Rock,
     interface: Interface,
     smooth_m_s2: Array,
-    smooth_fits: bool = True,
+    smooth_fits: bool | None = None,
     pulls: Pulls = (),
 ) -> tuple[int | None, bool]:
     """Draw on whose feet the scene stands, and whether the rock is at rest there; None for the smooth closing's feet.
 
     The smooth closing is nearest to the truth of a flat base, whereas on one that bulges the rock stands too broadly:
     it is taken where its toppling acceleration toward AZIMUTHS_DEG (`smooth_m_s2`) is one that the draws give too, the
-    least one included, and where it `fits` what was seen by inspection. Otherwise the draw nearest to the draws' median
-    is taken, of those on which the rock, with its own centre of mass, topples within their interval; if there is none,
-    the nearest one.
+    least one included, and where it fits what was seen by inspection (`smooth_fits`; None where nothing was).
+    Otherwise the draw nearest to the draws' median is taken, of those on which the rock, with its own centre of mass,
+    topples within their interval; if there is none, the nearest one.
     """
     plane = Pedestal(interface.point_m, interface.normal)
     middle = np.maximum(np.median(drawn.toppling_m_s2, axis=0), 1e-3)
@@ -234,8 +237,9 @@ def nominal_draw(
     def at_rest(standing: Rock) -> bool:
         return bool(equilibrium_possible(standing, plane, STANDARD_GRAVITY_M_S2, FRICTION, np.zeros(3))[0])
 
-    likely = smooth_fits and apart(smooth_m_s2) < SMOOTH_IS_LIKELY and within_interval(drawn, smooth_m_s2)
-    if likely and at_rest(rock):
+    margin = FLAT_MARGIN if smooth_fits is None else 0.0
+    likely = apart(smooth_m_s2) < SMOOTH_IS_LIKELY and within_interval(drawn, smooth_m_s2, margin)
+    if likely and smooth_fits is not False and at_rest(rock):
         return None, True
     second: int | None = None
     for number in np.argsort(apart(drawn.toppling_m_s2), kind="stable").tolist():
@@ -250,15 +254,17 @@ def nominal_draw(
     return second, second is not None
 
 
-def within_interval(drawn: DrawnBases, toppling_m_s2: Array) -> bool:
+def within_interval(drawn: DrawnBases, toppling_m_s2: Array, margin: float = 0.0) -> bool:
     """Whether toppling accelerations (azimuths,) lie within the draws' interval nearly everywhere.
 
-    At the azimuth at which least topples, of the draws and of what is asked, they must.
+    At the azimuth at which least topples, of the draws and of what is asked, they must; elsewhere they may exceed it by
+    a margin, as share of the median.
     """
     low, median, high = drawn.interval_m_s2()
     within = (low <= toppling_m_s2) & (toppling_m_s2 <= high)
+    nearly = (low <= toppling_m_s2) & (toppling_m_s2 <= high + margin * median)
     least = [median.argmin(), toppling_m_s2.argmin()]
-    return bool(within.mean() >= NEARLY_ALL and within[least].all())
+    return bool(nearly.mean() >= NEARLY_ALL and within[least].all())
 
 
 def borne_ratios(rock: Rock, interface: Interface, pulls: Pulls) -> Array:

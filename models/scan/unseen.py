@@ -157,8 +157,10 @@ def draw_bases(
 
     def borne(found: list[tuple[GapDraw, Array]]) -> Array:
         """Ratios (n, pulls) that draws bear."""
-        lifted = [statics.toppling_m_s2(gap, com_m, toward) if pulls else [] for gap, com_m in found]
-        return np.reshape(lifted, (len(found), len(pulls))).astype(float) / STANDARD_GRAVITY_M_S2
+        ratios = np.empty((len(found), len(pulls)))
+        for row, (gap, com_m) in enumerate(found if pulls else []):
+            ratios[row] = statics.toppling_m_s2(gap, com_m, toward) / STANDARD_GRAVITY_M_S2
+        return ratios
 
     found = candidates()
     if not found:

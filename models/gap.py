@@ -149,6 +149,13 @@ def resampled(
     Weights that would leave fewer effective draws than a share of all are tempered: they are costs of a Gaussian prior,
     which no base follows so closely. What was `measured` on each draw, the logarithms of likelihoods, is added as is.
     """
+    weight = weights(log_weight, measured)
+    steps = (np.arange(count) + random.random()) / count
+    return np.searchsorted(np.cumsum(weight) / weight.sum(), steps).clip(max=len(weight) - 1)
+
+
+def weights(log_weight: Array, measured: Array | float = 0.0) -> Array:
+    """Weights (n,) of draws, the largest 1, as :func:`resampled` takes them."""
     log_weight = log_weight - log_weight.max()
     power = 1.0
     for _ in range(60):
@@ -157,9 +164,7 @@ def resampled(
             break
         power *= 0.9
     log_weight = power * log_weight + measured
-    weight = np.exp(log_weight - log_weight.max())
-    steps = (np.arange(count) + random.random()) / count
-    return np.searchsorted(np.cumsum(weight) / weight.sum(), steps).clip(max=len(weight) - 1)
+    return np.asarray(np.exp(log_weight - log_weight.max()))
 
 
 def facet_below(places_m: Array, gap_m: Array, pierced_m: Array) -> Index | None:

@@ -9,6 +9,11 @@ import numpy as np
 
 from toppling.models.frames import compass_deg
 
+FEW_DISTINCT = 10
+"""Of fewer different draws an interval says little."""
+AS_IT_WAS = 0.05
+"""Relative change of an interval's width that draws of other random numbers bring too."""
+
 
 def base_sentences(report: Mapping[str, Any]) -> list[str]:
     """What a person should know of a scanned rock's hidden base, from its scene's report; nothing without draws.
@@ -29,17 +34,18 @@ def base_sentences(report: Mapping[str, Any]) -> list[str]:
         f"least constant acceleration that topples it, in {share}: {_interval(least)}, where the ground accelerates "
         f"toward azimuth {least['azimuth_deg']:.0f}° (compass {compass_deg(least['azimuth_deg']):.0f}°); over all "
         f"azimuths the interval's width is {100 * median_width(table):.0f} % of its median",
-        f"contacts: {few} to {many} places touch, {_reach(found)} from the vertical through the centre of mass, which "
-        "is known to ± " + ", ".join(f"{0.5 * (high - low):.2g}" for low, _, high in com) + " m (x, y, z)",
+        f"contacts: {few} to {many} places touch; centre of mass within ± "
+        + ", ".join(f"{0.5 * (high - low):.2g}" for low, _, high in com)
+        + f" m (x, y, z) in {100 * found['level']:.0f} % of these bases",
     ]
     if "without_inspection" in found:
-        before = found["without_inspection"]
-        told = (
-            "no base agreed"
-            if before is None
-            else f"its width was {100 * median_width(before):.0f} % of its median"
+        sentences.append(_inspection_told(table, found["without_inspection"]))
+    distinct = found.get("distinct", found["draws"])
+    if distinct < FEW_DISTINCT:
+        sentences.append(
+            f"warning: only {distinct} distinct base{'' if distinct == 1 else 's'} among the {found['draws']} drawn "
+            f"agree{'s' if distinct == 1 else ''} with the pull: the intervals say little; check its azimuth and ratio"
         )
-        sentences.append(f"what is known by inspection tightens the interval: without it {told}")
     if not found.get("nominal_at_rest", True):
         sentences.append(
             "warning: with the centre of mass of the mesh the rock is at rest as scanned on none of the bases: the "
@@ -55,11 +61,17 @@ def median_width(table: list[dict[str, Any]]) -> float:
     ]))  # fmt: skip
 
 
+def _inspection_told(table: list[dict[str, Any]], before: list[dict[str, Any]] | None) -> str:
+    """What hints do to the interval, with its width in both cases."""
+    if before is None:
+        return "without what is known by inspection no base agreed"
+    width, was = median_width(table), median_width(before)
+    does = "narrows the interval" if width < was else "widens the interval"
+    if abs(width - was) <= AS_IT_WAS * was:
+        does = "leaves the interval as it was"
+    told = f"its width is {100 * width:.0f} % of its median, {100 * was:.0f} % without"
+    return f"what is known by inspection {does}: {told}"
+
+
 def _interval(each: dict[str, Any]) -> str:
     return f"{each['low_m_s2']:.2f} to {each['high_m_s2']:.2f} m/s² (median {each['median_m_s2']:.2f})"
-
-
-def _reach(found: dict[str, Any]) -> str:
-    table = found["contacts"]["reach"]
-    low, high = min(each["low_m"] for each in table), max(each["high_m"] for each in table)
-    return f"{low:.2g} to {high:.2g} m"

@@ -46,6 +46,7 @@ _REPORT = {
         "level": SHARE,
         "contradiction?": TEXT,
         "draws?": whole(1, 1_000_000),
+        "distinct?": whole(1, 1_000_000),
         "toppling?": [{"azimuth_deg": AZIMUTH, "low_m_s2": SPREAD, "median_m_s2": SPREAD, "high_m_s2": SPREAD}],
         "contacts?": {"reach": [{"low_m": NUMBER, "high_m": NUMBER}], "count": [whole(0, 1_000_000), 3]},
         "com_m?": [[NUMBER, 3], 3],

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.spatial import ConvexHull, cKDTree
 
-from toppling.models.errors import InputError
 from toppling.models.gap import Relief, Seen
 from toppling.models.scan.base import LEAST_GAP_PER_HEIGHT, Underside
 from toppling.models.scan.inspection import Inspection
@@ -56,7 +55,8 @@ LEVEL_PER_WIDTH = 0.1
 OUTLINE_STD_PER_HEIGHT = 0.0015
 """Of the gap along an outline of the contact."""
 NOT_UNDER_THE_ROCK = 0.05
-"""Share of the height beyond which a place of an inspection is none of the base."""
+"""Share of the height beyond which a place of an inspection, beside the hidden base or off the interface, is none of
+the base."""
 
 Array = NDArray[np.float64]
 
@@ -127,7 +127,7 @@ def hidden_part(
     rim = _outlined(under, height_m) if under.outline is not None else _seen_rim(under, low, lit, height_m)
     told = [interface.flat(each)[:, :2] for each in (inspection.touching_m, inspection.open_m)]
     places = np.vstack([inner, rim.places_m, *told])
-    _check_under_the_rock(np.vstack(told), places[: len(inner) + len(rim.gap_m)], height_m)
+    _check_under_the_rock(inspection, np.vstack(told), places[: len(inner) + len(rim.gap_m)], height_m)
     first = np.cumsum([len(inner), len(rim.gap_m), len(told[0])])
     floor = np.zeros(len(places))
     floor[: first[0]] = _least_gap(under).ravel()[grid.index(inner)]
@@ -201,14 +201,44 @@ def _outlined(under: Underside, height_m: float) -> Rim:
     return Rim(at, np.zeros(len(at)), std, std, np.ones(len(at), np.intp))
 
 
-def _check_under_the_rock(told: Array, places: Array, height_m: float) -> None:
+def check_on_interface(inspection: Inspection, interface: Interface, height_m: float) -> None:
+    """Refuse a place of an inspection far above or below the interface.
+
+    Parameters
+    ----------
+    inspection : Inspection
+        In the scene's frame.
+    interface : Interface
+    height_m : float
+        Of the rock.
+
+    Raises
+    ------
+    InputError
+        If one lies farther off than a share of the rock's height.
+    """
+    over = interface.flat(inspection.places_m)[:, 2]
+    off = np.abs(over) > NOT_UNDER_THE_ROCK * height_m
+    if off.any():
+        number = int(off.argmax())
+        also = f", and so do {off.sum() - 1} more of {len(off)} places" if off.sum() > 1 else ""
+        raise inspection.misplaced(
+            number,
+            f"the place lies {abs(over[number]):.3g} m {'above' if over[number] > 0 else 'below'} the interface, "
+            f"{100 * abs(over[number]) / height_m:.0f} % of the rock's height{also}",
+            f"places at the base, within {NOT_UNDER_THE_ROCK * height_m:.2g} m of the interface",
+            "check the height (z) and its datum; if the interface is wrong, give it by --plane, --point or --outline",
+        )
+
+
+def _check_under_the_rock(inspection: Inspection, told: Array, places: Array, height_m: float) -> None:
     """Refuse a place of an inspection that is none of the base."""
     if len(told) and (away := cKDTree(places).query(told)[0]).max() > NOT_UNDER_THE_ROCK * height_m:
-        raise InputError(
-            f"place {int(away.argmax()) + 1} lies {away.max():.3g} m from the hidden base and its rim",
-            where="--contact",
-            expected="places below the rock, where it may touch its pedestal",
-            remedy="give them in the coordinates of the clouds, in metres; those that touch are counted first",
+        raise inspection.misplaced(
+            int(away.argmax()),
+            f"the place lies {away.max():.3g} m from the hidden base and its rim",
+            "places below the rock, where it may touch its pedestal",
+            "give them in the coordinates of the clouds, in metres",
         )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 from toppling.models.errors import InputError
 
 TOUCHES, OPEN = ("touch", "contact", "1"), ("daylight", "open", "gap", "0")
-PULL_STD_SHARE = 0.05
-"""How well a pull or tilt test tells the ratio: of the force's direction, height and reading together."""
 
 Array = NDArray[np.float64]
 
@@ -33,20 +31,55 @@ class Inspection:
     pulls : tuple of (float, float)
         Azimuth toward which the rock was pulled, horizontally at the height of its centre of mass, degrees from east to
         north, and the force over its weight that lifted it until it would have gone on by itself.
+    file : str
+        Where the places are from.
+    lines : tuple of int
+        Line of the file of each place, those that touch first.
     """
 
     touching_m: Array = field(default_factory=_no_places)
     open_m: Array = field(default_factory=_no_places)
     pulls: tuple[tuple[float, float], ...] = ()
+    file: str = "--contact"
+    lines: tuple[int, ...] = ()
 
     @property
     def says_nothing(self) -> bool:
         """Whether it holds no knowledge."""
         return not (len(self.touching_m) or len(self.open_m) or self.pulls)
 
+    @property
+    def places_m(self) -> Array:
+        """All places (n, 3), those that touch first."""
+        return np.vstack([self.touching_m, self.open_m])
+
+    def misplaced(self, number: int, what: str, expected: str, remedy: str) -> InputError:
+        """Refusal of one of the places."""
+        line = f", line {self.lines[number]}" if self.lines else f", place {number + 1}"
+        return InputError(what, where=self.file + line, expected=expected, remedy=remedy)
+
+    def check_inside(self, low_m: Array, high_m: Array) -> None:
+        """Refuse a place that a cloud, of these bounds, does not show.
+
+        Raises
+        ------
+        InputError
+            If a place lies outside.
+        """
+        outside = ((self.places_m < low_m) | (self.places_m > high_m)).any(axis=1)
+        if outside.any():
+            number = int(outside.argmax())
+            raise self.misplaced(
+                number,
+                "{:.2f}, {:.2f}, {:.2f} lies outside the cloud".format(*self.places_m[number]),
+                "survey coordinates from {:.2f}, {:.2f}, {:.2f}".format(*low_m)
+                + " to {:.2f}, {:.2f}, {:.2f}".format(*high_m),
+                "give places in the coordinates of the clouds, in metres, as x,y,z",
+            )
+
     def moved(self, shift_m: Array) -> Inspection:
         """The same in coordinates from which `shift_m` is taken away."""
-        return Inspection(self.touching_m - shift_m, self.open_m - shift_m, self.pulls)
+        return replace(self, touching_m=self.touching_m - shift_m, open_m=self.open_m - shift_m)
 
 
 def inspection_of(contact: str | Path | None = None, pulls: Sequence[Sequence[float]] = ()) -> Inspection:
@@ -64,23 +97,25 @@ def inspection_of(contact: str | Path | None = None, pulls: Sequence[Sequence[fl
         If the file cannot be read, or a ratio is none.
     """
     for azimuth, ratio in pulls:
-        if not (np.isfinite(azimuth) and 0.0 < ratio < 3.0):
+        if not (0.0 <= azimuth < 360.0 and 0.0 < ratio < 3.0):
             raise InputError(
                 f"{azimuth:g} {ratio:g} is no pull test",
                 where="--pull",
-                expected="the azimuth of the pull, degrees from east to north, and its force over the rock's weight",
+                expected="the azimuth of the pull, 0 to 360 degrees counter-clockwise from east, and its force over "
+                "the rock's weight, up to 3",
                 remedy="write it like --pull 135 0.32; of a tilt test the ratio is the tangent of the angle",
             )
-    touching, free = _places(Path(contact)) if contact is not None else (_no_places(), _no_places())
-    return Inspection(touching, free, tuple((float(azimuth), float(ratio)) for azimuth, ratio in pulls))
+    measured = tuple((float(azimuth), float(ratio)) for azimuth, ratio in pulls)
+    return Inspection(pulls=measured) if contact is None else replace(_places(Path(contact)), pulls=measured)
 
 
-def _places(path: Path) -> tuple[Array, Array]:
+def _places(path: Path) -> Inspection:
     try:
         lines = path.read_text(encoding="utf-8-sig").splitlines()
     except (OSError, UnicodeDecodeError) as error:
         raise _unusable(f"cannot be read ({error})", path) from None
     found: dict[bool, list[list[float]]] = {True: [], False: []}
+    at: dict[bool, list[int]] = {True: [], False: []}
     for number, line in enumerate(lines, 1):
         words = line.replace(",", " ").replace(";", " ").split()
         if not words or words[0].startswith("#"):
@@ -95,9 +130,11 @@ def _places(path: Path) -> tuple[Array, Array]:
         if len(place) != 3 or not np.isfinite(place).all() or kind not in TOUCHES + OPEN:
             raise _unusable(f"line {number} is '{line}'", path)
         found[kind in TOUCHES].append(place)
+        at[kind in TOUCHES].append(number)
     if not found[True] and not found[False]:
         raise _unusable("holds no places", path)
-    return np.array(found[True]).reshape(-1, 3), np.array(found[False]).reshape(-1, 3)
+    touching, free = (np.array(found[kind]).reshape(-1, 3) for kind in (True, False))
+    return Inspection(touching, free, file=str(path), lines=(*at[True], *at[False]))
 
 
 def _unusable(what: str, path: Path) -> InputError:

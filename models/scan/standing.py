@@ -9,27 +9,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from toppling.models.gap import encloses
-from toppling.models.scan.base import hidden_base
+from toppling.models.scan.base import Underside, hidden_base
 from toppling.models.scan.close import ClosedRock
+from toppling.models.scan.gap_seen import check_on_interface, hidden_part
 from toppling.models.scan.inspection import Inspection
 from toppling.models.scan.interface import Interface
 from toppling.models.scan.measure import SeenRock, floors, toppling
 from toppling.models.scan.unseen import (
     AZIMUTHS_DEG,
+    LEVEL,
     ContradictionError,
     DrawnBases,
     draw_bases,
     nominal_draw,
     pierced_m,
+    smooth_fits_inspection,
     unseen_base,
 )
 from toppling.models.unseen import UnseenBase
-
-LEVEL = 0.9
-"""Of the intervals that are stated."""
-OTHER_ERRORS_SHARE = 0.04
-"""Standard deviation of the toppling acceleration that no draw shows; set on known virtual rocks, not derived
-(docs/scan.md)."""
 
 Array = NDArray[np.float64]
 
@@ -67,7 +64,7 @@ def base_unseen(
     Raises
     ------
     InputError
-        If the inspection's places are none of the base.
+        If the inspection's places are none of the base, or a pull is none that a base bears.
     """
     low, lit = interface.flat(seen.low_m), interface.flat(seen.lit_m)
     smooth = hidden_base(low, lit, seen.height_m, core, seen.word)
@@ -91,10 +88,30 @@ def base_unseen(
             report["without_inspection"] = None
     unseen = unseen_base(drawn, closed.rock, interface, seen.height_m)
     number, at_rest = None, True  # as the user says where it rests: flat, within the outline
-    if seen.word is None or not seen.word.encloses:
-        number, at_rest = nominal_draw(drawn, unseen, closed.rock, interface, central)
+    if seen.word is None or not seen.word.encloses or not inspection.says_nothing:
+        agrees = None
+        if not inspection.says_nothing:
+            agrees = smooth_fits_inspection(closed.rock, smooth, interface, inspection, seen.height_m)
+        number, at_rest = nominal_draw(
+            drawn, unseen, closed.rock, interface, central, agrees, inspection.pulls
+        )
     report |= {"nominal_draw": number, "nominal_at_rest": at_rest}
     return dataclasses.replace(unseen, nominal=number), report
+
+
+def check_inspection(seen: SeenRock, interface: Interface, inspection: Inspection) -> None:
+    """Refuse places of an inspection (in the scene's frame) that are none of the base.
+
+    Raises
+    ------
+    InputError
+        If a place lies off the interface, or beside the hidden base.
+    """
+    if len(inspection.places_m):
+        check_on_interface(inspection, interface, seen.height_m)
+        low, lit = interface.flat(seen.low_m), interface.flat(seen.lit_m)
+        under = Underside.of(low, lit, seen.height_m, seen.word)
+        hidden_part(under, low, lit, seen.height_m, inspection, interface)
 
 
 def intervals(drawn: DrawnBases, interface: Interface) -> dict[str, Any]:
@@ -108,11 +125,7 @@ def intervals(drawn: DrawnBases, interface: Interface) -> dict[str, Any]:
         and high, m. `com_m`: low, median and high of each coordinate.
     """
     tail = 0.5 * (1.0 - LEVEL)
-    median = np.median(drawn.toppling_m_s2, axis=0)
-    low, high = np.quantile(drawn.toppling_m_s2, [tail, 1.0 - tail], axis=0)
-    # What the draws do not show is joined in quadrature, on each side.
-    other = 1.645 * OTHER_ERRORS_SHARE * median
-    low, high = median - np.hypot(median - low, other), median + np.hypot(high - median, other)
+    low, median, high = drawn.interval_m_s2()
     places = drawn.part.seen.places_m
     toward = np.deg2rad(AZIMUTHS_DEG)
     ways = np.array([np.cos(toward), np.sin(toward), np.zeros(len(toward))]).T @ interface.axes
@@ -126,9 +139,10 @@ def intervals(drawn: DrawnBases, interface: Interface) -> dict[str, Any]:
     reaches = np.quantile(reach, [tail, 0.5, 1.0 - tail], axis=0)
     return {
         "draws": len(drawn.gaps),
+        "distinct": drawn.distinct,
         "toppling": [
             {"azimuth_deg": float(a), "low_m_s2": float(x), "median_m_s2": float(m), "high_m_s2": float(y)}
-            for a, x, m, y in zip(AZIMUTHS_DEG, np.maximum(low, 0.0), median, high, strict=True)
+            for a, x, m, y in zip(AZIMUTHS_DEG, low, median, high, strict=True)
         ],
         "contacts": {
             "count": [int(n) for n in np.quantile(count, [tail, 0.5, 1.0 - tail], method="nearest")],
@@ -137,5 +151,5 @@ def intervals(drawn: DrawnBases, interface: Interface) -> dict[str, Any]:
                 for a, x, m, y in zip(AZIMUTHS_DEG, *reaches, strict=True)
             ],
         },
-        "com_m": np.quantile(drawn.com_m, [tail, 0.5, 1.0 - tail], axis=0).T.tolist(),
+        "com_m": drawn.com_interval_m().tolist(),
     }

@@ -32,7 +32,7 @@ from toppling.models.scan.measure import (
 from toppling.models.scan.read import Cloud
 from toppling.models.scan.register import check_fit, register
 from toppling.models.scan.segment import NEITHER, PEDESTAL, ROCK, Segmentation, label_surfels, segment
-from toppling.models.scan.standing import base_unseen
+from toppling.models.scan.standing import base_unseen, check_inspection
 from toppling.models.scan.word import Word, check_near
 from toppling.models.scene import Scene
 
@@ -102,9 +102,12 @@ def survey(
     ------
     InputError
         If the cloud shows no rock that stands on a pedestal, one that hangs below its base, or one of a size that no
-        rock has.
+        rock has; or what the user says of the base contradicts it.
     """
     progress("registering stations")
+    if inspection is not None:
+        low, high = cloud.points_m.min(axis=0), cloud.points_m.max(axis=0)
+        inspection.check_inside(low + cloud.origin_m, high + cloud.origin_m)
     check_overlap(cloud)
     near = None if near_m is None else _inside_cloud(near_m, cloud)
     cloud, registration = register(cloud)
@@ -118,6 +121,8 @@ def survey(
     seen, label, interface = _judged(cloud, parts, word)
     check_size(seen.height_m, "units")
     check_above(seen, interface)
+    known = (inspection or Inspection()).moved(cloud.origin_m)
+    check_inspection(seen, interface, known)
     progress("closing the rock")
     closed, core = close_standing(seen, interface)
     check_can_stand(closed.rock, interface)
@@ -126,7 +131,6 @@ def survey(
         resampled = partial(progress, "resampling")
         spread = uncertainty(seen, interface, core, closed.invented_share, bootstrap, resampled)
     progress("drawing the hidden base")
-    known = (inspection or Inspection()).moved(cloud.origin_m)
     unseen, standing = base_unseen(seen, interface, closed, core, spread.get("com_std_m"), known)
     progress("meshing the pedestal")
     pedestal = label_surfels(parts.surfels, cloud.points_m, label) == PEDESTAL

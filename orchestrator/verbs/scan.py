@@ -68,8 +68,8 @@ def _enough(_: click.Context, __: click.Parameter, realisations: int) -> int:
     nargs=2,
     multiple=True,
     metavar="AZIMUTH RATIO",
-    help="A pull or tilt test: the azimuth of the pull, degrees from east to north, and the largest force that the "
-    "rock bore, over its weight.",
+    help="A pull or tilt test: the azimuth of the pull, 0 to 360 degrees counter-clockwise from east, and the largest "
+    "force that the rock bore, over its weight.",
 )
 @click.option(
     "--bootstrap",
@@ -129,7 +129,7 @@ def scan(
         try:
             result = survey(cloud, stage, near, word, bootstrap, inspection)
         except InputError as error:
-            raise _in_files(error, files) from None
+            raise _in_files(error, files, contact) from None
         stage("letting the rock stand")
         notes = settling_notes(result.scene) + base_sentences(result.scene.report)
         stage("writing")
@@ -152,9 +152,10 @@ def _told(scene: Scene, out: Path) -> str:
     )
 
 
-def _in_files(error: InputError, files: tuple[Path, ...]) -> InputError:
+def _in_files(error: InputError, files: tuple[Path, ...], contact: Path | None) -> InputError:
     """Name the files in an error that concerns all of them."""
-    if error.where in {file.name for file in files}:
+    of_contact = contact is not None and error.where.startswith(f"{contact}, ")
+    if of_contact or error.where in {file.name for file in files}:
         return error
     names = ", ".join(file.name for file in files[:3]) + (" ..." if len(files) > 3 else "")
     return InputError(

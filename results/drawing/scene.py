@@ -319,12 +319,14 @@ def numbers_of(scene: Scene, notes: Sequence[str] = ()) -> list[str]:
     spread, registration = report.get("uncertainty", {}), report.get("registration", {})
     downhill = scene.pedestal.downhill_azimuth_deg
     volume, com = spread.get("volume_std_m3"), spread.get("com_std_m")
+    if "com_m" in (report.get("unseen_base") or {}):
+        com = None  # the notes tell its interval over the drawn bases, which is that of all that is not known
     tilt = spread.get("interface_normal_std_deg")
     lines = [
         f"volume {rock.volume_m3:.5g}{'' if volume is None else f' ± {volume:.2g}'} m³, "
         f"height {rock.height_m:.4g} m",
         "centre of mass {:.3f}, {:.3f}, {:.3f}".format(*rock.com_m)
-        + (" m" if com is None else " ± {:.2g}, {:.2g}, {:.2g} m".format(*com)),
+        + (" m" if com is None else " ± {:.2g}, {:.2g}, {:.2g} m (one standard deviation)".format(*com)),
         f"interface falls {scene.pedestal.slope_deg:.2f}°{'' if tilt is None else f' ± {tilt:.2f}°'} toward azimuth "
         f"{downhill:.1f}° ({float(compass_deg(downhill)):.0f}° compass)",
         *_surface_of(report),

@@ -28,11 +28,31 @@ def test_an_interval_is_said_and_not_a_value():
     assert "3.60 to 4.40 m/s²" in first
     assert "width is 20 % of its median" in first
     assert "3 to 7 places touch" in second
-    assert "± 0.1, 0.1, 0.1 m" in second
+    assert "± 0.1, 0.1, 0.1 m (x, y, z) in 90 % of these bases" in second
+    assert "vertical" not in second  # a reach over all azimuths tells nothing
 
 
-def test_what_an_inspection_tightens_is_shown_beside_the_width_without_it():
-    assert "its width was 50 % of its median" in base_sentences(report(without_inspection=rows(0.5)))[2]
+@pytest.mark.parametrize(
+    ("before", "does"),
+    [(0.5, "narrows the interval"), (0.1, "widens the interval"), (0.208, "leaves the interval as it was")],
+)
+def test_what_an_inspection_does_to_the_interval_is_said_as_it_is_with_both_widths(before, does):
+    told = base_sentences(report(without_inspection=rows(before)))[2]
+    assert told.startswith(f"what is known by inspection {does}: ")
+    assert f"its width is 20 % of its median, {100 * before:.0f} % without" in told
+
+
+def test_nothing_is_said_of_an_inspection_without_a_comparison():
+    assert not any("inspection" in said for said in base_sentences(report()))
+    assert "no base agreed" in base_sentences(report(without_inspection=None))[2]
+
+
+@pytest.mark.parametrize(
+    ("distinct", "warned"), [(1, "1 distinct base among"), (2, "2 distinct bases"), (28, "")]
+)
+def test_few_distinct_bases_are_a_warning(distinct, warned):
+    warnings = [said for said in base_sentences(report(distinct=distinct)) if said.startswith("warning")]
+    assert [warned in said for said in warnings] == ([True] if warned else [])
 
 
 def test_a_contradiction_with_standing_is_a_warning_that_says_it():

@@ -17,6 +17,7 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 from browser import needs_browser, overflow
 
 from toppling.models.errors import InputError
+from toppling.models.intervals import base_sentences
 from toppling.models.scene import Scene, read_triangles
 from toppling.orchestrator.verbs.scene import scene
 from toppling.results.drawing.mesh import hidden, smooth_surface
@@ -93,6 +94,17 @@ def test_show_says_how_sure_the_split_is_and_how_far_the_numbers_spread(tmp_path
     page = (folder / "scene.html").read_text()
     assert "seen in 83 % of the directions" in page
     assert BAND_TITLE in page
+
+
+def test_the_centre_of_mass_has_one_uncertainty_and_its_level_is_said():
+    assert "± 0.0021, 0.0022, 0.0034 m (one standard deviation)" in "\n".join(numbers_of(surveyed()))
+    rows = [{"azimuth_deg": 0.0, "low_m_s2": 2.0, "median_m_s2": 3.0, "high_m_s2": 4.0}]
+    said = {"level": 0.9, "draws": 48, "toppling": rows, "contacts": {"count": [3, 4, 6], "reach": []}}
+    said["com_m"] = [[-0.03, 0.0, 0.03], [-0.02, 0.0, 0.02], [0.55, 0.6, 0.65]]
+    drawn = dataclasses.replace(surveyed(), report={**surveyed().report, "unseen_base": said})
+    told = "\n".join(numbers_of(drawn, base_sentences(drawn.report)))
+    assert told.count("centre of mass within ± 0.03, 0.02, 0.05 m (x, y, z) in 90 % of these bases") == 1
+    assert "0.0021, 0.0022" not in told
 
 
 def test_of_a_scene_that_nobody_scanned_nothing_is_said_that_only_a_scan_measures(folder):

@@ -1,0 +1,211 @@
+"""What hints of the base may say: pulls that some base bears, places at the base, a scene within its own interval."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+import trimesh
+
+from toppling.models.errors import InputError
+from toppling.models.gap import GapDraw
+from toppling.models.rock import Rock
+from toppling.models.scan import unseen
+from toppling.models.scan.base import hidden_base
+from toppling.models.scan.gap_seen import reliefs
+from toppling.models.scan.inspection import Inspection
+from toppling.models.scan.interface import Interface
+from toppling.models.scan.measure import SeenRock, toppling
+from toppling.models.scan.pulls import check_joint, check_spanned, fits
+from toppling.models.scan.standing import check_inspection
+from toppling.models.scan.unseen import (
+    AZIMUTHS_DEG,
+    DrawnBases,
+    draw_bases,
+    nominal_draw,
+    smooth_fits_inspection,
+    within_interval,
+)
+from toppling.models.unseen import BaseDraw, UnseenBase
+
+HEIGHT_M, RADIUS_M, PITCH_M = 2.0, 0.5, 0.02
+LEVEL = Interface(np.zeros(3), np.array([0.0, 0.0, 1.0]), np.eye(3), 0.0)
+STD_M = np.full(3, 0.004)
+
+
+@pytest.fixture(scope="module")
+def column():
+    """A column whose side was seen down to a rim that hangs, its pedestal up to it; its smooth base and its mesh."""
+    turn = np.arange(0.0, 2.0 * np.pi, PITCH_M / RADIUS_M)
+    ring = RADIUS_M * np.column_stack([np.cos(turn), np.sin(turn)])
+    side = np.vstack([np.column_stack([ring, np.full(len(ring), h)]) for h in np.arange(0.01, 0.3, PITCH_M)])
+    grid = np.arange(-1.2, 1.2, PITCH_M)
+    floor = np.array([(x, y, 0.0) for x in grid for y in grid if np.hypot(x, y) > RADIUS_M])
+    seen = SeenRock(side, floor, side, floor, None, None, HEIGHT_M, None)
+    mesh = trimesh.creation.cylinder(RADIUS_M, HEIGHT_M, sections=64)
+    mesh.apply_translation([0.0, 0.0, 0.5 * HEIGHT_M])
+    return seen, Rock.from_triangles(mesh.vertices, mesh.faces), hidden_base(side, floor, HEIGHT_M, 0.3)
+
+
+@pytest.fixture
+def few_candidates(monkeypatch):
+    monkeypatch.setattr(unseen, "CANDIDATES", 1)
+    monkeypatch.setattr(unseen, "MORE_ROUNDS", 2)
+    monkeypatch.setattr(unseen, "reliefs", lambda width_m: reliefs(width_m)[::4])
+    rounds = []
+    once = unseen._standing_draws
+    monkeypatch.setattr(unseen, "_standing_draws", lambda *a: rounds.append(0) or once(*a))
+    return rounds
+
+
+def drawn_with(column, *pulls, **more):
+    seen, rock, base = column
+    return draw_bases(seen, LEVEL, rock, base, STD_M, Inspection(pulls=pulls), **more)
+
+
+def test_a_pull_that_no_drawn_base_bears_is_refused_with_what_they_bear(column, few_candidates):
+    with pytest.raises(InputError) as refused:
+        drawn_with(column, (30.0, 2.0))
+    assert refused.value.where == "--pull 30 2"
+    low, high = map(float, refused.value.what.split("they bear ")[1].split(" to "))
+    assert 0.0 < low < high < 1.0
+    assert "the opposite of the ground's acceleration" in refused.value.remedy
+    assert "counter-clockwise from east" in refused.value.remedy
+    assert len(few_candidates) == 1  # nothing more is drawn for it
+
+
+def test_a_pull_with_which_few_bases_agree_has_more_of_them_drawn(column, few_candidates):
+    free = drawn_with(column)
+    assert len(few_candidates) == 1
+    median = np.median(free.toppling_m_s2[:, 0]) / 9.80665
+    drawn = drawn_with(column, (180.0, float(median)))
+    assert len(few_candidates) == 1 + 1 + 2
+    assert drawn.distinct > 1
+    assert np.ptp(drawn.com_interval_m()[:, [0, 2]], axis=1).min() > 0.0
+
+
+def test_ratios_outside_of_what_the_draws_span_are_refused_beyond_their_error_only():
+    ratios, weight = np.linspace(0.1, 0.2, 21)[:, None], np.ones(21)
+    for near in (0.1, 0.15, 0.2, 0.095, 0.21):
+        check_spanned([(330.0, near)], ratios, weight)
+    for far in (0.05, 0.25, 1.0):
+        with pytest.raises(InputError, match=r"they bear 0\.1 to 0\.2"):
+            check_spanned([(330.0, far)], ratios, weight)
+    # A draw that is next to never kept spans nothing.
+    stray = np.append(ratios, [[1.0]], axis=0)
+    with pytest.raises(InputError, match=r"they bear 0\.1 to 0\.2"):
+        check_spanned([(330.0, 1.0)], stray, np.append(weight, 1e-4))
+
+
+def test_pulls_that_agree_with_some_base_each_and_with_none_together_are_refused():
+    ratios, even = np.array([[0.1, 0.2], [0.2, 0.1]]), np.ones(2)
+    check_joint([(0.0, 0.1), (90.0, 0.2)], ratios, np.array([1.0, 0.0]), even)
+    with pytest.raises(InputError, match="agrees with all pulls"):
+        check_joint([(0.0, 0.1), (90.0, 0.1)], ratios, even, even)
+
+
+def drawn_of(toppling_m_s2, distinct=True):
+    count = len(toppling_m_s2)
+    gaps = [GapDraw(np.zeros(4), 0.0, number) for number in range(count if distinct else 1)]
+    return DrawnBases(
+        None, gaps if distinct else gaps * count, np.zeros((count, 3)), np.asarray(toppling_m_s2), STD_M
+    )
+
+
+BLOCK = trimesh.creation.box([0.6, 0.6, 1.2])
+BLOCK.apply_translation([0.0, 0.0, 0.6])
+STANDING = Rock.from_triangles(BLOCK.vertices, BLOCK.faces)
+SMOOTH = toppling(STANDING, LEVEL, AZIMUTHS_DEG)
+
+
+def on_bases(halves):
+    """Draws of square bases of the block, and how they topple."""
+    corners = np.array([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [-1.0, 1.0, 0.0]])
+    base = UnseenBase(0.05, tuple(BaseDraw(half * corners) for half in halves))
+    return base, drawn_of([SMOOTH * half / 0.3 for half in halves])
+
+
+def test_a_smooth_closing_within_the_interval_is_the_nominal_scene():
+    base, drawn = on_bases([0.27, 0.29, 0.31])
+    assert nominal_draw(drawn, base, STANDING, LEVEL, SMOOTH) == (None, True)
+
+
+def test_a_smooth_closing_outside_of_the_interval_is_not_the_nominal_scene():
+    """By a sixth, which the mean over azimuths alone let pass."""
+    base, drawn = on_bases([0.24, 0.25, 0.26])
+    number, at_rest = nominal_draw(drawn, base, STANDING, LEVEL, SMOOTH)
+    assert (number, at_rest) == (1, True)
+
+
+def test_a_smooth_closing_that_is_off_where_least_topples_is_not_the_nominal_scene():
+    _, drawn = on_bases([0.27, 0.29, 0.31])
+    least = int(np.median(drawn.toppling_m_s2, axis=0).argmin())
+    lower = drawn.toppling_m_s2.copy()
+    lower[:, least] *= 0.7
+    assert not within_interval(dataclasses.replace(drawn, toppling_m_s2=lower), SMOOTH)
+
+
+def test_a_smooth_closing_slightly_above_the_interval_but_for_the_least_is_nominal_where_no_hint_was_given():
+    """As of flat bases, on which the draws topple too easily."""
+    base, drawn = on_bases([0.27, 0.28, 0.29])
+    lower = drawn.toppling_m_s2.copy()
+    lower[:, SMOOTH / SMOOTH.min() > 1.05] *= 0.93
+    drawn = dataclasses.replace(drawn, toppling_m_s2=lower)
+    assert not within_interval(drawn, SMOOTH)
+    assert nominal_draw(drawn, base, STANDING, LEVEL, SMOOTH)[0] is None
+    assert nominal_draw(drawn, base, STANDING, LEVEL, SMOOTH, smooth_fits=True)[0] is not None
+
+
+def test_a_smooth_closing_that_contradicts_the_inspection_is_not_the_nominal_scene():
+    base, drawn = on_bases([0.27, 0.29, 0.31])
+    number, _ = nominal_draw(drawn, base, STANDING, LEVEL, SMOOTH, smooth_fits=False)
+    assert number is not None
+
+
+def test_a_smooth_closing_fits_what_was_seen_where_it_touches_is_open_and_bears_the_pull(column):
+    _, rock, base = column
+    middle, rim = np.array([[0.0, 0.0, 0.0]]), np.array([[0.4, 0.0, 0.0]])
+    base = dataclasses.replace(base, height_m=np.where(np.hypot(*base.grid.nodes_m.T).T < 0.3, 0.0, 0.006))
+    ratio = float(toppling(rock, LEVEL, np.array([0.0]))[0]) / 9.80665
+
+    def fitting(**known):
+        return smooth_fits_inspection(rock, base, LEVEL, Inspection(**known), HEIGHT_M)
+
+    assert fitting()
+    assert fitting(touching_m=middle)
+    assert not fitting(open_m=middle)
+    assert fitting(open_m=rim)
+    assert not fitting(touching_m=rim)
+    assert fitting(pulls=((180.0, ratio),))
+    assert not fitting(pulls=((180.0, 0.7 * ratio),))
+    assert fits([(180.0, ratio)], np.array([0.95 * ratio]))
+
+
+def test_few_distinct_draws_state_no_narrower_a_centre_of_mass_than_was_known_before():
+    one = drawn_of(np.full((48, 24), 3.0), distinct=False)
+    assert one.distinct == 1
+    low, _, high = one.com_interval_m().T
+    np.testing.assert_allclose(high - low, 2.0 * 1.645 * STD_M)
+    low, _, high = one.interval_m_s2()
+    assert (high > low).all()
+
+
+def contacts(*heights_m):
+    places = np.array([[0.1 * number, 0.0, height] for number, height in enumerate(heights_m)])
+    return Inspection(places, file="looked.csv", lines=tuple(range(2, 2 + len(places))))
+
+
+def test_a_contact_high_above_the_interface_is_refused_with_file_line_and_height(column):
+    with pytest.raises(InputError) as refused:
+        check_inspection(column[0], LEVEL, contacts(0.01, 0.8, -0.9))
+    assert refused.value.where == "looked.csv, line 3"
+    assert "0.8 m above the interface" in refused.value.what
+    assert "40 % of the rock's height" in refused.value.what
+    assert "1 more of 3 places" in refused.value.what
+    check_inspection(column[0], LEVEL, contacts(0.0, 0.03))
+
+
+def test_a_contact_beside_the_base_is_refused_with_file_and_line(column):
+    beside = Inspection(np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]), file="looked.csv", lines=(4, 7))
+    with pytest.raises(InputError, match="from the hidden base") as refused:
+        check_inspection(column[0], LEVEL, beside)
+    assert refused.value.where == "looked.csv, line 7"

@@ -25,7 +25,7 @@ from toppling.results.drawing.atlas import (
     write_friction,
     write_maps,
 )
-from toppling.results.fits import answered
+from toppling.results.fits import SAMPLES, answered
 from toppling.results.fragility import DURATION, LEVEL, PGV, PLANES, PULSE, Axis, by_contact
 from toppling.results.friction import by_surroundings, frictions
 from toppling.results.plane_reference import reference_lines, simulate
@@ -75,7 +75,11 @@ FOLDER = click.Path(path_type=Path, file_okay=False)
     help="Draw the lines of 1 and 99 % toppling of a plane section rocking on two corners without slip.",
 )
 @click.option(
-    "--samples", type=click.IntRange(1), default=200, show_default=True, help="Bootstrap samples of records."
+    "--samples",
+    type=click.IntRange(1),
+    default=SAMPLES,
+    show_default=True,
+    help="Bootstrap samples of records.",
 )
 def fragility(
     run: Path,

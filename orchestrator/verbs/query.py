@@ -40,8 +40,9 @@ def query(
 
     The tables are results (one row per job), motions (one row per record) and scene (one row); if the campaign names
     motions that the rock survived, also bases (with their weights). With several runs each table holds the rows of
-    all, distinguished by the column run. A query is one SELECT and reads nothing else; --trusted lets it join your
-    files. --spread weights each base.
+    all, distinguished by the column run; if these differ in engine, preset, scene or physics version, the query must
+    name that column or run. A query is one SELECT and reads nothing else; --trusted lets it join your files. --spread
+    weights each base.
 
     \b
     toppling query runs/first --describe
@@ -53,8 +54,12 @@ def query(
         table = pa.Table.from_pylist(open_run(runs[0]).describe())
     elif spread:
         table = _spread(runs)
-    elif len(runs) < 2:
-        msg = "give a query in SQL after the run, or --describe"
+    elif len(runs) < 2 or _is_run(runs[-1]):
+        of = " ".join(runs)
+        msg = (
+            f"the query in SQL is missing after {of}: give one, such as toppling query {of} "
+            f'"select run, level_pga_m_s2, avg(toppled::int) p from results group by all", or --describe'
+        )
         raise click.UsageError(msg)
     else:
         table = ask([open_run(path) for path in runs[:-1]], runs[-1], trusted=trusted)
@@ -66,6 +71,11 @@ def query(
         click.echo(json.dumps(_plain(table.to_pylist()), indent=1, allow_nan=False))
     elif not parquet:
         click.echo(_readable(table))
+
+
+def _is_run(text: str) -> bool:
+    """Whether an argument names a folder rather than being SQL, which has at least two words."""
+    return not len(text.split()) > 1 or Path(text).is_dir()
 
 
 def _spread(runs: tuple[str, ...]) -> pa.Table:

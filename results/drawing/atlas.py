@@ -141,7 +141,7 @@ def write_fits(
     frame: pd.DataFrame,
     folder: Path,
     name: str,
-    samples: int = 200,
+    samples: int = fits.SAMPLES,
     audit_over: Callable[[str], Mapping[str, Audit]] = lambda _: {},
 ) -> Iterator[Path]:
     """Write the fits of each contact: curves with intervals, surfaces, ranking, calibration, exchange files.

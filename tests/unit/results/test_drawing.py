@@ -16,7 +16,7 @@ from toppling.results.drawing.fits import fit_figure
 from toppling.results.drawing.records import scatter, upper_limit
 from toppling.results.drawing.report.content import Content
 from toppling.results.drawing.report.document import Document
-from toppling.results.drawing.report.methods import methods_section
+from toppling.results.drawing.report.methods import methods, methods_section
 from toppling.results.drawing.report.write import write_pdf
 from toppling.results.drawing.trajectory import AFTER_FALL_S, trajectory_figure
 from toppling.results.fits import (
@@ -127,6 +127,64 @@ def test_a_contact_is_named_by_its_friction_and_by_what_else_differs(jobs):
     assert contact_words(one, one) == "μ = 0.8 (0.6 kinetic)"
     both = pd.concat([one, one.assign(restitution=0.2)])
     assert contact_words(one, both) == "μ = 0.8 (0.6 kinetic), restitution 0"
+
+
+def test_a_contact_whose_friction_realisations_drew_is_not_named_by_one_number(jobs):
+    one = jobs.assign(friction_static=0.8, friction_kinetic=0.8, friction_factor=1.0)
+    assert contact_words(one, one) == "μ = 0.8"
+    near = one.assign(friction_factor=np.linspace(0.98, 1.08, len(one)))
+    assert contact_words(near, near) == "μ about 0.8"
+    wide = one.assign(friction_factor=np.linspace(0.625, 1.25, len(one)))
+    assert contact_words(wide, wide) == "μ 0.5 to 1"
+
+
+@pytest.fixture
+def realised(tmp_path):
+    """A run of four realisations on drawn bases."""
+    drawn = [(0, None, 1.0), (1, 0, 1.084), (2, 1, 0.981), (3, 2, 1.049)]
+    write_part(
+        tmp_path,
+        [
+            one | {"job_id": f"{one['job_id']}-{k}", "realisation": k, "base": base, "friction_factor": factor}
+            for one in rows(records=3, azimuths=(0.0,)) for k, base, factor in drawn
+        ],
+    )  # fmt: skip
+    return tmp_path
+
+
+def test_methods_state_what_the_realisations_drew(realised):
+    told = methods(Content(open_run(realised)))
+    assert (
+        "in 4 realisations. Contact followed Coulomb friction (coefficient 1) and Newtonian restitution (0). "
+        "One realisation was the nominal scene, and each of the 3 others drew one of the possible unseen bases "
+        "(3 in use) with a centre of mass and a factor on friction (lognormal, 5 %; drawn: 0.98 to 1.08)."
+        in told
+    )
+    assert "perturbed" not in told
+
+
+def test_methods_state_the_distributions_that_the_campaign_gives(realised):
+    (realised / "campaign.toml").write_text(
+        "unmeasured = { friction = [0.5, 1.0], restitution = [0.0, 0.3], yaw_deg = 5.0, either_sense = true, "
+        "band_hz = 25.0, above_band = [0.0, 0.6] }\n"
+    )
+    told = methods(Content(open_run(realised)))
+    for drawn in (
+        "friction (static and kinetic alike, uniform, 0.5 to 1)", "restitution (uniform, 0 to 0.3)",
+        "at most 5° either way", "reversed in one half", "octave above 25 Hz, 0 to 0.6 times",
+    ):  # fmt: skip
+        assert drawn in told
+
+
+def test_methods_state_how_the_centre_of_mass_is_drawn_without_bases_and_nothing_of_one_realisation(tmp_path):
+    jobs = [one | {"friction_factor": 1.0} for one in rows(records=3, azimuths=(0.0,))]
+    write_part(tmp_path, jobs)
+    assert "realisation" not in methods(Content(open_run(tmp_path)))
+    drawn = {"realisation": 1, "friction_factor": 1.02}
+    write_part(tmp_path, [one | drawn | {"job_id": one["job_id"] + "-1"} for one in jobs])
+    assert "the other drew a centre of mass (normal, standard deviation 0.5 % of" in methods(
+        Content(open_run(tmp_path))
+    )
 
 
 @pytest.mark.parametrize(("engine", "other"), [("pybullet", "Todorov"), ("mujoco", "Coumans")])

@@ -101,6 +101,21 @@ PLANES = {
 """The planes of Veeraraghavan, Hudnut and Krishnan's figures 6, 9, 10a and 10b."""
 
 
+FEW_BEYOND = 0.02
+"""Share of the jobs that the study's bounds may leave off a map; otherwise the map extends as far as they do."""
+
+
+def planes_of(frame: pd.DataFrame, planes: Iterable[Plane] = tuple(PLANES.values())) -> dict[str, Plane]:
+    """Planes by name, without the bounds beyond which more than a few of the jobs lie."""
+
+    def extended(plane: Plane) -> Plane:
+        if beyond(frame, plane) <= FEW_BEYOND * len(frame):
+            return plane
+        return replace(plane, x=replace(plane.x, below=None), y=replace(plane.y, below=None))
+
+    return {plane.name: extended(plane) for plane in planes}
+
+
 def direction_bin_deg(azimuth_deg: Iterable[float], bins: int = 8) -> NDArray[np.float64]:
     """Centre of the direction bin of each azimuth; the first bin is centred on azimuth 0.
 

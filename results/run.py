@@ -397,7 +397,7 @@ def _refuse_pooling(connection: duckdb.DuckDBPyConnection, query: str, answered:
         f"these runs differ in {values}, and the query pools their rows",
         where="SQL",
         expected=f"{' and '.join(pooled)}, or run, in its select, group by or where",
-        remedy=f'add it, such as "select {", ".join(pooled)}, avg(toppled::int) p from results group by all"',
+        remedy=f'add it, such as "select {columns}, avg(toppled::int) p from results group by all"',
     )
 
 

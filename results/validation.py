@@ -242,7 +242,7 @@ def table(rows: Mapping[str, Mapping[str, Any]]) -> pd.DataFrame:
         "calibration_slope",
     )
     frame = pd.DataFrame([{"who": who, **{name: row[name] for name in names}} for who, row in rows.items()])
-    return frame.set_index("who").astype({name: float for name in names[1:]})
+    return frame.set_index("who").astype(dict.fromkeys(names[1:], float))
 
 
 def _quantiles(drawn: list[dict[str, Any]], low: float, high: float) -> dict[str, list[float | None]]:

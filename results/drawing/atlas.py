@@ -87,9 +87,12 @@ def write_maps(
 
 
 def write_directions(
-    frame: pd.DataFrame, quasi_static: pd.DataFrame | None, folder: Path, sector_deg: tuple[float, float]
+    frame: pd.DataFrame,
+    quasi_static: pd.DataFrame | None,
+    folder: Path,
+    sector_deg: tuple[float, float] | None,
 ) -> Iterator[Path]:
-    """Write the rose of toppling azimuths with the share in a sector, and the quasi-static accelerations.
+    """Write the rose of toppling azimuths, with the share in a sector if one is given, beside the quasi-static limit.
 
     Yields
     ------
@@ -99,9 +102,12 @@ def write_directions(
     for contact, jobs in by_contact(frame).items():
         place = folder / contact
         place.mkdir(parents=True, exist_ok=True)
-        rose, sector = topple_rose(jobs), sector_share(jobs, *sector_deg)
+        rose, sector = topple_rose(jobs), None
         yield save_table(rose, place / "directions.csv")
-        yield save_table(pd.DataFrame([sector]), place / "sector.csv")
+        (place / "sector.csv").unlink(missing_ok=True)
+        if sector_deg is not None:
+            sector = sector_share(jobs, *sector_deg)
+            yield save_table(pd.DataFrame([sector]), place / "sector.csv")
         yield from save(rose_figure(rose, quasi_static, sector), place / "directions")
 
 

@@ -13,7 +13,7 @@ import pyarrow.parquet as pq
 
 from toppling.models.folder import new_file
 from toppling.results.run import ask, open_run
-from toppling.results.spread import spreads, surroundings
+from toppling.results.spread import CAUSES, spreads, surroundings
 
 SHOWN_ROWS = 60
 
@@ -70,7 +70,7 @@ def query(
     elif form == "json":
         click.echo(json.dumps(_plain(table.to_pylist()), indent=1, allow_nan=False))
     elif not parquet:
-        click.echo(_readable(table))
+        click.echo(_spread_words(table.to_pandas()) if spread else _readable(table))
 
 
 def _is_run(text: str) -> bool:
@@ -86,6 +86,21 @@ def _spread(runs: tuple[str, ...]) -> pa.Table:
             if name:
                 parts[-1].insert(0, "of", name)
     return pa.Table.from_pandas(pd.concat(parts, ignore_index=True), preserve_index=False)
+
+
+def _spread_words(table: pd.DataFrame) -> str:
+    """The spread as people read it: percentages; a share of nothing stays empty."""
+    levels = ["all levels" if level != level else f"{level:g} m/s2" for level in table["level_pga_m_s2"]]
+    told = table.assign(level_pga_m_s2=levels).rename(
+        columns={"level_pga_m_s2": "level", "probability": "toppled"}
+    )
+    for name in ("toppled", *CAUSES, *(f"share_{cause}" for cause in CAUSES[:3])):
+        told[name] = ["" if value != value else f"{100 * value:.1f} %" for value in told[name]]
+    return (
+        f"{told.to_string(index=False)}\n"
+        "toppled: share of the jobs; records, base, friction, left: standard deviation of that share by what it comes "
+        "from;\nshare_: of the variance that records, base and friction have among each other"
+    )
 
 
 def _frame(table: pa.Table) -> pd.DataFrame:

@@ -111,8 +111,8 @@ def records_section(content: Content, document: Document) -> str:
     if content.ensemble is not None:
         caption = (
             "The records as recorded. Left: response spectra (RotD50, 5 % damping) with median and 16 and 84 % "
-            "quantiles; middle: PGA against PGV/PGA; right: magnitude against distance. Triangles at the edge: "
-            "outside the axes."
+            "quantiles; middle: PGA against PGV/PGA (triangles at the edge: outside the axes, with names and values "
+            "above); right: magnitude against distance."
         )
         lines.append(document.figure(partial(records_figure, content.ensemble), caption))
     answered = frame.groupby("record_id")["toppled"]

@@ -1,19 +1,24 @@
 """Pictures say what they show: nothing stretched, nothing past its end, no claim that the jobs do not bear."""
 
+import dataclasses
+
 import numpy as np
 import pandas as pd
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from seeded import rows
 
 from toppling.models.digest import write_json
 from toppling.models.errors import InputError
 from toppling.models.folder import rock_name
+from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.idealised import full_sine
+from toppling.models.motions.synthetic import synthetic_ensemble
 from toppling.models.scene import Scene
 from toppling.models.trajectory import Trajectory
 from toppling.results.drawing.fits import fit_figure
-from toppling.results.drawing.records import scatter, upper_limit
+from toppling.results.drawing.records import records_figure, scatter, upper_limit
 from toppling.results.drawing.report.content import Content
 from toppling.results.drawing.report.document import Document
 from toppling.results.drawing.report.methods import methods, methods_section
@@ -41,28 +46,43 @@ def test_an_outlier_stretches_no_axis_and_is_named_with_its_value():
     axes = Figure().add_subplot()
     scatter(axes, x, np.ones(21), names, "k")
     assert axes.get_xlim()[1] < 0.3
-    assert [text.get_text() for text in axes.texts] == ["record20: 9"]
+    assert axes.get_title("right") == "▶ record20: 9"
 
 
 def test_an_outlier_on_a_logarithmic_axis_stretches_it_neither_up_nor_down_and_is_named():
     y = np.append(np.geomspace(0.5, 8.0, 30), [1e-3, 1e3])
     axes = Figure().add_subplot()
-    scatter(axes, np.linspace(0.1, 0.2, 32), y, [f"record{k}" for k in range(32)], "k", log_y=True)
+    scatter(axes, np.linspace(0.1, 0.2, 32), y, [f"record{k}" for k in range(32)], "k")
     bottom, top = axes.get_ylim()
     assert 0.2 < bottom < 0.5
     assert 8.0 < top < 20.0
-    assert {text.get_text() for text in axes.texts} == {"record30: 0.001", "record31: 1e+03"}
+    assert axes.get_title("right").splitlines() == ["▼ record30: 0.001", "▲ record31: 1e+03"]
 
 
-def test_names_of_outliers_at_one_height_do_not_run_into_each_other():
-    x = np.append(np.linspace(1.0, 2.0, 20), [50.0, 60.0, 70.0])
-    y = np.append(np.linspace(1.0, 2.0, 20), [2.0, 2.0, 2.0])
-    axes = Figure(figsize=(2.3, 2.7)).add_subplot()
-    scatter(axes, x, y, [f"record{k}" for k in range(23)], "k")
-    heights = sorted(text.xy[1] for text in axes.texts)
-    assert len(heights) == 3
-    assert min(np.diff(heights)) > 0.06
-    assert heights[-1] < 1.0
+def test_names_of_outliers_cover_no_point_and_their_triangles_are_whole():
+    x = np.append(np.linspace(1.0, 2.0, 20), [50.0, 60.0, 70.0, 80.0])
+    y = np.append(np.linspace(1.0, 2.0, 20), [1.0, 1.5, 2.0, 2.0])
+    figure = Figure(figsize=(2.3, 2.7), layout="constrained")
+    axes = figure.add_subplot()
+    scatter(axes, x, y, [f"record{k}" for k in range(24)], "k")
+    FigureCanvasAgg(figure).draw()
+    assert not axes.texts
+    assert len(axes.get_title("right").splitlines()) == 4
+    assert axes.get_title("right").endswith("and 1 more beyond")
+    frame = axes.get_window_extent()
+    for triangles in axes.collections[1:]:
+        place = triangles.get_offset_transform().transform(triangles.get_offsets())
+        half_px = 0.5 * np.sqrt(triangles.get_sizes()).max(initial=0.0) * figure.dpi / 72.0
+        assert (place[:, 0] + half_px <= frame.x1 + 0.5).all()
+
+
+def test_the_axis_of_distance_holds_the_farthest_record(tmp_path):
+    km = (900.0, 10.0, 11.0, 12.0, 13.0, 14.0)
+    made = zip(synthetic_ensemble(len(km), 1), km, strict=True)
+    near = [dataclasses.replace(one, distance_km=distance) for one, distance in made]
+    source = records_figure(Ensemble.write(tmp_path / "ensemble", near)).axes[2]
+    assert source.get_xlim()[1] > 900.0
+    assert sorted(np.asarray(source.collections[0].get_offsets())[:, 0]) == sorted(km)
 
 
 def test_without_outliers_the_axis_holds_every_value():

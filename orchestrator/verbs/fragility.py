@@ -15,10 +15,11 @@ from toppling.models.errors import InputError
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
 from toppling.orchestrator.folder import place_in
-from toppling.orchestrator.progress import bar, each
+from toppling.orchestrator.progress import bar
 from toppling.results.audit import audits_of
 from toppling.results.directions import least_sector
 from toppling.results.drawing.atlas import (
+    FIT_PARTS,
     write_audits,
     write_directions,
     write_fits,
@@ -161,22 +162,25 @@ def fragility(
     audits, quasi_static = audits_of(opened), opened.quasi_static()
     within = sector or least_sector(quasi_static)
     lines = _plane_reference(opened, jobs, directions) if reference else None
-    written = itertools.chain(
-        write_maps(jobs, folder, planes.values(), directions, lines),
-        write_directions(jobs, quasi_static, folder, within),
-        write_friction(jobs, folder, planes["pga_pgv"]),
-        write_fits(jobs, folder, opened.name, samples, partial(audits_of, opened)) if fit else (),
-        write_audits(audits, folder),
-    )
     # Each contact: maps of three files and one about all, directions of four, fits of eight. A comparison: four.
     maps = sum(1 + plane.by_direction for plane in planes.values())
     total = (
-        len(by_contact(jobs)) * (3 * maps + 4 + bool(within) + 8 * fit + reference)
+        len(by_contact(jobs)) * (3 * maps + 4 + bool(within) + (8 + FIT_PARTS) * fit + reference)
         + 4 * len(by_surroundings(jobs))
         + bool(audits)
     )
-    for path in each(written, "figures", total):
-        click.echo(path)
+    with bar("figures", total) as advance:
+        for path in itertools.chain(
+            write_maps(jobs, folder, planes.values(), directions, lines),
+            write_directions(jobs, quasi_static, folder, within),
+            write_friction(jobs, folder, planes["pga_pgv"]),
+            write_fits(jobs, folder, opened.name, samples, partial(audits_of, opened), advance)
+            if fit
+            else (),
+            write_audits(audits, folder),
+        ):
+            click.echo(path)
+            advance()
     for audit in audits.values():
         click.echo(audit.sentence)
     if not unweighted and (stood := opened.stood()):

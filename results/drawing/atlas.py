@@ -15,7 +15,7 @@ from toppling.results.drawing.fits import fit_figure
 from toppling.results.drawing.friction import friction_figure
 from toppling.results.drawing.maps import direction_figure, map_figure
 from toppling.results.drawing.roses import rose_figure
-from toppling.results.drawing.style import save
+from toppling.results.drawing.style import save, short_name
 from toppling.results.exchange import OPENQUAKE, write_curves
 from toppling.results.fragility import (
     Plane,
@@ -29,6 +29,9 @@ from toppling.results.fragility import (
     unplaced,
 )
 from toppling.results.friction import compare_frictions
+
+FIT_PARTS = 20
+"""Parts of work that the fits of a contact count as: they take longer than a figure."""
 
 
 def write_maps(
@@ -149,6 +152,7 @@ def write_fits(
     name: str,
     samples: int = fits.SAMPLES,
     audit_over: Callable[[str], Mapping[str, Audit]] = lambda _: {},
+    advance: Callable[[float, str], object] = lambda _, __: None,
 ) -> Iterator[Path]:
     """Write the fits of each contact: curves with intervals, surfaces, ranking, calibration, exchange files.
 
@@ -163,6 +167,8 @@ def write_fits(
         Bootstrap samples of records.
     audit_over : callable
         Audits of the run, over a measure (`results.audit.audits_of`).
+    advance : callable
+        Told which part of the fits of a contact is done, of FIT_PARTS, and what comes next.
 
     Yields
     ------
@@ -175,13 +181,20 @@ def write_fits(
         for former in (*place.glob("curves.*"), *place.glob("fits.*"), place / "calibration.csv"):
             former.unlink(missing_ok=True)  # not all are written again where no measure has a fit now
         known = fits.answered(jobs)
+        advance(0, "ranking of the measures")
         ranking = fits.compare_measures(known)
         yield save_table(ranking, place / "measures.csv")
         singles = [measure for measure in ranking["measures"] if measure in fits.MEASURES]
         models = [fits.fit(known, [measure]) for measure in singles]
         both = [names for names in fits.SURFACES if set(names) <= set(singles)]
         models += [fits.fit(known, names, link) for names in both for link in fits.LINKS]
-        resampled = [None if told.problem else fits.bootstrap(known, told, samples) for told in models]
+        resampled = []
+        for told in models:
+            advance(
+                FIT_PARTS / len(models),
+                f"bootstrap of the fit over {' and '.join(map(short_name, told.measures))}",
+            )
+            resampled.append(None if told.problem else fits.bootstrap(known, told, samples))
         table = fits.summary(models, resampled)
         shifts = [audit_over(told.measures[0]) if told.lognormal else {} for told in models]
         for by in dict.fromkeys(by for audits in shifts for by in audits):

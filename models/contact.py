@@ -9,6 +9,9 @@ from numbers import Real
 
 from toppling.models.errors import InputError
 
+FRICTION_SPREAD = 0.05
+"""Coefficient of variation of friction in a realisation."""
+
 
 @dataclass(frozen=True)
 class ContactProperties:

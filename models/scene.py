@@ -32,6 +32,9 @@ from toppling.models.unseen import UnseenBase
 
 MESH_FORMATS = (".ply", ".stl", ".obj", ".off", ".glb", ".gltf")
 
+COM_SPREAD_SHARE = 0.005
+"""Standard deviation of the centre of mass over the height, in a realisation of a scene that knows none of its own."""
+
 
 @dataclass(frozen=True, eq=False)
 class Scene:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from toppling.models.contact import ContactProperties
 from toppling.models.frames import compass_deg
 from toppling.models.intervals import median_width
+from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.trial import Statics, statics_of
@@ -21,6 +22,11 @@ G_M_S2 = 9.81
 
 REALISATIONS = 25
 """For a rock whose base is a distribution: the nominal base and enough others to give a spread."""
+
+LARGEST_SCALING = 100.0
+"""Factor on a record's acceleration above which it is named."""
+
+MOST_NAMED = 5
 
 HARDLY_SHARE, MOSTLY_SHARE = 0.05, 0.5
 """Shares toppled at the lowest and the highest level between which levels cover nearly the whole rise."""
@@ -67,6 +73,29 @@ def warnings_of(campaign: Campaign, scene: Scene) -> list[str]:
         campaign, highest, statics_of(scene.with_contact(ContactProperties.of(campaign.friction[0]))), scene
     )
     return found
+
+
+def scaling_warnings(campaign: Campaign, ensemble: Ensemble) -> list[str]:
+    """Records that the highest level scales so far that hardly an earthquake is left in them: a sentence, or none."""
+    highest = max(campaign.pga_m_s2, default=0.0)  # no levels: records are shaken as they are
+    used = set(campaign.records or ensemble.record_ids)
+    pga_m_s2 = dict(zip(ensemble.record_ids, ensemble.catalog["pga_m_s2"].to_pylist(), strict=True))
+    far = sorted(
+        (own, name) for name, own in pga_m_s2.items() if name in used and highest > LARGEST_SCALING * own
+    )
+    if not far:
+        return []
+    named = ", ".join(
+        f"{name} ({own:.2g} m/s2, {f'{highest / own:,.0f}-fold' if own else 'without bound'})"
+        for own, name in far[:MOST_NAMED]
+    )
+    more = f" and {len(far) - MOST_NAMED} more" if len(far) > MOST_NAMED else ""
+    records = "1 record is" if len(far) == 1 else f"{len(far)} records are"
+    return [
+        f"{records} scaled by more than {LARGEST_SCALING:g} to {highest:g} m/s2: {named}{more}; weak records hold "
+        f"noise, and motion unlike that of strong earthquakes: leave them out with 'toppling records select --pga "
+        f"{highest / LARGEST_SCALING:.2g} 100'"
+    ]
 
 
 def _width_told(scene: Scene) -> str:

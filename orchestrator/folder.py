@@ -6,12 +6,14 @@ import os
 import shutil
 import socket
 import time
+import tomllib
 from collections.abc import Iterable, Iterator
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import IO, Any
 
 from toppling.models import digest
+from toppling.models.documents import shown
 from toppling.models.errors import InputError
 from toppling.models.folder import new_folder, rock_name
 from toppling.models.motions.ensemble import CATALOG, MOTIONS
@@ -34,6 +36,9 @@ WRITTEN_ONCE = (
 
 KEY_FILES = ".dask-jobqueue.worker."
 """How the names of the files begin in which batch jobs find the session's key; a killed session leaves them."""
+
+WITHOUT_DEFAULT = ("records", "unmeasured", "peak_displacement_m")
+"""Keys of a campaign that a run's copy lacks where they were not given."""
 
 GOES_ON, INTERRUPTED = "running", "interrupted"
 """What `run.json` says of the end of a session before it comes, and where it came too early."""
@@ -216,13 +221,15 @@ def _check(run: Path, plan: Plan, versions: dict[str, str]) -> None:
     content = describe(run)
     written = (PARTS_FOLDER, "scene", "ensemble", "run.json", LOG_FILE, RESULTS_FILE, ".lock", FOLDER)
     _refuse_links(run, [*(run / name for name in written), *(run / FOLDER).rglob("*")])
+    # A changed campaign is told first: its versions may differ just because its engine does.
+    told = _campaign_differs(run, plan) if content.get("plan_id") != plan.id else ""
     there = content.get("versions", {})
     differing = [
         f"{name} {there.get(name)}, now {version}"
         for name, version in versions.items()
         if there.get(name) != version
     ]
-    if differing:
+    if differing and not told:
         raise _error(
             run,
             f"the run was begun with {'; '.join(differing)}",
@@ -232,7 +239,7 @@ def _check(run: Path, plan: Plan, versions: dict[str, str]) -> None:
     if content.get("plan_id") != plan.id:
         raise _error(
             run,
-            f"the folder holds the run of another campaign ({content.get('jobs')} jobs, here {len(plan)})",
+            f"the folder holds the run of another campaign ({content.get('jobs')} jobs, here {len(plan)}){told}",
             expected="the same campaign, scene and ensemble as when the run was begun",
             remedy="give another --out, or go on with the one that lies in the folder",
         )
@@ -240,6 +247,24 @@ def _check(run: Path, plan: Plan, versions: dict[str, str]) -> None:
     stood = [str(path.relative_to(run)) for path in ensembles_in(run / FOLDER)]
     for name in (*WRITTEN_ONCE, *(f"{place}/{file}" for place in stood for file in (CATALOG, MOTIONS))):
         digest.check(run / name, required=required)
+
+
+def _campaign_differs(run: Path, plan: Plan) -> str:
+    """In which values a campaign differs from the run's; empty where in none, or the run's cannot be read."""
+    try:
+        there = tomllib.loads((run / "campaign.toml").read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return ""
+    here = tomllib.loads(plan.campaign.to_toml("scene", "ensemble", there.get("stood", [])))
+    # A value that an earlier version did not write is no difference, except where it has no default.
+    compared = [
+        name for name in {**there, **here} if name in WITHOUT_DEFAULT or (name in there and name in here)
+    ]
+    differing = [name for name in compared if there.get(name) != here.get(name) and name != "audit"]
+    values = [
+        ", here ".join(shown(one.get(name, "not given")) for one in (there, here)) for name in differing
+    ]
+    return "".join(f"; its {name}: {value}" for name, value in zip(differing, values, strict=True))
 
 
 def _refuse_links(run: Path, places: Iterable[Path]) -> None:

@@ -1,4 +1,4 @@
-"""How far something is: a bar on a terminal, one line a minute in a log."""
+"""How far something is: a bar on a terminal; in a log one line after ten seconds, and one a minute."""
 
 from __future__ import annotations
 
@@ -16,6 +16,9 @@ if TYPE_CHECKING:
     from toppling.orchestrator.run import Tally, Watcher
 
 LINE_EVERY_S = 60.0
+
+FIRST_LINE_S = 10.0
+"""After which a log says that something goes on; what is done sooner says nothing."""
 
 Item = TypeVar("Item")
 
@@ -79,7 +82,9 @@ def bar(what: str, total: float | None = None) -> Iterator[Advance]:
         return
 
     def speak() -> None:
-        while not ended.wait(LINE_EVERY_S):
+        wait_s = min(FIRST_LINE_S, LINE_EVERY_S)
+        while not ended.wait(wait_s):
+            wait_s = LINE_EVERY_S
             console.print(advance.line(what), soft_wrap=True, markup=False, highlight=False)
 
     speaker = threading.Thread(target=speak, name="progress", daemon=True)

@@ -4,7 +4,30 @@ import numpy as np
 import pandas as pd
 
 SECTOR_DEG = (122.5, 157.5)
-"""The sector that Veeraraghavan, Hudnut and Krishnan state the share of."""
+"""The sector that Veeraraghavan, Hudnut and Krishnan state the share of, around their rock's overhang."""
+
+HALF_SECTOR_DEG = 17.5
+"""The study counts topplings in a sector of 35 degrees around its rock's overhang."""
+
+
+def least_sector(quasi_static: pd.DataFrame | None) -> tuple[float, float] | None:
+    """The study's sector for any rock: 35 degrees around where the least constant acceleration topples it to.
+
+    Parameters
+    ----------
+    quasi_static : DataFrame or None
+        azimuth_deg of the ground's acceleration, and value in m/s2: the rock falls the opposite way.
+
+    Returns
+    -------
+    (float, float) or None
+        None where no constant acceleration is known to topple the rock.
+    """
+    known = None if quasi_static is None else quasi_static.astype(float).dropna(subset=["value"])
+    if known is None or not np.isfinite(known["value"]).any():
+        return None
+    toward = float(known.loc[known["value"].idxmin(), "azimuth_deg"]) + 180.0
+    return (toward - HALF_SECTOR_DEG) % 360.0, (toward + HALF_SECTOR_DEG) % 360.0
 
 
 def topple_rose(frame: pd.DataFrame, petal_deg: float = 15.0) -> pd.DataFrame:

@@ -8,13 +8,11 @@ import numpy as np
 import pandas as pd
 from scipy.stats import binomtest, spearmanr
 
-from toppling.results.directions import sector_share
+from toppling.results.directions import HALF_SECTOR_DEG, sector_share
 from toppling.results.fragility import PLANES, effective_records, wilson
 from toppling.results.friction import compare_cells, compare_jobs, friction_words, frictions
 
 LOW_PGA_M_S2, LOW_PGV_M_S, LOW_PROBABILITY = 3.0, 0.75, 0.2
-HALF_SECTOR_DEG = 17.5
-"""The study counts topplings in a sector of 35 degrees around its rock's overhang."""
 
 UNSURE = 0.05
 """Significance level: a rank correlation with a larger p value is not taken as seen."""

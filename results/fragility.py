@@ -27,6 +27,9 @@ CONTACT_COLUMNS = ("scene_id", "engine", "preset", "friction_static", "friction_
 
 FRICTION = ["friction_static", "friction_kinetic"]
 
+NEAR_FACTOR = 1.25
+"""Frictions that realisations drew within this factor of the one stated are "about" that one."""
+
 CONTACT_WORDS = (
     ("restitution", "restitution "),
     ("engine", ""),
@@ -96,6 +99,21 @@ PLANES = {
     )
 }
 """The planes of Veeraraghavan, Hudnut and Krishnan's figures 6, 9, 10a and 10b."""
+
+
+FEW_BEYOND = 0.02
+"""Share of the jobs that the study's bounds may leave off a map; otherwise the map extends as far as they do."""
+
+
+def planes_of(frame: pd.DataFrame, planes: Iterable[Plane] = tuple(PLANES.values())) -> dict[str, Plane]:
+    """Planes by name, without the bounds beyond which more than a few of the jobs lie."""
+
+    def extended(plane: Plane) -> Plane:
+        if beyond(frame, plane) <= FEW_BEYOND * len(frame):
+            return plane
+        return replace(plane, x=replace(plane.x, below=None), y=replace(plane.y, below=None))
+
+    return {plane.name: extended(plane) for plane in planes}
 
 
 def direction_bin_deg(azimuth_deg: Iterable[float], bins: int = 8) -> NDArray[np.float64]:
@@ -237,12 +255,22 @@ def by_contact(frame: pd.DataFrame, columns: Sequence[str] = CONTACT_COLUMNS) ->
 def contact_words(jobs: pd.DataFrame, among: pd.DataFrame) -> str:
     """Say what tells jobs of one contact from others, as a figure prints it: always the friction."""
     first = jobs.iloc[0]
-    static, kinetic = (first[name] for name in FRICTION)
-    told = [f"μ = {static:g}" + ("" if static == kinetic else f" ({kinetic:g} kinetic)")]
+    told = [friction_drawn(jobs)]
     for column, word in CONTACT_WORDS:
         if among[column].nunique() > 1:
             told.append(word + _plain(first[column]))
     return ", ".join(told)
+
+
+def friction_drawn(jobs: pd.DataFrame) -> str:
+    """Friction of jobs of one contact: "μ = 0.8"; where realisations drew it, "μ about 0.8", or from where to where."""
+    static, kinetic = (float(jobs[name].iloc[0]) for name in FRICTION)
+    factor = jobs["friction_factor"].dropna() if "friction_factor" in jobs else pd.Series(dtype=float)
+    least, most = (1.0, 1.0) if factor.empty else (float(factor.min()), float(factor.max()))
+    if most > NEAR_FACTOR or least < 1.0 / NEAR_FACTOR:
+        return f"μ {static * least:.2g} to {static * most:.2g}"
+    word = "=" if least == most == 1.0 else "about"
+    return f"μ {word} {static:g}" + ("" if static == kinetic else f" ({kinetic:g} kinetic)")
 
 
 def _contact_name(values: dict[str, object]) -> str:

@@ -1,8 +1,9 @@
 """A run opened for reading, also while it goes on: pyarrow, pandas, SQL over its rows, records and scene."""
 
 import contextlib
+import re
 import tomllib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +32,11 @@ _LOCKED = {
     "temp_directory": "",
 }
 """What keeps a query from everything but the tables that it is given."""
+
+APART = ("engine", "preset", "scene_id", "physics_version")
+"""Columns of `results` in which runs may differ, so that their rows answer different questions."""
+
+_TEXT_OR_REMARK = re.compile(r"'(?:[^']|'')*'|--[^\n]*|/\*.*?\*/", re.DOTALL)
 
 _RUN_COLUMN = {
     "column": "run",
@@ -77,13 +83,22 @@ class Run:
         with contextlib.suppress(InputError):  # damaged: as below
             if rock := self.provenance().get("rock"):
                 return str(rock)
-        path = self.path / "campaign.toml"
-        try:
-            scene = tomllib.loads(path.read_text(encoding="utf-8")).get("scene") if path.exists() else None
-        except ValueError:  # damaged: who rests on the campaign says so, a name does not need it
-            scene = None
+        scene = self._campaign().get("scene")
         name = Path(str(scene)).name if scene else "scene"
         return rock_name(self.path) if name == "scene" else name
+
+    def unmeasured(self) -> dict[str, Any]:
+        """What realisations draw besides base and centre of mass, by the campaign's key `unmeasured`."""
+        drawn = self._campaign().get("unmeasured")
+        return drawn if isinstance(drawn, dict) else {}
+
+    def _campaign(self) -> dict[str, Any]:
+        """Content of the run's campaign; empty where there is none, or a damaged one, as those say who rest on it."""
+        path = self.path / "campaign.toml"
+        try:
+            return tomllib.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+        except ValueError:
+            return {}
 
     def table(self) -> pa.Table:
         """All rows under `results.schema.SCHEMA`, one a job."""
@@ -257,7 +272,9 @@ def ask(runs: Sequence[Run], query: str, *, trusted: bool = False) -> pa.Table:
     """Answer of a DuckDB query over one or several runs.
 
     The tables `results`, `motions` and `scene` hold the rows of all, and a column `run` tells them apart. Where a
-    rock is known to have stood a recorded motion, `bases` holds the weights of the draws of its base.
+    rock is known to have stood a recorded motion, `bases` holds the weights of the draws of its base. Where the runs
+    differ in engine, preset, scene or physics version, a query over `results` has to name the run or that column: rows
+    that answer different questions are not pooled unasked.
 
     Parameters
     ----------
@@ -270,9 +287,16 @@ def ask(runs: Sequence[Run], query: str, *, trusted: bool = False) -> pa.Table:
     Raises
     ------
     InputError
-        If DuckDB refuses the query, or two runs have the same name.
+        If DuckDB refuses the query, two runs have the same name, or the query would pool rows of different questions.
     """
-    return _asked(runs, lambda connection: _answer(connection, query, trusted), trusted)
+
+    def answer(connection: duckdb.DuckDBPyConnection) -> pa.Table:
+        table = _answer(connection, query, trusted)
+        if len(runs) > 1:
+            _refuse_pooling(connection, query, table.column_names)
+        return table
+
+    return _asked(runs, answer, trusted)
 
 
 def connect(runs: Sequence[Run], trusted: bool = False) -> duckdb.DuckDBPyConnection:
@@ -350,6 +374,31 @@ def _answer(connection: duckdb.DuckDBPyConnection, query: str, trusted: bool) ->
             raise _refused(f"the query holds {told}")
     answer = connection.sql(query)
     return answer.to_arrow_table() if answer is not None else pa.table({})
+
+
+def _refuse_pooling(connection: duckdb.DuckDBPyConnection, query: str, answered: Iterable[str]) -> None:
+    """Refuse a query that says nothing of what tells the rows of its runs apart, in its text or its answer."""
+    words = {word.lower() for word in re.findall(r"\w+", _TEXT_OR_REMARK.sub(" ", query))}
+    if "results" not in words:
+        return
+    named = words | set(answered)
+    kinds = connection.execute(
+        f"select distinct run, {', '.join(APART)} from results where physics_version is not null order by run"
+    ).fetch_df()
+    differing = [name for name in APART if kinds[name].nunique() > 1]
+    told = [name for name in ("run", *differing) if name in named]
+    groups = kinds.groupby(told) if told else [((), kinds)]
+    if not any(of[name].nunique() > 1 for _, of in groups for name in differing):
+        return
+    pooled = [name for name in differing if name not in told]
+    columns = ", ".join(pooled)
+    values = "; ".join(f"{name}: {', '.join(str(one) for one in kinds[name].unique())}" for name in pooled)
+    raise InputError(
+        f"these runs differ in {values}, and the query pools their rows",
+        where="SQL",
+        expected=f"{' and '.join(pooled)}, or run, in its select, group by or where",
+        remedy=f'add it, such as "select {columns}, avg(toppled::int) p from results group by all"',
+    )
 
 
 def _rows_where(connection: duckdb.DuckDBPyConnection, where: str) -> pa.Table:

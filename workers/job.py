@@ -11,22 +11,16 @@ from typing import Any
 
 import numpy as np
 
-from toppling.models.contact import ContactProperties
+from toppling.models.contact import FRICTION_SPREAD, ContactProperties
 from toppling.models.errors import InputError
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.impose import Imposed, impose
 from toppling.models.motions.record import Record
-from toppling.models.scene import Scene
+from toppling.models.scene import COM_SPREAD_SHARE, Scene
 from toppling.workers.options import PHYSICS_VERSION
 from toppling.workers.outcome import ShakeResult
 from toppling.workers.shake import shake
 from toppling.workers.unmeasured import Unmeasured
-
-COM_SPREAD_SHARE = 0.005
-"""Standard deviation of the centre of mass over the height, in a realisation of a scene that knows none of its own."""
-
-FRICTION_SPREAD = 0.05
-"""Coefficient of variation of friction in a realisation."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,18 +15,29 @@ from toppling.models.errors import InputError
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
 from toppling.orchestrator.folder import place_in
-from toppling.orchestrator.progress import bar, each
+from toppling.orchestrator.progress import bar
 from toppling.results.audit import audits_of
-from toppling.results.directions import SECTOR_DEG
+from toppling.results.directions import least_sector
 from toppling.results.drawing.atlas import (
+    FIT_PARTS,
     write_audits,
     write_directions,
     write_fits,
     write_friction,
     write_maps,
 )
-from toppling.results.fits import answered
-from toppling.results.fragility import DURATION, LEVEL, PGV, PLANES, PULSE, Axis, by_contact
+from toppling.results.fits import SAMPLES, answered
+from toppling.results.fragility import (
+    DURATION,
+    FEW_BEYOND,
+    LEVEL,
+    PGV,
+    PLANES,
+    PULSE,
+    Axis,
+    by_contact,
+    planes_of,
+)
 from toppling.results.friction import by_surroundings, frictions
 from toppling.results.plane_reference import reference_lines, simulate
 from toppling.results.run import Run, open_run
@@ -34,6 +45,7 @@ from toppling.results.stood import records_weight, sentences, told_of
 from toppling.workers.seating import settled
 
 PGV_DURATION = PLANES["pgv_duration"]
+STUDYS = f"Default: the study's {{0.below:g}}, or none if that leaves out more than {100 * FEW_BEYOND:g} % of the jobs."
 WIDTH = click.FloatRange(0, min_open=True)
 FOLDER = click.Path(path_type=Path, file_okay=False)
 
@@ -49,12 +61,11 @@ FOLDER = click.Path(path_type=Path, file_okay=False)
 @click.option("--pgv-pga-bin", type=WIDTH, default=0.05, show_default=True, help="s")
 @click.option("--duration-bin", type=WIDTH, default=5.0, show_default=True, help="s")
 @click.option(
-    "--pgv-below", type=WIDTH, default=PGV_DURATION.y.below, show_default=True,
-    help="m/s; upper limit of PGV in the map of PGV and duration, 'inf' for none.",
+    "--pgv-below", type=WIDTH,
+    help=f"m/s; upper limit of PGV in the map of PGV and duration, 'inf' for none. {STUDYS.format(PGV_DURATION.y)}",
 )  # fmt: skip
 @click.option(
-    "--duration-below", type=WIDTH, default=PGV_DURATION.x.below, show_default=True,
-    help="s; upper limit of duration in that map."
+    "--duration-below", type=WIDTH, help=f"s; upper limit of duration in that map. {STUDYS.format(PGV_DURATION.x)}"
 )  # fmt: skip
 @click.option(
     "--directions", type=click.IntRange(1, 72), default=8, show_default=True, help="Direction bins."
@@ -63,10 +74,9 @@ FOLDER = click.Path(path_type=Path, file_okay=False)
     "--sector",
     type=float,
     nargs=2,
-    default=SECTOR_DEG,
-    show_default=True,
     metavar="FROM TO",
-    help="Sector of azimuths, degrees counter-clockwise from east, whose share of topplings is stated.",
+    help="Sector of azimuths, degrees counter-clockwise from east, whose share of topplings is stated. Default: 35 "
+    "degrees around where the least constant acceleration topples the rock to.",
 )
 @click.option("--fit", is_flag=True, help="Also fit curves and surfaces, and rank the intensity measures.")
 @click.option(
@@ -75,7 +85,11 @@ FOLDER = click.Path(path_type=Path, file_okay=False)
     help="Draw the lines of 1 and 99 % toppling of a plane section rocking on two corners without slip.",
 )
 @click.option(
-    "--samples", type=click.IntRange(1), default=200, show_default=True, help="Bootstrap samples of records."
+    "--samples",
+    type=click.IntRange(1),
+    default=SAMPLES,
+    show_default=True,
+    help="Bootstrap samples of records.",
 )
 def fragility(
     run: Path,
@@ -87,10 +101,10 @@ def fragility(
     pgv_bin: float,
     pgv_pga_bin: float,
     duration_bin: float,
-    pgv_below: float,
-    duration_below: float,
+    pgv_below: float | None,
+    duration_below: float | None,
     directions: int,
-    sector: tuple[float, float],
+    sector: tuple[float, float] | None,
     fit: bool,
     reference: bool,
     samples: int,
@@ -138,29 +152,35 @@ def fragility(
     ends = {PGV.column: pgv_below, DURATION.column: duration_below}
 
     def asked(axis: Axis) -> Axis:
-        below = None if axis.below is None else ends[axis.column]
+        below = None if axis.below is None else ends[axis.column] or extended[axis.column]
         return replace(axis, width=widths[axis.column], below=below)
 
+    placed = planes_of(jobs)[PGV_DURATION.name]
+    extended = {axis.column: axis.below for axis in (placed.x, placed.y)}
     planes = {plane.name: replace(plane, x=asked(plane.x), y=asked(plane.y)) for plane in PLANES.values()}
     folder = out or place_in(run, "fragility")
-    audits = audits_of(opened)
+    audits, quasi_static = audits_of(opened), opened.quasi_static()
+    within = sector or least_sector(quasi_static)
     lines = _plane_reference(opened, jobs, directions) if reference else None
-    written = itertools.chain(
-        write_maps(jobs, folder, planes.values(), directions, lines),
-        write_directions(jobs, opened.quasi_static(), folder, sector),
-        write_friction(jobs, folder, planes["pga_pgv"]),
-        write_fits(jobs, folder, opened.name, samples, partial(audits_of, opened)) if fit else (),
-        write_audits(audits, folder),
-    )
     # Each contact: maps of three files and one about all, directions of four, fits of eight. A comparison: four.
     maps = sum(1 + plane.by_direction for plane in planes.values())
     total = (
-        len(by_contact(jobs)) * (3 * maps + 5 + 8 * fit + reference)
+        len(by_contact(jobs)) * (3 * maps + 4 + bool(within) + (8 + FIT_PARTS) * fit + reference)
         + 4 * len(by_surroundings(jobs))
         + bool(audits)
     )
-    for path in each(written, "figures", total):
-        click.echo(path)
+    with bar("figures", total) as advance:
+        for path in itertools.chain(
+            write_maps(jobs, folder, planes.values(), directions, lines),
+            write_directions(jobs, quasi_static, folder, within),
+            write_friction(jobs, folder, planes["pga_pgv"]),
+            write_fits(jobs, folder, opened.name, samples, partial(audits_of, opened), advance)
+            if fit
+            else (),
+            write_audits(audits, folder),
+        ):
+            click.echo(path)
+            advance()
     for audit in audits.values():
         click.echo(audit.sentence)
     if not unweighted and (stood := opened.stood()):

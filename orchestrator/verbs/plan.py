@@ -23,8 +23,8 @@ from toppling.models.folder import new_file
 def plan(campaign: Path, table: Path | None, workers: int | None, no_estimate: bool, as_json: bool) -> None:
     """Check CAMPAIGN against its scene and ensemble and count its jobs, without running any.
 
-    It warns of probable mistakes: levels in g, friction in degrees, levels that topple nothing. If there are many
-    jobs, it runs and times a few of them to estimate the total time.
+    It warns of probable mistakes: levels in g, friction in degrees, levels that topple nothing, records scaled more
+    than a hundredfold. If there are many jobs, it runs and times a few of them to estimate the total time.
 
     \b
     toppling plan campaign.toml --out jobs.parquet
@@ -38,7 +38,7 @@ def plan(campaign: Path, table: Path | None, workers: int | None, no_estimate: b
     from toppling.models.contact import ContactProperties
     from toppling.models.motions.ensemble import Ensemble
     from toppling.models.scene import Scene
-    from toppling.orchestrator.advice import warnings_of
+    from toppling.orchestrator.advice import scaling_warnings, warnings_of
     from toppling.orchestrator.estimate import estimate
     from toppling.orchestrator.plan import check_stands
     from toppling.orchestrator.plan import plan as expand
@@ -50,7 +50,7 @@ def plan(campaign: Path, table: Path | None, workers: int | None, no_estimate: b
         settling = check_stands(chosen, scene)
         ensemble = Ensemble.load(chosen.ensemble)
         planned = expand(chosen, scene, ensemble)
-        warnings = warnings_of(chosen, scene)
+        warnings = warnings_of(chosen, scene) + scaling_warnings(chosen, ensemble)
     with bar("timing a few jobs"):
         expected = None if no_estimate else estimate(planned, scene, ensemble)
     counts = {

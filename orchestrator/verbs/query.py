@@ -13,7 +13,7 @@ import pyarrow.parquet as pq
 
 from toppling.models.folder import new_file
 from toppling.results.run import ask, open_run
-from toppling.results.spread import spreads, surroundings
+from toppling.results.spread import CAUSES, spreads, surroundings
 
 SHOWN_ROWS = 60
 
@@ -40,8 +40,9 @@ def query(
 
     The tables are results (one row per job), motions (one row per record) and scene (one row); if the campaign names
     motions that the rock survived, also bases (with their weights). With several runs each table holds the rows of
-    all, distinguished by the column run. A query is one SELECT and reads nothing else; --trusted lets it join your
-    files. --spread weights each base.
+    all, distinguished by the column run; if these differ in engine, preset, scene or physics version, the query must
+    name that column or run. A query is one SELECT and reads nothing else; --trusted lets it join your files. --spread
+    weights each base.
 
     \b
     toppling query runs/first --describe
@@ -53,8 +54,12 @@ def query(
         table = pa.Table.from_pylist(open_run(runs[0]).describe())
     elif spread:
         table = _spread(runs)
-    elif len(runs) < 2:
-        msg = "give a query in SQL after the run, or --describe"
+    elif len(runs) < 2 or _is_run(runs[-1]):
+        of = " ".join(runs)
+        msg = (
+            f"the query in SQL is missing after {of}: give one, such as toppling query {of} "
+            f'"select run, level_pga_m_s2, avg(toppled::int) p from results group by all", or --describe'
+        )
         raise click.UsageError(msg)
     else:
         table = ask([open_run(path) for path in runs[:-1]], runs[-1], trusted=trusted)
@@ -65,7 +70,12 @@ def query(
     elif form == "json":
         click.echo(json.dumps(_plain(table.to_pylist()), indent=1, allow_nan=False))
     elif not parquet:
-        click.echo(_readable(table))
+        click.echo(_spread_words(table.to_pandas()) if spread else _readable(table))
+
+
+def _is_run(text: str) -> bool:
+    """Whether an argument names a folder rather than being SQL, which has at least two words."""
+    return not len(text.split()) > 1 or Path(text).is_dir()
 
 
 def _spread(runs: tuple[str, ...]) -> pa.Table:
@@ -76,6 +86,21 @@ def _spread(runs: tuple[str, ...]) -> pa.Table:
             if name:
                 parts[-1].insert(0, "of", name)
     return pa.Table.from_pandas(pd.concat(parts, ignore_index=True), preserve_index=False)
+
+
+def _spread_words(table: pd.DataFrame) -> str:
+    """The spread as people read it: percentages; a share of nothing stays empty."""
+    levels = ["all levels" if level != level else f"{level:g} m/s2" for level in table["level_pga_m_s2"]]
+    told = table.assign(level_pga_m_s2=levels).rename(
+        columns={"level_pga_m_s2": "level", "probability": "toppled"}
+    )
+    for name in ("toppled", *CAUSES, *(f"share_{cause}" for cause in CAUSES[:3])):
+        told[name] = ["" if value != value else f"{100 * value:.1f} %" for value in told[name]]
+    return (
+        f"{told.to_string(index=False)}\n"
+        "toppled: share of the jobs; records, base, friction, left: standard deviation of that share by what it comes "
+        "from;\nshare_: of the variance that records, base and friction have among each other"
+    )
 
 
 def _frame(table: pa.Table) -> pd.DataFrame:

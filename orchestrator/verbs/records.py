@@ -74,15 +74,16 @@ def import_(
     toppling records import RSN1158_KOCAELI_DZC*.AT2 --out ensembles/duzce
     toppling records import records/ --out ensembles/quakes --metadata records/catalog.csv
     """  # noqa: D301  (\b keeps click from rewrapping the example)
-    from toppling.models.motions.ensemble import Ensemble
-    from toppling.models.motions.importing import Wishes, import_records, record_files
-    from toppling.models.motions.metadata import looks_like_table, read_table
-
     _refuse_existing(out, replace)
-    table = read_table(metadata) if metadata else []
-    files = record_files(paths)
-    wishes = Wishes(missing_vertical, doubtful, process, corner_hz, time_step_s)
-    with bar("reading", 2 * len(files)) as advance:
+    with bar("records") as advance:
+        from toppling.models.motions.ensemble import Ensemble
+        from toppling.models.motions.importing import Wishes, import_records, record_files
+        from toppling.models.motions.metadata import looks_like_table, read_table
+
+        table = read_table(metadata) if metadata else []
+        files = record_files(paths)
+        wishes = Wishes(missing_vertical, doubtful, process, corner_hz, time_step_s)
+        advance(0, "reading", total=2 * len(files))
         outcome = import_records(files, table, wishes, advance)
     if not metadata:
         for path in (found for folder in paths if folder.is_dir() for found in sorted(folder.rglob("*.csv"))):

@@ -50,10 +50,7 @@ def replay(run: Path, job: str, out: Path | None) -> None:
     scene, imposed = prepared(spec, assets)
     with bar("shaking"):
         shown, result = replay_of(scene, imposed.motion, spec.preset, spec.engine)
-    title = (
-        f"{open_run(run).rock}: {spec.record_id}, PGA {spec.pga_m_s2:g} m/s², azimuth {spec.azimuth_deg:g}°, "
-        f"friction {friction_words(spec.friction_static, spec.friction_kinetic)}: {result.outcome or result.status}"
-    )
+    title = f"{open_run(run).rock}: {as_shaken(spec, assets.scene, scene)}: {result.outcome or result.status}"
     write_out(shown, out or place_in(run, f"replay/{job_id}"), title)
     row = _row(run, job_id)
     again = outcome_of(result)
@@ -73,6 +70,26 @@ def replay(run: Path, job: str, out: Path | None) -> None:
         )
     else:
         click.echo("The answer is that of the run.")
+
+
+def as_shaken(spec: JobSpec, nominal: Scene, shaken: Scene) -> str:
+    """A job in words, with what its realisation drew: base, friction, restitution and the turn of the motion."""
+    number, contact = spec.realisation, shaken.contact
+    base = None if nominal.unseen is None else nominal.unseen.number_of(number)
+    turn_deg = spec.unmeasured.turn_deg(number) if spec.unmeasured else 0.0
+    drawn = [
+        f"base {base}" if base is not None else "nominal" if number == 0 else "",
+        f"turned by {turn_deg:.3g}°" if turn_deg else "",
+    ]
+    told = ", ".join(filter(None, drawn))
+    friction = friction_words(
+        *(float(f"{one:.3g}") for one in (contact.friction_static, contact.friction_kinetic))
+    )
+    bounce = f", restitution {contact.restitution:.2g}" if contact.restitution else ""
+    return (
+        f"{spec.record_id}, PGA {spec.pga_m_s2:g} m/s², azimuth {spec.azimuth_deg:g}°, "
+        f"realisation {number}{f' ({told})' if told else ''}, friction {friction}{bounce}"
+    )
 
 
 def replay_of(

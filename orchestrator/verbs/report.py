@@ -10,6 +10,7 @@ from toppling.orchestrator.verbs.constrain import read_branch
 from toppling.results.drawing.report.content import Content
 from toppling.results.drawing.report.sections import SECTIONS
 from toppling.results.drawing.report.write import report_page, write_page, write_pdf
+from toppling.results.fits import SAMPLES
 from toppling.results.hazard import SITE_REACH_KM, parse_age
 from toppling.results.run import open_run
 
@@ -37,7 +38,11 @@ from toppling.results.run import open_run
     help=f"Degrees; takes the nearest site of an OpenQuake file, within {SITE_REACH_KM:g} km.",
 )  # fmt: skip
 @click.option(
-    "--samples", type=click.IntRange(1), default=100, show_default=True, help="Bootstrap samples of records."
+    "--samples",
+    type=click.IntRange(1),
+    default=SAMPLES,
+    show_default=True,
+    help="Bootstrap samples of records.",
 )
 def report(
     run: Path,

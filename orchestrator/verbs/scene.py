@@ -7,6 +7,9 @@ import click
 from toppling.models.scene import Scene
 from toppling.orchestrator.spelling import Verbs
 
+SHOW_PARTS = 10
+"""Parts of work of 'scene show', about a second each."""
+
 
 @click.group(cls=Verbs)
 def scene() -> None:
@@ -32,21 +35,28 @@ def show(folder: Path, out: Path | None) -> None:
     \b
     toppling scene show scenes/rock --out pictures
     """  # noqa: D301  (\b keeps click from rewrapping the example)
-    from toppling.models.folder import rock_name
-    from toppling.models.intervals import base_sentences
-    from toppling.orchestrator.settling_told import draw_settling, settling_notes
-    from toppling.results.drawing.page import write_scene_page
-    from toppling.results.drawing.scene import draw_scene
+    from toppling.orchestrator.progress import bar
 
-    loaded = Scene.load(folder)
     target = out or folder
-    target.mkdir(parents=True, exist_ok=True)
-    notes = settling_notes(loaded) + base_sentences(loaded.report)
-    draw_scene(loaded, target / "scene.png", notes)
-    write_scene_page(loaded, target / "scene.html", rock_name(folder), notes)
-    drawn = [target / name for name in ("scene.png", "scene.html")]
-    if draw_settling(loaded, target / "settling.png"):
-        drawn.append(target / "settling.png")
+    with bar("scene", SHOW_PARTS) as advance:
+        advance(0, "settling")
+        from toppling.models.folder import rock_name
+        from toppling.models.intervals import base_sentences
+        from toppling.orchestrator.settling_told import draw_settling, settling_notes
+        from toppling.results.drawing.page import write_scene_page
+        from toppling.results.drawing.scene import draw_scene
+
+        loaded = Scene.load(folder)
+        target.mkdir(parents=True, exist_ok=True)
+        notes = settling_notes(loaded) + base_sentences(loaded.report)
+        advance(3, "scene.png")
+        draw_scene(loaded, target / "scene.png", notes)
+        advance(5, "scene.html")
+        write_scene_page(loaded, target / "scene.html", rock_name(folder), notes)
+        drawn = [target / name for name in ("scene.png", "scene.html")]
+        advance(1, "settling.png")
+        if draw_settling(loaded, target / "settling.png"):
+            drawn.append(target / "settling.png")
     click.echo("\n".join([*map(str, drawn), *notes]))
 
 

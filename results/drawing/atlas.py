@@ -15,7 +15,7 @@ from toppling.results.drawing.fits import fit_figure
 from toppling.results.drawing.friction import friction_figure
 from toppling.results.drawing.maps import direction_figure, map_figure
 from toppling.results.drawing.roses import rose_figure
-from toppling.results.drawing.style import save
+from toppling.results.drawing.style import save, short_name
 from toppling.results.exchange import OPENQUAKE, write_curves
 from toppling.results.fragility import (
     Plane,
@@ -29,6 +29,9 @@ from toppling.results.fragility import (
     unplaced,
 )
 from toppling.results.friction import compare_frictions
+
+FIT_PARTS = 20
+"""Parts of work that the fits of a contact count as: they take longer than a figure."""
 
 
 def write_maps(
@@ -87,9 +90,12 @@ def write_maps(
 
 
 def write_directions(
-    frame: pd.DataFrame, quasi_static: pd.DataFrame | None, folder: Path, sector_deg: tuple[float, float]
+    frame: pd.DataFrame,
+    quasi_static: pd.DataFrame | None,
+    folder: Path,
+    sector_deg: tuple[float, float] | None,
 ) -> Iterator[Path]:
-    """Write the rose of toppling azimuths with the share in a sector, and the quasi-static accelerations.
+    """Write the rose of toppling azimuths, with the share in a sector if one is given, beside the quasi-static limit.
 
     Yields
     ------
@@ -99,9 +105,12 @@ def write_directions(
     for contact, jobs in by_contact(frame).items():
         place = folder / contact
         place.mkdir(parents=True, exist_ok=True)
-        rose, sector = topple_rose(jobs), sector_share(jobs, *sector_deg)
+        rose, sector = topple_rose(jobs), None
         yield save_table(rose, place / "directions.csv")
-        yield save_table(pd.DataFrame([sector]), place / "sector.csv")
+        (place / "sector.csv").unlink(missing_ok=True)
+        if sector_deg is not None:
+            sector = sector_share(jobs, *sector_deg)
+            yield save_table(pd.DataFrame([sector]), place / "sector.csv")
         yield from save(rose_figure(rose, quasi_static, sector), place / "directions")
 
 
@@ -141,8 +150,9 @@ def write_fits(
     frame: pd.DataFrame,
     folder: Path,
     name: str,
-    samples: int = 200,
+    samples: int = fits.SAMPLES,
     audit_over: Callable[[str], Mapping[str, Audit]] = lambda _: {},
+    advance: Callable[[float, str], object] = lambda _, __: None,
 ) -> Iterator[Path]:
     """Write the fits of each contact: curves with intervals, surfaces, ranking, calibration, exchange files.
 
@@ -157,6 +167,8 @@ def write_fits(
         Bootstrap samples of records.
     audit_over : callable
         Audits of the run, over a measure (`results.audit.audits_of`).
+    advance : callable
+        Told which part of the fits of a contact is done, of FIT_PARTS, and what comes next.
 
     Yields
     ------
@@ -169,13 +181,20 @@ def write_fits(
         for former in (*place.glob("curves.*"), *place.glob("fits.*"), place / "calibration.csv"):
             former.unlink(missing_ok=True)  # not all are written again where no measure has a fit now
         known = fits.answered(jobs)
+        advance(0, "ranking of the measures")
         ranking = fits.compare_measures(known)
         yield save_table(ranking, place / "measures.csv")
         singles = [measure for measure in ranking["measures"] if measure in fits.MEASURES]
         models = [fits.fit(known, [measure]) for measure in singles]
         both = [names for names in fits.SURFACES if set(names) <= set(singles)]
         models += [fits.fit(known, names, link) for names in both for link in fits.LINKS]
-        resampled = [None if told.problem else fits.bootstrap(known, told, samples) for told in models]
+        resampled = []
+        for told in models:
+            advance(
+                FIT_PARTS / len(models),
+                f"bootstrap of the fit over {' and '.join(map(short_name, told.measures))}",
+            )
+            resampled.append(None if told.problem else fits.bootstrap(known, told, samples))
         table = fits.summary(models, resampled)
         shifts = [audit_over(told.measures[0]) if told.lognormal else {} for told in models]
         for by in dict.fromkeys(by for audits in shifts for by in audits):

@@ -92,5 +92,5 @@ def _draw_pair(axes: Axes, cells: pd.DataFrame, counts: pd.Series) -> None:
         xlabel=f"toppling probability, friction {reference}",
         ylabel=f"toppling probability, friction {friction}",
         title=f"{len(cells)} cells; of {counts['pairs']:,g} pairs of jobs\n{counts['only_this']:,g} topple only at "
-        f"μ = {friction}, {counts['only_reference']:,g} only at {reference}",
+        f"friction {friction}, {counts['only_reference']:,g} only at {reference}",
     )  # fmt: skip

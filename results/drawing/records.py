@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.transforms import ScaledTranslation
 from numpy.typing import NDArray
 
 from toppling.models.folder import new_file
@@ -18,10 +19,11 @@ FENCE = 3.0
 
 MOST_NAMED = 3
 
-LINE_SHARE = 0.065
-"""Of a panel's height, that a line of text takes."""
+INSET_IN = 0.04
+"""By which a triangle stands inside the edge that it marks."""
 
-_BEHIND = {"facecolor": "white", "alpha": 0.75, "lw": 0, "pad": 0.6}
+LEAST_KM = 0.1
+"""Shorter distances stand here on the logarithmic axis."""
 
 Array = NDArray[np.float64]
 
@@ -52,14 +54,15 @@ def records_figure(ensemble: Ensemble, width_in: float = FULL_WIDTH_IN) -> Figur
         figure = Figure(figsize=(width_in, 2.7) if beside else (width_in, 7.6), layout="constrained")
         spectra, ratio, source = figure.subplots(*((1, 3) if beside else (3, 1)))
         _draw_spectra(ensemble, spectra)
-        scatter(ratio, value["pgv_pga_s"], value["pga_m_s2"], names, COLOURS(0.35), log_y=True)
+        scatter(ratio, value["pgv_pga_s"], value["pga_m_s2"], names, COLOURS(0.35))
         ratio.set(xlabel="PGV/PGA (s)", ylabel="PGA, horizontal vector (m/s²)")
         plain_log(ratio.yaxis)
         known = np.isfinite(value["distance_km"]) & np.isfinite(value["magnitude"])
-        scatter(
-            source, value["distance_km"][known], value["magnitude"][known],
-            [name for name, told in zip(names, known, strict=True) if told], COLOURS(0.35),
-        )  # fmt: skip
+        distance_km = np.maximum(value["distance_km"][known], LEAST_KM)
+        look: dict[str, Any] = {"s": 12, "alpha": 0.75, "color": COLOURS(0.35), "linewidths": 0}
+        source.scatter(distance_km, value["magnitude"][known], **look)
+        source.set_xscale("log")
+        plain_log(source.xaxis)
         source.set(xlabel="distance (km)", ylabel="magnitude", title=_unknown(known))
         events = len(set(ensemble.catalog.column("event").to_pylist()))
         figure.suptitle(f"{len(names)} records, {events} event{'' if events == 1 else 's'}")
@@ -87,56 +90,29 @@ def log_limits(values: Array) -> tuple[float, float]:
     return float(np.exp(inside.min() - margin)), float(np.exp(inside.max() + margin))
 
 
-def scatter(axes: Axes, x: Array, y: Array, names: list[str], colour: object, *, log_y: bool = False) -> None:
-    """Points whose outliers, in x and in a logarithmic y, stand at the edge as triangles with name and value."""
+def scatter(axes: Axes, x: Array, y: Array, names: list[str], colour: object) -> None:
+    """Points over a logarithmic y; outliers in x and y are triangles inside the edge, named above the panel."""
     end = upper_limit(x)
-    bottom, top = log_limits(y) if log_y else (-np.inf, np.inf)
+    bottom, top = log_limits(y)
     inside = (x <= end) & (y >= bottom) & (y <= top)
     axes.scatter(x[inside], y[inside], s=12, alpha=0.75, color=colour, linewidths=0)
-    axes.set_xlim(0.0, end)
-    if log_y:
-        axes.set(yscale="log", ylim=(bottom, top))
-    else:
-        axes.scatter(np.minimum(x, end), y, s=0)  # the axis holds the outliers in x too
-        axes.set_ylim(axes.get_ylim())
-    look: dict[str, Any] = {"s": 16, "color": "0.2", "clip_on": False, "zorder": 3}
-    right = np.flatnonzero((x > end) & np.isfinite(y))
-    axes.scatter(np.full(len(right), end), np.clip(y[right], bottom, top), marker=">", **look)
-    for marker, beyond, edge in (("v", y < bottom, bottom), ("^", y > top, top)):
-        some = np.flatnonzero(beyond & (x <= end))
-        axes.scatter(x[some], np.full(len(some), edge), marker=marker, **look)
-        for place in some[np.argsort(np.abs(np.log(y[some] / edge)))][::-1][:MOST_NAMED]:
-            axes.annotate(
-                f"{_shortened(names[place])}: {y[place]:.2g}", (x[place], edge), xytext=(5, 3 if marker == "v" else -3),
-                textcoords="offset points", size=6.5, va="bottom" if marker == "v" else "top", bbox=_BEHIND,
-            )  # fmt: skip
-    named = right[np.argsort(-x[right])][:MOST_NAMED]
-    for place, height in zip(named, _apart(_heights(axes, y[named])), strict=True):
-        axes.annotate(
-            f"{_shortened(names[place])}: {x[place]:.3g}", (1.0, height), xycoords="axes fraction", xytext=(-5, 0),
-            size=6.5, ha="right", va="center", textcoords="offset points", bbox=_BEHIND,
+    axes.set(xlim=(0.0, end), yscale="log", ylim=(bottom, top))
+    told = []
+    for marker, sign, beyond, off, value in (
+        (">", "▶", (x > end) & (y > 0), (-1, 0), x),
+        ("v", "▼", (x <= end) & (y < bottom), (0, 1), y),
+        ("^", "▲", (x <= end) & (y > top), (0, -1), y),
+    ):
+        some = np.flatnonzero(beyond)
+        inward = ScaledTranslation(*(INSET_IN * one for one in off), axes.figure.dpi_scale_trans)
+        axes.scatter(
+            np.minimum(x[some], end), np.clip(y[some], bottom, top), marker=marker, s=16, color="0.2", zorder=3,
+            linewidths=0, transform=axes.transData + inward,
         )  # fmt: skip
-    if len(right) > MOST_NAMED:
-        axes.annotate(
-            f"and {len(right) - MOST_NAMED} more beyond", (0.98, 0.02), xycoords="axes fraction", size=6.5,
-            ha="right", bbox=_BEHIND,
-        )  # fmt: skip
-
-
-def _heights(axes: Axes, y: Array) -> Array:
-    """Where values stand between the ends of the vertical axis, from 0 to 1."""
-    bottom, top = axes.get_ylim()
-    if axes.get_yscale() == "log":
-        bottom, top, y = np.log(bottom), np.log(top), np.log(y)
-    return np.clip((y - bottom) / (top - bottom), 0.0, 1.0)
-
-
-def _apart(heights: Array) -> Array:
-    """The same heights moved so far that no line of text runs into another."""
-    moved, below = np.array(heights, float), -np.inf
-    for place in np.argsort(heights, kind="stable"):
-        below = moved[place] = max(moved[place], below + LINE_SHARE)
-    return moved - max(0.0, float(moved.max(initial=0.0)) - 0.97)
+        farthest = some[np.argsort(value[some])] if marker == "v" else some[np.argsort(-value[some])]
+        told += [f"{sign} {_shortened(names[place])}: {value[place]:.3g}" for place in farthest]
+    more = [f"and {len(told) - MOST_NAMED} more beyond"] if len(told) > MOST_NAMED else []
+    axes.set_title("\n".join(told[:MOST_NAMED] + more), size=6.5, loc="right")
 
 
 def _draw_spectra(ensemble: Ensemble, axes: Axes) -> None:

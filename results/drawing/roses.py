@@ -20,7 +20,7 @@ _COMPASS = ("N", "NE", "E", "SE", "S", "SW", "W", "NW")
 def rose_figure(
     rose: pd.DataFrame,
     quasi_static: pd.DataFrame | None,
-    sector: dict[str, float],
+    sector: dict[str, float] | None,
     width_in: float = FULL_WIDTH_IN,
 ) -> Figure:
     """Where the rock topples to, beside the least constant ground acceleration that topples it, by azimuth.
@@ -31,8 +31,8 @@ def rose_figure(
         From `results.directions.topple_rose`.
     quasi_static : DataFrame or None
         azimuth_deg of the ground's acceleration, and value in m/s2.
-    sector : dict
-        From `results.directions.sector_share`.
+    sector : dict or None
+        From `results.directions.sector_share`; its share is stated.
     width_in : float
         Beside each other on a page's width, below each other on less.
     """
@@ -48,11 +48,11 @@ def rose_figure(
             np.deg2rad(rose["azimuth_deg"]), 100 * rose["share_of_toppled"], width, color=MAIN_COLOUR,
             edgecolor="white", lw=0.4,
         )  # fmt: skip
-        left.set_title(
-            f"toppled toward, % of {sector['toppled']:,} toppled\n{sector['low_deg']:g}° to "
-            f"{sector['high_deg']:g}°: {100 * sector['share_of_jobs']:.0f} % of {sector['jobs']:,} jobs,\n"
-            f"{100 * sector['share_of_toppled']:.0f} % of the toppled"
-        )
+        within = "" if sector is None else (
+            f"\n{sector['low_deg']:g}° to {sector['high_deg']:g}°: {100 * sector['share_of_jobs']:.0f} % of "
+            f"{sector['jobs']:,} jobs,\n{100 * sector['share_of_toppled']:.0f} % of the toppled"
+        )  # fmt: skip
+        left.set_title(f"toppled toward, % of {int(rose['toppled'].sum()):,} toppled{within}")
         emptiest = int(rose["toppled"].rolling(3, center=True, min_periods=1).sum().argmin())
         mark_winds(left, float(rose["azimuth_deg"].iloc[emptiest]))
         if quasi_static is not None and len(quasi_static):

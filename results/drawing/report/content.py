@@ -110,7 +110,7 @@ class Content:
     """
 
     run: Run
-    samples: int = 100
+    samples: int = fits.SAMPLES
     years: NDArray[np.float64] | None = None
     branches: Sequence[HazardCurve] = ()
 

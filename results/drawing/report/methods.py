@@ -1,8 +1,12 @@
 """A paragraph on methods to copy into a paper, with references."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from importlib.metadata import version
 
+import pandas as pd
+
+from toppling.models.contact import FRICTION_SPREAD
+from toppling.models.scene import COM_SPREAD_SHARE, Scene
 from toppling.results.drawing.report.content import Content
 from toppling.results.drawing.report.document import Document, paragraph, safe
 from toppling.results.friction import friction_words, frictions
@@ -67,14 +71,63 @@ def _shaking(content: Content) -> str:
     levels = frame["level_pga_m_s2"]
     restitution = ", ".join(f"{value:g}" for value in sorted(frame["restitution"].unique()))
     friction = " and ".join(friction_words(*one) for one in frictions(frame))
-    drawn = int(frame["realisation"].max()) + 1
-    several = f" in {drawn} realisations with perturbed properties" if drawn > 1 else ""
+    count = frame["realisation"].nunique()
+    several = f", in {count} realisations" if count > 1 else ""
     return (
         f"Three-component records ({frame['record_id'].nunique():,}) were scaled to {levels.nunique()} levels of the "
         f"peak horizontal ground acceleration vector between {levels.min():g} and {levels.max():g} m/s² and rotated to "
         f"{frame['azimuth_deg'].nunique()} azimuths{several}. Contact followed Coulomb friction "
-        f"(coefficient {friction}) and Newtonian restitution ({restitution})."
+        f"(coefficient {friction}) and Newtonian restitution ({restitution}).{_realisations(content)}"
     )
+
+
+def _realisations(content: Content) -> str:
+    """What the realisations drew of what nobody measured: base, centre of mass, friction and the campaign's own."""
+    frame, unmeasured = content.frame, content.run.unmeasured()
+    drawn = frame[frame["realisation"] > 0]
+    if drawn.empty:
+        return ""
+    scene = content.scene
+    said = [_base_drawn(drawn, scene), _friction_drawn(drawn, unmeasured.get("friction"))]
+    if pair := unmeasured.get("restitution"):
+        said.append(f"restitution (uniform, {pair[0]:g} to {pair[1]:g})")
+    if yaw_deg := unmeasured.get("yaw_deg"):
+        said.append(f"a turn of the motion about the vertical (uniform, at most {yaw_deg:g}° either way)")
+    if unmeasured.get("either_sense"):
+        said.append("the sense of the motion (reversed in one half)")
+    if pair := unmeasured.get("above_band"):
+        said.append(
+            f"motion in the octave above {unmeasured['band_hz']:g} Hz, {pair[0]:g} to {pair[1]:g} times that in the "
+            "octave below"
+        )
+    count = drawn["realisation"].nunique()
+    nominal = "One realisation was the nominal scene, and " if (frame["realisation"] == 0).any() else ""
+    each = "each of the" if nominal else "Each of the"
+    others = f"{each} {count} {'others' if nominal else 'realisations'}" if count > 1 else "the other"
+    return f" {nominal}{others} drew {', '.join(said[:-1])} and {said[-1]}."
+
+
+def _base_drawn(drawn: pd.DataFrame, scene: Scene | None) -> str:
+    """Base and centre of mass, or the centre of mass alone where the scene keeps no draws of its base."""
+    bases = drawn["base"].nunique()
+    if bases:
+        of = f" of the scene's {len(scene.unseen)}" if scene is not None and scene.unseen is not None else ""
+        return f"one of the possible unseen bases ({bases}{of} in use) with a centre of mass"
+    std_m = None if scene is None else scene.com_std_m
+    spread = (
+        f"{100 * COM_SPREAD_SHARE:g} % of the rock's height in each direction" if std_m is None
+        else f"{', '.join(f'{1e3 * one:.2g}' for one in std_m)} mm toward east, north and up"
+    )  # fmt: skip
+    return f"a centre of mass (normal, standard deviation {spread})"
+
+
+def _friction_drawn(drawn: pd.DataFrame, uniform: Sequence[float] | None) -> str:
+    """Distribution of friction, and what was drawn of it."""
+    factor = drawn["friction_factor"].dropna()
+    if uniform:
+        return f"friction (static and kinetic alike, uniform, {uniform[0]:g} to {uniform[1]:g})"
+    ends = "" if factor.empty else f"; drawn: {factor.min():.2f} to {factor.max():.2f}"
+    return f"a factor on friction (lognormal, {100 * FRICTION_SPREAD:g} %{ends})"
 
 
 def _engine(content: Content) -> str:

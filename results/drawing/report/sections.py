@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from toppling.models.digest import check
 from toppling.models.intervals import base_sentences
 from toppling.results import fits
-from toppling.results.directions import SECTOR_DEG, sector_share, topple_rose
+from toppling.results.directions import least_sector, sector_share, topple_rose
 from toppling.results.drawing.constraint import ages_words, constraint_figure
 from toppling.results.drawing.fits import fit_figure
 from toppling.results.drawing.friction import friction_figure
@@ -30,6 +30,7 @@ from toppling.results.fragility import (
     beyond,
     cells,
     cells_by_direction,
+    planes_of,
     records_by_direction,
     records_on,
     unplaced,
@@ -110,8 +111,8 @@ def records_section(content: Content, document: Document) -> str:
     if content.ensemble is not None:
         caption = (
             "The records as recorded. Left: response spectra (RotD50, 5 % damping) with median and 16 and 84 % "
-            "quantiles; middle: PGA against PGV/PGA; right: magnitude against distance. Triangles at the edge: "
-            "outside the axes."
+            "quantiles; middle: PGA against PGV/PGA (triangles at the edge: outside the axes, with names and values "
+            "above); right: magnitude against distance."
         )
         lines.append(document.figure(partial(records_figure, content.ensemble), caption))
     answered = frame.groupby("record_id")["toppled"]
@@ -148,14 +149,16 @@ def maps_section(content: Content, document: Document) -> str:
 
 def _maps_of(content: Content, contact: Contact, document: Document) -> str:
     jobs, words = contact.jobs, contact.words
+    planes = planes_of(content.frame).values()
     single, split = [], []
-    for plane in PLANES.values():
+    for plane in planes:
         caption = f"Toppling probability over {plane.x.label} and {plane.y.label} ({words})."
         single.append(document.figure(partial(_map, contact, plane), caption, HALF_WIDTH_IN))
-    for plane in (plane for plane in PLANES.values() if plane.by_direction):
+    for plane in (plane for plane in planes if plane.by_direction):
         caption = f"Toppling probability over {plane.x.label} and {plane.y.label}, by direction of shaking ({words})."
         split.append(document.figure(partial(_map_by_direction, contact, plane), caption))
-    sector = sector_share(jobs, *SECTOR_DEG)
+    within = least_sector(content.run.quasi_static())
+    sector = sector_share(jobs, *within) if within else None
     rose = document.figure(
         lambda width: rose_figure(topple_rose(jobs), content.run.quasi_static(), sector, width),
         f"Where the rock topples to ({words}), and the least constant ground acceleration that topples it.",

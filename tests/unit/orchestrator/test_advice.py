@@ -8,9 +8,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from toppling.models.motions.ensemble import Ensemble
+from toppling.models.motions.idealised import ricker
+from toppling.models.motions.record import Record
 from toppling.models.scene import Scene
 from toppling.models.unseen import BaseDraw, UnseenBase
-from toppling.orchestrator.advice import HARDLY_SHARE, MOSTLY_SHARE, Share, suggestions, warnings_of
+from toppling.orchestrator.advice import (
+    HARDLY_SHARE,
+    MOSTLY_SHARE,
+    Share,
+    scaling_warnings,
+    suggestions,
+    warnings_of,
+)
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.trial import statics_of
 
@@ -58,6 +68,32 @@ def test_a_campaign_that_shakes_one_of_many_possible_bases_is_told_so():
 def test_each_slip_is_told_once(levels, friction, told):
     (sentence,) = warned(levels, friction)
     assert told in sentence
+
+
+@pytest.fixture
+def weak(tmp_path):
+    """An ensemble of pulses, one of which is far weaker than the others."""
+    strengths = (("strong", 3.0), ("weak", 0.0045), ("fair", 0.2))
+    records = [Record.of(name, ricker(pga_m_s2, 1.0)) for name, pga_m_s2 in strengths]
+    return Ensemble.write(tmp_path / "ensemble", records)
+
+
+def scaled(ensemble, levels, **more):
+    axes = {"pga_m_s2": levels, "azimuth_deg": [0], "friction": [0.8], **more}
+    return scaling_warnings(Campaign.of({"scene": "s", "ensemble": "e", **axes}, Path()), ensemble)
+
+
+def test_records_that_are_scaled_more_than_a_hundredfold_are_named(weak):
+    (told,) = scaled(weak, [4.0, 16.0])
+    assert "1 record is scaled by more than 100 to 16 m/s2: weak (0.0045 m/s2, 3,5" in told
+    assert "fold)" in told
+    assert "strong" not in told.partition(";")[0]
+    assert "--pga 0.16 100" in told
+    (told,) = scaled(weak, [30.0])
+    assert told.startswith("2 records are scaled")
+    assert scaled(weak, [16.0], records=["fair", "strong"]) == []
+    assert scaled(weak, [0.4]) == []
+    assert scaled(weak, "recorded") == []
 
 
 def test_a_run_that_saw_the_whole_rise_suggests_nothing():

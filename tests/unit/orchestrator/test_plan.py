@@ -164,6 +164,12 @@ def test_another_campaign_or_version_is_refused_and_the_run_is_left_as_it_was(ca
         prepare(tmp_path / "run", planned(campaign, preset="fast"), VERSIONS)
     with pytest.raises(InputError, match="physics 1, now 2"):
         prepare(tmp_path / "run", planned(campaign), {"physics": "2"})
+    # Another engine has other versions too: what was changed is said, not what follows from it.
+    with pytest.raises(InputError, match="its engine: 'pybullet', here 'mujoco'") as refused:
+        prepare(tmp_path / "run", planned(campaign, engine="mujoco", restitution=(0.0,)), {"mujoco": "4"})
+    assert "begun with" not in str(refused.value)
+    with pytest.raises(InputError, match=r"its records: 'not given', here \['P1'\]"):
+        prepare(tmp_path / "run", planned(campaign, records=("P1",)), VERSIONS)
     assert (tmp_path / "run" / "run.json").read_bytes() == before
 
 

@@ -1,13 +1,24 @@
 """What a run tells of itself while it goes on."""
 
+import importlib
+import sys
 import time
+from contextlib import contextmanager
+from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
+sys.path.insert(0, str(Path(__file__).parents[1] / "results"))
+from seeded import rows
+
+from toppling.models.scene import Scene
 from toppling.orchestrator import progress
+from toppling.orchestrator.cli import cli
 from toppling.orchestrator.progress import bar, duration, each, told, watcher
 from toppling.orchestrator.run import Tally
+from toppling.results.store import write_part
 
 
 @pytest.mark.parametrize(
@@ -77,3 +88,52 @@ def test_the_time_left_of_a_bar_is_by_the_parts_done():
     advance = progress.Advance(total=4.0, began=time.monotonic() - 60.0)
     advance(3)
     assert advance.line("drawing").endswith("1 min 00 s  20 s left")
+
+
+def test_a_log_hears_after_ten_seconds_that_work_goes_on_and_then_once_a_minute(monkeypatch, capsys):
+    assert progress.FIRST_LINE_S == 10.0
+    monkeypatch.setattr(progress, "FIRST_LINE_S", 0.05)
+    with bar("records", total=4) as advance:
+        advance(1, "reading")
+        time.sleep(0.3)
+    assert [line[:27] for line in capsys.readouterr().err.splitlines()] == ["records: 1 of 4  reading  0"]
+
+
+@pytest.fixture
+def heard(monkeypatch):
+    """What the bars of verbs are told, by their names."""
+    found = {}
+
+    @contextmanager
+    def listening(what, total=None):
+        advance = progress.Advance(total)
+        found[what] = (advance, spoken := [])
+
+        def told(parts=1, doing="", *, total=None):
+            advance(parts, doing, total=total)
+            spoken.append(doing)
+
+        yield told
+
+    monkeypatch.setattr(progress, "bar", listening)
+    for verb in ("fragility", "records"):
+        monkeypatch.setattr(importlib.import_module(f"toppling.orchestrator.verbs.{verb}"), "bar", listening)
+    return found
+
+
+def test_showing_a_scene_says_what_it_does_to_the_end(heard, tmp_path):
+    Scene.block(0.2, 0.2, 0.6).save(tmp_path / "scene")
+    CliRunner().invoke(cli, ["scene", "show", str(tmp_path / "scene")], catch_exceptions=False)
+    advance, spoken = heard["scene"]
+    assert spoken == ["settling", "scene.png", "scene.html", "settling.png"]
+    assert 0 < advance.done < advance.total
+
+
+def test_fits_say_how_far_they_are_between_two_files(heard, tmp_path):
+    write_part(tmp_path, rows(records=8, levels=(4, 8, 12), azimuths=(0.0,)))
+    asked = ["fragility", str(tmp_path), "--fit", "--samples", "2"]
+    CliRunner().invoke(cli, asked, catch_exceptions=False)
+    advance, spoken = heard["figures"]
+    assert "ranking of the measures" in spoken
+    assert sum(doing.startswith("bootstrap of the fit over ") for doing in spoken) > 5
+    assert 0.9 * advance.total <= advance.done <= advance.total

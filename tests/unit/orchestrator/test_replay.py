@@ -77,10 +77,13 @@ def test_a_job_seen_again_has_the_answer_of_the_run_to_the_last_digit(replayed):
     assert "The answer is that of the run" in done.output
 
 
-def test_a_shake_is_named_by_its_kinetic_friction_too(replayed):
-    done, _, out = replayed
-    assert "friction 0.7 (0.6 kinetic): toppled" in done.output
-    assert "friction 0.7 (0.6 kinetic): toppled" in (out / "trajectory.svg").read_text()
+def test_a_shake_is_named_by_its_realisation_and_by_both_frictions_as_shaken(replayed):
+    done, row, out = replayed
+    static, kinetic = (float(f"{stated * row['friction_factor']:.3g}") for stated in (0.7, 0.6))
+    title = f"realisation 1, friction {static:g} ({kinetic:g} kinetic): toppled"
+    assert static != 0.7
+    assert title in done.output
+    assert title in (out / "trajectory.svg").read_text()
 
 
 def test_the_way_in_the_table_is_the_way_of_the_row(replayed):

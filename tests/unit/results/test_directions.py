@@ -1,5 +1,6 @@
 """Directions and frictions, against rows counted by hand."""
 
+import numpy as np
 import pandas as pd
 import pytest
 from click.testing import CliRunner
@@ -7,7 +8,7 @@ from seeded import row, rows
 
 from toppling.models.scene import Scene
 from toppling.orchestrator.cli import cli
-from toppling.results.directions import sector_share, topple_rose
+from toppling.results.directions import least_sector, sector_share, topple_rose
 from toppling.results.drawing.friction import friction_figure
 from toppling.results.fragility import CONTACT_COLUMNS, PLANES
 from toppling.results.friction import compare_cells, compare_frictions, compare_jobs
@@ -43,6 +44,27 @@ def test_a_sector_may_cross_azimuth_zero(four):
 def test_a_sector_of_the_whole_circle_holds_every_toppled_job(four):
     assert sector_share(four, 0.0, 360.0)["share_of_toppled"] == 1.0
     assert sector_share(four, 122.5, 122.5)["toppled_within"] == 1
+
+
+def test_the_sector_of_a_rock_is_where_the_least_acceleration_topples_it_to():
+    azimuths = np.arange(0.0, 360.0, 5.0)
+    # The rock is pushed over toward 10 degrees by ground that accelerates toward 190.
+    least = pd.DataFrame({"azimuth_deg": azimuths, "value": 2.0 + np.abs(azimuths - 190.0)})
+    assert least_sector(least) == pytest.approx((352.5, 27.5))
+    assert least_sector(least.assign(value=None)) is None
+    assert least_sector(None) is None
+
+
+@pytest.mark.parametrize("has_scene", [True, False])
+def test_no_rock_is_given_the_sector_of_the_studys_rock(tmp_path, has_scene):
+    write_part(tmp_path, rows(records=3, azimuths=(0.0,)))
+    if has_scene:
+        Scene.block(0.1, 0.2, 0.6).save(tmp_path / "scene")  # thin along x: it topples toward west first
+    CliRunner().invoke(cli, ["fragility", str(tmp_path)], catch_exceptions=False)
+    drawn = (tmp_path / "fragility" / "directions.svg").read_text()
+    assert "122.5" not in drawn
+    assert ("162.5° to 197.5°" in drawn) == has_scene
+    assert (tmp_path / "fragility" / "sector.csv").exists() == has_scene
 
 
 def test_the_rose_counts_each_toppled_job_in_the_petal_nearest_to_it(four):

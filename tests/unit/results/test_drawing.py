@@ -1,22 +1,27 @@
 """Pictures say what they show: nothing stretched, nothing past its end, no claim that the jobs do not bear."""
 
+import dataclasses
+
 import numpy as np
 import pandas as pd
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from seeded import rows
 
 from toppling.models.digest import write_json
 from toppling.models.errors import InputError
 from toppling.models.folder import rock_name
+from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.idealised import full_sine
+from toppling.models.motions.synthetic import synthetic_ensemble
 from toppling.models.scene import Scene
 from toppling.models.trajectory import Trajectory
 from toppling.results.drawing.fits import fit_figure
-from toppling.results.drawing.records import scatter, upper_limit
+from toppling.results.drawing.records import records_figure, scatter, upper_limit
 from toppling.results.drawing.report.content import Content
 from toppling.results.drawing.report.document import Document
-from toppling.results.drawing.report.methods import methods_section
+from toppling.results.drawing.report.methods import methods, methods_section
 from toppling.results.drawing.report.write import write_pdf
 from toppling.results.drawing.trajectory import AFTER_FALL_S, trajectory_figure
 from toppling.results.fits import (
@@ -41,28 +46,43 @@ def test_an_outlier_stretches_no_axis_and_is_named_with_its_value():
     axes = Figure().add_subplot()
     scatter(axes, x, np.ones(21), names, "k")
     assert axes.get_xlim()[1] < 0.3
-    assert [text.get_text() for text in axes.texts] == ["record20: 9"]
+    assert axes.get_title("right") == "▶ record20: 9"
 
 
 def test_an_outlier_on_a_logarithmic_axis_stretches_it_neither_up_nor_down_and_is_named():
     y = np.append(np.geomspace(0.5, 8.0, 30), [1e-3, 1e3])
     axes = Figure().add_subplot()
-    scatter(axes, np.linspace(0.1, 0.2, 32), y, [f"record{k}" for k in range(32)], "k", log_y=True)
+    scatter(axes, np.linspace(0.1, 0.2, 32), y, [f"record{k}" for k in range(32)], "k")
     bottom, top = axes.get_ylim()
     assert 0.2 < bottom < 0.5
     assert 8.0 < top < 20.0
-    assert {text.get_text() for text in axes.texts} == {"record30: 0.001", "record31: 1e+03"}
+    assert axes.get_title("right").splitlines() == ["▼ record30: 0.001", "▲ record31: 1e+03"]
 
 
-def test_names_of_outliers_at_one_height_do_not_run_into_each_other():
-    x = np.append(np.linspace(1.0, 2.0, 20), [50.0, 60.0, 70.0])
-    y = np.append(np.linspace(1.0, 2.0, 20), [2.0, 2.0, 2.0])
-    axes = Figure(figsize=(2.3, 2.7)).add_subplot()
-    scatter(axes, x, y, [f"record{k}" for k in range(23)], "k")
-    heights = sorted(text.xy[1] for text in axes.texts)
-    assert len(heights) == 3
-    assert min(np.diff(heights)) > 0.06
-    assert heights[-1] < 1.0
+def test_names_of_outliers_cover_no_point_and_their_triangles_are_whole():
+    x = np.append(np.linspace(1.0, 2.0, 20), [50.0, 60.0, 70.0, 80.0])
+    y = np.append(np.linspace(1.0, 2.0, 20), [1.0, 1.5, 2.0, 2.0])
+    figure = Figure(figsize=(2.3, 2.7), layout="constrained")
+    axes = figure.add_subplot()
+    scatter(axes, x, y, [f"record{k}" for k in range(24)], "k")
+    FigureCanvasAgg(figure).draw()
+    assert not axes.texts
+    assert len(axes.get_title("right").splitlines()) == 4
+    assert axes.get_title("right").endswith("and 1 more beyond")
+    frame = axes.get_window_extent()
+    for triangles in axes.collections[1:]:
+        place = triangles.get_offset_transform().transform(triangles.get_offsets())
+        half_px = 0.5 * np.sqrt(triangles.get_sizes()).max(initial=0.0) * figure.dpi / 72.0
+        assert (place[:, 0] + half_px <= frame.x1 + 0.5).all()
+
+
+def test_the_axis_of_distance_holds_the_farthest_record(tmp_path):
+    km = (900.0, 10.0, 11.0, 12.0, 13.0, 14.0)
+    made = zip(synthetic_ensemble(len(km), 1), km, strict=True)
+    near = [dataclasses.replace(one, distance_km=distance) for one, distance in made]
+    source = records_figure(Ensemble.write(tmp_path / "ensemble", near)).axes[2]
+    assert source.get_xlim()[1] > 900.0
+    assert sorted(np.asarray(source.collections[0].get_offsets())[:, 0]) == sorted(km)
 
 
 def test_without_outliers_the_axis_holds_every_value():
@@ -127,6 +147,64 @@ def test_a_contact_is_named_by_its_friction_and_by_what_else_differs(jobs):
     assert contact_words(one, one) == "μ = 0.8 (0.6 kinetic)"
     both = pd.concat([one, one.assign(restitution=0.2)])
     assert contact_words(one, both) == "μ = 0.8 (0.6 kinetic), restitution 0"
+
+
+def test_a_contact_whose_friction_realisations_drew_is_not_named_by_one_number(jobs):
+    one = jobs.assign(friction_static=0.8, friction_kinetic=0.8, friction_factor=1.0)
+    assert contact_words(one, one) == "μ = 0.8"
+    near = one.assign(friction_factor=np.linspace(0.98, 1.08, len(one)))
+    assert contact_words(near, near) == "μ about 0.8"
+    wide = one.assign(friction_factor=np.linspace(0.625, 1.25, len(one)))
+    assert contact_words(wide, wide) == "μ 0.5 to 1"
+
+
+@pytest.fixture
+def realised(tmp_path):
+    """A run of four realisations on drawn bases."""
+    drawn = [(0, None, 1.0), (1, 0, 1.084), (2, 1, 0.981), (3, 2, 1.049)]
+    write_part(
+        tmp_path,
+        [
+            one | {"job_id": f"{one['job_id']}-{k}", "realisation": k, "base": base, "friction_factor": factor}
+            for one in rows(records=3, azimuths=(0.0,)) for k, base, factor in drawn
+        ],
+    )  # fmt: skip
+    return tmp_path
+
+
+def test_methods_state_what_the_realisations_drew(realised):
+    told = methods(Content(open_run(realised)))
+    assert (
+        "in 4 realisations. Contact followed Coulomb friction (coefficient 1) and Newtonian restitution (0). "
+        "One realisation was the nominal scene, and each of the 3 others drew one of the possible unseen bases "
+        "(3 in use) with a centre of mass and a factor on friction (lognormal, 5 %; drawn: 0.98 to 1.08)."
+        in told
+    )
+    assert "perturbed" not in told
+
+
+def test_methods_state_the_distributions_that_the_campaign_gives(realised):
+    (realised / "campaign.toml").write_text(
+        "unmeasured = { friction = [0.5, 1.0], restitution = [0.0, 0.3], yaw_deg = 5.0, either_sense = true, "
+        "band_hz = 25.0, above_band = [0.0, 0.6] }\n"
+    )
+    told = methods(Content(open_run(realised)))
+    for drawn in (
+        "friction (static and kinetic alike, uniform, 0.5 to 1)", "restitution (uniform, 0 to 0.3)",
+        "at most 5° either way", "reversed in one half", "octave above 25 Hz, 0 to 0.6 times",
+    ):  # fmt: skip
+        assert drawn in told
+
+
+def test_methods_state_how_the_centre_of_mass_is_drawn_without_bases_and_nothing_of_one_realisation(tmp_path):
+    jobs = [one | {"friction_factor": 1.0} for one in rows(records=3, azimuths=(0.0,))]
+    write_part(tmp_path, jobs)
+    assert "realisation" not in methods(Content(open_run(tmp_path)))
+    drawn = {"realisation": 1, "friction_factor": 1.02}
+    write_part(tmp_path, [one | drawn | {"job_id": one["job_id"] + "-1"} for one in jobs])
+    assert "the other drew a centre of mass (normal, standard deviation 0.5 % of" in methods(
+        Content(open_run(tmp_path))
+    )
 
 
 @pytest.mark.parametrize(("engine", "other"), [("pybullet", "Todorov"), ("mujoco", "Coumans")])

@@ -23,6 +23,7 @@ from toppling.results.fragility import (
     cells,
     cells_by_direction,
     direction_bin_deg,
+    planes_of,
     unplaced,
     wilson,
 )
@@ -160,7 +161,7 @@ def test_the_command_draws_every_map_with_the_table_behind_it(tmp_path):
     stems = {*PLANES, "pga_pgv_pga_by_direction", "pga_pgv_by_direction"}
     stems.add("directions")
     drawn = {f"{stem}.{suffix}" for stem in stems for suffix in ("png", "svg", "csv")}
-    assert names == drawn | {"sector.csv", "unplaced.csv"}
+    assert names == drawn | {"unplaced.csv"}  # no scene tells a sector
     table = pd.read_csv(tmp_path / "maps" / "pga_pgv_pga.csv")
     assert table["jobs"].sum() == 36
     beyond = pd.read_csv(tmp_path / "maps" / "unplaced.csv").set_index("map")["beyond"]
@@ -209,6 +210,21 @@ def test_jobs_beyond_the_end_of_an_axis_are_told_in_the_title_and_in_the_table(t
     drawn = (tmp_path / "pgv_duration.svg").read_text()
     assert "7 jobs, 4 records" in drawn
     assert "Not shown: 1 jobs from 30 s or 3 m/s on." in drawn
+
+
+@pytest.mark.parametrize(("long", "whole"), [(2, False), (3, True)])
+def test_the_studys_bounds_are_kept_only_where_next_to_nothing_lies_beyond(tmp_path, long, whole):
+    jobs = rows(records=10, levels=(2, 3, 4, 5, 6), azimuths=(0.0, 90.0))  # a hundred
+    for number, one in enumerate(jobs):
+        one |= {"duration_energy_s": 47.0 if number < long else 5.0, "pgv_m_s": 1.0}
+    write_part(tmp_path, jobs)
+    CliRunner().invoke(cli, ["fragility", str(tmp_path)], catch_exceptions=False)
+    on_map = pd.read_csv(tmp_path / "fragility" / "pgv_duration.csv")
+    assert on_map["jobs"].sum() == (100 if whole else 98)
+    assert planes_of(open_run(tmp_path).frame())["pgv_duration"].x.below == (None if whole else 30.0)
+    asked = ["fragility", str(tmp_path), "--duration-below", "30"]
+    CliRunner().invoke(cli, asked, catch_exceptions=False)
+    assert pd.read_csv(tmp_path / "fragility" / "pgv_duration.csv")["jobs"].sum() == 100 - long
 
 
 def test_lines_of_the_plane_reference_are_explained_on_the_figure(hand_made):

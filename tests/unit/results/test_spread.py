@@ -1,11 +1,18 @@
 """The spread of toppling goes to the cause that made it."""
 
+import json
+import re
+
 import numpy as np
 import pandas as pd
 import pytest
+from click.testing import CliRunner
+from seeded import row
 
 from toppling.models.errors import InputError
+from toppling.orchestrator.cli import cli
 from toppling.results.spread import spreads
+from toppling.results.store import write_part
 
 RECORDS, DRAWS, AZIMUTHS = 30, 40, 6
 
@@ -49,3 +56,26 @@ def test_a_campaign_without_realisations_is_told_to_have_some():
     frame = run(base=0.1)
     with pytest.raises(InputError, match="realisations"):
         spreads(frame[frame["realisation"] == 1])
+
+
+def test_the_verb_tells_the_spread_in_percentages_and_names_the_last_row(tmp_path):
+    toppled = iter(np.random.default_rng(1).random(48) < 0.4)
+    write_part(
+        tmp_path,
+        [
+            row(
+                f"{record}-{draw}-{level}", record_id=f"R{record}", realisation=draw, base=draw, friction_factor=1.0,
+                level_pga_m_s2=level, toppled=level > 2.0 and bool(next(toppled)),
+            )
+            for record in range(6) for draw in range(1, 5) for level in (2.0, 4.0)
+        ],
+    )  # fmt: skip
+    told = CliRunner().invoke(cli, ["query", str(tmp_path), "--spread"], catch_exceptions=False).stdout
+    lines = told.splitlines()
+    assert lines[0].split()[:3] == ["level", "toppled", "records"]
+    assert lines[1].split()[:3] == ["2", "m/s2", "0.0"]
+    assert lines[3].split()[:2] == ["all", "levels"]
+    assert not re.search(r"\de[-+]\d|\d\.\d{3}", told)
+    asked = ["query", str(tmp_path), "--spread", "--json"]
+    exact = json.loads(CliRunner().invoke(cli, asked, catch_exceptions=False).stdout)
+    assert exact[-1]["level_pga_m_s2"] is None  # for programs it stays as it is

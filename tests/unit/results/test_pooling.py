@@ -1,0 +1,74 @@
+"""Rows of several runs that answer different questions are not pooled unasked."""
+
+import pytest
+from click.testing import CliRunner
+from seeded import rows
+
+from toppling.models.errors import InputError
+from toppling.orchestrator.cli import cli
+from toppling.orchestrator.verbs.fragility import fragility
+from toppling.orchestrator.verbs.report import report
+from toppling.results.drawing.report.content import Content
+from toppling.results.fits import SAMPLES
+from toppling.results.run import ask, open_run
+from toppling.results.store import write_part
+
+POOLED = (
+    "select level_pga_m_s2, avg(toppled::int) p, count(toppled) n from results group by all -- engine, 'run'"
+)
+
+
+def made(folder, **values):
+    folder.mkdir()
+    jobs = rows(records=2, levels=(1, 2), azimuths=(0.0,))
+    write_part(folder, [{**job, "physics_version": "15", **values} for job in jobs])
+    return open_run(folder)
+
+
+@pytest.mark.parametrize(
+    ("column", "other"),
+    [("engine", "mujoco"), ("preset", "fast"), ("scene_id", "another"), ("physics_version", "16")],
+)
+def test_rows_of_runs_that_differ_never_share_a_cell_unasked(tmp_path, column, other):
+    runs = [made(tmp_path / "a"), made(tmp_path / "b", **{column: other})]
+    with pytest.raises(InputError, match=f"these runs differ in {column}: .*{other}") as refused:
+        ask(runs, POOLED)
+    assert column in refused.value.expected
+    assert f"select {column}," in refused.value.remedy
+    for name in (column, column.upper(), "run"):
+        assert len(ask(runs, f"select {name}, level_pga_m_s2 l, count(*) n from results group by all")) == 4
+    assert len(ask(runs, f"select count(*) n from results where {column} = '{other}'")) == 1
+    assert len(ask(runs, "select * from results")) == 8
+
+
+def test_runs_that_differ_in_two_columns_are_told_apart_by_both(tmp_path):
+    runs = [
+        made(tmp_path / "a"), made(tmp_path / "b", engine="mujoco"),
+        made(tmp_path / "c", engine="mujoco", preset="fast"),
+    ]  # fmt: skip
+    with pytest.raises(InputError, match="differ in preset"):
+        ask(runs, "select engine, count(*) n from results group by all")
+    assert len(ask(runs, "select engine, preset, count(*) n from results group by all")) == 3
+
+
+def test_runs_that_do_not_differ_and_other_tables_are_pooled(tmp_path):
+    assert ask([made(tmp_path / "a"), made(tmp_path / "b")], POOLED)["n"].to_pylist() == [4, 4]
+    runs = [open_run(tmp_path / "a"), made(tmp_path / "c", engine="mujoco")]
+    assert ask(runs, "select 1 one").to_pylist() == [{"one": 1}]
+    with pytest.raises(InputError, match="differ in engine"):
+        ask(runs, POOLED, trusted=True)
+
+
+@pytest.mark.parametrize("last", ["b", "mistyped"])
+def test_runs_without_sql_are_told_that_it_is_missing(tmp_path, last):
+    runs = [str(made(tmp_path / name).path) for name in "ab"]
+    done = CliRunner().invoke(cli, ["query", runs[0], str(tmp_path / last)])
+    assert done.exit_code == 2
+    assert "SQL is missing" in done.output
+    assert "select run, level_pga_m_s2" in " ".join(done.output.split())
+
+
+def test_every_verb_draws_the_same_bootstrap_samples_unless_told_otherwise(tmp_path):
+    for verb in (report, fragility):
+        assert next(one for one in verb.params if one.name == "samples").default == SAMPLES
+    assert Content(made(tmp_path / "a")).samples == SAMPLES

@@ -104,7 +104,7 @@ def scatter(axes: Axes, x: Array, y: Array, names: list[str], colour: object) ->
         ("^", "▲", (x <= end) & (y > top), (0, -1), y),
     ):
         some = np.flatnonzero(beyond)
-        inward = ScaledTranslation(*(INSET_IN * one for one in off), axes.figure.dpi_scale_trans)
+        inward = ScaledTranslation(INSET_IN * off[0], INSET_IN * off[1], axes.figure.dpi_scale_trans)
         axes.scatter(
             np.minimum(x[some], end), np.clip(y[some], bottom, top), marker=marker, s=16, color="0.2", zorder=3,
             linewidths=0, transform=axes.transData + inward,

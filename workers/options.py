@@ -189,8 +189,8 @@ MUJOCO_STEP_SHARES = {"draft": 1 / 64, "fast": 1 / 128, "standard": 1 / 256, "re
 """Its contacts converge with the first order, so the same names are finer steps."""
 
 
-def options_of(preset: str, engine: str = "pybullet") -> NumericalOptions:
-    """Options of a preset.
+def options_of(preset: str | NumericalOptions, engine: str = "pybullet") -> NumericalOptions:
+    """Options of a preset; options of one's own as they are.
 
     Raises
     ------
@@ -204,6 +204,8 @@ def options_of(preset: str, engine: str = "pybullet") -> NumericalOptions:
             expected=", ".join(ENGINES),
             remedy="leave it out: 'pybullet' does all",
         )
+    if isinstance(preset, NumericalOptions):
+        return preset
     if not isinstance(preset, str) or preset not in PRESETS:
         raise InputError(
             f"no preset {preset!r}",

@@ -78,11 +78,10 @@ def shake(
     """
     compile_once()
     began = time.perf_counter()
-    start = None if initial is None else checked_start(initial)
+    options, start = options_of(preset, engine), None if initial is None else checked_start(initial)
     pool = pool or process_pool()
     if start is None:
         scene = settled(scene, pool)
-    options = preset if isinstance(preset, NumericalOptions) else options_of(preset, engine)
     half_diagonal_m, gravity_m_s2 = scene.rock.half_diagonal_m, scene.gravity_m_s2
     step_s = options.time_step_s(half_diagonal_m, gravity_m_s2)
     if time_step is not None:

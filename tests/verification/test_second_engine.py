@@ -9,6 +9,7 @@ from toppling.models.errors import InputError
 from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene
 from toppling.models.shapes import box
+from toppling.workers.options import PRESETS
 from toppling.workers.shake import shake
 
 MUJOCO = {"engine": "mujoco"}
@@ -106,3 +107,5 @@ def test_what_it_cannot_do_is_refused_by_name(contact, told):
 def test_an_engine_that_does_not_exist_is_refused():
     with pytest.raises(InputError, match="no engine 'newton'"):
         shake(Scene.block(0.2, 0.2, 0.6), Motion(np.zeros((9, 3)), 0.01), engine="newton")
+    with pytest.raises(InputError, match="no engine 'newton'"):
+        shake(Scene.block(0.2, 0.2, 0.6), Motion(np.zeros((9, 3)), 0.01), PRESETS["fast"], engine="newton")

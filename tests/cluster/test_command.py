@@ -339,7 +339,7 @@ def test_the_job_script_of_a_batch_system_can_be_read_before_it_is_submitted(inp
     [
         (["--workers", "0"], 2, "--workers"),
         (["--workers", "2", "--scheduler", "tcp://x:1"], 2, "exclude each other"),
-        (["--scheduler", "tls://x:1", "--tls-ca", "ca.pem"], 2, "belong together"),
+        (["--scheduler", "tls://x:1", "--tls-ca", "ca.pem"], 2, "given together"),
         (["--workers", "2", "--tls-ca", "ca.pem"], 2, "--tls-ca"),
         (["--dry-run"], 2, "--queue"),
     ],

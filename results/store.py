@@ -158,15 +158,17 @@ def has_digests(run: Path) -> bool:
 
 
 def read_steady(run_folders: Iterable[PathLike], read: Callable[[], Answer]) -> Answer:
-    """Answer of a reading, which is done again if files of the runs were merged away or cut meanwhile.
+    """Answer of a reading, which is done again if files of the runs were merged away, cut or damaged meanwhile.
 
     Such a reading fails, in each library's own way, or lacks the rows of files that were gone before it came to
-    them. Files that only came are no reason: they may count or not.
+    them. Files that only came are no reason: they may count or not. A bit that flips leaves no trace but the refusal.
     """
     folders = [Path(folder) for folder in run_folders]
     before = _stamps(folders)
     try:
         answer = read()
+    except InputError:
+        pass  # the second reading leaves a damaged part out, or refuses again
     except Exception:
         if before <= _stamps(folders):
             raise

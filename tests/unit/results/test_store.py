@@ -1,6 +1,7 @@
 """The store keeps every row once, whatever is torn, repeated or foreign."""
 
 import logging
+import os
 from pathlib import Path
 
 import pyarrow as pa
@@ -108,6 +109,28 @@ def test_a_part_that_is_cut_between_two_looks_is_left_out_as_one_cut_before(
         return read_table(path, **how)
 
     monkeypatch.setattr(store, "read_table", cut_and_read)
+    with caplog.at_level(logging.WARNING):
+        read(tmp_path)
+    monkeypatch.undo()
+    assert str(second) in caplog.text
+    assert finished_ids(tmp_path) == {"a"}
+    assert first.exists() != (read is compact)
+
+
+@pytest.mark.parametrize("read", [finished_ids, compact, lambda run: attempts_with(run, {"ok"})])
+def test_a_bit_that_flips_between_two_looks_leaves_its_part_out(tmp_path, monkeypatch, caplog, read):
+    """On the disk: neither the file's size nor its time tells."""
+    first, second = (write_part(tmp_path, [row(name)]) for name in "ab")
+    read_table, flips = store.read_table, iter([True])
+
+    def flip_and_read(path, **how):
+        if next(flips, False):
+            times = second.stat()
+            flip(second, at=times.st_size - 300)
+            os.utime(second, ns=(times.st_atime_ns, times.st_mtime_ns))
+        return read_table(path, **how)
+
+    monkeypatch.setattr(store, "read_table", flip_and_read)
     with caplog.at_level(logging.WARNING):
         read(tmp_path)
     monkeypatch.undo()

@@ -87,10 +87,14 @@ def check(path: PathLike, *, required: bool = False) -> bool:
     return sealed
 
 
-def damaged(path: PathLike, why: object) -> InputError:
+class DamagedError(InputError):
+    """A file that is not as the program wrote it."""
+
+
+def damaged(path: PathLike, why: object) -> DamagedError:
     """Say that a file is not as the program wrote it."""
     reason, *_ = str(why).split("\n")
-    return InputError(
+    return DamagedError(
         f"is damaged ({reason})",
         where=str(path),
         expected="the file as it was written",

@@ -6,7 +6,7 @@ import math
 import re
 import reprlib
 import tomllib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -27,6 +27,18 @@ def shown(value: Any) -> str:
     """A value as an error names it: in one short line, whatever it is."""
     text = _SHORT.repr(value)
     return text if len(text) <= 100 else f"{text[:97]}..."
+
+
+def listed(names: Sequence[str], most: int) -> str:
+    """Names in a sentence, the first few of many.
+
+    Examples
+    --------
+    >>> listed(["a", "b", "c"], 2)
+    'a, b and 1 more'
+    """
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return ", ".join(names[:most]) + more
 
 
 def read_json(path: Path) -> dict[str, Any]:

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from toppling.models.contact import ContactProperties
+from toppling.models.documents import listed
 from toppling.models.frames import compass_deg
 from toppling.models.intervals import median_width
 from toppling.models.motions.ensemble import Ensemble
@@ -85,16 +86,15 @@ def scaling_warnings(campaign: Campaign, ensemble: Ensemble) -> list[str]:
     )
     if not far:
         return []
-    named = ", ".join(
+    named = [
         f"{name} ({own:.2g} m/s2, {f'{highest / own:,.0f}-fold' if own else 'without bound'})"
-        for own, name in far[:MOST_NAMED]
-    )
-    more = f" and {len(far) - MOST_NAMED} more" if len(far) > MOST_NAMED else ""
+        for own, name in far
+    ]
     records = "1 record is" if len(far) == 1 else f"{len(far)} records are"
     return [
-        f"{records} scaled by more than {LARGEST_SCALING:g} to {highest:g} m/s2: {named}{more}; weak records hold "
-        f"noise, and motion unlike that of strong earthquakes: leave them out with 'toppling records select --pga "
-        f"{highest / LARGEST_SCALING:.2g} 100'"
+        f"{records} scaled by more than {LARGEST_SCALING:g} to {highest:g} m/s2: {listed(named, MOST_NAMED)}; weak "
+        "records hold noise, and motion unlike that of strong earthquakes: leave them out with 'toppling records "
+        f"select --pga {highest / LARGEST_SCALING:.2g} 100'"
     ]
 
 

@@ -1,6 +1,7 @@
 """A run's folder: everything needed to repeat it, made complete or not at all; one writer at a time."""
 
 import contextlib
+import dataclasses
 import fcntl
 import os
 import shutil
@@ -13,7 +14,7 @@ from pathlib import Path
 from typing import IO, Any
 
 from toppling.models import digest
-from toppling.models.documents import shown
+from toppling.models.documents import read_toml, shown
 from toppling.models.errors import InputError
 from toppling.models.folder import new_folder, rock_name
 from toppling.models.motions.ensemble import CATALOG, MOTIONS
@@ -36,9 +37,6 @@ WRITTEN_ONCE = (
 
 KEY_FILES = ".dask-jobqueue.worker."
 """How the names of the files begin in which batch jobs find the session's key; a killed session leaves them."""
-
-WITHOUT_DEFAULT = ("records", "unmeasured", "peak_displacement_m")
-"""Keys of a campaign that a run's copy lacks where they were not given."""
 
 GOES_ON, INTERRUPTED = "running", "interrupted"
 """What `run.json` says of the end of a session before it comes, and where it came too early."""
@@ -252,14 +250,13 @@ def _check(run: Path, plan: Plan, versions: dict[str, str]) -> None:
 def _campaign_differs(run: Path, plan: Plan) -> str:
     """In which values a campaign differs from the run's; empty where in none, or the run's cannot be read."""
     try:
-        there = tomllib.loads((run / "campaign.toml").read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        there = read_toml(run / "campaign.toml")
+    except (OSError, InputError):
         return ""
     here = tomllib.loads(plan.campaign.to_toml("scene", "ensemble", there.get("stood", [])))
     # A value that an earlier version did not write is no difference, except where it has no default.
-    compared = [
-        name for name in {**there, **here} if name in WITHOUT_DEFAULT or (name in there and name in here)
-    ]
+    unwritten = {field.name for field in dataclasses.fields(plan.campaign) if field.default is None}
+    compared = [name for name in {**there, **here} if name in unwritten or (name in there and name in here)]
     differing = [name for name in compared if there.get(name) != here.get(name) and name != "audit"]
     values = [
         ", here ".join(shown(one.get(name, "not given")) for one in (there, here)) for name in differing

@@ -2,7 +2,6 @@
 
 import contextlib
 import re
-import tomllib
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
@@ -13,6 +12,7 @@ import pyarrow as pa
 import pyarrow.dataset as ds
 
 from toppling.models.digest import read_json
+from toppling.models.documents import read_toml
 from toppling.models.errors import InputError
 from toppling.models.folder import rock_name
 from toppling.models.motions.catalogue import meaning
@@ -96,7 +96,7 @@ class Run:
         """Content of the run's campaign; empty where there is none, or a damaged one, as those say who rest on it."""
         path = self.path / "campaign.toml"
         try:
-            return tomllib.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+            return read_toml(path) if path.exists() else {}
         except ValueError:
             return {}
 

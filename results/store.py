@@ -20,7 +20,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from toppling.models.digest import check, damaged
+from toppling.models.digest import DamagedError, check, damaged
 from toppling.models.errors import InputError
 from toppling.models.folder import new_file
 from toppling.models.tables import read_table, write_table
@@ -167,7 +167,7 @@ def read_steady(run_folders: Iterable[PathLike], read: Callable[[], Answer]) -> 
     before = _stamps(folders)
     try:
         answer = read()
-    except InputError:
+    except DamagedError:
         pass  # the second reading leaves a damaged part out, or refuses again
     except Exception:
         if before <= _stamps(folders):

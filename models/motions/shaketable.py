@@ -19,6 +19,7 @@ import pyarrow.csv
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
+from toppling.models.documents import listed
 from toppling.models.errors import InputError
 from toppling.models.motions.motion import Motion
 from toppling.models.motions.record import Record
@@ -29,6 +30,7 @@ ALONG_X_DEG = (0.0, 90.0)
 """The table's axis is x: which way it points in the mesh's frame is the campaign's to say."""
 UNKNOWN_RECORD = "unknown record"
 """Tests whose record is not known count as one record: none of them may tell of another."""
+MOST_NAMED = 8
 END_S, STILL_SHARE = 0.25, 0.15
 """A table has come to rest if its last motion (root mean square) is less than this share of the peak."""
 
@@ -82,13 +84,13 @@ class Experiment:
         unknown = [test.test_no for test in self.tests if test.ground_motion == UNKNOWN_RECORD]
         if unknown:
             told.append(
-                f"which record the table followed is not known of {named(unknown)}, which count as one record: "
+                f"which record the table followed is not known of {_named(unknown)}, which count as one record: "
                 "give a column ground_motion in tests.csv, or 'Ground Motion' in the workbook of records"
             )
         pairs = zip(self.tests, self.motions, strict=True)
         moving = [test.test_no for test, motion in pairs if not _ends_at_rest(motion)]
         if moving:
-            told.append(f"the table still moves at the end of {named(moving)}: is the file cut off?")
+            told.append(f"the table still moves at the end of {_named(moving)}: is the file cut off?")
         return told
 
     def records(self) -> Iterator[Record]:
@@ -174,11 +176,8 @@ def _test(row: Mapping[str, Any], outcome: str) -> Test:
     return Test(number, str(row.get("ground_motion") or UNKNOWN_RECORD), row[outcome] == 1, predicted)
 
 
-def named(test_numbers: list[int], most: int = 8) -> str:
-    """Tests by their numbers, the first few of many."""
-    shown = ", ".join(str(number) for number in test_numbers[:most])
-    more = f" and {len(test_numbers) - most} more" if len(test_numbers) > most else ""
-    return f"test{'s' * (len(test_numbers) > 1)} {shown}{more}"
+def _named(test_numbers: list[int]) -> str:
+    return f"test{'s' * (len(test_numbers) > 1)} {listed([str(one) for one in test_numbers], MOST_NAMED)}"
 
 
 def _ends_at_rest(motion: Motion) -> bool:

@@ -172,14 +172,14 @@ def pair_figure(tables: Mapping[str, pd.DataFrame], off: pd.DataFrame, plane: Pl
     plane : Plane
     """
     width, height = FULL_WIDTH_IN, 3.0
-    left, right = 0.55 / width, 0.62 / width
-    below, above = 0.75 / height, 0.4 / height
-    panel = (1.0 - left - 2.4 * right) / 3.0
+    margins = _margins(width, height, below_in=2 * LINE_IN)
+    left, bar = margins["left"], 1.0 - margins["right"]
+    panel = (1.0 - left - 2.4 * bar) / 3.0
     with style():
         figure = Figure(figsize=(width, height))
         grid = [
-            figure.add_axes((x, below, 0.94 * panel, 1.0 - below - above))
-            for x in (left, left + panel, left + 2.0 * panel + 1.4 * right)
+            figure.add_axes((x, margins["bottom"], 0.94 * panel, margins["top"] - margins["bottom"]))
+            for x in (left, left + panel, left + 2.0 * panel + 1.4 * bar)
         ]
         first = next(iter(tables.values()))
         colours = colormaps["RdBu_r"]
@@ -200,10 +200,7 @@ def pair_figure(tables: Mapping[str, pd.DataFrame], off: pd.DataFrame, plane: Pl
             (grid[1], SHARES, COLOURS, "toppling probability"),
             (grid[2], DEVIATIONS, colours, "standard deviations"),
         ):
-            end = axes.get_position().x1
-            place = (end + 0.08 / width, below, 0.1 / width, 1.0 - below - above)
-            bar = figure.colorbar(ScalarMappable(norm, shown), cax=figure.add_axes(place))
-            bar.set_label(words, size=7.5)
+            _colour_bar(figure, {**margins, "right": axes.get_position().x1}, norm, shown, words)
         _write_caption(figure, _width_words(first, plane))
     return figure
 
@@ -342,11 +339,23 @@ def _margins(
     }
 
 
-def _colour_bar(figure: Figure, margins: dict[str, float]) -> None:
+def _colour_bar(
+    figure: Figure,
+    margins: dict[str, float],
+    norm: Normalize = SHARES,
+    colours: Colormap = COLOURS,
+    words: str = "toppling probability",
+) -> None:
+    """Beside where the margins end at the right."""
     width = figure.get_size_inches()[0]
-    place = (1 - 0.54 / width, margins["bottom"], 0.1 / width, margins["top"] - margins["bottom"])
-    bar = figure.colorbar(ScalarMappable(SHARES, COLOURS), cax=figure.add_axes(place))
-    bar.set_label("toppling probability", size=7.5)
+    place = (
+        margins["right"] + 0.08 / width,
+        margins["bottom"],
+        0.1 / width,
+        margins["top"] - margins["bottom"],
+    )
+    bar = figure.colorbar(ScalarMappable(norm, colours), cax=figure.add_axes(place))
+    bar.set_label(words, size=7.5)
 
 
 def _label(axis: Axis) -> str:

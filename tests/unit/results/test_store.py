@@ -97,40 +97,30 @@ def test_torn_and_foreign_files_are_named_and_skipped(tmp_path, caplog):
     assert foreign.exists()
 
 
+def cut(path):
+    path.write_bytes(path.read_bytes()[:50])
+
+
+def flip_on_the_disk(path):
+    """Flip a bit: neither the file's size nor its time tells."""
+    before = path.stat()
+    flip(path, at=before.st_size - 300)
+    os.utime(path, ns=(before.st_atime_ns, before.st_mtime_ns))
+
+
 @pytest.mark.parametrize("read", [finished_ids, compact, lambda run: attempts_with(run, {"ok"})])
-def test_a_part_that_is_cut_between_two_looks_is_left_out_as_one_cut_before(
-    tmp_path, monkeypatch, caplog, read
+@pytest.mark.parametrize("damage", [cut, flip_on_the_disk])
+def test_a_part_that_is_damaged_between_two_looks_is_left_out_as_one_damaged_before(
+    tmp_path, monkeypatch, caplog, damage, read
 ):
     first, second = (write_part(tmp_path, [row(name)]) for name in "ab")
-    read_table = store.read_table
+    read_table, damages = store.read_table, iter([damage])
 
-    def cut_and_read(path, **how):
-        second.write_bytes(second.read_bytes()[:50])
+    def damage_and_read(path, **how):
+        next(damages, lambda _: None)(second)
         return read_table(path, **how)
 
-    monkeypatch.setattr(store, "read_table", cut_and_read)
-    with caplog.at_level(logging.WARNING):
-        read(tmp_path)
-    monkeypatch.undo()
-    assert str(second) in caplog.text
-    assert finished_ids(tmp_path) == {"a"}
-    assert first.exists() != (read is compact)
-
-
-@pytest.mark.parametrize("read", [finished_ids, compact, lambda run: attempts_with(run, {"ok"})])
-def test_a_bit_that_flips_between_two_looks_leaves_its_part_out(tmp_path, monkeypatch, caplog, read):
-    """On the disk: neither the file's size nor its time tells."""
-    first, second = (write_part(tmp_path, [row(name)]) for name in "ab")
-    read_table, flips = store.read_table, iter([True])
-
-    def flip_and_read(path, **how):
-        if next(flips, False):
-            times = second.stat()
-            flip(second, at=times.st_size - 300)
-            os.utime(second, ns=(times.st_atime_ns, times.st_mtime_ns))
-        return read_table(path, **how)
-
-    monkeypatch.setattr(store, "read_table", flip_and_read)
+    monkeypatch.setattr(store, "read_table", damage_and_read)
     with caplog.at_level(logging.WARNING):
         read(tmp_path)
     monkeypatch.undo()

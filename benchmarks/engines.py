@@ -11,13 +11,15 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from hunt import probabilities, record_errors
 
 from toppling.results.audit import LEAST_TILT_DEG
 from toppling.results.drawing.maps import pair_figure
 from toppling.results.drawing.style import save
 from toppling.results.fragility import PLANES, cells
 from toppling.results.run import open_run
+
+SAMPLES = 40
+"""Of records drawn anew, for a cell's own error."""
 
 JOB = ["record_id", "azimuth_deg", "level_pga_m_s2", "friction_static", "realisation"]
 
@@ -37,6 +39,27 @@ def answers(one: pd.DataFrame, other: pd.DataFrame) -> dict[str, float]:
         "tilt there over here, mean log": ratio.mean(),
         "its standard error": ratio.std() / len(ratio) ** 0.5,
     }
+
+
+def probabilities(frame: pd.DataFrame, name: str) -> pd.DataFrame:
+    """Cells of a map by the bounds that tell them apart."""
+    plane = PLANES[name]
+    table = cells(frame, plane)
+    return table.set_index([f"{plane.x.column}_low", f"{plane.y.column}_low"]).rename(
+        index=lambda edge: round(edge, 6)
+    )
+
+
+def record_errors(frame: pd.DataFrame, name: str) -> pd.Series:
+    """Standard deviation of each cell's probability over records drawn anew."""
+    random = np.random.default_rng(1)
+    records = frame["record_id"].unique()
+    of_record = {record: rows.index.to_numpy() for record, rows in frame.groupby("record_id")}
+    samples = []
+    for _ in range(SAMPLES):
+        rows = np.concatenate([of_record[record] for record in random.choice(records, len(records))])
+        samples.append(probabilities(frame.loc[rows], name)["probability"])
+    return pd.concat(samples, axis=1).std(axis=1)
 
 
 def differences(one: pd.DataFrame, other: pd.DataFrame, plane: str) -> dict[str, float]:

@@ -21,8 +21,6 @@ from toppling.workers.unmeasured import Unmeasured
 AS_RECORDED = "recorded"
 """In place of levels: every record as strong as it is. In place of azimuths: every record as it was oriented."""
 
-LEVELS = ("all", "hunt")
-
 LARGEST_PGA_M_S2 = 100.0
 """Ten times gravity, twice the strongest ground acceleration recorded: more is a slip of units."""
 MOST_ON_AN_AXIS = 50_000
@@ -65,9 +63,6 @@ class Campaign:
     audit : int or None
         Jobs that are done again once the run is complete, to state its own error; None for as many as cost less than
         a tenth of the run.
-    levels : str
-        all, or hunt: of each record and azimuth those that tell where it begins to topple, the others audited at
-        random (`orchestrator.hunt`).
     unmeasured : Unmeasured or None
         What realisations draw besides base, centre of mass and some per cent of friction.
     stood : tuple of Path
@@ -88,7 +83,6 @@ class Campaign:
     records: tuple[str, ...] | None = None
     peak_displacement_m: float | None = None
     audit: int | None = None
-    levels: str = "all"
     unmeasured: Unmeasured | None = None
     stood: tuple[Path, ...] = ()
 
@@ -124,6 +118,7 @@ class Campaign:
         InputError
             As :meth:`read`.
         """
+        content = _without_levels(content, f"{where}: levels")
         known = {field.name: field for field in dataclasses.fields(cls)}
         for key in content:
             if key not in known:
@@ -235,21 +230,6 @@ class Campaign:
                     "leave it out for as many as cost less than a tenth of the run",
                 )
             values["audit"] = audit
-        levels = content.get("levels", "all")
-        if levels not in LEVELS:
-            raise _error(
-                place("levels"),
-                f"{levels!r}",
-                f"one of {', '.join(LEVELS)}",
-                "the levels themselves are pga_m_s2",
-            )
-        if levels == "hunt" and not values["pga_m_s2"]:
-            raise _error(place("levels"), "'hunt' among no levels", "levels in pga_m_s2", "leave levels out")
-        if levels == "hunt" and not values["azimuth_deg"]:
-            raise _error(
-                place("levels"), "'hunt' among no azimuths", "azimuths in azimuth_deg", "leave levels out"
-            )
-        values["levels"] = levels
         values["stood"] = _stood(content.get("stood", []), folder, place("stood"))
         return cls(**values)
 
@@ -296,6 +276,19 @@ def hash_of(texts: Iterable[str]) -> str:
         digest.update(text.encode())
         digest.update(b"\n")
     return digest.hexdigest()[:20]
+
+
+def _without_levels(content: Mapping[str, Any], where: str) -> dict[str, Any]:
+    """Content without a key that campaigns had, and that those of their runs state."""
+    kept = {**content}
+    if (levels := kept.pop("levels", "all")) != "all":
+        raise _error(
+            where,
+            f"{shown(levels)}: levels are no longer chosen within each record",
+            "no key levels: every level of pga_m_s2 is shaken",
+            "remove it",
+        )
+    return kept
 
 
 def _axis(value: Any, where: str, fits: Callable[[float], bool], expected: str) -> tuple[float, ...]:

@@ -82,10 +82,8 @@ class Plan:
     @cached_property
     def id(self) -> str:
         """Hash of all jobs."""
-        # A run that chooses its levels has rows that one of all levels must not take for its own.
-        chosen = [] if self.campaign.levels == "all" else [self.campaign.levels]
         stood = self.recorded.identity if self.recorded else ()  # jobs are the same, what they say is not
-        return hash_of([*self.jobs.column("job_id").to_pylist(), *chosen, *stood])
+        return hash_of([*self.jobs.column("job_id").to_pylist(), *stood])
 
     @cached_property
     def ids(self) -> frozenset[str]:

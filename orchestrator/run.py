@@ -28,7 +28,6 @@ from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.cluster import Upkeep
 from toppling.orchestrator.dispatch import JOBS_IN_BATCH, USUAL_LIMITS, Batch, Dispatch, Limits, why_given_up
 from toppling.orchestrator.folder import describe, note, prepare, session
-from toppling.orchestrator.hunting import hunt_of, known_answers, marked, skipped_rows
 from toppling.orchestrator.interrupt import held_back
 from toppling.orchestrator.journal import journal, tell
 from toppling.orchestrator.plan import Plan, check_stands, expected_s, plan
@@ -133,7 +132,7 @@ class Tally:
     @property
     def left_s(self) -> float | None:
         """Time left, by what jobs are expected to cost: those of the longest records go first."""
-        if not self.done or self.what == "hunting":  # how many levels it takes is known at the end
+        if not self.done:
             return None
         work_s = expected_s(self.motion_s, self.total - self.before)
         return self.elapsed_s * max(work_s / expected_s(self.motion_done_s, self.done) - 1.0, 0.0)
@@ -312,10 +311,7 @@ def _until_complete(
             if (rounds := rounds + 1) > ROUNDS:
                 msg = f"rows are lost after they are stored: is the disk of {folder} sound?"
                 raise RunError(msg)
-            if planned.campaign.levels == "hunt":
-                _hunt(planned, client, folder, order, watch, tally, limits, redo)
-            else:
-                Execution(planned, pending, client, folder, order, watch, tally, limits, redo=redo)()
+            Execution(planned, pending, client, folder, order, watch, tally, limits, redo=redo)()
             finished = finished_ids(folder, planned.ids, redo)
             if not len(planned.pending(finished)):
                 finished = _merged(planned, folder, notes, tally, redo)
@@ -327,47 +323,6 @@ def _until_complete(
         if afterwards and (count := afterwards.due(planned, folder)):
             afterwards.do(planned, folder, client, order, watch, count, limits)
     return tally
-
-
-def _hunt(
-    planned: Plan,
-    client: Client,
-    folder: Path,
-    order: Order,
-    watch: Watcher,
-    tally: Tally,
-    limits: Limits,
-    redo: Mapping[str, int],
-) -> None:
-    """Shake round after round the levels that are worth it; the others get rows that say so."""
-    tally.what = "hunting"
-    hunt = hunt_of(planned)
-    if again := set(redo):
-        rows = np.flatnonzero([job_id in again for job_id in planned.jobs["job_id"].to_pylist()])
-        Execution(planned, rows, client, folder, order, watch, tally, limits, redo=redo)()
-    done_in_vain = 0
-    while True:
-        known = known_answers(folder)
-        chosen, audits = hunt.next_rows(known)
-        if not chosen:
-            break
-        if all(job_id in known for job_id in planned.jobs["job_id"].take(chosen).to_pylist()):
-            done_in_vain += 1
-        if done_in_vain > ROUNDS:
-            msg = f"rows are lost after they are stored: is the disk of {folder} sound?"
-            raise RunError(msg)
-        tell("round of the hunt", jobs=len(chosen), audits=len(audits))
-        marks = marked(audits)
-        Execution(planned, np.sort(chosen), client, folder, order, watch, tally, limits, marks=marks)()
-    ensemble = Ensemble.load(planned.campaign.ensemble)
-    finished = finished_ids(folder, planned.ids)
-    ids = planned.jobs["job_id"]
-    left = [choice for choice in hunt.skipped(known) if ids[choice.row].as_py() not in finished]
-    rows_left = list(skipped_rows(planned, ensemble, left))
-    if rows_left:
-        write_part(folder, rows_left)
-        tally.stored += len(rows_left)
-    tell("levels skipped", jobs=len(rows_left))
 
 
 def _merged(
@@ -471,8 +426,6 @@ class Execution:
         Of the pending jobs those that have a row already, each with the number of its newest attempt.
     store : Path or None
         Where rows go; the run's folder unless given.
-    marks : mapping
-        Of some jobs what else their rows tell, by id.
     """
 
     def __init__(
@@ -488,9 +441,7 @@ class Execution:
         task: Task = shake_batch,
         redo: Mapping[str, int] = MappingProxyType({}),
         store: Path | None = None,
-        marks: Mapping[str, Mapping[str, Any]] = MappingProxyType({}),
     ) -> None:
-        self.marks = marks
         self.store = store or folder
         self.plan, self.client, self.folder, self.order = plan, client, folder, order
         self.watch, self.tally, self.limits, self.task = watch, tally, limits, task
@@ -659,10 +610,7 @@ class Execution:
     def _keep(self, rows: list[Row], attempt: int) -> None:
         self.tally.count(rows, self.plan.duration_s)
         # Of a job's rows the newest attempt counts: one that is done again goes on from where it was.
-        self._unstored += [
-            {**row, **self.marks.get(row["job_id"], {}), "attempt": self.redo.get(row["job_id"], 0) + attempt}
-            for row in rows
-        ]
+        self._unstored += [{**row, "attempt": self.redo.get(row["job_id"], 0) + attempt} for row in rows]
 
     def _flush(self, *, last: bool = False) -> None:
         now = time.monotonic()

@@ -13,7 +13,6 @@ from toppling.orchestrator.folder import describe, ended, is_running
 from toppling.orchestrator.journal import last
 from toppling.orchestrator.plan import expected_s
 from toppling.results.audit_folder import AUDIT_FOLDER
-from toppling.results.hunted import SKIPPED
 from toppling.results.stood import CONTACT, FILE, FOLDER, Stood, sentences, told_of
 from toppling.results.store import newest_rows, read_steady, result_files
 
@@ -46,9 +45,9 @@ def state_of(run: Path) -> dict[str, Any]:
         state["again"] = told.get("again", 0)
     counted = pc.value_counts(rows["status"]).to_pylist()
     state["status"] = {entry["values"]: entry["counts"] for entry in counted}
-    state["failed"] = stored - state["status"].get("ok", 0) - state["status"].get(SKIPPED, 0)
+    state["failed"] = stored - state["status"].get("ok", 0)
     state["toppled"] = pc.sum(rows["toppled"]).as_py() or 0
-    state["failures"] = _failures(rows.filter(pc.invert(pc.is_in(rows["status"], pa.array(["ok", SKIPPED])))))
+    state["failures"] = _failures(rows.filter(pc.not_equal(rows["status"], "ok")))
     state["audit"], state["audit_sentences"] = _audited(run)
     state["stood"], state["stood_sentences"] = _stood(run)
     # What is to be done again has a row, so that the rows do not tell what work is left.

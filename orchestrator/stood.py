@@ -165,7 +165,6 @@ def weigh_bases(campaign: Campaign, recorded: Recorded, place: Path, shake: Shak
             records=None,
             peak_displacement_m=None,
             audit=0,
-            levels="all",
             stood=(),
         )
         shake(one, ensemble.parent / "run")

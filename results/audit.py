@@ -22,7 +22,6 @@ from scipy.stats import binomtest, norm, t
 from toppling.results.audit_folder import AUDIT_FOLDER, DRAWN_FILE, LEAST_JOBS, REFERENCE
 from toppling.results.fits import answered, fit
 from toppling.results.fragility import by_contact, wilson
-from toppling.results.hunted import shaken
 from toppling.results.run import Run, as_frame
 from toppling.results.store import newest_rows, read_steady, result_files
 
@@ -186,7 +185,7 @@ def compare(by: str, rows: pd.DataFrame, repeated: pd.DataFrame, measure: str = 
     Audit or None
         None of fewer than `LEAST_JOBS`.
     """
-    known = answered(shaken(rows)).sort_values("job_id", ignore_index=True)
+    known = answered(rows).sort_values("job_id", ignore_index=True)
     again = repeated[[*JOB, "toppled", "max_tilt_deg"]].assign(drawn=True)
     both = known.merge(again, on=JOB, how="left", suffixes=("", "_again"), validate="one_to_one")
     # A sample is random as far as it goes without a gap in the order of the hashes.

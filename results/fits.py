@@ -23,7 +23,6 @@ from sklearn.model_selection import GroupKFold
 from statsmodels.tools.sm_exceptions import ConvergenceWarning, DomainWarning, PerfectSeparationWarning
 
 from toppling.results.fragility import effective_records, wilson
-from toppling.results.hunted import ESTIMATE
 from toppling.results.schema import SCHEMA, describe
 
 MEASURES = (
@@ -248,7 +247,7 @@ def softened(frame: pd.DataFrame, measures: Sequence[str]) -> tuple[float, ...] 
     if toppled.nunique() < 2:
         return None
     doubt = 0.5 / len(frame)
-    groups = _grouped(frame.assign(**{ESTIMATE: toppled.clip(doubt, 1.0 - doubt)}), measures)
+    groups = _grouped(frame, measures, toppled.clip(doubt, 1.0 - doubt))
     found = _regress(_design(groups, measures), groups, "probit")
     return None if found is None else tuple(float(value) for value in found)
 
@@ -493,15 +492,18 @@ def _binned_shares(frame: pd.DataFrame, value: pd.Series, bins: int) -> pd.DataF
     return table.reset_index(drop=True)
 
 
-def _grouped(frame: pd.DataFrame, measures: Sequence[str]) -> pd.DataFrame:
+def _grouped(
+    frame: pd.DataFrame, measures: Sequence[str], answers: "pd.Series[float] | None" = None
+) -> pd.DataFrame:
     """Jobs of one record with equal measures together: the same likelihood at a fraction of the cost.
 
     A column `record_weight` (`Run.weighted`) multiplies a job's part of the likelihood: jobs of one record weigh unlike
-    on bases that do. Of a run that chose its levels the share is an estimate, which may lie outside 0 to 1: the score
-    of the likelihood is linear in it.
+    on bases that do. Answers are whether a job toppled, unless others, between 0 and 1, are given.
     """
-    weight, answer = frame.get("record_weight", 1.0), frame.get(ESTIMATE, frame["toppled"].astype(float))
-    jobs = frame.assign(trials=weight, share=weight * answer)
+    weight = frame.get("record_weight", 1.0)
+    jobs = frame.assign(
+        trials=weight, share=weight * (frame["toppled"].astype(float) if answers is None else answers)
+    )
     table = jobs.groupby(["record_id", *measures], sort=False)[["share", "trials"]].sum()
     return table.assign(share=table["share"] / table["trials"]).reset_index()
 
@@ -522,9 +524,6 @@ def _regress(
         warnings.simplefilter("ignore", DomainWarning)
         try:
             share = groups["share"].to_numpy(float)[drawn]
-            if start is None and not ((share >= 0) & (share <= 1)).all():
-                within = sm.GLM(np.clip(share, 0, 1), design[drawn], family, var_weights=trials[drawn])
-                start = within.fit().params
             model = sm.GLM(share, design[drawn], family, var_weights=trials[drawn])
             found = model.fit(start_params=start)
         except (

@@ -17,8 +17,6 @@ import pandas as pd
 from numpy.typing import NDArray
 from statsmodels.stats.proportion import proportion_confint
 
-from toppling.results.hunted import ESTIMATE
-
 THIN_RECORDS = 10
 """Cells with fewer distinct records are marked: their 95 % interval can span half of the scale."""
 
@@ -157,11 +155,10 @@ def cells(frame: pd.DataFrame, plane: Plane) -> pd.DataFrame:
             "answered": jobs["toppled"].notna(),
             "toppled": jobs["toppled"].fillna(False).astype(bool),
             "weight": jobs.get("record_weight", 1.0),
-            "estimate": jobs.get(ESTIMATE, jobs["toppled"].fillna(False).astype(float)),
         }
     )
     binned["answered_weight"] = binned["weight"] * binned["answered"]
-    binned["toppled_weight"] = (binned["weight"] * binned["estimate"]).where(binned["answered"], 0.0)
+    binned["toppled_weight"] = binned["weight"] * binned["toppled"]
     grouped = binned.groupby(["x", "y"])
     counts = grouped.agg(all_jobs=("answered", "size"), jobs=("answered", "sum"), toppled=("toppled", "sum"))
     counts["records"] = binned[binned["answered"]].groupby(["x", "y"])["record_id"].nunique()

@@ -19,7 +19,6 @@ from toppling.models.motions.catalogue import meaning
 from toppling.models.run_document import check_run_document
 from toppling.models.scene_document import read_scene_document
 from toppling.models.tables import read_table
-from toppling.results.hunted import estimated
 from toppling.results.schema import SCHEMA, describe
 from toppling.results.stood import CONTACT, Stood, stood_of, weighed
 from toppling.results.store import PathLike, newest_rows, read_steady, result_files
@@ -70,6 +69,13 @@ class Run:
                 where=str(self.path),
                 expected="the folder of a run, with " + ", ".join(marks),
                 remedy="make one with 'toppling run CAMPAIGN --out FOLDER'",
+            )
+        if self._campaign().get("levels", "all") != "all":
+            raise InputError(
+                "is a run that left out levels of its records, whose rows count unlike (levels = 'hunt')",
+                where=str(self.path),
+                expected="a run of all levels",
+                remedy="read it with the program that made it (versions in run.json), or run its campaign anew",
             )
 
     @property
@@ -150,8 +156,7 @@ class Run:
 
         Records have the weights of 'toppling records select --deaggregation', 1 on average over those in use. Bases
         have those that the motions give which the rock is known to have stood (`results.stood`), by the campaign's key
-        `stood`; `base_weight` is their part. Where all weigh alike the frame stays as it is. Of a run that chose its
-        levels, rows stand for those that were skipped too (`results.hunted`).
+        `stood`; `base_weight` is their part. Where all weigh alike the frame stays as it is.
 
         Parameters
         ----------
@@ -165,7 +170,7 @@ class Run:
             If the run's own weights of its bases are not there, or are damaged.
         """
         stood = stood or self.stood()
-        frame = self._by_records(estimated(frame))
+        frame = self._by_records(frame)
         return frame if stood is None else weighed(frame, stood)
 
     def stood(self) -> Stood | None:

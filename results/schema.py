@@ -37,8 +37,6 @@ _COLUMNS = {
         ("engine", _TEXT, _MUST, "", "what stepped the rock: pybullet or mujoco"),
         ("base", _NUMBER, _MAY, "1", "number of the drawn base (bases.json); null on the scene's own"),
         ("friction_factor", _REAL, _MAY, "1", "factor on both frictions that the realisation drew"),
-        ("choice_probability", _REAL, _MAY, "1", "levels = hunt: chance of a level that the search left out"),
-        ("expected_toppled", _TRUTH, _MAY, "", "levels = hunt: what the search says of a level it left out"),
     ],
     "imposed": [
         (name, _REAL, _MAY, meaning(name)["unit"] or "1", meaning(name)["description"])
@@ -48,7 +46,7 @@ _COLUMNS = {
         )
     ],
     "outcome": [
-        ("status", _TEXT, _MUST, "", "ok, undecided, diverged, failed, crashed, timeout, or skipped (levels = hunt)"),
+        ("status", _TEXT, _MUST, "", "ok, undecided, diverged, failed, crashed or timeout"),
         ("outcome", _TEXT, _MAY, "", "stands, moved (slid or turned, still stands) or toppled"),
         ("toppled", _TRUTH, _MAY, "", "whether the rock toppled; null unless status is ok"),
         ("topple_time_s", _REAL, _MAY, "s", "time of no return, from the start of the record"),

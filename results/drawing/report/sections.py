@@ -36,7 +36,6 @@ from toppling.results.fragility import (
     unplaced,
 )
 from toppling.results.friction import compare_frictions
-from toppling.results.hunted import SKIPPED
 from toppling.results.stood import records_weight, sentences, told_of
 
 FAR_SHAKEN = 10.0
@@ -354,7 +353,7 @@ def failures_section(content: Content, document: Document) -> str:
     frame = content.frame
     counts = frame.groupby(["status", "ended_by"], dropna=False).size().rename("jobs").reset_index()
     parts = [document.table(counts.rename(columns={"ended_by": "ended by"}), "How the jobs ended.")]
-    failed = frame[~frame["status"].isin(["ok", SKIPPED])]
+    failed = frame[frame["status"] != "ok"]
     if len(failed):
         why = failed.groupby(["status", "message"], dropna=False)
         rows = why.agg(jobs=("job_id", "size"), example=("job_id", "first")).reset_index()

@@ -90,6 +90,8 @@ def test_what_is_written_reads_back_as_the_same_campaign(levels, azimuths, frict
         ({"records": ["R1", "R1"]}, "given twice"),
         ({"peak_displacement_m": -1}, "peak_displacement_m"),
         ({"scene": 3}, "scene"),
+        ({"levels": "hunt"}, "no longer chosen"),
+        ({"levels": ["all"]}, "no longer chosen"),
     ],
 )
 def test_a_wrong_value_is_refused_with_place_and_remedy(change, told):
@@ -98,6 +100,10 @@ def test_a_wrong_value_is_refused_with_place_and_remedy(change, told):
     assert told in str(refused.value)
     assert refused.value.where.startswith("c.toml")
     assert refused.value.remedy
+
+
+def test_a_campaign_that_an_earlier_version_wrote_out_with_all_levels_still_reads():
+    assert campaign(levels="all") == campaign()
 
 
 @pytest.mark.parametrize("missing", sorted(GOOD))

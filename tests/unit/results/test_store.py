@@ -50,6 +50,24 @@ def test_a_run_compacts_to_one_row_a_job_in_order(tmp_path):
     assert table.schema.field("pga_m_s2").metadata[b"unit"] == b"m/s2"
 
 
+def test_a_finished_run_of_an_earlier_version_with_columns_that_are_gone_still_reads(tmp_path):
+    table = pq.read_table(write_part(tmp_path, [row("a"), row("b")]))
+    for name, values in (("choice_probability", [None, 0.5]), ("expected_toppled", [None, True])):
+        table = table.append_column(name, pa.array(values))
+    for part in (tmp_path / "parts").iterdir():
+        part.unlink()
+    write_table(table, tmp_path / "results.parquet")
+    assert open_run(tmp_path).table().schema.names == SCHEMA.names
+    assert open_run(tmp_path).frame()["job_id"].tolist() == ["a", "b"]
+
+
+def test_a_run_whose_rows_stood_for_others_too_is_refused(tmp_path):
+    write_part(tmp_path, [row("a")])
+    (tmp_path / "campaign.toml").write_text('levels = "hunt"\n')
+    with pytest.raises(InputError, match="left out levels"):
+        open_run(tmp_path)
+
+
 def test_a_run_whose_folder_vanished_stores_nothing_more(tmp_path):
     # Made anew, it would lack the rows stored before, and nobody would know.
     with pytest.raises(FileNotFoundError, match="gone"):

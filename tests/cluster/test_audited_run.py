@@ -1,0 +1,41 @@
+"""On real workers: a run audits itself."""
+
+import dataclasses
+import json
+from contextlib import nullcontext
+
+from answers import sorted_answers
+from click.testing import CliRunner
+
+from toppling.models.motions.ensemble import Ensemble
+from toppling.models.scene import Scene
+from toppling.orchestrator.audit import AFTERWARDS, audit, due
+from toppling.orchestrator.cli import cli
+from toppling.orchestrator.plan import plan
+from toppling.orchestrator.run import run
+from toppling.orchestrator.status import state_of
+from toppling.orchestrator.task import Order, versions
+from toppling.results.run import open_run
+
+
+def silent(tally):
+    """Watch nothing."""
+
+
+def test_a_run_audits_itself_and_its_rows_stay_what_they_are(campaign, client, undisturbed, tmp_path):
+    audited = dataclasses.replace(campaign, audit=24)
+    folder = tmp_path / "run"
+    run(audited, folder, nullcontext(client), silent, afterwards=AFTERWARDS)
+    assert sorted_answers(open_run(folder).table()) == undisturbed
+    state = state_of(folder)
+    assert state["audit"]["jobs"] == 24
+    assert state["audit"]["engines"]["mujoco"]["jobs"] == 24
+    assert "24 of 72 jobs done again with reference" in state["audit_sentences"][0]
+    planned = plan(audited, Scene.load(audited.scene), Ensemble.load(audited.ensemble))
+    assert due(planned, folder) == 0
+    # More jobs add to those that were done.
+    order = Order(str(folder), planned.scene_id, planned.ensemble_id, versions())
+    tallies = audit(planned, folder, client, order, silent, 30)
+    assert [(tally.before, tally.done) for tally in tallies] == [(24, 6)] * len(tallies)
+    told = CliRunner().invoke(cli, ["status", str(folder), "--json"])
+    assert json.loads(told.stdout)["audit"]["jobs"] == 30

@@ -4,8 +4,8 @@ OpenQuake states a continuous fragility by mean and standard deviation of the lo
 median and beta, and has units of its own: g for accelerations, cm/s for velocity, cm for displacement. The
 conversion is done here and nowhere else. PGA and PGV are of the horizontal vector, as everywhere here.
 
-CSV and JSON also keep what each curve rests on, so that an extrapolation is known for one wherever the file goes; NRML
-has no place for it, and files of other programs need not state it.
+Each file also keeps what each curve rests on, so that an extrapolation, or a run that was not finished, is known for
+one wherever the file goes. NRML has no place for it but a comment; files of other programs need not state it.
 """
 
 import csv
@@ -14,7 +14,7 @@ import json
 import math
 from collections import Counter
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, fields
+from dataclasses import MISSING, asdict, fields, replace
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
@@ -37,7 +37,11 @@ OPENQUAKE = {
 
 _SPACE = "http://openquake.org/xmlns/nrml/0.5"
 _FIELDS = ("measure", "median", "beta")
+_INTERVAL = ("median_low", "median_high")
 _BASIS = tuple(field.name for field in fields(Basis))
+_BASIS_NEEDED = tuple(field.name for field in fields(Basis) if field.default is MISSING)
+_MARK = "toppling "
+"""How the comment begins in which a function of NRML keeps the row that CSV and JSON have."""
 
 
 def moments(curve: Lognormal) -> tuple[float, float]:
@@ -132,8 +136,8 @@ def _nrml(curves: list[Lognormal], name: str) -> str:
         root, f"{{{_SPACE}}}fragilityModel", id="toppling", assetCategory="rock", lossCategory="structural"
     )
     told = (
-        f"Toppling of {name}; PGA, PGV, PGD and CAV of the horizontal vector, SA the largest of all azimuths, "
-        "IA the sum of two components"
+        f"{_unfinished(known)}Toppling of {name}; PGA, PGV, PGD and CAV of the horizontal vector, SA the largest of "
+        "all azimuths, IA the sum of two components"
     )
     ET.SubElement(model, f"{{{_SPACE}}}description").text = told
     ET.SubElement(model, f"{{{_SPACE}}}limitStates").text = "toppled"
@@ -148,27 +152,43 @@ def _nrml(curves: list[Lognormal], name: str) -> str:
         ET.SubElement(function, f"{{{_SPACE}}}imls", limits)
         mean, deviation = (value * factor for value in moments(curve))
         ET.SubElement(function, f"{{{_SPACE}}}params", ls="toppled", mean=repr(mean), stddev=repr(deviation))
+        function.append(ET.Comment(f"{_MARK}{json.dumps(_row(curve))}"))
     ET.indent(root)
     return ET.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
+
+
+def _unfinished(curves: Iterable[Lognormal]) -> str:
+    """The remark of an unfinished run, which a person reads first."""
+    remarks = dict.fromkeys(curve.basis.unfinished for curve in curves if curve.basis)
+    told = "; ".join(filter(None, remarks))
+    return f"UNFINISHED RUN: {told}. " if told else ""
 
 
 def _from_nrml(text: str) -> list[Lognormal]:
     measures = {imt: (measure, factor) for measure, (imt, factor) in OPENQUAKE.items()}
     curves = []
-    for function in ET.fromstring(text.encode()).iter(f"{{{_SPACE}}}fragilityFunction"):
+    parser = ET.XMLParser(target=ET.TreeBuilder(insert_comments=True))
+    for function in ET.fromstring(text.encode(), parser).iter(f"{{{_SPACE}}}fragilityFunction"):
         imls = function.find(f"{{{_SPACE}}}imls")
         if imls is None or imls.get("imt") not in measures:
             continue
         measure, factor = measures[str(imls.get("imt"))]
         for params in function.findall(f"{{{_SPACE}}}params"):
             mean, deviation = (float(str(params.get(key))) / factor for key in ("mean", "stddev"))
-            curves.append(of_moments(measure, mean, deviation))
+            curves.append(_with_row(of_moments(measure, mean, deviation), _kept_row(function)))
     return curves
+
+
+def _kept_row(function: ET.Element) -> Mapping[str, Any]:
+    """The row that this program keeps in a comment of a function; empty in other programs' files."""
+    texts = [str(child.text) for child in function if child.tag is ET.Comment]
+    kept = [text.removeprefix(_MARK) for text in texts if text.startswith(_MARK)]
+    return dict(json.loads(kept[0])) if kept else {}
 
 
 def _csv(curves: list[Lognormal], name: str) -> str:
     text = io.StringIO()
-    writer = csv.DictWriter(text, ("rock", *_FIELDS, *_BASIS))
+    writer = csv.DictWriter(text, ("rock", *_FIELDS, *_INTERVAL, *_BASIS))
     writer.writeheader()
     writer.writerows({"rock": name, **_row(curve)} for curve in curves)
     return text.getvalue()
@@ -189,12 +209,25 @@ def _from_json(text: str) -> list[Lognormal]:
 
 def _row(curve: Lognormal) -> dict[str, Any]:
     told = {name: getattr(curve, name) for name in _FIELDS}
+    told |= dict(zip(_INTERVAL, curve.median_interval, strict=True)) if curve.median_interval else {}
     return told | (asdict(curve.basis) if curve.basis else {})
 
 
 def _of_row(row: Mapping[str, Any]) -> Lognormal:
-    """Curve of a row of numbers or of their text; its basis where the row states all of it."""
-    stated = all(row.get(name) not in (None, "") for name in _BASIS)
+    """Curve of a row of numbers or of their text."""
+    curve = Lognormal(str(row["measure"]), float(row["median"]), float(row["beta"]))
+    return _with_row(curve, row)
+
+
+def _with_row(curve: Lognormal, row: Mapping[str, Any]) -> Lognormal:
+    """A curve with its basis and its median's interval, each where the row states all of it."""
+
+    def stated(names: Iterable[str]) -> bool:
+        return all(row.get(name) not in (None, "") for name in names)
+
+    def number(name: str) -> int | None:
+        return int(row[name]) if stated([name]) else None
+
     basis = Basis(
         scene_id=str(row["scene_id"]),
         jobs=int(row["jobs"]),
@@ -202,8 +235,11 @@ def _of_row(row: Mapping[str, Any]) -> Lognormal:
         records=int(row["records"]),
         without_answer=int(row["without_answer"]),
         strongest_shaken=float(row["strongest_shaken"]),
-    ) if stated else None  # fmt: skip
-    return Lognormal(str(row["measure"]), float(row["median"]), float(row["beta"]), basis)
+        jobs_planned=number("jobs_planned"),
+        jobs_done=number("jobs_done"),
+    ) if stated(_BASIS_NEEDED) else None  # fmt: skip
+    low, high = (float(row[name]) for name in _INTERVAL) if stated(_INTERVAL) else (math.nan, math.nan)
+    return replace(curve, basis=basis, median_interval=(low, high) if low <= high else None)
 
 
 def _suffix_error(path: Path) -> InputError:

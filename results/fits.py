@@ -10,7 +10,7 @@ import math
 import warnings
 import zlib
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
@@ -22,6 +22,7 @@ from sklearn.metrics import brier_score_loss, log_loss, roc_auc_score
 from sklearn.model_selection import GroupKFold
 from statsmodels.tools.sm_exceptions import ConvergenceWarning, DomainWarning, PerfectSeparationWarning
 
+from toppling.results.completeness import Completeness
 from toppling.results.fragility import effective_records, wilson
 from toppling.results.schema import SCHEMA, describe
 
@@ -74,6 +75,8 @@ class Basis:
         Jobs that ended without one, and are left out. What rocked too long to be decided is no random sample.
     strongest_shaken : float
         Largest value of the measure that a job was shaken with: beyond it the curve is an extrapolation.
+    jobs_planned, jobs_done : int or None
+        Of the whole run: jobs that it was begun with, and those that have run; None where that is not known.
     """
 
     scene_id: str
@@ -82,6 +85,13 @@ class Basis:
     records: int
     without_answer: int
     strongest_shaken: float
+    jobs_planned: int | None = None
+    jobs_done: int | None = None
+
+    @property
+    def unfinished(self) -> str:
+        """That the run was not finished, in words; empty where it was, or it is not known."""
+        return "" if self.jobs_done is None else Completeness(self.jobs_planned, self.jobs_done).remark
 
 
 @dataclass(frozen=True)
@@ -98,12 +108,15 @@ class Lognormal:
         Standard deviation of its logarithm; 0 for a sharp threshold.
     basis : Basis or None
         Where it is known.
+    median_interval : (float, float) or None
+        Ends of the median's 95 % interval, where they are known.
     """
 
     measure: str
     median: float
     beta: float
     basis: Basis | None = None
+    median_interval: tuple[float, float] | None = None
 
     def probability(self, intensity: ArrayLike) -> NDArray[np.float64]:
         """Toppling probability at some intensities, in the measure's SI unit; 0 at intensity 0."""
@@ -436,8 +449,8 @@ def answered(frame: pd.DataFrame) -> pd.DataFrame:
     return frame[counts].astype({"toppled": bool}).reset_index(drop=True)
 
 
-def basis_of(frame: pd.DataFrame, measure: str) -> Basis:
-    """What a fit of one measure to the answers among some jobs, all of one rock, rests on."""
+def basis_of(frame: pd.DataFrame, measure: str, run: Completeness | None = None) -> Basis:
+    """What a fit of one measure to the answers among some jobs, all of one rock and of one run, rests on."""
     known = answered(frame)
     return Basis(
         scene_id=str(frame["scene_id"].iloc[0]),
@@ -446,7 +459,17 @@ def basis_of(frame: pd.DataFrame, measure: str) -> Basis:
         records=int(known["record_id"].nunique()),
         without_answer=int(frame["toppled"].isna().sum()),
         strongest_shaken=float(known[measure].max()),
+        jobs_planned=run.planned if run else None,
+        jobs_done=run.done if run else None,
     )
+
+
+def with_interval(curve: Lognormal, resampled: Resampled | None) -> Lognormal:
+    """A curve with the interval of its median over bootstrap samples; as it was where there are none."""
+    if resampled is None or not len(resampled.coefficients):
+        return curve
+    ends = lognormal_interval(resampled)
+    return replace(curve, median_interval=(float(ends["median_low"]), float(ends["median_high"])))
 
 
 def _lognormal(measure: str, intercept: float, slope: float) -> Lognormal:

@@ -19,6 +19,7 @@ from toppling.models.motions.catalogue import meaning
 from toppling.models.run_document import check_run_document
 from toppling.models.scene_document import read_scene_document
 from toppling.models.tables import read_table
+from toppling.results.completeness import Completeness
 from toppling.results.schema import SCHEMA, describe
 from toppling.results.stood import CONTACT, Stood, stood_of, weighed
 from toppling.results.store import PathLike, newest_rows, read_steady, result_files
@@ -150,6 +151,10 @@ class Run:
         """Number of jobs that the run was started with; None where it does not say."""
         jobs = self.provenance().get("jobs")
         return None if jobs is None else int(jobs)
+
+    def completeness(self) -> Completeness:
+        """How many of its jobs have run: an unfinished run says so first wherever it is read."""
+        return Completeness(self.planned(), len(self.table()))
 
     def weighted(self, frame: pd.DataFrame, stood: Stood | None = None) -> pd.DataFrame:
         """Add `record_weight`, by which shares are to count, to rows of a run whose records or bases weigh unlike.

@@ -10,6 +10,7 @@ import pandas as pd
 from toppling.models.folder import new_file
 from toppling.results import fits
 from toppling.results.audit import Audit, audit_table
+from toppling.results.completeness import Completeness
 from toppling.results.directions import sector_share, topple_rose
 from toppling.results.drawing.fits import fit_figure
 from toppling.results.drawing.friction import friction_figure
@@ -40,6 +41,7 @@ def write_maps(
     planes: Iterable[Plane],
     directions: int = 8,
     reference: pd.DataFrame | None = None,
+    run: Completeness | None = None,
 ) -> Iterator[Path]:
     """Write the maps of each plane, over all directions and direction by direction, and what is on none.
 
@@ -54,6 +56,8 @@ def write_maps(
         Direction bins of the vector PGA.
     reference : DataFrame or None
         From `results.plane_reference.reference_lines`: drawn over the cells of PGV/PGA and PGA.
+    run : Completeness or None
+        Of the run whose rows these are: an unfinished one is named above each figure.
 
     Yields
     ------
@@ -71,7 +75,7 @@ def write_maps(
             told.append((plane.name, len(jobs), missing, outside))
             yield save_table(table, place / f"{plane.name}.csv")
             drawn = map_figure(table, plane, title, missing, outside, records_on(jobs, plane))
-            yield from save(drawn, place / plane.name)
+            yield from save(drawn, place / plane.name, _remark(run))
             if not plane.by_direction:
                 continue
             split = cells_by_direction(jobs, plane, bins=directions)
@@ -84,7 +88,7 @@ def write_maps(
                 yield save_table(lines, stem.with_name(f"{stem.name}_reference.csv"))
             records = records_by_direction(jobs, plane, bins=directions)
             drawn = direction_figure(split, plane, directions, title, lines, missing, records)
-            yield from save(drawn, stem)
+            yield from save(drawn, stem, _remark(run))
         counts = pd.DataFrame(told, columns=["map", "jobs", "unplaced", "beyond"])
         yield save_table(counts, place / "unplaced.csv")
 
@@ -94,6 +98,7 @@ def write_directions(
     quasi_static: pd.DataFrame | None,
     folder: Path,
     sector_deg: tuple[float, float] | None,
+    run: Completeness | None = None,
 ) -> Iterator[Path]:
     """Write the rose of toppling azimuths, with the share in a sector if one is given, beside the quasi-static limit.
 
@@ -111,10 +116,12 @@ def write_directions(
         if sector_deg is not None:
             sector = sector_share(jobs, *sector_deg)
             yield save_table(pd.DataFrame([sector]), place / "sector.csv")
-        yield from save(rose_figure(rose, quasi_static, sector), place / "directions")
+        yield from save(rose_figure(rose, quasi_static, sector), place / "directions", _remark(run))
 
 
-def write_friction(frame: pd.DataFrame, folder: Path, plane: Plane) -> Iterator[Path]:
+def write_friction(
+    frame: pd.DataFrame, folder: Path, plane: Plane, run: Completeness | None = None
+) -> Iterator[Path]:
     """Write the comparison of each friction with the greatest, cell by cell and job by job.
 
     Scenes, presets and restitutions go to a folder each if there are several.
@@ -129,7 +136,7 @@ def write_friction(frame: pd.DataFrame, folder: Path, plane: Plane) -> Iterator[
         place.mkdir(parents=True, exist_ok=True)
         yield save_table(table, place / "friction_cells.csv")
         yield save_table(jobs, place / "friction_jobs.csv")
-        yield from save(friction_figure(table, jobs), place / "friction")
+        yield from save(friction_figure(table, jobs), place / "friction", _remark(run))
 
 
 def write_audits(audits: Mapping[str, Audit], folder: Path) -> Iterator[Path]:
@@ -153,6 +160,7 @@ def write_fits(
     samples: int = fits.SAMPLES,
     audit_over: Callable[[str], Mapping[str, Audit]] = lambda _: {},
     advance: Callable[[float, str], object] = lambda _, __: None,
+    run: Completeness | None = None,
 ) -> Iterator[Path]:
     """Write the fits of each contact: curves with intervals, surfaces, ranking, calibration, exchange files.
 
@@ -169,6 +177,8 @@ def write_fits(
         Audits of the run, over a measure (`results.audit.audits_of`).
     advance : callable
         Told which part of the fits of a contact is done, of FIT_PARTS, and what comes next.
+    run : Completeness or None
+        Of the run whose rows these are: curves keep it, and an unfinished one is named above the figure.
 
     Yields
     ------
@@ -205,8 +215,8 @@ def write_fits(
                 ]
         yield save_table(table, place / "fits.csv")
         curves = [
-            replace(curve, basis=fits.basis_of(jobs, curve.measure))
-            for told in models
+            replace(fits.with_interval(curve, drawn), basis=fits.basis_of(jobs, curve.measure, run))
+            for told, drawn in zip(models, resampled, strict=True)
             if (curve := told.lognormal)
         ]
         if curves:
@@ -222,7 +232,11 @@ def write_fits(
             observed = fits.observed_shares(known, best)
             toppled = int(known["toppled"].sum())
             drawn = fit_figure(curve, resampled[models.index(chosen)], observed, ranking, calibrated, toppled)
-            yield from save(drawn, place / "fits")
+            yield from save(drawn, place / "fits", _remark(run))
+
+
+def _remark(run: Completeness | None) -> str:
+    return run.remark if run else ""
 
 
 def save_table(table: pd.DataFrame, target: Path) -> Path:

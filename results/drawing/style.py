@@ -1,6 +1,7 @@
 """What all figures share: sizes, colours, words for axes, and files that appear complete or not at all."""
 
 import io
+import textwrap
 from contextlib import AbstractContextManager
 from pathlib import Path
 
@@ -9,6 +10,7 @@ import seaborn as sns
 from matplotlib.axis import XAxis, YAxis
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
+from matplotlib.transforms import Bbox
 
 from toppling.models.folder import new_file
 from toppling.results.schema import SCHEMA, describe
@@ -27,6 +29,12 @@ ROCK_COLOUR, PEDESTAL_COLOUR = "#d9a066", "#7d8b99"
 CONTACT_COLOUR, CLIFF_COLOUR = "#0057b7", "#1a1a1a"
 ALARM_COLOUR = "#b3261e"
 """Of the point of no return; a line in this colour is dashed as well, so that no one depends on the colour."""
+
+HEAD_LINE_IN = 0.15
+"""Height of a line above a figure."""
+
+LETTERS_PER_IN = 15.0
+"""In such a line."""
 
 _STYLE = {
     "savefig.dpi": 200,
@@ -60,24 +68,48 @@ def style() -> AbstractContextManager[None]:
     return mpl.rc_context(settings)
 
 
-def save(figure: Figure, stem: Path) -> list[Path]:
-    """Write a figure as PNG and SVG beside each other; each appears complete or not at all."""
+def save(figure: Figure, stem: Path, remark: str = "") -> list[Path]:
+    """Write a figure as PNG and SVG beside each other; each appears complete or not at all.
+
+    Parameters
+    ----------
+    figure : Figure
+    stem : Path
+    remark : str
+        Stands above the figure, as that of an unfinished run (`results.completeness`).
+    """
     written = []
     with style():
+        box = _headed(figure, remark)
         for suffix, told in ((".png", {"Software": None}), (".svg", {"Date": None})):
             target = stem.with_name(stem.name + suffix)
             with new_file(target) as hidden:
-                figure.savefig(hidden, format=suffix[1:], metadata=told)
+                figure.savefig(hidden, format=suffix[1:], metadata=told, bbox_inches=box)
             written.append(target)
     return written
 
 
-def png_bytes(figure: Figure) -> bytes:
-    """A figure as the content of a PNG file."""
+def png_bytes(figure: Figure, remark: str = "") -> bytes:
+    """A figure as the content of a PNG file, with a remark above it if there is one."""
     drawn = io.BytesIO()
     with style():
-        figure.savefig(drawn, format="png", metadata={"Software": None})
+        box = _headed(figure, remark)
+        figure.savefig(drawn, format="png", metadata={"Software": None}, bbox_inches=box)
     return drawn.getvalue()
+
+
+def _headed(figure: Figure, remark: str) -> Bbox | None:
+    """Write a remark above a figure; what to save then is the figure and the strip that holds the remark."""
+    if not remark:
+        return None
+    width, height = figure.get_size_inches()
+    lines = textwrap.wrap(f"Unfinished run: {remark}", int(LETTERS_PER_IN * width))
+    strip = HEAD_LINE_IN * (len(lines) + 0.5)
+    figure.text(
+        0.5, 1.0 + 0.25 * HEAD_LINE_IN / height, "\n".join(lines), ha="center", va="bottom", color=ALARM_COLOUR,
+        weight="bold", size=8,
+    )  # fmt: skip
+    return Bbox.from_bounds(0.0, 0.0, width, height + strip)
 
 
 def svg_text(figure: Figure) -> str:

@@ -226,7 +226,7 @@ def _read_run(folder: Path) -> Any:
 
 
 def _write_curves(suffix: str) -> Callable[[Path], None]:
-    curve = Lognormal("pga_m_s2", 2.0, 0.4, Basis("scene", 100, 40, 10, 0, 8.0))
+    curve = Lognormal("pga_m_s2", 2.0, 0.4, Basis("scene", 100, 40, 10, 0, 8.0, 200, 100), (1.8, 2.2))
     return lambda folder: write_curves(folder / f"curves{suffix}", [curve])
 
 

@@ -12,6 +12,7 @@ from toppling.models.errors import InputError
 from toppling.models.motions.ensemble import CATALOG, Ensemble
 from toppling.models.scene import Scene
 from toppling.results import fits
+from toppling.results.completeness import Completeness
 from toppling.results.constraint import bound_table, branch_table, single_event
 from toppling.results.drawing.style import printed_unit
 from toppling.results.fragility import FRICTION, by_contact, contact_words
@@ -128,6 +129,11 @@ class Content:
         return frame
 
     @cached_property
+    def completeness(self) -> Completeness:
+        """How many of the run's jobs have run."""
+        return Completeness(self.run.planned(), len(self.frame))
+
+    @cached_property
     def contacts(self) -> list[Contact]:
         """Contacts of the run."""
         return [
@@ -164,7 +170,8 @@ class Content:
         if found is None or self.chief.toppled < fits.FEW_TOPPLED:
             return None
         curve, resampled = found
-        curve = replace(curve, basis=fits.basis_of(self.chief.jobs, curve.measure))
+        basis = fits.basis_of(self.chief.jobs, curve.measure, self.completeness)
+        curve = replace(fits.with_interval(curve, resampled), basis=basis)
         return Standing(
             self.run.rock, curve, np.array([np.nan]) if self.years is None else self.years, resampled
         )

@@ -26,9 +26,16 @@ MOST_BESIDE = 4
 
 
 class Document:
-    """Counts the figures and tables of a page as they are written."""
+    """Counts the figures and tables of a page as they are written.
 
-    def __init__(self) -> None:
+    Parameters
+    ----------
+    remark : str
+        Stands above each figure, as that of an unfinished run.
+    """
+
+    def __init__(self, remark: str = "") -> None:
+        self.remark = remark
         self.figures = 0
         self.tables = 0
 
@@ -44,8 +51,8 @@ class Document:
         width_in : float
             Of the figure on a page.
         """
-        wide = png_bytes(draw(width_in))
-        narrow = png_bytes(draw(HALF_WIDTH_IN)) if width_in > HALF_WIDTH_IN else None
+        wide = png_bytes(draw(width_in), self.remark)
+        narrow = png_bytes(draw(HALF_WIDTH_IN), self.remark) if width_in > HALF_WIDTH_IN else None
         return self.picture(wide, caption, narrow, width_in)
 
     def picture(

@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 from toppling.results.drawing.constraint import ages_words
 from toppling.results.drawing.fits import draw_curve
 from toppling.results.drawing.report.content import CONFIDENCE, Contact, Content
-from toppling.results.drawing.report.document import Document, heading, paragraph
+from toppling.results.drawing.report.document import Document, heading, paragraph, safe
 from toppling.results.drawing.style import (
     ALARM_COLOUR,
     HALF_WIDTH_IN,
@@ -25,8 +25,16 @@ def first_screen(content: Content, document: Document) -> str:
     sentences = "".join(
         map(paragraph, (what_topples(content), how_likely(content), what_standing_says(content)))
     )
+    if unfinished := unfinished_sentence(content):
+        sentences = f'<p class="alarm">{safe(unfinished)}</p>{sentences}'
     picture = document.figure(lambda width: headline_figure(content, width), caption(content), HALF_WIDTH_IN)
     return f'{heading(content.run.rock, 1)}<div class="first"><div>{sentences}</div>{picture}</div>'
+
+
+def unfinished_sentence(content: Content) -> str:
+    """That the run was not finished; empty for a finished one."""
+    remark = content.completeness.remark
+    return f"This run is unfinished: {remark}. All numbers below rest on those that have." if remark else ""
 
 
 def what_topples(content: Content) -> str:

@@ -43,7 +43,13 @@ def methods_section(content: Content, document: Document) -> str:  # noqa: ARG00
 
 def methods(content: Content) -> str:
     """What was done, in the past tense, with the run's own numbers."""
-    return " ".join([_rock(content), _shaking(content), _engine(content), _statistics(content)])
+    parts = [_unfinished(content), _rock(content), _shaking(content), _engine(content), _statistics(content)]
+    return " ".join(filter(None, parts))
+
+
+def _unfinished(content: Content) -> str:
+    remark = content.completeness.remark
+    return f"The ensemble was not completed: {remark}." if remark else ""
 
 
 def _rock(content: Content) -> str:

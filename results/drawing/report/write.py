@@ -45,7 +45,7 @@ def report_page(content: Content, advance: Callable[[str], object] = lambda _: N
     InputError
         If no job has an answer yet.
     """
-    document = Document()
+    document = Document(content.completeness.remark)
     first = first_screen(content, document)
     written = []
     for section in SECTIONS:

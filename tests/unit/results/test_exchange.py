@@ -42,12 +42,35 @@ def test_a_curve_survives_the_round_trip(tmp_path_factory, suffix, curve):
     assert again.beta == pytest.approx(curve.beta, rel=1e-9)
 
 
-@pytest.mark.parametrize("suffix", [".csv", ".json"])
-def test_what_a_curve_rests_on_goes_with_it_and_a_file_may_lack_it(tmp_path, suffix):
-    known = Lognormal("pgv_m_s", 1.2, 0.4, Basis("5c3a", 570, 212, 30, 4, 2.75))
+@pytest.mark.parametrize("suffix", [".xml", ".csv", ".json"])
+@pytest.mark.parametrize("run", [(), (4320, 1602), (None, 570)], ids=["unknown", "unfinished", "of no plan"])
+def test_what_a_curve_rests_on_goes_with_it_and_a_file_may_lack_it(tmp_path, suffix, run):
+    basis = Basis("5c3a", 570, 212, 30, 4, 2.75, *run)
+    known = Lognormal("pgv_m_s", 1.2, 0.4, basis, median_interval=(1.05, 1.4))
     bare = Lognormal("pga_m_s2", 3.0, 0.3)
-    path = write_curves(tmp_path / f"curves{suffix}", [known, bare])
-    assert read_curves(path) == {"pgv_m_s": known, "pga_m_s2": bare}
+    again = read_curves(write_curves(tmp_path / f"curves{suffix}", [known, bare]))
+    assert {name: (curve.basis, curve.median_interval) for name, curve in again.items()} == {
+        "pgv_m_s": (basis, (1.05, 1.4)), "pga_m_s2": (None, None),
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("suffix", [".xml", ".csv", ".json"])
+def test_a_curve_of_an_unfinished_run_says_so_from_every_file(tmp_path, suffix):
+    basis = Basis("5c3a", 570, 212, 30, 4, 2.75, 4320, 1602)
+    path = write_curves(tmp_path / f"curves{suffix}", [Lognormal("pgv_m_s", 1.2, 0.4, basis)])
+    assert read_curves(path)["pgv_m_s"].basis.unfinished == "2,718 of 4,320 jobs have not run"
+
+
+def test_nrml_says_first_to_a_person_that_the_run_is_unfinished(tmp_path):
+    curves = [Lognormal("pgv_m_s", 1.2, 0.4, Basis("5c3a", 570, 212, 30, 4, 2.75, 4320, 1602))]
+    text = write_curves(tmp_path / "curves.xml", curves).read_text()
+    assert "<description>UNFINISHED RUN: 2,718 of 4,320 jobs have not run. Toppling" in text
+
+
+def test_comments_of_others_in_nrml_are_no_basis(tmp_path):
+    text = NRML.format(FUNCTION.format("<!-- the toppling -->" + PARAMS))
+    (tmp_path / "a.xml").write_text(text)
+    assert read_curves(tmp_path / "a.xml")["pgv_m_s"].basis is None
 
 
 @pytest.mark.parametrize(

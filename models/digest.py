@@ -9,6 +9,7 @@ import hashlib
 import json
 import logging
 import os
+import stat
 import time
 from pathlib import Path
 from typing import IO, Any
@@ -69,6 +70,7 @@ def check(path: PathLike, *, required: bool = False) -> bool:
         If there is no such file.
     """
     name = os.path.abspath(path)  # noqa: PTH100  (a link that leads elsewhere is another file)
+    _refuse_irregular(Path(path))
     with Path(path).open("rb") as file:
         state = os.fstat(file.fileno())
         stamp = (state.st_dev, state.st_ino, state.st_size, state.st_mtime_ns, state.st_ctime_ns)
@@ -87,6 +89,22 @@ def check(path: PathLike, *, required: bool = False) -> bool:
     return sealed
 
 
+def stated(path: PathLike) -> str | None:
+    """Digest that a file carries, in hexadecimal, not verified; None where it carries none.
+
+    Raises
+    ------
+    InputError
+        If it is a pipe or a device.
+    OSError
+        If there is no such file, or it cannot be opened.
+    """
+    _refuse_irregular(Path(path))
+    with Path(path).open("rb") as file:
+        place = _place(file, os.fstat(file.fileno()).st_size)
+        return None if place is None else _told(file, place).decode("ascii", "replace")
+
+
 class DamagedError(InputError):
     """A file that is not as the program wrote it."""
 
@@ -101,6 +119,16 @@ def damaged(path: PathLike, why: object) -> DamagedError:
         remedy="copy it again from where it was made, or make it anew; if you changed it, remove its line 'digest'"
         if Path(path).suffix == ".json"
         else "copy it again from where it was made, or make it anew",
+    )
+
+
+def unopened(path: PathLike, error: OSError) -> InputError:
+    """Say that a file cannot be opened, which is no damage: it may be whole."""
+    return InputError(
+        f"cannot be opened ({error.strerror or error})",
+        where=str(path),
+        expected="a file that this account may read, on a disk that answers",
+        remedy="give the right to read it, or mount its disk again; it stays as it is",
     )
 
 
@@ -133,6 +161,18 @@ def write_text(path: Path, text: str, comment: str = "# ") -> None:
     """Write a text with its digest in a comment that goes before."""
     path.write_text(f"{comment}{BLANK}\n{text}", encoding="utf-8")
     seal(path)
+
+
+def _refuse_irregular(path: Path) -> None:
+    """Refuse pipes and devices, which have no end, or none to read from for ever."""
+    kind = path.stat().st_mode
+    if not (stat.S_ISREG(kind) or stat.S_ISDIR(kind)):
+        raise InputError(
+            "is a pipe or a device",
+            where=str(path),
+            expected="a file as the program wrote it",
+            remedy="look where it comes from; put the file itself in its place",
+        )
 
 
 def _place(file: IO[bytes], size: int) -> int | None:

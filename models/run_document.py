@@ -17,6 +17,10 @@ _READ = {
     "versions?": _OBJECT,
     "scene_id?": TEXT,
     "ensemble_id?": TEXT,
+    "files?": Kind(
+        "an object of digests by file name",
+        lambda value: isinstance(value, dict) and all(isinstance(one, str | None) for one in value.values()),
+    ),
     "settling?": Kind(
         "an object with a sentence, or null",
         lambda value: (

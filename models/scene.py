@@ -24,10 +24,9 @@ from toppling.models.guarded import read_guarded
 from toppling.models.pedestal import Pedestal
 from toppling.models.ply import read_mesh
 from toppling.models.rock import Rock, check_size, check_triangles, origin_beside_m
-from toppling.models.scene_document import SCHEMA_VERSION, read_scene_document
+from toppling.models.scene_document import BASES, SCHEMA_VERSION, read_scene_document
 from toppling.models.shapes import box
 from toppling.models.statics import quasi_static_toppling_m_s2
-from toppling.models.unseen import FILE as BASES
 from toppling.models.unseen import UnseenBase
 
 MESH_FORMATS = (".ply", ".stl", ".obj", ".off", ".glb", ".gltf")

@@ -18,6 +18,9 @@ from toppling.models.documents import (
 )
 from toppling.models.errors import InputError
 
+BASES = "bases.json"
+"""File of a scene with the draws of its base."""
+
 SCHEMA_VERSION = 1
 MOST_AZIMUTHS = 3600
 SPREAD = between(0.0, 1e8)

@@ -8,7 +8,7 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from toppling.models.digest import BLANK, KEY, check, damaged, seal
+from toppling.models.digest import BLANK, KEY, check, damaged, seal, unopened
 from toppling.models.errors import InputError
 
 
@@ -41,16 +41,18 @@ def read_table(path: Path, *, required: bool = False, **how: Any) -> pa.Table:
     Raises
     ------
     InputError
-        If it is damaged.
+        If it is damaged, or cannot be opened.
     FileNotFoundError
         If there is no such file.
     """
-    sealed = check(path, required=required)
     try:
+        sealed = check(path, required=required)
         if not sealed and KEY.encode() in (pq.read_metadata(path).metadata or {}):
             raise damaged(path, "its digest is none")
         return pq.read_table(path, page_checksum_verification=True, **how)
     except (FileNotFoundError, InputError):
         raise  # such as a part that was merged meanwhile
     except (pa.ArrowException, OSError, ValueError) as error:
+        if isinstance(error, OSError) and error.errno is not None:
+            raise unopened(path, error) from error
         raise damaged(path, error) from error

@@ -29,7 +29,6 @@ from toppling.models.pedestal import Pedestal
 from toppling.models.relief import contact_feet_m
 from toppling.models.rock import Rock
 
-FILE = "bases.json"
 SCHEMA_VERSION = 1
 DECIMALS = 7
 """Lengths are kept to a tenth of a micrometre, in memory as on disk, so that a scene's id survives the disk."""

@@ -28,7 +28,14 @@ from toppling.orchestrator.journal import tell
 from toppling.orchestrator.plan import Plan
 from toppling.orchestrator.run import Afterwards, Execution, Tally, Watcher
 from toppling.orchestrator.task import Order, versions
-from toppling.results.audit_folder import AUDIT_FOLDER, DRAWN_FILE, LEAST_JOBS, REFERENCE
+from toppling.results.audit_folder import (
+    AUDIT_FOLDER,
+    DRAWN_FILE,
+    LEAST_JOBS,
+    REFERENCE,
+    check_place,
+    write_jobs,
+)
 from toppling.results.store import (
     PARTS_FOLDER,
     compact,
@@ -122,6 +129,7 @@ def due(planned: Plan, folder: Path) -> int:
     places = rows["job_id"][:count]
     for one in auditors(planned.campaign) if count else ():
         part = one.plan(planned, _rows_of(planned, places))
+        check_place(folder, folder / AUDIT_FOLDER / one.name)
         if not part.ids <= finished_ids(folder / AUDIT_FOLDER / one.name):
             return count
     return 0
@@ -172,11 +180,18 @@ def audit(
         latest = pc.max(rows["finished_at"]).as_py()
         for one in able:
             place = home / one.name
+            check_place(folder, place)
             (place / PARTS_FOLDER).mkdir(parents=True, exist_ok=True)
             write_json(
-                place / DRAWN_FILE, {"until": latest.isoformat() if latest else None, "of_jobs": len(rows)}
+                place / DRAWN_FILE,
+                {
+                    "plan_id": planned.id,
+                    "until": latest.isoformat() if latest else None,
+                    "of_jobs": len(rows),
+                },
             )
             part = one.plan(planned, chosen)
+            write_jobs(place, part.jobs, planned.id)
             pending = part.pending(finished_ids(place))
             what = f"auditing with {one.name}"
             tally = Tally(len(part), len(part) - len(pending), part.motion_s(pending), what=what)

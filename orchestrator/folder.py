@@ -17,23 +17,24 @@ from toppling.models import digest
 from toppling.models.documents import read_toml, shown
 from toppling.models.errors import InputError
 from toppling.models.folder import new_folder, rock_name
-from toppling.models.motions.ensemble import CATALOG, MOTIONS
 from toppling.models.run_document import check_run_document
 from toppling.models.settling import Settling
 from toppling.models.tables import write_table
 from toppling.orchestrator.journal import LOG_FILE
 from toppling.orchestrator.plan import Plan
 from toppling.orchestrator.stood import ensembles_in
+from toppling.results.belonging import (
+    ENSEMBLE_FILES,
+    NEEDED,
+    SCENE_FILES,
+    WRITTEN_ONCE,
+    check_files,
+    digests_of,
+)
 from toppling.results.stood import FOLDER
 from toppling.results.store import PARTS_FOLDER, RESULTS_FILE
 
 SCHEMA_VERSION = 1
-
-WRITTEN_ONCE = (
-    "campaign.toml", "jobs.parquet", "scene/scene.json", "scene/rock.ply", "scene/pedestal.ply",
-    f"ensemble/{CATALOG}", f"ensemble/{MOTIONS}",
-)  # fmt: skip
-"""What a run was begun with."""
 
 KEY_FILES = ".dask-jobqueue.worker."
 """How the names of the files begin in which batch jobs find the session's key; a killed session leaves them."""
@@ -58,8 +59,8 @@ def prepare(run: Path, plan: Plan, versions: dict[str, str], settling: Settling 
         return
     with new_folder(run) as staging:
         (staging / PARTS_FOLDER).mkdir()
-        shutil.copytree(plan.campaign.scene, staging / "scene")
-        shutil.copytree(plan.campaign.ensemble, staging / "ensemble")
+        _copy_known(Path(plan.campaign.scene), staging / "scene", SCENE_FILES)
+        _copy_known(Path(plan.campaign.ensemble), staging / "ensemble", ENSEMBLE_FILES)
         stood = []
         if plan.recorded:
             plan.recorded.write(staging / FOLDER)
@@ -73,6 +74,7 @@ def prepare(run: Path, plan: Plan, versions: dict[str, str], settling: Settling 
             "rock": rock_name(plan.campaign.scene),
             "scene_id": plan.scene_id,
             "ensemble_id": plan.ensemble_id,
+            "files": digests_of(staging),
             "versions": versions,
             "settling": settling.to_json() if settling else None,
             "created_at": now(),
@@ -92,6 +94,8 @@ def describe(run: Path) -> dict[str, Any]:
     try:
         content = digest.read_json(run / "run.json")
     except OSError as error:
+        if not isinstance(error, FileNotFoundError | NotADirectoryError):
+            raise digest.unopened(run / "run.json", error) from None
         raise _error(
             run,
             f"is not a run's folder ({error})",
@@ -219,6 +223,7 @@ def _check(run: Path, plan: Plan, versions: dict[str, str]) -> None:
     content = describe(run)
     written = (PARTS_FOLDER, "scene", "ensemble", "run.json", LOG_FILE, RESULTS_FILE, ".lock", FOLDER)
     _refuse_links(run, [*(run / name for name in written), *(run / FOLDER).rglob("*")])
+    check_files(run)
     # A changed campaign is told first: its versions may differ just because its engine does.
     told = _campaign_differs(run, plan) if content.get("plan_id") != plan.id else ""
     there = content.get("versions", {})
@@ -242,9 +247,37 @@ def _check(run: Path, plan: Plan, versions: dict[str, str]) -> None:
             remedy="give another --out, or go on with the one that lies in the folder",
         )
     required = digest.check(run / "run.json")
-    stood = [str(path.relative_to(run)) for path in ensembles_in(run / FOLDER)]
-    for name in (*WRITTEN_ONCE, *(f"{place}/{file}" for place in stood for file in (CATALOG, MOTIONS))):
-        digest.check(run / name, required=required)
+    begun_with = set(content.get("files") or NEEDED)
+    lacking = [name for name in WRITTEN_ONCE if name in begun_with and not (run / name).exists()]
+    if lacking:
+        raise _error(
+            run,
+            f"{', '.join(lacking)} of this run is gone",
+            expected="all that the run was begun with",
+            remedy="put it back from where the folder was copied, or start a new run with another --out",
+        )
+    for name in WRITTEN_ONCE:
+        if (run / name).exists():
+            digest.check(run / name, required=required)
+
+
+def _copy_known(source: Path, target: Path, names: Iterable[str]) -> None:
+    """Copy the files of a scene or an ensemble, and nothing else that lies beside them, into a run.
+
+    A link there may lead to what has no end, or to what is not to be told.
+    """
+    target.mkdir()
+    for name in names:
+        path = source / name
+        if path.is_symlink() or (path.exists() and not path.is_file()):
+            raise InputError(
+                "is a link" if path.is_symlink() else "is no regular file",
+                where=str(path),
+                expected="the file itself: links inside a scene or an ensemble are not followed into a run",
+                remedy="put a copy of what it leads to in its place (cp -L)",
+            )
+        if path.exists():
+            shutil.copyfile(path, target / name)
 
 
 def _campaign_differs(run: Path, plan: Plan) -> str:

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from toppling.models.errors import InputError
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
+from toppling.orchestrator.answers import checked
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.cluster import Upkeep
 from toppling.orchestrator.dispatch import JOBS_IN_BATCH, USUAL_LIMITS, Batch, Dispatch, Limits, why_given_up
@@ -242,7 +243,7 @@ def run(
                     # One cluster for the shakes that weigh the bases and for the run's own.
                     client = stack.enter_context(cluster)
                     cluster = nullcontext(client)
-                    weigh(campaign, planned.recorded, folder / FOLDER, client, watch, limits)
+                    weigh(campaign, planned.recorded, folder / FOLDER, client, watch, limits, planned.id)
                 elif planned.recorded:
                     Stood.read(folder / FOLDER / FILE)  # damaged ones are told before work is done
                 tally = _until_complete(
@@ -262,6 +263,7 @@ def weigh(
     client: Client,
     watch: Watcher,
     limits: Limits = USUAL_LIMITS,
+    plan_id: str | None = None,
 ) -> Stood:
     """Weigh the draws of a base by the motions that the rock is known to have stood (`orchestrator.stood`).
 
@@ -279,7 +281,7 @@ def weigh(
         run(one, target, nullcontext(client), weighing, limits)
 
     tell("weighing the bases", records=[one.record_id for one in recorded.records])
-    return weigh_bases(campaign, recorded, place, shake)
+    return weigh_bases(campaign, recorded, place, shake, plan_id)
 
 
 def _until_complete(
@@ -531,9 +533,10 @@ class Execution:
         status = future.status
         future.release()
         if status == "finished":
-            self._keep(result, batch.attempt)
-            self._room = room_for(result, budget_s(self.tally.workers))
-            self.dispatch.came_back(batch, done=len(result))
+            rows = checked([self.plan.spec(job) for job in batch.jobs], result)
+            self._keep(rows, batch.attempt)
+            self._room = room_for(rows, budget_s(self.tally.workers))
+            self.dispatch.came_back(batch, done=len(rows))
         elif status == "error":
             self._take_error(str(future.key), batch, result[1])
         else:

@@ -131,7 +131,9 @@ def check_weighable(scene: Scene, realisations: int, where: str) -> None:
         )
 
 
-def weigh_bases(campaign: Campaign, recorded: Recorded, place: Path, shake: Shake) -> Stood:
+def weigh_bases(
+    campaign: Campaign, recorded: Recorded, place: Path, shake: Shake, plan_id: str | None = None
+) -> Stood:
     """Shake every draw of the base with what the rock stood, and weigh the draws by it; goes on where it was stopped.
 
     Parameters
@@ -143,6 +145,8 @@ def weigh_bases(campaign: Campaign, recorded: Recorded, place: Path, shake: Shak
     place : Path
         Where the shakes go, and `weights.json` once they are done.
     shake : callable
+    plan_id : str or None
+        Of the run that the weights are for.
 
     Raises
     ------
@@ -170,7 +174,7 @@ def weigh_bases(campaign: Campaign, recorded: Recorded, place: Path, shake: Shak
         shake(one, ensemble.parent / "run")
         rows.append(open_run(ensemble.parent / "run").frame())
     stood = Stood(recorded.motions, SHAKES, weights_of(pd.concat(rows), len(scene.unseen)))
-    stood.write(place / FILE)
+    stood.write(place / FILE, plan_id)
     return stood
 
 

@@ -6,7 +6,6 @@ answers, so each answer that differs moves the median by an amount known beforeh
 median is a sum of influences over the jobs whose answers differ, which a random sample estimates as it does any total.
 """
 
-import json
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
@@ -19,7 +18,9 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.stats import binomtest, norm, t
 
-from toppling.results.audit_folder import AUDIT_FOLDER, DRAWN_FILE, LEAST_JOBS, REFERENCE
+from toppling.models.digest import read_json
+from toppling.models.errors import InputError
+from toppling.results.audit_folder import AUDIT_FOLDER, DRAWN_FILE, LEAST_JOBS, REFERENCE, check_place
 from toppling.results.fits import answered, fit
 from toppling.results.fragility import by_contact, wilson
 from toppling.results.run import Run, as_frame
@@ -142,6 +143,7 @@ def audits_of(run: Run, measure: str = "pga_m_s2") -> dict[str, Audit]:
     rows = run.weighted(run.frame()) if places else pd.DataFrame()
     found = {}
     for place in sorted(places, key=lambda place: (place.name != REFERENCE, place.name)):
+        check_place(run.path, place)
         repeated = _repeated(place)
         audit = compare(place.name, _drawn_from(rows, place), repeated, measure) if len(repeated) else None
         if audit is not None:
@@ -357,7 +359,9 @@ def _tilt_log_ratio(standing: pd.DataFrame) -> Estimate:
 def _drawn_from(rows: pd.DataFrame, place: Path) -> pd.DataFrame:
     """Rows that were there when the sample was drawn: what came since was given no chance."""
     try:
-        until = datetime.fromisoformat(json.loads((place / DRAWN_FILE).read_text(encoding="utf-8"))["until"])
-    except (OSError, ValueError, KeyError, TypeError):
+        until = datetime.fromisoformat(read_json(place / DRAWN_FILE)["until"])
+    except InputError:
+        raise
+    except (FileNotFoundError, ValueError, KeyError, TypeError):
         return rows
     return rows[rows["finished_at"].isna() | (rows["finished_at"] <= until)]

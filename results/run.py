@@ -19,6 +19,8 @@ from toppling.models.motions.catalogue import meaning
 from toppling.models.run_document import check_run_document
 from toppling.models.scene_document import read_scene_document
 from toppling.models.tables import read_table
+from toppling.results.audit_folder import check_audits
+from toppling.results.belonging import check_files
 from toppling.results.completeness import Completeness
 from toppling.results.schema import SCHEMA, describe
 from toppling.results.stood import CONTACT, Stood, stood_of, weighed
@@ -58,7 +60,7 @@ class Run:
     Raises
     ------
     InputError
-        If the folder is not a run's.
+        If the folder is not a run's, or holds files of another run.
     """
 
     def __init__(self, path: PathLike) -> None:
@@ -71,6 +73,8 @@ class Run:
                 expected="the folder of a run, with " + ", ".join(marks),
                 remedy="make one with 'toppling run CAMPAIGN --out FOLDER'",
             )
+        check_files(self.path)
+        check_audits(self.path)
         if self._campaign().get("levels", "all") != "all":
             raise InputError(
                 "is a run that left out levels of its records, whose rows count unlike (levels = 'hunt')",
@@ -229,11 +233,13 @@ class Run:
 
     def motions(self) -> pa.Table | None:
         """Catalogue of the run's records, one row a record; None where the run has no ensemble."""
+        check_files(self.path)
         path = self.path / "ensemble" / "catalog.parquet"
         return read_table(path) if path.exists() else None
 
     def scene(self) -> pa.Table | None:
         """One row about the scene; None where the run has none."""
+        check_files(self.path)
         path = self.path / "scene" / "scene.json"
         if not path.exists():
             return None

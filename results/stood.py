@@ -21,6 +21,7 @@ from toppling.models.digest import read_json, write_json
 from toppling.models.documents import read_toml
 from toppling.models.errors import InputError
 from toppling.models.shares import effective_number, jeffreys_mean
+from toppling.results.belonging import check_plan_id
 
 FOLDER = "stood"
 """Of a run: the motions that its rock is known to have stood, their shakes, and the weights."""
@@ -110,12 +111,13 @@ class Stood:
                 remedy="leave it out: the run's own weights hold it",
             )
 
-    def write(self, path: Path) -> None:
-        """Write the weights as JSON with its digest."""
+    def write(self, path: Path, plan_id: str | None = None) -> None:
+        """Write the weights as JSON with its digest, and of which plan's run they are."""
         write_json(
             path,
             {
                 "schema_version": SCHEMA_VERSION,
+                "plan_id": plan_id,
                 "shakes": self.shakes,
                 "motions": [{**vars(one), "files": list(one.files)} for one in self.motions],
                 "contacts": [
@@ -127,15 +129,16 @@ class Stood:
 
     @classmethod
     def read(cls, path: Path) -> Stood:
-        """Read what :meth:`write` wrote.
+        """Read what :meth:`write` wrote into a run.
 
         Raises
         ------
         InputError
-            If the file is not there, or not as it was written.
+            If the file is not there, not as it was written, or of another run.
         """
         try:
             told = read_json(path, required=True)
+            check_plan_id(path.parent.parent, path, told.get("plan_id"))
             if told["schema_version"] != SCHEMA_VERSION:
                 raise _file_error(f"is of schema version {told['schema_version']}", path)
             weights: dict[Contact, Array] = {}

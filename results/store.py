@@ -2,7 +2,8 @@
 
 One writer (the client of the cluster), any number of readers. A file appears complete or not at all, and is
 verified whole by its digest before it is believed. A part that is damaged, or is not a run's, is named in the log
-and skipped: its jobs are done again. Where a job has several rows, its newest attempt counts.
+and skipped: its jobs are done again. One that cannot be opened, or holds rows of another run (`results.belonging`), is
+refused. Where a job has several rows, its newest attempt counts.
 """
 
 import logging
@@ -20,10 +21,11 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
-from toppling.models.digest import DamagedError, check, damaged
+from toppling.models.digest import DamagedError, check, damaged, unopened
 from toppling.models.errors import InputError
 from toppling.models.folder import new_file
 from toppling.models.tables import read_table, write_table
+from toppling.results.belonging import ForeignError, check_files, check_rows
 from toppling.results.schema import SCHEMA, SCHEMA_VERSION, SORT_ORDER
 
 log = logging.getLogger(__name__)
@@ -59,7 +61,7 @@ def write_part(run_folder: PathLike, rows: Iterable[Mapping[str, Any]]) -> Path:
     FileNotFoundError
         If there is no such folder: one that vanished under a run is not made anew, its earlier rows are gone.
     """
-    table = _table_of(list(rows))
+    table = table_of(list(rows))
     folder = Path(run_folder) / PARTS_FOLDER
     folder.mkdir(exist_ok=True)
     # Names sort by time of writing; the random tail keeps two writers by mistake from overwriting each other.
@@ -73,8 +75,13 @@ def finished_ids(
 ) -> set[str]:
     """Ids of the jobs that have a row, whatever its status.
 
-    Where the run's jobs are `known`, a damaged part and a file with rows of others are set aside as `_NAME`, not
-    merged. A job to `redo` counts only with an attempt above the one that stands there.
+    Where the run's jobs are `known`, a damaged part is set aside as `_NAME`, not merged. A job to `redo` counts only
+    with an attempt above the one that stands there.
+
+    Raises
+    ------
+    InputError
+        As :func:`result_files`, and if a file has rows of others than the `known` jobs.
     """
     return read_steady([run_folder], lambda: _finished_ids(run_folder, known, redo))
 
@@ -84,11 +91,10 @@ def _finished_ids(run_folder: PathLike, known: frozenset[str] | None, redo: Mapp
     for path in result_files(run_folder, set_aside=known is not None):
         table = read_table(path, columns=["job_id", "attempt"], schema=SCHEMA)
         ids = table["job_id"].to_pylist()
-        if known is None or known.issuperset(ids):
-            rows = zip(ids, table["attempt"].to_pylist(), strict=True)
-            finished.update(job for job, attempt in rows if job not in redo or (attempt or 0) > redo[job])
-        else:
-            _set_aside(path, "holds rows of another run")
+        if known is not None and not known.issuperset(ids):
+            raise ForeignError(f"holds rows of another run, such as of job {min(set(ids) - known)}", path)
+        rows = zip(ids, table["attempt"].to_pylist(), strict=True)
+        finished.update(job for job, attempt in rows if job not in redo or (attempt or 0) > redo[job])
     return finished
 
 
@@ -133,17 +139,25 @@ def compact(run_folder: PathLike) -> Path:
 def result_files(run_folder: PathLike, *, set_aside: bool = False) -> list[Path]:
     """Parquet files of a run's results, verified: the compact one, and the parts not yet merged into it.
 
-    Damaged and foreign parts are named in the log and left out; damaged ones are also renamed to `_NAME` where the
-    caller, the run's writer, says so.
+    Damaged parts and files that hold no results are named in the log and left out; damaged ones are also renamed to
+    `_NAME` where the caller, the run's writer, says so.
 
     Raises
     ------
     InputError
-        If the compact file is damaged, or a file lacks a column of `SCHEMA`.
+        If the compact file is damaged, a file lacks a column of `SCHEMA` or cannot be opened, or a file of the run is
+        of another run.
     """
     run = Path(run_folder)
     required = has_digests(run)
-    return [path for path in _listed(run) if _is_ours(path, required, set_aside)]
+    check_files(run)
+    files = []
+    for path in _listed(run):
+        with suppress(FileNotFoundError):  # merged and removed since the folder was listed
+            if _is_ours(path, required, set_aside):
+                check_rows(run, path)
+                files.append(path)
+    return files
 
 
 def has_digests(run: Path) -> bool:
@@ -195,7 +209,14 @@ def _newest_attempts(table: pa.Table) -> pa.Table:
     return table.take(newest.column("row_last").sort())
 
 
-def _table_of(rows: list[Mapping[str, Any]]) -> pa.Table:
+def table_of(rows: list[Mapping[str, Any]]) -> pa.Table:
+    """Rows under `SCHEMA`.
+
+    Raises
+    ------
+    ValueError, TypeError
+        If there are none, or a row has a column or a value that the schema does not know, or lacks a required one.
+    """
     if not rows:
         msg = "no rows to write"
         raise ValueError(msg)
@@ -247,8 +268,10 @@ def _is_ours(path: Path, required: bool, set_aside: bool) -> bool:
         check(path, required=required)
         schema = pq.read_schema(path)
     except FileNotFoundError:
-        return False  # merged and removed since the folder was listed
+        raise
     except (InputError, pa.ArrowException, OSError) as error:
+        if isinstance(error, OSError) and error.errno is not None:
+            raise unopened(path, error) from error
         if path.name == RESULTS_FILE:
             raise error if isinstance(error, InputError) else damaged(path, error) from error
         reason = error.what if isinstance(error, InputError) else str(error).splitlines()[0]

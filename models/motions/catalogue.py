@@ -1,6 +1,11 @@
 """What the columns of an ensemble's catalogue mean, and in which unit they are."""
 
+import hashlib
 import re
+from collections.abc import Iterable
+
+CATALOG, MOTIONS = "catalog.parquet", "motions.parquet"
+"""Files of an ensemble."""
 
 _MEANINGS = {
     "record_id": "name of the record, unique in the ensemble",
@@ -64,3 +69,8 @@ def _by_pattern(name: str) -> str:
                 *({"a": "acceleration", "v": "velocity"}.get(part, part) for part in found.groups())
             )
     return ""
+
+
+def ensemble_id(records: Iterable[tuple[str, str]]) -> str:
+    """Id of an ensemble: hash of the ids and hashes of all its records."""
+    return hashlib.sha256("\n".join(f"{name} {sha}" for name, sha in sorted(records)).encode()).hexdigest()

@@ -1,6 +1,5 @@
 """Ensemble of records: a folder with `catalog.parquet` and `motions.parquet`, one row (group) a record."""
 
-import hashlib
 import os
 import threading
 from collections.abc import Iterable, Mapping
@@ -14,13 +13,12 @@ import pyarrow.parquet as pq
 
 from toppling.models import digest
 from toppling.models.errors import InputError
-from toppling.models.motions.catalogue import meaning
+from toppling.models.motions.catalogue import CATALOG, MOTIONS, ensemble_id, meaning
 from toppling.models.motions.impose import impose
 from toppling.models.motions.motion import Motion
 from toppling.models.motions.record import Record, motion_sha
 from toppling.models.tables import read_table, table_writer, write_table
 
-CATALOG, MOTIONS = "catalog.parquet", "motions.parquet"
 SCHEMA_VERSION = "2"
 RECORDS_IN_MEMORY = 16
 PGA_TOLERANCE = 1e-9
@@ -124,7 +122,7 @@ class Ensemble:
             twice = sorted({name for name in names if names.count(name) > 1})
             raise _ensemble_error(f"record ids occur twice: {', '.join(twice)}", path)
         mark = {
-            "toppling_ensemble": _identity((r.record_id, r.sha) for r in ordered),
+            "toppling_ensemble": ensemble_id((r.record_id, r.sha) for r in ordered),
             "version": SCHEMA_VERSION,
         }
         path.mkdir(parents=True, exist_ok=True)
@@ -174,7 +172,7 @@ class Ensemble:
     @cached_property
     def id(self) -> str:
         """Hash of the ids and hashes of all records."""
-        return _identity((name, self.sha(name)) for name in self.record_ids)
+        return ensemble_id((name, self.sha(name)) for name in self.record_ids)
 
     def sha(self, record_id: str) -> str:
         """Hash of one record's motion, from the catalogue."""
@@ -300,10 +298,6 @@ def _catalog(records: list[Record]) -> pa.Table:
     columns = [*_IDENTITY, *((name, pa.float64()) for name in measures), *_ORIGIN]
     fields = [pa.field(name, kind, metadata=meaning(name)) for name, kind in columns]
     return pa.Table.from_pylist(rows, schema=pa.schema(fields))
-
-
-def _identity(pairs: Iterable[tuple[str, str]]) -> str:
-    return hashlib.sha256("\n".join(f"{name} {sha}" for name, sha in sorted(pairs)).encode()).hexdigest()
 
 
 def _ensemble_error(what: str, where: Path) -> InputError:

@@ -39,8 +39,8 @@ from soaked_client import FATAL_RENAME_VARIABLE
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
 from toppling.orchestrator.campaign import Campaign
-from toppling.orchestrator.folder import WRITTEN_ONCE
 from toppling.orchestrator.plan import plan
+from toppling.results.belonging import NEEDED
 from toppling.workers.job import Assets, run_job
 
 FAULTS = int(os.environ.get("TOPPLING_SOAK_FAULTS", "300"))
@@ -202,7 +202,7 @@ class Storm:
 
     def _refused_with_a_flipped_bit(self):
         """What the run was begun with is not believed once it has changed; then it is put back as from a copy."""
-        path = self.run / self.random.choice(["run.json", *WRITTEN_ONCE])
+        path = self.run / self.random.choice(["run.json", *NEEDED])
         content = path.read_bytes()
         self._flip(path)
         command = [

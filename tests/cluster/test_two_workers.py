@@ -285,16 +285,17 @@ def test_a_part_that_is_lost_as_the_parts_are_merged_is_done_again(
     assert json.loads((tmp_path / "run" / "run.json").read_text())["sessions"][-1]["ended"] == "complete"
 
 
-def test_rows_of_another_run_are_set_aside(carry_out, undisturbed, tmp_path, faults):
+def test_rows_of_another_run_are_refused_and_stay_where_they_are(carry_out, undisturbed, tmp_path, faults):
     def stop(tally):
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
         carry_out(tmp_path / "run", stop)
     foreign = write_part(tmp_path / "run", [{**undisturbed[0], "job_id": "0" * 24, "attempt": 1}])
+    with pytest.raises(InputError, match="holds rows of another run"):
+        carry_out(tmp_path / "run")
+    foreign.unlink()  # as the message says
     carry_out(tmp_path / "run")
-    assert not foreign.exists()
-    assert foreign.with_name(f"_{foreign.name}").exists()
     assert answers_of(tmp_path / "run") == undisturbed
 
 

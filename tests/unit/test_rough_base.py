@@ -12,6 +12,7 @@ from toppling.models.frames import rotation_between
 from toppling.models.pedestal import Pedestal
 from toppling.models.rough_base import Standing, with_rough_base
 from toppling.models.scene import Scene
+from toppling.models.scene_document import BASES as FILE
 from toppling.models.shapes import box
 from toppling.models.statics import (
     at_rest,
@@ -19,7 +20,7 @@ from toppling.models.statics import (
     quasi_static_toppling_m_s2,
     support_polygon_m,
 )
-from toppling.models.unseen import FILE, BaseDraw, UnseenBase
+from toppling.models.unseen import BaseDraw, UnseenBase
 
 
 def cobble():

@@ -17,12 +17,13 @@ from toppling.models.scene import Scene
 from toppling.models.tables import read_table
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.cli import cli
-from toppling.orchestrator.folder import WRITTEN_ONCE, prepare, session
+from toppling.orchestrator.folder import prepare, session
 from toppling.orchestrator.journal import journal, last, tell
 from toppling.orchestrator.plan import plan
 from toppling.orchestrator.status import state_of
 from toppling.orchestrator.task import lost_row, versions
 from toppling.orchestrator.verbs.replay import _specification
+from toppling.results.belonging import NEEDED
 from toppling.results.run import open_run
 from toppling.results.store import compact, write_part
 
@@ -172,7 +173,7 @@ def test_a_run_whose_own_files_are_damaged_does_not_go_on(runs, tmp_path):
     campaign = Campaign.read(runs / "campaign.toml")
     planned = plan(campaign, Scene.load(campaign.scene), Ensemble.load(campaign.ensemble))
     prepare(run, planned, dict(versions()))
-    for name in WRITTEN_ONCE:
+    for name in NEEDED:
         path = run / name
         content = path.read_bytes()
         path.write_bytes(content[:-9] + bytes([content[-9] ^ 16]) + content[-8:])

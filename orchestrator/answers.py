@@ -1,0 +1,94 @@
+"""What comes back from a worker is compared with what was asked: rows of other jobs, or none, are no answers.
+
+A worker is another process, perhaps on another host: it may exchange the jobs of a batch, or say `ok` and nothing else.
+Such a row would count as an answer for ever. The job fails instead, its row says why, and `--again failed` repeats it.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from toppling.orchestrator.task import Row, lost_row
+from toppling.results.store import table_of
+from toppling.workers.job import JobSpec
+
+ASKED = (
+    "job_id", "scene_id", "record_id", "level_pga_m_s2", "azimuth_deg", "friction_static", "friction_kinetic",
+    "restitution", "realisation", "preset", "engine",
+)  # fmt: skip
+"""Columns of a row that repeat what was asked."""
+
+OUTCOMES = {"stands": False, "moved": False, "toppled": True}
+STATUSES = ("ok", "undecided", "diverged", "failed")
+SAME_PGA = 1e-6
+"""Relative difference up to which a scaled motion has the PGA that was asked for."""
+
+
+def checked(specs: Sequence[JobSpec], rows: Any) -> list[Row]:
+    """Rows that a worker gave for the first jobs of a batch; a job whose row is none of it has failed.
+
+    Parameters
+    ----------
+    specs : sequence of JobSpec
+        The batch as it was sent.
+    rows : what came back
+        Meant to be a list of one row at least, in the batch's order.
+    """
+    if not isinstance(rows, list) or not 0 < len(rows) <= len(specs):
+        what = f"{len(rows)} rows" if isinstance(rows, list) else f"a {type(rows).__name__}"
+        return [_failed(specs[0], f"{what} for {len(specs)} jobs")]
+    answers = []
+    for spec, row in zip(specs, rows, strict=False):
+        problem = _problem(spec, row)
+        answers.append(_failed(spec, problem) if problem else dict(row))
+    return answers
+
+
+def _failed(spec: JobSpec, problem: str) -> Row:
+    return lost_row(spec, "failed", f"what its worker answered is no answer to it: {problem}")
+
+
+def _problem(spec: JobSpec, row: Any) -> str:
+    """What is wrong with a row; nothing where it answers the job."""
+    if not isinstance(row, Mapping):
+        return f"a {type(row).__name__} and no row"
+    asked = lost_row(spec, "", "")
+    for name in ASKED:
+        if row.get(name) != asked[name]:
+            return f"{name} is {row.get(name)!r}, asked was {asked[name]!r}"
+    return _no_answer(row) or _other_motion(spec, row) or _unstorable(row)
+
+
+def _no_answer(row: Mapping[str, Any]) -> str:
+    status, toppled, outcome = row.get("status"), row.get("toppled"), row.get("outcome")
+    if status not in STATUSES:
+        return f"status is {status!r}"
+    if status != "ok":
+        return (
+            "" if toppled is None and outcome is None else f"status is {status!r}, yet outcome is {outcome!r}"
+        )
+    if not isinstance(toppled, bool) or OUTCOMES.get(str(outcome)) is not toppled:
+        return f"status is 'ok', yet outcome is {outcome!r} and toppled is {toppled!r}"
+    return ""
+
+
+def _other_motion(spec: JobSpec, row: Mapping[str, Any]) -> str:
+    """Whether the motion was scaled to what was asked; holding its displacement takes some of its PGA."""
+    pga = row.get("pga_m_s2")
+    if row["status"] == "failed" or (pga is None and "pga_m_s2" not in row):
+        return "" if row["status"] == "failed" else "it does not say what was imposed"
+    low = 0.0 if spec.peak_displacement_m is not None else spec.pga_m_s2 * (1.0 - SAME_PGA)
+    if not (isinstance(pga, float) and low < pga < spec.pga_m_s2 * (1.0 + SAME_PGA)):
+        return f"pga_m_s2 is {pga!r}, asked was {spec.pga_m_s2!r}"
+    return ""
+
+
+def _unstorable(row: Mapping[str, Any]) -> str:
+    wall_s = row.get("wall_s")
+    if wall_s is not None and not (isinstance(wall_s, int | float) and 0.0 <= wall_s < math.inf):
+        return f"wall_s is {wall_s!r}"
+    try:
+        table_of([row])
+    except (ValueError, TypeError, OverflowError) as error:
+        return str(error)[:300]
+    return ""

@@ -1,0 +1,189 @@
+"""Whether the files of a run's folder are that run's: whole files of another run are refused by name, not believed.
+
+`run.json` states the digest of every file that the run was begun with, the ids of scene and ensemble, and the plan's.
+Rows are compared with the jobs of the plan. Runs of earlier versions, which state no digests, are compared by ids.
+"""
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
+
+from toppling.models.digest import check, read_json, stated, unopened
+from toppling.models.errors import InputError
+from toppling.models.motions.catalogue import CATALOG, MOTIONS, ensemble_id
+from toppling.models.run_document import check_run_document
+from toppling.models.scene_document import BASES, read_scene_document
+from toppling.models.tables import read_table
+
+CAMPAIGN_FILE, JOBS_FILE, RUN_FILE = "campaign.toml", "jobs.parquet", "run.json"
+SCENE_FILES = ("scene.json", "rock.ply", "pedestal.ply", BASES)
+ENSEMBLE_FILES = (CATALOG, MOTIONS)
+RECORDED_ENSEMBLES = ("stood/as_recorded/ensemble", "stood/from_all_sides/ensemble")
+"""Of motions that the rock is known to have stood."""
+
+WRITTEN_ONCE = (
+    CAMPAIGN_FILE,
+    JOBS_FILE,
+    *(f"scene/{name}" for name in SCENE_FILES),
+    *(f"{place}/{name}" for place in ("ensemble", *RECORDED_ENSEMBLES) for name in ENSEMBLE_FILES),
+)
+"""All that a run may be begun with."""
+
+NEEDED = tuple(name for name in WRITTEN_ONCE if BASES not in name and not name.startswith("stood/"))
+"""What every run is begun with."""
+
+_CHECKED: dict[str, tuple[object, ...]] = {}
+"""What was compared already, by what it is, with the state of the files then."""
+
+
+class ForeignError(InputError):
+    """A whole file of another run."""
+
+    def __init__(self, what: str, where: Path) -> None:
+        super().__init__(
+            what,
+            where=str(where),
+            expected="files of one run, as 'toppling run' wrote them into its folder",
+            remedy="put the run's own file back from where the folder was copied, or take the foreign one out",
+        )
+
+
+def digests_of(run: Path) -> dict[str, str | None]:
+    """Digest of each file that is there of those that a run is begun with, None of one that carries none."""
+    return {name: _stated(run / name) for name in WRITTEN_ONCE if (run / name).exists()}
+
+
+def check_files(run: Path) -> None:
+    """Compare the files of a run that were written once with what its `run.json` says of them.
+
+    Missing files are no matter of this check, and neither is a folder without a `run.json`.
+
+    Raises
+    ------
+    InputError
+        If one is of another run, by its name, or damaged.
+    """
+    if not (run / RUN_FILE).exists():
+        return
+    there = [run / name for name in (RUN_FILE, *WRITTEN_ONCE) if (run / name).exists()]
+    _once(f"files {run.absolute()}", there, lambda: _compare(run))
+
+
+def check_rows(run: Path, path: Path) -> None:
+    """Compare the rows of a file of results with the jobs of the run.
+
+    Parameters
+    ----------
+    run : Path
+        Folder with the plan (`jobs.parquet`); without one there is nothing to compare with but the scene.
+    path : Path
+        Verified Parquet file with columns of the schema of results.
+
+    Raises
+    ------
+    InputError
+        If it holds rows of other jobs.
+    """
+    known = [one for one in (run / RUN_FILE, run / JOBS_FILE) if one.exists()]
+    if known:
+        _once(f"rows {path.absolute()}", [path, *known], lambda: _compare_rows(run, path))
+
+
+def check_plan_id(run: Path, path: Path, plan_id: object) -> None:
+    """Compare the id of the plan that a file states with that of the run whose folder it lies in.
+
+    Raises
+    ------
+    InputError
+        If it is another.
+    """
+    expected = _document(run).get("plan_id") if (run / RUN_FILE).exists() else None
+    if plan_id is not None and expected is not None and plan_id != expected:
+        raise ForeignError(f"is of another run (plan {plan_id}, {run / RUN_FILE} says {expected})", path)
+
+
+def _once(key: str, files: list[Path], compare: Callable[[], None]) -> None:
+    """Compare, unless that was done with the same state of the files."""
+    stamps: list[object] = []
+    for path in files:
+        state = path.stat()
+        stamps.append(
+            (str(path), state.st_dev, state.st_ino, state.st_size, state.st_mtime_ns, state.st_ctime_ns)
+        )
+    if _CHECKED.get(key) != tuple(stamps):
+        compare()
+        _CHECKED[key] = tuple(stamps)
+
+
+def _document(run: Path) -> dict[str, Any]:
+    path = run / RUN_FILE
+    try:
+        return check_run_document(read_json(path), path, whole_document=False)
+    except OSError as error:
+        raise unopened(path, error) from error
+
+
+def _stated(path: Path) -> str | None:
+    try:
+        return stated(path)
+    except OSError as error:
+        raise unopened(path, error) from error
+
+
+def _compare(run: Path) -> None:
+    told = _document(run)
+    recorded = told.get("files") or {}
+    here = digests_of(run)
+    for name in recorded.keys() & here.keys():
+        if here[name] != recorded[name]:
+            check(run / name, required=recorded[name] is not None)  # a damaged one is no foreign one
+    other = [name for name in here if name in recorded and here[name] != recorded[name]]
+    other += [name for name in here if recorded and name not in recorded]
+    if other:
+        names, several = ", ".join(other), len(other) > 1
+        what = "are not those" if several else "is not the one"
+        culprit = f"{RUN_FILE} or they are" if several else "it is"
+        place = run if several else run / other[0]
+        raise ForeignError(f"{names} {what} that the run was begun with: {culprit} of another run", place)
+    for name, key, found in _ids(run, told, recorded):
+        if found != told[key]:
+            raise ForeignError(f"is of another run ({key} {found}, {RUN_FILE} says {told[key]})", run / name)
+
+
+def _ids(run: Path, told: Mapping[str, Any], recorded: Mapping[str, Any]) -> list[tuple[str, str, object]]:
+    """Of files without a recorded digest what they are by their own word: name, key of `run.json`, value."""
+    readers: tuple[tuple[str, str, Callable[[Path], object]], ...] = (
+        ("scene/scene.json", "scene_id", lambda path: read_scene_document(path)["id"]),
+        (f"ensemble/{CATALOG}", "ensemble_id", _ensemble_id),
+        (JOBS_FILE, "jobs", lambda path: pq.read_metadata(path).num_rows if check(path) else None),
+    )
+    return [
+        (name, key, read(run / name))
+        for name, key, read in readers
+        if not recorded.get(name) and key in told and (run / name).exists()
+    ]
+
+
+def _ensemble_id(path: Path) -> str:
+    catalog = read_table(path, columns=["record_id", "sha"])
+    return ensemble_id(zip(*(catalog[name].to_pylist() for name in ("record_id", "sha")), strict=True))
+
+
+def _compare_rows(run: Path, path: Path) -> None:
+    rows = read_table(path, columns=["job_id", "scene_id"])
+    if (run / JOBS_FILE).exists():
+        jobs = read_table(run / JOBS_FILE, columns=["job_id"])["job_id"]
+        known = pc.is_in(rows["job_id"], value_set=jobs.combine_chunks())
+        foreign = len(rows) - (pc.sum(known).as_py() or 0)
+        if foreign:
+            raise ForeignError(
+                f"holds rows of another run ({foreign} of {len(rows)} are of no job in {JOBS_FILE})", path
+            )
+    scene_id = _document(run).get("scene_id") if (run / RUN_FILE).exists() else None
+    if scene_id is not None:
+        scenes = [one for one in pc.unique(rows["scene_id"]).to_pylist() if one != scene_id]
+        if scenes:
+            raise ForeignError(f"holds rows of another scene ({scenes[0]}, the run's is {scene_id})", path)

@@ -1,0 +1,177 @@
+"""A run's files belong to it: whole, intact files of another run are refused by name in every verb that reads them."""
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from toppling.models.digest import read_json, write_json
+from toppling.models.errors import InputError
+from toppling.models.motions.ensemble import Ensemble
+from toppling.models.motions.idealised import ricker
+from toppling.models.motions.record import Record
+from toppling.models.scene import Scene
+from toppling.orchestrator.audit import AUDITORS
+from toppling.orchestrator.campaign import Campaign
+from toppling.orchestrator.cli import cli
+from toppling.orchestrator.folder import prepare
+from toppling.orchestrator.plan import plan
+from toppling.orchestrator.task import versions
+from toppling.orchestrator.watch import shown
+from toppling.results.audit_folder import AUDIT_FOLDER, DRAWN_FILE, REFERENCE, write_jobs
+from toppling.results.belonging import NEEDED
+from toppling.results.run import open_run
+from toppling.results.stood import FOLDER, Motion, Stood
+from toppling.results.store import compact, finished_ids, write_part
+from toppling.workers.job import Assets, run_job
+
+CAMPAIGN = """\
+scene = "scene"
+ensemble = "ensemble"
+pga_m_s2 = [2, 4, 6, STRONGEST]
+azimuth_deg = [0, 90]
+friction = [0.9]
+preset = "fast"
+audit = 0
+"""
+AUDIT = f"{AUDIT_FOLDER}/{REFERENCE}"
+VERBS = {
+    "query": ["query", "RUN", "select count(*) n from results"],
+    "query --spread": ["query", "RUN", "--spread"],
+    "query --describe": ["query", "RUN", "--describe"],
+    "fragility": ["fragility", "RUN"],
+    "constrain": ["constrain", "RUN", "--age", "10000"],
+    "status": ["status", "RUN"],
+    "report": ["report", "RUN"],
+    "replay": ["replay", "RUN", "JOB"],
+    "audit": ["audit", "RUN", "--jobs", "10"],
+    "resume": ["run", "CAMPAIGN", "--out", "RUN"],
+}
+
+
+def finished_run(folder, width_m):
+    """A run of a block of some width, complete, with an audit and with weights of bases."""
+    folder.mkdir()
+    Scene.block(width_m, 0.2, 0.6).save(folder / "scene")
+    pulses = [Record.of(f"P{n}", ricker(2.0, 0.6 + width_m + 0.4 * n, 0.01), event=f"E{n}") for n in range(2)]
+    Ensemble.write(folder / "ensemble", pulses)
+    (folder / "campaign.toml").write_text(CAMPAIGN.replace("STRONGEST", f"{50 * width_m:g}"))
+    campaign = Campaign.read(folder / "campaign.toml")
+    planned = plan(campaign, Scene.load(campaign.scene), Ensemble.load(campaign.ensemble))
+    run = folder / "run"
+    prepare(run, planned, dict(versions()))
+    assets = Assets(Scene.load(campaign.scene), Ensemble.load(campaign.ensemble))
+    write_part(run, [run_job(planned.spec(job), assets) | {"attempt": 1} for job in range(len(planned))])
+    compact(run)
+    place = run / AUDIT
+    (place / "parts").mkdir(parents=True)
+    part = AUDITORS[0].plan(planned, list(range(len(planned))))
+    write_json(place / DRAWN_FILE, {"plan_id": planned.id, "until": None, "of_jobs": len(planned)})
+    write_jobs(place, part.jobs, planned.id)
+    write_part(place, [run_job(part.spec(job), assets) | {"attempt": 1} for job in range(len(part))])
+    compact(place)
+    (run / FOLDER).mkdir()
+    weights = Stood((Motion("K", "0", ("K.txt",), True),), 8, {(0.9, 0.9, 0.0): np.ones(1)})
+    weights.write(run / FOLDER / "weights.json", planned.id)
+    return run
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("foreign")
+    return finished_run(folder / "mine", 0.15), finished_run(folder / "other", 0.18)
+
+
+@pytest.fixture
+def swap(runs, tmp_path):
+    """Copy a run, with one file of the other in it."""
+    mine, other = runs
+
+    def make(name):
+        run = shutil.copytree(mine, tmp_path / "run")
+        shutil.copyfile(other / name, run / name)
+        return run
+
+    return make
+
+
+def call(words, run, mine):
+    job = open_run(mine).table()["job_id"][0].as_py()
+    filled = {"RUN": str(run), "JOB": job, "CAMPAIGN": str(mine.parent / "campaign.toml")}
+    return CliRunner().invoke(cli, [filled.get(word, word) for word in words])
+
+
+ALWAYS_READ = [name for name in NEEDED if name not in ("scene/pedestal.ply",)]  # both stand on one plane
+IN_AUDITS = [f"{AUDIT}/{name}" for name in (DRAWN_FILE, "jobs.parquet", "results.parquet")]
+CASES = [
+    *((name, verb) for name in [*ALWAYS_READ, "run.json"] for verb in VERBS),
+    *(("results.parquet", verb) for verb in VERBS if verb != "query --describe"),
+    *((name, verb) for name in IN_AUDITS[:2] for verb in VERBS if verb != "resume"),
+    *((IN_AUDITS[2], verb) for verb in ("status", "fragility", "audit")),
+    *(
+        (f"{FOLDER}/weights.json", verb)
+        for verb in VERBS
+        if verb.startswith("query") or verb in ("fragility", "constrain", "status", "report")
+    ),
+]
+
+
+@pytest.mark.parametrize(("name", "verb"), CASES)
+def test_a_file_of_another_run_is_refused_by_name(swap, runs, name, verb):
+    done = call(VERBS[verb], swap(name), runs[0])
+    assert isinstance(done.exception, InputError), done.output
+    assert Path(name).name in str(done.exception)
+    assert "another" in str(done.exception)
+
+
+@pytest.mark.parametrize("name", [*ALWAYS_READ, "run.json", "results.parquet", *IN_AUDITS])
+def test_watching_refuses_a_file_of_another_run(swap, name):
+    with pytest.raises(InputError, match="another"):
+        shown(swap(name))
+
+
+def test_a_part_of_another_run_is_refused_and_stays_where_it_is(runs, tmp_path):
+    run = shutil.copytree(runs[0], tmp_path / "run")
+    part = write_part(run, open_run(runs[1]).table().to_pylist())
+    for read in (open_run(run).table, lambda: finished_ids(run, frozenset({"a"}))):
+        with pytest.raises(InputError, match="rows of another run") as refusal:
+            read()
+        assert refusal.value.where == str(part)
+    assert part.exists()
+
+
+@pytest.mark.parametrize(
+    "name", ["scene/scene.json", "ensemble/catalog.parquet", "jobs.parquet", "results.parquet"]
+)
+def test_a_run_of_an_earlier_version_is_compared_by_ids(swap, name, tmp_path):
+    run = swap(name)
+    told = read_json(run / "run.json")
+    if name == "jobs.parquet":
+        told["jobs"] += 1
+    del told["files"]
+    write_json(run / "run.json", told)
+    with pytest.raises(InputError, match=r"another run|another scene"):
+        open_run(run).table()
+
+
+def test_own_files_are_believed_also_after_they_were_copied(runs, tmp_path):
+    run = shutil.copytree(runs[0], tmp_path / "run")
+    assert open_run(run).table().num_rows == 16
+    state = json.loads(CliRunner().invoke(cli, ["status", str(run), "--json"]).output)
+    assert state["state"] == "complete"
+    assert state["audit"]["jobs"] == 16
+
+
+@pytest.mark.parametrize("verb", ["query", "status", "resume"])
+def test_a_part_that_cannot_be_opened_is_an_error_and_stays_where_it_is(runs, tmp_path, verb):
+    run = shutil.copytree(runs[0], tmp_path / "run")
+    part = run / "parts" / f"part-{'0' * 20}-{'a' * 8}.parquet"
+    part.symlink_to("/proc/self/mem")  # opens, and answers with EIO
+    done = call(VERBS[verb], run, runs[0])
+    assert isinstance(done.exception, InputError), done.output
+    assert "cannot be opened (Input/output error)" in str(done.exception)
+    assert part.name in str(done.exception)
+    assert part.is_symlink()

@@ -9,23 +9,12 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from toppling.results.hazard import (
-    HazardCurve,
-    Standing,
-    any_topples,
-    branch_weights,
-    continued,
-    rejected_rate,
-    survival,
-    toppling_rate,
-    unexceeded,
-    unstated_shares,
-)
+from toppling.results.hazard.curves import any_topples, continued, toppling_rate, unstated_shares
+from toppling.results.hazard.standing import Standing, joint_survival, rejected_rate, unexceeded
+from toppling.results.hazard.tree import Branch, branch_weights
 
 
-def branch_table(
-    rocks: Sequence[Standing], branches: Sequence[HazardCurve], confidence: float
-) -> pd.DataFrame:
+def branch_table(rocks: Sequence[Standing], branches: Sequence[Branch], confidence: float) -> pd.DataFrame:
     """Survival, verdict and Bayes weight of each hazard branch.
 
     A branch is rejected where the rocks survive with less than 1 - confidence (5 % in Stirling et al. 2021).
@@ -40,23 +29,23 @@ def branch_table(
     """
     curves = [rock.curve for rock in rocks]
     prior = np.array([branch.weight for branch in branches]) / sum(branch.weight for branch in branches)
-    survivals = np.array([survival(rocks, branch) for branch in branches])
+    survivals = np.array([joint_survival(rocks, branch.curve) for branch in branches])
     posterior = (
         branch_weights(prior, survivals) if (prior * survivals).sum() > 0 else np.full(len(prior), np.nan)
     )
     low, high = zip(
-        *(_interval(rocks, partial(survival, hazard=branch)) for branch in branches),
+        *(_interval(rocks, partial(joint_survival, hazard=branch.curve)) for branch in branches),
         strict=True,
     )
-    below, above = zip(*(unstated_shares(curves, branch) for branch in branches), strict=True)
+    below, above = zip(*(unstated_shares(curves, branch.curve) for branch in branches), strict=True)
     return pd.DataFrame(
         {
             "branch": [branch.name for branch in branches],
-            "toppling_rate": [toppling_rate(curves, branch) for branch in branches],
+            "toppling_rate": [toppling_rate(curves, branch.curve) for branch in branches],
             "unstated_below": below,
             "unstated_above": above,
             "survival": survivals,
-            "survival_least": [survival(rocks, continued(branch, curves)) for branch in branches],
+            "survival_least": [joint_survival(rocks, continued(branch.curve, curves)) for branch in branches],
             "survival_low": low,
             "survival_high": high,
             "rejected": survivals < 1.0 - confidence,

@@ -16,6 +16,7 @@ from toppling.models.errors import InputError
 from toppling.models.scene import Scene
 from toppling.orchestrator.progress import bar
 from toppling.orchestrator.stood import Recorded, check_weighable, read_recorded
+from toppling.orchestrator.verbs.hazard import HAZARD_HELP, SITE_HELP, SiteCommand, read_tree
 from toppling.results.constraint import bound_table, branch_table, single_event
 from toppling.results.drawing.atlas import save_table
 from toppling.results.drawing.constraint import constraint_figure
@@ -23,19 +24,21 @@ from toppling.results.drawing.style import save, short_name
 from toppling.results.exchange import read_curves
 from toppling.results.fits import MEASURES, SAMPLES, Lognormal, Resampled, answered, basis_of, bootstrap, fit
 from toppling.results.fragility import by_contact
-from toppling.results.hazard import SITE_REACH_KM, HazardCurve, Standing, distance_km, parse_age, read_hazard
+from toppling.results.hazard.ages import parse_age
+from toppling.results.hazard.sites import distance_km
+from toppling.results.hazard.standing import Standing
 from toppling.results.run import open_run
 from toppling.results.schema import SCHEMA, describe
 from toppling.results.stood import CONTACT, Stood, sentences, told_of, unweighed
 
 
-@click.command()
+@click.command(cls=SiteCommand)
 @click.argument("rocks", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="ROCK...")
 @click.option(
     "--hazard",
     multiple=True,
-    metavar="FILE[=WEIGHT]",
-    help="Hazard curve of one branch of the logic tree, with its weight; repeatable.",
+    metavar="PATH[=WEIGHT]",
+    help=HAZARD_HELP,
 )
 @click.option(
     "--age", multiple=True,
@@ -59,9 +62,9 @@ from toppling.results.stood import CONTACT, Stood, sentences, told_of, unweighed
     help="Confidence of all bounds; a branch is rejected if its survival is below 1 - confidence.",
 )  # fmt: skip
 @click.option(
-    "--site", type=float, nargs=2, metavar="LON LAT",
-    help=f"Degrees; takes the nearest site of an OpenQuake file, within {SITE_REACH_KM:g} km.",
+    "--site", type=float, nargs=2, metavar="LON LAT", help=SITE_HELP,
 )  # fmt: skip
+@click.option("--site-name", hidden=True)
 @click.option(
     "--ratio", type=click.FloatRange(0, min_open=True), default=1.0, show_default=True,
     help="Ratio of the peak of the horizontal vector to the hazard's horizontal component.",
@@ -80,6 +83,7 @@ def constrain(
     measure: str | None,
     confidence: float,
     site: tuple[float, float] | None,
+    site_name: str | None,
     ratio: float,
     out: Path | None,
     as_json: bool,
@@ -105,8 +109,8 @@ def constrain(
     if hazard and not age:
         msg = "a hazard curve needs the rocks' --age, to turn rates into probabilities"
         raise click.UsageError(msg)
-    if not hazard and (site or ratio != 1.0):
-        msg = f"{'--site' if site else '--ratio'} applies to hazard curves: give --hazard too"
+    if not hazard and (site or site_name or ratio != 1.0):
+        msg = f"{'--site' if site or site_name else '--ratio'} applies to hazard curves: give --hazard too"
         raise click.UsageError(msg)
     if where and not all(path.is_dir() for path in rocks):
         msg = "--where selects jobs of runs; a file of curves has none"
@@ -114,11 +118,12 @@ def constrain(
     if stood and not all(path.is_dir() for path in rocks):
         msg = "--stood weights the bases of runs; a file of curves has none"
         raise click.UsageError(msg)
-    branches = [read_branch(text, site, ratio) for text in hazard]
-    if site and all(branch.site is None for branch in branches):
-        msg = "--site selects a place in OpenQuake's files; two-column curves state none"
-        raise click.UsageError(msg)
-    over = _measure(measure, branches)
+    asked = _measure(measure)
+    files = {path: read_curves(path) for path in rocks if not path.is_dir()}
+    known = [name for name in MEASURES if all(name in curves for curves in files.values())]
+    tree = read_tree(hazard, site or site_name, ratio, asked, known) if hazard else None
+    branches = tree.branches if tree else ()
+    over = tree.measure if tree else asked or "pgv_m_s"
     ages = [parse_age(text) for text in age] or [np.array([np.nan])]
     recorded = read_recorded(stood) if stood else None
     runs = {path: _jobs(path, where, trusted, recorded) for path in rocks if path.is_dir()}
@@ -144,7 +149,7 @@ def constrain(
     if table is not None:
         rows = table.astype(object).where(table.notna(), None).to_dict("records")
         told["branches"] = [
-            row | _place(branch.site, site) for row, branch in zip(rows, branches, strict=True)
+            row | _place(branch.curve.site, site) for row, branch in zip(rows, branches, strict=True)
         ]
         told["hazard_ratio"] = ratio
     if bound is not None:
@@ -182,19 +187,6 @@ def _names(rocks: tuple[Path, ...]) -> list[str]:
     return stems if len(set(stems)) == len(stems) else [str(path) for path in rocks]
 
 
-def read_branch(text: str, site: tuple[float, float] | None, ratio: float) -> HazardCurve:
-    """Hazard curve named as FILE or FILE=WEIGHT."""
-    path, _, weight = text.partition("=")
-    try:
-        share = float(weight) if weight else 1.0
-    except ValueError:
-        share = float("nan")
-    if not 0 < share < float("inf"):
-        msg = f"the weight of {path} is {weight!r}: give a positive number"
-        raise click.UsageError(msg)
-    return read_hazard(Path(path), share, site, ratio)
-
-
 def _place(taken: tuple[float, float] | None, asked: tuple[float, float] | None) -> dict[str, float]:
     """Site of a hazard curve, and its distance from the site requested."""
     if taken is None:
@@ -203,7 +195,7 @@ def _place(taken: tuple[float, float] | None, asked: tuple[float, float] | None)
     return place | ({"site_distance_km": float(distance_km(*taken, asked))} if asked else {})
 
 
-def _measure(asked: str | None, branches: list[HazardCurve]) -> str:
+def _measure(asked: str | None) -> str | None:
     if asked and asked not in MEASURES:
         raise InputError(
             what=f"{asked!r} is not an intensity measure with a fragility",
@@ -211,15 +203,7 @@ def _measure(asked: str | None, branches: list[HazardCurve]) -> str:
             expected=f"one of {', '.join(MEASURES)}",
             remedy="leave it out to use that of the hazard curves, or pgv_m_s",
         )
-    stated = sorted({branch.measure for branch in branches})
-    if len(stated) > 1 or (asked and stated and asked != stated[0]):
-        raise InputError(
-            what=f"hazard curves over {', '.join(stated)}" + (f", but --measure {asked}" if asked else ""),
-            where="--hazard",
-            expected="one measure",
-            remedy="give the curves of one intensity measure",
-        )
-    return stated[0] if stated else asked or "pgv_m_s"
+    return asked
 
 
 @dataclass(frozen=True, eq=False)

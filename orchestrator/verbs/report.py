@@ -6,16 +6,16 @@ import click
 
 from toppling.orchestrator.folder import place_in
 from toppling.orchestrator.progress import bar
-from toppling.orchestrator.verbs.constrain import read_branch
+from toppling.orchestrator.verbs.hazard import HAZARD_HELP, SITE_HELP, SiteCommand, read_tree
 from toppling.results.drawing.report.content import Content
 from toppling.results.drawing.report.sections import SECTIONS
 from toppling.results.drawing.report.write import report_page, write_page, write_pdf
 from toppling.results.fits import SAMPLES
-from toppling.results.hazard import SITE_REACH_KM, parse_age
+from toppling.results.hazard.ages import parse_age
 from toppling.results.run import open_run
 
 
-@click.command()
+@click.command(cls=SiteCommand)
 @click.argument("run", type=click.Path(path_type=Path))
 @click.option("--out", type=click.Path(path_type=Path, dir_okay=False), help="Default: RUN/report.html.")
 @click.option(
@@ -30,13 +30,13 @@ from toppling.results.run import open_run
 @click.option(
     "--hazard",
     multiple=True,
-    metavar="FILE[=WEIGHT]",
-    help="Hazard curve to test against the standing rock; needs --age.",
+    metavar="PATH[=WEIGHT]",
+    help=f"{HAZARD_HELP} Needs --age.",
 )
 @click.option(
-    "--site", type=float, nargs=2, metavar="LON LAT",
-    help=f"Degrees; takes the nearest site of an OpenQuake file, within {SITE_REACH_KM:g} km.",
+    "--site", type=float, nargs=2, metavar="LON LAT", help=SITE_HELP,
 )  # fmt: skip
+@click.option("--site-name", hidden=True)
 @click.option(
     "--samples",
     type=click.IntRange(1),
@@ -51,6 +51,7 @@ def report(
     age: str | None,
     hazard: tuple[str, ...],
     site: tuple[float, float] | None,
+    site_name: str | None,
     samples: int,
 ) -> None:
     """Write a report on RUN as one HTML page that needs no network and can be attached to a paper.
@@ -65,7 +66,7 @@ def report(
     if hazard and not age:
         msg = "a hazard curve needs the rock's --age, to turn rates into probabilities"
         raise click.UsageError(msg)
-    branches = [read_branch(text, site, 1.0) for text in hazard]
+    branches = read_tree(hazard, site or site_name).branches if hazard else ()
     content = Content(open_run(run), samples, parse_age(age) if age else None, branches)
     target = out or place_in(run, "report.html")
     with bar("report", len(SECTIONS) + pdf) as advance:

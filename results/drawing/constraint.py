@@ -9,12 +9,14 @@ from matplotlib.ticker import LogLocator
 from numpy.typing import NDArray
 
 from toppling.results.drawing.style import COLOURS, HALF_WIDTH_IN, measure_label, plain_log, style
-from toppling.results.hazard import HazardCurve, Standing
+from toppling.results.hazard.curves import HazardCurve
+from toppling.results.hazard.standing import Standing
+from toppling.results.hazard.tree import Branch
 
 
 def constraint_figure(
     bound: pd.DataFrame,
-    branches: Sequence[HazardCurve],
+    branches: Sequence[Branch],
     confidence: float,
     verdicts: pd.DataFrame | None = None,
     rocks: Sequence[Standing] = (),
@@ -26,7 +28,7 @@ def constraint_figure(
     ----------
     bound : DataFrame
         From `results.constraint.bound_table`.
-    branches : sequence of HazardCurve
+    branches : sequence of Branch
     confidence : float
     verdicts : DataFrame or None
         From `results.constraint.branch_table`: survival and verdict of each branch, for the legend.
@@ -46,7 +48,7 @@ def constraint_figure(
                 "top": 1 - 0.3 / height,
             }
         )  # fmt: skip
-        seen = [_within(bound, branch) for branch in branches]
+        seen = [_within(bound, branch.curve) for branch in branches]
         least, top = _rates_shown(bound, [rates for rates in seen if len(rates)])
         axes.fill_between(
             bound[measure], rate, top, color="0.85", lw=0,
@@ -59,7 +61,12 @@ def constraint_figure(
             dashes = ("-", "--", "-.", ":")[number % 4]
             verdict = "" if verdicts is None else _verdict(verdicts.iloc[number])
             axes.plot(
-                branch.intensity, branch.annual_rate, dashes, color=colour, lw=1.3, label=name + verdict
+                branch.curve.intensity,
+                branch.curve.annual_rate,
+                dashes,
+                color=colour,
+                lw=1.3,
+                label=name + verdict,
             )
         axes.set(
             xscale="log", yscale="log", xlabel=measure_label(measure), ylabel="annual rate of exceedance",

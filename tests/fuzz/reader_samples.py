@@ -32,7 +32,8 @@ from toppling.orchestrator.plan import plan
 from toppling.orchestrator.status import state_of
 from toppling.results.exchange import read_curves, write_curves
 from toppling.results.fits import Basis, Lognormal
-from toppling.results.hazard import parse_age, read_hazard
+from toppling.results.hazard.ages import parse_age
+from toppling.results.hazard.readers import Hints, read_hazard
 from toppling.results.run import open_run
 
 
@@ -243,10 +244,53 @@ OPENQUAKE = (
 )
 
 
+REALISATION = OPENQUAKE.replace("imt=", "kind='rlz-000', imt=")
+REALISATIONS = "#,,\"generated_by='OpenQuake engine'\"\nrlz_id,branch_path,weight\n0,A~A,1.0000000e+00\n"
+NSHMP = "name,lon,lat,0.05,0.1,0.2\nrock,-118.1,34.2,1.0E-02,3.0E-03,1.0E-04\n"
+CYBERSHAKE = "# Curves: 1\n# Name: CS Run 9306\n1.0E-4\t0.097\n1.0E-2\t0.05\n1.0E-1\t0.004\n1.0\t0.0\n"
+SERVICE = json.dumps({
+    "response": [{
+        "metadata": {"imt": {"value": "PGA"}, "longitude": -118.1, "latitude": 34.2, "xvalues": [0.1, 0.2],
+                     "ylabel": "Annual Frequency of Exceedence"},
+        "data": [{"component": "Total", "yvalues": [1e-2, 1e-3]}, {"component": "Fault", "yvalues": [1e-3, 1e-4]}],
+    }]
+})  # fmt: skip
+
+
+def _written_all(**texts: str) -> Callable[[Path], None]:
+    def write(folder: Path) -> None:
+        for name, text in texts.items():
+            (folder / name.replace("__", ".")).write_text(text)
+
+    return write
+
+
+def _read_tree(folder: Path) -> Any:
+    return [
+        value
+        for tree in read_hazard(folder)
+        for branch in tree.branches
+        for value in (branch.weight, *branch.curve.levels)
+    ]
+
+
 def _read_hazard(folder: Path) -> Any:
     (path,) = folder.iterdir()
-    curve = read_hazard(path)
-    return [*curve.intensity, *curve.annual_rate]
+    return [
+        value
+        for tree in read_hazard(path)
+        for one in tree.curves
+        for value in (*one.levels, *one.annual_rate)
+    ]
+
+
+def _read_nshmp(folder: Path) -> Any:
+    (path,) = folder.iterdir()
+    return [
+        x
+        for tree in read_hazard(path, hints=Hints(measure="pga_m_s2", years=0.0))
+        for x in tree.curves[0].levels
+    ]
 
 
 def _written(name: str, text: str) -> Callable[[Path], None]:
@@ -302,6 +346,14 @@ READERS: dict[str, Reader] = {
     },
     "hazard": Reader(_written("site.csv", HAZARD), _read_hazard),
     "hazard of OpenQuake": Reader(_written("site.csv", OPENQUAKE), _read_hazard),
+    "hazard of nshmp-haz": Reader(_written("total.csv", NSHMP), _read_nshmp),
+    "hazard of CyberShake": Reader(
+        _written("USC_ERF36_Run9306_SA_3sec_RotD50_2022_12_21.txt", CYBERSHAKE), _read_hazard
+    ),
+    "hazard of the web service": Reader(_written("answer.json", SERVICE), _read_hazard),
+    "hazard's realisations": Reader(
+        _written_all(realizations__csv=REALISATIONS, curve__csv=REALISATION), _read_tree
+    ),
     "ages": Reader(
         _written("ages.csv", "years,weight\n15000,1\n20000,2\n"),
         lambda folder: parse_age(str(folder / "ages.csv")),

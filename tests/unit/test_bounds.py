@@ -18,7 +18,7 @@ from toppling.models.shapes import box
 from toppling.orchestrator.campaign import MOST_JOBS, Campaign
 from toppling.orchestrator.folder import describe
 from toppling.results.exchange import read_curves
-from toppling.results.hazard import read_hazard
+from toppling.results.hazard.readers import read_hazard
 from toppling.results.run import open_run
 
 SECONDS, MEMORY_BYTES = 1.0, 300e6

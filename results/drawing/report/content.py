@@ -16,7 +16,8 @@ from toppling.results.completeness import Completeness
 from toppling.results.constraint import bound_table, branch_table, single_event
 from toppling.results.drawing.style import printed_unit
 from toppling.results.fragility import FRICTION, by_contact, contact_words
-from toppling.results.hazard import HazardCurve, Standing
+from toppling.results.hazard.standing import Standing
+from toppling.results.hazard.tree import Branch
 from toppling.results.run import Run
 
 CONFIDENCE = 0.95
@@ -106,14 +107,14 @@ class Content:
         Bootstrap samples of the fits.
     years : (n,) array or None
         Equally likely ages of the standing rock.
-    branches : sequence of HazardCurve
+    branches : sequence of Branch
         Asked about; they need an age.
     """
 
     run: Run
     samples: int = fits.SAMPLES
     years: NDArray[np.float64] | None = None
-    branches: Sequence[HazardCurve] = ()
+    branches: Sequence[Branch] = ()
 
     @cached_property
     def frame(self) -> pd.DataFrame:
@@ -165,7 +166,7 @@ class Content:
     @cached_property
     def standing(self) -> Standing | None:
         """The chief contact's rock, over the hazard's measure or the headline's; None where that has no fit."""
-        measure = self.branches[0].measure if self.branches else None
+        measure = self.branches[0].curve.measure if self.branches else None
         found = self.chief.curve_of(measure) if measure else self.chief.headline
         if found is None or self.chief.toppled < fits.FEW_TOPPLED:
             return None

@@ -151,7 +151,7 @@ def test_a_curve_of_unknown_basis_is_called_so(curves):
 
 def test_branches_are_kept_or_rejected_and_weighted_anew(tmp_path, curves, hazards):
     folder = tmp_path / "out"
-    weighted = ["--hazard", f"{hazards[0]}=1", "--hazard", f"{hazards[1]}=3"]
+    weighted = ["--hazard", f"{hazards[0]}=0.25", "--hazard", f"{hazards[1]}=0.75"]
     done = constrain(curves, "--age", "10000", *weighted, "--json", "--out", str(folder))
     low, high = json.loads(done.output)["branches"]
     # Closed form of a power law of exponent 2: lambda(median) exp(2 beta^2).

@@ -7,30 +7,28 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from toppling.models.errors import InputError
 from toppling.results.constraint import bound_table, branch_table
 from toppling.results.drawing.constraint import constraint_figure
 from toppling.results.fits import Lognormal
-from toppling.results.hazard import (
+from toppling.results.hazard.ages import parse_age
+from toppling.results.hazard.curves import (
     NODES_PER_E_FOLD,
     HazardCurve,
-    Standing,
-    branch_weights,
     continued,
-    distance_km,
-    parse_age,
-    read_hazard,
-    rejected_rate,
-    survival,
     toppling_rate,
-    unexceeded,
     unstated_shares,
 )
+from toppling.results.hazard.standing import Standing, joint_survival, rejected_rate, unexceeded
+from toppling.results.hazard.tree import Branch, branch_weights
 
 
 def power_law(rate_at_one=1e-3, exponent=2.5, low=1e-4, high=1e4):
     x = np.geomspace(low, high, 9)
     return HazardCurve("power law", "pgv_m_s", x, rate_at_one * x**-exponent)
+
+
+def branches_of(*curves):
+    return [Branch(curve.name, 1 / len(curves), curve) for curve in curves]
 
 
 @settings(max_examples=25)
@@ -66,14 +64,14 @@ ROCK = Lognormal("pgv_m_s", 1.2, 0.4)
 def test_survival_falls_exponentially_with_age():
     hazard = power_law()
     rate = toppling_rate([ROCK], hazard)
-    told = survival([Standing("rock", ROCK, np.array([2000.0]))], hazard)
+    told = joint_survival([Standing("rock", ROCK, np.array([2000.0]))], hazard)
     assert told == pytest.approx(math.exp(-2000 * rate))
 
 
 def test_an_uncertain_age_is_averaged_over():
     hazard = power_law()
     rate = toppling_rate([ROCK], hazard)
-    told = survival([Standing("rock", ROCK, parse_age("1000..5000"))], hazard)
+    told = joint_survival([Standing("rock", ROCK, parse_age("1000..5000"))], hazard)
     exact = (math.exp(-1000 * rate) - math.exp(-5000 * rate)) / (4000 * rate)
     assert told == pytest.approx(exact, rel=1e-5)
 
@@ -82,21 +80,21 @@ def test_a_second_rock_that_is_the_same_but_never_weaker_adds_less_than_an_indep
     """Rocks feel the same events: a product of their survivals is biased low."""
     hazard = power_law()
     one, two = (Standing(name, ROCK, np.array([3000.0])) for name in "ab")
-    alone, together = survival([one], hazard), survival([one, two], hazard)
+    alone, together = joint_survival([one], hazard), joint_survival([one, two], hazard)
     assert alone**2 < together < alone
 
 
 def test_a_sharp_weaker_rock_decides_alone():
     hazard = power_law()
     weak, strong = (Standing(str(x), Lognormal("pgv_m_s", x, 0.0), np.array([500.0])) for x in (1.0, 2.0))
-    assert survival([weak, strong], hazard) == pytest.approx(survival([weak], hazard), rel=1e-12)
+    assert joint_survival([weak, strong], hazard) == pytest.approx(joint_survival([weak], hazard), rel=1e-12)
 
 
 def test_before_the_younger_rock_stood_only_the_older_could_topple():
     hazard = power_law()
     old, young = Standing("old", ROCK, np.array([5000.0])), Standing("young", ROCK, np.array([1000.0]))
     exponent = 4000 * toppling_rate([ROCK], hazard) + 1000 * toppling_rate([ROCK, ROCK], hazard)
-    assert survival([young, old], hazard) == pytest.approx(math.exp(-exponent))
+    assert joint_survival([young, old], hazard) == pytest.approx(math.exp(-exponent))
 
 
 def test_bayes_weights_follow_the_survivals():
@@ -115,7 +113,7 @@ def test_a_rejected_rate_is_one_under_which_the_rock_cannot_have_survived():
     # A hazard curve that reaches the bound at some intensity leaves at most 5 % of survival.
     for exponent in (1.0, 2.5, 4.0):
         hazard = power_law(bound[2] * 5.0**exponent, exponent)
-        assert survival([rock], hazard) <= 1 - confidence + 1e-9
+        assert joint_survival([rock], hazard) <= 1 - confidence + 1e-9
 
 
 def test_an_uncertain_age_rejects_less_than_its_greatest_and_more_than_its_least():
@@ -166,7 +164,7 @@ def test_what_a_curve_leaves_out_at_its_end_counts_as_toppling_where_it_is_conti
 @pytest.mark.parametrize("rate_at_one", [1e-12, 1e-6, 1e-3, 1e2])
 def test_every_branch_that_the_legend_names_is_seen_within_the_frame(rate_at_one):
     bound = bound_table([Standing("rock", ROCK, np.array([1e4]))], 0.95)
-    axes = constraint_figure(bound, [power_law(rate_at_one), power_law(1e-3)], 0.95).axes[0]
+    axes = constraint_figure(bound, branches_of(power_law(rate_at_one), power_law(1e-3)), 0.95).axes[0]
     (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
     x = np.geomspace(left, right, 100)
     for rate in (rate_at_one, 1e-3):
@@ -177,13 +175,13 @@ def test_every_branch_that_the_legend_names_is_seen_within_the_frame(rate_at_one
 
 def test_a_branch_without_rates_in_the_frame_is_named_so():
     bound = bound_table([Standing("rock", ROCK, np.array([1e4]))], 0.95)
-    (legend,) = constraint_figure(bound, [power_law(low=100.0)], 0.95).legends
+    (legend,) = constraint_figure(bound, branches_of(power_law(low=100.0)), 0.95).legends
     assert "power law (no rates here)" in [text.get_text() for text in legend.get_texts()]
 
 
 def test_the_figure_tells_each_branchs_survival_and_verdict_and_the_age():
     rocks = [Standing("rock", ROCK, np.array([1e4, 2e4]))]
-    branches = [power_law(rate_at_one=1e-2), power_law(rate_at_one=1e-9)]
+    branches = branches_of(power_law(rate_at_one=1e-2), power_law(rate_at_one=1e-9))
     figure = constraint_figure(
         bound_table(rocks, 0.95), branches, 0.95, branch_table(rocks, branches, 0.95), rocks
     )
@@ -195,146 +193,7 @@ def test_the_figure_tells_each_branchs_survival_and_verdict_and_the_age():
     assert figure.axes[0].get_title() == "standing for 10,000 to 20,000 years"
 
 
-def test_openquake_curves_become_annual_rates_in_si(tmp_path):
-    path = tmp_path / "hazard_curve-mean-PGV.csv"
-    path.write_text(
-        "#,,,,\"generated_by='OpenQuake engine 3.20', kind='mean', investigation_time=50.0, imt='PGV'\"\n"
-        "lon,lat,depth,poe-10,poe-100,poe-300,poe-900\n"
-        "-118.0,34.0,0.0,1.0,0.5,0.1,0.0\n"
-        "-119.0,34.0,0.0,0.9,0.4,0.05,0.001\n"
-    )
-    with pytest.raises(InputError, match="2 sites"):
-        read_hazard(path)
-    curve = read_hazard(path, site=(-118.1, 34.1))
-    assert curve.measure == "pgv_m_s"
-    np.testing.assert_allclose(curve.intensity, [1.0, 3.0])  # certain and impossible exceedance say no rate
-    np.testing.assert_allclose(curve.annual_rate, -np.log(1 - np.array([0.5, 0.1])) / 50.0)
-
-
-def openquake(path, *sites):
-    """Hazard of sites, the k-th with rates of 10^-k at the first level."""
-    rows = [
-        f"{east},{north},0.0,{-math.expm1(-(10.0**-k))},{-math.expm1(-(10.0**-k) / 9)}"
-        for k, (east, north) in enumerate(sites, 1)
-    ]
-    head = "#,,,,\"generated_by='OpenQuake', kind='mean', investigation_time=1.0, imt='PGV'\""
-    path.write_text("\n".join([head, "lon,lat,depth,poe-10,poe-100", *rows]))
-    return path
-
-
-@pytest.mark.parametrize("site", [(-118.0, 34.1), (242.0, 34.1)])
-def test_a_longitude_is_the_same_place_east_and_west_of_greenwich(tmp_path, site):
-    path = openquake(tmp_path / "hazard.csv", (-118.1, 34.2), (100.0, 34.1))
-    curve = read_hazard(path, site=site)
-    assert curve.site == (-118.1, 34.2)
-    assert curve.annual_rate[0] == pytest.approx(0.1)
-
-
-def test_the_nearest_site_is_the_nearest_on_the_ground_and_not_in_degrees(tmp_path):
-    # Near the pole two degrees of longitude are shorter than a tenth of latitude, and the date line divides nothing.
-    path = openquake(tmp_path / "hazard.csv", (-179.0, 89.0), (179.0, 89.1))
-    assert read_hazard(path, site=(179.0, 89.0)).site == (-179.0, 89.0)
-    assert distance_km(-179.0, 89.0, (179.0, 89.0)) == pytest.approx(
-        6371 * math.radians(2) * math.cos(math.radians(89)), rel=1e-3
-    )
-
-
-@pytest.mark.parametrize("site", [(-118.1, 35.0), (-117.0, 34.2), (61.9, 34.2), (34.2, 61.9)])
-def test_a_site_out_of_reach_is_refused_by_its_place_and_distance_even_if_it_is_the_only_one(tmp_path, site):
-    path = openquake(tmp_path / "hazard.csv", (-118.1, 34.2))
-    away = f"{distance_km(-118.1, 34.2, site):.0f} km away"
-    with pytest.raises(InputError, match=f"longitude -118.1 and latitude 34.2, is {away}"):
-        read_hazard(path, site=site)
-
-
-@pytest.mark.parametrize("site", [(34.2, -118.1), (-118.1, 90.1), (361.0, 34.2), (-118.1, math.nan)])
-def test_what_is_no_place_on_earth_is_no_site(tmp_path, site):
-    path = openquake(tmp_path / "hazard.csv", (-118.1, 34.2), (-100.0, 40.0))
-    with pytest.raises(InputError, match="no place on Earth"):
-        read_hazard(path, site=site)
-
-
-def test_an_openquake_file_may_name_its_sites(tmp_path):
-    path = tmp_path / "hazard_curve-mean-PGV.csv"
-    path.write_text(
-        "#,,,,,\"generated_by='OpenQuake engine 3.16.3', kind='mean', investigation_time=1.0, imt='PGV'\"\n"
-        "custom_site_id,lon,lat,depth,poe-10,poe-100\nrock1,-118.0,34.0,0.0,0.5,0.1\n"
-    )
-    np.testing.assert_allclose(read_hazard(path).annual_rate, -np.log(1 - np.array([0.5, 0.1])))
-
-
-def test_two_columns_are_read_in_si_or_in_openquakes_units(tmp_path):
-    (tmp_path / "si.csv").write_text("pga_m_s2,annual_rate\n0.980665,0.01\n9.80665,0.0001\n")
-    (tmp_path / "g.csv").write_text("PGA,annual_rate\n0.1,0.01\n1,0.0001\n")
-    si, g = (read_hazard(tmp_path / name) for name in ("si.csv", "g.csv"))
-    np.testing.assert_allclose(si.intensity, g.intensity)
-    assert read_hazard(tmp_path / "si.csv", ratio=1.2).intensity[0] == pytest.approx(1.2 * 0.980665)
-    (tmp_path / "spreadsheet.csv").write_text("\ufeffPGA,annual_rate\n0.1,0.01\n1,0.0001\n", encoding="utf-8")
-    assert read_hazard(tmp_path / "spreadsheet.csv").measure == "pga_m_s2"
-
-
-@pytest.mark.parametrize(
-    "text",
-    ["", "pga_m_s2,rate\n1,1\n", "pgx,annual_rate\n1,1\n2,0.1\n", "pga_m_s2,annual_rate\n2,1\n1,0.1\n",
-     "pga_m_s2,annual_rate\n1,x\n", "pga_m_s2,annual_rate\n1,0.1\n2,0.2\n", "# nothing\nlon,lat\n"],
-)  # fmt: skip
-def test_a_file_that_is_no_hazard_curve_is_refused(tmp_path, text):
-    path = tmp_path / "hazard.csv"
-    path.write_text(text)
-    with pytest.raises(InputError, match="annual rates of exceedance"):
-        read_hazard(path)
-
-
-@pytest.mark.parametrize("rate", ["-1e-3", "nan"])
-def test_a_rate_that_is_negative_or_no_number_is_refused_and_not_bridged(tmp_path, rate):
-    path = tmp_path / "curve.csv"
-    path.write_text(f"pgv_m_s,annual_rate\n0.1,1e-2\n0.3,{rate}\n1,1e-4\n")
-    with pytest.raises(InputError, match="all of them positive"):
-        read_hazard(path)
-
-
 def test_rocks_of_which_one_never_topples_are_bounded_by_the_other():
     one, never = Lognormal("pgv_m_s", 1.2, 0.4), Lognormal("pgv_m_s", math.inf, 0.0)
     assert unexceeded([one, never]) == pytest.approx(unexceeded([one]), rel=1e-9)
     assert unexceeded([never, never]) == math.inf
-
-
-def test_a_picture_is_no_hazard_curve(tmp_path):
-    (tmp_path / "scene.png").write_bytes(b"\x89PNG\r\n")
-    with pytest.raises(InputError, match="is no text in UTF-8"):
-        read_hazard(tmp_path / "scene.png")
-
-
-def test_ages_are_numbers_ranges_distributions_or_files(tmp_path):
-    assert parse_age("20000").tolist() == [20000.0]
-    assert parse_age("20000+-3000").mean() == pytest.approx(20000, rel=1e-3)
-    assert parse_age("20000+-3000").std() == pytest.approx(3000, rel=0.01)
-    table = tmp_path / "age.csv"
-    table.write_text("years,weight\n1000,1\n3000,3\n")
-    assert parse_age(str(table)).mean() == pytest.approx(2500)
-    two = tmp_path / "two.csv"
-    two.write_text("years\n1000\n3000\n")
-    assert parse_age(str(two)).mean() == pytest.approx(2000)
-    one = tmp_path / "one.csv"
-    one.write_text("\ufeffyears,weight\n1000,2\n")
-    assert set(parse_age(str(one))) == {1000.0}
-    for nonsense in ("old", "-5", "0..10x", "1+-"):
-        with pytest.raises(InputError, match="no age"):
-            parse_age(nonsense)
-
-
-@pytest.mark.parametrize("text", ["1000\n3000\n", "\ufeff1000\n3000\n", "1000,1\n3000,3\n"])
-def test_ages_without_a_header_are_refused_by_the_header_that_is_expected(tmp_path, text):
-    table = tmp_path / "age.csv"
-    table.write_text(text, encoding="utf-8")
-    with pytest.raises(InputError, match="the header 'years' or 'years,weight'"):
-        parse_age(str(table))
-
-
-@pytest.mark.parametrize("text", ["", "years\n", "years,weight\n1000,-1\n3000,3\n", "years,weight\n1000,0\n",
-                                  "years,weight\n1000\n3000,3\n", "a,b,c\n1,2,3\n", "years\nold\n"])  # fmt: skip
-def test_a_file_that_holds_no_ages_is_refused(tmp_path, text):
-    table = tmp_path / "age.csv"
-    table.write_text(text)
-    with pytest.raises(InputError, match="no age"):
-        parse_age(str(table))

@@ -27,7 +27,8 @@ from toppling.results.drawing.report.headline import what_standing_says
 from toppling.results.drawing.report.methods import methods
 from toppling.results.drawing.report.sections import SECTIONS, constraint_section, fit_table, fits_section
 from toppling.results.drawing.report.write import report_page, write_pdf
-from toppling.results.hazard import HazardCurve
+from toppling.results.hazard.curves import HazardCurve
+from toppling.results.hazard.tree import Branch
 from toppling.results.run import open_run
 from toppling.results.store import write_part
 
@@ -76,7 +77,8 @@ def run(tmp_path_factory):
 def page(run):
     x = np.array([0.05, 0.5, 5.0])
     branches = [
-        HazardCurve(name, "pgv_m_s", x, rate * x**-2.0) for name, rate in (("quiet", 1e-9), ("loud", 1e-2))
+        Branch(name, 0.5, HazardCurve(name, "pgv_m_s", x, rate * x**-2.0))
+        for name, rate in (("quiet", 1e-9), ("loud", 1e-2))
     ]
     return report_page(Content(run, 5, np.array([2e4]), branches))
 

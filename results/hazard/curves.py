@@ -1,0 +1,259 @@
+"""A hazard curve, and the rate at which its motions topple rocks (`toppling.results.hazard` has the formulae)."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from toppling.models.errors import InputError
+from toppling.results.fits import Lognormal
+
+NODES_PER_E_FOLD = 400
+"""Points of the integration in an interval where intensity grows by e.
+
+Under a power law of exponent k the rate comes out too large by (k / 400)^2 / 24 of it: 1e-6 for k = 2, 2.3e-6 for
+3. A nearly sharp fragility (beta below .02) adds up to 4.4e-5 k, the most where beta is a third of an interval; a
+sharp one adds nothing.
+"""
+
+PRINTED = 2e-6
+"""Share by which a value may exceed the one at a lower level: files print seven figures, some six."""
+
+
+def _no_levels() -> NDArray[np.float64]:
+    return np.empty(0)
+
+
+@dataclass(frozen=True, eq=False)
+class HazardCurve:
+    """Annual rate at which an intensity is exceeded at a site, a power law between its points.
+
+    Parameters
+    ----------
+    name : str
+    measure : str
+        Column of the results that the intensity is a value of, such as pga_m_s2; sa_0.2s_m_s2 for other periods.
+    intensity : (n,) array
+        Increasing and positive, in the measure's SI unit. A branch of a tree may have fewer than two points, where no
+        event of its catalogue was strong enough.
+    annual_rate : (n,) array
+        Positive and finite, not increasing.
+    site : (longitude, latitude) or None
+        Degrees; where its file says that it holds.
+    site_name : str
+        As the file has it, if it does.
+    component : str
+        Horizontal component, such as RotD50, where it is known.
+    source : str
+        File that it was read from.
+    years : float or None
+        Time that the file's probabilities are over; None where it states rates.
+    certain, never : arrays
+        Levels that the file states with a probability of 1 (a rate without bound) and of 0 (one that underflowed): they
+        bear no rate, and count where probabilities are averaged over branches.
+    """
+
+    name: str
+    measure: str
+    intensity: NDArray[np.float64]
+    annual_rate: NDArray[np.float64]
+    site: tuple[float, float] | None = None
+    site_name: str = ""
+    component: str = ""
+    source: str = ""
+    years: float | None = None
+    certain: NDArray[np.float64] = field(default_factory=_no_levels)
+    never: NDArray[np.float64] = field(default_factory=_no_levels)
+
+    def __post_init__(self) -> None:
+        x, rate = self.intensity, self.annual_rate
+        good = len(x) == len(rate) and np.isfinite(x).all() and np.isfinite(rate).all() and (x > 0).all()
+        if not (good and (np.diff(x) > 0).all() and (rate > 0).all() and (np.diff(rate) <= 0).all()):
+            raise InputError(
+                what="intensities must rise and rates fall, all of them positive",
+                where=self.source or self.name,
+                expected="annual rates of exceedance that fall as the intensity rises, at two levels or more",
+                remedy="compute the curve at more levels, from where the rock hardly topples to where it always does",
+            )
+
+    def rate(self, intensity: ArrayLike) -> NDArray[np.float64]:
+        """Annual rate of exceedance at intensities within the curve, interpolated on logarithms."""
+        logarithm = np.interp(np.log(intensity), np.log(self.intensity), np.log(self.annual_rate))
+        return np.exp(logarithm)
+
+    def intensity_at(self, annual_rate: float) -> float:
+        """Intensity that is exceeded at an annual rate, interpolated on logarithms; null outside the curve."""
+        if not self.annual_rate[-1] <= annual_rate <= self.annual_rate[0]:
+            return math.nan
+        falling, x = -np.log(self.annual_rate), np.log(self.intensity)
+        return float(np.exp(np.interp(-math.log(annual_rate), falling, x)))
+
+    @property
+    def levels(self) -> NDArray[np.float64]:
+        """All levels of the file, with those that bear no rate."""
+        return np.concatenate([self.certain, self.intensity, self.never])
+
+    @property
+    def rates(self) -> NDArray[np.float64]:
+        """Annual rates at `levels`: infinite where exceedance is certain, 0 where it never happens."""
+        unbounded, none = np.full(len(self.certain), math.inf), np.zeros(len(self.never))
+        return np.concatenate([unbounded, self.annual_rate, none])
+
+    def stronger(self, factor: float) -> "HazardCurve":
+        """The same curve of motions that are a factor stronger: rate'(x) = rate(x / factor)."""
+        return replace(
+            self, intensity=factor * self.intensity, certain=factor * self.certain, never=factor * self.never
+        )
+
+
+def curve_of_rates(
+    name: str, measure: str, levels: ArrayLike, annual_rate: ArrayLike, **stated: Any
+) -> HazardCurve:
+    """Curve of annual rates as a file states them: rates of 0, and infinite ones, become levels without a rate.
+
+    Raises
+    ------
+    InputError
+        If levels do not rise, or rates are negative, no numbers, or rise with the level.
+    """
+    x, rate = np.asarray(levels, float), np.asarray(annual_rate, float)
+    where = str(stated.get("source") or name)
+    expected = "annual rates of exceedance, or probabilities, that fall as the level rises"
+    if not (len(x) and (x > 0).all() and np.isfinite(x).all() and (np.diff(x) > 0).all()):
+        raise InputError(
+            what="intensities must rise, all of them positive", where=where, expected=expected,
+            remedy="sort the levels, and leave out those of 0",
+        )  # fmt: skip
+    if not (rate >= 0).all():
+        worst = int(np.argmax(~(rate >= 0)))
+        raise InputError(
+            what=f"states {rate[worst]:g} at the level {x[worst]:g}: rates must fall, all of them positive",
+            where=where, expected=expected, remedy="correct the value, or leave the level out",
+        )  # fmt: skip
+    finite = np.where(np.isinf(rate), 1e300, rate)
+    risen = finite[1:] > finite[:-1] * (1.0 + PRINTED)
+    if risen.any():
+        place = int(np.argmax(risen))
+        raise InputError(
+            what=f"the value at {x[place + 1]:g} lies above that at {x[place]:g}: rates must fall", where=where,
+            expected=expected, remedy="check the order of the columns, and the program that wrote them",
+        )  # fmt: skip
+    falling = np.where(np.isinf(rate), rate, np.minimum.accumulate(finite))
+    bears = (falling > 0) & np.isfinite(falling)
+    return HazardCurve(
+        name, measure, x[bears], falling[bears], certain=x[np.isinf(falling)], never=x[falling == 0], **stated
+    )
+
+
+def curve_of_probabilities(
+    name: str, measure: str, levels: ArrayLike, probability: ArrayLike, years: float, **stated: Any
+) -> HazardCurve:
+    """Curve of probabilities of exceedance over a time: -ln(1 - p) / T is the annual rate of Poisson events.
+
+    Raises
+    ------
+    InputError
+        As `curve_of_rates`; if the time is not positive, or probabilities lie outside 0 to 1.
+    """
+    p = np.asarray(probability, float)
+    where = str(stated.get("source") or name)
+    if not 0 < years < math.inf:
+        raise InputError(
+            what=f"an investigation time of {years:g} years", where=where, expected="a time above 0",
+            remedy="state the years that the probabilities are over",
+        )  # fmt: skip
+    if not ((p >= 0) & (p <= 1)).all():
+        worst = int(np.argmax(~((p >= 0) & (p <= 1))))
+        raise InputError(
+            what=f"states the probability {p[worst]:g} at the level {np.asarray(levels, float)[worst]:g}",
+            where=where, expected="probabilities of exceedance from 0 to 1",
+            remedy="if these are annual rates, say so in the file",
+        )  # fmt: skip
+    return curve_of_rates(name, measure, levels, annual_rate_of(p, years), years=years, **stated)
+
+
+def annual_rate_of(probability: ArrayLike, years: float) -> NDArray[np.float64]:
+    """Annual rate of Poisson events with a probability of at least one in some years; infinite for 1."""
+    with np.errstate(divide="ignore"):
+        return -np.log1p(-np.asarray(probability, float)) / years
+
+
+def probability_of(annual_rate: ArrayLike, years: float) -> NDArray[np.float64]:
+    """Probability of at least one Poisson event in some years."""
+    return -np.expm1(-np.asarray(annual_rate, float) * years)
+
+
+def survival(annual_rate: float, years: ArrayLike) -> float:
+    """Probability that a rock which topples at an annual rate stands for some years, the mean of likely ages."""
+    return float(np.exp(-annual_rate * np.atleast_1d(np.asarray(years, float))).mean())
+
+
+def toppling_rate(curves: Sequence[Lognormal], hazard: HazardCurve) -> float:
+    """Annual rate of events that topple at least one of some rocks at a site.
+
+    Rates above the hazard curve's last point count with the probability at that point, rates below its first
+    not at all (`unstated_shares`).
+    """
+    x, events = events_by_intensity(hazard, [curve.median for curve in curves])
+    return float(any_topples(curves, x) @ events)
+
+
+def events_by_intensity(
+    hazard: HazardCurve, thresholds: Sequence[float] = ()
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Intensities (m,) and the annual rates of events of each (m,), as fine as an integral over the curve needs.
+
+    Corners of the curve and thresholds, such as medians, lie between two intensities: none straddles two power laws or
+    a sharp threshold. The last intensity stands for all events beyond the curve's last point.
+    """
+    if not len(hazard.intensity):
+        return np.empty(0), np.empty(0)
+    low, high = hazard.intensity[[0, -1]]
+    corners = np.unique(np.log([*hazard.intensity, *(x for x in thresholds if low < x < high)]))
+    pieces = [
+        np.linspace(start, end, math.ceil((end - start) * NODES_PER_E_FOLD), endpoint=False)
+        for start, end in pairwise(corners)
+    ]
+    x = np.exp(np.concatenate([*pieces, corners[-1:]]))
+    rate = hazard.rate(x)
+    return np.append(np.sqrt(x[1:] * x[:-1]), x[-1]), np.append(-np.diff(rate), rate[-1])
+
+
+def continued(hazard: HazardCurve, curves: Sequence[Lognormal]) -> HazardCurve:
+    """Hazard curve with what it leaves out: the first segment's power law below, all that topples above.
+
+    It reaches as far as the rocks' fragilities ask for; the module says where the two ends come from.
+    """
+    x, rate = hazard.intensity, hazard.annual_rate
+    if len(x) < 2:
+        return hazard
+    exponent = math.log(rate[0] / rate[1]) / math.log(x[1] / x[0])
+    # F(x) x^-k is a normal density about ln(median) - k beta^2, and nothing is left 8 beta below that.
+    low = min(math.log(curve.median) - exponent * curve.beta**2 - 8 * curve.beta for curve in curves)
+    if exponent > 0:  # rates that a double can hold
+        low = max(low, math.log(x[0]) - 600.0 / exponent)
+    high = 2.0 * max(curve.intensity(1 - 1e-12) for curve in curves)
+    if math.exp(low) < x[0]:
+        rate = np.concatenate([rate[:1] * (x[0] / math.exp(low)) ** exponent, rate])
+        x = np.concatenate([[math.exp(low)], x])
+    if high > x[-1]:
+        x, rate = np.append(x, high), np.append(rate, rate[-1])
+    return replace(hazard, intensity=x, annual_rate=rate)
+
+
+def unstated_shares(curves: Sequence[Lognormal], hazard: HazardCurve) -> tuple[float, float]:
+    """Shares of the toppling rate under the `continued` curve that lie below and above the stated points."""
+    stated, whole = (toppling_rate(curves, curve) for curve in (hazard, continued(hazard, curves)))
+    if not whole > 0:
+        return 0.0, 0.0
+    above = (1.0 - any_topples(curves, hazard.intensity[-1:])[0]) * hazard.annual_rate[-1]
+    return max(0.0, 1.0 - (stated + above) / whole), float(above / whole)
+
+
+def any_topples(curves: Sequence[Lognormal], intensity: ArrayLike) -> NDArray[np.float64]:
+    """Probability that an event of some intensity topples at least one of the rocks."""
+    return 1.0 - np.prod([1.0 - curve.probability(intensity) for curve in curves], axis=0)

@@ -1,0 +1,67 @@
+"""Names and units of intensity measures in hazard files, and the results' columns that they are."""
+
+import re
+
+from toppling.results.exchange import OPENQUAKE, OPENQUAKE_G_M_S2
+
+_SA = re.compile(r"SA(?:\((\d+(?:\.\d+)?)\)|(\d+)P(\d+))")
+_SA_COLUMN = re.compile(r"sa_(\d+(?:\.\d+)?)s_m_s2")
+_UNITS = {
+    "g": OPENQUAKE_G_M_S2, "m/s2": 1.0, "m/s^2": 1.0, "m/s²": 1.0, "cm/s2": 0.01, "cm/s^2": 0.01, "cm/s²": 0.01,
+    "gal": 0.01, "m/s": 1.0, "cm/s": 0.01, "m": 1.0, "cm": 0.01,
+}  # fmt: skip
+"""SI units a unit is."""
+_DIMENSION = {"g": "m/s2", "gal": "m/s2", "m/s^2": "m/s2", "m/s²": "m/s2", "cm/s2": "m/s2", "cm/s^2": "m/s2",
+              "cm/s²": "m/s2", "cm/s": "m/s", "cm": "m"}  # fmt: skip
+
+
+def sa_column(period_s: float) -> str:
+    """Column of the spectral acceleration at a period in seconds."""
+    return f"sa_{period_s:g}s_m_s2"
+
+
+def measure_of(imt: str) -> tuple[str, float] | None:
+    """Column of a measure as OpenQuake (SA(0.2)) or nshmp-haz (SA0P2) name it, and what its unit is in SI.
+
+    Both state accelerations in g and velocity in cm/s. None for a measure that no column is.
+    """
+    imt = imt.strip()
+    for column, (name, per_si) in OPENQUAKE.items():
+        if imt == name:
+            return column, 1.0 / per_si
+    if found := _SA.fullmatch(imt):
+        period = found[1] or f"{found[2]}.{found[3]}"
+        return sa_column(float(period)), OPENQUAKE_G_M_S2
+    return None
+
+
+def imt_of(column: str) -> tuple[str, float]:
+    """OpenQuake's name of a column, and the factor from SI to its unit."""
+    if column in OPENQUAKE:
+        return OPENQUAKE[column]
+    if found := _SA_COLUMN.fullmatch(column):
+        return f"SA({float(found[1])})", 1.0 / OPENQUAKE_G_M_S2
+    msg = f"{column} has no name in OpenQuake"
+    raise ValueError(msg)
+
+
+def measure_with_unit(text: str) -> tuple[str, float] | None:
+    """Column and SI factor of a header's words: pga_m_s2, PGA, SA(0.2), PGA (g), PGV [m/s], pgv_cm_s, pga_g."""
+    text = text.strip()
+    if text in OPENQUAKE or _SA_COLUMN.fullmatch(text):
+        return text, 1.0
+    if bare := measure_of(text):
+        return bare
+    stated = re.fullmatch(r"(?P<name>.+?)\s*[(\[](?P<unit>[^()\[\]]+)[)\]]", text) or re.fullmatch(
+        r"(?P<name>[A-Za-z]+(?:\([\d.]+\))?)_(?P<unit>g|gal|cm_s2|m_s2|cm_s|m_s|cm|m)", text
+    )
+    known = stated and measure_of(stated["name"].strip().upper())
+    if not (stated and known):
+        return None
+    unit = (
+        stated["unit"].strip().lower().replace("cm_s2", "cm/s2").replace("m_s2", "m/s2").replace("m_s", "m/s")
+    )
+    own = "m/s2" if known[0].endswith("_m_s2") else "m/s" if known[0].endswith("_m_s") else "m"
+    if unit not in _UNITS or _DIMENSION.get(unit, unit) != own or known[0] == "cav_m_s":
+        return None
+    return known[0], _UNITS[unit]

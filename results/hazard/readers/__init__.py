@@ -1,0 +1,133 @@
+"""Hazard as it comes: files and folders of OpenQuake, nshmp-haz and CyberShake, and two columns, found by content."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from toppling.models.errors import InputError
+from toppling.results.hazard.readers import columns, cybershake, nshmp, openquake
+from toppling.results.hazard.readers.assembly import combined, trees_of
+from toppling.results.hazard.readers.statement import Hints, Realisations, Stated, refuse
+from toppling.results.hazard.tree import HazardTree
+
+MOST_FILES = 20_000
+"""Of a folder."""
+
+MOST_BYTES = 200_000_000
+"""Of a file."""
+
+_SUFFIXES = {".csv", ".txt", ".json", ".dat", ".tsv", ""}
+
+
+def read_hazard(
+    paths: Path | Sequence[Path], weights: Sequence[float] | None = None, hints: Hints | None = None
+) -> list[HazardTree]:
+    """Read trees of hazard, one for each intensity measure and site.
+
+    Parameters
+    ----------
+    paths : Path or sequence of Path
+        A file, a folder with the output of one calculation, or several. Several files of one calculation of OpenQuake
+        (its realizations.csv among them) are its tree; otherwise each path is a branch, or a part of the tree with
+        branches of its own.
+    weights : sequence of float or None
+        Of several paths, summing to 1; equal if not given.
+    hints : Hints or None
+        What the user says, where files do not, and the only site that is read.
+
+    Raises
+    ------
+    InputError
+        If a path is absent or holds no hazard; states neither unit nor time; or paths do not go together.
+    """
+    hints = hints or Hints()
+    given = [paths] if isinstance(paths, Path) else list(paths)
+    stated = [_stated(path, hints) for path in given]
+    alone = len(given) == 1
+    if alone or (weights is None and _of_one_tree(given, stated)):
+        where = str(given[0]) if alone else "--hazard"
+        return trees_of([one for found in stated for one in found], where)
+    parts = [trees_of(found, str(path)) for path, found in zip(given, stated, strict=True)]
+    return combined(parts, [str(path) for path in given], weights)
+
+
+def _of_one_tree(paths: Sequence[Path], stated: Sequence[list[Stated]]) -> bool:
+    """Whether paths are the files of one calculation's tree, as realisations' weights or fractiles among them show."""
+    if any(path.is_dir() for path in paths):
+        return False
+    found = [one for files in stated for one in files]
+    return any(
+        isinstance(one, Realisations) or any(each.kind in ("fractile", "part") for each in one)
+        for one in found
+    )
+
+
+def _stated(path: Path, hints: Hints) -> list[Stated]:
+    """What a file states, or the files of a folder that state hazard."""
+    if not path.exists():
+        refuse(path, "does not exist", "check the path")
+    if path.is_file():
+        return [_read(path, hints)]
+    found = []
+    files = sorted(one for one in path.rglob("*") if one.suffix in _SUFFIXES and one.is_file())
+    if len(files) > MOST_FILES:
+        refuse(path, f"holds {len(files):,} files", "give the folder of one calculation")
+    for one in files:
+        if any(part.startswith(".") for part in one.relative_to(path).parts) or not _is_hazard(one):
+            continue
+        found.append(_read(one, hints))
+    if not found:
+        refuse(path, f"holds no file of hazard among {len(files)} of text", "give the folder with the curves")
+    return found
+
+
+def _text(path: Path) -> str:
+    if path.stat().st_size > MOST_BYTES:
+        refuse(path, f"is larger than {MOST_BYTES // 10**6} MB", "export the curves of fewer sites")
+    try:
+        return path.read_text(encoding="utf-8-sig")  # spreadsheets begin with a byte order mark
+    except UnicodeDecodeError:
+        refuse(path, "is no text in UTF-8")
+
+
+def _is_hazard(path: Path) -> bool:
+    """Whether a file of a folder is one that is read here; two columns are, if they name a measure."""
+    try:
+        with path.open(encoding="utf-8-sig") as file:
+            lines = [file.readline(1_000_000).rstrip("\n") for _ in range(2)]
+    except (UnicodeDecodeError, OSError):
+        return False
+    if not lines[0]:
+        return False
+    if path.suffix == ".json":
+        return nshmp.matches_json(_text(path))
+    if any(one.matches(lines) for one in (openquake, nshmp, cybershake)):
+        return True
+    cells = lines[0].split(",")
+    return len(cells) == 2 and columns.measure_with_unit(cells[0]) is not None
+
+
+def _read(path: Path, hints: Hints) -> Stated:
+    text = _text(path)
+    if not text.strip():
+        refuse(path, "is empty")
+    try:
+        return _parsed(path, text, hints)
+    except InputError:
+        raise
+    except (ValueError, LookupError, ArithmeticError, StopIteration) as error:
+        refuse(path, f"cannot be read ({error})")
+
+
+def _parsed(path: Path, text: str, hints: Hints) -> Stated:
+    lines = text.splitlines()
+    if path.suffix == ".json" or text.lstrip().startswith("{"):
+        if not nshmp.matches_json(text):
+            refuse(path, "is no answer of the hazard web service")
+        return nshmp.read_json(path, text)
+    for family in (openquake, nshmp, cybershake):
+        if family.matches(lines):
+            return family.read(path, lines, hints)
+    return columns.read(path, lines, hints)
+
+
+__all__ = ["HazardTree", "Hints", "InputError", "read_hazard"]

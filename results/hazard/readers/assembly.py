@@ -1,0 +1,239 @@
+"""Statements of files put together: trees by measure and site, and trees of several paths to one."""
+
+from collections.abc import Sequence
+from typing import NoReturn
+
+from toppling.models.errors import InputError
+from toppling.results.hazard.readers.statement import Realisations, Stated, Statement
+from toppling.results.hazard.sites import Place, nearest, same_place
+from toppling.results.hazard.tree import Branch, HazardTree
+
+LISTED = 12
+"""Names that a message lists, of many."""
+
+
+def trees_of(stated: Sequence[Stated], where: str) -> list[HazardTree]:
+    """Trees of the statements of one calculation, by measure and site.
+
+    Raises
+    ------
+    InputError
+        If realisations lack their weights or the weights their realisations, a curve is there twice, or fractiles or
+        contributions stand alone.
+    """
+    weights = [one for one in stated if isinstance(one, Realisations)]
+    if len(weights) > 1:
+        _refuse(where, f"holds the realisations of {len(weights)} calculations: {_listed([w.source for w in weights])}",
+                "give the folder of one calculation")  # fmt: skip
+    groups: dict[tuple, list[Statement]] = {}
+    for files in stated:
+        for one in [] if isinstance(files, Realisations) else files:
+            curve = one.curve
+            at = tuple(round(degree, 4) for degree in curve.site) if curve.site else curve.site_name
+            groups.setdefault((curve.measure, at), []).append(one)
+    if not groups:
+        _refuse(where, "states weights of realisations, but no curve", "give the hazard_curve-rlz files too")
+    trees = [_tree(group, weights[0] if weights else None, where) for group in groups.values()]
+    found = [tree for tree in trees if tree is not None]
+    if not found:
+        _refuse_alone([one for group in groups.values() for one in group], where)
+    if not any(_bears_rates(tree) for tree in found):
+        _refuse_empty(found[0])
+    return found
+
+
+def _tree(group: Sequence[Statement], weights: Realisations | None, where: str) -> HazardTree | None:
+    """Tree of the statements of one measure at one site; None where they are no branches."""
+    measure = group[0].curve.measure
+    by_kind: dict[str, list[Statement]] = {}
+    for one in group:
+        by_kind.setdefault(one.kind, []).append(one)
+    for kind, several in by_kind.items():
+        _refuse_twice(kind, several, where)
+    fractiles = {float(one.key or 0): one.curve for one in by_kind.get("fractile", ())}
+    parts = tuple(one.curve for one in by_kind.get("part", ()))
+    realisations = by_kind.get("realisation", [])
+    if len(realisations) > 1 or (realisations and weights):
+        return HazardTree(
+            measure,
+            _branches(realisations, weights, where),
+            str(weights and weights.source),
+            fractiles,
+            parts,
+        )
+    sole = [*by_kind.get("curve", []), *realisations]
+    if not sole:
+        return None
+    curve = sole[0].curve
+    return HazardTree(measure, (Branch(curve.name, 1.0, curve),), "one curve", fractiles, parts)
+
+
+def _branches(
+    realisations: Sequence[Statement], weights: Realisations | None, where: str
+) -> tuple[Branch, ...]:
+    if weights is None:
+        _refuse(where, f"holds {len(realisations)} realisations, but no realizations.csv that states their weights",
+                "add the engine's realizations.csv, or give each file as --hazard FILE=WEIGHT")  # fmt: skip
+    by_number = {int(one.key or 0): one.curve for one in realisations}
+    if absent := [n for n, weight in weights.weights.items() if weight > 0 and n not in by_number]:
+        curve = realisations[0].curve
+        at = f" at longitude {curve.site[0]:g}, latitude {curve.site[1]:g}" if curve.site else ""
+        _refuse(weights.source, f"has {len(weights.weights)} realisations, of which {len(absent)} have no curve over "
+                f"{curve.measure}{at}: {_listed([f'rlz-{n:03}' for n in absent])}",
+                "give the files of all realisations at one site (individual_rlzs = true)")  # fmt: skip
+    if unknown := [n for n in by_number if n not in weights.weights]:
+        _refuse(weights.source, f"states no weight of {_listed([f'rlz-{n:03}' for n in unknown])}",
+                "give the realizations.csv of the same calculation")  # fmt: skip
+    if not all(0 <= weight <= 1 for weight in weights.weights.values()):
+        _refuse(weights.source, "states weights outside 0 to 1", "give weights that sum to 1")
+    return tuple(
+        Branch(f"rlz-{n:03}", weights.weights[n], by_number[n], weights.paths[n], n)
+        for n in sorted(by_number)
+    )
+
+
+def _refuse_twice(kind: str, several: Sequence[Statement], where: str) -> None:
+    """Refuse two curves that claim to be one: files of two calculations, or a site that is there twice."""
+    keys = [one.key for one in several]
+    if len(set(keys)) < len(keys):
+        key = next(key for key in keys if keys.count(key) > 1)
+        alike = [one.curve.source for one in several if one.key == key]
+        which = kind if key is None else f"{kind} {key}"
+        _refuse(where, f"states the {which} of {several[0].curve.measure} at one site {len(alike)} times: "
+                f"{_listed(alike)}", "give the files of one calculation, each once")  # fmt: skip
+    calculations = {one.calculation for one in several if one.calculation}
+    if kind == "realisation" and len(calculations) > 1:
+        _refuse(where, f"holds realisations of {len(calculations)} calculations, by the checksum in their first line",
+                "give the files of one calculation")  # fmt: skip
+
+
+def _refuse_alone(group: Sequence[Statement], where: str) -> NoReturn:
+    kinds = {one.kind for one in group}
+    if "fractile" in kinds:
+        _refuse(where, "states fractiles only: these are no branches, and cannot be weighted",
+                "give the mean curve, or the realisations with their weights")  # fmt: skip
+    if "part" in kinds:
+        _refuse(where, "is a contribution to the hazard, already multiplied by its weight, and no branch",
+                "give the total, or the output's whole folder")  # fmt: skip
+    _refuse(where, f"states the {group[0].key} of branches", "give the mean curve, or the realisations")
+
+
+def combined(
+    parts: Sequence[Sequence[HazardTree]], names: Sequence[str], weights: Sequence[float] | None
+) -> list[HazardTree]:
+    """One tree of several, each a branch or several, by measure and site.
+
+    Raises
+    ------
+    InputError
+        If they have no measure in common, or lie at different sites.
+    """
+    measures = [sorted({tree.measure for tree in part}) for part in parts]
+    common = sorted(set.intersection(*map(set, measures)))
+    if not common:
+        _refuse("--hazard", f"hazard curves over {', '.join(sorted({m for of in measures for m in of}))}",
+                "give the curves of one intensity measure", "one measure")  # fmt: skip
+    shares = list(weights) if weights is not None else [1.0 / len(parts)] * len(parts)
+    found = []
+    for measure in common:
+        of_measure = [[tree for tree in part if tree.measure == measure] for part in parts]
+        for first in of_measure[0]:
+            alike = [[tree for tree in part if _same_site(tree, first)] for part in of_measure]
+            if all(len(matching) == 1 for matching in alike):
+                found.append(_joined([matching[0] for matching in alike], names, shares, weights is not None))
+    if not found:
+        places = [f"{name} at {place_words(part[0])}" for name, part in zip(names, parts, strict=True)]
+        _refuse("--hazard", f"the curves are of different sites: {_listed(places)}",
+                "give curves of one site, or choose it with --site LON LAT", "branches of one site")  # fmt: skip
+    return found
+
+
+def _same_site(one: HazardTree, other: HazardTree) -> bool:
+    if one.site is None and other.site is None and one.site_name and other.site_name:
+        return one.site_name == other.site_name
+    return same_place(one.site, other.site)
+
+
+def _joined(
+    trees: Sequence[HazardTree], names: Sequence[str], shares: Sequence[float], stated: bool
+) -> HazardTree:
+    stems = [
+        tree.branches[0].curve.name if len(tree.branches) == 1 else name
+        for tree, name in zip(trees, names, strict=True)
+    ]
+    heads = stems if len(set(stems)) == len(stems) else list(names)
+    branches = []
+    for tree, head, share in zip(trees, heads, shares, strict=True):
+        inside = tree.weights
+        for branch, part in zip(tree.branches, inside, strict=True):
+            name = head if len(tree.branches) == 1 else f"{head} {branch.name}"
+            branches.append(Branch(name, float(share * part), branch.curve, branch.path))
+    return HazardTree(trees[0].measure, tuple(branches), "--hazard" if stated else "equal")
+
+
+def chosen_tree(
+    trees: Sequence[HazardTree], measure: str, site: Place | str | None, where: str
+) -> HazardTree:
+    """The tree of a measure at the site that is meant.
+
+    Raises
+    ------
+    InputError
+        If there is none over the measure, none within reach of the site, or several sites and none is asked for.
+    """
+    of_measure = [tree for tree in trees if tree.measure == measure]
+    if not of_measure:
+        _refuse(where, f"hazard curves over {', '.join(sorted({tree.measure for tree in trees}))}, but none over "
+                f"{measure}", "give the curves of that measure, or another --measure", "one measure")  # fmt: skip
+    if isinstance(site, tuple):
+        placed = [tree for tree in of_measure if tree.site is not None]
+        if placed:
+            of_measure = [placed[nearest([tree.site for tree in placed if tree.site], site, where)]]
+    if isinstance(site, str):
+        named = [tree for tree in of_measure if tree.site_name.casefold() == site.casefold()]
+        if not named:
+            known = (
+                _listed([tree.site_name for tree in of_measure if tree.site_name]) or "none that has a name"
+            )
+            _refuse(where, f"has no site called {site!r}: it has {known}",
+                    "give one of its names, or --site LON LAT", "the name of a site of the file")  # fmt: skip
+        of_measure = named
+    if len(of_measure) > 1:
+        raise InputError(
+            what=f"has {len(of_measure)} sites: {_listed([place_words(tree) for tree in of_measure])}",
+            where=where, expected="one site",
+            remedy="choose one with --site LONGITUDE LATITUDE, or by its name",
+        )  # fmt: skip
+    if not _bears_rates(of_measure[0]):
+        _refuse_empty(of_measure[0])
+    return of_measure[0]
+
+
+def _bears_rates(tree: HazardTree) -> bool:
+    return any(len(curve.intensity) > 1 for curve in tree.curves)
+
+
+def _refuse_empty(tree: HazardTree) -> NoReturn:
+    where = tree.curves[0].source or tree.curves[0].name
+    _refuse(where, f"has fewer than two levels with a rate at {place_words(tree)}",
+            "compute the curve at more levels, from where the rock hardly topples to where it always does")  # fmt: skip
+
+
+def place_words(tree: HazardTree) -> str:
+    """Name and place of a tree's site."""
+    place = f"longitude {tree.site[0]:g}, latitude {tree.site[1]:g}" if tree.site else ""
+    return (
+        f"{tree.site_name} ({place})"
+        if tree.site_name and place
+        else tree.site_name or place or "an unknown place"
+    )
+
+
+def _listed(names: Sequence[str]) -> str:
+    return ", ".join(names[:LISTED]) + (f" and {len(names) - LISTED} more" if len(names) > LISTED else "")
+
+
+def _refuse(
+    where: str, what: str, remedy: str, expected: str = "annual rates of exceedance of one tree at each site"
+) -> NoReturn:
+    raise InputError(what, where=where, expected=expected, remedy=remedy)

@@ -1,0 +1,81 @@
+"""CyberShake's hazard curves, as OpenSHA's plotter writes them: `level<TAB>probability` in g and in one year.
+
+Site, run, period and component stand in the file's name only: USC_ERF36_Run9306_SA_3sec_RotD50_2022_12_21.txt.
+"""
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+from toppling.results.exchange import OPENQUAKE_G_M_S2
+from toppling.results.hazard.curves import curve_of_probabilities
+from toppling.results.hazard.measures import measure_of, sa_column
+from toppling.results.hazard.readers.statement import Hints, Statement, number, refuse
+
+_NAME = re.compile(
+    r"(?P<site>.+?)_ERF\d+_Run(?P<run>\d+)_(?P<imt>SA_(?P<period>\d+(?:[.p]\d+)?)sec|PGA|PGV)"
+    r"(?:_(?P<component>[A-Za-z]+\d*))?"
+)
+
+
+def matches(lines: Sequence[str]) -> bool:
+    """Whether a file begins as the plotter writes it."""
+    return lines[0].replace(" ", "").startswith("#Curves:")
+
+
+def read(path: Path, lines: Sequence[str], hints: Hints) -> list[Statement]:
+    """Read the first curve of a file that CyberShake computed; others are comparisons.
+
+    Raises
+    ------
+    InputError
+        If neither the file's name nor the user says what it is over.
+    """
+    named = _NAME.match(path.name)
+    if named and named["period"]:
+        known: tuple[str, float] | None = (
+            sa_column(float(named["period"].replace("p", "."))),
+            OPENQUAKE_G_M_S2,
+        )
+    else:
+        known = (
+            measure_of(named["imt"])
+            if named
+            else (hints.measure, OPENQUAKE_G_M_S2)
+            if hints.measure
+            else None
+        )
+    if known is None or (not named and known[0] == "pgv_m_s"):
+        refuse(
+            path,
+            "states its measure in its name only, which is not as CyberShake gave it",
+            "name it as it was, SITE_ERF36_RunN_SA_3sec_RotD50_DATE.txt, or give --measure",
+        )
+    rows = _first_curve(path, lines)
+    measure, unit = known
+    curve = curve_of_probabilities(
+        path.stem, measure, [x * unit for x, _ in rows], [p for _, p in rows], hints.years or 1.0,
+        site_name=named["site"] if named else "", component=(named["component"] or "") if named else "",
+        source=str(path),
+    )  # fmt: skip
+    return [Statement(curve, calculation=named["run"] if named else "")]
+
+
+def _first_curve(path: Path, lines: Sequence[str]) -> list[tuple[float, float]]:
+    """Points below the first name that says CyberShake, or below the first name."""
+    heads = [place for place, line in enumerate(lines) if line.replace(" ", "").startswith("#Name:")]
+    own = [place for place in heads if re.search(r"CS Run|CyberShake", lines[place])]
+    start = (own or heads or [0])[0]
+    points: list[tuple[float, float]] = []
+    for place in range(start + 1, len(lines)):
+        cells = lines[place].split()
+        if not cells or cells[0].startswith("#"):
+            if points:
+                break
+            continue
+        if len(cells) != 2:
+            refuse(path, f"line {place + 1} has {len(cells)} values, level and probability are expected")
+        points.append((number(path, place + 1, cells[0]), number(path, place + 1, cells[1])))
+    if not points:
+        refuse(path, "holds no curve")
+    return points

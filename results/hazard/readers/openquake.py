@@ -1,0 +1,123 @@
+"""OpenQuake's CSV: hazard curves of any kind, and the realisations' weights.
+
+The first line holds `key=value` pairs, quoted as one cell since engine 3, bare before; the keys decide, not the file's
+name. Probabilities are over `investigation_time`; PGA and SA are in g, PGV in cm/s, which no file says.
+"""
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+from toppling.results.hazard.curves import curve_of_probabilities
+from toppling.results.hazard.measures import imt_of, measure_of
+from toppling.results.hazard.readers.statement import (
+    Hints,
+    Realisations,
+    Stated,
+    Statement,
+    number,
+    refuse,
+    rows_of,
+    wanted_rows,
+)
+
+_PAIR = re.compile(r"(\w+)=('[^']*'|\"[^\"]*\"|\[[^\]]*\]|\([^)]*\)|[^,]*)")
+_NAMED = re.compile(r"(rlz-\d+|quantile(?:_curve)?-\d*\.?\d+|mean|max|std)")
+
+
+def matches(lines: Sequence[str]) -> bool:
+    """Whether a file is one of OpenQuake's that is read here: curves, or realisations."""
+    header = lines[1] if lines[0].startswith("#") and len(lines) > 1 else lines[0]
+    return "poe-" in header or header.replace(" ", "").startswith("rlz_id,branch_path,weight")
+
+
+def header_values(line: str) -> dict[str, str]:
+    """Pairs of the first line, their values bare of quotes; lists keep their brackets."""
+    # The cell is quoted as CSV does it, so that quotes inside it are doubled.
+    text = line.lstrip("#, ").strip()
+    if text.startswith('"'):
+        text = text[1:].removesuffix('"').replace('""', '"')
+    return {key: value.strip().strip("'\"") for key, value in _PAIR.findall(text)}
+
+
+def read(path: Path, lines: Sequence[str], hints: Hints) -> Stated:
+    """Read a file of curves or of realisations.
+
+    Raises
+    ------
+    InputError
+        If the file states no measure or time, or something else than probabilities.
+    """
+    stated = header_values(lines[0]) if lines[0].startswith("#") else {}
+    body = 1 if lines[0].startswith("#") else 0
+    (_, header), *rows = list(rows_of(path, lines[body:], body + 1))
+    if "branch_path" in header:
+        return _realisations(path, header, rows)
+    return _curves(path, stated, header, rows, hints)
+
+
+def _realisations(path: Path, header: list[str], rows: list[tuple[int, list[str]]]) -> Realisations:
+    at = [header.index(name) for name in ("rlz_id", "branch_path", "weight")]
+    weights, paths = {}, {}
+    for line, row in rows:
+        if len(row) <= max(at):
+            refuse(path, f"line {line} has {len(row)} columns, the header {len(header)}")
+        identity = number(path, line, row[at[0]])
+        if identity in weights:
+            refuse(
+                path, f"line {line}: realisation {identity:g} is there twice", "give each realisation once"
+            )
+        weights[int(identity)] = number(path, line, row[at[2]])
+        paths[int(identity)] = row[at[1]]
+    return Realisations(str(path), weights, paths)
+
+
+def _curves(
+    path: Path, stated: dict[str, str], header: list[str], rows: list[tuple[int, list[str]]], hints: Hints
+) -> list[Statement]:
+    places = [place for place, name in enumerate(header) if name.startswith("poe-")]
+    absent = [name for name in ("lon", "lat") if name not in header]
+    if absent or not rows:
+        refuse(path, f"has no column {', '.join(absent)}" if absent else "has no site")
+    known = measure_of(stated["imt"]) if "imt" in stated else (hints.measure and (hints.measure, None))
+    if not known:
+        refuse(
+            path,
+            f"is over {stated['imt']!r}, which is no measure known here"
+            if "imt" in stated
+            else "states no imt",
+            "add imt='PGA' to its first line, or give --measure",
+        )
+    measure, unit = known
+    unit = 1.0 / imt_of(measure)[1] if unit is None else unit
+    years = hints.years
+    if "investigation_time" in stated:
+        years = number(path, 1, stated["investigation_time"])
+    if years is None:
+        refuse(
+            path,
+            "states no investigation_time: the years that its probabilities are over",
+            "add investigation_time=50.0 to its first line, or give --values 50",
+        )
+    kind, key = _kind(path, stated.get("kind", ""))
+    levels = [number(path, 2, header[place].removeprefix("poe-")) * unit for place in places]
+    found = []
+    for line, row in wanted_rows(path, rows, header, "custom_site_id", hints.site):
+        site = (number(path, line, row[header.index("lon")]), number(path, line, row[header.index("lat")]))
+        curve = curve_of_probabilities(
+            path.stem, measure, levels, [number(path, line, row[place]) for place in places], years, site=site,
+            site_name=row[header.index("custom_site_id")] if "custom_site_id" in header else "", source=str(path),
+        )  # fmt: skip
+        found.append(Statement(curve, kind, key, stated.get("checksum", "")))
+    return found
+
+
+def _kind(path: Path, kind: str) -> tuple[str, float | str | None]:
+    """Which curve of a calculation it is, by its key, or its file's name where it has none."""
+    if not kind and (found := _NAMED.search(path.name)):
+        kind = found[1].replace("_curve", "")
+    if kind.startswith("rlz-"):
+        return "realisation", int(kind.removeprefix("rlz-"))
+    if kind.startswith("quantile-"):
+        return "fractile", float(kind.removeprefix("quantile-"))
+    return ("other", kind) if kind in ("max", "std") else ("curve", None)

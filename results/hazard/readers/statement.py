@@ -1,0 +1,141 @@
+"""What a hazard file states, before files are put together to trees."""
+
+import csv
+import io
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NoReturn
+
+from toppling.models.errors import InputError
+from toppling.results.hazard.curves import HazardCurve
+from toppling.results.hazard.sites import Place, distance_km
+
+EXPECTED = (
+    "CSV with the columns MEASURE,annual_rate or MEASURE,probability_50_years (MEASURE: pga_m_s2, pgv_m_s ..., PGA in "
+    "g, PGV in cm/s, or with its unit, PGA (m/s2)); or curves of OpenQuake (hazard_curve, quantile_curve, "
+    "realizations), nshmp-haz (curves.csv) or CyberShake, as they wrote them"
+)
+
+
+@dataclass(frozen=True)
+class Hints:
+    """What the user says about files that do not say it.
+
+    Parameters
+    ----------
+    site : (longitude, latitude), name or None
+        Only this site of each file is read.
+    measure : str or None
+        Column of the results that a file is over which does not say.
+    years : float or None
+        Time that values are probabilities over, in files that do not say; 0 for annual rates.
+    """
+
+    site: Place | str | None = None
+    measure: str | None = None
+    years: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Statement:
+    """A curve of a file, and which one of a calculation it is.
+
+    Parameters
+    ----------
+    curve : HazardCurve
+    kind : str
+        curve (a mean, a total, or the only one), realisation, fractile, or part (a contribution to the total).
+    key : float or str or None
+        Number of the realisation, probability of the fractile, name of the part.
+    calculation : str
+        What tells calculations apart, where a file says: OpenQuake's checksum.
+    """
+
+    curve: HazardCurve
+    kind: str = "curve"
+    key: float | str | None = None
+    calculation: str = ""
+
+
+@dataclass(frozen=True)
+class Realisations:
+    """Weights of a logic tree's branches.
+
+    Parameters
+    ----------
+    source : str
+        File.
+    weights, paths : dict by number of the realisation
+    """
+
+    source: str
+    weights: dict[int, float]
+    paths: dict[int, str]
+
+
+Stated = list[Statement] | Realisations
+
+
+def refuse(
+    path: Path, what: str, remedy: str = "export one site's curve as annual rates of exceedance"
+) -> NoReturn:
+    """Refuse a file of hazard."""
+    raise InputError(what, where=str(path), expected=f"annual rates of exceedance: {EXPECTED}", remedy=remedy)
+
+
+def rows_of(path: Path, lines: Sequence[str], first: int = 1) -> Iterator[tuple[int, list[str]]]:
+    """Rows of CSV with the number of their line, blank ones left out."""
+    reader = csv.reader(io.StringIO("\n".join(lines)))
+    while True:
+        try:
+            row = next(reader)
+        except StopIteration:
+            return
+        except csv.Error as error:
+            refuse(path, f"line {first + reader.line_num}: {error}")
+        if any(cell.strip() for cell in row):
+            yield first + reader.line_num - 1, [cell.strip() for cell in row]
+
+
+def number(path: Path, line: int, text: str) -> float:
+    """Number of a cell."""
+    try:
+        return float(text)
+    except ValueError:
+        refuse(path, f"line {line}: {text[:40]!r} is no number")
+
+
+def wanted_rows(
+    path: Path,
+    rows: Sequence[tuple[int, list[str]]],
+    header: Sequence[str],
+    name_column: str,
+    site: Place | str | None,
+) -> list[tuple[int, list[str]]]:
+    """Rows of the site that is wanted, all where none is: of the name, or the nearest; the caller judges how near.
+
+    Raises
+    ------
+    InputError
+        If no site has the name, or rows are shorter than the header.
+    """
+    for line, row in rows:
+        if len(row) != len(header):
+            refuse(path, f"line {line} has {len(row)} columns, the header {len(header)}")
+    if site is None or not rows:
+        return list(rows)
+    if isinstance(site, str):
+        names = [row[header.index(name_column)] for _, row in rows] if name_column in header else []
+        found = [rows[n] for n, name in enumerate(names) if name.casefold() == site.casefold()]
+        if not found:
+            known = f": it has {', '.join(names[:12])}" + (" ..." if len(names) > 12 else "") if names else ""
+            raise InputError(
+                what=f"has no site called {site!r}{known}", where=str(path), expected="the name of a site of the file",
+                remedy="give one of its names, or --site LONGITUDE LATITUDE",
+            )  # fmt: skip
+        return found
+    east, north = header.index("lon"), header.index("lat")
+    places = [(number(path, line, row[east]), number(path, line, row[north])) for line, row in rows]
+    away = distance_km([place[0] for place in places], [place[1] for place in places], site)
+    return [rows[int(away.argmin())]]

@@ -1,0 +1,70 @@
+"""Places of hazard files and of rocks: how far apart they are, and which site is meant."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from toppling.models.errors import InputError
+
+SITE_REACH_KM = 30.0
+"""Farthest that a site of a hazard file may lie from the place that is asked for.
+
+A node of a grid of 0.3 degrees is within 24 km of every place, and published grids are of 0.05 to 0.2. Farther off is
+another place: nearer to a fault or beyond it, with another curve.
+"""
+
+SAME_SITE_KM = 0.2
+"""Files of one site print its place with five decimals, some with two: nearer than this they mean the same."""
+
+EARTH_RADIUS_KM = 6371.0
+
+Place = tuple[float, float]
+"""Longitude and latitude in degrees."""
+
+
+def distance_km(
+    longitude_deg: ArrayLike, latitude_deg: ArrayLike, site: tuple[float, float]
+) -> NDArray[np.float64]:
+    """Distances of places from a site (longitude, latitude) along the great circle; 241.9 and -118.1 east are one."""
+    east, north, here = (
+        np.deg2rad(np.asarray(angle, float)) for angle in (longitude_deg, latitude_deg, site)
+    )
+    lengths = np.sin((north - here[1]) / 2) ** 2
+    widths = np.cos(north) * np.cos(here[1]) * np.sin((east - here[0]) / 2) ** 2
+    return 2.0 * EARTH_RADIUS_KM * np.arcsin(np.sqrt(np.minimum(lengths + widths, 1.0)))
+
+
+def nearest(sites: Sequence[Place], asked: Place, where: str) -> int:
+    """Number of the site that is meant by a place.
+
+    Raises
+    ------
+    InputError
+        If the place is none on Earth, or the nearest site lies beyond `SITE_REACH_KM`.
+    """
+    told = f"{asked[0]:g} {asked[1]:g}"
+    if not (-180 <= asked[0] <= 360 and -90 <= asked[1] <= 90):
+        raise InputError(
+            what=f"{told} is no place on Earth",
+            where="--site",
+            expected="a longitude of -180 to 360 degrees, then a latitude of -90 to 90",
+            remedy="give the longitude first: --site LONGITUDE LATITUDE",
+        )
+    east, north = np.transpose(sites)
+    away_km = distance_km(east, north, asked)
+    number = int(away_km.argmin())
+    if not away_km[number] <= SITE_REACH_KM:
+        raise InputError(
+            what=f"the nearest site to {told}, at longitude {sites[number][0]:g} and latitude {sites[number][1]:g}, "
+            f"is {away_km[number]:.0f} km away",
+            where=where,
+            expected=f"a site within {SITE_REACH_KM:g} km",
+            remedy="see that the longitude comes first, or compute the hazard at the rock",
+        )
+    return number
+
+
+def same_place(one: Place | None, other: Place | None) -> bool:
+    """Whether two places may be one: nearer than `SAME_SITE_KM`, or one of them unknown."""
+    return one is None or other is None or bool(distance_km(*one, other) <= SAME_SITE_KM)

@@ -1,0 +1,111 @@
+"""Rocks that stand together: their survival under a hazard curve, and the rates that it rejects."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import brentq
+
+from toppling.results.fits import Lognormal, Resampled
+from toppling.results.hazard.curves import HazardCurve, any_topples, toppling_rate
+
+
+@dataclass(frozen=True, eq=False)
+class Standing:
+    """A rock that has stood for some time.
+
+    Parameters
+    ----------
+    name : str
+    curve : Lognormal
+    years : (n,) array
+        Equally likely ages; one where it is known.
+    resampled : Resampled or None
+        The same curve of records drawn anew; None for a curve of a file, which does not keep them.
+    """
+
+    name: str
+    curve: Lognormal
+    years: NDArray[np.float64]
+    resampled: Resampled | None = None
+
+
+def joint_survival(rocks: Sequence[Standing], hazard: HazardCurve) -> float:
+    """Probability that all rocks still stand, each after its own age, under common events.
+
+    Over the years that only the older rocks stood, only they could topple. Uncertain ages are averaged over.
+    """
+    exponent = np.zeros(age_draws(rocks))
+    for standing, years in epochs(rocks):
+        exponent += years * toppling_rate(standing, hazard)
+    return float(np.exp(-exponent).mean())
+
+
+def rejected_rate(
+    rocks: Sequence[Standing], intensity: ArrayLike, confidence: float = 0.95
+) -> NDArray[np.float64]:
+    """Annual rate of exceedance above which an intensity is rejected, whatever the rest of the hazard curve.
+
+    Fragility rises with intensity, so the toppling rate is at least F(x) lambda(x), and the rocks' survival
+    at most exp(-F(x) lambda(x) T). Returned is the rate at which that bound is 1 - confidence; infinite where
+    F(x) is 0.
+    """
+    values = np.atleast_1d(np.asarray(intensity, float))
+    exposure = np.zeros((age_draws(rocks), len(values)))
+    for standing, years in epochs(rocks):
+        exposure += np.outer(years, any_topples(standing, values))
+    return np.array([_solve(column, 1.0 - confidence) for column in exposure.T])
+
+
+def unexceeded(curves: Sequence[Lognormal], confidence: float = 0.95) -> float:
+    """Intensity that no single event has exceeded, at a confidence, since the rocks stand: F(x) = confidence.
+
+    What can be said without an age or a hazard curve. Infinite where no curve gets there.
+    """
+    low, high = (min(curve.intensity(share) for curve in curves) for share in (1e-9, confidence))
+    if len(curves) == 1 or math.isinf(high):
+        return high
+    return float(brentq(lambda x: any_topples(curves, x) - confidence, low, high * (1 + 1e-9)))
+
+
+def age_draws(rocks: Sequence[Standing]) -> int:
+    """Number of draws of the rocks' ages."""
+    return max(len(rock.years) for rock in rocks)
+
+
+def epochs(rocks: Sequence[Standing]) -> list[tuple[list[Lognormal], NDArray[np.float64]]]:
+    """Find the sets of rocks that stood together, and how long in each draw of their ages.
+
+    Independent ages are drawn by shuffling each rock's equally likely ones with a fixed seed.
+    """
+    random = np.random.default_rng(0)
+    draws = age_draws(rocks)
+    if len(rocks) > 1 and draws > 1:
+        draws_of = [random.permutation(np.resize(rock.years, draws)) for rock in rocks]
+    else:
+        draws_of = [np.resize(rock.years, draws) for rock in rocks]
+    ages = np.array(draws_of)
+    order = np.argsort(-ages, axis=0)
+    epochs: dict[tuple[int, ...], NDArray[np.float64]] = {}
+    for draw in range(draws):
+        for count in range(len(rocks)):
+            standing = tuple(sorted(order[: count + 1, draw]))
+            younger = ages[order[count + 1, draw], draw] if count + 1 < len(rocks) else 0.0
+            years = ages[order[count, draw], draw] - younger
+            epochs.setdefault(standing, np.zeros(draws))[draw] += years
+    return [([rocks[number].curve for number in standing], years) for standing, years in epochs.items()]
+
+
+def _solve(exposure: NDArray[np.float64], chance: float) -> float:
+    if not exposure.mean() > 0:
+        return math.inf
+    # The mean of exp(-rate A) lies between exp(-rate mean(A)), by Jensen, and exp(-rate min(A)).
+    low = -math.log(chance) / exposure.mean()
+    high = -math.log(chance) / exposure.min() if exposure.min() > 0 else low * 1e6
+    if high <= low * (1 + 1e-12):
+        return low
+    return float(
+        brentq(lambda rate: np.exp(-rate * exposure).mean() - chance, low * (1 - 1e-9), high * (1 + 1e-9))
+    )

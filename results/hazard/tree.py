@@ -1,0 +1,260 @@
+"""A logic tree of hazard: branches with weights, their mean and fractiles, before and after the rocks have a say.
+
+Statistics are OpenQuake's: the mean and the fractiles are of probabilities over the investigation time, level by level,
+and a fractile is read off the cumulated weights of the branches in rising order (openquake/hazardlib/stats.py). Where
+a tree states annual rates instead, the mean is of rates: the same for rare events.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from toppling.models.errors import InputError
+from toppling.results.hazard.curves import HazardCurve, annual_rate_of, probability_of
+from toppling.results.hazard.sites import Place
+
+WEIGHT_TOLERANCE = 1e-3
+"""By which weights may miss a sum of 1: files print them in single precision, analysts with three decimals."""
+
+FRACTILES = (0.05, 0.16, 0.5, 0.84, 0.95)
+
+
+@dataclass(frozen=True, eq=False)
+class Branch:
+    """One branch of a logic tree.
+
+    Parameters
+    ----------
+    name : str
+    weight : float
+        Before the rocks have a say; those of a tree sum to 1.
+    curve : HazardCurve
+    path : str
+        Choices that lead to it, as OpenQuake abbreviates them: one letter a level, source models ~ ground motion.
+    number : int or None
+        Of OpenQuake's realisation.
+    """
+
+    name: str
+    weight: float
+    curve: HazardCurve
+    path: str = ""
+    number: int | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class HazardTree:
+    """Branches of one intensity measure at one site.
+
+    Parameters
+    ----------
+    measure : str
+        Column of the results.
+    branches : tuple of Branch
+        One where a file states a single curve.
+    weights_from : str
+        Who states the weights: a file, the command line, or nobody ("equal").
+    fractiles : dict of HazardCurve by probability
+        As the files state them. They are no branches, and cannot be weighted anew.
+    parts : tuple of HazardCurve
+        Contributions that add up to the one branch: by source type, by ground-motion model.
+    """
+
+    measure: str
+    branches: tuple[Branch, ...]
+    weights_from: str = "equal"
+    fractiles: dict[float, HazardCurve] = field(default_factory=dict)
+    parts: tuple[HazardCurve, ...] = ()
+
+    def __post_init__(self) -> None:
+        total = math.fsum(branch.weight for branch in self.branches)
+        if not abs(total - 1.0) <= WEIGHT_TOLERANCE:
+            raise InputError(
+                what=f"the weights of {len(self.branches)} branches sum to {total:.6g}",
+                where=self.weights_from,
+                expected="weights that sum to 1",
+                remedy="give every branch of the tree, with its weight",
+            )
+
+    @property
+    def site(self) -> Place | None:
+        """Where its first branch says that it holds."""
+        return next((branch.curve.site for branch in self.branches if branch.curve.site), None)
+
+    @property
+    def site_name(self) -> str:
+        """Name of the site, if the files have one."""
+        return next((branch.curve.site_name for branch in self.branches if branch.curve.site_name), "")
+
+    @property
+    def years(self) -> float | None:
+        """Time that the files' probabilities are over; None where some state rates."""
+        stated = {branch.curve.years for branch in self.branches}
+        return stated.pop() if len(stated) == 1 else None
+
+    @property
+    def weights(self) -> NDArray[np.float64]:
+        """Weights of the branches, summing to 1."""
+        weights = np.array([branch.weight for branch in self.branches])
+        return weights / weights.sum()
+
+    def stronger(self, factor: float) -> "HazardTree":
+        """The same tree of motions that are a factor stronger, as those of another horizontal component."""
+        return replace(
+            self,
+            branches=tuple(replace(branch, curve=branch.curve.stronger(factor)) for branch in self.branches),
+            fractiles={q: curve.stronger(factor) for q, curve in self.fractiles.items()},
+            parts=tuple(part.stronger(factor) for part in self.parts),
+        )
+
+    @property
+    def curves(self) -> list[HazardCurve]:
+        """Curves of the branches."""
+        return [branch.curve for branch in self.branches]
+
+
+@dataclass(frozen=True, eq=False)
+class Statistics:
+    """Mean and fractiles of a tree's annual rates of exceedance.
+
+    Parameters
+    ----------
+    levels : (n,) array
+        Intensities in SI.
+    mean : (n,) array
+        Annual rates; infinite where every branch is certain, 0 where none has a rate.
+    fractiles : dict of (n,) arrays by probability
+    """
+
+    levels: NDArray[np.float64]
+    mean: NDArray[np.float64]
+    fractiles: dict[float, NDArray[np.float64]]
+
+
+def common_levels(curves: Sequence[HazardCurve]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Levels of some curves (n,) and the rates of each there (curves, n).
+
+    Curves over other levels are interpolated at all levels of all of them, within what every one of them covers.
+
+    Raises
+    ------
+    InputError
+        If the curves have fewer than two levels in common.
+    """
+    first = curves[0].levels
+    if all(
+        len(curve.levels) == len(first) and np.allclose(curve.levels, first, rtol=1e-6) for curve in curves
+    ):
+        return first, np.array([curve.rates for curve in curves])
+    low = max(curve.levels[0] for curve in curves)
+    high = min(curve.levels[-1] for curve in curves)
+    levels = np.unique(np.concatenate([curve.levels for curve in curves]))
+    levels = levels[(levels >= low) & (levels <= high)]
+    if len(levels) < 2:
+        raise InputError(
+            what="the curves of the branches have fewer than two levels in common",
+            where="--hazard",
+            expected="branches that cover the same intensities",
+            remedy="compute all branches at the same levels",
+        )
+    return levels, np.array([_rates_at(curve, levels) for curve in curves])
+
+
+def _rates_at(curve: HazardCurve, levels: NDArray[np.float64]) -> NDArray[np.float64]:
+    if not len(curve.intensity):
+        return np.where(levels <= curve.certain.max(initial=0.0), math.inf, 0.0)
+    rates = curve.rate(levels)
+    rates = np.where(levels < curve.intensity[0], math.inf, rates)
+    return np.where(levels > curve.intensity[-1], 0.0, rates)
+
+
+def statistics(
+    tree: HazardTree, weights: ArrayLike | None = None, fractiles: Sequence[float] = FRACTILES
+) -> Statistics:
+    """Mean and fractiles of a tree under some weights of its branches, its own if none are given.
+
+    Parameters
+    ----------
+    tree : HazardTree
+    weights : (branches,) array or None
+    fractiles : sequence of float
+    """
+    share = tree.weights if weights is None else np.asarray(weights, float)
+    levels, rates = common_levels(tree.curves)
+    years = tree.years
+    values = rates if years is None else probability_of(rates, years)
+    back = (lambda x: x) if years is None else (lambda x: annual_rate_of(np.minimum(x, 1.0), years))
+    return Statistics(
+        levels, back(share @ values), {q: back(weighted_fractile(values, share, q)) for q in fractiles}
+    )
+
+
+def weighted_fractile(
+    values: NDArray[np.float64], weights: NDArray[np.float64], probability: float
+) -> NDArray[np.float64]:
+    """Fractile of each column of values (branches, n) by OpenQuake's rule.
+
+    Branches are sorted, and values interpolated over their cumulated weights; below the first weight the least
+    value holds.
+    """
+    order = np.argsort(values, axis=0, kind="stable")
+    rising = np.take_along_axis(values, order, axis=0)
+    cumulated = np.cumsum(weights[order], axis=0)
+    return np.array(
+        [np.interp(probability, summed, column) for summed, column in zip(cumulated.T, rising.T, strict=True)]
+    )
+
+
+def branch_weights(prior: ArrayLike, survivals: ArrayLike) -> NDArray[np.float64]:
+    """Bayes weights of hazard branches, given the probability of the rocks' survival under each.
+
+    Raises
+    ------
+    ValueError
+        If no branch lets the rocks survive.
+    """
+    joint = np.asarray(prior, float) * np.asarray(survivals, float)
+    if not joint.sum() > 0:
+        msg = "the rocks cannot have survived under any of the branches"
+        raise ValueError(msg)
+    return joint / joint.sum()
+
+
+def effective_branches(weights: ArrayLike) -> float:
+    """Kish's number of branches: 1 / sum of squares of weights that sum to 1."""
+    share = np.asarray(weights, float)
+    return float(share.sum() ** 2 / (share**2).sum())
+
+
+def level_choices(paths: Sequence[str]) -> dict[str, list[str]]:
+    """Choice of each branch at each level of the logic tree, from OpenQuake's abbreviated paths.
+
+    One letter is one level where all paths are as long; otherwise each part between ~ is one. Levels at which all
+    branches chose alike are left out.
+
+    Returns
+    -------
+    dict of lists of str by level's name
+        Such as "source 1", "ground motion 2".
+    """
+    parts = [path.split("~") for path in paths]
+    if not paths or len({len(split) for split in parts}) != 1 or not all(paths):
+        return {}
+    names = (
+        ("source", "ground motion")
+        if len(parts[0]) == 2
+        else tuple(f"part {n + 1}" for n in range(len(parts[0])))
+    )
+    levels: dict[str, list[str]] = {}
+    for name, column in zip(names, zip(*parts, strict=True), strict=True):
+        by_letter = len({len(text) for text in column}) == 1 and not any(
+            text.startswith("[") for text in column
+        )
+        choices = list(zip(*column, strict=True)) if by_letter else [column]
+        for number, chosen in enumerate(choices, 1):
+            if len(set(chosen)) > 1:
+                levels[f"{name} {number}" if len(choices) > 1 else name] = list(chosen)
+    return levels

@@ -1,0 +1,41 @@
+"""Ages are read as they are stated."""
+
+import pytest
+
+from toppling.models.errors import InputError
+from toppling.results.hazard.ages import parse_age
+
+
+def test_ages_are_numbers_ranges_distributions_or_files(tmp_path):
+    assert parse_age("20000").tolist() == [20000.0]
+    assert parse_age("20000+-3000").mean() == pytest.approx(20000, rel=1e-3)
+    assert parse_age("20000+-3000").std() == pytest.approx(3000, rel=0.01)
+    table = tmp_path / "age.csv"
+    table.write_text("years,weight\n1000,1\n3000,3\n")
+    assert parse_age(str(table)).mean() == pytest.approx(2500)
+    two = tmp_path / "two.csv"
+    two.write_text("years\n1000\n3000\n")
+    assert parse_age(str(two)).mean() == pytest.approx(2000)
+    one = tmp_path / "one.csv"
+    one.write_text("\ufeffyears,weight\n1000,2\n")
+    assert set(parse_age(str(one))) == {1000.0}
+    for nonsense in ("old", "-5", "0..10x", "1+-"):
+        with pytest.raises(InputError, match="no age"):
+            parse_age(nonsense)
+
+
+@pytest.mark.parametrize("text", ["1000\n3000\n", "\ufeff1000\n3000\n", "1000,1\n3000,3\n"])
+def test_ages_without_a_header_are_refused_by_the_header_that_is_expected(tmp_path, text):
+    table = tmp_path / "age.csv"
+    table.write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match="the header 'years' or 'years,weight'"):
+        parse_age(str(table))
+
+
+@pytest.mark.parametrize("text", ["", "years\n", "years,weight\n1000,-1\n3000,3\n", "years,weight\n1000,0\n",
+                                  "years,weight\n1000\n3000,3\n", "a,b,c\n1,2,3\n", "years\nold\n"])  # fmt: skip
+def test_a_file_that_holds_no_ages_is_refused(tmp_path, text):
+    table = tmp_path / "age.csv"
+    table.write_text(text)
+    with pytest.raises(InputError, match="no age"):
+        parse_age(str(table))

@@ -1,0 +1,374 @@
+"""Files of hazard are read as their programs wrote them, and what they do not say is asked for."""
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from toppling.models.errors import InputError
+from toppling.results.hazard.readers import Hints, read_hazard
+from toppling.results.hazard.readers.assembly import chosen_tree
+from toppling.results.hazard.sites import distance_km
+
+SAMPLES = Path(__file__).parents[4] / "shared" / "data" / "hazard"
+G = 9.80665
+
+samples = pytest.mark.skipif(
+    not SAMPLES.is_dir(), reason="needs the samples of hazard files, ../shared/data/hazard"
+)
+
+
+def read_tree(path, measure=None, site=None, **hints):
+    trees = read_hazard(path, hints=Hints(site, measure, **hints))
+    return chosen_tree(trees, measure or trees[0].measure, site, str(path))
+
+
+def read_curve(path, site=None):
+    """The one curve of a file, at the site that is meant."""
+    return read_tree(path, site=site).curves[0]
+
+
+def test_openquake_curves_become_annual_rates_in_si(tmp_path):
+    path = tmp_path / "hazard_curve-mean-PGV.csv"
+    path.write_text(
+        "#,,,,\"generated_by='OpenQuake engine 3.20', kind='mean', investigation_time=50.0, imt='PGV'\"\n"
+        "lon,lat,depth,poe-10,poe-100,poe-300,poe-900\n"
+        "-118.0,34.0,0.0,1.0,0.5,0.1,0.0\n"
+        "-119.0,34.0,0.0,0.9,0.4,0.05,0.001\n"
+    )
+    with pytest.raises(InputError, match="2 sites"):
+        read_curve(path)
+    curve = read_curve(path, site=(-118.1, 34.1))
+    assert curve.measure == "pgv_m_s"
+    np.testing.assert_allclose(curve.intensity, [1.0, 3.0])  # certain and impossible exceedance say no rate
+    np.testing.assert_allclose(curve.annual_rate, -np.log(1 - np.array([0.5, 0.1])) / 50.0)
+
+
+def openquake(path, *sites):
+    """Hazard of sites, the k-th with rates of 10^-k at the first level."""
+    rows = [
+        f"{east},{north},0.0,{-math.expm1(-(10.0**-k))},{-math.expm1(-(10.0**-k) / 9)}"
+        for k, (east, north) in enumerate(sites, 1)
+    ]
+    head = "#,,,,\"generated_by='OpenQuake', kind='mean', investigation_time=1.0, imt='PGV'\""
+    path.write_text("\n".join([head, "lon,lat,depth,poe-10,poe-100", *rows]))
+    return path
+
+
+@pytest.mark.parametrize("site", [(-118.0, 34.1), (242.0, 34.1)])
+def test_a_longitude_is_the_same_place_east_and_west_of_greenwich(tmp_path, site):
+    path = openquake(tmp_path / "hazard.csv", (-118.1, 34.2), (100.0, 34.1))
+    curve = read_curve(path, site=site)
+    assert curve.site == (-118.1, 34.2)
+    assert curve.annual_rate[0] == pytest.approx(0.1)
+
+
+def test_the_nearest_site_is_the_nearest_on_the_ground_and_not_in_degrees(tmp_path):
+    # Near the pole two degrees of longitude are shorter than a tenth of latitude, and the date line divides nothing.
+    path = openquake(tmp_path / "hazard.csv", (-179.0, 89.0), (179.0, 89.1))
+    assert read_curve(path, site=(179.0, 89.0)).site == (-179.0, 89.0)
+    assert distance_km(-179.0, 89.0, (179.0, 89.0)) == pytest.approx(
+        6371 * math.radians(2) * math.cos(math.radians(89)), rel=1e-3
+    )
+
+
+@pytest.mark.parametrize("site", [(-118.1, 35.0), (-117.0, 34.2), (61.9, 34.2), (34.2, 61.9)])
+def test_a_site_out_of_reach_is_refused_by_its_place_and_distance_even_if_it_is_the_only_one(tmp_path, site):
+    path = openquake(tmp_path / "hazard.csv", (-118.1, 34.2))
+    away = f"{distance_km(-118.1, 34.2, site):.0f} km away"
+    with pytest.raises(InputError, match=f"longitude -118.1 and latitude 34.2, is {away}"):
+        read_curve(path, site=site)
+
+
+@pytest.mark.parametrize("site", [(34.2, -118.1), (-118.1, 90.1), (361.0, 34.2), (-118.1, math.nan)])
+def test_what_is_no_place_on_earth_is_no_site(tmp_path, site):
+    path = openquake(tmp_path / "hazard.csv", (-118.1, 34.2), (-100.0, 40.0))
+    with pytest.raises(InputError, match="no place on Earth"):
+        read_curve(path, site=site)
+
+
+def test_an_openquake_file_may_name_its_sites(tmp_path):
+    path = tmp_path / "hazard_curve-mean-PGV.csv"
+    path.write_text(
+        "#,,,,,\"generated_by='OpenQuake engine 3.16.3', kind='mean', investigation_time=1.0, imt='PGV'\"\n"
+        "custom_site_id,lon,lat,depth,poe-10,poe-100\nrock1,-118.0,34.0,0.0,0.5,0.1\n"
+    )
+    np.testing.assert_allclose(read_curve(path).annual_rate, -np.log(1 - np.array([0.5, 0.1])))
+
+
+def test_two_columns_are_read_in_si_or_in_openquakes_units(tmp_path):
+    (tmp_path / "si.csv").write_text("pga_m_s2,annual_rate\n0.980665,0.01\n9.80665,0.0001\n")
+    (tmp_path / "g.csv").write_text("PGA,annual_rate\n0.1,0.01\n1,0.0001\n")
+    si, g = (read_curve(tmp_path / name) for name in ("si.csv", "g.csv"))
+    np.testing.assert_allclose(si.intensity, g.intensity)
+    assert si.stronger(1.2).intensity[0] == pytest.approx(1.2 * 0.980665)
+    (tmp_path / "spreadsheet.csv").write_text("\ufeffPGA,annual_rate\n0.1,0.01\n1,0.0001\n", encoding="utf-8")
+    assert read_curve(tmp_path / "spreadsheet.csv").measure == "pga_m_s2"
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["", "pga_m_s2,rate\n1,1\n", "pgx,annual_rate\n1,1\n2,0.1\n", "pga_m_s2,annual_rate\n2,1\n1,0.1\n",
+     "pga_m_s2,annual_rate\n1,x\n", "pga_m_s2,annual_rate\n1,0.1\n2,0.2\n", "# nothing\nlon,lat\n"],
+)  # fmt: skip
+def test_a_file_that_is_no_hazard_curve_is_refused(tmp_path, text):
+    path = tmp_path / "hazard.csv"
+    path.write_text(text)
+    with pytest.raises(InputError, match="annual rates of exceedance"):
+        read_curve(path)
+
+
+@pytest.mark.parametrize("rate", ["-1e-3", "nan"])
+def test_a_rate_that_is_negative_or_no_number_is_refused_and_not_bridged(tmp_path, rate):
+    path = tmp_path / "curve.csv"
+    path.write_text(f"pgv_m_s,annual_rate\n0.1,1e-2\n0.3,{rate}\n1,1e-4\n")
+    with pytest.raises(InputError, match="all of them positive"):
+        read_curve(path)
+
+
+def test_a_picture_is_no_hazard_curve(tmp_path):
+    (tmp_path / "scene.png").write_bytes(b"\x89PNG\r\n")
+    with pytest.raises(InputError, match="is no text in UTF-8"):
+        read_curve(tmp_path / "scene.png")
+
+
+def value_at(tree, level, unit, years):
+    """Probability over some years that the file states at a level."""
+    curve = tree.curves[0]
+    place = int(np.argmin(np.abs(curve.levels - level * unit)))
+    assert curve.levels[place] == pytest.approx(level * unit, rel=1e-6)
+    return -math.expm1(-curve.rates[place] * years)
+
+
+@samples
+@pytest.mark.parametrize(
+    ("path", "measure", "site", "level", "unit", "years", "value"),
+    [
+        ("oq_lt36/hazard_curve-mean-PGA_6.csv", "pga_m_s2", (0.5, -0.5), 0.1224745, G, 50, 8.219617e-2),
+        ("oq_lt36/hazard_curve-rlz-035-PGA_6.csv", "pga_m_s2", (0.5, -0.5), 0.1224745, G, 50, 4.830540e-2),
+        ("oq_lt36/hazard_curve-mean-PGV_6.csv", "pgv_m_s", (0.85, -0.75), 12.2474487, 0.01, 50, 1.451082e-2),
+        ("oq_events", "pgv_m_s", "pbr01", 21.9976514, 0.01, 50, 2.244593e-1),
+        ("oq_expected/classical_case_24", "pgv_m_s", (0.1, 0.0), 20, 0.01, 50, 1.066501e-1),
+        ("oq_expected/classical_case_37", "pga_m_s2", (171.69, -43.52), 0.1, G, 50, 5.827647e-3),
+        ("oq_expected/classical_case_01", "pga_m_s2", (0.0, 0.0), 0.4, G, 1, 5.754043e-2),
+    ],
+)  # fmt: skip
+def test_openquakes_files_give_the_probabilities_that_they_print(
+    path, measure, site, level, unit, years, value
+):
+    tree = read_tree(SAMPLES / path, measure, site)
+    assert value_at(tree, level, unit, years) == pytest.approx(value, rel=1e-6)
+
+
+@samples
+def test_an_old_openquake_header_states_time_and_measure_too(tmp_path):
+    text = (SAMPLES / "oq_expected/event_based_case_17/hazard_curve-rlz-001.csv").read_text()
+    path = tmp_path / "hazard_curve-rlz-001.csv"
+    path.write_text(text.replace("0.000000E+00,0.000000E+00,0.000000E+00", "3.9E-01,1.0E-02,1.0E-03"))
+    curve = read_curve(path)
+    assert (curve.measure, curve.years) == ("pga_m_s2", 1.0)
+    np.testing.assert_allclose(curve.intensity, np.array([0.1, 0.4, 0.6]) * G)
+
+
+@samples
+def test_a_folder_of_openquake_is_a_tree_by_measure_and_site_with_its_weights_and_fractiles():
+    trees = read_hazard(SAMPLES / "oq_lt36")
+    assert {(tree.measure, len(tree.branches)) for tree in trees} == {
+        ("pga_m_s2", 36), ("pgv_m_s", 36), ("sa_0.2s_m_s2", 1), ("sa_1s_m_s2", 1),
+    }  # fmt: skip
+    tree = chosen_tree(trees, "pga_m_s2", (0.5, -0.5), "here")
+    assert tree.branches[0].path == "AAA~AA"
+    assert sum(branch.weight for branch in tree.branches) == pytest.approx(1.000000016, abs=1e-9)
+    assert sorted(tree.fractiles) == [0.05, 0.16, 0.5, 0.84, 0.95]
+
+
+@samples
+def test_nshmps_output_is_read_with_its_contributions_which_add_up():
+    tree = read_tree(SAMPLES / "nshmp/hazout_fault_two_gmm", "pga_m_s2", "PEER S2-Fault3-Site1")
+    total, parts = tree.curves[0], {part.name: part for part in tree.parts}
+    place = int(np.argmin(abs(total.levels - 0.05 * G)))
+    assert total.rates[place] == pytest.approx(4.16508787e-2, rel=1e-9)
+    assert parts["gmm ASK_14"].rates[place] == pytest.approx(2.44076464e-2, rel=1e-9)
+    assert parts["gmm BSSA_14"].rates[place] == pytest.approx(1.72432322e-2, rel=1e-9)
+    assert parts["source FAULT"].rates[place] == total.rates[place]
+
+
+@samples
+def test_nshmps_old_layout_holds_rates():
+    tree = read_tree(SAMPLES / "nshmp/hazout_old_layout.made_from_source", "pga_m_s2", (-64.91005, 0.0))
+    curve = tree.curves[0]
+    assert curve.rates[np.argmin(abs(curve.levels - 0.05 * G))] == pytest.approx(4.16508787e-2, rel=1e-9)
+
+
+@samples
+def test_nshmps_probabilities_are_told_from_rates_by_the_configuration_or_the_user(tmp_path):
+    table = SAMPLES / "nshmp/peer_results/Set2-Case2a.csv"
+    with pytest.raises(InputError, match="states no intensity measure"):
+        read_hazard(table)
+    with pytest.raises(InputError, match="annual rates or probabilities in one year"):
+        read_hazard(table, hints=Hints(measure="pga_m_s2"))
+    site = "PEER S2-Fault3-Site1"
+    folder = tmp_path / "out" / "PGA"
+    folder.mkdir(parents=True)
+    (folder / "curves.csv").write_text(table.read_text())
+    (tmp_path / "out" / "config.json").write_text('{"hazard": {"valueFormat": "POISSON_PROBABILITY"}}')
+    for tree in (
+        read_tree(table, site=site, measure="pga_m_s2", years=1.0), read_tree(tmp_path / "out", "pga_m_s2", site),
+    ):  # fmt: skip
+        assert value_at(tree, 0.05, G, 1.0) == pytest.approx(4.01078661e-2, rel=1e-8)
+    (tmp_path / "out" / "config.json").write_text('{"hazard": {"valueFormat": "ANNUAL_RATE"}}')
+    rate = read_tree(tmp_path / "out", "pga_m_s2", site).curves[0].annual_rate[2]
+    assert rate == pytest.approx(4.01078661e-2, rel=1e-8)
+
+
+@samples
+def test_an_answer_of_the_hazard_web_service_is_read():
+    tree = read_tree(SAMPLES / "nshmp/ws_hazard_response.made_from_source.json")
+    assert tree.measure == "pga_m_s2"
+    assert tree.curves[0].rates[2] == pytest.approx(4.16508787e-2, rel=1e-6)
+    assert [part.name for part in tree.parts] == ["source Fault"]
+
+
+@samples
+@pytest.mark.parametrize(
+    ("site", "measure", "value"), [("USC", "sa_5s_m_s2", 0.00442711), ("s036", "sa_3s_m_s2", 0.00593637)]
+)
+def test_cybershakes_curves_say_site_and_period_in_their_names(site, measure, value):
+    tree = read_tree(SAMPLES / "cybershake/curves/fetchdb", measure, site)
+    assert value_at(tree, 0.1, G, 1.0) == pytest.approx(value, rel=1e-7)
+    assert tree.curves[0].component == "RotD50"
+
+
+@samples
+def test_contributions_and_fractiles_are_no_branches():
+    with pytest.raises(InputError, match="already multiplied by its weight"):
+        read_hazard(SAMPLES / "nshmp/hazout_fault_two_gmm/PGA/gmm/ASK_14/curves.csv")
+    with pytest.raises(InputError, match="fractiles only"):
+        read_hazard(SAMPLES / "oq_lt36/quantile_curve-0.95-PGA_6.csv")
+
+
+def rlz(folder, number, poes=(0.5, 0.1, 0.01), site=(10.0, 45.0), checksum=7):
+    head = (
+        f"#,,,,\"generated_by='OpenQuake engine 3.20', checksum={checksum}, kind='rlz-{number:03}', "
+        "investigation_time=50.0, imt='PGA'\""
+    )
+    row = ",".join(map(str, (*site, 0.0, *poes)))
+    (folder / f"hazard_curve-rlz-{number:03}-PGA.csv").write_text(
+        f"{head}\nlon,lat,depth,poe-0.1,poe-0.2,poe-0.4\n{row}\n"
+    )
+
+
+def weights(folder, *values):
+    rows = [f"{n},A~{'ABC'[n]},{value}" for n, value in enumerate(values)]
+    (folder / "realizations.csv").write_text("\n".join(["rlz_id,branch_path,weight", *rows]))
+
+
+@pytest.mark.parametrize(
+    ("values", "curves", "said"),
+    [
+        ((0.5, 0.4), [{}, {}], "the weights of 2 branches sum to 0.9"),
+        ((0.5, 0.5), [{}], "rlz-001"),
+        ((1.0,), [{}, {}], "states no weight of rlz-001"),
+        ((0.5, 0.5), [{}, {"site": (10.5, 45.0)}], "have no curve over pga_m_s2 at longitude 10"),
+        ((0.5, 0.5), [{}, {"checksum": 8}], "2 calculations"),
+        ((0.5, 0.5), [{}, {"poes": (0.5, 1.1, 0.01)}], "states the probability 1.1"),
+        ((0.5, 0.5), [{}, {"poes": (0.5, 0.1, 0.2)}], "lies above that at"),
+        ((0.5, 0.5), [{}, {"poes": (0.5, "nan", 0.2)}], "states the probability nan"),
+        (None, [{}, {}], "no realizations.csv"),
+    ],
+)  # fmt: skip
+def test_a_tree_that_is_not_whole_is_refused_by_what_it_lacks(tmp_path, values, curves, said):
+    for number, told in enumerate(curves):
+        rlz(tmp_path, number, **told)
+    if values:
+        weights(tmp_path, *values)
+    with pytest.raises(InputError, match=said):
+        read_hazard(tmp_path)
+
+
+def test_sampled_trees_may_repeat_a_path_and_hold_branches_without_an_event(tmp_path):
+    rlz(tmp_path, 0)
+    rlz(tmp_path, 1, poes=(0.0, 0.0, 0.0))
+    (tmp_path / "realizations.csv").write_text("rlz_id,branch_path,weight\n0,A~A,0.5\n1,A~A,0.5\n")
+    tree = read_tree(tmp_path)
+    assert [len(curve.intensity) for curve in tree.curves] == [3, 0]
+
+
+def test_files_with_weights_are_branches_of_one_site(tmp_path):
+    for name, site in (("a", (10.0, 45.0)), ("b", (10.0, 45.001)), ("c", (11.0, 45.0))):
+        openquake(tmp_path / f"{name}.csv", site)
+    (tree,) = read_hazard([tmp_path / "a.csv", tmp_path / "b.csv"], [0.7, 0.3])
+    assert [(branch.name, branch.weight) for branch in tree.branches] == [("a", 0.7), ("b", 0.3)]
+    with pytest.raises(InputError, match=r"of different sites: .*longitude 10, .*longitude 11"):
+        read_hazard([tmp_path / "a.csv", tmp_path / "c.csv"], [0.7, 0.3])
+    with pytest.raises(InputError, match=r"sum to 1\.1"):
+        read_hazard([tmp_path / "a.csv", tmp_path / "b.csv"], [0.7, 0.4])
+
+
+def test_files_of_one_tree_are_its_branches_however_they_are_given(tmp_path):
+    for number in (0, 1):
+        rlz(tmp_path, number)
+    weights(tmp_path, 0.25, 0.75)
+    (folder,) = read_hazard(tmp_path)
+    (files,) = read_hazard(sorted(tmp_path.iterdir()))
+    assert [branch.weight for branch in folder.branches] == [branch.weight for branch in files.branches]
+
+
+@pytest.mark.parametrize(
+    ("header", "intensity", "rate"),
+    [
+        ("PGA (m/s2),annual_rate", 1.0, 0.1), ("PGA [g],annual_frequency", G, 0.1),
+        ("PGV (cm/s),annual_rate", 0.01, 0.1), ("pgv_m_s,annual_rate", 1.0, 0.1), ("PGA (gal),annual_rate", 0.01, 0.1),
+        ("SA(1.0),poe_50_years", G, -math.log(0.9) / 50), ("SA0P2,probability (1 yr)", G, -math.log(0.9)),
+        ("PGA,probability_in_475_years", G, -math.log(0.9) / 475),
+    ],
+)  # fmt: skip
+def test_two_columns_state_their_unit_and_their_time(tmp_path, header, intensity, rate):
+    path = tmp_path / "curve.csv"
+    path.write_text(f"{header}\n1,0.1\n2,0.01\n")
+    curve = read_curve(path)
+    assert curve.intensity[0] == pytest.approx(intensity)
+    assert curve.annual_rate[0] == pytest.approx(rate)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("0.1 0.01\n0.2 0.001\n", "has the columns"),
+        ("0.1,0.01\n0.2,0.001\n", "states neither measure nor unit nor time"),
+        ("PGA,poe\n0.1,0.01\n0.2,0.001\n", "states no time"),
+        ("level,annual_rate\n0.1,0.01\n0.2,0.001\n", "is over 'level'"),
+        ("PGV (m/s2),annual_rate\n0.1,0.01\n0.2,0.001\n", "is over 'PGV"),
+        ("PGA,annual_rate\n0.1,0.01,3\n0.2,0.001\n", "line 2 has 3 columns"),
+    ],
+)
+def test_what_two_columns_do_not_state_is_asked_for(tmp_path, text, said):
+    path = tmp_path / "curve.csv"
+    path.write_text(text)
+    with pytest.raises(InputError, match=said):
+        read_hazard(path)
+
+
+def test_openquakes_curves_without_time_or_measure_are_told_what_to_add(tmp_path):
+    path = tmp_path / "curve.csv"
+    rows = "lon,lat,depth,poe-0.1,poe-0.2\n10,45,0,0.1,0.01\n"
+    path.write_text(f"#,,,\"imt='PGA'\"\n{rows}")
+    with pytest.raises(InputError, match=r"investigation_time=50\.0"):
+        read_hazard(path)
+    path.write_text(f'#,,,"investigation_time=50.0"\n{rows}')
+    with pytest.raises(InputError, match="states no imt"):
+        read_hazard(path)
+    path.write_text(rows)
+    (tree,) = read_hazard(path, hints=Hints(measure="pga_m_s2", years=50.0))
+    assert tree.curves[0].annual_rate[0] == pytest.approx(-math.log(0.9) / 50)
+
+
+def test_a_folder_skips_what_is_no_hazard_and_says_if_nothing_is(tmp_path):
+    (tmp_path / "notes.txt").write_text("nothing\n")
+    (tmp_path / "job.json").write_text(json.dumps({"a": 1}))
+    with pytest.raises(InputError, match="holds no file of hazard among 2"):
+        read_hazard(tmp_path)
+    openquake(tmp_path / "mean.csv", (10.0, 45.0))
+    assert len(read_hazard(tmp_path)) == 1

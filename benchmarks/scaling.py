@@ -38,6 +38,7 @@ from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.cluster import load_defaults
 from toppling.orchestrator.dispatch import JOBS_IN_BATCH, Batch, Dispatch
 from toppling.orchestrator.folder import prepare
+from toppling.orchestrator.order import balanced_order, with_long_ones_before_the_end
 from toppling.orchestrator.plan import Plan, plan
 from toppling.orchestrator.run import Execution, Tally, budget_s, room_for
 from toppling.orchestrator.task import Order, Row, lost_row, versions
@@ -101,12 +102,12 @@ def million() -> dict[str, float]:
         run = folder / "run"
         prepare(run, planned, {})
         pending = planned.pending(set())
-        dispatch = Dispatch(pending, planned.record_of)
-        tally = Tally(len(planned), 0, planned.motion_s(pending))
+        dispatch = Dispatch(pending)
+        tally = Tally(len(planned), 0)
         began, unstored = time.perf_counter(), []
         while batch := dispatch.next_batch(1000):
             rows = [pretended_row(planned.spec(job)) for job in batch.jobs]
-            tally.count(rows, planned.duration_s)
+            tally.count(rows)
             unstored += rows
             if len(unstored) > 20_000:
                 write_part(run, unstored)
@@ -237,7 +238,7 @@ def pretended_run(workers: int, seconds_per_job: float, seconds: float) -> dict[
         execution = Execution(
             planned, pending, client, run, order,
             lambda tally: seen.append((time.perf_counter(), tally.done)),
-            Tally(len(planned), 0, planned.motion_s(pending)), task=Pretend(seconds_per_job),
+            Tally(len(planned), 0), task=Pretend(seconds_per_job),
         )  # fmt: skip
         execution()
         took = time.perf_counter() - began
@@ -257,9 +258,9 @@ def rate_amidst(seen: Sequence[tuple[float, int]]) -> float:
     return float((done[last] - done[first]) / max(moments[last] - moments[first], 1e-9))
 
 
-def played(cost_s: NDArray[np.float64], record_of: NDArray[np.integer], workers: int) -> tuple[float, float]:
-    """Play a run of jobs in plan order against a clock: time, and the share that workers idle at the end."""
-    dispatch, budget, room = Dispatch(np.arange(len(cost_s)), record_of), budget_s(workers), JOBS_IN_BATCH
+def played(cost_s: NDArray[np.float64], workers: int) -> tuple[float, float]:
+    """Play a run of jobs in that order against a clock: time, and the share that workers idle at the end."""
+    dispatch, budget, room = Dispatch(np.arange(len(cost_s))), budget_s(workers), JOBS_IN_BATCH
     waiting: deque[Batch] = deque()
     free = [(0.0, worker) for worker in range(workers)]
     ended = np.zeros(workers)
@@ -278,9 +279,12 @@ def played(cost_s: NDArray[np.float64], record_of: NDArray[np.integer], workers:
         heapq.heappush(free, (ended[worker], worker))
 
 
-def study_costs(seconds_per_job: float, run: Path | None) -> tuple[NDArray[np.float64], NDArray[np.integer]]:
-    """Cost of every job of the study, in plan order: of a real run if given, else spread as one spread."""
+def study_costs(seconds_per_job: float, run: Path | None) -> NDArray[np.float64]:
+    """Cost of every job of the study, in the order they go out: of a real run if given, else spread as one spread."""
     record_of = np.repeat(np.arange(RECORDS), LEVELS * AZIMUTHS)
+    level, azimuth = np.divmod(np.tile(np.arange(LEVELS * AZIMUTHS), RECORDS), AZIMUTHS)
+    order = balanced_order(record_of, level, azimuth, np.zeros_like(level))
+    order = with_long_ones_before_the_end(order, -record_of.astype(float))
     random = np.random.default_rng(SEED)
     if run is not None:
         from toppling.results.run import open_run
@@ -288,11 +292,11 @@ def study_costs(seconds_per_job: float, run: Path | None) -> tuple[NDArray[np.fl
         wall_s = open_run(run).table()["wall_s"].drop_null().to_numpy()
         drawn = np.sort(random.choice(wall_s, RECORDS))[::-1]
         spread = random.choice(wall_s / wall_s.mean(), STUDY)
-        return np.repeat(drawn, LEVELS * AZIMUTHS) * spread, record_of
+        return (np.repeat(drawn, LEVELS * AZIMUTHS) * spread)[order]
     # Longest record first, a factor of ten between the longest and the shortest; jobs of one record spread as e**N.
     length = np.repeat(np.geomspace(3.0, 0.3, RECORDS), LEVELS * AZIMUTHS)
     cost = length * random.lognormal(0.0, 0.8, STUDY)
-    return cost * seconds_per_job / cost.mean(), record_of
+    return (cost * seconds_per_job / cost.mean())[order]
 
 
 def tell_million() -> None:
@@ -308,10 +312,10 @@ def tell_pretended(runs: Sequence[tuple[float, float]], seconds: float) -> None:
 
 
 def tell_study(seconds_per_job: float, run: Path | None) -> None:
-    cost, record_of = study_costs(seconds_per_job, run)
+    cost = study_costs(seconds_per_job, run)
     print(f"the study's {STUDY} jobs, {cost.mean():.3f} s each on average, {cost.max():.1f} s at most")
     for workers in WORKERS:
-        took, idle = played(cost, record_of, workers)
+        took, idle = played(cost, workers)
         print(f"  {workers:5d} workers  {took / 60:9.2f} min  idle at the end {100 * idle:.1f} %")
 
 

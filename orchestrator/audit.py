@@ -194,7 +194,7 @@ def audit(
             write_jobs(place, part.jobs, planned.id)
             pending = part.pending(finished_ids(place))
             what = f"auditing with {one.name}"
-            tally = Tally(len(part), len(part) - len(pending), part.motion_s(pending), what=what)
+            tally = Tally(len(part), len(part) - len(pending), what=what)
             tell("audit began", by=one.name, jobs=len(part), done=tally.before)
             Execution(part, pending, client, folder, order, watch, tally, limits, store=place)()
             if result_files(place):

@@ -1,6 +1,6 @@
 """Which jobs go out next, and what follows from what came back. Decides; no input, no output, no Dask.
 
-Jobs of one record, or of one scene, travel in batches, so that the engine's own work outweighs the cluster's. A batch
+Jobs travel in batches, so that the engine's own work outweighs the cluster's. A batch
 whose worker died says only that one of its jobs may be to blame: each is then tried alone, and a job whose workers died
 again and again while it ran alone is given up.
 """
@@ -56,7 +56,7 @@ class Batch:
     Parameters
     ----------
     jobs : tuple of int
-        Rows of the plan, all of one kin.
+        Rows of the plan.
     attempt : int
         1, or more for a job that is tried alone after its worker died.
     alone : bool
@@ -75,18 +75,13 @@ class Dispatch:
     ----------
     pending : (n,) int array
         Rows of the plan, in the order to start them.
-    kin_of : (m,) int array
-        For every row of the plan the number of those it travels with (`Plan.kin_of`).
     tries : int
         Deaths of a worker under one lone job before the job is given up.
     """
 
-    def __init__(
-        self, pending: NDArray[np.int64], kin_of: NDArray[np.integer], tries: int = Limits.tries
-    ) -> None:
+    def __init__(self, pending: NDArray[np.int64], tries: int = Limits.tries) -> None:
         self._tries = tries
         self._segments = deque([pending] if len(pending) else [])
-        self._kin_of = kin_of
         self._suspects: deque[int] = deque()
         self._attempts: dict[int, int] = {}
         self._deaths: Counter[int] = Counter()
@@ -117,13 +112,11 @@ class Dispatch:
         size = min(
             room, JOBS_IN_BATCH, math.ceil(self._waiting / (BATCHES_LEFT_PER_WORKER * max(workers, 1)))
         )
-        head = segment[:size]
-        others = np.flatnonzero(self._kin_of[head] != self._kin_of[head[0]])
-        taken = int(others[0]) if len(others) else len(head)
-        if taken < len(segment):
-            self._segments.appendleft(segment[taken:])
-        self._waiting -= taken
-        return Batch(tuple(map(int, segment[:taken])))
+        if size < len(segment):
+            self._segments.appendleft(segment[size:])
+        taken = segment[:size]
+        self._waiting -= len(taken)
+        return Batch(tuple(map(int, taken)))
 
     def came_back(self, batch: Batch, done: int) -> None:
         """Take back the jobs of a batch beyond the first `done`, which its time budget left no room for."""

@@ -18,6 +18,7 @@ from toppling.models.scene import Scene
 from toppling.models.settling import Settling
 from toppling.models.spelling import did_you_mean
 from toppling.orchestrator.campaign import Campaign, hash_of
+from toppling.orchestrator.order import balanced_order, with_long_ones_before_the_end
 from toppling.orchestrator.stood import Recorded, check_weighable, read_recorded
 from toppling.workers.job import JobSpec
 from toppling.workers.seating import settled
@@ -36,12 +37,7 @@ COLUMNS = pa.schema(
 )
 
 EQUAL_SHARE_S = 40.0
-"""A job is expected to cost as its record's duration and so much more: many shakes end before a long coda does.
-
-Half way through 429 jobs with real records of 11 to 390 s, and 168 with synthetic ones of 21 to 86 s, the time left
-was so told 8 % too long and 25 % too short; by durations alone 36 and 43 % too short, by numbers of jobs 240 and 1 %
-too long.
-"""
+"""A job is expected to cost as its record's duration and so much more: many shakes end before a long coda does."""
 
 
 def expected_s(motion_s: float, jobs: int) -> float:
@@ -96,11 +92,21 @@ class Plan:
         return self.jobs.column("record_id").combine_chunks().indices.to_numpy()
 
     @cached_property
-    def kin_of(self) -> NDArray[np.integer]:
-        """For every job what it shares with those it travels with, (n,): its record, or else its scene."""
-        if not _scene_by_scene(self.campaign):
-            return self.record_of
-        return np.arange(len(self)) // len(self._records)
+    def order(self) -> NDArray[np.int64]:
+        """Rows in the order to start them (`orchestrator.order`), (n,)."""
+        scenes = [self._codes(name) for name in ("friction_static", "friction_kinetic")]
+        static, kinetic = (codes.max(initial=0) + 1 for codes in scenes)
+        friction = np.unique(np.ravel_multi_index(scenes, (static, kinetic)), return_inverse=True)[1]
+        axes = [friction, self._codes("restitution"), self._codes("realisation")]
+        sizes = tuple(int(codes.max(initial=0)) + 1 for codes in axes)
+        none = np.zeros(len(self), np.int64)  # of records as they are each has a level of its own
+        level = self._codes("pga_m_s2") if self.campaign.pga_m_s2 else none
+        azimuth = self._codes("azimuth_deg") if self.campaign.azimuth_deg else none
+        return balanced_order(self.record_of, level, azimuth, np.ravel_multi_index(axes, sizes), sizes)
+
+    def _codes(self, column: str) -> NDArray[np.int64]:
+        """For each job the number of its value among those of a column."""
+        return np.unique(self.jobs.column(column).to_numpy(), return_inverse=True)[1]
 
     @cached_property
     def _records(self) -> list[str]:
@@ -113,13 +119,17 @@ class Plan:
 
     def motion_s(self, rows: NDArray[np.int64]) -> float:
         """Durations of the records of some jobs together."""
-        durations = np.array([self.duration_s[record] for record in self._records])
-        return float(durations[self.record_of[rows]].sum())
+        return float(self._duration_s[rows].sum())
 
     def pending(self, finished: set[str]) -> NDArray[np.int64]:
         """Rows of the jobs without a result, in the order to start them."""
         done = pc.is_in(self.jobs.column("job_id"), value_set=pa.array(sorted(finished), pa.string()))
-        return np.flatnonzero(~done.combine_chunks().to_numpy(zero_copy_only=False))
+        left = ~done.combine_chunks().to_numpy(zero_copy_only=False)
+        return with_long_ones_before_the_end(self.order[left[self.order]], self._duration_s)
+
+    @cached_property
+    def _duration_s(self) -> NDArray[np.float64]:
+        return np.array([self.duration_s[record] for record in self._records])[self.record_of]
 
     def spec(self, row: int) -> JobSpec:
         """Specification of one job."""

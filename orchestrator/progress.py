@@ -145,10 +145,24 @@ def _lines(console: Console) -> Watcher:
 
 def told(tally: Tally) -> str:
     """Rate, time left, toppled and failed jobs of a session in one line."""
-    parts = [f"{tally.rate:.1f}/s", f"{tally.toppled} toppled", f"{tally.failed} failed"]
+    parts = [pace(tally.rate), f"{tally.toppled} toppled", f"{tally.failed} failed"]
     if tally.left_s is not None and tally.before + tally.done < tally.total:
         parts.insert(1, f"{duration(tally.left_s)} left")
     return "  ".join(parts)
+
+
+def pace(rate_per_s: float) -> str:
+    """Jobs a second as a person reads them, or a minute or an hour where they are fewer.
+
+    Examples
+    --------
+    >>> pace(12.34), pace(0.24)
+    ('12.3/s', '14.4/min')
+    """
+    for rate, unit in ((rate_per_s, "s"), (60.0 * rate_per_s, "min")):
+        if rate >= 1.0:
+            return f"{rate:.{1 if rate < 1000.0 else 0}f}/{unit}"
+    return f"{3600.0 * rate_per_s:.1f}/h"
 
 
 def duration(seconds: float) -> str:

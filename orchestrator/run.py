@@ -31,7 +31,7 @@ from toppling.orchestrator.dispatch import JOBS_IN_BATCH, USUAL_LIMITS, Batch, D
 from toppling.orchestrator.folder import describe, note, prepare, session
 from toppling.orchestrator.interrupt import held_back
 from toppling.orchestrator.journal import journal, tell
-from toppling.orchestrator.plan import Plan, check_stands, expected_s, plan
+from toppling.orchestrator.plan import Plan, check_stands, plan
 from toppling.orchestrator.stood import Recorded, weigh_bases
 from toppling.orchestrator.task import Order, Row, UnfitWorkerError, check, lost_row, shake_batch, versions
 from toppling.results.stood import FILE, FOLDER, Stood
@@ -96,8 +96,6 @@ class Tally:
         Jobs of the plan.
     before : int
         Jobs that had a row when this session began, those to be done again aside.
-    motion_s : float
-        Durations of the records of this session's jobs together.
     again : int
         Jobs to be done again whose new row is not stored yet.
     what : str
@@ -106,10 +104,8 @@ class Tally:
 
     total: int
     before: int
-    motion_s: float
     again: int = 0
     what: str = "shaking"
-    motion_done_s: float = 0.0
     done: int = 0
     stored: int = 0
     toppled: int = 0
@@ -132,11 +128,9 @@ class Tally:
 
     @property
     def left_s(self) -> float | None:
-        """Time left, by what jobs are expected to cost: those of the longest records go first."""
-        if not self.done:
-            return None
-        work_s = expected_s(self.motion_s, self.total - self.before)
-        return self.elapsed_s * max(work_s / expected_s(self.motion_done_s, self.done) - 1.0, 0.0)
+        """Time left at the rate so far: jobs go out in balanced blocks, so that those left cost as those done."""
+        left = self.total - self.before - self.done
+        return max(left, 0) / self.rate if self.done else None
 
     @property
     def failed(self) -> int:
@@ -157,10 +151,9 @@ class Tally:
             "elapsed_s": round(self.elapsed_s, 1),
         }
 
-    def count(self, rows: Sequence[Row], duration_s: Mapping[str, float]) -> None:
-        """Add rows of records of such durations."""
+    def count(self, rows: Sequence[Row]) -> None:
+        """Add rows."""
         self.done += len(rows)
-        self.motion_done_s += sum(duration_s[row["record_id"]] for row in rows)
         for row in rows:
             self.status[row["status"]] += 1
             self.toppled += row.get("toppled") is True
@@ -299,7 +292,7 @@ def _until_complete(
     finished = finished_ids(folder, planned.ids)  # first, as it sets rows of other runs aside
     redo = attempts_with(folder, again) if again else {}
     pending = planned.pending(finished - redo.keys())
-    tally = Tally(len(planned), len(planned) - len(pending), planned.motion_s(pending), len(redo))
+    tally = Tally(len(planned), len(planned) - len(pending), len(redo))
     if not len(pending):
         pending = planned.pending(_merged(planned, folder, notes, tally, redo))
     if not len(pending) and not (afterwards and afterwards.due(planned, folder)):
@@ -448,7 +441,7 @@ class Execution:
         self.plan, self.client, self.folder, self.order = plan, client, folder, order
         self.watch, self.tally, self.limits, self.task = watch, tally, limits, task
         self.redo = redo
-        self.dispatch = Dispatch(pending, plan.kin_of, limits.tries)
+        self.dispatch = Dispatch(pending, limits.tries)
         self._session = uuid.uuid4().hex[:8]
         self.tasks = 0  # handed out so far
         self._room = JOBS_IN_BATCH
@@ -611,7 +604,7 @@ class Execution:
             loop.add_callback(self.client.restart_workers, workers, raise_for_error=False)
 
     def _keep(self, rows: list[Row], attempt: int) -> None:
-        self.tally.count(rows, self.plan.duration_s)
+        self.tally.count(rows)
         # Of a job's rows the newest attempt counts: one that is done again goes on from where it was.
         self._unstored += [{**row, "attempt": self.redo.get(row["job_id"], 0) + attempt} for row in rows]
 

@@ -7,11 +7,9 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from toppling.models.tables import read_table
 from toppling.orchestrator.advice import Share
 from toppling.orchestrator.folder import describe, ended, is_running
 from toppling.orchestrator.journal import last
-from toppling.orchestrator.plan import expected_s
 from toppling.results.audit_folder import AUDIT_FOLDER
 from toppling.results.stood import CONTACT, FILE, FOLDER, Stood, sentences, told_of
 from toppling.results.store import newest_rows, read_steady, result_files
@@ -52,7 +50,7 @@ def state_of(run: Path) -> dict[str, Any]:
     state["stood"], state["stood_sentences"] = _stood(run)
     # What is to be done again has a row, so that the rows do not tell what work is left.
     if running and stored < jobs and not state["again"]:
-        state["rate_per_s"], state["left_s"] = _pace(run, rows)
+        state["rate_per_s"], state["left_s"] = _pace(rows, jobs)
     return state
 
 
@@ -96,19 +94,12 @@ def _failures(rows: pa.Table) -> list[dict[str, Any]]:
     return reasons.rename_columns(names)[:REASONS_SHOWN].to_pylist()
 
 
-def _pace(run: Path, rows: pa.Table) -> tuple[float | None, float | None]:
-    """Jobs a second in the last minute of stored rows, and the time left at the pace of that minute."""
+def _pace(rows: pa.Table, jobs: int) -> tuple[float | None, float | None]:
+    """Jobs a second in the last minute of stored rows, and the time left at that rate."""
     last = pc.max(rows["finished_at"]).as_py()
     if last is None or datetime.now(UTC) - last > 10 * WINDOW:
         return None, None
     recent = rows.filter(pc.greater(rows["finished_at"], pa.scalar(last - WINDOW, rows["finished_at"].type)))
     seconds = max((last - pc.min(recent["finished_at"]).as_py()).total_seconds(), 1.0)
-    catalog = read_table(run / "ensemble" / "catalog.parquet", columns=["record_id", "duration_s"])
-    duration_s = dict(zip(*(column.to_pylist() for column in catalog.columns), strict=True))
-
-    def work_s(jobs: pa.Table) -> float:
-        counted = pc.value_counts(jobs["record_id"].cast(pa.string())).to_pylist()
-        return expected_s(sum(duration_s[entry["values"]] * entry["counts"] for entry in counted), len(jobs))
-
-    left_s = work_s(read_table(run / "jobs.parquet", columns=["record_id"])) - work_s(rows)
-    return len(recent) / seconds, left_s * seconds / work_s(recent)
+    rate_per_s = len(recent) / seconds
+    return rate_per_s, (jobs - len(rows)) / rate_per_s

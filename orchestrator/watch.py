@@ -21,7 +21,7 @@ from typing import Any
 import pandas as pd
 
 from toppling.models.errors import InputError
-from toppling.orchestrator.progress import duration
+from toppling.orchestrator.progress import duration, pace
 from toppling.orchestrator.status import state_of
 from toppling.results.drawing.watch_page import PAGE, WAITING
 from toppling.results.fragility import PLANES, by_contact, cells
@@ -69,7 +69,7 @@ def shown(run: Path) -> dict[str, Any]:
 def _sentence(state: dict[str, Any]) -> str:
     parts = [f"{state['state']}: {state['stored']} of {state['jobs']} jobs stored"]
     if state["rate_per_s"]:
-        parts.append(f"{state['rate_per_s']:.1f} a second, {duration(state['left_s'])} left")
+        parts.append(f"{pace(state['rate_per_s'])}, {duration(state['left_s'])} left")
     if state["workers"] is not None:
         parts.append(f"{state['workers']} workers")
     return ", ".join(parts)

@@ -20,7 +20,8 @@ from toppling.models.motions.record import Record, motion_sha
 from toppling.models.tables import read_table, table_writer, write_table
 
 SCHEMA_VERSION = "2"
-RECORDS_IN_MEMORY = 16
+RECORDS_IN_MEMORY = 64
+"""As many as share a block of jobs (`orchestrator.order`); a record is seldom larger than half a megabyte."""
 PGA_TOLERANCE = 1e-9
 """Share by which two machines' roots may differ in the catalogue's PGA, by which every motion is scaled."""
 

@@ -96,7 +96,7 @@ def run(
     chosen = Campaign.read(campaign)  # before what takes seconds to import: most campaigns are refused here
     from toppling.orchestrator.advice import suggestions
     from toppling.orchestrator.audit import AFTERWARDS
-    from toppling.orchestrator.progress import duration, watcher
+    from toppling.orchestrator.progress import duration, pace, watcher
     from toppling.orchestrator.run import RunError
     from toppling.orchestrator.run import run as carry_out
     from toppling.orchestrator.status import shares_of, state_of
@@ -131,7 +131,7 @@ def run(
         click.echo(json.dumps(summary))
     else:
         click.echo(
-            f"{folder}: {tally.done} jobs done in {duration(tally.elapsed_s)} ({tally.rate:.1f}/s), "
+            f"{folder}: {tally.done} jobs done in {duration(tally.elapsed_s)} ({pace(tally.rate)}), "
             f"{tally.before} done before; in all {state['toppled']} toppled, {state['failed']} failed"
         )
         if state["failed"]:

@@ -17,7 +17,7 @@ def status(run: Path, as_json: bool) -> None:
     \b
     toppling status runs/first
     """  # noqa: D301  (\b keeps click from rewrapping the example)
-    from toppling.orchestrator.progress import duration
+    from toppling.orchestrator.progress import duration, pace
     from toppling.orchestrator.status import state_of
 
     state = state_of(run)
@@ -27,7 +27,7 @@ def status(run: Path, as_json: bool) -> None:
     again = f", {state['again']} of them still to be done again" if state["again"] else ""
     click.echo(f"{run}: {state['state']}, {state['stored']} of {state['jobs']} jobs stored{again}")
     if state["rate_per_s"]:
-        click.echo(f"rate {state['rate_per_s']:.1f}/s over the last minute, {duration(state['left_s'])} left")
+        click.echo(f"rate {pace(state['rate_per_s'])} over the last minute, {duration(state['left_s'])} left")
     if state["workers"] is not None:
         click.echo(f"{state['workers']} workers, {state['deaths']} worker deaths in this session")
     click.echo(f"toppled {state['toppled']}, failed {state['failed']} ({_counts(state['status'])})")

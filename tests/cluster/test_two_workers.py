@@ -5,6 +5,7 @@ import os
 import signal
 import threading
 import time
+from contextlib import nullcontext
 
 import dask
 import numpy as np
@@ -16,6 +17,7 @@ from distributed.core import Status
 
 from toppling.models.errors import InputError
 from toppling.orchestrator import run as run_module
+from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.cluster import local
 from toppling.orchestrator.dispatch import Limits
 from toppling.orchestrator.run import RunError, run
@@ -57,6 +59,26 @@ def test_an_interrupted_run_goes_on_where_it_stopped(carry_out, undisturbed, tmp
     tally = carry_out(tmp_path / "run")
     assert (tally.before, tally.done) == (stored, len(undisturbed) - stored)
     assert answers_of(tmp_path / "run") == undisturbed
+
+
+def test_what_an_interrupted_run_has_is_a_balanced_sample_of_it(client, inputs, tmp_path, faults):
+    axes = {"pga_m_s2": [2, 3, 4, 5, 6, 7], "azimuth_deg": [0, 50, 90, 130, 200, 300], "friction": [0.9]}
+    campaign = Campaign.of({"scene": "scene", "ensemble": "ensemble", "preset": "fast", **axes}, inputs)
+
+    def stop_after_a_third(tally):
+        if tally.done >= 36:
+            raise KeyboardInterrupt
+
+    faults.set(every={"kind": "wait", "seconds": 0.05})
+    with pytest.raises(KeyboardInterrupt):
+        run(campaign, tmp_path / "run", nullcontext(client), stop_after_a_third)
+    frame = open_run(tmp_path / "run").frame()
+    assert 36 <= len(frame) < 3 * 36
+    batch = 14  # of the first that went out; two workers may end theirs in either order
+    for column, count in (("record_id", 3), ("level_pga_m_s2", 6), ("azimuth_deg", 6)):
+        there = frame[column].value_counts()
+        assert len(there) == count
+        assert abs(there - len(frame) / count).max() <= 2 + batch / count
 
 
 def test_killed_workers_cost_no_job(carry_out, client, undisturbed, tmp_path, faults):

@@ -7,7 +7,6 @@ import sys
 from contextlib import nullcontext
 from itertools import pairwise
 
-import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from click.testing import CliRunner
@@ -93,9 +92,10 @@ def test_where_a_record_shakes_a_scene_once_jobs_of_a_scene_travel_together(camp
     asked = {"pga_m_s2": (), "azimuth_deg": (), "friction": ((0.8, 0.8), (0.6, 0.6)), "realisations": 3}
     whole = planned(campaign, **asked)
     scenes = whole.jobs.select(["friction_static", "realisation"]).to_pylist()
-    changes = [one != other for one, other in pairwise(scenes)]
-    assert sum(changes) + 1 == 2 * 3  # frictions, realisations: each once, with every record
-    assert changes == list(np.diff(whole.kin_of) != 0)
+    changes = sum(one != other for one, other in pairwise(scenes))
+    assert changes + 1 == 2 * 3  # frictions, realisations: each once, with every record
+    out = [scenes[row] for row in whole.pending(set())]
+    assert sum(one != other for one, other in pairwise(out)) + 1 == 2 * 3
 
 
 @pytest.mark.parametrize(
@@ -132,7 +132,23 @@ def test_a_record_too_coarse_for_the_band_it_is_said_to_have_is_named(campaign):
 def test_pending_is_the_plan_without_what_is_finished(campaign):
     whole = planned(campaign)
     ids = whole.jobs["job_id"].to_pylist()
-    assert whole.pending(set(ids[3:5]) | {"of another run"}).tolist() == [0, 1, 2, *range(5, len(ids))]
+    assert sorted(whole.pending(set())) == list(range(len(ids)))
+    left = whole.pending(set(ids[3:5]) | {"of another run"})
+    assert sorted(left) == [0, 1, 2, *range(5, len(ids))]
+
+
+def test_jobs_go_out_in_blocks_of_all_records_levels_and_azimuths(campaign):
+    whole = planned(campaign, pga_m_s2=(2.0, 4.0, 6.0), azimuth_deg=(0.0, 90.0, 180.0))
+    first = whole.jobs.take(whole.pending(set())[:9])
+    for column in ("record_id", "pga_m_s2", "azimuth_deg"):
+        counts = [entry["counts"] for entry in first[column].value_counts().to_pylist()]
+        assert counts == [3, 3, 3]
+
+
+def test_records_with_levels_of_their_own_go_out_in_turn(campaign):
+    whole = planned(campaign, pga_m_s2=(), azimuth_deg=(0.0, 90.0))
+    records = whole.jobs["record_id"].take(whole.pending(set())).to_pylist()
+    assert [len(set(records[place : place + 3])) for place in (0, 3)] == [3, 3]
 
 
 def test_the_verb_counts_the_jobs_and_writes_their_table(campaign, tmp_path):
@@ -249,7 +265,7 @@ content = {"scene": "scene", "ensemble": "ensemble", "pga_m_s2": {"start": 0.1, 
 campaign = Campaign.of(content, folder)
 whole = plan(campaign, Scene.load(campaign.scene), Ensemble.load(campaign.ensemble))
 finished = set(whole.jobs["job_id"].to_pylist()[::2])
-dispatch = Dispatch(whole.pending(finished), whole.kin_of)
+dispatch = Dispatch(whole.pending(finished))
 while batch := dispatch.next_batch(2):
     dispatch.came_back(batch, done=len(batch.jobs))
 # Not ru_maxrss, which begins with the peak of the process that started this one.

@@ -6,7 +6,6 @@ import time
 from contextlib import contextmanager
 from pathlib import Path
 
-import numpy as np
 import pytest
 from click.testing import CliRunner
 
@@ -16,38 +15,37 @@ from seeded import rows
 from toppling.models.scene import Scene
 from toppling.orchestrator import progress
 from toppling.orchestrator.cli import cli
-from toppling.orchestrator.progress import bar, duration, each, told, watcher
+from toppling.orchestrator.progress import bar, duration, each, pace, told, watcher
 from toppling.orchestrator.run import Tally
 from toppling.results.store import write_part
 
 
-@pytest.mark.parametrize(
-    ("durations_s", "cost_s"),
-    [
-        (np.linspace(86.0, 21.0, 25), lambda duration_s: 2.0),  # the demo's
-        (np.geomspace(390.0, 11.0, 25), lambda duration_s: 0.3 + 0.005 * duration_s),  # of 143 real records
-    ],
-)
-def test_the_time_left_holds_within_a_third_for_costs_as_they_were_met(durations_s, cost_s):
-    cost = [cost_s(duration) for duration in durations_s]
-    half = len(cost) // 2
-    tally = Tally(len(cost), 0, durations_s.sum(), began=time.monotonic() - sum(cost[:half]))
+@pytest.mark.parametrize(("done", "elapsed_s"), [(10, 2.0), (10, 400.0), (2000, 4.0)])
+def test_the_time_left_agrees_with_the_rate_beside_it(done, elapsed_s):
+    tally = Tally(total=4320, before=320, began=0.0, ended=elapsed_s)
     assert "left" not in told(tally)
-    rows = [{"record_id": n, "status": "ok"} for n in range(half)]
-    tally.count(rows, dict(enumerate(durations_s)))
-    assert tally.left_s == pytest.approx(sum(cost[half:]), rel=0.33)
-    assert f" {duration(tally.left_s)} left  0 toppled" in told(tally)
+    tally.count([{"status": "ok"}] * done)
+    rate, left = (4000 - done) / tally.left_s, duration(tally.left_s)
+    assert rate == pytest.approx(done / elapsed_s)
+    assert told(tally).startswith(f"{pace(rate)}  {left} left  0 toppled")
+
+
+@pytest.mark.parametrize(
+    ("rate", "words"), [(1234.5, "1234/s"), (12.34, "12.3/s"), (0.24, "14.4/min"), (0.0021, "7.6/h")]
+)
+def test_a_rate_is_told_in_the_unit_that_shows_its_digits(rate, words):
+    assert pace(rate) == words
 
 
 def test_a_session_that_is_complete_has_no_time_left():
-    tally = Tally(total=1, before=0, motion_s=80.0)
-    tally.count([{"record_id": "long", "status": "ok"}], {"long": 80.0})
+    tally = Tally(total=1, before=0)
+    tally.count([{"status": "ok"}])
     assert "left" not in told(tally)
 
 
 def test_a_session_that_is_complete_says_so_once(capsys):
-    tally = Tally(total=1, before=0, motion_s=80.0)
-    tally.count([{"record_id": "long", "status": "ok"}], {"long": 80.0})
+    tally = Tally(total=1, before=0)
+    tally.count([{"status": "ok"}])
     with watcher() as watch:
         watch(tally)
         watch(tally)

@@ -18,7 +18,7 @@ from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.cli import cli
 from toppling.orchestrator.folder import prepare, session
 from toppling.orchestrator.journal import journal, tell
-from toppling.orchestrator.plan import EQUAL_SHARE_S, plan
+from toppling.orchestrator.plan import plan
 from toppling.orchestrator.status import REASONS_SHOWN, shares_of, state_of
 from toppling.orchestrator.task import lost_row
 from toppling.results.store import write_part
@@ -89,22 +89,7 @@ def test_the_rate_is_that_of_the_last_minute_of_stored_rows(planned, tmp_path):
         state = state_of(tmp_path / "run")
     assert state["state"] == "running"
     assert state["rate_per_s"] == pytest.approx(10 / 9)
-    assert state["left_s"] == pytest.approx((15 - 12) * 9 / 10)
-
-
-def test_the_time_left_counts_what_the_jobs_left_are_expected_to_cost(tmp_path):
-    brief, long = (Record.of(name, ricker(2.0, period_s)) for name, period_s in (("B", 0.3), ("L", 1.5)))
-    planned = plan_of([brief, long], tmp_path)
-    # All jobs of the long record, which go first, in a minute; the brief one's then take their share of it.
-    done = rows(planned, [("ok", "")] * 15)
-    now = datetime.now(UTC)
-    ended = [{"finished_at": now - timedelta(seconds=59.0 * n / 14)} for n in range(15)]
-    write_part(tmp_path / "run", [row | moment for row, moment in zip(done, ended, strict=True)])
-    with session(tmp_path / "run", {}):
-        left_s = state_of(tmp_path / "run")["left_s"]
-    brief_s, long_s = (planned.duration_s[name] + EQUAL_SHARE_S for name in ("B", "L"))
-    assert brief_s < 0.95 * long_s
-    assert left_s == pytest.approx(59.0 * brief_s / long_s)
+    assert state["left_s"] == pytest.approx((15 - 12) / state["rate_per_s"])
 
 
 def test_jobs_to_be_done_again_are_told_while_the_session_goes_on_and_no_longer(planned, tmp_path):

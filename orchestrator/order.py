@@ -1,0 +1,155 @@
+"""In which order jobs go out: in blocks that are balanced samples, so that an interrupted run is a smaller run.
+
+A block holds of each record the same number of jobs, at levels and azimuths that its records share out evenly. Records
+take their levels and azimuths along diagonals of the grid: neighbouring cells differ in both, and any stretch of a
+diagonal holds every level, and every azimuth, equally often but for one. Where a campaign has several scenes (contacts,
+realisations) a block is of one of them; blocks go round the scenes. Of more scenes than a worker keeps ready, blocks
+are larger, as making one ready costs as much as several jobs.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+SEED = 2017
+"""Any number would do: the order is random with regard to the answers, and the same on every machine."""
+
+RECORDS_TOGETHER = 64
+"""Records that share a block, as many as a worker keeps in memory."""
+
+JOBS_OF_A_RECORD = 4
+"""In a block of more records than that: reading one costs a few milliseconds."""
+
+SCENES_KEPT = 8
+"""By a worker."""
+
+JOBS_OF_A_SCENE = 128
+"""Of more scenes so many jobs go out with one before the next: making it ready costs a third of a second."""
+
+LAST_SHARE = 0.05
+"""Of the jobs, that go out the longest records first, so that no worker ends long after the others."""
+
+Codes = NDArray[np.integer]
+
+
+def diagonal(*sizes: int) -> NDArray[np.int64]:
+    """Cells of a grid, each once, so that every stretch holds each value of an axis equally often, but for one or two.
+
+    Parameters
+    ----------
+    *sizes : int
+        Of the axes.
+
+    Returns
+    -------
+    (product of sizes, number of axes) int array
+        Indices of the cells.
+
+    Examples
+    --------
+    >>> diagonal(2, 3).tolist()
+    [[0, 0], [1, 1], [0, 2], [1, 0], [0, 1], [1, 2]]
+    >>> diagonal(2, 2).tolist()
+    [[0, 0], [1, 1], [0, 1], [1, 0]]
+    """
+    cells = np.zeros((1, 0), np.int64)
+    for size in sizes:
+        count = len(cells)
+        place = np.arange(count * size)
+        # At each return to its corner the diagonal moves on to the next one.
+        turned = (place + place // math.lcm(count, size)) % size
+        cells = np.column_stack([cells[place % count], turned])
+    return cells
+
+
+def block_jobs(records: int, levels: int, azimuths: int, scenes: int) -> tuple[int, int]:
+    """Groups that records are divided into, and jobs of a record in a block."""
+    groups = 1 if scenes == 1 else math.ceil(records / RECORDS_TOGETHER)
+    if scenes > SCENES_KEPT:
+        jobs = math.ceil(JOBS_OF_A_SCENE * groups / records)
+    else:
+        jobs = JOBS_OF_A_RECORD if records / groups > RECORDS_TOGETHER else 1
+    return groups, min(jobs, levels * azimuths)
+
+
+def balanced_order(
+    record: Codes, level: Codes, azimuth: Codes, scene: Codes, scene_sizes: tuple[int, ...] = ()
+) -> NDArray[np.int64]:
+    """Order of some jobs of a campaign, of which every beginning is balanced up to one block.
+
+    Parameters
+    ----------
+    record, level, azimuth, scene : (n,) int array
+        For each job the numbers of these, from 0; no two jobs have all four in common.
+    scene_sizes : tuple of int
+        Of the axes that scenes are numbered along, the last the fastest; one axis unless given.
+
+    Returns
+    -------
+    (n,) int array
+        Places of the jobs, the first to go out first.
+    """
+    if not len(record):
+        return np.zeros(0, np.int64)
+    records, levels, azimuths, scenes = (int(codes.max()) + 1 for codes in (record, level, azimuth, scene))
+    sizes = scene_sizes or (scenes,)
+    scenes = math.prod(sizes)
+    random = np.random.default_rng(SEED)
+    groups, jobs = block_jobs(records, levels, azimuths, scenes)
+    turn = random.permutation(records)[record]  # a record's place among records
+    group = turn * groups // records
+    cell = _cells(random, turn, level, azimuth, scene, scenes)
+    visit, within = np.divmod(cell, jobs)
+    place = _scene_places(random, sizes)[scene]
+    # A group of records is at the scene after that of the group before it.
+    step = visit * scenes + (place - group) % scenes
+    return np.lexsort((within, turn, group, step))
+
+
+def with_long_ones_before_the_end(
+    rows: NDArray[np.int64], duration_s: NDArray[np.float64]
+) -> NDArray[np.int64]:
+    """Rows in an order to start them, the last few of them those of the longest records first.
+
+    Parameters
+    ----------
+    rows : (n,) int array
+        In a balanced order.
+    duration_s : (m,) array
+        Of each row of the plan, of its record.
+    """
+    first = len(rows) - int(LAST_SHARE * len(rows))
+    last = rows[first:]
+    return np.concatenate([rows[:first], last[np.argsort(-duration_s[last], kind="stable")]])
+
+
+def _cells(
+    random: np.random.Generator, turn: Codes, level: Codes, azimuth: Codes, scene: Codes, scenes: int
+) -> NDArray[np.int64]:
+    """For each job the place of its level and azimuth on its record's diagonal in its scene."""
+    records, levels, azimuths = (int(codes.max()) + 1 for codes in (turn, level, azimuth))
+    along = np.zeros((levels, azimuths), np.int64)
+    along[tuple(diagonal(levels, azimuths).T)] = np.arange(levels * azimuths)
+    starts = []
+    for size, codes in ((levels, level), (azimuths, azimuth)):
+        shuffled = random.permutation(size)[codes]
+        of_record = _shared_out(random, records, size)[turn]
+        of_scene = random.integers(size, size=scenes)[scene]
+        starts.append((shuffled - of_record - of_scene) % size)
+    return along[starts[0], starts[1]]
+
+
+def _shared_out(random: np.random.Generator, count: int, size: int) -> NDArray[np.int64]:
+    """Numbers below `size`, every one once in each stretch of so many, in random order."""
+    turns = [random.permutation(size) for _ in range(math.ceil(count / size))]
+    return np.concatenate(turns)[:count]
+
+
+def _scene_places(random: np.random.Generator, sizes: tuple[int, ...]) -> NDArray[np.int64]:
+    """For each scene its place in the round of scenes: along a diagonal of its axes, whose values are shuffled."""
+    cells = diagonal(*sizes)
+    shuffled = [random.permutation(size)[cells[:, axis]] for axis, size in enumerate(sizes)]
+    place = np.empty(len(cells), np.int64)
+    place[np.ravel_multi_index(shuffled, sizes)] = np.arange(len(cells))
+    return place

@@ -7,6 +7,13 @@ from toppling.models.documents import TEXT, Kind, check_shape, whole
 
 MOST_JOBS = 1_000_000_000
 _OBJECT = Kind("an object", lambda value: isinstance(value, dict))
+_ENGINE = Kind(
+    "an object of name, title, authors and reference, as texts",
+    lambda value: (
+        isinstance(value, dict)
+        and all(isinstance(value.get(key), str) for key in ("name", "title", "authors", "reference"))
+    ),
+)
 _REQUIRED = {
     "jobs": whole(0, MOST_JOBS),
     "sessions": [_OBJECT],
@@ -15,6 +22,7 @@ _READ = {
     "plan_id?": TEXT,
     "rock?": TEXT,
     "versions?": _OBJECT,
+    "engine?": _ENGINE,
     "scene_id?": TEXT,
     "ensemble_id?": TEXT,
     "files?": Kind(

@@ -5,7 +5,6 @@ Rows of an audit lie in folders of their own in the run's, never among its answe
 
 import dataclasses
 import fcntl
-import importlib.util
 import logging
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -44,6 +43,7 @@ from toppling.results.store import (
     read_steady,
     result_files,
 )
+from toppling.workers.engines import DEFAULT, ENGINES
 from toppling.workers.options import PRESETS
 
 log = logging.getLogger(__name__)
@@ -64,23 +64,18 @@ class Auditor:
         Of its folder.
     changes : tuple of (str, str)
         Keys of the campaign and their values for it.
-    module : str or None
-        What has to be installed.
     """
 
     name: str
     changes: tuple[tuple[str, str], ...]
-    module: str | None = None
 
     def fits(self, campaign: Campaign) -> bool:
         """Whether it is installed, differs from who made the run, and models what the campaign asks for."""
-        if self.module is not None and importlib.util.find_spec(self.module) is None:
+        engine = ENGINES[dict(self.changes)["engine"]]
+        if engine.version is None or not engine.models(campaign.friction, campaign.restitution):
             return False
-        if "engine" in dict(self.changes) and dict(self.changes)["engine"] != "pybullet":
-            if campaign.engine != "pybullet" or any(campaign.restitution):
-                return False
-            if any(static != kinetic for static, kinetic in campaign.friction):
-                return False
+        if engine.name != DEFAULT and campaign.engine != DEFAULT:
+            return False
         return any(getattr(campaign, key) != value for key, value in self.changes)
 
     def plan(self, planned: Plan, rows: NDArray[np.int64]) -> Plan:
@@ -93,8 +88,8 @@ class Auditor:
 
 
 AUDITORS = (
-    Auditor(REFERENCE, (("engine", "pybullet"), ("preset", "reference"))),
-    Auditor("mujoco", (("engine", "mujoco"), ("preset", "standard")), module="mujoco"),
+    Auditor(REFERENCE, (("engine", DEFAULT), ("preset", "reference"))),
+    *(Auditor(name, (("engine", name), ("preset", "standard"))) for name in ENGINES if name != DEFAULT),
 )
 
 
@@ -171,7 +166,8 @@ def audit(
             "nothing that is installed can say more than this run, made with the finest preset",
             where=str(folder),
             expected="a run with preset fast or standard, or a second engine",
-            remedy="install one: pip install 'toppling[mujoco]'",
+            remedy="install one: "
+            + " or ".join(f"pip install 'toppling[{one.extra}]'" for one in ENGINES.values() if one.extra),
         )
     tallies = []
     with _alone(folder) as home:

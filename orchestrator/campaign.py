@@ -15,7 +15,8 @@ from toppling.models.contact import ContactProperties
 from toppling.models.documents import is_number, read_toml, shown
 from toppling.models.errors import InputError
 from toppling.models.spelling import did_you_mean
-from toppling.workers.options import ENGINES, PRESETS
+from toppling.workers.engines import DEFAULT, ENGINES
+from toppling.workers.options import PRESETS
 from toppling.workers.unmeasured import Unmeasured
 
 AS_RECORDED = "recorded"
@@ -55,7 +56,7 @@ class Campaign:
     preset : str
         Settings of the engine: draft, fast, standard or reference.
     engine : str
-        pybullet, or mujoco.
+        One of :data:`toppling.workers.engines.ENGINES`.
     records : tuple of str or None
         Record ids; None for the whole ensemble.
     peak_displacement_m : float or None
@@ -79,7 +80,7 @@ class Campaign:
     realisations: int = 1
     first_realisation: int = 0
     preset: str = "standard"
-    engine: str = "pybullet"
+    engine: str = DEFAULT
     records: tuple[str, ...] | None = None
     peak_displacement_m: float | None = None
     audit: int | None = None
@@ -201,7 +202,7 @@ class Campaign:
             )
         values["preset"] = preset
         values["unmeasured"] = _unmeasured(content.get("unmeasured"), place("unmeasured"))
-        values["engine"] = _engine(content.get("engine", "pybullet"), values, place("engine"))
+        values["engine"] = _engine(content.get("engine", DEFAULT), values, place("engine"))
         if (records := content.get("records")) is not None:
             if (
                 not isinstance(records, list)
@@ -407,19 +408,20 @@ def _stood(value: Any, folder: Path, where: str) -> tuple[Path, ...]:
     return tuple(folder / name for name in _distinct(value, where))
 
 
-def _engine(engine: Any, values: Mapping[str, Any], where: str) -> str:
-    if engine not in ENGINES:
-        remedy = did_you_mean(engine, ENGINES, "leave it out for 'pybullet'")
-        raise _error(where, f"{engine!r}", f"one of {', '.join(ENGINES)}", remedy)
-    beyond = any(values["restitution"]) or any(static != kinetic for static, kinetic in values["friction"])
-    drawn: Unmeasured | None = values["unmeasured"]
-    beyond |= drawn is not None and drawn.restitution is not None and drawn.restitution[1] > 0.0
-    if engine == "mujoco" and beyond:
-        what = "mujoco knows neither restitution nor a kinetic friction of its own"
+def _engine(name: Any, values: Mapping[str, Any], where: str) -> str:
+    if name not in ENGINES:
+        remedy = did_you_mean(name, ENGINES, f"leave it out for {DEFAULT!r}")
+        raise _error(where, f"{name!r}", f"one of {', '.join(ENGINES)}", remedy)
+    engine, drawn = ENGINES[name], values["unmeasured"]
+    rebounds = list(values["restitution"])
+    if drawn is not None and drawn.restitution is not None:
+        rebounds.append(drawn.restitution[1])
+    if not engine.models(values["friction"], rebounds):
+        what = f"{name} knows neither restitution nor a kinetic friction of its own"
         raise _error(
-            where, what, "restitution [0] and one coefficient an entry of friction", "take 'pybullet'"
+            where, what, "restitution [0] and one coefficient an entry of friction", f"take {DEFAULT!r}"
         )
-    return str(engine)
+    return str(name)
 
 
 def _distinct(values: list, where: str) -> list:

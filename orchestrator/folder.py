@@ -33,6 +33,7 @@ from toppling.results.belonging import (
 )
 from toppling.results.stood import FOLDER
 from toppling.results.store import PARTS_FOLDER, RESULTS_FILE
+from toppling.workers.engines import ENGINES
 
 SCHEMA_VERSION = 1
 
@@ -76,6 +77,7 @@ def prepare(run: Path, plan: Plan, versions: dict[str, str], settling: Settling 
             "ensemble_id": plan.ensemble_id,
             "files": digests_of(staging),
             "versions": versions,
+            "engine": ENGINES[plan.campaign.engine].citation,
             "settling": settling.to_json() if settling else None,
             "created_at": now(),
             "sessions": [],

@@ -7,7 +7,6 @@ the converged setting when the rock's start is disturbed by a millionth of its h
 from __future__ import annotations
 
 import hashlib
-import importlib.util
 import logging
 import math
 import time
@@ -30,7 +29,8 @@ from toppling.models.tables import read_table, write_table
 from toppling.orchestrator.pool import pool_of
 from toppling.results.audit import LEAST_TILT_DEG
 from toppling.results.fits import fit
-from toppling.workers.options import PHYSICS_VERSION, PRESETS, NumericalOptions, SolverOptions, options_of
+from toppling.workers.engines import DEFAULT, ENGINES
+from toppling.workers.options import PHYSICS_VERSION, PRESETS, NumericalOptions, SolverOptions
 from toppling.workers.seating import settled
 from toppling.workers.shake import shake
 from toppling.workers.start import State
@@ -90,7 +90,7 @@ class Setting:
     """
 
     settings: NumericalOptions
-    engine: str = "pybullet"
+    engine: str = DEFAULT
     shortcuts: bool = True
     disturbed_toward_deg: float | None = None
     disturbed_share: float = DISTURBED_SHARE
@@ -101,8 +101,12 @@ def settings(*, explore: bool = False) -> dict[str, Setting]:
     presets = {name: Setting(one) for name, one in PRESETS.items()}
     if explore:
         presets |= {name: Setting(one) for name, one in EXPLORED.items()}
-    if importlib.util.find_spec("mujoco"):
-        presets |= {f"mujoco {name}": Setting(options_of(name, "mujoco"), "mujoco") for name in PRESETS}
+    for engine in ENGINES.values():
+        if engine.name != DEFAULT and engine.version is not None:
+            presets |= {
+                f"{engine.name} {name}": Setting(options, engine.name)
+                for name, options in engine.presets.items()
+            }
     return presets
 
 

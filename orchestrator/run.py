@@ -43,8 +43,8 @@ from toppling.results.store import (
     result_files,
     write_part,
 )
+from toppling.workers.engines import ENGINES
 from toppling.workers.job import JobSpec
-from toppling.workers.mujoco_engine import require as require_mujoco
 
 log = logging.getLogger(__name__)
 
@@ -220,8 +220,7 @@ def run(
     planned = plan(campaign, scene, Ensemble.load(campaign.ensemble))
     # A run is only begun with a rock that stands.
     settling = None if folder.exists() else check_stands(campaign, scene)
-    if campaign.engine == "mujoco":
-        require_mujoco()
+    ENGINES[campaign.engine].require()
     here = versions(campaign.engine)
     prepare(folder, planned, dict(here), settling)
     order = Order(str(folder), planned.scene_id, planned.ensemble_id, here)

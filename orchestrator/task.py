@@ -22,6 +22,7 @@ import toppling.workers
 from toppling.models.errors import InputError
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
+from toppling.workers.engines import DEFAULT, ENGINES
 from toppling.workers.job import Assets, JobSpec, run_job
 from toppling.workers.options import PHYSICS_VERSION
 from toppling.workers.shake import compile_once
@@ -37,8 +38,12 @@ Row = dict[str, Any]
 def _code() -> str:
     """Hash of the source of all that decides an answer: releases tell it too, but not what was changed by hand."""
     source = hashlib.blake2b(digest_size=8)
-    for package in (toppling.models, toppling.models.motions, toppling.workers):
-        for path in sorted(Path(package.__path__[0]).glob("*.py")):
+    for package, pattern in (
+        (toppling.models, "*.py"),
+        (toppling.models.motions, "*.py"),
+        (toppling.workers, "**/*.py"),
+    ):
+        for path in sorted(Path(package.__path__[0]).glob(pattern)):
             source.update(path.read_bytes())
     return source.hexdigest()
 
@@ -86,11 +91,9 @@ class Order:
     versions: tuple[tuple[str, str], ...]
 
 
-def versions(engine: str = "pybullet") -> tuple[tuple[str, str], ...]:
-    """Versions of all that decides an answer with an engine, on this machine."""
-    names = ["toppling", "pybullet", "numpy", "numba", "scipy", "trimesh"]
-    if engine != "pybullet":
-        names.append(engine)
+def versions(*engines: str) -> tuple[tuple[str, str], ...]:
+    """Versions of all that decides an answer, on this machine; of more engines than the default one if named."""
+    names = dict.fromkeys(["toppling", DEFAULT, "numpy", "numba", "scipy", "trimesh", *engines])
     packages = tuple((name, _version(name)) for name in names)
     return (
         *packages,
@@ -116,7 +119,7 @@ def assets_of(order: Order) -> Assets:
     UnfitWorkerError
         If the versions differ, or the folder cannot be read or holds something else.
     """
-    here = dict(versions("mujoco"))
+    here = dict(versions(*ENGINES))
     differing = [
         f"{name} {here.get(name)}, the client has {there}"
         for name, there in order.versions

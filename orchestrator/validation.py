@@ -28,6 +28,7 @@ from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.run import Watcher, run
 from toppling.results.run import open_run
 from toppling.results.validation import share
+from toppling.workers.engines import ENGINES
 from toppling.workers.unmeasured import Unmeasured
 
 FRICTION = (0.5, 1.0)
@@ -141,8 +142,8 @@ def drawn_bases(wanted: Wanted) -> dict[str, Any]:
 
 
 def unmeasured(engine: str) -> Unmeasured:
-    """Distributions of what nobody measured; MuJoCo knows no restitution."""
-    restitution = RESTITUTION if engine == "pybullet" else None
+    """Distributions of what nobody measured; some engines know no restitution."""
+    restitution = RESTITUTION if ENGINES[engine].restitution else None
     return Unmeasured(FRICTION, restitution, YAW_DEG, True, BAND_HZ, ABOVE_BAND)
 
 

@@ -34,7 +34,7 @@ _COLUMNS = {
         ("restitution", _REAL, _MUST, "1", "Newton's coefficient of restitution"),
         ("realisation", _NUMBER, _MUST, "1", "number of the random realisation; 0 is the nominal scene"),
         ("preset", _TEXT, _MUST, "", "settings of the engine, by name"),
-        ("engine", _TEXT, _MUST, "", "what stepped the rock: pybullet or mujoco"),
+        ("engine", _TEXT, _MUST, "", "physics engine that stepped the rock"),
         ("base", _NUMBER, _MAY, "1", "number of the drawn base (bases.json); null on the scene's own"),
         ("friction_factor", _REAL, _MAY, "1", "factor on both frictions that the realisation drew"),
     ],

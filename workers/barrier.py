@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from toppling.models.scene import Scene
 from toppling.models.statics import TOPPLED_TILT_DEG
 from toppling.workers.compiled import Array
-from toppling.workers.contact_points import ContactModel, contact_of
+from toppling.workers.contact.candidates import ContactModel, contact_of
 
 AXES_STEP_DEG = 2.0
 """Between axes of tilt. Between them the centre of mass is taken as lower by up to 1.5e-4 of its lever arm."""

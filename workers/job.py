@@ -17,6 +17,7 @@ from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.impose import Imposed, impose
 from toppling.models.motions.record import Record
 from toppling.models.scene import COM_SPREAD_SHARE, Scene
+from toppling.workers.engines import DEFAULT
 from toppling.workers.options import PHYSICS_VERSION
 from toppling.workers.outcome import ShakeResult
 from toppling.workers.shake import shake
@@ -55,7 +56,7 @@ class JobSpec:
     restitution: float
     realisation: int
     preset: str
-    engine: str = "pybullet"
+    engine: str = DEFAULT
     peak_displacement_m: float | None = None
     unmeasured: Unmeasured | None = None
 

@@ -6,8 +6,6 @@ import math
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
-from toppling.models.errors import InputError
-
 PHYSICS_VERSION = "15"
 """Part of every job's id: raised whenever the same job may give another answer."""
 
@@ -174,9 +172,10 @@ class NumericalOptions:
         """Time step for a rock of this size, s."""
         return min(self.step_share * math.sqrt(half_diagonal_m / gravity_m_s2), self.longest_step_s)
 
+    def with_step(self, step_share: float) -> NumericalOptions:
+        """The same options with another time step over sqrt(R / g)."""
+        return replace(self, step_share=step_share)
 
-ENGINES = ("pybullet", "mujoco")
-"""The first is the judge; the second is an extra."""
 
 PRESETS = {
     "draft": NumericalOptions(1 / 48, 1e-4, 1e-3, SolverOptions(100, 1e-4)),
@@ -184,34 +183,3 @@ PRESETS = {
     "standard": NumericalOptions(1 / 128, 2e-5, 5e-4, SolverOptions(300, 1e-5)),
     "reference": NumericalOptions(1 / 512, 1e-6, 2e-4, SolverOptions(1000, 1e-6)),
 }
-
-MUJOCO_STEP_SHARES = {"draft": 1 / 64, "fast": 1 / 128, "standard": 1 / 256, "reference": 1 / 512}
-"""Its contacts converge with the first order, so the same names are finer steps."""
-
-
-def options_of(preset: str | NumericalOptions, engine: str = "pybullet") -> NumericalOptions:
-    """Options of a preset; options of one's own as they are.
-
-    Raises
-    ------
-    InputError
-        If there is no preset or engine of this name.
-    """
-    if engine not in ENGINES:
-        raise InputError(
-            f"no engine {engine!r}",
-            where="engine",
-            expected=", ".join(ENGINES),
-            remedy="leave it out: 'pybullet' does all",
-        )
-    if isinstance(preset, NumericalOptions):
-        return preset
-    if not isinstance(preset, str) or preset not in PRESETS:
-        raise InputError(
-            f"no preset {preset!r}",
-            where="preset",
-            expected=", ".join(PRESETS),
-            remedy="'standard' suits most runs",
-        )
-    options = PRESETS[preset]
-    return options if engine == "pybullet" else replace(options, step_share=MUJOCO_STEP_SHARES[preset])

@@ -11,7 +11,7 @@ import numpy as np
 from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene
 from toppling.models.statics import quasi_static_toppling_m_s2
-from toppling.workers.contact_points import ContactModel, contact_of
+from toppling.workers.contact.candidates import ContactModel, contact_of
 from toppling.workers.options import NumericalOptions
 from toppling.workers.start import Array, State, start_of
 

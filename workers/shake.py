@@ -13,19 +13,15 @@ from toppling.models.errors import InputError
 from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene
 from toppling.workers.compiled import ensure_compiled
-from toppling.workers.engine import EnginePool, process_pool
-from toppling.workers.integrator import Integrator
-from toppling.workers.mujoco_engine import MujocoIntegrator
+from toppling.workers.contact.rest import Rest
+from toppling.workers.engines import DEFAULT, ENGINES, Integrator, Pool, engine_named, options_of
 from toppling.workers.observation import Body, Observation, observe
-from toppling.workers.options import NumericalOptions, options_of
+from toppling.workers.options import NumericalOptions
 from toppling.workers.outcome import ShakeResult, result_of
 from toppling.workers.problem import Problem
-from toppling.workers.rest import Rest
 from toppling.workers.seating import settled
 from toppling.workers.start import State, checked_start
 from toppling.workers.termination import ENDS, FALLS, first_met
-
-INTEGRATORS = {"pybullet": Integrator, "mujoco": MujocoIntegrator}
 
 LONGEST_STEP_SHARE = 1 / 16
 """Steps longer than this share of sqrt(R / g) do not resolve a rocking rock."""
@@ -40,8 +36,8 @@ def shake(
     time_step: float | None = None,
     shortcuts: bool = True,
     initial: State | Mapping[str, Any] | None = None,
-    engine: str = "pybullet",
-    pool: EnginePool | None = None,
+    engine: str = DEFAULT,
+    pool: Pool | None = None,
 ) -> ShakeResult:
     """Shake a rock with a ground motion and say whether it topples.
 
@@ -62,9 +58,9 @@ def shake(
         Where and how fast the rock starts; inside the ground by more than 1e-4 R, it is raised along the interface's
         normal to where it touches. Without it the rock is seated and settled first.
     engine : str
-        'pybullet', or 'mujoco' where that extra is installed: cheaper, without restitution, with one friction.
+        One of :data:`toppling.workers.engines.ENGINES`: the default does all, the others what their entries say.
     pool : EnginePool, optional
-        Worlds to shake in; those of the process unless given.
+        Worlds of the default engine to shake in; those of the process unless given.
 
     Returns
     -------
@@ -79,7 +75,7 @@ def shake(
     compile_once()
     began = time.perf_counter()
     options, start = options_of(preset, engine), None if initial is None else checked_start(initial)
-    pool = pool or process_pool()
+    pool = pool or ENGINES[DEFAULT].process_pool()
     if start is None:
         scene = settled(scene, pool)
     half_diagonal_m, gravity_m_s2 = scene.rock.half_diagonal_m, scene.gravity_m_s2
@@ -87,8 +83,11 @@ def shake(
     if time_step is not None:
         step_s = _checked_step(time_step, half_diagonal_m, gravity_m_s2)
     problem = Problem(scene, motion, options, step_s, start, shortcuts)
-    shaking = Shaking(problem, INTEGRATORS[engine](problem, pool))
-    result = shaking.result(*shaking.run(), trajectory=trajectory)
+    shaking = Shaking(problem, engine_named(engine).integrator(problem, pool))
+    ended_by, seen = shaking.run()
+    if ended_by == "speed_limit":  # a state that is not finite has spoilt the worlds
+        pool.forget()
+    result = shaking.result(ended_by, seen, trajectory=trajectory)
     return replace(result, wall_s=time.perf_counter() - began)
 
 
@@ -125,7 +124,7 @@ class Shaking:
             if ended_by := first_met(FALLS, seen, problem):
                 return ended_by, seen
             if rest.keep(seen, since):
-                seen = self.seen(integrator.last)
+                seen = self.seen(integrator.history.last)
             over = seen.time_s > problem.motion.duration_s
             if over and rest.came_to_rest and rest.is_held():
                 return "rest", seen
@@ -133,31 +132,29 @@ class Shaking:
                 return "rest_certain", seen
             if ended_by := first_met(ENDS, seen, problem):
                 return ended_by, seen
-            since = integrator.last
+            since = integrator.history.last
 
     def seen(self, since: int = 0) -> Observation:
         """Look at the steps since a pose."""
-        return observe(self.integrator.sim, self._body, since)
+        return observe(self.integrator.history.sim, self._body, since)
 
     def result(self, ended_by: str, seen: Observation, *, trajectory: bool) -> ShakeResult:
-        """Tell what happened; a state that is not finite has spoilt the worlds."""
-        integrator, skipped_s = self.integrator, self._rest.skipped_s
-        if ended_by == "speed_limit":
-            integrator.pool.forget()
+        """Tell what happened."""
+        history, skipped_s = self.integrator.history, self._rest.skipped_s
         certain = ended_by in ("never_moved", "rest_certain")
         left_s = max(self.problem.motion.duration_s - seen.time_s, 0.0) if certain else 0.0
         return result_of(
             ended_by,
             seen,
             self.problem,
-            *integrator.time_and_pose(),
+            *history.time_and_pose(),
             trajectory=trajectory,
-            penetration_m=integrator.penetration_m(),
-            steps=integrator.steps,
-            simulated_s=integrator.time_s - skipped_s,
+            penetration_m=history.penetration_m(),
+            steps=history.engine_steps,
+            simulated_s=history.time_s - skipped_s,
             skipped_s=skipped_s + left_s,
             wall_s=0.0,
-            time_step_s=integrator.sim.step_s,
+            time_step_s=history.sim.step_s,
         )
 
 

@@ -8,12 +8,17 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from toppling.workers.compiled import Array, Flags, Indices, Vector, compiled, inner
-from toppling.workers.events import centripetal_m_s2, gaps_m
+from toppling.workers.contact.candidates import REACH_DEG
+from toppling.workers.contact.gaps import centripetal_m_s2, gaps_m
 from toppling.workers.options import ContactOptions, ImpactOptions
+from toppling.workers.problem import Problem
 from toppling.workers.quaternion import normal_in_body
 
 NOT, RAISED, EXACT = 0, 1, 2
 """How a world has the rock in the latest pose: not; a little higher; as it is, with its velocity."""
+
+ROOM = 512
+"""Poses that one step, cut at its impacts, may add."""
 
 STATE = np.dtype(
     [
@@ -25,7 +30,7 @@ STATE = np.dtype(
         ("world", "i8"),  # set whose world holds the rock, -1 for none
         ("placed", "i8"),  # how
         ("rests", "i8"),  # whether the rock rests in the latest pose
-        ("hovers_s", "f8"),  # points that carry stand off by the offset of a step of this duration
+        ("offset_for_s", "f8"),  # active points stand off by the normal offset of a step of this duration
         # least coefficient at which the latest step's contacts stick; 0 unless known
         ("needed_friction", "f8"),
         # when slip began, in steps after the middle of the latest one; negative if it did not
@@ -45,19 +50,20 @@ class Simulation(NamedTuple):
     """
 
     state: Any  # (1,) record of STATE
-    worlds: Any  # (sets,) records of engine.WORLD, those without a client are still to be built
     contact: ContactOptions
     impact: ImpactOptions
     resolved_m_s: float
     allowed_m_s: float
     skips_rest: bool
+    friction_static: float
+    restitution: float
     # the trajectory, in arrays that may be longer than it
     time_s: Array
     velocity_time_s: Array
     pose: Array
     velocity: Array
     # what the latest step leaves to the next
-    carries: Flags  # points that carried
+    active: Flags  # contact candidates that carried
     acceleration: Array  # (6,) at which the velocity changed; zero where that says nothing of the next step
     # the rock
     points_m: Array
@@ -165,7 +171,7 @@ def _centripetal_m_s2(sim: Simulation) -> Array:
 
 
 @inner
-def hover_m(sim: Simulation) -> float:
+def largest_offset_m(sim: Simulation) -> float:
     """Gap from which a point does not carry in an engine's step: those that do stand off by an offset at most."""
     largest = np.abs(_centripetal_m_s2(sim)).max()
     carrying_m = sim.contact.carrying_share * sim.half_diagonal_m
@@ -173,16 +179,16 @@ def hover_m(sim: Simulation) -> float:
 
 
 @inner
-def hover_for(sim: Simulation, step_s: float) -> None:
+def set_normal_offset(sim: Simulation, step_s: float) -> None:
     """Set the latest pose to the height that belongs to an engine's step of this duration; 0 is the surface.
 
     Such a step leads a point that carries off the plane along its tangent, by half of (step)^2 times its centripetal
     acceleration, and the next one takes that back. After a change of step the offset is another one.
     """
     state = sim.state[0]
-    if state.hovers_s == step_s:
+    if state.offset_for_s == step_s:
         return
-    state.hovers_s = step_s
+    state.offset_for_s = step_s
     pose = sim.pose[state.last]
     gap, offset = gaps_of(sim, pose), 0.5 * step_s**2 * _centripetal_m_s2(sim)
     if step_s > 0.0:  # the engine's points are small spheres
@@ -190,6 +196,127 @@ def hover_for(sim: Simulation, step_s: float) -> None:
         gap -= sim.radius_m
     raised_m = -(gap - offset).min()
     # Else the rock is aloft, or a point has penetrated.
-    if raised_m != 0.0 and -hover_m(sim) < raised_m < sim.contact.penetrating_share * sim.half_diagonal_m:
+    if (
+        raised_m != 0.0
+        and -largest_offset_m(sim) < raised_m < sim.contact.penetrating_share * sim.half_diagonal_m
+    ):
         pose[2] += raised_m
         state.placed = NOT
+
+
+@compiled
+def rest_until(sim: Simulation, grid: int) -> None:
+    """Let the rock rest where it is up to a step; what comes then depends on that pose alone."""
+    state = sim.state[0]
+    set_normal_offset(sim, 0.0)
+    last = state.last
+    if not (last > 0 and state.rests and (sim.pose[last] == sim.pose[last - 1]).all()):
+        last = append(sim, 0.0, 0.0)
+        sim.pose[last] = sim.pose[last - 1]
+    sim.time_s[last] = sim.velocity_time_s[last] = grid * sim.step_s
+    sim.velocity[last] = 0.0
+    sim.acceleration[:] = 0.0
+    state.grid, state.rests, state.placed = grid, 1, NOT
+
+
+class StateHistory:
+    """States of a rock in one shake, from its start on: the arrays of a :class:`Simulation`, and their growth."""
+
+    def __init__(self, problem: Problem) -> None:
+        contact, motion, options = problem.contact, problem.motion, problem.options
+        # Of sets with equally many points the one that serves the largest tilt.
+        reach_deg = {contact.points_within(tilt): tilt for tilt in REACH_DEG}
+        acceleration = motion.acceleration_m_s2 @ contact.scene_from_support
+        velocity = np.zeros_like(acceleration)
+        means = 0.5 * (acceleration[1:] + acceleration[:-1])
+        np.cumsum(motion.time_step_s * means, axis=0, out=velocity[1:])
+        self.sim = Simulation(
+            state=np.zeros(1, STATE),
+            contact=options.contact,
+            impact=options.impact,
+            resolved_m_s=options.resolved_impact * problem.speed_m_s,
+            allowed_m_s=options.contact.allowed_speed * problem.speed_m_s,
+            skips_rest=problem.shortcuts,
+            friction_static=float(problem.scene.contact.friction_static),
+            restitution=float(problem.scene.contact.restitution),
+            **_track(4 * ROOM),
+            active=np.zeros(len(contact.points_body_m), np.bool_),
+            acceleration=np.zeros(6),
+            points_m=contact.points_body_m,
+            centres_m=contact.centres_body_m,
+            radius_m=contact.radius_m,
+            mobilities=np.ascontiguousarray(contact.mobilities_m2),
+            inertia_m2=contact.principal_inertia_m2,
+            upright=np.ascontiguousarray(contact.support_from_body[2]),
+            half_diagonal_m=contact.half_diagonal_m,
+            set_tilt_deg=np.array(list(reach_deg.values())),
+            set_points=np.array(list(reach_deg)),
+            gravity_m_s2=np.array([0.0, 0.0, -problem.scene.gravity_m_s2]) @ contact.scene_from_support,
+            ground_acceleration_m_s2=acceleration,
+            ground_velocity_m_s=velocity,
+            sample_s=motion.time_step_s,
+            step_s=problem.time_step_s,
+        )
+        self._deepest_m = 0.0
+        self.sim.pose[0], self.sim.velocity[0] = problem.initial
+        state = self.sim.state
+        state["world"], state["rests"], state["slips_after"] = -1, problem.start is None, -1.0
+
+    @property
+    def last(self) -> int:
+        """Index of the latest pose."""
+        return int(self.sim.state["last"][0])
+
+    @property
+    def time_s(self) -> float:
+        """Time of the latest pose."""
+        return float(self.sim.time_s[self.last])
+
+    @property
+    def grid(self) -> int:
+        """Steps from time 0 to the latest pose."""
+        return int(self.sim.state["grid"][0])
+
+    @property
+    def rests(self) -> bool:
+        """Whether the rock rests in the latest pose."""
+        return bool(self.sim.state["rests"][0])
+
+    @property
+    def engine_steps(self) -> int:
+        """Steps that the engine took, repeated ones included."""
+        return int(self.sim.state["engine_steps"][0])
+
+    def time_and_pose(self) -> tuple[Array, Array]:
+        """Times (n,) and poses (n, 7) so far."""
+        return self.sim.time_s[: self.last + 1], self.sim.pose[: self.last + 1]
+
+    def penetration_m(self) -> float:
+        """Deepest that a contact point has been below the surface."""
+        return max(self._deepest_m, -lowest_gap_m(self.sim, 0), 0.0)
+
+    def rest_until(self, since: int, grid: int) -> None:
+        """Let the rock rest in a pose up to a step; what comes then depends on that pose alone."""
+        self.make_room_for(ROOM)
+        if since < self.last:
+            self._deepest_m = max(self._deepest_m, -lowest_gap_m(self.sim, since))
+            self.sim.state["last"], self.sim.state["rests"] = since, 0
+        rest_until(self.sim, grid)
+
+    def make_room_for(self, poses: int) -> None:
+        """Make sure that so many poses may be added."""
+        if self.last + poses > len(self.sim.time_s):
+            self.make_room()
+
+    def make_room(self) -> None:
+        """Take arrays of twice the length."""
+        longer = _track(2 * len(self.sim.time_s))
+        for name, array in longer.items():
+            array[: self.last + 1] = getattr(self.sim, name)[: self.last + 1]
+        self.sim = self.sim._replace(**longer)
+
+
+def _track(room: int) -> dict[str, Any]:
+    """Empty arrays of a trajectory."""
+    columns = {"time_s": (room,), "velocity_time_s": (room,), "pose": (room, 7), "velocity": (room, 6)}
+    return {name: np.zeros(shape) for name, shape in columns.items()}

@@ -21,6 +21,7 @@ from toppling.results.replay import Replay
 from toppling.results.run import open_run
 from toppling.results.schema import SCHEMA, describe
 from toppling.results.store import has_digests
+from toppling.workers.engines import DEFAULT
 from toppling.workers.job import Assets, JobSpec, outcome_of, prepared
 from toppling.workers.outcome import ShakeResult
 from toppling.workers.seating import settled
@@ -92,9 +93,7 @@ def as_shaken(spec: JobSpec, nominal: Scene, shaken: Scene) -> str:
     )
 
 
-def replay_of(
-    scene: Scene, motion: Motion, preset: str, engine: str = "pybullet"
-) -> tuple[Replay, ShakeResult]:
+def replay_of(scene: Scene, motion: Motion, preset: str, engine: str = DEFAULT) -> tuple[Replay, ShakeResult]:
     """Shake a scene and keep the rock's trajectory."""
     result = shake(scene, motion, preset, trajectory=True, engine=engine)
     assert result.trajectory is not None  # was asked for

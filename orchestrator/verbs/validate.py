@@ -42,7 +42,8 @@ from toppling.results.validation import (
     table,
     were_a_draw_true,
 )
-from toppling.workers.options import ENGINES, PRESETS
+from toppling.workers.engines import DEFAULT, ENGINES
+from toppling.workers.options import PRESETS
 
 MEASURES = ("pga_m_s2", "pgv_m_s", "pgv_pga_s")
 FOLDER = click.Path(file_okay=False, path_type=Path)
@@ -71,7 +72,7 @@ FOLDER = click.Path(file_okay=False, path_type=Path)
     help="Standard error of a test's share below which no draws are added.",
 )  # fmt: skip
 @click.option(
-    "--engine", type=click.Choice(ENGINES), default="pybullet", show_default=True, help="Physics engine."
+    "--engine", type=click.Choice(list(ENGINES)), default=DEFAULT, show_default=True, help="Physics engine."
 )
 @click.option(
     "--preset",
@@ -100,10 +101,10 @@ def validate(
     """Predict the shake-table tests of FOLDER as probabilities and score them against the outcomes.
 
     FOLDER holds tests.csv and motions.parquet, or TestNNN.txt and the workbook of results (docs/validation.md).
-    Unmeasured properties are drawn: the base, friction, restitution (PyBullet), yaw and the sense of the table. The
-    probability is the share of draws that topple. No outcome is used, except with --learn, which weights draws by the
-    outcomes of other records, never of the one predicted. Scores of others' predictions in the table of tests and of
-    simple rules are given for comparison. The same command resumes an interrupted validation.
+    Unmeasured properties are drawn: the base, friction, restitution (if the engine knows it), yaw and the sense of the
+    table. The probability is the share of draws that topple. No outcome is used, except with --learn, which weights
+    draws by the outcomes of other records, never of the one predicted. Scores of others' predictions in the table of
+    tests and of simple rules are given for comparison. The same command resumes an interrupted validation.
 
     \b
     toppling validate shaketable --mesh sp1.ply --outcome sp1_overturned

@@ -15,7 +15,7 @@ from toppling.models.motions.motion import Motion
 from toppling.models.pedestal import Pedestal
 from toppling.models.scene import Scene
 from toppling.models.shapes import box, cylinder
-from toppling.workers.options import options_of
+from toppling.workers.engines import options_of
 from toppling.workers.reference import closed_forms as exact
 from toppling.workers.reference.rocking import Ground, PlaneBody, overturns
 from toppling.workers.reference.rocking import rock as rock_in_plane

@@ -15,29 +15,18 @@ from toppling.results.stood import records_weight
 REFERENCES = (
     "Baker, J. W. (2015). Efficient analytical fragility function fitting using dynamic structural analysis. "
     "Earthquake Spectra 31, 579-599.",
-    "Coumans, E., and Bai, Y. PyBullet, a Python module for physics simulation for games, robotics and machine "
-    "learning.",
-    "Todorov, E., Erez, T., and Tassa, Y. (2012). MuJoCo: A physics engine for model-based control. "
-    "2012 IEEE/RSJ International Conference on Intelligent Robots and Systems, 5026-5033.",
     "Veeraraghavan, S., Hudnut, K. W., and Krishnan, S. (2017). Toppling analysis of the Echo Cliffs precariously "
     "balanced rock. Bulletin of the Seismological Society of America 107, 72-84.",
     "Wilson, E. B. (1927). Probable inference, the law of succession, and statistical inference. "
     "Journal of the American Statistical Association 22, 209-212.",
 )
 
-ENGINES = {"pybullet": ("PyBullet", "Coumans and Bai"), "mujoco": ("MuJoCo", "Todorov et al., 2012")}
-"""Each engine's own name, and whom to cite for it."""
-
 
 def methods_section(content: Content, document: Document) -> str:  # noqa: ARG001  (as every section)
     """Methods to copy, and references."""
-    used = content.frame["engine"].unique()
-    unused = [authors for name, (_, authors) in ENGINES.items() if name not in used]
-    cited = "".join(
-        f"<li>{safe(reference)}</li>"
-        for reference in (_program(content), *REFERENCES)
-        if not reference.startswith(tuple(author.split()[0] for author in unused))
-    )
+    engine = content.run.provenance().get("engine")
+    references = sorted((*REFERENCES, engine["reference"]) if engine else REFERENCES)
+    cited = "".join(f"<li>{safe(reference)}</li>" for reference in (_program(content), *references))
     return f'<div class="methods">{paragraph(methods(content))}</div><p>To cite:</p><ul>{cited}</ul>'
 
 
@@ -143,8 +132,9 @@ def _engine(content: Content) -> str:
         "physics", "unknown"
     )
     presets = ", ".join(sorted(frame["preset"].unique()))
+    cited = content.run.provenance().get("engine", {})
     engines = " and ".join(
-        _engine_words(name, told) for name in sorted(frame["engine"].unique(), reverse=True)
+        _engine_words(name, told, cited) for name in sorted(frame["engine"].unique(), reverse=True)
     )
     answered = int(frame["toppled"].notna().sum())
     return (
@@ -155,10 +145,12 @@ def _engine(content: Content) -> str:
     )
 
 
-def _engine_words(name: str, versions: Mapping[str, str]) -> str:
-    """An engine with its version and authors."""
+def _engine_words(name: str, versions: Mapping[str, str], cited: Mapping[str, str]) -> str:
+    """An engine with its version, and its authors where the run states them."""
     number = f" {versions[name]}" if name in versions else ""
-    return f"{ENGINES[name][0]}{number} ({ENGINES[name][1]})"
+    if cited.get("name") != name:
+        return f"{name}{number}"
+    return f"{cited['title']}{number} ({cited['authors']})"
 
 
 def _statistics(content: Content) -> str:

@@ -38,6 +38,7 @@ from toppling.results.replay import Replay
 from toppling.results.run import open_run
 from toppling.results.schema import SCHEMA
 from toppling.results.store import write_part
+from toppling.workers.engines import ENGINES
 
 
 def test_an_outlier_stretches_no_axis_and_is_named_with_its_value():
@@ -209,10 +210,10 @@ def test_methods_state_how_the_centre_of_mass_is_drawn_without_bases_and_nothing
 
 @pytest.mark.parametrize(("engine", "other"), [("pybullet", "Todorov"), ("mujoco", "Coumans")])
 def test_methods_name_and_cite_the_engine_that_shook_and_no_other(tmp_path, engine, other):
-    name = {"pybullet": "PyBullet (Coumans and Bai)", "mujoco": "MuJoCo (Todorov et al., 2012)"}[engine]
+    write_json(tmp_path / "run.json", {"engine": ENGINES[engine].citation})
     write_part(tmp_path, [row | {"engine": engine} for row in rows(records=3, azimuths=(0.0,))])
     written = methods_section(Content(open_run(tmp_path)), Document())
-    assert f"on {name}, following" in written
+    assert f"on {ENGINES[engine].title} ({ENGINES[engine].authors}), following" in written
     assert other not in written
 
 

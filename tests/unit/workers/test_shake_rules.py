@@ -16,9 +16,9 @@ from toppling.models.rock import Rock
 from toppling.models.scene import Scene
 from toppling.models.shapes import box, ellipsoid
 from toppling.workers.barrier import least_overturning_j_kg
-from toppling.workers.contact_points import contact_of
-from toppling.workers.engine import EnginePool
-from toppling.workers.integrator import Integrator
+from toppling.workers.contact.candidates import contact_of
+from toppling.workers.engines import DEFAULT, engine_named
+from toppling.workers.engines.bullet.pool import EnginePool
 from toppling.workers.options import PRESETS
 from toppling.workers.problem import Problem
 from toppling.workers.shake import Shaking, shake
@@ -235,9 +235,9 @@ def test_potential_energy_is_what_lifting_the_block_over_its_edge_takes_wherever
     problem = Problem(
         scene, Motion(np.zeros((2, 3)), 1e-3), PRESETS["fast"], 1e-3, State(slid, turn.as_quat()), False
     )
-    assert Shaking(problem, Integrator(problem, EnginePool())).seen().energy_j_kg == pytest.approx(
-        exact, abs=1e-9
-    )
+    assert Shaking(
+        problem, engine_named(DEFAULT).integrator(problem, EnginePool())
+    ).seen().energy_j_kg == pytest.approx(exact, abs=1e-9)
 
 
 def test_a_turned_slab_that_is_pushed_over_is_not_called_standing():

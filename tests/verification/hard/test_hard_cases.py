@@ -13,8 +13,7 @@ from toppling.models.errors import InputError
 from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene
 from toppling.models.shapes import box, cylinder, ellipsoid
-from toppling.workers.engine import process_pool
-from toppling.workers.integrator import Integrator
+from toppling.workers.engines import DEFAULT, engine_named
 from toppling.workers.options import PRESETS
 from toppling.workers.problem import Problem
 from toppling.workers.reference.closed_forms import landing_boundary
@@ -343,7 +342,7 @@ def test_a_start_deep_inside_the_ground_is_refused():
 
 def shaking_of(problem):
     """In the worlds that any other shake of the process has."""
-    return Shaking(problem, Integrator(problem, process_pool()))
+    return Shaking(problem, engine_named(DEFAULT).integrator(problem))
 
 
 @pytest.mark.parametrize(
@@ -375,7 +374,7 @@ def test_feet_set_to_their_height_in_a_part_of_no_time_are_no_speed(part_s, stat
     step_s = settings.time_step_s(scene.rock.half_diagonal_m, G)
     shaking = shaking_of(Problem(scene, case.STILL, settings, step_s, State(), False))
     shaking.integrator.advance(0)  # the engine has the rock
-    sim = shaking.integrator.sim
+    sim = shaking.integrator.history.sim
     sim.state["last"] = 1
     sim.pose[1] = sim.pose[0] + np.array([190.0 * part_s, 0, 0, 0, 0, 0, 0])
     sim.time_s[1] = part_s

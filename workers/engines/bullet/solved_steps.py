@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
-from toppling.workers import engine
 from toppling.workers.compiled import Array, Vector, inner
-from toppling.workers.friction_axes import Complex, best_axes_rad, point_mobilities, squared_error
+from toppling.workers.contact.friction import Complex, best_axes_rad, point_mobilities, squared_error
+from toppling.workers.engines.bullet import world as bullet
 from toppling.workers.simulation import (
     EXACT,
     Simulation,
     append,
     gaps_of,
-    hover_for,
-    hover_m,
+    largest_offset_m,
     note_acceleration,
+    set_normal_offset,
     velocity_increment_m_s,
 )
 
@@ -25,62 +26,64 @@ AHEAD = 1.5
 
 
 @inner
-def take_over(sim: Simulation) -> None:
+def take_over(sim: Simulation, worlds: Any) -> None:
     """Give the rock to the world of the present set of points."""
-    state, world = sim.state[0], sim.worlds[sim.state[0].set]
+    state, world = sim.state[0], worlds[sim.state[0].set]
     x, y, z = sim.gravity_m_s2
     impulse_m_s = math.sqrt(x * x + y * y + z * z) * sim.step_s
     near = sim.contact.prepared_steps * impulse_m_s * sim.step_s / sim.half_diagonal_m
     near = max(near, sim.contact.prepared_share)
-    engine.configure(world, impulse_m_s, near, sim.resolved_m_s)
+    bullet.configure(world, impulse_m_s, near, sim.resolved_m_s)
     if state.world >= 0:
-        engine.hold_as(world, sim.worlds[state.world])
+        bullet.hold_as(world, worlds[state.world])
     state.world = state.set
-    place(sim, near, _axes_rad(sim, near))
+    place(sim, worlds, near, _axes_rad(sim, near))
 
 
 @inner
-def solved_step(sim: Simulation, step_s: float, velocity_share: float, near_share: float) -> None:
+def solved_step(
+    sim: Simulation, worlds: Any, step_s: float, velocity_share: float, near_share: float
+) -> None:
     """One step of the engine with the velocity that belongs to this share of it.
 
     The engine is told of points within a share of R.
     """
     state, last = sim.state[0], sim.state[0].last
-    hover_for(sim, step_s)
+    set_normal_offset(sim, step_s)
     axes_rad = _axes_rad(sim, near_share)
     if state.placed != EXACT or near_share != state.near_share or axes_rad != state.axes_rad:
-        place(sim, near_share, axes_rad)
+        place(sim, worlds, near_share, axes_rad)
     force = _force_m_s2(sim, step_s, velocity_share)
     new = append(sim, step_s, velocity_share * step_s)
-    engine.step(sim.worlds[state.world], sim.points_m, step_s, force, sim.pose[new], sim.velocity[new])
+    bullet.step(worlds[state.world], sim.points_m, step_s, force, sim.pose[new], sim.velocity[new])
     state.engine_steps += 1
     state.placed = EXACT
-    gap, carrying_m = gaps_of(sim, sim.pose[new]), hover_m(sim)
-    sim.carries[:] = False
+    gap, carrying_m = gaps_of(sim, sim.pose[new]), largest_offset_m(sim)
+    sim.active[:] = False
     for i in range(len(gap)):
-        sim.carries[i] = gap[i] < carrying_m
+        sim.active[i] = gap[i] < carrying_m
     note_acceleration(sim, last)
 
 
 @inner
-def solved_impact(sim: Simulation) -> None:
+def solved_impact(sim: Simulation, worlds: Any) -> None:
     """Step over an impact, again where it turns the slip of the points away from the axes of their friction.
 
     Friction opposes the slip with which the points leave an impact. Along the axes that served the slip before it the
     impulse of a block that landed on an edge was off by up to 16 degrees, at any step.
     """
     state, step_s = sim.state[0], sim.impact.engine_step * sim.step_s
-    contact, world = state.last, sim.worlds[state.world]
+    contact, world = state.last, worlds[state.world]
     state.slips_after = -1.0
-    hover_for(sim, step_s)
+    set_normal_offset(sim, step_s)
     near = max(AHEAD * step_s * approach_1_s(sim), world.near_share)
     axes_rad = _axes_rad(sim, near)
     for _ in range(sim.impact.engine_tries):
         state.last = contact
-        place(sim, near, axes_rad)
+        place(sim, worlds, near, axes_rad)
         force = _force_m_s2(sim, step_s, 0.5)
         new = append(sim, step_s, 0.5 * step_s)
-        engine.rebound(world, sim.points_m, step_s, force, sim.pose[new], sim.velocity[new])
+        bullet.rebound(world, sim.points_m, step_s, force, sim.pose[new], sim.velocity[new])
         state.engine_steps += 1
         unlike, slip = _mobilities(sim, sim.pose[contact], sim.velocity[new], near)
         slipping = np.flatnonzero(slip != 0)
@@ -102,10 +105,10 @@ def approach_1_s(sim: Simulation) -> float:
 
 
 @inner
-def place(sim: Simulation, near_share: float, axes_rad: float) -> None:
+def place(sim: Simulation, worlds: Any, near_share: float, axes_rad: float) -> None:
     """Give the engine the latest pose and velocity, with contacts prepared within a share of R."""
     state, last = sim.state[0], sim.state[0].last
-    engine.place(sim.worlds[state.world], sim.pose[last], sim.velocity[last], near_share, axes_rad)
+    bullet.place(worlds[state.world], sim.pose[last], sim.velocity[last], near_share, axes_rad)
     state.near_share, state.axes_rad, state.placed = near_share, axes_rad, EXACT
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from toppling.models.statics import EQUILIBRIUM_MARGIN
 from toppling.workers.compiled import Array, Indices, compiled, inner
-from toppling.workers.integrator import Integrator
+from toppling.workers.engines.protocol import Integrator
 from toppling.workers.observation import Observation
 from toppling.workers.problem import Problem
 from toppling.workers.quaternion import to_world
@@ -19,8 +19,9 @@ class Rest:
     """Whether the rock rests, held by its contact, and what is left out while it does."""
 
     def __init__(self, problem: Problem, integrator: Integrator) -> None:
-        sim = integrator.sim
+        sim = integrator.history.sim
         self._problem, self._integrator, self._sample_s = problem, integrator, sim.sample_s
+        self._history = integrator.history
         self._forces = np.vstack([sim.gravity_m_s2 - sim.ground_acceleration_m_s2, sim.gravity_m_s2])
         """Specific force at the motion's samples, and after the last of them."""
         self.rests = problem.start is None
@@ -33,26 +34,26 @@ class Rest:
 
         In the block in which it comes to rest it stays where it is: only what follows is known to be creep.
         """
-        integrator, rested = self._integrator, self.rests
+        history, rested = self._history, self.rests
         slow_m_s = self._problem.rest_speed_m_s
         slow = seen.drift_m_s < slow_m_s
         self.came_to_rest = slow and seen.speed_m_s < slow_m_s
         self.rests = slow if rested else self.came_to_rest
-        if not self.rests or integrator.rests:
+        if not self.rests or history.rests:
             return False
         last = len(self._forces) - 1  # the motion may have been over before
-        first = min(int(integrator.sim.time_s[since] / self._sample_s), last)
+        first = min(int(history.sim.time_s[since] / self._sample_s), last)
         end = min(math.ceil(seen.time_s / self._sample_s) + 1, last + 1)
-        self.rests = self._held_until(since if rested else integrator.last, first, end) == end
+        self.rests = self._held_until(since if rested else history.last, first, end) == end
         if rested and self.rests:
-            integrator.rest_until(since, integrator.grid)
+            self._rest_until(since, history.grid)
             return True
         return False
 
     def is_held(self) -> bool:
         """Whether the contact can hold the rock where it is on ground at rest."""
         last = len(self._forces) - 1
-        return self._held_until(self._integrator.last, last, last + 1) > last
+        return self._held_until(self._history.last, last, last + 1) > last
 
     def lasts(self) -> bool:
         """Skip to the last block before equilibrium becomes impossible; true if it stays possible to the end.
@@ -61,23 +62,28 @@ class Rest:
         its samples: a rock at rest stays so up to the last sample of those that all lie in the cone. Blocks are skipped
         whole, so that what comes after is to the bit what it is without the skip.
         """
-        integrator, step_s = self._integrator, self._integrator.sim.step_s
-        first, end = int(integrator.time_s / self._sample_s), len(self._forces)
-        until = self._held_until(integrator.last, first, end)
+        history, step_s = self._history, self._history.sim.step_s
+        first, end = int(history.time_s / self._sample_s), len(self._forces)
+        until = self._held_until(history.last, first, end)
         if until == end:
             return True
         until_s = max(until - 1, first) * self._sample_s
         block = self._problem.options.termination.block
-        blocks = (int(until_s / step_s) - integrator.grid) // block
+        blocks = (int(until_s / step_s) - history.grid) // block
         if blocks > 0:
             self.skipped_s += blocks * block * step_s
-            integrator.rest_until(integrator.last, integrator.grid + blocks * block)
+            self._rest_until(history.last, history.grid + blocks * block)
         return False
+
+    def _rest_until(self, since: int, grid: int) -> None:
+        """Let the rock rest in a pose up to a step."""
+        self._history.rest_until(since, grid)
+        self._integrator.restart()
 
     def _held_until(self, index: int, first: int, end: int) -> int:
         """First sample, from `first` on, whose force the points that touch in a pose cannot hold; `end` if all."""
         friction = self._problem.scene.contact.friction_static
-        return int(held_until(self._integrator.sim, index, friction, self._forces, first, end))
+        return int(held_until(self._history.sim, index, friction, self._forces, first, end))
 
 
 @compiled

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from toppling.workers import sticking
 from toppling.workers.compiled import Array, Flags, inner
-from toppling.workers.events import centripetal_m_s2, gap_rates_m_s, time_to_contact_s
+from toppling.workers.contact import active_set
+from toppling.workers.contact.events import time_to_contact_s
+from toppling.workers.contact.gaps import centripetal_m_s2, gap_rates_m_s
 from toppling.workers.quaternion import to_body, to_world
 from toppling.workers.simulation import Simulation, gaps_of, touching_m, velocity_increment_m_s
 
@@ -15,7 +16,7 @@ LOOKED_AHEAD = 1.2
 
 
 @inner
-def velocity_over(
+def velocity_over_step(
     sim: Simulation, step_s: float, left_s: float, resolved_m_s: float, velocity: Array
 ) -> tuple[bool, float]:
     """Find the velocity (6,) of the middle of a step from the latest pose, by which it moves the rock.
@@ -24,22 +25,20 @@ def velocity_over(
     no point slips, and when the first other one lands, `left_s` if none does.
     """
     state = sim.state[0]
-    last, world = state.last, sim.worlds[state.world]
-    if world.friction != world.friction_static:
-        return False, left_s
+    last = state.last
     pose, since_s = sim.pose[last], sim.time_s[last] - sim.velocity_time_s[last]
     gap = gaps_of(sim, pose)
     near, rate, least = np.empty(len(gap), np.bool_), np.empty(len(gap)), np.empty(len(gap))
     gap_rates_m_s(sim.points_m, pose, sim.velocity[last], rate)
     centripetal_m_s2(sim.points_m, pose, sim.velocity[last], least)
     for i in range(len(gap)):
-        near[i] = sim.carries[i] or gap[i] < touching_m(sim)
+        near[i] = sim.active[i] or gap[i] < touching_m(sim)
         if near[i] and -rate[i] > resolved_m_s:  # it has landed as the latest step ended
             return True, 0.0
         # So that the point comes to the surface on its arc; from below in a whole step, as less would throw it.
         least[i] = -gap[i] / (step_s if gap[i] > 0.0 else max(step_s, sim.step_s)) - 0.5 * step_s * least[i]
     while True:
-        if not held_velocity(sim, pose, since_s + 0.5 * step_s, near, least, velocity):
+        if not sticking_velocity(sim, pose, since_s + 0.5 * step_s, near, least, velocity):
             return False, left_s
         gap_rates_m_s(sim.points_m, pose, velocity, rate)
         acceleration = (velocity - sim.velocity[last]) / (since_s + 0.5 * step_s)
@@ -60,39 +59,39 @@ def velocity_over(
 
 
 @inner
-def held_velocity(
+def sticking_velocity(
     sim: Simulation, pose: Array, lasting_s: float, near: Flags, least: Array, velocity: Array
 ) -> bool:
     """Find the velocity (6,) some time after that of the latest pose, as the points that carry stick; whether they can.
 
-    May carry `near` points, each with a `least` velocity along the normal. Sets `sim.carries`, or if a point would slip
+    May carry `near` points, each with a `least` velocity along the normal. Sets `sim.active`, or if a point would slip
     `slips_after`.
     """
-    state, friction = sim.state[0], sim.worlds[sim.state[0].world].friction_static
+    state, friction = sim.state[0], sim.friction_static
     free, points = _free_velocity(sim, pose, lasting_s), np.flatnonzero(near)
     if len(points) == 0:
         velocity[:] = free
-        sim.carries[:] = False
+        sim.active[:] = False
         state.needed_friction = 0.0
         return True
-    these = sticking.Contacts(
+    these = active_set.Contacts(
         arms_m=np.empty((len(points), 3)),
         least_m_s=least[points],
         touches=gaps_of(sim, pose)[points] < touching_m(sim),
-        carries=sim.carries[points],
+        active=sim.active[points],
         free=free,
         mobility=_mobility(sim, pose),
         allowed_m_s=sim.allowed_m_s,
         velocity=velocity,
         slides=np.zeros(len(points), np.bool_),
-        chosen=np.empty(sticking.MOST_CARRYING, np.int64),
+        chosen=np.empty(active_set.MOST_ACTIVE, np.int64),
         rows=np.empty((6, 6)),
         gram=np.empty((6, 6)),
         impulse=np.empty(6),
     )
     for k, i in enumerate(points):
         these.arms_m[k] = to_world(sim.points_m[i, 0], sim.points_m[i, 1], sim.points_m[i, 2], pose)
-    found, needed = sticking.solve(these)
+    found, needed = active_set.solve(these)
     if not found or needed > friction:
         state.slips_after = -1.0
         if found:  # between the middles of the latest step and of this one
@@ -100,8 +99,8 @@ def held_velocity(
             state.slips_after = (friction - before) / (needed - before) if 0.0 < before <= friction else 0.5
         return False
     state.needed_friction = needed
-    sim.carries[:] = False
-    sim.carries[points] = these.carries
+    sim.active[:] = False
+    sim.active[points] = these.active
     return True
 
 

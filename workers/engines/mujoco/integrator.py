@@ -1,8 +1,8 @@
-"""The second engine: the same rock, contact points and motion in MuJoCo, stepped in C over blocks of steps.
+"""MuJoCo as the engine: the same rock, contact points and motion in MuJoCo, stepped in C over blocks of steps.
 
 MuJoCo's contacts are springs and dampers as stiff as its time step allows, so that its error is of the first order in
-the step. What it cannot do is refused: it has no coefficient of restitution, and one coefficient of friction. A rock is
-seated by our statics, ends by our rules, and is described by our outcome.
+the step. It has no coefficient of restitution, and one coefficient of friction. A rock is seated by our statics, ends
+by our rules, and is described by our outcome.
 """
 
 from __future__ import annotations
@@ -14,16 +14,14 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from toppling.models.errors import InputError
 from toppling.models.relief import contact_feet_m
 from toppling.models.scene import Scene
 from toppling.workers import quaternion as quat
 from toppling.workers.compiled import Array
-from toppling.workers.contact_points import contact_of
-from toppling.workers.engine import EnginePool
-from toppling.workers.integrator import ROOM, Integrator
+from toppling.workers.contact.candidates import contact_of
 from toppling.workers.observation import travel_m
 from toppling.workers.problem import Problem
+from toppling.workers.simulation import ROOM, StateHistory
 
 STIFFNESS_STEPS, DAMPING_RATIO, IMPEDANCE = 2.0, 1.5, 0.9999
 """Time constant of a contact in steps, the stiffest that MuJoCo allows; its damping, with which nothing rebounds."""
@@ -35,27 +33,27 @@ SEATED_WITHIN_DEG = 0.5
 """A rock at rest that is tilted by less from its seat is back in it: what is left is the contacts' compression."""
 
 
-class MujocoIntegrator(Integrator):
-    """A rock on its way through a motion; as its base, with MuJoCo as the engine."""
+class MujocoIntegrator:
+    """A rock on its way through a motion."""
 
-    def __init__(self, problem: Problem, pool: EnginePool) -> None:
-        _check(problem.scene)
-        super().__init__(problem, pool)
-        motion, step_s = problem.motion, problem.time_step_s
+    def __init__(self, problem: Problem) -> None:
+        self._problem = problem
+        self.history = StateHistory(problem)
+        motion, step_s, sim = problem.motion, problem.time_step_s, self.history.sim
         self._model, self._data = _world(problem.scene, step_s)
-        self._seat = self.sim.pose[0].copy() if problem.start is None else None
+        self._seat = sim.pose[0].copy() if problem.start is None else None
         self._warm = np.zeros((1, 6))
         # The force on a unit mass from step middle to step middle, as a leapfrog needs it.
         middles_s = np.maximum(np.arange(math.ceil(motion.duration_s / step_s) + 2) - 0.5, 0.0) * step_s
         velocity = motion.velocity_at(middles_s) @ problem.contact.scene_from_support
         lasting_s = np.diff(middles_s)[:, None]
-        self._forces = (self.sim.gravity_m_s2 * lasting_s - np.diff(velocity, axis=0)) / step_s
+        self._forces = (sim.gravity_m_s2 * lasting_s - np.diff(velocity, axis=0)) / step_s
 
     def advance(self, steps: int) -> None:
         """Go on by this many steps."""
-        if self.last + max(ROOM, steps + 1) > len(self.sim.time_s):
-            self._make_room()
-        first, grid, sim = self.last, self.grid, self.sim
+        history = self.history
+        history.make_room_for(max(ROOM, steps + 1))
+        first, grid, sim = history.last, history.grid, history.sim
         force_m_s2 = np.tile(sim.gravity_m_s2, (steps, 1))
         moved = self._forces[grid : grid + steps]
         force_m_s2[: len(moved)] = moved
@@ -72,14 +70,13 @@ class MujocoIntegrator(Integrator):
         if self._seat is not None and self._is_slow(first):
             self._sit_down()
 
-    def rest_until(self, since: int, grid: int) -> None:
-        """Let the rock rest in a pose up to a step; what comes then depends on that pose alone."""
-        super().rest_until(since, grid)
+    def restart(self) -> None:
+        """What comes after a rest depends on the rock's pose alone."""
         self._warm[:] = 0.0
 
     def _rolled(self, force_m_s2: Array) -> Array:
         """States (steps, 14) of MuJoCo: time, place, attitude as w, x, y, z, velocity, spin in body axes."""
-        last, sim, steps = self.last, self.sim, len(force_m_s2)
+        last, sim, steps = self.history.last, self.history.sim, len(force_m_s2)
         applied = np.zeros((1, steps, 12))  # of the world's body and the rock's
         applied[0, :, 6:9] = force_m_s2
         pose, velocity = sim.pose[last], sim.velocity[last]
@@ -96,7 +93,7 @@ class MujocoIntegrator(Integrator):
 
     def _is_slow(self, since: int) -> bool:
         """Whether the rock has hardly moved since a pose."""
-        sim, last = self.sim, self.last
+        sim, last = self.history.sim, self.history.last
         way_m = travel_m(sim.pose[since], sim.pose[last], sim.half_diagonal_m)
         speed_m_s = np.linalg.norm(sim.velocity[last, :3])
         speed_m_s += sim.half_diagonal_m * np.linalg.norm(sim.velocity[last, 3:])
@@ -106,13 +103,14 @@ class MujocoIntegrator(Integrator):
     def _sit_down(self) -> None:
         """Take a rock at rest back to its seat, turned and shifted along the plane: it carries on the seat's points."""
         assert self._seat is not None  # as :meth:`advance` has made sure
-        pose, seat = self.sim.pose[self.last], self._seat
+        sim, last = self.history.sim, self.history.last
+        pose, seat = sim.pose[last], self._seat
         yaw = quat.yaw_between(seat, pose)
         turned = quat.product(np.array([0.0, 0.0, math.sin(0.5 * yaw), math.cos(0.5 * yaw)]), seat[3:])
         between = quat.matrix(quat.product(pose[3:], quat.inverse(turned)))
         if between[2, 2] > math.cos(math.radians(SEATED_WITHIN_DEG)):
             pose[2], pose[3:] = seat[2], turned
-            self.sim.velocity[self.last] = 0.0
+            sim.velocity[last] = 0.0
 
 
 def _turned(quaternion_xyzw: Array, carried: Array) -> Array:
@@ -120,41 +118,6 @@ def _turned(quaternion_xyzw: Array, carried: Array) -> Array:
     vector, scalar = quaternion_xyzw[:, :3], quaternion_xyzw[:, 3:]
     across = np.cross(vector, carried)
     return np.asarray(carried + 2.0 * (scalar * across + np.cross(vector, across)))
-
-
-def _check(scene: Scene) -> None:
-    contact = scene.contact
-    if contact.restitution > 0.0:
-        what = f"restitution {contact.restitution:g}"
-    elif contact.friction_static != contact.friction_kinetic:
-        what = f"friction {contact.friction_static:g} at rest and {contact.friction_kinetic:g} in slip"
-    else:
-        return
-    raise InputError(
-        what,
-        where="engine mujoco",
-        expected="restitution 0 and one coefficient of friction",
-        remedy="shake with engine 'pybullet', or change the contact's properties",
-    )
-
-
-def require() -> None:
-    """Make sure that MuJoCo is installed.
-
-    Raises
-    ------
-    InputError
-        If it is not.
-    """
-    try:
-        import mujoco.rollout  # noqa: F401  an extra
-    except ImportError:
-        raise InputError(
-            "MuJoCo is not installed here",
-            where="engine mujoco",
-            expected="the extra 'mujoco'",
-            remedy="pip install 'toppling[mujoco]', or take engine 'pybullet'",
-        ) from None
 
 
 @lru_cache(maxsize=1)
@@ -168,7 +131,6 @@ def _rollout() -> tuple[Any, int]:
 @lru_cache(maxsize=8)  # scenes compare by identity
 def _world(scene: Scene, step_s: float) -> tuple[Any, Any]:
     """A scene as MuJoCo's model and data: support frame, body axes."""
-    require()
     import mujoco
 
     contact = contact_of(scene)
@@ -233,3 +195,8 @@ def _box_axes(points_m: Array) -> Array | None:
     axes = np.stack([shortest, second, np.cross(shortest, second)], axis=1)
     out_m = np.abs((points_m - points_m.mean(axis=0)) @ axes)
     return axes if np.allclose(out_m, out_m[0]) else None
+
+
+def integrator(problem: Problem, pool: object = None) -> MujocoIntegrator:  # noqa: ARG001  (the seam's signature)
+    """The integrator of one shake; MuJoCo keeps nothing between shakes but models of scenes."""
+    return MujocoIntegrator(problem)

@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from toppling.models.scene import Scene
-from toppling.workers.contact_points import contact_of
-from toppling.workers.friction_axes import best_axes_rad, point_mobilities
+from toppling.workers.contact.candidates import contact_of
+from toppling.workers.contact.friction import best_axes_rad, point_mobilities
 
 ALLOWED_RAD = 1e-3
 SCENE = Scene.block(0.2, 0.45, 0.6)

@@ -20,7 +20,7 @@ import numpy as np
 
 from toppling.workers.compiled import Array, Flags, Indices, inner
 
-MOST_CARRYING = 3
+MOST_ACTIVE = 3
 
 ROUNDS = 16
 """Of pivoting; blocks and scanned rocks took up to six."""
@@ -41,7 +41,7 @@ class Contacts(NamedTuple):
     arms_m: Array  # (n, 3) from the centre of mass to the points, at equal heights
     least_m_s: Array  # (n,) normal velocity of a point that carries, below which none may be
     touches: Flags  # (n,) as the rock begins to move
-    carries: Flags  # (n,) before; those that do now are put here
+    active: Flags  # (n,) before; those that are now are put here
     free: Array  # (6,) velocity without contact
     mobility: Array  # (3, 3) inverse of the inertia over mass, same frame
     allowed_m_s: float  # by which a point may come nearer all the same
@@ -64,21 +64,21 @@ def solve(these: Contacts) -> tuple[bool, float]:
     friction : float
         Least coefficient of friction at which no point that carries slips.
     """
-    carries, dropped = these.carries, np.zeros(len(these.carries), np.bool_)
+    active, dropped = these.active, np.zeros(len(these.active), np.bool_)
     for _ in range(ROUNDS):
         pulled, pulls, near, comes_near = _try(these)
-        count = carries.sum()
+        count = active.sum()
         if pulled < -1e-3 * these.allowed_m_s:
             if pulled == -np.inf:
                 return False, np.inf
-            carries[pulls], dropped[pulls] = False, True
-        elif near < these.allowed_m_s * (LOOSE if count == MOST_CARRYING else 1.0):
+            active[pulls], dropped[pulls] = False, True
+        elif near < these.allowed_m_s * (LOOSE if count == MOST_ACTIVE else 1.0):
             if not _extend(these):
                 return True, _friction(these)
-        elif count == MOST_CARRYING:
+        elif count == MOST_ACTIVE:
             return False, np.inf
         else:
-            carries[comes_near], these.slides[comes_near] = True, dropped[comes_near]
+            active[comes_near], these.slides[comes_near] = True, dropped[comes_near]
     return False, np.inf
 
 
@@ -88,7 +88,7 @@ def _try(these: Contacts) -> tuple[float, int, float, int]:
 
     Each with the point's index. An impulse of minus infinity says that the points can't carry together.
     """
-    carries, velocity, arms_m = these.carries, these.velocity, these.arms_m
+    active, velocity, arms_m = these.active, these.velocity, these.arms_m
     sticking, count = _choose(these)
     velocity[:] = these.free
     pulled, pulls = np.inf, -1
@@ -100,8 +100,8 @@ def _try(these: Contacts) -> tuple[float, int, float, int]:
             if impulse < pulled:
                 pulled, pulls = impulse, these.chosen[k]
     near, comes_near = 0.0, -1
-    for i in range(len(carries)):
-        if not carries[i]:
+    for i in range(len(active)):
+        if not active[i]:
             rise = velocity[2] + velocity[3] * arms_m[i, 1] - velocity[4] * arms_m[i, 0]
             if these.least_m_s[i] - rise > near:
                 near, comes_near = these.least_m_s[i] - rise, i
@@ -115,22 +115,22 @@ def _extend(these: Contacts) -> bool:
     Sticking has several answers: a block on an edge that is pushed hard may turn about it, or swing about one of its
     corners, off the other one, though nothing has begun to turn it so. The answer that lets go of least is taken.
     """
-    carries = these.carries
-    count = carries.sum()
-    if count == 0 or count == MOST_CARRYING or these.slides.any():
+    active = these.active
+    count = active.sum()
+    if count == 0 or count == MOST_ACTIVE or these.slides.any():
         return False
     most, best = 0.0, -1
-    for i in range(len(carries)):
-        if these.touches[i] and not carries[i]:
-            carries[i] = True
+    for i in range(len(active)):
+        if these.touches[i] and not active[i]:
+            active[i] = True
             pulled, _, near, _ = _try(these)
-            carries[i] = False
-            if pulled > most and near < these.allowed_m_s * (LOOSE if count + 1 == MOST_CARRYING else 1.0):
+            active[i] = False
+            if pulled > most and near < these.allowed_m_s * (LOOSE if count + 1 == MOST_ACTIVE else 1.0):
                 most, best = pulled, i
     if best < 0:
         _try(these)
         return False
-    carries[best] = True
+    active[best] = True
     return True
 
 
@@ -140,13 +140,13 @@ def _choose(these: Contacts) -> tuple[int, int]:
     sticking, count = 0, 0
     for slides in (False, True):
         sticking = count
-        for i in range(len(these.carries)):
-            if these.carries[i] and these.slides[i] == slides:
-                if count < MOST_CARRYING:
+        for i in range(len(these.active)):
+            if these.active[i] and these.slides[i] == slides:
+                if count < MOST_ACTIVE:
                     these.chosen[count] = i
                     count += 1
                 else:
-                    these.carries[i] = False
+                    these.active[i] = False
     return sticking, count
 
 

@@ -1,0 +1,59 @@
+"""Physics engines: a registry of what each is called, which limits it has, and how it integrates a shake.
+
+An engine is described here by one entry, without importing it; its module is imported by what shakes.
+"""
+
+from __future__ import annotations
+
+from toppling.models.errors import InputError
+from toppling.workers.engines.bullet.description import BULLET
+from toppling.workers.engines.mujoco.description import MUJOCO
+from toppling.workers.engines.protocol import Engine, Integrator, Pool
+from toppling.workers.options import PRESETS, NumericalOptions
+
+__all__ = ["DEFAULT", "ENGINES", "Engine", "Integrator", "Pool", "engine_named", "options_of"]
+
+ENGINES: dict[str, Engine] = {one.name: one for one in (BULLET, MUJOCO)}
+"""By name; the first is the judge, the others are extras."""
+
+DEFAULT = next(iter(ENGINES))
+"""Name of the engine that shakes unless another is asked for."""
+
+
+def engine_named(name: str) -> Engine:
+    """The engine of a name.
+
+    Raises
+    ------
+    InputError
+        If there is none.
+    """
+    if name not in ENGINES:
+        raise InputError(
+            f"no engine {name!r}",
+            where="engine",
+            expected=", ".join(ENGINES),
+            remedy=f"leave it out: {DEFAULT!r} does all",
+        )
+    return ENGINES[name]
+
+
+def options_of(preset: str | NumericalOptions, engine: str = DEFAULT) -> NumericalOptions:
+    """Options of a preset with an engine; options of one's own as they are.
+
+    Raises
+    ------
+    InputError
+        If there is no preset or engine of this name.
+    """
+    presets = engine_named(engine).presets
+    if isinstance(preset, NumericalOptions):
+        return preset
+    if not isinstance(preset, str) or preset not in presets:
+        raise InputError(
+            f"no preset {preset!r}",
+            where="preset",
+            expected=", ".join(PRESETS),
+            remedy="'standard' suits most runs",
+        )
+    return presets[preset]

@@ -1,0 +1,63 @@
+"""Bullet's C interface, which PyBullet's shared library exports beside the Python module, for compiled code."""
+
+from __future__ import annotations
+
+import ctypes
+import importlib.util
+from typing import Any
+
+import llvmlite.binding
+from numba import types
+from numba.extending import intrinsic
+
+_PATH = str(importlib.util.find_spec("pybullet").origin)  # type: ignore[union-attr]
+LIBRARY = ctypes.CDLL(_PATH)
+llvmlite.binding.load_library_permanently(_PATH)  # where compiled code, cached code too, finds its functions
+
+_ADDRESS, _NUMBER, _INDEX = types.intp, types.float64, types.int32
+
+
+def _compiled(name: str, result: Any, *arguments: Any) -> Any:
+    """A C function, for compiled code."""
+    return types.ExternalFunction(name, result(*arguments))
+
+
+submit = _compiled("b3SubmitClientCommandAndWaitStatus", _ADDRESS, _ADDRESS, _ADDRESS)
+parameters = _compiled("b3InitPhysicsParamCommand", _ADDRESS, _ADDRESS)
+set_gravity = _compiled("b3PhysicsParamSetGravity", _INDEX, _ADDRESS, _NUMBER, _NUMBER, _NUMBER)
+set_step = _compiled("b3PhysicsParamSetTimeStep", _INDEX, _ADDRESS, _NUMBER)
+set_iterations = _compiled("b3PhysicsParamSetNumSolverIterations", _INDEX, _ADDRESS, _INDEX)
+set_near = _compiled("b3PhysicsParamSetContactBreakingThreshold", _INDEX, _ADDRESS, _NUMBER)
+set_residual = _compiled("b3PhysicsParamSetSolverResidualThreshold", _INDEX, _ADDRESS, _NUMBER)
+set_rebound_from = _compiled("b3PhysicsParamSetRestitutionVelocityThreshold", _INDEX, _ADDRESS, _NUMBER)
+step_command = _compiled("b3InitStepSimulationCommand", _ADDRESS, _ADDRESS)
+request_state = _compiled("b3RequestActualStateCommandInit", _ADDRESS, _ADDRESS, _INDEX)
+get_state = _compiled("b3GetStatusActualState", _INDEX, _ADDRESS, *[_ADDRESS] * 7)
+pose_command = _compiled("b3CreatePoseCommandInit", _ADDRESS, _ADDRESS, _INDEX)
+set_place = _compiled("b3CreatePoseCommandSetBasePosition", _INDEX, _ADDRESS, _NUMBER, _NUMBER, _NUMBER)
+set_attitude = _compiled(
+    "b3CreatePoseCommandSetBaseOrientation", _INDEX, _ADDRESS, _NUMBER, _NUMBER, _NUMBER, _NUMBER
+)
+set_velocity = _compiled("b3CreatePoseCommandSetBaseLinearVelocity", _INDEX, _ADDRESS, _ADDRESS)
+set_spin = _compiled("b3CreatePoseCommandSetBaseAngularVelocity", _INDEX, _ADDRESS, _ADDRESS)
+collision_filter = _compiled("b3CollisionFilterCommandInit", _ADDRESS, _ADDRESS)
+set_filter = _compiled("b3SetCollisionFilterGroupMask", _INDEX, _ADDRESS, _INDEX, _INDEX, _INDEX, _INDEX)
+dynamics = _compiled("b3InitChangeDynamicsInfo", _ADDRESS, _ADDRESS)
+change_friction = _compiled(
+    "b3ChangeDynamicsInfoSetLateralFriction", _INDEX, _ADDRESS, _INDEX, _INDEX, _NUMBER
+)
+change_restitution = _compiled(
+    "b3ChangeDynamicsInfoSetRestitution", _INDEX, _ADDRESS, _INDEX, _INDEX, _NUMBER
+)
+request_contacts = _compiled("b3InitRequestContactPointInformation", _ADDRESS, _ADDRESS)
+get_contacts = _compiled("b3GetContactPointInformation", types.void, _ADDRESS, _ADDRESS)
+
+
+@intrinsic
+def pointer(typing_context: Any, address: Any) -> Any:  # noqa: ARG001  (numba's signature)
+    """An address as a pointer."""
+
+    def code(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return builder.inttoptr(arguments[0], context.get_value_type(signature.return_type))
+
+    return types.voidptr(types.intp), code

@@ -1,0 +1,155 @@
+"""Worlds of PyBullet: how one is built, and the pool in which a process keeps them."""
+
+from __future__ import annotations
+
+import ctypes
+import tempfile
+from collections import OrderedDict
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from toppling.models.contact import ContactProperties
+from toppling.workers.compiled import Array
+from toppling.workers.contact.candidates import ContactModel
+from toppling.workers.engines.bullet import binding
+from toppling.workers.engines.bullet.world import COLD_ITERATIONS, WORLD
+from toppling.workers.options import SolverOptions
+
+
+def _called(name: str, result: Any, *arguments: Any) -> Any:
+    """A C function, for Python."""
+    function = getattr(binding.LIBRARY, name)
+    function.restype, function.argtypes = result, arguments
+    return function
+
+
+class _Bullet:
+    """What builds a world: Bullet's C functions by what they do."""
+
+    P, N, K = ctypes.c_void_p, ctypes.c_double, ctypes.c_int
+    THREE, FOUR = ctypes.c_double * 3, ctypes.c_double * 4
+
+    connect = _called("b3ConnectPhysicsDirect", P)
+    disconnect = _called("b3DisconnectSharedMemory", None, P)
+    submit = _called("b3SubmitClientCommandAndWaitStatus", P, P, P)
+    reset = _called("b3InitResetSimulationCommand", P, P)
+    parameters = _called("b3InitPhysicsParamCommand", P, P)
+    set_deterministic = _called("b3PhysicsParameterSetDeterministicOverlappingPairs", K, P, K)
+    set_cone_friction = _called("b3PhysicsParamSetEnableConeFriction", K, P, K)
+    set_slop = _called("b3PhysicsParamSetContactSlop", K, P, N)
+    load_urdf = _called("b3LoadUrdfCommandInit", P, P, ctypes.c_char_p)
+    set_urdf_flags = _called("b3LoadUrdfCommandSetFlags", K, P, K)
+    body_of = _called("b3GetStatusBodyIndex", K, P)
+    new_shape = _called("b3CreateCollisionShapeCommandInit", P, P)
+    add_plane = _called("b3CreateCollisionShapeAddPlane", K, P, THREE, N)
+    shape_of = _called("b3GetStatusCollisionShapeUniqueId", K, P)
+    new_body = _called("b3CreateMultiBodyCommandInit", P, P)
+    add_base = _called("b3CreateMultiBodyBase", K, P, N, K, K, THREE, FOUR, THREE, FOUR)
+    dynamics = _called("b3InitChangeDynamicsInfo", P, P)
+    set_friction = _called("b3ChangeDynamicsInfoSetLateralFriction", K, P, K, K, N)
+    set_restitution = _called("b3ChangeDynamicsInfoSetRestitution", K, P, K, K, N)
+    set_linear_damping = _called("b3ChangeDynamicsInfoSetLinearDamping", K, P, K, N)
+    set_angular_damping = _called("b3ChangeDynamicsInfoSetAngularDamping", K, P, K, N)
+    set_largest_speed = _called("b3ChangeDynamicsInfoSetMaxJointVelocity", K, P, K, N)
+    set_activation = _called("b3ChangeDynamicsInfoSetActivationState", K, P, K, K)
+
+
+USE_INERTIA_FROM_FILE = 2
+"""Of a URDF: else that of the shapes' bounding boxes is taken."""
+
+DISABLE_SLEEPING = 2
+"""Of activation states."""
+
+
+MOST_WORLDS = 6
+"""In a process; each takes some 35 MB."""
+
+
+class EnginePool:
+    """Worlds of a process, each kept while the same rock is shaken again; the least recently used one is rebuilt."""
+
+    def __init__(self) -> None:
+        self._worlds: OrderedDict[tuple[int, int], tuple[ContactModel, NDArray[np.void]]] = OrderedDict()
+
+    def world(self, contact: ContactModel, points: int) -> NDArray[np.void]:
+        """World (1,) of dtype WORLD that holds the first `points` of a rock's contact points."""
+        key = (id(contact), points)  # the model is kept beside its world, so that its identity stays its own
+        if key not in self._worlds:
+            if len(self._worlds) < MOST_WORLDS:
+                client = int(_Bullet.connect())
+            else:  # worlds are reset, not removed, since only that frees their memory
+                client = int(self._worlds.popitem(last=False)[1][1]["client"][0])
+            self._worlds[key] = contact, _build(client, contact, points)
+        self._worlds.move_to_end(key)
+        return self._worlds[key][1]
+
+    def forget(self) -> None:
+        """Make all worlds anew: one that a rock has left in no finite state holds no rock any more."""
+        while self._worlds:
+            _Bullet.disconnect(int(self._worlds.popitem()[1][1]["client"][0]))
+
+
+def _build(client: int, contact: ContactModel, points: int) -> NDArray[np.void]:
+    bullet = _Bullet
+    bullet.submit(client, bullet.reset(client))
+    command = bullet.parameters(client)
+    bullet.set_deterministic(command, 1)
+    bullet.set_cone_friction(command, 1)
+    bullet.set_slop(command, 0.0)
+    bullet.submit(client, command)
+    with tempfile.NamedTemporaryFile("w", suffix=".urdf") as file:
+        file.write(_urdf(contact.centres_body_m[:points], contact.radius_m, contact))
+        file.flush()
+        command = bullet.load_urdf(client, file.name.encode())
+        bullet.set_urdf_flags(command, USE_INERTIA_FROM_FILE)
+        rock = bullet.body_of(bullet.submit(client, command))
+    command = bullet.dynamics(client)
+    bullet.set_friction(command, rock, -1, 1.0)
+    bullet.set_restitution(command, rock, -1, 1.0)
+    bullet.set_linear_damping(command, rock, 0.0)
+    bullet.set_angular_damping(command, rock, 0.0)
+    bullet.set_largest_speed(command, rock, 1e9)
+    bullet.set_activation(command, rock, DISABLE_SLEEPING)
+    bullet.submit(client, command)
+    command = bullet.new_shape(client)
+    bullet.add_plane(command, bullet.THREE(0.0, 0.0, 1.0), 0.0)
+    plane = bullet.shape_of(bullet.submit(client, command))
+    command = bullet.new_body(client)
+    origin, upright = bullet.THREE(0.0, 0.0, 0.0), bullet.FOUR(0.0, 0.0, 0.0, 1.0)
+    bullet.add_base(command, 0.0, plane, -1, origin, upright, origin, upright)
+    ground = bullet.body_of(bullet.submit(client, command))
+    world = np.zeros(1, WORLD)
+    world["client"], world["rock"], world["ground"], world["points"] = client, rock, ground, points
+    world["inertia_m2"] = contact.principal_inertia_m2
+    return world
+
+
+def _urdf(centres_m: Array, radius_m: float, contact: ContactModel) -> str:
+    """Spheres as one compound body: the other ways to make one keep sixteen shapes at most. One short line each."""
+    spheres = "\n".join(
+        f'<collision><origin xyz="{x!r} {y!r} {z!r}"/><geometry><sphere radius="{radius_m!r}"/></geometry></collision>'
+        for x, y, z in centres_m.tolist()
+    )
+    ixx, iyy, izz = contact.principal_inertia_m2.tolist()
+    return (
+        '<robot name="rock">\n<link name="base">\n<inertial>\n<mass value="1"/>\n'
+        f'<inertia ixx="{ixx!r}" iyy="{iyy!r}" izz="{izz!r}" ixy="0" ixz="0" iyz="0"/>\n</inertial>\n'
+        f"{spheres}\n</link>\n</robot>\n"
+    )
+
+
+@cache
+def process_pool() -> EnginePool:
+    """The pool of this process, for who has none of his own."""
+    return EnginePool()
+
+
+def configure_for(world: NDArray[np.void], surface: ContactProperties, solver: SolverOptions) -> None:
+    """Give a world (1,) the contact's properties and the solver's limits."""
+    world["friction_static"], world["friction_kinetic"] = surface.friction_static, surface.friction_kinetic
+    world["restitution"] = surface.restitution
+    world["iterations"], world["residual_share"] = solver.iterations, solver.residual_share
+    world["cold_iterations"] = max(solver.iterations, COLD_ITERATIONS)

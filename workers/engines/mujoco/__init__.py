@@ -1,0 +1,1 @@
+"""MuJoCo: a second engine, for cheap realisations and as an independent check."""

@@ -1,0 +1,168 @@
+"""What the program knows of a physics engine, whichever it is."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from importlib import import_module
+from importlib.metadata import PackageNotFoundError, version
+from typing import TYPE_CHECKING, Any, Protocol
+
+from toppling.models.contact import ContactProperties
+from toppling.models.errors import InputError
+from toppling.workers.options import PRESETS, NumericalOptions
+
+if TYPE_CHECKING:
+    from toppling.models.scene import Scene
+    from toppling.workers.problem import Problem
+    from toppling.workers.simulation import StateHistory
+
+
+class Integrator(Protocol):
+    """A rock on its way through one motion."""
+
+    history: StateHistory
+    """Its states so far; the integrator and the rules of rest write it, others read it."""
+
+    def advance(self, steps: int) -> None:
+        """Go on by this many steps, or one more."""
+
+    def restart(self) -> None:
+        """Forget what the engine keeps from step to step: the rock was set to rest where it is."""
+
+
+class Pool(Protocol):
+    """What an engine keeps in a process between shakes."""
+
+    def forget(self) -> None:
+        """Make all of it anew: a rock in no finite state has spoilt it."""
+
+    def __hash__(self) -> int:
+        """Pools are told apart by identity."""
+
+
+@dataclass(frozen=True)
+class Engine:
+    """A physics engine behind the seam.
+
+    Parameters
+    ----------
+    name : str
+        As a campaign names it; also that of the distribution that must be installed.
+    title, authors, reference : str
+        How it is called and cited.
+    module : str
+        Which module integrates with it: `integrator(problem, pool)`, `process_pool()`, `let_down(scene, pool)`.
+    step_shares : mapping
+        Time step over sqrt(R / g) of each preset, where it is not that of :data:`PRESETS`.
+    restitution, kinetic_friction : bool
+        Whether it knows a coefficient of restitution, and a kinetic friction apart from the static one.
+    extra : str or None
+        Of this distribution, which installs it; None where it always is.
+    imports : str
+        The module whose import proves that it is installed.
+    """
+
+    name: str
+    title: str
+    authors: str
+    reference: str
+    module: str
+    imports: str
+    step_shares: Mapping[str, float]
+    restitution: bool = True
+    kinetic_friction: bool = True
+    extra: str | None = None
+
+    @cached_property
+    def presets(self) -> dict[str, NumericalOptions]:
+        """Options by the names of the presets."""
+        return {
+            name: options.with_step(self.step_shares[name]) if name in self.step_shares else options
+            for name, options in PRESETS.items()
+        }
+
+    @property
+    def version(self) -> str | None:
+        """Of the installed distribution; None where there is none."""
+        try:
+            return version(self.name)
+        except PackageNotFoundError:
+            return None
+
+    @property
+    def citation(self) -> dict[str, str]:
+        """For a run's description: name, title, authors, reference."""
+        return {
+            "name": self.name,
+            "title": self.title,
+            "authors": self.authors,
+            "reference": self.reference,
+        }
+
+    def models(self, frictions: Iterable[tuple[float, float]], restitutions: Iterable[float]) -> bool:
+        """Whether it knows all of some (static, kinetic) frictions and some coefficients of restitution."""
+        apart = any(static != kinetic for static, kinetic in frictions)
+        return (self.kinetic_friction or not apart) and (self.restitution or not any(restitutions))
+
+    def beyond(self, contact: ContactProperties) -> str | None:
+        """Which of a contact's properties it does not know; None where it knows all."""
+        if contact.restitution > 0.0 and not self.restitution:
+            return f"restitution {contact.restitution:g}"
+        if contact.friction_static != contact.friction_kinetic and not self.kinetic_friction:
+            return f"friction {contact.friction_static:g} at rest and {contact.friction_kinetic:g} in slip"
+        return None
+
+    def require(self) -> None:
+        """Make sure that it is installed.
+
+        Raises
+        ------
+        InputError
+            If it is not.
+        """
+        try:
+            import_module(self.imports)
+        except ImportError:
+            raise InputError(
+                f"{self.title} is not installed here",
+                where=f"engine {self.name}",
+                expected=f"the extra '{self.extra}'" if self.extra else f"the package {self.name}",
+                remedy=f"pip install 'toppling[{self.extra}]', or take another engine"
+                if self.extra
+                else "install toppling anew",
+            ) from None
+
+    def integrator(self, problem: Problem, pool: Pool | None = None) -> Integrator:
+        """The integrator of one shake.
+
+        Raises
+        ------
+        InputError
+            If the engine is not installed, or the scene's contact is beyond it.
+        """
+        self.require()
+        if (what := self.beyond(problem.scene.contact)) is not None:
+            raise InputError(
+                what,
+                where=f"engine {self.name}",
+                expected="restitution 0 and one coefficient of friction",
+                remedy="shake with the default engine, or change the contact's properties",
+            )
+        made: Integrator = self._module.integrator(problem, pool)
+        return made
+
+    def process_pool(self) -> Pool:
+        """What this process keeps of the engine."""
+        pool: Pool = self._module.process_pool()
+        return pool
+
+    def let_down(self, scene: Scene, pool: Pool) -> tuple[Any, float]:
+        """Pose (7,) where a rock comes to rest that swings without gathering speed, and how fast it still moves."""
+        pose, speed_m_s = self._module.let_down(scene, pool)
+        return pose, speed_m_s
+
+    @property
+    def _module(self) -> Any:
+        return import_module(self.module)

@@ -1,81 +1,279 @@
-"""How long a rock has stood: an age, or a distribution of it as equally likely ages."""
+"""How long rocks have stood as fragile as they are: distributions of ages, alone and of several rocks together.
 
+Survival over an uncertain age A is E[exp(-nu A)], the mean over draws of A. An age is kept as equally likely years:
+the midpoints of `AGE_SAMPLES` equal shares of its distribution: survival over a normal age is right to 2e-4 of it.
+
+What counts is how long a rock has been as fragile as now. It was uncovered at an exposure age A, and may have been
+buried or stouter until some later date F: over the last min(A, F) years it could topple as it can today, and before
+that not at all, or with its medians multiplied by a factor.
+"""
+
+import csv
 import math
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.stats import norm
 
 from toppling.models.errors import InputError
 
 AGE_SAMPLES = 400
 
+UNITS = {
+    **dict.fromkeys(("years", "year", "yr", "age_years", "age_yr"), 1.0),
+    **dict.fromkeys(("ka", "kyr", "age_ka", "age_kyr"), 1000.0),
+}
+"""Years of one unit, by the header of a file of ages."""
 
-def parse_age(text: str) -> NDArray[np.float64]:
-    """Read an age: `20000`, `15000..30000` (uniform) or `20000+-3000` years (normal, cut at zero).
+ABSENT, AS_NOW, STOUTER = 0, 1, 2
+"""States of a rock at some past time."""
 
-    A path to a CSV with the header `years`, or `years,weight`, is read.
+
+@dataclass(frozen=True, eq=False)
+class Exposure:
+    """How long which rocks stood together, in each draw of their ages.
+
+    Parameters
+    ----------
+    states : (s, rocks) int array
+        `ABSENT`, `AS_NOW` or `STOUTER`: a rock that is absent cannot topple.
+    years : (s, draws) array
+        Time spent in each state.
+    """
+
+    states: NDArray[np.int8]
+    years: NDArray[np.float64]
+
+    def survival(self, annual_rates: ArrayLike) -> float:
+        """Probability that no event toppled any rock, given the rate (s,) of such events in each state."""
+        return float(np.exp(-(np.asarray(annual_rates, float) @ self.years)).mean())
+
+
+@dataclass(frozen=True, eq=False)
+class Since:
+    """When a rock became as fragile as it is.
+
+    Parameters
+    ----------
+    years : (n,) array
+        Equally likely years before the present.
+    factor : float
+        Medians before that, over today's; infinite for a rock that could not topple.
+    """
+
+    years: NDArray[np.float64]
+    factor: float = math.inf
+
+
+def parse_age(text: str, where: str = "--age") -> NDArray[np.float64]:
+    """Read an age as equally likely years.
+
+    Parameters
+    ----------
+    text : str
+        `20000`; `15000..30000` (uniform); `20000+-3000` (normal with a standard deviation, cut at zero);
+        `20000*/1.2` (lognormal: its median, and the factor of one standard deviation); or a path to a CSV of draws,
+        with the header `years` (or `ka`) and perhaps a second column `weight`.
+    where : str
+        Option that states it, for errors.
+
+    Returns
+    -------
+    (n,) array
+        One year where it is known, else `AGE_SAMPLES`.
 
     Raises
     ------
     InputError
         If the text is none of these, or the file has no header.
     """
-    levels = (np.arange(AGE_SAMPLES) + 0.5) / AGE_SAMPLES
     try:
-        if Path(text).is_file():
-            years, weights = _read_ages(Path(text))
-            order = np.argsort(years)
-            cumulated = np.cumsum(weights[order]) / weights.sum()
-            ages = years[order][np.searchsorted(cumulated, levels)]
-        elif "+-" in text:
-            mean, deviation = map(float, text.split("+-"))
-            floor = norm.cdf(0.0, mean, deviation)
-            ages = norm.ppf(floor + levels * (1 - floor), mean, deviation)
-        elif ".." in text:
-            low, high = map(float, text.split(".."))
-            ages = low + levels * (high - low)
-        else:
-            ages = np.array([float(text)])
+        ages = _of_file(Path(text)) if Path(text).is_file() else _of_words(text)
     except InputError:
         raise
     except ValueError:
         ages = np.array([math.nan])
-    if not (np.isfinite(ages).all() and (ages > 0).all()):
+    if not (len(ages) and np.isfinite(ages).all() and (ages > 0).all()):
         raise InputError(
             what=f"{text!r} is no age",
-            where="--age",
-            expected="years above zero: 20000, 15000..30000, 20000+-3000, or a CSV of years and weights",
+            where=where,
+            expected="years above zero: 20000, 15000..30000, 20000+-3000, 20000*/1.2, or a CSV of years and weights",
             remedy="leave --age out for the statement about a single event",
         )
     return ages
 
 
+def parse_since(text: str) -> Since:
+    """Read when a rock became as fragile as it is: an age, or an age and the factor of its medians before, `8000:1.5`.
+
+    Raises
+    ------
+    InputError
+        If the age is none, or the factor is not above 1.
+    """
+    age, colon, stouter = text.rpartition(":")
+    if not colon or Path(text).is_file():
+        return Since(parse_age(text, "--fragile-since"))
+    try:
+        factor = float(stouter)
+    except ValueError:
+        factor = math.nan
+    if not factor > 1:
+        raise InputError(
+            what=f"the factor {stouter!r} of {text!r}",
+            where="--fragile-since",
+            expected="a number above 1, by which the rock's medians were higher before",
+            remedy="leave it out for a rock that could not topple before, such as a buried one",
+        )
+    return Since(parse_age(age, "--fragile-since"), factor)
+
+
+def joint_ages(
+    ages: Sequence[NDArray[np.float64]], common_date: bool = False, common_error: float = 0.0, seed: int = 0
+) -> NDArray[np.float64]:
+    """Draw the ages of several rocks together.
+
+    Parameters
+    ----------
+    ages : sequence of (n,) arrays
+        Equally likely years of each rock.
+    common_date : bool
+        All rocks were uncovered by one event: each draw has one age for all. Needs one distribution for all.
+    common_error : float
+        Standard deviation of a relative error s that the dates share, such as that of a production rate:
+        A_i = A_i0 (1 + s), where A_i0 is as `ages` state it. Cut where an age would not be positive.
+    seed : int
+
+    Returns
+    -------
+    (draws, rocks) array
+
+    Raises
+    ------
+    InputError
+        If rocks of one date have different ages.
+    """
+    draws = max([AGE_SAMPLES if common_error else 1, *(len(years) for years in ages)])
+    random = np.random.default_rng(seed)
+    if common_date and any(not np.array_equal(years, ages[0]) for years in ages):
+        raise InputError(
+            what="rocks that were uncovered together have different ages",
+            where="--common-date",
+            expected="one --age for all of them",
+            remedy="give their one age, or leave --common-date out",
+        )
+    if common_date or len(ages) == 1 or draws == 1:
+        drawn = np.column_stack([np.resize(years, draws) for years in ages])
+    else:
+        drawn = np.column_stack([random.permutation(np.resize(years, draws)) for years in ages])
+    if common_error:
+        errors = _normal(0.0, common_error, -1.0, _levels(draws))
+        drawn = drawn * (1.0 + random.permutation(errors))[:, None]
+    return drawn
+
+
+def exposure(
+    ages: NDArray[np.float64], since: Sequence[Since | None] | None = None, seed: int = 0
+) -> Exposure:
+    """Find the sets of rocks that stood together, in which state, and how long in each draw.
+
+    Parameters
+    ----------
+    ages : (draws, rocks) array
+        From `joint_ages`.
+    since : sequence of Since or None
+        One a rock; None for one that has been as fragile as now since it stands.
+    seed : int
+        Of the order in which dates of fragility meet ages.
+    """
+    rocks = ages.shape[1]
+    late = [None] * rocks if since is None else list(since)
+    draws = max(len(ages), *(len(one.years) for one in late if one), 1)
+    ages = np.resize(ages, (draws, rocks))
+    fragile = ages.copy()
+    random = np.random.default_rng([seed, 1])
+    for number, one in enumerate(late):
+        if one is not None:
+            fragile[:, number] = np.minimum(ages[:, number], random.permutation(np.resize(one.years, draws)))
+    stouter = np.array([one is not None and math.isfinite(one.factor) for one in late])
+    ends = np.sort(np.concatenate([fragile, ages], axis=1), axis=1)
+    starts = np.concatenate([np.zeros((draws, 1)), ends[:, :-1]], axis=1)
+    middle = ((starts + ends) / 2)[:, :, None]
+    before = np.where(stouter & (middle < ages[:, None, :]), STOUTER, ABSENT)
+    state = np.where(middle < fragile[:, None, :], AS_NOW, before).astype(np.int8)
+    lasting = ends - starts
+    some = (lasting > 0) & (state != ABSENT).any(axis=2)
+    states, which = np.unique(state[some], axis=0, return_inverse=True)
+    years = np.zeros((len(states), draws))
+    np.add.at(years, (which.ravel(), np.nonzero(some)[0]), lasting[some])
+    return Exposure(states, years)
+
+
+def _of_words(text: str) -> NDArray[np.float64]:
+    levels = _levels(AGE_SAMPLES)
+    if "+-" in text:
+        mean, deviation = map(float, text.split("+-"))
+        return _normal(mean, deviation, 0.0, levels)
+    if "*/" in text:
+        median, factor = map(float, text.split("*/"))
+        return median * np.exp(math.log(factor) * norm.ppf(levels)) if factor > 1 else np.array([math.nan])
+    if ".." in text:
+        low, high = map(float, text.split(".."))
+        return low + levels * (high - low) if high >= low else np.array([math.nan])
+    return np.array([float(text)])
+
+
+def _levels(count: int) -> NDArray[np.float64]:
+    return (np.arange(count) + 0.5) / count
+
+
+def _normal(mean: float, deviation: float, least: float, levels: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Quantiles of a normal variable that is cut below."""
+    floor = norm.cdf(least, mean, deviation)
+    return norm.ppf(floor + levels * (1 - floor), mean, deviation)
+
+
+def _of_file(path: Path) -> NDArray[np.float64]:
+    years, weights = _read_ages(path)
+    order = np.argsort(years)
+    cumulated = np.cumsum(weights[order]) / weights.sum()
+    return years[order][np.minimum(np.searchsorted(cumulated, _levels(AGE_SAMPLES)), len(years) - 1)]
+
+
 def _read_ages(path: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Years and weights of a file, weights of one where it has none."""
-    text = path.read_text(
-        encoding="utf-8-sig"
-    )  # a byte order mark would hide that the first line is a number
-    header, *rows = [line for line in text.splitlines() if line.strip()] or [""]
-    if _is_number(header.split(",")[0]):
-        raise InputError(
-            what=f"the first line, {header!r}, is no header",
-            where=str(path),
-            expected="the header 'years' or 'years,weight', then one age a line",
-            remedy="put the header above the ages",
-        )
-    table = np.loadtxt(rows, delimiter=",", ndmin=2) if rows else np.empty((0, 1))
-    years, weights = table[:, 0], table[:, 1] if table.shape[1] > 1 else np.ones(len(table))
-    if not (len(years) and table.shape[1] <= 2 and (weights >= 0).all() and 0 < weights.sum() < math.inf):
-        msg = "ages and weights, one of them above zero"
-        raise ValueError(msg)
+    try:
+        text = path.read_text(
+            encoding="utf-8-sig"
+        )  # a byte order mark would hide that the first line is a number
+    except UnicodeDecodeError as error:
+        raise _file_error(path, "it is no text in UTF-8") from error
+    rows = [row for row in csv.reader(text.splitlines()) if any(cell.strip() for cell in row)]
+    names = [name.strip().lower() for name in rows[0]] if rows else []
+    if not names or names[0] not in UNITS:
+        raise _file_error(path, f"the first line, {','.join(names)!r}, is no header")
+    if names[1:] not in ([], ["weight"]):
+        raise _file_error(path, f"it has the columns {', '.join(names)}")
+    try:
+        table = np.array([[float(cell) for cell in row] for row in rows[1:]]).reshape(-1, len(names))
+    except ValueError as error:
+        raise _file_error(path, f"it has a line that is no {' and '.join(names)} ({error})") from error
+    years = table[:, 0] * UNITS[names[0]]
+    weights = table[:, 1] if len(names) > 1 else np.ones(len(table))
+    if not (len(table) and np.isfinite(table).all() and (years > 0).all()):
+        raise _file_error(path, "there is none, or one that is not above zero")
+    if not ((weights >= 0).all() and weights.sum() > 0):
+        raise _file_error(path, "no weight is above zero, or one is negative")
     return years, weights
 
 
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
+def _file_error(path: Path, what: str) -> InputError:
+    return InputError(
+        what=f"holds no ages: {what}",
+        where=str(path),
+        expected="the header 'years' or 'years,weight' (or 'ka'), then one age a line",
+        remedy="put the header above the ages: it states their unit",
+    )

@@ -1,0 +1,155 @@
+"""Magnitudes and distances that a standing rock excludes, and the faults around it."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from toppling.results.drawing.style import COLOURS, FULL_WIDTH_IN, HALF_WIDTH_IN, plain_log, style
+
+DASHES = ("-", "--", "-.", ":")
+REACH_KM = 100.0
+"""Of the map, beside the farthest circle."""
+
+
+@dataclass(frozen=True, eq=False)
+class Drawn:
+    """A fault as the map shows it.
+
+    Parameters
+    ----------
+    name : str
+    lines : sequence of (n, 2) arrays
+        km east and north of the rock.
+    magnitude : float
+        Largest that standing allows; infinite where none is excluded, minus infinity where all are.
+    """
+
+    name: str
+    lines: Sequence[NDArray[np.float64]]
+    magnitude: float
+
+
+def magnitudes_figure(
+    tables: dict[str, pd.DataFrame],
+    confidence: float,
+    limits: tuple[float, float],
+    width_in: float = HALF_WIDTH_IN,
+) -> Figure:
+    """Largest magnitude allowed at each distance.
+
+    Parameters
+    ----------
+    tables : dict of DataFrame by name of the occurrence
+        From `results.hazard.magnitudes.largest_magnitudes`.
+    confidence : float
+    limits : (low, high)
+        Magnitudes that the models are for.
+    width_in : float
+    """
+    with style():
+        figure = Figure(figsize=(width_in, 3.0), layout="constrained")
+        axes = figure.subplots()
+        colours = COLOURS(np.linspace(0.15, 0.75, max(1, len(tables))))
+        for number, ((name, table), colour) in enumerate(zip(tables.items(), colours, strict=True)):
+            distance = table["distance_km"]
+            line = _shown(table["magnitude"], limits)
+            low, high = (_shown(table[f"magnitude_{end}"], limits) for end in ("low", "high"))
+            if np.isfinite(low).any():
+                axes.fill_between(distance, low, high, color=colour, alpha=0.2, lw=0)
+            axes.plot(distance, line, DASHES[number % 4], color=colour, lw=1.3, label=name)
+        axes.set(
+            xscale="log", ylim=limits, xlim=(distance.min(), distance.max()), xlabel="distance (km)",
+            ylabel="magnitude", title=f"excluded above the line, at {100 * confidence:g} %",
+        )  # fmt: skip
+        plain_log(axes.xaxis)
+        axes.legend(loc="lower right", frameon=False)
+    return figure
+
+
+def faults_figure(
+    faults: Sequence[Drawn],
+    circles: dict[float, float],
+    title: str,
+    limits: tuple[float, float],
+    width_in: float = FULL_WIDTH_IN * 0.75,
+) -> Figure:
+    """Map around a rock: traces by the largest magnitude that its standing allows, circles of least distance.
+
+    Parameters
+    ----------
+    faults : sequence of Drawn
+    circles : dict of km by magnitude
+        Least distance of an earthquake of that magnitude.
+    title : str
+    limits : (low, high)
+        Magnitudes that the models are for.
+    width_in : float
+    """
+    known = [one.magnitude for one in faults if math.isfinite(one.magnitude)]
+    shades = Normalize(
+        max(limits[0], math.floor(2 * min(known, default=limits[0])) / 2),
+        min(limits[1], math.ceil(2 * max(known, default=limits[1])) / 2 + 0.01),
+    )
+    with style():
+        figure = Figure(figsize=(width_in, 0.82 * width_in), layout="constrained")
+        axes = figure.subplots()
+        reach = _reach_km(faults, circles)
+        for one in faults:
+            _draw_fault(axes, one, shades, reach)
+        angle = np.linspace(0, 2 * np.pi, 200)
+        for magnitude, distance in circles.items():
+            if 0 < distance < math.inf:
+                axes.plot(distance * np.cos(angle), distance * np.sin(angle), color="0.4", lw=0.6, ls=":")
+                axes.annotate(
+                    f"M {magnitude:g}: {distance:.0f} km" if distance >= 10 else f"M {magnitude:g}: {distance:.1f} km",
+                    (0, -distance), ha="center", va="top", size=6.5, color="0.25", xytext=(0, -1),
+                    textcoords="offset points",
+                )  # fmt: skip
+        axes.plot(0, 0, "k^", ms=5)
+        axes.set(
+            xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal", xlabel="km east of the rock",
+            ylabel="km north of the rock", title=title,
+        )  # fmt: skip
+        if known:
+            figure.colorbar(
+                ScalarMappable(shades, COLOURS),
+                ax=axes,
+                shrink=0.8,
+                label="largest magnitude that standing allows",
+            )
+    return figure
+
+
+def _draw_fault(axes: Axes, one: Drawn, shades: Normalize, reach: float) -> None:
+    """A trace by its magnitude, grey where none is excluded, with its name where the map has it."""
+    free = one.magnitude == math.inf
+    colour = "0.65" if free else COLOURS(shades(max(one.magnitude, shades.vmin or 0.0)))
+    for line in one.lines:
+        axes.plot(*line.T, color=colour, lw=1.0 if free else 2.0, solid_capstyle="round")
+    points = np.concatenate(list(one.lines))
+    inside = points[(np.abs(points) < 0.9 * reach).all(axis=1)]
+    if len(inside):
+        allowed = "" if free else " (all)" if one.magnitude == -math.inf else f" ({one.magnitude:.1f})"
+        axes.annotate(
+            one.name + allowed, inside[len(inside) // 2], size=6.5, color="0.1", xytext=(3, 3),
+            textcoords="offset points",
+        )  # fmt: skip
+
+
+def _reach_km(faults: Sequence[Drawn], circles: dict[float, float]) -> float:
+    nearest = [min(np.hypot(*line.T).min() for line in one.lines) for one in faults]
+    widest = max((d for d in circles.values() if math.isfinite(d)), default=0.0)
+    return 1.15 * max(widest, min(REACH_KM, max(nearest, default=0.0)), 5.0)
+
+
+def _shown(values: pd.Series, limits: tuple[float, float]) -> NDArray[np.float64]:
+    """Values for a line: it ends at the frame where nothing, or all, is excluded."""
+    return np.clip(values.to_numpy(float), limits[0], limits[1] + 1e-6)

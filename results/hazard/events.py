@@ -1,0 +1,306 @@
+"""Rocks under sets of events: survival event by event, branch by branch, of several rocks at several sites.
+
+An event e of annual rate r_e topples at least one of some rocks with 1 - prod(1 - F_i(motion of e at rock i)): rocks
+at several sites feel the same events, and taking them as independent would be biased. Such events have the rate
+nu = sum r_e (1 - prod(1 - F_i)), and all rocks survive A years with exp(-nu A), the events being Poisson.
+
+A set of events is a sample: where few of them bear the rate, nu is uncertain by chance. `bootstrap` draws every
+event a Poisson number of times anew.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from toppling.models.errors import InputError
+from toppling.models.shares import effective_number
+from toppling.results.hazard.ages import STOUTER, Exposure, Since
+from toppling.results.hazard.surfaces import Fragility, Motions, stouter, topples
+
+DRAWS = 200
+"""Of the events anew, and of the fragilities with them."""
+
+NEGLIGIBLE = 1e-12
+"""Toppling probability of an event below which it is not drawn anew."""
+
+_LEAST_LOGARITHM = -745.0
+"""Of a probability of survival: exp gives 0, and 0 times it is 0."""
+
+
+@dataclass(frozen=True)
+class EventSite:
+    """A site of a set of events.
+
+    Parameters
+    ----------
+    name : str
+    place : (longitude, latitude) or None
+        Degrees.
+    """
+
+    name: str
+    place: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class EventBranch:
+    """Events of one branch, or of one model.
+
+    Parameters
+    ----------
+    name : str
+    rate : (m,) array
+        Annual rate of each event.
+    motions : mapping of (m, sites) arrays
+        By measure, in its SI unit; 0 where an event is not felt.
+    weight : float
+        Of this branch among others.
+    model : str
+        Its ground-motion model, where the branches' names tell it.
+    """
+
+    name: str
+    rate: NDArray[np.float64]
+    motions: Mapping[str, NDArray[np.float64]]
+    weight: float = 1.0
+    model: str = ""
+
+    def at(self, site: int) -> Motions:
+        """Motions at one site, by measure."""
+        return {name: values[:, site] for name, values in self.motions.items()}
+
+
+@dataclass(frozen=True, eq=False)
+class EventSet:
+    """Branches of events that are felt at the same sites.
+
+    Parameters
+    ----------
+    sites : tuple of EventSite
+    branches : tuple of EventBranch
+    source : str
+        File or folder.
+    years : float or None
+        Time that the events of each branch were simulated for, where they are a catalogue.
+    notes : tuple of str
+        What a reader of the answer should know.
+    """
+
+    sites: tuple[EventSite, ...]
+    branches: tuple[EventBranch, ...]
+    source: str
+    years: float | None = None
+    notes: tuple[str, ...] = ()
+
+    @property
+    def measures(self) -> tuple[str, ...]:
+        """Measures of the motions."""
+        return tuple(self.branches[0].motions)
+
+    @property
+    def prior(self) -> NDArray[np.float64]:
+        """Weights of the branches, which sum to 1."""
+        weights = np.array([branch.weight for branch in self.branches])
+        return weights / weights.sum()
+
+
+@dataclass(frozen=True, eq=False)
+class FeltRock:
+    """A rock at a site of a set of events.
+
+    Parameters
+    ----------
+    name : str
+    fragility : Lognormal or Surface
+    site : int
+        Number of the site.
+    drawn : sequence of the same
+        Fragilities of records drawn anew; empty where they are not known.
+    since : Since or None
+        When it became as fragile as it is; None where it has always been.
+    """
+
+    name: str
+    fragility: Fragility
+    site: int = 0
+    drawn: Sequence[Fragility] = field(default=())
+    since: Since | None = None
+
+
+def standing_shares(rocks: Sequence[FeltRock], branch: EventBranch) -> tuple[NDArray, NDArray]:
+    """Logarithms of 1 - F of each rock in each event, (rocks, m): as the rocks are, and as they were before."""
+    now = np.array([_log_standing(rock.fragility, branch.at(rock.site)) for rock in rocks])
+    before = now.copy()
+    for number, rock in enumerate(rocks):
+        if rock.since is not None and math.isfinite(rock.since.factor):
+            then = stouter(rock.fragility, rock.since.factor)
+            before[number] = _log_standing(then, branch.at(rock.site))
+    return now, before
+
+
+def any_topples(
+    shares: tuple[NDArray, NDArray], states: NDArray[np.int8], some: NDArray | slice = slice(None)
+) -> NDArray[np.float64]:
+    """Probability that an event topples at least one of the rocks, in each state: (s, m)."""
+    now, before = shares
+    as_now, as_before = (states == 1).astype(float), (states == STOUTER).astype(float)
+    return -np.expm1(np.maximum(as_now @ now[:, some] + as_before @ before[:, some], _LEAST_LOGARITHM))
+
+
+def survival(rocks: Sequence[FeltRock], branch: EventBranch, exposure: Exposure) -> float:
+    """Probability that all rocks still stand under a branch's events."""
+    return exposure.survival(any_topples(standing_shares(rocks, branch), exposure.states) @ branch.rate)
+
+
+def toppling_rate(rocks: Sequence[FeltRock], branch: EventBranch) -> float:
+    """Annual rate of events that topple at least one of the rocks as they are."""
+    together = np.ones((1, len(rocks)), np.int8)
+    return float((any_topples(standing_shares(rocks, branch), together) @ branch.rate)[0])
+
+
+def catalogue_survival(rocks: Sequence[FeltRock], branch: EventBranch) -> float:
+    """Probability that all rocks survive each of a branch's events once: a history that is known.
+
+    The events are those of the rocks' very time, with no chance left but that of toppling: prod(1 - F_i).
+    """
+    now, _ = standing_shares(rocks, branch)
+    return float(np.exp(now.sum()))
+
+
+def bootstrap(
+    rocks: Sequence[FeltRock], branch: EventBranch, exposure: Exposure, draws: int = DRAWS, seed: int = 0
+) -> NDArray[np.float64]:
+    """Survival with the events drawn anew, and with the fragilities of records drawn anew where these are known.
+
+    Each event occurs a Poisson number of times with a mean of 1, as the number of events in a catalogue would.
+
+    Returns
+    -------
+    (draws,) array
+    """
+    random = np.random.default_rng(seed)
+    shares = standing_shares(rocks, branch)
+    found = np.empty(draws)
+    for number in range(draws):
+        if any(rock.drawn for rock in rocks):
+            shares = standing_shares([_drawn(rock, number) for rock in rocks], branch)
+        felt = np.flatnonzero(shares[0].min(axis=0) < -NEGLIGIBLE)
+        rate = branch.rate[felt] * random.poisson(1.0, len(felt))
+        found[number] = exposure.survival(any_topples(shares, exposure.states, felt) @ rate)
+    return found
+
+
+def effective_events(rocks: Sequence[FeltRock], branch: EventBranch) -> float:
+    """Kish's number of the events that bear a branch's toppling rate; 0 where none topples."""
+    together = np.ones((1, len(rocks)), np.int8)
+    part = any_topples(standing_shares(rocks, branch), together)[0] * branch.rate
+    return effective_number(part) if part.sum() > 0 else 0.0
+
+
+def rank_branches(
+    rocks: Sequence[FeltRock], events: EventSet, exposure: Exposure, confidence: float = 0.95
+) -> pd.DataFrame:
+    """Survival and Bayes weight of each branch, by all rocks together.
+
+    Returns
+    -------
+    DataFrame
+        One row a branch, in the set's order: branch, model, events, effective_events (that bear the toppling rate),
+        toppling_rate (annual), survival, survival_low and survival_high (95 %: events and records drawn anew),
+        rejected (survival below 1 - confidence), prior_weight, posterior_weight (null where no branch lets the rocks
+        survive), rank (1 is the branch that the rocks favour most).
+    """
+    lines = []
+    for number, (branch, prior) in enumerate(zip(events.branches, events.prior, strict=True)):
+        drawn = bootstrap(rocks, branch, exposure, seed=number)
+        low, high = np.quantile(drawn, [0.025, 0.975])
+        survives = survival(rocks, branch, exposure)
+        lines.append({
+            "branch": branch.name, "model": branch.model, "events": len(branch.rate),
+            "effective_events": effective_events(rocks, branch),
+            "toppling_rate": toppling_rate(rocks, branch), "survival": survives,
+            "survival_low": low, "survival_high": high, "rejected": survives < 1.0 - confidence,
+            "prior_weight": prior,
+        })  # fmt: skip
+    table = pd.DataFrame(lines)
+    table["posterior_weight"] = _posterior(table["prior_weight"], table["survival"])
+    return table.assign(rank=table["survival"].rank(ascending=False, method="min").astype(int))
+
+
+def rank_models(ranked: pd.DataFrame) -> pd.DataFrame:
+    """Rank ground-motion models: survival averaged over a model's branches, and its weight before and after.
+
+    Parameters
+    ----------
+    ranked : DataFrame
+        From `rank_branches`.
+
+    Returns
+    -------
+    DataFrame
+        Best first: model, branches, survival, prior_weight, posterior_weight, bayes_factor (over all models' mean).
+    """
+    parts = ranked.assign(joint=ranked["prior_weight"] * ranked["survival"])
+    table = parts.groupby("model", sort=False).agg(
+        branches=("branch", "size"), joint=("joint", "sum"), prior_weight=("prior_weight", "sum"),
+        posterior_weight=("posterior_weight", lambda weights: weights.sum(min_count=1)),
+    ).reset_index()  # fmt: skip
+    table["survival"] = table.pop("joint") / table["prior_weight"]
+    table["bayes_factor"] = table["survival"] / (table["survival"] @ table["prior_weight"])
+    order = ["model", "branches", "survival", "prior_weight", "posterior_weight", "bayes_factor"]
+    return table[order].sort_values("survival", ascending=False, ignore_index=True)
+
+
+def leave_one_out(rocks: Sequence[FeltRock], events: EventSet, exposure: Exposure) -> pd.DataFrame:
+    """What each rock adds: weights of the branches without it, and its survival as the others predict it.
+
+    Returns
+    -------
+    DataFrame
+        One row a rock and branch: left_out, branch, survival_of_others, posterior_weight (by the others),
+        survival_predicted (of the rock that is left out, given that the others stand: the same in all its rows).
+    """
+    whole = np.array([survival(rocks, branch, exposure) for branch in events.branches])
+    tables = []
+    for number, rock in enumerate(rocks):
+        others = [one for place, one in enumerate(rocks) if place != number]
+        left = replace(exposure, states=np.delete(exposure.states, number, axis=1))
+        survivals = np.array(
+            [survival(others, branch, left) if others else 1.0 for branch in events.branches]
+        )
+        chance = events.prior @ survivals
+        tables.append(pd.DataFrame({
+            "left_out": rock.name, "branch": [branch.name for branch in events.branches],
+            "survival_of_others": survivals, "posterior_weight": _posterior(events.prior, survivals),
+            "survival_predicted": (events.prior @ whole) / chance if chance > 0 else math.nan,
+        }))  # fmt: skip
+    return pd.concat(tables, ignore_index=True)
+
+
+def check_measures(rocks: Sequence[FeltRock], events: EventSet) -> None:
+    """Refuse rocks whose fragility is over a measure that the events do not state, before anything is computed."""
+    for rock in rocks:
+        topples(rock.fragility, {name: np.empty(0) for name in events.measures})
+        if not 0 <= rock.site < len(events.sites):
+            raise InputError(
+                what=f"{rock.name} stands at site number {rock.site}", where=events.source,
+                expected=f"one of {len(events.sites)} sites", remedy="choose its site with --site",
+            )  # fmt: skip
+
+
+def _posterior(prior: NDArray | pd.Series, survivals: NDArray | pd.Series) -> NDArray[np.float64]:
+    joint = np.asarray(prior, float) * np.asarray(survivals, float)
+    return joint / joint.sum() if joint.sum() > 0 else np.full(len(joint), math.nan)
+
+
+def _log_standing(fragility: Fragility, motions: Motions) -> NDArray[np.float64]:
+    with np.errstate(divide="ignore"):
+        return np.maximum(np.log1p(-topples(fragility, motions)), _LEAST_LOGARITHM)
+
+
+def _drawn(rock: FeltRock, number: int) -> FeltRock:
+    return replace(rock, fragility=rock.drawn[number % len(rock.drawn)]) if rock.drawn else rock

@@ -1,0 +1,178 @@
+"""Fault traces around a rock, from GeoJSON, in kilometres east and north of it."""
+
+import json
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from toppling.models.errors import InputError
+from toppling.results.hazard.sites import EARTH_RADIUS_KM
+
+NAMES = ("name", "Name", "NAME", "fault_name", "FaultName", "sect_name", "SectionName", "id")
+"""Properties that may hold a fault's name, in this order."""
+
+MAGNITUDES = ("magnitude", "mag", "Mw", "mw", "max_mag", "mag_max", "maximum_magnitude")
+"""Properties that may hold the magnitude of its earthquake."""
+
+STEP_DEG = 0.05
+"""Longest piece of a line that is drawn straight on the map."""
+
+
+@dataclass(frozen=True, eq=False)
+class FaultTrace:
+    """A fault's trace.
+
+    Parameters
+    ----------
+    name : str
+    lines : tuple of (n, 2) arrays
+        Points in km east and north of the rock: distances and directions from the rock are those of the great circle.
+    magnitude : float or None
+        Of its earthquake, where the file states one.
+    """
+
+    name: str
+    lines: tuple[NDArray[np.float64], ...]
+    magnitude: float | None = None
+
+    @property
+    def distance_km(self) -> float:
+        """Least distance of the trace from the rock."""
+        return min(_least_distance(line) for line in self.lines)
+
+
+def read_faults(path: Path, site: tuple[float, float]) -> list[FaultTrace]:
+    """Read fault traces from GeoJSON: lines in longitude and latitude, with a name and perhaps a magnitude.
+
+    Parameters
+    ----------
+    path : Path
+    site : (longitude, latitude)
+        Of the rock, degrees.
+
+    Raises
+    ------
+    InputError
+        If the file is absent, is no GeoJSON, or holds no line, or one with places that are none on Earth.
+    """
+    try:
+        told = json.loads(path.read_text(encoding="utf-8-sig"))
+    except FileNotFoundError:
+        raise _fault_error(path, "does not exist") from None
+    except (UnicodeDecodeError, json.JSONDecodeError, RecursionError) as error:
+        raise _fault_error(path, f"cannot be read ({error})") from error
+    features = list(_features(told))
+    traces = []
+    for number, feature in enumerate(features):
+        lines = [_projected(line, site, path, number) for line in _lines(feature.get("geometry"))]
+        if lines:
+            properties = feature.get("properties") or {}
+            traces.append(
+                FaultTrace(_name(properties, feature, number), tuple(lines), _magnitude(properties, path))
+            )
+    if not traces:
+        raise _fault_error(path, f"holds no line among {len(features)} features")
+    return traces
+
+
+def _features(told: Any) -> Iterator[Mapping[str, Any]]:
+    if not isinstance(told, dict):
+        return
+    if told.get("type") == "FeatureCollection" and isinstance(told.get("features"), list):
+        yield from (one for one in told["features"] if isinstance(one, dict))
+    elif told.get("type") == "Feature":
+        yield told
+    elif "coordinates" in told or "geometries" in told:
+        yield {"geometry": told}
+
+
+def _lines(geometry: Any) -> Iterator[Sequence[Any]]:
+    """Lines of a geometry: traces, and the outlines of polygons."""
+    if not isinstance(geometry, dict):
+        return
+    kind, coordinates = geometry.get("type"), geometry.get("coordinates")
+    if kind == "GeometryCollection":
+        for one in geometry.get("geometries") or ():
+            yield from _lines(one)
+    elif kind == "LineString":
+        yield coordinates or ()
+    elif kind in ("MultiLineString", "Polygon"):
+        yield from coordinates or ()
+    elif kind == "MultiPolygon":
+        yield from (ring for polygon in coordinates or () for ring in polygon)
+
+
+def _projected(line: Any, site: tuple[float, float], path: Path, number: int) -> NDArray[np.float64]:
+    try:
+        points = np.array([[float(point[0]), float(point[1])] for point in line])
+    except (TypeError, ValueError, IndexError, KeyError):
+        points = np.empty((0, 2))
+    good = len(points) >= 2 and np.isfinite(points).all() and (np.abs(points) <= (360.0, 90.0)).all()
+    if not good:
+        raise _fault_error(path, f"feature {number + 1} is no line of longitudes and latitudes in degrees")
+    return azimuthal_km(_straight(points), site)
+
+
+def _straight(points_deg: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Points of lines that are straight in longitude and latitude, as GeoJSON has them, close enough to be mapped."""
+    steps = np.maximum(np.ceil(np.abs(np.diff(points_deg, axis=0)).max(axis=1) / STEP_DEG).astype(int), 1)
+    places = np.concatenate([number + np.arange(count) / count for number, count in enumerate(steps)])
+    places = np.append(places, len(points_deg) - 1.0)
+    corners = np.arange(len(points_deg))
+    return np.column_stack([np.interp(places, corners, points_deg[:, axis]) for axis in (0, 1)])
+
+
+def azimuthal_km(points_deg: NDArray[np.float64], site: tuple[float, float]) -> NDArray[np.float64]:
+    """Points (n, 2) of longitude and latitude in km east and north of a site: azimuthal equidistant.
+
+    Snyder (1987, Map projections: a working manual, USGS Professional Paper 1395), equations 5-3, 22-4 and 22-5.
+    """
+    east, north = np.deg2rad(points_deg[:, 0] - site[0]), np.deg2rad(points_deg[:, 1])
+    here = math.radians(site[1])
+    cosine = math.sin(here) * np.sin(north) + math.cos(here) * np.cos(north) * np.cos(east)
+    x = np.cos(north) * np.sin(east)
+    y = math.cos(here) * np.sin(north) - math.sin(here) * np.cos(north) * np.cos(east)
+    angle = np.arctan2(np.hypot(x, y), cosine)
+    sine = np.sin(angle)
+    scale = np.where(sine > 1e-12, angle / np.where(sine > 1e-12, sine, 1.0), 1.0)
+    return EARTH_RADIUS_KM * scale[:, None] * np.column_stack([x, y])
+
+
+def _least_distance(line: NDArray[np.float64]) -> float:
+    """Distance of the origin from a line of straight pieces."""
+    start, along = line[:-1], np.diff(line, axis=0)
+    length = (along**2).sum(axis=1)
+    share = np.clip(-(start * along).sum(axis=1) / np.where(length > 0, length, 1.0), 0.0, 1.0)
+    return float(np.hypot(*(start + share[:, None] * along).T).min())
+
+
+def _name(properties: Mapping[str, Any], feature: Mapping[str, Any], number: int) -> str:
+    found = next(
+        (properties[name] for name in NAMES if properties.get(name) not in (None, "")), feature.get("id")
+    )
+    return str(found) if found not in (None, "") else f"fault {number + 1}"
+
+
+def _magnitude(properties: Mapping[str, Any], path: Path) -> float | None:
+    found = next((properties[name] for name in MAGNITUDES if properties.get(name) not in (None, "")), None)
+    if found is None:
+        return None
+    try:
+        magnitude = float(found)
+    except (TypeError, ValueError):
+        magnitude = math.nan
+    if not 0 < magnitude < 11:
+        raise _fault_error(path, f"states the magnitude {found!r}")
+    return magnitude
+
+
+def _fault_error(path: Path, what: str) -> InputError:
+    return InputError(
+        what, where=str(path), expected="GeoJSON with lines (LineString, MultiLineString) in longitude and latitude",
+        remedy="export the traces as GeoJSON in WGS 84, each with a name and, if known, a magnitude",
+    )  # fmt: skip

@@ -1,0 +1,247 @@
+"""Magnitudes and distances that a rock's standing excludes, given a ground-motion model.
+
+An earthquake of magnitude M at a distance R gives a median motion exp(mu) with a spread sigma, and topples a rock of
+lognormal fragility (median theta, spread beta) with
+
+    P(M, R) = Phi((mu - ln theta) / sqrt(sigma^2 + beta^2)),
+
+exactly; of any other fragility with the integral of F over the motion's lognormal. One such earthquake is excluded with
+confidence C where P >= C, n of them where 1 - (1 - P)^n >= C, and a source that repeats it every T years (Poisson) over
+an uncertain age A where E[exp(-P A / T)] <= 1 - C. Models are averaged by their weights: P = sum w P.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import brentq
+from scipy.special import ndtr, ndtri
+
+from toppling.models.errors import InputError
+from toppling.results.fits import Lognormal
+
+MAGNITUDE_STEP = 0.1
+DISTANCES = 40
+"""In equal steps of the logarithm."""
+
+QUADRATURE = np.linspace(-8.0, 8.0, 2001)
+"""Standard deviations of ln(motion) over which fragilities that are not lognormal are integrated."""
+
+TARGETS = (6.0, 6.5, 7.0, 7.5)
+"""Magnitudes whose least distances are told."""
+
+
+class Model(Protocol):
+    """What is asked of a ground-motion model (`results.hazard.gmm`)."""
+
+    @property
+    def magnitudes(self) -> tuple[float, float]:
+        """Range that it is for."""
+
+    @property
+    def distances_km(self) -> tuple[float, float]:
+        """Range that it is for."""
+
+    def motion(
+        self, magnitude: ArrayLike, distance_km: ArrayLike
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Mean and standard deviation of the logarithm of the motion in SI."""
+
+
+@dataclass(frozen=True, eq=False)
+class MotionGrid:
+    """Motions of some models over magnitude and distance.
+
+    Parameters
+    ----------
+    magnitude : (m,) array
+    distance_km : (r,) array
+    mean, sigma : (models, m, r) arrays
+        Of the logarithm of the motion in SI.
+    weights : (models,) array
+        Summing to 1.
+    """
+
+    magnitude: NDArray[np.float64]
+    distance_km: NDArray[np.float64]
+    mean: NDArray[np.float64]
+    sigma: NDArray[np.float64]
+    weights: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Occurrence:
+    """How often an earthquake has happened while the rock stood.
+
+    Parameters
+    ----------
+    name : str
+        Such as "one event".
+    probability : float
+        Toppling probability of one such earthquake from which on it is excluded; above 1 where none can be.
+    """
+
+    name: str
+    probability: float
+
+
+def toppling_probability(
+    fragility: Lognormal | Callable[[NDArray], NDArray], mean: ArrayLike, sigma: ArrayLike
+) -> NDArray[np.float64]:
+    """Probability that motions with a lognormal distribution topple a rock.
+
+    Parameters
+    ----------
+    fragility : Lognormal, or a function of the motion in SI
+    mean, sigma : arrays
+        Of the logarithm of the motion.
+    """
+    centre, spread = np.broadcast_arrays(np.asarray(mean, float), np.asarray(sigma, float))
+    if isinstance(fragility, Lognormal):
+        total = np.maximum(np.hypot(spread, fragility.beta), 1e-300)
+        return (
+            ndtr((centre - math.log(fragility.median)) / total)
+            if fragility.median < math.inf
+            else 0.0 * centre
+        )
+    share = np.exp(-(QUADRATURE**2) / 2)
+    motions = np.exp(centre[..., None] + spread[..., None] * QUADRATURE)
+    return fragility(motions) @ (share / share.sum())
+
+
+def motion_grid(
+    models: Sequence[Model], weights: Sequence[float], distances_km: ArrayLike | None = None
+) -> MotionGrid:
+    """Motions of models over the magnitudes and distances that all of them are for.
+
+    Parameters
+    ----------
+    models : sequence of Model
+    weights : sequence of float
+        Summing to 1.
+    distances_km : array or None
+        Instead of those; nearer and farther ones than the models are for count as the nearest and farthest.
+    """
+    if not (len(weights) == len(models) and min(weights) > 0 and abs(sum(weights) - 1.0) < 1e-3):
+        raise InputError(
+            what=f"the weights of {len(models)} models are {', '.join(f'{weight:g}' for weight in weights)}",
+            where="--model", expected="positive weights that sum to 1", remedy="give NAME=WEIGHT for each model",
+        )  # fmt: skip
+    low, high = (
+        (max(one.magnitudes[0] for one in models), min(one.magnitudes[1] for one in models)),
+        (max(one.distances_km[0] for one in models), min(one.distances_km[1] for one in models)),
+    )
+    magnitude = np.linspace(*low, 1 + round((low[1] - low[0]) / MAGNITUDE_STEP))
+    distance = np.geomspace(*high, DISTANCES) if distances_km is None else np.clip(distances_km, *high)
+    found = [one.motion(magnitude[:, None], distance) for one in models]
+    mean, sigma = (np.array([pair[number] for pair in found]) for number in (0, 1))
+    return MotionGrid(magnitude, distance, mean, sigma, np.array(weights) / sum(weights))
+
+
+def one_event(confidence: float, events: int = 1) -> Occurrence:
+    """An earthquake that has happened a number of times."""
+    name = "one event" if events == 1 else f"{events} events"
+    return Occurrence(name, -math.expm1(math.log1p(-confidence) / events))
+
+
+def recurring(confidence: float, years: NDArray[np.float64], recurrence_years: float) -> Occurrence:
+    """A source that repeats an earthquake at random, every so many years on average, while the rock stood.
+
+    Parameters
+    ----------
+    confidence : float
+    years : (n,) array
+        Equally likely ages.
+    recurrence_years : float
+    """
+    exposure = np.asarray(years, float) / recurrence_years
+    chance = 1.0 - confidence
+    low, high = -math.log(chance) / exposure.max(), -math.log(chance) / exposure.min()
+    name = f"one event every {recurrence_years:,.0f} years"
+    if high <= low * (1 + 1e-12):
+        return Occurrence(name, low)
+    return Occurrence(name, float(brentq(lambda p: np.exp(-p * exposure).mean() - chance, low, high)))
+
+
+def excess(grid: MotionGrid, fragility: Lognormal, occurrence: Occurrence) -> NDArray[np.float64]:
+    """By how many standard deviations magnitude and distance (m, r) are beyond exclusion: excluded above 0."""
+    if occurrence.probability >= 1:
+        return np.full(grid.mean.shape[1:], -math.inf)
+    shares = np.tensordot(grid.weights, toppling_probability(fragility, grid.mean, grid.sigma), axes=1)
+    return ndtri(np.clip(shares, 1e-300, 1 - 1e-16)) - float(ndtri(occurrence.probability))
+
+
+def largest_magnitudes(
+    grid: MotionGrid, fragility: Lognormal, drawn: Sequence[Lognormal], occurrence: Occurrence
+) -> pd.DataFrame:
+    """Largest magnitude that the rock's standing allows at each distance.
+
+    Parameters
+    ----------
+    grid : MotionGrid
+    fragility : Lognormal
+    drawn : sequence of Lognormal
+        Of records drawn anew; empty where they are not known.
+    occurrence : Occurrence
+
+    Returns
+    -------
+    DataFrame
+        One row a distance: distance_km, magnitude (infinite where no magnitude of the models is excluded, minus
+        infinity where all are), magnitude_low, magnitude_high (95 %, records drawn anew; null where not known).
+    """
+    return _crossings(
+        grid.magnitude, drawn, fragility, lambda one: excess(grid, one, occurrence).T, "distance_km", "magnitude",
+        grid.distance_km,
+    )  # fmt: skip
+
+
+def least_distances(
+    grid: MotionGrid, fragility: Lognormal, drawn: Sequence[Lognormal], occurrence: Occurrence
+) -> pd.DataFrame:
+    """Least distance that the rock's standing allows at each magnitude.
+
+    Returns
+    -------
+    DataFrame
+        One row a magnitude: magnitude, distance_km (0 where no distance of the models is excluded, infinite where
+        all are), distance_km_low, distance_km_high (95 %, records drawn anew; null where not known).
+    """
+    # Far is what is allowed: along falling distance the excess rises, as it does along magnitude.
+    table = _crossings(
+        -np.log(grid.distance_km[::-1]), drawn, fragility, lambda one: excess(grid, one, occurrence)[:, ::-1],
+        "magnitude", "distance_km", grid.magnitude,
+    )  # fmt: skip
+    ends = np.exp(-table[["distance_km", "distance_km_low", "distance_km_high"]].to_numpy())
+    return table.assign(distance_km=ends[:, 0], distance_km_low=ends[:, 2], distance_km_high=ends[:, 1])
+
+
+def _crossings(
+    along: NDArray[np.float64], drawn: Sequence[Lognormal], fragility: Lognormal,
+    excess_of: Callable[[Lognormal], NDArray[np.float64]], row: str, name: str, rows: NDArray[np.float64],
+) -> pd.DataFrame:  # fmt: skip
+    found = _last_allowed(along, excess_of(fragility))
+    low = high = np.full(len(rows), math.nan)
+    if drawn:
+        values = np.array([_last_allowed(along, excess_of(one)) for one in drawn])
+        low = np.quantile(values, 0.025, axis=0, method="lower")
+        high = np.quantile(values, 0.975, axis=0, method="higher")
+    return pd.DataFrame({row: rows, name: found, f"{name}_low": low, f"{name}_high": high})
+
+
+def _last_allowed(along: NDArray[np.float64], beyond: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Value of a rising variable from which on all is excluded, in each row; infinite without one, or if all is."""
+    allowed = beyond < 0
+    none, whole = ~allowed.any(axis=1), allowed[:, -1]
+    last = np.where(none | whole, 0, beyond.shape[1] - 1 - np.argmax(allowed[:, ::-1], axis=1))
+    lines = np.arange(len(beyond))
+    following = np.minimum(last + 1, beyond.shape[1] - 1)
+    before, after = beyond[lines, last], beyond[lines, following]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        share = np.where(after > before, -before / (after - before), 0.0)
+    value = along[last] + share * (along[following] - along[last])
+    return np.where(none, -math.inf, np.where(whole, math.inf, value))

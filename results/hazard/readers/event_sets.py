@@ -1,0 +1,163 @@
+"""Sets of events: OpenQuake's ground-motion fields, CyberShake's ruptures, and a plain table; found by content."""
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from toppling.models.errors import InputError
+from toppling.results.hazard.events import EventBranch, EventSet, EventSite
+from toppling.results.hazard.measures import measure_with_unit
+from toppling.results.hazard.readers.event_fields import read_fields
+from toppling.results.hazard.readers.event_tables import (
+    EVENT,
+    RUPTURE,
+    SITE,
+    Table,
+    belongs,
+    branch_of,
+    event_error,
+    kind_of,
+    measure_factors,
+    only_one,
+    opened,
+)
+
+BEARING = ("fields", "cybershake", "plain")
+"""Kinds of tables that hold motions."""
+
+CM_S2 = ("cm per sec squared", "cm/s^2", "cm/s2", "cm/sec^2")
+
+
+def is_event_set(path: Path) -> bool:
+    """Whether a file, or a folder, holds events with their motions."""
+    files = sorted(path.glob("*.csv")) if path.is_dir() else [path]
+    return any(kind_of(table) in BEARING for file in files if (table := opened(file)))
+
+
+def read_events(
+    path: Path,
+    ratio: float = 1.0,
+    event_rate: float | None = None,
+    catalogue_years: float | None = None,
+) -> EventSet:
+    """Read a set of events.
+
+    Parameters
+    ----------
+    path : Path
+        OpenQuake's output folder, or its ground-motion fields with the other files beside them; CyberShake's query of
+        intensity measures with the number of variations of each rupture beside it; or a table with a column
+        `annual_rate`, columns of measures, and perhaps `event_id` and `site_id`.
+    ratio : float
+        Peak of the horizontal vector over the component of the motions.
+    event_rate : float or None
+        Annual rate of a scenario, which states none.
+    catalogue_years : float or None
+        Time that each branch's events were simulated for, where no file states it.
+
+    Raises
+    ------
+    InputError
+        If there is no event set, several, or a part of it is missing or contradicts another.
+    """
+    files = sorted((path if path.is_dir() else path.parent).glob("*.csv"))
+    tables = [table for file in files if (table := opened(file))]
+    bearing = [table for table in tables if kind_of(table) in BEARING]
+    chosen = [table for table in bearing if path.is_dir() or table.path.samefile(path)]
+    if len(chosen) != 1:
+        what = f"holds {len(chosen)} event sets: {', '.join(one.path.name for one in chosen)}" if chosen else (
+            "holds no events with ground motions" if path.exists() else "does not exist"
+        )  # fmt: skip
+        raise event_error(path, what)
+    (table,) = chosen
+    beside = [one for one in tables if belongs(one, table)]
+    readers: dict[str, Callable[..., EventSet]] = {
+        "fields": read_fields, "cybershake": _cybershake, "plain": _plain,
+    }  # fmt: skip
+    return readers[kind_of(table)](table, beside, ratio, event_rate, catalogue_years)
+
+
+def _cybershake(table: Table, beside: list[Table], ratio: float, *_: object) -> EventSet:
+    rows, counts = table.frame(), only_one("variations", beside)
+    components, units = (sorted(rows[name].astype(str).unique()) for name in ("Component", "Units"))
+    if len(components) > 1 or any(unit not in CM_S2 for unit in units):
+        raise event_error(
+            table.path, f"has the components {', '.join(components)} in {', '.join(units)}, not one in cm/s²"
+        )
+    if counts is None:
+        raise InputError(
+            what="does not state how many variations each rupture has, over which its probability is shared",
+            where=str(table.path),
+            expected="a CSV beside it with the columns Source_ID, Rupture_ID, Num_Rup_Vars",
+            remedy="export that table of the study from the database of variations (num_rvs)",
+        )
+    known = counts.frame()[[*RUPTURE, "Num_Rup_Vars"]].drop_duplicates()
+    rows = rows.merge(known, on=RUPTURE, how="left", validate="many_to_one")
+    if rows["Num_Rup_Vars"].isna().any():
+        first = rows.loc[rows["Num_Rup_Vars"].isna(), RUPTURE].iloc[0].tolist()
+        raise event_error(counts.path, f"lacks the rupture {first[0]}/{first[1]}")
+    p = rows["Rupture_Probability"].to_numpy(float)
+    if not ((p >= 0) & (p < 1)).all():
+        raise event_error(table.path, "has rupture probabilities outside 0 to 1")
+    rows = rows.assign(annual_rate=-np.log1p(-p) / rows["Num_Rup_Vars"])
+    rows[EVENT] = (
+        rows[RUPTURE[0]].astype(str)
+        + "/"
+        + rows[RUPTURE[1]].astype(str)
+        + "/"
+        + rows["Rupture_Variation_ID"].astype(str)
+    )
+    missing = int(rows.drop_duplicates(RUPTURE)["Num_Rup_Vars"].sum() - rows[EVENT].nunique())
+    wide = rows.pivot_table(
+        index=[EVENT, "Site_Name", "annual_rate"],
+        columns="Period",
+        values="IM_Value",
+        aggfunc="first",
+        fill_value=0.0,
+    ).reset_index()
+    factors = {
+        period: (f"sa_{period:g}s_m_s2", 0.01 * ratio)
+        for period in wide.columns
+        if not isinstance(period, str)
+    }
+    notes = ("the probabilities of ruptures are taken to be over 1 year",) + (
+        (f"{missing} variations of the ruptures are not in the file, and are taken to topple nothing",)
+        if missing
+        else ()
+    )
+    places = only_one("places", beside)
+    return _of_rows(wide.rename(columns={"Site_Name": SITE}), factors, table, notes, places)
+
+
+def _plain(table: Table, beside: list[Table], ratio: float, *_: object) -> EventSet:  # noqa: ARG001
+    rows = table.frame()
+    factors = measure_factors(table, "", measure_with_unit, ratio)
+    if EVENT not in rows:
+        rows[EVENT] = np.arange(len(rows))
+    if SITE not in rows:
+        rows[SITE] = "site"
+    return _of_rows(rows, factors, table, ())
+
+
+def _of_rows(
+    rows: pd.DataFrame, factors: Mapping, table: Table, notes: tuple[str, ...], places: Table | None = None
+) -> EventSet:
+    """One branch of events that state their own rates."""
+    by_event = rows.groupby(EVENT, sort=False)["annual_rate"]
+    if (by_event.nunique() > 1).any() or not (
+        np.isfinite(rows["annual_rate"]) & (rows["annual_rate"] >= 0)
+    ).all():
+        raise event_error(table.path, "has rates that are negative, or an event of several rates")
+    if rows.duplicated([EVENT, SITE]).any():
+        raise event_error(table.path, "states an event twice at one site")
+    known = places.frame().drop_duplicates("Site_Name").set_index("Site_Name") if places else pd.DataFrame()
+    at = {name: (row["Site_Longitude"], row["Site_Latitude"]) for name, row in known.iterrows()}
+    sites = {name: EventSite(name, at.get(name)) for name in dict.fromkeys(rows[SITE])}
+    branch = branch_of(table.path.stem, rows, sites, factors, lambda _: 1.0, 1.0)
+    rates = by_event.first().sort_index().to_numpy(float)
+    return EventSet(
+        tuple(sites.values()), (EventBranch(branch.name, rates, branch.motions, 1.0, branch.name),), str(table.path),
+        None, notes,
+    )  # fmt: skip

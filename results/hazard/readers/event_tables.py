@@ -1,0 +1,167 @@
+"""Files of a set of events: which part of it each is, and whether they belong together."""
+
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from toppling.models.errors import InputError
+from toppling.results.hazard.events import EventBranch, EventSite
+from toppling.results.hazard.measures import measure_with_unit
+from toppling.results.hazard.readers.openquake import header_values
+
+EVENT, SITE, BRANCH = "event_id", "site_id", "rlz_id"
+ALIASES = {"eid": EVENT, "sid": SITE, "custom_site_id": SITE, "rlzi": BRANCH, "ordinal": BRANCH}
+"""Names of earlier versions of OpenQuake, and what they mean."""
+
+CYBERSHAKE = ("Source_ID", "Rupture_ID", "Rupture_Variation_ID", "Rupture_Probability", "IM_Value", "Units")
+RUPTURE = ["Source_ID", "Rupture_ID"]
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """A CSV file with what its comment line states.
+
+    Parameters
+    ----------
+    path : Path
+    header : tuple of str
+        Columns, by today's names.
+    keys : mapping
+        Of the comment line.
+    skipped : int
+        Lines above the columns.
+    """
+
+    path: Path
+    header: tuple[str, ...]
+    keys: Mapping[str, str]
+    skipped: int
+
+    def frame(self) -> pd.DataFrame:
+        """All rows; identifiers of sites are text."""
+        texts = dict.fromkeys(("site_id", "custom_site_id", "sid", "Site_Name"), str)
+        try:
+            frame = pd.read_csv(self.path, skiprows=self.skipped, dtype=texts, encoding="utf-8-sig")
+        except (ValueError, pd.errors.ParserError) as error:
+            raise event_error(self.path, f"cannot be read ({error})") from error
+        return frame.rename(columns=lambda name: ALIASES.get(name.strip(), name.strip()))
+
+
+def opened(path: Path) -> Table | None:
+    """Table of a file, of which the first lines are read; None where it is no text."""
+    try:
+        with path.open(encoding="utf-8-sig") as lines:
+            first, second = lines.readline(), lines.readline()
+    except (OSError, UnicodeDecodeError):
+        return None
+    commented = first.startswith("#")
+    names = [name.strip().strip('"') for name in (second if commented else first).rstrip("\n").split(",")]
+    keys = header_values(first) if commented else {}
+    return Table(path, tuple(ALIASES.get(name, name) for name in names), keys, int(commented))
+
+
+def kind_of(table: Table) -> str:
+    """What a table is, by its columns."""
+    columns = set(table.header)
+    if any(name.startswith("gmv_") for name in columns):
+        return "fields"
+    if columns.issuperset(CYBERSHAKE):
+        return "cybershake"
+    if {"rup_id", "multiplicity"} <= columns:
+        return "ruptures"
+    if EVENT in columns and columns <= {EVENT, "rup_id", BRANCH, "year", "ses_id"}:
+        return "events"
+    if {BRANCH, "weight"} <= columns:
+        return "realizations"
+    if {"Num_Rup_Vars", *RUPTURE} <= columns:
+        return "variations"
+    if {"Site_Name", "Site_Longitude", "Site_Latitude"} <= columns:
+        return "places"
+    if {SITE, "lon", "lat"} <= columns <= {SITE, "lon", "lat", "depth", "vs30"}:
+        return "sitemesh"
+    if "annual_rate" in columns and len(columns) > 2 and any(measure_with_unit(name) for name in columns):
+        return "plain"
+    return ""
+
+
+def belongs(one: Table, to: Table) -> bool:
+    """Whether a file is of the same calculation: by the checksum that both state, or their names' last number."""
+    stated = one.keys.get("checksum"), to.keys.get("checksum")
+    if all(stated):
+        return stated[0] == stated[1]
+    numbers = [re.search(r"_(\d+)$", table.path.stem) for table in (one, to)]
+    return not all(numbers) or numbers[0][1] == numbers[1][1]  # type: ignore[index]
+
+
+def only_one(kind: str, tables: list[Table]) -> Table | None:
+    """The table of a kind, of which there is to be at most one."""
+    found = [table for table in tables if kind_of(table) == kind]
+    if len(found) > 1:
+        names = ", ".join(table.path.name for table in found)
+        raise event_error(found[0].path.parent, f"holds several tables of {kind}: {names}")
+    return found[0] if found else None
+
+
+def measure_factors(
+    table: Table, prefix: str, known: Callable[[str], tuple[str, float] | None], ratio: float
+) -> dict[str, tuple[str, float]]:
+    """Column and factor to SI of each measure that is known."""
+    found = {}
+    for name in table.header:
+        measure = known(name.removeprefix(prefix)) if name.startswith(prefix) else None
+        if measure:
+            found[name] = (
+                measure[0],
+                measure[1] * (ratio if measure[0] not in ("arias_m_s", "cav_m_s") else 1.0),
+            )
+    if not found:
+        raise event_error(table.path, f"states no measure that is known here: {', '.join(table.header)}")
+    return found
+
+
+def branch_of(
+    name: str, rows: pd.DataFrame, sites: Mapping[str, EventSite], factors: Mapping[str, tuple[str, float]],
+    rate_of: Callable[[int], float], weight: float,
+) -> EventBranch:  # fmt: skip
+    """Events of one branch: what a row is missing for was below the engine's least intensity, and counts as 0."""
+    events, event = np.unique(rows[EVENT], return_inverse=True)
+    site = rows[SITE].map({name: number for number, name in enumerate(sites)}).to_numpy(int)
+    motions = {}
+    for column, (measure, factor) in factors.items():
+        values = rows[column].to_numpy(float)
+        _check_values(values, f"{name}, {column}")
+        grid = np.zeros((len(events), len(sites)))
+        grid[event, site] = values * factor
+        motions[measure] = grid
+    rate = np.full(len(events), rate_of(len(events)) if len(events) else 0.0)
+    return EventBranch(name, rate, motions, weight, _model_of(name))
+
+
+def _model_of(path: str) -> str:
+    """Ground-motion part of a branch's path; the whole path where it has no parts."""
+    return path.partition("~")[2] or path
+
+
+def _check_values(values: NDArray[np.float64], where: str) -> None:
+    if not (np.isfinite(values).all() and (values >= 0).all()):
+        worst = values[~(np.isfinite(values) & (values >= 0))][0]
+        raise InputError(
+            what=f"states a motion of {worst:g}", where=where, expected="numbers of 0 and above",
+            remedy="remove the row, or correct it",
+        )  # fmt: skip
+
+
+def event_error(where: Path, what: str) -> InputError:
+    """Refuse a set of events."""
+    return InputError(
+        what,
+        where=str(where),
+        expected="one set of events: OpenQuake's gmf-data with events, ruptures, realizations and sitemesh; "
+        "CyberShake's query of intensity measures; or a table of annual_rate and measures",
+        remedy="give the folder of one calculation, or the file with the motions",
+    )

@@ -1,0 +1,180 @@
+"""Two measures of intensity at once: the joint rate of two hazard curves, and rocks under it.
+
+An earthquake's residuals of two measures are correlated: rho is 0.733 for PGA and PGV (Bradley 2012, Earthquake
+Spectra 28:855, table 2). Given the one, the logarithm of the other is normal with standard deviation
+s = sigma sqrt(1 - rho^2), where sigma is that of its own residuals. Two curves state how often each measure is
+exceeded, and not in which events; what is taken here is that an event of PGA x has the PGV exp(g(x) + s epsilon),
+where g rises and is such that PGV is exceeded as often as its own curve states. This is exact
+
+- for one earthquake that recurs (two lognormal curves: g is the regression of the one residual on the other);
+- for two power laws, where g is the PGV of equal rate, lowered by k s^2 / 2 for an exponent k.
+
+Where many magnitudes and distances give the same PGA, PGV varies with them too, so that s is a least value: event
+sets of both measures say more. Fields of OpenQuake draw the residuals of each measure independently of the other's
+(rho = 0), and must not be used for both at once.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtr
+
+from toppling.models.errors import InputError
+from toppling.results.hazard.curves import HazardCurve
+from toppling.results.hazard.events import EventBranch, EventSet, EventSite
+
+CORRELATIONS = {("pga_m_s2", "pgv_m_s"): 0.733, ("sa_1s_m_s2", "pgv_m_s"): 0.786}
+"""Of residuals of two measures of one earthquake: Bradley (2012)."""
+
+SIGMA = 0.65
+"""Standard deviation of ln PGV about a ground-motion model: Boore et al. (2014) at magnitude 7, 20 km."""
+
+BINS_PER_E_FOLD = 30
+EXTENDED = 3.0
+"""Logarithm of the intensity by which curves go on as power laws where the coupling is sought."""
+
+NODES = 16
+"""Of Gauss-Hermite integration over the second measure, given the first."""
+
+END_SCATTERS = 4.0
+SATURATED = 0.98
+"""Of the largest rate: a curve is flat above it, and has no level of a rate."""
+
+LEVELS = 320
+STEPS = 60
+CLOSE = 1e-4
+"""Shift of ln(intensity) at which the search for g ends."""
+
+
+@dataclass(frozen=True, eq=False)
+class Joint:
+    """Events of two measures that follow two hazard curves.
+
+    Parameters
+    ----------
+    events : EventBranch
+        At one site.
+    scatter : float
+        Standard deviation of ln(second measure) given the first.
+    misfit : float
+        Largest relative difference of the rates of the second measure from its own curve, where both curves have
+        rates.
+    """
+
+    events: EventBranch
+    scatter: float
+    misfit: float
+
+
+def correlation_of(first: str, second: str) -> float | None:
+    """Correlation of residuals that is known of two measures."""
+    return CORRELATIONS.get((first, second), CORRELATIONS.get((second, first)))
+
+
+def joint_rate(first: HazardCurve, second: HazardCurve, correlation: float, sigma: float = SIGMA) -> Joint:
+    """Joint rate of two measures from their curves.
+
+    Rates of the first measure below its curve's first point are not counted, and those above its last point are
+    continued as a power law over a factor of e^`EXTENDED`.
+
+    Parameters
+    ----------
+    first, second : HazardCurve
+        Of one site; their measures differ.
+    correlation : float
+        Of the residuals of the two measures in one earthquake, 0 to 1.
+    sigma : float
+        Standard deviation of the second measure's residuals, in natural logarithms.
+
+    Raises
+    ------
+    InputError
+        If the curves are over one measure, or the correlation or sigma is none.
+    """
+    if first.measure == second.measure:
+        raise _vector_error(f"two curves over {first.measure}", "curves of two measures")
+    if not (0 <= correlation <= 1 and 0 < sigma < 5):
+        raise _vector_error(
+            f"a correlation of {correlation:g} and a sigma of {sigma:g}",
+            "a correlation of 0 to 1, a sigma near 0.6",
+        )
+    scatter = sigma * math.sqrt(1.0 - correlation**2)
+    low, high = math.log(first.intensity[0]) - EXTENDED, math.log(first.intensity[-1]) + EXTENDED
+    edges = np.linspace(low, high, math.ceil((high - low) * BINS_PER_E_FOLD) + 1)
+    rates = np.exp(_log_rate(first, edges))
+    x = np.append((edges[1:] + edges[:-1]) / 2, edges[-1])
+    part = np.append(-np.diff(rates), rates[-1])
+    reached = np.append((rates[1:] + rates[:-1]) / 2, rates[-1] / 2)
+    centre, misfit = _coupled(second, part, reached, scatter)
+    stated = (x >= math.log(first.intensity[0])) & (part > 0)
+    nodes, shares = np.polynomial.hermite_e.hermegauss(NODES)
+    values = np.exp(centre[stated, None] + scatter * nodes)
+    events = EventBranch(
+        f"{first.name} with {second.name}",
+        (part[stated, None] * shares / shares.sum()).ravel(),
+        {
+            first.measure: np.repeat(np.exp(x[stated]), NODES)[:, None],
+            second.measure: values.reshape(-1, 1),
+        },
+    )
+    return Joint(events, scatter, misfit)
+
+
+def as_event_set(joint: Joint, source: str, weight: float = 1.0) -> EventSet:
+    """The joint rate as a set of events of one branch at one site."""
+    return EventSet((EventSite("site"),), (EventBranch(
+        joint.events.name, joint.events.rate, joint.events.motions, weight
+    ),), source)  # fmt: skip
+
+
+def _log_rate(curve: HazardCurve, logarithm: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Logarithm of the rate of exceedance; the last segments go on as power laws."""
+    x, rate = np.log(curve.intensity), np.log(curve.annual_rate)
+    first, last = (np.diff(rate[ends]) / np.diff(x[ends]) for ends in (slice(0, 2), slice(-2, None)))
+    inside = np.interp(logarithm, x, rate)
+    return inside + first * np.minimum(logarithm - x[0], 0.0) + last * np.maximum(logarithm - x[-1], 0.0)
+
+
+def _coupled(
+    second: HazardCurve, part: NDArray[np.float64], reached: NDArray[np.float64], scatter: float
+) -> tuple[NDArray[np.float64], float]:
+    """Medians (logarithms) of the second measure in the bins of the first, and the misfit of its rates."""
+    low, high = math.log(second.intensity[0]) - 3 * EXTENDED, math.log(second.intensity[-1]) + 3 * EXTENDED
+    y = np.linspace(low, high, LEVELS)
+    falling = _log_rate(second, y) - 1e-9 * np.arange(len(y))  # a flat curve has no level of a rate
+    wanted = np.interp(-np.log(reached), -falling, y)
+    centre = wanted.copy()
+    # Near its ends the sum lacks what lies beyond them: there the shift is that of the nearest bin inside.
+    away = END_SCATTERS * scatter
+    inside = np.flatnonzero(
+        (wanted > wanted[0] + away) & (wanted < wanted[-1] - away) & (reached < SATURATED * reached.max())
+    )
+    if scatter > 0 and len(inside):
+        for _ in range(STEPS):
+            modelled = ndtr((centre - y[:, None]) / scatter) @ part
+            at = np.interp(
+                -np.log(reached), -np.log(np.maximum(modelled, 1e-300)) + 1e-9 * np.arange(len(y)), y
+            )
+            shift = np.interp(np.arange(len(part)), inside, (at - wanted)[inside])
+            centre = np.minimum.accumulate((centre - shift)[::-1])[::-1]
+            if np.abs(shift).max() < CLOSE:
+                break
+    if not scatter > 0 or not len(inside):
+        return centre, 0.0
+    ends = reached[inside[[-1, 0]]]
+    stated = second.intensity[(second.annual_rate > ends[0]) & (second.annual_rate < ends[1])]
+    if not len(stated):
+        return centre, 0.0
+    found = ndtr((centre - np.log(stated)[:, None]) / scatter) @ part
+    return centre, float(np.abs(found / second.rate(stated) - 1.0).max())
+
+
+def _vector_error(what: str, expected: str) -> InputError:
+    return InputError(
+        what,
+        where="--hazard",
+        expected=expected,
+        remedy="give one curve of each measure, of one site and component",
+    )

@@ -1,0 +1,302 @@
+"""Event sets: read as OpenQuake, CyberShake and others write them, and rocks under them."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from toppling.models.errors import InputError
+from toppling.results.exchange import OPENQUAKE_G_M_S2 as G
+from toppling.results.fits import Lognormal
+from toppling.results.hazard.ages import exposure, joint_ages, parse_age, parse_since
+from toppling.results.hazard.events import (
+    EventBranch,
+    EventSet,
+    EventSite,
+    FeltRock,
+    bootstrap,
+    catalogue_survival,
+    leave_one_out,
+    rank_branches,
+    rank_models,
+    survival,
+    toppling_rate,
+)
+from toppling.results.hazard.readers.event_sets import is_event_set, read_events
+
+SAMPLES = Path(__file__).resolve().parents[4] / "shared" / "data" / "hazard"
+sampled = pytest.mark.skipif(not SAMPLES.is_dir(), reason="../shared/data/hazard is not here")
+
+ROCK = FeltRock("rock", Lognormal("pga_m_s2", 0.5 * G, 0.3))
+
+
+def write_calculation(
+    folder, header="#,\"generated_by='OpenQuake engine 3.26.2', checksum=7\"\n", times=None
+):
+    """Two branches of weights 0.75 and 0.25, three events at two sites, 2 sets of 50 years each."""
+    times = "investigation_time=50.0, ses_per_logic_tree_path=2" if times is None else times
+    (folder / "gmf-data_1.csv").write_text(
+        header + "event_id,gmv_PGA,gmv_PGV,custom_site_id\n0,0.5,10,aa\n0,0.1,2,bb\n1,0.8,30,aa\n2,0.2,5,bb\n"
+    )
+    (folder / "events_1.csv").write_text(
+        header + "event_id,rup_id,rlz_id,year,ses_id\n0,0,0,3,1\n1,1,0,9,1\n2,2,1,7,2\n"
+    )
+    (folder / "ruptures_1.csv").write_text(
+        header.replace("checksum=7", f"checksum=7, {times}")
+        + "rup_id,multiplicity,mag\n0,1,6\n1,1,7\n2,1,6\n"
+    )
+    (folder / "realizations_1.csv").write_text(
+        header + "rlz_id,branch_path,weight\n0,A~AA,0.75\n1,A~BB,0.25\n"
+    )
+    (folder / "sitemesh_1.csv").write_text(header + "custom_site_id,lon,lat\naa,1.0,2.0\nbb,1.5,2.0\n")
+    return folder
+
+
+def a_set(*branches, sites=2):
+    return EventSet(tuple(EventSite(str(number)) for number in range(sites)), branches, "made here")
+
+
+def a_branch(seed, name="branch", events=60, rate=1e-3, strength=3.0, sites=2, weight=1.0):
+    pga = strength * np.random.default_rng(seed).lognormal(0, 0.8, (events, sites))
+    return EventBranch(name, np.full(events, rate), {"pga_m_s2": pga}, weight, name)
+
+
+def test_an_event_has_the_rate_of_its_branchs_own_time(tmp_path):
+    events = read_events(write_calculation(tmp_path))
+    assert events.years == 100.0
+    assert [branch.rate.tolist() for branch in events.branches] == [[0.01, 0.01], [0.01]]
+    assert [branch.model for branch in events.branches] == ["AA", "BB"]
+    assert events.sites == (EventSite("aa", (1.0, 2.0)), EventSite("bb", (1.5, 2.0)))
+
+
+def test_a_missing_row_of_a_field_is_no_motion(tmp_path):
+    first, second = read_events(write_calculation(tmp_path)).branches
+    assert first.motions["pga_m_s2"] == pytest.approx(np.array([[0.5, 0.1], [0.8, 0.0]]) * G)
+    assert second.motions["pgv_m_s"] == pytest.approx(np.array([[0.0, 0.05]]))
+
+
+@pytest.mark.parametrize(
+    ("event", "site", "branch"), [("eid", "sid", "rlzi"), ("event_id", "site_id", "rlz_id")]
+)
+def test_fields_of_earlier_versions_state_their_branch_themselves(tmp_path, event, site, branch):
+    (tmp_path / "gmf-data.csv").write_text(f"{branch},{site},{event},gmv_PGA\n0,0,0,0.5\n1,0,0,0.7\n")
+    (tmp_path / "realizations.csv").write_text("ordinal,branch_path,weight\n0,b1,0.5\n1,b2,0.5\n")
+    (tmp_path / "sitemesh.csv").write_text("site_id,lon,lat\n0,1,2\n")
+    events = read_events(tmp_path, catalogue_years=200)
+    assert [branch.motions["pga_m_s2"][0, 0] / G for branch in events.branches] == pytest.approx([0.5, 0.7])
+    assert events.branches[0].rate.tolist() == [0.005]
+
+
+def test_a_site_name_that_the_engine_cut_finds_its_place(tmp_path):
+    write_calculation(tmp_path)
+    for name in ("gmf-data_1.csv", "sitemesh_1.csv"):
+        text = (tmp_path / name).read_text()
+        (tmp_path / name).write_text(text.replace("aa", "balanced" + ("-rock" if "mesh" in name else "")))
+    events = read_events(tmp_path)
+    assert events.sites[0] == EventSite("balanced-rock", (1.0, 2.0))
+    assert events.branches[0].motions["pga_m_s2"][0, 0] == pytest.approx(0.5 * G)
+
+
+def test_files_of_another_calculation_are_told_apart_by_their_checksum(tmp_path):
+    write_calculation(tmp_path)
+    for path in list(tmp_path.glob("*.csv")):
+        text = path.read_text().replace("checksum=7", "checksum=8")
+        (tmp_path / path.name.replace("_1", "_2")).write_text(text)
+    assert len(read_events(tmp_path / "gmf-data_2.csv").branches) == 2
+    with pytest.raises(InputError, match="2 event sets"):
+        read_events(tmp_path)
+
+
+def test_a_scenario_states_no_rate_and_asks_for_one(tmp_path):
+    write_calculation(tmp_path, times="")
+    events = (tmp_path / "events_1.csv").read_text()
+    for year in (",3,", ",9,", ",7,"):
+        events = events.replace(year, ",0,")
+    (tmp_path / "events_1.csv").write_text(events)
+    with pytest.raises(InputError, match="--event-rate"):
+        read_events(tmp_path)
+    assert read_events(tmp_path, event_rate=1e-3).branches[0].rate.tolist() == [5e-4, 5e-4]
+
+
+def test_a_catalogue_whose_time_no_file_states_asks_for_it(tmp_path):
+    write_calculation(tmp_path)
+    (tmp_path / "ruptures_1.csv").unlink()
+    with pytest.raises(InputError, match="--catalogue-years"):
+        read_events(tmp_path)
+    assert read_events(tmp_path, catalogue_years=100).branches[0].rate.tolist() == [0.01, 0.01]
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new", "what"),
+    [
+        ("gmf-data_1.csv", "0,0.5,", "0,-0.5,", "motion of -0.5"),
+        ("gmf-data_1.csv", "0,0.5,", "0,,", "motion of nan"),
+        ("gmf-data_1.csv", "1,0.8,30,aa", "0,0.8,30,aa", "twice"),
+        ("gmf-data_1.csv", "1,0.8", "9,0.8", "event 9"),
+        ("gmf-data_1.csv", ",bb\n1", ",cc\n1", "site cc"),
+        ("realizations_1.csv", "0.75", "0.85", "sum to 1.1"),
+        ("realizations_1.csv", "1,A~BB,0.25\n", "", "lacks the branch 1"),
+        ("gmf-data_1.csv", "gmv_PGA,gmv_PGV", "gmv_FOO,gmv_BAR", "no measure"),
+    ],
+)
+def test_events_that_contradict_each_other_are_refused_by_what_is_wrong(tmp_path, name, old, new, what):
+    path = write_calculation(tmp_path) / name
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new, 1))
+    with pytest.raises(InputError, match=what):
+        read_events(tmp_path)
+
+
+def test_a_plain_table_of_events_states_rates_and_measures(tmp_path):
+    table = tmp_path / "events.csv"
+    table.write_text(
+        "event_id,site_id,annual_rate,PGA,pgv_m_s\n1,a,1e-3,0.5,0.2\n1,b,1e-3,0.1,0.1\n2,a,1e-4,1,1\n"
+    )
+    events = read_events(table)
+    (branch,) = events.branches
+    assert branch.rate.tolist() == [1e-3, 1e-4]
+    assert branch.motions["pga_m_s2"] == pytest.approx(np.array([[0.5, 0.1], [1.0, 0.0]]) * G)
+
+
+def test_a_hazard_curve_is_no_set_of_events(tmp_path):
+    curve = tmp_path / "curve.csv"
+    curve.write_text("PGA,annual_rate\n0.1,1e-3\n0.2,1e-4\n")
+    assert not is_event_set(curve)
+    assert is_event_set(write_calculation(tmp_path))
+
+
+@sampled
+def test_openquakes_event_set_gives_its_branches_toppling_rates():
+    events = read_events(SAMPLES / "oq_events")
+    rates = [toppling_rate([ROCK], branch) for branch in events.branches]
+    assert rates == pytest.approx([1.329e-4, 5.693e-3, 4.516e-3, 1.070e-3], rel=5e-4)
+    assert events.prior @ rates == pytest.approx(2.669e-3, rel=5e-4)
+    assert [len(branch.rate) for branch in events.branches] == [270, 244, 249, 267]
+
+
+@sampled
+def test_curves_counted_from_the_fields_are_the_engines_own():
+    """PGV of the mean curve at pbr01 and 21.9976514 cm/s, from the README of the samples."""
+    events = read_events(SAMPLES / "oq_events")
+    exceeded = [
+        1 - math.exp(-50 * branch.rate @ (branch.motions["pgv_m_s"][:, 0] > 0.219976514))
+        for branch in events.branches
+    ]
+    assert events.prior @ exceeded == pytest.approx(2.244593e-01, rel=1e-6)
+
+
+@sampled
+def test_fields_of_an_old_layout_and_of_a_scenario_are_read():
+    scenario = read_events(SAMPLES / "oq_scenario", event_rate=1e-3)
+    assert scenario.branches[0].motions["pga_m_s2"].shape == (50, 20)
+    old = read_events(SAMPLES / "oq_expected" / "scenario_damage_case_10", event_rate=1e-3)
+    assert old.branches[0].motions["pga_m_s2"][0, 0] / G == pytest.approx(1.288163e-2)
+    assert old.sites[0].place == (-118.649, 31.9028)
+    one = read_events(SAMPLES / "oq_expected" / "event_based_case_5")
+    assert one.years == 30.0
+
+
+@sampled
+def test_a_cybershake_rupture_shares_its_probability_over_its_variations():
+    events = read_events(SAMPLES / "cybershake")
+    (branch,) = events.branches
+    assert branch.motions["sa_2s_m_s2"][:, 0].max() < 1.0
+    row = np.argmin(np.abs(branch.motions["sa_2s_m_s2"][:, 0] - 0.11645027))
+    count = round(7.084097e-06 / branch.rate[row])
+    assert branch.rate[row] == pytest.approx(-math.log1p(-7.084097e-06) / count)
+    assert any("variations" in note for note in events.notes)
+
+
+def test_one_event_topples_with_its_fragility():
+    one = EventBranch("one", np.array([1e-3]), {"pga_m_s2": np.array([[0.5 * G]])})
+    assert toppling_rate([ROCK], one) == pytest.approx(0.5e-3)
+    told = survival([ROCK], one, exposure(joint_ages([parse_age("2000")])))
+    assert told == pytest.approx(math.exp(-1.0))
+
+
+def test_rocks_that_feel_the_same_events_survive_more_often_than_independent_ones():
+    branch, once = a_branch(0), exposure(joint_ages([parse_age("20")]))
+    both = exposure(joint_ages([parse_age("20")] * 2))
+    twin = FeltRock("twin", ROCK.fragility)
+    alone = survival([ROCK], branch, once)
+    assert alone**2 < survival([ROCK, twin], branch, both) < alone
+
+
+def test_survival_is_the_share_of_simulated_histories_in_which_all_rocks_stand():
+    """Brute force: Poisson events over each rock's own age, each toppling each rock by chance."""
+    branch = a_branch(1, events=12, rate=2e-3, strength=4.0)
+    rocks = [
+        FeltRock("old", Lognormal("pga_m_s2", 9.0, 0.4), 0),
+        FeltRock("young", Lognormal("pga_m_s2", 6.0, 0.4), 1),
+    ]
+    years = np.array([300.0, 120.0])
+    told = survival(rocks, branch, exposure(years[None, :]))
+    random = np.random.default_rng(2)
+    histories, standing = 20_000, 0
+    shares = np.array(
+        [rock.fragility.probability(branch.motions["pga_m_s2"][:, rock.site]) for rock in rocks]
+    )
+    for _ in range(histories):
+        count = random.poisson(branch.rate.sum() * years.max())
+        which = random.integers(0, 12, count)
+        ago = random.uniform(0, years.max(), count)
+        fell = (random.random((2, count)) < shares[:, which]) & (ago < years[:, None])
+        standing += not fell.any()
+    share = standing / histories
+    assert told == pytest.approx(share, abs=3 * math.sqrt(share * (1 - share) / histories))
+
+
+def test_a_history_that_is_known_leaves_only_the_chance_of_toppling():
+    branch = a_branch(3, events=5)
+    shares = ROCK.fragility.probability(branch.motions["pga_m_s2"][:, 0])
+    assert catalogue_survival([ROCK], branch) == pytest.approx(np.prod(1 - shares))
+
+
+def test_a_rock_that_was_stouter_topples_less_often_before():
+    branch = a_branch(4)
+    plain = exposure(joint_ages([parse_age("50")]))
+    since = parse_since("20:1.5")
+    late = exposure(joint_ages([parse_age("50")]), [since])
+    rock = FeltRock("rock", ROCK.fragility, since=since)
+    young = exposure(joint_ages([parse_age("20")]))
+    assert survival([ROCK], branch, plain) < survival([rock], branch, late) < survival([ROCK], branch, young)
+
+
+def test_the_branch_under_which_all_rocks_stand_is_ranked_first():
+    events = a_set(
+        a_branch(5, "strong", strength=4.0, weight=0.7), a_branch(5, "weak", strength=1.0, weight=0.3)
+    )
+    rocks = [ROCK, FeltRock("other", ROCK.fragility, 1)]
+    once = exposure(joint_ages([parse_age("50")] * 2))
+    ranked = rank_branches(rocks, events, once)
+    assert ranked.set_index("branch")["rank"].to_dict() == {"weak": 1, "strong": 2}
+    joint = ranked["prior_weight"] * ranked["survival"]
+    assert ranked["posterior_weight"].tolist() == pytest.approx((joint / joint.sum()).tolist())
+    models = rank_models(ranked)
+    assert models["model"][0] == "weak"
+    assert models["prior_weight"] @ models["bayes_factor"] == pytest.approx(1.0)
+
+
+def test_a_rock_left_out_is_predicted_by_the_branches_as_the_others_weigh_them():
+    events = a_set(a_branch(6, "strong", strength=4.0), a_branch(6, "weak", strength=1.5))
+    rocks = [ROCK, FeltRock("other", ROCK.fragility, 1)]
+    once = exposure(joint_ages([parse_age("50")] * 2))
+    table = leave_one_out(rocks, events, once)
+    left = table[table["left_out"] == "other"]
+    alone = exposure(joint_ages([parse_age("50")]))
+    survivals = np.array([survival([ROCK], branch, alone) for branch in events.branches])
+    both = np.array([survival(rocks, branch, once) for branch in events.branches])
+    assert left["survival_of_others"].tolist() == pytest.approx(survivals.tolist())
+    assert left["survival_predicted"].iloc[0] == pytest.approx(both.sum() / survivals.sum())
+
+
+def test_events_drawn_anew_vary_as_poisson_counts_do():
+    """One level of motion: the rate is a count over a time, with the relative spread 1 / sqrt(count)."""
+    pga = np.full((400, 1), 0.5 * G)
+    branch = EventBranch("many", np.full(400, 1e-4), {"pga_m_s2": pga})
+    once = exposure(joint_ages([parse_age("50")]))
+    drawn = -np.log(bootstrap([ROCK], branch, once, draws=2000)) / 50
+    assert drawn.mean() == pytest.approx(0.02, rel=0.01)
+    assert drawn.std() / drawn.mean() == pytest.approx(1 / math.sqrt(400), rel=0.1)

@@ -1,0 +1,243 @@
+"""Magnitudes and distances that standing excludes, faults around a rock, and ground-motion models."""
+
+import json
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.stats import norm
+
+from toppling.models.errors import InputError
+from toppling.results.drawing.magnitudes import Drawn, faults_figure, magnitudes_figure
+from toppling.results.fits import Lognormal
+from toppling.results.hazard.faults import azimuthal_km, read_faults
+from toppling.results.hazard.gmm import MODELS, GroundMotionModel
+from toppling.results.hazard.magnitudes import (
+    excess,
+    largest_magnitudes,
+    least_distances,
+    motion_grid,
+    one_event,
+    recurring,
+    toppling_probability,
+)
+from toppling.results.hazard.sites import distance_km
+
+
+@dataclass(frozen=True)
+class Simple:
+    """ln PGV = -2 + 1.2 (M - 6) - 1.3 ln(R / 10 km), spread 0.6: invertible by hand."""
+
+    shift: float = 0.0
+    magnitudes: tuple[float, float] = (4.5, 8.5)
+    distances_km: tuple[float, float] = (1.0, 300.0)
+
+    def motion(self, magnitude, distance_km):
+        mean = (
+            -2.0 + self.shift + 1.2 * (np.asarray(magnitude) - 6) - 1.3 * np.log(np.asarray(distance_km) / 10)
+        )
+        return mean, np.full(np.shape(mean), 0.6)
+
+
+ROCK = Lognormal("pgv_m_s", 0.35, 0.3)
+GRID = motion_grid([Simple()], [1.0])
+
+
+@settings(max_examples=40)
+@given(st.floats(-3, 1), st.floats(0.2, 1.0), st.floats(0.05, 2.0), st.floats(0.0, 0.8))
+def test_a_lognormal_motion_topples_a_lognormal_fragility_as_the_integral_does(mean, sigma, median, beta):
+    rock = Lognormal("pgv_m_s", median, beta)
+    closed = toppling_probability(rock, mean, sigma)
+    # A step lies within one of 2000 steps of the integral.
+    assert toppling_probability(rock.probability, mean, sigma) == pytest.approx(closed, abs=2e-3)
+
+
+@pytest.mark.parametrize("events", [1, 5])
+def test_the_largest_magnitude_is_where_the_closed_form_says(events):
+    confidence = 0.95
+    table = largest_magnitudes(GRID, ROCK, [], one_event(confidence, events))
+    chance = 1 - (1 - confidence) ** (1 / events)
+    wanted = math.log(0.35) + norm.ppf(chance) * math.hypot(0.6, 0.3)
+    magnitude = 6 + (wanted + 2.0 + 1.3 * np.log(table["distance_km"] / 10)) / 1.2
+    finite = np.isfinite(table["magnitude"])
+    assert table["magnitude"][finite].tolist() == pytest.approx(magnitude[finite].tolist(), abs=1e-6)
+    assert (magnitude[table["magnitude"] == math.inf] > 8.5).all()
+    assert (magnitude[table["magnitude"] == -math.inf] < 4.5).all()
+
+
+def test_the_least_distance_is_the_inverse_of_the_largest_magnitude():
+    occurrence = one_event(0.95, 3)
+    distances = least_distances(GRID, ROCK, [], occurrence)
+    within = distances[(distances["distance_km"] > 1.0) & np.isfinite(distances["distance_km"])]
+    there = motion_grid([Simple()], [1.0], within["distance_km"])
+    back = largest_magnitudes(there, ROCK, [], occurrence)["magnitude"]
+    inside = within["magnitude"].between(4.55, 8.45).to_numpy()
+    assert back[inside].tolist() == pytest.approx(within["magnitude"][inside].tolist(), abs=1e-6)
+
+
+def test_at_even_odds_the_median_motion_is_the_rocks_own():
+    table = largest_magnitudes(GRID, ROCK, [], one_event(0.5))
+    row = table[np.isfinite(table["magnitude"])].iloc[0]
+    mean, _ = Simple().motion(row["magnitude"], row["distance_km"])
+    assert math.exp(mean) == pytest.approx(0.35, rel=1e-6)
+
+
+def test_a_rock_stands_the_excluded_earthquake_in_one_of_twenty_simulations():
+    table = largest_magnitudes(GRID, ROCK, [], one_event(0.95, 4))
+    row = table[np.isfinite(table["magnitude"])].iloc[0]
+    random = np.random.default_rng(0)
+    mean, sigma = Simple().motion(row["magnitude"], row["distance_km"])
+    motions = np.exp(mean + sigma * random.standard_normal((40_000, 4)))
+    stands = (random.random((40_000, 4)) > ROCK.probability(motions)).all(axis=1).mean()
+    assert stands == pytest.approx(0.05, abs=3 * math.sqrt(0.05 * 0.95 / 40_000))
+
+
+def test_a_source_that_recurs_is_excluded_as_its_poisson_count_says():
+    years = np.linspace(10_000, 20_000, 401)
+    told = recurring(0.95, years, 2000.0)
+    assert np.exp(-told.probability * years / 2000.0).mean() == pytest.approx(0.05)
+    assert recurring(0.95, np.array([6000.0]), 2000.0).probability == pytest.approx(-math.log(0.05) / 3)
+
+
+def test_a_source_too_rare_for_the_rocks_age_excludes_nothing():
+    rare = recurring(0.95, np.array([1000.0]), 2000.0)
+    assert rare.probability > 1
+    assert (largest_magnitudes(GRID, ROCK, [], rare)["magnitude"] == math.inf).all()
+
+
+def test_other_records_widen_the_magnitude_to_both_sides():
+    drawn = [
+        Lognormal("pgv_m_s", 0.35 * math.exp(0.1 * z), 0.3) for z in norm.ppf((np.arange(200) + 0.5) / 200)
+    ]
+    table = largest_magnitudes(GRID, ROCK, drawn, one_event(0.95, 5))
+    finite = table[np.isfinite(table["magnitude_high"]) & np.isfinite(table["magnitude_low"])]
+    # Of the median's logarithm by 0.1 * 1.96, through a slope of 1.2 a magnitude.
+    half = (finite["magnitude_high"] - finite["magnitude_low"]) / 2
+    assert half.tolist() == pytest.approx([0.1 * 1.96 / 1.2] * len(half), rel=0.06)
+
+
+def test_two_models_are_averaged_in_probability():
+    grid = motion_grid([Simple(0.5), Simple(-0.5)], [0.7, 0.3])
+    shares = [toppling_probability(ROCK, *Simple(shift).motion(7.0, 5.0)) for shift in (0.5, -0.5)]
+    mixed = norm.ppf(0.7 * shares[0] + 0.3 * shares[1])
+    row = np.argmin(np.abs(grid.distance_km - 5.0))
+    at = int(np.argmin(np.abs(grid.magnitude - 7.0)))
+    nearby = np.log(grid.distance_km[row] / 5.0)
+    assert excess(grid, ROCK, one_event(0.5))[at, row] == pytest.approx(mixed - 1.3 * nearby / 0.67, abs=0.05)
+
+
+@pytest.mark.parametrize("weights", [[0.5, 0.4], [1.2, -0.2], [1.0]])
+def test_weights_of_models_that_do_not_sum_to_one_are_refused(weights):
+    with pytest.raises(InputError, match="weights of 2 models"):
+        motion_grid([Simple(), Simple()], weights)
+
+
+def test_boore_and_others_2014_have_their_published_numbers():
+    pytest.importorskip("pygmm", reason="the optional extra 'gmm' is not installed")
+    mean, sigma = GroundMotionModel("bssa14", "pga_m_s2", 760.0, "SS").motion(7.0, 20.0)
+    assert math.exp(mean) / 9.80665 == pytest.approx(0.14971, rel=1e-4)
+    assert float(sigma) == pytest.approx(0.6051, rel=1e-3)
+    mean, sigma = GroundMotionModel("bssa14", "pgv_m_s", 760.0, "SS").motion(7.0, 20.0)
+    assert math.exp(mean) == pytest.approx(0.12837, rel=1e-4)
+    assert float(sigma) == pytest.approx(0.651, rel=1e-3)
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_every_model_shakes_more_near_by_and_scatters_as_models_do(name):
+    pytest.importorskip("pygmm", reason="the optional extra 'gmm' is not installed")
+    model = GroundMotionModel(name, "sa_1s_m_s2", 760.0)
+    mean, sigma = model.motion([5.5, 7.0, 7.0], [20.0, 20.0, 100.0])
+    assert mean[1] > max(mean[0], mean[2])
+    assert ((sigma > 0.45) & (sigma < 0.95)).all()
+
+
+@pytest.mark.parametrize(
+    ("options", "what"),
+    [
+        ({"name": "gmpe99"}, "no ground-motion model"),
+        ({"vs30_m_s": 50.0}, "Vs30 of 50"),
+        ({"vs30_m_s": math.nan}, "Vs30 of nan"),
+        ({"mechanism": "XX"}, "no mechanism"),
+        ({"measure": "cav_m_s"}, "no model of cav_m_s"),
+    ],
+)
+def test_a_model_that_does_not_cover_what_is_asked_is_refused(options, what):
+    pytest.importorskip("pygmm", reason="the optional extra 'gmm' is not installed")
+    with pytest.raises(InputError, match=what):
+        GroundMotionModel(**{"name": "bssa14", "measure": "pgv_m_s", "vs30_m_s": 760.0, **options})
+
+
+def a_fault(coordinates, kind="LineString", **properties):
+    return {
+        "type": "Feature",
+        "properties": properties,
+        "geometry": {"type": kind, "coordinates": coordinates},
+    }
+
+
+def written(tmp_path, *features):
+    path = tmp_path / "faults.geojson"
+    path.write_text(json.dumps({"type": "FeatureCollection", "features": list(features)}))
+    return path
+
+
+SITE = (-118.1, 34.7)
+
+
+def test_a_trace_is_as_far_as_its_nearest_point_not_its_nearest_corner(tmp_path):
+    """Along a parallel, as GeoJSON means it, and not along a great circle."""
+    path = written(tmp_path, a_fault([[-119.1, 34.8], [-117.1, 34.8]], name="north", magnitude=7.5))
+    (trace,) = read_faults(path, SITE)
+    assert (trace.name, trace.magnitude) == ("north", 7.5)
+    assert trace.distance_km == pytest.approx(math.radians(0.1) * 6371, rel=1e-3)
+
+
+def test_a_fault_of_several_lines_and_one_without_a_name_are_read(tmp_path):
+    lines = [[[-118.0, 34.0], [-118.0, 34.2]], [[-118.0, 34.5], [-118.1, 34.6]]]
+    path = written(tmp_path, a_fault(lines, "MultiLineString"), a_fault([0, 0], "Point", name="epicentre"))
+    (trace,) = read_faults(path, SITE)
+    assert (trace.name, len(trace.lines)) == ("fault 1", 2)
+
+
+@settings(max_examples=40)
+@given(st.floats(-180, 180), st.floats(-80, 80), st.floats(-3, 3), st.floats(-3, 3))
+def test_the_map_keeps_distances_from_the_rock(longitude, latitude, east, north):
+    point = np.array([[longitude + east, latitude + north]])
+    mapped = np.hypot(*azimuthal_km(point, (longitude, latitude))[0])
+    assert mapped == pytest.approx(float(distance_km(*point[0], (longitude, latitude))), abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("text", "what"),
+    [
+        ("{", "cannot be read"),
+        ("[]", "no line among 0"),
+        ('{"type": "FeatureCollection", "features": []}', "no line among 0"),
+        ('{"type": "LineString", "coordinates": [[400000, 3800000], [400100, 3800000]]}', "no line of longitudes"),
+        ('{"type": "LineString", "coordinates": [[1, 2]]}', "no line of longitudes"),
+        ('{"type": "LineString", "coordinates": [[1, "x"], [2, 3]]}', "no line of longitudes"),
+        ('{"type": "Feature", "properties": {"mag": "big"}, "geometry": {"type": "LineString", '
+         '"coordinates": [[1, 2], [2, 3]]}}', "magnitude 'big'"),
+    ],
+)  # fmt: skip
+def test_a_file_that_holds_no_traces_is_refused(tmp_path, text, what):
+    path = tmp_path / "faults.geojson"
+    path.write_text(text)
+    with pytest.raises(InputError, match=what):
+        read_faults(path, SITE)
+
+
+def test_figures_show_every_occurrence_and_every_fault(tmp_path):
+    tables = {
+        one.name: largest_magnitudes(GRID, ROCK, [], one) for one in (one_event(0.95), one_event(0.95, 5))
+    }
+    figure = magnitudes_figure(tables, 0.95, (4.5, 8.5))
+    assert {line.get_label() for line in figure.axes[0].lines} == {"one event", "5 events"}
+    path = written(tmp_path, a_fault([[-119.1, 34.8], [-117.1, 34.8]], name="north"))
+    traces = read_faults(path, SITE)
+    drawn = [Drawn(one.name, one.lines, 7.2) for one in traces]
+    figure = faults_figure(drawn, {7.0: 12.0}, "title", (4.5, 8.5))
+    assert any("north (7.2)" in text.get_text() for text in figure.axes[0].texts)

@@ -1,0 +1,146 @@
+"""Two measures at once: the joint rate of two curves, against closed forms and a known set of earthquakes."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.stats import norm
+
+from toppling.models.errors import InputError
+from toppling.results.fits import Lognormal
+from toppling.results.hazard.curves import HazardCurve
+from toppling.results.hazard.events import FeltRock, toppling_rate
+from toppling.results.hazard.surfaces import Surface, topples
+from toppling.results.hazard.vector import joint_rate
+
+PGA, PGV = "pga_m_s2", "pgv_m_s"
+RHO = 0.733
+SURFACES = [Surface((PGA, PGV), one) for one in ((1.0, 1.2, 2.5), (0.0, 0.5, 3.0), (-3.0, 3.0, 1.0))]
+
+
+def of_earthquakes(rate, mean_pga, sigma_pga, mean_pgv, sigma_pgv):
+    """Curves of earthquakes of lognormal motions."""
+    x, y = np.geomspace(0.02, 40, 40), np.geomspace(0.002, 8, 40)
+    above = [
+        (rate * norm.sf((np.log(levels)[:, None] - mean) / sigma)).sum(axis=1)
+        for levels, mean, sigma in ((x, mean_pga, sigma_pga), (y, mean_pgv, sigma_pgv))
+    ]
+    return HazardCurve("pga", PGA, x, above[0]), HazardCurve("pgv", PGV, y, above[1])
+
+
+def exact_rate(surface, rate, mean_pga, sigma_pga, mean_pgv, sigma_pgv, correlation=RHO):
+    """A probit of two normal variables is a probit of their sum."""
+    a, b, c = surface.coefficients
+    spread = (b * sigma_pga) ** 2 + (c * sigma_pgv) ** 2 + 2 * b * c * correlation * sigma_pga * sigma_pgv
+    return float((rate * norm.cdf((a + b * mean_pga + c * mean_pgv) / np.sqrt(1 + spread))).sum())
+
+
+def rate_of(fragility, joint):
+    return toppling_rate([FeltRock("rock", fragility)], joint.events)
+
+
+def seismicity():
+    """Magnitudes 5 to 7.5 by Gutenberg and Richter at 2 to 80 km, with motions that grow and fade as models' do."""
+    magnitude, distance = (
+        grid.ravel() for grid in np.meshgrid(np.arange(5.05, 7.6, 0.1), [2, 5, 10, 20, 40, 80.0])
+    )
+    rate = 0.05 * 10 ** -(magnitude - 5.05) * distance / distance.max()
+    near = np.log(np.hypot(distance, 5.0))
+    mean_pga = 1.6 + 0.6 * (magnitude - 6) - 1.2 * near + 2.0
+    mean_pgv = -1.7 + 1.1 * (magnitude - 6) - 1.1 * near + 1.6
+    return rate, mean_pga, np.full(len(rate), 0.6), mean_pgv, np.full(len(rate), 0.65)
+
+
+@pytest.mark.parametrize("surface", SURFACES)
+def test_one_earthquake_that_recurs_has_its_closed_form(surface):
+    quake = tuple(np.array([value]) for value in (0.01, math.log(1.5), 0.6, math.log(0.2), 0.65))
+    joint = joint_rate(*of_earthquakes(*quake), RHO, sigma=0.65)
+    assert rate_of(surface, joint) == pytest.approx(exact_rate(surface, *quake), rel=0.01)
+
+
+@pytest.mark.parametrize("surface", SURFACES)
+def test_two_power_laws_have_their_closed_form(surface):
+    k, j, sigma = 2.5, 3.0, 0.65
+    x, y = np.geomspace(1e-3, 1e3, 30), np.geomspace(1e-4, 1e2, 30)
+    pga, pgv = HazardCurve("pga", PGA, x, 1e-3 * x**-k), HazardCurve("pgv", PGV, y, 1e-5 * y**-j)
+    a, b, c = surface.coefficients
+    s = sigma * math.sqrt(1 - RHO**2)
+    # ln PGV = ln y(x) - j s^2 / 2 + s epsilon, where y(x) is exceeded as often as x.
+    total = math.sqrt(1 + (c * s) ** 2)
+    intercept, slope = (a + c * (math.log(1e-2) / j - j * s**2 / 2)) / total, (b + c * k / j) / total
+    exact = 1e-3 * math.exp(-intercept / slope) ** -k * math.exp((k / slope) ** 2 / 2)
+    assert rate_of(surface, joint_rate(pga, pgv, RHO, sigma)) == pytest.approx(exact, rel=2e-3)
+
+
+@pytest.mark.parametrize("measure", [PGA, PGV])
+def test_either_measure_alone_topples_as_its_own_curve_says(measure):
+    from toppling.results.hazard.curves import toppling_rate as of_curve
+
+    curves = dict(zip((PGA, PGV), of_earthquakes(*seismicity()), strict=True))
+    joint = joint_rate(*curves.values(), RHO)
+    rock = Lognormal(measure, 4.0 if measure == PGA else 0.4, 0.3)
+    assert rate_of(rock, joint) == pytest.approx(of_curve([rock], curves[measure]), rel=0.02)
+
+
+@pytest.mark.parametrize("surface", SURFACES)
+def test_two_curves_of_many_earthquakes_give_their_joint_rate_to_an_eighth(surface):
+    """They do not tell which magnitudes they are of, and this makes the rate too high, never too low."""
+    quakes = seismicity()
+    found = rate_of(surface, joint_rate(*of_earthquakes(*quakes), RHO))
+    assert 0.98 < found / exact_rate(surface, *quakes) < 1.125
+
+
+@pytest.mark.parametrize("surface", SURFACES)
+def test_one_measure_alone_is_farther_off_where_the_site_is_not_like_the_records(surface):
+    """A fragility over PGA, marginal over records whose PGV is half of what the site's earthquakes have with it."""
+    quakes = seismicity()
+    pga, pgv = of_earthquakes(*quakes)
+    a, b, c = surface.coefficients
+    # Records: ln PGV = ln PGA - 2.8 +- 0.5, while the site's is near ln PGA - 2.
+    total = math.sqrt(1 + (0.5 * c) ** 2)
+    slope, intercept = (b + c) / total, (a - 2.8 * c) / total
+    alone = Lognormal(PGA, math.exp(-intercept / slope), 1 / slope)
+    exact = exact_rate(surface, *quakes)
+    joint = joint_rate(pga, pgv, RHO)
+    assert abs(rate_of(surface, joint) / exact - 1) < abs(rate_of(alone, joint) / exact - 1)
+
+
+def test_full_correlation_ties_the_measures_by_their_rates():
+    quakes = seismicity()
+    pga, pgv = of_earthquakes(*quakes)
+    joint = joint_rate(pga, pgv, 1.0)
+    x, y = (joint.events.motions[name][:, 0] for name in (PGA, PGV))
+    middle = (x > 0.5) & (x < 5)
+    assert pga.rate(x[middle]) == pytest.approx(pgv.rate(y[middle]), rel=0.02)
+
+
+def test_the_second_measure_scatters_about_the_first_as_its_residuals_do():
+    joint = joint_rate(*of_earthquakes(*seismicity()), RHO, sigma=0.65)
+    assert joint.scatter == pytest.approx(0.65 * math.sqrt(1 - RHO**2))
+    assert joint.misfit < 0.03
+
+
+def test_two_curves_of_one_measure_are_refused():
+    pga, _ = of_earthquakes(*seismicity())
+    with pytest.raises(InputError, match="two curves over pga_m_s2"):
+        joint_rate(pga, pga, RHO)
+
+
+@pytest.mark.parametrize("correlation", [-0.1, 1.2, math.nan])
+def test_a_correlation_that_is_none_is_refused(correlation):
+    with pytest.raises(InputError, match="correlation"):
+        joint_rate(*of_earthquakes(*seismicity()), correlation)
+
+
+def test_a_surface_topples_at_no_motion_never_and_asks_for_what_it_is_over():
+    motions = {PGA: np.array([0.0, 5.0]), PGV: np.array([0.0, 1.0])}
+    assert topples(SURFACES[0], motions)[0] == 0.0
+    with pytest.raises(InputError, match="no pgv_m_s"):
+        topples(SURFACES[0], {PGA: np.array([1.0])})
+
+
+def test_a_stouter_surface_takes_stronger_motions():
+    surface = SURFACES[0]
+    motions = {PGA: np.array([3.0]), PGV: np.array([0.4])}
+    stronger = {name: 1.5 * values for name, values in motions.items()}
+    assert surface.stouter(1.5).probability(stronger) == pytest.approx(surface.probability(motions))

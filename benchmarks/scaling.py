@@ -38,7 +38,7 @@ from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.cluster import load_defaults
 from toppling.orchestrator.dispatch import JOBS_IN_BATCH, Batch, Dispatch
 from toppling.orchestrator.folder import prepare
-from toppling.orchestrator.order import balanced_order, with_long_ones_before_the_end
+from toppling.orchestrator.order import balanced_order
 from toppling.orchestrator.plan import Plan, plan
 from toppling.orchestrator.run import Execution, Tally, budget_s, room_for
 from toppling.orchestrator.task import Order, Row, lost_row, versions
@@ -102,7 +102,7 @@ def million() -> dict[str, float]:
         run = folder / "run"
         prepare(run, planned, {})
         pending = planned.pending(set())
-        dispatch = Dispatch(pending)
+        dispatch = Dispatch(pending, planned.durations_s)
         tally = Tally(len(planned), 0)
         began, unstored = time.perf_counter(), []
         while batch := dispatch.next_batch(1000):
@@ -258,9 +258,9 @@ def rate_amidst(seen: Sequence[tuple[float, int]]) -> float:
     return float((done[last] - done[first]) / max(moments[last] - moments[first], 1e-9))
 
 
-def played(cost_s: NDArray[np.float64], workers: int) -> tuple[float, float]:
+def played(cost_s: NDArray[np.float64], length: NDArray[np.float64], workers: int) -> tuple[float, float]:
     """Play a run of jobs in that order against a clock: time, and the share that workers idle at the end."""
-    dispatch, budget, room = Dispatch(np.arange(len(cost_s))), budget_s(workers), JOBS_IN_BATCH
+    dispatch, budget, room = Dispatch(np.arange(len(cost_s)), length), budget_s(workers), JOBS_IN_BATCH
     waiting: deque[Batch] = deque()
     free = [(0.0, worker) for worker in range(workers)]
     ended = np.zeros(workers)
@@ -279,24 +279,23 @@ def played(cost_s: NDArray[np.float64], workers: int) -> tuple[float, float]:
         heapq.heappush(free, (ended[worker], worker))
 
 
-def study_costs(seconds_per_job: float, run: Path | None) -> NDArray[np.float64]:
-    """Cost of every job of the study, in the order they go out: of a real run if given, else spread as one spread."""
+def study_costs(seconds_per_job: float, run: Path | None) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Cost of every job of the study and length of its record, in the order they go out: of a real run if given."""
     record_of = np.repeat(np.arange(RECORDS), LEVELS * AZIMUTHS)
     level, azimuth = np.divmod(np.tile(np.arange(LEVELS * AZIMUTHS), RECORDS), AZIMUTHS)
     order = balanced_order(record_of, level, azimuth, np.zeros_like(level))
-    order = with_long_ones_before_the_end(order, -record_of.astype(float))
     random = np.random.default_rng(SEED)
     if run is not None:
         from toppling.results.run import open_run
 
         wall_s = open_run(run).table()["wall_s"].drop_null().to_numpy()
-        drawn = np.sort(random.choice(wall_s, RECORDS))[::-1]
+        length = np.repeat(np.sort(random.choice(wall_s, RECORDS))[::-1], LEVELS * AZIMUTHS)
         spread = random.choice(wall_s / wall_s.mean(), STUDY)
-        return (np.repeat(drawn, LEVELS * AZIMUTHS) * spread)[order]
+        return (length * spread)[order], length[order]
     # Longest record first, a factor of ten between the longest and the shortest; jobs of one record spread as e**N.
     length = np.repeat(np.geomspace(3.0, 0.3, RECORDS), LEVELS * AZIMUTHS)
     cost = length * random.lognormal(0.0, 0.8, STUDY)
-    return (cost * seconds_per_job / cost.mean())[order]
+    return (cost * seconds_per_job / cost.mean())[order], length[order]
 
 
 def tell_million() -> None:
@@ -312,10 +311,10 @@ def tell_pretended(runs: Sequence[tuple[float, float]], seconds: float) -> None:
 
 
 def tell_study(seconds_per_job: float, run: Path | None) -> None:
-    cost = study_costs(seconds_per_job, run)
+    cost, length = study_costs(seconds_per_job, run)
     print(f"the study's {STUDY} jobs, {cost.mean():.3f} s each on average, {cost.max():.1f} s at most")
     for workers in WORKERS:
-        took, idle = played(cost, workers)
+        took, idle = played(cost, length, workers)
         print(f"  {workers:5d} workers  {took / 60:9.2f} min  idle at the end {100 * idle:.1f} %")
 
 

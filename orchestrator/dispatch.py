@@ -18,6 +18,13 @@ JOBS_IN_BATCH = 256
 BATCHES_LEFT_PER_WORKER = 4
 """Batches shrink near the end, so that every worker gets this many of the last ones and none idles."""
 
+LAST_PER_WORKER = 30
+LAST_SHARE = 0.2
+"""So many of the last jobs a worker, at most such a share of all, go out the longest records first.
+
+A long one that began last would keep the others waiting: job times differ by a factor of thirty.
+"""
+
 
 @dataclass(frozen=True)
 class Limits:
@@ -75,11 +82,15 @@ class Dispatch:
     ----------
     pending : (n,) int array
         Rows of the plan, in the order to start them.
+    duration_s : (m,) array
+        Of the record of every row of the plan.
     tries : int
         Deaths of a worker under one lone job before the job is given up.
     """
 
-    def __init__(self, pending: NDArray[np.int64], tries: int = Limits.tries) -> None:
+    def __init__(
+        self, pending: NDArray[np.int64], duration_s: NDArray[np.float64], tries: int = Limits.tries
+    ) -> None:
         self._tries = tries
         self._segments = deque([pending] if len(pending) else [])
         self._suspects: deque[int] = deque()
@@ -87,6 +98,8 @@ class Dispatch:
         self._deaths: Counter[int] = Counter()
         self.hung: Counter[int] = Counter()  # of a job's deaths those of a worker that hung
         self._waiting = len(pending)
+        self._duration_s = duration_s
+        self._last = int(LAST_SHARE * len(pending))  # of them as yet in the order given
 
     @property
     def waiting(self) -> int:
@@ -108,6 +121,8 @@ class Dispatch:
             return Batch((job,), self._attempts[job], alone=True)
         if not self._segments:
             return None
+        if self._waiting <= min(self._last, LAST_PER_WORKER * workers):
+            self._longest_first()
         segment = self._segments.popleft()
         size = min(
             room, JOBS_IN_BATCH, math.ceil(self._waiting / (BATCHES_LEFT_PER_WORKER * max(workers, 1)))
@@ -117,6 +132,11 @@ class Dispatch:
         taken = segment[:size]
         self._waiting -= len(taken)
         return Batch(tuple(map(int, taken)))
+
+    def _longest_first(self) -> None:
+        left = np.concatenate(list(self._segments))
+        self._segments = deque([left[np.argsort(-self._duration_s[left], kind="stable")]])
+        self._last = 0
 
     def came_back(self, batch: Batch, done: int) -> None:
         """Take back the jobs of a batch beyond the first `done`, which its time budget left no room for."""

@@ -27,9 +27,6 @@ SCENES_KEPT = 8
 JOBS_OF_A_SCENE = 128
 """Of more scenes so many jobs go out with one before the next: making it ready costs a third of a second."""
 
-LAST_SHARE = 0.05
-"""Of the jobs, that go out the longest records first, so that no worker ends long after the others."""
-
 Codes = NDArray[np.integer]
 
 
@@ -105,23 +102,6 @@ def balanced_order(
     # A group of records is at the scene after that of the group before it.
     step = visit * scenes + (place - group) % scenes
     return np.lexsort((within, turn, group, step))
-
-
-def with_long_ones_before_the_end(
-    rows: NDArray[np.int64], duration_s: NDArray[np.float64]
-) -> NDArray[np.int64]:
-    """Rows in an order to start them, the last few of them those of the longest records first.
-
-    Parameters
-    ----------
-    rows : (n,) int array
-        In a balanced order.
-    duration_s : (m,) array
-        Of each row of the plan, of its record.
-    """
-    first = len(rows) - int(LAST_SHARE * len(rows))
-    last = rows[first:]
-    return np.concatenate([rows[:first], last[np.argsort(-duration_s[last], kind="stable")]])
 
 
 def _cells(

@@ -18,7 +18,7 @@ from toppling.models.scene import Scene
 from toppling.models.settling import Settling
 from toppling.models.spelling import did_you_mean
 from toppling.orchestrator.campaign import Campaign, hash_of
-from toppling.orchestrator.order import balanced_order, with_long_ones_before_the_end
+from toppling.orchestrator.order import balanced_order
 from toppling.orchestrator.stood import Recorded, check_weighable, read_recorded
 from toppling.workers.job import JobSpec
 from toppling.workers.seating import settled
@@ -119,16 +119,17 @@ class Plan:
 
     def motion_s(self, rows: NDArray[np.int64]) -> float:
         """Durations of the records of some jobs together."""
-        return float(self._duration_s[rows].sum())
+        return float(self.durations_s[rows].sum())
 
     def pending(self, finished: set[str]) -> NDArray[np.int64]:
         """Rows of the jobs without a result, in the order to start them."""
         done = pc.is_in(self.jobs.column("job_id"), value_set=pa.array(sorted(finished), pa.string()))
         left = ~done.combine_chunks().to_numpy(zero_copy_only=False)
-        return with_long_ones_before_the_end(self.order[left[self.order]], self._duration_s)
+        return self.order[left[self.order]]
 
     @cached_property
-    def _duration_s(self) -> NDArray[np.float64]:
+    def durations_s(self) -> NDArray[np.float64]:
+        """For every job the duration of its record, (n,)."""
         return np.array([self.duration_s[record] for record in self._records])[self.record_of]
 
     def spec(self, row: int) -> JobSpec:

@@ -440,7 +440,7 @@ class Execution:
         self.plan, self.client, self.folder, self.order = plan, client, folder, order
         self.watch, self.tally, self.limits, self.task = watch, tally, limits, task
         self.redo = redo
-        self.dispatch = Dispatch(pending, limits.tries)
+        self.dispatch = Dispatch(pending, plan.durations_s, limits.tries)
         self._session = uuid.uuid4().hex[:8]
         self.tasks = 0  # handed out so far
         self._room = JOBS_IN_BATCH

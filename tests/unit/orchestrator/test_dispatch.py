@@ -8,12 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from toppling.orchestrator.dispatch import JOBS_IN_BATCH, Dispatch, Limits, why_given_up
-from toppling.orchestrator.order import balanced_order, with_long_ones_before_the_end
+from toppling.orchestrator.order import balanced_order
 from toppling.orchestrator.run import budget_s, room_for
 
 
 def dispatch_of(jobs):
-    return Dispatch(np.arange(jobs))
+    return Dispatch(np.arange(jobs), np.ones(jobs))
 
 
 def drain(dispatch, workers=2):
@@ -24,6 +24,16 @@ def drain(dispatch, workers=2):
 def test_every_job_goes_out_once_and_in_order():
     jobs = [job for batch in drain(dispatch_of(743)) for job in batch.jobs]
     assert jobs == list(range(743))
+
+
+@pytest.mark.parametrize(("jobs", "workers", "last"), [(1000, 2, 60), (100, 2, 20), (1000, 64, 200)])
+def test_the_last_jobs_go_out_the_longest_records_first(jobs, workers, last):
+    order, duration_s = np.random.default_rng(1).permutation(jobs), np.arange(float(jobs))
+    out = [job for batch in drain(Dispatch(order, duration_s), workers) for job in batch.jobs]
+    head = next(number for number in range(jobs) if out[number:] == sorted(out[number:], reverse=True))
+    assert out[:head] == order[:head].tolist()
+    assert last - JOBS_IN_BATCH // 4 <= jobs - head <= last
+    assert sorted(out) == list(range(jobs))
 
 
 def test_a_batch_never_holds_too_many_jobs():
@@ -123,9 +133,9 @@ def test_waiting_counts_what_is_not_handed_out(finished):
     assert dispatch.waiting == 40 - finished
 
 
-def idle_share_at_the_end(cost_s, workers):
+def idle_share_at_the_end(cost_s, duration_s, workers):
     """Play a run against a clock, with the window of batches that the run keeps in flight."""
-    dispatch, budget, room = Dispatch(np.arange(len(cost_s))), budget_s(workers), JOBS_IN_BATCH
+    dispatch, budget, room = Dispatch(np.arange(len(cost_s)), duration_s), budget_s(workers), JOBS_IN_BATCH
     window, ended = [], np.zeros(workers)
     free = [(0.0, worker) for worker in range(workers)]
     while True:
@@ -150,10 +160,10 @@ def test_no_worker_idles_more_than_a_twentieth_of_a_study(workers, seed):
     record_of = np.repeat(np.arange(140), 152)
     level, azimuth = np.divmod(np.tile(np.arange(152), 140), 8)
     order = balanced_order(record_of, level, azimuth, np.zeros_like(level))
-    record_of = record_of[with_long_ones_before_the_end(order, -record_of.astype(float))]
+    record_of = record_of[order]
     cost_s = np.geomspace(3.0, 0.3, 140)[record_of] * random.lognormal(0.0, 0.8, len(record_of))
     cost_s *= 0.1 / cost_s.mean()
-    assert idle_share_at_the_end(cost_s, workers) <= 0.05
+    assert idle_share_at_the_end(cost_s, 140.0 - record_of, workers) <= 0.05
 
 
 def test_a_batch_is_as_long_as_its_time_leaves_room_for():

@@ -10,11 +10,9 @@ from hypothesis import strategies as st
 
 from toppling.orchestrator.order import (
     JOBS_OF_A_SCENE,
-    LAST_SHARE,
     balanced_order,
     block_jobs,
     diagonal,
-    with_long_ones_before_the_end,
 )
 
 RECORD, SCENE, LEVEL, AZIMUTH = range(4)
@@ -91,14 +89,6 @@ def test_each_record_has_a_level_and_an_azimuth_of_its_own_order():
 def test_the_order_is_the_same_on_every_machine_and_of_some_jobs_that_of_all(records):
     jobs = ordered(records, 4, 3)
     assert np.array_equal(jobs, ordered(records, 4, 3))
-
-
-def test_the_last_twentieth_goes_out_the_longest_records_first():
-    rows, duration_s = np.random.default_rng(1).permutation(1000), np.arange(1000.0)
-    again = with_long_ones_before_the_end(rows, duration_s)
-    first = 1000 - int(LAST_SHARE * 1000)
-    assert np.array_equal(again[:first], rows[:first])
-    assert np.array_equal(again[first:], np.sort(rows[first:])[::-1])
 
 
 def test_no_jobs_have_no_order():

@@ -88,6 +88,14 @@ SCHEMA = pa.schema(
 )
 """The table `results`."""
 
+SHORT_NAMES = {
+    "level_pga_m_s2": "PGA", "pga_m_s2": "PGA", "pgv_m_s": "PGV", "pgd_m": "PGD", "pgv_pga_s": "PGV/PGA",
+    "sa_1s_m_s2": "SA(1 s)", "sa_2s_m_s2": "SA(2 s)", "arias_m_s": "Arias intensity", "cav_m_s": "CAV",
+    "duration_energy_s": "duration",
+    "pga_vertical_m_s2": "vertical PGA",
+}  # fmt: skip
+"""Measures as people call them."""
+
 SORT_ORDER = (
     *("record_id", "azimuth_deg", "level_pga_m_s2", "friction_static", "friction_kinetic", "restitution"),
     *("realisation", "scene_id", "engine", "preset", "job_id"),

@@ -13,7 +13,7 @@ from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 from matplotlib.transforms import Bbox
 
 from toppling.models.folder import new_file
-from toppling.results.schema import SCHEMA, describe
+from toppling.results.schema import SCHEMA, SHORT_NAMES, describe
 
 FULL_WIDTH_IN = 7.0
 """Of a page of paper, 178 mm."""
@@ -53,13 +53,6 @@ _STYLE = {
     "ytick.major.size": 3,
     "legend.fontsize": 7,
 }
-
-_SHORT = {
-    "level_pga_m_s2": "PGA", "pga_m_s2": "PGA", "pgv_m_s": "PGV", "pgd_m": "PGD", "pgv_pga_s": "PGV/PGA",
-    "sa_1s_m_s2": "SA(1 s)", "sa_2s_m_s2": "SA(2 s)", "arias_m_s": "Arias intensity", "cav_m_s": "CAV",
-    "duration_energy_s": "duration",
-    "pga_vertical_m_s2": "vertical PGA",
-}  # fmt: skip
 
 
 def style() -> AbstractContextManager[None]:
@@ -123,7 +116,7 @@ def svg_text(figure: Figure) -> str:
 
 def short_name(measures: str) -> str:
     """Name of a measure of intensity, or of several joined by ' + ', as a figure prints it."""
-    return " + ".join(_SHORT.get(name, name) for name in measures.split(" + "))
+    return " + ".join(SHORT_NAMES.get(name, name) for name in measures.split(" + "))
 
 
 def printed_unit(measure: str) -> str:

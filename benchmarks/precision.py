@@ -1,0 +1,138 @@
+"""How many jobs a stated precision takes, and whether its interval holds.
+
+    .venv/bin/python benchmarks/precision.py [CAMPAIGNS] [RUN ...]
+
+CAMPAIGNS synthetic campaigns (500) have a known truth: thresholds that are lognormal over records, azimuths and jobs.
+Each RUN is a finished grid, on which the design is played back with other seeds: its rows are looked up instead of
+shaken. The grid's own median is that of the same fit to its jobs between a tenth and nine tenths of its curve.
+"""
+
+import math
+import sys
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from scipy.stats import norm
+
+from toppling.results.precision.answers import MEASURES, answers_of
+from toppling.results.precision.design import Pool, Rounds
+from toppling.results.precision.probit import Answers, Curve, fit_curve
+from toppling.results.precision.target import Target
+from toppling.results.run import open_run
+
+PRECISIONS = (0.1, 0.05, 0.03)
+PLAYS = 40
+LEVELS = np.arange(1.0, 20.0)
+MEDIAN_M_S = 1.0
+
+Ask = Callable[[NDArray[np.int64]], Mapping[str, Answers]]
+
+
+def play(pool: Pool, ask: Ask, target: Target, precision: float, seed: int) -> Rounds:
+    """Rounds on answers that are known."""
+    rounds = Rounds(pool, target, precision, seed)
+    rounds.advance(None)
+    while not rounds.ended:
+        rounds.advance(ask(rounds.chosen))
+    return rounds
+
+
+def synthetic(
+    seed: int, records: int = 140, azimuths: int = 8, beta: float = 0.35, of_records: float = 0.5
+) -> tuple[Pool, Ask]:
+    """A campaign whose thresholds are lognormal over records (a share of the variance), azimuths (.15) and jobs."""
+    random = np.random.default_rng([seed, 99])
+    log_x = (np.log(0.12) + random.normal(0.0, 0.5, records))[:, None] + np.log(LEVELS)
+    shape = (records, azimuths, len(LEVELS))
+    parts = (
+        (of_records, (records, 1, 1)), (0.15, (records, azimuths, 1)), (0.85 - of_records, shape),
+    )  # fmt: skip
+    deviation = sum(math.sqrt(share) * random.normal(size=size) for share, size in parts)
+    toppled = (log_x[:, None, :] > math.log(MEDIAN_M_S) + beta * deviation).ravel()
+    pool = Pool(np.arange(toppled.size).reshape(shape), {"pgv_m_s": log_x})
+
+    def ask(chosen: NDArray[np.int64]) -> dict[str, Answers]:
+        record, _, level = np.unravel_index(chosen, shape)
+        answers = toppled[chosen].astype(float)
+        return {"pgv_m_s": Answers(log_x[record, level], answers, record, np.ones(len(chosen)))}
+
+    return pool, ask
+
+
+def finished(frame: pd.DataFrame) -> tuple[Pool, Ask]:
+    """The jobs of a finished grid of one contact."""
+    names, cells = ["record_id", "level_pga_m_s2"], ["azimuth_deg", "realisation"]
+    jobs = frame.sort_values([names[0], *cells, names[1]], ignore_index=True)
+    records = {name: number for number, name in enumerate(jobs["record_id"].unique())}
+    levels = jobs["level_pga_m_s2"].nunique()
+    rows = np.arange(len(jobs)).reshape(len(records), -1, levels)
+    log_x = {name: np.log(jobs[name].to_numpy(float)[rows[:, 0, :]]) for name in MEASURES}
+    ids = jobs["job_id"].to_numpy()
+
+    def ask(chosen: NDArray[np.int64]) -> dict[str, Answers]:
+        return answers_of(jobs.iloc[chosen], list(ids[chosen]), MEASURES, records)
+
+    return Pool(rows, log_x), ask
+
+
+def truth_of(pool: Pool, ask: Ask) -> tuple[str, Curve]:
+    """A grid's own measure and curve, of all jobs that are not certain."""
+    observed = ask(pool.rows.ravel())
+    curves = {name: fit_curve(answers) for name, answers in observed.items()}
+    best = max(curves, key=lambda name: curves[name].log_likelihood)
+    answers, curve = observed[best], curves[best]
+    for _ in range(5):
+        ends = curve.log_x(norm.ppf(np.array([0.1, 0.9])))
+        near = (answers.log_x > ends[0]) & (answers.log_x < ends[1])
+        parts = (part[near] for part in (answers.log_x, answers.toppled, answers.record, answers.weight))
+        curve = fit_curve(Answers(*parts))
+    return best, curve
+
+
+def line(plays: list[Rounds], median: float, beta: float) -> dict[str, float]:
+    """What some plays say beside the truth."""
+    told = [one.verdict for one in plays]
+    estimates = [one.estimate for one in told if one is not None and one.estimate is not None]
+    curves = [one.curve for one in told if one is not None and one.curve is not None]
+    off = np.log([one.value / median for one in estimates])
+    jobs = [len(one.chosen) for one in plays]
+    return {
+        "held": float(np.mean([one.low <= median <= one.high for one in estimates])),
+        "rms off": float(np.sqrt((off**2).mean())), "lean": float(off.mean()),
+        "stated": float(np.mean([one.precision for one in estimates])),
+        "jobs": float(np.median(jobs)), "jobs of 9 in 10": float(np.quantile(jobs, 0.9)),
+        "rounds": float(np.mean([len(one.sizes) for one in plays])),
+        "beta over true": float(np.median([one.beta for one in curves]) / beta),
+        "cannot": float(np.mean([bool(one.reason) for one in told if one is not None])),
+    }  # fmt: skip
+
+
+def main() -> None:
+    """Print the tables."""
+    campaigns = int(sys.argv[1]) if len(sys.argv) > 1 else 500
+    lines: dict[str, dict[str, float]] = {}
+    for beta, of_records in ((0.35, 0.5), (0.25, 0.7), (0.5, 0.3)):
+        for precision in PRECISIONS:
+            plays = [
+                play(*synthetic(seed, beta=beta, of_records=of_records), Target(), precision, seed)
+                for seed in range(campaigns)
+            ]
+            name = f"beta {beta}, records {of_records}, +-{100 * precision:g} %"
+            lines[name] = line(plays, MEDIAN_M_S, beta)
+            print(pd.DataFrame({name: lines[name]}).T.round(3).to_string(), flush=True)
+    for path in map(Path, sys.argv[2:]):
+        pool, ask = finished(open_run(path).frame())
+        measure, curve = truth_of(pool, ask)
+        own = math.sqrt(sum(curve.variances(Target().score))) * curve.student
+        print(f"{path}: {measure}, median {curve.median:.3g}, beta {curve.beta:.3g}, own +-{100 * own:.1f} %")
+        for precision in PRECISIONS:
+            plays = [play(pool, ask, Target(measure=measure), precision, seed) for seed in range(PLAYS)]
+            lines[f"{path.name} +-{100 * precision:g} %"] = line(plays, curve.median, curve.beta)
+    print(pd.DataFrame(lines).T.round(3).to_string())
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1 @@
+"""A statement of stated precision from few jobs: the curve, what is asked of it, and which jobs tell most of it."""

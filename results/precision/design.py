@@ -1,0 +1,275 @@
+"""Jobs where they tell something: rounds of a campaign's jobs, each chosen by what the rounds before answered.
+
+Records come in a balanced random order, and so do the cells (azimuth and realisation) they are shaken in, so that all
+are represented as in the full campaign. Levels lie where the curve so far gives probabilities that tell most of the
+target; a share of the jobs has levels at random, to show a curve that is no lognormal. A round depends on the answers
+to the rounds before it alone. Decides; no input, no output.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtri
+
+from toppling.results.precision.probit import Answers, Curve, fit_curve
+from toppling.results.precision.target import Estimate, Target, estimate
+
+Array = NDArray[np.float64]
+Numbers = NDArray[np.int64]
+
+FIRST_ROUND = 32
+GROWTH = (0.3, 1.0)
+"""Least and largest next round, of the jobs so far: whoever looks often ends on a curve that happens to look steep."""
+RANDOM_SHARE = 0.15
+"""Of the jobs at random levels."""
+LEAST_JOBS, LEAST_OF_EACH = 48, 5
+"""Jobs, and jobs of each answer, before a statement may end a run."""
+ONE_SIDED_JOBS = 120
+"""Jobs of one answer that show that the levels do not reach the curve."""
+RECORDS_BOUND = 0.2
+"""Share of the records' part of the variance that jobs still add, when more of them cannot help."""
+
+
+@dataclass(frozen=True, eq=False)
+class Pool:
+    """Jobs that may be chosen: all of a campaign under one contact.
+
+    Parameters
+    ----------
+    rows : (records, cells, levels) int array
+        Rows of the plan.
+    log_x : mapping
+        Of each measure its logarithm by record and level, (records, levels).
+    """
+
+    rows: Numbers
+    log_x: Mapping[str, Array]
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What the jobs so far say, and whether they are enough.
+
+    Parameters
+    ----------
+    measure : str
+        That predicts best, or that the target states.
+    curve : Curve or None
+        None before both answers have come.
+    estimate : Estimate or None
+    ended : bool
+    reason : str
+        Why the precision cannot be reached; empty where it is reached, or may still be.
+    jobs_needed : int
+        In all, by what is known.
+    """
+
+    measure: str
+    curve: Curve | None
+    estimate: Estimate | None
+    ended: bool
+    reason: str
+    jobs_needed: int
+
+
+def best_curve(observed: Mapping[str, Answers]) -> tuple[str, Curve]:
+    """Measure whose curve makes the answers likeliest, with that curve: all have as many coefficients."""
+    curves = {name: fit_curve(answers) for name, answers in observed.items()}
+    best = max(curves, key=lambda name: curves[name].log_likelihood)
+    return best, curves[best]
+
+
+def judge(pool: Pool, observed: Mapping[str, Answers], target: Target, precision: float) -> Verdict:
+    """Say what the answers so far tell of the target, and whether another round is worth it.
+
+    Parameters
+    ----------
+    pool : Pool
+    observed : mapping
+        Answers by measure: jobs with an answer of all rounds so far.
+    target : Target
+    precision : float
+        Half of the interval of 95 % that is asked for: relative, for a probability in its own unit.
+    """
+    any_measure = next(iter(observed))
+    toppled = observed[any_measure].toppled
+    jobs, count = len(toppled), int(toppled.sum())
+    least = min(count, jobs - count)
+    unknown = Verdict(any_measure, None, None, ended=False, reason="", jobs_needed=max(2 * jobs, LEAST_JOBS))
+    if least == 0:
+        if jobs < ONE_SIDED_JOBS:
+            return unknown
+        side = "weaker levels are needed" if count else "stronger levels are needed"
+        reason = f"{'every job' if count else 'no job'} of {jobs} topples: {side}"
+        return replace(unknown, ended=True, reason=reason)
+    measure, curve = best_curve(observed)
+    told = estimate(curve, target, len(pool.rows))
+    known = replace(unknown, measure=measure, curve=curve, estimate=told)
+    if jobs < LEAST_JOBS or least < LEAST_OF_EACH:
+        return known
+    if told.precision <= precision and _reaches(pool, curve, measure, target):
+        return replace(known, ended=True, jobs_needed=jobs)
+    # A part of the variance falls with the number of jobs, the other with that of records alone.
+    allowed = (precision / told.scale) ** 2
+    needed = jobs * told.independent / max(allowed - told.pairs, 1e-9) if allowed > told.pairs else math.inf
+    if allowed < told.pairs and told.independent < RECORDS_BOUND * told.pairs:
+        more = math.ceil(len(pool.rows) * (told.pairs / allowed - 1.0))
+        bear = f"{len(pool.rows)} records bear {100 * told.bearable:.1f} %"
+        reason = f"{bear}; some {_rounded(more)} more would be needed"
+        return replace(known, ended=True, reason=reason, jobs_needed=jobs)
+    return replace(known, jobs_needed=int(min(max(needed, jobs + 1), pool.rows.size)))
+
+
+def _rounded(number: int) -> int:
+    digits = max(len(str(number)) - 2, 0)
+    return math.ceil(number / 10**digits) * 10**digits
+
+
+def _reaches(pool: Pool, curve: Curve, measure: str, target: Target) -> bool:
+    """Whether some record was given a level as strong, and as weak, as the intensity that is asked for."""
+    if target.name == "rate":
+        return True
+    at = math.log(target.intensity) if target.intensity else target.score(curve.coefficients)
+    return bool(pool.log_x[measure].min() < at < pool.log_x[measure].max())
+
+
+def round_size(number: int, jobs: int, needed: int) -> int:
+    """Jobs of a round.
+
+    Parameters
+    ----------
+    number : int
+        Of the round, from 0.
+    jobs : int
+        Chosen so far.
+    needed : int
+        In all, as far as known.
+    """
+    if number == 0:
+        return FIRST_ROUND
+    least, most = (math.ceil(share * jobs) for share in GROWTH)
+    return min(max(needed - jobs, least), most)
+
+
+def choose(pool: Pool, chosen: Numbers, size: int, seed: int, verdict: Verdict, target: Target) -> Numbers:
+    """Rows of the plan to shake next; fewer than asked where the pool is exhausted.
+
+    Parameters
+    ----------
+    pool : Pool
+    chosen : (n,) int array
+        Rows of the rounds before, in their order.
+    size : int
+    seed : int
+        Of the campaign.
+    verdict : Verdict
+        Of the answers so far; one without a curve makes all levels random.
+    target : Target
+    """
+    free = ~np.isin(pool.rows, chosen)
+    random = np.random.default_rng([seed, len(chosen)])
+    low, high = target.shares
+    # Stratified, so that each round covers the range evenly.
+    shares = low + (high - low) * (random.permutation(size) + random.random(size)) / size
+    at_random = random.random(size) < RANDOM_SHARE
+    curve, log_x = verdict.curve, pool.log_x[verdict.measure]
+    found: list[int] = []
+    for place, (share, random_level) in enumerate(zip(shares, at_random, strict=True)):
+        number = len(chosen) + place
+        record = _in_turn(seed, 0, number, len(pool.rows))
+        cell = _in_turn(seed, 1, number, pool.rows.shape[1])
+        if not free[record].any():
+            left = np.flatnonzero(free.any(axis=(1, 2)))
+            if not len(left):
+                break
+            record = int(random.choice(left))
+        if curve is None or random_level:
+            order = random.permutation(pool.rows.shape[2])
+        else:
+            order = np.argsort(np.abs(log_x[record] - curve.log_x(ndtri(share))), kind="stable")
+        cell, level = _first_free(free[record], cell, order)
+        free[record, cell, level] = False
+        found.append(int(pool.rows[record, cell, level]))
+    return np.array(found, np.int64)
+
+
+def _in_turn(seed: int, stream: int, number: int, count: int) -> int:
+    """Member of a balanced random sequence: all come once, in a random order, before any comes again."""
+    turn, place = divmod(number, count)
+    return int(np.random.default_rng([seed, 1 + stream, turn]).permutation(count)[place])
+
+
+def _first_free(free: NDArray[np.bool_], cell: int, order: Numbers) -> tuple[int, int]:
+    """Cell and level of a record that is not taken: the level wanted in this cell or one after it, or else the next."""
+    cells = np.roll(np.arange(len(free)), -cell)
+    for level in order:
+        open_cells = cells[free[cells, level]]
+        if len(open_cells):
+            return int(open_cells[0]), int(level)
+    msg = "no job of the record is free"
+    raise ValueError(msg)
+
+
+class Rounds:
+    """The rounds of one contact's jobs, one after the other.
+
+    Parameters
+    ----------
+    pool : Pool
+    target : Target
+    precision : float
+        As `judge` takes it.
+    seed : int
+        Of the campaign.
+
+    Attributes
+    ----------
+    chosen : (n,) int array
+        Rows of the plan of all rounds so far.
+    verdict : Verdict or None
+        Of the last round that was answered.
+    sizes : list of int
+        Of the rounds.
+    """
+
+    def __init__(self, pool: Pool, target: Target, precision: float, seed: int) -> None:
+        self.pool, self.target, self.precision, self.seed = pool, target, precision, seed
+        self.chosen: Numbers = np.array([], np.int64)
+        self.verdict: Verdict | None = None
+        self.sizes: list[int] = []
+
+    @property
+    def ended(self) -> bool:
+        """Whether no round follows."""
+        return self.verdict is not None and self.verdict.ended
+
+    def advance(self, observed: Mapping[str, Answers] | None) -> None:
+        """Judge the answers to all that is chosen, and choose the next round unless they are enough.
+
+        Parameters
+        ----------
+        observed : mapping or None
+            Answers by measure; None before the first round.
+        """
+        if observed is not None:
+            self.verdict = self._judged(observed)
+            if self.ended:
+                return
+        start = Verdict(next(iter(self.pool.log_x)), None, None, ended=False, reason="", jobs_needed=0)
+        known = self.verdict or start
+        size = round_size(len(self.sizes), len(self.chosen), known.jobs_needed)
+        new = choose(self.pool, self.chosen, size, self.seed, known, self.target)
+        if not len(new):
+            self.verdict = replace(known, ended=True, reason="every job of the campaign is done")
+            return
+        self.chosen = np.concatenate([self.chosen, new])
+        self.sizes.append(len(new))
+
+    def _judged(self, observed: Mapping[str, Answers]) -> Verdict:
+        if not len(next(iter(observed.values())).toppled):
+            reason = f"none of {len(self.chosen)} jobs has an answer"
+            return Verdict("", None, None, ended=True, reason=reason, jobs_needed=0)
+        return judge(self.pool, observed, self.target, self.precision)

@@ -1,0 +1,239 @@
+"""Probit-lognormal fragility from few jobs: P(topple | x) = Phi(a + b ln x), which a step cannot degenerate.
+
+The likelihood is multiplied by Jeffreys' prior (Firth 1993), so that a maximum exists whatever the answers are: where a
+threshold separates them the curve stays as steep as the jobs can tell, no steeper. Jobs of one record are not
+independent: the variance is that of independent jobs, and what pairs of jobs of one record add to it. So it holds for
+one job a record, where there are no pairs, and for hundreds, where the records are all that counts.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import log_ndtr
+from scipy.stats import t
+
+Array = NDArray[np.float64]
+
+STEPS, SMALL_STEP = 200, 1e-9
+LOG_ROOT_2_PI = 0.5 * math.log(2.0 * math.pi)
+DIFFERENCE = 1e-4
+"""Share of a coefficient's standard error over which a target's slope is taken."""
+
+
+@dataclass(frozen=True, eq=False)
+class Answers:
+    """Answers to jobs, in the order in which they were chosen.
+
+    Parameters
+    ----------
+    log_x : (n,) array
+        Logarithm of the intensity.
+    toppled : (n,) array
+        1 or 0.
+    record : (n,) int array
+        Number of each job's record.
+    weight : (n,) array
+        How much each counts; of mean 1.
+    """
+
+    log_x: Array
+    toppled: Array
+    record: NDArray[np.int64]
+    weight: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Curve:
+    """A fitted curve and how well it is known.
+
+    Parameters
+    ----------
+    coefficients : (2,) array
+        a and b.
+    independent : (2, 2) array
+        Covariance, were jobs independent.
+    pairs : (2, 2) array
+        What pairs of jobs of one record add.
+    log_likelihood : float
+        At the maximum, without the prior.
+    jobs, records : float
+        Numbers; Kish's effective one of records that weigh unlike.
+    pairs_share : float
+        Number of pairs over jobs squared, by which the pairs' part shrinks if a record has more jobs.
+    """
+
+    coefficients: Array
+    independent: Array
+    pairs: Array
+    log_likelihood: float
+    jobs: int
+    records: float
+    pairs_share: float
+
+    @property
+    def median(self) -> float:
+        """Intensity at which half topple."""
+        a, b = self.coefficients
+        return math.exp(min(-a / b, 700.0))
+
+    @property
+    def beta(self) -> float:
+        """Standard deviation of its logarithm, the mean over what the slope may be.
+
+        The inverse of the likeliest slope is less: a run that ends once its interval is narrow prefers steep curves.
+        """
+        return float((1.0 + self._slope_variance) / self.coefficients[1])
+
+    def log_x(self, z: Array) -> Array:
+        """Logarithm of the intensity at which Phi(z) topple."""
+        a, b = self.coefficients
+        return (z - a) / b
+
+    @property
+    def student(self) -> float:
+        """Standard errors in half an interval of 95 %.
+
+        They are proportional to beta, which is itself an estimate: known to a relative standard deviation c it is worth
+        1 / (2 c^2) degrees of freedom, if records do not bear fewer, and too small by c^2 on the average.
+        """
+        c2 = self._slope_variance
+        freedom = max(min(self.records - 1.0, 0.5 / c2), 1.0)
+        return float(t.ppf(0.975, freedom)) * (1.0 + c2)
+
+    @property
+    def _slope_variance(self) -> float:
+        """Relative variance of the slope."""
+        return float(self.independent[1, 1] + max(self.pairs[1, 1], 0.0)) / float(self.coefficients[1]) ** 2
+
+    def variances(self, target: Callable[[Array], float]) -> tuple[float, float]:
+        """Variance of a target were jobs independent, and what pairs of jobs of one record add to it.
+
+        Parameters
+        ----------
+        target : callable
+            Of the coefficients (2,).
+        """
+        step = DIFFERENCE * np.sqrt(np.diag(self.independent))
+        shifts = np.diag(step)
+        slope = np.array(
+            [
+                (target(self.coefficients + shift) - target(self.coefficients - shift)) / (2.0 * one)
+                for shift, one in zip(shifts, step, strict=True)
+            ]
+        )
+        return float(slope @ self.independent @ slope), float(slope @ self.pairs @ slope)
+
+
+def fit_curve(answers: Answers) -> Curve:
+    """Fit the curve by penalised maximum likelihood; its slope is positive.
+
+    Parameters
+    ----------
+    answers : Answers
+        Two or more intensities.
+    """
+    middle = float(np.average(answers.log_x, weights=answers.weight))
+    spread = float(answers.log_x.std())
+    design = np.column_stack([np.ones(len(answers.log_x)), (answers.log_x - middle) / spread])
+    coefficients = _maximise(design, answers)
+    eta = design @ coefficients
+    information, score, log_likelihood = _terms(design, answers, eta)
+    a, b = coefficients[0] - coefficients[1] * middle / spread, coefficients[1] / spread
+    # (a, b) of ln x from those of the centred and scaled logarithm
+    back = np.array([[1.0, -middle / spread], [0.0, 1.0 / spread]])
+    independent = back @ np.linalg.inv(information.sum(axis=0)) @ back.T
+    pairs = back @ _pairs(information, score, answers.record) @ back.T
+    counts = np.bincount(answers.record)
+    return Curve(
+        coefficients=np.array([a, b]),
+        independent=independent,
+        pairs=pairs,
+        log_likelihood=log_likelihood,
+        jobs=len(eta),
+        records=_effective_records(np.bincount(answers.record, weights=answers.weight).astype(float), counts),
+        pairs_share=float((counts * (counts - 1)).sum()) / len(eta) ** 2,
+    )
+
+
+def _effective_records(weight: Array, jobs: NDArray[np.integer]) -> float:
+    """Kish's number of records, by the mean weight of each one's jobs."""
+    mean = weight[jobs > 0] / jobs[jobs > 0]
+    return float(mean.sum() ** 2 / (mean**2).sum())
+
+
+def _maximise(design: Array, answers: Answers) -> Array:
+    """Coefficients at which likelihood times Jeffreys' prior is largest, by damped scoring; the slope is positive."""
+    found = np.array([0.0, 1.0])
+    value = _penalised(design, answers, found)
+    for _ in range(STEPS):
+        eta = design @ found
+        information, score, _ = _terms(design, answers, eta)
+        total = information.sum(axis=0)
+        step = np.linalg.solve(total, score.sum(axis=0) + _prior_slope(design, answers, found))
+        size = 1.0
+        while size > SMALL_STEP:
+            tried = found + size * step
+            if tried[1] > 0.0 and (better := _penalised(design, answers, tried)) >= value:
+                break
+            size *= 0.5
+        else:
+            return found
+        found, value = tried, better
+        if np.abs(size * step).max() < SMALL_STEP * (1.0 + np.abs(found).max()):
+            return found
+    return found
+
+
+def _penalised(design: Array, answers: Answers, coefficients: Array) -> float:
+    eta = design @ coefficients
+    information, _, log_likelihood = _terms(design, answers, eta)
+    sign, log_det = np.linalg.slogdet(information.sum(axis=0))
+    return log_likelihood + 0.5 * float(log_det) if sign > 0 else -math.inf
+
+
+def _prior_slope(design: Array, answers: Answers, coefficients: Array) -> Array:
+    """Gradient of half the logarithm of the information's determinant, by central differences."""
+
+    def log_det(at: Array) -> float:
+        return 0.5 * float(
+            np.linalg.slogdet((_information_weight(answers, design @ at) * design.T) @ design)[1]
+        )
+
+    shifts = DIFFERENCE * np.eye(2)
+    ends = [(log_det(coefficients + one), log_det(coefficients - one)) for one in shifts]
+    return np.array([(high - low) / (2.0 * DIFFERENCE) for high, low in ends])
+
+
+def _information_weight(answers: Answers, eta: Array) -> Array:
+    """Fisher's information of each job about its own eta: phi^2 / (Phi (1 - Phi))."""
+    log_density = -0.5 * eta**2 - LOG_ROOT_2_PI
+    return answers.weight * np.exp(2.0 * log_density - log_ndtr(eta) - log_ndtr(-eta))
+
+
+def _terms(design: Array, answers: Answers, eta: Array) -> tuple[Array, Array, float]:
+    """Information (n, 2, 2) and score (n, 2) of each job, and the log-likelihood of all."""
+    log_density, above, below = -0.5 * eta**2 - LOG_ROOT_2_PI, log_ndtr(eta), log_ndtr(-eta)
+    each = np.where(answers.toppled > 0.5, above, below)
+    sign = np.where(answers.toppled > 0.5, 1.0, -1.0)
+    score = answers.weight * sign * np.exp(log_density - each)
+    information = _information_weight(answers, eta)
+    outer = design[:, :, None] * design[:, None, :]
+    return information[:, None, None] * outer, score[:, None] * design, float(answers.weight @ each)
+
+
+def _pairs(information: Array, score: Array, record: NDArray[np.int64]) -> Array:
+    """What pairs of jobs of one record add to the covariance, (2, 2).
+
+    Scores are enlarged by what their record takes of the information (the jackknife's leverage), as residuals of few
+    records are too small.
+    """
+    count = int(record.max()) + 1
+    of_record, total = np.zeros((count, 2, 2)), information.sum(axis=0)
+    np.add.at(of_record, record, information)
+    influence = np.einsum("nij,nj->ni", np.linalg.inv(total - of_record + 1e-12 * total)[record], score)
+    summed = np.zeros((count, 2))
+    np.add.at(summed, record, influence)
+    return summed.T @ summed - influence.T @ influence

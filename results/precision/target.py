@@ -1,0 +1,140 @@
+"""What a run of few jobs is asked for: an intensity, a probability or a failure rate, and how sure it is to be."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtr, ndtri
+
+from toppling.results.fits import Lognormal
+from toppling.results.hazard.curves import HazardCurve, toppling_rate
+from toppling.results.precision.probit import Curve
+from toppling.results.schema import SCHEMA, SHORT_NAMES, describe
+
+SHARES = {"median": 0.5, "p05": 0.05, "p95": 0.95}
+"""Targets that are intensities, by the share that topples there."""
+
+
+@dataclass(frozen=True, eq=False)
+class Target:
+    """A number that follows from a fragility curve.
+
+    Parameters
+    ----------
+    name : str
+        One of `SHARES`, or probability (at an intensity), or rate (of failure under a hazard curve).
+    measure : str or None
+        Column of the results; None for whichever predicts best. Stated with a probability and a rate.
+    intensity : float or None
+        At which the probability is asked for, in the measure's SI unit.
+    hazard : HazardCurve or None
+    """
+
+    name: str = "median"
+    measure: str | None = None
+    intensity: float | None = None
+    hazard: HazardCurve | None = None
+
+    @property
+    def shares(self) -> tuple[float, float]:
+        """Toppling probabilities between which jobs tell most of it."""
+        if self.name in ("median", "probability"):
+            return 0.15, 0.85
+        low = (0.02, 0.6)
+        return low if self.name in ("p05", "rate") else (1.0 - low[1], 1.0 - low[0])
+
+    def score(self, coefficients: NDArray[np.float64]) -> float:
+        """Target on the scale on which its interval is symmetric: a logarithm, for a probability its probit.
+
+        Parameters
+        ----------
+        coefficients : (2,) array
+            Of a probit on the logarithm of the intensity.
+        """
+        a, b = coefficients
+        if self.name == "probability":
+            assert self.intensity is not None
+            return float(a + b * math.log(self.intensity))
+        if self.name == "rate":
+            assert self.hazard is not None
+            curve = Lognormal(self.hazard.measure, math.exp(-a / b), 1.0 / b)
+            return math.log(max(toppling_rate([curve], self.hazard), 1e-300))
+        return float((ndtri(SHARES[self.name]) - a) / b)
+
+    def value(self, score: float) -> float:
+        """Target in its own unit."""
+        return float(ndtr(score)) if self.name == "probability" else math.exp(min(score, 700.0))
+
+    def precision(self, score: float, half: float) -> float:
+        """Half an interval: relative, for a probability in its own unit."""
+        if self.name == "probability":
+            return 0.5 * (self.value(score + half) - self.value(score - half))
+        return half
+
+    def words(self, measure: str, value: float, low: float, high: float) -> str:
+        """The statement of a value and its interval of 95 %."""
+        name, unit = SHORT_NAMES[measure], describe(SCHEMA.field(measure))["unit"]
+        if self.name == "probability":
+            at = f"at a {name} of {self.intensity:g} {unit}"
+            return f"{100 * value:.0f} % topple {at}, 95 %: {100 * low:.0f} to {100 * high:.0f} %"
+        told = f"{value:.3g}", f"{low:.3g} to {high:.3g}"
+        if self.name == "rate":
+            return f"the rock topples {told[0]} times a year under {name}, 95 %: {told[1]}"
+        share = {"median": "half topple", "p05": "5 % topple", "p95": "95 % topple"}[self.name]
+        return f"{share} at a {name} of {told[0]} {unit}, 95 %: {told[1]}"
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A target and how well jobs so far know it.
+
+    Parameters
+    ----------
+    value, low, high : float
+        The target and its interval of 95 %.
+    precision : float
+        Half of the interval: relative, for a probability in its own unit.
+    bearable : float
+        The same, had each record jobs without end.
+    independent, pairs : float
+        Parts of the variance on the target's scale: of jobs, which falls with their number, and of records.
+    scale : float
+        Precision over the square root of that variance.
+    """
+
+    value: float
+    low: float
+    high: float
+    precision: float
+    bearable: float
+    independent: float
+    pairs: float
+    scale: float
+
+
+def estimate(curve: Curve, target: Target, records: int) -> Estimate:
+    """Target of a fitted curve with its interval over records.
+
+    Parameters
+    ----------
+    curve : Curve
+    target : Target
+    records : int
+        That the campaign has.
+    """
+    score = target.score(curve.coefficients)
+    independent, added = curve.variances(target.score)
+    pairs = max(added, 0.0)
+    half = curve.student * math.sqrt(independent + pairs)
+    floor = pairs / curve.pairs_share / max(records, 1) if curve.pairs_share else 0.0
+    return Estimate(
+        value=target.value(score),
+        low=target.value(score - half),
+        high=target.value(score + half),
+        precision=target.precision(score, half),
+        bearable=target.precision(score, curve.student * math.sqrt(floor)),
+        independent=independent,
+        pairs=floor,
+        scale=target.precision(score, half) / math.sqrt(independent + pairs),
+    )

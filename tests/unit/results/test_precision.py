@@ -1,0 +1,208 @@
+"""A statement from few jobs: its curve against closed forms and other fits, its rounds against what they promise."""
+
+import math
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pandas as pd
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.stats import norm
+
+from toppling.results.fits import fit
+from toppling.results.hazard.curves import HazardCurve
+from toppling.results.precision.design import FIRST_ROUND, Pool, Rounds, Verdict, choose, judge
+from toppling.results.precision.probit import Answers, fit_curve
+from toppling.results.precision.target import Target, estimate
+
+BENCHMARKS = Path(__file__).parents[3] / "benchmarks"
+START = Verdict("pgv_m_s", None, None, ended=False, reason="", jobs_needed=0)
+
+
+def independent(jobs, seed=1, median=1.5, beta=0.4, spread=0.5):
+    """Jobs of as many records."""
+    random = np.random.default_rng(seed)
+    log_x = math.log(median) + random.normal(0.0, spread, jobs)
+    toppled = random.normal(0.0, beta, jobs) < log_x - math.log(median)
+    return Answers(log_x, toppled.astype(float), np.arange(jobs), np.ones(jobs))
+
+
+@pytest.fixture
+def bench(monkeypatch):
+    monkeypatch.syspath_prepend(str(BENCHMARKS))
+    import precision
+
+    return precision
+
+
+def test_of_many_jobs_the_curve_is_that_of_maximum_likelihood():
+    answers = independent(4000)
+    frame = pd.DataFrame(
+        {"pgv_m_s": np.exp(answers.log_x), "toppled": answers.toppled > 0.5, "record_id": answers.record}
+    )
+    known, curve = fit(frame, ["pgv_m_s"]).lognormal, fit_curve(answers)
+    assert curve.median == pytest.approx(known.median, rel=1e-3)
+    assert curve.beta == pytest.approx(known.beta, rel=5e-3)
+
+
+def test_the_curve_maximises_likelihood_times_jeffreys_prior():
+    answers = independent(30, seed=3)
+    found = fit_curve(answers).coefficients
+
+    def penalised(a, b):
+        eta = a + b * answers.log_x
+        p = norm.cdf(eta)
+        weight = norm.pdf(eta) ** 2 / (p * (1.0 - p))
+        design = np.column_stack([np.ones_like(eta), answers.log_x])
+        information = design.T @ (weight[:, None] * design)
+        log = np.where(answers.toppled > 0.5, np.log(p), np.log1p(-p)).sum()
+        return log + 0.5 * math.log(np.linalg.det(information))
+
+    best = penalised(*found)
+    for step in ((0.01, 0.0), (-0.01, 0.0), (0.0, 0.01), (0.0, -0.01), (0.01, -0.01)):
+        assert penalised(*(found + step)) < best
+
+
+@given(st.integers(2, 30), st.integers(0, 1000))
+def test_separated_answers_leave_the_curve_a_spread(jobs, seed):
+    random = np.random.default_rng(seed)
+    log_x = np.sort(random.normal(0.0, 0.5, jobs))
+    toppled = (np.arange(jobs) >= jobs // 2).astype(float)
+    curve = fit_curve(Answers(log_x, toppled, np.arange(jobs), np.ones(jobs)))
+    assert np.isfinite(curve.coefficients).all()
+    assert curve.beta > 1e-3 * np.ptp(log_x)
+
+
+def test_one_job_a_record_has_no_pairs_and_copies_of_it_add_nothing_to_what_records_tell():
+    one = independent(200)
+    alone = fit_curve(one)
+    assert np.abs(alone.pairs).max() < 1e-12
+    four = Answers(*(np.repeat(part, 4) for part in (one.log_x, one.toppled, one.record, one.weight)))
+    copied = fit_curve(four)
+    score = Target().score
+    single, together = (sum(curve.variances(score)) for curve in (alone, copied))
+    assert copied.variances(score)[0] == pytest.approx(single / 4.0, rel=0.05)
+    assert together == pytest.approx(single, rel=0.15)
+
+
+def test_weights_count_as_copies():
+    answers = independent(60, seed=5)
+    weight = np.where(np.arange(60) % 2, 2.0, 1.0)
+    weighted = fit_curve(Answers(answers.log_x, answers.toppled, answers.record, weight))
+    order = np.repeat(np.arange(60), weight.astype(int))
+    copies = fit_curve(
+        Answers(answers.log_x[order], answers.toppled[order], answers.record[order], np.ones(len(order)))
+    )
+    assert weighted.coefficients == pytest.approx(copies.coefficients, rel=1e-6)
+
+
+def test_targets_are_numbers_of_the_curve():
+    curve = SimpleNamespace(coefficients=np.array([-math.log(2.0) / 0.5, 1.0 / 0.5]))
+    by_name = {name: Target(name) for name in ("median", "p05", "p95")}
+    told = {name: one.value(one.score(curve.coefficients)) for name, one in by_name.items()}
+    expected = {
+        name: 2.0 * math.exp(0.5 * norm.ppf(p)) for name, p in (("median", 0.5), ("p05", 0.05), ("p95", 0.95))
+    }
+    assert told == pytest.approx(expected)
+    at = Target("probability", "pgv_m_s", intensity=2.0)
+    assert at.value(at.score(curve.coefficients)) == pytest.approx(0.5)
+    # Under a power law of exponent k the rate is k0 median^-k exp(k^2 beta^2 / 2).
+    x = np.geomspace(1e-3, 1e3, 200)
+    hazard = HazardCurve("power", "pgv_m_s", x, 1e-3 * x**-2.0)
+    rate = Target("rate", "pgv_m_s", hazard=hazard)
+    expected_rate = 1e-3 * 2.0**-2 * math.exp(0.5 * (2.0 * 0.5) ** 2)
+    assert rate.value(rate.score(curve.coefficients)) == pytest.approx(expected_rate, rel=1e-3)
+
+
+def test_a_probability_is_stated_to_a_precision_in_its_own_unit():
+    target = Target("probability", "pgv_m_s", intensity=1.5)
+    told = estimate(fit_curve(independent(400)), target, 400)
+    assert told.precision == pytest.approx(0.5 * (told.high - told.low))
+    assert 0.0 < told.low < told.value < told.high < 1.0
+
+
+def test_records_and_cells_come_once_before_any_comes_again_and_no_job_twice(bench):
+    pool, _ = bench.synthetic(1, records=20, azimuths=4)
+    chosen = choose(pool, np.array([], np.int64), 3 * 20, 7, START, Target())
+    record, cell, _ = np.unravel_index(chosen, pool.rows.shape)
+    assert len(set(chosen)) == 60
+    for turn in range(3):
+        assert sorted(record[20 * turn : 20 * (turn + 1)]) == list(range(20))
+    assert np.bincount(cell).tolist() == [15] * 4
+
+
+def test_a_round_depends_on_the_answers_before_it_alone(bench):
+    pool, ask = bench.synthetic(2)
+    one, other = (bench.play(pool, ask, Target(), 0.1, 5) for _ in range(2))
+    assert one.chosen.tolist() == other.chosen.tolist()
+    again = Rounds(pool, Target(), 0.1, 5)
+    again.advance(None)
+    first = again.chosen
+    assert len(first) == FIRST_ROUND
+    assert first.tolist() == one.chosen[:FIRST_ROUND].tolist()
+    different = bench.play(pool, ask, Target(), 0.1, 6)
+    assert different.chosen[:FIRST_ROUND].tolist() != first.tolist()
+
+
+def test_levels_lie_where_the_curve_is_uncertain_and_some_at_random(bench):
+    pool, ask = bench.synthetic(3)
+    rounds = bench.play(pool, ask, Target(), 0.06, 1)
+    late = rounds.chosen[100:]
+    record, _, level = np.unravel_index(late, pool.rows.shape)
+    share = norm.cdf(pool.log_x["pgv_m_s"][record, level] / 0.35)
+    assert 0.03 < np.mean((share < 0.02) | (share > 0.98)) < 0.15
+    assert np.mean((share > 0.1) & (share < 0.9)) > 0.7
+
+
+def test_levels_that_do_not_reach_the_curve_are_said_to_be_too_weak(bench):
+    pool, _ = bench.synthetic(4, records=30)
+
+    def standing(chosen):
+        record, _, level = np.unravel_index(chosen, pool.rows.shape)
+        log_x = pool.log_x["pgv_m_s"][record, level]
+        return {"pgv_m_s": Answers(log_x, np.zeros(len(chosen)), record, np.ones(len(chosen)))}
+
+    told = bench.play(pool, standing, Target(), 0.1, 1).verdict
+    assert told.ended
+    assert told.estimate is None
+    assert "no job" in told.reason
+    assert "stronger levels" in told.reason
+
+
+def test_records_that_bear_less_than_is_asked_are_counted(bench):
+    pool, ask = bench.synthetic(5, records=12, of_records=0.8)
+    told = bench.play(pool, ask, Target(), 0.02, 1).verdict
+    assert told.ended
+    assert told.reason.startswith("12 records bear ")
+    more = int(told.reason.split("some ")[1].split()[0])
+    assert more > 12
+
+
+def test_an_exhausted_campaign_says_so(bench):
+    pool, ask = bench.synthetic(6, records=40, azimuths=1)
+    few = Pool(pool.rows[:, :, 8:11], {"pgv_m_s": pool.log_x["pgv_m_s"][:, 8:11]})
+    rounds = bench.play(few, ask, Target(), 1e-3, 1)
+    assert len(rounds.chosen) == few.rows.size
+    assert rounds.verdict.reason == "every job of the campaign is done"
+
+
+def test_few_jobs_end_no_run_however_narrow_their_interval():
+    answers = independent(20, spread=0.05, beta=0.01)
+    pool = Pool(np.arange(400).reshape(20, 4, 5), {"pgv_m_s": np.tile(np.linspace(-1.0, 2.0, 5), (20, 1))})
+    assert not judge(pool, {"pgv_m_s": answers}, Target(), 0.5).ended
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("beta", "of_records"), [(0.35, 0.5), (0.25, 0.7), (0.5, 0.3)])
+def test_the_stated_interval_holds_in_19_of_20_synthetic_campaigns(bench, beta, of_records):
+    plays = [
+        bench.play(*bench.synthetic(seed, beta=beta, of_records=of_records), Target(), 0.1, seed)
+        for seed in range(500)
+    ]
+    told = bench.line(plays, bench.MEDIAN_M_S, beta)
+    # 500 campaigns at .95 lie within .93 and .97 nineteen times in twenty.
+    assert 0.93 <= told["held"] <= 0.98
+    assert abs(told["lean"]) < 0.01
+    assert abs(told["beta over true"] - 1.0) < 0.06

@@ -12,7 +12,7 @@ import numpy as np
 from toppling.models.errors import InputError
 from toppling.models.motions.formats import read_file
 from toppling.models.motions.formats.component import UP, Component
-from toppling.models.motions.formats.seismic import is_station_xml, responses
+from toppling.models.motions.formats.response import is_station_xml, responses
 from toppling.models.motions.metadata import Entry, looks_like_table
 from toppling.models.motions.motion import Motion
 from toppling.models.motions.processing import DRIFTS, drifts, process, resample
@@ -391,7 +391,7 @@ def _candidate(name: str, channels: Triple, wishes: Wishes, entry: Entry | None)
                 remedy="give a metadata table with the column 'dt' (--metadata)",
             )
         if not component.unit_known:
-            raise InputError(
+            raise component.no_unit or InputError(
                 "the file does not say in which unit its samples are",
                 where=component.where,
                 expected="a unit, or for counts an instrument response",
@@ -410,7 +410,7 @@ def _candidate(name: str, channels: Triple, wishes: Wishes, entry: Entry | None)
     motion, azimuths, history = oriented(channels)
     steps = [
         f"read as {first.file_format}",
-        *dict.fromkeys(n for c in channels.channels for n in c.notes),
+        *dict.fromkeys(n for c in channels.channels for n in (*c.notes, *c.warnings)),
         *history,
     ]
     corrected = _corrected(channels)

@@ -2,12 +2,14 @@
 
 import io
 import math
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
 from toppling.models.documents import csv_rows, shown
 from toppling.models.errors import InputError
-from toppling.models.motions.formats.component import TIME_STEPS_S, UNITS_M_S2
+from toppling.models.motions.formats.component import TIME_STEPS_S
+from toppling.models.motions.formats.units import acceleration_m_s2, known_names, unit_of
 
 COLUMNS = {
     "record_id": ("record_id", "rec_id"),
@@ -36,6 +38,8 @@ UNCORRECTED = ("uncorrected", "raw")
 LONGEST_HEADER = 100_000
 FACTORS = (1e-15, 1e6)
 """Of one count in a unit: below the least of any digitiser."""
+_FACTOR = re.compile(r"([-+]?(?:\d{1,30}\.?\d{0,30}|\.\d{1,30})(?:[Ee][-+]?\d{1,3})?)\s+(\S.*)$", re.ASCII)
+_PER_COUNT = re.compile(r"\s*(?:\bper|/)\s*counts?$", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
@@ -140,16 +144,16 @@ def looks_like_table(path: Path) -> bool:
 
 def unit_m_s2(text: str) -> float | None:
     """One unit in m/s2, from its name or a factor and a name ('4.7e-06 m/s2', a count); None if not known."""
-    parts = text.strip().lower().replace(" per count", "").split()
-    if len(parts) == 1:
-        return UNITS_M_S2.get(parts[0])
-    if len(parts) == 2 and parts[1] in UNITS_M_S2:
-        try:
-            factor = float(parts[0])
-        except ValueError:
-            return None
-        return factor * UNITS_M_S2[parts[1]] if FACTORS[0] <= factor <= FACTORS[1] else None
-    return None
+    factor, name = _factor_and_name(text)
+    unit = acceleration_m_s2(name)
+    return factor * unit if unit is not None and FACTORS[0] <= factor <= FACTORS[1] else None
+
+
+def _factor_and_name(text: str) -> tuple[float, str]:
+    """Factor before a unit's name, 1 where there is none, and the name without 'per count'."""
+    name = _PER_COUNT.sub("", text.strip())
+    match = _FACTOR.match(name)
+    return (float(match[1]), match[2]) if match else (1.0, name)
 
 
 def _entry(row: dict[str, str], table: Path, line: int) -> Entry:
@@ -162,10 +166,11 @@ def _entry(row: dict[str, str], table: Path, line: int) -> Entry:
             )
     unit = unit_m_s2(text["unit"]) if text["unit"] else None
     if text["unit"] and unit is None:
+        other = unit_of(_factor_and_name(text["unit"])[1])
         raise InputError(
-            f"unit {text['unit']!r}",
+            f"unit {shown(text['unit'])}" + (f" is one of {other.quantity}" if other else ""),
             where=where,
-            expected=f"one of {', '.join(UNITS_M_S2)}, or a factor and one of them",
+            expected=f"acceleration in one of {known_names()}, or a factor and one of them",
             remedy="name the unit of the samples",
         )
     processing = text["processing"].lower()

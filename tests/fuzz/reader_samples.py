@@ -15,7 +15,7 @@ import trimesh
 from motion_samples import STEP_S, WRITERS, shaking
 
 from toppling.models.motions.ensemble import Ensemble
-from toppling.models.motions.formats.seismic import responses
+from toppling.models.motions.formats.response import responses
 from toppling.models.motions.importing import Wishes, import_records, record_files
 from toppling.models.motions.metadata import read_table
 from toppling.models.motions.motion import Motion

@@ -8,7 +8,7 @@ import pytest
 from click.testing import CliRunner
 
 from toppling.models.errors import InputError
-from toppling.models.motions.formats import seismic
+from toppling.models.motions.formats import response, seismic
 from toppling.models.motions.formats.reading import read_file
 from toppling.models.scene import Scene, read_triangles
 from toppling.orchestrator.cli import cli
@@ -87,7 +87,7 @@ def test_station_xml_names_no_other_file(tmp_path):
         "<Source>&secret;</Source><Created>2020-01-01T00:00:00</Created></FDSNStationXML>"
     )
     with pytest.raises(InputError, match="entities"):
-        seismic.responses([station])
+        response.responses([station])
 
 
 def test_a_mesh_reads_no_file_beside_it(tmp_path):

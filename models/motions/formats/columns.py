@@ -6,20 +6,16 @@ Units come from the names of the columns or the metadata table, the time step of
 import math
 import re
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from toppling.models.motions.formats.component import (
-    UNITS_M_S2,
-    Component,
-    bearing,
-    code_direction,
-    numbers_in,
-    positive,
-    refuse,
-)
+from toppling.models.errors import InputError
+from toppling.models.motions.formats.component import Component, bearing, code_direction, positive, refuse
+from toppling.models.motions.formats.numbers import numbers_in
+from toppling.models.motions.formats.units import known_names, unit_of
 
 NAME = "plain columns"
 COMMENT = ("#", "%", "!", "//", ";")
@@ -27,6 +23,7 @@ _NUMBER = re.compile(r"^[-+]?((\d+\.?\d*|\.\d+)([EeDd][-+]?\d+)?|nan|inf)$", re.
 """NaN too: a file that begins with one is of this format, and damaged at that line."""
 _EXPONENT = re.compile(r"(?<=[\d.])[Dd](?=[-+\d])")
 """Fortran's double precision, which is no number elsewhere."""
+_COMMA_NUMBER = re.compile(r"[-+]?(?:\d+,?\d*|,\d+)(?:[EeDd][-+]?\d+)?$")
 _WORD = re.compile(r"[^\s(\[]+\s*(?:[(\[][^)\]]*[)\]])?")
 _BRACKETS = re.compile(r"[(\[]([^)\]]*)[)\]]")
 _TIME = re.compile(r"(?:t|times?|s|secs?|seconds?)(?![a-z])", re.IGNORECASE)
@@ -39,13 +36,15 @@ TIME_UNITS_S = {"ms": 0.001, "msec": 0.001}
 """Units of a column of times that is not in seconds."""
 STEP_TOLERANCE = 0.01
 """Largest departure of one time difference from their median, as a share of it."""
+REGULAR_SHARE = 0.95
 WIDTHS = (1, 2, 4)
 
 
 def recognises(head: str) -> bool:
     """Whether the first lines that are no comments hold one, two or four numbers each, below their names."""
     body = [line for line in head.splitlines()[:-1] if line.strip() and not line.lstrip().startswith(COMMENT)]
-    rows = [_split(line) for line in body[:20]]
+    comma = _is_decimal_comma(body[1:20])
+    rows = [_split(line, comma) for line in body[:20]]
     if len(rows) < 3 or len(rows[1]) not in WIDTHS:
         return False
     return all(len(row) == len(rows[1]) and all(map(_NUMBER.match, row)) for row in rows[1:])
@@ -55,7 +54,8 @@ def read(path: Path, text: str) -> list[Component]:
     """Read the columns; the unit of their samples is that in their names, else the metadata table must name it."""
     lines = text.splitlines()
     at, first = _header(lines)
-    rows = [_EXPONENT.sub("E", line.replace(",", " ")) for line in lines[first:]]
+    comma = _is_decimal_comma(lines[first : first + 20])
+    rows = [_EXPONENT.sub("E", _separated(line, comma)) for line in lines[first:]]
     width = len(rows[0].split()) if rows else 0
     for offset, row in enumerate(rows):
         if row.strip() and len(row.split()) != width:
@@ -71,30 +71,49 @@ def read(path: Path, text: str) -> list[Component]:
         refuse("fewer than two samples", path, first + 1, expected="a record")
     columns = _columns(lines[at], width) if at is not None else []
     labels = _labels(columns, width, path, (at or 0) + 1)
-    units = columns if len(columns) == width else [_Column("", "")] * width
+    named = columns if len(columns) == width else [_Column("", "")] * width
     step = math.nan
     if width > 1:
         times = [row.split()[0] for row in rows if row.strip()]
-        step = _time_step(values[:, 0], times, path, first + 1) * TIME_UNITS_S.get(units[0].unit, 1.0)
+        _refuse_two_commas(lines[first], values[:, 0], times, path, first + 1)
+        step = _time_step(values[:, 0], times, path, first + 1) * TIME_UNITS_S.get(named[0].unit.lower(), 1.0)
     return [
-        _component(values[:, place], step, label, UNITS_M_S2.get(units[place].unit), path, first + 1)
+        _component(values[:, place], step, label, named[place], path, first + 1)
         for place, label in enumerate(labels, max(width - len(labels), 0))
     ]
 
 
 def _component(
-    values: NDArray[np.float64], step: float, label: str, unit_m_s2: float | None, path: Path, line: int
+    values: NDArray[np.float64], step: float, label: str, column: "_Column", path: Path, line: int
 ) -> Component:
+    unit, no_unit = unit_of(column.unit) if column.unit else None, None
+    if unit is not None and unit.quantity != "acceleration":
+        refuse(
+            f"the column {column.name!r} is in {column.unit!r}, a unit of {unit.quantity}",
+            path,
+            line,
+            expected="acceleration",
+            remedy="differentiate it to acceleration first",
+        )
+    if unit is None and column.unit:
+        no_unit = InputError(
+            f"{column.unit!r} in the names of the columns does not say in which unit the samples are",
+            where=f"{path}:{line}",
+            expected=f"one of {known_names()}",
+            remedy="correct it, or give a metadata table with the column 'unit' (--metadata)",
+        )
+    factor = unit.factor if unit else None
     return Component(
-        acceleration_m_s2=values * (unit_m_s2 or 1.0),
+        acceleration_m_s2=values * (factor or 1.0),
         time_step_s=step,
         direction=code_direction(label),
         path=path,
         line=line,
         file_format=NAME,
-        unit_known=unit_m_s2 is not None,
-        stated_unit_m_s2=unit_m_s2,
+        unit_known=factor is not None,
+        stated_unit_m_s2=factor,
         label=label,
+        no_unit=no_unit,
     )
 
 
@@ -109,7 +128,7 @@ class _Column:
 def _header(lines: list[str]) -> tuple[int | None, int]:
     """Places of the line that may name the columns, None without one, and of the first line of numbers."""
     first = next(i for i, line in enumerate(lines) if line.strip() and not line.lstrip().startswith(COMMENT))
-    if not all(map(_NUMBER.match, _split(lines[first]))):
+    if not all(map(_NUMBER.match, _split(lines[first], _is_decimal_comma(lines[first : first + 20])))):
         return first, first + 1
     comments = [i for i in range(first) if lines[i].strip()]
     return (comments[-1] if comments else None), first
@@ -117,15 +136,16 @@ def _header(lines: list[str]) -> tuple[int | None, int]:
 
 def _columns(line: str, width: int) -> list[_Column]:
     """Columns as a line names them; none if it is a comment of another number of words, which is no header."""
-    text = line.strip().lstrip("".join(COMMENT)).strip(" ,")
-    parts = text.split(",") if "," in text else _WORD.findall(text)
+    text = line.strip().lstrip("".join(COMMENT)).strip(" ,;\t")
+    between = next((separator for separator in ";\t," if separator in text), None)
+    parts = text.split(between) if between else _WORD.findall(text)
     found = [_Column(_BRACKETS.sub("", part).strip(" \"'_:."), _unit(part)) for part in parts]
     return [] if len(found) != width and line.lstrip().startswith(COMMENT) else found
 
 
 def _unit(part: str) -> str:
     match = _BRACKETS.search(part)
-    return match[1].lower().replace("²", "2").replace("**", "^").replace(" ", "") if match else ""
+    return match[1].strip() if match else ""
 
 
 def _labels(columns: list[_Column], width: int, path: Path, line: int) -> list[str]:
@@ -159,9 +179,16 @@ def _label(name: str) -> str:
 
 
 def _time_step(time: NDArray[np.float64], printed: list[str], path: Path, line: int) -> float:
+    """Step of equally spaced times: their span by their number, as round as the last printed digit allows.
+
+    Where nearly all differences are one number of whole digits, rounding explains no other.
+    """
     steps = np.diff(time)
-    step = positive(float(np.median(steps)), "time step", path, line)
-    wrong = np.flatnonzero(np.abs(steps - step) > max(STEP_TOLERANCE * step, _print_error(printed)))
+    mean = positive(float((time[-1] - time[0]) / len(steps)), "time step", path, line)
+    usual, digit = float(np.median(steps)), _print_error(printed)
+    regular = usual > 0 and float((np.abs(steps - usual) < 0.1 * digit).mean()) >= REGULAR_SHARE
+    step = usual if regular or usual > digit else mean
+    wrong = np.flatnonzero(np.abs(steps - step) > max(STEP_TOLERANCE * step, digit / 2 if regular else digit))
     if len(wrong):
         refuse(
             f"the time goes on by {steps[wrong[0]]:g} s where the step is {step:g} s: a gap or two steps",
@@ -170,7 +197,18 @@ def _time_step(time: NDArray[np.float64], printed: list[str], path: Path, line: 
             expected="equal time steps",
             remedy="fill or cut the gap, or resample the record to one step first",
         )
-    return round(float((time[-1] - time[0]) / len(steps)), 9)
+    return _round_step(mean, digit / len(steps))
+
+
+def _round_step(step: float, error: float) -> float:
+    """Roundest step within an error: of a few decimals, else of a whole number a second, else of nine decimals."""
+    few = next(
+        (round(step, digits) for digits in range(1, 5) if abs(round(step, digits) - step) <= error), 0.0
+    )
+    rate = round(1 / step) or 1
+    if few > 0:
+        return few
+    return 1 / rate if abs(1 / rate - step) <= error else round(step, 9)
 
 
 def _print_error(numbers: list[str]) -> float:
@@ -187,5 +225,49 @@ def _print_error(numbers: list[str]) -> float:
     return 1.01 * 10.0 ** (largest - digits) if digits else 0.0
 
 
-def _split(line: str) -> list[str]:
-    return line.replace(",", " ").split()
+def _is_decimal_comma(lines: list[str]) -> bool:
+    """Whether commas in lines of numbers are decimal points: where something else stands between the numbers.
+
+    One comma a line may be either: it stands between two columns if what is before it goes on as times do.
+    """
+    rows = [re.split(r"[;\s]+", line.strip(" ;\t")) for line in lines if _is_body(line)]
+    if not any("," in line for line in lines) or any("." in number for row in rows for number in row):
+        return False
+    if not rows or not all(_COMMA_NUMBER.match(number) for row in rows for number in row):
+        return False
+    if all(len(row) > 1 for row in rows):
+        return True
+    before = [int(row[0].partition(",")[0] or 0) for row in rows]
+    return any(b <= a for a, b in pairwise(before))
+
+
+def _is_body(line: str) -> bool:
+    return bool(line.strip()) and not line.lstrip().startswith(COMMENT)
+
+
+def _separated(line: str, decimal_comma: bool) -> str:
+    """Line with a blank between its numbers, and their decimals behind a point."""
+    return line.replace(",", "." if decimal_comma else " ").replace(";", " ")
+
+
+def _split(line: str, decimal_comma: bool) -> list[str]:
+    return _separated(line, decimal_comma).split()
+
+
+def _refuse_two_commas(
+    example: str, time: NDArray[np.float64], printed: list[str], path: Path, line: int
+) -> None:
+    if (
+        "," not in example
+        or "." in example
+        or (np.diff(time) > 0).all()
+        or not all(map(str.isdigit, printed[:20]))
+    ):
+        return
+    refuse(
+        f"{example.strip()[:60]!r} has commas, which may stand between its numbers or within them",
+        path,
+        line,
+        expected="a decimal point, or semicolons, tabs or blanks between numbers with decimal commas",
+        remedy="export the file with a decimal point",
+    )

@@ -11,23 +11,6 @@ from numpy.typing import NDArray
 from toppling.models.errors import InputError
 
 UP, DOWN = "up", "down"
-UNITS_M_S2 = {
-    "m/s2": 1.0,
-    "m/s^2": 1.0,
-    "m/s/s": 1.0,
-    "m/sec2": 1.0,
-    "cm/s2": 0.01,
-    "cm/s^2": 0.01,
-    "cm/s/s": 0.01,
-    "cm/sec2": 0.01,
-    "cm/sec/sec": 0.01,
-    "gal": 0.01,
-    "mm/s2": 0.001,
-    "g": 9.80665,
-    "g/10": 0.980665,
-    "mg": 0.00980665,
-}
-"""Factors to m/s2 by the names that files and tables use."""
 TIME_STEPS_S = (1e-5, 1.0)
 """Of any instrument that records shaking."""
 _DEGREES = re.compile(r"-?(?:\d+(?:\.\d*)?|\.\d+)", re.ASCII)
@@ -63,6 +46,12 @@ class Component:
         Time of the first sample, seconds since 1970.
     notes : tuple of str
         What the reader had to do.
+    warnings : tuple of str
+        What the user should know of the file, though it could be read.
+    missing : int
+        Samples that the header counts beyond those that there are.
+    no_unit : InputError or None
+        Why the unit is not known, where more can be said than that the file is silent.
     """
 
     acceleration_m_s2: NDArray[np.float64]
@@ -82,6 +71,9 @@ class Component:
     series: str = ""
     start_s: float | None = None
     notes: tuple[str, ...] = field(default=())
+    warnings: tuple[str, ...] = field(default=())
+    missing: int = 0
+    no_unit: InputError | None = None
 
     @property
     def where(self) -> str:
@@ -94,70 +86,6 @@ def refuse(
 ) -> NoReturn:
     """Raise the error that names file and line."""
     raise InputError(what, where=f"{path}:{line}" if line else str(path), expected=expected, remedy=remedy)
-
-
-def numbers_in(
-    lines: list[str], path: Path, first_line: int, width: int | None = None
-) -> NDArray[np.float64]:
-    """Numbers of a block of lines, separated by blanks or in columns of a fixed width.
-
-    Parameters
-    ----------
-    lines : list of str
-    path : Path
-    first_line : int
-        Number of the first of `lines` in the file, from 1.
-    width : int or None
-        Characters to a number; None for blanks.
-
-    Raises
-    ------
-    InputError
-        At the first line with something that is not a finite number.
-    """
-    try:
-        tokens = (
-            " ".join(lines).split()
-            if width is None
-            else [token for line in lines for token in _tokens(line, width)]
-        )
-        values = np.array(list(map(float, tokens)))
-        if np.isfinite(values).all():
-            return values
-    except ValueError:
-        pass
-    for offset, line in enumerate(lines):
-        for token in _tokens(line, width):
-            if not _is_finite_number(token):
-                refuse(
-                    f"{token.strip()!r} is not a finite number",
-                    path,
-                    first_line + offset,
-                    expected="one finite number after another",
-                    remedy="fetch the file again, or cut the damaged part and correct its count",
-                )
-    return np.empty(0)
-
-
-def exactly(values: NDArray[np.float64], count: int, path: Path, line: int) -> NDArray[np.float64]:
-    """Values, if they are as many as the header says.
-
-    Raises
-    ------
-    InputError
-        If there are fewer (a truncated file) or more.
-    """
-    if len(values) != count:
-        short = len(values) < count
-        refuse(
-            f"{len(values)} samples follow where the header counts {count}"
-            + (": the file is truncated" if short else ""),
-            path,
-            line,
-            expected=f"{count} samples",
-            remedy="fetch the file again" if short else "correct the count in the header",
-        )
-    return values
 
 
 def positive(value: float, name: str, path: Path, line: int) -> float:
@@ -233,17 +161,3 @@ def code_direction(code: str) -> float | str | None:
     SEED's 2 and 3, and what a person calls 1 and 2, are two horizontals of unknown bearing; 0 is north.
     """
     return None if len(code) == 1 and code in "123456789" else bearing(code)
-
-
-def _tokens(line: str, width: int | None) -> list[str]:
-    if width is None:
-        return line.split()
-    body = line.rstrip()
-    return [body[i : i + width] for i in range(0, len(body), width)]
-
-
-def _is_finite_number(token: str) -> bool:
-    try:
-        return bool(np.isfinite(float(token)))
-    except ValueError:
-        return False

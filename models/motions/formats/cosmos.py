@@ -1,24 +1,19 @@
 """COSMOS volumes 0, 1 and 2 (format 1.20): text, integers, reals, comments, each announced, then samples."""
 
+import math
 import re
+from itertools import takewhile
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from toppling.models.motions.formats.component import (
-    DOWN,
-    UP,
-    Component,
-    bearing,
-    exactly,
-    numbers_in,
-    positive,
-    refuse,
-)
+from toppling.models.motions.formats.component import DOWN, UP, Component, bearing, positive, refuse
+from toppling.models.motions.formats.numbers import counted, exactly, numbers_in
+from toppling.models.motions.formats.units import unit_of
 
 NAME = "COSMOS V0/V1/V2"
-UNIT_CODES_M_S2 = {2: 9.80665, 4: 0.01}
+UNIT_CODES_M_S2 = {2: 9.80665, 4: 0.01, 7: 0.0254, 10: 0.01, 11: 0.980665}
 COUNTS = 50
 LEAST_BIT, SENSITIVITY, GAIN = 22, 42, 47
 """Numbers of the real header values that make volts of counts, and acceleration of volts."""
@@ -26,17 +21,18 @@ UNKNOWN = -999
 _VERSION = re.compile(r"\(Format\s+v\s*([\d.]+)\s+with\s+(\d+)\s+text lines\)", re.IGNORECASE)
 _BLOCK = re.compile(
     r"^\s*(\d+)\s+(?:Integer|Real)-header values follow on\s+(\d+)\s+lines?,\s*"
-    r"Format=\s*\(?\s*(\d+)[IFE](\d+)",
+    r"Format\s*=\s*\(?\s*(\d+)[IFE](\d+)",
     re.IGNORECASE,
 )
 _COMMENTS = re.compile(r"^\s*(\d+)\s+Comment line", re.IGNORECASE)
+_COMMENT = re.compile(r"\s*\|")
 _DATA = re.compile(
     r"^\s*(\d+)\s+(.*?)\bpts\b.*?units\s*=\s*(\S*?)\s*\(\s*(\d+)\s*\)\s*,?\s*"
-    r"Format\s*=?\s*\(\s*(\d+)[fFeEiI](\d+)",
+    r"Format\s*=?\s*\(\s*(?:\d+P\s*,?\s*)?(\d+)[FEIGD](\d+)",
     re.IGNORECASE,
 )
-_CHANNEL = re.compile(r"^Sta Chan\s+\S*?\s*:\s*(.*?)\s*(?:\(Rcrdr|Location|$)", re.IGNORECASE)
-_LAST = re.compile(r"^End-of-data", re.IGNORECASE)
+_CHANNEL = re.compile(r"^\s*Sta Chan?\s*:?\s*\S*?\s*:\s*(.*?)\s*(?:\(Rcrdr|Location|$)", re.IGNORECASE)
+_LAST = re.compile(r"^\s*(?:End-of-data|/&)", re.IGNORECASE)
 
 
 def recognises(head: str) -> bool:
@@ -72,7 +68,7 @@ def _channel(lines: list[str], start: int, path: Path) -> tuple[Component | None
     integers, at = _header(lines, start + int(version[2]), path, whole=True)
     reals, at = _header(lines, at, path, whole=False)
     comments = _COMMENTS.match(lines[at]) if at < len(lines) else None
-    notes = lines[at + 1 : at + 1 + int(comments[1])] if comments else []
+    notes = list(takewhile(_COMMENT.match, lines[at + 1 :])) if comments else []
     at += 1 + len(notes)
     data = _DATA.match(lines[at]) if at < len(lines) else None
     if not data:
@@ -82,11 +78,8 @@ def _channel(lines: list[str], start: int, path: Path) -> tuple[Component | None
             at + 1,
             expected="a line such as '13400 acceleration pts, approx 67 secs, units=g.(02)Format=(8f9.6)'",
         )
-    count, across, width = int(data[1]), int(data[5]), int(data[6])
-    body = lines[at + 1 : at + 1 + -(-count // max(across, 1))]
-    stop = next(
-        (i for i in range(at + 1, min(at + 2 + len(body), len(lines))) if _LAST.match(lines[i])), None
-    )
+    count, width = int(data[1]), int(data[6])
+    stop = next((i for i in range(at + 1, len(lines)) if _LAST.match(lines[i])), None)
     if stop is None:
         refuse(
             f"no 'End-of-data' after {count} samples: the file is truncated or the count is wrong",
@@ -96,13 +89,14 @@ def _channel(lines: list[str], start: int, path: Path) -> tuple[Component | None
         )
     if "accel" not in data[2].lower():
         return None, stop + 1
-    values = exactly(numbers_in(lines[at + 1 : stop], path, at + 2, width), count, path, at + 1)
+    body = lines[at + 1 : stop]
+    found = counted(numbers_in(body, path, at + 2, width), count, body, path, at + 1, width)
     factor, note = _factor(int(data[4]), data[3], reals, path, at + 1)
     where = f"{path}", start + 1
     scnl = next((re.search(r"<SCNL>(\S+)", text) for text in notes if "<SCNL>" in text), None)
     label = _label(title)
     return Component(
-        acceleration_m_s2=values * factor,
+        acceleration_m_s2=found.values * factor,
         time_step_s=positive(_real(reals, 62) / 1000, "time step (real header 62)", path, where[1]),
         direction=_direction(label, integers, scnl[1] if scnl else ""),
         path=path,
@@ -115,6 +109,8 @@ def _channel(lines: list[str], start: int, path: Path) -> tuple[Component | None
         magnitude=_magnitude(title),
         series=_after("Location:", title),
         notes=(note,) if note else (),
+        warnings=found.warnings,
+        missing=found.missing,
     ), stop + 1
 
 
@@ -139,8 +135,18 @@ def _real(reals: NDArray[np.float64], number: int) -> float:
 
 def _factor(code: int, unit: str, reals: NDArray[np.float64], path: Path, line: int) -> tuple[float, str]:
     """One unit of the samples in m/s2; counts by the recorder's least bit, the sensor's volts per g and gain."""
-    if code in UNIT_CODES_M_S2:
-        return UNIT_CODES_M_S2[code], ""
+    named = unit_of(unit)
+    coded = UNIT_CODES_M_S2.get(code)
+    if coded and named and not (named.quantity == "acceleration" and math.isclose(named.factor, coded)):
+        refuse(
+            f"the unit is {unit!r} by its name, and {coded:g} m/s2 by its code {code:02d}",
+            path,
+            line,
+            expected="one unit of the samples",
+            remedy="correct the line, or fetch the file again",
+        )
+    if coded:
+        return coded, ""
     bit, sensitivity = _real(reals, LEAST_BIT), _real(reals, SENSITIVITY)
     if code != COUNTS or not (bit > 0 and sensitivity > 0):
         refuse(

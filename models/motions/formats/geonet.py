@@ -3,14 +3,8 @@
 import re
 from pathlib import Path
 
-from toppling.models.motions.formats.component import (
-    Component,
-    bearing,
-    exactly,
-    numbers_in,
-    positive,
-    refuse,
-)
+from toppling.models.motions.formats.component import Component, bearing, positive, refuse
+from toppling.models.motions.formats.numbers import exactly, numbers_in
 
 NAME = "GeoNet V1A/V2A"
 TEXT_LINES, NUMBER_LINES = 16, 10

@@ -3,18 +3,15 @@
 import re
 from pathlib import Path
 
-from toppling.models.motions.formats.component import (
-    UNITS_M_S2,
-    Component,
-    bearing,
-    code_direction,
-    exactly,
-    numbers_in,
-    positive,
-    refuse,
-)
+import numpy as np
+from numpy.typing import NDArray
 
-ESM_LINES = 64
+from toppling.models.motions.formats.component import Component, bearing, code_direction, positive, refuse
+from toppling.models.motions.formats.numbers import counted, numbers_in
+from toppling.models.motions.formats.units import acceleration_m_s2
+
+PRINTED_TIME_S = 0.0015
+"""Of CWB's times, with three decimals."""
 
 
 class esm:  # noqa: N801  (a reader, as the modules are)
@@ -24,18 +21,22 @@ class esm:  # noqa: N801  (a reader, as the modules are)
 
     @staticmethod
     def recognises(head: str) -> bool:
-        """Whether the first key is the event's name."""
-        return head.startswith("EVENT_NAME:") and "SAMPLING_INTERVAL_S:" in head
+        """Whether the first key is the event's name, in any case."""
+        upper = head.lstrip().upper()
+        return bool(re.match(r"EVENT_NAME\s*:", upper)) and "SAMPLING_INTERVAL_S" in upper
 
     @staticmethod
     def read(path: Path, text: str) -> list[Component]:
         """Read one component."""
         lines = text.splitlines()
+        first = next(
+            (i for i, line in enumerate(lines) if _is_number(line.strip().replace(",", "."))), len(lines)
+        )
         header = {
-            key.strip(): value.strip()
-            for key, _, value in (line.partition(":") for line in lines[:ESM_LINES])
+            key.strip().upper(): value.strip()
+            for key, _, value in (line.partition(":") for line in lines[:first])
         }
-        if header.get("DATA_TYPE") != "ACCELERATION":
+        if header.get("DATA_TYPE", "").upper() != "ACCELERATION":
             refuse(
                 f"DATA_TYPE is {header.get('DATA_TYPE', 'missing')}",
                 path,
@@ -43,23 +44,20 @@ class esm:  # noqa: N801  (a reader, as the modules are)
                 expected="ACCELERATION",
                 remedy="give the file of acceleration",
             )
-        unit = UNITS_M_S2.get(header.get("UNITS", "").lower())
+        unit = acceleration_m_s2(header.get("UNITS", ""))
         if unit is None:
             refuse(f"UNITS is {header.get('UNITS')!r}", path, 1, expected="cm/s^2")
         step = _number(header, "SAMPLING_INTERVAL_S", path)
-        values = exactly(
-            numbers_in(lines[ESM_LINES:], path, ESM_LINES + 1), int(_number(header, "NDATA", path)), path, 1
-        )
+        body = lines[first:]
+        found = counted(numbers_in(body, path, first + 1), int(_number(header, "NDATA", path)), body, path, 1)
         stream = header.get("STREAM", "")
-        moment = header.get("MAGNITUDE_W") or header.get("MAGNITUDE_L")
-        distance = header.get("EPICENTRAL_DISTANCE_KM")
         return [
             Component(
-                acceleration_m_s2=values * unit,
+                acceleration_m_s2=found.values * unit,
                 time_step_s=positive(step, "SAMPLING_INTERVAL_S", path, 1),
                 direction=code_direction(stream[-1:]),
                 path=path,
-                line=ESM_LINES + 1,
+                line=first + 1,
                 file_format=esm.NAME,
                 corrected=header.get("PROCESSING", "").lower() not in {"", "none"},
                 event=header.get("EVENT_ID") or header.get("EVENT_NAME", ""),
@@ -67,9 +65,11 @@ class esm:  # noqa: N801  (a reader, as the modules are)
                     filter(None, (header.get("NETWORK"), header.get("STATION_CODE"), header.get("LOCATION")))
                 ),
                 label=stream,
-                magnitude=_optional(moment),
-                distance_km=_optional(distance),
+                magnitude=_optional(header.get("MAGNITUDE_W") or header.get("MAGNITUDE_L")),
+                distance_km=_optional(header.get("EPICENTRAL_DISTANCE_KM")),
                 series=stream[:-1],
+                warnings=found.warnings,
+                missing=found.missing,
             )
         ]
 
@@ -94,8 +94,8 @@ class unam:  # noqa: N801
         header = {
             key.strip(): value.strip() for key, _, value in (line.partition(" : ") for line in lines[:at])
         }
-        unit = re.match(r"\w+", header.get("UNIDADES DE LOS DATOS", ""))
-        if unit is None or unit[0].lower() not in UNITS_M_S2:
+        unit = acceleration_m_s2(header.get("UNIDADES DE LOS DATOS", "").partition("(")[0])
+        if unit is None:
             refuse(
                 f"UNIDADES DE LOS DATOS is {header.get('UNIDADES DE LOS DATOS')!r}",
                 path,
@@ -112,14 +112,23 @@ class unam:  # noqa: N801
                 1,
                 expected="one of each for every channel",
             )
-        first = at + 5
-        table = numbers_in(lines[first:], path, first + 1)
+        numbered = (i for i in range(at + 1, len(lines)) if _is_row(lines[i]))
+        first = next(numbered, len(lines))
+        body = lines[first:]
         count = int(numbers_in([counts[0]], path, 1)[0])
-        table = exactly(table, count * len(labels), path, first + 1).reshape(count, len(labels))
+        found = counted(numbers_in(body, path, first + 1), count * len(labels), body, path, first + 1)
+        if len(found.values) % len(labels):
+            refuse(
+                f"{len(found.values)} numbers of {len(labels)} channels",
+                path,
+                first + 1,
+                expected="whole rows",
+            )
+        table = found.values.reshape(-1, len(labels))
         moment = re.search(r"M\w*\s*=\s*(\d\.\d+)", header.get("MAGNITUD(ES)", ""))
         return [
             Component(
-                acceleration_m_s2=table[:, channel] * UNITS_M_S2[unit[0].lower()],
+                acceleration_m_s2=table[:, channel] * unit,
                 time_step_s=positive(float(numbers_in([steps[channel]], path, 1)[0]), "time step", path, 1),
                 direction=bearing(label),
                 path=path,
@@ -130,6 +139,8 @@ class unam:  # noqa: N801
                 station=header.get("CLAVE DE LA ESTACION", ""),
                 label=label,
                 magnitude=float(moment[1]) if moment else None,
+                warnings=found.warnings,
+                missing=found.missing // len(labels),
             )
             for channel, label in enumerate(labels)
         ]
@@ -174,6 +185,7 @@ class cwb:  # noqa: N801
                 expected=f"{count} rows of time, up, north and east",
             )
         table = table.reshape(rows, 4)
+        _refuse_gap(table[:, order.index("Time")], 1 / rate, path, first + 1)
         magnitude = next((value for key, value in header.items() if key.startswith("Magnitude")), None)
         return [
             Component(
@@ -194,13 +206,29 @@ class cwb:  # noqa: N801
         ]
 
 
+def _refuse_gap(time: NDArray[np.float64], step: float, path: Path, line: int) -> None:
+    """Refuse rows whose times do not go on by the step: printed to a millisecond, they are off by as much."""
+    wrong = np.flatnonzero(np.abs(np.diff(time) - step) > max(PRINTED_TIME_S, 0.5 * step))
+    if len(wrong):
+        refuse(
+            f"the time goes from {time[wrong[0]]:g} to {time[wrong[0] + 1]:g} s where the step is {step:g} s",
+            path,
+            line + int(wrong[0]) + 1,
+            expected="equal time steps",
+        )
+
+
+def _is_row(line: str) -> bool:
+    return bool(line.strip()) and all(_is_number(word.replace(",", ".")) for word in line.split())
+
+
 def _slashed(header: dict[str, str], key: str) -> list[str]:
     """Values of '/a/b/c'."""
     return [part.strip() for part in header.get(key, "").lstrip("/").split("/") if part.strip()]
 
 
 def _number(header: dict[str, str], key: str, path: Path) -> float:
-    text = header.get(key, "")
+    text = header.get(key, "").replace(",", ".")
     if not _is_number(text):
         refuse(f"{key} is {text!r}", path, 1, expected="a number")
     return float(text)

@@ -3,18 +3,16 @@
 import re
 from pathlib import Path
 
-from toppling.models.motions.formats.component import (
-    Component,
-    bearing,
-    exactly,
-    numbers_in,
-    positive,
-    refuse,
-)
+from toppling.models.motions.formats.component import Component, bearing, code_direction, positive, refuse
+from toppling.models.motions.formats.numbers import counted, numbers_in
+from toppling.models.motions.formats.units import acceleration_m_s2
 
 NAME = "PEER AT2"
 _COUNT = re.compile(r"NPTS\s*=?\s*(\d+)", re.IGNORECASE)
 _STEP = re.compile(r"DT\s*=?\s*([-+0-9.Ee]+)", re.IGNORECASE)
+_UNIT = re.compile(r"\bUNITS?(?:\s+OF\b|\s*[:=])\s*(\S+)", re.IGNORECASE)
+_SEED = re.compile(r"[A-Z][GHLN]([ENZ123])(?:\d\d|--)?")
+"""NGA-East's labels: a channel's code, and its location behind it."""
 _DATE = re.compile(r"\d+[/.-]\d+[/.-]\d+")
 _AGENCY = re.compile(r"\s*\([^()]*\)\s*$")
 _OLD = re.compile(r"^\s*(\d+)\s+([0-9.Ee+-]+)\s+NPTS\s*,\s*DT", re.IGNORECASE)
@@ -29,7 +27,9 @@ def recognises(head: str) -> bool:
 def read(path: Path, text: str) -> list[Component]:
     """Read one component; both header styles (`NPTS= 5437, DT= .0050 SEC` and `5437 0.0050 NPTS, DT`)."""
     lines = text.splitlines()
-    if "ACCELERATION" not in lines[2].upper() or not re.search(r"\bG\b", lines[2].upper()):
+    named = _UNIT.search(lines[2])
+    unit = acceleration_m_s2(named[1]) if named else None
+    if "ACCELERATION" not in lines[2].upper() or unit is None:
         refuse(
             f"the third line says {lines[2].strip()[:60]!r}",
             path,
@@ -38,13 +38,13 @@ def read(path: Path, text: str) -> list[Component]:
             remedy="give the acceleration file (.AT2), not velocity or displacement",
         )
     count, step = _count_and_step(lines[3], path)
-    values = exactly(numbers_in(lines[4:], path, 5), count, path, len(lines))
+    found = counted(numbers_in(lines[4:], path, 5), count, lines[4:], path, 4)
     event, station, label = _title(lines[1])
     return [
         Component(
-            acceleration_m_s2=values * 9.80665,
+            acceleration_m_s2=found.values * unit,
             time_step_s=step,
-            direction=bearing(label),
+            direction=_direction(label),
             path=path,
             line=5,
             file_format=NAME,
@@ -53,6 +53,8 @@ def read(path: Path, text: str) -> list[Component]:
             station=station,
             label=label,
             series=_series(path),
+            warnings=found.warnings,
+            missing=found.missing,
         )
     ]
 
@@ -87,10 +89,17 @@ def _title(line: str) -> tuple[str, str, str]:
     (ERD STATION 12)', where the date stays with the event, which has no number to tell it from its aftershocks.
     """
     parts = [part.strip() for part in _AGENCY.sub("", line).split(",")]
-    at = next((i for i, part in enumerate(parts) if _DATE.search(part)), 0)
+    dates = [i for i, part in enumerate(parts) if _DATE.search(part)]
+    at = next((i for i in dates if _DATE.fullmatch(parts[i])), dates[0] if dates else 0)
     event = parts[:at] if _DATE.fullmatch(parts[at]) else parts[: at + 1]
     behind = parts[at + 1 :]
     return ", ".join(event), ", ".join(behind[:-1]), behind[-1] if behind else ""
+
+
+def _direction(label: str) -> float | str | None:
+    """Direction of a component's label, which is a bearing, a word or a channel's code."""
+    code = _SEED.fullmatch(label.upper())
+    return code_direction(code[1]) if code else bearing(label)
 
 
 def _series(path: Path) -> str:

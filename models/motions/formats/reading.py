@@ -10,6 +10,7 @@ from toppling.models.errors import InputError
 from toppling.models.motions.formats import columns, cosmos, geonet, peer, seismic, smc, volumes
 from toppling.models.motions.formats.component import Component, check_time_step, refuse
 from toppling.models.motions.formats.keyed import cwb, esm, unam
+from toppling.models.motions.formats.text import HEAD_BYTES, text_of
 
 
 class Reader(Protocol):
@@ -26,7 +27,6 @@ class Reader(Protocol):
 
 TEXT_FORMATS: tuple[Reader, ...] = (peer, geonet, cosmos, smc, volumes, esm, unam, cwb, columns)
 """In the order in which they are tried."""
-HEAD_BYTES = 4000
 LARGEST_BYTES = 500_000_000
 LONGEST_LINE = 5000
 """Formats have lines of at most a few hundred characters, and searching endless ones for words is slow."""
@@ -58,9 +58,9 @@ def read_file(path: Path, inventory: Any | None = None) -> list[Component]:
             remedy="cut the shaking out of it first",
         )
     content = path.read_bytes()
-    if not content.strip():
+    if not content.strip(b"\0\x1a \t\r\n"):
         refuse("the file is empty", path, expected="a record")
-    text = content.decode("utf-8-sig", errors="replace") if b"\0" not in content[:HEAD_BYTES] else None
+    text = text_of(content)
     reader = next((reader for reader in TEXT_FORMATS if text and reader.recognises(text[:HEAD_BYTES])), None)
     if text is not None and reader is not None:
         return _checked(_read_text(reader, path, text), path)

@@ -1,7 +1,9 @@
 """What ObsPy reads: K-NET and KiK-net, SAC, miniSEED and more, with StationXML where samples are counts."""
 
 import io
+import re
 import warnings
+from contextlib import suppress
 from functools import cache
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -11,7 +13,9 @@ import numpy as np
 
 from toppling.models.errors import InputError
 from toppling.models.guarded import read_guarded
-from toppling.models.motions.formats.component import DOWN, UP, Component, bearing, exactly, positive, refuse
+from toppling.models.motions.formats.component import DOWN, UP, Component, bearing, positive, refuse
+from toppling.models.motions.formats.numbers import exactly
+from toppling.models.motions.formats.response import Converted, in_m_s2
 
 NAME = "ObsPy"
 FORMATS = (
@@ -22,9 +26,13 @@ FORMATS = (
 formats whose files name others to be read (CSS, Q)."""
 KNET_DURATION_LINE = 12
 MOST_SAMPLES = 10**9
-FLATNESS_BAND_HZ = (0.1, 20.0)
-FLATNESS = 0.05
-"""An accelerometer whose response varies less than this share over the band is divided by its sensitivity."""
+SAC_QUANTITIES = {5: "unknown", 6: "displacement", 7: "velocity", 8: "acceleration", 50: "volts"}
+"""By SAC's `idep`."""
+SAME_STEP = 1e-6
+FITS = 0.01
+"""Share of a sample by which the pieces of a record are off without being told."""
+_KNET_UNIT = re.compile(rb"^Scale Factor\s+[\d.]+\s*\(gal\)\s*/", re.IGNORECASE | re.MULTILINE)
+"""ObsPy takes the factor for one of gal, whatever is said."""
 
 
 def read(path: Path, inventory: Any | None) -> list[Component] | None:
@@ -45,9 +53,7 @@ def read(path: Path, inventory: Any | None) -> list[Component] | None:
     for header, values in zip(told, samples, strict=True):
         header["starttime"] = obspy.UTCDateTime(ns=header["starttime"])
         traces.append(obspy.Trace(values, header=header))
-    stream = obspy.Stream(traces)
-    _refuse_gaps(stream, path)
-    return [_component(trace, path, inventory) for trace in stream]
+    return [_component(trace, said, path, inventory) for trace, said in _joined(traces, path)]
 
 
 def parse(path: Path) -> tuple[list[dict[str, Any]] | None, list[np.ndarray]]:
@@ -71,6 +77,8 @@ def parse(path: Path) -> tuple[list[dict[str, Any]] | None, list[np.ndarray]]:
             raise
         except Exception as error:
             _unreadable(path, error)
+    if file_format == "KNET" and not _KNET_UNIT.search(content):
+        refuse("the scale factor is not in gal", path, expected="'Scale Factor 2000(gal)/8388608'")
     doubt = [str(item.message) for item in complaints if item.category.__module__.startswith("obspy")]
     if doubt:
         _unreadable(path, ValueError(doubt[0]))
@@ -109,57 +117,72 @@ def _recogniser(file_format: str) -> Any:
     return found.load()
 
 
-def responses(paths: list[Path]) -> Any | None:
-    """One inventory of all StationXML files among `paths`; None if there is none."""
-    import obspy
-
-    together = None
-    for path in paths:
-        content = path.read_bytes()
-        if b"<!DOCTYPE" in content or b"<!ENTITY" in content:
-            raise InputError(
-                "declares entities, which may name other files",
-                where=str(path),
-                expected="StationXML without a document type declaration",
-                remedy="fetch it again with level=response",
-            )
-        try:
-            inventory = obspy.read_inventory(io.BytesIO(content), format="STATIONXML")
-        except Exception as error:
-            raise InputError(
-                f"not readable as StationXML ({error})",
-                where=str(path),
-                expected="StationXML with the channels' responses",
-                remedy="fetch it again with level=response",
-            ) from error
-        together = inventory if together is None else together + inventory
-    return together
-
-
-def is_station_xml(head: str) -> bool:
-    """Whether this is how StationXML begins."""
-    return "<FDSNStationXML" in head
-
-
 def _unreadable(path: Path, error: Exception) -> NoReturn:
     refuse(f"ObsPy cannot read it ({error})", path, expected="a whole file of a format that ObsPy knows")
 
 
-def _refuse_gaps(stream: Any, path: Path) -> None:
+def _joined(stream: Any, path: Path) -> list[tuple[Any, tuple[str, ...]]]:
+    """One trace a channel, of the pieces that a file has of it, and what is to be told of that.
+
+    Samples that came twice are merged if they are the same; pieces that meet within half a sample are joined.
+
+    Raises
+    ------
+    InputError
+        If there is a gap, or an overlap with other samples.
+    """
     if len(stream) == 0:
         refuse("no samples", path, expected="a record")
-    gaps = stream.get_gaps()
-    if gaps:
-        network, station, _, channel, start, end, seconds, _ = gaps[0]
+    pieces: dict[str, list[Any]] = {}
+    for trace in stream:
+        pieces.setdefault(trace.id, []).append(trace)
+    joined = []
+    for traces in pieces.values():
+        traces.sort(key=lambda trace: trace.stats.starttime)
+        whole, told = traces[0], []
+        for piece in traces[1:]:
+            told.append(_append(whole, piece, path))
+        joined.append((whole, tuple(filter(None, told))))
+    return joined
+
+
+def _append(whole: Any, piece: Any, path: Path) -> str:
+    """Append a piece to the trace that begins before it; what is to be told, nothing where it fits."""
+    step = whole.stats.delta
+    if abs(piece.stats.delta / step - 1) > SAME_STEP:
         refuse(
-            f"{network}.{station} {channel} has a gap of {seconds:g} s from {start} to {end}",
+            f"{whole.id} has time steps of {step:g} and {piece.stats.delta:g} s",
+            path,
+            expected="one time step",
+        )
+    exact = (piece.stats.starttime - whole.stats.starttime) / step
+    place, count = round(exact), len(whole.data)
+    overlap = count - place
+    edges = sorted([whole.stats.endtime, piece.stats.starttime])
+    where = f"from {edges[0]} to {edges[1]}"
+    if overlap < 0:
+        refuse(
+            f"{whole.id} has a gap of {-overlap * step:g} s {where}",
             path,
             expected="one unbroken record a channel",
             remedy="cut the record before or after the gap",
         )
+    twice = min(overlap, len(piece.data))
+    if not np.array_equal(whole.data[place : place + twice], piece.data[:twice]):
+        refuse(
+            f"{whole.id} overlaps itself by {twice * step:g} s with other samples {where}",
+            path,
+            expected="one unbroken record a channel",
+            remedy="leave one of the two pieces out",
+        )
+    whole.data = np.concatenate([whole.data, piece.data[twice:]])
+    if twice:
+        return f"{twice} samples of {whole.id} came twice, the same: merged"
+    off = abs(exact - place)
+    return f"pieces of {whole.id} joined that meet {off:.2g} of a sample off" if off > FITS else ""
 
 
-def _component(trace: Any, path: Path, inventory: Any | None) -> Component:
+def _component(trace: Any, told: tuple[str, ...], path: Path, inventory: Any | None) -> Component:
     stats = trace.stats
     values = np.asarray(trace.data, dtype=float)
     bad = np.flatnonzero(~np.isfinite(values))
@@ -169,23 +192,26 @@ def _component(trace: Any, path: Path, inventory: Any | None) -> Component:
     own = stats.get("knet") or stats.get("sac") or {}
     if "duration" in own:
         exactly(values, _counted(float(own["duration"]), step, path), path, KNET_DURATION_LINE)
-    values, note, known = _in_m_s2(trace, values, inventory, path)
+    found = _in_m_s2(trace, values, inventory, path)
+    direction, doubt = _direction(stats, inventory)
     return Component(
-        acceleration_m_s2=values,
+        acceleration_m_s2=found.values,
         time_step_s=round(step, 9),
-        direction=_direction(stats, inventory),
+        direction=direction,
         path=path,
         line=0,
         file_format=stats.get("_format", NAME),
         corrected=False,
-        unit_known=known,
+        unit_known=found.known,
         event=f"{own['evot']}" if "evot" in own else "",
         station=".".join(part for part in (stats.network, stats.station, stats.location) if part),
         label=stats.channel,
         series=_series(stats),
         magnitude=float(own["mag"]) if "mag" in own else None,
         start_s=float(stats.starttime.timestamp),
-        notes=(note,) if note else (),
+        notes=found.notes,
+        warnings=(*told, *found.warnings, *doubt),
+        no_unit=found.no_unit,
     )
 
 
@@ -209,84 +235,70 @@ def _series(stats: Any) -> str:
     return stats.channel[:2] if len(stats.channel) == 3 else ""
 
 
-def _in_m_s2(
-    trace: Any, values: np.ndarray, inventory: Any | None, path: Path
-) -> tuple[np.ndarray, str, bool]:
+def _in_m_s2(trace: Any, values: np.ndarray, inventory: Any | None, path: Path) -> Converted:
     stats = trace.stats
     kind = stats.get("_format", "")
     if kind == "KNET":
-        return values * stats.calib, f"calibration {stats.calib:.6g} m/s2 per count", True
-    if kind == "SAC":  # the header names the quantity but never its unit
-        if int(stats.sac.get("idep", 8)) not in {5, 8}:
-            refuse(
-                f"idep is {stats.sac.idep}: not acceleration",
-                path,
-                expected="acceleration (idep 8)",
-                remedy="differentiate it to acceleration first",
-            )
-        return values, "", False
-    if inventory is None:
-        return values, "", False
-    return _without_response(trace, inventory, path)
-
-
-def _without_response(trace: Any, inventory: Any, path: Path) -> tuple[np.ndarray, str, bool]:
-    try:
-        response = inventory.get_response(trace.id, trace.stats.starttime)
-    except Exception:
-        return np.asarray(trace.data, float), "", False
-    sensitivity = response.instrument_sensitivity
-    units = (sensitivity.input_units or "").upper() if sensitivity else ""
-    top = min(FLATNESS_BAND_HZ[1], 0.4 / trace.stats.delta)
-    flat = (
-        _is_flat(response, sensitivity.value, top) if units in {"M/S**2", "M/S^2", "M/S/S", "M/S2"} else False
-    )
-    if flat is not False:
-        values = np.asarray(trace.data, float) / sensitivity.value
-        note = f"divided by the sensitivity, {sensitivity.value:.6g} counts per m/s2"
-        return values, note if flat else f"{note}; that its response is flat could not be checked", True
-    work = trace.copy()
-    nyquist = 0.5 / trace.stats.delta
-    band = (0.01, 0.02, 0.8 * nyquist, 0.95 * nyquist)
-    try:
-        work.remove_response(inventory=inventory, output="ACC", pre_filt=band, water_level=None)
-    except Exception as error:
+        return Converted(values * stats.calib, True, (f"calibration {stats.calib:.6g} m/s2 per count",))
+    if kind != "SAC":
+        return Converted(values) if inventory is None else in_m_s2(trace, inventory, path)
+    quantity = SAC_QUANTITIES.get(int(stats.sac.get("idep", 5)), "of another quantity")
+    if quantity not in {"acceleration", "unknown"}:
         refuse(
-            f"the response of {trace.id} cannot be removed ({error})",
+            f"idep is {stats.sac.idep:g}: the samples are {quantity}, not acceleration",
             path,
-            expected="StationXML with a whole response",
-            remedy="fetch the StationXML with level=response",
+            expected="acceleration (idep 8)",
+            remedy="differentiate it to acceleration first",
         )
-    return np.asarray(work.data, float), f"response removed between {band[1]:g} and {band[2]:g} Hz", True
+    silent = InputError(
+        "SAC does not say in which unit its samples are",
+        where=str(path),
+        expected="a unit in the metadata table",
+        remedy="give a metadata table with the column 'unit' (--metadata)",
+    )
+    return Converted(values, no_unit=silent)
 
 
-def _is_flat(response: Any, sensitivity: float, top_hz: float) -> bool | None:
-    """Whether a response is its sensitivity in the band of earthquakes; None where it cannot be evaluated."""
-    try:
-        frequencies = np.geomspace(FLATNESS_BAND_HZ[0], top_hz, 12)
-        gain = np.abs(response.get_evalresp_response_for_frequencies(frequencies, output="ACC"))
-    except Exception:
-        return None
-    return bool(np.abs(gain / sensitivity - 1).max() <= FLATNESS)
+def _direction(stats: Any, inventory: Any | None) -> tuple[float | str | None, tuple[str, ...]]:
+    """Direction by StationXML, by SAC's header, by the channel's code, and what is to be told of a contradiction.
 
-
-def _direction(stats: Any, inventory: Any | None) -> float | str | None:
-    if inventory is not None:
-        try:
-            orientation = inventory.get_orientation(
-                f"{stats.network}.{stats.station}.{stats.location}.{stats.channel}", stats.starttime
-            )
-            if orientation["dip"] is not None and abs(orientation["dip"]) > 45:
-                return UP if orientation["dip"] < 0 else DOWN
-            if orientation["azimuth"] is not None:
-                return float(orientation["azimuth"])
-        except Exception:
-            pass
-    sac = stats.get("sac")
-    if sac and "cmpinc" in sac and "cmpaz" in sac:
-        if abs(float(sac["cmpinc"]) - 90) > 45:
-            return UP if float(sac["cmpinc"]) < 45 else DOWN
-        return float(sac["cmpaz"]) % 360
+    SAC counts an inclination from the vertical, SEED a dip from the horizontal, and files have one where the other
+    belongs: whether a channel is vertical is decided by its code where that says so.
+    """
+    code = stats.channel[-1:] if len(stats.channel) in (1, 3) else ""
     if stats.get("_format") == "KNET":
-        return bearing(stats.channel.rstrip("12"))
-    return bearing(stats.channel[-1:]) if stats.channel[-1:] in {"N", "E", "Z"} else None
+        return bearing(stats.channel.rstrip("12")), ()
+    stated = _stated_direction(stats, inventory)
+    by_code = bearing(code) if code in {"N", "E", "Z"} else None
+    if (
+        stated is None
+        or (isinstance(stated[0], str) == (code == "Z"))
+        or code not in {"N", "E", "Z", "1", "2"}
+    ):
+        return (stated[0] if stated else by_code), ()
+    direction, azimuth, source = stated
+    instead = UP if code == "Z" else azimuth if azimuth or code == "N" else by_code
+    points = direction if isinstance(direction, str) else f"to {direction:g} degrees"
+    return instead, (f"{source} points {points} against the channel code {stats.channel}: the code decides",)
+
+
+def _stated_direction(stats: Any, inventory: Any | None) -> tuple[float | str, float | None, str] | None:
+    """Direction, azimuth, and who states them; None where nobody does."""
+    if inventory is not None:
+        with suppress(Exception):  # ObsPy raises Exception itself where it has no such channel
+            found = inventory.get_orientation(
+                ".".join((stats.network, stats.station, stats.location, stats.channel)), stats.starttime
+            )
+            azimuth = None if found["azimuth"] is None else float(found["azimuth"]) % 360
+            if found["dip"] is not None and abs(found["dip"]) > 45:
+                return (UP if found["dip"] < 0 else DOWN), azimuth, f"dip {found['dip']:g} of the StationXML"
+            if azimuth is not None:
+                return azimuth, azimuth, "the StationXML"
+    sac = stats.get("sac")
+    if not sac or "cmpinc" not in sac or "cmpaz" not in sac:
+        return None
+    inclination, azimuth = float(sac["cmpinc"]), float(sac["cmpaz"]) % 360
+    source = f"cmpinc {inclination:g}"
+    if abs(inclination - 90) > 45:
+        return (UP if inclination < 45 else DOWN), azimuth, source
+    return azimuth, azimuth, source

@@ -3,21 +3,20 @@
 import re
 from pathlib import Path
 
-from toppling.models.motions.formats.component import (
-    DOWN,
-    UP,
-    Component,
-    bearing,
-    exactly,
-    numbers_in,
-    positive,
-    refuse,
-)
+import numpy as np
+from numpy.typing import NDArray
+
+from toppling.models.motions.formats.component import DOWN, UP, Component, bearing, positive, refuse
+from toppling.models.motions.formats.numbers import counted, exactly, numbers_in
+from toppling.models.motions.formats.pairs import evenly
 
 NAME = "USGS SMC"
 TEXT_LINES, INTEGER_LINES, REAL_LINES = 11, 6, 10
 INTEGER_WIDTH, REAL_WIDTH, SAMPLE_WIDTH = 10, 15, 10
 NO_INTEGER, NO_REAL = -32768, 1.6e38
+PAIRS_A_LINE = 4
+UNEVEN_STEPS_S = (0.005, 0.002, 0.001)
+"""Steps to which unevenly digitised samples are interpolated: the first that is no longer than their mean step."""
 _KIND = re.compile(r"^\s*([12346])\s+(UNCORRECTED|CORRECTED|VELOCITY|DISPLACEMENT|RESPONSE)", re.IGNORECASE)
 _EVENT = re.compile(r"^\s*(\d+)\s+(\d+)\s+(\d+)\s+(\d+)\s*(.*)$")
 
@@ -53,14 +52,17 @@ def read(path: Path, text: str) -> list[Component]:
         after_integers + 1,
     )
     first = after_integers + REAL_LINES + max(int(integers[15]), 0)
-    samples = numbers_in(lines[first:], path, first + 1, SAMPLE_WIDTH)
+    body = lines[first:]
+    samples = numbers_in(body, path, first + 1, SAMPLE_WIDTH)
+    found = counted(samples, int(integers[16]), body, path, TEXT_LINES + 3, SAMPLE_WIDTH)
+    values, step, notes = _equally_spaced(found.values, float(reals[1]), path, first + 1)
     station = next((text for text in lines[:TEXT_LINES] if text.lower().startswith("station")), "")
     match = re.match(r"station\s*=\s*(.*?)\s*component=\s*(.*)$", station, re.IGNORECASE)
     label = match[2].strip() if match else ""
     return [
         Component(
-            acceleration_m_s2=exactly(samples, int(integers[16]), path, TEXT_LINES + 3) * 0.01,
-            time_step_s=1 / positive(float(reals[1]), "sampling rate", path, after_integers + 1),
+            acceleration_m_s2=values * 0.01,
+            time_step_s=step,
             direction=_direction(label, int(integers[12]), int(integers[13])),
             path=path,
             line=first + 1,
@@ -71,8 +73,30 @@ def read(path: Path, text: str) -> list[Component]:
             label=label,
             magnitude=float(reals[5]) if 0 < reals[5] < 10 else None,
             distance_km=float(reals[16]) if 0 <= reals[16] < NO_REAL else None,
+            notes=notes,
+            warnings=found.warnings,
+            missing=found.missing,
         )
     ]
+
+
+def _equally_spaced(
+    values: NDArray[np.float64], rate_hz: float, path: Path, line: int
+) -> tuple[NDArray[np.float64], float, tuple[str, ...]]:
+    """Samples at the header's rate; where it has none, they are pairs of time and acceleration."""
+    if rate_hz < NO_REAL:
+        return values, 1 / positive(rate_hz, "sampling rate", path, TEXT_LINES + INTEGER_LINES + 1), ()
+    if len(values) < 4 or len(values) % 2:
+        refuse(
+            f"no sampling rate in the header, and {len(values)} numbers",
+            path,
+            line,
+            expected="pairs of time and acceleration where the header has no rate",
+        )
+    pairs = values.reshape(-1, 2)
+    mean = abs(float(pairs[-1, 0] - pairs[0, 0])) / (len(pairs) - 1)
+    step = next((step for step in UNEVEN_STEPS_S if step <= mean), UNEVEN_STEPS_S[-1])
+    return evenly(pairs, path, line, PAIRS_A_LINE, step)
 
 
 def _event(line: str) -> str:

@@ -6,27 +6,18 @@ or equally spaced.
 """
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
-from toppling.models.motions.formats.component import (
-    UNITS_M_S2,
-    Component,
-    bearing,
-    check_time_step,
-    exactly,
-    numbers_in,
-    positive,
-    refuse,
-)
+from toppling.models.motions.formats.component import Component, bearing, positive, refuse
+from toppling.models.motions.formats.numbers import Counted, column_width, counted, numbers_in
+from toppling.models.motions.formats.pairs import evenly
+from toppling.models.motions.formats.units import UNITS_M_S2, acceleration_m_s2
 
 NAME = "CSMIP, USC, RENADIC or BHRC V1/V2"
 HEADER_LINES = 27
 PAIRS_A_LINE, PAIR_WIDTH = 5, 7
 BHRC_WIDTH = 13
-PRINTED_TIME_S = 0.001
 UNEVEN_STEP_S = 0.005
 """Step to which unevenly digitised samples are interpolated."""
 _EQUAL = re.compile(
@@ -34,7 +25,9 @@ _EQUAL = re.compile(
 )
 _SPACED = re.compile(r"spaced\s+at\s*([\d.]+)\s*sec", re.IGNORECASE)
 _RATE = re.compile(r"\bat\s+([\d.]+)\s*(?:pts|samples)/sec", re.IGNORECASE)
-_UNIT = re.compile(r"\b(?:in units of|in|units\s*[:=])\s*(g|cm/sec2|cm/sec/sec|cm/s2|gal)\b", re.IGNORECASE)
+_UNIT = re.compile(r"\b(?:in units of|in|units\s*[:=])\s*([^\s.,()]+(?:\s?\*\*\s?2)?)", re.IGNORECASE)
+_HEADING = re.compile(r"[A-Za-z]{4}|/&")
+"""What no line of numbers holds: a word longer than NaN."""
 _FORTRAN = re.compile(r"\((\d+)[fFeE](\d+)\.")
 _COUNT = re.compile(r"NO\.?\s+OF\s+POINTS\s*=\s*(\d+)", re.IGNORECASE)
 _LENGTH = re.compile(r"(?:DURATION|RECORD LENGTH)\s*=\s*([\d.]+)", re.IGNORECASE)
@@ -72,18 +65,18 @@ def _channel(lines: list[str], path: Path, line: int) -> Component:
     heading = next((i for i, text in enumerate(lines[:60]) if _EQUAL.match(text)), None)
     corrected = lines[0].lstrip().lower().startswith("corrected")
     if heading is not None:
-        values, step = _equally_spaced(lines, heading, path, line)
+        found, step = _equally_spaced(lines, heading, path, line)
         first = heading + 1
         notes: tuple[str, ...] = ()
     else:
         first = HEADER_LINES
-        values, step, notes = _headed_by_count(lines, path, line)
+        found, step, notes = _headed_by_count(lines, path, line)
     label = _label(lines, path, line)
     dialect = _dialect(lines, corrected)
     event, series = _event(lines, dialect)
     title = next((_MAGNITUDE.search(text) for text in lines[:15] if _MAGNITUDE.search(text)), None)
     return Component(
-        acceleration_m_s2=values,
+        acceleration_m_s2=found.values,
         time_step_s=step,
         direction=_direction(label, lines),
         path=path,
@@ -96,17 +89,18 @@ def _channel(lines: list[str], path: Path, line: int) -> Component:
         magnitude=float(title[1]) if title else None,
         series=series,
         notes=notes,
+        warnings=found.warnings,
+        missing=found.missing,
     )
 
 
-def _equally_spaced(
-    lines: list[str], heading: int, path: Path, line: int
-) -> tuple[NDArray[np.float64], float]:
+def _equally_spaced(lines: list[str], heading: int, path: Path, line: int) -> tuple[Counted, float]:
     """Read samples under a heading that says how many, how far apart, in what unit and in what columns."""
     text = lines[heading]
     match = _EQUAL.match(text)
     spaced, rate, unit = _SPACED.search(text), _RATE.search(text), _UNIT.search(text.replace("(", " "))
-    if match is None or not (spaced or rate) or unit is None:
+    factor = acceleration_m_s2(unit[1]) if unit else None
+    if match is None or not (spaced or rate) or unit is None or factor is None:
         refuse(
             f"{text.strip()!r} does not say time step and unit",
             path,
@@ -115,17 +109,20 @@ def _equally_spaced(
         )
     at = line + heading
     step = float(spaced[1]) if spaced else 1 / positive(float(rate[1] if rate else 0), "rate", path, at)
+    body = _body(lines, heading + 1)
     form = _FORTRAN.search(text)
-    across, width = (max(int(form[1]), 1), max(int(form[2]), 1)) if form else (8, 9)
-    count = int(match[1])
-    body = lines[heading + 1 : heading + 1 + -(-count // across)]
-    values = exactly(numbers_in(body, path, line + heading + 1, width), count, path, line + heading)
-    return values * UNITS_M_S2[unit[1].lower()], positive(step, "time step", path, line + heading)
+    width = max(int(form[2]), 1) if form else (column_width(body) or (8, 9))[1]
+    found = counted(numbers_in(body, path, line + heading + 1, width), int(match[1]), body, path, at, width)
+    return replace(found, values=found.values * factor), positive(step, "time step", path, at)
 
 
-def _headed_by_count(
-    lines: list[str], path: Path, line: int
-) -> tuple[NDArray[np.float64], float, tuple[str, ...]]:
+def _body(lines: list[str], first: int) -> list[str]:
+    """Lines of numbers from the first on, up to the next heading or the channel's end."""
+    stop = next((i for i in range(first, len(lines)) if _HEADING.search(lines[i])), len(lines))
+    return lines[first:stop]
+
+
+def _headed_by_count(lines: list[str], path: Path, line: int) -> tuple[Counted, float, tuple[str, ...]]:
     """Read samples after the 27 header lines, as pairs of time and acceleration or ten to a line (BHRC)."""
     at = next((i for i, text in enumerate(lines[:HEADER_LINES]) if _COUNT.search(text)), None)
     unit = next((text for text in lines[:HEADER_LINES] if re.search(r"\bUNITS\b", text, re.IGNORECASE)), "")
@@ -140,61 +137,34 @@ def _headed_by_count(
     body = lines[HEADER_LINES:]
     if body and "E" in body[0].upper():
         length = _LENGTH.search(lines[at])
-        values = exactly(numbers_in(body, path, line + HEADER_LINES, BHRC_WIDTH), count, path, line + at)
+        values = numbers_in(body, path, line + HEADER_LINES, BHRC_WIDTH)
+        found = counted(values, count, body, path, line + at, BHRC_WIDTH)
         step = positive(float(length[1]) / max(count, 1) if length else 0.0, "time step", path, line + at)
-        return values * UNITS_M_S2["g/10"], round(step, 6), ()
-    pairs = _pairs(body, path, line + HEADER_LINES)
-    exactly(pairs[:, 1], count, path, line + at)
-    values, step, notes = _evenly(pairs, path, line + HEADER_LINES)
-    return values * UNITS_M_S2["g/10"], step, notes
+        return replace(found, values=found.values * UNITS_M_S2["g/10"]), round(step, 6), ()
+    body = _uncontrolled(body, path, line + HEADER_LINES)
+    numbers = numbers_in(body, path, line + HEADER_LINES, PAIR_WIDTH)
+    if len(numbers) % 2:
+        refuse(
+            "a time without an acceleration at the end: the file is truncated",
+            path,
+            line + HEADER_LINES + len(body) - 1,
+            expected="pairs of time and acceleration",
+        )
+    found = counted(numbers, 2 * count, body, path, line + at, PAIR_WIDTH)
+    pairs = found.values.reshape(-1, 2)
+    values, step, notes = evenly(pairs, path, line + HEADER_LINES, PAIRS_A_LINE, UNEVEN_STEP_S)
+    return replace(found, values=values * UNITS_M_S2["g/10"]), step, notes
 
 
-def _pairs(body: list[str], path: Path, line: int) -> NDArray[np.float64]:
-    """Pairs (n, 2) in columns of seven characters, after a carriage-control column if there is one."""
+def _uncontrolled(body: list[str], path: Path, line: int) -> list[str]:
+    """Lines of pairs in columns of seven characters, without the carriage-control column if there is one."""
     if not body:
         refuse("no samples after the header", path, line, expected="samples")
     filled = body[0].rstrip()
     offset = next(
         (o for o in (0, 1) if all(filled[k : k + 1] == "." for k in range(o + 3, len(filled), PAIR_WIDTH))), 0
     )
-    numbers = numbers_in([text[offset:] for text in body if text.strip()], path, line, PAIR_WIDTH)
-    if len(numbers) % 2:
-        refuse(
-            "a time without an acceleration at the end: the file is truncated",
-            path,
-            line + len(body) - 1,
-            expected="pairs of time and acceleration",
-        )
-    return numbers.reshape(-1, 2)
-
-
-def _evenly(
-    pairs: NDArray[np.float64], path: Path, line: int
-) -> tuple[NDArray[np.float64], float, tuple[str, ...]]:
-    """Acceleration at equal steps: as it is where times are equal but for printing, else interpolated."""
-    time, values = pairs.T
-    if len(time) < 2:
-        refuse("fewer than two samples", path, line, expected="a record")
-    steps = np.diff(time)
-    step = (time[-1] - time[0]) / len(steps)
-    wrong = np.flatnonzero((steps < 0) | (steps > 5 * step + PRINTED_TIME_S))
-    if not step > 0 or len(wrong):
-        where = int(wrong[0]) if len(wrong) else 0
-        refuse(
-            f"the time goes from {time[where]:g} to {time[where + 1]:g} s: a gap or a damaged line",
-            path,
-            line + where // PAIRS_A_LINE,
-            expected=f"times about {step:.4g} s apart",
-            remedy="cut the record at the gap, or fetch the file again",
-        )
-    check_time_step(step, path, line)  # before the record is interpolated
-    nice = round(step, 3)
-    nice = nice if nice and abs(nice * len(steps) - (time[-1] - time[0])) <= 1.5 * PRINTED_TIME_S else step
-    if np.abs(time - time[0] - nice * np.arange(len(time))).max() <= 1.5 * PRINTED_TIME_S:
-        return values, float(round(nice, 9)), ()
-    even = np.arange(time[0], time[-1] + 1e-9, UNEVEN_STEP_S)
-    note = f"uneven times, mean step {step:.4g} s, interpolated to {UNEVEN_STEP_S:g} s"
-    return np.interp(even, time, values), UNEVEN_STEP_S, (note,)
+    return [text[offset:] for text in body if text.strip()]
 
 
 def _label(lines: list[str], path: Path, line: int) -> str:

@@ -311,13 +311,6 @@ def test_a_table_in_another_encoding_is_refused_with_its_line(tmp_path):
         read_table(table)
 
 
-def test_a_wrong_count_is_refused(tmp_path):
-    path = peer(tmp_path, shaking())[0]
-    damaged(path, 4, "   400", "   401")
-    with pytest.raises(InputError, match="400 samples follow where the header counts 401"):
-        read_file(path)
-
-
 def test_two_time_steps_are_refused(tmp_path):
     paths = peer(tmp_path, shaking())
     damaged(paths[1], 4, ".0100", ".0050")

@@ -1,0 +1,300 @@
+"""From counts to m/s2 by StationXML: which channel and epoch is meant, in which unit, and what its response does."""
+
+import copy
+import io
+import os
+import tempfile
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from toppling.models.documents import listed
+from toppling.models.errors import InputError
+from toppling.models.motions.formats.component import refuse
+from toppling.models.motions.formats.units import Quantity, Unit, known_names, unit_of
+
+FLATNESS_BAND_HZ = (0.1, 20.0)
+FLATNESS = 0.05
+"""An accelerometer whose response varies less than this share over the band is divided by its sensitivity."""
+SAME_GAIN = 1.25
+"""Factor by which the stated sensitivity and the product of the stages may differ before neither is believed."""
+OBSPY_NAMES: dict[Quantity, str] = {"acceleration": "M/S**2", "velocity": "M/S", "displacement": "M"}
+OBSPY_OUTPUTS: dict[Quantity, str] = {"acceleration": "ACC", "velocity": "VEL", "displacement": "DISP"}
+"""ObsPy only warns of units that it does not know and scales some of those it knows: it is given these alone."""
+_MOST_SAID = 300
+
+
+@dataclass(frozen=True, eq=False)
+class Converted:
+    """Samples in m/s2 where `known`, else as they were; `no_unit` says why, if more can be said than silence."""
+
+    values: NDArray[np.float64]
+    known: bool = False
+    notes: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+    no_unit: InputError | None = None
+
+
+def responses(paths: list[Path]) -> Any | None:
+    """One inventory of all StationXML files among `paths`; None if there is none.
+
+    Raises
+    ------
+    InputError
+        If one is not readable, with its name.
+    """
+    import obspy
+
+    together = None
+    for path in paths:
+        content = path.read_bytes()
+        if b"<!DOCTYPE" in content or b"<!ENTITY" in content:
+            raise InputError(
+                "declares entities, which may name other files",
+                where=str(path),
+                expected="StationXML without a document type declaration",
+                remedy="fetch it again with level=response",
+            )
+        try:
+            inventory = obspy.read_inventory(io.BytesIO(content), format="STATIONXML")
+        except Exception as error:
+            raise InputError(
+                f"not readable as StationXML ({error})",
+                where=str(path),
+                expected="StationXML with the channels' responses",
+                remedy="fetch it again with level=response",
+            ) from error
+        together = inventory if together is None else together + inventory
+    return together
+
+
+def is_station_xml(head: str) -> bool:
+    """Whether this is how StationXML begins, with or without a prefix of its namespace."""
+    return "FDSNStationXML" in head and "<" in head
+
+
+def in_m_s2(trace: Any, inventory: Any, path: Path) -> Converted:
+    """Acceleration from a trace's counts.
+
+    Raises
+    ------
+    InputError
+        If the channel's response is incomplete, contradicts itself or is in a unit outside of the closed list.
+    """
+    values = np.asarray(trace.data, float)
+    try:
+        channel = channel_of(trace.stats, inventory, path)
+    except InputError as error:
+        return Converted(values, no_unit=error)
+    response = channel.response
+    unit = _input_unit(response, trace.id, path)
+    _refuse_what_is_not_evaluated(response, unit, trace.id, path)
+    known = _in_si(response)
+    sensitivity, said = _checked_sensitivity(known, unit, trace, path)
+    top = min(FLATNESS_BAND_HZ[1], 0.4 / trace.stats.delta)
+    if unit.quantity == "acceleration" and sensitivity is not None:
+        flat = _is_flat(known, sensitivity, top)
+        if flat is not False:
+            per_m_s2 = sensitivity / unit.factor
+            note = f"divided by the sensitivity, {per_m_s2:.6g} counts per m/s2"
+            end = "" if flat else "; that its response is flat could not be checked"
+            return Converted(values / per_m_s2, True, (note + end,), said)
+    work = trace.copy()
+    work.stats.response = known
+    nyquist = 0.5 / trace.stats.delta
+    band = (0.01, 0.02, 0.8 * nyquist, 0.95 * nyquist)
+    with _spoken() as spoken:
+        try:
+            work.remove_response(
+                output="ACC", pre_filt=band, water_level=None, hide_sensitivity_mismatch_warning=True
+            )
+        except Exception as error:
+            _refuse_response(f"the response of {trace.id} cannot be removed ({error})", path)
+    note = f"response removed between {band[1]:g} and {band[2]:g} Hz"
+    said = (*said, *(f"of the response of {trace.id}: {text}" for text in spoken))
+    return Converted(np.asarray(work.data, float) * unit.factor, True, (note,), said)
+
+
+def channel_of(stats: Any, inventory: Any, path: Path) -> Any:
+    """Channel of an inventory with a response, of a trace's codes and time.
+
+    Raises
+    ------
+    InputError
+        If there is none, with what there is instead.
+    """
+    name = ".".join((stats.network, stats.station, stats.location, stats.channel))
+    stations = [(n.code, s) for n in inventory for s in n if s.code == stats.station]
+    there = [s for network, s in stations if network == stats.network]
+    if not there:
+        others = [f"{n.code}.{s.code}" for n in inventory for s in n]
+        _no_response(f"the StationXML has no station {stats.network}.{stats.station}", others, path)
+    coded = [c for station in there for c in station if c.code == stats.channel]
+    if not coded:
+        _no_response(f"the StationXML has no channel {name}", [c.code for s in there for c in s], path)
+    placed = [c for c in coded if c.location_code == stats.location]
+    if not placed:
+        locations = [repr(c.location_code) for c in coded]
+        _no_response(f"the StationXML has no {name}, at location {stats.location!r}", locations, path)
+    timed = [c for c in placed if c.is_active(time=stats.starttime)]
+    if not timed:
+        epochs = [f"{_day(c.start_date, 'the beginning')} to {_day(c.end_date, 'today')}" for c in placed]
+        _no_response(f"the StationXML has {name} at other times than {stats.starttime}", epochs, path)
+    answering = [c for c in timed if c.response is not None]
+    if not answering:
+        _no_response(f"the StationXML names {name} without its response", [], path)
+    gains = [c.response.instrument_sensitivity.value for c in answering if c.response.instrument_sensitivity]
+    if gains and not np.allclose(gains, gains[0], rtol=1e-6):
+        given = ", ".join(f"{gain:g}" for gain in gains)
+        _no_response(f"the StationXML has {name} twice at {stats.starttime}, sensitivities {given}", [], path)
+    return answering[0]
+
+
+def _no_response(what: str, instead: list[str], path: Path) -> None:
+    unique = list(dict.fromkeys(instead))
+    raise InputError(
+        what + (f", but {listed(unique, 5)}" if unique else ""),
+        where=str(path),
+        expected="the response of this channel at the time of the record, with level=response",
+        remedy="give the StationXML of this channel and time, or a metadata table with the column 'unit' (--metadata)",
+    )
+
+
+def _day(time: Any, otherwise: str) -> str:
+    return str(time.date) if time is not None and time.year < 2200 else otherwise
+
+
+def _refuse_response(what: str, path: Path, expected: str = "StationXML with a whole response") -> None:
+    refuse(what, path, expected=expected, remedy="fetch the StationXML with level=response, or correct it")
+
+
+def _input_unit(response: Any, name: str, path: Path) -> Unit:
+    """Unit of the ground motion, which the sensitivity and the first stage state."""
+    stages = response.response_stages
+    first = min(stages, key=lambda stage: stage.stage_sequence_number) if stages else None
+    sensitivity = response.instrument_sensitivity
+    named = [part.input_units.strip() for part in (sensitivity, first) if part and part.input_units]
+    if not any(named):
+        _refuse_response(f"the StationXML does not say in which unit the response of {name} is", path)
+    units = []
+    for each in filter(None, named):
+        unit = unit_of(each)
+        if unit is None:
+            _refuse_response(
+                f"the StationXML gives the response of {name} in {each!r}, which is no unit of ground motion",
+                path,
+                expected=f"{known_names()}, or the same of velocity or displacement",
+            )
+        units.append(unit)
+    if units[0] != units[-1]:
+        _refuse_response(
+            f"the response of {name} is in {named[0]!r} and its first stage in {named[-1]!r}", path
+        )
+    return units[0]  # type: ignore[return-value]
+
+
+def _refuse_what_is_not_evaluated(response: Any, unit: Unit, name: str, path: Path) -> None:
+    from obspy.core.inventory.response import PolynomialResponseStage
+
+    stages = response.response_stages
+    if response.instrument_polynomial or any(isinstance(stage, PolynomialResponseStage) for stage in stages):
+        _refuse_response(
+            f"the response of {name} is a polynomial", path, "poles and zeros, coefficients or a gain"
+        )
+    if not stages and (unit.quantity != "acceleration" or response.instrument_sensitivity is None):
+        sensor = (
+            f"a sensor of {unit.quantity}" if response.instrument_sensitivity else "without a sensitivity"
+        )
+        _refuse_response(f"the StationXML has no stages of the response of {name}, {sensor}", path)
+
+
+def _in_si(response: Any) -> Any:
+    """Response whose unit of ground motion has ObsPy's one name for it in SI; the factor to SI is ours to apply."""
+    known = copy.deepcopy(response)
+    stages = sorted(known.response_stages, key=lambda stage: stage.stage_sequence_number)
+    for part in filter(None, (known.instrument_sensitivity, *stages)):
+        for end in ("input_units", "output_units"):
+            name = getattr(part, end)
+            unit = unit_of(name) if name else None
+            setattr(part, end, OBSPY_NAMES[unit.quantity] if unit else name and name.strip().upper())
+    if stages and not stages[0].input_units and known.instrument_sensitivity:
+        stages[0].input_units = known.instrument_sensitivity.input_units
+    return known
+
+
+def _checked_sensitivity(
+    response: Any, unit: Unit, trace: Any, path: Path
+) -> tuple[float | None, tuple[str, ...]]:
+    """Sensitivity, and what is to be told where the stages' gain at its frequency is another.
+
+    Raises
+    ------
+    InputError
+        If the two differ by more than SAME_GAIN, or the sensitivity is no number.
+    """
+    stated = response.instrument_sensitivity
+    if stated is None or stated.value is None:
+        return None, ()
+    value = float(stated.value)
+    if not np.isfinite(value) or value == 0:
+        _refuse_response(f"the sensitivity of {trace.id} is {value:g}", path)
+    frequency = (
+        stated.frequency if stated.frequency and 0 < stated.frequency < 0.5 / trace.stats.delta else 1.0
+    )
+    gain = _gain(response, np.array([float(frequency)]), OBSPY_OUTPUTS[unit.quantity])
+    if gain is None or not np.isfinite(gain[0]) or gain[0] == 0:
+        return value, ()
+    ratio = float(gain[0] / abs(value))
+    told = f"the stages of {trace.id} multiply to {gain[0]:.6g} at {frequency:g} Hz, its sensitivity is {value:.6g}"
+    if not 1 / SAME_GAIN <= ratio <= SAME_GAIN:
+        _refuse_response(
+            told, path, f"a sensitivity within a factor of {SAME_GAIN:g} of what the stages make"
+        )
+    return value, () if abs(ratio - 1) <= FLATNESS else (told,)
+
+
+def _is_flat(response: Any, sensitivity: float, top_hz: float) -> bool | None:
+    """Whether a response is its sensitivity in the band of earthquakes; None where it cannot be evaluated."""
+    gain = _gain(response, np.geomspace(FLATNESS_BAND_HZ[0], top_hz, 12), "ACC")
+    return None if gain is None else bool(np.abs(gain / abs(sensitivity) - 1).max() <= FLATNESS)
+
+
+def _gain(response: Any, frequencies_hz: NDArray[np.float64], output: str) -> NDArray[np.float64] | None:
+    """Size of a response at frequencies; None where it cannot be evaluated."""
+    with _spoken():
+        try:
+            found = response.get_evalresp_response_for_frequencies(
+                frequencies_hz, output=output, hide_sensitivity_mismatch_warning=True
+            )
+        except Exception:
+            return None
+    return np.abs(found)
+
+
+@contextmanager
+def _spoken() -> Iterator[list[str]]:
+    """What ObsPy warns of and evalresp, which is C, prints: collected, as neither knows the file that it is said of."""
+    said: list[str] = []
+    with warnings.catch_warnings(record=True) as caught, tempfile.TemporaryFile() as printed:
+        warnings.simplefilter("always")
+        try:
+            standard_error = os.dup(2)
+        except OSError:  # closed by whoever started the program
+            yield said
+            return
+        os.dup2(printed.fileno(), 2)
+        try:
+            yield said
+        finally:
+            os.dup2(standard_error, 2)
+            os.close(standard_error)
+            printed.seek(0)
+            text = printed.read(10 * _MOST_SAID).decode(errors="replace")
+            unique = dict.fromkeys(str(each.message) for each in caught)
+            said.extend(" ".join(each.split())[:_MOST_SAID] for each in (text, *unique) if each.strip())

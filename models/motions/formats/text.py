@@ -1,0 +1,55 @@
+"""From a file's bytes to text: encodings, ends of lines and of files as programs of any system write them."""
+
+import re
+
+HEAD_BYTES = 4000
+_FILLING = re.compile(rb"[\0\x1a]+(?=[\r\n]|\Z)|(?<=[\r\n])[\0\x1a]+")
+"""DOS' end of file, and zeros that fill a line or a block: never inside of a line, where they are damage."""
+_FILLED_UP = b"\0\x1a \t\r\n"
+_LINE_END = re.compile(r"\r*\n|\r+")
+_NO_LINE_ENDS = str.maketrans(dict.fromkeys("\x0b\x0c\x1c\x1d\x1e\x85\u2028\u2029", " "))
+"""Where Python splits lines and no file of numbers does: form feeds of listings, bytes of other encodings."""
+_UTF_16_SHARE = 0.9
+
+
+def text_of(content: bytes) -> str | None:
+    """Text of a file with lines that end in a newline, None if it is binary.
+
+    UTF-8 and UTF-16 are recognised; what is neither is in the encoding of western Windows, which has that of Latin-1
+    for every letter and sign of a unit.
+
+    Parameters
+    ----------
+    content : bytes
+    """
+    encoding = _utf_16(content)
+    if encoding:
+        text = content.decode(encoding, errors="replace").lstrip("\ufeff").rstrip("\0\x1a \t\r\n")
+    else:
+        content = _FILLING.sub(b"", content.rstrip(_FILLED_UP))
+        if b"\0" in content[:HEAD_BYTES]:
+            return None
+        text = _decoded(content)
+    return _LINE_END.sub("\n", text).translate(_NO_LINE_ENDS) + "\n"
+
+
+def _decoded(content: bytes) -> str:
+    for encoding in ("utf-8-sig", "cp1252"):
+        try:
+            return content.decode(encoding)
+        except UnicodeDecodeError:
+            continue
+    return content.decode("latin-1")
+
+
+def _utf_16(content: bytes) -> str | None:
+    """Name of the encoding where every other byte of the beginning is zero, or the mark of the order stands there."""
+    if content.startswith((b"\xff\xfe", b"\xfe\xff")):
+        return "utf-16"
+    head = content[: HEAD_BYTES // 2 * 2]
+    if len(head) < 100:
+        return None
+    even, odd = head[::2].count(0) / (len(head) / 2), head[1::2].count(0) / (len(head) / 2)
+    if max(even, odd) < _UTF_16_SHARE or min(even, odd) > 1 - _UTF_16_SHARE:
+        return None
+    return "utf-16-le" if odd > even else "utf-16-be"

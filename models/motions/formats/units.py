@@ -1,0 +1,100 @@
+"""Units of ground motion by their names: one closed list, whatever way the name is spelled."""
+
+import re
+import unicodedata
+from dataclasses import dataclass
+from typing import Literal
+
+Quantity = Literal["acceleration", "velocity", "displacement"]
+G_M_S2 = 9.80665
+
+
+@dataclass(frozen=True)
+class Unit:
+    """A unit of ground motion.
+
+    Parameters
+    ----------
+    quantity : "acceleration", "velocity" or "displacement"
+    factor : float
+        One of it in m/s2, m/s or m.
+    """
+
+    quantity: Quantity
+    factor: float
+
+
+_LENGTHS_M = {"m": 1.0, "cm": 0.01, "mm": 1e-3, "um": 1e-6, "nm": 1e-9, "ft": 0.3048, "in": 0.0254}
+UNITS_M_S2 = {
+    **{f"{length}/s2": factor for length, factor in _LENGTHS_M.items()},
+    "gal": 0.01,
+    "mgal": 1e-5,
+    "g": G_M_S2,
+    "g/10": 0.1 * G_M_S2,
+    "%g": 0.01 * G_M_S2,
+    "mg": 1e-3 * G_M_S2,
+}
+"""Accelerations by their folded names."""
+UNITS: dict[str, Unit] = {
+    **{name: Unit("acceleration", factor) for name, factor in UNITS_M_S2.items()},
+    **{f"{length}/s": Unit("velocity", factor) for length, factor in _LENGTHS_M.items()},
+    "kine": Unit("velocity", 0.01),
+    **{length: Unit("displacement", factor) for length, factor in _LENGTHS_M.items()},
+}
+"""The closed list: a name that is not here after folding is no unit."""
+_LONGEST = 60
+_WORDS = (
+    (r"metres|meters|metre|meter", "m"),
+    (r"centim", "cm"),
+    (r"millim", "mm"),
+    (r"microm", "um"),
+    (r"nanom", "nm"),
+    (r"inches|inch", "in"),
+    (r"feet|foot", "ft"),
+    (r"squared|square", "2"),
+    (r"seconds|second|secs|sec", "s"),
+    (r"milligals?", "mgal"),
+    (r"gals", "gal"),
+    (r"kines", "kine"),
+    (r"milli-?g", "mg"),
+    (r"percentg", "%g"),
+    (r"gravity|g's|gn", "g"),
+)
+"""Words for units and powers, in the order in which they are replaced."""
+_SPELLINGS = (
+    (r"\*\*|\^", ""),
+    (r"per", "/"),
+    (r"/s\*s$", "/s2"),
+    (r"[*.\u00b7]?s-2$", "/s2"),
+    (r"[*.\u00b7]?s-1$", "/s"),
+    (r"/s/s$|/ss$", "/s2"),
+    (r"/s1$", "/s"),
+)
+"""Ways to write a power of the second, after blanks and words."""
+
+
+def folded(name: str) -> str:
+    """Name of a unit without case, blanks, and the ways to write a power: 'M/S**2 ', 'm s-2', 'm/s²' are 'm/s2'."""
+    text = (
+        unicodedata.normalize("NFKC", name.strip()[:_LONGEST]).replace("\u2215", "/").replace("\u2212", "-")
+    )
+    text = re.sub(r"\s+", "", text.lower()).replace("\u03bc", "u").strip("\"'[]{},;:.")
+    text = text.replace("(", "").replace(")", "")
+    for pattern, word in (*_WORDS, *_SPELLINGS):
+        text = re.sub(pattern, word, text)
+    return text
+
+
+def unit_of(name: str) -> Unit | None:
+    """Unit that a name stands for; None if it is not in the closed list."""
+    return UNITS.get(folded(name))
+
+
+def acceleration_m_s2(name: str) -> float | None:
+    """One unit of acceleration in m/s2; None if the name is that of none."""
+    return UNITS_M_S2.get(folded(name))
+
+
+def known_names() -> str:
+    """Names of accelerations, as an error lists them."""
+    return ", ".join(UNITS_M_S2)

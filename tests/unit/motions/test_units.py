@@ -1,0 +1,177 @@
+"""A unit is one of a closed list, whatever way its name is spelled; everything else is refused by name."""
+
+import numpy as np
+import obspy
+import pytest
+from motion_samples import STEP_S, miniseed, shaking
+from obspy.core.inventory import Channel, Inventory, Network, Response, Station
+from obspy.core.inventory.response import InstrumentSensitivity
+
+from toppling.models.motions.formats.units import Unit, acceleration_m_s2, unit_of
+from toppling.models.motions.importing import Wishes, import_records, record_files
+from toppling.models.motions.metadata import unit_m_s2
+
+G = 9.80665
+
+
+SPELLINGS = [
+    "M/S**2", "m/s²", "M/S**2 ", "m/s ^ 2", "m/s/s", "M/SEC**2", "m/(s**2)", "m s-2", "m·s⁻²", "m s^-2",
+    "meters per second squared", "metres/sec/sec", "m/s**2.", "[m/s2]", "(m/s/s)", "㎨",
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("name", SPELLINGS)
+def test_ways_to_write_one_unit_are_one_unit(name):
+    assert unit_of(name) == Unit("acceleration", 1.0)
+    assert unit_of(f"  {name.upper()}\t") == Unit("acceleration", 1.0)
+
+
+@pytest.mark.parametrize(
+    ("name", "one_m_s2"),
+    [
+        ("Gal", 0.01), ("GALS", 0.01), ("mGal", 1e-5), ("G", G), ("g", G), ("mg", 1e-3 * G), ("%g", 0.01 * G),
+        ("g/10", 0.1 * G), ("CM/SEC/SEC", 0.01), ("cm/s²", 0.01), ("CM/SEC**2", 0.01), ("mm/s^2", 1e-3),
+        ("NM/S**2", 1e-9), ("µm/s²", 1e-6), ("in/s/s", 0.0254), ("ft/sec2", 0.3048),
+    ],
+)  # fmt: skip
+def test_accelerations_are_known_by_name(name, one_m_s2):
+    assert acceleration_m_s2(name) == pytest.approx(one_m_s2)
+
+
+@pytest.mark.parametrize(
+    ("name", "one_m_s"), [("M/S", 1.0), ("cm/sec", 0.01), ("nm/s", 1e-9), ("kine", 0.01)]
+)
+def test_velocities_are_no_accelerations(name, one_m_s):
+    assert unit_of(name) == Unit("velocity", one_m_s)
+    assert acceleration_m_s2(name) is None
+
+
+@pytest.mark.parametrize(
+    "name", ["PA", "V", "counts", "rad/s", "m/s3", "s", "", "M/S**2 M", "T", "m/", "K", "gg"]
+)
+def test_what_is_no_unit_of_motion_is_none(name):
+    assert unit_of(name) is None
+
+
+@pytest.mark.parametrize(
+    ("text", "one_m_s2"),
+    [("4.7e-06 m/s2", 4.7e-6), ("1e-3 Gal per count", 1e-5), ("0.5 cm / s**2", 0.005), ("2 m/s2/count", 2.0),
+     ("1e9 m/s2", None), ("0 g", None), ("two g", None), ("1e-6 m/s", None)],
+)  # fmt: skip
+def test_a_tables_unit_may_have_a_factor(text, one_m_s2):
+    assert unit_m_s2(text) == (None if one_m_s2 is None else pytest.approx(one_m_s2))
+
+
+def station_of(
+    folder, unit: str, gain: float, stages_unit: str | None = None, stage_gain: float | None = None
+):
+    """MiniSEED of counts at 200,000 to 1 m/s2, and a StationXML that states a unit and a gain."""
+    a = shaking()
+    miniseed(folder, a, response=False)
+    channels = []
+    for letter, azimuth, dip in (("E", 90, 0), ("N", 0, 0), ("Z", 0, -90)):
+        response = Response(instrument_sensitivity=InstrumentSensitivity(gain, 1.0, unit, "COUNTS"))
+        if stages_unit is not None:
+            response = Response.from_paz(
+                [],
+                [],
+                stage_gain or gain,
+                1.0,
+                input_units="M/S**2",
+                output_units="COUNTS",
+                normalization_factor=1.0,
+            )
+            response.response_stages[0].input_units = stages_unit
+            response.instrument_sensitivity = InstrumentSensitivity(gain, 1.0, unit, "COUNTS")
+        channels.append(Channel(f"HN{letter}", "", 0, 0, 0, 0, azimuth=azimuth, dip=dip, response=response))
+    inventory = Inventory([Network("XX", [Station("TST", 0, 0, 0, channels=channels)])], source="test")
+    inventory.write(str(folder / "XX.TST.xml"), format="STATIONXML")
+    return a, import_records(record_files([folder]), wishes=Wishes(process=False))
+
+
+@pytest.mark.parametrize("stages", [False, True])
+@pytest.mark.parametrize(
+    ("unit", "one_m_s2"),
+    [("M/S**2 ", 1.0), ("m/s2", 1.0), ("G", G), ("g", G), ("CM/SEC**2", 0.01), ("mm/s²", 1e-3), ("Gal", 0.01),
+     ("NM/S**2", 1e-9)],
+)  # fmt: skip
+def test_a_response_in_any_unit_of_the_list_gives_the_same_motion(unit, one_m_s2, stages, tmp_path):
+    a, outcome = station_of(tmp_path, unit, 2e5 * one_m_s2, unit if stages else None)
+    assert [str(refusal.reason) for refusal in outcome.refusals] == []
+    (record,) = outcome.records
+    assert np.abs(record.motion.acceleration_m_s2 - a).max() < 4e-6
+
+
+@pytest.mark.parametrize("unit", ["PA", "V", "M/S**2/K", "RAD/S**2"])
+@pytest.mark.parametrize("stages", [False, True])
+def test_a_response_in_another_unit_is_refused_by_its_name(unit, stages, tmp_path):
+    _, outcome = station_of(tmp_path, unit, 2e5, unit if stages else None)
+    assert not outcome.records
+    assert all(repr(unit) in refusal.reason.what for refusal in outcome.refusals)
+
+
+@pytest.mark.parametrize(
+    ("unit", "stages_unit", "stage_gain", "cause"),
+    [
+        ("M/S**2", "G", 2e5, "is in 'M/S**2' and its first stage in 'G'"),
+        ("M/S**2", "M/S", 2e5, "is in 'M/S**2' and its first stage in 'M/S'"),
+        ("M/S**2", "M/S**2", 2e5 * G, "multiply to 1.96133e+06 at 1 Hz, its sensitivity is 200000"),
+    ],
+)
+def test_a_response_that_contradicts_itself_is_refused_with_both(
+    unit, stages_unit, stage_gain, cause, tmp_path
+):
+    _, outcome = station_of(tmp_path, unit, 2e5, stages_unit, stage_gain)
+    assert not outcome.records
+    assert all(cause in refusal.reason.what for refusal in outcome.refusals)
+
+
+def test_a_small_difference_between_stages_and_sensitivity_is_told(tmp_path, capfd):
+    _, outcome = station_of(tmp_path, "M/S**2", 2e5, "M/S**2", 2.2e5)
+    (record,) = outcome.records
+    assert sum("multiply to 220000" in step for step in record.history) == 3
+    assert capfd.readouterr().err == ""  # evalresp's own words, which name no file
+
+
+@pytest.mark.parametrize(
+    ("change", "cause"),
+    [
+        ({"location": "10"}, "no XX.TST.10.HNE, at location '10', but ''"),
+        ({"station": "OTHER"}, "no station XX.OTHER, but XX.TST"),
+        ({"channel": "HHE"}, "no channel XX.TST..HHE, but HNE, HNN, HNZ"),
+    ],
+)
+def test_a_channel_that_the_xml_has_not_is_refused_with_those_that_it_has(change, cause, tmp_path):
+    miniseed(tmp_path, shaking())
+    path = tmp_path / "XX.TST..HNE.mseed"
+    trace = obspy.read(str(path))[0]
+    trace.stats.update(change)
+    trace.write(str(path), format="MSEED")
+    outcome = import_records([path, tmp_path / "XX.TST.xml"], wishes=Wishes(missing_vertical=True))
+    assert not outcome.records
+    (refusal,) = import_records(_three(tmp_path, change), wishes=Wishes()).refusals
+    assert cause in refusal.reason.what
+
+
+def _three(folder, change):
+    """All three channels changed alike, each keeping its last letter."""
+    for letter in "ENZ":
+        path = folder / f"XX.TST..HN{letter}.mseed"
+        trace = obspy.read(str(path))[0]
+        trace.stats.update(change | ({"channel": f"HH{letter}"} if "channel" in change else {}))
+        trace.write(str(path), format="MSEED")
+    return record_files([folder])
+
+
+@pytest.mark.parametrize(
+    ("unit", "cause"),
+    [("m/s", "'h1' is in 'm/s', a unit of velocity"), ("parsec", "'parsec' in the names of the columns")],
+)
+def test_columns_in_no_unit_of_acceleration_are_refused_by_its_name(unit, cause, tmp_path):
+    time = np.arange(400) * STEP_S
+    header = f"t,h1 ({unit}),h2 ({unit}),v ({unit})"
+    np.savetxt(
+        tmp_path / "r.csv", np.column_stack([time, shaking()]), "%.5f", ",", header=header, comments=""
+    )
+    (refusal,) = import_records([tmp_path / "r.csv"]).refusals
+    assert cause in refusal.reason.what

@@ -1,10 +1,16 @@
-"""Doubts about a channel's samples: beyond 5 g, clipped, a spike, a gap that was filled with a constant."""
+"""Doubts about samples: beyond what shaking is, clipped, a spike, a gap that was filled with a constant."""
+
+import math
 
 import numpy as np
 
 from toppling.models.motions.formats.component import Component, refuse
 
 QUESTIONABLE_M_S2 = 5 * 9.80665
+TOLD_PGA_M_S2, TOLD_PGV_M_S = 3 * 9.80665, 3.0
+"""Beyond these few records have been; a unit that was mistaken is likelier."""
+USUAL_PGA_M_S2, USUAL_PGV_M_S = 1.5 * 9.80665, 1.5
+COMMON_UNITS_M_S2 = {"g": 9.80665, "m/s2": 1.0, "cm/s2": 0.01, "mm/s2": 0.001}
 CLIPPED_SAMPLES, CLIPPED_RUN = 10, 4
 """So many samples at the extreme, so many of them in a row, are a clipped instrument."""
 RAIL_SHARE, RAIL_RUNS = 0.95, 3
@@ -31,7 +37,7 @@ def doubts(component: Component) -> None:
         _doubt(
             component,
             int(np.abs(a).argmax()),
-            f"the peak is {peak:.4g} m/s2, beyond 5 g",
+            f"the peak is {peak:.4g} m/s2, beyond 5 g" + _explained(peak, 0.0, component.stated_unit_m_s2),
             "a peak below 5 g",
             "name the right unit in the metadata table, or accept it with --doubtful",
         )
@@ -40,6 +46,44 @@ def doubts(component: Component) -> None:
     _clipped(component, a)
     _spike(component, a)
     _filled_gap(component, a, peak)
+
+
+def beyond_nature(pga_m_s2: float, pgv_m_s: float, unit_m_s2: float | None = None) -> tuple[str, ...]:
+    """What is to be told of a record stronger than nearly all that there are, with the unit that would explain it.
+
+    Parameters
+    ----------
+    pga_m_s2, pgv_m_s : float
+        As recorded.
+    unit_m_s2 : float or None
+        Unit that the samples were read in, where a person or a header named it.
+    """
+    limits = (
+        ("PGA", pga_m_s2, TOLD_PGA_M_S2, "m/s2, more than 3 g"),
+        ("PGV", pgv_m_s, TOLD_PGV_M_S, "m/s, more than 3 m/s"),
+    )
+    beyond = [f"{name} is {value:.3g} {of}" for name, value, limit, of in limits if value > limit]
+    if not beyond:
+        return ()
+    baseline = "" if pga_m_s2 > TOLD_PGA_M_S2 else ", or an uncorrected baseline"
+    return (f"{', '.join(beyond)}{_explained(pga_m_s2, pgv_m_s, unit_m_s2)}{baseline}",)
+
+
+def _explained(pga_m_s2: float, pgv_m_s: float, unit_m_s2: float | None) -> str:
+    """Which unit mistaken for which makes usual peaks unusual, by the least factor; nothing if none does."""
+    mistaken = sorted(
+        (taken / meant, taken_name, meant_name)
+        for taken_name, taken in COMMON_UNITS_M_S2.items()
+        for meant_name, meant in COMMON_UNITS_M_S2.items()
+        if meant < taken and (unit_m_s2 is None or math.isclose(taken, unit_m_s2, rel_tol=0.01))
+    )
+    for factor, taken_name, meant_name in mistaken:
+        if pga_m_s2 <= factor * USUAL_PGA_M_S2 and pgv_m_s <= factor * USUAL_PGV_M_S:
+            return (
+                f": if its samples are in {meant_name} and not in {taken_name},"
+                f" the peak is {pga_m_s2 / factor:.3g} m/s2"
+            )
+    return ""
 
 
 def _clipped(component: Component, a: np.ndarray) -> None:

@@ -177,6 +177,7 @@ def _by_start(group: list[Component]) -> list[list[Component]]:
 def _aligned(channels: Triple) -> tuple[float, np.ndarray, list[str]]:
     """Cut channels to their common span: time step, channels (k, n), and what was done."""
     parts = channels.channels
+    _refuse_lost_rows(parts)
     step = parts[0].time_step_s
     for component in parts[1:]:
         if abs(component.time_step_s / step - 1) > STEP_TOLERANCE:
@@ -212,3 +213,17 @@ def _aligned(channels: Triple) -> tuple[float, np.ndarray, list[str]]:
         history.append(f"components of {', '.join(map(str, lengths))} samples cut to the {count} they share")
     series = np.stack([c.acceleration_m_s2[s : s + count] for c, s in zip(parts, skip, strict=True)])
     return step, series, history
+
+
+def _refuse_lost_rows(parts: Sequence[Component]) -> None:
+    """Refuse a component that lacks what its header counts where another has as much: its rows are shifted."""
+    whole = max((len(c.acceleration_m_s2) for c in parts if not c.missing), default=0)
+    for component in parts:
+        count = len(component.acceleration_m_s2)
+        if component.missing and whole >= count + component.missing:
+            raise InputError(
+                f"{count} samples, where its header counts {count + component.missing} and another component has them",
+                where=component.where,
+                expected="components of which none lacks lines",
+                remedy="fetch the file again",
+            )

@@ -157,7 +157,7 @@ def judged(
 
 def _records(paths: Sequence[Path], metadata: Path | None, missing_vertical: bool) -> Iterator[Record]:
     """Records of ensembles, and of files as 'records import' reads them."""
-    from toppling.models.motions.importing import Wishes, import_records, record_files
+    from toppling.models.motions.importing import ImportOptions, import_records, record_files
     from toppling.models.motions.metadata import read_table
 
     for folder in (path for path in paths if (path / CATALOG).is_file()):
@@ -171,7 +171,7 @@ def _records(paths: Sequence[Path], metadata: Path | None, missing_vertical: boo
             )
         return
     table = read_table(metadata) if metadata else []
-    came = import_records(files, table, Wishes(missing_vertical=missing_vertical))
+    came = import_records(files, table, ImportOptions(missing_vertical=missing_vertical))
     if came.unused_rows:
         click.echo(
             f"{came.unused_rows} of {len(table)} rows of {metadata} name files that were not given", err=True

@@ -14,6 +14,9 @@ if TYPE_CHECKING:
     from toppling.models.motions.importing import Refusal
 
 
+MOST_NOTES = 20
+
+
 @click.group(cls=Verbs)
 def records() -> None:
     """Import, fetch, synthesise, select and show ensembles of records.
@@ -77,14 +80,14 @@ def import_(
     _refuse_existing(out, replace)
     with bar("records") as advance:
         from toppling.models.motions.ensemble import Ensemble
-        from toppling.models.motions.importing import Wishes, import_records, record_files
+        from toppling.models.motions.importing import ImportOptions, import_records, record_files
         from toppling.models.motions.metadata import looks_like_table, read_table
 
         table = read_table(metadata) if metadata else []
         files = record_files(paths)
-        wishes = Wishes(missing_vertical, doubtful, process, corner_hz, time_step_s)
+        options = ImportOptions(missing_vertical, doubtful, process, corner_hz, time_step_s)
         advance(0, "reading", total=2 * len(files))
-        outcome = import_records(files, table, wishes, advance)
+        outcome = import_records(files, table, options, advance)
     if not metadata:
         for path in (found for folder in paths if folder.is_dir() for found in sorted(folder.rglob("*.csv"))):
             if looks_like_table(path):
@@ -105,12 +108,14 @@ def import_(
                     "id": ensemble.id,
                     "records": ensemble.record_ids,
                     "left_out": left_out,
+                    "notes": [{"record": name, "what": what} for name, what in outcome.warnings],
                     "unused_rows": outcome.unused_rows,
                 }
             )
         )
         return
     _show_refusals(outcome.refusals)
+    _show_warnings(outcome.warnings)
     click.echo(
         f"{len(outcome.records)} records from {len(files)} files in {out}, {len(outcome.refusals)} left out"
     )
@@ -171,7 +176,7 @@ def fetch(
     from toppling.models.motions.ensemble import Ensemble
     from toppling.models.motions.fetch import connect, find_event, utc
     from toppling.models.motions.fetch import fetch as fetched
-    from toppling.models.motions.importing import Wishes, import_records
+    from toppling.models.motions.importing import ImportOptions, import_records
     from toppling.models.motions.metadata import read_table
 
     if not (event_id and (radius_km or stations)) and not (stations and start and end):
@@ -200,12 +205,13 @@ def fetch(
             advance=advance,
         )
     table = read_table(came.table) if came.table else []
-    outcome = import_records(came.files, table, Wishes(corner_hz=corner_hz))
+    outcome = import_records(came.files, table, ImportOptions(corner_hz=corner_hz))
     for line in came.missing:
         click.echo(f"no record of {line}", err=True)
     _show_refusals(outcome.refusals)
     if not outcome.records:
         raise _no_record(len(came.files), str(out / "raw"))
+    _show_warnings(outcome.warnings)
     Ensemble.write(out, outcome.records)
     click.echo(f"{len(outcome.records)} records in {out}, originals in {out / 'raw'}")
 
@@ -436,6 +442,15 @@ def _show_catalog(rows: list[dict]) -> None:
         "D: 5 to 95 % of the integral of squared velocity;\n"
         f"2nd dir.: share of PGA reached more than 22.5 degrees away ({undirected} records above 0.9)"
     )
+
+
+def _show_warnings(warnings: list[tuple[str, str]]) -> None:
+    """Tell what the user should know of records that were read: on the standard error, a line each."""
+    for name, what in warnings[:MOST_NOTES]:
+        click.echo(f"note on {name}: {what}", err=True)
+    if len(warnings) > MOST_NOTES:
+        rest = len(warnings) - MOST_NOTES
+        click.echo(f"{rest} more notes: each record's history has its own ('records show --json')", err=True)
 
 
 def _show_refusals(refusals: "list[Refusal]") -> None:

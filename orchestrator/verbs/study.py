@@ -167,12 +167,12 @@ def _have_records(out: Path, records: Path | None, metadata: Path | None, count:
         with new_folder(out / "ensemble") as staging:
             shutil.copytree(records, staging, dirs_exist_ok=True)
     else:
-        from toppling.models.motions.importing import Wishes, import_records, record_files
+        from toppling.models.motions.importing import ImportOptions, import_records, record_files
         from toppling.models.motions.metadata import read_table
 
         files = record_files([records])
         say(f"records: reading {len(files)} files")
-        outcome = import_records(files, read_table(metadata) if metadata else [], Wishes())
+        outcome = import_records(files, read_table(metadata) if metadata else [], ImportOptions())
         for refusal in outcome.refusals:
             say(f"left out {refusal.subject}: {refusal.reason.what}")
         if not outcome.records:

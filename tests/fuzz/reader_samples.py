@@ -16,7 +16,7 @@ from motion_samples import STEP_S, WRITERS, shaking
 
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.formats.response import responses
-from toppling.models.motions.importing import Wishes, import_records, record_files
+from toppling.models.motions.importing import ImportOptions, import_records, record_files
 from toppling.models.motions.metadata import read_table
 from toppling.models.motions.motion import Motion
 from toppling.models.motions.record import Record
@@ -124,7 +124,7 @@ def _read_records(folder: Path) -> Any:
     outcome = import_records(
         [file for file in record_files([folder]) if file != table],
         read_table(table) if table.exists() else [],
-        Wishes(doubtful=True),
+        ImportOptions(doubtful=True),
     )
     if not outcome.records and outcome.refusals:
         raise outcome.refusals[0].reason

@@ -37,6 +37,9 @@ TIME_UNITS_S = {"ms": 0.001, "msec": 0.001}
 STEP_TOLERANCE = 0.01
 """Largest departure of one time difference from their median, as a share of it."""
 REGULAR_SHARE = 0.95
+COARSE, COARSE_RANGE, COARSE_WINDOW = 0.1, 1.3, 50
+"""Times whose last digit is more than this share of the step leave their line by this many digits where rows are lost;
+the place is found by the means of so many times on both sides."""
 WIDTHS = (1, 2, 4)
 
 
@@ -189,6 +192,8 @@ def _time_step(time: NDArray[np.float64], printed: list[str], path: Path, line: 
     regular = usual > 0 and float((np.abs(steps - usual) < 0.1 * digit).mean()) >= REGULAR_SHARE
     step = usual if regular or usual > digit else mean
     wrong = np.flatnonzero(np.abs(steps - step) > max(STEP_TOLERANCE * step, digit / 2 if regular else digit))
+    if not len(wrong) and digit > COARSE * step:
+        wrong = _jump_of_coarse_times(time, digit)
     if len(wrong):
         refuse(
             f"the time goes on by {steps[wrong[0]]:g} s where the step is {step:g} s: a gap or two steps",
@@ -198,6 +203,19 @@ def _time_step(time: NDArray[np.float64], printed: list[str], path: Path, line: 
             remedy="fill or cut the gap, or resample the record to one step first",
         )
     return _round_step(mean, digit / len(steps))
+
+
+def _jump_of_coarse_times(time: NDArray[np.float64], digit: float) -> NDArray[np.int64]:
+    """Place, if there is one, where times leave the line that they are on but for rounding to a digit."""
+    number = np.arange(len(time))
+    slope, start = np.polyfit(number, time, 1)
+    off = time - start - slope * number
+    if np.ptp(off) <= COARSE_RANGE * digit:
+        return np.empty(0, np.int64)
+    sums = np.concatenate([[0.0], np.cumsum(off)])
+    beside = min(COARSE_WINDOW, len(time) // 2)
+    middle = sums[beside:-beside]
+    return np.array([np.argmax(sums[2 * beside :] + sums[: -2 * beside] - 2 * middle) + beside - 1])
 
 
 def _round_step(step: float, error: float) -> float:

@@ -16,6 +16,7 @@ from toppling.models.guarded import read_guarded
 from toppling.models.motions.formats.component import DOWN, UP, Component, bearing, positive, refuse
 from toppling.models.motions.formats.numbers import exactly
 from toppling.models.motions.formats.response import Converted, in_m_s2
+from toppling.models.motions.formats.text import text_of
 
 NAME = "ObsPy"
 FORMATS = (
@@ -24,13 +25,12 @@ FORMATS = (
 )  # fmt: skip
 """Formats that are parsed, in ObsPy's order. Left to guess, ObsPy also tries PICKLE, which runs what the file says, and
 formats whose files name others to be read (CSS, Q)."""
+TEXT_FORMATS = {"GSE2", "SACXY", "GSE1", "SLIST", "TSPAIR", "KNET"}
 KNET_DURATION_LINE = 12
 MOST_SAMPLES = 10**9
 SAC_QUANTITIES = {5: "unknown", 6: "displacement", 7: "velocity", 8: "acceleration", 50: "volts"}
 """By SAC's `idep`."""
 SAME_STEP = 1e-6
-FITS = 0.01
-"""Share of a sample by which the pieces of a record are off without being told."""
 _KNET_UNIT = re.compile(rb"^Scale Factor\s+[\d.]+\s*\(gal\)\s*/", re.IGNORECASE | re.MULTILINE)
 """ObsPy takes the factor for one of gal, whatever is said."""
 
@@ -67,17 +67,20 @@ def parse(path: Path) -> tuple[list[dict[str, Any]] | None, list[np.ndarray]]:
     with warnings.catch_warnings(record=True) as complaints:
         warnings.simplefilter("always")
         try:
-            file_format = next((name for name in FORMATS if _recogniser(name)(io.BytesIO(content))), None)
+            text = text_of(content)
+            plain = content if text is None else text.encode()
+            of = {name: plain if name in TEXT_FORMATS else content for name in FORMATS}
+            file_format = next((name for name in FORMATS if _recogniser(name)(io.BytesIO(of[name]))), None)
             if file_format is None:
                 return None, []
             stream = obspy.read(
-                io.BytesIO(content), format=file_format, apply_calib=False, check_compression=False
+                io.BytesIO(of[file_format]), format=file_format, apply_calib=False, check_compression=False
             )
         except MemoryError:
             raise
         except Exception as error:
             _unreadable(path, error)
-    if file_format == "KNET" and not _KNET_UNIT.search(content):
+    if file_format == "KNET" and not _KNET_UNIT.search(plain):
         refuse("the scale factor is not in gal", path, expected="'Scale Factor 2000(gal)/8388608'")
     doubt = [str(item.message) for item in complaints if item.category.__module__.startswith("obspy")]
     if doubt:
@@ -155,9 +158,8 @@ def _append(whole: Any, piece: Any, path: Path) -> str:
             path,
             expected="one time step",
         )
-    exact = (piece.stats.starttime - whole.stats.starttime) / step
-    place, count = round(exact), len(whole.data)
-    overlap = count - place
+    place = round((piece.stats.starttime - whole.stats.starttime) / step)
+    overlap = len(whole.data) - place
     edges = sorted([whole.stats.endtime, piece.stats.starttime])
     where = f"from {edges[0]} to {edges[1]}"
     if overlap < 0:
@@ -176,10 +178,7 @@ def _append(whole: Any, piece: Any, path: Path) -> str:
             remedy="leave one of the two pieces out",
         )
     whole.data = np.concatenate([whole.data, piece.data[twice:]])
-    if twice:
-        return f"{twice} samples of {whole.id} came twice, the same: merged"
-    off = abs(exact - place)
-    return f"pieces of {whole.id} joined that meet {off:.2g} of a sample off" if off > FITS else ""
+    return f"{twice} samples of {whole.id} came twice, the same: merged" if twice else ""
 
 
 def _component(trace: Any, told: tuple[str, ...], path: Path, inventory: Any | None) -> Component:

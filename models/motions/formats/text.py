@@ -6,7 +6,7 @@ HEAD_BYTES = 4000
 _FILLING = re.compile(rb"[\0\x1a]+(?=[\r\n]|\Z)|(?<=[\r\n])[\0\x1a]+")
 """DOS' end of file, and zeros that fill a line or a block: never inside of a line, where they are damage."""
 _FILLED_UP = b"\0\x1a \t\r\n"
-_LINE_END = re.compile(r"\r*\n|\r+")
+_LINE_END = re.compile(r"\r*\n|\r")
 _NO_LINE_ENDS = str.maketrans(dict.fromkeys("\x0b\x0c\x1c\x1d\x1e\x85\u2028\u2029", " "))
 """Where Python splits lines and no file of numbers does: form feeds of listings, bytes of other encodings."""
 _UTF_16_SHARE = 0.9

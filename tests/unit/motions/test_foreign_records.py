@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from toppling.models.motions.formats import read_file
-from toppling.models.motions.importing import Wishes, import_records, record_files
+from toppling.models.motions.importing import ImportOptions, import_records, record_files
 from toppling.models.motions.metadata import read_table
 
 FOREIGN = Path(__file__).resolve().parents[4] / "shared" / "data" / "foreign"
@@ -23,7 +23,7 @@ def imported(number: int):
     here = folder(number)
     table = here / "table.csv"
     files = [file for file in record_files([here]) if file != table]
-    return import_records(files, read_table(table) if table.exists() else [], Wishes(process=False))
+    return import_records(files, read_table(table) if table.exists() else [], ImportOptions(process=False))
 
 
 def components(number: int):

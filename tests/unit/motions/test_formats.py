@@ -12,7 +12,7 @@ from obspy.core.inventory import Channel, Inventory, Network, Response, Station
 from toppling.models.errors import InputError
 from toppling.models.motions.formats import read_file
 from toppling.models.motions.formats.component import bearing, code_direction
-from toppling.models.motions.importing import Wishes, import_records, record_files
+from toppling.models.motions.importing import ImportOptions, import_records, record_files
 from toppling.models.motions.metadata import read_table
 from toppling.models.motions.motion import Motion
 from toppling.models.motions.processing import end_at_rest
@@ -32,10 +32,10 @@ RAW = {"csmip_v1", "pairs_v1", "bhrc", "cosmos_v1", "geonet_v1a", "unam", "cwb",
 UNORIENTED = {"pairs_v1"}
 
 
-def imported(folder: Path, **wishes):
+def imported(folder: Path, **options):
     table = folder / "table.csv"
     return import_records(
-        record_files([folder]), read_table(table) if table.exists() else [], Wishes(**wishes)
+        record_files([folder]), read_table(table) if table.exists() else [], ImportOptions(**options)
     )
 
 

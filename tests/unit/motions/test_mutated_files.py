@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from motion_samples import WRITERS, shaking
 
-from toppling.models.motions.importing import Wishes, import_records
+from toppling.models.motions.importing import ImportOptions, import_records
 from toppling.models.motions.metadata import read_table
 
 FEW, MANY = 8, 60
@@ -60,7 +60,7 @@ def test_a_mutated_file_gives_a_sound_record_or_a_clear_error(name, count, tmp_p
     for _ in range(count):
         victim = files[int(rng.integers(len(files)))]
         victim.write_bytes(mutated(original[victim], rng))
-        outcome = import_records(files, table, Wishes(process=False))
+        outcome = import_records(files, table, ImportOptions(process=False))
         assert all(is_sound(record) for record in outcome.records)
         assert outcome.records or outcome.refusals
         for refusal in outcome.refusals:

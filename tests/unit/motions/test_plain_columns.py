@@ -8,7 +8,7 @@ from motion_samples import STEP_S, shaking
 
 from toppling.models.errors import InputError
 from toppling.models.motions.formats import read_file
-from toppling.models.motions.importing import Wishes, import_records
+from toppling.models.motions.importing import ImportOptions, import_records
 from toppling.models.motions.metadata import read_table
 
 UP_NORTH_EAST = [2, 1, 0]
@@ -35,7 +35,7 @@ def imported(path: Path, unit: str = "m/s2"):
     table.write_text(
         f"rec_id,h1,h2,v,unit,processing\nA,{path.name},{path.name},{path.name},{unit},corrected\n"
     )
-    return import_records([path], read_table(table), Wishes())
+    return import_records([path], read_table(table), ImportOptions())
 
 
 @pytest.mark.parametrize("comma", [True, False])
@@ -95,7 +95,7 @@ def test_names_that_are_no_components_are_refused_with_their_line(header, tmp_pa
 def test_a_unit_in_the_names_needs_no_table(unit, one_m_s2, tmp_path):
     a = shaking()
     path = table_of(tmp_path, f"t,E ({unit}),N ({unit}),UP ({unit})", a / one_m_s2)
-    (record,) = import_records([path], wishes=Wishes(process=False)).records
+    (record,) = import_records([path], options=ImportOptions(process=False)).records
     assert np.abs(record.motion.acceleration_m_s2 - a).max() < 1e-5
 
 

@@ -7,7 +7,7 @@ import pytest
 from motion_samples import WRITERS, shaking
 
 from toppling.models.motions.formats import read_file
-from toppling.models.motions.importing import Wishes, import_records, record_files
+from toppling.models.motions.importing import ImportOptions, import_records, record_files
 from toppling.models.motions.metadata import read_table
 
 NAMED_V2 = {"Rcrd of Tue Dec 20, 2022": "TESTQUAKE", "Preliminary": "DECEMBER 20, 2022 02:34 PST"}
@@ -52,7 +52,7 @@ def imported(folder: Path, events: tuple[str, str] | None = None, unit: str = ""
             rows.append(",".join((event, unit, *paths)))
         (folder / "table.csv").write_text("\n".join(rows) + "\n")
         table = read_table(folder / "table.csv")
-    return import_records(record_files([folder / "a", folder / "b"]), table, Wishes(process=False))
+    return import_records(record_files([folder / "a", folder / "b"]), table, ImportOptions(process=False))
 
 
 @pytest.mark.parametrize(("name", "title", "other"), ORIGINS)

@@ -8,7 +8,7 @@ from obspy.core.inventory import Channel, Inventory, Network, Response, Station
 from obspy.core.inventory.response import InstrumentSensitivity
 
 from toppling.models.motions.formats.units import Unit, acceleration_m_s2, unit_of
-from toppling.models.motions.importing import Wishes, import_records, record_files
+from toppling.models.motions.importing import ImportOptions, import_records, record_files
 from toppling.models.motions.metadata import unit_m_s2
 
 G = 9.80665
@@ -86,7 +86,7 @@ def station_of(
         channels.append(Channel(f"HN{letter}", "", 0, 0, 0, 0, azimuth=azimuth, dip=dip, response=response))
     inventory = Inventory([Network("XX", [Station("TST", 0, 0, 0, channels=channels)])], source="test")
     inventory.write(str(folder / "XX.TST.xml"), format="STATIONXML")
-    return a, import_records(record_files([folder]), wishes=Wishes(process=False))
+    return a, import_records(record_files([folder]), options=ImportOptions(process=False))
 
 
 @pytest.mark.parametrize("stages", [False, True])
@@ -147,9 +147,9 @@ def test_a_channel_that_the_xml_has_not_is_refused_with_those_that_it_has(change
     trace = obspy.read(str(path))[0]
     trace.stats.update(change)
     trace.write(str(path), format="MSEED")
-    outcome = import_records([path, tmp_path / "XX.TST.xml"], wishes=Wishes(missing_vertical=True))
+    outcome = import_records([path, tmp_path / "XX.TST.xml"], options=ImportOptions(missing_vertical=True))
     assert not outcome.records
-    (refusal,) = import_records(_three(tmp_path, change), wishes=Wishes()).refusals
+    (refusal,) = import_records(_three(tmp_path, change), options=ImportOptions()).refusals
     assert cause in refusal.reason.what
 
 

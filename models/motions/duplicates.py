@@ -23,7 +23,7 @@ class Shaking:
 
     Parameters
     ----------
-    told_event : str
+    table_event : str
         Event by the metadata table.
     event, station, series : str
         By the header.
@@ -31,7 +31,7 @@ class Shaking:
         Time of the first sample, seconds since 1970.
     """
 
-    told_event: str
+    table_event: str
     event: str
     station: str
     series: str
@@ -44,7 +44,7 @@ class Shaking:
         records that know when they begin begin together.
         """
         at_one_place = bool(self.station) and (self.station, self.series) == (other.station, other.series)
-        events = [(self.told_event, other.told_event), (self.event, other.event)]
+        events = [(self.table_event, other.table_event), (self.event, other.event)]
         known = [pair for pair in events if all(pair)]
         together = (
             self.start_s is None
@@ -63,14 +63,17 @@ class Candidate:
     record : Record
     shaking : Shaking
     corrected : bool
+    warnings : tuple of str
+        What the user should know of it.
     """
 
     record: Record
     shaking: Shaking
     corrected: bool
+    warnings: tuple[str, ...] = ()
 
 
-def twins(candidates: Sequence[Candidate]) -> Iterator[tuple[Candidate, Candidate]]:
+def duplicates(candidates: Sequence[Candidate]) -> Iterator[tuple[Candidate, Candidate]]:
     """Pairs (kept, left out): of two records that are one, the corrected is kept, else the first."""
     out: set[int] = set()
     ordered = sorted(range(len(candidates)), key=lambda i: (not candidates[i].corrected, i))

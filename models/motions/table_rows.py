@@ -1,0 +1,209 @@
+"""A row of the metadata table: its files, and what it says where they are silent."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from toppling.models.errors import InputError
+from toppling.models.motions.formats.component import UP, Component
+from toppling.models.motions.metadata import Entry
+from toppling.models.motions.stations import Triple, triple
+
+SAME_INSTRUMENT = 1.25
+"""Factor within which the sensitivities of one instrument's channels lie."""
+
+SAME_UNIT = 1e-3
+"""Share by which two statements of one unit differ at most: g is 9.81 or 980 gal to some."""
+
+
+def rows_given(table: Sequence[Entry], files: Sequence[Path]) -> list[tuple[Entry, list[Path]]]:
+    """Rows of the table with those of their files that are given.
+
+    Raises
+    ------
+    InputError
+        If there are rows, and none of them names a file that is given.
+    """
+    place = {path.resolve(): path for path in files}
+    here = [(entry, [place[p.resolve()] for p in entry.files if p.resolve() in place]) for entry in table]
+    rows = [(entry, paths) for entry, paths in here if paths]
+    if table and not rows:
+        looked_for = table[0].h1
+        raise InputError(
+            f"none of the {len(table)} rows of the metadata table names a file that is given:"
+            f" the first looks for {looked_for}",
+            where=table[0].where,
+            expected="paths relative to the folder of the table",
+            remedy="give this file or its folder too"
+            if looked_for.exists()
+            else "correct the paths in the table",
+        )
+    return rows
+
+
+def channels_of_row(entry: Entry, here: Sequence[Path], channels: dict[Path, list[Component]]) -> Triple:
+    """Channels of a metadata table's row, of whose files `here` were given, with what the row says of them.
+
+    Raises
+    ------
+    InputError
+        If a file that the row names was not given or not read, is named twice, or contradicts the row.
+    """
+    named = 2 + (entry.v is not None)
+    if 1 < len(entry.files) < named:
+        raise InputError(
+            f"the row names {len(entry.files)} files in {named} columns",
+            where=entry.where,
+            expected="a file of its own for every component, or one file that holds all",
+            remedy="correct h1, h2 and v: two of them name the same file",
+        )
+    given = {path.resolve(): path for path in here}
+    parts: list[list[Component]] = []
+    for file in entry.files:
+        path = given.get(file.resolve())
+        if path is None or path not in channels:
+            raise InputError(
+                f"{file} is not among the files given" if path is None else f"{path} could not be read",
+                where=entry.where,
+                expected="every file that the row names",
+                remedy="give the file or its folder too" if path is None else "see what is said of this file",
+            )
+        parts.append(channels[path])
+    if len(parts) == 1:
+        together = triple(parts[0])
+    else:
+        single = [_one(components, entry) for components in parts]
+        together = Triple(single[0], single[1], single[2] if entry.v else None)
+    return _completed(together, entry)
+
+
+def _one(components: list[Component], entry: Entry) -> Component:
+    if len(components) != 1:
+        raise InputError(
+            f"{components[0].path} holds {len(components)} channels",
+            where=entry.where,
+            expected="one channel a file where h1, h2 and v are different files",
+            remedy="name the same file in h1, h2 and v",
+        )
+    return components[0]
+
+
+def _completed(channels: Triple, entry: Entry) -> Triple:
+    """Channels with what the table says where the file is silent.
+
+    Raises
+    ------
+    InputError
+        If the table contradicts a header: a vertical as h1 or h2, a horizontal as v, another unit.
+    """
+    _refuse_contradictions(channels, entry)
+
+    def complete(component: Component, bearing: float | None) -> Component:
+        values = component.acceleration_m_s2
+        known = component.unit_known
+        if not known and entry.unit_m_s2 is not None:
+            values, known = values * entry.unit_m_s2, True
+        return replace(
+            component,
+            acceleration_m_s2=values,
+            unit_known=known,
+            time_step_s=_step(component, entry),
+            direction=float(bearing % 360) if bearing is not None else component.direction,
+            corrected=entry.corrected if entry.corrected is not None else component.corrected,
+        )
+
+    vertical = channels.vertical
+    if vertical is not None:
+        vertical = complete(vertical, None)
+        if not isinstance(vertical.direction, str):
+            vertical = replace(vertical, direction=UP)
+    completed = Triple(
+        complete(channels.first, entry.h1_azimuth_deg),
+        complete(channels.second, entry.h2_azimuth_deg),
+        vertical,
+    )
+    return completed if completed.first.unit_known else _scaled_to_peaks(completed, entry)
+
+
+def _refuse_contradictions(channels: Triple, entry: Entry) -> None:
+    for name, component in zip(("h1", "h2", "v"), channels.channels, strict=False):
+        _refuse_other_direction(name, component, entry)
+        _refuse_other_unit(component, entry)
+
+
+def _refuse_other_direction(name: str, component: Component, entry: Entry) -> None:
+    direction = component.direction
+    if not isinstance(direction, float if name == "v" else str):
+        return
+    points = direction if isinstance(direction, str) else f"{direction:g} degrees from north"
+    raise InputError(
+        f"the row names {component.path.name} in column {name}, and the file says that it points {points}",
+        where=entry.where,
+        expected="two horizontals in h1 and h2, the vertical in v",
+        remedy="correct h1, h2 and v",
+    )
+
+
+def _refuse_other_unit(component: Component, entry: Entry) -> None:
+    by_name, by_row = component.stated_unit_m_s2, entry.unit_m_s2
+    if by_name is None or by_row is None or math.isclose(by_name, by_row, rel_tol=SAME_UNIT):
+        return
+    raise InputError(
+        f"the unit is {by_row:g} m/s2 by the row, and {by_name:g} m/s2 by the names in {component.path.name}",
+        where=entry.where,
+        expected="one unit of the samples",
+        remedy="correct the column 'unit', or the names of the file's columns",
+    )
+
+
+def _scaled_to_peaks(channels: Triple, entry: Entry) -> Triple:
+    """Counts, in a unit that nobody names: without their mean, scaled to the peaks that the table states.
+
+    The channels of one instrument have nearly one sensitivity: the same scale of all shows that the peaks are
+    those of these samples. Counts are as the instrument gave them, unless the table says otherwise.
+
+    Raises
+    ------
+    InputError
+        If the scales differ, by which the peaks are of other samples.
+    """
+    parts = [channels.first, channels.second, *([channels.vertical] if channels.vertical else [])]
+    scales = []
+    for component, peak in zip(parts, entry.peaks_m_s2, strict=False):
+        about_mean = float(np.abs(component.acceleration_m_s2 - component.acceleration_m_s2.mean()).max())
+        if not peak or peak < 0 or about_mean == 0:
+            return channels
+        scales.append(peak / about_mean)
+    if max(scales) > SAME_INSTRUMENT * min(scales):
+        listed = ", ".join(f"{scale:.4g}" for scale in scales)
+        raise InputError(
+            f"the peaks that the table states scale the channels by {listed} m/s2",
+            where=entry.where,
+            expected=f"one scale within a factor of {SAME_INSTRUMENT:g}, as one instrument has",
+            remedy="state the samples' unit in the column 'unit', or give the StationXML",
+        )
+    note = (
+        "mean removed, scaled to the peaks of the metadata table,"
+        f" {1 / np.mean(scales):.6g} counts per m/s2 on average"
+    )
+    scaled = [
+        replace(
+            component,
+            acceleration_m_s2=(component.acceleration_m_s2 - component.acceleration_m_s2.mean()) * scale,
+            unit_known=True,
+            corrected=bool(component.corrected),
+            notes=(*component.notes, note),
+        )
+        for component, scale in zip(parts, scales, strict=True)
+    ]
+    return Triple(scaled[0], scaled[1], scaled[2] if channels.vertical else None)
+
+
+def _step(component: Component, entry: Entry) -> float:
+    """Time step by the file, or by the table where the file has no times."""
+    if math.isfinite(component.time_step_s):
+        return component.time_step_s
+    return entry.time_step_s if entry.time_step_s and entry.time_step_s > 0 else math.nan

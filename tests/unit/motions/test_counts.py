@@ -1,0 +1,124 @@
+"""A count that is a little off from whole rows is told; where rows are lost in the middle the file is refused."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from motion_samples import COUNT, WRITERS, shaking
+
+from toppling.models.errors import InputError
+from toppling.models.motions.formats import read_file
+from toppling.models.motions.formats.numbers import column_width, counted, numbers_in
+from toppling.models.motions.importing import ImportOptions, import_records, record_files
+from toppling.models.motions.metadata import read_table
+
+HERE = Path("file.txt")
+SPOKEN_COUNT = {  # how a header says 400, and how it would say another number
+    "peer": "NPTS= {:6d}",
+    "csmip_v1": "{:5d} POINTS",
+    "csmip_v2": " {} points of accel",
+    "cosmos_v2": "   {} acceleration pts",
+    "esm": "NDATA: {}\n",
+    "unam": "/{0}/{0}/{0}",
+    "pairs_v1": "NO. OF POINTS =  {:5d}",
+    "bhrc": "NO. OF POINTS =  {:5d}",
+    "smc": "{:10d}",
+}
+
+
+def lines_of(count: int, across: int = 5) -> list[str]:
+    """Rows of a smooth series."""
+    values = np.sin(np.arange(count) / 20.0)
+    return [" ".join(f"{v:.6f}" for v in values[i : i + across]) for i in range(0, count, across)]
+
+
+def taken(lines: list[str], count: int):
+    return counted(numbers_in(lines, HERE, 5), count, lines, HERE, 4)
+
+
+@pytest.mark.parametrize("count", [1000, 999, 997, 995, 990, 1001, 1003, 1005, 1010])
+def test_a_count_within_two_rows_of_the_rows_is_told_and_read(count):
+    found = taken(lines_of(1000), count)
+    assert len(found.values) == min(count, 1000)
+    assert found.missing == max(count - 1000, 0)
+    assert bool(found.warnings) is (count != 1000)
+
+
+@pytest.mark.parametrize("count", [0, 900, 1011, 1100, 2000])
+def test_a_count_far_from_the_rows_is_refused(count):
+    with pytest.raises(InputError, match=f"1000 samples follow where the header counts {count}"):
+        taken(lines_of(1000), count)
+
+
+@pytest.mark.parametrize("lost", [range(3, 4), range(60, 62), range(100, 130), range(194, 196)])
+def test_rows_lost_in_the_middle_are_refused(lost):
+    lines = [line for place, line in enumerate(lines_of(1000)) if place not in lost]
+    with pytest.raises(InputError, match="truncated"):
+        taken(lines, 1000)
+
+
+@pytest.mark.parametrize("row", [0, 60, 150])
+def test_a_row_twice_in_the_middle_is_refused(row):
+    lines = lines_of(1000)
+    lines.insert(row + 1, lines[row])
+    with pytest.raises(InputError, match="1005 samples follow where the header counts 1000"):
+        taken(lines, 1000)
+
+
+@pytest.mark.parametrize("row", [10, 100])
+def test_a_row_in_the_middle_that_is_not_whole_is_refused(row):
+    lines = lines_of(1000)
+    lines[row] = lines[row].rsplit(" ", 1)[0]
+    with pytest.raises(InputError, match="999 samples follow where the header counts 1000"):
+        taken(lines, 1000)
+
+
+@pytest.mark.parametrize(("form", "width"), [("9.6f", 9), ("10.3f", 10), ("15.7E", 15), ("7.3f", 7)])
+def test_a_columns_width_is_the_distance_of_decimal_points(form, width):
+    values = np.linspace(-0.9, 0.9, 24)
+    rows = ["".join(format(v, form) for v in values[i : i + 8]) for i in (0, 8, 16)]
+    assert column_width(rows) == (8, width)
+
+
+def miscounted(folder: Path, name: str, off: int) -> None:
+    WRITERS[name](folder, shaking())
+    spoken = SPOKEN_COUNT[name]
+    for path in folder.iterdir():
+        text = path.read_text()
+        if name != "smc":
+            assert spoken.format(COUNT) in text
+            text = text.replace(spoken.format(COUNT), spoken.format(COUNT + off))
+        else:
+            lines = text.split("\n")
+            lines[13] = f"{COUNT + off:10d}{lines[13][10:]}"
+            text = "\n".join(lines)
+        path.write_text(text)
+
+
+def imported(folder: Path):
+    table = folder / "table.csv"
+    table_rows = read_table(table) if table.exists() else []
+    return import_records(record_files([folder]), table_rows, ImportOptions(process=False))
+
+
+@pytest.mark.parametrize("off", [-3, 2])
+@pytest.mark.parametrize("name", sorted(SPOKEN_COUNT))
+def test_every_format_with_a_count_that_is_a_little_off_is_read_and_told(name, off, tmp_path):
+    miscounted(tmp_path, name, off)
+    outcome = imported(tmp_path)
+    assert [str(refusal.reason) for refusal in outcome.refusals] == []
+    (record,) = outcome.records
+    assert len(record.motion.acceleration_m_s2) == min(COUNT, COUNT + off)
+    assert outcome.warnings
+    assert any("where the header counts" in step for step in record.history)
+
+
+def test_a_component_that_lacks_a_row_which_the_others_have_is_refused(tmp_path):
+    path = WRITERS["peer"](tmp_path, shaking())[1]
+    lines = path.read_text().splitlines()
+    del lines[-1]
+    path.write_text("\n".join(lines))
+    (component,) = read_file(path)
+    assert component.missing == 5
+    (refusal,) = imported(tmp_path).refusals
+    assert "395 samples, where its header counts 400 and another component has them" in refusal.reason.what

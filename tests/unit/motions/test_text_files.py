@@ -1,0 +1,132 @@
+"""A text file is the same record in every encoding, with every end of lines and of files."""
+
+import numpy as np
+import pytest
+from motion_samples import STEP_S, WRITERS, shaking
+
+from toppling.models.errors import InputError
+from toppling.models.motions.formats import read_file
+from toppling.models.motions.formats.text import text_of
+from toppling.models.motions.importing import ImportOptions, import_records, record_files
+from toppling.models.motions.metadata import read_table
+
+TEXT = sorted(set(WRITERS) - {"miniseed", "sac"})
+WAYS = {
+    "DOS": lambda content: content.replace(b"\n", b"\r\n"),
+    "old Mac": lambda content: content.replace(b"\n", b"\r"),
+    "sent as text twice": lambda content: content.replace(b"\n", b"\r\r\n"),
+    "mark of UTF-8": lambda content: b"\xef\xbb\xbf" + content,
+    "DOS' end of file": lambda content: content.replace(b"\n", b"\r\n") + b"\x1a" * 200,
+    "block filled with zeros": lambda content: content + bytes(512 - len(content) % 512),
+    "no end of the last line": lambda content: content.rstrip(b"\n"),
+    "blank lines at the end": lambda content: content + b"\n  \n\n",
+    "UTF-16 of Windows": lambda content: content.decode().encode("utf-16"),
+    "UTF-16 without a mark": lambda content: content.decode().replace("\n", "\r\n").encode("utf-16-le"),
+    "UTF-16 of another order": lambda content: b"\xfe\xff" + content.decode().encode("utf-16-be"),
+}
+
+
+def imported(folder):
+    table = folder / "table.csv"
+    rows = read_table(table) if table.exists() else []
+    files = [file for file in record_files([folder]) if file != table]
+    return import_records(files, rows, ImportOptions(process=False))
+
+
+@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("name", TEXT)
+def test_a_record_is_the_same_however_its_text_is_written(name, way, tmp_path):
+    WRITERS[name](tmp_path, shaking(120))
+    (expected,) = imported(tmp_path).records
+    for path in tmp_path.iterdir():
+        if path.name != "table.csv":
+            path.write_bytes(WAYS[way](path.read_bytes()))
+    outcome = imported(tmp_path)
+    assert [str(refusal.reason) for refusal in outcome.refusals] == []
+    (record,) = outcome.records
+    assert (record.sha, record.event, record.station) == (expected.sha, expected.event, expected.station)
+
+
+@pytest.mark.parametrize("encoding", ["latin-1", "cp1252", "utf-8", "utf-16"])
+@pytest.mark.parametrize("unit", ["cm/s²", "µm/s²"])
+def test_units_are_read_in_every_encoding(encoding, unit, tmp_path):
+    time, a = np.arange(200) * STEP_S, shaking(200)
+    lines = [f"Station Michoacán;EW ({unit});NS ({unit});UD ({unit})".replace("Station Michoacán", "t (s)")]
+    lines += [";".join(f"{v:.5f}" for v in row) for row in np.column_stack([time, a * 100])]
+    (tmp_path / "r.csv").write_bytes("\n".join(lines).encode(encoding))
+    first, *_ = read_file(tmp_path / "r.csv")
+    factor = {"cm/s²": 1.0, "µm/s²": 1e-4}[unit]
+    assert np.abs(first.acceleration_m_s2 - a[:, 0] * factor).max() < 1e-6
+
+
+@pytest.mark.parametrize("between", [";", "\t", "; ", "  "])
+@pytest.mark.parametrize("columns", [1, 2, 4])
+def test_decimal_commas_are_read_where_something_else_stands_between_numbers(columns, between, tmp_path):
+    a = shaking(200)
+    table = np.column_stack([np.arange(200) * STEP_S, a])[:, {1: [1], 2: [0, 1], 4: [0, 1, 2, 3]}[columns]]
+    lines = [between.join(f"{v:.6f}".replace(".", ",") for v in row) for row in table]
+    (tmp_path / "r.txt").write_text("\n".join(lines))
+    found = read_file(tmp_path / "r.txt")
+    assert np.abs(found[0].acceleration_m_s2 - a[:, 0]).max() < 1e-6
+    assert columns == 1 or found[0].time_step_s == STEP_S
+
+
+def test_integers_between_commas_are_two_columns(tmp_path):
+    (tmp_path / "r.csv").write_text("".join(f"{i},{i % 7}\n" for i in range(50)))
+    (found,) = read_file(tmp_path / "r.csv")
+    assert found.time_step_s == 1.0
+    assert found.acceleration_m_s2.tolist() == [i % 7 for i in range(50)]
+
+
+def test_commas_between_and_within_numbers_are_refused_with_the_cause(tmp_path):
+    lines = [f"{i * STEP_S:.3f},{v:.4f}".replace(".", ",") for i, v in enumerate(shaking(50)[:, 0])]
+    (tmp_path / "r.csv").write_text("\n".join(lines))
+    with pytest.raises(InputError, match="commas, which may stand between its numbers or within them"):
+        read_file(tmp_path / "r.csv")
+
+
+@pytest.mark.parametrize("name", ["esm", "unam", "csmip_v1", "peer", "cwb"])
+def test_decimal_commas_of_an_agencys_samples_are_read(name, tmp_path):
+    WRITERS[name](tmp_path, shaking(120))
+    (expected,) = imported(tmp_path).records
+    for path in tmp_path.iterdir():
+        lines = path.read_text().splitlines()
+        numeric = [not any(letter.isalpha() and letter not in "eE" for letter in line) for line in lines]
+        first = len(lines) - numeric[::-1].index(False) if name != "csmip_v1" else None
+        changed = [
+            line.replace(".", ",")
+            if (place >= first if first is not None else numeric[place] and place > 27)
+            else line
+            for place, line in enumerate(lines)
+        ]
+        path.write_text("\n".join(changed) + "\n")
+    (record,) = imported(tmp_path).records
+    assert record.sha == expected.sha
+
+
+@pytest.mark.parametrize("digits", [2, 3, 4, 6])
+@pytest.mark.parametrize("step_s", [0.005, 0.01, 1 / 128, 0.02, 1 / 200])
+def test_the_step_is_found_whatever_the_digits_of_the_times(step_s, digits, tmp_path):
+    a = shaking(2000)[:, 0]
+    lines = [f"{i * step_s:.{digits}f} {v:.6f}" for i, v in enumerate(a)]
+    (tmp_path / "r.txt").write_text("\n".join(lines))
+    (found,) = read_file(tmp_path / "r.txt")
+    assert found.time_step_s == pytest.approx(step_s, rel=1e-9)
+
+
+@pytest.mark.parametrize("lost", [range(40, 45), range(1000, 1003)])
+@pytest.mark.parametrize("digits", [2, 4])
+def test_rows_that_are_lost_are_refused_whatever_the_digits_of_the_times(digits, lost, tmp_path):
+    lines = [f"{i * 0.005:.{digits}f} {v:.6f}" for i, v in enumerate(shaking(2000)[:, 0]) if i not in lost]
+    (tmp_path / "r.txt").write_text("\n".join(lines))
+    with pytest.raises(InputError, match="a gap or two steps"):
+        read_file(tmp_path / "r.txt")
+
+
+@pytest.mark.parametrize("content", [b"000001D \0\0\0abc" * 40, b"\x01\0\x02\0\0\0\x03\0" * 100, bytes(200)])
+def test_binary_files_are_no_text(content):
+    assert text_of(b"x" + content + b"x") is None
+
+
+def test_zeros_within_a_line_are_no_filling():
+    assert text_of(b"1 2\n3 \0 4\n") is None

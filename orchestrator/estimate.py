@@ -28,10 +28,13 @@ TIMED_S = 20.0
 """Time for them, beyond which no other one is begun."""
 
 LEAST_TIMED = 6
-"""Of fewer nothing is said."""
+"""Of a plan of fewer jobs all."""
 
-WORTH_SHARE = 4
-"""A plan of fewer jobs than so many times the timed ones is quicker done than estimated."""
+TIMED_SHARE = 8
+"""Of a smaller plan one in so many jobs is timed: an estimate must not cost as much as the run."""
+
+BRIEF_S = 60.0
+"""Of less than this no seconds are told: workers take some to start."""
 
 
 @dataclass(frozen=True)
@@ -56,8 +59,11 @@ class TimeEstimate:
     def words(self, jobs: int, workers: int | None) -> str:
         """Say it; of the cores here unless a number of workers is given."""
         count = workers or os.cpu_count() or 1
+        if self.wall_s(count) < BRIEF_S:
+            on = f"on {count} workers" if count > 1 else "on 1 worker"
+            return f"{jobs:,} jobs are expected to take less than a minute {on} ({self.timed} timed)"
         here = f"{duration(self.wall_s(count))} on {count} workers like this machine's cores"
-        return f"{jobs} jobs are expected to take {duration(self.work_s)} of one worker, {here} ({self.timed} timed)"
+        return f"{jobs:,} jobs are expected to take {duration(self.work_s)} of one worker, {here} ({self.timed} timed)"
 
 
 def spread(count: int, wanted: int) -> NDArray[np.int64]:
@@ -70,13 +76,25 @@ def spread(count: int, wanted: int) -> NDArray[np.int64]:
     return np.array(list(dict.fromkeys(places.tolist()))[:wanted])
 
 
+def timed_jobs(pending: int) -> int:
+    """Jobs to time of so many that are pending."""
+    return min(TIMED_JOBS, max(LEAST_TIMED, pending // TIMED_SHARE), pending)
+
+
 def sampled_rows(planned: Plan, pending: NDArray[np.int64]) -> NDArray[np.int64]:
     """Rows to time, of which each beginning holds levels and durations in the shares that all pending jobs have."""
     level = planned.jobs["pga_m_s2"].to_numpy()[pending]
     duration = np.array([planned.duration_s[name] for name in planned.jobs["record_id"].to_pylist()])[pending]
     # By level, within each by duration there and back, so that neighbours are alike across the levels too.
     turn = np.where(np.unique(level, return_inverse=True)[1] % 2, -1.0, 1.0)
-    return pending[np.lexsort((turn * duration, level))][spread(len(pending), TIMED_JOBS)]
+    return pending[np.lexsort((turn * duration, level))][spread(len(pending), timed_jobs(len(pending)))]
+
+
+def words_of(told: TimeEstimate | None, jobs: int, workers: int | None) -> str:
+    """How long jobs are expected to take, or why that is not known."""
+    if told is not None:
+        return told.words(jobs, workers)
+    return f"how long the {jobs:,} jobs take is not known: those that were timed ended this machine's process"
 
 
 def estimate(
@@ -101,10 +119,10 @@ def estimate(
     Returns
     -------
     TimeEstimate or None
-        None of plans with few jobs, and where jobs cannot be done here.
+        None where nothing is pending, and where jobs cannot be done here.
     """
     rows = np.arange(len(planned)) if pending is None else pending
-    if len(rows) < WORTH_SHARE * TIMED_JOBS:
+    if not len(rows):
         return None
     chosen = sampled_rows(planned, rows)
     cost_s: list[float] = []
@@ -121,8 +139,6 @@ def estimate(
                 if time.monotonic() > end:
                     break
     except BrokenProcessPool:
-        return None
-    if len(cost_s) < LEAST_TIMED:
         return None
     # Jobs cost about as their records last: a sample of long records is not taken for all.
     longer = expected_s(planned.motion_s(rows), len(rows)) / len(rows)

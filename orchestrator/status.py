@@ -7,10 +7,12 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from toppling.models.errors import InputError
 from toppling.orchestrator.advice import Share
 from toppling.orchestrator.folder import describe, ended, is_running
 from toppling.orchestrator.journal import last
 from toppling.results.audit_folder import AUDIT_FOLDER
+from toppling.results.completeness import Completeness
 from toppling.results.stood import CONTACT, FILE, FOLDER, Stood, sentences, told_of
 from toppling.results.store import newest_rows, read_steady, result_files
 
@@ -35,7 +37,7 @@ def state_of(run: Path) -> dict[str, Any]:
     sessions = described["sessions"] if running else [ended(one) for one in described["sessions"]]
     state: dict[str, Any] = {
         "state": "running" if running else "complete" if stored == jobs else "interrupted",
-        "jobs": jobs, "stored": stored, "again": 0, "toppled": 0, "failed": 0, "status": {}, "failures": [],
+        "unfinished": Completeness(jobs, stored).remark, "jobs": jobs, "stored": stored, "again": 0, "toppled": 0, "failed": 0, "status": {}, "failures": [],
         "rate_per_s": None, "left_s": None, "workers": None, "deaths": None, "sessions": sessions,
     }  # fmt: skip
     if running and (told := last(run, "work began", "rows stored")):
@@ -83,6 +85,22 @@ def shares_of(run: Path) -> list[Share]:
     grouped = answered.group_by("level_pga_m_s2", use_threads=False)
     table = grouped.aggregate([("toppled", "count"), ("toppled", "sum")]).to_pylist()
     return [Share(row["level_pga_m_s2"], row["toppled_count"], row["toppled_sum"]) for row in table]
+
+
+def words_to_go_on(run: Path, workers: int | None) -> str:
+    """How long the jobs that an interrupted run has left are expected to take; empty where none is left or has run."""
+    from toppling.orchestrator.estimate import TimeEstimate
+
+    try:
+        jobs = describe(run)["jobs"]
+    except InputError:
+        return ""  # the run itself will say so
+    rows = read_steady([run], lambda: newest_rows(result_files(run), ["job_id", "wall_s", "attempt"]))
+    cost_s, left = pc.mean(rows["wall_s"]).as_py(), jobs - len(rows)
+    if left <= 0 or cost_s is None:
+        return ""
+    told = TimeEstimate(cost_s * left, len(rows)).words(left, workers)
+    return f"{len(rows):,} of {jobs:,} jobs have run; the other {told}"
 
 
 def _failures(rows: pa.Table) -> list[dict[str, Any]]:

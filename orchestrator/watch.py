@@ -67,7 +67,7 @@ def shown(run: Path) -> dict[str, Any]:
 
 
 def _sentence(state: dict[str, Any]) -> str:
-    parts = [f"{state['state']}: {state['stored']} of {state['jobs']} jobs stored"]
+    parts = [f"{state['state']}: {state['unfinished'] or 'all {:,} jobs have run'.format(state['jobs'])}"]
     if state["rate_per_s"]:
         parts.append(f"{pace(state['rate_per_s'])}, {duration(state['left_s'])} left")
     if state["workers"] is not None:

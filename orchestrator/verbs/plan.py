@@ -24,7 +24,8 @@ def plan(campaign: Path, table: Path | None, workers: int | None, no_estimate: b
     """Check CAMPAIGN against its scene and ensemble and count its jobs, without running any.
 
     It warns of probable mistakes: levels in g, friction in degrees, levels that topple nothing, records scaled more
-    than a hundredfold. If there are many jobs, it runs and times a few of them to estimate the total time.
+    than a hundredfold. It runs and times a few of the jobs to estimate the
+    total time.
 
     \b
     toppling plan campaign.toml --out jobs.parquet
@@ -39,7 +40,7 @@ def plan(campaign: Path, table: Path | None, workers: int | None, no_estimate: b
     from toppling.models.motions.ensemble import Ensemble
     from toppling.models.scene import Scene
     from toppling.orchestrator.advice import scaling_warnings, warnings_of
-    from toppling.orchestrator.estimate import estimate
+    from toppling.orchestrator.estimate import estimate, words_of
     from toppling.orchestrator.plan import check_stands
     from toppling.orchestrator.plan import plan as expand
     from toppling.orchestrator.progress import bar
@@ -74,8 +75,8 @@ def plan(campaign: Path, table: Path | None, workers: int | None, no_estimate: b
             **counts
         )
     )
-    if expected:
-        click.echo(expected.words(len(planned), workers))
+    if not no_estimate:
+        click.echo(words_of(expected, len(planned), workers))
     for sentence in settling_notes(scene.with_contact(ContactProperties.of(chosen.friction[0]))):
         click.echo(sentence)
     for sentence in warnings:

@@ -104,8 +104,16 @@ def run(
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(message)s")
     signal.signal(signal.SIGTERM, stop_once)  # a batch system's warning
     cluster = cluster_of(folder, **where)
-    if not (no_estimate or folder.exists()) and (words := time_words(chosen, where["workers"])):
-        click.echo(words, err=True)
+    if not no_estimate:
+        from toppling.orchestrator.status import words_to_go_on
+
+        words = (
+            words_to_go_on(folder, where["workers"])
+            if folder.exists()
+            else time_words(chosen, where["workers"])
+        )
+        if words:
+            click.echo(words, err=True)
     command = _command(click.get_current_context())
     to_go_on = " ".join([f"To go on: {command}", *(["--again", ",".join(again)] if again else [])])
     try:
@@ -151,21 +159,30 @@ def _command(context: click.Context) -> str:
     """The command that resumes this run, without the options of this call alone."""
     words = ["toppling", "run", str(context.params["campaign"])]
     for option in context.command.params:
-        value = context.params.get(str(option.name))
         given = context.get_parameter_source(str(option.name)) is ParameterSource.COMMANDLINE
         if given and isinstance(option, click.Option) and option.name not in OF_ONE_CALL:
-            words += [option.opts[0], str(value)]
+            words += _as_given(option, context.params[str(option.name)])
     return shlex.join(words)
 
 
+def _as_given(option: click.Option, value: Any) -> list[str]:
+    """An option and its value as words of a command."""
+    if option.is_flag:
+        return [option.opts[0] if value else option.secondary_opts[0]]
+    words = []
+    for one in value if option.multiple else [value]:
+        words += [option.opts[0], *(map(str, one) if option.nargs > 1 else [str(one)])]
+    return words
+
+
 def time_words(campaign: "Campaign", workers: int | None) -> str:
-    """Estimate a campaign's duration from a few of its jobs; empty if it is short, or refused."""
+    """Estimate a campaign's duration from a few of its jobs; empty if it is refused."""
     from rich.console import Console
 
     from toppling.models.errors import InputError
     from toppling.models.motions.ensemble import Ensemble
     from toppling.models.scene import Scene
-    from toppling.orchestrator.estimate import estimate
+    from toppling.orchestrator.estimate import estimate, words_of
     from toppling.orchestrator.plan import plan
 
     try:
@@ -175,4 +192,4 @@ def time_words(campaign: "Campaign", workers: int | None) -> str:
         return ""  # the run itself will say so
     with Console(stderr=True).status("timing a few jobs"):
         told = estimate(planned, scene, ensemble)
-    return told.words(len(planned), workers) if told else ""
+    return words_of(told, len(planned), workers)

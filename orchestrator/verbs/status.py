@@ -25,7 +25,9 @@ def status(run: Path, as_json: bool) -> None:
         click.echo(json.dumps(state))
         return
     again = f", {state['again']} of them still to be done again" if state["again"] else ""
-    click.echo(f"{run}: {state['state']}, {state['stored']} of {state['jobs']} jobs stored{again}")
+    remark = state["unfinished"]
+    told = f": {remark}" if remark else f", {state['stored']:,} of {state['jobs']:,} jobs stored"
+    click.echo(f"{run}: {state['state']}{told}{again}")
     if state["rate_per_s"]:
         click.echo(f"rate {pace(state['rate_per_s'])} over the last minute, {duration(state['left_s'])} left")
     if state["workers"] is not None:

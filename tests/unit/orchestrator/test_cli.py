@@ -1,5 +1,6 @@
 """The table of verbs, which is listed without importing any of them."""
 
+import shlex
 import subprocess
 import sys
 
@@ -8,6 +9,7 @@ import pytest
 from click.testing import CliRunner
 
 from toppling.orchestrator.cli import VERBS, cli, main
+from toppling.orchestrator.verbs import run as run_verb
 
 
 @pytest.mark.parametrize("verb", VERBS)
@@ -50,3 +52,45 @@ def test_an_error_of_the_system_without_a_number_is_told_in_its_own_words(monkey
         main()
     assert stop.value.code == 1
     assert "toppling: Corrupt data page" in capsys.readouterr().err
+
+
+def test_the_command_to_go_on_with_is_read_as_the_one_that_was_given():
+    command = run_verb.run
+    words = ["campaign.toml", "--out", "runs/a b"]
+    samples = {
+        "INTEGER RANGE": "3",
+        "FLOAT RANGE": "30.0",
+        "FILE": "some file",
+        "TEXT": "text",
+        "choice": "slurm",
+    }
+    for option in command.params:
+        if isinstance(option, click.Option) and option.name not in (*run_verb.OF_ONE_CALL, "folder"):
+            kind = (
+                option.type.name
+                if isinstance(option.type, click.Choice)
+                else option.make_metavar(click.Context(command))
+            )
+            value = next((samples[name] for name in samples if name.lower() in kind.lower()), "1")
+            words += [option.opts[0]] if option.is_flag else [option.opts[0], value]
+    given = command.make_context("run", list(words))
+    told = shlex.split(run_verb._command(given))
+    assert told[:2] == ["toppling", "run"]
+    assert command.make_context("run", told[2:]).params == given.params
+    assert given.params["no_estimate"] is True
+
+
+@pytest.mark.parametrize("value", [True, False])
+def test_a_flag_of_two_names_goes_on_by_the_one_that_was_given(value):
+    option = click.Option(["--open/--no-open"])
+    assert run_verb._as_given(option, value) == ["--open" if value else "--no-open"]
+
+
+def test_an_option_that_is_given_often_goes_on_as_often():
+    assert run_verb._as_given(click.Option(["--stood"], multiple=True), ("a", "b")) == [
+        "--stood",
+        "a",
+        "--stood",
+        "b",
+    ]
+    assert run_verb._as_given(click.Option(["--site"], nargs=2), (1.5, 2.0)) == ["--site", "1.5", "2.0"]

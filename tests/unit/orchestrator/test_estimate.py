@@ -8,7 +8,7 @@ from toppling.models.motions.idealised import ricker
 from toppling.models.motions.record import Record
 from toppling.models.scene import Scene
 from toppling.orchestrator.campaign import Campaign
-from toppling.orchestrator.estimate import TimeEstimate, estimate, sampled_rows, spread
+from toppling.orchestrator.estimate import TimeEstimate, estimate, sampled_rows, spread, timed_jobs, words_of
 from toppling.orchestrator.plan import plan
 
 
@@ -55,17 +55,33 @@ def test_the_mean_of_the_timed_jobs_is_within_a_factor_of_one_and_a_half(planned
     assert np.mean(near) > 0.95
 
 
-def test_a_small_plan_is_not_timed_and_a_large_one_is(planned):
+@pytest.mark.parametrize(("jobs", "timed"), [(3, 3), (20, 6), (165, 20), (21280, 48)])
+def test_of_every_plan_some_jobs_are_timed_and_of_a_small_one_few(jobs, timed):
+    assert timed_jobs(jobs) == timed
+
+
+def test_a_small_plan_is_timed_too(planned):
     scene, ensemble = Scene.load(planned.campaign.scene), Ensemble.load(planned.campaign.ensemble)
-    assert estimate(planned, scene, ensemble, np.arange(50)) is None
     seen = []
-    told = estimate(planned, scene, ensemble, seen=lambda: seen.append(1))
-    assert told.timed == len(seen) > 5
+    told = estimate(planned, scene, ensemble, np.arange(50), seen=lambda: seen.append(1))
+    assert told.timed == len(seen) == 6
     assert told.work_s > 0
+    assert estimate(planned, scene, ensemble, np.arange(0)) is None
+
+
+def test_where_no_job_can_be_timed_that_is_said():
+    assert "how long the 165 jobs take is not known" in words_of(None, 165, 2)
+
+
+@pytest.mark.parametrize(
+    ("workers", "on"), [(1, "1 min 40 s of one worker"), (2, "less than a minute on 2 workers (20 timed)")]
+)
+def test_less_than_a_minute_is_told_as_that(workers, on):
+    assert on in words_of(TimeEstimate(100.0, 20), 165, workers)
 
 
 def test_the_words_tell_the_time_of_one_worker_and_of_several():
     words = TimeEstimate(7200.0, 48).words(21280, 4)
     assert words.startswith(
-        "21280 jobs are expected to take 2 h 00 min of one worker, 30 min 00 s on 4 workers"
+        "21,280 jobs are expected to take 2 h 00 min of one worker, 30 min 00 s on 4 workers"
     )

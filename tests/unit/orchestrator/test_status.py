@@ -19,7 +19,7 @@ from toppling.orchestrator.cli import cli
 from toppling.orchestrator.folder import prepare, session
 from toppling.orchestrator.journal import journal, tell
 from toppling.orchestrator.plan import plan
-from toppling.orchestrator.status import REASONS_SHOWN, shares_of, state_of
+from toppling.orchestrator.status import REASONS_SHOWN, shares_of, state_of, words_to_go_on
 from toppling.orchestrator.task import lost_row
 from toppling.results.store import write_part
 
@@ -52,6 +52,28 @@ def test_a_run_that_has_not_begun_has_no_rows_and_no_rate(planned, tmp_path):
     state = state_of(tmp_path / "run")
     assert (state["state"], state["jobs"], state["stored"], state["failures"]) == ("interrupted", 15, 0, [])
     assert state["rate_per_s"] is None
+
+
+def test_an_unfinished_run_says_first_how_many_jobs_have_not_run(planned, tmp_path):
+    write_part(tmp_path / "run", rows(planned, [("ok", "")] * 4))
+    assert state_of(tmp_path / "run")["unfinished"] == "11 of 15 jobs have not run"
+    said = CliRunner().invoke(cli, ["status", str(tmp_path / "run")]).output
+    assert said.startswith(f"{tmp_path / 'run'}: interrupted: 11 of 15 jobs have not run\n")
+    # The same to who asks how long it takes to go on: by what the jobs cost that have run.
+    write_part(
+        tmp_path / "run", [row | {"wall_s": 30.0, "attempt": 2} for row in rows(planned, [("ok", "")] * 4)]
+    )
+    assert words_to_go_on(tmp_path / "run", 1).startswith(
+        "4 of 15 jobs have run; the other 11 jobs are expected to take 5 min 30 s of one worker"
+    )
+
+
+def test_a_finished_run_or_none_has_nothing_to_go_on_with(planned, tmp_path):
+    assert words_to_go_on(tmp_path / "elsewhere", 1) == ""
+    assert words_to_go_on(tmp_path / "run", 1) == ""
+    write_part(tmp_path / "run", [row | {"wall_s": 1.0} for row in rows(planned, [("ok", "")] * 15)])
+    assert words_to_go_on(tmp_path / "run", 1) == ""
+    assert state_of(tmp_path / "run")["unfinished"] == ""
 
 
 def test_the_same_failure_of_many_jobs_is_told_once_with_their_number_the_most_frequent_first(

@@ -95,7 +95,7 @@ def test_the_page_is_told_progress_failures_cells_and_the_latest_topplings(serve
 def test_a_run_that_goes_on_is_called_running(run, tmp_path):
     shutil.copytree(run, tmp_path / "run")
     with session(tmp_path / "run", {}):
-        assert shown(tmp_path / "run")["sentence"].startswith("running: 7 of 12 jobs stored")
+        assert shown(tmp_path / "run")["sentence"].startswith("running: 5 of 12 jobs have not run")
 
 
 def test_only_who_knows_the_secret_and_asks_this_host_is_answered(server):

@@ -2,57 +2,163 @@
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, replace
-from functools import partial
+from dataclasses import asdict, dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from toppling.results.hazard.curves import any_topples, continued, toppling_rate, unstated_shares
+from toppling.results.hazard.curves import HazardCurve, any_topples, continued, toppling_rate, unstated_shares
+from toppling.results.hazard.random_rock import RandomRock, random_rock
+from toppling.results.hazard.sites import distance_km
 from toppling.results.hazard.standing import Standing, joint_survival, rejected_rate, unexceeded
-from toppling.results.hazard.tree import Branch, branch_weights
+from toppling.results.hazard.tree import sources
+from toppling.results.hazard.update import (
+    Update,
+    branch_factors_table,
+    changes_table,
+    decided,
+    levels_table,
+    parts_table,
+    updated_table,
+)
 
 
-def branch_table(rocks: Sequence[Standing], branches: Sequence[Branch], confidence: float) -> pd.DataFrame:
-    """Survival, verdict and Bayes weight of each hazard branch.
+@dataclass(frozen=True, eq=False)
+class Constraint:
+    """What some rocks say: about single events, with ages about rates, and with a hazard about its branches.
+
+    Parameters
+    ----------
+    rocks : sequence of Standing
+    confidence : float
+    update : Update or None
+        Of the hazard that is asked about; it needs ages.
+    dated : bool
+        Whether ages are known.
+    """
+
+    rocks: Sequence[Standing]
+    confidence: float
+    update: Update | None = None
+    dated: bool = False
+
+    @cached_property
+    def bound(self) -> pd.DataFrame | None:
+        """Rates that are rejected whatever the hazard; None without ages."""
+        return bound_table(self.rocks, self.confidence) if self.dated else None
+
+    @cached_property
+    def branches(self) -> pd.DataFrame | None:
+        """Branches of the hazard; None without one."""
+        return branch_table(self.update) if self.update else None
+
+    @cached_property
+    def random_rock(self) -> RandomRock | None:
+        """One fragility of the site; None of a single rock."""
+        return random_rock(self.rocks)
+
+    def tables(self) -> dict[str, pd.DataFrame]:
+        """Tables by name, those that hold something."""
+        found = {"rejected": self.bound, "branches": self.branches}
+        if self.update:
+            found |= {
+                "updated": updated_table(self.update), "changes": changes_table(self.update),
+                "levels": levels_table(self.update), "parts": parts_table(self.update),
+            }  # fmt: skip
+        return {name: table for name, table in found.items() if table is not None and len(table)}
+
+    def told(self, ratio: float = 1.0, asked: tuple[float, float] | None = None) -> dict[str, Any]:
+        """Everything, as JSON holds it: SI units, None where a number is not known or has no bound."""
+        told = single_event(self.rocks, self.confidence)
+        if self.dated:
+            told["ages_independent"] = sum(len(rock.years) > 1 for rock in self.rocks) > 1
+        if site := self.random_rock:
+            low, high = site.median_interval or (None, None)
+            told["random_rock"] = {
+                "median": site.curve.median, "beta": site.curve.beta, "beta_within": site.beta_within,
+                "beta_between": site.beta_between, "median_low": low, "median_high": high,
+            }  # fmt: skip
+        told |= {name: table.to_dict("records") for name, table in self.tables().items()}
+        if update := self.update:
+            for row, branch in zip(told["branches"], update.tree.branches, strict=True):
+                row |= _place(branch.curve, asked)
+            told |= {
+                "mean": branch_factors_table(update).iloc[-1].to_dict(),
+                "decided": decided(update),
+                "intervals_carry": list(update.draws.carries) if update.draws else [],
+                "hazard": _hazard(update),
+                "hazard_ratio": ratio,
+            }
+        return plain(told)
+
+
+def _place(curve: HazardCurve, asked: tuple[float, float] | None) -> dict[str, Any]:
+    """Site of a hazard curve, and its distance from the site requested."""
+    place: dict[str, Any] = {"site_name": curve.site_name} if curve.site_name else {}
+    if curve.site is None:
+        return place
+    place |= {"site_longitude_deg": curve.site[0], "site_latitude_deg": curve.site[1]}
+    return place | ({"site_distance_km": float(distance_km(*curve.site, asked))} if asked else {})
+
+
+def _hazard(update: Update) -> dict[str, Any]:
+    """What the hazard is."""
+    tree = update.tree
+    return {
+        "measure": tree.measure, "years": tree.years, "weights_from": tree.weights_from,
+        "component": next((curve.component for curve in tree.curves if curve.component), ""),
+        "site_name": tree.site_name, "site": list(tree.site) if tree.site else None, "files": sources(tree),
+    }  # fmt: skip
+
+
+def plain(value: Any) -> Any:
+    """A value as JSON holds it: None for what is no finite number."""
+    if isinstance(value, dict):
+        return {key: plain(one) for key, one in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(one) for one in value]
+    if isinstance(value, np.generic):
+        value = value.item()
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def branch_table(update: Update) -> pd.DataFrame:
+    """Survival, verdict, weights and factors of each hazard branch.
 
     A branch is rejected where the rocks survive with less than 1 - confidence (5 % in Stirling et al. 2021).
 
     Returns
     -------
     DataFrame
-        One row a branch: branch, toppling_rate (annual, any of the rocks), unstated_below and unstated_above
+        One row a branch: name, toppling_rate (annual, any of the rocks), unstated_below and unstated_above
         (shares of the rate outside the curve's points, not counted: `results.hazard`), survival, survival_least
-        (with these counted), survival_low and survival_high (95 %, records drawn anew; null where a curve does not
-        tell), rejected (by survival), prior_weight, posterior_weight (null where no branch lets the rocks survive).
+        (with these counted), rejected (by survival), prior_weight, posterior_weight (null where no branch lets the
+        rocks survive), kept_weight (rejected branches removed), scale_factor and rate_factor (by which motions and
+        rates may be multiplied for survival to stay above 1 - confidence). Survival and factors with _low and _high:
+        95 %, over other records and ages; null where neither is known to vary.
     """
-    curves = [rock.curve for rock in rocks]
-    prior = np.array([branch.weight for branch in branches]) / sum(branch.weight for branch in branches)
-    survivals = np.array([joint_survival(rocks, branch.curve) for branch in branches])
-    posterior = (
-        branch_weights(prior, survivals) if (prior * survivals).sum() > 0 else np.full(len(prior), np.nan)
-    )
-    low, high = zip(
-        *(_interval(rocks, partial(joint_survival, hazard=branch.curve)) for branch in branches),
-        strict=True,
-    )
-    below, above = zip(*(unstated_shares(curves, branch.curve) for branch in branches), strict=True)
-    return pd.DataFrame(
+    curves = [rock.curve for rock in update.rocks]
+    shares = [unstated_shares(curves, branch) for branch in update.tree.curves]
+    nothing = np.full(len(shares), math.nan)
+    table = pd.DataFrame(
         {
-            "branch": [branch.name for branch in branches],
-            "toppling_rate": [toppling_rate(curves, branch.curve) for branch in branches],
-            "unstated_below": below,
-            "unstated_above": above,
-            "survival": survivals,
-            "survival_least": [joint_survival(rocks, continued(branch.curve, curves)) for branch in branches],
-            "survival_low": low,
-            "survival_high": high,
-            "rejected": survivals < 1.0 - confidence,
-            "prior_weight": prior,
-            "posterior_weight": posterior,
+            "name": [branch.name for branch in update.tree.branches],
+            "toppling_rate": [toppling_rate(curves, branch) for branch in update.tree.curves],
+            "unstated_below": [below for below, _ in shares],
+            "unstated_above": [above for _, above in shares],
+            "survival_least": [
+                joint_survival(update.rocks, continued(branch, curves)) for branch in update.tree.curves
+            ],
+            "rejected": update.rejected,
+            "prior_weight": update.tree.weights,
+            "posterior_weight": nothing if update.posterior is None else update.posterior,
+            "kept_weight": nothing if update.kept is None else update.kept,
         }
     )
+    factors = branch_factors_table(update).iloc[: len(table)]
+    return table.join(factors.drop(columns="name"))
 
 
 def _interval(rocks: Sequence[Standing], told: Callable[[Sequence[Standing]], float]) -> tuple[float, float]:
@@ -117,7 +223,11 @@ def single_event(rocks: Sequence[Standing], confidence: float) -> dict[str, Any]
         "rocks": [
             {"name": rock.name, "median": rock.curve.median, "beta": rock.curve.beta}
             | (asdict(rock.curve.basis) if rock.curve.basis else {})
-            | ({"samples_without_fit": rock.resampled.without_fit} if rock.resampled else {})
+            | (
+                {"samples": len(rock.resampled.fitted), "samples_without_fit": rock.resampled.without_fit}
+                if rock.resampled
+                else {}
+            )
             for rock in rocks
         ],
     }

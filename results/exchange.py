@@ -19,9 +19,11 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
 
+import numpy as np
+
 from toppling.models.errors import InputError
 from toppling.models.folder import new_file
-from toppling.results.fits import Basis, Lognormal
+from toppling.results.fits import Basis, Lognormal, Resampled
 
 OPENQUAKE_G_M_S2 = 9.80665
 OPENQUAKE = {
@@ -40,6 +42,9 @@ _FIELDS = ("measure", "median", "beta")
 _INTERVAL = ("median_low", "median_high")
 _BASIS = tuple(field.name for field in fields(Basis))
 _BASIS_NEEDED = tuple(field.name for field in fields(Basis) if field.default is MISSING)
+SAMPLES_KEPT = 1000
+"""Bootstrap samples that a file keeps, at most: a cell of CSV has 131,072 characters."""
+
 _MARK = "toppling "
 """How the comment begins in which a function of NRML keeps the row that CSV and JSON have."""
 
@@ -188,7 +193,7 @@ def _kept_row(function: ET.Element) -> Mapping[str, Any]:
 
 def _csv(curves: list[Lognormal], name: str) -> str:
     text = io.StringIO()
-    writer = csv.DictWriter(text, ("rock", *_FIELDS, *_INTERVAL, *_BASIS))
+    writer = csv.DictWriter(text, ("rock", *_FIELDS, *_INTERVAL, *_BASIS, "samples"))
     writer.writeheader()
     writer.writerows({"rock": name, **_row(curve)} for curve in curves)
     return text.getvalue()
@@ -196,6 +201,7 @@ def _csv(curves: list[Lognormal], name: str) -> str:
 
 def _from_csv(text: str) -> list[Lognormal]:
     rows = csv.DictReader(io.StringIO(text))
+    _refuse_absent(rows.fieldnames or ())
     return [_of_row(row) for row in rows if row["median"]]
 
 
@@ -204,13 +210,45 @@ def _json(curves: list[Lognormal], name: str) -> str:
 
 
 def _from_json(text: str) -> list[Lognormal]:
-    return [_of_row(row) for row in json.loads(text)["curves"]]
+    rows = json.loads(text)["curves"]
+    for row in rows:
+        _refuse_absent(row)
+    return [_of_row(row) for row in rows]
+
+
+def _refuse_absent(names: Iterable[str]) -> None:
+    """Refuse a table without a column that a curve needs."""
+    if absent := [name for name in _FIELDS if name not in set(names)]:
+        msg = f"it has no column {' and '.join(absent)}"
+        raise ValueError(msg)
 
 
 def _row(curve: Lognormal) -> dict[str, Any]:
     told = {name: getattr(curve, name) for name in _FIELDS}
     told |= dict(zip(_INTERVAL, curve.median_interval, strict=True)) if curve.median_interval else {}
-    return told | (asdict(curve.basis) if curve.basis else {})
+    told |= asdict(curve.basis) if curve.basis else {}
+    return told | ({"samples": _samples_text(curve.resampled)} if curve.resampled and curve.basis else {})
+
+
+def _samples_text(resampled: Resampled) -> str:
+    """Median and beta of each bootstrap sample, `1.21 .39;1.18 .41;;...`; nothing for one without a fit."""
+    found = iter(resampled.coefficients)
+    told = []
+    for has_fit in resampled.fitted[:SAMPLES_KEPT]:
+        intercept, slope = next(found) if has_fit else (0.0, 1.0)
+        told.append(f"{math.exp(-intercept / slope):.7g} {1 / slope:.7g}" if has_fit else "")
+    return ";".join(told)
+
+
+def _of_samples_text(text: str, records: int) -> Resampled:
+    """Bootstrap samples as `_samples_text` keeps them."""
+    parts = text.split(";")
+    pairs = [tuple(map(float, part.split())) for part in parts if part]
+    if not all(len(pair) == 2 and min(pair) > 0 and max(pair) < math.inf for pair in pairs):
+        msg = "samples are pairs of median and beta, above zero"
+        raise ValueError(msg)
+    coefficients = np.array([(-math.log(median) / beta, 1.0 / beta) for median, beta in pairs])
+    return Resampled(coefficients.reshape(-1, 2), np.array([bool(part) for part in parts]), records)
 
 
 def _of_row(row: Mapping[str, Any]) -> Lognormal:
@@ -239,7 +277,8 @@ def _with_row(curve: Lognormal, row: Mapping[str, Any]) -> Lognormal:
         jobs_done=number("jobs_done"),
     ) if stated(_BASIS_NEEDED) else None  # fmt: skip
     low, high = (float(row[name]) for name in _INTERVAL) if stated(_INTERVAL) else (math.nan, math.nan)
-    return replace(curve, basis=basis, median_interval=(low, high) if low <= high else None)
+    kept = _of_samples_text(str(row["samples"]), basis.records) if basis and stated(["samples"]) else None
+    return replace(curve, basis=basis, median_interval=(low, high) if low <= high else None, resampled=kept)
 
 
 def _suffix_error(path: Path) -> InputError:

@@ -10,7 +10,7 @@ import math
 import warnings
 import zlib
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pandas as pd
@@ -110,6 +110,8 @@ class Lognormal:
         Where it is known.
     median_interval : (float, float) or None
         Ends of the median's 95 % interval, where they are known.
+    resampled : Resampled or None
+        The same curve of records drawn anew, where it is known.
     """
 
     measure: str
@@ -117,6 +119,7 @@ class Lognormal:
     beta: float
     basis: Basis | None = None
     median_interval: tuple[float, float] | None = None
+    resampled: "Resampled | None" = field(default=None, compare=False, repr=False)
 
     def probability(self, intensity: ArrayLike) -> NDArray[np.float64]:
         """Toppling probability at some intensities, in the measure's SI unit; 0 at intensity 0."""
@@ -465,11 +468,12 @@ def basis_of(frame: pd.DataFrame, measure: str, run: Completeness | None = None)
 
 
 def with_interval(curve: Lognormal, resampled: Resampled | None) -> Lognormal:
-    """A curve with the interval of its median over bootstrap samples; as it was where there are none."""
+    """A curve with its bootstrap samples and their interval of its median; as it was where there are none."""
     if resampled is None or not len(resampled.coefficients):
         return curve
     ends = lognormal_interval(resampled)
-    return replace(curve, median_interval=(float(ends["median_low"]), float(ends["median_high"])))
+    interval = float(ends["median_low"]), float(ends["median_high"])
+    return replace(curve, median_interval=interval, resampled=resampled)
 
 
 def _lognormal(measure: str, intercept: float, slope: float) -> Lognormal:

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import click
@@ -80,35 +81,58 @@ def weighted_paths(texts: Sequence[str]) -> tuple[list[Path], list[float] | None
     return paths, weights or None
 
 
-def read_tree(
-    texts: Sequence[str],
-    site: tuple[float, float] | str | None = None,
-    ratio: float = 1.0,
-    measure: str | None = None,
-    rocks: Sequence[str] = MEASURES,
-) -> HazardTree:
-    """The one tree that --hazard, --site and --measure mean.
+@dataclass(frozen=True)
+class Asked:
+    """What is asked of a hazard.
 
     Parameters
     ----------
-    texts : sequence of str
-        PATH or PATH=WEIGHT.
     site : (longitude, latitude), name or None
     ratio : float
         Peak of the horizontal vector over the hazard's horizontal component.
     measure : str or None
-        Column of the results that is asked for.
-    rocks : sequence of str
-        Measures that the rocks have a fragility over.
+        Column of the results.
+    years : float or None
+        Time that values are probabilities over, 0 for annual rates, where files do not say.
     """
+
+    site: tuple[float, float] | str | None = None
+    ratio: float = 1.0
+    measure: str | None = None
+    years: float | None = None
+
+
+def years_of(values: str | None) -> float | None:
+    """Years of --values, 0 for rates; None where it is not given.
+
+    Raises
+    ------
+    click.UsageError
+        If it is neither 'rate' nor a positive number.
+    """
+    if values is None:
+        return None
+    if values.lower() in ("rate", "rates"):
+        return 0.0
+    years = float(values) if _is_number(values) else math.nan
+    if not 0 < years < math.inf:
+        msg = f"--values is {values!r}: give 'rate', or the years that probabilities are over"
+        raise click.UsageError(msg)
+    return years
+
+
+def read_tree(texts: Sequence[str], asked: Asked, rocks: Sequence[str] = MEASURES) -> HazardTree:
+    """The one tree that --hazard, --site and --measure mean, over a measure that rocks have a fragility over."""
     paths, weights = weighted_paths(texts)
-    trees = read_hazard(paths, weights, Hints(site, measure))
+    trees = read_hazard(paths, weights, Hints(asked.site, asked.measure, asked.years))
     where = texts[0] if len(texts) == 1 else "--hazard"
-    chosen = chosen_tree(trees, _measure([tree.measure for tree in trees], measure, rocks), site, where)
-    if isinstance(site, tuple) and chosen.site is None:
+    chosen = chosen_tree(
+        trees, _measure([tree.measure for tree in trees], asked.measure, rocks), asked.site, where
+    )
+    if isinstance(asked.site, tuple) and chosen.site is None:
         msg = "--site selects a place in files that state places; these curves state none"
         raise click.UsageError(msg)
-    return chosen.stronger(ratio)
+    return chosen.stronger(asked.ratio) if asked.ratio != 1.0 else chosen
 
 
 def _measure(stated: Sequence[str], asked: str | None, rocks: Sequence[str]) -> str:

@@ -6,7 +6,7 @@ import click
 
 from toppling.orchestrator.folder import place_in
 from toppling.orchestrator.progress import bar
-from toppling.orchestrator.verbs.hazard import HAZARD_HELP, SITE_HELP, SiteCommand, read_tree
+from toppling.orchestrator.verbs.hazard import HAZARD_HELP, SITE_HELP, Asked, SiteCommand, read_tree
 from toppling.results.drawing.report.content import Content
 from toppling.results.drawing.report.sections import SECTIONS
 from toppling.results.drawing.report.write import report_page, write_page, write_pdf
@@ -66,8 +66,8 @@ def report(
     if hazard and not age:
         msg = "a hazard curve needs the rock's --age, to turn rates into probabilities"
         raise click.UsageError(msg)
-    branches = read_tree(hazard, site or site_name).branches if hazard else ()
-    content = Content(open_run(run), samples, parse_age(age) if age else None, branches)
+    tree = read_tree(hazard, Asked(site or site_name)) if hazard else None
+    content = Content(open_run(run), samples, parse_age(age) if age else None, tree)
     target = out or place_in(run, "report.html")
     with bar("report", len(SECTIONS) + pdf) as advance:
         text = report_page(content, lambda title: advance(doing=f"after {title}"))

@@ -4,14 +4,25 @@ from collections.abc import Sequence
 
 import numpy as np
 import pandas as pd
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator
 from numpy.typing import NDArray
 
-from toppling.results.drawing.style import COLOURS, HALF_WIDTH_IN, measure_label, plain_log, style
+from toppling.results.drawing.style import (
+    COLOURS,
+    HALF_WIDTH_IN,
+    MAIN_COLOUR,
+    measure_label,
+    plain_log,
+    style,
+)
 from toppling.results.hazard.curves import HazardCurve
 from toppling.results.hazard.standing import Standing
 from toppling.results.hazard.tree import Branch
+
+MOST_NAMED = 6
+"""Branches that the legend names, at most."""
 
 
 def constraint_figure(
@@ -38,7 +49,7 @@ def constraint_figure(
     """
     measure = bound.columns[0]
     rate = bound["rejected_annual_rate"]
-    below_in = 0.45 + 0.16 * (1 + len(branches))
+    below_in = 0.45 + 0.16 * (1 + (len(branches) if len(branches) <= MOST_NAMED else 1))
     height = 3.0 + below_in
     with style():
         figure = Figure(figsize=(width_in, height))
@@ -55,8 +66,13 @@ def constraint_figure(
             label=f"rates rejected at {100 * confidence:g} %, whatever the rest of the curve",
         )  # fmt: skip
         axes.plot(bound[measure], rate, color="k", lw=1)
+        few = len(branches) <= MOST_NAMED
         colours = COLOURS(np.linspace(0.15, 0.85, max(1, len(branches))))
-        for number, (branch, rates, colour) in enumerate(zip(branches, seen, colours, strict=False)):
+        if not few:
+            _draw_many(axes, branches, verdicts)
+        for number, (branch, rates, colour) in enumerate(
+            zip(branches if few else (), seen, colours, strict=False)
+        ):
             name = branch.name if len(rates) else f"{branch.name} (no rates here)"
             dashes = ("-", "--", "-.", ":")[number % 4]
             verdict = "" if verdicts is None else _verdict(verdicts.iloc[number])
@@ -81,6 +97,22 @@ def constraint_figure(
             handlelength=2.4, borderaxespad=0.2,
         )  # fmt: skip
     return figure
+
+
+def _draw_many(axes: Axes, branches: Sequence[Branch], verdicts: pd.DataFrame | None) -> None:
+    """More branches than a legend can name, as faint lines: the darker, the more weight they have."""
+    weights = np.array([branch.weight for branch in branches])
+    if verdicts is not None and verdicts["posterior_weight"].notna().all():
+        weights = verdicts["posterior_weight"].to_numpy()
+    label = f"{len(branches)} hazard curves, darker with more weight"
+    if verdicts is not None:
+        label += f"; {int(verdicts['rejected'].sum()) or 'none'} rejected"
+    for branch, weight in zip(branches, weights / weights.max(), strict=True):
+        axes.plot(
+            branch.curve.intensity, branch.curve.annual_rate, color=MAIN_COLOUR, lw=0.6, alpha=0.1 + 0.6 * weight,
+            label=label,
+        )  # fmt: skip
+        label = "_"
 
 
 def ages_words(rocks: Sequence[Standing]) -> str:

@@ -56,7 +56,7 @@ def rejected_rate(
     exposure = np.zeros((age_draws(rocks), len(values)))
     for standing, years in epochs(rocks):
         exposure += np.outer(years, any_topples(standing, values))
-    return np.array([_solve(column, 1.0 - confidence) for column in exposure.T])
+    return np.array([greatest_rate(column, 1.0 - confidence) for column in exposure.T])
 
 
 def unexceeded(curves: Sequence[Lognormal], confidence: float = 0.95) -> float:
@@ -75,18 +75,27 @@ def age_draws(rocks: Sequence[Standing]) -> int:
     return max(len(rock.years) for rock in rocks)
 
 
-def epochs(rocks: Sequence[Standing]) -> list[tuple[list[Lognormal], NDArray[np.float64]]]:
-    """Find the sets of rocks that stood together, and how long in each draw of their ages.
-
-    Independent ages are drawn by shuffling each rock's equally likely ones with a fixed seed.
-    """
+def drawn_ages(rocks: Sequence[Standing], draws: int) -> NDArray[np.float64]:
+    """Ages of each rock (draws, rocks), independent: each rock's equally likely ones, shuffled with a fixed seed."""
     random = np.random.default_rng(0)
+    alone = len(rocks) == 1 and len(rocks[0].years) == draws
+    columns = [_resized(rock.years, draws) for rock in rocks]
+    return np.column_stack(
+        [ages if alone or len(ages) == 1 else random.permutation(ages) for ages in columns]
+    )
+
+
+def _resized(years: NDArray[np.float64], draws: int) -> NDArray[np.float64]:
+    """As many equally likely ages as are asked for: repeated, or evenly left out."""
+    if draws >= len(years):
+        return np.resize(years, draws)
+    return years[((np.arange(draws) + 0.5) * len(years) / draws).astype(int)]
+
+
+def epochs(rocks: Sequence[Standing]) -> list[tuple[list[Lognormal], NDArray[np.float64]]]:
+    """Find the sets of rocks that stood together, and how long in each draw of their ages."""
     draws = age_draws(rocks)
-    if len(rocks) > 1 and draws > 1:
-        draws_of = [random.permutation(np.resize(rock.years, draws)) for rock in rocks]
-    else:
-        draws_of = [np.resize(rock.years, draws) for rock in rocks]
-    ages = np.array(draws_of)
+    ages = drawn_ages(rocks, draws).T
     order = np.argsort(-ages, axis=0)
     epochs: dict[tuple[int, ...], NDArray[np.float64]] = {}
     for draw in range(draws):
@@ -98,7 +107,8 @@ def epochs(rocks: Sequence[Standing]) -> list[tuple[list[Lognormal], NDArray[np.
     return [([rocks[number].curve for number in standing], years) for standing, years in epochs.items()]
 
 
-def _solve(exposure: NDArray[np.float64], chance: float) -> float:
+def greatest_rate(exposure: NDArray[np.float64], chance: float) -> float:
+    """Rate at which the mean of exp(-rate x exposure) over draws falls to a chance; infinite without exposure."""
     if not exposure.mean() > 0:
         return math.inf
     # The mean of exp(-rate A) lies between exp(-rate mean(A)), by Jensen, and exp(-rate min(A)).

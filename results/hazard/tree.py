@@ -116,6 +116,13 @@ class HazardTree:
         return [branch.curve for branch in self.branches]
 
 
+def sources(tree: HazardTree) -> list[str]:
+    """Files that a tree was read from, each once, that of the weights first."""
+    weights = [tree.weights_from] if tree.weights_from.endswith(".csv") else []
+    curves = [*tree.curves, *tree.fractiles.values(), *tree.parts]
+    return list(dict.fromkeys([*weights, *(curve.source for curve in curves if curve.source)]))
+
+
 @dataclass(frozen=True, eq=False)
 class Statistics:
     """Mean and fractiles of a tree's annual rates of exceedance.

@@ -1,6 +1,5 @@
 """The data of a report, computed once: the run's jobs, fits of each contact, and the standing rock's constraint."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -17,7 +16,8 @@ from toppling.results.constraint import bound_table, branch_table, single_event
 from toppling.results.drawing.style import printed_unit
 from toppling.results.fragility import FRICTION, by_contact, contact_words
 from toppling.results.hazard.standing import Standing
-from toppling.results.hazard.tree import Branch
+from toppling.results.hazard.tree import HazardTree
+from toppling.results.hazard.update import Update
 from toppling.results.run import Run
 
 CONFIDENCE = 0.95
@@ -107,14 +107,14 @@ class Content:
         Bootstrap samples of the fits.
     years : (n,) array or None
         Equally likely ages of the standing rock.
-    branches : sequence of Branch
-        Asked about; they need an age.
+    tree : HazardTree or None
+        Asked about; it needs an age.
     """
 
     run: Run
     samples: int = fits.SAMPLES
     years: NDArray[np.float64] | None = None
-    branches: Sequence[Branch] = ()
+    tree: HazardTree | None = None
 
     @cached_property
     def frame(self) -> pd.DataFrame:
@@ -166,7 +166,7 @@ class Content:
     @cached_property
     def standing(self) -> Standing | None:
         """The chief contact's rock, over the hazard's measure or the headline's; None where that has no fit."""
-        measure = self.branches[0].curve.measure if self.branches else None
+        measure = self.tree.measure if self.tree else None
         found = self.chief.curve_of(measure) if measure else self.chief.headline
         if found is None or self.chief.toppled < fits.FEW_TOPPLED:
             return None
@@ -203,8 +203,13 @@ class Content:
         )
 
     @cached_property
+    def update(self) -> Update | None:
+        """What the standing rock does to the hazard."""
+        if self.standing is None or self.tree is None:
+            return None
+        return Update([self.standing], self.tree, CONFIDENCE)
+
+    @cached_property
     def verdicts(self) -> pd.DataFrame | None:
         """Survival and verdict of each hazard branch."""
-        if self.standing is None or not self.branches:
-            return None
-        return branch_table([self.standing], self.branches, CONFIDENCE)
+        return None if self.update is None else branch_table(self.update)

@@ -93,7 +93,7 @@ def what_standing_says(content: Content) -> str:
     )
     if content.verdicts is None or content.standing is None:
         return said + "."
-    rejected = content.verdicts.loc[content.verdicts["rejected"], "branch"].tolist()
+    rejected = content.verdicts.loc[content.verdicts["rejected"], "name"].tolist()
     named = f" ({', '.join(rejected)})" if rejected else ""
     return (
         f"{said}; {ages_words([content.standing])}, it rejects {len(rejected) or 'none'} of {len(content.verdicts)} "

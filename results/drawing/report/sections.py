@@ -327,11 +327,13 @@ def constraint_section(content: Content, document: Document) -> str:
         f"{100 * CONFIDENCE:g} % whatever the rest of a hazard curve (grey), and the given curves. A curve outside the "
         "grey can also be rejected, by all its rates together."
     )
-    draw = partial(constraint_figure, bound, content.branches, CONFIDENCE, verdicts, rocks)
+    draw = partial(
+        constraint_figure, bound, content.tree.branches if content.tree else (), CONFIDENCE, verdicts, rocks
+    )
     parts.append(document.figure(lambda _: draw(), caption, HALF_WIDTH_IN))
     if verdicts is not None:
         shown = pd.DataFrame({
-            "hazard curve": verdicts["branch"],
+            "hazard curve": verdicts["name"],
             "survival": [_digits(value, 3) for value in verdicts["survival"]],
             "from (95 %)": [_digits(value, 3) for value in verdicts["survival_low"]],
             "to": [_digits(value, 3) for value in verdicts["survival_high"]],

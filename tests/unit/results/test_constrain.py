@@ -2,7 +2,9 @@
 
 import json
 import math
+from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import pytest
 from click.testing import CliRunner
@@ -13,6 +15,7 @@ from toppling.orchestrator.cli import cli
 from toppling.results.drawing.atlas import write_fits
 from toppling.results.exchange import write_curves
 from toppling.results.fits import Basis, Lognormal
+from toppling.results.hazard.readers import read_hazard
 from toppling.results.run import open_run
 from toppling.results.store import write_part
 
@@ -160,7 +163,8 @@ def test_branches_are_kept_or_rejected_and_weighted_anew(tmp_path, curves, hazar
     assert (low["prior_weight"], high["prior_weight"]) == (0.25, 0.75)
     assert low["posterior_weight"] == pytest.approx(1.0)
     assert {path.name for path in folder.iterdir()} == {
-        "branches.csv", "rejected.csv", "constraint.png", "constraint.svg", "constraint.json",
+        "branches.csv", "rejected.csv", "updated.csv", "changes.csv", "choices.csv", "constraint.png",
+        "constraint.svg", "constraint.json", "constraint.html", "hazard.png", "hazard.svg",
     }  # fmt: skip
     assert json.loads((folder / "constraint.json").read_text()) == json.loads(done.output)
     assert pd.read_csv(folder / "rejected.csv")["rejected_annual_rate"].is_monotonic_decreasing
@@ -274,6 +278,134 @@ def test_wrong_usage_and_wrong_data_are_told_apart(curves, hazards):
     assert isinstance(wrong.exception, InputError)
     lacking = constrain(curves, "--measure", "pga_m_s2")
     assert "no fragility over pga_m_s2" in str(lacking.exception)
+
+
+def openquake_tree(folder, weights=(0.4, 0.6), site=(10.0, 45.0)):
+    """A tree of two branches over PGV, power laws of exponent 2 with ten times each other's rates."""
+    folder.mkdir(exist_ok=True)
+    levels = [1, 3, 10, 30, 100, 300, 1000, 3000, 10000]
+    for number, rate in enumerate((1e-5, 1e-4)):
+        poes = [-math.expm1(-50 * rate * (level / 100) ** -2) for level in levels]
+        head = f"kind='rlz-{number:03}', investigation_time=50.0, imt='PGV'"
+        lines = [
+            f'#,"{head}"', "lon,lat,depth," + ",".join(f"poe-{level}" for level in levels),
+            ",".join(map(str, (*site, 0.0, *poes))),
+        ]  # fmt: skip
+        (folder / f"hazard_curve-rlz-{number:03}-PGV.csv").write_text("\n".join(lines))
+    rows = [f"{number},A~{'AB'[number]},{weight}" for number, weight in enumerate(weights)]
+    (folder / "realizations.csv").write_text("\n".join(["rlz_id,branch_path,weight", *rows]))
+    return str(folder)
+
+
+def test_a_tree_is_updated_by_the_rocks_survival_with_factors_of_their_closed_form(tmp_path, curves):
+    tree = openquake_tree(tmp_path / "tree")
+    told = json.loads(constrain(curves, "--age", "10000", "--hazard", tree, "--json").output)
+    rates = [rate / 1.44 * math.exp(0.32) for rate in (1e-5, 1e-4)]
+    alive = [math.exp(-1e4 * rate) for rate in rates]
+    assert [branch["survival"] for branch in told["branches"]] == pytest.approx(alive, rel=1e-3)
+    weights = [weight * chance for weight, chance in zip((0.4, 0.6), alive, strict=True)]
+    assert [branch["posterior_weight"] for branch in told["branches"]] == pytest.approx(
+        [weight / sum(weights) for weight in weights], rel=1e-3
+    )
+    # Motions s times as strong have s^2 times the rates of a power law of exponent 2.
+    for branch, rate in zip(told["branches"], rates, strict=True):
+        allowed = -math.log(0.05) / (1e4 * rate)
+        assert branch["rate_factor"] == pytest.approx(allowed, rel=1e-3)
+        assert branch["scale_factor"] == pytest.approx(math.sqrt(allowed), rel=1e-3)
+        assert branch["scale_factor_low"] is None  # neither records nor ages are known to vary
+    row = told["updated"][4]
+    mean = sum(
+        w / sum(weights) * -math.expm1(-50 * rate) for w, rate in zip(weights, (1e-5, 1e-4), strict=True)
+    )
+    assert row["level"] == pytest.approx(1.0)
+    assert row["rate_posterior_mean"] == pytest.approx(-math.log1p(-mean) / 50, rel=1e-3)
+    assert row["rate_posterior_mean"] < row["rate_prior_mean"]
+    assert row["rate_posterior_p05"] <= row["rate_posterior_p95"]
+
+
+def test_an_uncertain_age_reaches_the_factors_and_the_updated_mean(tmp_path, curves):
+    tree = openquake_tree(tmp_path / "tree")
+    told = json.loads(constrain(curves, "--age", "5000..20000", "--hazard", tree, "--json").output)
+    assert told["intervals_carry"] == ["age"]
+    branch = told["branches"][0]
+    exact = [math.sqrt(-math.log(0.05) / (age * 1e-5 / 1.44 * math.exp(0.32))) for age in (19625, 5375)]
+    assert branch["scale_factor_low"] == pytest.approx(exact[0], rel=0.01)
+    assert branch["scale_factor_high"] == pytest.approx(exact[1], rel=0.01)
+    row = told["updated"][4]
+    assert row["rate_posterior_mean_low"] < row["rate_posterior_mean"] < row["rate_posterior_mean_high"]
+
+
+def test_the_hazard_written_back_is_a_tree_with_the_new_weights(tmp_path, curves):
+    tree, folder = openquake_tree(tmp_path / "tree"), tmp_path / "out"
+    asked = ["--age", "10000", "--json", "--ratio", "1.2"]
+    told = json.loads(constrain(curves, *asked, "--hazard", tree, "--out", str(folder)).output)
+    (again,) = read_hazard(folder / "openquake")
+    assert [branch.weight for branch in again.branches] == pytest.approx(
+        [branch["posterior_weight"] for branch in told["branches"]], rel=1e-6
+    )
+    (first,) = read_hazard(Path(tree))
+    for one, other in zip(first.curves, again.curves, strict=True):
+        np.testing.assert_allclose(one.annual_rate, other.annual_rate, rtol=1e-5)
+        np.testing.assert_allclose(one.intensity, other.intensity, rtol=1e-6)
+    page = (folder / "constraint.html").read_text()
+    assert page.index("The 1e-4 PGV falls from") < page.index("<nav>")
+
+
+def test_the_words_begin_with_the_answer(tmp_path, curves):
+    tree = openquake_tree(tmp_path / "tree")
+    words = constrain(curves, "--age", "10000", "--hazard", tree).output
+    assert words.startswith("The 1e-4 PGV falls from")
+    assert "logic-tree level ground motion: the rocks move" in words
+
+
+def test_exported_curves_keep_their_intervals(tmp_path):
+    (tmp_path / "run").mkdir()
+    write_part(tmp_path / "run", rows(records=30, azimuths=(0.0,)))
+    list(write_fits(open_run(tmp_path / "run").frame(), tmp_path, "run"))
+    of_run = json.loads(constrain(str(tmp_path / "run"), "--json").output)
+    for suffix in (".csv", ".json", ".xml"):
+        of_file = json.loads(constrain(str(tmp_path / "fits" / f"curves{suffix}"), "--json").output)
+        for name in ("unexceeded", "unexceeded_low", "unexceeded_high"):
+            assert of_file[name] == pytest.approx(of_run[name], rel=1e-5)
+
+
+def test_several_rocks_have_one_fragility_with_the_spread_between_them(tmp_path, curves):
+    other = str(write_curves(tmp_path / "other.json", [Lognormal("pgv_m_s", 1.5, 0.3)]))
+    told = json.loads(constrain(curves, other, "--json").output)["random_rock"]
+    assert told["median"] == pytest.approx(math.sqrt(1.2 * 1.5))
+    between = math.log(1.5 / 1.2) / math.sqrt(2)
+    assert told["beta"] == pytest.approx(math.sqrt((0.4**2 + 0.3**2) / 2 + between**2))
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"weights": (0.4, 0.5)}, "sum to 0.9"),
+        ({"imt": "PGA"}, "over pga_m_s2, the rock's fragility over pgv_m_s"),
+        ({"poe": "1.2"}, "states the probability 1.2"),
+    ],
+)
+def test_a_bad_hazard_is_refused_by_name_and_nothing_is_written(tmp_path, curves, change, said):
+    tree = Path(openquake_tree(tmp_path / "tree", change.get("weights", (0.4, 0.6))))
+    for path in tree.glob("hazard*"):
+        text = path.read_text().replace("imt='PGV'", f"imt='{change.get('imt', 'PGV')}'")
+        path.write_text(
+            text.replace("45.0,0.0,", f"45.0,0.0,{change['poe']},", 1) if "poe" in change else text
+        )
+        if "poe" in change:
+            path.write_text(path.read_text().rpartition(",")[0])
+    done = constrain(curves, "--age", "1", "--hazard", str(tree), "--out", str(tmp_path / "out"))
+    assert isinstance(done.exception, InputError)
+    assert said in str(done.exception)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_name_that_a_spreadsheet_would_compute_is_written_as_words(tmp_path, curves):
+    for name in ("=2+2", "b"):
+        (tmp_path / f"{name}.csv").write_text("pgv_m_s,annual_rate\n0.1,1e-3\n10,1e-7\n")
+    both = [word for name in ("=2+2", "b") for word in ("--hazard", str(tmp_path / f"{name}.csv"))]
+    constrain(curves, "--age", "1000", *both, "--out", str(tmp_path / "out"))
+    assert "'=2+2," in (tmp_path / "out" / "branches.csv").read_text()
 
 
 @pytest.mark.parametrize("column", ["event", "pga_azimuth_deg", "bogus"])

@@ -1,5 +1,6 @@
 """Curves come back from every format as they went out."""
 
+import json
 import math
 
 import numpy as np
@@ -13,7 +14,7 @@ from seeded import rows
 from toppling.models.errors import InputError
 from toppling.results.drawing.atlas import write_fits
 from toppling.results.exchange import OPENQUAKE, moments, of_moments, read_curves, write_curves
-from toppling.results.fits import MEASURES, Basis, Lognormal
+from toppling.results.fits import MEASURES, Basis, Lognormal, Resampled, with_interval
 from toppling.results.fragility import CONTACT_COLUMNS
 from toppling.results.schema import SCHEMA, describe
 
@@ -175,3 +176,32 @@ def test_fits_over_measures_that_openquake_has_no_name_for_go_to_csv_and_json(tm
     assert {"curves.csv", "curves.json"} <= written
     assert "curves.xml" not in written
     assert "pgv_pga_s" in read_curves(tmp_path / "fits" / "curves.json")
+
+
+@pytest.mark.parametrize("absent", ["measure", "median", "beta"])
+@pytest.mark.parametrize("suffix", [".csv", ".json"])
+def test_a_column_that_is_missing_is_told_by_name(tmp_path, suffix, absent):
+    row = {"measure": "pgv_m_s", "median": 1.2, "beta": 0.4}
+    del row[absent]
+    told = (
+        json.dumps({"curves": [row]})
+        if suffix == ".json"
+        else "\n".join([",".join(row), ",".join(map(str, row.values()))])
+    )
+    (tmp_path / f"curves{suffix}").write_text(told)
+    with pytest.raises(InputError, match=f"no column {absent}"):
+        read_curves(tmp_path / f"curves{suffix}")
+
+
+@pytest.mark.parametrize("suffix", [".xml", ".csv", ".json"])
+def test_bootstrap_samples_go_with_a_curve_to_every_file(tmp_path, suffix):
+    fitted = np.array([True, False, True])
+    drawn = Resampled(np.array([[-0.5, 2.5], [-0.6, 2.0]]), fitted, 30)
+    basis = Basis("5c3a", 570, 212, 30, 4, 2.75)
+    path = write_curves(
+        tmp_path / f"curves{suffix}", [with_interval(Lognormal("pgv_m_s", 1.2, 0.4, basis), drawn)]
+    )
+    again = read_curves(path)["pgv_m_s"].resampled
+    np.testing.assert_allclose(again.coefficients, drawn.coefficients, rtol=1e-5)
+    assert again.fitted.tolist() == fitted.tolist()
+    assert again.records == 30

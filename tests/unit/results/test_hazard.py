@@ -19,7 +19,8 @@ from toppling.results.hazard.curves import (
     unstated_shares,
 )
 from toppling.results.hazard.standing import Standing, joint_survival, rejected_rate, unexceeded
-from toppling.results.hazard.tree import Branch, branch_weights
+from toppling.results.hazard.tree import Branch, HazardTree, branch_weights
+from toppling.results.hazard.update import Update
 
 
 def power_law(rate_at_one=1e-3, exponent=2.5, low=1e-4, high=1e4):
@@ -183,7 +184,11 @@ def test_the_figure_tells_each_branchs_survival_and_verdict_and_the_age():
     rocks = [Standing("rock", ROCK, np.array([1e4, 2e4]))]
     branches = branches_of(power_law(rate_at_one=1e-2), power_law(rate_at_one=1e-9))
     figure = constraint_figure(
-        bound_table(rocks, 0.95), branches, 0.95, branch_table(rocks, branches, 0.95), rocks
+        bound_table(rocks, 0.95),
+        branches,
+        0.95,
+        branch_table(Update(rocks, HazardTree("pgv_m_s", tuple(branches)))),
+        rocks,
     )
     (legend,) = figure.legends
     area, loud, quiet = (text.get_text() for text in legend.get_texts())

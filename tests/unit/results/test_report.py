@@ -28,7 +28,7 @@ from toppling.results.drawing.report.methods import methods
 from toppling.results.drawing.report.sections import SECTIONS, constraint_section, fit_table, fits_section
 from toppling.results.drawing.report.write import report_page, write_pdf
 from toppling.results.hazard.curves import HazardCurve
-from toppling.results.hazard.tree import Branch
+from toppling.results.hazard.tree import Branch, HazardTree
 from toppling.results.run import open_run
 from toppling.results.store import write_part
 
@@ -80,7 +80,7 @@ def page(run):
         Branch(name, 0.5, HazardCurve(name, "pgv_m_s", x, rate * x**-2.0))
         for name, rate in (("quiet", 1e-9), ("loud", 1e-2))
     ]
-    return report_page(Content(run, 5, np.array([2e4]), branches))
+    return report_page(Content(run, 5, np.array([2e4]), HazardTree("pgv_m_s", tuple(branches))))
 
 
 @pytest.mark.slow

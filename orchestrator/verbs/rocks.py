@@ -1,0 +1,155 @@
+"""Standing rocks as verbs take them: runs, or files of fragility curves."""
+
+import os
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import click
+import numpy as np
+import pandas as pd
+
+from toppling.models.errors import InputError
+from toppling.models.scene import Scene
+from toppling.orchestrator.stood import Recorded, check_weighable
+from toppling.results.completeness import Completeness
+from toppling.results.exchange import read_curves
+from toppling.results.fits import Lognormal, Resampled, answered, basis_of, bootstrap, fit
+from toppling.results.fragility import by_contact
+from toppling.results.hazard.standing import Standing
+from toppling.results.run import open_run
+from toppling.results.stood import CONTACT, Stood, told_of, unweighed
+
+
+@dataclass(frozen=True, eq=False)
+class Jobs:
+    """Weighted jobs of one contact of a run, and what weights their bases."""
+
+    path: Path
+    frame: pd.DataFrame
+    stood: Stood | None
+    completeness: Completeness | None
+
+
+def standing_rock(
+    name: str, path: Path, measure: str, jobs: Jobs | None, years: np.ndarray, seen: Callable[[], None]
+) -> Standing:
+    """A rock with the fragility of a run or of a file, and its bootstrap samples of records where these are known."""
+    if jobs is None:
+        curve = read_curves(path).get(measure)
+        resampled = curve.resampled if curve else None
+    else:
+        curve, resampled = _fit(jobs, measure, seen)
+    if curve is None:
+        raise InputError(
+            what=f"has no fragility over {measure}",
+            where=str(path),
+            expected="a lognormal fragility over the measure of the hazard",
+            remedy="'toppling fragility RUN --fit' lists the measures that have one",
+        )
+    return Standing(name, curve, years, resampled)
+
+
+def read_jobs(path: Path, where: str | None, trusted: bool, recorded: Recorded | None) -> Jobs:
+    """The jobs requested, with the weights of their records and bases."""
+    run = open_run(path)
+    stood = run.stood()
+    bare = run.frame(where, trusted=trusted)
+    jobs = run.weighted(bare, stood)
+    if where and jobs.empty:
+        raise InputError(
+            what=f"no job satisfies {where}",
+            where=str(path),
+            expected="a condition that some jobs satisfy",
+            remedy="'toppling query RUN --describe' names columns and units",
+        )
+    contacts = by_contact(answered(jobs))
+    if len(contacts) > 1:
+        raise InputError(
+            what=f"has {len(contacts)} contacts: {', '.join(contacts)}",
+            where=str(path),
+            expected="jobs of one contact",
+            remedy='choose one, such as --where "friction_static = 0.8"',
+        )
+    if recorded:
+        if stood:
+            stood.refuse_twins(recorded.motions)
+        also = _weighed(path, bare, recorded)
+        stood = stood.joined(also) if stood else also
+        jobs = run.weighted(bare, stood)
+    return Jobs(path, jobs, stood, run.completeness() if run.planned() else None)
+
+
+def _weighed(path: Path, jobs: pd.DataFrame, recorded: Recorded) -> Stood:
+    """Weights of a run's bases from motions that its rock survived; the shakes are not kept."""
+    from toppling.orchestrator.campaign import Campaign
+    from toppling.orchestrator.cluster import local
+    from toppling.orchestrator.progress import watcher
+    from toppling.orchestrator.run import RunError, weigh
+
+    campaign = Campaign.read(path / "campaign.toml")
+    scene = Scene.load(campaign.scene)
+    check_weighable(scene, jobs["base"].nunique(), str(path))
+    (contact,) = jobs[CONTACT].drop_duplicates().itertuples(index=False, name=None)
+    one = replace(campaign, friction=(contact[:2],), restitution=(contact[2],))
+    with TemporaryDirectory(prefix="toppling-stood-") as place:
+        recorded.write(Path(place))
+        try:
+            with watcher() as watch, local(os.cpu_count() or 1) as client:
+                return weigh(one, recorded, Path(place), client, watch)
+        except RunError as stopped:
+            raise click.ClickException(str(stopped)) from None
+
+
+def _fit(jobs: Jobs, measure: str, seen: Callable[[], None]) -> tuple[Lognormal | None, Resampled | None]:
+    """Fragility of a run, and of bootstrap samples of its records."""
+    heard = _heard(jobs.frame, measure)
+    fitted = fit(heard, [measure]) if len(heard) else None
+    if fitted is None or (curve := fitted.lognormal) is None:
+        return None, None
+    return replace(curve, basis=basis_of(jobs.frame, measure, jobs.completeness)), bootstrap(
+        heard, fitted, seen=seen
+    )
+
+
+def _heard(jobs: pd.DataFrame, measure: str) -> pd.DataFrame:
+    """Jobs with an answer whose measure is known."""
+    return answered(jobs[jobs[measure] > 0] if measure in jobs else jobs[:0])
+
+
+def of_bases(jobs: Jobs, curve: Lognormal) -> dict[str, Any]:
+    """What the motions that a rock survived say about its base, and the resulting shift of the median."""
+    assert jobs.stood is not None
+    told = told_of(jobs.stood, jobs.frame)
+    alike = fit(_heard(unweighed(jobs.frame), curve.measure), [curve.measure]).lognormal
+    (of_contact,) = told.pop("contacts")
+    return {
+        **told,
+        **of_contact,
+        "median_bases_alike": None if alike is None else alike.median,
+        "median_shift_percent": None if alike is None else 100.0 * (curve.median / alike.median - 1.0),
+    }
+
+
+def refuse_twins(rocks: tuple[Path, ...], standing: list[Standing]) -> None:
+    """Refuse a rock that is given twice, by its scene's hash or else its file: it would count twice."""
+    seen: dict[str, Path] = {}
+    for path, rock in zip(rocks, standing, strict=True):
+        basis = rock.curve.basis
+        of = basis.scene_id if basis else str(path.resolve())
+        if of in seen:
+            raise InputError(
+                what=f"is the same rock as {seen[of]}" + (f" (scene {of})" if basis else ""),
+                where=str(path),
+                expected="each rock once",
+                remedy="leave one of the two out",
+            )
+        seen[of] = path
+
+
+def names_of(rocks: tuple[Path, ...]) -> list[str]:
+    """Last part of each path, or the whole paths where these are not distinct."""
+    stems = [path.stem for path in rocks]
+    return stems if len(set(stems)) == len(stems) else [str(path) for path in rocks]

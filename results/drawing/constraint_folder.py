@@ -1,0 +1,94 @@
+"""A constraint as a folder: page, statement, tables, figures, and the hazard with its new weights."""
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from toppling.models.folder import new_file
+from toppling.results.constraint import Constraint
+from toppling.results.drawing.atlas import save_table
+from toppling.results.drawing.constraint import constraint_figure
+from toppling.results.drawing.hazard import hazard_figure
+from toppling.results.drawing.report.constraint_page import constraint_page
+from toppling.results.drawing.report.write import write_page
+from toppling.results.drawing.style import save
+from toppling.results.exchange import write_curves
+from toppling.results.hazard.export import write_openquake
+
+
+def write_constraint(
+    constraint: Constraint, told: dict[str, Any], folder: Path, ratio: float = 1.0
+) -> Iterator[Path]:
+    """Write all of a constraint into a folder.
+
+    Parameters
+    ----------
+    constraint : Constraint
+    told : dict
+        Its statement, with the choices that led to it.
+    folder : Path
+        Made if absent; files of the same names are replaced.
+    ratio : float
+        By which the hazard's motions were multiplied.
+
+    Yields
+    ------
+    Path
+        Each file, once it is complete.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    with new_file(folder / "constraint.json") as hidden:
+        hidden.write_text(json.dumps(told, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    yield folder / "constraint.json"
+    for name, table in constraint.tables().items():
+        yield save_table(safe_table(table), folder / f"{name}.csv")
+    yield save_table(safe_table(choices_table(told)), folder / "choices.csv")
+    update = constraint.update
+    if constraint.bound is not None:
+        branches = update.tree.branches if update else ()
+        drawn = constraint_figure(
+            constraint.bound, branches, constraint.confidence, constraint.branches, constraint.rocks
+        )
+        yield from save(drawn, folder / "constraint")
+    if update is not None:
+        yield from save(hazard_figure(update), folder / "hazard")
+        if len(update.tree.branches) > 1 and update.posterior is not None and update.tree.site is not None:
+            yield from write_openquake(update, folder / "openquake", ratio)
+    if constraint.random_rock is not None:
+        yield write_curves(folder / "random_rock.json", [constraint.random_rock.curve], "random rock")
+    yield write_page(constraint_page(constraint, told), folder / "constraint.html")
+
+
+def choices_table(told: dict[str, Any]) -> pd.DataFrame:
+    """Every choice, file and number of branches, a row each, for who files the statement."""
+    choices = told.get("choices", {})
+    rows = [("program", "", choices.get("program", ""))]
+    rows += [("option", name, json.dumps(value)) for name, value in choices.get("options", {}).items()]
+    rows += [
+        ("hazard", name, json.dumps(value))
+        for name, value in told.get("hazard", {}).items()
+        if name != "files"
+    ]
+    rows += [
+        ("rock", rock["name"], f"median {rock['median']:.6g}, beta {rock['beta']:.6g}")
+        for rock in told["rocks"]
+    ]
+    rows += [
+        ("branch", branch["name"], f"weight {branch['prior_weight']:.6g}")
+        for branch in told.get("branches", ())
+    ]
+    rows += [("file", one["path"], f"sha256 {one['sha256']}") for one in choices.get("files", ())]
+    return pd.DataFrame(rows, columns=["kind", "name", "value"])
+
+
+def safe_table(table: pd.DataFrame) -> pd.DataFrame:
+    """A table whose words no spreadsheet takes for a formula: some names come from other people's files."""
+    words = table.select_dtypes(include=["object", "string"]).columns
+    return table.assign(**{name: [_safe_cell(value) for value in table[name]] for name in words})
+
+
+def _safe_cell(value: object) -> object:
+    return f"'{value}" if isinstance(value, str) and value[:1] in ("=", "+", "-", "@", "\t", "\r") else value

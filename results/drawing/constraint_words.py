@@ -1,0 +1,292 @@
+"""What standing rocks say, in words: the answer first, then what it rests on."""
+
+import math
+from typing import Any
+
+from toppling.results.drawing.style import printed_unit, short_name
+from toppling.results.hazard.update import RATES
+from toppling.results.schema import SCHEMA, describe
+from toppling.results.stood import sentences
+
+MOST_NAMED = 6
+"""Branches that are stated one by one, at most."""
+
+FIRST_RATES = (1e-4, *sorted(RATES))
+"""Annual rates that the first line may be about: the first that the hazard reaches before and after."""
+
+VARY = {"fragility": "other records like these", "age": "other ages"}
+
+
+def answer(told: dict[str, Any]) -> list[str]:
+    """The answer in a few sentences: what the hazard becomes, and what the rocks allow at most."""
+    if "branches" not in told:
+        return []
+    lines = [line for line in (_fall(told), _allowed(told)) if line]
+    counts, several = told["decided"], len(told["branches"]) > 1
+    if several:
+        alive = [branch["survival"] for branch in told["branches"]]
+        lines.append(
+            f"Survival under the {len(alive)} branches is {_percent(counts['survival_mean_of_branches'])} on average, "
+            f"{_percent(min(alive))} to {_percent(max(alive))}; {counts['branches_rejected'] or 'none'} of them "
+            f"{'are' if counts['branches_rejected'] > 1 else 'is'} rejected at {100 * told['confidence']:g} %"
+            + (
+                f", with {_percent(counts['weight_rejected'])} of the weight"
+                if counts["branches_rejected"]
+                else ""
+            )
+            + "."
+        )
+        if counts["effective_branches_posterior"] is not None:
+            lines.append(
+                f"The weights count as {counts['effective_branches_prior']:.3g} equal branches before, and "
+                f"{counts['effective_branches_posterior']:.3g} after: that is how much the rocks decide."
+            )
+    return lines
+
+
+def _fall(told: dict[str, Any]) -> str:
+    """How the motion at a rate falls; empty for a single branch, whose weight cannot change."""
+    if len(told["branches"]) < 2:
+        return ""
+    by_rate = {row["annual_rate"]: row for row in told["changes"]}
+    for rate in FIRST_RATES:
+        row = by_rate[rate]
+        before, after = row["level_prior_mean"], row["level_posterior_mean"]
+        if before is None or after is None:
+            continue
+        unit, measure = printed_unit(told["measure"]), short_name(told["measure"])
+        change = row["level_change_percent"]
+        goes = "stays at" if abs(change) < 0.5 else "falls from" if change < 0 else "rises from"
+        spread = "" if None in (row["level_posterior_p05"], row["level_posterior_p95"]) else (
+            f" (5-95 %: {row['level_posterior_p05']:.3g} to {row['level_posterior_p95']:.3g})"
+        )  # fmt: skip
+        level = f"{after:.3g} {unit}" if goes == "stays at" else f"{before:.3g} to {after:.3g} {unit}"
+        others = "" if row["level_posterior_mean_low"] is None else (
+            f"; the mean would be {row['level_posterior_mean_low']:.3g} to {row['level_posterior_mean_high']:.3g} with "
+            f"{_varying(told)} (95 %)"
+        )  # fmt: skip
+        return f"The {rate_words(rate)} {measure} {goes} {level}{spread}{others}."
+    return ""
+
+
+def rate_words(rate: float) -> str:
+    """A rate as analysts call it: 1e-4, or the return period where it is no power of ten."""
+    power = math.log10(rate)
+    return f"1e{power:.0f}" if abs(power - round(power)) < 1e-9 else f"{1 / rate:,.0f}-year"
+
+
+def _allowed(told: dict[str, Any]) -> str:
+    """Factors that the mean of the branches, or the one curve, may be multiplied by."""
+    of = told["mean"]
+    which = "the hazard" if len(told["branches"]) == 1 else "the branches' mean"
+    least = _percent(1.0 - told["confidence"])
+    if of["scale_factor"] is None:
+        return f"However strong {which}'s motions were, survival would stay above {least}: there are too few events."
+    allowed = "already too strong" if of["scale_factor"] < 1 else "compatible as it is"
+    return (
+        f"The motions of {which} may be multiplied by at most {_with_ends(of, 'scale_factor')}, or its rates by "
+        f"{_with_ends(of, 'rate_factor')}, for survival to stay above {least}: it is {allowed}."
+    )
+
+
+def _with_ends(row: dict[str, Any], name: str) -> str:
+    value = "any factor" if row[name] is None else f"{row[name]:.3g}"
+    low, high = row[f"{name}_low"], row[f"{name}_high"]
+    if low is None:
+        return value
+    return f"{value} ({low:.3g} {'or more' if high is None else f'to {high:.3g}'}, 95 %)"
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.3g} %"
+
+
+def _varying(told: dict[str, Any]) -> str:
+    return " and ".join(VARY[name] for name in told["intervals_carry"])
+
+
+def all_words(told: dict[str, Any]) -> str:
+    """Everything that is said, a line a sentence."""
+    lines = [*answer(told), *rock_lines(told)]
+    if told.get("hazard_ratio") == 1.0:
+        component = told["hazard"]["component"]
+        stated = f", though its files say {component}" if component else ""
+        lines.append(
+            "The hazard is taken to be for the peak of the horizontal vector (SA: the largest of all azimuths)"
+            f"{stated}; give --ratio if it is for another component."
+        )
+    lines += branch_lines(told)
+    unit, measure = describe(SCHEMA.field(told["measure"]))["unit"], short_name(told["measure"])
+    lines += [
+        f"a {measure} of {row[told['measure']]:.3g} {unit} or more is rejected at return periods below "
+        f"{row['rejected_return_years']:,.0f} years"
+        for row in told.get("rejected", ())[9::10]
+    ]
+    return "\n".join(lines)
+
+
+def rock_lines(told: dict[str, Any]) -> list[str]:
+    """What the rocks say about a single event, and what that rests on."""
+    unit, measure = describe(SCHEMA.field(told["measure"]))["unit"], short_name(told["measure"])
+    stood = "the rock has stood" if len(told["rocks"]) == 1 else "the rocks have stood"
+    lines = [
+        f"{rock['name']}: median {rock['median']:.3g} {unit}, beta {rock['beta']:.2f}"
+        for rock in told["rocks"]
+    ]
+    lines.append(
+        f"At {100 * told['confidence']:g} % confidence no single event has exceeded a {measure} of "
+        f"{told['unexceeded']:.3g} {unit} while {stood}."
+    )
+    if told["unexceeded_low"] is None:
+        lines.append(
+            "  its uncertainty from the choice of records is unknown: this needs a run with enough records"
+        )
+    else:
+        high = told["unexceeded_high"]
+        ends = (
+            f"{told['unexceeded_low']:.3g} {f'{unit} or more' if high is None else f'to {high:.3g} {unit}'}"
+        )
+        unfit = max(rock["samples_without_fit"] for rock in told["rocks"])
+        count = max(rock["samples"] for rock in told["rocks"])
+        bare = f"; {unfit} of {count} bootstrap samples have no fit and count as unbounded" if unfit else ""
+        lines.append(
+            f"  {ends} with other records like these (95 %{bare}), as the jobs come from few earthquakes"
+        )
+    for rock in told.get("stood", ()):
+        lines += [f"  {sentence}" for sentence in sentences({**rock, "contacts": [rock]})]
+        if rock["median_shift_percent"]:
+            lines.append(
+                f"  with equal weights the median of {rock['rock']} would be {rock['median_bases_alike']:.3g} "
+                f"{unit}: the weights shift it by {rock['median_shift_percent']:+.1f} %"
+            )
+    for rock in told["rocks"]:
+        if rock.get("without_answer"):
+            jobs = rock["without_answer"] + rock["jobs"]
+            lines.append(
+                f"  {rock['without_answer']:,} of {jobs:,} jobs of {rock['name']} have no answer and are left out: "
+                "jobs near the threshold rock longest and most often lack one"
+            )
+        if "strongest_shaken" not in rock:
+            lines.append(
+                f"  the jobs behind the curve of {rock['name']} are unknown, so this may be an extrapolation"
+            )
+        elif told["unexceeded"] > rock["strongest_shaken"]:
+            seen = f"{rock['toppled']} toppled of {rock['jobs']} jobs, {rock['records']} records"
+            lines.append(
+                f"  this extrapolates beyond the strongest shaking of {rock['name']}, "
+                f"{rock['strongest_shaken']:.3g} {unit} ({seen})"
+            )
+    if site := told.get("random_rock"):
+        ends = (
+            ""
+            if site["median_low"] is None
+            else f" ({site['median_low']:.3g} to {site['median_high']:.3g}, 95 %)"
+        )
+        lines.append(
+            f"One fragility of the site, of a rock drawn at random: median {site['median']:.3g} {unit}{ends}, beta "
+            f"{site['beta']:.2f} ({site['beta_within']:.2f} within a rock, {site['beta_between']:.2f} between rocks)"
+        )
+    if told.get("ages_independent"):
+        lines.append(
+            "The ages of the rocks are taken as independent, as if each rock had been dated separately."
+        )
+    return lines
+
+
+def branch_lines(told: dict[str, Any]) -> list[str]:
+    """What is said of each branch, where they are few, and of all of them."""
+    branches = told.get("branches", ())
+    lines = []
+    for branch in branches if len(branches) <= MOST_NAMED else ():
+        verdict = "rejected" if branch["rejected"] else "kept"
+        lines.append(
+            f"{branch['name']}: topples at {branch['toppling_rate']:.2e} a year, "
+            f"survival {branch['survival']:.3g}, {verdict}; "
+            + (
+                "the rocks survive under no branch"
+                if branch["posterior_weight"] is None
+                else f"weight {branch['prior_weight']:.3g} becomes {branch['posterior_weight']:.3g}"
+            )
+        )
+        lines += _over_draws(branch, told)
+        lines += _outside(branch, 1.0 - told["confidence"])
+        lines += _taken_at(branch)
+    if len(branches) > MOST_NAMED:
+        lines += _many(told)
+    if branches and all(branch["rejected"] for branch in branches):
+        ranked = branches[0]["posterior_weight"] is not None
+        lines.append("Every branch is rejected" + (": the weights only rank them." if ranked else "."))
+    for level in dict.fromkeys(row["level"] for row in told.get("levels", ())):
+        moved = next(row["moved"] for row in told["levels"] if row["level"] == level)
+        rows = [row for row in told["levels"] if row["level"] == level]
+        lines.append(
+            f"logic-tree level {level}: the rocks move {_percent(moved)} of its weight ("
+            + ", ".join(f"{r['choice']} {r['prior_weight']:.3g} to {r['posterior_weight']:.3g}" for r in rows)
+            + ")"
+        )
+    if shares := told.get("parts"):
+        lines.append(
+            "Of the toppling rate, "
+            + ", ".join(f"{_percent(part['share'])} is from {part['part']}" for part in shares)
+            + "."
+        )
+    return lines
+
+
+def _many(told: dict[str, Any]) -> list[str]:
+    """The branches that gain and lose most, where there are too many to name."""
+    branches = told["branches"]
+    lines = _taken_at(branches[0])
+    if branches[0]["posterior_weight"] is not None:
+        ranked = sorted(branches, key=lambda branch: branch["posterior_weight"] / branch["prior_weight"])
+        for word, branch in (("most", ranked[-1]), ("least", ranked[0])):
+            lines.append(
+                f"  {word} favoured: {branch['name']}, survival {branch['survival']:.3g}, weight "
+                f"{branch['prior_weight']:.3g} becomes {branch['posterior_weight']:.3g}"
+            )
+    lost = max(branch["unstated_above"] + branch["unstated_below"] for branch in branches)
+    if lost > 0.01:
+        lines.append(
+            f"  up to {_percent(lost)} of a branch's toppling rate may lie outside its points: not counted"
+        )
+    return lines
+
+
+def _taken_at(branch: dict[str, Any]) -> list[str]:
+    """Site that a branch's curve is of, and how far that is from the one asked for."""
+    named = f"{branch['site_name']}, " if branch.get("site_name") else ""
+    if "site_longitude_deg" not in branch:
+        return [f"  taken at {branch['site_name']}"] if branch.get("site_name") else []
+    away = branch.get("site_distance_km")
+    return [
+        f"  taken at {named}longitude {branch['site_longitude_deg']:g}, latitude {branch['site_latitude_deg']:g}"
+        + ("" if away is None else f", {away:.1f} km from --site")
+    ]
+
+
+def _over_draws(branch: dict[str, Any], told: dict[str, Any]) -> list[str]:
+    """State the interval of a branch's survival over records and ages, and whether the verdict depends on them."""
+    low, high, least = branch["survival_low"], branch["survival_high"], 1.0 - told["confidence"]
+    if low is None:
+        return []
+    hangs = "; the verdict depends on them" if low < least <= high else ""
+    return [f"  survival {low:.3g} to {high:.3g} with {_varying(told)} (95 %){hangs}"]
+
+
+def _outside(branch: dict[str, Any], least: float) -> list[str]:
+    """State the rate that may lie outside a hazard curve's points, and whether the verdict depends on it."""
+    shares = {
+        "beyond the curve's last point": branch["unstated_above"],
+        "below its first point, if its initial slope continues": branch["unstated_below"],
+    }
+    lines = [
+        f"  {100 * share:.0f} % of its toppling rate may lie {where}: not counted"
+        for where, share in shares.items()
+        if share > 0.01
+    ]
+    if branch["survival_least"] < least <= branch["survival"]:
+        lines.append(
+            f"  including it, survival would be {branch['survival_least']:.3g} and the branch rejected: give a curve "
+            "that extends further"
+        )
+    return lines

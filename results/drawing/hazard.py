@@ -1,0 +1,115 @@
+"""A hazard before and after standing rocks have a say: mean, fractiles, and branches as faint lines."""
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator
+from numpy.typing import ArrayLike, NDArray
+
+from toppling.results.drawing.constraint import ages_words
+from toppling.results.drawing.style import FULL_WIDTH_IN, MAIN_COLOUR, measure_label, plain_log, style
+from toppling.results.hazard.tree import Statistics
+from toppling.results.hazard.update import Update
+
+LEAST_RATE = 3e-7
+"""Lower end of the annual rates that are drawn: analysts ask for none below 1e-6."""
+
+
+def hazard_figure(update: Update, width_in: float = FULL_WIDTH_IN) -> Figure:
+    """Annual rates of exceedance before and after, over intensity, with return periods on the right.
+
+    Parameters
+    ----------
+    update : Update
+    width_in : float
+    """
+    count = len(update.tree.branches)
+    rows = 1 if count == 1 else 5 if width_in < FULL_WIDTH_IN else 2
+    below_in = 0.5 + 0.16 * rows
+    height = 3.4 + below_in
+    with style():
+        figure = Figure(figsize=(width_in, height))
+        axes = figure.subplots(
+            gridspec_kw={
+                "left": 0.6 / width_in, "right": 1 - 0.75 / width_in, "bottom": below_in / height,
+                "top": 1 - 0.3 / height,
+            }
+        )  # fmt: skip
+        if count > 1:
+            _draw_branches(axes, update)
+            for q in (0.05, 0.95):
+                label = "5 and 95 % of the branches before" if q < 0.5 else "_"
+                axes.plot(
+                    *_bearing(update.before.levels, update.before.fractiles[q]), "k:", lw=1.0, label=label
+                )
+            if update.after is not None:
+                _draw_band(axes, update.after, "5 to 95 % after")
+        name = "mean before" if count > 1 else "hazard"
+        axes.plot(*_bearing(update.before.levels, update.before.mean), "k--", lw=1.3, label=name)
+        if update.after is not None and count > 1:
+            axes.plot(
+                *_bearing(update.after.levels, update.after.mean),
+                color=MAIN_COLOUR,
+                lw=1.6,
+                label="mean after",
+            )
+        _frame(axes, update)
+        figure.legend(
+            *axes.get_legend_handles_labels(), frameon=False, loc="lower left", bbox_to_anchor=(0.0, 0.0),
+            borderaxespad=0.3, ncols=1 if width_in < FULL_WIDTH_IN else 3,
+        )  # fmt: skip
+    return figure
+
+
+def _draw_branches(axes: Axes, update: Update) -> None:
+    """Each branch as a thin line, the darker the more weight it has now."""
+    weights = update.tree.weights if update.posterior is None else update.posterior
+    axes.plot([], [], color="0.6", lw=0.7, label=f"{len(weights)} branches, darker with more weight")
+    for branch, weight in zip(update.tree.branches, weights / weights.max(), strict=True):
+        axes.plot(
+            branch.curve.intensity, branch.curve.annual_rate, color="k", lw=0.5, alpha=0.08 + 0.3 * weight,
+            zorder=1.5,
+        )  # fmt: skip
+
+
+def _draw_band(axes: Axes, told: Statistics, label: str) -> None:
+    low, high = told.fractiles[0.05], told.fractiles[0.95]
+    bears = np.isfinite(low) & np.isfinite(high) & (high > 0)
+    axes.fill_between(
+        told.levels[bears], np.maximum(low[bears], LEAST_RATE / 10), high[bears], color=MAIN_COLOUR, alpha=0.3,
+        lw=0, label=label,
+    )  # fmt: skip
+
+
+def _bearing(
+    levels: NDArray[np.float64], rates: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Points of a curve that have a rate."""
+    bears = np.isfinite(rates) & (rates > 0)
+    return levels[bears], rates[bears]
+
+
+def _frame(axes: Axes, update: Update) -> None:
+    """Axes over what is asked for: intensities whose rates are drawn, and return periods beside them."""
+    x, rates = _bearing(update.before.levels, update.before.mean)
+    shown = rates >= LEAST_RATE
+    top = max(
+        rates.max(), *(rate[np.isfinite(rate)].max(initial=0.0) for rate in update.before.fractiles.values())
+    )
+    right = x[min(int(shown.sum()), len(x) - 1)]
+    axes.set(
+        xscale="log", yscale="log", xlabel=measure_label(update.tree.measure), ylabel="annual rate of exceedance",
+        xlim=(x[0], max(right, x[0] * 1.5)), ylim=(max(LEAST_RATE, rates.min() / 2), 1.5 * top),
+    )  # fmt: skip
+    axes.set_title(ages_words(update.rocks))
+    plain_log(axes.xaxis)
+    axes.yaxis.set_major_locator(LogLocator(numticks=10))
+    axes.yaxis.set_minor_locator(LogLocator(subs=tuple(range(2, 10)), numticks=99))
+    period = axes.secondary_yaxis("right", functions=(_inverse, _inverse))
+    period.set_ylabel("return period (years)")
+    period.yaxis.set_major_locator(LogLocator(numticks=10))
+
+
+def _inverse(value: ArrayLike) -> NDArray[np.float64]:
+    with np.errstate(divide="ignore"):
+        return 1.0 / np.asarray(value, float)

@@ -1,0 +1,189 @@
+"""The page of a constraint: the answer in words, then what it rests on, fit for a supplement."""
+
+import json
+from functools import partial
+from typing import Any
+
+import pandas as pd
+
+from toppling.results.constraint import Constraint
+from toppling.results.drawing.constraint import ages_words, constraint_figure
+from toppling.results.drawing.constraint_words import all_words, answer, rate_words
+from toppling.results.drawing.hazard import hazard_figure
+from toppling.results.drawing.report.document import Document, page, paragraph, safe
+from toppling.results.drawing.style import HALF_WIDTH_IN, printed_unit, short_name
+
+MOST_BRANCHES = 40
+"""Branches that the page's table holds, those with the most weight; the file has all."""
+
+
+def constraint_page(constraint: Constraint, told: dict[str, Any]) -> str:
+    """HTML of a constraint, with its pictures inside.
+
+    Parameters
+    ----------
+    constraint : Constraint
+    told : dict
+        Its statement (`Constraint.told`), with the choices that led to it.
+    """
+    remarks = [one.curve.basis.unfinished for one in constraint.rocks if one.curve.basis]
+    document = Document("; ".join(dict.fromkeys(filter(None, remarks))))
+    names = ", ".join(rock.name for rock in constraint.rocks)
+    lines = answer(told) or all_words(told).splitlines()[:2]
+    alarm = f'<p class="alarm">{safe(document.remark)}.</p>' if document.remark else ""
+    first = f"<h1>What {safe(names)} says by still standing</h1>{alarm}" + "".join(map(paragraph, lines))
+    sections = [
+        ("Hazard", _hazard(constraint, told, document)),
+        ("Branches", _branches(told, document)),
+        ("Logic tree", _levels(told, document)),
+        ("Rates rejected", _rejected(constraint, document)),
+        ("Rocks", _rocks(told, document)),
+        ("In words", "".join(map(paragraph, all_words(told).splitlines()))),
+        ("Method", METHOD if constraint.update else ""),
+        ("Choices and files", f"<pre>{safe(json.dumps(told.get('choices', {}), indent=1))}</pre>"),
+    ]
+    return page(f"toppling: {names}", first, [(title, text) for title, text in sections if text])
+
+
+METHOD = (
+    "<p>A rock topples at the annual rate &nu; = &int; F(x) |d&lambda;(x)|, with its fragility F and the hazard curve "
+    "&lambda;, a power law between its points; Poisson events leave it standing for A years with the probability "
+    "exp(&minus;&nu;A), averaged over the age. Branches are weighted by Bayes' rule, w' &prop; w P(survival). Mean and "
+    "fractiles are of probabilities over the investigation time, level by level, as OpenQuake computes them. The scale "
+    "factor is that by which all motions of a curve may be multiplied before survival falls to one minus the "
+    "confidence; the rate factor that of its rates. Motions outside a curve's points are not counted. Intervals of "
+    "95 % draw records anew (bootstrap) and ages from their distribution; 5 to 95 % are fractiles over branches.</p>"
+)
+
+
+def _hazard(constraint: Constraint, told: dict[str, Any], document: Document) -> str:
+    if constraint.update is None:
+        return ""
+    measure = short_name(told["measure"])
+    many = len(told["branches"]) > 1
+    caption = f"Hazard of {measure} at {_site(told)}, {ages_words(constraint.rocks)}" + (
+        ": mean and 5 to 95 % of the branches before (dashed, grey) and after (coloured) they are weighted by the "
+        "rock's survival; each branch is a line, the darker the more weight it has now."
+        if many
+        else ": one curve, which cannot be weighted anew."
+    )
+    parts = [document.figure(lambda width: hazard_figure(constraint.update, width), caption)]  # type: ignore[arg-type]
+    if many:
+        unit = printed_unit(told["measure"])
+        table = pd.DataFrame([
+            {
+                "annual rate": rate_words(row["annual_rate"]), f"before ({unit})": _digits(row["level_prior_mean"]),
+                f"after ({unit})": _digits(row["level_posterior_mean"]),
+                "5 % after": _digits(row["level_posterior_p05"]), "50 %": _digits(row["level_posterior_p50"]),
+                "95 %": _digits(row["level_posterior_p95"]),
+                "change of motion (%)": _digits(row["level_change_percent"]),
+                "change of rate (%)": _digits(row["rate_change_percent"]),
+                "rejected removed": _digits(row["level_kept_mean"]),
+            }
+            for row in told["changes"]
+        ])  # fmt: skip
+        parts.append(
+            document.table(
+                table,
+                f"{measure} exceeded at some annual rates: mean before and after, fractiles over the branches after, "
+                "and the mean with rejected branches removed instead of weighted. Empty where the curves do not reach.",
+            )
+        )
+    return "".join(parts)
+
+
+def _site(told: dict[str, Any]) -> str:
+    hazard = told["hazard"]
+    place = f"longitude {hazard['site'][0]:g}, latitude {hazard['site'][1]:g}" if hazard["site"] else ""
+    return ", ".join(filter(None, [hazard["site_name"], place])) or "the rock"
+
+
+def _branches(told: dict[str, Any], document: Document) -> str:
+    if "branches" not in told:
+        return ""
+    heaviest = sorted(told["branches"], key=lambda row: -(row["posterior_weight"] or 0.0))[:MOST_BRANCHES]
+    rows = [*heaviest, told["mean"]] if len(told["branches"]) > 1 else heaviest
+    table = pd.DataFrame([
+        {
+            "branch": row["name"], "weight before": _digits(row.get("prior_weight")),
+            "after": _digits(row.get("posterior_weight")), "rejected removed": _digits(row.get("kept_weight")),
+            "survival": _with_ends(row, "survival"), "motions at most times": _with_ends(row, "scale_factor"),
+            "rates at most times": _with_ends(row, "rate_factor"),
+            "verdict": "" if "rejected" not in row else "rejected" if row["rejected"] else "kept",
+        }
+        for row in rows
+    ])  # fmt: skip
+    left = len(told["branches"]) - len(heaviest)
+    more = f" {left} branches with less weight are in branches.csv." if left else ""
+    return document.table(
+        table,
+        "Weights of the branches, the rocks' survival under each, and the factors by which its motions or rates may be "
+        f"multiplied for survival to stay above {100 * (1 - told['confidence']):.3g} %; 95 % intervals in brackets."
+        + more,
+    )
+
+
+def _with_ends(row: dict[str, Any], name: str) -> str:
+    value, low, high = (_digits(row[f"{name}{end}"]) for end in ("", "_low", "_high"))
+    return f"{value} ({low}-{high or '∞'})" if low else value
+
+
+def _levels(told: dict[str, Any], document: Document) -> str:
+    if not told.get("levels"):
+        return ""
+    table = pd.DataFrame([
+        {
+            "level": row["level"], "weight moved (%)": _digits(100 * row["moved"]), "choice": row["choice"],
+            "before": _digits(row["prior_weight"]), "after": _digits(row["posterior_weight"]),
+        }
+        for row in told["levels"]
+    ])  # fmt: skip
+    return document.table(
+        table,
+        "Levels of the logic tree by how much of their weight the rocks move from one choice to others.",
+    )
+
+
+def _rejected(constraint: Constraint, document: Document) -> str:
+    if constraint.bound is None:
+        return ""
+    branches = constraint.update.tree.branches if constraint.update else ()
+    draw = partial(
+        constraint_figure,
+        constraint.bound,
+        branches,
+        constraint.confidence,
+        constraint.branches,
+        constraint.rocks,
+    )
+    caption = (
+        f"Annual rates of exceedance that the standing rocks reject at {100 * constraint.confidence:g} % whatever the "
+        "rest of a hazard curve (grey), and the given curves. A curve outside the grey can also be rejected, by all "
+        "its rates together."
+    )
+    return document.figure(lambda _: draw(), caption, HALF_WIDTH_IN)
+
+
+def _rocks(told: dict[str, Any], document: Document) -> str:
+    unit = printed_unit(told["measure"])
+    table = pd.DataFrame([
+        {
+            "rock": rock["name"], f"median ({unit})": _digits(rock["median"]), "beta": _digits(rock["beta"]),
+            "jobs": rock.get("jobs"), "toppled": rock.get("toppled"), "records": rock.get("records"),
+        }
+        for rock in told["rocks"]
+    ])  # fmt: skip
+    text = document.table(
+        table, f"Fragility over {short_name(told['measure'])} of each rock, and what it rests on."
+    )
+    if site := told.get("random_rock"):
+        text += paragraph(
+            f"One fragility of the site, of a rock drawn at random from among those like them: median "
+            f"{_digits(site['median'])} {unit}, beta {_digits(site['beta'])}, of which {_digits(site['beta_within'])} "
+            f"within a rock and {_digits(site['beta_between'])} between rocks (random_rock.json)."
+        )
+    return text
+
+
+def _digits(value: float | None) -> str:
+    return "" if value is None else f"{value:.3g}"

@@ -1,0 +1,122 @@
+"""Draws of what is uncertain about standing rocks: fragilities of other records, and ages; and what they expose to."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from toppling.results.fits import SAMPLES, Lognormal, Resampled
+from toppling.results.hazard.curves import HazardCurve
+from toppling.results.hazard.standing import Standing, drawn_ages
+
+NODES_PER_E_FOLD = 60
+"""Points of an integral in an interval where intensity grows by e: 1e-4 of a rate, where draws differ by per cents."""
+
+
+@dataclass(frozen=True, eq=False)
+class Draws:
+    """Draws of rocks' fragilities and ages.
+
+    Parameters
+    ----------
+    curves : list of lists of Lognormal
+        Of each draw, one a rock.
+    years : (draws, rocks) array
+    carries : tuple of str
+        What differs between draws: fragility, age, or both.
+    records : Resampled or None
+        The bootstrap with the fewest records, which decides how wide an interval has to be; None where only ages vary.
+    """
+
+    curves: list[list[Lognormal]]
+    years: NDArray[np.float64]
+    carries: tuple[str, ...]
+    records: Resampled | None
+
+    def interval(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Ends of the 95 % interval (2, ...) of values of each draw (draws, ...), which may be infinite."""
+        if self.records is not None:
+            return self.records.interval(values)
+        return np.array([
+            np.quantile(values, 0.025, axis=0, method="lower"), np.quantile(values, 0.975, axis=0, method="higher"),
+        ])  # fmt: skip
+
+
+def draws_of(rocks: Sequence[Standing]) -> Draws | None:
+    """Draws of rocks' fragilities and ages; None where neither is known to vary.
+
+    Fragilities vary if all rocks' do; a sample without a fit is a rock that no shaking topples.
+    """
+    known = [rock.resampled for rock in rocks if rock.resampled and len(rock.resampled.fitted)]
+    vary = len(known) == len(rocks)
+    old = any(len(rock.years) > 1 for rock in rocks)
+    if not (vary or old) or any(np.isnan(rock.years).any() for rock in rocks):
+        return None
+    count = min(len(one.fitted) for one in known) if vary else SAMPLES
+    by_rock = [
+        rock.resampled.lognormals(rock.curve.measure)[:count]
+        if vary and rock.resampled
+        else [rock.curve] * count
+        for rock in rocks
+    ]
+    carries = ("fragility",) * vary + ("age",) * old
+    fewest = min(known, key=lambda one: one.records) if vary else None
+    return Draws(
+        [list(curves) for curves in zip(*by_rock, strict=True)], drawn_ages(rocks, count), carries, fewest
+    )
+
+
+def event_matrix(
+    curves: Sequence[HazardCurve], nodes_per_e_fold: int = NODES_PER_E_FOLD
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Intensities (m,) common to some curves, and annual rates of events of each (curves, m).
+
+    As `curves.events_by_intensity`, for many curves at once: what each says beyond its last point lies at that point.
+    """
+    bearing = [curve for curve in curves if len(curve.intensity)]
+    if not bearing:
+        return np.ones(1), np.zeros((len(curves), 1))
+    corners = np.unique(np.concatenate([np.log(curve.intensity) for curve in bearing]))
+    pieces = [
+        np.linspace(start, end, math.ceil((end - start) * nodes_per_e_fold), endpoint=False)
+        for start, end in pairwise(corners)
+    ]
+    nodes = np.concatenate([*pieces, corners[-1:]])
+    ends = np.unique([curve.intensity[-1] for curve in bearing])
+    x = np.concatenate([np.exp((nodes[1:] + nodes[:-1]) / 2), ends])
+    rates = np.zeros((len(curves), len(x)))
+    for row, curve in zip(rates, curves, strict=True):
+        if len(curve.intensity):
+            row[: len(nodes) - 1] = -np.diff(curve.rate(np.exp(nodes)))
+            row[len(nodes) - 1 :] = curve.annual_rate[-1] * (ends == curve.intensity[-1])
+    return x, rates
+
+
+def exponents(
+    draws: Draws, curves: Sequence[HazardCurve], factors: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Expected topplings (draws, factors, curves) since the rocks stand, of motions multiplied by each factor.
+
+    Survival is exp of minus it. Over the years that only the older rocks stood, only they could topple.
+    """
+    x, rates = event_matrix(curves)
+    scaled = np.outer(factors, x)
+    found = np.zeros((len(draws.curves), len(factors), len(curves)))
+    known: dict[tuple, NDArray[np.float64]] = {}
+    for number, (fragilities, years) in enumerate(zip(draws.curves, draws.years, strict=True)):
+        order = np.argsort(-years)
+        spans = -np.diff(np.append(years[order], 0.0))
+        standing = np.ones_like(scaled)
+        for place, rock in enumerate(order):
+            curve = fragilities[rock]
+            key = (rock, curve.median, curve.beta)
+            if key not in known:
+                known = {key: curve.probability(scaled)} if len(known) > len(order) else known
+                known[key] = curve.probability(scaled)
+            standing = standing * (1.0 - known[key])
+            if spans[place] > 0:
+                found[number] += spans[place] * ((1.0 - standing) @ rates.T)
+    return found

@@ -1,0 +1,84 @@
+"""By how much a site's motions, or its rates, may be multiplied for the rocks to have survived with some probability.
+
+Two readings of "scaling a hazard curve": motions that are a factor s stronger, rate'(x) = rate(x / s), and rates that
+are a factor k higher, rate' = k rate. Each is the factor at which survival falls to the probability: 1 and more says
+that the hazard is compatible as it is.
+"""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import brentq
+
+from toppling.results.hazard.curves import HazardCurve, toppling_rate
+from toppling.results.hazard.draws import Draws, exponents
+from toppling.results.hazard.standing import Standing, epochs, greatest_rate
+
+FURTHEST = 1e3
+"""Largest factor of motions that is looked for, and the inverse of the least."""
+
+STEP = 1.05
+"""Between factors of motions at which draws are computed; rates are power laws between them."""
+
+
+def motion_factor(rocks: Sequence[Standing], hazard: HazardCurve, chance: float) -> float:
+    """Largest factor of a curve's motions under which the rocks survive with a probability.
+
+    Infinite where they do however strong the motions are, as there are so few events.
+    """
+    spans = epochs(rocks)
+
+    def above(log_factor: float) -> float:
+        stronger = hazard.stronger(math.exp(log_factor))
+        exponent = sum(years * toppling_rate(standing, stronger) for standing, years in spans)
+        return float(np.exp(-np.asarray(exponent)).mean()) - chance
+
+    far = math.log(FURTHEST)
+    if above(far) > 0:
+        return math.inf
+    if above(-far) < 0:
+        return 0.0
+    return math.exp(brentq(above, -far, far, xtol=1e-9))
+
+
+def rate_factor(rocks: Sequence[Standing], hazard: HazardCurve, chance: float) -> float:
+    """Largest factor of a curve's rates under which the rocks survive with a probability; infinite if none topples."""
+    exposure = np.asarray(sum(years * toppling_rate(standing, hazard) for standing, years in epochs(rocks)))
+    return greatest_rate(exposure, chance)
+
+
+def drawn_factors(
+    draws: Draws, curves: Sequence[HazardCurve], chance: float, central: Sequence[float]
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Factors of motions and of rates, and survivals, of each draw and curve, (draws, curves) each.
+
+    `central` are the curves' factors of motions, about which those of the draws are looked for.
+    """
+    finite = [factor for factor in central if 0 < factor < math.inf] or [1.0]
+    low, high = math.log(min(*finite, 1.0) / 8), math.log(max(*finite, 1.0) * 8)
+    grid = np.arange(math.floor(low / math.log(STEP)), math.ceil(high / math.log(STEP)) + 1) * math.log(STEP)
+    topplings = exponents(draws, curves, np.exp(grid))
+    enough = -math.log(chance)
+    as_it_is = topplings[:, np.flatnonzero(np.abs(grid) < 1e-9)[0], :]
+    with np.errstate(divide="ignore"):
+        rates = enough / as_it_is
+        rising = np.log(topplings)
+    motions = np.empty_like(as_it_is)
+    for number, curve in np.ndindex(*motions.shape):
+        motions[number, curve] = _crossing(grid, rising[number, :, curve], math.log(enough))
+    return motions, rates, np.exp(-as_it_is)
+
+
+def _crossing(grid: NDArray[np.floating], rising: NDArray[np.floating], value: float) -> float:
+    """Factor at which a rising curve reaches a value; infinite or 0 where it does so outside the grid."""
+    if rising[-1] < value:
+        return math.inf
+    if rising[0] > value:
+        return 0.0
+    place = int(np.searchsorted(rising, value))
+    if place == 0 or not math.isfinite(rising[place - 1]):
+        return math.exp(grid[place])
+    share = (value - rising[place - 1]) / (rising[place] - rising[place - 1])
+    return math.exp(grid[place - 1] + share * (grid[place] - grid[place - 1]))

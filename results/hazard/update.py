@@ -1,0 +1,329 @@
+"""What standing rocks do to a hazard: branches weighted by survival, the hazard before and after, factors, levels."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from toppling.results.hazard.curves import HazardCurve, annual_rate_of, probability_of, toppling_rate
+from toppling.results.hazard.draws import Draws, draws_of
+from toppling.results.hazard.scaling import drawn_factors, motion_factor, rate_factor
+from toppling.results.hazard.standing import Standing, joint_survival
+from toppling.results.hazard.tree import (
+    FRACTILES,
+    HazardTree,
+    Statistics,
+    branch_weights,
+    common_levels,
+    effective_branches,
+    level_choices,
+    statistics,
+)
+
+RATES = (1e-2, 1 / 475, 1e-3, 1 / 2475, 1e-4, 1e-5)
+"""Annual rates at which motions are compared; those of 475 and 2475 years are 10 and 2 % in 50 years."""
+
+MEAN = "mean of the branches"
+
+
+@dataclass(frozen=True, eq=False)
+class Factors:
+    """Survival and largest factors of motions and of rates, of each branch and, last, of their mean, (branches + 1,).
+
+    Intervals (2, branches + 1) are of 95 %, over other records and ages; None where neither is known to vary.
+    """
+
+    survival: NDArray[np.float64]
+    motion: NDArray[np.float64]
+    rate: NDArray[np.float64]
+    survival_interval: NDArray[np.float64] | None
+    motion_interval: NDArray[np.float64] | None
+    rate_interval: NDArray[np.float64] | None
+
+
+@dataclass(frozen=True, eq=False)
+class Update:
+    """A tree of hazard and the rocks that have stood under it.
+
+    Parameters
+    ----------
+    rocks : sequence of Standing
+    tree : HazardTree
+    confidence : float
+        A branch under which the rocks survive with less than 1 - confidence is rejected; factors are those at which
+        survival falls to it.
+    """
+
+    rocks: Sequence[Standing]
+    tree: HazardTree
+    confidence: float = 0.95
+
+    @cached_property
+    def survival(self) -> NDArray[np.float64]:
+        """Of the rocks under each branch."""
+        return np.array([joint_survival(self.rocks, curve) for curve in self.tree.curves])
+
+    @property
+    def rejected(self) -> NDArray[np.bool_]:
+        """Branches that the confidence rejects."""
+        return self.survival < 1.0 - self.confidence
+
+    @cached_property
+    def posterior(self) -> NDArray[np.float64] | None:
+        """Bayes weights; None where no branch lets the rocks survive."""
+        prior = self.tree.weights
+        return branch_weights(prior, self.survival) if (prior * self.survival).sum() > 0 else None
+
+    @cached_property
+    def kept(self) -> NDArray[np.float64] | None:
+        """Prior weights without the rejected branches, summing to 1; None where all are rejected."""
+        left = np.where(self.rejected, 0.0, self.tree.weights)
+        return left / left.sum() if left.sum() > 0 else None
+
+    @cached_property
+    def before(self) -> Statistics:
+        """Mean and fractiles under the prior weights."""
+        return statistics(self.tree)
+
+    @cached_property
+    def after(self) -> Statistics | None:
+        """Mean and fractiles under the Bayes weights."""
+        return None if self.posterior is None else statistics(self.tree, self.posterior)
+
+    @cached_property
+    def without_rejected(self) -> Statistics | None:
+        """Mean and fractiles without the rejected branches."""
+        return None if self.kept is None else statistics(self.tree, self.kept)
+
+    @cached_property
+    def mean_curve(self) -> HazardCurve:
+        """Mean of the branches before the rocks have a say."""
+        return mean_curve(self.tree, self.before)
+
+    @cached_property
+    def draws(self) -> Draws | None:
+        """Of fragilities and ages."""
+        return draws_of(self.rocks)
+
+    @cached_property
+    def _drawn(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]] | None:
+        if self.draws is None:
+            return None
+        curves = [*self.tree.curves, self.mean_curve]
+        return drawn_factors(self.draws, curves, 1.0 - self.confidence, self._motion)
+
+    @cached_property
+    def _motion(self) -> list[float]:
+        chance = 1.0 - self.confidence
+        return [motion_factor(self.rocks, curve, chance) for curve in [*self.tree.curves, self.mean_curve]]
+
+    @cached_property
+    def factors(self) -> Factors:
+        """Survival and largest factors, with their intervals."""
+        chance, curves = 1.0 - self.confidence, [*self.tree.curves, self.mean_curve]
+        survivals = np.append(self.survival, joint_survival(self.rocks, self.mean_curve))
+        rates = np.array([rate_factor(self.rocks, curve, chance) for curve in curves])
+        ends: list[NDArray[np.float64] | None] = [None] * 3
+        if self.draws is not None and self._drawn is not None:
+            ends = [self.draws.interval(values) for values in self._drawn]
+        return Factors(survivals, np.array(self._motion), rates, ends[2], ends[0], ends[1])
+
+    @cached_property
+    def drawn_posteriors(self) -> NDArray[np.float64] | None:
+        """Bayes weights of each draw (draws, branches), those of draws under which no branch survives left out."""
+        if self._drawn is None:
+            return None
+        joint = self.tree.weights * self._drawn[2][:, :-1]
+        total = joint.sum(axis=1, keepdims=True)
+        return (joint / np.where(total > 0, total, 1.0))[total[:, 0] > 0]
+
+    @cached_property
+    def drawn_means(self) -> NDArray[np.float64] | None:
+        """Posterior mean rates of each draw (draws, levels)."""
+        if self.drawn_posteriors is None or not len(self.drawn_posteriors):
+            return None
+        _, rates = common_levels(self.tree.curves)
+        years = self.tree.years
+        if years is None:
+            return self.drawn_posteriors @ np.where(np.isfinite(rates), rates, 0.0)
+        return annual_rate_of(np.minimum(self.drawn_posteriors @ probability_of(rates, years), 1.0), years)
+
+
+def mean_curve(tree: HazardTree, told: Statistics) -> HazardCurve:
+    """The mean of a tree as a curve, of the levels at which it has a rate."""
+    if len(tree.branches) == 1:
+        return tree.curves[0]
+    bears = (told.mean > 0) & np.isfinite(told.mean)
+    rates = np.minimum.accumulate(told.mean[bears])
+    return HazardCurve(MEAN, tree.measure, told.levels[bears], rates, site=tree.site, years=tree.years)
+
+
+def intensity_at(levels: NDArray[np.float64], rates: NDArray[np.float64], annual_rate: float) -> float:
+    """Intensity exceeded at an annual rate, between levels on logarithms; null where the rates do not reach it."""
+    bears = (rates > 0) & np.isfinite(rates)
+    if bears.sum() < 2:
+        return math.nan
+    x, falling = levels[bears], np.minimum.accumulate(rates[bears])
+    if not falling[-1] <= annual_rate <= falling[0]:
+        return math.nan
+    return float(np.exp(np.interp(-math.log(annual_rate), -np.log(falling), np.log(x))))
+
+
+def branch_factors_table(update: Update) -> pd.DataFrame:
+    """Factors of each branch and their mean, with intervals.
+
+    Returns
+    -------
+    DataFrame
+        One row a branch and one for `MEAN`: name, survival, scale_factor (of motions), rate_factor, and _low and _high
+        of each (95 %, over other records and ages; null where neither is known to vary).
+    """
+    told = update.factors
+    table = pd.DataFrame({"name": [*(branch.name for branch in update.tree.branches), MEAN]})
+    for name, values, ends in (
+        ("survival", told.survival, told.survival_interval),
+        ("scale_factor", told.motion, told.motion_interval),
+        ("rate_factor", told.rate, told.rate_interval),
+    ):
+        table[name] = values
+        table[f"{name}_low"], table[f"{name}_high"] = (math.nan, math.nan) if ends is None else ends
+    return table
+
+
+def updated_table(update: Update) -> pd.DataFrame:
+    """The hazard before and after at every level.
+
+    Returns
+    -------
+    DataFrame
+        level (SI); rate_prior_* and rate_posterior_* (mean, p05, p16, p50, p84, p95: over branches),
+        rate_posterior_mean_low and _high (95 %, over other records and ages), change_percent (of the mean rate),
+        rate_kept_* (rejected branches removed; mean, p05, p95).
+    """
+    table = pd.DataFrame({"level": update.before.levels})
+    nothing = np.full(len(table), math.nan)
+    for name, told in (
+        ("prior", update.before),
+        ("posterior", update.after),
+        ("kept", update.without_rejected),
+    ):
+        table[f"rate_{name}_mean"] = nothing if told is None else told.mean
+        for q in FRACTILES if name != "kept" else (0.05, 0.95):
+            table[f"rate_{name}_p{round(100 * q):02}"] = nothing if told is None else told.fractiles[q]
+    ends = (nothing, nothing)
+    if update.draws is not None and update.drawn_means is not None and update.after is not None:
+        ends = tuple(update.draws.interval(update.drawn_means))
+    table["rate_posterior_mean_low"], table["rate_posterior_mean_high"] = ends
+    with np.errstate(invalid="ignore", divide="ignore"):
+        table["change_percent"] = 100.0 * (table["rate_posterior_mean"] / table["rate_prior_mean"] - 1.0)
+    return table
+
+
+def changes_table(update: Update, rates: Sequence[float] = RATES) -> pd.DataFrame:
+    """The motions exceeded at some annual rates, before and after.
+
+    Returns
+    -------
+    DataFrame
+        annual_rate, return_years; level_prior_* and level_posterior_* (mean, p05, p50, p95: over branches),
+        level_posterior_mean_low and _high (95 %, over other records and ages), level_change_percent (of the mean's
+        motion), rate_change_percent (of the mean's rate at the prior's motion), level_kept_mean. Null where a curve
+        does not reach the rate.
+    """
+    rows = []
+    for rate in rates:
+        row: dict[str, float] = {"annual_rate": rate, "return_years": 1.0 / rate}
+        for name, told in (("prior", update.before), ("posterior", update.after)):
+            curves = {} if told is None else {"mean": told.mean} | {
+                f"p{round(100 * q):02}": told.fractiles[q] for q in (0.05, 0.5, 0.95)
+            }  # fmt: skip
+            for key in ("mean", "p05", "p50", "p95"):
+                row[f"level_{name}_{key}"] = (
+                    intensity_at(told.levels, curves[key], rate) if told is not None else math.nan
+                )
+        row["level_posterior_mean_low"], row["level_posterior_mean_high"] = _drawn_levels(update, rate)
+        before, after = row["level_prior_mean"], row["level_posterior_mean"]
+        row["level_change_percent"] = 100.0 * (after / before - 1.0)
+        row["rate_change_percent"] = _rate_change(update, before, rate)
+        left = update.without_rejected
+        row["level_kept_mean"] = math.nan if left is None else intensity_at(left.levels, left.mean, rate)
+        rows.append(row)
+    return pd.DataFrame(rows)
+
+
+def _drawn_levels(update: Update, rate: float) -> tuple[float, float]:
+    if update.draws is None or update.drawn_means is None or update.after is None:
+        return math.nan, math.nan
+    levels = update.before.levels
+    found = np.array([intensity_at(levels, drawn, rate) for drawn in update.drawn_means])
+    if np.isnan(found).any():
+        return math.nan, math.nan
+    low, high = update.draws.interval(found)
+    return float(low), float(high)
+
+
+def _rate_change(update: Update, level: float, rate: float) -> float:
+    """Per cent by which the mean's rate at a level has changed."""
+    if update.after is None or math.isnan(level):
+        return math.nan
+    bears = (update.after.mean > 0) & np.isfinite(update.after.mean)
+    x, rates = update.after.levels[bears], update.after.mean[bears]
+    if not (len(x) > 1 and x[0] <= level <= x[-1]):
+        return math.nan
+    return 100.0 * (math.exp(np.interp(math.log(level), np.log(x), np.log(rates))) / rate - 1.0)
+
+
+def levels_table(update: Update) -> pd.DataFrame:
+    """Choices of the logic tree's levels before and after, the level that the rocks move most first.
+
+    Returns
+    -------
+    DataFrame
+        level, moved (share of the weight that changes its choice: half the sum of absolute changes), choice,
+        prior_weight, posterior_weight; empty where branches have no paths.
+    """
+    columns = ["level", "moved", "choice", "prior_weight", "posterior_weight"]
+    if update.posterior is None:
+        return pd.DataFrame(columns=columns)
+    tables = []
+    for level, chosen in level_choices([branch.path for branch in update.tree.branches]).items():
+        shares = pd.DataFrame({
+            "choice": chosen, "prior_weight": update.tree.weights, "posterior_weight": update.posterior,
+        }).groupby("choice", as_index=False).sum()  # fmt: skip
+        moved = 0.5 * (shares["posterior_weight"] - shares["prior_weight"]).abs().sum()
+        tables.append(shares.assign(level=level, moved=moved)[columns])
+    tables.sort(key=lambda table: -table["moved"].iloc[0])
+    return pd.concat(tables, ignore_index=True) if tables else pd.DataFrame(columns=columns)
+
+
+def parts_table(update: Update) -> pd.DataFrame:
+    """Shares of the toppling rate that contributions to the hazard have: by source type, by ground-motion model.
+
+    Returns
+    -------
+    DataFrame
+        part, toppling_rate (annual), share; empty where the files state no contributions.
+    """
+    curves = [rock.curve for rock in update.rocks]
+    total = toppling_rate(curves, update.tree.curves[0])
+    rows = [(part.name, toppling_rate(curves, part)) for part in update.tree.parts]
+    table = pd.DataFrame(rows, columns=["part", "toppling_rate"])
+    return table.assign(share=table["toppling_rate"] / total if total > 0 else math.nan)
+
+
+def decided(update: Update) -> dict[str, float | None]:
+    """How much the rocks decide: effective branches before and after, mean survival, and the weight rejected."""
+    return {
+        "branches": len(update.tree.branches),
+        "effective_branches_prior": effective_branches(update.tree.weights),
+        "effective_branches_posterior": None
+        if update.posterior is None
+        else effective_branches(update.posterior),
+        "survival_mean_of_branches": float(update.tree.weights @ update.survival),
+        "weight_rejected": float(update.tree.weights[update.rejected].sum()),
+        "branches_rejected": int(update.rejected.sum()),
+    }

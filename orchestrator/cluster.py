@@ -16,6 +16,7 @@ from distributed.security import Security
 
 from toppling.models.errors import InputError
 from toppling.orchestrator.interrupt import Whole, kept_from_children
+from toppling.orchestrator.safe_path import VARIABLE, safe_for_children, without_working_folder
 from toppling.workers.compiled import compile_apart
 
 log = logging.getLogger(__name__)
@@ -59,6 +60,7 @@ def local(workers: int) -> Iterator[Client]:
     Loopback is shared with every account of the host, so that scheduler and workers accept only who holds the session's
     key, which never leaves the memory of these processes; what they write is in a folder of this account alone.
     """
+    safe_for_children()
     compile_apart()
     load_defaults()
     with Whole(_local_session()) as (cluster, client):
@@ -69,6 +71,7 @@ def local(workers: int) -> Iterator[Client]:
 @contextlib.contextmanager
 def _local_session() -> Iterator[tuple[LocalCluster, Client]]:
     with (
+        without_working_folder(),
         # After this time Dask would drop a worker whose successor happens to be starting, and start no other.
         dask.config.set({"distributed.deploy.lost-worker-timeout": "1000 days", **_SILENT}),
         tempfile.TemporaryDirectory(prefix="toppling-session-", ignore_cleanup_errors=True) as scratch,
@@ -308,12 +311,14 @@ def _new_queue_cluster(kind: str, secrets: Path) -> Any:
     try:
         # A process a core: the engine is one per process, and its threads would wait for each other.
         cores = dask.config.get(f"jobqueue.{kind}.cores") or 1
+        prologue = dask.config.get(f"jobqueue.{kind}.job-script-prologue", None) or []
         with kept_from_children():  # what submits and takes back batch jobs
             return getattr(jobqueue, QUEUES[kind])(
                 cores=cores,
                 processes=cores,
                 security=security,
                 shared_temp_directory=str(secrets),
+                job_script_prologue=[*prologue, f"export {VARIABLE}=1"],
                 scheduler_options={
                     "dashboard_address": "127.0.0.1:0",  # Dask's pages ask for no key
                     **dask.config.get(f"jobqueue.{kind}.scheduler-options", {}),

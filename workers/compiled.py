@@ -10,19 +10,20 @@ from __future__ import annotations
 import contextlib
 import fcntl
 import hashlib
+import io
 import os
 import subprocess
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import llvmlite.binding
-import numba
 import numpy as np
-from numba.core import config
 from numpy.typing import NDArray
+
+from toppling.workers.numba_alone import numba
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -67,13 +68,50 @@ FOLDER = private_folder(_parent())
 """Where compiled code is kept, or None."""
 
 
+class _VerifiedFile(numba.core.caching.IndexDataCacheFile):
+    """A file of compiled code that ends with its digest: what is executed is what was compiled, to the bit.
+
+    One that does not have its digest is told and not loaded, so that its function is compiled anew.
+    """
+
+    @contextlib.contextmanager
+    def _open_for_write(self, filepath: str) -> Iterator[io.BytesIO]:
+        content = io.BytesIO()
+        yield content
+        with super()._open_for_write(filepath) as file:
+            file.write(content.getvalue() + hashlib.sha256(content.getvalue()).digest())
+
+    def _load_index(self) -> dict:
+        return super()._load_index() if self._is_whole(self._index_path) else {}
+
+    def _load_data(self, name: str) -> Any:
+        if not self._is_whole(self._data_path(name)):
+            raise FileNotFoundError(name)  # which Numba takes for a reason to compile
+        return super()._load_data(name)
+
+    @staticmethod
+    def _is_whole(path: str) -> bool:
+        try:
+            content = Path(path).read_bytes()
+        except FileNotFoundError:
+            return False
+        if hashlib.sha256(content[:-32]).digest() == content[-32:]:
+            return True
+        sys.stderr.write(f"compiled code in {path} is damaged: compiled anew\n")
+        return False
+
+
 def _compile(function: Callable[..., Any], **options: bool) -> Any:  # Numba's dispatcher has no type
     # Numba reads its setting when a function is decorated; other users of Numba keep theirs.
+    config = numba.core.config
     before, config.CACHE_DIR = config.CACHE_DIR, str(FOLDER)
     try:
-        return numba.njit(cache=FOLDER is not None, error_model="numpy", **options)(function)
+        dispatcher = numba.njit(cache=FOLDER is not None, error_model="numpy", **options)(function)
     finally:
         config.CACHE_DIR = before
+    if FOLDER is not None and not config.DISABLE_JIT:
+        dispatcher._cache._cache_file.__class__ = _VerifiedFile
+    return dispatcher
 
 
 def compiled(function: Callable[..., Any]) -> Any:
@@ -118,4 +156,4 @@ def compile_apart() -> None:
     if not is_compiled() and FOLDER is not None:
         program = "from toppling.workers.shake import compile_once; compile_once()"
         # Ctrl-C is for this process, which ends the other one.
-        subprocess.run([sys.executable, "-c", program], check=True, start_new_session=True)
+        subprocess.run([sys.executable, "-P", "-c", program], check=True, start_new_session=True)

@@ -2,7 +2,8 @@
 
 import io
 import textwrap
-from contextlib import AbstractContextManager
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import matplotlib as mpl
@@ -55,10 +56,14 @@ _STYLE = {
 }
 
 
-def style() -> AbstractContextManager[None]:
-    """Seaborn's ticks, in sizes for print."""
-    settings: dict = {**sns.axes_style("ticks"), **sns.plotting_context("paper"), **_STYLE}
-    return mpl.rc_context(settings)
+@contextmanager
+def style() -> Iterator[None]:
+    """Seaborn's ticks, in sizes for print; settings of the user or of the working folder (`matplotlibrc`) aside."""
+    with mpl.rc_context():
+        mpl.rcdefaults()
+        settings: dict = {**sns.axes_style("ticks"), **sns.plotting_context("paper"), **_STYLE}
+        mpl.rcParams.update(settings)
+        yield
 
 
 def save(figure: Figure, stem: Path, remark: str = "") -> list[Path]:

@@ -1,13 +1,14 @@
 """Compiled code is executed as it is found: it is kept where only its user can write, and made once."""
 
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
-from toppling.workers.compiled import private_folder
+from toppling.workers.compiled import _VerifiedFile, private_folder
 
 SHAKE = """
 import numpy as np
@@ -70,3 +71,58 @@ def test_two_processes_compile_once_and_without_a_folder_the_bits_are_the_same(t
     assert nowhere
     assert bits == [nowhere] * 2
     assert sum("compiling" in told for _, told in together) == 1
+
+
+def test_a_bit_that_flips_in_compiled_code_is_told_and_its_function_compiled_anew(tmp_path, capsys):
+    kept = _VerifiedFile(str(tmp_path), "function", "stamp")
+    kept.save("key", ("machine code", 1.5))
+    assert kept.load("key") == ("machine code", 1.5)
+    for path in sorted(tmp_path.iterdir()):
+        content = path.read_bytes()
+        for at in range(len(content)):
+            path.write_bytes(content[:at] + bytes([content[at] ^ 16]) + content[at + 1 :])
+            assert kept.load("key") is None
+            assert f"{path} is damaged: compiled anew" in capsys.readouterr().err
+        path.write_bytes(content[: len(content) // 2])
+        assert kept.load("key") is None
+        kept.save("key", ("machine code", 1.5))
+        assert kept.load("key") == ("machine code", 1.5)
+
+
+def test_the_cache_of_every_compiled_function_is_verified():
+    from toppling.workers import compiled as room
+
+    if room.FOLDER is None:
+        pytest.skip("compiled code is kept nowhere on this machine")
+    assert type(room.compiled(lambda x: x)._cache._cache_file) is _VerifiedFile
+
+
+@pytest.mark.parametrize("content", ["disable_jit: 1\n", ": : [", "[1, 2]", "opt: foo\n"])
+@pytest.mark.parametrize("before", ["", "import yaml, dask\n", "import numba\n"])
+def test_settings_of_numba_in_the_working_folder_are_not_obeyed(tmp_path, content, before):
+    if "numba" in before and content != "disable_jit: 1\n":
+        pytest.skip("Numba itself fails where somebody else imports it")
+    (tmp_path / ".numba_config.yaml").write_text(content)
+    program = (
+        f"{before}from toppling.workers.numba_alone import numba; import yaml; numba.core.config.reload_config(); "
+        "print(numba.core.config.DISABLE_JIT, int(numba.core.config.OPT), yaml.__name__)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-P", "-W", "error", "-c", program],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.stdout.split() == ["0", "3", "yaml"], done.stderr
+
+
+def test_numba_is_imported_in_one_module_only():
+    rooms = Path(__file__).parents[3]
+    importing = [
+        path.name
+        for room in ("models", "workers", "orchestrator", "results")
+        for path in (rooms / room).rglob("*.py")
+        if re.search(r"^\s*(from numba|import numba)", path.read_text(), re.MULTILINE)
+    ]
+    assert importing == ["numba_alone.py"]

@@ -7,8 +7,8 @@ import importlib.util
 from typing import Any
 
 import llvmlite.binding
-from numba import types
-from numba.extending import intrinsic
+
+from toppling.workers.numba_alone import intrinsic, types
 
 _PATH = str(importlib.util.find_spec("pybullet").origin)  # type: ignore[union-attr]
 LIBRARY = ctypes.CDLL(_PATH)

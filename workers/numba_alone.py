@@ -1,0 +1,43 @@
+"""Numba with the settings of the environment alone: a file `.numba_config.yaml` in the working folder is not obeyed.
+
+Numba reads that file whenever it is imported and whenever it compiles; it knows no setting that keeps it from that.
+"""
+
+import os
+import sys
+import warnings
+from pathlib import Path
+
+FILE = ".numba_config.yaml"
+
+
+def _import() -> None:
+    """Import Numba as if there were no such file: without YAML it does not read it."""
+    if "numba" in sys.modules or not Path(FILE).exists():
+        return
+    yaml = sys.modules.get("yaml")
+    sys.modules["yaml"] = None  # type: ignore[assignment]  # which makes its import fail
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # that YAML is missing
+            import numba  # noqa: F401
+    finally:
+        del sys.modules["yaml"]
+        if yaml is not None:
+            sys.modules["yaml"] = yaml
+
+
+_import()
+
+import numba  # noqa: E402
+import numba.core.caching  # noqa: E402
+from numba import carray, types  # noqa: E402
+from numba.core import config  # noqa: E402
+from numba.extending import intrinsic  # noqa: E402
+
+config._config_fname = (
+    os.devnull
+)  # no regular file, so that there is nothing to read when something is compiled
+config._env_reloader.reset()  # of who had imported Numba before
+
+__all__ = ["carray", "intrinsic", "numba", "types"]

@@ -87,7 +87,7 @@ def read_toml(path: Path) -> dict[str, Any]:
         raise _unreadable(path, f"is not TOML ({_brief(error)})", "TOML: key = value, a line each") from None
 
 
-def csv_rows(lines: Any, where: object) -> Iterator[tuple[int, dict[str, str]]]:
+def csv_rows(lines: Any, where: object, delimiter: str = ",") -> Iterator[tuple[int, dict[str, str]]]:
     """Rows of a CSV table with a header, each with its line; what a short row lacks is empty.
 
     Raises
@@ -95,7 +95,7 @@ def csv_rows(lines: Any, where: object) -> Iterator[tuple[int, dict[str, str]]]:
     InputError
         If the module csv cannot read it: a field of more than 131,072 characters is a quote that nobody closed.
     """
-    reader = csv.DictReader(lines, restval="")
+    reader = csv.DictReader(lines, restval="", delimiter=delimiter)
     try:
         for row in reader:
             yield reader.line_num, {key: value for key, value in row.items() if key is not None}

@@ -33,6 +33,8 @@ COLUMNS = {
 """What is read, and the names that a table may give it; other columns are left alone."""
 
 
+WORDS = {"record_id", "event", "station", "h1", "h2", "v", "processing"}
+"""Columns that hold no number."""
 UNCORRECTED = ("uncorrected", "raw")
 """How the column `processing` may begin, beside 'corrected'."""
 LONGEST_HEADER = 100_000
@@ -84,9 +86,11 @@ def read_table(table: Path) -> list[Entry]:
         the line.
     """
     with text_table(table) as file:
-        rows = list(csv_rows(file, table))
+        head = file.readline(LONGEST_HEADER)
+        delimiter = delimiter_of(head)
         file.seek(0)
-        names = file.readline().strip().split(",") if not rows else list(rows[0][1])
+        rows = list(csv_rows(file, table, delimiter))
+        names = head.strip().split(delimiter) if not rows else list(rows[0][1])
     if "h1" not in names or "h2" not in names:
         raise InputError(
             f"no columns h1 and h2 among {shown(names[:8])}",
@@ -94,7 +98,7 @@ def read_table(table: Path) -> list[Entry]:
             expected="a CSV table with a header line and at least the columns h1, h2",
             remedy="one row a record: h1,h2,v,unit,event,mag,dist_km,station",
         )
-    entries = [_entry(row, table, line) for line, row in rows if any(row.values())]
+    entries = [_entry(row, table, line, delimiter != ",") for line, row in rows if any(row.values())]
     if not entries:
         raise InputError(
             "a header and no row",
@@ -116,14 +120,24 @@ def read_table(table: Path) -> list[Entry]:
 
 
 def text_table(table: Path) -> io.StringIO:
-    """Open a CSV table, whole in memory.
+    """Open a CSV table, whole in memory, without what fills it up behind its end.
 
     Raises
     ------
     InputError
-        If it is not in UTF-8, with the line.
+        If it is not in UTF-8, nor UTF-16 that says so, or holds a zero: with the line.
     """
     content = table.read_bytes()
+    if content.startswith((b"\xff\xfe", b"\xfe\xff")):
+        content = content.decode("utf-16", errors="replace").encode()
+    content = content.rstrip(b"\0\x1a \t\r\n") + b"\n"
+    if b"\0" in content:
+        raise InputError(
+            "a zero byte",
+            where=f"{table}:{content[: content.index(0)].count(10) + 1}",
+            expected="a CSV table in UTF-8",
+            remedy="save the table again",
+        )
     try:
         return io.StringIO(content.decode("utf-8-sig"), newline="")
     except UnicodeDecodeError as error:
@@ -136,10 +150,16 @@ def text_table(table: Path) -> io.StringIO:
         ) from None
 
 
+def delimiter_of(head: str) -> str:
+    """What stands between a table's columns: semicolons or tabs where the names have no commas."""
+    return next((each for each in ",;\t" if each in head), ",")
+
+
 def looks_like_table(path: Path) -> bool:
     """Whether a CSV file has the columns of a metadata table."""
     with path.open(encoding="utf-8-sig", errors="replace") as file:
-        return {"h1", "h2"} <= {name.strip() for name in file.readline(LONGEST_HEADER).split(",")}
+        head = file.readline(LONGEST_HEADER)
+    return {"h1", "h2"} <= {name.strip() for name in head.split(delimiter_of(head))}
 
 
 def unit_m_s2(text: str) -> float | None:
@@ -156,9 +176,11 @@ def _factor_and_name(text: str) -> tuple[float, str]:
     return (float(match[1]), match[2]) if match else (1.0, name)
 
 
-def _entry(row: dict[str, str], table: Path, line: int) -> Entry:
+def _entry(row: dict[str, str], table: Path, line: int, decimal_comma: bool) -> Entry:
     where = f"{table}:{line}"
     text = {key: next((row[n].strip() for n in names if row.get(n)), "") for key, names in COLUMNS.items()}
+    if decimal_comma:
+        text |= {key: text[key].replace(",", ".") for key in text if key not in WORDS}
     for key in ("h1", "h2"):
         if not text[key]:
             raise InputError(

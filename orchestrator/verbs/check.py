@@ -18,6 +18,7 @@ from toppling.models.motions.record import Record
 from toppling.models.scene import Scene
 from toppling.orchestrator.progress import bar
 from toppling.orchestrator.spelling import OneOf
+from toppling.orchestrator.verbs.records import show_notes
 from toppling.workers.options import PRESETS
 from toppling.workers.shake import shake
 
@@ -178,6 +179,7 @@ def _records(paths: Sequence[Path], metadata: Path | None, missing_vertical: boo
         )
     for refusal in came.refusals:
         click.echo(f"left out {refusal.subject}: {refusal.reason}", err=True)
+    show_notes(came.warnings)
     for record in came.records:
         if record.quality in {"processed", "drifting"}:
             click.echo(

@@ -115,7 +115,7 @@ def import_(
         )
         return
     _show_refusals(outcome.refusals)
-    _show_warnings(outcome.warnings)
+    show_notes(outcome.warnings)
     click.echo(
         f"{len(outcome.records)} records from {len(files)} files in {out}, {len(outcome.refusals)} left out"
     )
@@ -211,7 +211,7 @@ def fetch(
     _show_refusals(outcome.refusals)
     if not outcome.records:
         raise _no_record(len(came.files), str(out / "raw"))
-    _show_warnings(outcome.warnings)
+    show_notes(outcome.warnings)
     Ensemble.write(out, outcome.records)
     click.echo(f"{len(outcome.records)} records in {out}, originals in {out / 'raw'}")
 
@@ -444,12 +444,12 @@ def _show_catalog(rows: list[dict]) -> None:
     )
 
 
-def _show_warnings(warnings: list[tuple[str, str]]) -> None:
-    """Tell what the user should know of records that were read: on the standard error, a line each."""
-    for name, what in warnings[:MOST_NOTES]:
+def show_notes(notes: list[tuple[str, str]]) -> None:
+    """Tell what was odd in records that were read: on the standard error, a line each."""
+    for name, what in notes[:MOST_NOTES]:
         click.echo(f"note on {name}: {what}", err=True)
-    if len(warnings) > MOST_NOTES:
-        rest = len(warnings) - MOST_NOTES
+    if len(notes) > MOST_NOTES:
+        rest = len(notes) - MOST_NOTES
         click.echo(f"{rest} more notes: each record's history has its own ('records show --json')", err=True)
 
 

@@ -175,6 +175,8 @@ def _have_records(out: Path, records: Path | None, metadata: Path | None, count:
         outcome = import_records(files, read_table(metadata) if metadata else [], ImportOptions())
         for refusal in outcome.refusals:
             say(f"left out {refusal.subject}: {refusal.reason.what}")
+        for name, what in outcome.warnings:
+            say(f"note on {name}: {what}")
         if not outcome.records:
             raise InputError(
                 "no record could be read",

@@ -26,6 +26,7 @@ TOKENS = [
     b"NaN", b"inf", b"-1", b"0", b"1e308", b"-1e308", b"1e-300", b"1e400", b"999999999", b"4294967295",
     b"9999999999999999999", b"9" * 400, b"9" * 5000, b"", b"-", b"*******", b"null", b"true", b"[]", b"{}", b'"x"',
     b'["fast"]', b"[[[[[[", b"'", b'"', b"\xff\xfe", b"\0", b"\r", b"\r\n", b",", b";", b"/&", b"#", b"<!DOCTYPE x>",
+    b"\x1a", b"\x0c", b"\x85", b"\xb2", b"0,5", b"G", b"PA", b"M/S**2 ",
 ]  # fmt: skip
 WORDS = [
     b"\xff\xff\xff\xff",
@@ -52,12 +53,23 @@ changes = st.one_of(
     st.tuples(st.just("line"), places, st.integers(0, 3)),
     st.tuples(st.just("ends"), st.sampled_from([b"\r", b"\r\n", b"\n\n", b" "])),
     st.tuples(st.just("noise"), places, st.binary(min_size=1, max_size=64)),
+    st.tuples(st.just("system"), st.sampled_from(["utf-16", "utf-16-be", "commas", "end of file", "zeros", "upper"])),
 )  # fmt: skip
+
+
+def of_another_system(content: bytes, way: str) -> bytes:
+    """Content as a program of another system, country or habit writes it."""
+    if way.startswith("utf"):
+        return content.decode("latin-1").encode(way)
+    filled = {"end of file": content + b"\x1a" * 128, "zeros": content + bytes(512), "upper": content.upper()}
+    return filled.get(way, content.replace(b",", b";").replace(b".", b","))
 
 
 def changed(content: bytes, change: tuple) -> bytes:
     """Content after one change."""
     kind, *how = change
+    if kind == "system":
+        return of_another_system(content, how[0])
     if not content or kind == "ends":
         return content.replace(b"\n", how[0]) if kind == "ends" else content
     of_all = how[0] % 2 or len(content) < 2000

@@ -32,7 +32,7 @@ _DATA = re.compile(
     re.IGNORECASE,
 )
 _CHANNEL = re.compile(r"^\s*Sta Chan?\s*:?\s*\S*?\s*:\s*(.*?)\s*(?:\(Rcrdr|Location|$)", re.IGNORECASE)
-_LAST = re.compile(r"^\s*(?:End-of-data|/&)", re.IGNORECASE)
+_LAST = re.compile(r"^\s*(?:End[- ]of[- ]data|/&)", re.IGNORECASE)
 
 
 def recognises(head: str) -> bool:

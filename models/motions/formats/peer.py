@@ -11,7 +11,7 @@ NAME = "PEER AT2"
 _COUNT = re.compile(r"NPTS\s*=?\s*(\d+)", re.IGNORECASE)
 _STEP = re.compile(r"DT\s*=?\s*([-+0-9.Ee]+)", re.IGNORECASE)
 _UNIT = re.compile(r"\bUNITS?(?:\s+OF\b|\s*[:=])\s*(\S+)", re.IGNORECASE)
-_SEED = re.compile(r"[A-Z][GHLN]([ENZ123])(?:\d\d|--)?")
+_SEED = re.compile(r"[A-Z][GHLN]([ENZ123])(?:[._ ]?(?:\d\w|--))?")
 """NGA-East's labels: a channel's code, and its location behind it."""
 _DATE = re.compile(r"\d+[/.-]\d+[/.-]\d+")
 _AGENCY = re.compile(r"\s*\([^()]*\)\s*$")

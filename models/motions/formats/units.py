@@ -42,7 +42,9 @@ UNITS: dict[str, Unit] = {
     **{length: Unit("displacement", factor) for length, factor in _LENGTHS_M.items()},
 }
 """The closed list: a name that is not here after folding is no unit."""
-_LONGEST = 60
+_LONGEST = 100
+_DESCRIBED = re.compile(r"\s+-\s+[A-Za-z].*$", re.DOTALL)
+"""A description behind a name: 'M/S**2 - Acceleration in Meters Per Second Per Second'."""
 _WORDS = (
     (r"metres|meters|metre|meter", "m"),
     (r"centim", "cm"),
@@ -75,10 +77,10 @@ _SPELLINGS = (
 
 def folded(name: str) -> str:
     """Name of a unit without case, blanks, and the ways to write a power: 'M/S**2 ', 'm s-2', 'm/s²' are 'm/s2'."""
-    text = (
-        unicodedata.normalize("NFKC", name.strip()[:_LONGEST]).replace("\u2215", "/").replace("\u2212", "-")
-    )
-    text = re.sub(r"\s+", "", text.lower()).replace("\u03bc", "u").strip("\"'[]{},;:.")
+    text = unicodedata.normalize("NFKC", _DESCRIBED.sub("", name.strip()[:_LONGEST]))
+    for sign, plain in (("\u2215", "/"), ("\u2212", "-"), ("\u03bc", "u"), ("\u039c", "u")):
+        text = text.replace(sign, plain)
+    text = re.sub(r"\s+", "", text.lower()).strip("\"'[]{},;:.")
     text = text.replace("(", "").replace(")", "")
     for pattern, word in (*_WORDS, *_SPELLINGS):
         text = re.sub(pattern, word, text)

@@ -92,6 +92,17 @@ def four_columns(folder: Path, a: np.ndarray) -> list[Path]:
     return [path]
 
 
+def columns_with_commas(folder: Path, a: np.ndarray) -> list[Path]:
+    """Of a spreadsheet in Europe: semicolons, decimal commas, and a unit in the encoding of Windows."""
+    lines = ["Time (s);EW (cm/s²);NS (cm/s²);UD (cm/s²)"]
+    table = np.column_stack([np.arange(len(a)) * STEP_S, a * 100])
+    lines += [";".join(f"{v:.5f}" for v in row).replace(".", ",") for row in table]
+    path = folder / "STA4.csv"
+    path.write_bytes("\r\n".join(lines).encode("cp1252"))
+    (folder / "table.csv").write_text("rec_id,h1,h2,v,processing\nF2,STA4.csv,STA4.csv,STA4.csv,corrected\n")
+    return [path]
+
+
 def _volume_1_head(channel: str, count: int, length: float, units: str) -> str:
     return (
         "UNCORRECTED ACCELEROGRAM DATA              PROCESSED: 02/08/94, TEST\n"
@@ -189,6 +200,16 @@ def csmip_v2(folder: Path, a: np.ndarray) -> list[Path]:
     return [path]
 
 
+def csmip_v2_bare(folder: Path, a: np.ndarray) -> list[Path]:
+    """As of 1983: headings without a Fortran format, and DOS' ends of lines and of the file."""
+    (path,) = csmip_v2(folder, a)
+    text = path.read_text()
+    for form in ("cm/sec2. (8f10.5)", "cm/sec.  (8f10.6)", "cm.      (8f10.7)"):
+        text = text.replace(f", in {form}", f".  (UNITS: {form.partition('.')[0].upper()})")
+    path.write_bytes(text.replace("\n", "\r\n").encode() + b"\x1a" * 100)
+    return [path]
+
+
 def cosmos(folder: Path, a: np.ndarray, corrected: bool = True) -> list[Path]:
     text = ""
     for number, (label, series) in enumerate((("360 deg", a[:, 1]), ("Up", a[:, 2]), ("90 deg", a[:, 0])), 1):
@@ -252,6 +273,21 @@ def smc(folder: Path, a: np.ndarray) -> list[Path]:
             + f"|\n|comment\n{samples}"
         )
         paths.append(path)
+    return paths
+
+
+def smc_pairs(folder: Path, a: np.ndarray) -> list[Path]:
+    """As old records have it: no rate in the header, pairs of time and acceleration."""
+    paths = smc(folder, a)
+    for path, series in zip(paths, (a[:, 0], a[:, 2], a[:, 1]), strict=True):
+        lines = path.read_text().splitlines(keepends=True)
+        pairs = np.column_stack([np.arange(len(a)) * STEP_S, series * 100]).ravel()
+        lines[13] = f"{len(pairs):10d}{lines[13][10:]}"
+        lines[17] = lines[17][:15] + f"{1.7e38:15.7E}" + lines[17][30:]
+        body = "".join(
+            "".join(_short_exponent(v) for v in pairs[i : i + 8]) + "\n" for i in range(0, len(pairs), 8)
+        )
+        path.write_text("".join(lines[:29]).replace("2 CORRECTED", "1 UNCORRECTED") + body)
     return paths
 
 
@@ -424,6 +460,27 @@ def miniseed(folder: Path, a: np.ndarray, response: bool = True) -> list[Path]:
     return paths
 
 
+def miniseed_in_pieces(folder: Path, a: np.ndarray) -> list[Path]:
+    """A channel in two pieces that overlap, and a StationXML with stages, in g."""
+    paths = miniseed(folder, a)
+    for path in paths[:3]:
+        (trace,) = obspy.read(str(path))
+        middle, step = trace.stats.starttime + len(a) * STEP_S / 2, 10 * STEP_S
+        pieces = [trace.slice(endtime=middle + step), trace.slice(starttime=middle - step)]
+        obspy.Stream(pieces).write(str(path), format="MSEED")
+    inventory = obspy.read_inventory(str(paths[3]))
+    for channel in inventory[0][0]:
+        channel.response = Response.from_paz(
+            [], [], 2e5, 1.0, input_units="M/S**2", output_units="COUNTS", normalization_factor=1.0
+        )
+        for part in (channel.response.instrument_sensitivity, channel.response.response_stages[0]):
+            part.input_units = "G"
+        channel.response.instrument_sensitivity.value *= G
+        channel.response.response_stages[0].stage_gain *= G
+    inventory.write(str(paths[3]), format="STATIONXML")
+    return paths
+
+
 def sac(folder: Path, a: np.ndarray) -> list[Path]:
     paths = []
     for letter, series, azimuth, inclination in (
@@ -464,4 +521,8 @@ WRITERS = {
     "knet": knet,
     "miniseed": miniseed,
     "sac": sac,
+    "smc_pairs": smc_pairs,
+    "csmip_v2_bare": csmip_v2_bare,
+    "columns_with_commas": columns_with_commas,
+    "miniseed_in_pieces": miniseed_in_pieces,
 }

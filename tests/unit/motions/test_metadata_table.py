@@ -73,3 +73,30 @@ def test_a_horizontal_as_vertical_is_refused(tmp_path):
     outcome = with_rows(tmp_path, f"A,{paths[2].name},{paths[1].name},{paths[0].name}")
     assert not outcome.records
     assert "in column v, and the file says that it points 90 degrees" in outcome.refusals[0].reason.what
+
+
+@pytest.mark.parametrize("delimiter", [";", "\t"])
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16"])
+def test_a_table_of_a_spreadsheet_with_decimal_commas_is_read(delimiter, encoding, tmp_path):
+    rows = [
+        ["h1", "h2", "v", "unit", "mag", "dt", "event"],
+        ["a, east", "b", "c", "0,5 gal", "6,5", "0,005", "Kumamoto, 2016"],
+    ]
+    content = "\r\n".join(delimiter.join(row) for row in rows) + "\r\n\x1a\x1a"
+    (tmp_path / "table.csv").write_bytes(content.encode(encoding))
+    (entry,) = read_table(tmp_path / "table.csv")
+    assert (entry.magnitude, entry.time_step_s, entry.unit_m_s2) == (6.5, 0.005, pytest.approx(0.005))
+    assert (entry.h1.name, entry.event) == ("a, east", "Kumamoto, 2016")
+
+
+@pytest.mark.parametrize("number", ['"1,234"', '"6,5"'])
+def test_a_comma_in_a_number_of_a_table_with_commas_is_refused(number, tmp_path):
+    (tmp_path / "table.csv").write_text(f"h1,h2,v,mag\na,b,c,{number}\n")
+    with pytest.raises(InputError, match="magnitude is"):
+        read_table(tmp_path / "table.csv")
+
+
+def test_a_zero_byte_within_a_table_is_refused_with_its_line(tmp_path):
+    (tmp_path / "table.csv").write_bytes(b"h1,h2,v\na,b,c\na\0,b,c\n")
+    with pytest.raises(InputError, match=r"table\.csv:3: a zero byte"):
+        read_table(tmp_path / "table.csv")

@@ -10,7 +10,9 @@ from toppling.models.motions.formats.text import text_of
 from toppling.models.motions.importing import ImportOptions, import_records, record_files
 from toppling.models.motions.metadata import read_table
 
-TEXT = sorted(set(WRITERS) - {"miniseed", "sac"})
+TEXT = sorted(
+    set(WRITERS) - {"miniseed", "miniseed_in_pieces", "sac", "columns_with_commas", "csmip_v2_bare"}
+)
 WAYS = {
     "DOS": lambda content: content.replace(b"\n", b"\r\n"),
     "old Mac": lambda content: content.replace(b"\n", b"\r"),

@@ -15,6 +15,9 @@ from numpy.typing import NDArray
 from toppling.results.drawing.style import COLOURS, FULL_WIDTH_IN, HALF_WIDTH_IN, plain_log, style
 
 DASHES = ("-", "--", "-.", ":")
+PLATE = {"boxstyle": "square,pad=0.1", "fc": "white", "ec": "none", "alpha": 0.75}
+"""Behind names on the map."""
+
 REACH_KM = 100.0
 """Of the map, beside the farthest circle."""
 
@@ -61,13 +64,14 @@ def magnitudes_figure(
         for number, ((name, table), colour) in enumerate(zip(tables.items(), colours, strict=True)):
             distance = table["distance_km"]
             line = _shown(table["magnitude"], limits)
-            low, high = (_shown(table[f"magnitude_{end}"], limits) for end in ("low", "high"))
+            none = " (excludes none)" if np.isposinf(table["magnitude"]).all() else ""
+            low, high = (table[f"magnitude_{end}"].clip(*limits) for end in ("low", "high"))
             if np.isfinite(low).any():
                 axes.fill_between(distance, low, high, color=colour, alpha=0.2, lw=0)
-            axes.plot(distance, line, DASHES[number % 4], color=colour, lw=1.3, label=name)
+            axes.plot(distance, line, DASHES[number % 4], color=colour, lw=1.3, label=name + none)
         axes.set(
             xscale="log", ylim=limits, xlim=(distance.min(), distance.max()), xlabel="distance (km)",
-            ylabel="magnitude", title=f"excluded above the line, at {100 * confidence:g} %",
+            ylabel="magnitude", title=f"magnitudes above the line are excluded at {100 * confidence:g} %",
         )  # fmt: skip
         plain_log(axes.xaxis)
         axes.legend(loc="lower right", frameon=False)
@@ -104,15 +108,7 @@ def faults_figure(
         reach = _reach_km(faults, circles)
         for one in faults:
             _draw_fault(axes, one, shades, reach)
-        angle = np.linspace(0, 2 * np.pi, 200)
-        for magnitude, distance in circles.items():
-            if 0 < distance < math.inf:
-                axes.plot(distance * np.cos(angle), distance * np.sin(angle), color="0.4", lw=0.6, ls=":")
-                axes.annotate(
-                    f"M {magnitude:g}: {distance:.0f} km" if distance >= 10 else f"M {magnitude:g}: {distance:.1f} km",
-                    (0, -distance), ha="center", va="top", size=6.5, color="0.25", xytext=(0, -1),
-                    textcoords="offset points",
-                )  # fmt: skip
+        _draw_circles(axes, circles, _clear_angle(faults, reach))
         axes.plot(0, 0, "k^", ms=5)
         axes.set(
             xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal", xlabel="km east of the rock",
@@ -128,6 +124,32 @@ def faults_figure(
     return figure
 
 
+def _draw_circles(axes: Axes, circles: dict[float, float], angle: float) -> None:
+    """Circles of least distance, their names along one direction."""
+    round_about = np.linspace(0, 2 * np.pi, 200)
+    for magnitude, distance in circles.items():
+        if 0 < distance < math.inf:
+            axes.plot(
+                distance * np.cos(round_about), distance * np.sin(round_about), color="0.4", lw=0.6, ls=":"
+            )
+            axes.annotate(
+                f"M {magnitude:g}: {distance:.2g} km", (distance * math.cos(angle), distance * math.sin(angle)),
+                ha="center", va="center", size=6.5, color="0.25", bbox=PLATE,
+            )  # fmt: skip
+
+
+def _clear_angle(faults: Sequence[Drawn], reach: float) -> float:
+    """Direction from the rock that is farthest off the traces, up or down rather than aside, where names run over."""
+    angles = np.deg2rad([90, 270, 60, 120, 240, 300])
+    points = np.concatenate([line for one in faults for line in one.lines])
+    way = np.linspace(0.1, 0.6, 6)[:, None] * reach
+    clear = [
+        min(np.hypot(*(points - step * (math.cos(angle), math.sin(angle))).T).min() for step in way)
+        for angle in angles
+    ]
+    return float(angles[int(np.argmax(clear))])
+
+
 def _draw_fault(axes: Axes, one: Drawn, shades: Normalize, reach: float) -> None:
     """A trace by its magnitude, grey where none is excluded, with its name where the map has it."""
     free = one.magnitude == math.inf
@@ -138,9 +160,10 @@ def _draw_fault(axes: Axes, one: Drawn, shades: Normalize, reach: float) -> None
     inside = points[(np.abs(points) < 0.9 * reach).all(axis=1)]
     if len(inside):
         allowed = "" if free else " (all)" if one.magnitude == -math.inf else f" ({one.magnitude:.1f})"
+        place = inside[int(np.argmin(np.abs(np.hypot(*inside.T) - 0.6 * reach)))]
         axes.annotate(
-            one.name + allowed, inside[len(inside) // 2], size=6.5, color="0.1", xytext=(3, 3),
-            textcoords="offset points",
+            one.name + allowed, place, size=6.5, color="0.1", xytext=(0, 5), textcoords="offset points",
+            ha="left" if place[0] < 0 else "right", bbox=PLATE,
         )  # fmt: skip
 
 
@@ -151,5 +174,8 @@ def _reach_km(faults: Sequence[Drawn], circles: dict[float, float]) -> float:
 
 
 def _shown(values: pd.Series, limits: tuple[float, float]) -> NDArray[np.float64]:
-    """Values for a line: it ends at the frame where nothing, or all, is excluded."""
-    return np.clip(values.to_numpy(float), limits[0], limits[1] + 1e-6)
+    """Values for a line, which ends at the frame where nothing more is excluded."""
+    shown = np.clip(values.to_numpy(float), limits[0], limits[1] + 1e-6)
+    beyond = np.flatnonzero(np.isposinf(values.to_numpy(float)))
+    shown[beyond[1:] if len(beyond) else beyond] = np.nan
+    return shown

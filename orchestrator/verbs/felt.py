@@ -1,0 +1,305 @@
+"""Rocks under events, as 'toppling constrain' takes them: event sets, or two curves of two measures at once."""
+
+import json
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from toppling.models.errors import InputError
+from toppling.orchestrator.verbs.rocks import Jobs
+from toppling.results.drawing.atlas import save_table
+from toppling.results.drawing.events import events_figure
+from toppling.results.drawing.style import printed_unit, save, short_name
+from toppling.results.fits import MEASURES, SURFACES, answered, bootstrap, fit
+from toppling.results.hazard.ages import Since, exposure
+from toppling.results.hazard.event_update import EventUpdate
+from toppling.results.hazard.events import EventSet, EventSite, FeltRock, check_measures
+from toppling.results.hazard.sites import distance_km, nearest
+from toppling.results.hazard.standing import Standing
+from toppling.results.hazard.surfaces import drawn_surfaces, measures_of, surface_of
+from toppling.results.hazard.tree import HazardTree
+from toppling.results.hazard.vector import SIGMA, correlation_of, joint_rate
+
+
+def measures_asked(text: str | None) -> tuple[str, ...]:
+    """Measures of `pga_m_s2` or `pga_m_s2+pgv_m_s`; none where none is asked for.
+
+    Raises
+    ------
+    InputError
+        If one is unknown, or two together have no fragility.
+    """
+    names = tuple(part.strip() for part in text.split("+")) if text else ()
+    if any(name not in MEASURES for name in names) or (len(names) > 1 and names not in SURFACES):
+        together = ", ".join("+".join(pair) for pair in SURFACES)
+        raise InputError(
+            what=f"{text!r} is not an intensity measure with a fragility", where="--measure",
+            expected=f"one of {', '.join(MEASURES)}; or two together: {together}",
+            remedy="leave it out to use that of the hazard, or pgv_m_s",
+        )  # fmt: skip
+    return names
+
+
+def place_rocks(
+    names: Sequence[str], events: EventSet, asked: Sequence[tuple[float, float] | str]
+) -> tuple[list[int], list[float | None]]:
+    """Number of each rock's site among those of the events, and how far it is from the place that was asked for.
+
+    Raises
+    ------
+    InputError
+        If there are several sites and none is asked for, or none of the name, or too far.
+    """
+    if not asked:
+        if len(events.sites) > 1:
+            known = ", ".join(site.name for site in events.sites[:12])
+            raise InputError(
+                what=f"has {len(events.sites)} sites: {known}", where=events.source,
+                expected="the site of each rock",
+                remedy="choose one with --site (LON LAT, or its name), or one for each rock in their order",
+            )  # fmt: skip
+        return [0] * len(names), [None] * len(names)
+    if len(asked) not in (1, len(names)):
+        raise InputError(
+            what=f"{len(asked)} sites for {len(names)} rocks", where="--site",
+            expected="one site, or one for each rock",
+            remedy="repeat --site in the order of the rocks",
+        )  # fmt: skip
+    found = [_site_of(one, events) for one in asked]
+    return (
+        [number for number, _ in found] * (len(names) // len(found)),
+        [away for _, away in found] * (len(names) // len(found)),
+    )
+
+
+def _site_of(asked: tuple[float, float] | str, events: EventSet) -> tuple[int, float | None]:
+    if isinstance(asked, str):
+        matches = [
+            number for number, site in enumerate(events.sites) if site.name.casefold() == asked.casefold()
+        ]
+        if not matches:
+            raise InputError(
+                what=f"has no site called {asked!r}: it has {', '.join(site.name for site in events.sites[:12])}",
+                where=events.source, expected="the name of one of its sites",
+                remedy="give one of its names, or --site LON LAT",
+            )  # fmt: skip
+        return matches[0], None
+    placed = [(number, site.place) for number, site in enumerate(events.sites) if site.place]
+    if not placed:
+        raise InputError(
+            what="states no places of its sites", where=events.source, expected="a sitemesh file beside the fields",
+            remedy=f"put it there, or give a name: {', '.join(site.name for site in events.sites[:12])}",
+        )  # fmt: skip
+    number, place = placed[nearest([place for _, place in placed], asked, events.source)]
+    return number, float(distance_km(*place, asked))
+
+
+def felt(rock: Standing, site: int, since: Since | None) -> FeltRock:
+    """A rock of one measure at a site of the events."""
+    drawn = (
+        rock.resampled.lognormals(rock.curve.measure) if rock.resampled and len(rock.resampled.fitted) else []
+    )
+    return FeltRock(rock.name, rock.curve, site, drawn, since)
+
+
+def felt_by_both(
+    name: str, path: Path, jobs: Jobs | None, measures: tuple[str, ...], seen: Callable[[], None]
+) -> FeltRock:
+    """A rock whose fragility is over two measures, from a run.
+
+    Raises
+    ------
+    InputError
+        If it is no run, or its answers have no such fit.
+    """
+    frame = jobs.frame if jobs else pd.DataFrame(columns=[*measures, "toppled"])
+    frame = answered(frame[(frame[list(measures)] > 0).all(axis=1)])
+    fitted = fit(frame, measures) if len(frame) else None
+    surface = surface_of(fitted) if fitted else None
+    if fitted is None or surface is None:
+        raise InputError(
+            what="has no fragility over two measures" + (f" ({fitted.problem})" if fitted else ": it is no run"),
+            where=str(path), expected=f"a run with a fit over {' and '.join(measures)}",
+            remedy="give the run, or one --measure",
+        )  # fmt: skip
+    return FeltRock(name, surface, 0, drawn_surfaces(bootstrap(frame, fitted, seen=seen), measures))
+
+
+def joined(
+    first: HazardTree, second: HazardTree, correlation: float | None, sigma: float = SIGMA
+) -> EventSet:
+    """Trees of two measures at one site as a set of events, branch by branch.
+
+    Raises
+    ------
+    InputError
+        If the trees have different branches, or no correlation is known or given.
+    """
+    rho = correlation_of(first.measure, second.measure) if correlation is None else correlation
+    if rho is None:
+        raise InputError(
+            what=f"the correlation of {first.measure} and {second.measure} is not known here", where="--correlation",
+            expected="the correlation of their residuals in one earthquake", remedy="give it with --correlation",
+        )  # fmt: skip
+    if [branch.name for branch in first.branches] != [branch.name for branch in second.branches] and not (
+        len(first.branches) == len(second.branches) == 1
+    ):
+        raise InputError(
+            what=f"{len(first.branches)} branches of {first.measure}, {len(second.branches)} of {second.measure}",
+            where="--hazard", expected="the same branches of both measures", remedy="give the trees of one calculation",
+        )  # fmt: skip
+    joints = [
+        joint_rate(one.curve, other.curve, rho, sigma)
+        for one, other in zip(first.branches, second.branches, strict=True)
+    ]
+    branches = tuple(
+        replace(
+            joint.events,
+            name=branch.name,
+            model=branch.path.partition("~")[2] or branch.name,
+            weight=branch.weight,
+        )
+        for joint, branch in zip(joints, first.branches, strict=True)
+    )
+    worst = max(joint.misfit for joint in joints)
+    notes = (
+        f"joint rate of {first.measure} and {second.measure} from their curves, with a correlation of {rho:g} of "
+        f"their residuals, and {sigma:g} as the standard deviation of those of ln {second.measure}",
+        f"its rates of {second.measure} are within {100 * worst:.0f} % of the curve",
+    )
+    return EventSet(
+        (EventSite(first.site_name or "site", first.site),), branches, first.weights_from, None, notes
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class EventStatement:
+    """What rocks say under a set of events.
+
+    Parameters
+    ----------
+    update : EventUpdate
+    away_km : sequence of float or None
+        Of each rock's site from the place that was asked for.
+    """
+
+    update: EventUpdate
+    away_km: Sequence[float | None]
+
+    @property
+    def measures(self) -> tuple[str, ...]:
+        """Measures of the rocks' fragilities, which are alike."""
+        return measures_of(self.update.rocks[0].fragility)
+
+    def updated(self) -> pd.DataFrame:
+        """Rates of exceedance before and after, at each rock's site, of each measure."""
+        events = self.update.events
+        parts = [
+            self.update.updated(measure, site).assign(measure=measure, site=events.sites[site].name)
+            for site in dict.fromkeys(rock.site for rock in self.update.rocks)
+            for measure in self.measures
+        ]
+        return pd.concat(parts, ignore_index=True)
+
+    def told(self) -> dict[str, Any]:
+        """The statement, for JSON."""
+        update, events = self.update, self.update.events
+        return {
+            "measure": "+".join(self.measures), "confidence": update.confidence, "source": events.source,
+            "events": sum(len(branch.rate) for branch in events.branches), "years_of_each_branch": events.years,
+            "rocks": [_rock(rock, events, away) for rock, away in zip(update.rocks, self.away_km, strict=True)],
+            "survival": update.survival, "effective_branches": update.effective_branches,
+            "branches": [_branch(row) for row in _plain(update.branches)],
+            "models": _plain(update.models),
+            "left_out": [] if update.left_out is None else _plain(update.left_out),
+            "updated": _plain(self.updated()), "notes": list(events.notes),
+        }  # fmt: skip
+
+    def write(self, out: Path, told: dict[str, Any]) -> list[Path]:
+        """Statement, tables and figure into a folder."""
+        out.mkdir(parents=True, exist_ok=True)
+        statement = out / "constraint.json"
+        statement.write_text(json.dumps(told, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+        written = [statement]
+        tables = {
+            "branches": self.update.branches, "models": self.update.models, "left_out": self.update.left_out,
+            "updated": self.updated(),
+        }  # fmt: skip
+        for name, table in tables.items():
+            if table is not None and len(table):
+                save_table(table, out / f"{name}.csv")
+                written.append(out / f"{name}.csv")
+        first = tables["updated"]
+        assert first is not None
+        shown = first[(first["measure"] == self.measures[0]) & (first["site"] == first["site"].iloc[0])]
+        return written + save(
+            events_figure(self.update.branches, shown, self.update.confidence), out / "constraint"
+        )
+
+
+def under_events(
+    rocks: Sequence[FeltRock],
+    ages: np.ndarray,
+    events: EventSet,
+    confidence: float,
+    away_km: Sequence[float | None],
+) -> EventStatement:
+    """Judge rocks under a set of events.
+
+    Parameters
+    ----------
+    rocks : sequence of FeltRock
+    ages : (draws, rocks) array
+        From `results.hazard.ages.joint_ages`.
+    events : EventSet
+    confidence : float
+    away_km : sequence of float or None
+    """
+    check_measures(rocks, events)
+    late = [rock.since for rock in rocks]
+    return EventStatement(EventUpdate(rocks, events, exposure(ages, late), confidence), away_km)
+
+
+def _rock(rock: FeltRock, events: EventSet, away: float | None) -> dict[str, Any]:
+    site = events.sites[rock.site]
+    measures = measures_of(rock.fragility)
+    if len(measures) == 1:
+        curve = rock.fragility
+        words = (
+            f"median {curve.median:.3g} {printed_unit(measures[0])} ({short_name(measures[0])}), "  # type: ignore[union-attr]
+            f"beta {curve.beta:.2f}"  # type: ignore[union-attr]
+        )
+        numbers = {"median": curve.median, "beta": curve.beta}  # type: ignore[union-attr]
+    else:
+        a, *slopes = rock.fragility.coefficients  # type: ignore[union-attr]
+        terms = " ".join(
+            f"{slope:+.2f} ln {short_name(name)}" for slope, name in zip(slopes, measures, strict=True)
+        )
+        words = f"probit {a:.2f} {terms}"
+        numbers = {"coefficients": [a, *slopes]}
+    return {
+        "name": rock.name, "fragility": words, **numbers, "site": site.name, "site_distance_km": away,
+        "site_longitude_deg": site.place[0] if site.place else None,
+        "site_latitude_deg": site.place[1] if site.place else None,
+    }  # fmt: skip
+
+
+def _branch(row: dict[str, Any]) -> dict[str, Any]:
+    """A branch under the names that every constraint has, beside those of its table."""
+    return {"name": row["branch"], **row}
+
+
+def _plain(table: pd.DataFrame) -> list[dict[str, Any]]:
+    """Rows for JSON, without numbers that it does not have."""
+    return [
+        {
+            name: None if isinstance(value, float) and not math.isfinite(value) else value
+            for name, value in row.items()
+        }
+        for row in table.astype(object).to_dict("records")
+    ]

@@ -1,0 +1,376 @@
+"""`toppling magnitudes`: which earthquakes a standing rock excludes, under ground-motion models."""
+
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+import pandas as pd
+
+from toppling.models.errors import InputError
+from toppling.orchestrator.progress import bar
+from toppling.orchestrator.verbs.rocks import names_of, read_jobs, standing_rock
+from toppling.results.drawing.atlas import save_table
+from toppling.results.drawing.magnitudes import Drawn, faults_figure, magnitudes_figure
+from toppling.results.drawing.style import printed_unit, save, short_name
+from toppling.results.fits import SAMPLES, Lognormal
+from toppling.results.hazard.ages import parse_age
+from toppling.results.hazard.faults import FaultTrace, read_faults
+from toppling.results.hazard.gmm import MEASURES, MECHANISMS, MODELS, GroundMotionModel
+from toppling.results.hazard.magnitudes import (
+    TARGETS,
+    MotionGrid,
+    Occurrence,
+    excess,
+    largest_magnitudes,
+    least_distances,
+    motion_grid,
+    one_event,
+    recurring,
+    toppling_probability,
+)
+from toppling.results.hazard.standing import Standing
+
+DISTANCES_TOLD_KM = (1, 2, 5, 10, 20, 50, 100)
+
+
+@click.command()
+@click.argument("rock", type=click.Path(path_type=Path), metavar="ROCK")
+@click.option(
+    "--model", "models", multiple=True, default=("bssa14",), show_default=True, metavar="NAME[=WEIGHT]",
+    help=f"Ground-motion model, repeatable with weights that sum to 1: {', '.join(MODELS)}.",
+)  # fmt: skip
+@click.option(
+    "--vs30", type=float, required=True, help="m/s; shear-wave velocity of the upper 30 m at the rock."
+)
+@click.option(
+    "--mechanism", type=click.Choice(MECHANISMS), default="SS", show_default=True,
+    help="Strike slip, normal, reverse, or unknown (bssa14, cy14).",
+)  # fmt: skip
+@click.option(
+    "--dip", type=click.FloatRange(10, 90), default=90.0, show_default=True, help="Degrees, of the fault."
+)
+@click.option(
+    "--depth-top", type=click.FloatRange(0, 30), default=0.0, show_default=True, help="km, of its upper edge."
+)
+@click.option(
+    "--measure",
+    type=click.Choice(list(MEASURES)),
+    default="pgv_m_s",
+    show_default=True,
+    help="Of the fragility.",
+)
+@click.option(
+    "--confidence", type=click.FloatRange(0.5, 1, max_open=True), default=0.95, show_default=True,
+    help="Probability of toppling from which on an earthquake is excluded.",
+)  # fmt: skip
+@click.option(
+    "--events", type=click.IntRange(1), multiple=True, default=(1,), show_default=True,
+    help="How often the earthquake has happened while the rock stood; repeatable.",
+)  # fmt: skip
+@click.option(
+    "--recurrence", type=click.FloatRange(0, min_open=True), multiple=True,
+    help="Years; mean recurrence of the earthquake (Poisson), with --age; repeatable.",
+)  # fmt: skip
+@click.option(
+    "--age", help="Years for which the rock has been as fragile as it is, as in 'toppling constrain'."
+)
+@click.option(
+    "--faults", type=click.Path(path_type=Path, dir_okay=False), help="Fault traces (GeoJSON), with --site."
+)
+@click.option("--site", type=float, nargs=2, metavar="LON LAT", help="Degrees; where the rock stands.")
+@click.option(
+    "--ratio", type=click.FloatRange(0, min_open=True), default=1.0, show_default=True,
+    help="Ratio of the peak of the horizontal vector to the models' component (RotD50).",
+)  # fmt: skip
+@click.option("--where", help="Only jobs of the run for which this SQL condition holds.")
+@click.option("--trusted", is_flag=True, help="Let --where read your files.")
+@click.option(
+    "--out", type=click.Path(path_type=Path, file_okay=False), help="Folder for statement, tables, figures."
+)
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+def magnitudes(
+    rock: Path,
+    models: tuple[str, ...],
+    vs30: float,
+    mechanism: str,
+    dip: float,
+    depth_top: float,
+    measure: str,
+    confidence: float,
+    events: tuple[int, ...],
+    recurrence: tuple[float, ...],
+    age: str | None,
+    faults: Path | None,
+    site: tuple[float, float] | None,
+    ratio: float,
+    where: str | None,
+    trusted: bool,
+    out: Path | None,
+    as_json: bool,
+) -> None:
+    """State which earthquakes a standing rock excludes: the largest magnitude at each distance, the least distance.
+
+    ROCK is a run, or a file of fragility curves. An earthquake is excluded where a ground-motion model says that it,
+    or so many like it, would have toppled the rock with the probability --confidence. Distance is that to the surface
+    above the fault's upper edge, on its footwall. Needs the extra 'gmm' (pip install 'toppling[gmm]').
+
+    \b
+    toppling magnitudes runs/first --vs30 760 --events 1 --events 5
+    toppling magnitudes runs/first --vs30 760 --recurrence 3000 --age 15000..30000 --model bssa14=0.5 --model cy14=0.5
+    toppling magnitudes runs/first --vs30 760 --faults faults.geojson --site -118.1 34.7 --out magnitudes
+    """  # noqa: D301
+    _check_usage(rock, recurrence, age, faults, site, where)
+    names, weights = _weights(models)
+    grid_of = [GroundMotionModel(name, measure, vs30, mechanism, dip, depth_top, ratio) for name in names]
+    traces = read_faults(faults, site) if faults and site else []
+    years = parse_age(age) if age else np.array([math.nan])
+    jobs = read_jobs(rock, where, trusted, None) if rock.is_dir() else None
+    with bar("bootstrap of records", SAMPLES if jobs else 0) as advance:
+        standing = standing_rock(names_of((rock,))[0], rock, measure, jobs, years, advance)
+    grid = motion_grid(grid_of, weights)
+    at_traces = motion_grid(grid_of, weights, [trace.distance_km for trace in traces]) if traces else None
+    occurrences = [one_event(confidence, count) for count in dict.fromkeys(events)]
+    occurrences += [recurring(confidence, years, every) for every in dict.fromkeys(recurrence)]
+    answer = Answer(standing, grid, at_traces, occurrences, traces)
+    told = answer.told() | {
+        "models": [{"name": name, "weight": weight} for name, weight in zip(names, grid.weights.tolist(), strict=True)],
+        "vs30_m_s": vs30, "mechanism": mechanism, "dip_deg": dip, "depth_top_km": depth_top, "ratio": ratio,
+        "confidence": confidence, "age": age,
+        "without_site_term": [one.name for one in grid_of if not one.has_site_term],
+    }  # fmt: skip
+    if out:
+        answer.write(out, told)
+    click.echo(json.dumps(told, indent=1, allow_nan=False) if as_json else _words(told))
+
+
+def _check_usage(
+    rock: Path, recurrence: tuple[float, ...], age: str | None, faults: Path | None,
+    site: tuple[float, float] | None, where: str | None,
+) -> None:  # fmt: skip
+    if bool(recurrence) != bool(age):
+        msg = (
+            "--recurrence needs the rock's --age"
+            if recurrence
+            else "--age applies to --recurrence: give it too"
+        )
+        raise click.UsageError(msg)
+    if bool(faults) != bool(site):
+        msg = "--faults needs the rock's place: --site LON LAT" if faults else "--site applies to --faults"
+        raise click.UsageError(msg)
+    if where and not rock.is_dir():
+        msg = "--where selects jobs of runs; a file of curves has none"
+        raise click.UsageError(msg)
+    if site and not (-180 <= site[0] <= 360 and -90 <= site[1] <= 90):
+        raise InputError(
+            what=f"{site[0]:g} {site[1]:g} is no place on Earth", where="--site",
+            expected="a longitude of -180 to 360 degrees, then a latitude of -90 to 90",
+            remedy="give the longitude first: --site LONGITUDE LATITUDE",
+        )  # fmt: skip
+
+
+def _weights(models: Sequence[str]) -> tuple[list[str], list[float]]:
+    """Names of models and their weights, equal where none is given."""
+    pairs = [text.lower().partition("=") for text in models]
+    names = [name for name, _, _ in pairs]
+    if len(set(names)) < len(names):
+        raise InputError(
+            what=f"the models are {', '.join(names)}", where="--model", expected="each model once",
+            remedy="leave one of the two out",
+        )  # fmt: skip
+    if not any(weight for _, _, weight in pairs):
+        return names, [1.0 / len(names)] * len(names)
+    try:
+        return names, [float(weight) for _, _, weight in pairs]
+    except ValueError:
+        raise InputError(
+            what=f"the models are {', '.join(models)}", where="--model",
+            expected="NAME=WEIGHT for each of them, or for none", remedy="give weights that sum to 1",
+        ) from None  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """Magnitudes and distances that a rock excludes."""
+
+    rock: Standing
+    grid: MotionGrid
+    at_traces: MotionGrid | None
+    occurrences: Sequence[Occurrence]
+    traces: Sequence[FaultTrace]
+
+    @property
+    def drawn(self) -> list[Lognormal]:
+        """Fragilities of records drawn anew, where they are known."""
+        resampled = self.rock.resampled
+        return resampled.lognormals(self.rock.curve.measure) if resampled and len(resampled.fitted) else []
+
+    def tables(self) -> dict[str, tuple[pd.DataFrame, pd.DataFrame]]:
+        """Largest magnitudes and least distances, by how often the earthquake happened."""
+        return {
+            one.name: (
+                largest_magnitudes(self.grid, self.rock.curve, self.drawn, one),
+                least_distances(self.grid, self.rock.curve, self.drawn, one),
+            )
+            for one in self.occurrences
+        }
+
+    def faults(self) -> pd.DataFrame:
+        """Each fault's distance, the largest magnitude allowed there, and whether its own earthquake is excluded."""
+        assert self.at_traces is not None
+        lines = []
+        for one in self.occurrences:
+            allowed = largest_magnitudes(self.at_traces, self.rock.curve, self.drawn, one)
+            for number, (trace, row) in enumerate(zip(self.traces, allowed.itertuples(), strict=True)):
+                lines.append({
+                    "fault": trace.name, "occurrence": one.name, "distance_km": trace.distance_km,
+                    "beyond_models": trace.distance_km > self.grid.distance_km[-1],
+                    "magnitude": row.magnitude, "magnitude_low": row.magnitude_low,
+                    "magnitude_high": row.magnitude_high, "stated_magnitude": trace.magnitude,
+                    "topples": self._topples(trace, number),
+                    "excluded": None if trace.magnitude is None else bool(trace.magnitude > row.magnitude),
+                })  # fmt: skip
+        return pd.DataFrame(lines)
+
+    def _topples(self, trace: FaultTrace, number: int) -> float | None:
+        """Probability that one earthquake of the fault's own magnitude topples the rock."""
+        if trace.magnitude is None or self.at_traces is None:
+            return None
+        shares = self.at_traces.weights @ toppling_probability(
+            self.rock.curve, self.at_traces.mean[:, :, number], self.at_traces.sigma[:, :, number]
+        )
+        return float(np.interp(trace.magnitude, self.at_traces.magnitude, shares))
+
+    def told(self) -> dict[str, Any]:
+        """The statement: numbers that JSON has; null where nothing, or everything, is excluded."""
+        tables = self.tables()
+        stated = [
+            {
+                "occurrence": one.name, "probability": one.probability,
+                "largest_magnitudes": _rows(tables[one.name][0]), "least_distances": _rows(tables[one.name][1]),
+                "excludes_nothing": bool((excess(self.grid, self.rock.curve, one) < 0).all()),
+            }
+            for one in self.occurrences
+        ]  # fmt: skip
+        return {
+            "rock": self.rock.name, "measure": self.rock.curve.measure, "median": self.rock.curve.median,
+            "beta": self.rock.curve.beta, "magnitude_range": self.grid.magnitude[[0, -1]].tolist(),
+            "distance_range_km": self.grid.distance_km[[0, -1]].tolist(), "occurrences": stated,
+            "faults": _rows(self.faults()) if self.traces else [],
+        }  # fmt: skip
+
+    def write(self, out: Path, told: dict[str, Any]) -> None:
+        """Statement, tables and figures into a folder."""
+        out.mkdir(parents=True, exist_ok=True)
+        (out / "magnitudes.json").write_text(
+            json.dumps(told, indent=1, allow_nan=False) + "\n", encoding="utf-8"
+        )
+        tables = self.tables()
+        limits = float(self.grid.magnitude[0]), float(self.grid.magnitude[-1])
+        for place, name in enumerate(("largest_magnitudes", "least_distances")):
+            parts = [pair[place].assign(occurrence=occurrence) for occurrence, pair in tables.items()]
+            save_table(pd.concat(parts, ignore_index=True), out / f"{name}.csv")
+        first = {name: pair[0] for name, pair in tables.items()}
+        save(magnitudes_figure(first, told["confidence"], limits), out / "magnitudes")
+        if self.traces:
+            table = self.faults()
+            save_table(table, out / "faults.csv")
+            last = self.occurrences[-1]
+            allowed = table.loc[table["occurrence"] == last.name, "magnitude"]
+            drawn = [
+                Drawn(one.name, one.lines, magnitude)
+                for one, magnitude in zip(self.traces, allowed, strict=True)
+            ]
+            save(faults_figure(drawn, self.circles(last), f"standing, {last.name}", limits), out / "faults")
+
+    def circles(self, occurrence: Occurrence) -> dict[float, float]:
+        """Least distances of some magnitudes."""
+        table = least_distances(self.grid, self.rock.curve, [], occurrence)
+        return {
+            magnitude: float(np.interp(magnitude, table["magnitude"], table["distance_km"]))
+            for magnitude in TARGETS
+            if self.grid.magnitude[0] <= magnitude <= self.grid.magnitude[-1]
+        }
+
+
+def _rows(table: pd.DataFrame) -> list[dict[str, Any]]:
+    """Rows for JSON; infinite values, which say that nothing or all is excluded, have a word beside a null."""
+    rows = []
+    for row in table.astype(object).to_dict("records"):
+        plain = {name: None if _unsaid(value) else value for name, value in row.items()}
+        bound = row.get("magnitude") if "occurrence" in row or next(iter(row)) == "distance_km" else None
+        if isinstance(bound, float) and math.isinf(bound):
+            plain["excluded_magnitudes"] = "none" if bound > 0 else "all"
+        rows.append(plain)
+    return rows
+
+
+def _unsaid(value: object) -> bool:
+    return value is None or (isinstance(value, float) and not math.isfinite(value))
+
+
+def _words(told: dict[str, Any]) -> str:
+    models = ", ".join(f"{one['name']} ({one['weight']:.3g})" for one in told["models"])
+    lines = [
+        f"{told['rock']}: median {told['median']:.3g} {printed_unit(told['measure'])} "
+        f"({short_name(told['measure'])}), beta {told['beta']:.2f}; models: {models}; Vs30 {told['vs30_m_s']:g} m/s"
+    ]
+    for one in told["occurrences"]:
+        lines.append(f"{one['occurrence'].capitalize()}, at {100 * told['confidence']:g} %:")
+        if one["excludes_nothing"]:
+            most, near = told["magnitude_range"][1], told["distance_range_km"][0]
+            lines.append(f"  nothing is excluded, not even magnitude {most:g} at {near:g} km")
+            continue
+        lines += [f"  {line}" for line in _distance_lines(one)]
+    for fault in told["faults"]:
+        lines.append(_fault_line(fault))
+    if told["ratio"] == 1.0:
+        lines.append(
+            "The models' component (RotD50) is taken as the peak of the horizontal vector; give --ratio, about 1.2, to "
+            "set it right."
+        )
+    if told["without_site_term"]:
+        lines.append(
+            f"{', '.join(told['without_site_term'])}: for hard rock, without a site term; --vs30 is not used."
+        )
+    return "\n".join(lines)
+
+
+def _distance_lines(one: dict[str, Any]) -> list[str]:
+    rows = one["largest_magnitudes"]
+    lines = []
+    for distance in DISTANCES_TOLD_KM:
+        row = min(rows, key=lambda row: abs(math.log(row["distance_km"] / distance)))
+        if abs(math.log(row["distance_km"] / distance)) > 0.1 or row.get("excluded_magnitudes") == "none":
+            continue
+        if row["magnitude"] is None:
+            lines.append(f"{row['distance_km']:.3g} km: every magnitude of the models is excluded")
+            continue
+        low, high = row["magnitude_low"], row["magnitude_high"]
+        range_of = (
+            ""
+            if low is None
+            else f" ({low:.1f} to {'any' if high is None else f'{high:.1f}'} with other records)"
+        )
+        lines.append(f"{row['distance_km']:.3g} km: magnitudes above {row['magnitude']:.2f}{range_of}")
+    return lines
+
+
+def _fault_line(fault: dict[str, Any]) -> str:
+    allowed = fault.get("excluded_magnitudes")
+    limit = (
+        "excludes no magnitude" if allowed == "none" else "excludes every magnitude" if allowed == "all"
+        else f"excludes magnitudes above {fault['magnitude']:.2f}"
+    )  # fmt: skip
+    own = ""
+    if fault["stated_magnitude"] is not None:
+        own = (
+            f"; its magnitude {fault['stated_magnitude']:g} topples with {fault['topples']:.2g} an event: "
+            f"{'excluded' if fault['excluded'] else 'not excluded'}"
+        )
+    beyond = "; beyond the models' distances, taken as their farthest" if fault["beyond_models"] else ""
+    return f"{fault['fault']}, {fault['distance_km']:.1f} km, {fault['occurrence']}: {limit}{own}{beyond}"

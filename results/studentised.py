@@ -21,7 +21,13 @@ STEP = 1e-6
 
 
 def studentised(
-    design: Array, share: Array, trials: Array, codes: NDArray[np.int64], fitted: Array, refits: Array, drawn: Array
+    design: Array,
+    share: Array,
+    trials: Array,
+    codes: NDArray[np.int64],
+    fitted: Array,
+    refits: Array,
+    drawn: Array,
 ) -> Array:
     """Coefficients whose percentiles are those of the bootstrap-t.
 

@@ -18,11 +18,11 @@ from typing import Protocol
 import numpy as np
 import pandas as pd
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import brentq
 from scipy.special import ndtr, ndtri
 
 from toppling.models.errors import InputError
 from toppling.results.fits import Lognormal
+from toppling.results.hazard.standing import greatest_rate
 
 MAGNITUDE_STEP = 0.1
 DISTANCES = 40
@@ -159,12 +159,8 @@ def recurring(confidence: float, years: NDArray[np.float64], recurrence_years: f
     recurrence_years : float
     """
     exposure = np.asarray(years, float) / recurrence_years
-    chance = 1.0 - confidence
-    low, high = -math.log(chance) / exposure.max(), -math.log(chance) / exposure.min()
     name = f"one event every {recurrence_years:,.0f} years"
-    if high <= low * (1 + 1e-12):
-        return Occurrence(name, low)
-    return Occurrence(name, float(brentq(lambda p: np.exp(-p * exposure).mean() - chance, low, high)))
+    return Occurrence(name, greatest_rate(exposure, 1.0 - confidence))
 
 
 def excess(grid: MotionGrid, fragility: Lognormal, occurrence: Occurrence) -> NDArray[np.float64]:

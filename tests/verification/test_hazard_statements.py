@@ -86,7 +86,9 @@ def test_updated_motions_hold_the_truth_in_95_of_100_standing_sites():
         truth = hazard(math.exp(0.5 * random.standard_normal()))
         if not history_spares(random, truth, rock, years):
             continue
-        weights = branch_weights(prior, [survival(toppling_rate([rock], branch), ages) for branch in branches])
+        weights = branch_weights(
+            prior, [survival(toppling_rate([rock], branch), ages) for branch in branches]
+        )
         inside.append(covered(at_a_level, weights, truth.rate(1.0)))
     assert 0.93 <= np.mean(inside) <= 0.97
 
@@ -166,7 +168,11 @@ def fragility_statements(site):
     curves = resampled.lognormals("pgv_m_s")
 
     def rate(curve):
-        return 0.0 if math.isinf(curve.median) else curve.median**-EXPONENT * math.exp((EXPONENT * curve.beta) ** 2 / 2)
+        return (
+            0.0
+            if math.isinf(curve.median)
+            else curve.median**-EXPONENT * math.exp((EXPONENT * curve.beta) ** 2 / 2)
+        )
 
     told = np.array([[curve.median, curve.beta, rate(curve)] for curve in curves])
     low, high = resampled.interval(told)

@@ -1,0 +1,99 @@
+"""The command says which earthquakes a rock excludes, and writes what it says."""
+
+import json
+import math
+
+import pytest
+from click.testing import CliRunner
+from seeded import rows
+
+from toppling.orchestrator.cli import cli
+from toppling.results.exchange import write_curves
+from toppling.results.fits import Lognormal
+from toppling.results.store import write_part
+
+pytest.importorskip("pygmm", reason="the optional extra 'gmm' is not installed")
+
+
+@pytest.fixture
+def curves(tmp_path):
+    return str(
+        write_curves(
+            tmp_path / "rock.json", [Lognormal("pgv_m_s", 0.25, 0.3), Lognormal("pga_m_s2", 3.0, 0.3)]
+        )
+    )
+
+
+@pytest.fixture
+def faults(tmp_path):
+    path = tmp_path / "faults.geojson"
+    line = {"type": "LineString", "coordinates": [[-119.0, 34.75], [-117.0, 34.75]]}
+    feature = {"type": "Feature", "properties": {"name": "north", "mag": 7.8}, "geometry": line}
+    path.write_text(json.dumps({"type": "FeatureCollection", "features": [feature]}))
+    return str(path)
+
+
+def magnitudes(*arguments):
+    return CliRunner().invoke(cli, ["magnitudes", *arguments, "--vs30", "760"])
+
+
+def test_more_events_exclude_smaller_magnitudes(curves):
+    told = json.loads(magnitudes(curves, "--events", "1", "--events", "5", "--json").output)
+    one, five = (
+        [row["magnitude"] or math.inf for row in occurrence["largest_magnitudes"]]
+        for occurrence in told["occurrences"]
+    )
+    assert all(several <= single for several, single in zip(five, one, strict=True))
+    assert five[0] < one[0] < math.inf
+
+
+def test_a_run_tells_how_far_other_records_would_move_the_magnitude(tmp_path):
+    write_part(tmp_path, rows(records=30, azimuths=(0.0,)))
+    told = json.loads(magnitudes(str(tmp_path), "--recurrence", "500", "--age", "20000", "--json").output)
+    row = told["occurrences"][-1]["largest_magnitudes"][0]
+    assert row["magnitude_low"] < row["magnitude"] < row["magnitude_high"]
+
+
+def test_a_fault_whose_own_earthquake_would_have_toppled_the_rock_is_excluded(curves, faults, tmp_path):
+    out = tmp_path / "out"
+    asked = [curves, "--events", "5", "--faults", faults, "--site", "-118", "34.7", "--out", str(out)]
+    done = magnitudes(*asked)
+    assert done.exit_code == 0, done.output
+    assert "its magnitude 7.8 topples with" in done.output
+    (fault,) = json.loads((out / "magnitudes.json").read_text())["faults"]
+    assert fault["excluded"] is True
+    assert fault["magnitude"] < 7.8
+    assert fault["distance_km"] == pytest.approx(5.56, abs=0.01)
+    names = {path.name for path in out.iterdir()}
+    assert {
+        "faults.csv",
+        "faults.png",
+        "magnitudes.png",
+        "largest_magnitudes.csv",
+        "least_distances.csv",
+    } <= names
+
+
+@pytest.mark.parametrize(
+    ("options", "code"),
+    [
+        (["--recurrence", "3000"], 2),
+        (["--age", "3000"], 2),
+        (["--site", "1", "2"], 2),
+        (["--faults", "FAULTS"], 2),
+        (["--where", "true"], 2),
+        (["--model", "bssa14=0.4", "--model", "cy14=0.4"], 1),
+        (["--model", "bssa14", "--model", "bssa14"], 1),
+        (["--model", "none"], 1),
+        (["--mechanism", "U", "--model", "ask14"], 1),
+        (["--faults", "FAULTS", "--site", "34.7", "-118.1"], 1),
+    ],
+)
+def test_what_contradicts_itself_is_refused_before_anything_is_written(
+    curves, faults, tmp_path, options, code
+):
+    out = tmp_path / "out"
+    done = magnitudes(curves, *(faults if one == "FAULTS" else one for one in options), "--out", str(out))
+    assert done.exit_code == code
+    assert done.exception is not None
+    assert not out.exists()

@@ -70,13 +70,17 @@ class Element:
 
 @dataclass(frozen=True)
 class Header:
-    """What a PLY file says of itself; `order` is empty for ASCII, `data_at` is where the rows begin."""
+    """What a PLY file says of itself; `order` is empty for ASCII, `data_at` is where the rows begin.
+
+    `remarks` are its comments and what it says of the object.
+    """
 
     path: Path
     order: str
     line_end: str
     data_at: int
     elements: tuple[Element, ...]
+    remarks: tuple[str, ...] = ()
 
     def before(self, name: str) -> list[Element] | None:
         """Elements in front of the one of a name; None if there is none of it."""
@@ -113,7 +117,12 @@ def read_header(path: Path) -> Header:
         _refuse(
             f"the header counts {counts}: at least {least} bytes, where {size - end.end()} follow it", path
         )
-    return Header(path, order, end[1].decode(), end.end(), tuple(elements))
+    return Header(path, order, end[1].decode(), end.end(), tuple(elements), _remarks(lines))
+
+
+def _remarks(lines: list[str]) -> tuple[str, ...]:
+    words = (line.strip().partition(" ") for line in lines)
+    return tuple(text.strip() for key, _, text in words if key in {"comment", "obj_info"})
 
 
 def read_vertices(path: Path) -> dict[str, NDArray]:

@@ -8,6 +8,7 @@ import trimesh
 from numpy.typing import ArrayLike, NDArray
 
 from toppling.models.errors import InputError
+from toppling.models.lengths import explaining_units
 
 ROCK_HEIGHTS_M = (0.02, 100.0)
 """From stones on a laboratory's shaking table to the tallest balanced rocks: beyond, the units are others."""
@@ -182,7 +183,9 @@ def check_size(height_m: float, where: str) -> None:
             f"the rock is {height_m:.4g} m high",
             where=where,
             expected=f"a rock of {least} to {most:.0f} m: coordinates in metres",
-            remedy="convert the coordinates from millimetres, feet or whatever they are in, and export again",
+            remedy=f"in {told} it would be a rock: convert the coordinates, or give their unit by --units"
+            if (told := explaining_units(height_m))
+            else "convert the coordinates from millimetres, feet or whatever they are in, and export again",
         )
 
 

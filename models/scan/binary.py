@@ -1,16 +1,21 @@
 """LAS, LAZ, E57 and PCD: formats whose libraries read in C++ and Rust, called in the guarded process alone.
 
-Each takes a path and returns nothing but points (n, 3) and the station of each. What a header counts is compared with
-what the file can hold before room is made for it.
+Each takes a path and returns what the file says of its coordinates, points (n, 3) in its unit and the station of each.
+What a file says that nobody understands is a refusal there, which the user's word on the unit may overrule. What a
+header counts is compared with what the file can hold before room is made for it.
 """
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
 
 from toppling.models.errors import InputError
+from toppling.models.lengths import unit_of_remarks
+from toppling.models.scan import reference
+from toppling.models.scan.steps import coordinate_steps
 
 NOISE = (7, 18)
 """Classes of low and high noise in the LAS specification."""
@@ -18,9 +23,16 @@ POINTS_PER_BYTE = {".las": 1, ".laz": 256, ".e57": 8}
 """More than so many cannot be packed into a byte: a million points that are all equal take 7 kB of LAZ, 140 to one."""
 POINTS_AT_ONCE = 500_000
 PCD_HEADER_BYTES = 8192
+WKT = 2112
+"""LAS's record of a coordinate system in words."""
+UNIT_QUATERNION = 1e-3
+"""How far from one the length of a rotation's quaternion may be: writers round to four digits."""
 LZF_RATIO = 100
 """Largest size over that compressed of PCD's: three bytes stand for at most 264."""
-Points = tuple[None, list[NDArray]]
+INVALID = "cartesianInvalidState", "sphericalInvalidState"
+CARTESIAN = ("cartesianX", "cartesianY", "cartesianZ")
+SPHERICAL = ("sphericalRange", "sphericalAzimuth", "sphericalElevation")
+Points = tuple[dict[str, Any], list[NDArray]]
 
 
 def las(path: Path) -> Points:
@@ -29,6 +41,7 @@ def las(path: Path) -> Points:
 
     with laspy.open(path) as source:
         header = source.header
+        system = _said(lambda: (None, _las_system(source, path)))
         _check_count(header.point_count, path)
         if not source.header.are_points_compressed:
             room = path.stat().st_size - header.offset_to_point_data
@@ -48,23 +61,129 @@ def las(path: Path) -> Points:
             _refuse(
                 f"holds {read} of the {header.point_count} points that its header counts: truncated", path
             )
-    return None, [points[:filled], station[:filled]]
+    points = points[:filled]
+    return system | {"step": coordinate_steps(points).tolist()}, [points, station[:filled]]
+
+
+def _said(ask: Callable[[], tuple[str | None, reference.Reference | None]]) -> dict[str, Any]:
+    """Unit and coordinate system that a file states, or why what it states is refused."""
+    try:
+        unit, system = ask()
+    except InputError as error:
+        refusal = {"what": error.what, "expected": error.expected, "remedy": error.remedy}
+        return {"unit": None, "reference": None, "refusal": refusal}
+    return {"unit": unit, "reference": system, "refusal": None}
+
+
+def _las_system(source: Any, path: Path) -> reference.Reference | None:
+    """Coordinate system by WKT or GeoTIFF's keys, whichever the header says is meant, or the other if it is alone."""
+    records = [*source.header.vlrs, *(source.evlrs or ())]
+    content = {
+        each.record_id: each.record_data_bytes()
+        for each in records
+        if each.user_id.strip("\0 ") == "LASF_Projection"
+    }
+    wkt = content.get(WKT, b"").decode("latin-1").strip("\0 \r\n")
+    keys, doubles = (content.get(each, b"") for each in (reference.GEO_KEYS, reference.GEO_DOUBLES))
+    if wkt and (source.header.global_encoding.wkt or not keys):
+        return reference.of_wkt(wkt, str(path))
+    if keys:
+        return reference.of_geo_keys(keys, doubles, str(path))
+    return None
 
 
 def e57(path: Path) -> Points:
-    """Read every scan in the coordinates of the survey; each is a station."""
+    """Read every scan in the coordinates of the survey; each is a station.
+
+    Children of a structure are taken by their names: their order is the writer's.
+    """
     import pye57
 
     source = pye57.E57(str(path))
-    _check_count(sum(source.get_header(index).point_count for index in range(source.scan_count)), path)
-    scans = []
-    for index in range(source.scan_count):
-        scan = source.read_scan(index, ignore_missing_fields=True, transform=True)
-        scans.append(np.column_stack([scan["cartesianX"], scan["cartesianY"], scan["cartesianZ"]]))
+    headers = [source.get_header(index) for index in range(source.scan_count)]
+    _check_count(sum(header.point_count for header in headers), path)
+    scans, steps = [], [np.zeros(3)]
+    for header in headers:
+        points = _e57_points(source, header, path)
+        steps.append(coordinate_steps(points))
+        scans.append(_posed(points, header.node, path))
+    told = _said(lambda: (None, _e57_system(source, headers, path)))
+    told["step"] = np.max(steps, axis=0).tolist()
     if not scans:
-        return None, [np.empty((0, 3)), np.empty(0, np.int32)]
+        return told, [np.empty((0, 3)), np.empty(0, np.int32)]
     lengths = [len(scan) for scan in scans]
-    return None, [np.concatenate(scans), np.repeat(np.arange(len(scans), dtype=np.int32), lengths)]
+    return told, [np.concatenate(scans), np.repeat(np.arange(len(scans), dtype=np.int32), lengths)]
+
+
+def _e57_points(source: Any, header: Any, path: Path) -> NDArray[np.float64]:
+    """Valid points (n, 3) of a scan in its own frame."""
+    fields = set(header.point_fields)
+    axes = next((axes for axes in (CARTESIAN, SPHERICAL) if set(axes) <= fields), None)
+    if axes is None:
+        _refuse(f"a scan has the fields {', '.join(sorted(fields))}, and no coordinates", path)
+    names = [*axes, *(name for name in INVALID if name in fields and name[:4] == axes[0][:4])]
+    data, buffers = source.make_buffers(names, header.point_count)
+    reader = header.points.reader(buffers)
+    read = reader.read()
+    reader.close()
+    if read != header.point_count:
+        _refuse(f"{read} points of a scan can be read where its header counts {header.point_count}", path)
+    points = np.column_stack([data[axis] for axis in axes]).astype(float)
+    if axes == SPHERICAL:
+        far, around, up = points.T
+        points = np.column_stack(
+            [far * np.cos(up) * np.cos(around), far * np.cos(up) * np.sin(around), far * np.sin(up)]
+        )
+    return points[data[names[3]] == 0] if len(names) > 3 else points
+
+
+def _posed(points: NDArray[np.float64], node: Any, path: Path) -> NDArray[np.float64]:
+    """Points of a scan in the frame of the file."""
+    from scipy.spatial.transform import Rotation
+
+    turn, shift = _pose(node, "rotation", "xyzw", path), _pose(node, "translation", "xyz", path)
+    if turn is not None:
+        if not (np.isfinite(turn).all() and abs(np.linalg.norm(turn) - 1.0) < UNIT_QUATERNION):
+            _refuse(f"a scan's pose turns by {turn.tolist()} (x, y, z, w), which is no unit quaternion", path)
+        points = points @ Rotation.from_quat(turn).as_matrix().T
+    return points if shift is None else points + shift
+
+
+def _pose(node: Any, part: str, names: str, path: Path) -> NDArray[np.float64] | None:
+    """Numbers of a part of a scan's pose by their names; None if there is none."""
+    if not node.isDefined("pose") or not node["pose"].isDefined(part):
+        return None
+    children = node["pose"][part]
+    lacking = [name for name in names if not children.isDefined(name)]
+    if lacking:
+        _refuse(f"the {part} of a scan's pose has no {', '.join(lacking)}", path)
+    return np.array([children[name].value() for name in names], float)
+
+
+def _e57_system(source: Any, headers: list[Any], path: Path) -> reference.Reference | None:
+    """What a file says of its coordinates in words.
+
+    Raises
+    ------
+    InputError
+        If that is another unit than metres, which are E57's by its standard: nobody can tell which is right.
+    """
+    words = [_text(source.root, "coordinateMetadata"), *(_text(each.node, "description") for each in headers)]
+    system = reference.of_words(words[0], str(path))
+    unit = unit_of_remarks(words, str(path))
+    if (unit or "m") != "m" or (system is not None and system["metres_per_unit"] != [1.0, 1.0]):
+        stated = unit if system is None else f"{system['name']}, in {system['unit']}"
+        raise InputError(
+            f"its coordinates are said to be in another unit than metres ({stated}), which are E57's by its standard",
+            where=str(path),
+            expected="coordinates in metres, and no other unit in the file's words",
+            remedy="see how large something known is, and say which unit is right by --units, such as --units m",
+        )
+    return system
+
+
+def _text(node: Any, name: str) -> str:
+    return str(node[name].value()) if node.isDefined(name) and hasattr(node[name], "value") else ""
 
 
 def pcd(path: Path) -> Points:
@@ -80,7 +199,16 @@ def pcd(path: Path) -> Points:
         (cloud.point[key].numpy().ravel() for key in ("station", "point_source_id") if key in cloud.point),
         np.zeros(len(points)),
     )
-    return None, [points, station.astype(np.int32)]
+    with path.open("rb") as file:
+        head = file.read(PCD_HEADER_BYTES).partition(b"\nDATA")[0].decode("latin-1")
+    remarks = [line.lstrip("# ") for line in head.splitlines() if line.startswith("#")]
+    told = _said(lambda: _of_remarks(remarks, path))
+    return told | {"step": coordinate_steps(points).tolist()}, [points, station.astype(np.int32)]
+
+
+def _of_remarks(remarks: list[str], path: Path) -> tuple[str | None, reference.Reference | None]:
+    unit = unit_of_remarks(remarks, str(path))
+    return unit, None if unit else reference.of_words("\n".join(remarks), str(path))
 
 
 def _pcd_points(path: Path) -> int:

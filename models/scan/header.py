@@ -32,7 +32,7 @@ Columns = tuple[int, int, int]
 """Numbers of the columns of x, y and z."""
 
 
-def named_columns(lines: Sequence[str], columns: int, where: str) -> Columns | None:
+def named_columns(lines: Sequence[str], columns: int, where: str, unit_given: bool = False) -> Columns | None:
     """Columns of x, y, z by the lines before the first point, None if these are remarks or there are none.
 
     Parameters
@@ -42,6 +42,8 @@ def named_columns(lines: Sequence[str], columns: int, where: str) -> Columns | N
         How many numbers the first point's line has.
     where : str
         The file, for errors.
+    unit_given : bool
+        The user says which unit the numbers are in, so that the header may state another than metres.
 
     Raises
     ------
@@ -53,7 +55,8 @@ def named_columns(lines: Sequence[str], columns: int, where: str) -> Columns | N
         names = _names(line, columns)
         found = _axes(names)
         if found is not None and (len(names) == columns or found == (0, 1, 2)):
-            _check_metres([names[column] for column in found], where)
+            if not unit_given:
+                _check_metres([names[column] for column in found], where)
             return found
         # Remarks may stand between a header and the points, so of such lines only the last must be understood.
         if (line is titles[-1] or not _is_comment(line)) and _names_columns(names, columns):
@@ -141,7 +144,8 @@ def _check_metres(names: Sequence[str], where: str) -> None:
             f"the header states another unit than metres: {', '.join(stated)}",
             where=where,
             expected="coordinates in metres",
-            remedy="convert the coordinates to metres first, and name their columns x, y and z",
+            remedy="say which unit all three are in by --units, or convert the coordinates to metres, and name their "
+            "columns x, y and z",
         )
 
 

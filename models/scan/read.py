@@ -3,30 +3,83 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from toppling.models.errors import InputError
 from toppling.models.guarded import read_guarded
-from toppling.models.ply import read_vertices
-from toppling.models.scan.header import TEXT, named_columns
+from toppling.models.lengths import METRES, NAMES, in_degrees, unit_of_remarks
+from toppling.models.ply import read_header, read_vertices
+from toppling.models.scan.reference import names_a_system
+from toppling.models.scan.steps import coordinate_steps, single_precision_step
+from toppling.models.scan.text import read_text
 
 FORMATS = (".ply", ".pcd", ".xyz", ".pts", ".txt", ".csv", ".las", ".laz", ".e57")
 MINIMUM_POINTS = 1000
 """Fewer points than this cannot show a rock, its pedestal and the crevice between them."""
 GUARDED = {
-    ".las": ("las", "laspy"),
-    ".laz": ("las", "laspy"),
-    ".e57": ("e57", "pye57"),
-    ".pcd": ("pcd", "open3d"),
+    ".las": ("las", ["laspy"]),
+    ".laz": ("las", ["laspy"]),
+    ".e57": ("e57", ["pye57"]),
+    ".pcd": ("pcd", ["open3d"]),
 }
-"""Formats that libraries read in C++ and Rust: the reader in `models.scan.binary`, and its library."""
-EASTINGS_M = (1e5, 1e6)
-"""Within these lie all eastings of UTM; northings lie beyond nearly everywhere."""
-NORTHINGS_BELOW_M = 1e7
+"""Formats that libraries read in C++ and Rust: the reader in `models.scan.binary`, and its libraries."""
 COARSEST_STEP_M = 0.01
 """Coordinates stored in steps wider than this have lost the crevice."""
+
+
+UNIT_TOLERANCE = 1e-5
+"""Relative difference of units that are one and the same for a rock: the two feet differ by 2e-6."""
+DEGREES_PER_HEIGHT = 1e-3
+"""Clouds so much narrower than high are none of a rock in one unit: x and y are degrees."""
+
+
+@dataclass(frozen=True)
+class Source:
+    """What a file said of its coordinates, and what was made of them.
+
+    Parameters
+    ----------
+    name : str
+    points : int
+        That stay.
+    left_out : int
+        Points that were not finite.
+    metres_per_unit : pair of float
+        Of horizontal coordinates and of heights, as the file has them.
+    unit_by : str
+        Who says so: empty if nobody does, and metres are assumed.
+    system : str
+        Name of its coordinate system; empty if none is stated.
+    epsg : int or None
+    step_m : float
+        Widest step in which its coordinates come, 0 if none shows.
+    note : str
+        What the user should know of it; may be empty.
+    """
+
+    name: str
+    points: int
+    left_out: int = 0
+    metres_per_unit: tuple[float, float] = (1.0, 1.0)
+    unit_by: str = ""
+    system: str = ""
+    epsg: int | None = None
+    step_m: float = 0.0
+    note: str = ""
+
+    def to_json(self) -> dict[str, Any]:
+        """The same for `scene.json`, without what is empty."""
+        told: dict[str, Any] = {"name": self.name, "points": self.points, "step_m": self.step_m}
+        if self.left_out:
+            told["points_left_out"] = self.left_out
+        if self.unit_by:
+            told |= {"metres_per_unit": [*self.metres_per_unit], "unit_by": self.unit_by}
+        if self.system:
+            told |= {"coordinate_system": self.system, "epsg": self.epsg}
+        return told
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,42 +96,113 @@ class Cloud:
         Which tripod station saw the point (file by file, and within a file as the file says).
     files : tuple of (str, int)
         Names and numbers of points, in the order of the points.
+    sources : tuple of Source
+        What each of the files said; empty if the points come from none.
     """
 
     points_m: NDArray[np.float64]
     origin_m: NDArray[np.float64]
     station: NDArray[np.int32]
     files: tuple[tuple[str, int], ...]
+    sources: tuple[Source, ...] = ()
+
+    @property
+    def step_m(self) -> float:
+        """Widest step in which coordinates come."""
+        return max((source.step_m for source in self.sources), default=0.0)
 
 
-def read_clouds(paths: Sequence[str | Path]) -> Cloud:
+@dataclass(frozen=True, eq=False)
+class _Read:
+    """Points (n, 3) of a file in its unit, the station of each, and what the file says of them."""
+
+    points: NDArray[np.float64]
+    station: NDArray[np.int32]
+    step: NDArray[np.float64]
+    unit: str | None = None
+    reference: dict[str, Any] | None = None
+
+
+def read_clouds(paths: Sequence[str | Path], unit: str | None = None) -> Cloud:
     """Read files as one cloud; several files are stations of one survey in one coordinate system.
+
+    Parameters
+    ----------
+    paths : sequence of path
+    unit : str, optional
+        Of all coordinates, one of `models.lengths.METRES`; it wins over what the files say.
 
     Raises
     ------
     InputError
-        If a file is absent, unreadable, of an unknown format, holds too few or non-finite points, survey coordinates
-        in single precision, or points at 0, 0, 0 far from all others.
+        If a file is absent, unreadable, of an unknown format, holds too few points, coordinates in degrees or in a
+        unit that is not understood, survey coordinates in single precision, or points at 0, 0, 0 far from all others.
     """
     survey: list[NDArray[np.float64]] = []
     stations: list[NDArray[np.int32]] = []
-    files: list[tuple[str, int]] = []
+    sources: list[Source] = []
     for path in map(Path, paths):
-        points, station = _read_file(path)
-        _check_points(points, path)
+        points, station, source = _in_metres(_read_file(path, unit is not None), path, unit)
         survey.append(points)
         stations.append(station + (stations[-1].max() + 1 if stations else 0))
-        files.append((path.name, len(points)))
+        sources.append(source)
     origin = np.floor(np.median(np.vstack([each[:: max(1, len(each) // 10000)] for each in survey]), axis=0))
     for each in survey:
         each -= origin  # in place: twenty million points are half a gigabyte
     points = survey[0] if len(survey) == 1 else np.concatenate(survey)
     station = stations[0] if len(stations) == 1 else np.concatenate(stations)
-    return Cloud(points, origin, station, tuple(files))
+    return Cloud(points, origin, station, tuple((each.name, each.points) for each in sources), tuple(sources))
 
 
-def _read_file(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
-    """Survey coordinates (n, 3) in double precision and the station of each point, counted from 0."""
+def _in_metres(
+    read: _Read, path: Path, unit: str | None
+) -> tuple[NDArray[np.float64], NDArray[np.int32], Source]:
+    """Finite points in metres, and what became of the others."""
+    points, station, left_out = read.points, read.station, 0
+    if not np.isfinite(points.sum()):
+        finite = np.isfinite(points).all(axis=1)
+        points, station, left_out = points[finite], station[finite], int((~finite).sum())
+    scale, by, note = _unit_of(read, unit)
+    _check_points(points, path, left_out, scale)
+    if scale != (1.0, 1.0):
+        points *= (scale[0], scale[0], scale[1])
+    _check_returns(points, path)
+    notes = [f"{left_out} points are not finite and were left out"] if left_out else []
+    notes += [note] if note else []
+    source = Source(
+        path.name,
+        len(points),
+        left_out,
+        scale,
+        by,
+        read.reference["name"] if read.reference else "",
+        read.reference["epsg"] if read.reference else None,
+        float((read.step * (scale[0], scale[0], scale[1])).max()),
+        "; ".join(notes),
+    )
+    return points, _counted(station), source
+
+
+def _unit_of(read: _Read, unit: str | None) -> tuple[tuple[float, float], str, str]:
+    """Metres of a unit across and upward, who says so, and what should be told of it."""
+    stated, by = None, ""
+    if read.reference is not None:
+        across, up = read.reference["metres_per_unit"]
+        stated, by = (across, up), f"{read.reference['name']}: {read.reference['unit']}"
+    elif read.unit is not None:
+        stated, by = (METRES[read.unit],) * 2, f"its remarks: {NAMES[read.unit]}"
+    if unit is not None:
+        given = (METRES[unit],) * 2
+        differs = stated is not None and not np.allclose(given, stated, rtol=UNIT_TOLERANCE, atol=0.0)
+        return given, f"--units {unit}", f"read in {NAMES[unit]}, though it says {by}" if differs else ""
+    if stated is None or stated == (1.0, 1.0):
+        return (1.0, 1.0), by, ""
+    also = f"; {read.reference['note']}" if read.reference and read.reference["note"] else ""
+    return stated, by, f"converted to metres as its coordinates are in other units ({by}){also}"
+
+
+def _read_file(path: Path, unit_given: bool) -> _Read:
+    """Coordinates of a file in double precision, in its unit."""
     if not path.is_file():
         raise _unreadable("no such file", path)
     suffix = path.suffix.lower()
@@ -86,18 +210,37 @@ def _read_file(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
         raise _unreadable(f"unknown format '{suffix}'", path)
     try:
         if suffix in GUARDED:
-            reader, library = GUARDED[suffix]
-            points, station = read_guarded(f"toppling.models.scan.binary:{reader}", path, [library])[1]
-        elif suffix == ".ply":
+            reader, libraries = GUARDED[suffix]
+            said, (points, station) = read_guarded(f"toppling.models.scan.binary:{reader}", path, libraries)
+            if said["refusal"] and not unit_given:
+                raise InputError(**said["refusal"] | {"where": str(path)})
+            return _Read(points, station, np.array(said["step"]), said["unit"], said["reference"])
+        if suffix == ".ply":
             points, station = _read_ply(path)
+            remarks = read_header(path).remarks
         else:
-            points = _read_columns(path)
+            text = read_text(path, unit_given)
+            points, remarks = text.points, text.remarks
             station = np.zeros(len(points), np.int32)
     except InputError:
         raise
     except Exception as error:  # each reader raises whatever its parser raises
         raise _unreadable(f"cannot be read ({type(error).__name__}: {error})", path) from error
-    return points, _counted(station)
+    try:
+        said_unit, system = _of_remarks(remarks, path)
+    except InputError:
+        if not unit_given:
+            raise
+        said_unit, system = None, None
+    return _Read(points, station, coordinate_steps(points), said_unit, system)
+
+
+def _of_remarks(remarks: Sequence[str], path: Path) -> tuple[str | None, dict[str, Any] | None]:
+    """Unit, or else coordinate system, that a text file or the head of a PLY states in its remarks."""
+    unit = unit_of_remarks(remarks, str(path))
+    if unit is not None or not names_a_system("\n".join(remarks)):
+        return unit, None
+    return None, read_guarded("toppling.models.scan.reference:of_text_head", path)[0]
 
 
 def _read_ply(path: Path) -> tuple[NDArray[np.float64], NDArray]:
@@ -111,62 +254,6 @@ def _read_ply(path: Path) -> tuple[NDArray[np.float64], NDArray]:
     return points, station.astype(np.int32)
 
 
-def _read_columns(path: Path) -> NDArray[np.float64]:
-    """Read x, y, z of a text file: the columns that a header names, else the first three."""
-    with path.open(encoding=TEXT, errors="replace") as lines:
-        head = [line for _, line in zip(range(20), lines, strict=False)]
-    skip = next((i for i, line in enumerate(head) if _numbers(line) >= 3), None)
-    if skip is None:
-        return np.empty((0, 3))
-    delimiter = "," if "," in head[skip] else ";" if ";" in head[skip] else None
-    titles = list(filter(_no_count, head[:skip]))
-    named = named_columns(titles, len(head[skip].strip().split(delimiter)), str(path))
-    with path.open(encoding=TEXT, errors="replace") as lines:
-        counted = path.suffix.lower() == ".pts"  # filtering costs time, so for these files alone
-        points = np.loadtxt(
-            filter(_no_count, lines) if counted else lines,
-            delimiter=delimiter,
-            skiprows=len(titles) if counted else skip,
-            usecols=named or (0, 1, 2),
-            ndmin=2,
-            comments=("#", "//"),
-        )
-    if named is None:
-        _check_easting_first(points, path)
-    return points
-
-
-def _no_count(line: str) -> bool:
-    """Whether a line is none of the counts of points that stand before each scan in a PTS file."""
-    return not line.strip().isdigit()
-
-
-def _check_easting_first(points: NDArray[np.float64], path: Path) -> None:
-    """Refuse what looks like northing before easting: the scene would be mirrored."""
-    if not len(points):
-        return
-    x, y = np.abs(np.median(points[:, :2], axis=0))
-    if EASTINGS_M[1] < x < NORTHINGS_BELOW_M and EASTINGS_M[0] < y < EASTINGS_M[1]:
-        raise InputError(
-            f"the first column, about {x:.0f}, looks like a northing and the second, about {y:.0f}, like an easting",
-            where=str(path),
-            expected="x (east), y (north), z in this order, or a header line that names them",
-            remedy="put a line with the columns' names before the first point: y,x,z, or x,y,z if they are in order",
-        )
-
-
-def _numbers(line: str) -> int:
-    """How many numbers a line begins with."""
-    count = 0
-    for word in line.replace(",", " ").replace(";", " ").split():
-        try:
-            float(word)
-        except ValueError:
-            break
-        count += 1
-    return count
-
-
 def _counted(station: NDArray) -> NDArray[np.int32]:
     """Number the stations from 0, in the order of the file's own numbers."""
     if not len(station) or not station.any():
@@ -177,24 +264,22 @@ def _counted(station: NDArray) -> NDArray[np.int32]:
     return np.unique(station, return_inverse=True)[1].astype(np.int32)
 
 
-def _check_points(points: NDArray[np.float64], path: Path) -> None:
-    if not np.isfinite(points.sum()) and not np.isfinite(points).all():
-        bad = ~np.isfinite(points).all(axis=1)
-        raise _unreadable(
-            f"{int(bad.sum())} points are not finite, first point {int(np.argmax(bad))}",
-            path,
-        )
+def _check_points(points: NDArray[np.float64], path: Path, left_out: int, scale: tuple[float, float]) -> None:
     if len(points) < MINIMUM_POINTS:
+        also = f", and {left_out} that are not finite" if left_out else ""
         raise InputError(
-            f"holds {len(points)} points",
+            f"holds {len(points)} points{also}",
             where=str(path),
             expected=f"at least {MINIMUM_POINTS}",
             remedy="check that the export was complete and that the file's extension names its format",
         )
-    if not np.ptp(points, axis=0).any():
+    size = np.ptp(points, axis=0)
+    if not size.any():
         raise _unreadable("all points are one and the same", path)
-    _check_returns(points, path)
-    step = single_precision_step_m(points)
+    level = np.abs(points[:, :2]).max(axis=0)
+    if 0.0 < size[:2].max() < DEGREES_PER_HEIGHT * size[2] and level[0] <= 360.0 and level[1] <= 90.0:
+        raise in_degrees(f"x and y span {size[0]:.3g} and {size[1]:.3g}, heights {size[2]:.3g}", str(path))
+    step = single_precision_step(points) * scale[0]
     if step > COARSEST_STEP_M:
         raise InputError(
             f"survey coordinates are stored in single precision, in steps of {step:.3g} m",
@@ -218,14 +303,6 @@ def _check_returns(points: NDArray[np.float64], path: Path) -> None:
             expected="points that a beam came back from",
             remedy="leave beams without a return out of the export, or delete the points at 0, 0, 0",
         )
-
-
-def single_precision_step_m(points: NDArray[np.float64]) -> float:
-    """Widest step between neighbouring single-precision numbers at the coordinates, 0 if they are not such numbers."""
-    sample = points[:: max(1, len(points) // 10_000)]
-    single = sample.astype(np.float32)
-    steps = np.spacing(np.abs(single).max(axis=0))
-    return float(np.max(steps, where=(single == sample).all(axis=0), initial=0.0))
 
 
 def _unreadable(what: str, path: Path) -> InputError:

@@ -15,6 +15,7 @@ from scipy.spatial import cKDTree
 from toppling.models.errors import InputError
 from toppling.models.folder import new_folder
 from toppling.models.frames import shifted_and_turned
+from toppling.models.lengths import size_note
 from toppling.models.rock import Rock, check_size
 from toppling.models.scan.base import near_the_interface
 from toppling.models.scan.crevice import BAND_PER_HEIGHT, check_seen, judge_crevice
@@ -33,6 +34,7 @@ from toppling.models.scan.read import Cloud
 from toppling.models.scan.register import check_fit, register
 from toppling.models.scan.segment import NEITHER, PEDESTAL, ROCK, Segmentation, label_surfels, segment
 from toppling.models.scan.standing import base_unseen, check_inspection
+from toppling.models.scan.steps import step_note
 from toppling.models.scan.word import Word, check_near
 from toppling.models.scene import Scene
 
@@ -67,11 +69,14 @@ class Survey:
     ----------
     scene : Scene
     label : (n,) int8 array
-        Per input point: 0 rock, 1 pedestal, 2 neither.
+        Per point of the cloud: 0 rock, 1 pedestal, 2 neither.
+    notes : tuple of str
+        What the user should know of the clouds: units that were converted, points left out, coarse steps, a size.
     """
 
     scene: Scene
     label: NDArray[np.int8]
+    notes: tuple[str, ...] = ()
 
 
 def survey(
@@ -121,6 +126,8 @@ def survey(
     seen, label, interface = _judged(cloud, parts, word)
     check_size(seen.height_m, "units")
     check_above(seen, interface)
+    notes = [f"{source.name}: {source.note}" for source in cloud.sources if source.note]
+    notes += filter(None, (step_note(cloud.step_m, seen.height_m), size_note(seen.height_m)))
     known = (inspection or Inspection()).moved(cloud.origin_m)
     check_inspection(seen, interface, known)
     progress("closing the rock")
@@ -166,10 +173,11 @@ def survey(
         },
         "pedestal": kept_of(ground, cloud.points_m[_at_most(np.flatnonzero(label == PEDESTAL))], interface),
         "registration": registration,
-        "files": [{"name": name, "points": points} for name, points in cloud.files],
+        "files": [source.to_json() for source in cloud.sources]
+        or [{"name": name, "points": points} for name, points in cloud.files],
         **({"uncertainty": spread} if spread else {}),
     }
-    return Survey(dataclasses.replace(scene, report=report), label)
+    return Survey(dataclasses.replace(scene, report=report), label, tuple(notes))
 
 
 def _inside_cloud(near_m: tuple[float, float], cloud: Cloud) -> NDArray[np.float64]:

@@ -7,6 +7,7 @@ import click
 
 from toppling.models.errors import InputError
 from toppling.models.folder import refuse_existing
+from toppling.models.lengths import METRES
 from toppling.models.scene import Scene
 from toppling.orchestrator.progress import bar
 
@@ -27,6 +28,11 @@ def _enough(_: click.Context, __: click.Parameter, realisations: int) -> int:
 @click.argument("files", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option(
     "--out", required=True, type=click.Path(path_type=Path), help="Folder of the scene; must not exist."
+)
+@click.option(
+    "--units",
+    type=click.Choice(list(METRES)),
+    help="Unit of the coordinates; it wins over what the files say. Metres where neither says anything.",
 )
 @click.option(
     "--near",
@@ -83,6 +89,7 @@ def _enough(_: click.Context, __: click.Parameter, realisations: int) -> int:
 def scan(
     files: tuple[Path, ...],
     out: Path,
+    units: str | None,
     near: tuple[float, float] | None,
     plane: tuple[float, ...] | None,
     points: tuple[str, ...],
@@ -94,8 +101,9 @@ def scan(
 ) -> None:
     """Turn laser scans into a rock on its pedestal.
 
-    FILES are stations of one survey: LAZ, LAS, PLY, PCD, XYZ, PTS, TXT, CSV or E57, in metres, z up. Rock and pedestal
-    are separated automatically; if you know better where they meet, use --plane, --point or --outline.
+    FILES are stations of one survey: LAZ, LAS, PLY, PCD, XYZ, PTS, TXT, CSV or E57, z up, in the unit that they state,
+    or in metres. Rock and pedestal are separated automatically; if you know better where they meet, use --plane,
+    --point or --outline.
 
     No laser sees the base of the rock. The command draws bases that are consistent with the scan and on which the rock
     stands as scanned, and keeps them in the scene. --contact, --pull and --outline narrow them down.
@@ -125,7 +133,7 @@ def scan(
         def stage(name: str) -> None:
             advance(1, name)
 
-        cloud = read_clouds(files)
+        cloud = read_clouds(files, units)
         try:
             result = survey(cloud, stage, near, word, bootstrap, inspection)
         except InputError as error:
@@ -136,6 +144,7 @@ def scan(
         save_survey(result, out, lambda folder: draw_scene(result.scene, folder / "scene.png", notes))
         draw_settling(result.scene, out / "settling.png")
     click.echo(json.dumps(result.scene.to_json(), allow_nan=False) if as_json else _told(result.scene, out))
+    notes += result.notes
     if warning := invention_warning(result.scene):
         notes.append(warning)
     for note in notes:

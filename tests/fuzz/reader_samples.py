@@ -1,6 +1,7 @@
 """A sound file for every reader of the program, and how it is read: what the fuzzer mutates and calls."""
 
 import json
+import struct
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +12,7 @@ import numpy as np
 import obspy
 import open3d as o3d
 import pye57
+import pyproj
 import trimesh
 from motion_samples import STEP_S, WRITERS, shaking
 
@@ -61,11 +63,25 @@ def _write_las(path: Path) -> None:
     cloud.write(path)
 
 
+def _write_las_of_feet(path: Path) -> None:
+    """With the coordinate system in words, and in GeoTIFF's keys."""
+    header = laspy.LasHeader(point_format=6, version="1.4")
+    header.scales = [0.001] * 3
+    words = pyproj.CRS.from_user_input("EPSG:2229+6360").to_wkt("WKT1_GDAL")
+    keys = struct.pack("<16H", 1, 1, 0, 3, 1024, 0, 1, 1, 3072, 0, 1, 2229, 4099, 0, 1, 9003)
+    for number, content in ((2112, words.encode() + b"\0"), (34735, keys)):
+        header.vlrs.append(laspy.VLR("LASF_Projection", number, "", content))
+    header.global_encoding.wkt = path.suffix == ".las"
+    cloud = laspy.LasData(header)
+    cloud.x, cloud.y, cloud.z = POINTS_M.T
+    cloud.write(path)
+
+
 def _write_e57(path: Path) -> None:
     with pye57.E57(str(path), mode="w") as file:
-        file.write_scan_raw(
-            {f"cartesian{axis}": values for axis, values in zip("XYZ", POINTS_M.T, strict=True)}
-        )
+        for points in np.split(POINTS_M, 2):
+            columns = {f"cartesian{axis}": values for axis, values in zip("XYZ", points.T, strict=True)}
+            file.write_scan_raw(columns, rotation=np.array([0.6, 0.0, 0.0, 0.8]), translation=np.ones(3))
 
 
 def _write_tensor(path: Path, **options: bool) -> None:
@@ -73,7 +89,16 @@ def _write_tensor(path: Path, **options: bool) -> None:
 
 
 def _write_text(path: Path, form: str, head: str = "") -> None:
-    path.write_text(head + "".join(form.format(*point) for point in POINTS_M))
+    path.write_text(head + _rows(form))
+
+
+def _rows(form: str) -> str:
+    return "".join(form.format(*point) for point in POINTS_M)
+
+
+def _write_remarked(path: Path) -> None:
+    _write_tensor(path)
+    path.write_bytes(b"# units: US survey feet\n# EPSG:2229\n" + path.read_bytes())
 
 
 CLOUDS: dict[str, tuple[str, Callable[[Path], None]]] = {
@@ -85,6 +110,20 @@ CLOUDS: dict[str, tuple[str, Callable[[Path], None]]] = {
     "cloud.pcd": ("cloud.pcd", lambda path: _write_tensor(path)),
     "cloud ascii.pcd": ("cloud.pcd", lambda path: _write_tensor(path, write_ascii=True)),
     "cloud compressed.pcd": ("cloud.pcd", lambda path: _write_tensor(path, compressed=True)),
+    "cloud of feet.las": ("cloud.las", _write_las_of_feet),
+    "cloud of feet.laz": ("cloud.laz", _write_las_of_feet),
+    "cloud with remarks.pcd": ("cloud.pcd", lambda path: _write_remarked(path)),
+    "cloud with commas.txt": (
+        "cloud.txt",
+        lambda path: path.write_bytes(
+            ("# Höhe, units: mm\r\nx;y;z\r\n" + _rows("{};{};{}\r\n").replace(".", ",")).encode("cp1252")
+            + b"\x1a"
+        ),
+    ),
+    "cloud in two bytes.txt": (
+        "cloud.txt",
+        lambda path: path.write_text(_rows("{}\t{}\t{}\n").replace(".", ","), "utf-16"),
+    ),
     "cloud.xyz": ("cloud.xyz", lambda path: _write_text(path, "{} {} {}\n")),
     "cloud.pts": ("cloud.pts", lambda path: _write_text(path, "{} {} {} 7\n", f"{len(POINTS_M)}\n")),
     "cloud.csv": ("cloud.csv", lambda path: _write_text(path, "{},{},{}\n", "x,y,z\n")),

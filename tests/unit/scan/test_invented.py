@@ -54,7 +54,7 @@ def test_floors_are_those_of_known_rocks_where_all_was_seen_and_the_caps_where_m
 @pytest.mark.parametrize("as_json", [False, True])
 def test_the_command_line_warns_of_an_invented_rock_beside_its_answer(monkeypatch, tmp_path, as_json):
     found = Survey(with_invented(0.41), np.zeros(0, np.int8))
-    monkeypatch.setattr("toppling.models.scan.read.read_clouds", lambda _: None)
+    monkeypatch.setattr("toppling.models.scan.read.read_clouds", lambda *_: None)
     monkeypatch.setattr("toppling.models.scan.survey.survey", lambda *_: found)
     monkeypatch.setattr("toppling.models.scan.survey.save_survey", lambda *_: None)
     options = ["--json"] if as_json else []

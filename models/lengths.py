@@ -1,0 +1,156 @@
+"""Units of length: their names as files and people write them, and which of them would explain a rock's size."""
+
+import re
+from collections.abc import Iterable
+
+from toppling.models.errors import InputError
+
+US_FOOT_M = 1200.0 / 3937.0
+METRES = {
+    "m": 1.0,
+    "mm": 1e-3,
+    "cm": 1e-2,
+    "dm": 0.1,
+    "km": 1e3,
+    "ft": 0.3048,
+    "us-ft": US_FOOT_M,
+    "in": 0.0254,
+    "yd": 0.9144,
+}
+"""Metres of one of each unit; its names are those of `--units`."""
+_SPOKEN = {
+    "m": r"m|met(?:re|er)s?",
+    "mm": r"mm|milli ?met(?:re|er)s?",
+    "cm": r"cm|centi ?met(?:re|er)s?",
+    "dm": r"dm|deci ?met(?:re|er)s?",
+    "km": r"km|kilo ?met(?:re|er)s?",
+    "us-ft": r"(?:us|u ?s) ?(?:survey )?(?:ft|feet|foot)|us ?ft|ft ?us|survey (?:ft|feet|foot)|"
+    r"(?:ft|feet|foot) ?us(?: survey)?",
+    "ft": r"i?ft|feet|foot|(?:international|intl) (?:feet|foot|ft)",
+    "in": r"in|inch(?:es)?",
+    "yd": r"yd|yards?",
+}
+_DEGREES = re.compile(r"(?:decimal )?(?:deg|degrees?|°)\b|lat\w*[ /,]+lon\w*")
+_ANY = re.compile(
+    "|".join(f"(?P<{unit.replace('-', '_')}>(?:{words}))\\b" for unit, words in _SPOKEN.items())
+)
+_SAID = re.compile(
+    r"\b(?:units?(?: of (?:length|measure(?:ment)?))?|(?:linear|length|coordinate|vertical|horizontal)s? ?units?)\b"
+    r" ?(?:[:=]|\bare\b|\bis\b|\bin\b)? ?(?:in )?(?:the )?(?P<word>[^,;]{1,40})"
+    r"|\b(?:coordinates?|points?|vertices|x y z|xyz)\b(?: are| is| given| stored)*"
+    r" in (?P<in>[^,;]{1,40})"
+)
+_OUTRIGHT = re.compile(
+    r"\W*(?:linear|length|coordinate|model)?s? ?units?\s*[:=]\s*[\"']?(?P<word>[a-z][\w./ -]{0,30})"
+)
+NO_LENGTHS = ("db", "none", "unknown", "count", "dn", "raw", "percent", "rgb", "unitless", "intensity")
+"""Words after "units" that are about something else than coordinates, or say nothing."""
+ROCK_M = (0.1, 30.0)
+"""Heights of the precarious rocks that are known; others are told which unit would make them one."""
+NAMES = {"ft": "feet", "us-ft": "US survey feet", "in": "inches", "mm": "millimetres", "cm": "centimetres"} | {
+    "yd": "yards", "dm": "decimetres", "km": "kilometres", "m": "metres",
+}  # fmt: skip
+
+
+def unit_called(word: str) -> str | None:
+    """The unit that a word names, as in `METRES`; None if it names none.
+
+    Examples
+    --------
+    >>> unit_called("US Survey Feet"), unit_called("Millimeters"), unit_called("cubits")
+    ('us-ft', 'mm', None)
+    """
+    found = _ANY.match(re.sub(r"[\s._()\"'-]+", " ", word.lower()).strip())
+    return found.lastgroup.replace("_", "-") if found is not None and found.lastgroup else None
+
+
+def unit_of_remarks(remarks: Iterable[str], where: str) -> str | None:
+    """The unit that remarks in a file state, None if they state none.
+
+    Parameters
+    ----------
+    remarks : iterable of str
+        Such as "units: US survey feet", "coordinates in mm".
+    where : str
+        The file, for errors.
+
+    Raises
+    ------
+    InputError
+        If they state degrees, a unit that nobody knows, or two.
+
+    Examples
+    --------
+    >>> unit_of_remarks(["made by a scanner", "Units: US Survey Feet"], "cloud.ply")
+    'us-ft'
+    """
+    found = set()
+    for remark in remarks:
+        plain = re.sub(r"[\s._()\"'\[\]-]+", " ", remark.lower())
+        for said in _SAID.finditer(plain):
+            word = (said["word"] or said["in"]).strip(" :=")
+            if _DEGREES.match(word) and said["in"]:
+                raise in_degrees(remark.strip()[:80], where)
+            if (unit := unit_called(word)) is not None:
+                found.add(unit)
+        outright = _OUTRIGHT.match(remark.lower().strip())
+        if outright is not None and not unit_called(outright["word"]):
+            if _DEGREES.match(outright["word"]):
+                raise in_degrees(remark.strip()[:80], where)
+            if not outright["word"].startswith(NO_LENGTHS):
+                raise _unclear(f"it states a unit that is not known: {remark.strip()[:80]!r}", where)
+    if len(found) > 1:
+        raise _unclear(f"it states two units: {', '.join(NAMES[unit] for unit in sorted(found))}", where)
+    return next(iter(found), None)
+
+
+def explaining_units(height_m: float) -> str:
+    """Units in which a height would be a rock's, with what it would be; empty if there are none.
+
+    Examples
+    --------
+    >>> explaining_units(46.1)
+    'feet (14.1 m), inches (1.17 m)'
+    """
+    told = []
+    for unit in ("mm", "ft", "cm", "in", "km"):
+        height = height_m * METRES[unit]
+        if ROCK_M[0] * 5.0 <= height <= ROCK_M[1]:
+            told.append(f"{NAMES[unit]} ({height:.3g} m)")
+    return ", ".join(told)
+
+
+def size_note(height_m: float) -> str:
+    """What to say of a height that no known precarious rock has; empty for others.
+
+    Examples
+    --------
+    >>> size_note(14.05)
+    ''
+    """
+    if height_m <= ROCK_M[1]:
+        return ""
+    told = explaining_units(height_m)
+    would = f"; if the coordinates are in {told}, give --units" if told else ""
+    return (
+        f"the rock is {height_m:.3g} m high, and no precarious rock is known above {ROCK_M[1]:.0f} m{would}"
+    )
+
+
+def in_degrees(what: str, where: str) -> InputError:
+    """Say that horizontal coordinates are angles."""
+    return InputError(
+        f"coordinates are in degrees ({what})",
+        where=where,
+        expected="projected or local coordinates: lengths in three directions, z up",
+        remedy="project the cloud first, such as to the UTM zone of the site, and export again",
+    )
+
+
+def _unclear(what: str, where: str) -> InputError:
+    return InputError(
+        what,
+        where=where,
+        expected=f"one of {', '.join(METRES)}",
+        remedy="say in which unit the coordinates are by --units, which wins over what the file says",
+    )

@@ -1,0 +1,86 @@
+"""Steps in which coordinates are stored, whatever the format: a scale, decimals, single precision far from zero."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from toppling.models.errors import InputError
+
+TOLD_PER_HEIGHT = 1e-3
+"""Steps above this share of the rock's height are told with their effect."""
+COARSEST_PER_HEIGHT = 1e-2
+"""Above this one they are as wide as the patches that rock and pedestal are made of, and the crevice is lost."""
+SAMPLE = 200_000
+MULTIPLES = 0.9
+"""Share of the distances between neighbouring values that must be multiples of a step."""
+
+
+def coordinate_steps(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Step (3,) in which each coordinate of points (n, 3) comes, 0 where none shows.
+
+    Examples
+    --------
+    >>> coordinate_steps(np.random.default_rng(1).uniform(0.0, 5.0, (3000, 3)).round(2)).round(6)
+    array([0.01, 0.01, 0.01])
+    """
+    finite = points[np.isfinite(points).all(axis=1)]
+    sample = finite[:: max(1, len(finite) // SAMPLE)]
+    if len(sample) < 3:
+        return np.zeros(3)
+    return np.maximum([_step(sample[:, axis]) for axis in range(3)], _single_precision(sample))
+
+
+def single_precision_step(points: NDArray[np.float64]) -> float:
+    """Widest step between neighbouring single-precision numbers at the coordinates, 0 if they are not such numbers."""
+    return float(_single_precision(points[:: max(1, len(points) // 10_000)]).max(initial=0.0))
+
+
+def _single_precision(sample: NDArray[np.float64]) -> NDArray[np.float64]:
+    single = sample.astype(np.float32)
+    steps = np.spacing(np.abs(single).max(axis=0)).astype(float)
+    return np.where((single == sample).all(axis=0), steps, 0.0)
+
+
+def _step(values: NDArray[np.float64]) -> float:
+    """Step of one coordinate: the widest of some candidates that most distances are multiples of."""
+    apart = np.diff(np.unique(values))
+    apart = apart[apart > 1e-12 * np.abs(values).max()]
+    if len(apart) < 3:
+        return 0.0
+    for step in np.quantile(apart, [0.5, 0.1, 0.01, 0.0], method="lower"):
+        counts = apart / step
+        # Beyond a hundred steps a distance is near a multiple of anything.
+        near = counts < 100.0
+        if near.mean() > MULTIPLES and (np.abs(counts - counts.round()) < 0.02)[near].mean() > MULTIPLES:
+            return float(step)
+    return 0.0
+
+
+def step_note(step_m: float, height_m: float) -> str:
+    """What steps of coordinates mean for a rock; empty where they are fine.
+
+    Parameters
+    ----------
+    step_m, height_m : float
+        Widest step of the clouds, height of the rock.
+
+    Raises
+    ------
+    InputError
+        If they are so wide that the crevice is lost.
+    """
+    if step_m > COARSEST_PER_HEIGHT * height_m:
+        raise InputError(
+            f"coordinates come in steps of {step_m:.3g} m, and the rock is {height_m:.3g} m high",
+            where="coordinates",
+            expected=f"steps of at most {COARSEST_PER_HEIGHT * height_m:.2g} m, a hundredth of the rock's height; "
+            f"{TOLD_PER_HEIGHT * height_m:.1g} m or less lose nothing",
+            remedy="export again with more decimals, a smaller scale (LAS), in double precision, or with an offset "
+            "taken away",
+        )
+    if step_m <= TOLD_PER_HEIGHT * height_m:
+        return ""
+    return (
+        f"coordinates come in steps of {step_m:.2g} m, 1/{height_m / step_m:.0f} of the rock's height: of the gap and "
+        f"the bumps below the rock nothing finer was stored, and heights are uncertain by up to {0.5 * step_m:.2g} m; "
+        "export with more decimals or in double precision if the survey has them"
+    )

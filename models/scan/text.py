@@ -1,0 +1,260 @@
+"""Clouds as text: which sign parts the numbers, which one is decimal, in which encoding, and how the lines end."""
+
+import csv
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import partial
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from toppling.models.errors import InputError
+from toppling.models.scan.header import named_columns
+
+EASTINGS_M = (1e5, 1e6)
+"""Within these lie all eastings of UTM; northings lie beyond nearly everywhere."""
+NORTHINGS_BELOW_M = 1e7
+HEAD_LINES, LOOKED_AT = 20, 2000
+ENDS = "\x1a\0"
+"""DOS' end-of-file character, and what a program leaves of a block that it did not fill."""
+_MARKS = {b"\xef\xbb\xbf": "utf-8-sig", b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16"}
+_WITH_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?")
+_WHOLE = re.compile(r"[+-]?\d+")
+_THOUSANDS = re.compile(r"[+-]?\d{1,3}(?:([.,'])\d{3})+(?:(?!\1)[.,]\d+)")
+
+
+@dataclass(frozen=True)
+class Layout:
+    """How numbers stand in a text.
+
+    Parameters
+    ----------
+    parted_by : str or None
+        One character; None for any blanks.
+    decimal_comma, quoted : bool
+    """
+
+    parted_by: str | None = None
+    decimal_comma: bool = False
+    quoted: bool = False
+
+    def fields(self, line: str) -> list[str]:
+        """Numbers of a line, with decimal points."""
+        text = line.strip().strip(ENDS)
+        if self.quoted:
+            words = next(csv.reader([text], delimiter=self.parted_by or " ", skipinitialspace=True), [])
+        elif self.parted_by == ", ":
+            words = re.split(r",\s+", text)
+        else:
+            words = text.split(self.parted_by)
+        return [word.strip().replace(",", ".") if self.decimal_comma else word.strip() for word in words]
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether NumPy reads such lines as they are."""
+        return not (self.decimal_comma or self.quoted)
+
+
+@dataclass(frozen=True, eq=False)
+class Text:
+    """A text cloud: points (n, 3) in the file's unit, and the remarks before the first of them."""
+
+    points: NDArray[np.float64]
+    remarks: tuple[str, ...]
+    says_metres: bool
+
+
+def read_text(path: Path, unit_given: bool = False) -> Text:
+    """Read x, y, z of a text file: the columns that a header names, else the first three.
+
+    Parameters
+    ----------
+    path : Path
+    unit_given : bool
+        The user says which unit the numbers are in, so that a header may name another than metres.
+
+    Raises
+    ------
+    InputError
+        If it cannot be told where the numbers part, or which columns are meant.
+    """
+    encoding = encoding_of(path)
+    with path.open(encoding=encoding, errors="replace") as lines:
+        head = [line for _, line in zip(range(HEAD_LINES), lines, strict=False)]
+    skip = next((i for i, line in enumerate(head) if (_layout(line, str(path)) is not None)), None)
+    if skip is None:
+        return Text(np.empty((0, 3)), (), False)
+    with path.open(encoding=encoding, errors="replace") as lines:
+        layout = _settled([*islice(lines, skip, skip + LOOKED_AT)], path)
+    titles = list(filter(_no_count, head[:skip]))
+    named = named_columns(titles, len(layout.fields(head[skip])), str(path), unit_given)
+    counted = path.suffix.lower() == ".pts"  # filtering costs time, so for these files alone
+    with path.open(encoding=encoding, errors="replace") as lines:
+        rows: Iterator[str] = islice(iter(lines), skip, None)
+        if counted:
+            rows = filter(_no_count, rows)
+        if _ends_oddly(path, encoding):
+            rows = _without_ends(rows, path)
+        if not layout.is_plain:
+            rows = (";".join(layout.fields(line)) for line in rows)
+        points = np.loadtxt(
+            rows,
+            delimiter=layout.parted_by if layout.is_plain else ";",
+            usecols=named or (0, 1, 2),
+            ndmin=2,
+            comments=("#", "//"),
+        )
+    if named is None:
+        _check_easting_first(points, path)
+    return Text(points, tuple(line.strip().lstrip("#/ ") for line in titles), named is not None)
+
+
+def encoding_of(path: Path) -> str:
+    """Encoding of a text file by its first bytes: by a mark, or UTF-8 where it is, else Latin."""
+    with path.open("rb") as file:
+        head = file.read(65_536)
+    for mark, encoding in _MARKS.items():
+        if head.startswith(mark):
+            return encoding
+    for first, encoding in ((0, "utf-16-be"), (1, "utf-16-le")):
+        if len(head) > 8 and not any(head[first:64:2]) and all(head[1 - first : 64 : 2]):
+            return encoding
+    try:
+        head[:-4].decode("utf-8")
+    except UnicodeDecodeError:
+        return "cp1252"
+    return "utf-8"
+
+
+def _layout(line: str, where: str) -> Layout | None:
+    """How the numbers of a line stand; None if it does not begin with three of them.
+
+    Raises
+    ------
+    InputError
+        If it holds numbers with thousands parted.
+    """
+    text = line.strip().strip(ENDS)
+    if not text or text.startswith(("#", "//")):
+        return None
+    quoted = '"' in text
+    words = text.split()
+    if ";" in text:
+        parted: str | None = ";"
+    elif not quoted and len(words) >= 3 and _of_commas(words):
+        return Layout(None, True)
+    elif (
+        not quoted and len(commas := re.split(r",\s+", text)) >= 3 and all(map(_WITH_COMMA.fullmatch, commas))
+    ):
+        return Layout(", ", True)
+    else:
+        parted = "," if "," in text and "\t" not in text else None
+    raw = Layout(parted, False, quoted).fields(text)
+    comma = parted != "," or quoted
+    layout = Layout(parted, comma and _of_commas(raw), quoted)
+    numbers = 0
+    for word in layout.fields(text):
+        if _THOUSANDS.fullmatch(word) and not _is_number(word):
+            raise _ambiguous(f"numbers with thousands parted, such as {word}", where)
+        if not _is_number(word):
+            break
+        numbers += 1
+    return layout if numbers >= 3 else None
+
+
+def _of_commas(words: list[str]) -> bool:
+    """Whether the first three words are numbers, of which some have decimal commas and none a decimal point."""
+    first = words[:3]
+    return any(map(_WITH_COMMA.fullmatch, first)) and all(
+        _WITH_COMMA.fullmatch(word) or _WHOLE.fullmatch(word) for word in first
+    )
+
+
+def _settled(lines: list[str], path: Path) -> Layout:
+    """The layout of most of the first lines: a whole number tells nothing of the decimal sign.
+
+    Raises
+    ------
+    InputError
+        If commas part the numbers and are decimal too.
+    """
+    found = [layout for line in lines if (layout := _layout(line, str(path))) is not None]
+    layout = next((each for each in found if each.decimal_comma), found[0])
+    if layout.parted_by == "," and not layout.quoted:
+        rows = [fields for line in lines if len(fields := layout.fields(line)) >= 6 and len(fields) % 2 == 0]
+        if rows and all(all(map(_WHOLE.fullmatch, row)) for row in rows):
+            digits = [row[1::2] for row in rows]
+            if any(len(word) > 1 and word.startswith("0") for row in digits for word in row):
+                raise _ambiguous("commas part the numbers and stand before decimals, too", str(path))
+    return layout
+
+
+def _ends_oddly(path: Path, encoding: str) -> bool:
+    """Whether signs that are no text stand anywhere in a file."""
+    if encoding.startswith("utf-16"):
+        return False
+    with path.open("rb") as file:
+        return any(
+            sign.encode() in chunk for chunk in iter(partial(file.read, 1 << 20), b"") for sign in ENDS
+        )
+
+
+def _without_ends(lines: Iterator[str], path: Path) -> Iterator[str]:
+    """Lines without end-of-file characters and zeros at the end.
+
+    Raises
+    ------
+    InputError
+        If they stand amidst the points.
+    """
+    ended = 0
+    for number, line in enumerate(lines, 1):
+        kept = line.rstrip().rstrip(ENDS + "\r\n ")
+        if kept and (ended or any(sign in kept for sign in ENDS)):
+            raise InputError(
+                f"zeros or an end-of-file character stand before line {number} of the points",
+                where=str(path),
+                expected="text to the end",
+                remedy="copy or export the file again: a part of it was not written",
+            )
+        ended = ended or (number if len(kept) < len(line.rstrip()) else 0)
+        yield kept
+
+
+def _no_count(line: str) -> bool:
+    """Whether a line is none of the counts of points that stand before each scan in a PTS file."""
+    return not line.strip().isdigit()
+
+
+def _is_number(word: str) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return "_" not in word
+
+
+def _check_easting_first(points: NDArray[np.float64], path: Path) -> None:
+    """Refuse what looks like northing before easting: the scene would be mirrored."""
+    if not len(points):
+        return
+    x, y = np.abs(np.nanmedian(points[:, :2], axis=0))
+    if EASTINGS_M[1] < x < NORTHINGS_BELOW_M and EASTINGS_M[0] < y < EASTINGS_M[1]:
+        raise InputError(
+            f"the first column, about {x:.0f}, looks like a northing and the second, about {y:.0f}, like an easting",
+            where=str(path),
+            expected="x (east), y (north), z in this order, or a header line that names them",
+            remedy="put a line with the columns' names before the first point: y,x,z, or x,y,z if they are in order",
+        )
+
+
+def _ambiguous(what: str, where: str) -> InputError:
+    return InputError(
+        what,
+        where=where,
+        expected="numbers with decimal points, or with decimal commas and parted by semicolons, tabs or blanks",
+        remedy="export again with decimal points, or with semicolons between the columns",
+    )

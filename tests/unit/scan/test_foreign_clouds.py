@@ -1,0 +1,271 @@
+"""Clouds of other people's programs: structure by name, what came back from nowhere, commas, encodings, steps."""
+
+from pathlib import Path
+
+import laspy
+import numpy as np
+import open3d as o3d
+import pye57
+import pytest
+from pye57 import libe57
+from scipy.spatial.transform import Rotation
+
+from toppling.models.errors import InputError
+from toppling.models.scan.read import read_clouds
+from toppling.models.scan.steps import coordinate_steps, step_note
+
+FOREIGN = Path(__file__).parents[4] / "shared" / "data" / "foreign"
+POINTS_M = np.random.default_rng(5).uniform(0.0, 12.0, (1500, 3)) + np.array([331000.0, 3777000.0, 470.0])
+TURN = Rotation.from_euler("zyx", [130.0, 20.0, -35.0], degrees=True)
+SHIFT_M = np.array([331000.0, 3777000.0, 470.0])
+
+
+def read(path, unit=None):
+    cloud = read_clouds([path], unit)
+    return cloud.points_m + cloud.origin_m
+
+
+def e57(path, scans, *, rotation="wxyz", translation="xyz", scale=0.0, words="", description=""):
+    """Scans (points, turn, shift) with the children of their poses in the given order; a scale makes them integers."""
+    with pye57.E57(str(path), mode="w") as file:
+        image = file.image_file
+        if words:
+            file.root["coordinateMetadata"]  # written empty by the library
+        for points, turn, shift in scans:
+            node = libe57.StructureNode(image)
+            node.set("guid", libe57.StringNode(image, "{g}"))
+            if description:
+                node.set("description", libe57.StringNode(image, description))
+            pose = libe57.StructureNode(image)
+            if rotation:
+                of = dict(zip("xyzw", turn.as_quat(), strict=True))
+                child = libe57.StructureNode(image)
+                for name in rotation:
+                    child.set(name, libe57.FloatNode(image, float(of[name])))
+                pose.set("rotation", child)
+            if translation:
+                child = libe57.StructureNode(image)
+                for name in translation:
+                    child.set(name, libe57.FloatNode(image, float(shift["xyz".index(name)])))
+                pose.set("translation", child)
+            if rotation or translation:
+                node.set("pose", pose)
+            prototype = libe57.StructureNode(image)
+            for axis in "ZXY":
+                value = (
+                    libe57.ScaledIntegerNode(image, 0, -(2**31), 2**31 - 1, scale, 0.0)
+                    if scale
+                    else libe57.FloatNode(image, 0.0, libe57.E57_DOUBLE, -1e9, 1e9)
+                )
+                prototype.set(f"cartesian{axis}", value)
+            vector = libe57.CompressedVectorNode(image, prototype, libe57.VectorNode(image, True))
+            node.set("points", vector)
+            file.data3d.append(node)
+            columns = {f"cartesian{axis}": np.ascontiguousarray(points[:, k]) for k, axis in enumerate("XYZ")}
+            buffers = libe57.VectorSourceDestBuffer()
+            for name, column in columns.items():
+                buffers.append(libe57.SourceDestBuffer(image, name, column, len(column), True, True))
+            writer = vector.writer(buffers)
+            writer.write(len(points))
+            writer.close()
+    return path
+
+
+def own_frame(points, turn, shift):
+    return turn.inv().apply(points - shift)
+
+
+@pytest.mark.parametrize("rotation", ["wxyz", "xyzw", "zwyx"])
+@pytest.mark.parametrize("translation", ["xyz", "zxy"])
+@pytest.mark.parametrize("scale", [0.0, 1e-5])
+def test_the_order_of_the_children_of_an_e57_pose_is_the_writers(tmp_path, rotation, translation, scale):
+    stations = [(TURN, SHIFT_M), (TURN.inv(), SHIFT_M + 3.0)]
+    scans = [
+        (own_frame(part, *pose), *pose) for part, pose in zip(np.split(POINTS_M, 2), stations, strict=True)
+    ]
+    path = e57(tmp_path / "cloud.e57", scans, rotation=rotation, translation=translation, scale=scale)
+    np.testing.assert_allclose(read(path), POINTS_M, atol=1e-4)
+    assert set(read_clouds([path]).station) == {0, 1}
+
+
+@pytest.mark.parametrize(("rotation", "translation"), [("", "xyz"), ("wxyz", ""), ("", "")])
+def test_a_pose_may_lack_a_part(tmp_path, rotation, translation):
+    turn = TURN if rotation else Rotation.identity()
+    shift = SHIFT_M if translation else np.zeros(3)
+    path = e57(
+        tmp_path / "cloud.e57",
+        [(own_frame(POINTS_M, turn, shift), turn, shift)],
+        rotation=rotation,
+        translation=translation,
+    )
+    np.testing.assert_allclose(read(path), POINTS_M, atol=1e-6)
+
+
+def test_a_pose_that_lacks_a_number_is_refused(tmp_path):
+    path = e57(tmp_path / "cloud.e57", [(POINTS_M, TURN, SHIFT_M)], rotation="xyz")
+    with pytest.raises(InputError, match="rotation of a scan's pose has no w"):
+        read_clouds([path])
+
+
+def test_an_e57_whose_words_say_feet_is_refused_and_read_on_the_users_word(tmp_path):
+    still = Rotation.identity(), np.zeros(3)
+    path = e57(tmp_path / "cloud.e57", [(POINTS_M, *still)], description="units: US survey feet")
+    with pytest.raises(InputError, match="said to be in another unit") as error:
+        read_clouds([path])
+    assert "--units" in error.value.remedy
+    np.testing.assert_allclose(read(path, "m"), POINTS_M, atol=1e-6)
+
+
+def test_points_that_are_not_finite_are_left_out_and_counted(tmp_path):
+    points = POINTS_M.copy()
+    points[::5] = np.nan
+    points[1, 2] = np.inf
+    kept = np.isfinite(points).all(axis=1)
+    organised = o3d.t.geometry.PointCloud(points)
+    for name in ("cloud.pcd", "cloud.ply"):
+        o3d.t.io.write_point_cloud(str(tmp_path / name), organised)
+    o3d.t.io.write_point_cloud(str(tmp_path / "ascii.pcd"), organised, write_ascii=True)
+    np.savetxt(tmp_path / "cloud.xyz", points, fmt="%.6f")
+    for name in ("cloud.pcd", "cloud.ply", "ascii.pcd", "cloud.xyz"):
+        cloud = read_clouds([tmp_path / name])
+        np.testing.assert_allclose(cloud.points_m + cloud.origin_m, points[kept], atol=1e-3)
+        assert (cloud.sources[0].left_out, cloud.files[0][1]) == ((~kept).sum(), kept.sum())
+        assert f"{(~kept).sum()} points are not finite" in cloud.sources[0].note
+
+
+TEXTS = {
+    "semicolons": ("{};{};{}\n", ","),
+    "semicolons and more": ("{};{};{};17;3,5\n", ","),
+    "tabs": ("{}\t{}\t{}\n", ","),
+    "blanks": ("{} {} {}\n", ","),
+    "commas and blanks": ("{}, {}, {}\n", ","),
+    "quoted": ('"{}","{}","{}"\n', ","),
+    "points and semicolons": ("{};{};{}\n", "."),
+    "points and tabs": ("{}\t{}\t{}\n", "."),
+    "dos": ("{} {} {}\r\n", "."),
+    "old mac": ("{} {} {}\r", "."),
+}
+
+
+def text(form, decimal, points=POINTS_M):
+    return "".join(form.format(*(f"{c:.3f}".replace(".", decimal) for c in row)) for row in points)
+
+
+@pytest.mark.parametrize("name", TEXTS)
+@pytest.mark.parametrize("head", ["", "{header}"])
+def test_decimal_commas_and_other_separators_are_read_where_nobody_can_mistake_them(tmp_path, name, head):
+    form, decimal = TEXTS[name]
+    body = text(form, decimal)
+    if head:
+        words = ["x", "y", "z", *(["intensity", "range"] if "17" in form else [])]
+        mark = next((sign for sign in (";", "\t", ",") if sign in form), " ")
+        body = mark.join(words) + form[-2 if form.endswith("\r\n") else -1 :] + body
+    path = tmp_path / "cloud.txt"
+    path.write_bytes(body.encode())
+    np.testing.assert_allclose(read(path), POINTS_M, atol=1e-3)
+
+
+def test_whole_numbers_among_decimal_commas_are_read(tmp_path):
+    points = POINTS_M.round(1)
+    points[::3] = points[::3].round()
+    points[0] = points[0].round()
+    rows = "\n".join(";".join(f"{c:g}".replace(".", ",") for c in row - SHIFT_M) for row in points)
+    path = tmp_path / "cloud.csv"
+    path.write_text(rows)
+    np.testing.assert_allclose(read(path), points - SHIFT_M, atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("content", "what"),
+    [
+        (text("{},{},{}\n", ","), "commas part the numbers and stand before decimals"),
+        ("".join(f"{x:,.3f};{y:,.3f};{z:,.3f}\n" for x, y, z in POINTS_M), "thousands parted"),
+    ],
+)
+def test_commas_that_may_mean_either_are_named(tmp_path, content, what):
+    path = tmp_path / "cloud.csv"
+    path.write_text(content)
+    with pytest.raises(InputError, match=what) as error:
+        read_clouds([path])
+    assert "semicolons" in error.value.remedy
+
+
+def test_a_cloud_of_whole_millimetres_with_colours_has_no_decimal_commas(tmp_path):
+    whole = np.hstack([((POINTS_M - SHIFT_M) * 1000).round(), np.full((1500, 3), 128.0)])
+    path = tmp_path / "cloud.csv"
+    np.savetxt(path, whole, fmt="%d", delimiter=",")
+    np.testing.assert_allclose(read(path, "mm"), POINTS_M - SHIFT_M, atol=1e-3)
+
+
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "cp1252", "utf-16", "utf-16-le", "utf-16-be"])
+def test_text_in_another_encoding_is_read(tmp_path, encoding):
+    path = tmp_path / "cloud.txt"
+    path.write_bytes(("# Höhe über Normal, ±2 mm\nx;y;z\n" + text("{};{};{}\r\n", ",")).encode(encoding))
+    np.testing.assert_allclose(read(path), POINTS_M, atol=1e-3)
+
+
+@pytest.mark.parametrize("end", ["\x1a", "\r\n\x1a", "\0" * 512, "\n" + "\0" * 3])
+@pytest.mark.parametrize("suffix", [".xyz", ".pts", ".csv"])
+def test_an_end_of_file_character_and_zeros_at_the_end_are_dropped(tmp_path, end, suffix):
+    form = "{},{},{}\n" if suffix == ".csv" else "{} {} {}\n"
+    path = tmp_path / f"cloud{suffix}"
+    path.write_bytes((text(form, ".").rstrip("\n") + end).encode())
+    np.testing.assert_allclose(read(path), POINTS_M, atol=1e-3)
+
+
+def test_zeros_amidst_the_points_are_damage(tmp_path):
+    path = tmp_path / "cloud.xyz"
+    rows = text("{} {} {}\n", ".").splitlines()
+    path.write_text("\n".join([*rows[:1490], "\0" * 40, *rows[1490:]]))
+    with pytest.raises(InputError, match="zeros or an end-of-file character"):
+        read_clouds([path])
+
+
+@pytest.mark.parametrize("step", [0.0005, 0.002, 0.01, 0.1])
+def test_steps_are_seen_in_whatever_format(tmp_path, step):
+    points = (POINTS_M / step).round() * step
+    header = laspy.LasHeader(point_format=1, version="1.2")
+    header.offsets, header.scales = SHIFT_M, [step / 10.0] * 3  # a fine scale brings back nothing
+    las = laspy.LasData(header)
+    las.x, las.y, las.z = points.T
+    las.write(tmp_path / "cloud.las")
+    np.savetxt(tmp_path / "cloud.xyz", points, fmt="%.6f")
+    still = Rotation.identity(), np.zeros(3)
+    e57(tmp_path / "cloud.e57", [(points - SHIFT_M, *still)], scale=step, translation="", rotation="")
+    for name in ("cloud.las", "cloud.xyz", "cloud.e57"):
+        assert read_clouds([tmp_path / name]).step_m == pytest.approx(step, rel=1e-3), name
+
+
+def test_steps_show_through_a_pose_that_turns(tmp_path):
+    points = (own_frame(POINTS_M, TURN, SHIFT_M) / 0.01).round() * 0.01
+    path = e57(tmp_path / "cloud.e57", [(points, TURN, SHIFT_M)], scale=0.01)
+    assert read_clouds([path]).step_m == pytest.approx(0.01, rel=1e-3)
+
+
+def test_continuous_coordinates_show_no_step():
+    assert not coordinate_steps(np.random.default_rng(1).normal(size=(5000, 3))).any()
+
+
+def test_steps_are_fine_then_told_then_refused():
+    assert step_note(0.001, 1.5) == ""
+    assert "1/500 of the rock's height" in step_note(0.002, 1.0)
+    with pytest.raises(InputError, match=r"steps of 0\.02 m") as error:
+        step_note(0.02, 1.0)
+    assert "more decimals" in error.value.remedy
+
+
+@pytest.mark.skipif(not FOREIGN.is_dir(), reason="no ../shared/data/foreign")
+@pytest.mark.parametrize(
+    ("name", "points"),
+    [
+        ("10-las-feet-wkt/rock_ftus.laz", 286_577),
+        ("13-e57-order/xyzw.e57", None),
+        ("17-decimal-comma-cloud/semicolon.txt", 60_000),
+        ("18-nan/organised.pcd", 95_526),
+    ],
+)
+def test_files_of_other_programs_are_read_in_metres(name, points):
+    cloud = read_clouds([FOREIGN / name])
+    assert points is None or len(cloud.points_m) == points
+    # The demo's cloud: a rock of 14 m amidst some 50 m of slope.
+    assert 15.0 < np.ptp(cloud.points_m[:, 2]) < 60.0

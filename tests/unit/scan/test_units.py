@@ -1,0 +1,229 @@
+"""Units and coordinate systems that clouds state: read, or refused by name; never silently taken as metres."""
+
+import struct
+
+import laspy
+import numpy as np
+import pytest
+from pyproj import CRS
+
+from toppling.models.errors import InputError
+from toppling.models.lengths import METRES, US_FOOT_M, unit_called, unit_of_remarks
+from toppling.models.scan.read import read_clouds
+
+POINTS_M = np.random.default_rng(3).uniform(0.0, 12.0, (1500, 3)) + np.array([1000.0, 2000.0, 30.0])
+FOOT_PLANE, METRE_PLANE, DEGREES = 2229, 32611, 4326
+NAVD88_M, NAVD88_US_FT = 5703, 6360
+
+
+def las(path, metres_per_unit=(1.0, 1.0), *, wkt="", keys=(), doubles=(), version="1.2"):
+    """A LAS file whose numbers are POINTS_M in units of so many metres, across and upward."""
+    header = laspy.LasHeader(point_format=6 if version == "1.4" else 1, version=version)
+    header.scales = [0.0001] * 3
+    if wkt:
+        header.vlrs.append(laspy.VLR("LASF_Projection", 2112, "WKT", wkt.encode() + b"\0"))
+        header.global_encoding.wkt = version == "1.4"
+    if keys:
+        words = [1, 1, 0, len(keys)]
+        for key, value in keys:
+            where = 34736 if key == 3077 else 0
+            words += [key, where, 1, value]
+        content = struct.pack(f"<{len(words)}H", *words)
+        header.vlrs.append(laspy.VLR("LASF_Projection", 34735, "keys", content))
+        header.vlrs.append(
+            laspy.VLR("LASF_Projection", 34736, "", struct.pack(f"<{len(doubles)}d", *doubles))
+        )
+    cloud = laspy.LasData(header)
+    across, up = metres_per_unit
+    cloud.x, cloud.y, cloud.z = (POINTS_M / (across, across, up)).T
+    cloud.write(path)
+    return path
+
+
+def ply(path, points, *comments, kind="double"):
+    head = ["ply", "format ascii 1.0", *comments, f"element vertex {len(points)}"]
+    head += [*(f"property {kind} {axis}" for axis in "xyz"), "end_header"]
+    path.write_text("\n".join(head) + "\n" + "\n".join(" ".join(f"{c:.6f}" for c in row) for row in points))
+    return path
+
+
+def read(path, unit=None):
+    cloud = read_clouds([path], unit)
+    return cloud.points_m + cloud.origin_m
+
+
+def wkt_of(plane, vertical=None, version="WKT2_2019"):
+    crs = CRS.from_epsg(plane)
+    if vertical is not None:
+        crs = CRS.from_user_input(f"EPSG:{plane}+{vertical}")
+    return crs.to_wkt(version)
+
+
+@pytest.mark.parametrize("version", ["WKT1_GDAL", "WKT2_2019"])
+@pytest.mark.parametrize("las_version", ["1.2", "1.4"])
+@pytest.mark.parametrize(
+    ("plane", "vertical", "metres_per_unit"),
+    [
+        (FOOT_PLANE, NAVD88_US_FT, (US_FOOT_M, US_FOOT_M)),
+        (FOOT_PLANE, NAVD88_M, (US_FOOT_M, 1.0)),
+        (FOOT_PLANE, None, (US_FOOT_M, US_FOOT_M)),
+        (2222, None, (0.3048, 0.3048)),  # Arizona: international feet
+        (METRE_PLANE, NAVD88_US_FT, (1.0, US_FOOT_M)),
+        (METRE_PLANE, NAVD88_M, (1.0, 1.0)),
+    ],
+)
+def test_units_of_a_coordinate_system_in_words_are_read(
+    tmp_path, version, las_version, plane, vertical, metres_per_unit
+):
+    path = las(
+        tmp_path / "cloud.las", metres_per_unit, wkt=wkt_of(plane, vertical, version), version=las_version
+    )
+    np.testing.assert_allclose(read(path), POINTS_M, atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("keys", "doubles", "metres_per_unit"),
+    [
+        ([(1024, 1), (3072, FOOT_PLANE)], (), (US_FOOT_M, US_FOOT_M)),
+        ([(1024, 1), (3072, METRE_PLANE), (4099, 9003)], (), (1.0, US_FOOT_M)),
+        ([(1024, 1), (3072, METRE_PLANE), (4096, NAVD88_US_FT)], (), (1.0, US_FOOT_M)),
+        ([(1024, 1), (3072, 32767), (3076, 9002), (4099, 9001)], (), (0.3048, 1.0)),
+        ([(1024, 1), (3072, 32767), (3076, 9002)], (), (0.3048, 0.3048)),
+        ([(1024, 1), (3076, 32767), (3077, 0)], (0.9144,), (0.9144, 0.9144)),
+        ([(3072, METRE_PLANE)], (), (1.0, 1.0)),
+        ([(1025, 1)], (), (1.0, 1.0)),
+    ],
+)
+def test_units_of_geotiff_keys_are_read(tmp_path, keys, doubles, metres_per_unit):
+    path = las(tmp_path / "cloud.laz", metres_per_unit, keys=keys, doubles=doubles)
+    np.testing.assert_allclose(read(path), POINTS_M, atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    "system",
+    [
+        {"wkt": wkt_of(DEGREES)},
+        {"wkt": wkt_of(DEGREES, version="WKT1_GDAL")},
+        {"keys": [(1024, 2), (2048, DEGREES)]},
+        {"keys": [(2048, DEGREES)]},
+    ],
+)
+def test_degrees_are_refused_by_name(tmp_path, system):
+    with pytest.raises(InputError, match="in degrees") as error:
+        read_clouds([las(tmp_path / "cloud.las", **system)])
+    assert "cloud.las" in error.value.where
+    assert "project the cloud" in error.value.remedy
+
+
+@pytest.mark.parametrize(
+    ("system", "what"),
+    [
+        ({"wkt": wkt_of(4978)}, "geocentric"),
+        ({"wkt": 'PROJCS["broken", UNIT["furlong"'}, "not understood"),
+        ({"keys": [(1024, 1), (3072, 1)]}, "not understood: EPSG:1"),
+        ({"keys": [(1024, 1), (3076, 9102)]}, "no unit of length"),
+    ],
+)
+def test_a_system_that_nobody_understands_is_refused_and_the_users_word_overrules_it(tmp_path, system, what):
+    path = las(tmp_path / "cloud.las", **system)
+    with pytest.raises(InputError, match=what):
+        read_clouds([path])
+    np.testing.assert_allclose(read(path, "m"), POINTS_M, atol=1e-4)
+
+
+def test_longitude_latitude_and_height_without_a_word_are_degrees(tmp_path):
+    points = np.column_stack([-118.0 + POINTS_M[:, :2] * 1e-5, POINTS_M[:, 2]])
+    points[:, 1] = 34.0 + POINTS_M[:, 1] * 1e-5
+    path = tmp_path / "cloud.xyz"
+    np.savetxt(path, points, fmt="%.9f")
+    with pytest.raises(InputError, match="in degrees"):
+        read_clouds([path])
+
+
+@pytest.mark.parametrize(
+    ("comment", "unit"),
+    [
+        ("comment units: feet", "ft"),
+        ("comment unit mm", "mm"),
+        ("comment Units are in US Survey Feet", "us-ft"),
+        ("obj_info units = centimeters", "cm"),
+        ("comment coordinates in inches, z up", "in"),
+        ("comment EPSG:2229", "us-ft"),
+        (f"comment crs {wkt_of(FOOT_PLANE, NAVD88_US_FT, 'WKT1_GDAL')}", "us-ft"),
+        ("comment units: metres", "m"),
+        ("comment intensity units: dB", "m"),
+        ("comment made in Germany", "m"),
+        ("comment Created by Unity 2022", "m"),
+    ],
+)
+def test_a_unit_in_the_remarks_of_a_ply_is_read(tmp_path, comment, unit):
+    path = ply(tmp_path / "cloud.ply", POINTS_M / METRES[unit], comment)
+    np.testing.assert_allclose(read(path), POINTS_M, atol=1e-4)
+
+
+@pytest.mark.parametrize("suffix", [".pcd", ".xyz"])
+def test_a_unit_in_the_remarks_of_other_texts_is_read(tmp_path, suffix):
+    path = tmp_path / f"cloud{suffix}"
+    head = "# units: millimetres\n"
+    if suffix == ".pcd":
+        head += "VERSION .7\nFIELDS x y z\nSIZE 8 8 8\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 1500\nHEIGHT 1\n"
+        head += "VIEWPOINT 0 0 0 1 0 0 0\nPOINTS 1500\nDATA ascii\n"
+    rows = "\n".join(" ".join(f"{c:.3f}" for c in row) for row in POINTS_M * 1000.0)
+    path.write_text(head + rows + "\n")
+    np.testing.assert_allclose(read(path), POINTS_M, atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("comment", "what"),
+    [
+        ("comment units: cubits", "a unit that is not known"),
+        ("comment units: degrees", "in degrees"),
+        ("comment units: feet\ncomment unit: m", "two units"),
+    ],
+)
+def test_a_unit_that_is_unknown_or_contradicted_is_refused(tmp_path, comment, what):
+    with pytest.raises(InputError, match=what):
+        read_clouds([ply(tmp_path / "cloud.ply", POINTS_M, comment)])
+
+
+def test_the_users_unit_wins_and_a_difference_is_told(tmp_path):
+    path = ply(tmp_path / "cloud.ply", POINTS_M, "comment units: feet")
+    cloud = read_clouds([path], "m")
+    np.testing.assert_allclose(cloud.points_m + cloud.origin_m, POINTS_M, atol=1e-6)
+    assert "though it says" in cloud.sources[0].note
+    header = tmp_path / "cloud.csv"
+    np.savetxt(header, POINTS_M / 0.3048, delimiter=",", header="x_ft,y_ft,z_ft", comments="", fmt="%.6f")
+    np.testing.assert_allclose(read(header, "ft"), POINTS_M, atol=1e-5)
+
+
+def test_what_was_converted_is_told_and_kept(tmp_path):
+    path = las(tmp_path / "cloud.las", (US_FOOT_M, US_FOOT_M), wkt=wkt_of(FOOT_PLANE, NAVD88_US_FT))
+    (source,) = read_clouds([path]).sources
+    assert "US survey foot" in source.note
+    assert source.to_json()["metres_per_unit"] == pytest.approx([US_FOOT_M, US_FOOT_M])
+    assert las(tmp_path / "metres.las", wkt=wkt_of(METRE_PLANE)).is_file()
+    (plain,) = read_clouds([tmp_path / "metres.las"]).sources
+    assert (plain.epsg, plain.note) == (METRE_PLANE, "")
+
+
+@pytest.mark.parametrize(
+    ("word", "unit"),
+    [
+        ("US survey foot", "us-ft"),
+        ("ftUS", "us-ft"),
+        ("ft (US survey)", "us-ft"),
+        ("international feet", "ft"),
+        ("Metres", "m"),
+        ("milli-meters", "mm"),
+        ("yards", "yd"),
+        ("mmHg", None),
+        ("month", None),
+        ("", None),
+    ],
+)
+def test_names_of_units(word, unit):
+    assert unit_called(word) == unit
+
+
+def test_remarks_without_a_unit_state_none():
+    assert unit_of_remarks(["one unit of the survey", "VCGLIB generated", "points in the north"], "x") is None

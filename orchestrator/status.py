@@ -37,7 +37,8 @@ def state_of(run: Path) -> dict[str, Any]:
     sessions = described["sessions"] if running else [ended(one) for one in described["sessions"]]
     state: dict[str, Any] = {
         "state": "running" if running else "complete" if stored == jobs else "interrupted",
-        "unfinished": Completeness(jobs, stored).remark, "jobs": jobs, "stored": stored, "again": 0, "toppled": 0, "failed": 0, "status": {}, "failures": [],
+        "unfinished": Completeness(jobs, stored).remark,
+        "jobs": jobs, "stored": stored, "again": 0, "toppled": 0, "failed": 0, "status": {}, "failures": [],
         "rate_per_s": None, "left_s": None, "workers": None, "deaths": None, "sessions": sessions,
     }  # fmt: skip
     if running and (told := last(run, "work began", "rows stored")):

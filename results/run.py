@@ -158,7 +158,9 @@ class Run:
 
     def completeness(self) -> Completeness:
         """How many of its jobs have run: an unfinished run says so first wherever it is read."""
-        return Completeness(self.planned(), len(self.table()))
+        ids = ["job_id", "attempt"]
+        rows = read_steady([self.path], lambda: newest_rows(result_files(self.path), ids))
+        return Completeness(self.planned(), len(rows))
 
     def weighted(self, frame: pd.DataFrame, stood: Stood | None = None) -> pd.DataFrame:
         """Add `record_weight`, by which shares are to count, to rows of a run whose records or bases weigh unlike.

@@ -2,6 +2,7 @@
 
 import contextlib
 import itertools
+from collections import Counter
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -26,6 +27,7 @@ from toppling.results.drawing.atlas import (
     write_friction,
     write_maps,
 )
+from toppling.results.drawing.fit_table import fit_words
 from toppling.results.fits import SAMPLES, answered
 from toppling.results.fragility import (
     DURATION,
@@ -36,6 +38,7 @@ from toppling.results.fragility import (
     PULSE,
     Axis,
     by_contact,
+    contact_words,
     planes_of,
 )
 from toppling.results.friction import by_surroundings, frictions
@@ -129,7 +132,7 @@ def fragility(
     toppling fragility runs/first --where "pga_azimuth_deg between 292.5 and 337.5" --out figures
     """  # noqa: D301
     opened = open_run(run)
-    jobs = opened.frame(where, trusted=trusted)
+    done, jobs = opened.completeness(), opened.frame(where, trusted=trusted)
     if not fit and click.get_current_context().get_parameter_source("samples") != ParameterSource.DEFAULT:
         msg = "--samples applies to the fits: give --fit too"
         raise click.UsageError(msg)
@@ -169,23 +172,48 @@ def fragility(
         + 4 * len(by_surroundings(jobs))
         + bool(audits)
     )
+    if done.remark:
+        click.echo(f"{run} is unfinished: {done.remark}")
+    written = []
     with bar("figures", total) as advance:
         for path in itertools.chain(
-            write_maps(jobs, folder, planes.values(), directions, lines),
-            write_directions(jobs, quasi_static, folder, within),
-            write_friction(jobs, folder, planes["pga_pgv"]),
-            write_fits(jobs, folder, opened.name, samples, partial(audits_of, opened), advance)
+            write_maps(jobs, folder, planes.values(), directions, lines, done),
+            write_directions(jobs, quasi_static, folder, within, done),
+            write_friction(jobs, folder, planes["pga_pgv"], done),
+            write_fits(jobs, folder, opened.name, samples, partial(audits_of, opened), advance, done)
             if fit
             else (),
             write_audits(audits, folder),
         ):
-            click.echo(path)
+            written.append(path)
             advance()
+    click.echo(_files(folder, written))
+    for contact, of_contact in by_contact(jobs).items() if fit else ():
+        table = pd.read_csv(folder / contact / "fits" / "fits.csv", keep_default_na=True)
+        known = answered(of_contact)
+        click.echo(f"\nfragility by measure, {contact_words(of_contact, jobs)}, {_records(known)}:")
+        click.echo(fit_words(table.assign(problem=table["problem"].fillna("")), known))
     for audit in audits.values():
         click.echo(audit.sentence)
     if not unweighted and (stood := opened.stood()):
         for sentence in sentences(told_of(stood, jobs)):
             click.echo(sentence)
+
+
+def _files(folder: Path, written: list[Path]) -> str:
+    """What was written, counted."""
+    count = Counter(path.suffix for path in written)
+    figures, tables = count[".png"], count[".csv"]
+    return f"{folder}: {figures} figures (PNG, SVG), {tables} tables (CSV)" + (
+        ", curves for other programs (CSV, JSON, NRML)"
+        if any(path.stem == "curves" for path in written)
+        else ""
+    )
+
+
+def _records(known: pd.DataFrame) -> str:
+    records = known["record_id"].nunique()
+    return f"{len(known):,} jobs of {records:,} {'record' if records == 1 else 'records'}"
 
 
 def at_rest(scene: Scene, jobs: pd.DataFrame) -> Scene:

@@ -2,6 +2,7 @@
 
 import json
 import math
+from collections.abc import Iterable
 from decimal import Decimal
 from pathlib import Path
 from typing import Any
@@ -54,6 +55,7 @@ def query(
         table = pa.Table.from_pylist(open_run(runs[0]).describe())
     elif spread:
         table = _spread(runs)
+        _say_unfinished(runs)
     elif len(runs) < 2 or _is_run(runs[-1]):
         of = " ".join(runs)
         msg = (
@@ -63,6 +65,7 @@ def query(
         raise click.UsageError(msg)
     else:
         table = ask([open_run(path) for path in runs[:-1]], runs[-1], trusted=trusted)
+        _say_unfinished(runs[:-1])
     if parquet:
         _write_parquet(table, parquet)
     if form == "csv":
@@ -71,6 +74,12 @@ def query(
         click.echo(json.dumps(_plain(table.to_pylist()), indent=1, allow_nan=False))
     elif not parquet:
         click.echo(_spread_words(table.to_pandas()) if spread else _readable(table))
+
+
+def _say_unfinished(runs: Iterable[str]) -> None:
+    for run in runs:
+        if remark := open_run(run).completeness().remark:
+            click.echo(f"{run} is unfinished: {remark}", err=True)
 
 
 def _is_run(text: str) -> bool:

@@ -116,7 +116,8 @@ def _draw_ranking(axes: Axes, ranking: pd.DataFrame) -> None:
     """Log loss of each measure above the best's, with its interval."""
     places = np.arange(len(ranking))[::-1]
     if "worse_by" in ranking:
-        ends = ranking[["worse_by_low", "worse_by_high"]].to_numpy().T
+        # Of few records there is no interval, and so no bar.
+        ends = ranking.reindex(columns=["worse_by_low", "worse_by_high"]).to_numpy(float).T
         bars = np.abs(ends - ranking["worse_by"].to_numpy())
         axes.axvline(0.0, color="0.7", lw=0.6)
         axes.errorbar(ranking["worse_by"], places, xerr=bars, fmt="o", ms=3, lw=0.8, color=MAIN_COLOUR)

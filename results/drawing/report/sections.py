@@ -1,6 +1,6 @@
 """The report's sections, one function each; SECTIONS orders them."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from importlib.metadata import version
@@ -13,6 +13,7 @@ from toppling.models.intervals import base_sentences
 from toppling.results import fits
 from toppling.results.directions import least_sector, sector_share, topple_rose
 from toppling.results.drawing.constraint import ages_words, constraint_figure
+from toppling.results.drawing.fit_table import FAR_SHAKEN, FAR_WORDS, few_records, fit_table
 from toppling.results.drawing.fits import fit_figure
 from toppling.results.drawing.friction import friction_figure
 from toppling.results.drawing.maps import direction_figure, map_figure
@@ -37,10 +38,6 @@ from toppling.results.fragility import (
 )
 from toppling.results.friction import compare_frictions
 from toppling.results.stood import records_weight, sentences, told_of
-
-FAR_SHAKEN = 10.0
-"""Medians above this multiple of the strongest shaken value are not printed: nothing was shaken near them."""
-_FAR_WORDS = "far beyond what was shaken"
 
 MOST_RECORDS = 150
 """Largest number of rows in the table of records; those that topple the rock most often are shown."""
@@ -206,10 +203,11 @@ def fits_section(content: Content, document: Document) -> str:
 
 def _fits_of(content: Content, contact: Contact, document: Document) -> str:
     title = heading(contact.words, 3) if len(content.contacts) > 1 else ""
+    few = few_records(contact.known["record_id"].nunique())
     if contact.toppled < fits.FEW_TOPPLED:
         return title + paragraph(
             f"Too few topplings: {contact.toppled} of {len(contact.known):,} jobs, fewer than {fits.FEW_TOPPLED}. "
-            "No curve is drawn and no measure is ranked; shake more strongly, or with more records."
+            f"No curve is drawn and no measure is ranked; shake more strongly, or with more records. {few}".rstrip()
         )
     summary = fits.summary([one for one, _ in contact.models], [drawn for _, drawn in contact.models])
     parts = [title, verdict(contact.ranking)]
@@ -233,8 +231,8 @@ def _fits_of(content: Content, contact: Contact, document: Document) -> str:
         ),
         "<p>Intervals (95 %) come from the bootstrap samples of records that have a fit; the others have none: "
         f"their answers are separated, or there are fewer than {fits.LEAST_RECORDS} records. "
-        "With fewer than about 20 records the intervals are too narrow. "
-        f"Values {_FAR_WORDS} exceed {FAR_SHAKEN:g} times the strongest shaking, where the jobs say nothing.</p>",
+        f"{few} "
+        f"Values {FAR_WORDS} exceed {FAR_SHAKEN:g} times the strongest shaking, where the jobs say nothing.</p>",
     ]
     return "".join(parts)
 
@@ -248,39 +246,6 @@ def _ranking_table(ranking: pd.DataFrame) -> pd.DataFrame:
         if column in ranking:
             table[name] = [_digits(value, 3) for value in ranking[column]]
     return table
-
-
-def fit_table(summary: pd.DataFrame, known: pd.DataFrame) -> pd.DataFrame:
-    """Fits as the page shows them, without medians far beyond what was shaken."""
-    strongest = [float(known[name].max()) for name in summary["measures"]]
-    far = {
-        name: summary[name].astype(float) > [FAR_SHAKEN * value for value in strongest]
-        for name in ("median", "median_low", "median_high")
-    }
-    table = pd.DataFrame({
-        "measure": [f"{short_name(name)} ({printed_unit(name)})" for name in summary["measures"]],
-        "strongest shaken": [_three_digits(value) for value in strongest],
-    })  # fmt: skip
-    for name in ("median", "beta"):
-        ends = [name, f"{name}_low", f"{name}_high"]
-        values = summary.reindex(columns=ends).astype(float)
-        known_far = values.assign(**{end: far.get(end, False) for end in ends})
-        table[f"{name} (95 %)"] = [
-            _with_interval(row, over)
-            for row, over in zip(
-                values.itertuples(index=False), known_far.astype(bool).itertuples(index=False), strict=True
-            )
-        ]
-    # Whole numbers, where some fits have none.
-    counts = summary.reindex(columns=["samples", "samples_without_fit"]).astype("Int64")
-    table = table.assign(**{"samples": counts["samples"], "without fit": counts["samples_without_fit"]})
-    return table.assign(problem=summary["problem"]) if summary["problem"].astype(bool).any() else table
-
-
-def _with_interval(numbers: Iterable[float], beyond: Iterable[bool]) -> str:
-    """A number with its interval, in words if it is far beyond what was shaken."""
-    told = [_FAR_WORDS if far else _three_digits(one) for one, far in zip(numbers, beyond, strict=True)]
-    return f"{told[0]} ({told[1]} to {told[2]})" if told[1] and told[2] else told[0]
 
 
 def verdict(ranking: pd.DataFrame) -> str:

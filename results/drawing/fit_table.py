@@ -1,0 +1,84 @@
+"""Fits in words: medians and betas with their intervals, and what few records leave unsaid."""
+
+from collections.abc import Iterable
+
+import pandas as pd
+
+from toppling.results import fits
+from toppling.results.drawing.style import printed_unit, short_name
+
+FAR_SHAKEN = 10.0
+"""Medians above this multiple of the strongest shaken value are not printed: nothing was shaken near them."""
+
+FAR_WORDS = "far beyond what was shaken"
+
+NARROW_RECORDS = 20
+"""Intervals of fewer records are too narrow."""
+
+
+def fit_table(summary: pd.DataFrame, known: pd.DataFrame) -> pd.DataFrame:
+    """Fits as the page shows them, without medians far beyond what was shaken."""
+    strongest = [float(known[name].max()) for name in summary["measures"]]
+    far = {
+        name: summary[name].astype(float) > [FAR_SHAKEN * value for value in strongest]
+        for name in ("median", "median_low", "median_high")
+    }
+    table = pd.DataFrame({
+        "measure": [f"{short_name(name)} ({printed_unit(name)})" for name in summary["measures"]],
+        "strongest shaken": [_three_digits(value) for value in strongest],
+    })  # fmt: skip
+    for name in ("median", "beta"):
+        ends = [name, f"{name}_low", f"{name}_high"]
+        values = summary.reindex(columns=ends).astype(float)
+        known_far = values.assign(**{end: far.get(end, False) for end in ends})
+        table[f"{name} (95 %)"] = [
+            _with_interval(row, over)
+            for row, over in zip(
+                values.itertuples(index=False), known_far.astype(bool).itertuples(index=False), strict=True
+            )
+        ]
+    # Whole numbers, where some fits have none.
+    counts = summary.reindex(columns=["samples", "samples_without_fit"]).astype("Int64")
+    table = table.assign(**{"samples": counts["samples"], "without fit": counts["samples_without_fit"]})
+    return table.assign(problem=summary["problem"]) if summary["problem"].astype(bool).any() else table
+
+
+def _with_interval(numbers: Iterable[float], beyond: Iterable[bool]) -> str:
+    """A number with its interval, in words if it is far beyond what was shaken."""
+    told = [FAR_WORDS if far else _three_digits(one) for one, far in zip(numbers, beyond, strict=True)]
+    return f"{told[0]} ({told[1]} to {told[2]})" if told[1] and told[2] else told[0]
+
+
+def few_records(records: int) -> str:
+    """What so few records leave unsaid; empty of enough."""
+    if records < fits.LEAST_RECORDS:
+        return (
+            f"{records} {'record is' if records == 1 else 'records are'} too few: fewer than {fits.LEAST_RECORDS} give "
+            "no interval, and what other records would say is not known."
+        )
+    if records < NARROW_RECORDS:
+        return f"With {records} records, fewer than about {NARROW_RECORDS}, the intervals are too narrow."
+    return ""
+
+
+def fit_words(summary: pd.DataFrame, known: pd.DataFrame) -> str:
+    """Lognormal fits as a terminal shows them, and what the number of records leaves unsaid.
+
+    Parameters
+    ----------
+    summary : DataFrame
+        From `results.fits.summary`.
+    known : DataFrame
+        Rows with an answer that the fits are of.
+    """
+    curves = summary[(summary["link"] == "probit") & summary["measures"].isin(fits.MEASURES)]
+    if curves.empty:
+        return "no measure is known of every job: there is no fit"
+    table = fit_table(curves.reset_index(drop=True), known)
+    kept = [name for name in table if name not in ("samples", "without fit")]
+    said = [table[kept].to_string(index=False), few_records(known["record_id"].nunique())]
+    return "\n".join(filter(None, said))
+
+
+def _three_digits(value: float) -> str:
+    return "" if value != value else f"{value:.3g}"

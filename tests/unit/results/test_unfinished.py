@@ -1,0 +1,152 @@
+"""A run that stopped early says so first, to whoever reads it; one of few records says that they are few."""
+
+import struct
+
+import pandas as pd
+import pytest
+from click.testing import CliRunner
+from matplotlib.figure import Figure
+from seeded import row, rows
+
+from toppling.models.motions.ensemble import Ensemble
+from toppling.models.motions.idealised import ricker
+from toppling.models.motions.record import Record
+from toppling.models.scene import Scene
+from toppling.orchestrator.campaign import Campaign
+from toppling.orchestrator.cli import cli
+from toppling.orchestrator.folder import prepare
+from toppling.orchestrator.plan import plan
+from toppling.results.completeness import Completeness
+from toppling.results.drawing.atlas import write_fits
+from toppling.results.drawing.fit_table import few_records, fit_words
+from toppling.results.drawing.report.content import Content
+from toppling.results.drawing.report.document import Document
+from toppling.results.drawing.report.headline import first_screen, unfinished_sentence
+from toppling.results.drawing.report.methods import methods
+from toppling.results.drawing.report.sections import fits_section
+from toppling.results.drawing.style import png_bytes, save
+from toppling.results.exchange import read_curves
+from toppling.results.fits import Fit, answered, bootstrap, fit, summary
+from toppling.results.run import open_run
+from toppling.results.schema import SCHEMA
+from toppling.results.store import write_part
+
+LEVELS = (4, 8, 12)
+REMARK = "9 of 36 jobs have not run"
+
+
+@pytest.fixture(scope="module")
+def unfinished(tmp_path_factory):
+    """A run of 12 records at three levels, of which three records have not run."""
+    folder = tmp_path_factory.mktemp("unfinished")
+    Scene.block(0.15, 0.2, 0.6).save(folder / "scene")
+    pulses = [Record.of(f"R{n:03d}", ricker(2.0, 0.5 + 0.02 * n, 0.01)) for n in range(12)]
+    Ensemble.write(folder / "ensemble", pulses)
+    axes = {"pga_m_s2": list(LEVELS), "azimuth_deg": [0], "friction": [1.0]}
+    campaign = Campaign.of({"scene": "scene", "ensemble": "ensemble", **axes}, folder)
+    planned = plan(campaign, Scene.load(campaign.scene), Ensemble.load(campaign.ensemble))
+    prepare(folder / "run", planned, {})
+    specs = {(spec.record_id, spec.pga_m_s2): spec for spec in map(planned.spec, range(len(planned)))}
+    told = []
+    for values in rows(records=9, levels=LEVELS, azimuths=(0.0,)):
+        spec = specs[values["record_id"], values["level_pga_m_s2"]]
+        told.append({**values, "job_id": spec.job_id, "scene_id": spec.scene_id})
+    write_part(folder / "run", told)
+    return folder / "run"
+
+
+def test_what_is_left_is_told_and_nothing_of_a_finished_run_or_one_of_no_plan():
+    assert Completeness(4320, 1602).remark == "2,718 of 4,320 jobs have not run"
+    assert Completeness(2, 1).remark == "1 of 2 jobs has not run"
+    assert Completeness(2, 2).remark == Completeness(None, 2).remark == ""
+
+
+def test_the_report_its_methods_and_its_figures_say_it_first(unfinished):
+    content = Content(open_run(unfinished), samples=2)
+    assert unfinished_sentence(content).startswith(f"This run is unfinished: {REMARK}.")
+    assert methods(content).startswith(f"The ensemble was not completed: {REMARK}.")
+    first = first_screen(content, Document(content.completeness.remark))
+    assert first.index(REMARK) < first.index("topple")
+
+
+def test_fragility_says_it_first_and_its_curves_keep_it(unfinished, tmp_path):
+    asked = ["fragility", str(unfinished), "--fit", "--samples", "4", "--out", str(tmp_path)]
+    said = CliRunner().invoke(cli, asked, catch_exceptions=False).stdout
+    assert said.startswith(f"{unfinished} is unfinished: {REMARK}\n")
+    assert said.count("\n") < 25, "the figures are counted, not listed"
+    for suffix in (".csv", ".json", ".xml"):
+        curve = read_curves(tmp_path / "fits" / f"curves{suffix}")["pgv_m_s"]
+        assert (curve.basis.jobs_planned, curve.basis.jobs_done, curve.basis.records) == (36, 27, 9)
+        assert curve.basis.unfinished == REMARK
+        assert curve.median_interval[0] < curve.median < curve.median_interval[1]
+    for figure in ("pga_pgv", "directions", "fits/fits"):
+        assert REMARK in (tmp_path / f"{figure}.svg").read_text()
+
+
+def test_the_terminal_shows_median_and_beta_with_their_intervals(unfinished, tmp_path):
+    known = answered(open_run(unfinished).frame())
+    found = fit(known, ["pgv_m_s"])
+    words = fit_words(summary([found], [bootstrap(known, found, 40)]), known)
+    assert "median (95 %)" in words
+    assert f"{found.lognormal.median:.3g} (" in words
+    assert words.endswith("With 9 records, fewer than about 20, the intervals are too narrow.")
+
+
+def test_a_query_says_it_beside_its_answer(unfinished):
+    asked = ["query", str(unfinished), "select count(*) n from results", "--csv"]
+    done = CliRunner().invoke(cli, asked, catch_exceptions=False)
+    assert done.stdout == "n\n27\n"
+    assert done.stderr == f"{unfinished} is unfinished: {REMARK}\n"
+
+
+@pytest.mark.parametrize("remark", ["", REMARK])
+def test_a_remark_stands_above_a_figure_that_stays_as_it_was(tmp_path, remark):
+    figure = Figure(figsize=(3.0, 2.0), dpi=100)
+    figure.subplots()
+    width, height = struct.unpack(">II", png_bytes(figure, remark)[16:24])
+    assert width == 600
+    assert (height > 400) == bool(remark)
+    svg = save(figure, tmp_path / "figure", remark)[1].read_text()
+    assert (f"Unfinished run: {REMARK}" in svg) == bool(remark)
+
+
+@pytest.mark.parametrize("records", [1, 2, 4])
+def test_fits_of_few_records_are_drawn_and_said_to_be_of_few(tmp_path, records):
+    """Of fewer than five records there is no interval, and of one no prediction of others."""
+    table = rows(records=records, levels=range(2, 19, 2), azimuths=(0.0, 45.0, 90.0))
+    frame = pd.DataFrame(table, columns=SCHEMA.names)
+    written = {path.name for path in write_fits(frame, tmp_path, "rock", samples=2)}
+    assert {"fits.csv", "fits.png", "curves.csv", "curves.xml"} <= written
+    curve = read_curves(tmp_path / "fits" / "curves.csv")["pgv_m_s"]
+    assert (curve.basis.records, curve.median_interval) == (records, None)
+    assert fit_words(pd.read_csv(tmp_path / "fits" / "fits.csv").fillna({"problem": ""}), frame).endswith(
+        few_records(records)
+    )
+    assert "too few" in few_records(records)
+
+
+@pytest.mark.parametrize("records", [1, 4])
+def test_a_report_of_few_records_says_that_they_are_few(tmp_path, records):
+    (tmp_path / "run").mkdir()
+    write_part(tmp_path / "run", rows(records=records, levels=range(2, 19, 2), azimuths=(0.0, 45.0)))
+    content = Content(open_run(tmp_path / "run"), samples=2)
+    assert few_records(records) in fits_section(content, Document())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("verb", [["fragility", "--fit"], ["report"]])
+@pytest.mark.parametrize("records", [1, 2, 4])
+def test_every_reader_reads_a_run_of_few_records(tmp_path, records, verb):
+    (tmp_path / "run").mkdir()
+    write_part(tmp_path / "run", rows(records=records, levels=range(2, 19, 2), azimuths=(0.0, 45.0)))
+    asked = [verb[0], str(tmp_path / "run"), *verb[1:], "--samples", "2"]
+    assert CliRunner().invoke(cli, asked, catch_exceptions=False).exit_code == 0
+
+
+def test_enough_records_are_no_matter_of_words():
+    assert few_records(20) == ""
+
+
+def test_where_no_measure_is_known_there_is_no_fit_to_show():
+    none = summary([Fit(("pga_m_s2", "pgv_m_s"), "logit", (), 1, 0, 1, "no job topples")], [None])
+    assert "there is no fit" in fit_words(none, pd.DataFrame([row("a")]))

@@ -97,7 +97,8 @@ def prepared(name: str, channels: Triple, options: ImportOptions, entry: Entry |
     )
     shaking = Shaking(event.lower(), first.event.lower(), first.station.lower(), first.series, first.start_s)
     unit = first.stated_unit_m_s2 or (entry.unit_m_s2 if entry else None)
-    beyond = beyond_nature(record.intensity["pga_m_s2"], record.intensity["pgv_m_s"], unit)
+    baseline = quality not in {"uncorrected", "drifting"}
+    beyond = beyond_nature(record.intensity["pga_m_s2"], record.intensity["pgv_m_s"], unit, baseline)
     return Candidate(record, shaking, bool(corrected), (*warnings, *beyond))
 
 

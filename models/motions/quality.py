@@ -48,7 +48,9 @@ def doubts(component: Component) -> None:
     _filled_gap(component, a, peak)
 
 
-def beyond_nature(pga_m_s2: float, pgv_m_s: float, unit_m_s2: float | None = None) -> tuple[str, ...]:
+def beyond_nature(
+    pga_m_s2: float, pgv_m_s: float, unit_m_s2: float | None = None, baseline: bool = True
+) -> tuple[str, ...]:
     """What is to be told of a record stronger than nearly all that there are, with the unit that would explain it.
 
     Parameters
@@ -57,6 +59,8 @@ def beyond_nature(pga_m_s2: float, pgv_m_s: float, unit_m_s2: float | None = Non
         As recorded.
     unit_m_s2 : float or None
         Unit that the samples were read in, where a person or a header named it.
+    baseline : bool
+        Whether the agency or the program has corrected the baseline.
     """
     limits = (
         ("PGA", pga_m_s2, TOLD_PGA_M_S2, "m/s2, more than 3 g"),
@@ -65,8 +69,9 @@ def beyond_nature(pga_m_s2: float, pgv_m_s: float, unit_m_s2: float | None = Non
     beyond = [f"{name} is {value:.3g} {of}" for name, value, limit, of in limits if value > limit]
     if not beyond:
         return ()
-    baseline = "" if pga_m_s2 > TOLD_PGA_M_S2 else ", or an uncorrected baseline"
-    return (f"{', '.join(beyond)}{_explained(pga_m_s2, pgv_m_s, unit_m_s2)}{baseline}",)
+    if not baseline and pga_m_s2 <= TOLD_PGA_M_S2:
+        return (f"{beyond[0]}: its baseline is not corrected",)
+    return (", ".join(beyond) + _explained(pga_m_s2, pgv_m_s, unit_m_s2),)
 
 
 def _explained(pga_m_s2: float, pgv_m_s: float, unit_m_s2: float | None) -> str:

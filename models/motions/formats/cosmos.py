@@ -79,8 +79,8 @@ def _channel(lines: list[str], start: int, path: Path) -> tuple[Component | None
             expected="a line such as '13400 acceleration pts, approx 67 secs, units=g.(02)Format=(8f9.6)'",
         )
     count, width = int(data[1]), int(data[6])
-    stop = next((i for i in range(at + 1, len(lines)) if _LAST.match(lines[i])), None)
-    if stop is None:
+    stop = next((i for i in range(at + 1, len(lines)) if _LAST.match(lines[i])), len(lines))
+    if stop == len(lines) and len(numbers_in(lines[at + 1 :], path, at + 2, width)) != count:
         refuse(
             f"no 'End-of-data' after {count} samples: the file is truncated or the count is wrong",
             path,

@@ -116,7 +116,7 @@ class unam:  # noqa: N801
         first = next(numbered, len(lines))
         body = lines[first:]
         count = int(numbers_in([counts[0]], path, 1)[0])
-        found = counted(numbers_in(body, path, first + 1), count * len(labels), body, path, first + 1)
+        found = counted(numbers_in(body, path, first + 1), count, body, path, first + 1, None, len(labels))
         if len(found.values) % len(labels):
             refuse(
                 f"{len(found.values)} numbers of {len(labels)} channels",
@@ -140,7 +140,7 @@ class unam:  # noqa: N801
                 label=label,
                 magnitude=float(moment[1]) if moment else None,
                 warnings=found.warnings,
-                missing=found.missing // len(labels),
+                missing=found.missing,
             )
             for channel, label in enumerate(labels)
         ]

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
+from typing import NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -78,16 +79,20 @@ def exactly(values: NDArray[np.float64], count: int, path: Path, line: int) -> N
         If there are fewer (a truncated file) or more.
     """
     if len(values) != count:
-        short = len(values) < count
-        refuse(
-            f"{len(values)} samples follow where the header counts {count}"
-            + (": the file is truncated" if short else ""),
-            path,
-            line,
-            expected=f"{count} samples",
-            remedy="fetch the file again" if short else "correct the count in the header",
-        )
+        _refuse_count(len(values), count, path, line)
     return values
+
+
+def _refuse_count(found: float, count: int, path: Path, line: int) -> NoReturn:
+    short = found < count
+    refuse(
+        f"{found:.10g} samples follow where the header counts {count}"
+        + (": the file is truncated" if short else ""),
+        path,
+        line,
+        expected=f"{count} samples",
+        remedy="fetch the file again" if short else "correct the count in the header",
+    )
 
 
 def counted(
@@ -97,6 +102,7 @@ def counted(
     path: Path,
     line: int,
     width: int | None = None,
+    channels: int = 1,
 ) -> Counted:
     """Values by the header's count, or by their rows where these are whole and the count is a little off.
 
@@ -113,12 +119,15 @@ def counted(
         Line of the count.
     width : int or None
         Characters to a number; None for blanks.
+    channels : int
+        Side by side in a row: the header counts rows.
 
     Raises
     ------
     InputError
         If more than two rows are missing, a row in the middle is not whole, or the values jump between two rows.
     """
+    rows, count = count, count * channels
     surplus = len(values) - count
     if surplus == 0:
         return Counted(values)
@@ -130,11 +139,11 @@ def counted(
     else:
         whole = -surplus <= few and len(lengths) > 1 and bool((lengths[:-1] == lengths.max()).all())
     if count < 1 or not whole or _jumps(values[:count], ends):
-        exactly(values, count, path, line)
-    said = f"{path.name}: {len(values)} numbers where the header counts {count}"
+        _refuse_count(len(values) / channels, rows, path, line)
+    said = f"{path.name}: {len(values) / channels:.10g} samples where the header counts {rows}"
     if surplus > 0:
-        return Counted(values[:count], 0, (f"{said}: the last {surplus} left out",))
-    return Counted(values, -surplus, (f"{said}: read as they are, the rows are whole",))
+        return Counted(values[:count], 0, (f"{said}: the last {surplus / channels:g} left out",))
+    return Counted(values, -surplus // channels, (f"{said}: read as they are, the rows are whole",))
 
 
 def _jumps(values: NDArray[np.float64], ends: NDArray[np.int64]) -> bool:

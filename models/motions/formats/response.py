@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -134,32 +134,38 @@ def channel_of(stats: Any, inventory: Any, path: Path) -> Any:
     there = [s for network, s in stations if network == stats.network]
     if not there:
         others = [f"{n.code}.{s.code}" for n in inventory for s in n]
-        _no_response(f"the StationXML has no station {stats.network}.{stats.station}", others, path)
+        _no_response(f"the StationXML is of {_some(others)}, not of {stats.network}.{stats.station}", path)
     coded = [c for station in there for c in station if c.code == stats.channel]
     if not coded:
-        _no_response(f"the StationXML has no channel {name}", [c.code for s in there for c in s], path)
+        codes = [c.code for s in there for c in s]
+        _no_response(f"the StationXML has channels {_some(codes)} of the station, not {stats.channel}", path)
     placed = [c for c in coded if c.location_code == stats.location]
     if not placed:
-        locations = [repr(c.location_code) for c in coded]
-        _no_response(f"the StationXML has no {name}, at location {stats.location!r}", locations, path)
+        at = _some([repr(c.location_code) for c in coded])
+        _no_response(f"the StationXML has {stats.channel} at location {at}, not at {stats.location!r}", path)
     timed = [c for c in placed if c.is_active(time=stats.starttime)]
     if not timed:
-        epochs = [f"{_day(c.start_date, 'the beginning')} to {_day(c.end_date, 'today')}" for c in placed]
-        _no_response(f"the StationXML has {name} at other times than {stats.starttime}", epochs, path)
+        epochs = _some(
+            [f"{_day(c.start_date, 'the beginning')} to {_day(c.end_date, 'today')}" for c in placed]
+        )
+        _no_response(f"the StationXML has {name} from {epochs}, and the record is of {stats.starttime}", path)
     answering = [c for c in timed if c.response is not None]
     if not answering:
-        _no_response(f"the StationXML names {name} without its response", [], path)
+        _no_response(f"the StationXML names {name} without its response", path)
     gains = [c.response.instrument_sensitivity.value for c in answering if c.response.instrument_sensitivity]
     if gains and not np.allclose(gains, gains[0], rtol=1e-6):
         given = ", ".join(f"{gain:g}" for gain in gains)
-        _no_response(f"the StationXML has {name} twice at {stats.starttime}, sensitivities {given}", [], path)
+        _no_response(f"the StationXML has {name} twice at {stats.starttime}, sensitivities {given}", path)
     return answering[0]
 
 
-def _no_response(what: str, instead: list[str], path: Path) -> None:
-    unique = list(dict.fromkeys(instead))
+def _some(names: list[str]) -> str:
+    return listed(list(dict.fromkeys(names)), 5) or "nothing"
+
+
+def _no_response(what: str, path: Path) -> NoReturn:
     raise InputError(
-        what + (f", but {listed(unique, 5)}" if unique else ""),
+        what,
         where=str(path),
         expected="the response of this channel at the time of the record, with level=response",
         remedy="give the StationXML of this channel and time, or a metadata table with the column 'unit' (--metadata)",
@@ -170,7 +176,7 @@ def _day(time: Any, otherwise: str) -> str:
     return str(time.date) if time is not None and time.year < 2200 else otherwise
 
 
-def _refuse_response(what: str, path: Path, expected: str = "StationXML with a whole response") -> None:
+def _refuse_response(what: str, path: Path, expected: str = "StationXML with a whole response") -> NoReturn:
     refuse(what, path, expected=expected, remedy="fetch the StationXML with level=response, or correct it")
 
 
@@ -196,7 +202,7 @@ def _input_unit(response: Any, name: str, path: Path) -> Unit:
         _refuse_response(
             f"the response of {name} is in {named[0]!r} and its first stage in {named[-1]!r}", path
         )
-    return units[0]  # type: ignore[return-value]
+    return units[0]
 
 
 def _refuse_what_is_not_evaluated(response: Any, unit: Unit, name: str, path: Path) -> None:

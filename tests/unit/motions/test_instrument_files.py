@@ -129,7 +129,7 @@ def test_samples_of_sac_that_are_not_finite_are_refused(bad, tmp_path):
         ),
         (36.0, 1.0, 1.0, ["in cm/s2 and not in m/s2, the peak is 0.36 m/s2"]),
         (267.0, 20.0, None, ["in cm/s2 and not in m/s2, the peak is 2.67 m/s2", "PGV is 20 m/s"]),
-        (8.0, 4.5, None, ["PGV is 4.5 m/s, more than 3 m/s", "or an uncorrected baseline"]),
+        (8.0, 4.5, None, ["PGV is 4.5 m/s, more than 3 m/s: if its samples are in m/s2 and not in g"]),
         (1e9, 1e9, 1.0, ["PGA is 1e+09 m/s2"]),
     ],
 )
@@ -137,6 +137,12 @@ def test_a_peak_beyond_nature_is_told_with_the_unit_that_would_explain_it(pga, p
     found = beyond_nature(pga, pgv, unit)
     assert bool(found) is bool(told)
     assert all(text in found[0] for text in told)
+
+
+def test_a_velocity_beyond_nature_of_an_uncorrected_record_is_told_as_its_baseline():
+    assert beyond_nature(8.0, 45.0, None, False) == (
+        "PGV is 45 m/s, more than 3 m/s: its baseline is not corrected",
+    )
 
 
 def test_a_record_of_four_g_is_read_and_told(tmp_path):

@@ -137,9 +137,9 @@ def test_a_small_difference_between_stages_and_sensitivity_is_told(tmp_path, cap
 @pytest.mark.parametrize(
     ("change", "cause"),
     [
-        ({"location": "10"}, "no XX.TST.10.HNE, at location '10', but ''"),
-        ({"station": "OTHER"}, "no station XX.OTHER, but XX.TST"),
-        ({"channel": "HHE"}, "no channel XX.TST..HHE, but HNE, HNN, HNZ"),
+        ({"location": "10"}, "the StationXML has HNE at location '', not at '10'"),
+        ({"station": "OTHER"}, "the StationXML is of XX.TST, not of XX.OTHER"),
+        ({"channel": "HHE"}, "the StationXML has channels HNE, HNN, HNZ of the station, not HHE"),
     ],
 )
 def test_a_channel_that_the_xml_has_not_is_refused_with_those_that_it_has(change, cause, tmp_path):

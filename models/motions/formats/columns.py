@@ -24,6 +24,8 @@ _NUMBER = re.compile(r"^[-+]?((\d+\.?\d*|\.\d+)([EeDd][-+]?\d+)?|nan|inf)$", re.
 _EXPONENT = re.compile(r"(?<=[\d.])[Dd](?=[-+\d])")
 """Fortran's double precision, which is no number elsewhere."""
 _COMMA_NUMBER = re.compile(r"[-+]?(?:\d+,?\d*|,\d+)(?:[EeDd][-+]?\d+)?$")
+_BETWEEN = re.compile(r",(?=\s|;|$)")
+"""A comma with a blank behind it, which stands between two numbers whatever other commas do."""
 _WORD = re.compile(r"[^\s(\[]+\s*(?:[(\[][^)\]]*[)\]])?")
 _BRACKETS = re.compile(r"[(\[]([^)\]]*)[)\]]")
 _TIME = re.compile(r"(?:t|times?|s|secs?|seconds?)(?![a-z])", re.IGNORECASE)
@@ -32,6 +34,7 @@ _CHANNEL_CODE = re.compile(r"[A-Z][GHLN][ENZ123]")
 """SEED's: of a band, an accelerometer or seismometer, and a direction or number."""
 HORIZONTALS = {"H1", "H2", "L", "T", "X", "Y"}
 """Names of horizontals that say nothing of their bearing."""
+TIME_WORDS = {"s", "sec", "seconds", "ms", "msec"}
 TIME_UNITS_S = {"ms": 0.001, "msec": 0.001}
 """Units of a column of times that is not in seconds."""
 STEP_TOLERANCE = 0.01
@@ -45,12 +48,19 @@ WIDTHS = (1, 2, 4)
 
 def recognises(head: str) -> bool:
     """Whether the first lines that are no comments hold one, two or four numbers each, below their names."""
-    body = [line for line in head.splitlines()[:-1] if line.strip() and not line.lstrip().startswith(COMMENT)]
-    comma = _is_decimal_comma(body[1:20])
+    body = [line for line in head.splitlines()[:-1] if _is_body(line)]
+    comma = _is_decimal_comma(body[2:20])
     rows = [_split(line, comma) for line in body[:20]]
-    if len(rows) < 3 or len(rows[1]) not in WIDTHS:
+    if len(rows) < 4:
+        return len(rows) == 3 and _are_numbers(rows[1:])
+    return _are_numbers(rows[1:]) or (_are_numbers(rows[2:]) and _units_below(body[0], body[1]) is not None)
+
+
+def _are_numbers(rows: list[list[str]]) -> bool:
+    """Whether rows hold as many numbers each as this format has columns, or twice as many without a point."""
+    if len(rows[0]) not in WIDTHS and not (len(rows[0]) == 2 * WIDTHS[-1] and "." not in "".join(rows[0])):
         return False
-    return all(len(row) == len(rows[1]) and all(map(_NUMBER.match, row)) for row in rows[1:])
+    return all(len(row) == len(rows[0]) and all(map(_NUMBER.match, row)) for row in rows)
 
 
 def read(path: Path, text: str) -> list[Component]:
@@ -69,16 +79,23 @@ def read(path: Path, text: str) -> list[Component]:
                 expected="the same columns on every line",
                 remedy="the file is damaged or truncated here: fetch it again",
             )
+    _refuse_two_commas(lines[first], width, rows, path, first + 1)
     values = numbers_in(rows, path, first + 1).reshape(-1, max(width, 1))
     if len(values) < 2 or width not in WIDTHS:
-        refuse("fewer than two samples", path, first + 1, expected="a record")
+        refuse(
+            f"{len(values)} rows of {width} numbers",
+            path,
+            first + 1,
+            expected="acceleration alone, time and acceleration, or time and three components",
+        )
     columns = _columns(lines[at], width) if at is not None else []
+    if at is not None and first > at + 1:
+        columns = _units_below(lines[at], lines[first - 1]) or columns
     labels = _labels(columns, width, path, (at or 0) + 1)
     named = columns if len(columns) == width else [_Column("", "")] * width
     step = math.nan
     if width > 1:
         times = [row.split()[0] for row in rows if row.strip()]
-        _refuse_two_commas(lines[first], values[:, 0], times, path, first + 1)
         step = _time_step(values[:, 0], times, path, first + 1) * TIME_UNITS_S.get(named[0].unit.lower(), 1.0)
     return [
         _component(values[:, place], step, label, named[place], path, first + 1)
@@ -130,11 +147,25 @@ class _Column:
 
 def _header(lines: list[str]) -> tuple[int | None, int]:
     """Places of the line that may name the columns, None without one, and of the first line of numbers."""
-    first = next(i for i, line in enumerate(lines) if line.strip() and not line.lstrip().startswith(COMMENT))
-    if not all(map(_NUMBER.match, _split(lines[first], _is_decimal_comma(lines[first : first + 20])))):
-        return first, first + 1
+    first = next(i for i, line in enumerate(lines) if _is_body(line))
+    comma = _is_decimal_comma(lines[first + 1 : first + 21])
+    if not all(map(_NUMBER.match, _split(lines[first], comma))):
+        below = next((i for i in range(first + 1, len(lines)) if _is_body(lines[i])), first)
+        return first, below + (_units_below(lines[first], lines[below]) is not None)
     comments = [i for i in range(first) if lines[i].strip()]
     return (comments[-1] if comments else None), first
+
+
+def _units_below(names: str, units: str) -> list["_Column"] | None:
+    """Columns of a line of names and a line of units below it; None if the second line is none of units."""
+    width = len(_columns(names, 0))
+    below = _columns(units, 0)
+    if len(below) != width or not width:
+        return None
+    words = [part.unit or part.name for part in below]
+    if any(unit_of(word) is None and word.lower() not in TIME_WORDS for word in words):
+        return None
+    return [_Column(column.name, word) for column, word in zip(_columns(names, width), words, strict=True)]
 
 
 def _columns(line: str, width: int) -> list[_Column]:
@@ -248,10 +279,9 @@ def _is_decimal_comma(lines: list[str]) -> bool:
 
     One comma a line may be either: it stands between two columns if what is before it goes on as times do.
     """
-    rows = [re.split(r"[;\s]+", line.strip(" ;\t")) for line in lines if _is_body(line)]
-    if not any("," in line for line in lines) or any("." in number for row in rows for number in row):
-        return False
-    if not rows or not all(_COMMA_NUMBER.match(number) for row in rows for number in row):
+    rows = [re.split(r"[;\s]+", _BETWEEN.sub(" ", line.strip(" ,;\t"))) for line in lines if _is_body(line)]
+    numbers = [number for row in rows for number in row]
+    if not any("," in number for number in numbers) or not all(map(_COMMA_NUMBER.match, numbers)):
         return False
     if all(len(row) > 1 for row in rows):
         return True
@@ -265,22 +295,21 @@ def _is_body(line: str) -> bool:
 
 def _separated(line: str, decimal_comma: bool) -> str:
     """Line with a blank between its numbers, and their decimals behind a point."""
-    return line.replace(",", "." if decimal_comma else " ").replace(";", " ")
+    if decimal_comma:
+        line = _BETWEEN.sub(" ", line).replace(",", ".")
+    return line.replace(",", " ").replace(";", " ")
 
 
 def _split(line: str, decimal_comma: bool) -> list[str]:
     return _separated(line, decimal_comma).split()
 
 
-def _refuse_two_commas(
-    example: str, time: NDArray[np.float64], printed: list[str], path: Path, line: int
-) -> None:
-    if (
-        "," not in example
-        or "." in example
-        or (np.diff(time) > 0).all()
-        or not all(map(str.isdigit, printed[:20]))
-    ):
+def _refuse_two_commas(example: str, width: int, rows: list[str], path: Path, line: int) -> None:
+    """Refuse commas that part numbers and seem to be within them too: no time goes on, or there are twice as many."""
+    firsts = [row.split()[0] for row in rows[:20] if row.strip()]
+    if "," not in example or "." in example or not all(map(str.isdigit, firsts)):
+        return
+    if width in WIDTHS and (width == 1 or all(int(b) > int(a) for a, b in pairwise(firsts))):
         return
     refuse(
         f"{example.strip()[:60]!r} has commas, which may stand between its numbers or within them",

@@ -3,8 +3,10 @@
 import re
 
 HEAD_BYTES = 4000
-_FILLING = re.compile(rb"[\0\x1a]+(?=[\r\n]|\Z)|(?<=[\r\n])[\0\x1a]+")
-"""DOS' end of file, and zeros that fill a line or a block: never inside of a line, where they are damage."""
+_FILLING = re.compile(rb"(?<![\0\x1a])[\0\x1a]++(?=[\r\n]|\Z)|(?<=[\r\n])[\0\x1a]++")
+"""DOS' end of file, and zeros that fill a line or a block: never inside of a line, where they are damage.
+
+Each run is looked at once: binary files have long ones."""
 _FILLED_UP = b"\0\x1a \t\r\n"
 _LINE_END = re.compile(r"\r*\n|\r")
 _NO_LINE_ENDS = str.maketrans(dict.fromkeys("\x0b\x0c\x1c\x1d\x1e\x85\u2028\u2029", " "))

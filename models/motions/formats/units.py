@@ -80,7 +80,8 @@ def folded(name: str) -> str:
     text = unicodedata.normalize("NFKC", _DESCRIBED.sub("", name.strip()[:_LONGEST]))
     for sign, plain in (("\u2215", "/"), ("\u2212", "-"), ("\u03bc", "u"), ("\u039c", "u")):
         text = text.replace(sign, plain)
-    text = re.sub(r"\s+", "", text.lower()).strip("\"'[]{},;:.")
+    text = text.lower().replace("ý", "2")  # the square of DOS' code pages, read in those of Windows
+    text = re.sub(r"\s+", "", text).strip("\"'[]{},;:.")
     text = text.replace("(", "").replace(")", "")
     for pattern, word in (*_WORDS, *_SPELLINGS):
         text = re.sub(pattern, word, text)

@@ -99,6 +99,17 @@ def test_a_unit_in_the_names_needs_no_table(unit, one_m_s2, tmp_path):
     assert np.abs(record.motion.acceleration_m_s2 - a).max() < 1e-5
 
 
+@pytest.mark.parametrize(
+    "units", ["s,cm/s2,cm/s2,cm/s2", "(s),(cm/s²),(cm/s²),(cm/s²)", "sec, Gal, Gal, Gal"]
+)
+def test_units_may_stand_in_a_line_below_the_names(units, tmp_path):
+    a = shaking()
+    path = table_of(tmp_path, f"Time,EW,NS,UD\n{units}", a * 100)
+    (record,) = import_records([path], options=ImportOptions(process=False)).records
+    assert record.north_known
+    assert np.abs(record.motion.acceleration_m_s2 - a).max() < 1e-5
+
+
 def test_a_unit_of_the_table_that_contradicts_the_names_is_refused_with_its_row(tmp_path):
     path = table_of(tmp_path, "t,E (g),N (g),UP (g)", shaking() / 9.80665)
     assert len(imported(path, unit="g").records) == 1

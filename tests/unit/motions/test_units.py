@@ -16,7 +16,7 @@ G = 9.80665
 
 SPELLINGS = [
     "M/S**2", "m/s²", "M/S**2 ", "m/s ^ 2", "m/s/s", "M/SEC**2", "m/(s**2)", "m s-2", "m·s⁻²", "m s^-2",
-    "meters per second squared", "metres/sec/sec", "m/s**2.", "[m/s2]", "(m/s/s)", "㎨",
+    "meters per second squared", "metres/sec/sec", "m/s**2.", "[m/s2]", "(m/s/s)", "㎨", "m/sý",
     "m/s**2 - Acceleration in Meters Per Second Per Second",
 ]  # fmt: skip
 

@@ -4,13 +4,11 @@ import math
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
-from toppling.models.documents import csv_rows, shown
 from toppling.models.errors import InputError
+from toppling.models.motions.deaggregation import Bin
 from toppling.models.motions.ensemble import Ensemble
-from toppling.models.motions.metadata import text_table
 
 LEAST_COMPONENTS = 2
 """Every record has so many."""
@@ -60,15 +58,6 @@ class Choice:
                     expected="the least value first",
                     remedy=f"did you mean {limits[1]:g} {limits[0]:g}?",
                 )
-
-
-@dataclass(frozen=True)
-class Bin:
-    """One cell of a hazard deaggregation: from the low edge to below the high one, and its contribution."""
-
-    magnitude: tuple[float, float]
-    distance_km: tuple[float, float]
-    contribution: float
 
 
 @dataclass(frozen=True)
@@ -180,36 +169,6 @@ def _spread(rows: Rows, count: int) -> Rows:
     if count == 1:
         return [ranked[len(ranked) // 2]]
     return [ranked[round(place * (len(ranked) - 1) / (count - 1))] for place in range(count)]
-
-
-def read_deaggregation(table: Path) -> list[Bin]:
-    """Bins of a hazard deaggregation from a CSV table.
-
-    Columns: `magnitude_low`, `magnitude_high`, `distance_low_km`, `distance_high_km`, `contribution` (in any
-    unit).
-
-    Raises
-    ------
-    InputError
-        If a column is missing or a number is none, with the line.
-    """
-    names = ("magnitude_low", "magnitude_high", "distance_low_km", "distance_high_km", "contribution")
-    bins = []
-    with text_table(table) as file:
-        for line, row in csv_rows(file, table):
-            try:
-                low_m, high_m, low_d, high_d, share = (float(row[name]) for name in names)
-            except (KeyError, TypeError, ValueError):
-                low_m = share = math.nan
-            if not (0 <= share < math.inf and low_m < high_m and low_d < high_d):
-                raise InputError(
-                    f"not a bin: {shown(list(row.values()))}",
-                    where=f"{table}:{line}",
-                    expected=f"numbers in {', '.join(names)}, low below high, contribution not negative",
-                    remedy="correct the table",
-                )
-            bins.append(Bin((low_m, high_m), (low_d, high_d), share))
-    return bins
 
 
 def hazard_weights(

@@ -285,8 +285,14 @@ def show(ensemble: Path, figure: Path | None, as_json: bool) -> None:
 @click.option(
     "--deaggregation",
     type=click.Path(path_type=Path, dir_okay=False, exists=True),
-    help="CSV table that weights the records:"
-    " magnitude_low, magnitude_high, distance_low_km, distance_high_km, contribution.",
+    help="Table that weights the records: CSV with magnitude_low, magnitude_high, distance_low_km, distance_high_km,"
+    " contribution; nshmp-haz's data.csv; or OpenQuake's Mag_Dist.",
+)
+@click.option("--imt", help="Measure of OpenQuake's deaggregation, such as PGV, where it has several.")
+@click.option(
+    "--poe",
+    type=float,
+    help="Its probability, where it has several; default the least, of the strongest motion.",
 )
 @click.option("--replace", is_flag=True, help="Replace an existing ensemble.")
 def select(
@@ -302,6 +308,8 @@ def select(
     pgv_pga: tuple[float, float] | None,
     count: int,
     deaggregation: Path | None,
+    imt: str | None,
+    poe: float | None,
     replace: bool,
 ) -> None:
     """Select records of an ensemble, or weight them by a hazard.
@@ -314,8 +322,9 @@ def select(
     """  # noqa: D301  (\b keeps click from rewrapping the example)
     import dataclasses
 
+    from toppling.models.motions.deaggregation import read_deaggregation
     from toppling.models.motions.ensemble import Ensemble
-    from toppling.models.motions.selection import Choice, hazard_weights, read_deaggregation
+    from toppling.models.motions.selection import Choice, hazard_weights
     from toppling.models.motions.selection import select as chosen
 
     _refuse_existing(out, replace)
@@ -332,7 +341,10 @@ def select(
         click.echo(f"fewer than the {count} requested: all that are left were taken", err=True)
     weights = dict(zip(loaded.record_ids, loaded.catalog["weight"].to_pylist(), strict=True))
     if deaggregation:
-        weights, empty = hazard_weights(loaded, names, read_deaggregation(deaggregation))
+        read = read_deaggregation(deaggregation, imt, poe)
+        if read.of:
+            click.echo(f"weighted for {read.of}")
+        weights, empty = hazard_weights(loaded, names, read.bins)
         for b in empty:
             click.echo(f"no record for magnitude {b.magnitude}, distance {b.distance_km} km", err=True)
         names = [name for name in names if weights[name] > 0]

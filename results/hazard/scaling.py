@@ -19,6 +19,9 @@ from toppling.results.hazard.standing import Standing, epochs, greatest_rate
 FURTHEST = 1e3
 """Largest factor of motions that is looked for, and the inverse of the least."""
 
+GROUP = 128
+"""Curves at a time, so that a tree of thousands needs no more memory than one of these."""
+
 STEP = 1.05
 """Between factors of motions at which draws are computed; rates are power laws between them."""
 
@@ -59,9 +62,21 @@ def drawn_factors(
     finite = [factor for factor in central if 0 < factor < math.inf] or [1.0]
     low, high = math.log(min(*finite, 1.0) / 8), math.log(max(*finite, 1.0) * 8)
     grid = np.arange(math.floor(low / math.log(STEP)), math.ceil(high / math.log(STEP)) + 1) * math.log(STEP)
+    found = [
+        _of_group(draws, curves[first : first + GROUP], grid, chance)
+        for first in range(0, len(curves), GROUP)
+    ]
+    motions, rates, survivals = (np.concatenate(parts, axis=1) for parts in zip(*found, strict=True))
+    return motions, rates, survivals
+
+
+def _of_group(
+    draws: Draws, curves: Sequence[HazardCurve], grid: NDArray[np.floating], chance: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """As `drawn_factors`, of some curves and on a grid of logarithms of factors that holds 0."""
     topplings = exponents(draws, curves, np.exp(grid))
     enough = -math.log(chance)
-    as_it_is = topplings[:, np.flatnonzero(np.abs(grid) < 1e-9)[0], :]
+    as_it_is = topplings[:, int(np.abs(grid).argmin()), :]
     with np.errstate(divide="ignore"):
         rates = enough / as_it_is
         rising = np.log(topplings)

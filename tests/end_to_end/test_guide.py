@@ -120,7 +120,31 @@ def inputs(tmp_path_factory):
             f"{pgv},{factor * 1e-4 * pgv**-2:.3g}\n" for pgv in (0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 4.0, 8.0)
         )
         (folder / curve).write_text(f"pgv_m_s,annual_rate\n{rows}")
+    write_outputs(folder)
     return folder
+
+
+def write_outputs(folder):
+    """A tree of OpenQuake and an output of nshmp-haz, of two sites each."""
+    levels_cm_s = np.array([5, 10, 20, 50, 100, 200, 400, 800])
+    tree, output = folder / "openquake_output", folder / "hazout"
+    (output / "PGV").mkdir(parents=True)
+    tree.mkdir()
+    for number, factor in enumerate((1.0, 3.0)):
+        poes = -np.expm1(-50 * factor * 1e-4 * (levels_cm_s / 100) ** -2.0)
+        row = ",".join(f"{poe:.6E}" for poe in poes)
+        (tree / f"hazard_curve-rlz-{number:03}-PGV.csv").write_text(
+            f"#,,,\"kind='rlz-{number:03}', investigation_time=50.0, imt='PGV'\"\n"
+            f"lon,lat,depth,{','.join(f'poe-{level:.7f}' for level in levels_cm_s)}\n"
+            f"-118.10000,34.20000,0.00000,{row}\n-118.50000,34.20000,0.00000,{row}\n"
+        )
+    (tree / "realizations.csv").write_text("rlz_id,branch_path,weight\n0,A~A,0.6\n1,A~B,0.4\n")
+    row = ",".join(f"{rate:.8e}" for rate in 1e-4 * (levels_cm_s / 100) ** -2.0)
+    (output / "config.json").write_text('{"hazard": {"valueFormat": "ANNUAL_RATE"}}')
+    (output / "PGV" / "curves.csv").write_text(
+        f"name,lon,lat,{','.join(map(str, levels_cm_s))}\n"
+        f"Concord CA,-122.00000,37.95000,{row}\nOakland CA,-122.30000,37.80000,{row}\n"
+    )
 
 
 @pytest.fixture(scope="module")

@@ -16,13 +16,13 @@ import pyproj
 import trimesh
 from motion_samples import STEP_S, WRITERS, shaking
 
+from toppling.models.motions.deaggregation import read_deaggregation
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.formats.response import responses
 from toppling.models.motions.importing import ImportOptions, import_records, record_files
 from toppling.models.motions.metadata import read_table
 from toppling.models.motions.motion import Motion
 from toppling.models.motions.record import Record
-from toppling.models.motions.selection import read_deaggregation
 from toppling.models.ply import read_header
 from toppling.models.rock import Rock
 from toppling.models.scan.read import read_clouds
@@ -339,6 +339,15 @@ def _written(name: str, text: str) -> Callable[[Path], None]:
 DEAGGREGATION = (
     "magnitude_low,magnitude_high,distance_low_km,distance_high_km,contribution\n5,6,0,20,0.3\n6,7,0,20,0.7\n"
 )
+NSHMP_BINS = (
+    "     r,      r\u0305,    m,    m\u0305,    Σε\n 10.00,  12.65, 5.10, 5.10,  7.30\n"
+    " 30.00,  31.00, 5.30, 5.31,     T\n"
+)
+OPENQUAKE_BINS = (
+    '#,,,,,"investigation_time=50.0, mag_bin_edges=[5.0, 6.0, 7.0], dist_bin_edges=[0.0, 10.0, 20.0], '
+    'weights=[0.4, 0.6]"\nimt,iml,poe,mag,dist,rlz1,rlz0\nPGA,0.2,0.1,5.5,5.0,0.04,0.05\n'
+    "PGA,0.2,0.1,6.5,15.0,0.01,0.0\n"
+)
 TABLE = "rec_id,event,station,mag,dist_km,h1,h2,v,unit,dt,processing,corner_hz\nA,Q,S,6.5,12,a,b,c,gal,0.01,raw,0.1\n"
 
 READERS: dict[str, Reader] = {
@@ -367,9 +376,17 @@ READERS: dict[str, Reader] = {
     "metadata table": Reader(
         _written("table.csv", TABLE), lambda folder: [e.time_step_s for e in read_table(folder / "table.csv")]
     ),
+    "deaggregation of nshmp-haz": Reader(
+        _written("bins.csv", NSHMP_BINS),
+        lambda folder: [each.contribution for each in read_deaggregation(folder / "bins.csv").bins],
+    ),
+    "deaggregation of OpenQuake": Reader(
+        _written("bins.csv", OPENQUAKE_BINS),
+        lambda folder: [each.contribution for each in read_deaggregation(folder / "bins.csv").bins],
+    ),
     "deaggregation": Reader(
         _written("bins.csv", DEAGGREGATION),
-        lambda folder: [each.contribution for each in read_deaggregation(folder / "bins.csv")],
+        lambda folder: [each.contribution for each in read_deaggregation(folder / "bins.csv").bins],
     ),
     "outline": Reader(
         _written("outline.csv", "x,y,z\n0,0,0\n1,0,0\n1,1,0.1\n0,1,0\n"),

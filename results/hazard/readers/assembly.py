@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from typing import NoReturn
 
+from toppling.models.documents import listed
 from toppling.models.errors import InputError
 from toppling.results.hazard.readers.statement import Realisations, Stated, Statement
 from toppling.results.hazard.sites import Place, nearest, same_place
@@ -23,7 +24,7 @@ def trees_of(stated: Sequence[Stated], where: str) -> list[HazardTree]:
     """
     weights = [one for one in stated if isinstance(one, Realisations)]
     if len(weights) > 1:
-        _refuse(where, f"holds the realisations of {len(weights)} calculations: {_listed([w.source for w in weights])}",
+        _refuse(where, f"holds the realisations of {len(weights)} calculations: {_named([w.source for w in weights])}",
                 "give the folder of one calculation")  # fmt: skip
     groups: dict[tuple, list[Statement]] = {}
     for files in stated:
@@ -79,10 +80,10 @@ def _branches(
         curve = realisations[0].curve
         at = f" at longitude {curve.site[0]:g}, latitude {curve.site[1]:g}" if curve.site else ""
         _refuse(weights.source, f"has {len(weights.weights)} realisations, of which {len(absent)} have no curve over "
-                f"{curve.measure}{at}: {_listed([f'rlz-{n:03}' for n in absent])}",
+                f"{curve.measure}{at}: {_named([f'rlz-{n:03}' for n in absent])}",
                 "give the files of all realisations at one site (individual_rlzs = true)")  # fmt: skip
     if unknown := [n for n in by_number if n not in weights.weights]:
-        _refuse(weights.source, f"states no weight of {_listed([f'rlz-{n:03}' for n in unknown])}",
+        _refuse(weights.source, f"states no weight of {_named([f'rlz-{n:03}' for n in unknown])}",
                 "give the realizations.csv of the same calculation")  # fmt: skip
     if not all(0 <= weight <= 1 for weight in weights.weights.values()):
         _refuse(weights.source, "states weights outside 0 to 1", "give weights that sum to 1")
@@ -100,7 +101,7 @@ def _refuse_twice(kind: str, several: Sequence[Statement], where: str) -> None:
         alike = [one.curve.source for one in several if one.key == key]
         which = kind if key is None else f"{kind} {key}"
         _refuse(where, f"states the {which} of {several[0].curve.measure} at one site {len(alike)} times: "
-                f"{_listed(alike)}", "give the files of one calculation, each once")  # fmt: skip
+                f"{_named(alike)}", "give the files of one calculation, each once")  # fmt: skip
     calculations = {one.calculation for one in several if one.calculation}
     if kind == "realisation" and len(calculations) > 1:
         _refuse(where, f"holds realisations of {len(calculations)} calculations, by the checksum in their first line",
@@ -143,7 +144,7 @@ def combined(
                 found.append(_joined([matching[0] for matching in alike], names, shares, weights is not None))
     if not found:
         places = [f"{name} at {place_words(part[0])}" for name, part in zip(names, parts, strict=True)]
-        _refuse("--hazard", f"the curves are of different sites: {_listed(places)}",
+        _refuse("--hazard", f"the curves are of different sites: {_named(places)}",
                 "give curves of one site, or choose it with --site LON LAT", "branches of one site")  # fmt: skip
     return found
 
@@ -193,14 +194,14 @@ def chosen_tree(
         named = [tree for tree in of_measure if tree.site_name.casefold() == site.casefold()]
         if not named:
             known = (
-                _listed([tree.site_name for tree in of_measure if tree.site_name]) or "none that has a name"
+                _named([tree.site_name for tree in of_measure if tree.site_name]) or "none that has a name"
             )
             _refuse(where, f"has no site called {site!r}: it has {known}",
                     "give one of its names, or --site LON LAT", "the name of a site of the file")  # fmt: skip
         of_measure = named
     if len(of_measure) > 1:
         raise InputError(
-            what=f"has {len(of_measure)} sites: {_listed([place_words(tree) for tree in of_measure])}",
+            what=f"has {len(of_measure)} sites: {_named([place_words(tree) for tree in of_measure])}",
             where=where, expected="one site",
             remedy="choose one with --site LONGITUDE LATITUDE, or by its name",
         )  # fmt: skip
@@ -229,8 +230,8 @@ def place_words(tree: HazardTree) -> str:
     )
 
 
-def _listed(names: Sequence[str]) -> str:
-    return ", ".join(names[:LISTED]) + (f" and {len(names) - LISTED} more" if len(names) > LISTED else "")
+def _named(names: Sequence[str]) -> str:
+    return listed(names, LISTED)
 
 
 def _refuse(

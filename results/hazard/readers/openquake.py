@@ -8,6 +8,7 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
+from toppling.models.openquake import header_values
 from toppling.results.hazard.curves import curve_of_probabilities
 from toppling.results.hazard.measures import imt_of, measure_of
 from toppling.results.hazard.readers.statement import (
@@ -21,7 +22,6 @@ from toppling.results.hazard.readers.statement import (
     wanted_rows,
 )
 
-_PAIR = re.compile(r"(\w+)=('[^']*'|\"[^\"]*\"|\[[^\]]*\]|\([^)]*\)|[^,]*)")
 _NAMED = re.compile(r"(rlz-\d+|quantile(?:_curve)?-\d*\.?\d+|mean|max|std)")
 
 
@@ -29,15 +29,6 @@ def matches(lines: Sequence[str]) -> bool:
     """Whether a file is one of OpenQuake's that is read here: curves, or realisations."""
     header = lines[1] if lines[0].startswith("#") and len(lines) > 1 else lines[0]
     return "poe-" in header or header.replace(" ", "").startswith("rlz_id,branch_path,weight")
-
-
-def header_values(line: str) -> dict[str, str]:
-    """Pairs of the first line, their values bare of quotes; lists keep their brackets."""
-    # The cell is quoted as CSV does it, so that quotes inside it are doubled.
-    text = line.lstrip("#, ").strip()
-    if text.startswith('"'):
-        text = text[1:].removesuffix('"').replace('""', '"')
-    return {key: value.strip().strip("'\"") for key, value in _PAIR.findall(text)}
 
 
 def read(path: Path, lines: Sequence[str], hints: Hints) -> Stated:

@@ -6,10 +6,11 @@ from itertools import pairwise
 import pytest
 
 from toppling.models.errors import InputError
+from toppling.models.motions.deaggregation import read_deaggregation
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.idealised import full_sine
 from toppling.models.motions.record import Record
-from toppling.models.motions.selection import Choice, hazard_weights, read_deaggregation, select
+from toppling.models.motions.selection import Choice, hazard_weights, select
 
 
 @pytest.fixture(scope="module")
@@ -94,7 +95,7 @@ def test_ranges_of_peaks_and_pulse_lengths_keep_what_lies_within(pulses):
 def deaggregation(tmp_path, text):
     table = tmp_path / "deaggregation.csv"
     table.write_text(f"magnitude_low,magnitude_high,distance_low_km,distance_high_km,contribution\n{text}")
-    return read_deaggregation(table)
+    return read_deaggregation(table).bins
 
 
 def test_weights_share_each_bins_contribution_and_add_up_to_one(ensemble, tmp_path):

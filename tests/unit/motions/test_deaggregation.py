@@ -1,0 +1,98 @@
+"""Deaggregations of hazard programs are read as bins of magnitude and distance with what each contributes."""
+
+import math
+from pathlib import Path
+
+import pytest
+
+from toppling.models.errors import InputError
+from toppling.models.motions.deaggregation import read_deaggregation
+
+SAMPLES = Path(__file__).parents[4] / "shared" / "data" / "hazard"
+
+samples = pytest.mark.skipif(
+    not SAMPLES.is_dir(), reason="needs the samples of hazard files, ../shared/data/hazard"
+)
+
+EDGES = "mag_bin_edges=[5.0, 6.0, 7.0], dist_bin_edges=[0.0, 10.0, 20.0]"
+
+
+def openquake(
+    tmp_path, rows, head=f"investigation_time=50.0, {EDGES}, weights=[0.4, 0.6]", columns="rlz1,rlz0"
+):
+    path = tmp_path / "Mag_Dist-0.csv"
+    path.write_text("\n".join([f'#,,,,,"{head}"', f"imt,iml,poe,mag,dist,{columns}", *rows]))
+    return path
+
+
+@samples
+@pytest.mark.parametrize(
+    ("name", "poe", "total"), [("Mag_Dist-mean-0_5", 0.1, 0.10062), ("Mag_Dist-0_5", 0.1, 0.10062)]
+)
+def test_openquakes_bins_combine_to_the_probability_they_are_of(name, poe, total):
+    read = read_deaggregation(SAMPLES / "oq_disagg" / f"{name}.csv", poe=poe)
+    assert -math.expm1(-math.fsum(one.contribution for one in read.bins)) == pytest.approx(total, rel=2e-3)
+    assert read.bins[0].magnitude == (5.0, 6.0)
+    assert read.bins[1].distance_km == (10.0, 20.0)
+    assert "others with --poe 0.2" in read.of
+
+
+@samples
+def test_region_and_epsilon_are_summed_over():
+    one, two, three = (
+        read_deaggregation(SAMPLES / "oq_disagg" / f"{name}.csv").bins
+        for name in ("Mag_Dist-0_5", "TRT_Mag_Dist-0_5", "Mag_Dist_Eps-mean-0_5")
+    )
+    for plain, by_region, by_epsilon in zip(one, two, three, strict=True):
+        assert by_region.contribution == pytest.approx(plain.contribution, rel=2e-3, abs=1e-7)
+        assert by_epsilon.contribution == pytest.approx(plain.contribution, rel=2e-2, abs=1e-6)
+
+
+@samples
+@pytest.mark.parametrize("name", ["Mag-0_5", "Dist-mean-0_5"])
+def test_a_deaggregation_over_one_of_both_is_refused(name):
+    with pytest.raises(InputError, match="over magnitude and distance is needed"):
+        read_deaggregation(SAMPLES / "oq_disagg" / f"{name}.csv")
+
+
+@samples
+def test_nshmps_bins_are_centres_with_per_cent_of_the_total():
+    (folder,) = (SAMPLES / "nshmp/hazout_fault_two_gmm/PGA/deagg").glob("*Site1")
+    bins = read_deaggregation(folder / "data.csv").bins
+    assert (bins[0].magnitude, bins[0].distance_km) == (pytest.approx((5.0, 5.2)), (0.0, 20.0))
+    assert bins[0].contribution == pytest.approx(7.30)
+    assert math.fsum(one.contribution for one in bins) == pytest.approx(100, abs=0.5)
+
+
+def test_weights_follow_the_columns_and_not_the_numbers_of_realisations(tmp_path):
+    bins = read_deaggregation(openquake(tmp_path, ["PGA,0.2,0.1,5.5,5.0,0.1,0.0"])).bins
+    assert bins[0].contribution == pytest.approx(-math.log1p(-0.04))
+
+
+def test_of_several_motions_the_strongest_is_taken_or_the_one_that_is_asked_for(tmp_path):
+    rows = [f"{imt},1,{poe},5.5,5.0,{poe},{poe}" for imt in ("PGA", "PGV") for poe in (0.1, 0.02)]
+    path = openquake(tmp_path, rows)
+    assert read_deaggregation(path).bins[0].contribution == pytest.approx(-math.log1p(-0.02))
+    read = read_deaggregation(path, "PGV", 0.1)
+    assert read.bins[0].contribution == pytest.approx(-math.log1p(-0.1))
+    assert read.of.startswith("PGV of 1, probability 0.1 in 50.0 years")
+    for asked, said in ((("SA(1.0)", None), "not over SA"), ((None, 0.5), "has the probabilities 0.02, 0.1")):
+        with pytest.raises(InputError, match=said):
+            read_deaggregation(path, *asked)
+
+
+@pytest.mark.parametrize(
+    ("rows", "head", "said"),
+    [
+        (["PGA,0.2,0.1,5.5,5.0,1.2,0.0"], None, "states the probability '1.2'"),
+        (["PGA,0.2,0.1,8.5,5.0,0.1,0.0"], None, "in none of its bins"),
+        (["PGA,0.2,0.1,5.5,5.0,0.1"], None, "has not the header's 7 columns"),
+        (["PGA,0.2,0.1,5.5,5.0,0.1,0.0"], f"{EDGES}, weights=[0.4, 0.5]", "sum to 0.9"),
+        (["PGA,0.2,0.1,5.5,5.0,0.1,0.0"], "weights=[0.4, 0.6]", "states no mag_bin_edges"),
+        ([], None, "has no row"),
+    ],
+)  # fmt: skip
+def test_a_damaged_deaggregation_is_refused_by_name(tmp_path, rows, head, said):
+    path = openquake(tmp_path, rows, head) if head else openquake(tmp_path, rows)
+    with pytest.raises(InputError, match=said):
+        read_deaggregation(path)

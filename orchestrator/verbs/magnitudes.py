@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 
 from toppling.models.errors import InputError
+from toppling.models.motions.deaggregation import read_deaggregation
 from toppling.orchestrator.progress import bar
 from toppling.orchestrator.verbs.rocks import names_of, read_jobs, standing_rock
 from toppling.results.drawing.atlas import save_table
@@ -19,6 +20,7 @@ from toppling.results.drawing.magnitudes import Drawn, faults_figure, magnitudes
 from toppling.results.drawing.style import printed_unit, save, short_name
 from toppling.results.fits import SAMPLES, Lognormal
 from toppling.results.hazard.ages import parse_age
+from toppling.results.hazard.excluded_bins import bins_words, excluded_bins
 from toppling.results.hazard.faults import FaultTrace, read_faults
 from toppling.results.hazard.gmm import MEASURES, MECHANISMS, MODELS, GroundMotionModel
 from toppling.results.hazard.magnitudes import (
@@ -84,6 +86,10 @@ DISTANCES_TOLD_KM = (1, 2, 5, 10, 20, 50, 100)
 )
 @click.option("--site", type=float, nargs=2, metavar="LON LAT", help="Degrees; where the rock stands.")
 @click.option(
+    "--deaggregation", type=click.Path(path_type=Path, dir_okay=False),
+    help="Of the site's hazard, as 'toppling records select' reads it: says which of its earthquakes are excluded.",
+)  # fmt: skip
+@click.option(
     "--ratio", type=click.FloatRange(0, min_open=True), default=1.0, show_default=True,
     help="Ratio of the peak of the horizontal vector to the models' component (RotD50).",
 )  # fmt: skip
@@ -107,6 +113,7 @@ def magnitudes(
     age: str | None,
     faults: Path | None,
     site: tuple[float, float] | None,
+    deaggregation: Path | None,
     ratio: float,
     where: str | None,
     trusted: bool,
@@ -128,6 +135,7 @@ def magnitudes(
     names, weights = _weights(models)
     grid_of = [GroundMotionModel(name, measure, vs30, mechanism, dip, depth_top, ratio) for name in names]
     traces = read_faults(faults, site) if faults and site else []
+    taken_apart = read_deaggregation(deaggregation) if deaggregation else None
     years = parse_age(age) if age else np.array([math.nan])
     jobs = read_jobs(rock, where, trusted, None) if rock.is_dir() else None
     with bar("bootstrap of records", SAMPLES if jobs else 0) as advance:
@@ -143,9 +151,19 @@ def magnitudes(
         "confidence": confidence, "age": age,
         "without_site_term": [one.name for one in grid_of if not one.has_site_term],
     }  # fmt: skip
+    shares = (
+        excluded_bins(taken_apart.bins, grid_of, weights, standing.curve, occurrences)
+        if taken_apart
+        else None
+    )
+    if taken_apart and shares is not None:
+        told["deaggregation"] = {"of": taken_apart.of, "bins": shares.to_dict("records")}
     if out:
         answer.write(out, told)
-    click.echo(json.dumps(told, indent=1, allow_nan=False) if as_json else _words(told))
+        if shares is not None:
+            save_table(shares, out / "deaggregation.csv")
+    words = "\n".join([_words(told), *([] if shares is None else bins_words(shares))])
+    click.echo(json.dumps(told, indent=1, allow_nan=False) if as_json else words)
 
 
 def _check_usage(

@@ -257,11 +257,16 @@ def level_choices(paths: Sequence[str]) -> dict[str, list[str]]:
     )
     levels: dict[str, list[str]] = {}
     for name, column in zip(names, zip(*parts, strict=True), strict=True):
-        by_letter = len({len(text) for text in column}) == 1 and not any(
-            text.startswith("[") for text in column
-        )
-        choices = list(zip(*column, strict=True)) if by_letter else [column]
+        choices = _choices(column)
         for number, chosen in enumerate(choices, 1):
             if len(set(chosen)) > 1:
                 levels[f"{name} {number}" if len(choices) > 1 else name] = list(chosen)
     return levels
+
+
+def _choices(column: Sequence[str]) -> list[Sequence[str]]:
+    """Choices at each level of one part of some paths: a letter a level, in old engines names with _ between them."""
+    if any(text.startswith("[") for text in column):
+        return [column]
+    split = [text.split("_") if "_" in text else list(text) for text in column]
+    return list(zip(*split, strict=True)) if len({len(words) for words in split}) == 1 else [column]

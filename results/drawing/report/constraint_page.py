@@ -13,7 +13,7 @@ from toppling.results.drawing.hazard import hazard_figure
 from toppling.results.drawing.report.document import Document, page, paragraph, safe
 from toppling.results.drawing.style import HALF_WIDTH_IN, printed_unit, short_name
 
-MOST_BRANCHES = 40
+MOST_BRANCHES = 15
 """Branches that the page's table holds, those with the most weight; the file has all."""
 
 
@@ -31,7 +31,8 @@ def constraint_page(constraint: Constraint, told: dict[str, Any]) -> str:
     names = ", ".join(rock.name for rock in constraint.rocks)
     lines = answer(told) or all_words(told).splitlines()[:2]
     alarm = f'<p class="alarm">{safe(document.remark)}.</p>' if document.remark else ""
-    first = f"<h1>What {safe(names)} says by still standing</h1>{alarm}" + "".join(map(paragraph, lines))
+    says = "says" if len(constraint.rocks) == 1 else "say"
+    first = f"<h1>What {safe(names)} {says} by still standing</h1>{alarm}" + "".join(map(paragraph, lines))
     sections = [
         ("Hazard", _hazard(constraint, told, document)),
         ("Branches", _branches(told, document)),
@@ -62,7 +63,7 @@ def _hazard(constraint: Constraint, told: dict[str, Any], document: Document) ->
     measure = short_name(told["measure"])
     many = len(told["branches"]) > 1
     caption = f"Hazard of {measure} at {_site(told)}, {ages_words(constraint.rocks)}" + (
-        ": mean and 5 to 95 % of the branches before (dashed, grey) and after (coloured) they are weighted by the "
+        ": mean and 5 to 95 % of the branches before (dashed, dotted) and after (coloured) they are weighted by the "
         "rock's survival; each branch is a line, the darker the more weight it has now."
         if many
         else ": one curve, which cannot be weighted anew."

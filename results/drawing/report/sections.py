@@ -43,6 +43,10 @@ MOST_RECORDS = 150
 """Largest number of rows in the table of records; those that topple the rock most often are shown."""
 
 
+MOST_BRANCHES = 15
+"""Largest number of hazard curves in a table; those with the most weight are shown."""
+
+
 @dataclass(frozen=True)
 class Section:
     """A part of the report.
@@ -297,6 +301,8 @@ def constraint_section(content: Content, document: Document) -> str:
     )
     parts.append(document.figure(lambda _: draw(), caption, HALF_WIDTH_IN))
     if verdicts is not None:
+        left = len(verdicts) - MOST_BRANCHES
+        verdicts = verdicts.sort_values("posterior_weight", ascending=False).head(MOST_BRANCHES)
         shown = pd.DataFrame({
             "hazard curve": verdicts["name"],
             "survival": [_digits(value, 3) for value in verdicts["survival"]],
@@ -309,7 +315,12 @@ def constraint_section(content: Content, document: Document) -> str:
         parts.append(
             document.table(
                 shown,
-                "Probability that the rock survives under each hazard curve, and the resulting weights.",
+                "Probability that the rock survives under each hazard curve, and the resulting weights."
+                + (
+                    f" {left} curves with less weight are left out: toppling constrain lists them."
+                    if left > 0
+                    else ""
+                ),
             )
         )
     return "".join(parts)

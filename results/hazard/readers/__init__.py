@@ -102,8 +102,7 @@ def _is_hazard(path: Path) -> bool:
         return nshmp.matches_json(_text(path))
     if any(one.matches(lines) for one in (openquake, nshmp, cybershake)):
         return True
-    cells = lines[0].split(",")
-    return len(cells) == 2 and columns.measure_with_unit(cells[0]) is not None
+    return columns.matches(lines)
 
 
 def _read(path: Path, hints: Hints) -> Stated:

@@ -15,6 +15,13 @@ _PROBABILITY = re.compile(
 )
 
 
+def matches(lines: Sequence[str]) -> bool:
+    """Whether a file of a folder begins with a header that names a measure and one more column."""
+    line = lines[0] if "," in lines[0] else _with_commas(lines[0])
+    cells = line.split(",")
+    return len(cells) == 2 and measure_with_unit(cells[0]) is not None
+
+
 def read(path: Path, lines: Sequence[str], hints: Hints) -> list[Statement]:
     """Read a table of two columns with a header.
 
@@ -26,6 +33,8 @@ def read(path: Path, lines: Sequence[str], hints: Hints) -> list[Statement]:
     lines = [line for line in lines if not line.lstrip().startswith("#")]
     if not lines:
         refuse(path, "holds no table")
+    if "," not in lines[0]:
+        lines = [_with_commas(line) for line in lines]
     (_, header), *rows = list(rows_of(path, lines)) or [(0, [])]
     if len(header) != 2:
         refuse(path, f"has the columns {', '.join(header)[:200]}" if header else "is empty")
@@ -46,6 +55,15 @@ def read(path: Path, lines: Sequence[str], hints: Hints) -> list[Statement]:
     if years is None:
         return [Statement(curve_of_rates(path.stem, known[0], x, y, **told))]
     return [Statement(curve_of_probabilities(path.stem, known[0], x, y, years, **told))]
+
+
+def _with_commas(line: str) -> str:
+    """A line of two columns that tabs, semicolons or blanks part, parted by a comma."""
+    for sign in ("\t", ";"):
+        if sign in line:
+            return line.replace(sign, ",")
+    first, _, last = line.strip().rpartition(" ")
+    return f"{first.strip()},{last}"
 
 
 def _pair(path: Path, line: int, row: list[str]) -> bool:

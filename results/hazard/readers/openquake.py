@@ -28,7 +28,9 @@ _NAMED = re.compile(r"(rlz-\d+|quantile(?:_curve)?-\d*\.?\d+|mean|max|std)")
 def matches(lines: Sequence[str]) -> bool:
     """Whether a file is one of OpenQuake's that is read here: curves, or realisations."""
     header = lines[1] if lines[0].startswith("#") and len(lines) > 1 else lines[0]
-    return "poe-" in header or header.replace(" ", "").startswith("rlz_id,branch_path,weight")
+    return (
+        "poe-" in header or re.match(r"(rlz_id|ordinal)(:\w+)?,branch_path(:\w+)?,weight", header) is not None
+    )
 
 
 def read(path: Path, lines: Sequence[str], hints: Hints) -> Stated:
@@ -41,7 +43,10 @@ def read(path: Path, lines: Sequence[str], hints: Hints) -> Stated:
     """
     stated = header_values(lines[0]) if lines[0].startswith("#") else {}
     body = 1 if lines[0].startswith("#") else 0
-    (_, header), *rows = list(rows_of(path, lines[body:], body + 1))
+    (_, named), *rows = list(rows_of(path, lines[body:], body + 1))
+    header = [name.partition(":")[0] for name in named]  # engine 2 adds types, poe-0.1:float32
+    if "ordinal" in header:
+        header[header.index("ordinal")] = "rlz_id"  # before engine 3.8
     if "branch_path" in header:
         return _realisations(path, header, rows)
     return _curves(path, stated, header, rows, hints)

@@ -11,8 +11,10 @@ from hypothesis import strategies as st
 from scipy.stats import norm
 
 from toppling.models.errors import InputError
+from toppling.models.motions.deaggregation import Bin
 from toppling.results.drawing.magnitudes import Drawn, faults_figure, magnitudes_figure
 from toppling.results.fits import Lognormal
+from toppling.results.hazard.excluded_bins import bins_words, excluded_bins
 from toppling.results.hazard.faults import azimuthal_km, read_faults
 from toppling.results.hazard.gmm import MODELS, GroundMotionModel
 from toppling.results.hazard.magnitudes import (
@@ -241,3 +243,18 @@ def test_figures_show_every_occurrence_and_every_fault(tmp_path):
     drawn = [Drawn(one.name, one.lines, 7.2) for one in traces]
     figure = faults_figure(drawn, {7.0: 12.0}, "title", (4.5, 8.5))
     assert any("north (7.2)" in text.get_text() for text in figure.axes[0].texts)
+
+
+def test_bins_of_a_deaggregation_are_excluded_where_their_earthquake_topples_the_rock():
+    bins = [
+        Bin((6.9, 7.1), (0.0, 10.0), 3.0),
+        Bin((4.9, 5.1), (0.0, 10.0), 1.0),
+        Bin((8.4, 8.6), (0.0, 10.0), 0.0),
+    ]
+    # Medians of exp(-0.1) and exp(-2.3) at 5 km, but for 1.3 ln 2: 3.6 and 0 standard deviations above the rock's.
+    rock = Lognormal("pgv_m_s", math.exp(-3.2 + 1.3 * math.log(2)), 0.1)
+    table = excluded_bins(bins, [Simple()], [1.0], rock, [one_event(0.95)])
+    assert table["share"].tolist() == [0.75, 0.25]
+    assert table["topples"].tolist() == pytest.approx([norm.cdf(2.4 / math.hypot(0.6, 0.1)), 0.5])
+    assert table["excluded"].tolist() == [True, False]
+    assert bins_words(table)[0].startswith("One event: 75 % of the deaggregated hazard, 1 of 2 bins")

@@ -301,7 +301,7 @@ def test_files_with_weights_are_branches_of_one_site(tmp_path):
         openquake(tmp_path / f"{name}.csv", site)
     (tree,) = read_hazard([tmp_path / "a.csv", tmp_path / "b.csv"], [0.7, 0.3])
     assert [(branch.name, branch.weight) for branch in tree.branches] == [("a", 0.7), ("b", 0.3)]
-    with pytest.raises(InputError, match=r"of different sites: .*longitude 10, .*longitude 11"):
+    with pytest.raises(InputError, match=r"of different sites: .*longitude 10 .*longitude 11"):
         read_hazard([tmp_path / "a.csv", tmp_path / "c.csv"], [0.7, 0.3])
     with pytest.raises(InputError, match=r"sum to 1\.1"):
         read_hazard([tmp_path / "a.csv", tmp_path / "b.csv"], [0.7, 0.4])
@@ -336,7 +336,7 @@ def test_two_columns_state_their_unit_and_their_time(tmp_path, header, intensity
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("0.1 0.01\n0.2 0.001\n", "has the columns"),
+        ("0.1 0.01\n0.2 0.001\n", "states neither measure nor unit nor time"),
         ("0.1,0.01\n0.2,0.001\n", "states neither measure nor unit nor time"),
         ("PGA,poe\n0.1,0.01\n0.2,0.001\n", "states no time"),
         ("level,annual_rate\n0.1,0.01\n0.2,0.001\n", "is over 'level'"),
@@ -363,6 +363,25 @@ def test_openquakes_curves_without_time_or_measure_are_told_what_to_add(tmp_path
     path.write_text(rows)
     (tree,) = read_hazard(path, hints=Hints(measure="pga_m_s2", years=50.0))
     assert tree.curves[0].annual_rate[0] == pytest.approx(-math.log(0.9) / 50)
+
+
+def test_engines_of_old_name_types_and_ordinals(tmp_path):
+    (tmp_path / "hazard_curve-rlz-000.csv").write_text(
+        '# source_model_tree_path=b1, gsim_tree_path=b1, investigation_time=50.0, imt="PGA"\n'
+        "lon:float32,lat:float32,depth:float32,poe-0.1:float32,poe-0.2:float32\n10,45,0,0.1,0.01\n"
+    )
+    (tmp_path / "realizations.csv").write_text("ordinal,branch_path,weight\n0,b11_b21~b1,1.0\n")
+    tree = read_tree(tmp_path)
+    assert tree.branches[0].path == "b11_b21~b1"
+    np.testing.assert_allclose(tree.curves[0].intensity, np.array([0.1, 0.2]) * G)
+
+
+@pytest.mark.parametrize("sign", ["\t", ";", " "])
+def test_two_columns_may_be_parted_by_other_signs(tmp_path, sign):
+    path = tmp_path / "curve.txt"
+    path.write_text(f"PGA{sign}annual_rate\n0.1{sign}1e-2\n0.2{sign}1e-3\n")
+    np.testing.assert_allclose(read_curve(path).annual_rate, [1e-2, 1e-3])
+    assert len(read_hazard(tmp_path)) == 1
 
 
 def test_a_folder_skips_what_is_no_hazard_and_says_if_nothing_is(tmp_path):

@@ -131,6 +131,7 @@ def test_levels_are_letters_of_the_path_and_those_without_a_choice_are_left_out(
     assert level_choices(["A~[BooreAtkinson2008]", "A~[AbrahamsonSilva]"]) == {
         "ground motion": ["[BooreAtkinson2008]", "[AbrahamsonSilva]"]
     }
+    assert level_choices(["b11_b21~b1", "b12_b21~b1"]) == {"source 1": ["b11", "b12"]}
     assert level_choices(["", ""]) == {}
 
 

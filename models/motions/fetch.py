@@ -153,27 +153,46 @@ def fetch(
     ]
     advance(len(found))
     folder.mkdir(parents=True, exist_ok=True)
+    asked = _Asked(client, folder, inventory, event, window)
     result = Fetched()
     rows = []
     for network, station in found:
         try:
-            rows.append(_station(client, folder, network, station, inventory, event, window, result))
+            row, files = _station(asked, network, station)
+            rows.append(row)
+            result.files.extend(files)
         except _NothingError as reason:
             result.missing.append(f"{network}.{station.code}: {reason}")
         advance(0)
+    result.table = _write_table(rows, asked, result.missing)
+    return result
+
+
+@dataclass(frozen=True)
+class _Asked:
+    """What is asked of a service, and where the answers go."""
+
+    client: Any
+    folder: Path
+    inventory: Any
+    event: Source | None
+    window: tuple[Any, Any] | None
+
+
+def _write_table(rows: list[dict[str, Any]], asked: _Asked, missing: list[str]) -> Path:
     if not rows:
         raise InputError(
-            f"none of {len(found)} stations has three components ({'; '.join(result.missing[:3])})",
-            where=client.base_url,
+            f"none of {len(missing)} stations has three components ({'; '.join(missing[:3])})",
+            where=asked.client.base_url,
             expected="waveforms of accelerometers",
             remedy="widen the radius or the window, or ask another service",
         )
-    result.table = folder / TABLE
-    with result.table.open("w", newline="", encoding="utf-8") as file:
+    table = asked.folder / TABLE
+    with table.open("w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, fieldnames=list(rows[0]))
         writer.writeheader()
         writer.writerows(rows)
-    return result
+    return table
 
 
 def _is_asked_for(
@@ -241,31 +260,22 @@ def _around(client: Any, event: Source, radius_km: float) -> dict[str, float]:
     }
 
 
-def _station(
-    client: Any,
-    folder: Path,
-    network: str,
-    station: Any,
-    inventory: Any,
-    event: Source | None,
-    window: tuple[Any, Any] | None,
-    result: Fetched,
-) -> dict[str, Any]:
-    """Write one station's files and return its row of the metadata table."""
+def _station(asked: _Asked, network: str, station: Any) -> tuple[dict[str, Any], list[Path]]:
+    """Write one station's files; its row of the metadata table, and the files."""
     location, band = _instrument(station)
+    event = asked.event
     distance = _distance_km(event, station) if event else None
-    start, end = window if window is not None else _window(event, distance)
+    start, end = asked.window if asked.window is not None else _window(event, distance)
     try:
-        stream = client.get_waveforms(network, station.code, location or "--", f"{band}?", start, end)
+        stream = asked.client.get_waveforms(network, station.code, location or "--", f"{band}?", start, end)
     except Exception as error:
         raise _NothingError(_brief(error)) from error
     name = ".".join(part for part in (network, station.code, location, band) if part)
-    waveform, response = folder / f"{name}.mseed", folder / f"{name}.xml"
+    waveform, response = asked.folder / f"{name}.mseed", asked.folder / f"{name}.xml"
     stream.merge(method=-1)
     stream.write(str(waveform), format="MSEED")
-    inventory.select(network=network, station=station.code).write(str(response), format="STATIONXML")
-    result.files += [waveform, response]
-    return {
+    asked.inventory.select(network=network, station=station.code).write(str(response), format="STATIONXML")
+    row = {
         "record_id": name,
         "event": event.name if event else "",
         "station": f"{network}.{station.code}",
@@ -275,6 +285,7 @@ def _station(
         "h2": waveform.name,
         "v": waveform.name,
     }
+    return row, [waveform, response]
 
 
 def _window(event: Source | None, distance_km: float | None) -> tuple[Any, Any]:

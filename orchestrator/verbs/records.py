@@ -11,7 +11,8 @@ from toppling.orchestrator.progress import bar
 from toppling.orchestrator.spelling import OneOf, Verbs
 
 if TYPE_CHECKING:
-    from toppling.models.motions.importing import Refusal
+    from toppling.models.motions.ensemble import Ensemble
+    from toppling.models.motions.importing import Import, Refusal
 
 
 MOST_NOTES = 20
@@ -97,22 +98,7 @@ def import_(
         raise _no_record(len(files), ", ".join(map(str, paths)))
     ensemble = Ensemble.write(out, outcome.records)
     if as_json:
-        left_out = [
-            {"subject": r.subject, "what": r.reason.what, "where": r.reason.where, "remedy": r.reason.remedy}
-            for r in outcome.refusals
-        ]
-        click.echo(
-            json.dumps(
-                {
-                    "ensemble": str(out),
-                    "id": ensemble.id,
-                    "records": ensemble.record_ids,
-                    "left_out": left_out,
-                    "notes": [{"record": name, "what": what} for name, what in outcome.warnings],
-                    "unused_rows": outcome.unused_rows,
-                }
-            )
-        )
+        _print_json(ensemble, outcome)
         return
     _show_refusals(outcome.refusals)
     show_notes(outcome.warnings)
@@ -121,6 +107,22 @@ def import_(
     )
     if outcome.unused_rows:
         click.echo(f"{outcome.unused_rows} of {len(table)} rows of {metadata} name files that were not given")
+
+
+def _print_json(ensemble: "Ensemble", outcome: "Import") -> None:
+    left_out = [
+        {"subject": r.subject, "what": r.reason.what, "where": r.reason.where, "remedy": r.reason.remedy}
+        for r in outcome.refusals
+    ]
+    document = {
+        "ensemble": str(ensemble.folder),
+        "id": ensemble.id,
+        "records": ensemble.record_ids,
+        "left_out": left_out,
+        "notes": [{"record": name, "what": what} for name, what in outcome.warnings],
+        "unused_rows": outcome.unused_rows,
+    }
+    click.echo(json.dumps(document))
 
 
 @records.command()
@@ -179,12 +181,7 @@ def fetch(
     from toppling.models.motions.importing import ImportOptions, import_records
     from toppling.models.motions.metadata import read_table
 
-    if not (event_id and (radius_km or stations)) and not (stations and start and end):
-        message = "give --event with --radius or --stations, or --stations with --start and --end"
-        raise click.UsageError(message)
-    if (radius_km and stations) or bool(start) != bool(end):
-        message = "give --radius or --stations, and --start and --end together: one of them would be ignored"
-        raise click.UsageError(message)
+    _refuse_unclear_request(event_id, radius_km, stations, start, end)
     _refuse_existing(out, replace)
     window = (utc(start, "--start"), utc(end, "--end")) if start and end else None
     client = connect(service)
@@ -214,6 +211,17 @@ def fetch(
     show_notes(outcome.warnings)
     Ensemble.write(out, outcome.records)
     click.echo(f"{len(outcome.records)} records in {out}, originals in {out / 'raw'}")
+
+
+def _refuse_unclear_request(
+    event_id: str | None, radius_km: float | None, stations: str | None, start: str | None, end: str | None
+) -> None:
+    if not (event_id and (radius_km or stations)) and not (stations and start and end):
+        message = "give --event with --radius or --stations, or --stations with --start and --end"
+        raise click.UsageError(message)
+    if (radius_km and stations) or bool(start) != bool(end):
+        message = "give --radius or --stations, and --start and --end together: one of them would be ignored"
+        raise click.UsageError(message)
 
 
 @records.command()

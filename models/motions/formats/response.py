@@ -92,7 +92,15 @@ def in_m_s2(trace: Any, inventory: Any, path: Path) -> Converted:
         channel = channel_of(trace.stats, inventory, path)
     except InputError as error:
         return Converted(values, no_unit=error)
-    response = channel.response
+    try:
+        return _converted(trace, values, channel.response, path)
+    except InputError:
+        raise
+    except (ArithmeticError, LookupError, TypeError, ValueError, AttributeError) as error:
+        _refuse_response(f"the response of {trace.id} is incomplete ({error})", path)
+
+
+def _converted(trace: Any, values: NDArray[np.float64], response: Any, path: Path) -> Converted:
     unit = _input_unit(response, trace.id, path)
     _refuse_what_is_not_evaluated(response, unit, trace.id, path)
     known = _in_si(response)
@@ -152,7 +160,8 @@ def channel_of(stats: Any, inventory: Any, path: Path) -> Any:
     answering = [c for c in timed if c.response is not None]
     if not answering:
         _no_response(f"the StationXML names {name} without its response", path)
-    gains = [c.response.instrument_sensitivity.value for c in answering if c.response.instrument_sensitivity]
+    stated = [c.response.instrument_sensitivity for c in answering if c.response.instrument_sensitivity]
+    gains = [part.value for part in stated if part.value is not None]
     if gains and not np.allclose(gains, gains[0], rtol=1e-6):
         given = ", ".join(f"{gain:g}" for gain in gains)
         _no_response(f"the StationXML has {name} twice at {stats.starttime}, sensitivities {given}", path)
@@ -213,7 +222,8 @@ def _refuse_what_is_not_evaluated(response: Any, unit: Unit, name: str, path: Pa
         _refuse_response(
             f"the response of {name} is a polynomial", path, "poles and zeros, coefficients or a gain"
         )
-    if not stages and (unit.quantity != "acceleration" or response.instrument_sensitivity is None):
+    stated = response.instrument_sensitivity
+    if not stages and (unit.quantity != "acceleration" or stated is None or stated.value is None):
         sensor = (
             f"a sensor of {unit.quantity}" if response.instrument_sensitivity else "without a sensitivity"
         )

@@ -454,7 +454,8 @@ def test_a_wrong_metadata_table_is_refused_with_its_line(row, what, tmp_path):
     assert error.value.where == f"{table}:2"
 
 
-def test_a_seismometers_response_is_removed_and_the_xmls_azimuths_orient(tmp_path):
+@pytest.mark.parametrize(("unit", "one_m_s"), [("M/S", 1.0), ("nm/s ", 1e-9), ("CM/SEC", 0.01)])
+def test_a_seismometers_response_is_removed_and_the_xmls_azimuths_orient(unit, one_m_s, tmp_path):
     """Ground velocity by a broadband seismometer whose horizontals are at 30 and 120 degrees from north."""
     a = shaking(4000)
     velocity = np.zeros_like(a)
@@ -475,6 +476,10 @@ def test_a_seismometers_response_is_removed_and_the_xmls_azimuths_orient(tmp_pat
         response = Response.from_paz(
             [0, 0], poles, gain, 1.0, input_units="M/S", output_units="COUNTS", normalization_factor=1.0
         )
+        for part in (response.instrument_sensitivity, response.response_stages[0]):
+            part.input_units = unit
+        response.instrument_sensitivity.value *= one_m_s
+        response.response_stages[0].stage_gain *= one_m_s
         channels.append(
             Channel(
                 f"HH{code}",

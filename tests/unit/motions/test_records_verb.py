@@ -44,6 +44,18 @@ def test_import_reads_what_it_can_and_ends_with_what_it_left_out(tmp_path):
     assert wanted | {"pgv_m_s", "pga_azimuth_deg", "files"} <= set(row)
 
 
+def test_import_notes_what_was_odd_in_what_it_read(tmp_path):
+    folder = tmp_path / "in"
+    folder.mkdir()
+    for path in WRITERS["peer"](folder, shaking() * 40 / np.abs(shaking()).max()):
+        path.write_text(path.read_text().replace("NPTS=    400", "NPTS=    399"))
+    result = run("import", folder, "--out", tmp_path / "out")
+    assert result.stderr.count("400 samples where the header counts 399: the last 1 left out") == 3
+    assert "note on RSN9_TEST_STA: PGA is 40.3 m/s2, more than 3 g" in result.stderr
+    notes = json.loads(run("import", folder, "--out", tmp_path / "json", "--json").stdout)["notes"]
+    assert [note["record"] for note in notes] == ["RSN9_TEST_STA"] * 4
+
+
 def test_import_takes_what_files_do_not_say_from_the_table_and_hints_at_one(tmp_path):
     folder = tmp_path / "in"
     folder.mkdir()

@@ -176,3 +176,13 @@ def test_columns_in_no_unit_of_acceleration_are_refused_by_its_name(unit, cause,
     )
     (refusal,) = import_records([tmp_path / "r.csv"]).refusals
     assert cause in refusal.reason.what
+
+
+@pytest.mark.parametrize("value", ["", "counts", "NaN", "0"])
+def test_a_sensitivity_that_is_no_number_is_refused(value, tmp_path):
+    station_of(tmp_path, "M/S**2", 2e5)
+    xml = tmp_path / "XX.TST.xml"
+    xml.write_text(xml.read_text().replace("<Value>200000.0</Value>", f"<Value>{value}</Value>"))
+    outcome = import_records(record_files([tmp_path]))
+    assert not outcome.records
+    assert any("sensitivity" in r.reason.what or "StationXML" in r.reason.what for r in outcome.refusals)

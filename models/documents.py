@@ -15,9 +15,16 @@ from toppling.models.errors import InputError
 
 LARGEST_JSON_BYTES = 100_000_000
 LARGEST_TOML_BYTES = 2_000_000
+LARGEST_CSV_BYTES = 100_000_000
+MOST_VALUES = 10_000_000
+"""Of a JSON file, by its commas and brackets."""
 LONGEST_KEY = 50
 """Parts of a dotted key: the time that tomllib takes grows with their square."""
-_KEY_PARTS = re.compile(r"[\w\"' \t-]+|\.|[^\w\"' \t.-]+")
+_KEY_PARTS = re.compile(
+    r'"""(?:\\.|[^\\])*?"""|' r"'''.*?'''|" r'"(?:\\.|[^"\\\n])*"|' r"'[^'\n]*'|#[^\n]*|\.|[\w\t -]+|[^.]",
+    re.DOTALL,
+)
+"""Texts, remarks, dots, words, and what stands between them."""
 _SHORT = reprlib.Repr()
 _SHORT.maxstring = _SHORT.maxother = 60
 _SHORT.maxlong = 40
@@ -52,7 +59,9 @@ def read_json(path: Path) -> dict[str, Any]:
         If there is none.
     """
     try:
-        content = json.loads(_text(path, LARGEST_JSON_BYTES, "JSON"), parse_constant=_no_constant)
+        text = _text(path, LARGEST_JSON_BYTES, "JSON")
+        _check_values(text, path)
+        content = json.loads(text, parse_constant=_no_constant)
     except InputError:
         raise
     except (ValueError, RecursionError) as error:
@@ -196,22 +205,41 @@ NUMBER = between(-1e12, 1e12)
 SHARE = between(-0.001, 1.001)
 
 
-def _text(path: Path, most: int, kind: str) -> str:
+def check_size(path: Path, most: int, kind: str) -> None:
+    """Refuse a file that is larger than any of its kind, or is no file: a device has no end.
+
+    Raises
+    ------
+    InputError
+        By its size.
+    """
     if path.exists() and not path.is_file():
         raise _unreadable(path, "is no file", kind)
-    if (size := path.stat().st_size) > most:
+    if path.exists() and (size := path.stat().st_size) > most:
         raise _unreadable(path, f"has {size / 1e6:.3g} MB", f"{kind} of at most {most / 1e6:.0f} MB")
+
+
+def _text(path: Path, most: int, kind: str) -> str:
+    check_size(path, most, kind)
     return path.read_text(encoding="utf-8")
+
+
+def _check_values(text: str, path: Path) -> None:
+    """Refuse JSON whose values would take much more memory than its text: each takes some 60 bytes."""
+    count = sum(text.count(mark) for mark in ",[{")
+    if count > MOST_VALUES:
+        raise _unreadable(path, f"holds {count:,} values", f"JSON of at most {MOST_VALUES:,} values")
 
 
 def _longest_key(text: str) -> int:
     """Parts of the longest chain of words with dots between: a dotted key, or what looks like one."""
     longest = parts = 1
     for token in _KEY_PARTS.finditer(text):
-        if token[0] == ".":
+        first = token[0][0]
+        if first == ".":
             parts += 1
             longest = max(longest, parts)
-        elif token[0][0] not in "\"' \t-_" and not token[0][0].isalnum():
+        elif first not in "\"' \t-_" and not first.isalnum():
             parts = 1
     return longest
 

@@ -1,10 +1,37 @@
 """Files and folders that appear complete or not at all."""
 
 import os
+import re
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+
+from toppling.models.errors import InputError
+
+SCHEMES = (
+    "s3 s3a s3n gs gcs az abfs abfss adl wasb wasbs r2 oss dbfs hdfs webhdfs http https ftp sftp ssh smb file "
+    "memory"
+)
+_REMOTE = re.compile(rf"(?:^[a-z][a-z0-9+.-]+|(?:^|/)(?:{'|'.join(SCHEMES.split())})):/", re.IGNORECASE)
+
+
+def local(path: str | os.PathLike[str]) -> Path:
+    """A path, if it is one of a file system: an address of an object store would become a folder of that name here.
+
+    Raises
+    ------
+    InputError
+        If it is an address.
+    """
+    if found := _REMOTE.search(text := os.fspath(path)):
+        raise InputError(
+            f"is an address ({found[0].strip('/')}//), no path",
+            where=text,
+            expected="a folder or file of this machine, or of a file system that it has mounted",
+            remedy="copy it to a local folder first, or mount the store (rclone, s3fs) and give that path",
+        )
+    return Path(path)
 
 
 def refuse_existing(target: Path) -> None:
@@ -28,6 +55,7 @@ def new_folder(target: Path) -> Iterator[Path]:
     FileExistsError
         If something has the name already.
     """
+    local(target)
     refuse_existing(target)
     target.parent.mkdir(parents=True, exist_ok=True)
     staging = target.with_name(f".{target.name}.{os.getpid()}.tmp")
@@ -47,6 +75,7 @@ def new_file(target: Path) -> Iterator[Path]:
 
     It ends in '.tmp', whatever the file is; nothing is left of it if writing fails.
     """
+    local(target)
     target.parent.mkdir(parents=True, exist_ok=True)
     hidden = target.with_name(f".{target.name}.{os.getpid()}.tmp")
     try:

@@ -18,7 +18,7 @@ from toppling.models import digest
 from toppling.models.contact import ContactProperties
 from toppling.models.documents import shown
 from toppling.models.errors import InputError
-from toppling.models.folder import new_folder
+from toppling.models.folder import local, new_folder
 from toppling.models.frames import STANDARD_GRAVITY_M_S2, plane_normal, rotation_between
 from toppling.models.guarded import read_guarded
 from toppling.models.pedestal import Pedestal
@@ -274,7 +274,7 @@ class Scene:
         InputError
             If a file is missing, not whole or of another schema, or the content does not match its id.
         """
-        source = Path(folder)
+        source = local(folder)
         try:
             sealed = digest.check(source / "scene.json")
             described = read_scene_document(source / "scene.json")

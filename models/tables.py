@@ -6,10 +6,18 @@ from pathlib import Path
 from typing import Any
 
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from toppling.models.digest import BLANK, KEY, check, damaged, seal, unopened
 from toppling.models.errors import InputError
+
+LEAST_BOUND_BYTES, BYTES_PER_BYTE = 64_000_000, 200
+"""Memory that any file may take, and more for each of its bytes: results and records take at most 40 a byte."""
+LEAST_BOUND_ROWS = 10_000
+VALUE_BYTES = 8
+_BOUNDED: dict[str, tuple[int, ...]] = {}
+"""State of the files that were found to keep within."""
 
 
 @contextmanager
@@ -47,6 +55,7 @@ def read_table(path: Path, *, required: bool = False, **how: Any) -> pa.Table:
     """
     try:
         sealed = check(path, required=required)
+        check_bounds(path)
         if not sealed and KEY.encode() in (pq.read_metadata(path).metadata or {}):
             raise damaged(path, "its digest is none")
         return pq.read_table(path, page_checksum_verification=True, **how)
@@ -56,3 +65,66 @@ def read_table(path: Path, *, required: bool = False, **how: Any) -> pa.Table:
         if isinstance(error, OSError) and error.errno is not None:
             raise unopened(path, error) from error
         raise damaged(path, error) from error
+
+
+def check_bounds(path: Path) -> None:
+    """Refuse a Parquet file that would take much more memory than a file of its size holds, before it is read.
+
+    By its footer: bytes after decompression, values after decoding, and texts that a dictionary repeats.
+
+    Raises
+    ------
+    InputError
+        If it would.
+    FileNotFoundError, pyarrow.ArrowException
+        If there is no such file, or it is no Parquet.
+    """
+    state = path.stat()
+    stamp = (state.st_dev, state.st_ino, state.st_size, state.st_mtime_ns, state.st_ctime_ns)
+    if _BOUNDED.get(str(path)) == stamp:
+        return
+    footer = pq.read_metadata(path)
+    most = LEAST_BOUND_BYTES + BYTES_PER_BYTE * state.st_size
+    if footer.num_rows > max(state.st_size, LEAST_BOUND_ROWS):
+        raise _unbounded(path, f"counts {footer.num_rows:,} rows in {state.st_size:,} bytes")
+    unpacked = decoded = 0
+    repeated: set[int] = set()
+    for group in range(footer.num_row_groups):
+        for index in range(footer.num_columns):
+            column = footer.row_group(group).column(index)
+            unpacked += max(column.total_uncompressed_size, 0)
+            decoded += VALUE_BYTES * max(column.num_values, 0)
+            repeats = column.physical_type == "BYTE_ARRAY" and column.has_dictionary_page
+            if repeats and column.num_values * column.total_uncompressed_size > most:
+                repeated.add(index)
+    if max(unpacked, decoded) > most:
+        raise _unbounded(path, f"would take {max(unpacked, decoded) / 1e6:,.0f} MB of memory")
+    for index in sorted(repeated):
+        _check_repeated(path, footer.schema.column(index).path, most)
+    _BOUNDED[str(path)] = stamp
+
+
+def _check_repeated(path: Path, name: str, most: int) -> None:
+    """Refuse texts of a column that take more memory, each written out, than the file may."""
+    file = pq.ParquetFile(path, read_dictionary=[name])
+    size = 0
+    for group in range(file.num_row_groups):
+        for column in file.read_row_group(group, columns=[name]).flatten():
+            for chunk in column.chunks:
+                values = chunk.flatten() if pa.types.is_nested(chunk.type) else chunk
+                if pa.types.is_dictionary(values.type):
+                    lengths = pc.binary_length(values.dictionary)
+                    size += pc.sum(pc.take(lengths, values.indices)).as_py() or 0
+                if size > most:
+                    raise _unbounded(
+                        path, f"repeats texts of more than {most / 1e6:,.0f} MB in column {name}"
+                    )
+
+
+def _unbounded(path: Path, what: str) -> InputError:
+    return InputError(
+        what,
+        where=str(path),
+        expected=f"a table of at most {LEAST_BOUND_BYTES / 1e6:.0f} MB and {BYTES_PER_BYTE} bytes for each of the file",
+        remedy="look where the file comes from: no table that this program makes is packed so densely",
+    )

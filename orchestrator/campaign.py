@@ -14,6 +14,7 @@ from typing import Any
 from toppling.models.contact import ContactProperties
 from toppling.models.documents import is_number, read_toml, shown
 from toppling.models.errors import InputError
+from toppling.models.folder import local
 from toppling.models.spelling import did_you_mean
 from toppling.workers.engines import DEFAULT, ENGINES
 from toppling.workers.options import PRESETS
@@ -143,7 +144,7 @@ class Campaign:
         def folder_of(key: str) -> Path:
             if not isinstance(content[key], str) or not content[key]:
                 raise _error(place(key), shown(content[key]), "the path of a folder", "give it as a string")
-            return folder / content[key]
+            return folder / local(content[key])
 
         values: dict[str, Any] = {"scene": folder_of("scene"), "ensemble": folder_of("ensemble")}
         values["pga_m_s2"] = ()
@@ -405,7 +406,7 @@ def _stood(value: Any, folder: Path, where: str) -> tuple[Path, ...]:
             "a list of files of records, or folders of ensembles",
             'such as ["quake.AT2"]',
         )
-    return tuple(folder / name for name in _distinct(value, where))
+    return tuple(folder / local(name) for name in _distinct(value, where))
 
 
 def _engine(name: Any, values: Mapping[str, Any], where: str) -> str:

@@ -1,5 +1,6 @@
 """The command line. A room is imported only when its verb is called, so that `toppling query` needs no Open3D."""
 
+import errno
 import importlib
 import sys
 from pathlib import Path
@@ -8,6 +9,7 @@ from typing import Any
 import click
 
 from toppling.models.errors import InputError
+from toppling.models.folder import SCHEMES, local
 from toppling.orchestrator.interrupt import as_program, told_as_stop
 from toppling.orchestrator.spelling import Verbs
 
@@ -87,6 +89,9 @@ def main() -> None:
 def call() -> None:
     """Call the verb that the command line names; exit 0 done, 1 failed, 2 wrong usage, 3 finished with failed jobs."""
     try:
+        for word in sys.argv[1:]:
+            if word.partition("://")[0].lower() in {*SCHEMES.split()} - {"http", "https"} and "://" in word:
+                local(word)  # whatever it is given for: a verb may make folders before it writes a file
         with told_as_stop():
             cli.main(prog_name="toppling", standalone_mode=False)
     except click.ClickException as error:
@@ -96,6 +101,13 @@ def call() -> None:
         click.echo(f"toppling: {error}", err=True)
         sys.exit(1)
     except OSError as error:
+        if error.errno in (errno.ENOSPC, errno.EDQUOT):
+            place = f" of {Path(error.filename)}" if error.filename else ""
+            click.echo(
+                f"toppling: the disk{place} is full: make room, then give the same command again; what is stored stays",
+                err=True,
+            )
+            sys.exit(1)
         where = f"{Path(error.filename)}: " if error.filename else ""
         click.echo(f"toppling: {where}{error.strerror or error}", err=True)  # Arrow's have a message only
         sys.exit(1)

@@ -33,6 +33,9 @@ REPLACE_TIMEOUT_S = 30
 _SILENT = {f"distributed.{role}.http.routes": ["distributed.http.health"] for role in ("scheduler", "worker")}
 """Dask's pages ask for no key: they would show the session's work to every account of the host."""
 
+ENCRYPTED = ("tls", "wss")
+"""Kinds of addresses at which only holders of a key are let in."""
+
 SETTINGS = Path(__file__).with_name("dask.yaml")
 
 
@@ -221,6 +224,7 @@ def existing(address: str | None, scheduler_file: Path | None, tls: Security | N
         raise _unreachable(where, what) from None
     with Whole(client):
         _check_scheduler(client)
+        _warn_of_open_door(str(client.scheduler_info()["address"]))
         yield client
 
 
@@ -331,6 +335,19 @@ def _new_queue_cluster(kind: str, secrets: Path) -> Any:
             expected=f"cores, memory, walltime ... in ~/.config/dask/jobqueue.yaml under jobqueue: {kind}:",
             remedy="see https://jobqueue.dask.org/en/latest/configuration.html, and try --dry-run first",
         ) from None
+
+
+def _warn_of_open_door(address: str) -> None:
+    """Warn of a scheduler that lets in whoever reaches it, beyond this machine."""
+    scheme, _, place = address.partition("://")
+    host = place.rpartition(":")[0].strip("[]")
+    if scheme in ENCRYPTED or host == "localhost" or host.startswith("127.") or host == "::1":
+        return
+    log.warning(
+        "%s asks nobody for a key: whoever reaches it on the network can run code as the user of its workers. Start it "
+        "with certificates (docs/faults.md, 'Who is let in') and give tls://..., or bind it to 127.0.0.1",
+        address,
+    )
 
 
 def _check_scheduler(client: Client) -> None:

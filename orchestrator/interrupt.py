@@ -21,6 +21,9 @@ INTERRUPTED = 130
 PATIENCE_S = 60
 """What has not ended in order so long after it was told to is ended without."""
 
+ENDS = (signal.SIGTERM, signal.SIGHUP)
+"""What ends a program in order, where it asks for that (:func:`stop_in_order`)."""
+
 LOOK_S = 0.1
 """Time between looks at whether the KeyboardInterrupt is still on its way."""
 
@@ -50,7 +53,9 @@ def as_program(work: Callable[[], object]) -> NoReturn:
         finally:  # there is nothing left to stop
             end_of_stop()
             signal.signal(signal.SIGINT, signal.SIG_IGN)
-            signal.signal(signal.SIGTERM, signal.SIG_DFL)
+            for number in ENDS:
+                if signal.getsignal(number) is stop_once:
+                    signal.signal(number, signal.SIG_DFL)
     except KeyboardInterrupt:
         print("stopped", file=sys.stderr)  # noqa: T201  (what click is to say may not be imported yet)
         code = INTERRUPTED
@@ -62,9 +67,19 @@ def as_program(work: Callable[[], object]) -> NoReturn:
     sys.exit(code)
 
 
+def stop_in_order() -> None:
+    """Let SIGTERM (a batch system's warning) and SIGHUP (a terminal that closes) stop the program as Ctrl-C does.
+
+    Under `nohup` nobody is to hear of SIGHUP.
+    """
+    for number in ENDS:
+        if signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, stop_once)
+
+
 def stop_once(signum: int, frame: FrameType | None) -> None:  # noqa: ARG001  (a signal handler's signature)
     """Raise KeyboardInterrupt for the first signal, and let no other come between it and an orderly end."""
-    for number in (signal.SIGINT, signal.SIGTERM):
+    for number in (signal.SIGINT, *ENDS):
         signal.signal(number, signal.SIG_IGN)
     sys.unraisablehook = threading.excepthook = _of_no_interest
     _STOP.asked_at = time.monotonic()
@@ -160,12 +175,13 @@ class Whole(AbstractContextManager[Entered]):
 def kept_from_children() -> Iterator[None]:
     """Threads that are started meanwhile, and processes that these start, are not told of Ctrl-C.
 
-    A terminal sends it to all of them: the main thread ends the others, which have nothing to say.
+    A terminal sends it to all of them, and SIGHUP as it closes: the main thread ends the others, which have nothing to
+    say.
     """
     from multiprocessing import resource_tracker
 
     resource_tracker.ensure_running()  # it would let the signals through in the thread that first needs it
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGHUP})
     try:
         yield
     finally:

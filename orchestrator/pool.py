@@ -6,7 +6,7 @@ from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from typing import Any
 
-from toppling.orchestrator.interrupt import kept_from_children
+from toppling.orchestrator.interrupt import ENDS, kept_from_children
 
 
 @contextmanager
@@ -33,5 +33,6 @@ def pool_of(count: int, load: Callable[..., object] = bool, *assets: Any) -> Ite
 
 
 def _begin(load: Callable[..., object], *assets: Any) -> None:
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)  # a fork has the handlers of the program
+    for number in ENDS:
+        signal.signal(number, signal.SIG_DFL)  # a fork has the handlers of the program
     load(*assets)

@@ -21,6 +21,8 @@ from xml.etree import ElementTree as ET
 
 import numpy as np
 
+from toppling.models.csv_text import plain
+from toppling.models.documents import check_size
 from toppling.models.errors import InputError
 from toppling.models.folder import new_file
 from toppling.results.fits import Basis, Lognormal, Resampled
@@ -36,6 +38,9 @@ OPENQUAKE = {
     "cav_m_s": ("CAV", 1 / OPENQUAKE_G_M_S2),
 }
 """Name in OpenQuake (hazardlib/imt.py) and factor from SI to OpenQuake's unit, by column of the results."""
+
+LARGEST_BYTES = 20_000_000
+"""Of a file of curves: a thousand rocks with all that is known of each."""
 
 _SPACE = "http://openquake.org/xmlns/nrml/0.5"
 _FIELDS = ("measure", "median", "beta")
@@ -97,8 +102,14 @@ def read_curves(path: Path) -> dict[str, Lognormal]:
     readers = {".xml": _from_nrml, ".csv": _from_csv, ".json": _from_json}
     if path.suffix not in readers:
         raise _suffix_error(path)
+    check_size(path, LARGEST_BYTES, "curves")
     try:
-        curves = readers[path.suffix](path.read_text())
+        text = path.read_text(encoding="utf-8")
+        if "<!DOCTYPE" in text or "<!ENTITY" in text:  # entities can grow without bound
+            raise _curve_error(path, "declares entities")
+        curves = readers[path.suffix](text)
+    except InputError:
+        raise
     except FileNotFoundError:
         raise _curve_error(path, "does not exist") from None
     except (
@@ -195,7 +206,8 @@ def _csv(curves: list[Lognormal], name: str) -> str:
     text = io.StringIO()
     writer = csv.DictWriter(text, ("rock", *_FIELDS, *_INTERVAL, *_BASIS, "samples"))
     writer.writeheader()
-    writer.writerows({"rock": name, **_row(curve)} for curve in curves)
+    for curve in curves:
+        writer.writerow({key: plain(value) for key, value in {"rock": name, **_row(curve)}.items()})
     return text.getvalue()
 
 

@@ -14,7 +14,7 @@ import pyarrow.dataset as ds
 from toppling.models.digest import read_json
 from toppling.models.documents import read_toml
 from toppling.models.errors import InputError
-from toppling.models.folder import rock_name
+from toppling.models.folder import local, rock_name
 from toppling.models.motions.catalogue import meaning
 from toppling.models.run_document import check_run_document
 from toppling.models.scene_document import read_scene_document
@@ -22,18 +22,10 @@ from toppling.models.tables import read_table
 from toppling.results.audit_folder import check_audits
 from toppling.results.belonging import check_files
 from toppling.results.completeness import Completeness
+from toppling.results.sandbox import collected, opened, time_limit
 from toppling.results.schema import SCHEMA, describe
 from toppling.results.stood import CONTACT, Stood, stood_of, weighed
 from toppling.results.store import PathLike, newest_rows, read_steady, result_files
-
-_LOCKED = {
-    "enable_external_access": "false",
-    "autoinstall_known_extensions": "false",
-    "autoload_known_extensions": "false",
-    "python_enable_replacements": "false",
-    "temp_directory": "",
-}
-"""What keeps a query from everything but the tables that it is given."""
 
 APART = ("engine", "preset", "scene_id", "physics_version")
 """Columns of `results` in which runs may differ, so that their rows answer different questions."""
@@ -64,7 +56,7 @@ class Run:
     """
 
     def __init__(self, path: PathLike) -> None:
-        self.path = Path(path)
+        self.path = local(path)
         marks = ("campaign.toml", "run.json", "results.parquet", "parts")
         if not any((self.path / mark).exists() for mark in marks):
             raise InputError(
@@ -332,7 +324,7 @@ def connect(runs: Sequence[Run], trusted: bool = False) -> duckdb.DuckDBPyConnec
             expected="folders of different names",
             remedy="rename one of the folders",
         )
-    connection = duckdb.connect(config={} if trusted else dict(_LOCKED))
+    connection = opened(trusted)
     for view in ("results", "motions", "scene", "bases"):
         parts = []
         for number, run in enumerate(runs):
@@ -369,7 +361,8 @@ def _asked_once(
 ) -> pa.Table:
     with connect(runs, trusted) as connection:
         try:
-            return question(connection)
+            with time_limit(connection, trusted):
+                return question(connection)
         except duckdb.PermissionException as error:
             raise _refused(str(error)) from error
         except duckdb.Error as error:
@@ -391,7 +384,7 @@ def _answer(connection: duckdb.DuckDBPyConnection, query: str, trusted: bool) ->
             told = ", ".join(kind.name for kind in kinds) or "nothing"
             raise _refused(f"the query holds {told}")
     answer = connection.sql(query)
-    return answer.to_arrow_table() if answer is not None else pa.table({})
+    return collected(answer, trusted) if answer is not None else pa.table({})
 
 
 def _refuse_pooling(connection: duckdb.DuckDBPyConnection, query: str, answered: Iterable[str]) -> None:

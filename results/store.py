@@ -24,7 +24,7 @@ import pyarrow.parquet as pq
 from toppling.models.digest import DamagedError, check, damaged, unopened
 from toppling.models.errors import InputError
 from toppling.models.folder import new_file
-from toppling.models.tables import read_table, write_table
+from toppling.models.tables import check_bounds, read_table, write_table
 from toppling.results.belonging import ForeignError, check_files, check_rows
 from toppling.results.schema import SCHEMA, SCHEMA_VERSION, SORT_ORDER
 
@@ -266,6 +266,7 @@ def _stamps(runs: Iterable[Path]) -> set[tuple[Path, int, int]]:
 def _is_ours(path: Path, required: bool, set_aside: bool) -> bool:
     try:
         check(path, required=required)
+        check_bounds(path)
         schema = pq.read_schema(path)
     except FileNotFoundError:
         raise

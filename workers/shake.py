@@ -72,6 +72,7 @@ def shake(
         If a setting is out of range, the rock does not stand by itself where the scene puts it, or it starts deep
         inside the ground or in no finite state.
     """
+    _check_kinds(scene, motion)
     compile_once()
     began = time.perf_counter()
     options, start = options_of(preset, engine), None if initial is None else checked_start(initial)
@@ -89,6 +90,25 @@ def shake(
         pool.forget()
     result = shaking.result(ended_by, seen, trajectory=trajectory)
     return replace(result, wall_s=time.perf_counter() - began)
+
+
+def _check_kinds(scene: object, motion: object) -> None:
+    for what, kind, given, remedy in (
+        ("scene", Scene, scene, "make one with Scene.load, Scene.from_mesh or Scene.block"),
+        (
+            "motion",
+            Motion,
+            motion,
+            "Motion(acceleration, time_step): (n, 3) in m/s2, and seconds",
+        ),
+    ):
+        if not isinstance(given, kind):
+            raise InputError(
+                f"{what} is a {type(given).__name__}",
+                where="shake",
+                expected=f"a {kind.__name__}",
+                remedy=remedy,
+            )
 
 
 def compile_once() -> None:

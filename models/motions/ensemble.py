@@ -13,11 +13,12 @@ import pyarrow.parquet as pq
 
 from toppling.models import digest
 from toppling.models.errors import InputError
+from toppling.models.folder import local
 from toppling.models.motions.catalogue import CATALOG, MOTIONS, ensemble_id, meaning
 from toppling.models.motions.impose import impose
 from toppling.models.motions.motion import Motion
 from toppling.models.motions.record import Record, motion_sha
-from toppling.models.tables import read_table, table_writer, write_table
+from toppling.models.tables import check_bounds, read_table, table_writer, write_table
 
 SCHEMA_VERSION = "2"
 RECORDS_IN_MEMORY = 64
@@ -80,7 +81,7 @@ class Ensemble:
         InputError
             If the folder holds no ensemble, or its two files do not belong together.
         """
-        path = Path(folder)
+        path = local(folder)
         for name in (CATALOG, MOTIONS):
             if not (path / name).is_file():
                 raise _ensemble_error(f"there is no {name}", path)
@@ -88,6 +89,7 @@ class Ensemble:
             sealed = digest.check(path / CATALOG)
             catalog = read_table(path / CATALOG)
             digest.check(path / MOTIONS, required=sealed)
+            check_bounds(path / MOTIONS)
             motions = pq.ParquetFile(path / MOTIONS, page_checksum_verification=True)
         except (pa.ArrowException, OSError) as error:
             raise _ensemble_error(f"not readable as Parquet ({error})", path) from error

@@ -8,6 +8,7 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
+from toppling.models.csv_text import plain
 from toppling.models.errors import InputError
 
 BEFORE_S, AFTER_S = 30.0, 120.0
@@ -191,7 +192,7 @@ def _write_table(rows: list[dict[str, Any]], asked: _Asked, missing: list[str]) 
     with table.open("w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, fieldnames=list(rows[0]))
         writer.writeheader()
-        writer.writerows(rows)
+        writer.writerows({key: plain(value) for key, value in row.items()} for row in rows)
     return table
 
 

@@ -6,7 +6,7 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
-from toppling.models.documents import csv_rows, shown
+from toppling.models.documents import LARGEST_CSV_BYTES, check_size, csv_rows, shown
 from toppling.models.errors import InputError
 from toppling.models.motions.formats.component import TIME_STEPS_S
 from toppling.models.motions.formats.units import acceleration_m_s2, known_names, unit_of
@@ -127,6 +127,7 @@ def text_table(table: Path) -> io.StringIO:
     InputError
         If it is not in UTF-8, nor UTF-16 that says so, or holds a zero: with the line.
     """
+    check_size(table, LARGEST_CSV_BYTES, "CSV")
     content = table.read_bytes()
     if content.startswith((b"\xff\xfe", b"\xfe\xff")):
         content = content.decode("utf-16", errors="replace").encode()

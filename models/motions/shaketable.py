@@ -19,11 +19,12 @@ import pyarrow.csv
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from toppling.models.documents import listed
+from toppling.models.documents import LARGEST_CSV_BYTES, check_size, listed
 from toppling.models.errors import InputError
 from toppling.models.motions.motion import Motion
 from toppling.models.motions.record import Record
 from toppling.models.motions.shaketable_raw import is_raw, raw_motions, raw_tests
+from toppling.models.tables import check_bounds
 
 TESTS, MOTIONS = "tests.csv", "motions.parquet"
 ALONG_X_DEG = (0.0, 90.0)
@@ -139,6 +140,7 @@ def read_experiment(folder: Path, outcome: str) -> Experiment:
 
 
 def _rows(path: Path) -> list[dict[str, Any]]:
+    check_size(path, LARGEST_CSV_BYTES, "CSV")
     try:
         return pyarrow.csv.read_csv(path).to_pylist()
     except (OSError, pa.ArrowException) as error:
@@ -147,6 +149,7 @@ def _rows(path: Path) -> list[dict[str, Any]]:
 
 def _motions(path: Path) -> dict[int, Motion]:
     try:
+        check_bounds(path)
         rows: Iterable[Mapping[str, Any]] = pq.read_table(
             path, columns=["test_no", "dt_s", "acc_m_s2"]
         ).to_pylist()

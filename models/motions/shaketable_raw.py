@@ -8,9 +8,12 @@ fused by complementary filters. The constants were found by comparison with fuse
 
 from __future__ import annotations
 
+import lzma
+import math
 import re
 import warnings
 import zipfile
+import zlib
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -20,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
 
+from toppling.models.documents import check_size
 from toppling.models.errors import InputError
 from toppling.models.frames import STANDARD_GRAVITY_M_S2
 from toppling.models.motions.motion import Motion
@@ -34,7 +38,13 @@ KEPT_EVERY = 2
 ACCELERATION, DISPLACEMENT = 1, 5
 """Columns of the text file."""
 LEAST_SAMPLES = 100
+MOST_TESTS = 1_000_000
 LARGEST_SHEET_BYTES = 50_000_000
+_NO_WORKBOOK = (
+    zipfile.BadZipFile, zlib.error, lzma.LZMAError, EOFError, OSError, LookupError, ValueError, RuntimeError,
+    OverflowError, RecursionError, ElementTree.ParseError,
+)  # fmt: skip
+"""What the libraries raise at one that is damaged, encrypted, packed in another way, or has cells of no text."""
 
 Array = NDArray[np.float64]
 
@@ -110,10 +120,13 @@ def raw_tests(folder: Path) -> list[dict[str, Any]]:
         if titled is None:
             continue
         titles = {letter: str(title).strip() for letter, title in rows[titled].items()}
-        numbered = [row for row in rows[titled + 1 :] if isinstance(row.get("A"), float)]
+        numbered = [row for row in rows[titled + 1 :] if _is_number(row.get("A"))]
         if any("Experimental Results" in title for title in titles.values()):
             names = {letter: _column(title) for letter, title in titles.items()}
-            results = [{names[letter]: row.get(letter) for letter in names} for row in numbered]
+            results = [
+                {names[letter]: row.get(letter) for letter in names} | {"test_no": row["A"]}
+                for row in numbered
+            ]
         motion = next((letter for letter, title in titles.items() if title == "Ground Motion"), None)
         if motion:
             motions |= {int(row["A"]): _record_name(str(row.get(motion, ""))) for row in numbered}
@@ -126,27 +139,38 @@ def raw_tests(folder: Path) -> list[dict[str, Any]]:
 
 def sheet(path: Path) -> Iterator[Mapping[str, Any]]:
     """Rows of a workbook's first sheet, each a mapping from the column's letter to a number or a text."""
+    check_size(path, LARGEST_SHEET_BYTES, "a workbook")
     try:
         with zipfile.ZipFile(path) as book:
-            if max(info.file_size for info in book.infolist()) > LARGEST_SHEET_BYTES:
-                raise _error(path, "a sheet is too large")
-            names = book.namelist()
             shared = []
-            if "xl/sharedStrings.xml" in names:
-                strings = _parsed(book.read("xl/sharedStrings.xml"), path)
+            if "xl/sharedStrings.xml" in book.namelist():
+                strings = _parsed(book, "xl/sharedStrings.xml", path)
                 shared = ["".join(text.itertext()) for text in strings if text.tag.endswith("}si")]
-            root = _parsed(book.read("xl/worksheets/sheet1.xml"), path)
-    except (zipfile.BadZipFile, KeyError, OSError, ElementTree.ParseError) as error:
-        raise _error(path, f"is no workbook ({error})") from None
-    for row in root.iter():
-        if row.tag.endswith("}row"):
-            yield {re.sub(r"\d", "", cell.get("r", "")): _value(cell, shared) for cell in row}
+            root = _parsed(book, "xl/worksheets/sheet1.xml", path)
+        rows = [
+            {re.sub(r"\d", "", cell.get("r", "")): _value(cell, shared) for cell in row}
+            for row in root.iter()
+            if row.tag.endswith("}row")
+        ]
+    except InputError:
+        raise
+    except _NO_WORKBOOK as error:
+        told = str(error) or type(error).__name__
+        raise _error(path, f"is no workbook, or a damaged one ({told})") from None
+    yield from rows
 
 
-def _parsed(content: bytes, path: Path) -> ElementTree.Element:
-    if b"<!DOCTYPE" in content or b"<!ENTITY" in content:  # entities can grow without bound
+def _parsed(book: zipfile.ZipFile, name: str, path: Path) -> ElementTree.Element:
+    if book.getinfo(name).file_size > LARGEST_SHEET_BYTES:
+        raise _error(path, f"{name} is too large")
+    with book.open(name) as part:  # what the archive says of the size may be wrong
+        content = part.read(LARGEST_SHEET_BYTES + 1)
+    if len(content) > LARGEST_SHEET_BYTES:
+        raise _error(path, f"{name} is too large")
+    text = content.decode("utf-8-sig")  # another encoding would hide what is looked for
+    if "<!DOCTYPE" in text or "<!ENTITY" in text:  # entities can grow without bound
         raise _error(path, "its XML declares entities")
-    return ElementTree.fromstring(content)
+    return ElementTree.fromstring(text.encode())
 
 
 def _value(cell: ElementTree.Element, shared: list[str]) -> float | str | None:
@@ -159,6 +183,11 @@ def _value(cell: ElementTree.Element, shared: list[str]) -> float | str | None:
         return float(text)
     except ValueError:
         return None
+
+
+def _is_number(value: object) -> bool:
+    """Whether a cell holds the number of a test."""
+    return isinstance(value, float) and math.isfinite(value) and abs(value) < MOST_TESTS
 
 
 def _column(title: str) -> str:

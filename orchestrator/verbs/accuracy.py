@@ -5,6 +5,7 @@ from pathlib import Path
 import click
 import pandas as pd
 
+from toppling.models.csv_text import plain_frame
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
 from toppling.orchestrator.front import CONVERGED, FLOOR, Setting, answers, compare, draw_jobs, settings
@@ -63,7 +64,7 @@ def accuracy(
         }
     table = compare(said, said[CONVERGED])
     out.mkdir(parents=True, exist_ok=True)
-    table.to_csv(out / "accuracy.csv", index=False)
+    plain_frame(table).to_csv(out / "accuracy.csv", index=False)
     save(front_figure(table), out / "front")
     click.echo(_told(table))
     click.echo(f"{out / 'accuracy.csv'}\n{out / 'front.png'}")

@@ -2,7 +2,6 @@
 
 import json
 import logging
-import signal
 from pathlib import Path
 from typing import Any
 
@@ -38,7 +37,7 @@ def audit(run: Path, jobs: int | None, as_json: bool, **where: Any) -> None:
     from toppling.orchestrator.audit import affordable, check_versions, drawn
     from toppling.orchestrator.audit import audit as carry_out
     from toppling.orchestrator.campaign import Campaign
-    from toppling.orchestrator.interrupt import stop_once
+    from toppling.orchestrator.interrupt import stop_in_order
     from toppling.orchestrator.journal import journal
     from toppling.orchestrator.plan import plan
     from toppling.orchestrator.progress import watcher
@@ -49,7 +48,7 @@ def audit(run: Path, jobs: int | None, as_json: bool, **where: Any) -> None:
     from toppling.results.run import open_run
 
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(message)s")
-    signal.signal(signal.SIGTERM, stop_once)
+    stop_in_order()
     opened = open_run(run)
     check_versions(run)
     campaign = Campaign.read(run / "campaign.toml")

@@ -12,6 +12,7 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from toppling.models.csv_text import plain_frame
 from toppling.models.folder import new_file
 from toppling.results.run import ask, open_run
 from toppling.results.spread import CAUSES, spreads, surroundings
@@ -69,7 +70,7 @@ def query(
     if parquet:
         _write_parquet(table, parquet)
     if form == "csv":
-        click.echo(_frame(table).to_csv(index=False), nl=False)
+        click.echo(plain_frame(_frame(table)).to_csv(index=False), nl=False)
     elif form == "json":
         click.echo(json.dumps(_plain(table.to_pylist()), indent=1, allow_nan=False))
     elif not parquet:

@@ -3,7 +3,6 @@
 import json
 import logging
 import shlex
-import signal
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,7 +11,7 @@ import click
 from click.core import ParameterSource
 
 from toppling.orchestrator.dispatch import Limits
-from toppling.orchestrator.interrupt import INTERRUPTED, stop_once, told_as_stop
+from toppling.orchestrator.interrupt import INTERRUPTED, stop_in_order, told_as_stop
 from toppling.orchestrator.verbs.where import FILE, cluster_of, cluster_options
 
 if TYPE_CHECKING:
@@ -102,7 +101,7 @@ def run(
     from toppling.orchestrator.status import shares_of, state_of
 
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(message)s")
-    signal.signal(signal.SIGTERM, stop_once)  # a batch system's warning
+    stop_in_order()
     cluster = cluster_of(folder, **where)
     if not no_estimate:
         from toppling.orchestrator.status import words_to_go_on

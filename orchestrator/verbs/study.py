@@ -3,7 +3,6 @@
 import json
 import logging
 import shutil
-import signal
 import sys
 from pathlib import Path
 from typing import Any
@@ -65,7 +64,7 @@ def study(
     toppling study study --scan station1.laz --scan station2.laz --records ensembles/quakes
     """  # noqa: D301  (\b keeps click from rewrapping the example)
     from toppling.orchestrator import study as stages
-    from toppling.orchestrator.interrupt import INTERRUPTED, stop_once, told_as_stop
+    from toppling.orchestrator.interrupt import INTERRUPTED, stop_in_order, told_as_stop
     from toppling.orchestrator.progress import duration, each, watcher
     from toppling.orchestrator.run import RunError
     from toppling.orchestrator.verbs.run import FAILED_JOBS
@@ -76,7 +75,7 @@ def study(
     if scan and scene:
         raise click.UsageError("--scan and --scene exclude each other")
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(message)s")
-    signal.signal(signal.SIGTERM, stop_once)
+    stop_in_order()
     steps = round(18.0 / pga_step)
     chosen = stages.Study(
         pga_m_s2=tuple(

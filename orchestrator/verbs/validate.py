@@ -14,6 +14,7 @@ import pandas as pd
 from rich.console import Console
 from rich.progress import Progress
 
+from toppling.models.csv_text import plain_frame
 from toppling.models.errors import InputError
 from toppling.models.folder import new_file
 from toppling.models.motions.ensemble import Ensemble
@@ -215,9 +216,9 @@ def _write(place: Path, told: Mapping[str, Any], name: str) -> None:
         hidden.write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
     tests = pd.DataFrame(told["tests"])
     with new_file(place / f"{name}_tests.csv") as hidden:
-        tests.to_csv(hidden, index=False)
+        plain_frame(tests).to_csv(hidden, index=False)
     with new_file(place / f"{name}_scores.csv") as hidden:
-        table(_rows(told)).to_csv(hidden)
+        plain_frame(table(_rows(told))).to_csv(hidden)
     overturned, probability = tests["overturned"].to_numpy(bool), tests["probability"].to_numpy(float)
     title = f"{told['n']} tests, Brier score {told['brier']:.3f}"
     drawn = calibration_figure(calibration(overturned, probability), probability, overturned, title)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pandas as pd
 
+from toppling.models.csv_text import plain_frame
 from toppling.models.folder import new_file
 from toppling.results import fits
 from toppling.results.audit import Audit, audit_table
@@ -242,5 +243,5 @@ def _remark(run: Completeness | None) -> str:
 def save_table(table: pd.DataFrame, target: Path) -> Path:
     """Write a table as CSV; the file appears complete or not at all."""
     with new_file(target) as hidden:
-        table.to_csv(hidden, index=False, float_format="%.6g")
+        plain_frame(table).to_csv(hidden, index=False, float_format="%.6g")
     return target

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from toppling.models.csv_text import plain
 from toppling.models.folder import new_file
 from toppling.results.hazard.curves import probability_of
 from toppling.results.hazard.measures import imt_of
@@ -63,7 +64,7 @@ def write_openquake(update: Update, folder: Path, ratio: float = 1.0) -> Iterato
     head = ["lon", "lat", "depth", *(f"poe-{level:.7f}" for level in levels * per_si / ratio)]
     site = [f"{degree:.5f}" for degree in tree.site or (0.0, 0.0)]
     if tree.site_name:
-        head, site = ["custom_site_id", *head], [tree.site_name, *site]
+        head, site = ["custom_site_id", *head], [plain(tree.site_name), *site]
     for name, kind, rate in kinds:
         told = f"{common}, kind='{kind}', investigation_time={years}, imt='{imt}'"
         row = [*site, "0.00000", *(f"{poe:.6E}" for poe in probability_of(rate, years))]

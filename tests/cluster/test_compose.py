@@ -132,7 +132,7 @@ def compose(image, tmp_path):
     files = ["--file", str(PROJECT / "docker-compose.yml"), "--file", str(tmp_path / "override.yml")]
     environment = {
         **os.environ, "TOPPLING_IMAGE": image, "TOPPLING_RUNS": str(tmp_path / "runs"),
-        "TOPPLING_USER": f"{os.getuid()}:{os.getgid()}", "TOPPLING_PORT": "0", "TOPPLING_DASHBOARD_PORT": "0",
+        "TOPPLING_USER": f"{os.getuid()}:{os.getgid()}", "TOPPLING_PORT": "0",
     }  # fmt: skip
 
     def go(*arguments):

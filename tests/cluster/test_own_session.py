@@ -1,8 +1,12 @@
 """A local run belongs to its user: who shares the host but not the session's key gets no answer."""
 
 import os
+import shlex
 import signal
+import socket
 import stat
+import subprocess
+import sys
 import time
 from contextlib import suppress
 from http.client import HTTPException
@@ -12,10 +16,11 @@ from urllib.request import urlopen
 import dask
 import psutil
 import pytest
+import yaml
 from distributed.comm import connect
 from distributed.security import Security
 
-from toppling.orchestrator.cluster import _ClosedIfNotStarted, _queue_cluster
+from toppling.orchestrator.cluster import _ClosedIfNotStarted, _queue_cluster, _warn_of_open_door
 from toppling.orchestrator.folder import KEY_FILES
 
 
@@ -23,9 +28,9 @@ def listening(client):
     """Sockets on which the scheduler and its workers listen."""
     me = psutil.Process()
     for process in (me, *me.children(recursive=True)):
-        for socket in process.net_connections("inet"):
-            if socket.status == psutil.CONN_LISTEN:
-                yield socket.laddr
+        for one in process.net_connections("inet"):
+            if one.status == psutil.CONN_LISTEN:
+                yield one.laddr
 
 
 def test_a_local_run_listens_to_nobody_without_its_key(client):
@@ -103,3 +108,87 @@ def test_batch_jobs_find_the_key_in_files_of_the_user_alone(tmp_path):
         assert "--tls-key" in script
         assert "PRIVATE KEY" not in script
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.fixture(scope="module")
+def composed(tmp_path_factory):
+    """Scheduler and a worker as the compose file starts them, on this machine: commands and environment are its own."""
+    folder = tmp_path_factory.mktemp("composed")
+    services = yaml.safe_load((Path(__file__).parents[2] / "docker-compose.yml").read_text())["services"]
+    port = free_port()
+    own = {
+        "/runs/.keys": str(folder / "keys"),
+        "tls://scheduler:8786": f"tls://127.0.0.1:{port}",
+        "8786": str(port),
+    }
+
+    def here(text):
+        for name, value in {
+            **own,
+            "--dashboard-address 127.0.0.1:8787": "--no-dashboard --host 127.0.0.1",
+        }.items():
+            text = text.replace(name, value)
+        return text
+
+    environment = os.environ | {
+        name: here(value) for name, value in services["worker"]["environment"].items()
+    }
+    environment["PATH"] = f"{Path(sys.executable).parent}{os.pathsep}{environment['PATH']}"
+    commands = {
+        name: shlex.split(here(services[name]["command"])) for name in ("keys", "scheduler", "worker")
+    }
+    subprocess.run(commands["keys"], env=environment, check=True, cwd=folder)
+    started = [
+        subprocess.Popen(commands[name], env=environment, cwd=folder, stderr=subprocess.DEVNULL)
+        for name in ("scheduler", "worker")
+    ]
+    try:
+        yield services, folder / "keys", f"tls://127.0.0.1:{port}"
+    finally:
+        for process in started:
+            for child in psutil.Process(process.pid).children(recursive=True):
+                child.kill()
+            process.kill()
+            process.wait()
+
+
+def free_port():
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        return taken.getsockname()[1]
+
+
+def test_the_composed_scheduler_lets_in_only_who_holds_the_key(composed):
+    services, keys, address = composed
+    assert all(stat.S_IMODE(path.stat().st_mode) == 0o600 for path in keys.iterdir())
+    security = Security(
+        tls_ca_file=str(keys / "certificate.pem"), tls_client_cert=str(keys / "certificate.pem"),
+        tls_client_key=str(keys / "key.pem"), require_encryption=True,
+    )  # fmt: skip
+    with _ClosedIfNotStarted(address, security=security, timeout=60, set_as_default=False) as client:
+        client.wait_for_workers(1, timeout=60)
+        assert client.submit(sum, [1, 2]).result(timeout=60) == 3
+        assert all(worker.startswith("tls://") for worker in client.scheduler_info(n_workers=-1)["workers"])
+    for other in (
+        {"address": address.replace("tls", "tcp")},
+        {"address": address, "security": Security.temporary()},
+    ):
+        with pytest.raises((OSError, TimeoutError)):
+            _ClosedIfNotStarted(**other, timeout=5, set_as_default=False)
+    assert services["scheduler"]["ports"] == ["127.0.0.1:${TOPPLING_PORT:-8786}:8786"]
+
+
+@pytest.mark.parametrize(
+    ("address", "warns"),
+    [
+        ("tcp://10.0.0.1:8786", True),
+        ("tcp://node1:8786", True),
+        ("tcp://[fe80::1]:8786", True),
+        ("tcp://127.0.0.1:8786", False),
+        ("tcp://[::1]:8786", False),
+        ("tls://10.0.0.1:8786", False),
+    ],
+)
+def test_a_scheduler_that_lets_in_anybody_beyond_this_machine_is_told(address, warns, caplog):
+    _warn_of_open_door(address)
+    assert ("asks nobody for a key" in caplog.text) is warns

@@ -156,7 +156,7 @@ def test_what_is_no_object_of_json_is_no_scene_and_no_run(tmp_path, content):
         (tmp_path / name).write_text(content)
     refusal(Scene.load, tmp_path)
     refusal(describe, tmp_path)
-    refusal(open_run(tmp_path).provenance)
+    refusal(lambda: open_run(tmp_path).provenance())
 
 
 @pytest.mark.parametrize("key", ["sessions", "jobs"])

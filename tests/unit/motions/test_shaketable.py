@@ -1,6 +1,7 @@
 """Shake-table tests in both layouts; the table's motion is fused of what each of two sensors knows."""
 
 import zipfile
+from contextlib import suppress
 
 import numpy as np
 import pyarrow as pa
@@ -9,7 +10,7 @@ import pytest
 
 from toppling.models.errors import InputError
 from toppling.models.motions.shaketable import read_experiment
-from toppling.models.motions.shaketable_raw import METRES_A_COUNT, fused_m_s2
+from toppling.models.motions.shaketable_raw import METRES_A_COUNT, fused_m_s2, sheet
 
 STEP_S = 1 / 800
 TIME_S = np.arange(0.0, 12.0, STEP_S)
@@ -153,3 +154,84 @@ def test_tests_of_unknown_records_count_as_one_record(tmp_path):
     read = read_experiment(tmp_path, "sp2_overturned")
     assert len({test.ground_motion for test in read.tests}) == 1
     assert "not known of tests 4, 11" in " ".join(read.warnings)
+
+
+CELL = (
+    '<worksheet xmlns="urn:sheet"><sheetData><row><c r="A1" t="s"><v>{}</v></c></row></sheetData></worksheet>'
+)
+
+
+def _book(path, content, **parts):
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as book:
+        for name, text in {"xl/worksheets/sheet1.xml": content, **parts}.items():
+            book.writestr(name, text)
+
+
+def _byte(path, mark, offset, value):
+    content = bytearray(path.read_bytes())
+    content[content.rfind(mark) + offset] = value
+    path.write_bytes(content)
+
+
+def _encrypted(path):
+    _book(path, CELL.format(0))
+    for mark, offset in ((b"PK\x01\x02", 8), (b"PK\x03\x04", 6)):
+        _byte(path, mark, offset, 1)
+
+
+def _packed_otherwise(path):
+    _book(path, CELL.format(0))
+    _byte(path, b"PK\x01\x02", 10, 99)
+
+
+def _torn(path):
+    _book(path, CELL.format(0))
+    _byte(path, b"PK\x03\x04", 70, 255)
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        _encrypted,
+        _packed_otherwise,
+        _torn,
+        lambda path: path.write_bytes(b""),
+        lambda path: zipfile.ZipFile(path, "w").close(),
+        lambda path: _book(path, CELL.format(7)),
+        lambda path: _book(path, CELL.format("x")),
+        lambda path: _book(path, CELL.format("")),
+        lambda path: _book(path, "<a>" * 100_000),
+        lambda path: _book(path, CELL.format(0).encode("utf-16")),
+        lambda path: _book(path, "\x00"),
+        lambda path: _book(path, " " * 60_000_000),
+    ],
+)
+def test_a_workbook_that_is_none_is_refused_by_name(tmp_path, make):
+    raw_folder(tmp_path)
+    make(tmp_path / "Results.xlsx")
+    with pytest.raises(InputError) as refusal:
+        read_experiment(tmp_path, "sp2_overturned")
+    assert refusal.value.where.endswith("Results.xlsx")
+
+
+def test_a_workbook_of_strange_numbers_or_titles_is_read_or_refused(tmp_path):
+    raw_folder(tmp_path)
+    head = ["Test Number", "Experimental Results for response-Specimen 1", "Test Number 2", "Test Naught"]
+    for number in ("1e400", "nan", "-inf", "1e300", "4"):
+        workbook(tmp_path / "Results.xlsx", [head, [float("4"), 0, None, None], [number, 0, None, None]])
+        content = (tmp_path / "Results.xlsx").read_bytes()
+        assert content
+        assert [test.test_no for test in read_experiment(tmp_path, "sp1_overturned").tests] == [4]
+
+
+def test_a_workbook_with_any_byte_changed_is_read_or_refused(tmp_path):
+    raw_folder(tmp_path)
+    path, random = tmp_path / "Results.xlsx", np.random.default_rng(20261125)
+    sound = path.read_bytes()
+    for _ in range(300):
+        content = bytearray(sound)
+        for at in random.integers(0, len(sound), 2):
+            content[at] = random.integers(256)
+        path.write_bytes(content)
+        with suppress(InputError):
+            list(sheet(path))

@@ -187,3 +187,30 @@ def test_a_pool_of_processes_ends_at_once_and_says_nothing(tmp_path):
 def test_the_command_hears_it_before_it_has_imported_its_verbs():
     program = "import sys, toppling.__main__; sys.exit('click' in sys.modules or 'numpy' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", program]).returncode == 0
+
+
+@pytest.mark.parametrize("name", ["SIGTERM", "SIGHUP"])
+def test_a_terminal_that_closes_and_a_batch_system_stop_in_order(name):
+    work = f"""
+        from toppling.orchestrator.interrupt import stop_in_order
+        stop_in_order()
+        try:
+            os.kill(os.getpid(), signal.{name})
+            time.sleep(60)
+        finally:
+            print("ended in order")
+    """
+    code, said, told = ended(work)
+    assert (code, said) == (130, "ended in order\n")
+    assert told == "stopped\n"
+
+
+def test_under_nohup_a_terminal_that_closes_stops_nothing():
+    work = """
+        from toppling.orchestrator.interrupt import stop_in_order
+        signal.signal(signal.SIGHUP, signal.SIG_IGN)
+        stop_in_order()
+        os.kill(os.getpid(), signal.SIGHUP)
+        print("goes on")
+    """
+    assert ended(work) == (0, "goes on\n", "")

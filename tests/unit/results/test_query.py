@@ -199,7 +199,8 @@ def test_a_run_without_a_query_is_wrong_usage(run_folder):
     "name", ["ensemble/catalog.parquet", "scene/scene.json", "results.parquet", "jobs.parquet"]
 )
 def test_a_damaged_file_of_a_run_is_named(run_folder, name):
-    jobs = pa.table({"job_id": [f"{number:024x}" for number in range(2000)]})
+    ids = [*open_run(run_folder).table()["job_id"].to_pylist(), *(f"{number:024x}" for number in range(2000))]
+    jobs = pa.table({"job_id": ids})
     write_table(jobs, run_folder / "jobs.parquet")
     write_text(run_folder / "campaign.toml", "")
     compact(run_folder)

@@ -1,0 +1,94 @@
+"""SQL of whoever asks: it reads the tables that it is given and nothing else, within limits of memory and time."""
+
+import contextlib
+import re
+import threading
+from collections.abc import Iterator
+from typing import Any
+
+import duckdb
+import pyarrow as pa
+
+from toppling.models.errors import InputError
+
+MEMORY_BYTES = 2 << 30
+"""Of a query at work, and of its answer: the sums and joins of a million jobs take a tenth of it."""
+TIME_S = 120.0
+BATCH_ROWS = 2_048
+"""Of an answer that are made at once, before its size is looked at."""
+
+LOCKED = {
+    "enable_external_access": "false",
+    "autoinstall_known_extensions": "false",
+    "autoload_known_extensions": "false",
+    "python_enable_replacements": "false",
+    "temp_directory": "",
+}
+"""What keeps a query from everything but the tables that it is given."""
+
+
+def opened(trusted: bool) -> duckdb.DuckDBPyConnection:
+    """Connection for a query; unless it is trusted, one that reads and writes no file and has limits."""
+    config: dict[str, Any] = {} if trusted else {**LOCKED, "memory_limit": f"{MEMORY_BYTES >> 20}MiB"}
+    return duckdb.connect(config=config)
+
+
+@contextlib.contextmanager
+def time_limit(connection: duckdb.DuckDBPyConnection, trusted: bool) -> Iterator[None]:
+    """Stop a query of this block that takes too long, unless it is trusted.
+
+    Raises
+    ------
+    InputError
+        If it was stopped, or needed too much memory.
+    """
+    watch = threading.Timer(TIME_S, connection.interrupt)
+    watch.daemon = True
+    if not trusted:
+        watch.start()
+    try:
+        yield
+    except (duckdb.InterruptException, duckdb.OutOfMemoryException, OSError, pa.ArrowException) as error:
+        if trusted:  # then it was somebody else who stopped it, as by Ctrl-C
+            raise
+        told = first_line(error)
+        # What fails while the answer is fetched comes through Arrow, by its message.
+        if isinstance(error, duckdb.InterruptException) or "INTERRUPT Error" in told:
+            raise too_much(f"the query took more than {TIME_S:g} s and was stopped") from error
+        raise too_much(f"the query cannot be answered ({told})") from error
+    finally:
+        watch.cancel()
+
+
+def collected(answer: duckdb.DuckDBPyRelation, trusted: bool) -> pa.Table:
+    """All rows of an answer.
+
+    Raises
+    ------
+    InputError
+        If they take more memory than an answer may, unless the query is trusted.
+    """
+    if trusted:
+        return answer.to_arrow_table()
+    reader, batches, size = answer.to_arrow_reader(BATCH_ROWS), [], 0
+    for batch in reader:
+        batches.append(batch)
+        size += batch.nbytes
+        if size > MEMORY_BYTES:
+            raise too_much(f"the answer has more than {MEMORY_BYTES / 1e9:.1f} GB")
+    return pa.Table.from_batches(batches, reader.schema)
+
+
+def first_line(error: Exception) -> str:
+    """What an error of DuckDB says first."""
+    return re.split(r"\n", str(error), maxsplit=1)[0]
+
+
+def too_much(what: str) -> InputError:
+    """Say that a query needs more than it gets."""
+    return InputError(
+        what,
+        where="SQL",
+        expected=f"a query of at most {MEMORY_BYTES / 1e9:.1f} GB and {TIME_S:g} s",
+        remedy="ask for less at once (where, group by, limit); --trusted lifts the limits for a query that you know",
+    )

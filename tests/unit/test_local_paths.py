@@ -1,0 +1,84 @@
+"""Addresses of object stores are no folders of this machine; comments of TOML are comments; a shake is of a motion."""
+
+import numpy as np
+import pytest
+
+from toppling.models.documents import read_toml
+from toppling.models.errors import InputError
+from toppling.models.folder import local, new_file, new_folder
+from toppling.models.motions.ensemble import Ensemble
+from toppling.models.motions.motion import Motion
+from toppling.models.scene import Scene
+from toppling.orchestrator.campaign import Campaign
+from toppling.results.run import open_run
+from toppling.workers.shake import shake
+
+ADDRESSES = [
+    "s3://bucket/run", "gs://bucket/run", "S3://BUCKET/x", "az://c/x", "https://host/run", "file:///tmp/x", "memory://x",
+    "any+thing://x",
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("address", ADDRESSES)
+def test_addresses_are_refused_as_folders_and_nothing_is_made(address, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for use in (
+        local,
+        open_run,
+        Scene.load,
+        Ensemble.load,
+        Scene.block(0.2, 0.2, 0.6).save,
+        lambda path: new_folder(local(path)).__enter__(),
+        lambda path: new_file(local(path)).__enter__(),
+    ):
+        with pytest.raises(InputError, match="is an address"):
+            use(address)
+    (tmp_path / "campaign.toml").write_text(
+        f'scene = "{address}"\nensemble = "e"\npga_m_s2 = [1]\nazimuth_deg = [0]\nfriction = [1]\n'
+    )
+    with pytest.raises(InputError, match="is an address"):
+        Campaign.read(tmp_path / "campaign.toml")
+    assert [path.name for path in tmp_path.iterdir()] == ["campaign.toml"]
+
+
+@pytest.mark.parametrize("path", ["runs/first", "/data/x:y/run", "../s3/run", "c/a:b", "s3:run"])
+def test_paths_with_colons_are_paths(path):
+    assert str(local(path)) == path
+
+
+def keys(count):
+    return ".".join("k" * count)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        f"# {'.' * 58}\na = 1",
+        f"a = 1 # {keys(70)}",
+        f'a = "{keys(70)}"',
+        f"a = '{keys(70)}'",
+        f'a = """\n{keys(70)}\n{keys(70)}"""\nb = 2',
+        f"a = '''\n# {keys(70)}'''",
+        f'"{keys(70)}" = 1',
+        'a = "quoted \\" # no remark"\nb = 1',
+    ],
+)
+def test_dots_in_remarks_and_texts_of_toml_are_no_key(tmp_path, text):
+    (tmp_path / "campaign.toml").write_text(text)
+    assert read_toml(tmp_path / "campaign.toml")
+
+
+@pytest.mark.parametrize(
+    "text", [f"{keys(60)} = 1", f'a = "#"\n{keys(60)} = 1', f"[{keys(60)}]", f"a = {{{keys(60)} = 1}}"]
+)
+def test_a_key_of_too_many_parts_is_refused(tmp_path, text):
+    (tmp_path / "campaign.toml").write_text(text)
+    with pytest.raises(InputError, match="a key of more than 50 parts"):
+        read_toml(tmp_path / "campaign.toml")
+
+
+def test_what_is_no_scene_or_no_motion_is_refused_by_its_kind():
+    block, still = Scene.block(0.2, 0.2, 0.6), Motion(np.zeros((10, 3)), 0.01)
+    for scene, motion in ((block, np.zeros((10, 3))), (block, None), ("scenes/rock", still), (still, block)):
+        with pytest.raises(InputError, match=r"^shake: (scene|motion) is a "):
+            shake(scene, motion)

@@ -1,0 +1,74 @@
+"""Tables of strangers: what would take much more memory than a file of its size is refused before it is read."""
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from toppling.models.csv_text import plain_frame
+from toppling.models.documents import MOST_VALUES, read_json
+from toppling.models.errors import InputError
+from toppling.models.tables import read_table, write_table
+
+
+def zstd_bomb():
+    return pa.table({"record_id": ["x" * 100_000_000]})
+
+
+def rows_bomb():
+    return pa.table({"record_id": pa.nulls(50_000_000, pa.int8()).fill_null(1)})
+
+
+def list_bomb():
+    return pa.table({"a": pa.array([[0.0] * 20_000_000], pa.list_(pa.float64()))})
+
+
+def repeated_text_bomb():
+    texts = pa.DictionaryArray.from_arrays(pa.array([0] * 9_000, pa.int32()), ["y" * 900_000])
+    return pa.table({"event": texts})
+
+
+def repeated_text_in_lists_bomb():
+    texts = pa.DictionaryArray.from_arrays(pa.array([0] * 9_000, pa.int32()), ["y" * 900_000])
+    return pa.table({"history": pa.ListArray.from_arrays(pa.array([0, 9_000], pa.int32()), texts)})
+
+
+@pytest.mark.parametrize(
+    "bomb", [zstd_bomb, rows_bomb, list_bomb, repeated_text_bomb, repeated_text_in_lists_bomb]
+)
+def test_a_small_file_that_would_fill_the_memory_is_refused(tmp_path, bomb):
+    path = tmp_path / "catalog.parquet"
+    # Without the schema of Arrow the file says "text", as one of another program.
+    pq.write_table(bomb(), path, compression="zstd", store_schema=False)
+    assert path.stat().st_size < 600_000
+    before = pa.total_allocated_bytes()
+    with pytest.raises(InputError, match=r"catalog\.parquet: (counts|would take|repeats)"):
+        read_table(path)
+    assert pa.total_allocated_bytes() - before < 50_000_000
+
+
+def test_tables_as_the_program_writes_them_are_read(tmp_path):
+    ids = [f"{number:024x}" for number in range(300_000)]
+    table = pa.table({"job_id": ids, "preset": ["fast"] * len(ids), "level": [2.0] * len(ids)})
+    write_table(table, tmp_path / "jobs.parquet", 20_000)
+    assert read_table(tmp_path / "jobs.parquet").equals(table)
+
+
+def test_json_of_too_many_values_is_refused_before_it_is_parsed(tmp_path):
+    path = tmp_path / "scene.json"
+    path.write_text('{"a": [' + "[]," * (MOST_VALUES // 2) + "[]]}")
+    with pytest.raises(InputError, match=r"holds [\d,]+ values"):
+        read_json(path)
+
+
+def test_no_cell_of_an_exported_table_is_a_formula():
+    import pandas as pd
+
+    cells = ["=1+1", "+cmd|' /C calc'!A0", "-2+3", "@SUM(A1)", "\t=1", "plain", "-1.5", None, 3]
+    frame = pd.DataFrame({"=name": cells, "number": range(9), "kind": pd.Categorical(["=a", "b", "c"] * 3)})
+    text = plain_frame(frame).to_csv(index=False)
+    lines = [line for line in text.splitlines() if line]
+    assert lines[0] == "'=name,number,kind"
+    assert lines[1] == "'=1+1,0,'=a"
+    assert lines[7] == "-1.5,6,'=a"
+    assert not any(line.startswith(("=", "+", "@", "\t")) for line in lines)
+    assert "-2+3" not in [line.split(",")[0] for line in lines]

@@ -119,10 +119,12 @@ def _nshmp(table: Path, lines: Sequence[str]) -> list[Bin]:
             )
         rows.append([_number(table, number, cells[place]) for place in at])
     distance_km, magnitude = _widths(table, [row[0] for row in rows], [row[1] for row in rows])
-    return [
-        Bin((m - magnitude / 2, m + magnitude / 2), (r - distance_km / 2, r + distance_km / 2), share)
-        for r, m, share in rows
-    ]
+    return [Bin(_around(m, magnitude), _around(r, distance_km), share) for r, m, share in rows]
+
+
+def _around(centre: float, width: float) -> tuple[float, float]:
+    """Edges about a centre, rounded: neighbours share an edge, and no record falls between two."""
+    return round(centre - width / 2, 6), round(centre + width / 2, 6)
 
 
 def _number(table: Path, line: int, text: str) -> float:

@@ -18,6 +18,10 @@ if TYPE_CHECKING:
 MOST_NOTES = 20
 
 
+MOST_EMPTY = 6
+"""Bins of a deaggregation without a record that are named, at most; the heaviest."""
+
+
 @click.group(cls=Verbs)
 def records() -> None:
     """Import, fetch, synthesise, select and show ensembles of records.
@@ -353,8 +357,13 @@ def select(
         if read.of:
             click.echo(f"weighted for {read.of}")
         weights, empty = hazard_weights(loaded, names, read.bins)
-        for b in empty:
+        empty.sort(key=lambda b: -b.contribution)
+        for b in empty[:MOST_EMPTY]:
             click.echo(f"no record for magnitude {b.magnitude}, distance {b.distance_km} km", err=True)
+        if empty:
+            share = sum(b.contribution for b in empty) / sum(b.contribution for b in read.bins)
+            more = f"and {len(empty) - MOST_EMPTY} more bins: " if len(empty) > MOST_EMPTY else ""
+            click.echo(f"{more}{100 * share:.3g} % of the hazard has no record", err=True)
         names = [name for name in names if weights[name] > 0]
     written = Ensemble.write(
         out, [dataclasses.replace(loaded.record(name), weight=weights[name]) for name in names]

@@ -24,7 +24,7 @@ def hazard_figure(update: Update, width_in: float = FULL_WIDTH_IN) -> Figure:
     width_in : float
     """
     count = len(update.tree.branches)
-    rows = 1 if count == 1 else 5 if width_in < FULL_WIDTH_IN else 2
+    rows = (1 + bool(update.tree.fractiles)) if count == 1 else 5 if width_in < FULL_WIDTH_IN else 2
     below_in = 0.5 + 0.16 * rows
     height = 3.4 + below_in
     with style():
@@ -37,12 +37,13 @@ def hazard_figure(update: Update, width_in: float = FULL_WIDTH_IN) -> Figure:
         )  # fmt: skip
         if count > 1:
             _draw_branches(axes, update)
+        if count > 1 or update.tree.fractiles:
             for q in (0.05, 0.95):
                 label = "5 and 95 % of the branches before" if q < 0.5 else "_"
                 axes.plot(
                     *_bearing(update.before.levels, update.before.fractiles[q]), "k:", lw=1.0, label=label
                 )
-            if update.after is not None:
+            if update.after is not None and count > 1:
                 _draw_band(axes, update.after, "5 to 95 % after")
         name = "mean before" if count > 1 else "hazard"
         axes.plot(*_bearing(update.before.levels, update.before.mean), "k--", lw=1.3, label=name)

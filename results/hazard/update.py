@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -86,13 +86,34 @@ class Update:
 
     @cached_property
     def before(self) -> Statistics:
-        """Mean and fractiles under the prior weights."""
-        return statistics(self.tree)
+        """Mean and fractiles under the prior weights; fractiles of the files where these state no branches."""
+        told = statistics(self.tree)
+        return replace(told, fractiles=self._stated_fractiles(told.levels)) if self._bare_fractiles else told
 
     @cached_property
     def after(self) -> Statistics | None:
-        """Mean and fractiles under the Bayes weights."""
-        return None if self.posterior is None else statistics(self.tree, self.posterior)
+        """Mean and fractiles under the Bayes weights; null fractiles where the files state no branches."""
+        if self.posterior is None:
+            return None
+        told = statistics(self.tree, self.posterior)
+        unknown = {q: np.full(len(told.levels), math.nan) for q in FRACTILES}
+        return replace(told, fractiles=unknown) if self._bare_fractiles else told
+
+    @property
+    def _bare_fractiles(self) -> bool:
+        return len(self.tree.branches) == 1 and bool(self.tree.fractiles)
+
+    def _stated_fractiles(self, levels: NDArray[np.float64]) -> dict[float, NDArray[np.float64]]:
+        """Rates of the files' fractiles at some levels, null where they state none."""
+        found = {q: np.full(len(levels), math.nan) for q in FRACTILES}
+        for q, curve in self.tree.fractiles.items():
+            if (
+                q in found
+                and len(curve.levels) == len(levels)
+                and np.allclose(curve.levels, levels, rtol=1e-6)
+            ):
+                found[q] = curve.rates
+        return found
 
     @cached_property
     def without_rejected(self) -> Statistics | None:

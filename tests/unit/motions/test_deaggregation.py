@@ -96,3 +96,11 @@ def test_a_damaged_deaggregation_is_refused_by_name(tmp_path, rows, head, said):
     path = openquake(tmp_path, rows, head) if head else openquake(tmp_path, rows)
     with pytest.raises(InputError, match=said):
         read_deaggregation(path)
+
+
+@samples
+def test_neighbouring_bins_share_their_edge_so_that_no_magnitude_falls_between():
+    (folder,) = (SAMPLES / "nshmp/hazout_fault_two_gmm/PGA/deagg").glob("*Site1")
+    edges = {one.magnitude for one in read_deaggregation(folder / "data.csv").bins}
+    lows, highs = ({edge[side] for edge in edges} for side in (0, 1))
+    assert lows - highs == {min(lows)}

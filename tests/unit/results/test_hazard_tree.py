@@ -17,6 +17,7 @@ from toppling.results.hazard.curves import (
 )
 from toppling.results.hazard.readers import read_hazard
 from toppling.results.hazard.readers.assembly import chosen_tree
+from toppling.results.hazard.standing import Standing
 from toppling.results.hazard.tree import (
     Branch,
     HazardTree,
@@ -26,6 +27,7 @@ from toppling.results.hazard.tree import (
     statistics,
     weighted_fractile,
 )
+from toppling.results.hazard.update import Update, updated_table
 
 SAMPLES = Path(__file__).parents[4] / "shared" / "data" / "hazard"
 G = 9.80665
@@ -140,3 +142,13 @@ def test_intensity_at_a_rate_is_between_the_points_on_logarithms():
     one = HazardCurve("a", "pga_m_s2", x, 1e-2 * x**-2.0)
     assert one.intensity_at(1e-3) == pytest.approx(math.sqrt(10))
     assert math.isnan(one.intensity_at(1.0))
+
+
+@samples
+def test_fractiles_without_branches_are_told_before_and_unknown_after():
+    tree = chosen_tree(read_hazard(SAMPLES / "oq_lt36"), "sa_1s_m_s2", (0.5, -0.5), "oq_lt36")
+    rock = Standing("rock", Lognormal("sa_1s_m_s2", 3.0, 0.4), np.array([1e4]))
+    told = updated_table(Update([rock], tree)).iloc[10]
+    assert told["rate_prior_p05"] < told["rate_prior_mean"] < told["rate_prior_p95"]
+    assert told["rate_posterior_mean"] == told["rate_prior_mean"]
+    assert math.isnan(told["rate_posterior_p05"])

@@ -25,6 +25,7 @@ from statsmodels.tools.sm_exceptions import ConvergenceWarning, DomainWarning, P
 from toppling.results.completeness import Completeness
 from toppling.results.fragility import effective_records, wilson
 from toppling.results.schema import SCHEMA, describe
+from toppling.results.studentised import studentised
 
 MEASURES = (
     *("pga_m_s2", "pgv_m_s", "pgd_m", "pgv_pga_s", "sa_1s_m_s2", "sa_2s_m_s2"),
@@ -187,11 +188,15 @@ class Resampled:
         rise.
     records : int
         Number that are drawn.
+    studentised : bool
+        Whether the coefficients are those of a bootstrap-t (`results.studentised`), whose percentiles allow for few
+        records themselves.
     """
 
     coefficients: NDArray[np.float64]
     fitted: NDArray[np.bool_]
     records: int
+    studentised: bool = False
 
     @property
     def without_fit(self) -> int:
@@ -203,6 +208,8 @@ class Resampled:
 
         Values may be infinite.
         """
+        if self.studentised and len(values):
+            return _ends(values, (1.0 - level) / 2)
         return _expanded_interval(values, self.records, level)
 
     def lognormals(self, measure: str) -> list[Lognormal]:
@@ -286,7 +293,7 @@ def bootstrap(
     random = np.random.default_rng([seed, zlib.crc32("\n".join(records).encode())])
     steep = SUSPECT_SLOPE * np.abs(fitted.coefficients[1:]).max()
     fitted_again = np.zeros(samples if len(records) >= LEAST_RECORDS else 0, bool)
-    found = []
+    found, times = [], []
     for number in range(len(fitted_again)):
         seen()
         drawn = np.bincount(random.integers(0, len(records), len(records)), minlength=len(records))
@@ -297,7 +304,15 @@ def bootstrap(
             continue
         fitted_again[number] = True
         found.append(again)
-    return Resampled(np.array(found).reshape(-1, 1 + len(fitted.measures)), fitted_again, len(records))
+        times.append(drawn)
+    refits = np.array(found).reshape(-1, design.shape[1])
+    turns = bool(found) and fitted.link == "probit" and len(fitted.measures) <= 2
+    if turns:
+        share, trials = (groups[name].to_numpy(float) for name in ("share", "trials"))
+        refits = studentised(
+            design, share, trials, codes, np.array(fitted.coefficients), refits, np.array(times, float)
+        )
+    return Resampled(refits, fitted_again, len(records), turns)
 
 
 def lognormal_interval(resampled: Resampled, level: float = 0.95) -> dict[str, float]:
@@ -490,6 +505,11 @@ def _expanded_interval(values: NDArray[np.float64], records: int, level: float =
     if not len(values):
         return np.full((2, *np.shape(values)[1:]), math.nan)
     tail = norm.cdf(-math.sqrt(records / (records - 1)) * t.ppf((1 + level) / 2, records - 1))
+    return _ends(values, float(tail))
+
+
+def _ends(values: NDArray[np.float64], tail: float) -> NDArray[np.float64]:
+    """Ends of an interval that occur among the values."""
     low = np.quantile(values, tail, axis=0, method="lower")
     return np.array([low, np.quantile(values, 1 - tail, axis=0, method="higher")])
 

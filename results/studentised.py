@@ -16,6 +16,9 @@ from scipy.special import ndtr
 
 Array = NDArray[np.float64]
 
+FARTHEST = 4.0
+"""Of a turned sample from the fit, in logarithms of the median and of beta: beyond it standard errors mean nothing."""
+
 STEP = 1e-6
 """Of the derivatives of coordinates."""
 
@@ -49,7 +52,7 @@ def studentised(
     Returns
     -------
     (k, p) array
-        As they were for a sample whose standard errors do not exist.
+        As they were for a sample whose standard errors do not exist, or are too large to mean anything.
     """
     to, back = (_of_line, _line) if design.shape[1] == 2 else (_of_plane, _plane)
     once = np.ones(drawn.shape[1])
@@ -62,7 +65,8 @@ def studentised(
         if root is None:
             continue
         turned = back(centre - whole @ np.linalg.solve(root, to(coefficients) - centre))
-        if np.isfinite(turned).all():
+        moved = np.abs(to(turned)[:2] - centre[:2]) if np.isfinite(turned).all() else np.inf
+        if (moved < FARTHEST).all():
             found[number] = turned
     return found
 

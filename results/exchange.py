@@ -260,7 +260,9 @@ def _of_samples_text(text: str, records: int) -> Resampled:
         msg = "samples are pairs of median and beta, above zero"
         raise ValueError(msg)
     coefficients = np.array([(-math.log(median) / beta, 1.0 / beta) for median, beta in pairs])
-    return Resampled(coefficients.reshape(-1, 2), np.array([bool(part) for part in parts]), records, studentised=True)
+    return Resampled(
+        coefficients.reshape(-1, 2), np.array([bool(part) for part in parts]), records, studentised=True
+    )
 
 
 def _of_row(row: Mapping[str, Any]) -> Lognormal:

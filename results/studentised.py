@@ -65,8 +65,7 @@ def studentised(
         if root is None:
             continue
         turned = back(centre - whole @ np.linalg.solve(root, to(coefficients) - centre))
-        moved = np.abs(to(turned)[:2] - centre[:2]) if np.isfinite(turned).all() else np.inf
-        if (moved < FARTHEST).all():
+        if np.isfinite(turned).all() and (np.abs(to(turned) - centre)[:2] < FARTHEST).all():
             found[number] = turned
     return found
 

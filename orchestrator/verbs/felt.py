@@ -1,7 +1,6 @@
 """Rocks under events, as 'toppling constrain' takes them: event sets, or two curves of two measures at once."""
 
 import json
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,13 +11,15 @@ import pandas as pd
 
 from toppling.models.errors import InputError
 from toppling.orchestrator.verbs.rocks import Jobs
+from toppling.results.constraint import plain
 from toppling.results.drawing.atlas import save_table
 from toppling.results.drawing.events import events_figure
 from toppling.results.drawing.style import printed_unit, save, short_name
 from toppling.results.fits import MEASURES, SURFACES, answered, bootstrap, fit
 from toppling.results.hazard.ages import Since, exposure
+from toppling.results.hazard.curves import events_by_intensity
 from toppling.results.hazard.event_update import EventUpdate
-from toppling.results.hazard.events import EventSet, EventSite, FeltRock, check_measures
+from toppling.results.hazard.events import EventBranch, EventSet, EventSite, FeltRock, check_measures
 from toppling.results.hazard.sites import distance_km, nearest
 from toppling.results.hazard.standing import Standing
 from toppling.results.hazard.surfaces import drawn_surfaces, measures_of, surface_of
@@ -35,11 +36,10 @@ def measures_asked(text: str | None) -> tuple[str, ...]:
         If one is unknown, or two together have no fragility.
     """
     names = tuple(part.strip() for part in text.split("+")) if text else ()
-    if any(name not in MEASURES for name in names) or (len(names) > 1 and names not in SURFACES):
-        together = ", ".join("+".join(pair) for pair in SURFACES)
+    if any(name not in MEASURES for name in names) or (len(names) > 1 and names != SURFACES[0]):
         raise InputError(
             what=f"{text!r} is not an intensity measure with a fragility", where="--measure",
-            expected=f"one of {', '.join(MEASURES)}; or two together: {together}",
+            expected=f"one of {', '.join(MEASURES)}; or {'+'.join(SURFACES[0])}, both together",
             remedy="leave it out to use that of the hazard, or pgv_m_s",
         )  # fmt: skip
     return names
@@ -172,9 +172,20 @@ def joined(
         f"their residuals, and {sigma:g} as the standard deviation of those of ln {second.measure}",
         f"its rates of {second.measure} are within {100 * worst:.0f} % of the curve",
     )
-    return EventSet(
-        (EventSite(first.site_name or "site", first.site),), branches, first.weights_from, None, notes
-    )
+    site = EventSite(first.site_name or "site", first.site)
+    return EventSet((site,), branches, first.weights_from, None, notes, sampled=False)
+
+
+def of_tree(tree: HazardTree, medians: Sequence[float]) -> EventSet:
+    """A tree of one measure at one site as a set of events: what rocks that were stouter before ask for."""
+    branches = []
+    for branch in tree.branches:
+        intensity, rate = events_by_intensity(branch.curve, medians)
+        motions = {tree.measure: intensity[:, None]}
+        model = branch.path.partition("~")[2] or branch.name
+        branches.append(EventBranch(branch.name, rate, motions, branch.weight, model))
+    site = EventSite(tree.site_name or "site", tree.site)
+    return EventSet((site,), tuple(branches), tree.weights_from, None, (), sampled=False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,16 +220,17 @@ class EventStatement:
     def told(self) -> dict[str, Any]:
         """The statement, for JSON."""
         update, events = self.update, self.update.events
-        return {
+        told = {
             "measure": "+".join(self.measures), "confidence": update.confidence, "source": events.source,
             "events": sum(len(branch.rate) for branch in events.branches), "years_of_each_branch": events.years,
             "rocks": [_rock(rock, events, away) for rock, away in zip(update.rocks, self.away_km, strict=True)],
             "survival": update.survival, "effective_branches": update.effective_branches,
-            "branches": [_branch(row) for row in _plain(update.branches)],
-            "models": _plain(update.models),
-            "left_out": [] if update.left_out is None else _plain(update.left_out),
-            "updated": _plain(self.updated()), "notes": list(events.notes),
+            "branches": update.branches.to_dict("records"),
+            "models": update.models.to_dict("records"),
+            "left_out": [] if update.left_out is None else update.left_out.to_dict("records"),
+            "updated": self.updated().to_dict("records"), "notes": list(events.notes),
         }  # fmt: skip
+        return plain(told)
 
     def write(self, out: Path, told: dict[str, Any]) -> list[Path]:
         """Statement, tables and figure into a folder."""
@@ -287,19 +299,3 @@ def _rock(rock: FeltRock, events: EventSet, away: float | None) -> dict[str, Any
         "site_longitude_deg": site.place[0] if site.place else None,
         "site_latitude_deg": site.place[1] if site.place else None,
     }  # fmt: skip
-
-
-def _branch(row: dict[str, Any]) -> dict[str, Any]:
-    """A branch under the names that every constraint has, beside those of its table."""
-    return {"name": row["branch"], **row}
-
-
-def _plain(table: pd.DataFrame) -> list[dict[str, Any]]:
-    """Rows for JSON, without numbers that it does not have."""
-    return [
-        {
-            name: None if isinstance(value, float) and not math.isfinite(value) else value
-            for name, value in row.items()
-        }
-        for row in table.astype(object).to_dict("records")
-    ]

@@ -16,9 +16,13 @@ from toppling.results.hazard.tree import HazardTree
 
 HAZARD_HELP = (
     "Hazard: a file or folder of OpenQuake (curves, or a tree with realizations.csv), nshmp-haz or CyberShake, or two "
-    "columns; repeatable, each a branch with its WEIGHT, and equal weights without."
+    "columns; repeatable, each a branch with its WEIGHT, and equal weights without. Or one set of events: OpenQuake's "
+    "ground-motion fields with the files beside them, CyberShake's intensity measures, a table."
 )
-SITE_HELP = f"Degrees, or a site's name: takes the nearest site of the hazard, within {SITE_REACH_KM:g} km."
+SITE_HELP = (
+    f"Degrees, or a site's name: takes the nearest site of the hazard, within {SITE_REACH_KM:g} km; "
+    "repeatable for a set of events, one for each rock."
+)
 
 DEFAULT_MEASURES = ("pgv_m_s", "pga_m_s2")
 """The measure of a constraint, where hazard and rocks have several: the first of these, then of `MEASURES`."""

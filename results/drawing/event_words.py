@@ -28,8 +28,8 @@ def event_words(told: dict[str, Any]) -> str:
         lines.append(f"and {len(ranked) - NAMED_BRANCHES} branches more, in branches.csv (--out) and --json")
     if all(row["rejected"] for row in ranked):
         lines.append("Every branch is rejected.")
-    few = [row["branch"] for row in ranked if 0 < row["effective_events"] < FEW_EVENTS]
-    none = [row["branch"] for row in ranked if row["effective_events"] == 0]
+    few = [row["name"] for row in ranked if 0 < row["effective_events"] < FEW_EVENTS]
+    none = [row["name"] for row in ranked if row["effective_events"] == 0]
     if few:
         lines.append(
             f"Fewer than {FEW_EVENTS:g} events bear the toppling rate of {_listed(few)}: simulate more years."
@@ -62,7 +62,7 @@ def _branch_words(row: dict[str, Any]) -> list[str]:
         else f"motions up to {row['scale_factor']:.2f} times as strong keep"
     )  # fmt: skip
     return [
-        f"{row['branch']}: topples at {row['toppling_rate']:.2e} a year, survival {row['survival']:.3g} "
+        f"{row['name']}: topples at {row['toppling_rate']:.2e} a year, survival {row['survival']:.3g} "
         f"({row['survival_low']:.2g} to {row['survival_high']:.2g}, 95 %), "
         f"{'rejected' if row['rejected'] else 'kept'}; {weight}; {factor} it standing"
     ]

@@ -57,7 +57,7 @@ def _draw_survival(axes: Axes, branches: pd.DataFrame, confidence: float) -> Non
         xlim=(max(LEAST_SURVIVAL, 0.5 * min(low.min(), 1 - confidence)), 1.1),
     )  # fmt: skip
     axes.set_yticks(
-        places if len(branches) <= NAMED else [], branches["branch"] if len(branches) <= NAMED else []
+        places if len(branches) <= NAMED else [], branches["name"] if len(branches) <= NAMED else []
     )
     if len(branches) > NAMED:
         axes.set_ylabel(f"{len(branches)} branches, by survival")

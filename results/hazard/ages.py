@@ -51,6 +51,11 @@ class Exposure:
         """Probability that no event toppled any rock, given the rate (s,) of such events in each state."""
         return float(np.exp(-(np.asarray(annual_rates, float) @ self.years)).mean())
 
+    def drawn(self, number: int) -> "Exposure":
+        """One draw of it."""
+        some = self.years[:, number] > 0
+        return Exposure(self.states[some], self.years[some, number : number + 1])
+
 
 @dataclass(frozen=True, eq=False)
 class Since:
@@ -175,6 +180,30 @@ def joint_ages(
     return drawn
 
 
+def fragile_years(
+    ages: NDArray[np.float64], since: Sequence[Since | None], seed: int = 0
+) -> NDArray[np.float64]:
+    """How long each rock has been as fragile as it is, (draws, rocks): the lesser of its age and that date.
+
+    Parameters
+    ----------
+    ages : (draws, rocks) array
+        From `joint_ages`.
+    since : sequence of Since or None
+        One a rock; None for one that has been as fragile as now since it stands.
+    seed : int
+        Of the order in which dates of fragility meet ages.
+    """
+    draws = max(len(ages), *(len(one.years) for one in since if one), 1)
+    fragile = np.resize(ages, (draws, ages.shape[1]))
+    random = np.random.default_rng([seed, 1])
+    for number, one in enumerate(since):
+        if one is not None:
+            dates = random.permutation(np.resize(one.years, draws))
+            fragile[:, number] = np.minimum(fragile[:, number], dates)
+    return fragile
+
+
 def exposure(
     ages: NDArray[np.float64], since: Sequence[Since | None] | None = None, seed: int = 0
 ) -> Exposure:
@@ -189,15 +218,10 @@ def exposure(
     seed : int
         Of the order in which dates of fragility meet ages.
     """
-    rocks = ages.shape[1]
-    late = [None] * rocks if since is None else list(since)
-    draws = max(len(ages), *(len(one.years) for one in late if one), 1)
-    ages = np.resize(ages, (draws, rocks))
-    fragile = ages.copy()
-    random = np.random.default_rng([seed, 1])
-    for number, one in enumerate(late):
-        if one is not None:
-            fragile[:, number] = np.minimum(ages[:, number], random.permutation(np.resize(one.years, draws)))
+    late = [None] * ages.shape[1] if since is None else list(since)
+    fragile = fragile_years(ages, late, seed)
+    draws = len(fragile)
+    ages = np.resize(ages, fragile.shape)
     stouter = np.array([one is not None and math.isfinite(one.factor) for one in late])
     ends = np.sort(np.concatenate([fragile, ages], axis=1), axis=1)
     starts = np.concatenate([np.zeros((draws, 1)), ends[:, :-1]], axis=1)

@@ -17,6 +17,7 @@ from toppling.results.hazard.events import (
     EventSet,
     FeltRock,
     any_topples,
+    drawn_rocks,
     leave_one_out,
     rank_branches,
     rank_models,
@@ -60,22 +61,20 @@ def scale_factor_interval(
     exposure: Exposure,
     confidence: float = 0.95,
     seed: int = 0,
+    sampled: bool = True,
 ) -> tuple[float, float]:
-    """Interval (95 %) of the factor with events drawn anew, and fragilities where other records' are known."""
+    """Interval (95 %) of the factor with events drawn anew, ages, and fragilities where other records' are known."""
     random = np.random.default_rng(seed)
     found = []
     for number in range(FACTOR_DRAWS):
-        felt = [
-            replace(rock, fragility=rock.drawn[number % len(rock.drawn)]) if rock.drawn else rock
-            for rock in rocks
-        ]
-        times = random.poisson(1.0, len(branch.rate))
+        times = random.poisson(1.0, len(branch.rate)) if sampled else np.ones(len(branch.rate))
         drawn = replace(
             branch,
             rate=(branch.rate * times)[times > 0],
             motions={name: values[times > 0] for name, values in branch.motions.items()},
         )
-        found.append(scale_factor(felt, drawn, exposure, confidence))
+        once = exposure.drawn(int(random.integers(exposure.years.shape[1])))
+        found.append(scale_factor(drawn_rocks(rocks, number), drawn, once, confidence))
     low, high = np.quantile(found, [0.025], method="lower"), np.quantile(found, [0.975], method="higher")
     return float(low[0]), float(high[0])
 
@@ -105,7 +104,9 @@ class EventUpdate:
         lines = []
         for number, branch in enumerate(self.events.branches):
             felt = self._felt(branch)
-            low, high = scale_factor_interval(self.rocks, felt, self.exposure, self.confidence, number)
+            low, high = scale_factor_interval(
+                self.rocks, felt, self.exposure, self.confidence, number, self.events.sampled
+            )
             factor = scale_factor(self.rocks, felt, self.exposure, self.confidence)
             lines.append({"scale_factor": factor, "scale_factor_low": low, "scale_factor_high": high})
         return pd.concat([table, pd.DataFrame(lines)], axis=1)

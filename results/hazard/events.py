@@ -88,6 +88,8 @@ class EventSet:
         Time that the events of each branch were simulated for, where they are a catalogue.
     notes : tuple of str
         What a reader of the answer should know.
+    sampled : bool
+        Whether the events are a sample, whose rates are uncertain by chance; not where they stand for hazard curves.
     """
 
     sites: tuple[EventSite, ...]
@@ -95,6 +97,7 @@ class EventSet:
     source: str
     years: float | None = None
     notes: tuple[str, ...] = ()
+    sampled: bool = True
 
     @property
     def measures(self) -> tuple[str, ...]:
@@ -172,11 +175,17 @@ def catalogue_survival(rocks: Sequence[FeltRock], branch: EventBranch) -> float:
 
 
 def bootstrap(
-    rocks: Sequence[FeltRock], branch: EventBranch, exposure: Exposure, draws: int = DRAWS, seed: int = 0
+    rocks: Sequence[FeltRock],
+    branch: EventBranch,
+    exposure: Exposure,
+    draws: int = DRAWS,
+    seed: int = 0,
+    sampled: bool = True,
 ) -> NDArray[np.float64]:
-    """Survival with the events drawn anew, and with the fragilities of records drawn anew where these are known.
+    """Survival with all that is uncertain drawn anew: events, fragilities of other records where known, and ages.
 
-    Each event occurs a Poisson number of times with a mean of 1, as the number of events in a catalogue would.
+    Each event of a sample occurs a Poisson number of times with a mean of 1, as the number of events in a catalogue
+    would.
 
     Returns
     -------
@@ -187,11 +196,20 @@ def bootstrap(
     found = np.empty(draws)
     for number in range(draws):
         if any(rock.drawn for rock in rocks):
-            shares = standing_shares([_drawn(rock, number) for rock in rocks], branch)
+            shares = standing_shares(drawn_rocks(rocks, number), branch)
         felt = np.flatnonzero(shares[0].min(axis=0) < -NEGLIGIBLE)
-        rate = branch.rate[felt] * random.poisson(1.0, len(felt))
-        found[number] = exposure.survival(any_topples(shares, exposure.states, felt) @ rate)
+        rate = branch.rate[felt] * (random.poisson(1.0, len(felt)) if sampled else 1.0)
+        once = exposure.drawn(int(random.integers(exposure.years.shape[1])))
+        found[number] = once.survival(any_topples(shares, once.states, felt) @ rate)
     return found
+
+
+def drawn_rocks(rocks: Sequence[FeltRock], number: int) -> list[FeltRock]:
+    """Rocks with the fragilities of a sample of records, where these are known."""
+    return [
+        replace(rock, fragility=rock.drawn[number % len(rock.drawn)]) if rock.drawn else rock
+        for rock in rocks
+    ]
 
 
 def effective_events(rocks: Sequence[FeltRock], branch: EventBranch) -> float:
@@ -209,18 +227,18 @@ def rank_branches(
     Returns
     -------
     DataFrame
-        One row a branch, in the set's order: branch, model, events, effective_events (that bear the toppling rate),
-        toppling_rate (annual), survival, survival_low and survival_high (95 %: events and records drawn anew),
+        One row a branch, in the set's order: name, model, events, effective_events (that bear the toppling rate),
+        toppling_rate (annual), survival, survival_low and survival_high (95 %: events, records and ages drawn anew),
         rejected (survival below 1 - confidence), prior_weight, posterior_weight (null where no branch lets the rocks
         survive), rank (1 is the branch that the rocks favour most).
     """
     lines = []
     for number, (branch, prior) in enumerate(zip(events.branches, events.prior, strict=True)):
-        drawn = bootstrap(rocks, branch, exposure, seed=number)
+        drawn = bootstrap(rocks, branch, exposure, seed=number, sampled=events.sampled)
         low, high = np.quantile(drawn, [0.025, 0.975])
         survives = survival(rocks, branch, exposure)
         lines.append({
-            "branch": branch.name, "model": branch.model, "events": len(branch.rate),
+            "name": branch.name, "model": branch.model, "events": len(branch.rate),
             "effective_events": effective_events(rocks, branch),
             "toppling_rate": toppling_rate(rocks, branch), "survival": survives,
             "survival_low": low, "survival_high": high, "rejected": survives < 1.0 - confidence,
@@ -246,7 +264,7 @@ def rank_models(ranked: pd.DataFrame) -> pd.DataFrame:
     """
     parts = ranked.assign(joint=ranked["prior_weight"] * ranked["survival"])
     table = parts.groupby("model", sort=False).agg(
-        branches=("branch", "size"), joint=("joint", "sum"), prior_weight=("prior_weight", "sum"),
+        branches=("name", "size"), joint=("joint", "sum"), prior_weight=("prior_weight", "sum"),
         posterior_weight=("posterior_weight", lambda weights: weights.sum(min_count=1)),
     ).reset_index()  # fmt: skip
     table["survival"] = table.pop("joint") / table["prior_weight"]
@@ -300,7 +318,3 @@ def _posterior(prior: NDArray | pd.Series, survivals: NDArray | pd.Series) -> ND
 def _log_standing(fragility: Fragility, motions: Motions) -> NDArray[np.float64]:
     with np.errstate(divide="ignore"):
         return np.maximum(np.log1p(-topples(fragility, motions)), _LEAST_LOGARITHM)
-
-
-def _drawn(rock: FeltRock, number: int) -> FeltRock:
-    return replace(rock, fragility=rock.drawn[number % len(rock.drawn)]) if rock.drawn else rock

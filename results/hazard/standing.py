@@ -24,12 +24,15 @@ class Standing:
         Equally likely ages; one where it is known.
     resampled : Resampled or None
         The same curve of records drawn anew; None for a curve of a file, which does not keep them.
+    together : bool
+        Whether its ages go with those of the other rocks, draw by draw, as for dates with a common error.
     """
 
     name: str
     curve: Lognormal
     years: NDArray[np.float64]
     resampled: Resampled | None = None
+    together: bool = False
 
 
 def joint_survival(rocks: Sequence[Standing], hazard: HazardCurve) -> float:
@@ -76,9 +79,13 @@ def age_draws(rocks: Sequence[Standing]) -> int:
 
 
 def drawn_ages(rocks: Sequence[Standing], draws: int) -> NDArray[np.float64]:
-    """Ages of each rock (draws, rocks), independent: each rock's equally likely ones, shuffled with a fixed seed."""
+    """Ages of each rock (draws, rocks).
+
+    Independent ones are each rock's equally likely ages, shuffled with a fixed seed; those that go `together` keep
+    their order.
+    """
     random = np.random.default_rng(0)
-    alone = len(rocks) == 1 and len(rocks[0].years) == draws
+    alone = all(rock.together for rock in rocks) or (len(rocks) == 1 and len(rocks[0].years) == draws)
     columns = [_resized(rock.years, draws) for rock in rocks]
     return np.column_stack(
         [ages if alone or len(ages) == 1 else random.permutation(ages) for ages in columns]

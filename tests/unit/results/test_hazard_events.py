@@ -271,7 +271,7 @@ def test_the_branch_under_which_all_rocks_stand_is_ranked_first():
     rocks = [ROCK, FeltRock("other", ROCK.fragility, 1)]
     once = exposure(joint_ages([parse_age("50")] * 2))
     ranked = rank_branches(rocks, events, once)
-    assert ranked.set_index("branch")["rank"].to_dict() == {"weak": 1, "strong": 2}
+    assert ranked.set_index("name")["rank"].to_dict() == {"weak": 1, "strong": 2}
     joint = ranked["prior_weight"] * ranked["survival"]
     assert ranked["posterior_weight"].tolist() == pytest.approx((joint / joint.sum()).tolist())
     models = rank_models(ranked)

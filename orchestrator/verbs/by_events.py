@@ -1,0 +1,204 @@
+"""`toppling constrain` where rocks are judged event by event: event sets, two measures at once, rocks once stouter."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import click
+import numpy as np
+from numpy.typing import NDArray
+
+from toppling.models.errors import InputError
+from toppling.orchestrator.verbs.felt import (
+    EventStatement,
+    felt,
+    felt_by_both,
+    joined,
+    of_tree,
+    place_rocks,
+    under_events,
+)
+from toppling.orchestrator.verbs.hazard import DEFAULT_MEASURES, Asked, read_tree, weighted_paths
+from toppling.orchestrator.verbs.rocks import Jobs, standing_rock
+from toppling.results.exchange import read_curves
+from toppling.results.fits import MEASURES
+from toppling.results.hazard.ages import Since
+from toppling.results.hazard.events import EventSet, FeltRock
+from toppling.results.hazard.readers.event_sets import is_event_set, read_events
+
+INDEPENDENT = (
+    "OpenQuake draws the residuals of each measure independently, unless told otherwise: fields of two measures "
+    "understate how often both are strong at once"
+)
+
+
+@dataclass(frozen=True)
+class EventOptions:
+    """What is said of events.
+
+    Parameters
+    ----------
+    event_rate : float or None
+        Annual rate of a scenario.
+    catalogue_years : float or None
+        Time of each branch's events, where no file states it.
+    correlation : float or None
+        Of the residuals of two measures.
+    """
+
+    event_rate: float | None = None
+    catalogue_years: float | None = None
+    correlation: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Rocks:
+    """Rocks as the command line names them.
+
+    Parameters
+    ----------
+    names : list of str
+    paths : tuple of Path
+    ages : (draws, rocks) array
+    since : list of Since or None
+    jobs : dict of Jobs by path
+        Of those that are runs.
+    sites : sequence of places or names
+    """
+
+    names: list[str]
+    paths: tuple[Path, ...]
+    ages: NDArray[np.float64]
+    since: list[Since | None]
+    jobs: dict[Path, Jobs]
+    sites: Sequence[tuple[float, float] | str]
+
+
+def event_set_of(hazard: Sequence[str]) -> Path | None:
+    """The set of events that --hazard names; None where it names curves.
+
+    Raises
+    ------
+    InputError
+        If it names a set and more beside it.
+    """
+    paths, _ = weighted_paths(hazard)
+    sets = [path for path in paths if is_event_set(path)]
+    if sets and len(paths) > 1:
+        raise InputError(
+            what=f"{sets[0]} is a set of events, and {len(paths) - 1} more are given", where="--hazard",
+            expected="one set of events, which has its own branches and weights", remedy="give it alone",
+        )  # fmt: skip
+    return sets[0] if sets else None
+
+
+def check_event_options(options: EventOptions, events: Path | None, measures: tuple[str, ...]) -> None:
+    """Refuse options that apply to nothing."""
+    given = {"--event-rate": options.event_rate, "--catalogue-years": options.catalogue_years}
+    for option, value in given.items():
+        if value is not None and events is None:
+            msg = f"{option} applies to a set of events: give one with --hazard"
+            raise click.UsageError(msg)
+    if options.correlation is not None and (len(measures) < 2 or events):
+        msg = "--correlation applies to curves of two measures: --measure pga_m_s2+pgv_m_s"
+        raise click.UsageError(msg)
+
+
+def judged_by_events(
+    rocks: Rocks,
+    hazard: Sequence[str],
+    asked: Asked,
+    options: EventOptions,
+    confidence: float,
+    seen: Callable[[], None],
+) -> EventStatement:
+    """Judge rocks event by event.
+
+    Parameters
+    ----------
+    rocks : Rocks
+    hazard : sequence of str
+    asked : Asked
+        Its measure may be two, joined by a plus.
+    options : EventOptions
+    confidence : float
+    seen : callable
+        Called before each bootstrap sample of records.
+    """
+    _refuse_twins(rocks)
+    measures = tuple(asked.measure.split("+")) if asked.measure else ()
+    path = event_set_of(hazard)
+    if path:
+        events = read_events(path, asked.ratio, options.event_rate, options.catalogue_years)
+        measures = measures or (_measure_of(events, rocks),)
+        if len(measures) > 1 and len(events.branches[0].motions) > 1:
+            events = _noted(events, INDEPENDENT)
+    else:
+        events, measures = _of_curves(rocks, hazard, asked, options, measures)
+    sites, away = place_rocks(rocks.names, events, rocks.sites if path else ())
+    felt_rocks = [_felt(rocks, number, site, measures, seen) for number, site in enumerate(sites)]
+    return under_events(felt_rocks, rocks.ages, events, confidence, away)
+
+
+def _of_curves(
+    rocks: Rocks, hazard: Sequence[str], asked: Asked, options: EventOptions, measures: tuple[str, ...]
+) -> tuple[EventSet, tuple[str, ...]]:
+    if len(measures) > 1:
+        first, second = (
+            read_tree(hazard, Asked(asked.site, asked.ratio, one, asked.years)) for one in measures
+        )
+        return joined(first, second, options.correlation), measures
+    tree = read_tree(hazard, asked, _known(rocks))
+    medians = [read_curves(path)[tree.measure].median for path in rocks.paths if not path.is_dir()]
+    return of_tree(tree, medians), (tree.measure,)
+
+
+def _refuse_twins(rocks: Rocks) -> None:
+    """Refuse a rock that is given twice, by its scene or else its file: it would count twice."""
+    seen: dict[str, Path] = {}
+    for path in rocks.paths:
+        jobs = rocks.jobs.get(path)
+        of = str(jobs.frame["scene_id"].iloc[0]) if jobs and len(jobs.frame) else str(path.resolve())
+        if of in seen:
+            raise InputError(
+                what=f"is the same rock as {seen[of]}", where=str(path), expected="each rock once",
+                remedy="leave one of the two out",
+            )  # fmt: skip
+        seen[of] = path
+
+
+def _known(rocks: Rocks) -> list[str]:
+    """Measures over which all files of curves have a fragility; a run may have any."""
+    files = [read_curves(path) for path in rocks.paths if not path.is_dir()]
+    return [name for name in MEASURES if all(name in curves for curves in files)]
+
+
+def _measure_of(events: EventSet, rocks: Rocks) -> str:
+    known = _known(rocks)
+    both = [name for name in (*DEFAULT_MEASURES, *MEASURES) if name in events.measures and name in known]
+    if not both:
+        raise InputError(
+            what=f"the events are over {', '.join(events.measures)}, the rock's fragility over "
+            f"{', '.join(known) or 'nothing'}",
+            where=events.source, expected="motions in a measure that the rock has a fragility over",
+            remedy="compute fields of one of the rock's measures",
+        )  # fmt: skip
+    return both[0]
+
+
+def _felt(
+    rocks: Rocks, number: int, site: int, measures: tuple[str, ...], seen: Callable[[], None]
+) -> FeltRock:
+    name, path = rocks.names[number], rocks.paths[number]
+    if len(measures) > 1:
+        one = felt_by_both(name, path, rocks.jobs.get(path), measures, seen)
+        return FeltRock(one.name, one.fragility, site, one.drawn, rocks.since[number])
+    years = np.unique(rocks.ages[:, number])
+    standing = standing_rock(name, path, measures[0], rocks.jobs.get(path), years, seen)
+    return felt(standing, site, rocks.since[number])
+
+
+def _noted(events: EventSet, note: str) -> EventSet:
+    return EventSet(
+        events.sites, events.branches, events.source, events.years, (*events.notes, note), events.sampled
+    )

@@ -1,0 +1,206 @@
+"""The command judges rocks event by event: event sets, two measures at once, dates that rocks share."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from seeded import rows
+
+from toppling.orchestrator.cli import cli
+from toppling.results.exchange import OPENQUAKE_G_M_S2 as G
+from toppling.results.exchange import write_curves
+from toppling.results.fits import Lognormal
+from toppling.results.store import write_part
+
+PGA = Lognormal("pga_m_s2", 0.5 * G, 0.3)
+
+
+def constrain(*arguments):
+    return CliRunner().invoke(cli, ["constrain", *map(str, arguments)])
+
+
+def told_by(*arguments):
+    done = constrain(*arguments, "--json")
+    assert done.exit_code == 0, done.output
+    return json.loads(done.stdout)
+
+
+@pytest.fixture
+def rocks(tmp_path):
+    names = ("first", "second")
+    medians = (PGA.median, 0.8 * PGA.median)
+    return [
+        write_curves(tmp_path / f"{name}.json", [Lognormal("pga_m_s2", median, 0.3)])
+        for name, median in zip(names, medians, strict=True)
+    ]
+
+
+@pytest.fixture
+def events(tmp_path):
+    """Two branches of 100 years at two sites: the second branch's motions are twice the first's."""
+    folder = tmp_path / "calculation"
+    folder.mkdir()
+    random = np.random.default_rng(0)
+    fields, catalogue = ["event_id,gmv_PGA,custom_site_id"], ["event_id,rup_id,rlz_id,year,ses_id"]
+    for event in range(60):
+        catalogue.append(f"{event},{event},{event % 2},{1 + event},1")
+        for site in ("aa", "bb"):
+            fields.append(f"{event},{0.12 * (1 + event % 2) * random.lognormal(0, 0.7):.5E},{site}")
+    line = "#,\"generated_by='OpenQuake engine 3.26.2', checksum=7{}\"\n"
+    times = ", investigation_time=50.0, ses_per_logic_tree_path=2"
+    texts = {
+        "gmf-data_1.csv": line.format("") + "\n".join(fields),
+        "events_1.csv": line.format("") + "\n".join(catalogue),
+        "ruptures_1.csv": line.format(times) + "rup_id,multiplicity,mag\n0,1,6\n",
+        "realizations_1.csv": line.format("") + "rlz_id,branch_path,weight\n0,A~weak,0.4\n1,A~strong,0.6\n",
+        "sitemesh_1.csv": line.format("") + "custom_site_id,lon,lat\naa,1.0,2.0\nbb,1.2,2.0\n",
+    }
+    for name, text in texts.items():
+        (folder / name).write_text(text + "\n")
+    return folder
+
+
+def test_rocks_at_two_sites_weigh_the_branches_of_an_event_set(rocks, events, tmp_path):
+    out = tmp_path / "out"
+    sites = ["--site", "1.0", "2.0", "--site", "1.2", "2.0"]
+    told = told_by(*rocks, "--hazard", events, *sites, "--age", "300", "--out", out)
+    assert [rock["site"] for rock in told["rocks"]] == ["aa", "bb"]
+    first, second = told["branches"]
+    assert (first["name"], second["name"]) == ("A~weak", "A~strong")
+    assert first["posterior_weight"] > first["prior_weight"]
+    joint = [row["prior_weight"] * row["survival"] for row in (first, second)]
+    assert first["posterior_weight"] == pytest.approx(joint[0] / sum(joint))
+    assert first["scale_factor_low"] <= first["scale_factor"] <= first["scale_factor_high"]
+    assert {row["left_out"] for row in told["left_out"]} == {"first", "second"}
+    row = told["updated"][0]
+    assert {
+        "level",
+        "rate_prior_mean",
+        "rate_posterior_mean",
+        "rate_posterior_p05",
+        "rate_posterior_p95",
+    } <= set(row)
+    written = {path.name for path in out.iterdir()}
+    assert {"constraint.json", "branches.csv", "updated.csv", "left_out.csv", "constraint.png"} <= written
+    filed = json.loads((out / "constraint.json").read_text())
+    assert {path.rpartition("/")[2] for path in (one["path"] for one in filed["choices"]["files"])} >= {
+        "gmf-data_1.csv", "realizations_1.csv", "first.json",
+    }  # fmt: skip
+
+
+def test_a_site_may_be_named_and_one_serves_all_rocks(rocks, events):
+    told = told_by(*rocks, "--hazard", events, "--site", "bb", "--age", "300")
+    assert [rock["site"] for rock in told["rocks"]] == ["bb", "bb"]
+
+
+def test_the_scale_factor_is_where_survival_falls_to_five_per_cent(rocks, events):
+    """Motions as much stronger, by --ratio, leave 5 %."""
+    asked = [rocks[0], "--hazard", events, "--site", "aa", "--age", "300"]
+    factor = told_by(*asked)["branches"][0]["scale_factor"]
+    assert told_by(*asked, "--ratio", factor)["branches"][0]["survival"] == pytest.approx(0.05, abs=1e-3)
+
+
+def test_words_say_how_many_events_a_verdict_hangs_on(rocks, events):
+    words = constrain(rocks[0], "--hazard", events, "--site", "aa", "--age", "300").output
+    assert "60 events of 2 branches" in words
+    assert "ground-motion models" in words
+
+
+@pytest.mark.parametrize(
+    ("options", "what"),
+    [
+        ([], "has 2 sites"),
+        (["--site", "nowhere"], "no site called"),
+        (["--site", "50", "50"], "km away"),
+        (["--site", "aa", "--measure", "pgv_m_s"], "no fragility over pgv_m_s"),
+        (["--site", "aa", "--correlation", "0.5"], "--correlation applies"),
+        (["--site", "aa", "--measure", "pga_m_s2+cav_m_s"], "not an intensity measure"),
+        (["--site", "aa", "--measure", "pga_m_s2+pgv_m_s"], "it is no run"),
+    ],
+)
+def test_events_that_do_not_answer_are_refused_and_nothing_is_written(rocks, events, tmp_path, options, what):
+    out = tmp_path / "out"
+    done = constrain(rocks[0], "--hazard", events, "--age", "300", *options, "--out", out)
+    assert done.exit_code != 0
+    assert what in f"{done.output} {done.exception}"
+    assert not out.exists()
+
+
+def test_a_set_of_events_stands_alone_and_its_options_need_it(rocks, events, tmp_path):
+    both = constrain(rocks[0], "--hazard", events, "--hazard", events, "--age", "300", "--site", "aa")
+    assert "give it alone" in str(both.exception)
+    curve = tmp_path / "curve.csv"
+    curve.write_text("PGA,annual_rate\n0.05,1e-2\n0.5,1e-4\n2,1e-6\n")
+    alone = constrain(rocks[0], "--hazard", curve, "--age", "300", "--event-rate", "0.1")
+    assert "--event-rate applies" in alone.output
+    twins = constrain(rocks[0], rocks[0], "--hazard", events, "--age", "300", "--site", "aa")
+    assert "the same rock" in str(twins.exception)
+
+
+@pytest.fixture
+def curve(tmp_path):
+    path = tmp_path / "curve.csv"
+    lines = [f"{x},{2e-4 * (x / 5) ** -2.5}" for x in np.geomspace(0.5, 50, 12)]
+    path.write_text("\n".join(["pga_m_s2,annual_rate", *lines]) + "\n")
+    return path
+
+
+def survival_of(*arguments):
+    return told_by(*arguments)["branches"][0]["survival"]
+
+
+def test_one_common_date_lets_rocks_survive_more_often(rocks, curve):
+    asked = [*rocks, "--hazard", curve, "--age", "2000..12000"]
+    assert survival_of(*asked, "--common-date") > survival_of(*asked)
+
+
+def test_a_rock_bared_late_counts_from_then(rocks, curve):
+    asked = [rocks[0], "--hazard", curve, "--age"]
+    assert survival_of(*asked, "12000", "--fragile-since", "4000") == pytest.approx(
+        survival_of(*asked, "4000")
+    )
+
+
+def test_a_rock_once_stouter_lies_between_one_that_was_buried_and_one_that_was_not(rocks, curve):
+    asked = [rocks[0], "--hazard", curve, "--age", "12000"]
+    stouter = survival_of(*asked, "--fragile-since", "4000:1.5")
+    assert survival_of(*asked) < stouter < survival_of(*asked, "--fragile-since", "4000")
+    # A power law: motions that topple 1.5 times stronger are 1.5^2.5 times rarer.
+    rate = told_by(*asked)["branches"][0]["toppling_rate"]
+    assert stouter == pytest.approx(math.exp(-rate * (4000 + 8000 / 1.5**2.5)), rel=0.01)
+
+
+def test_a_common_error_of_the_dates_widens_what_they_leave(rocks, curve):
+    asked = [*rocks, "--hazard", curve, "--age", "8000"]
+    exact, shared = told_by(*asked), told_by(*asked, "--common-error", "0.2")
+    assert exact["branches"][0]["survival"] < shared["branches"][0]["survival"]
+    assert shared["ages_independent"] is False
+
+
+@pytest.mark.parametrize(
+    "options", [["--common-date"], ["--fragile-since", "4000"], ["--common-error", "0.1"]]
+)
+def test_options_of_ages_need_ages(rocks, options):
+    assert "applies to ages" in constrain(rocks[0], *options).output
+
+
+def test_two_measures_at_once_are_judged_by_their_joint_rate(tmp_path):
+    run = tmp_path / "run"
+    run.mkdir()
+    write_part(run, rows(records=24, azimuths=(0.0, 90.0)))
+    for name, measure, strongest in (("a", "pga_m_s2", 8.0), ("v", "pgv_m_s", 1.0)):
+        lines = [f"{x},{1e-4 * (x / strongest) ** -2.5}" for x in np.geomspace(0.05, 8, 14) * strongest]
+        (tmp_path / f"{name}.csv").write_text("\n".join([f"{measure},annual_rate", *lines]) + "\n")
+    folder = tmp_path / "both"
+    folder.mkdir()
+    for name in ("a", "v"):
+        (tmp_path / f"{name}.csv").rename(folder / f"{name}.csv")
+    asked = [run, "--hazard", folder, "--age", "5000"]
+    told = told_by(*asked, "--measure", "pga_m_s2+pgv_m_s", "--correlation", "0.6")
+    assert len(told["rocks"][0]["coefficients"]) == 3
+    assert "a correlation of 0.6" in told["notes"][0]
+    row = told["branches"][0]
+    assert row["survival_low"] < row["survival"] < row["survival_high"]
+    assert {one["measure"] for one in told["updated"]} == {"pga_m_s2", "pgv_m_s"}

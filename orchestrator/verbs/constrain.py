@@ -72,8 +72,8 @@ from toppling.results.hazard.update import Update
 )  # fmt: skip
 @click.option(
     "--measure",
-    help="Intensity measure (a column of the results), or pga_m_s2+pgv_m_s, both together. Default: that of the hazard, "
-    "or pgv_m_s.",
+    help="Intensity measure (a column of the results), or pga_m_s2+pgv_m_s, both together. Default: that of the "
+    "hazard, or pgv_m_s.",
 )
 @click.option(
     "--correlation", type=click.FloatRange(0, 1),

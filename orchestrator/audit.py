@@ -25,7 +25,7 @@ from toppling.orchestrator.dispatch import USUAL_LIMITS, Limits
 from toppling.orchestrator.folder import describe, place_in
 from toppling.orchestrator.journal import tell
 from toppling.orchestrator.plan import Plan
-from toppling.orchestrator.run import Afterwards, Execution, Tally, Watcher
+from toppling.orchestrator.run import Execution, Tally, Watcher, Work
 from toppling.orchestrator.task import Order, versions
 from toppling.results.audit_folder import (
     AUDIT_FOLDER,
@@ -241,5 +241,16 @@ def _alone(folder: Path) -> Iterator[Path]:
         yield home
 
 
-AFTERWARDS = Afterwards(due, audit)
-"""A run that is told of it audits itself as its campaign says."""
+class Auditing:
+    """A run audits itself as its campaign says, once its jobs are done."""
+
+    before = False
+
+    def due(self, planned: Plan, folder: Path) -> bool:
+        """As of `Stage`."""
+        return due(planned, folder) > 0
+
+    def carry_out(self, work: Work) -> None:
+        """As of `Stage`."""
+        count = due(work.planned, work.folder)
+        audit(work.planned, work.folder, work.client, work.order, work.watch, count, work.limits)

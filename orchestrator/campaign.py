@@ -16,6 +16,7 @@ from toppling.models.documents import is_number, read_toml, shown
 from toppling.models.errors import InputError
 from toppling.models.folder import local
 from toppling.models.spelling import did_you_mean
+from toppling.orchestrator.asked import Asked, read_precision, read_target
 from toppling.workers.engines import DEFAULT, ENGINES
 from toppling.workers.options import PRESETS
 from toppling.workers.unmeasured import Unmeasured
@@ -70,6 +71,10 @@ class Campaign:
     stood : tuple of Path
         Recorded motions that the rock is known to have stood, as files or folders of ensembles: draws of its base weigh
         as much as they let it stand them (`orchestrator.stood`).
+    precision : float or None
+        Half of the interval of 95 % of the target, at which the run ends; None for all jobs.
+    target : Asked or None
+        What is asked for; None for the intensity of the best measure at which half topple.
     """
 
     scene: Path
@@ -87,11 +92,25 @@ class Campaign:
     audit: int | None = None
     unmeasured: Unmeasured | None = None
     stood: tuple[Path, ...] = ()
+    precision: float | None = None
+    target: Asked | None = None
 
     @property
     def as_recorded(self) -> bool:
         """Whether records are imposed unscaled."""
         return not self.pga_m_s2
+
+    def with_precision(self, precision: float) -> "Campaign":
+        """The same campaign, to end once its target is known so well.
+
+        Raises
+        ------
+        InputError
+            If the precision is no share, or there are no levels.
+        """
+        where = "--precision"
+        told = _asked({"precision": precision}, Path(), {"pga_m_s2": self.pga_m_s2}, lambda _: where)
+        return dataclasses.replace(self, **told)
 
     @classmethod
     def read(cls, path: str | os.PathLike[str]) -> "Campaign":
@@ -233,6 +252,7 @@ class Campaign:
                 )
             values["audit"] = audit
         values["stood"] = _stood(content.get("stood", []), folder, place("stood"))
+        values |= _asked(content, folder, values, place)
         return cls(**values)
 
     def check_jobs(self, records: int) -> None:
@@ -255,7 +275,7 @@ class Campaign:
                 "campaign", f"{jobs:.3g} jobs = {told}", f"at most {MOST_JOBS} jobs", "leave some of them out"
             )
 
-    def to_toml(self, scene: str, ensemble: str, stood: Iterable[str] = ()) -> str:
+    def to_toml(self, scene: str, ensemble: str, stood: Iterable[str] = (), hazard: str | None = None) -> str:
         """Write the campaign as TOML with the folders given and every value written out."""
         content = {
             field.name: getattr(self, field.name)
@@ -268,6 +288,8 @@ class Campaign:
             content["stood"] = list(stood)
         if self.unmeasured is not None:
             content["unmeasured"] = dataclasses.asdict(self.unmeasured)
+        if self.target is not None:
+            content["target"] = self.target.content(hazard)
         return "".join(f"{key} = {_toml(value)}\n" for key, value in content.items())
 
 
@@ -287,8 +309,8 @@ def _without_levels(content: Mapping[str, Any], where: str) -> dict[str, Any]:
         raise _error(
             where,
             f"{shown(levels)}: levels are no longer chosen within each record",
-            "no key levels: every level of pga_m_s2 is shaken",
-            "remove it",
+            "no key levels",
+            "remove it; precision = 0.05 ends a run as soon as its statement is that sure",
         )
     return kept
 
@@ -423,6 +445,26 @@ def _engine(name: Any, values: Mapping[str, Any], where: str) -> str:
             where, what, "restitution [0] and one coefficient an entry of friction", f"take {DEFAULT!r}"
         )
     return str(name)
+
+
+def _asked(
+    content: Mapping[str, Any], folder: Path, values: Mapping[str, Any], place: Callable[[str], str]
+) -> dict[str, Any]:
+    """Values of `precision` and `target`."""
+    if content.get("precision") is None:
+        if "target" in content:
+            raise _error(
+                place("target"), "a target without a precision", "both", "add precision = 0.05, or remove it"
+            )
+        return {}
+    if not values["pga_m_s2"]:
+        raise _error(
+            place("precision"), "no levels to choose among", "levels in pga_m_s2", "leave precision out"
+        )
+    told: dict[str, Any] = {"precision": read_precision(content["precision"], place("precision"))}
+    if (target := content.get("target")) is None:
+        return told
+    return {**told, "target": read_target(target, folder, place("target"))}
 
 
 def _distinct(values: list, where: str) -> list:

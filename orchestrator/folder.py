@@ -37,6 +37,9 @@ from toppling.workers.engines import ENGINES
 
 SCHEMA_VERSION = 1
 
+ASKED = ("audit", "precision", "target")
+"""Keys of a campaign that change how many of its jobs are done, and none of them: a run may go on with others."""
+
 KEY_FILES = ".dask-jobqueue.worker."
 """How the names of the files begin in which batch jobs find the session's key; a killed session leaves them."""
 
@@ -66,7 +69,9 @@ def prepare(run: Path, plan: Plan, versions: dict[str, str], settling: Settling 
         if plan.recorded:
             plan.recorded.write(staging / FOLDER)
             stood = [str(path.relative_to(staging)) for path in ensembles_in(staging / FOLDER)]
-        digest.write_text(staging / "campaign.toml", plan.campaign.to_toml("scene", "ensemble", stood))
+        hazard = _copy_hazard(plan, staging)
+        written = plan.campaign.to_toml("scene", "ensemble", stood, hazard)
+        digest.write_text(staging / "campaign.toml", written)
         write_table(plan.jobs, staging / "jobs.parquet")
         described = {
             "schema_version": SCHEMA_VERSION,
@@ -163,6 +168,13 @@ def note(run: Path, notes: dict[str, Any], *, new: bool = False) -> None:
     sessions = [ended(one) for one in content["sessions"]] if new else content["sessions"][:-1]
     content["sessions"] = [*sessions, notes]
     digest.write_json(run / "run.json", content)
+
+
+def set_jobs(run: Path, jobs: int) -> None:
+    """Write how many jobs the run is to have, where that is another number than before."""
+    content = describe(run)
+    if content["jobs"] != jobs:
+        digest.write_json(run / "run.json", content | {"jobs": jobs})
 
 
 def ended(notes: dict[str, Any]) -> dict[str, Any]:
@@ -282,6 +294,17 @@ def _copy_known(source: Path, target: Path, names: Iterable[str]) -> None:
             shutil.copyfile(path, target / name)
 
 
+def _copy_hazard(plan: Plan, staging: Path) -> str | None:
+    """Copy the hazard under which a failure rate is asked for; its name in the run."""
+    target = plan.campaign.target
+    source = target.hazard if target is not None else None
+    if source is None:
+        return None
+    name = f"hazard{source.suffix}"
+    shutil.copyfile(source, staging / name)
+    return name
+
+
 def _campaign_differs(run: Path, plan: Plan) -> str:
     """In which values a campaign differs from the run's; empty where in none, or the run's cannot be read."""
     try:
@@ -292,7 +315,7 @@ def _campaign_differs(run: Path, plan: Plan) -> str:
     # A value that an earlier version did not write is no difference, except where it has no default.
     unwritten = {field.name for field in dataclasses.fields(plan.campaign) if field.default is None}
     compared = [name for name in {**there, **here} if name in unwritten or (name in there and name in here)]
-    differing = [name for name in compared if there.get(name) != here.get(name) and name != "audit"]
+    differing = [name for name in compared if there.get(name) != here.get(name) and name not in ASKED]
     values = [
         ", here ".join(shown(one.get(name, "not given")) for one in (there, here)) for name in differing
     ]

@@ -9,8 +9,8 @@ import os
 import time
 import uuid
 from collections import Counter
-from collections.abc import Callable, Collection, Mapping, Sequence
-from contextlib import AbstractContextManager, ExitStack, nullcontext, suppress
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from toppling.models.errors import InputError
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
+from toppling.models.settling import Settling
 from toppling.orchestrator.answers import checked
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.cluster import Upkeep
@@ -32,6 +33,7 @@ from toppling.orchestrator.folder import describe, note, prepare, session
 from toppling.orchestrator.interrupt import held_back
 from toppling.orchestrator.journal import journal, tell
 from toppling.orchestrator.plan import Plan, check_stands, plan
+from toppling.orchestrator.rounds import AllJobs, JobsForPrecision, Wanted
 from toppling.orchestrator.stood import Recorded, weigh_bases
 from toppling.orchestrator.task import Order, Row, UnfitWorkerError, check, lost_row, shake_batch, versions
 from toppling.results.stood import FILE, FOLDER, Stood
@@ -161,19 +163,44 @@ class Tally:
 
 
 @dataclass(frozen=True)
-class Afterwards:
-    """What follows once every job of a run has a row, while its workers are still there.
+class Work:
+    """A run at work: what its jobs and stages share.
 
     Parameters
     ----------
-    due : callable
-        Of plan and folder: number of jobs of it that are to be done, 0 for none.
-    do : callable
-        As :func:`orchestrator.audit.audit`.
+    planned : Plan
+    folder : Path
+        The run's.
+    order : Order
+        What workers must find.
+    client : Client
+    watch : Watcher
+    limits : Limits
+    tally : Tally
+        Of the run's own jobs.
     """
 
-    due: Callable[[Plan, Path], int]
-    do: Callable[[Plan, Path, Client, Order, Watcher, int, Limits], Any]
+    planned: Plan
+    folder: Path
+    order: Order
+    client: Client
+    watch: Watcher
+    limits: Limits
+    tally: Tally
+
+
+class Stage(Protocol):
+    """What is done before or after the jobs of a run, on the same workers."""
+
+    @property
+    def before(self) -> bool:
+        """Whether it comes before them."""
+
+    def due(self, planned: Plan, folder: Path) -> bool:
+        """Whether there is something to do now; asked again once the jobs are done."""
+
+    def carry_out(self, work: Work) -> None:
+        """Do it, or go on with it."""
 
 
 def run(
@@ -184,7 +211,7 @@ def run(
     limits: Limits = USUAL_LIMITS,
     report: Path | None = None,
     again: Collection[str] = (),
-    afterwards: Afterwards | None = None,
+    stages: Sequence[Stage] = (),
 ) -> Tally:
     """Carry a campaign out, or go on with it; the folder then holds `results.parquet`.
 
@@ -201,7 +228,8 @@ def run(
         Where to write Dask's performance report.
     again : collection of str
         Statuses whose jobs are done again; what they have counts until there is a newer row.
-    afterwards : Afterwards or None
+    stages : sequence of Stage
+        Besides the weighing of bases, which a campaign asks for by itself.
 
     Returns
     -------
@@ -221,7 +249,22 @@ def run(
     # A run is only begun with a rock that stands.
     settling = None if folder.exists() else check_stands(campaign, scene)
     ENGINES[campaign.engine].require()
-    here = versions(campaign.engine)
+    return carry_out(planned, folder, cluster, watch, limits, settling, report, again, [Weighing(), *stages])
+
+
+def carry_out(
+    planned: Plan,
+    folder: Path,
+    cluster: AbstractContextManager[Client],
+    watch: Watcher,
+    limits: Limits = USUAL_LIMITS,
+    settling: Settling | None = None,
+    report: Path | None = None,
+    again: Collection[str] = (),
+    stages: Sequence[Stage] = (),
+) -> Tally:
+    """Do what is left of a plan in its folder, as :func:`run` does of a campaign."""
+    here = versions(planned.campaign.engine)
     prepare(folder, planned, dict(here), settling)
     order = Order(str(folder), planned.scene_id, planned.ensemble_id, here)
     with session(folder, {}) as notes, journal(folder):
@@ -230,22 +273,134 @@ def run(
         if sentence := settles.pop("sentence", None):
             log.warning("%s", sentence, extra={"fields": settles})
         try:
-            with ExitStack() as stack:
-                if planned.recorded and not (folder / FOLDER / FILE).exists():
-                    # One cluster for the shakes that weigh the bases and for the run's own.
-                    client = stack.enter_context(cluster)
-                    cluster = nullcontext(client)
-                    weigh(campaign, planned.recorded, folder / FOLDER, client, watch, limits, planned.id)
-                elif planned.recorded:
-                    Stood.read(folder / FOLDER / FILE)  # damaged ones are told before work is done
-                tally = _until_complete(
-                    planned, folder, cluster, watch, order, limits, report, again, notes, afterwards
-                )
+
+            @contextmanager
+            def at_work(tally: Tally) -> Iterator[Work]:
+                with cluster as client, client.as_current(), _reported(report):
+                    check_workers(client, order)
+                    yield Work(planned, folder, order, client, watch, limits, tally)
+
+            tally = _until_complete(planned, folder, at_work, again, notes, stages)
         except BaseException as error:
             tell("session ended", how=type(error).__name__, why=str(error))
             raise
         tell("session ended", how="complete", **tally.told())
     return tally
+
+
+def _until_complete(
+    planned: Plan,
+    folder: Path,
+    at_work: Callable[[Tally], AbstractContextManager[Work]],
+    again: Collection[str],
+    notes: dict[str, Any],
+    stages: Sequence[Stage],
+) -> Tally:
+    finished = finished_ids(folder, planned.ids)  # first, as it sets rows of other runs aside
+    redo = attempts_with(folder, again) if again else {}
+    campaign = planned.campaign
+    wanted: Wanted
+    if campaign.precision is None:
+        wanted = AllJobs(planned, folder)
+    else:
+        wanted = JobsForPrecision(planned, folder, campaign.precision, campaign.target)
+    tally = Tally(wanted.total(), len(finished - redo.keys()), len(redo))
+
+    def merge() -> set[str]:
+        return _merged(wanted, planned, folder, notes, tally, redo)
+
+    def due(*, before: bool) -> list[Stage]:
+        return [one for one in stages if one.before == before and one.due(planned, folder)]
+
+    if not due(before=True):
+        left = wanted.pending(finished - redo.keys())
+        if not len(left):
+            left = wanted.pending(merge())
+        tally.total = wanted.total()
+        if not len(left) and not due(before=False):
+            return tally
+    tell("work began", **tally.told())
+    with at_work(tally) as work:
+        tally.began = time.monotonic()  # a batch system may have kept it waiting for hours
+        for stage in due(before=True):
+            stage.carry_out(work)
+        work_off(wanted, work, redo, merge)
+        tally.ended = time.monotonic()
+        for stage in due(before=False):
+            stage.carry_out(work)
+    return tally
+
+
+def work_off(
+    wanted: Wanted,
+    work: Work,
+    redo: Mapping[str, int] = MappingProxyType({}),
+    merge: Callable[[], set[str]] | None = None,
+) -> None:
+    """Shake until every job that is wanted has a row.
+
+    Parameters
+    ----------
+    wanted : Wanted
+    work : Work
+        Whose tally is counted on.
+    redo : mapping
+        Jobs that have a row already, each with the number of its newest attempt.
+    merge : callable or None
+        What is done once all have a row; returns the ids of the jobs that still have one.
+
+    Raises
+    ------
+    RunError
+        If the run cannot go on, or rows are lost again and again.
+    """
+    folder, ids, tally = work.folder, work.planned.ids, work.tally
+    sent: set[int] = set()
+    in_vain = 0
+    pending = wanted.pending(finished_ids(folder, ids, redo))
+    while len(pending):
+        if lost := len(sent.intersection(pending.tolist())):
+            log.warning("%d rows were lost after they were stored", lost)
+            in_vain += 1
+        if in_vain >= ROUNDS:
+            msg = f"rows are lost after they are stored: is the disk of {folder} sound?"
+            raise RunError(msg)
+        sent |= set(pending.tolist())
+        tally.total, tally.what = wanted.total(), wanted.what
+        Execution(
+            work.planned, pending, work.client, folder, work.order, work.watch, tally, work.limits, redo=redo
+        )()
+        finished = finished_ids(folder, ids, redo)
+        pending = wanted.pending(finished)
+        if not len(pending) and merge:
+            finished = merge()
+            pending = wanted.pending(finished)
+        tally.again = len(redo.keys() - finished)
+    tally.total = wanted.total()
+
+
+class Weighing:
+    """Bases are weighed, before the jobs, by the motions that the campaign knows the rock to have stood."""
+
+    before = True
+
+    def due(self, planned: Plan, folder: Path) -> bool:
+        """Whether there are such motions, and no weights yet; damaged ones are told before work is done."""
+        if not planned.recorded:
+            return False
+        if (folder / FOLDER / FILE).exists():
+            Stood.read(folder / FOLDER / FILE)
+            return False
+        return True
+
+    def carry_out(self, work: Work) -> None:
+        """Weigh them."""
+        planned = work.planned
+        assert planned.recorded is not None
+        weigh(
+            planned.campaign, planned.recorded, work.folder / FOLDER, work.client, work.watch, work.limits,
+            planned.id,
+        )  # fmt: skip
 
 
 def weigh(
@@ -270,57 +425,20 @@ def weigh(
         watch(tally)
 
     def shake(one: Campaign, target: Path) -> None:
-        run(one, target, nullcontext(client), weighing, limits)
+        planned = plan(one, Scene.load(one.scene), Ensemble.load(one.ensemble))
+        carry_out(planned, target.absolute(), nullcontext(client), weighing, limits)
 
     tell("weighing the bases", records=[one.record_id for one in recorded.records])
     return weigh_bases(campaign, recorded, place, shake, plan_id)
 
 
-def _until_complete(
+def _merged(
+    wanted: Wanted,
     planned: Plan,
     folder: Path,
-    cluster: AbstractContextManager[Client],
-    watch: Watcher,
-    order: Order,
-    limits: Limits,
-    report: Path | None,
-    again: Collection[str],
     notes: dict[str, Any],
-    afterwards: Afterwards | None,
-) -> Tally:
-    finished = finished_ids(folder, planned.ids)  # first, as it sets rows of other runs aside
-    redo = attempts_with(folder, again) if again else {}
-    pending = planned.pending(finished - redo.keys())
-    tally = Tally(len(planned), len(planned) - len(pending), len(redo))
-    if not len(pending):
-        pending = planned.pending(_merged(planned, folder, notes, tally, redo))
-    if not len(pending) and not (afterwards and afterwards.due(planned, folder)):
-        return tally
-    tell("work began", **tally.told())
-    with cluster as client, client.as_current(), _reported(report):
-        check_workers(client, order)
-        tally.began = time.monotonic()  # a batch system may have kept it waiting for hours
-        rounds = 0
-        while len(pending):
-            if (rounds := rounds + 1) > ROUNDS:
-                msg = f"rows are lost after they are stored: is the disk of {folder} sound?"
-                raise RunError(msg)
-            Execution(planned, pending, client, folder, order, watch, tally, limits, redo=redo)()
-            finished = finished_ids(folder, planned.ids, redo)
-            if not len(planned.pending(finished)):
-                finished = _merged(planned, folder, notes, tally, redo)
-            pending = planned.pending(finished)
-            if len(pending):
-                log.warning("%d rows were lost after they were stored", len(pending))
-                tally.again = len(redo.keys() - finished)
-        tally.ended = time.monotonic()
-        if afterwards and (count := afterwards.due(planned, folder)):
-            afterwards.do(planned, folder, client, order, watch, count, limits)
-    return tally
-
-
-def _merged(
-    planned: Plan, folder: Path, notes: dict[str, Any], tally: Tally, redo: Mapping[str, int]
+    tally: Tally,
+    redo: Mapping[str, int],
 ) -> set[str]:
     """Merge the parts of a run that is complete; its finished jobs, of which some lack if a part was cut meanwhile.
 
@@ -332,7 +450,7 @@ def _merged(
         with suppress(FileNotFoundError):  # no part is left that can be read
             compact(folder)
     finished = finished_ids(folder, planned.ids, redo)
-    if not len(planned.pending(finished)):
+    if not len(wanted.pending(finished)):
         notes |= ended
     return finished
 

@@ -13,6 +13,7 @@ from toppling.orchestrator.folder import describe, ended, is_running
 from toppling.orchestrator.journal import last
 from toppling.results.audit_folder import AUDIT_FOLDER
 from toppling.results.completeness import Completeness
+from toppling.results.precision import STATEMENT_FILE
 from toppling.results.stood import CONTACT, FILE, FOLDER, Stood, sentences, told_of
 from toppling.results.store import newest_rows, read_steady, result_files
 
@@ -51,6 +52,7 @@ def state_of(run: Path) -> dict[str, Any]:
     state["failures"] = _failures(rows.filter(pc.not_equal(rows["status"], "ok")))
     state["audit"], state["audit_sentences"] = _audited(run)
     state["stood"], state["stood_sentences"] = _stood(run)
+    state["statements"], state["statement_sentences"] = _stated(run)
     # What is to be done again has a row, so that the rows do not tell what work is left.
     if running and stored < jobs and not state["again"]:
         state["rate_per_s"], state["left_s"] = _pace(rows, jobs)
@@ -66,6 +68,17 @@ def _audited(run: Path) -> tuple[dict[str, Any], list[str]]:
 
     audits = audits_of(open_run(run))
     return audits_json(audits), [audit.sentence for audit in audits.values()]
+
+
+def _stated(run: Path) -> tuple[list[dict[str, Any]], list[str]]:
+    """What a run that was asked for a precision states so far."""
+    if not (run / STATEMENT_FILE).exists():
+        return [], []
+    from toppling.results.precision.statement import sentences as sentences_of
+    from toppling.results.precision.statement import statements_of
+
+    statements = statements_of(run)
+    return statements, sentences_of(statements)
 
 
 def _stood(run: Path) -> tuple[dict[str, Any], list[str]]:

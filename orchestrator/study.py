@@ -23,7 +23,7 @@ from toppling.models.folder import new_file
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
 from toppling.orchestrator import ramp
-from toppling.orchestrator.audit import AFTERWARDS
+from toppling.orchestrator.audit import Auditing
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.run import Tally, Watcher, run
 from toppling.results.audit import audits_of
@@ -155,7 +155,7 @@ def carry_out(
         values = ", ".join(f"{static:g}" for static, _ in campaign.friction)
         say(f"run {name}: {len(campaign.azimuth_deg)} azimuths, friction {values}")
         with watcher() as watch:
-            tallies.append(run(campaign, place, cluster_of(), watch, afterwards=AFTERWARDS))
+            tallies.append(run(campaign, place, cluster_of(), watch, stages=[Auditing()]))
     return tallies
 
 

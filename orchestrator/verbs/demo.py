@@ -26,6 +26,9 @@ SAMPLE_LEVELS_M_S2 = (4.0, 10.0, 16.0)
 DESIGNS = ((1, 8), (1, 4), (2, 4), (2, 2), (3, 2), (3, 1), (6, 1))
 """Step of the levels in m/s2 and number of azimuths, from the study's own to coarser ones."""
 
+FIRST_STATEMENT = (0.1, 90)
+"""Precision of what is said before the maps, and jobs after which it is said as it is."""
+
 QUERY = """\
 select level_pga_m_s2, count(toppled) as jobs, round(avg(toppled::int), 2) as p_toppled,
        round(avg(toppled::int) filter (pgv_pga_s >= 0.1), 2) as p_toppled_long_pulse
@@ -134,16 +137,18 @@ def _plan(out: Path, workers: int, seconds: float) -> None:
 
 
 def _run(out: Path, workers: int) -> int:
-    from toppling.orchestrator.audit import AFTERWARDS
+    from toppling.orchestrator.audit import Auditing
     from toppling.orchestrator.campaign import Campaign
     from toppling.orchestrator.cluster import local
+    from toppling.orchestrator.first_statement import FirstStatement
     from toppling.orchestrator.progress import watcher
     from toppling.orchestrator.run import run
 
     _say(f"run: starting {workers} workers")
+    first = FirstStatement(*FIRST_STATEMENT, lambda sentence: _say(f"run: {sentence}"))
     with watcher() as watch:
         campaign = Campaign.read(out / "campaign.toml")
-        tally = run(campaign, out / "run", local(workers), watch, afterwards=AFTERWARDS)
+        tally = run(campaign, out / "run", local(workers), watch, stages=[first, Auditing()])
     _say(f"run: {tally.done} jobs, {tally.rate:.1f}/s, {tally.toppled} toppled, {tally.failed} unanswered")
     return tally.failed
 

@@ -37,6 +37,18 @@ def _statuses(context: click.Context, parameter: click.Parameter, value: str | N
     return names
 
 
+def _precision(context: click.Context, parameter: click.Parameter, value: str | None) -> float | None:  # noqa: ARG001
+    """Read the value of --precision, as click calls it."""
+    if value is None:
+        return None
+    try:
+        share = float(value.removesuffix("%")) / (100.0 if value.endswith("%") else 1.0)
+    except ValueError:
+        msg = f"{value!r} is no share, such as 5% or 0.05"
+        raise click.BadParameter(msg) from None
+    return share
+
+
 @click.command()
 @click.argument("campaign", type=FILE)
 @click.option("--out", "folder", type=FOLDER, help="Folder of the run.")
@@ -54,6 +66,11 @@ def _statuses(context: click.Context, parameter: click.Parameter, value: str | N
     "--again", callback=_statuses, metavar="STATUS,...",
     help=f"Also repeat jobs that ended without an answer, by status: {', '.join(AGAIN)}.",
 )  # fmt: skip
+@click.option(
+    "--precision", callback=_precision, metavar="SHARE",
+    help="End as soon as the shaking at which half topple is known to within SHARE (95 %), such as 5%; with the "
+    "campaign's target, if it has one.",
+)  # fmt: skip
 @click.option("--performance-report", "report", type=FILE, help="Write Dask's performance report (HTML).")
 @click.option("--no-estimate", is_flag=True, help="Do not estimate the time beforehand.")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
@@ -64,6 +81,7 @@ def run(
     job_limit: float,
     tries: int,
     again: list[str],
+    precision: float | None,
     report: Path | None,
     no_estimate: bool,
     as_json: bool,
@@ -74,6 +92,7 @@ def run(
     \b
     toppling run campaign.toml --out runs/first --workers 2
     toppling run campaign.toml --out runs/first --scheduler tcp://node1:8786
+    toppling run campaign.toml --out runs/first --precision 5%
     toppling run campaign.toml --queue slurm --dry-run
     toppling run campaign.toml --out runs/first --again crashed,timeout
 
@@ -93,8 +112,10 @@ def run(
     from toppling.orchestrator.campaign import Campaign
 
     chosen = Campaign.read(campaign)  # before what takes seconds to import: most campaigns are refused here
+    if precision is not None:
+        chosen = chosen.with_precision(precision)
     from toppling.orchestrator.advice import suggestions
-    from toppling.orchestrator.audit import AFTERWARDS
+    from toppling.orchestrator.audit import Auditing
     from toppling.orchestrator.progress import duration, pace, watcher
     from toppling.orchestrator.run import RunError
     from toppling.orchestrator.run import run as carry_out
@@ -103,7 +124,7 @@ def run(
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(message)s")
     stop_in_order()
     cluster = cluster_of(folder, **where)
-    if not no_estimate:
+    if not no_estimate and not chosen.precision:
         from toppling.orchestrator.status import words_to_go_on
 
         words = (
@@ -118,20 +139,20 @@ def run(
     try:
         with told_as_stop(), watcher() as watch:
             limits = Limits(job_limit, tries)
-            tally = carry_out(chosen, folder, cluster, watch, limits, report, again, AFTERWARDS)
+            tally = carry_out(chosen, folder, cluster, watch, limits, report, again, [Auditing()])
     except RunError as error:
         message = f"{error}; the rows so far are kept. {to_go_on}"
         raise click.ClickException(message) from None
     except KeyboardInterrupt:
         click.echo(f"stopped; the rows so far are kept. {to_go_on}", err=True)
         sys.exit(INTERRUPTED)
-    advice = suggestions(shares_of(folder))
+    advice = [] if chosen.precision else suggestions(shares_of(folder))
     state = state_of(folder)  # of all sessions: what an earlier one left without an answer still has none
     summary = {
         "run": str(folder), "jobs": tally.total, "done_before": tally.before, "done": tally.done,
         "toppled": state["toppled"], "failed": state["failed"], "status": state["status"],
         "deaths": tally.deaths, "suggestions": advice, "audit": state["audit"],
-        "stood": state["stood"],
+        "stood": state["stood"], "statements": state["statements"],
         "wall_s": round(tally.elapsed_s, 2), "work_s": round(tally.work_s, 2),
     }  # fmt: skip
     if as_json:
@@ -143,7 +164,7 @@ def run(
         )
         if state["failed"]:
             click.echo(f"why some failed: toppling status {folder}")
-        for sentence in [*state["audit_sentences"], *state["stood_sentences"]]:
+        for sentence in [*state["statement_sentences"], *state["audit_sentences"], *state["stood_sentences"]]:
             click.echo(sentence)
         if there := [name for name in AGAIN if name in state["status"]]:
             click.echo(f"to do them again: {command} --again {','.join(there)}")

@@ -33,7 +33,7 @@ def status(run: Path, as_json: bool) -> None:
     if state["workers"] is not None:
         click.echo(f"{state['workers']} workers, {state['deaths']} worker deaths in this session")
     click.echo(f"toppled {state['toppled']}, failed {state['failed']} ({_counts(state['status'])})")
-    for sentence in [*state["audit_sentences"], *state["stood_sentences"]]:
+    for sentence in [*state["statement_sentences"], *state["audit_sentences"], *state["stood_sentences"]]:
         click.echo(sentence)
     for failure in state["failures"]:
         click.echo(

@@ -7,9 +7,6 @@ import pandas as pd
 
 from toppling.results.precision.probit import Answers
 
-MEASURES = ("pga_m_s2", "pgv_m_s", "pgd_m", "sa_1s_m_s2", "sa_2s_m_s2", "arias_m_s", "cav_m_s")
-"""Measures of the horizontal shaking that grow with its scale, so that a level is a choice of them."""
-
 
 def answers_of(
     frame: pd.DataFrame, jobs: Sequence[str], measures: Sequence[str], records: Mapping[str, int]

@@ -1,9 +1,10 @@
 """Jobs where they tell something: rounds of a campaign's jobs, each chosen by what the rounds before answered.
 
 Records come in a balanced random order, and so do the cells (azimuth and realisation) they are shaken in, so that all
-are represented as in the full campaign. Levels lie where the curve so far gives probabilities that tell most of the
-target; a share of the jobs has levels at random, to show a curve that is no lognormal. A round depends on the answers
-to the rounds before it alone. Decides; no input, no output.
+are represented as in the full campaign near the curve; a record that no level brings there is left to jobs at random.
+Levels lie where the curve so far gives probabilities that tell most of the target; a share of the jobs has levels at
+random, to show a curve that is no lognormal. A round depends on the answers to the rounds before it alone. Decides; no
+input, no output.
 """
 
 import math
@@ -12,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtri
+from scipy.special import ndtr, ndtri
 
 from toppling.results.precision.probit import Answers, Curve, fit_curve
 from toppling.results.precision.target import Estimate, Target, estimate
@@ -25,11 +26,20 @@ GROWTH = (0.3, 1.0)
 """Least and largest next round, of the jobs so far: whoever looks often ends on a curve that happens to look steep."""
 RANDOM_SHARE = 0.15
 """Of the jobs at random levels."""
+OUTSIDE = 1.0 / 3.0
+"""Of the shares outside the range that tells most, up to which a record is shaken for the curve's sake: one that no
+level of the campaign brings there has only jobs at random levels."""
 LEAST_JOBS, LEAST_OF_EACH = 48, 5
 """Jobs, and jobs of each answer, before a statement may end a run."""
+SLOPE_VARIANCE, SHARP_JOBS = 0.05, 300
+"""Relative variance of the slope above which a narrow interval may be that of a curve which only looks steep, and jobs
+after which it is: of a sharp threshold the slope is never known."""
 ONE_SIDED_JOBS = 120
 """Jobs of one answer that show that the levels do not reach the curve."""
-RECORDS_BOUND = 0.2
+MEASURE_JOBS, CLEARLY_BETTER = 60, 5.0
+"""Jobs after which the measure stays, as the best of several at every round would be the one that looks best by chance;
+and the logarithm of the likelihood's ratio by which another than the usual one has to be better."""
+RECORDS_BOUND = 0.3
 """Share of the records' part of the variance that jobs still add, when more of them cannot help."""
 
 
@@ -75,11 +85,16 @@ class Verdict:
     jobs_needed: int
 
 
-def best_curve(observed: Mapping[str, Answers]) -> tuple[str, Curve]:
-    """Measure whose curve makes the answers likeliest, with that curve: all have as many coefficients."""
-    curves = {name: fit_curve(answers) for name, answers in observed.items()}
-    best = max(curves, key=lambda name: curves[name].log_likelihood)
-    return best, curves[best]
+def best_measure(observed: Mapping[str, Answers], usual: str = "pgv_m_s") -> str:
+    """Measure whose curve makes the answers likeliest: all curves have as many coefficients.
+
+    The usual one stays unless another is clearly better: levels are chosen by it, so that its answers are all near its
+    threshold, where each tells little of how well it predicts.
+    """
+    likelihood = {name: fit_curve(answers).log_likelihood for name, answers in observed.items()}
+    best = max(likelihood, key=lambda name: likelihood[name])
+    close = usual in likelihood and likelihood[best] < likelihood[usual] + CLEARLY_BETTER
+    return usual if close else best
 
 
 def judge(pool: Pool, observed: Mapping[str, Answers], target: Target, precision: float) -> Verdict:
@@ -105,22 +120,33 @@ def judge(pool: Pool, observed: Mapping[str, Answers], target: Target, precision
         side = "weaker levels are needed" if count else "stronger levels are needed"
         reason = f"{'every job' if count else 'no job'} of {jobs} topples: {side}"
         return replace(unknown, ended=True, reason=reason)
-    measure, curve = best_curve(observed)
+    measure = target.measure or best_measure(observed)
+    curve = fit_curve(observed[measure])
     told = estimate(curve, target, len(pool.rows))
     known = replace(unknown, measure=measure, curve=curve, estimate=told)
-    if jobs < LEAST_JOBS or least < LEAST_OF_EACH:
-        return known
+    steep = curve.slope_variance / SLOPE_VARIANCE
+    if jobs < LEAST_JOBS or least < LEAST_OF_EACH or (steep > 1.0 and jobs < SHARP_JOBS):
+        return replace(known, jobs_needed=math.ceil(jobs * max(min(steep, 2.0), 1.0)))
     if told.precision <= precision and _reaches(pool, curve, measure, target):
         return replace(known, ended=True, jobs_needed=jobs)
     # A part of the variance falls with the number of jobs, the other with that of records alone.
-    allowed = (precision / told.scale) ** 2
-    needed = jobs * told.independent / max(allowed - told.pairs, 1e-9) if allowed > told.pairs else math.inf
-    if allowed < told.pairs and told.independent < RECORDS_BOUND * told.pairs:
+    allowed = (precision / told.scale / curve.student(math.inf)) ** 2
+    if allowed < told.pairs and told.independent <= RECORDS_BOUND * told.pairs:
         more = math.ceil(len(pool.rows) * (told.pairs / allowed - 1.0))
         bear = f"{len(pool.rows)} records bear {100 * told.bearable:.1f} %"
         reason = f"{bear}; some {_rounded(more)} more would be needed"
         return replace(known, ended=True, reason=reason, jobs_needed=jobs)
-    return replace(known, jobs_needed=int(min(max(needed, jobs + 1), pool.rows.size)))
+    return replace(known, jobs_needed=min(_needed(jobs, curve, told, precision), pool.rows.size))
+
+
+def _needed(jobs: int, curve: Curve, told: Estimate, precision: float) -> int:
+    """Jobs that reach a precision, or show that records do not bear it."""
+    for times in 1.05 ** np.arange(1, 120):
+        left = told.independent / times
+        half = told.scale * curve.student(times) * math.sqrt(left + told.pairs)
+        if half <= precision or left <= RECORDS_BOUND * told.pairs:
+            break
+    return math.ceil(times * jobs)
 
 
 def _rounded(number: int) -> int:
@@ -170,30 +196,42 @@ def choose(pool: Pool, chosen: Numbers, size: int, seed: int, verdict: Verdict, 
     target : Target
     """
     free = ~np.isin(pool.rows, chosen)
+    visits = (~free).sum(axis=(1, 2))
     random = np.random.default_rng([seed, len(chosen)])
     low, high = target.shares
     # Stratified, so that each round covers the range evenly.
     shares = low + (high - low) * (random.permutation(size) + random.random(size)) / size
     at_random = random.random(size) < RANDOM_SHARE
     curve, log_x = verdict.curve, pool.log_x[verdict.measure]
+    tells = np.ones(log_x.shape, bool)
+    if curve is not None:
+        expected = ndtr(curve.coefficients[0] + curve.coefficients[1] * log_x)
+        tells = (expected > OUTSIDE * low) & (expected < 1.0 - OUTSIDE * (1.0 - high))
     found: list[int] = []
     for place, (share, random_level) in enumerate(zip(shares, at_random, strict=True)):
-        number = len(chosen) + place
-        record = _in_turn(seed, 0, number, len(pool.rows))
-        cell = _in_turn(seed, 1, number, pool.rows.shape[1])
-        if not free[record].any():
-            left = np.flatnonzero(free.any(axis=(1, 2)))
-            if not len(left):
-                break
-            record = int(random.choice(left))
-        if curve is None or random_level:
+        open_records = np.asarray(free.any(axis=(1, 2)))
+        if not open_records.any():
+            break
+        telling = np.asarray((free & tells[:, None, :]).any(axis=(1, 2)))
+        designed = curve is not None and not random_level and bool(telling.any())
+        record = _least_visited(telling if designed else open_records, visits, seed)
+        cell = _in_turn(seed, 1, len(chosen) + place, pool.rows.shape[1])
+        if curve is None or not designed:
             order = random.permutation(pool.rows.shape[2])
         else:
-            order = np.argsort(np.abs(log_x[record] - curve.log_x(ndtri(share))), kind="stable")
+            order = np.argsort(np.abs(log_x[record] - curve.wide_log_x(ndtri(share))), kind="stable")
         cell, level = _first_free(free[record], cell, order)
         free[record, cell, level] = False
+        visits[record] += 1
         found.append(int(pool.rows[record, cell, level]))
     return np.array(found, np.int64)
+
+
+def _least_visited(able: NDArray[np.bool_], visits: Numbers, seed: int) -> int:
+    """Of some records one with the fewest jobs, in a random order of its own for each number of them."""
+    least = int(visits[able].min())
+    order = np.random.default_rng([seed, 1, least]).permutation(len(visits))
+    return int(next(record for record in order if able[record] and visits[record] == least))
 
 
 def _in_turn(seed: int, stream: int, number: int, count: int) -> int:
@@ -231,6 +269,8 @@ class Rounds:
         Rows of the plan of all rounds so far.
     verdict : Verdict or None
         Of the last round that was answered.
+    judged : int
+        How many of the chosen it rests on.
     sizes : list of int
         Of the rounds.
     """
@@ -239,6 +279,7 @@ class Rounds:
         self.pool, self.target, self.precision, self.seed = pool, target, precision, seed
         self.chosen: Numbers = np.array([], np.int64)
         self.verdict: Verdict | None = None
+        self.judged = 0
         self.sizes: list[int] = []
 
     @property
@@ -255,10 +296,19 @@ class Rounds:
             Answers by measure; None before the first round.
         """
         if observed is not None:
-            self.verdict = self._judged(observed)
+            self.verdict, self.judged = self._judged(observed), len(self.chosen)
+            if self.verdict.curve and self.judged >= MEASURE_JOBS:
+                self.target = replace(self.target, measure=self.verdict.measure)
             if self.ended:
                 return
-        start = Verdict(next(iter(self.pool.log_x)), None, None, ended=False, reason="", jobs_needed=0)
+        start = Verdict(
+            self.target.measure or next(iter(self.pool.log_x)),
+            None,
+            None,
+            ended=False,
+            reason="",
+            jobs_needed=0,
+        )
         known = self.verdict or start
         size = round_size(len(self.sizes), len(self.chosen), known.jobs_needed)
         new = choose(self.pool, self.chosen, size, self.seed, known, self.target)

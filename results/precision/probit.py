@@ -85,27 +85,36 @@ class Curve:
 
         The inverse of the likeliest slope is less: a run that ends once its interval is narrow prefers steep curves.
         """
-        return float((1.0 + self._slope_variance) / self.coefficients[1])
+        return float((1.0 + self.slope_variance) / self.coefficients[1])
 
     def log_x(self, z: Array) -> Array:
         """Logarithm of the intensity at which Phi(z) topple."""
         a, b = self.coefficients
         return (z - a) / b
 
-    @property
-    def student(self) -> float:
-        """Standard errors in half an interval of 95 %.
+    def wide_log_x(self, z: Array) -> Array:
+        """The same of a curve as flat as the answers allow, two standard deviations of its slope off.
+
+        Jobs chosen by a curve that looks steep by chance would never show it.
+        """
+        a, b = self.coefficients
+        return -a / b + z / b * (1.0 + 2.0 * math.sqrt(self.slope_variance))
+
+    def student(self, times: float = 1.0) -> float:
+        """Standard errors in half an interval of 95 %, of so many times the jobs.
 
         They are proportional to beta, which is itself an estimate: known to a relative standard deviation c it is worth
         1 / (2 c^2) degrees of freedom, if records do not bear fewer, and too small by c^2 on the average.
         """
-        c2 = self._slope_variance
-        freedom = max(min(self.records - 1.0, 0.5 / c2), 1.0)
+        c2 = self.slope_variance / times
+        freedom = max(self.records - 1.0, 1.0)
+        if c2 > 0.0:
+            freedom = max(min(freedom, 0.5 / c2), 1.0)
         return float(t.ppf(0.975, freedom)) * (1.0 + c2)
 
     @property
-    def _slope_variance(self) -> float:
-        """Relative variance of the slope."""
+    def slope_variance(self) -> float:
+        """Variance of the slope over its square."""
         return float(self.independent[1, 1] + max(self.pairs[1, 1], 0.0)) / float(self.coefficients[1]) ** 2
 
     def variances(self, target: Callable[[Array], float]) -> tuple[float, float]:

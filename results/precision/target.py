@@ -15,6 +15,9 @@ from toppling.results.schema import SCHEMA, SHORT_NAMES, describe
 SHARES = {"median": 0.5, "p05": 0.05, "p95": 0.95}
 """Targets that are intensities, by the share that topples there."""
 
+USUAL_CORRELATION, USUAL_PAIRS = 0.5, 30.0
+"""Of jobs of one record, with as many pairs' weight: it only foretells what more jobs would bring."""
+
 
 @dataclass(frozen=True, eq=False)
 class Target:
@@ -100,7 +103,7 @@ class Estimate:
     independent, pairs : float
         Parts of the variance on the target's scale: of jobs, which falls with their number, and of records.
     scale : float
-        Precision over the square root of that variance.
+        Precision over the square root of that variance, in standard errors of half an interval.
     """
 
     value: float
@@ -111,6 +114,15 @@ class Estimate:
     independent: float
     pairs: float
     scale: float
+
+
+def _share_of_records(curve: Curve, independent: float, pairs: float) -> float:
+    """Correlation of two jobs of one record in what they say of a target; about half, where hardly any pair tells."""
+    count = 0.5 * curve.pairs_share * curve.jobs**2
+    if not count:
+        return USUAL_CORRELATION
+    seen = min(pairs / (independent * curve.pairs_share * curve.jobs), 1.0)
+    return (count * seen + USUAL_PAIRS * USUAL_CORRELATION) / (count + USUAL_PAIRS)
 
 
 def estimate(curve: Curve, target: Target, records: int) -> Estimate:
@@ -126,15 +138,15 @@ def estimate(curve: Curve, target: Target, records: int) -> Estimate:
     score = target.score(curve.coefficients)
     independent, added = curve.variances(target.score)
     pairs = max(added, 0.0)
-    half = curve.student * math.sqrt(independent + pairs)
-    floor = pairs / curve.pairs_share / max(records, 1) if curve.pairs_share else 0.0
+    half = curve.student() * math.sqrt(independent + pairs)
+    floor = _share_of_records(curve, independent, pairs) * independent * curve.jobs / max(records, 1)
     return Estimate(
         value=target.value(score),
         low=target.value(score - half),
         high=target.value(score + half),
         precision=target.precision(score, half),
-        bearable=target.precision(score, curve.student * math.sqrt(floor)),
+        bearable=target.precision(score, curve.student() * math.sqrt(floor)),
         independent=independent,
         pairs=floor,
-        scale=target.precision(score, half) / math.sqrt(independent + pairs),
+        scale=target.precision(score, half) / math.sqrt(independent + pairs) / curve.student(),
     )

@@ -9,7 +9,7 @@ from click.testing import CliRunner
 
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
-from toppling.orchestrator.audit import AFTERWARDS, audit, due
+from toppling.orchestrator.audit import Auditing, audit, due
 from toppling.orchestrator.cli import cli
 from toppling.orchestrator.plan import plan
 from toppling.orchestrator.run import run
@@ -25,7 +25,7 @@ def silent(tally):
 def test_a_run_audits_itself_and_its_rows_stay_what_they_are(campaign, client, undisturbed, tmp_path):
     audited = dataclasses.replace(campaign, audit=24)
     folder = tmp_path / "run"
-    run(audited, folder, nullcontext(client), silent, afterwards=AFTERWARDS)
+    run(audited, folder, nullcontext(client), silent, stages=[Auditing()])
     assert sorted_answers(open_run(folder).table()) == undisturbed
     state = state_of(folder)
     assert state["audit"]["jobs"] == 24

@@ -91,6 +91,16 @@ def test_what_is_written_reads_back_as_the_same_campaign(levels, azimuths, frict
         ({"peak_displacement_m": -1}, "peak_displacement_m"),
         ({"scene": 3}, "scene"),
         ({"levels": "hunt"}, "no longer chosen"),
+        ({"precision": 5}, "did you mean 0.05, 5 %?"),
+        ({"precision": 0.0}, "a share from 0.005 to 0.5"),
+        ({"precision": "5%"}, "precision"),
+        ({"precision": 0.1, "pga_m_s2": "recorded"}, "no levels to choose among"),
+        ({"target": "p05"}, "a target without a precision"),
+        ({"precision": 0.1, "target": "medain"}, "did you mean 'median'?"),
+        ({"precision": 0.1, "target": {}}, "target"),
+        ({"precision": 0.1, "target": {"measure": "pgv"}}, "did you mean 'pgv_m_s'?"),
+        ({"precision": 0.1, "target": {"at": 1.2}}, "the measure that it is of"),
+        ({"precision": 0.1, "target": {"of": "p05", "hazard": "a.csv"}}, "one question"),
         ({"levels": ["all"]}, "no longer chosen"),
     ],
 )
@@ -100,6 +110,19 @@ def test_a_wrong_value_is_refused_with_place_and_remedy(change, told):
     assert told in str(refused.value)
     assert refused.value.where.startswith("c.toml")
     assert refused.value.remedy
+
+
+@pytest.mark.parametrize(
+    "target",
+    ["p95", {"of": "p05", "measure": "pga_m_s2"}, {"measure": "pgv_m_s", "at": 1.2}, {"hazard": "a.csv"}],
+)
+def test_what_is_asked_for_is_written_as_it_is_read(target):
+    one = campaign(precision=0.05, target=target)
+    hazard = "a.csv" if "hazard" in target else None
+    again = Campaign.of(
+        tomllib.loads(one.to_toml("scenes/echo", "ensembles/quakes", (), hazard)), Path("here")
+    )
+    assert again == one
 
 
 def test_a_campaign_that_an_earlier_version_wrote_out_with_all_levels_still_reads():

@@ -1,0 +1,43 @@
+"""A first statement before the maps: some of a run's jobs chosen as for a precision, then all the others."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from toppling.orchestrator.plan import Plan
+from toppling.orchestrator.rounds import JobsForPrecision
+from toppling.orchestrator.run import Work, work_off
+from toppling.results.store import result_files
+
+
+@dataclass(frozen=True)
+class FirstStatement:
+    """The rounds that come before a run's other jobs.
+
+    Parameters
+    ----------
+    precision : float
+        Half of the interval of 95 % at which they end.
+    most_jobs : int
+        After which they end however wide it is.
+    say : callable
+        Told the sentence.
+    """
+
+    precision: float
+    most_jobs: int
+    say: Callable[[str], None]
+    before: bool = True
+
+    def due(self, planned: Plan, folder: Path) -> bool:  # noqa: ARG002
+        """Whether no job has been done yet: later there is no first statement."""
+        return not result_files(folder)
+
+    def carry_out(self, work: Work) -> None:
+        """Shake the rounds, and say what they tell."""
+        wanted = JobsForPrecision(
+            work.planned, work.folder, self.precision, alone=False, most_jobs=self.most_jobs
+        )
+        work_off(wanted, work)
+        for one in wanted.statements:
+            self.say(one.get("words", one["sentence"]))

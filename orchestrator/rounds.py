@@ -1,0 +1,259 @@
+"""Which of a run's jobs are wanted: all of its plan, or round after round those that a statement needs.
+
+Rounds are played back from the store at every start, each from the rows of the rounds before alone, so that it does not
+matter how many workers there were and how often a run was stopped.
+"""
+
+import math
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from toppling.models.errors import InputError
+from toppling.models.motions.ensemble import Ensemble
+from toppling.models.motions.intensity import SCALING_POWER
+from toppling.orchestrator.asked import Asked
+from toppling.orchestrator.folder import set_jobs
+from toppling.orchestrator.journal import tell
+from toppling.orchestrator.plan import Plan
+from toppling.results.precision import MEASURES
+from toppling.results.precision.answers import answers_of
+from toppling.results.precision.design import Pool, Rounds
+from toppling.results.precision.statement import statement_of, write_statements
+from toppling.results.precision.target import Target
+from toppling.results.run import open_run
+
+CONTACT = ("friction_static", "friction_kinetic", "restitution")
+
+Rows = NDArray[np.int64]
+
+
+class Wanted(Protocol):
+    """The jobs that a run is to have rows of."""
+
+    @property
+    def what(self) -> str:
+        """Is being done, for a person who watches."""
+
+    def pending(self, finished: set[str]) -> Rows:
+        """Rows of the plan to shake next, in the order to start them; none once all that is wanted is finished."""
+
+    def total(self) -> int:
+        """Number of jobs in all, as far as known."""
+
+
+class AllJobs:
+    """Every job of a plan.
+
+    Parameters
+    ----------
+    planned : Plan
+    folder : Path
+        The run's: a run that was to end with a statement may go on to all of its jobs.
+    """
+
+    what = "shaking"
+
+    def __init__(self, planned: Plan, folder: Path) -> None:
+        self.planned = planned
+        set_jobs(folder, len(planned))
+
+    def pending(self, finished: set[str]) -> Rows:
+        """As of `Wanted`."""
+        return self.planned.pending(finished)
+
+    def total(self) -> int:
+        """As of `Wanted`."""
+        return len(self.planned)
+
+
+class JobsForPrecision:
+    """Rounds of jobs until what is asked is known well enough; a contact after the other has rounds of its own.
+
+    Parameters
+    ----------
+    planned : Plan
+    folder : Path
+        The run's.
+    precision : float
+    asked : Asked or None
+    alone : bool
+        Whether the run ends with the statement, which its folder then keeps; otherwise it goes on to all of its jobs.
+    most_jobs : float
+        That are judged, of all contacts together, before the rounds end however sure the statement is.
+
+    Raises
+    ------
+    InputError
+        If the records lack the measure that is asked for.
+    """
+
+    def __init__(
+        self,
+        planned: Plan,
+        folder: Path,
+        precision: float,
+        asked: Asked | None = None,
+        *,
+        alone: bool = True,
+        most_jobs: float = math.inf,
+    ) -> None:
+        self.planned, self.folder, self.alone, self.most_jobs = planned, folder, alone, most_jobs
+        self.statements: list[dict] = []
+        self.ids = planned.jobs["job_id"].to_pylist()
+        self.target = target_of(asked or Asked())
+        catalog = Ensemble.load(planned.campaign.ensemble).catalog.to_pandas().set_index("record_id")
+        names = sorted(planned.record_sha)
+        self.records = {name: number for number, name in enumerate(names)}
+        self.measures = usable_measures(catalog.loc[names], self.target, str(planned.campaign.ensemble))
+        seed = int(planned.id[:8], 16)
+        self.rounds = {
+            contact: Rounds(pool, self.target, precision, seed)
+            for contact, pool in pools(planned, catalog.loc[names], self.measures).items()
+        }
+
+    @property
+    def ended(self) -> bool:
+        """Whether every contact has its statement."""
+        return all(one.ended for one in self.rounds.values())
+
+    @property
+    def what(self) -> str:
+        """Is being done, for a person who watches."""
+        verdicts = [one.verdict for one in self.rounds.values()]
+        known = [one.estimate.precision for one in verdicts if one is not None and one.estimate is not None]
+        sure = f", +-{100 * max(known):.2g} %" if len(known) == len(verdicts) else ""
+        return f"round {max(len(one.sizes) for one in self.rounds.values())}{sure}"
+
+    def total(self) -> int:
+        """As of `Wanted`."""
+        needed = 0
+        for one in self.rounds.values():
+            more = 0 if one.ended else max(1, one.verdict.jobs_needed - len(one.chosen) if one.verdict else 1)
+            needed += len(one.chosen) + more
+        return needed
+
+    def pending(self, finished: set[str]) -> Rows:
+        """As of `Wanted`."""
+        while True:
+            waiting = [
+                row for one in self.rounds.values() for row in one.chosen if self.ids[row] not in finished
+            ]
+            enough = sum(one.judged for one in self.rounds.values()) >= self.most_jobs
+            if waiting and not enough:
+                wanted = np.zeros(len(self.planned), bool)
+                wanted[waiting] = True
+                return self.planned.order[wanted[self.planned.order]]
+            if enough or self.ended:
+                return np.array([], np.int64)
+            self._advance(finished)
+
+    def _advance(self, finished: set[str]) -> None:
+        """Judge the rounds so far, all of whose jobs have rows, and choose the next ones."""
+        frame = pd.DataFrame()
+        if any(one.sizes for one in self.rounds.values()):
+            run = open_run(self.folder)
+            frame = run.weighted(run.frame())
+        self.statements = []
+        for contact, one in self.rounds.items():
+            if not one.ended:
+                one.advance(self._answers(frame, one) if one.sizes else None)
+            if one.verdict is not None:
+                self.statements.append(self._statement(frame, contact, one))
+        if self.alone:
+            if self.statements:
+                write_statements(self.folder, self.statements, self.planned.id)
+            there = finished | {self.ids[row] for one in self.rounds.values() for row in one.chosen}
+            set_jobs(self.folder, len(there) if self.ended else max(self.total(), len(there) + 1))
+        sizes = [len(one.chosen) for one in self.rounds.values()]
+        tell(
+            "rounds chosen",
+            jobs=sum(sizes),
+            ended=self.ended,
+            said=[one["sentence"] for one in self.statements],
+        )
+
+    def _answers(self, frame: pd.DataFrame, one: Rounds) -> dict:
+        return answers_of(frame, [self.ids[row] for row in one.chosen], self.measures, self.records)
+
+    def _statement(self, frame: pd.DataFrame, contact: tuple[float, ...], one: Rounds) -> dict:
+        """Of the jobs that were judged: those just chosen have no rows yet."""
+        there = frame[frame["job_id"].isin([self.ids[row] for row in one.chosen[: one.judged]])]
+        there = there[there["toppled"].notna()]
+        named = dict(zip(CONTACT, contact, strict=True))
+        return statement_of(one, len(there), there["record_id"].nunique(), named)
+
+
+def target_of(asked: Asked) -> Target:
+    """What a campaign asks for, with its hazard read.
+
+    Raises
+    ------
+    InputError
+        If the hazard cannot be read, or is of several curves or of no measure that records have.
+    """
+    if asked.hazard is not None:
+        from toppling.results.hazard.readers import read_hazard
+
+        trees = [
+            tree for tree in read_hazard(asked.hazard) if tree.measure == (asked.measure or tree.measure)
+        ]
+        if len(trees) != 1 or len(trees[0].curves) != 1 or trees[0].measure not in MEASURES:
+            raise InputError(
+                f"holds {sum(len(tree.curves) for tree in trees)} curves of {', '.join(t.measure for t in trees)}",
+                where=str(asked.hazard),
+                expected=f"one hazard curve, of one of {', '.join(MEASURES)}",
+                remedy="write the curve that is meant as two columns, or state its measure in the target",
+            )
+        return Target("rate", trees[0].measure, hazard=trees[0].curves[0])
+    if asked.at is not None:
+        return Target("probability", asked.measure, intensity=asked.at)
+    return Target(asked.of, asked.measure)
+
+
+def usable_measures(catalog: pd.DataFrame, target: Target, where: str) -> list[str]:
+    """Measures that every record has, or the one that is asked for.
+
+    Raises
+    ------
+    InputError
+        If a record lacks that one.
+    """
+    wanted = [target.measure] if target.measure else list(MEASURES)
+    usable = [name for name in wanted if name in catalog and (catalog[name].fillna(0.0) > 0).all()]
+    if not usable:
+        raise InputError(
+            f"not every record has a {' or '.join(wanted)} above 0",
+            where=where,
+            expected="a measure by which levels can be chosen",
+            remedy="ask for another measure, or leave such records out",
+        )
+    return usable
+
+
+def pools(planned: Plan, catalog: pd.DataFrame, measures: list[str]) -> dict[tuple[float, ...], Pool]:
+    """The jobs of each contact, by record, cell (azimuth and realisation) and level.
+
+    Parameters
+    ----------
+    planned : Plan
+    catalog : DataFrame
+        Intensities of the records as recorded, in the order in which they are numbered.
+    measures : list of str
+    """
+    jobs = planned.jobs.to_pandas().astype({"record_id": str}).reset_index(names="row")
+    levels = np.sort(np.array(planned.campaign.pga_m_s2))
+    log_scale = np.log(levels)[None, :] - np.log(catalog["pga_m_s2"].to_numpy(float))[:, None]
+    log_x = {
+        name: np.log(catalog[name].to_numpy(float))[:, None] + SCALING_POWER[name] * log_scale
+        for name in measures
+    }
+    found = {}
+    for contact, of_contact in jobs.groupby(list(CONTACT)):
+        ordered = of_contact.sort_values(["record_id", "azimuth_deg", "realisation", "pga_m_s2"])
+        rows = ordered["row"].to_numpy(np.int64).reshape(len(catalog), -1, len(levels))
+        found[tuple(float(value) for value in contact)] = Pool(rows, log_x)
+    return found

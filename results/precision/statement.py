@@ -1,0 +1,104 @@
+"""What a run of few jobs states: a file of its folder, written anew after every round."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from toppling.models.digest import read_json, write_json
+from toppling.models.errors import InputError
+from toppling.results.belonging import check_plan_id
+from toppling.results.precision import STATEMENT_FILE
+from toppling.results.precision.design import Rounds
+from toppling.results.schema import SHORT_NAMES
+
+SCHEMA_VERSION = 1
+
+
+def statement_of(rounds: Rounds, answered: int, records: int, contact: Mapping[str, float]) -> dict[str, Any]:
+    """What the rounds of one contact say so far.
+
+    Parameters
+    ----------
+    rounds : Rounds
+        With a verdict.
+    answered, records : int
+        Jobs with an answer, and their records.
+    contact : mapping
+        Columns of the results and their values.
+
+    Returns
+    -------
+    dict
+        contact, target, measure, value, low, high, precision and asked (relative, of a probability in its own unit),
+        beta, jobs, records, rounds, ended, reason, the words, and the sentence, which says too how it goes on.
+    """
+    verdict = rounds.verdict
+    assert verdict is not None
+    told: dict[str, Any] = {
+        "contact": dict(contact), "target": rounds.target.name, "at": rounds.target.intensity,
+        "measure": verdict.measure, "asked": rounds.precision, "jobs": rounds.judged, "answered": answered,
+        "records": records, "rounds": list(rounds.sizes), "ended": verdict.ended, "reason": verdict.reason,
+        "jobs_needed": verdict.jobs_needed,
+    }  # fmt: skip
+    found, curve = verdict.estimate, verdict.curve
+    if found is None or curve is None:
+        return {
+            **told,
+            "value": None,
+            "sentence": f"nothing can be stated yet: {verdict.reason or 'too few answers'}",
+        }
+    words = rounds.target.words(verdict.measure, found.value, found.low, found.high)
+    words += f", from {rounds.judged} jobs with {records} records"
+    sentence = words
+    if verdict.reason:
+        sentence += f"; not within {100 * rounds.precision:.3g} %: {verdict.reason}"
+    elif not verdict.ended:
+        sentence += f"; about {verdict.jobs_needed} jobs are needed for {100 * rounds.precision:.3g} %"
+    return {
+        **told, "value": found.value, "low": found.low, "high": found.high, "precision": found.precision,
+        "median": curve.median, "beta": curve.beta, "words": words, "sentence": sentence,
+    }  # fmt: skip
+
+
+def write_statements(run: Path, statements: Sequence[Mapping[str, Any]], plan_id: str) -> None:
+    """Write what a run states, one entry a contact."""
+    told = {"schema_version": SCHEMA_VERSION, "plan_id": plan_id, "statements": list(statements)}
+    write_json(run / STATEMENT_FILE, told)
+
+
+def statements_of(run: Path) -> list[dict[str, Any]]:
+    """What a run states; empty of one that was not asked.
+
+    Raises
+    ------
+    InputError
+        If the file is damaged, or of another run.
+    """
+    path = run / STATEMENT_FILE
+    if not path.exists():
+        return []
+    told = read_json(path, required=True)
+    if not isinstance(told, dict) or told.get("schema_version") != SCHEMA_VERSION:
+        raise InputError(
+            "is of another layout",
+            where=str(path),
+            expected=f"schema version {SCHEMA_VERSION}",
+            remedy="remove it and go on with the run: it is written anew",
+        )
+    check_plan_id(run, path, told.get("plan_id"))
+    return list(told["statements"])
+
+
+def sentences(statements: Sequence[Mapping[str, Any]]) -> list[str]:
+    """What a person should know, a sentence a contact."""
+    several = len(statements) > 1
+    return [_begun(one["sentence"], _contact(one["contact"]) if several else "") for one in statements]
+
+
+def _contact(contact: Mapping[str, float]) -> str:
+    return f"with friction {contact['friction_static']:g} and restitution {contact['restitution']:g} "
+
+
+def _begun(sentence: str, contact: str) -> str:
+    told = contact + sentence
+    return told[0].upper() + told[1:] if not told.startswith(tuple(SHORT_NAMES.values())) else told

@@ -1,0 +1,174 @@
+"""On real workers: a run that ends with a statement does the jobs that one process would, however it went."""
+
+import dataclasses
+import os
+import signal
+import threading
+from contextlib import nullcontext
+
+import numpy as np
+import pytest
+from answers import sorted_answers
+
+from toppling.models.motions.ensemble import Ensemble
+from toppling.models.motions.idealised import ricker
+from toppling.models.motions.record import Record
+from toppling.models.scene import Scene
+from toppling.orchestrator.asked import Asked
+from toppling.orchestrator.campaign import Campaign
+from toppling.orchestrator.first_statement import FirstStatement
+from toppling.orchestrator.plan import plan
+from toppling.orchestrator.rounds import JobsForPrecision, pools
+from toppling.orchestrator.run import run
+from toppling.orchestrator.status import state_of
+from toppling.results.precision import MEASURES
+from toppling.results.precision.statement import statements_of
+from toppling.results.run import open_run
+from toppling.workers.job import Assets, run_job
+
+PRECISION = 0.15
+
+
+class StoppedError(Exception):
+    """As Ctrl-C would."""
+
+
+def silent(tally):
+    """Watch nothing."""
+
+
+@pytest.fixture(scope="module")
+def asking(tmp_path_factory):
+    """A campaign of 1,440 jobs of some hundredths of a second, few of which a statement needs."""
+    folder = tmp_path_factory.mktemp("asking")
+    Scene.block(0.15, 0.2, 0.6).save(folder / "scene")
+    widths = np.geomspace(0.4, 1.6, 20)
+    Ensemble.write(
+        folder / "ensemble", [Record.of(f"P{n:02d}", ricker(2.0, s, 0.01)) for n, s in enumerate(widths)]
+    )
+    content = {
+        "scene": "scene", "ensemble": "ensemble", "pga_m_s2": {"start": 1, "stop": 9.5, "step": 0.5},
+        "azimuth_deg": [0, 90, 180, 200], "friction": [0.9], "preset": "fast", "audit": 0,
+        "precision": PRECISION,
+    }  # fmt: skip
+    return Campaign.of(content, folder)
+
+
+@pytest.fixture(scope="module")
+def planned(asking):
+    return plan(asking, Scene.load(asking.scene), Ensemble.load(asking.ensemble))
+
+
+@pytest.fixture(scope="module")
+def whole(asking, client, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("whole") / "run"
+    run(asking, folder, nullcontext(client), silent)
+    return folder
+
+
+def test_the_run_ends_with_a_statement_from_few_of_its_jobs(whole, planned):
+    (told,) = statements_of(whole)
+    rows = open_run(whole).table()
+    assert told["ended"]
+    assert told["reason"] == ""
+    assert told["precision"] <= PRECISION
+    assert told["jobs"] == len(rows) == sum(told["rounds"]) < len(planned) / 3
+    assert told["low"] < told["value"] < told["high"]
+    state = state_of(whole)
+    assert (state["state"], state["jobs"], state["stored"]) == ("complete", len(rows), len(rows))
+    assert f"from {len(rows)} jobs with 20 records" in state["statement_sentences"][0]
+    assert open_run(whole).completeness().remark == ""
+
+
+def test_rows_are_those_of_one_process_that_follows_the_rounds(whole, planned, asking):
+    rows = sorted_answers(open_run(whole).table())
+    assets = Assets(Scene.load(asking.scene), Ensemble.load(asking.ensemble))
+    places = {job_id: row for row, job_id in enumerate(planned.jobs["job_id"].to_pylist())}
+    some = rows[:: max(len(rows) // 12, 1)]
+    assert sorted_answers([run_job(planned.spec(places[row["job_id"]]), assets) for row in some]) == some
+
+
+def test_the_measures_that_levels_are_chosen_by_are_those_imposed(whole, planned, asking):
+    frame = open_run(whole).frame().set_index("job_id")
+    catalog = Ensemble.load(asking.ensemble).catalog.to_pandas().set_index("record_id").sort_index()
+    (pool,) = pools(planned, catalog, list(MEASURES)).values()
+    ids = planned.jobs["job_id"].to_pylist()
+    for record, cell, level in np.ndindex(*pool.rows.shape):
+        job_id = ids[pool.rows[record, cell, level]]
+        if job_id in frame.index:
+            for name in MEASURES:
+                assert frame.loc[job_id, name] == pytest.approx(np.exp(pool.log_x[name][record, level]))
+
+
+def test_a_run_that_is_stopped_and_whose_workers_die_goes_on_to_the_same_rows(
+    asking, client, whole, tmp_path, faults
+):
+    def stop_after(jobs):
+        def watch(tally):
+            if tally.done > jobs:
+                raise StoppedError
+
+        return watch
+
+    folder = tmp_path / "run"
+    faults.set(every={"kind": "wait", "seconds": 0.05})
+    for jobs in (10, 15):
+        with pytest.raises(StoppedError):
+            run(asking, folder, nullcontext(client), stop_after(jobs))
+    assert state_of(folder)["state"] == "interrupted"
+    killed = []
+
+    def kill(tally):
+        if not killed and tally.done >= 3:
+            killed.append(next(iter(client.run(os.getpid, on_error="ignore").values())))
+            threading.Timer(0.3, os.kill, (killed[0], signal.SIGKILL)).start()
+
+    run(asking, folder, nullcontext(client), kill)
+    assert killed
+    assert sorted_answers(open_run(folder).table()) == sorted_answers(open_run(whole).table())
+    assert statements_of(folder) == statements_of(whole)
+
+
+def test_the_same_command_again_does_nothing_and_one_without_precision_goes_on_to_all_jobs(
+    asking, client, whole, planned
+):
+    before = (whole / "results.parquet").stat().st_mtime_ns
+    assert run(asking, whole, nullcontext(client), silent).done == 0
+    assert (whole / "results.parquet").stat().st_mtime_ns == before
+    stored = len(open_run(whole).table())
+    with pytest.raises(StoppedError):
+        run(dataclasses.replace(asking, precision=None), whole, nullcontext(client), stop_at_once)
+    state = state_of(whole)
+    assert (state["state"], state["jobs"]) == ("interrupted", len(planned))
+    assert state["stored"] >= stored
+
+
+def test_a_first_statement_comes_before_the_other_jobs(asking, client, tmp_path):
+    few = dataclasses.replace(asking, precision=None, pga_m_s2=(3.0, 4.0, 5.0, 6.0), azimuth_deg=(0.0,))
+    said, done = [], []
+
+    def watch(tally):
+        done.append(tally.done)
+
+    first = FirstStatement(0.01, 40, lambda words: said.append((words, done[-1])))
+    tally = run(few, tmp_path / "run", nullcontext(client), watch, stages=[first])
+    ((words, jobs),) = said
+    assert f"from {jobs} jobs with 20 records" in words
+    assert 40 <= jobs < tally.total == 80
+    assert (tally.done, len(open_run(tmp_path / "run").table())) == (80, 80)
+    assert state_of(tmp_path / "run")["state"] == "complete"
+
+
+def stop_at_once(tally):
+    """Stop as soon as there is a row more."""
+    if tally.done:
+        raise StoppedError
+
+
+def test_every_target_has_rounds_of_its_own(planned, tmp_path):
+    (tmp_path / "curve.csv").write_text("pgv_m_s,annual_rate\n0.1,1e-2\n1,1e-4\n3,1e-6\n")
+    for asked in (Asked("p05"), Asked(measure="pga_m_s2", at=4.0), Asked(hazard=tmp_path / "curve.csv")):
+        wanted = JobsForPrecision(planned, tmp_path, 0.1, asked, alone=False)
+        first = wanted.pending(set())
+        assert 0 < len(first) < len(planned)
+        assert set(first) <= set(range(len(planned)))

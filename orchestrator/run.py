@@ -33,6 +33,7 @@ from toppling.orchestrator.folder import describe, note, prepare, session
 from toppling.orchestrator.interrupt import held_back
 from toppling.orchestrator.journal import journal, tell
 from toppling.orchestrator.plan import Plan, check_stands, plan
+from toppling.orchestrator.processor import unlike
 from toppling.orchestrator.rounds import AllJobs, JobsForPrecision, Wanted
 from toppling.orchestrator.stood import Recorded, weigh_bases
 from toppling.orchestrator.task import Order, Row, UnfitWorkerError, check, lost_row, shake_batch, versions
@@ -486,6 +487,8 @@ def check_workers(client: Client, order: Order) -> None:
             expected="the client's versions, and the run's folder at the same path on every host",
             remedy="install the same toppling everywhere; put the run on a file system that all hosts share",
         )
+    if remark := unlike([answer for answer in answers.values() if isinstance(answer, str)]):
+        log.warning("%s", remark)
 
 
 def _wait_for_a_worker(client: Client) -> None:

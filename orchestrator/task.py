@@ -22,6 +22,7 @@ import toppling.workers
 from toppling.models.errors import InputError
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
+from toppling.orchestrator.processor import processor
 from toppling.workers.engines import DEFAULT, ENGINES
 from toppling.workers.job import Assets, JobSpec, run_job
 from toppling.workers.options import PHYSICS_VERSION
@@ -160,8 +161,8 @@ def shake_batch(order: Order, specs: Sequence[JobSpec], budget_s: float) -> list
     return rows
 
 
-def check(order: Order) -> None:
-    """Load the run's assets, or say why that cannot be done here.
+def check(order: Order) -> str:
+    """Load the run's assets, or say why that cannot be done here; returns the kernels that compute here.
 
     Raises
     ------
@@ -169,6 +170,7 @@ def check(order: Order) -> None:
         As :func:`assets_of`.
     """
     assets_of(order)
+    return processor()["kernels"]
 
 
 def _shake(spec: JobSpec, assets: Assets) -> Row:
@@ -177,7 +179,7 @@ def _shake(spec: JobSpec, assets: Assets) -> Row:
     except Exception as error:  # a job's failure is a row, never a lost run
         log.exception("job %s failed", spec.job_id)
         row = lost_row(spec, "failed", f"{type(error).__name__}: {error}")
-    return {**row, "worker": _name(), "finished_at": datetime.now(UTC)}
+    return {**row, **processor(), "worker": _name(), "finished_at": datetime.now(UTC)}
 
 
 def lost_row(spec: JobSpec, status: str, message: str) -> Row:

@@ -69,6 +69,8 @@ _COLUMNS = {
         ("time_step_s", _REAL, _MAY, "s", "engine's time step"),
         ("physics_version", _TEXT, _MAY, "", "version of the physics that the answer comes from"),
         ("worker", _TEXT, _MAY, "", "worker that did the job"),
+        ("cpu", _TEXT, _MAY, "", "model of the processor that did the job"),
+        ("kernels", _TEXT, _MAY, "", "kernels of BLAS and LLVM there: rows repeat bit for bit where these are alike"),
         ("attempt", _NUMBER, _MAY, "1", "1 for the first try; the newest attempt counts"),
         ("finished_at", _TIME, _MAY, "UTC", "when the job ended"),
     ],
@@ -95,6 +97,9 @@ SHORT_NAMES = {
     "pga_vertical_m_s2": "vertical PGA",
 }  # fmt: skip
 """Measures as people call them."""
+
+ADDED_LATER = ("cpu", "kernels")
+"""Columns that results of this schema version may lack: their values are not known then."""
 
 SORT_ORDER = (
     *("record_id", "azimuth_deg", "level_pga_m_s2", "friction_static", "friction_kinetic", "restitution"),

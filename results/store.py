@@ -26,7 +26,7 @@ from toppling.models.errors import InputError
 from toppling.models.folder import new_file
 from toppling.models.tables import check_bounds, read_table, write_table
 from toppling.results.belonging import ForeignError, check_files, check_rows
-from toppling.results.schema import SCHEMA, SCHEMA_VERSION, SORT_ORDER
+from toppling.results.schema import ADDED_LATER, SCHEMA, SCHEMA_VERSION, SORT_ORDER
 
 log = logging.getLogger(__name__)
 
@@ -284,7 +284,8 @@ def _is_ours(path: Path, required: bool, set_aside: bool) -> bool:
     wrong = [
         field.name
         for field in SCHEMA
-        if (place := schema.get_field_index(field.name)) < 0 or schema.field(place).type != field.type
+        if not ((place := schema.get_field_index(field.name)) < 0 and field.name in ADDED_LATER)
+        and (place < 0 or schema.field(place).type != field.type)
     ]
     if not wrong:
         return True

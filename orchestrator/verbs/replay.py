@@ -14,6 +14,7 @@ from toppling.models.scene import Scene
 from toppling.models.tables import read_table
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.folder import place_in
+from toppling.orchestrator.processor import processor
 from toppling.orchestrator.progress import bar, each
 from toppling.results.drawing.replay import write_replay
 from toppling.results.friction import friction_words
@@ -67,7 +68,7 @@ def replay(run: Path, job: str, out: Path | None) -> None:
             "; ".join(filter(None, differing)),
             where=f"job {job_id}",
             expected="the answer of the run",
-            remedy="see 'versions' in run.json: the run may come from another version or machine",
+            remedy=_whence(row["kernels"]),
         )
     else:
         click.echo("The answer is that of the run.")
@@ -144,6 +145,15 @@ def _row(run: Path, job_id: str) -> dict | None:
     rows = open_run(run).table()
     found = rows.filter(pc.equal(rows.column("job_id"), job_id)).to_pylist()
     return found[0] if found else None
+
+
+def _whence(kernels: str | None) -> str:
+    """Where an answer that differs may come from: another version, or another machine."""
+    here = processor()["kernels"]
+    told = "see 'versions' in run.json: the run may come from another version or machine"
+    if kernels in (None, here):
+        return told
+    return f"the row was computed with other kernels ({kernels}, here {here}): replay it on a like machine; {told}"
 
 
 def _difference(name: str, was: object, now: object) -> str:

@@ -1,0 +1,51 @@
+"""A row says what computed it, and unlike machines are told."""
+
+import re
+import subprocess
+import sys
+
+import pyarrow.parquet as pq
+from seeded import row
+
+from toppling.models.tables import write_table
+from toppling.orchestrator.processor import processor, unlike
+from toppling.results.run import open_run
+from toppling.results.schema import ADDED_LATER, columns
+from toppling.results.store import compact, write_part
+
+
+def test_the_processor_and_its_kernels_are_known_here():
+    told = processor()
+    assert set(told) == {"cpu", "kernels"} == set(ADDED_LATER)
+    assert told["cpu"]
+    assert re.fullmatch(r"BLAS \S.*, LLVM \S+", told["kernels"])
+    assert "unknown" not in told["kernels"]
+
+
+def test_another_kernel_of_blas_is_seen():
+    program = "from toppling.orchestrator.processor import processor; print(processor()['kernels'])"
+    done = subprocess.run(
+        [sys.executable, "-P", "-c", program], env={"OPENBLAS_CORETYPE": "Haswell"}, capture_output=True, text=True,
+        check=True,
+    )  # fmt: skip
+    assert done.stdout.startswith("BLAS Haswell,")
+
+
+def test_workers_of_unlike_kernels_are_told_and_like_ones_are_not():
+    assert unlike(["BLAS Zen, LLVM znver3"] * 4) == unlike([]) == ""
+    told = unlike(["BLAS Zen, LLVM znver3", "BLAS Haswell, LLVM haswell"])
+    assert "BLAS Haswell, LLVM haswell; BLAS Zen, LLVM znver3" in told
+    assert "like machines only" in told
+
+
+def test_what_computed_a_row_is_no_part_of_its_answer():
+    assert set(ADDED_LATER) <= set(columns("provenance"))
+
+
+def test_results_of_before_these_columns_are_read_with_nulls(tmp_path):
+    part = write_part(tmp_path, [row("a", toppled=True, cpu="of today")])
+    write_table(pq.read_table(part).drop_columns(list(ADDED_LATER)), part)
+    write_part(tmp_path, [row("b", toppled=True, cpu="of today")])
+    for run in (open_run(tmp_path), open_run(compact(tmp_path).parent)):
+        assert sorted(run.table()["cpu"].to_pylist(), key=str) == [None, "of today"]
+        assert run.sql("select count(*) n from results where cpu is null")["n"].to_pylist() == [1]

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.spatial import ConvexHull, cKDTree
 
+from toppling.models.errors import InputError
 from toppling.models.gap import Relief, Seen
 from toppling.models.scan.base import LEAST_GAP_PER_HEIGHT, Underside
 from toppling.models.scan.inspection import Inspection
@@ -116,10 +117,17 @@ def hidden_part(
     Raises
     ------
     InputError
-        If a place of the inspection is none of the base.
+        If a place of the inspection is none of the base, or no base is enclosed.
     """
     grid, cell = under.grid, under.grid.cell_m
     width_m = cell * float(np.sqrt(under.hidden.sum()))
+    if not width_m:
+        raise InputError(
+            "no hidden base is enclosed by what was seen of the rock's foot",
+            where="the base",
+            expected="the foot of the rock seen from several sides, all around what no laser sees",
+            remedy="one side is not enough: scan the rock's foot from the other sides",
+        )
     stride = max(1, round(width_m / PLACES_ACROSS / cell))
     chosen = np.zeros(grid.shape, bool)
     chosen[::stride, ::stride] = True

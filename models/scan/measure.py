@@ -205,7 +205,8 @@ def uncertainty(
     Half samples share the reconstruction's bias, so each spread is joined in quadrature with a floor, measured on
     known rocks: 0.1 % of the rock's height in each coordinate of the centre of mass, 0.3 % of volume and inertia,
     2 % of the toppling acceleration. The floors grow with what is invented (`cap_share`): by that share of volume and
-    inertia, by a fifth of it of the height in the centre of mass, and by what this shift does to the toppling.
+    inertia, by a fifth of it of the height in the centre of mass, and by what this shift does to the toppling. An
+    invented top counts in the height by as much as it rises above what was seen.
 
     Returns
     -------
@@ -261,6 +262,7 @@ def uncertainty(
     alpha_bias = np.rad2deg(
         np.hypot(0.5 * TOPPLING_BIAS_SHARE * np.sin(2.0 * angle), np.cos(angle) ** 2 * tipped)
     )
+    highest = float(seen.surfels.points_m[seen.patches, 2].max()) + seen.surfels.voxel_m  # of what was seen
     volume = np.array([rock.volume_m3 for rock in closed])
     inertia = np.array([rock.inertia_per_mass_m2 for rock in closed])
     radius = np.sqrt(np.diag(inertia.mean(axis=0)))
@@ -270,7 +272,10 @@ def uncertainty(
         "volume_std_m3": _joined(_std(volume), floor["volume_share"] * volume.mean()),
         "com_std_m": _joined(_std([rock.com_m for rock in closed]), floor["com_per_height"] * height),
         "inertia_per_mass_std_m2": _joined(_std(inertia), floor["inertia_share"] * np.outer(radius, radius)),
-        "height_std_m": _std([rock.height_m for rock in closed]),
+        "height_std_m": _joined(
+            _std([rock.height_m for rock in closed]),
+            max(float(np.median([rock.vertices_m[:, 2].max() for rock in closed])) - highest, 0.0),
+        ),
         **({"interface_normal_std_deg": tilt_std} if seen.word is None else {}),
         "quasi_static_toppling_m_s2": [
             {"azimuth_deg": float(a), "std": s}

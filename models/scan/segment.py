@@ -19,15 +19,16 @@ from scipy.spatial import cKDTree
 
 from toppling.models.errors import InputError
 from toppling.models.scan.candidates import (
+    LEAST_CONCAVE_SHARE,
     LEAST_SURFELS,
     Candidate,
-    component_of,
     cut_between,
     find_candidates,
     minimum_cut,
     neighbourhood,
     surfels_of,
 )
+from toppling.models.scan.carried import carried_instead, thing_and_rest
 from toppling.models.scan.choice import choose, is_near, look_around
 from toppling.models.scan.surfels import Surfels, orient, roughness, thin
 from toppling.models.scan.word import Word
@@ -101,7 +102,8 @@ def segment(
     if near_m is not None and not is_near(candidates, near_m):
         # A rock that is small in its cloud shows in patches made around the place alone.
         coarse, candidates = look_around(points_m, near_m, coarse, candidates)
-    chosen = choose(candidates, near_m, origin_m, coarse)
+    standing = [each for each in candidates if each.concave_share > LEAST_CONCAVE_SHARE]
+    chosen = carried_instead(coarse, standing, near_m) or choose(candidates, near_m, origin_m, coarse)
     return _refine(points_m, coarse, chosen, [c for c in candidates if c is not chosen])
 
 
@@ -128,11 +130,7 @@ def _standing_on(surfels: Surfels, word: Word, near_m: NDArray[np.float64] | Non
         )
     chosen = part == part[large][np.argmin(away[large])]
     peak = int(np.argmax(np.where(chosen, height, -np.inf)))
-    seeds = component_of(peak, chosen & (height > 0.4 * height[peak]), edges)
-    axis = np.median(points[seeds, :2], axis=0)
-    reach = 1.2 * height[peak] + np.quantile(np.hypot(*(points[seeds, :2] - axis).T), 0.95)
-    far = (np.hypot(*(points[:, :2] - axis).T) > reach) | (height < -2.0 * surfels.voxel_m)
-    far &= ~seeds
+    seeds, far = thing_and_rest(surfels, edges, chosen, peak, height)
     if not far.any():
         raise InputError(
             "nothing lies below the interface that is given",

@@ -19,6 +19,7 @@ from toppling.models.lengths import size_note
 from toppling.models.rock import Rock, check_size
 from toppling.models.scan.base import near_the_interface
 from toppling.models.scan.crevice import BAND_PER_HEIGHT, check_seen, judge_crevice
+from toppling.models.scan.freedom import check_seen_enough, doubts
 from toppling.models.scan.ground import kept_of, pedestal_ground
 from toppling.models.scan.inspection import Inspection
 from toppling.models.scan.interface import Interface, fit_interface
@@ -132,7 +133,10 @@ def survey(
     check_inspection(seen, interface, known)
     progress("closing the rock")
     closed, core = close_standing(seen, interface)
+    check_seen_enough(seen, interface, closed)
     check_can_stand(closed.rock, interface)
+    doubted = doubts(seen, interface, cloud.points_m, label == ROCK)
+    notes += [each.sentence for each in doubted]
     spread: dict[str, Any] = {}
     if bootstrap:
         resampled = partial(progress, "resampling")
@@ -156,6 +160,7 @@ def survey(
             "invented_share": closed.invented_share,
         },
         "slenderness": slenderness(scene),
+        **({"not_free": {each.kind: each.sentence for each in doubted}} if doubted else {}),
         "unseen_base": standing,
         "segmentation": {
             "rock_points": int((label == ROCK).sum()),

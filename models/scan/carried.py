@@ -1,0 +1,168 @@
+"""Things that a plane carries: what stands on a dressed or worn flat top, however it is shaped above.
+
+The sweep of `candidates` finds what has a narrowing or joins its surroundings below; a statue on its plinth, or a block
+on a ledge, widens toward its base and is hidden from it by shrubs that overhang. Here the planes come first.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from toppling.models.scan.candidates import (
+    LEAST_PEAK_VOXELS,
+    LEAST_SURFELS,
+    Candidate,
+    component_of,
+    cut_between,
+    neighbourhood,
+)
+from toppling.models.scan.interface import Interface, fitted_plane
+from toppling.models.scan.surfels import Surfels
+
+LEVEL, LIKE = 0.8, 0.97
+"""Cosines: of a patch's normal to the vertical where something can stand, and between neighbours in one plane."""
+LEAST_OF_A_PLANE = 80
+"""Fewer patches are no plane that carries anything."""
+FLAT_VOXELS = 1.0
+"""Root mean square distance of a plane's patches from it, in their width."""
+FOOT_VOXELS, BESIDE_VOXELS, ABOVE_VOXELS = 6.0, 6.0, 2.0
+SECTORS, SURROUNDED = 24, 0.6
+"""Share of the directions around its foot in which the plane must be seen beside a thing that it carries."""
+CREASED = 0.2
+"""Share of the cut's edges that must run through a crease, where a plane around it tells of the thing as well."""
+OF_THE_RELIEF = 0.3
+"""One thing alone that has this share of the cloud's relief is meant, whatever planes carry."""
+TALLER = 2.0
+"""A thing that a plane carries is meant before others if it is so many times as high as they are."""
+OF_A_STACK = 0.5
+"""Of two things one upon the other the upper is meant if it has this share of the height of both."""
+
+
+def find_carried(surfels: Surfels) -> list[Candidate]:
+    """What the planes of a cloud carry, the highest first; of what stands upon another, the upper one.
+
+    Parameters
+    ----------
+    surfels : Surfels
+        Of the whole cloud.
+    """
+    edges = neighbourhood(surfels.points_m, surfels.voxel_m)
+    found: list[Candidate] = []
+    for plane in level_planes(surfels, edges):
+        found += _on_plane(surfels, edges, plane)
+    found.sort(key=lambda each: -each.height_m)
+    kept: list[Candidate] = []
+    for each in found:
+        below = [k for k, other in enumerate(kept) if (each.rock & other.rock).sum() > 0.5 * each.rock.sum()]
+        if not below:
+            kept.append(each)
+        elif each.height_m > OF_A_STACK * kept[below[0]].height_m:
+            kept[below[0]] = each
+    return kept
+
+
+def carried_instead(
+    surfels: Surfels, standing: list[Candidate], near_m: NDArray[np.float64] | None
+) -> Candidate | None:
+    """What a plane carries, if that is much higher than all that stands otherwise; None if it is not.
+
+    Parameters
+    ----------
+    surfels : Surfels
+        Of the whole cloud.
+    standing : list of Candidate
+        What was found to stand there, the highest first.
+    near_m : (2,) array, optional
+        x, y of the top of what is meant: only what covers it counts.
+    """
+    relief = float(np.ptp(surfels.points_m[:, 2]))
+    highest = standing[0].height_m if standing else 0.0
+    if TALLER * highest > relief or (len(standing) == 1 and highest > OF_THE_RELIEF * relief):
+        return None
+    for each in find_carried(surfels):
+        rock = surfels.points_m[each.rock, :2]
+        covers = near_m is None or ((near_m > rock.min(axis=0)) & (near_m < rock.max(axis=0))).all()
+        if covers and each.height_m > TALLER * highest:
+            return each
+    return None
+
+
+def level_planes(surfels: Surfels, edges: NDArray[np.int64]) -> list[Interface]:
+    """Planes of patches that something can stand on, the widest first."""
+    level = surfels.normals[:, 2] > LEVEL
+    alike = np.einsum("ij,ij->i", surfels.normals[edges[:, 0]], surfels.normals[edges[:, 1]]) > LIKE
+    inside = edges[level[edges].all(axis=1) & alike]
+    count = len(level)
+    graph = coo_matrix((np.ones(len(inside)), inside.T), shape=(count, count))
+    part = connected_components(graph, directed=False)[1]
+    sizes = np.bincount(part[level], minlength=part.max() + 1)
+    planes = []
+    for number in np.argsort(-sizes)[:12]:
+        if sizes[number] < LEAST_OF_A_PLANE:
+            break
+        plane = fitted_plane(surfels.points_m[part == number])
+        if plane.roughness_m < FLAT_VOXELS * surfels.voxel_m:
+            planes.append(plane)
+    return planes
+
+
+def _on_plane(surfels: Surfels, edges: NDArray[np.int64], plane: Interface) -> list[Candidate]:
+    """What stands on a plane with the plane seen around it."""
+    points, voxel = surfels.points_m, surfels.voxel_m
+    flat = plane.flat(points)
+    height = flat[:, 2]
+    top = (np.abs(height) < ABOVE_VOXELS * voxel) & (surfels.normals @ plane.normal > LEVEL)
+    above = height > ABOVE_VOXELS * voxel
+    inside = edges[above[edges].all(axis=1)]
+    graph = coo_matrix((np.ones(len(inside)), inside.T), shape=(len(points),) * 2)
+    part = connected_components(graph, directed=False)[1]
+    sizes = np.bincount(part[above], minlength=part.max() + 1)
+    found = []
+    for number in np.argsort(-sizes)[:3]:
+        if sizes[number] < LEAST_SURFELS:
+            break
+        thing = above & (part == number)
+        foot = thing & (height < FOOT_VOXELS * voxel)
+        if height[thing].max() < LEAST_PEAK_VOXELS * voxel or not foot.any() or not top.any():
+            continue
+        away, _ = cKDTree(flat[foot, :2]).query(flat[top, :2])
+        beside = flat[top][away < BESIDE_VOXELS * voxel, :2] - flat[foot, :2].mean(axis=0)
+        turn = np.floor((np.arctan2(beside[:, 1], beside[:, 0]) / (2 * np.pi) + 0.5) * SECTORS) % SECTORS
+        if len(np.unique(turn)) < SURROUNDED * SECTORS:
+            continue
+        peak = int(np.argmax(np.where(thing, height, -np.inf)))
+        seeds, far = thing_and_rest(surfels, edges, thing, peak, height)
+        candidate = cut_between(surfels, edges, seeds, far, peak, height) if far.any() else None
+        if candidate is not None and candidate.concave_share > CREASED:
+            found.append(candidate)
+    return found
+
+
+def thing_and_rest(
+    surfels: Surfels,
+    edges: NDArray[np.int64],
+    thing: NDArray[np.bool_],
+    peak: int,
+    height_m: NDArray[np.float64],
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Which patches are surely of a thing on a plane, and which surely are not: seeds of the cut between them.
+
+    Parameters
+    ----------
+    surfels : Surfels
+    edges : (m, 2) array
+    thing : (k,) bool array
+        Patches joined above the plane.
+    peak : int
+        One of them.
+    height_m : (k,) array
+        Over the plane.
+    """
+    points = surfels.points_m
+    seeds = component_of(peak, thing & (height_m > 0.4 * height_m[peak]), edges)
+    axis = np.median(points[seeds, :2], axis=0)
+    reach = 1.2 * height_m[peak] + np.quantile(np.hypot(*(points[seeds, :2] - axis).T), 0.95)
+    far = (np.hypot(*(points[:, :2] - axis).T) > reach) | (height_m < -ABOVE_VOXELS * surfels.voxel_m)
+    return seeds, far & ~seeds

@@ -1,0 +1,233 @@
+"""Whether what was scanned is a free rigid block: seen, embedded, attached, leaning, a stack, with room to fall."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from toppling.models.errors import InputError
+from toppling.models.frames import compass_deg
+from toppling.models.scan.close import ClosedRock
+from toppling.models.scan.interface import Interface
+from toppling.models.scan.measure import SeenRock
+
+MOST_INVENTED = 0.6
+"""More of the surface invented, and nothing of the answer is the rock's: known volumes came out off by half."""
+ONE_SIDE_DEG = 120.0
+"""A rock of whose sides none shows in so wide a range of directions was seen from one side."""
+SECTORS = 36
+UPRIGHT = 0.7
+"""Sine of the dip above which a patch belongs to a side."""
+SEEN_SHARE = 0.1
+"""A direction is seen if it has this share of the patches of an average one."""
+NEAR_VOXELS = 4.0
+"""Patches of rock and pedestal so near to each other meet."""
+CREASE_DEG = 20.0
+"""Where rock and pedestal meet at less than this, the surface goes on from one to the other."""
+ATTACHED_SHARE, TOLD_SHARE = 0.2, 0.5
+"""Share of the rim that was seen along which a crease must show: less is no block, or is told."""
+LEANS_ABOVE = 0.2
+"""Of the rock's height: a neighbour that is touched above it holds the rock."""
+LEAST_TOUCHES = 8
+JOINT_BAND, JOINT_SHARE, JOINT_DEG = 0.06, 0.7, 35.0
+"""A joint of a stack: within so much of the height, creases of so many degrees in this share of the directions."""
+JOINT_FROM, JOINT_TO = 0.15, 0.85
+IN_REACH_ABOVE = 0.3
+"""Of the rock's height: what rises so far above the interface stops it where it is nearer than the rock is high."""
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """Why the answer for a free rigid block may not be this rock's: its kind, and a sentence."""
+
+    kind: str
+    sentence: str
+
+
+def check_seen_enough(seen: SeenRock, interface: Interface, closed: ClosedRock) -> None:
+    """Refuse a rock most of whose surface no station saw.
+
+    Raises
+    ------
+    InputError
+        That one side is not enough, or that the rock is hidden or embedded.
+    """
+    if closed.invented_share <= MOST_INVENTED:
+        return
+    blind_deg, toward_deg = unseen_range(seen, interface)
+    share = f"{closed.invented_share:.0%} of the rock's surface was not seen"
+    if blind_deg >= ONE_SIDE_DEG:
+        what = (
+            f"one side is not enough: {share}, none of its sides over {blind_deg:.0f} degrees about azimuth "
+            f"{toward_deg:.0f} (compass {float(compass_deg(toward_deg)):.0f})"
+        )
+    else:
+        what = f"{share}, and what was seen lies all around: it is embedded in what surrounds it, or hidden by it"
+    raise InputError(
+        what,
+        where="the rock",
+        expected=f"a free-standing rock, at most {MOST_INVENTED:.0%} of it unseen",
+        remedy="scan it from the other sides; a rock that is embedded or buried is held by what surrounds it, and no "
+        "toppling of a free block is its own",
+    )
+
+
+def unseen_range(seen: SeenRock, interface: Interface) -> tuple[float, float]:
+    """Widest range of directions, degrees, in which no side of the rock was seen, and its middle azimuth."""
+    normals = seen.surfels.normals[seen.patches]
+    side = np.hypot(*(normals @ interface.axes)[:, :2].T) > UPRIGHT
+    count = np.bincount(_sectors(normals[side, :2]), minlength=SECTORS)
+    shown = np.flatnonzero(count >= max(3.0, SEEN_SHARE * count.mean()))
+    if not len(shown):
+        return 360.0, 0.0
+    blind = np.diff(np.append(shown, shown[0] + SECTORS)) - 1
+    widest = int(blind.argmax())
+    width = 360.0 / SECTORS
+    middle = (shown[widest] + 0.5 * (blind[widest] + 2)) * width - 180.0
+    return float(blind[widest] * width), float(middle % 360.0)
+
+
+def doubts(seen: SeenRock, interface: Interface, points_m: Array, rock: NDArray[np.bool_]) -> list[Doubt]:
+    """What tells against a free rigid block.
+
+    Parameters
+    ----------
+    seen : SeenRock
+    interface : Interface
+    points_m : (n, 3) array
+        Of the cloud.
+    rock : (n,) bool array
+        Which are the rock's.
+
+    Raises
+    ------
+    InputError
+        If the rock goes on into its pedestal along most of the rim that was seen.
+    """
+    found = [_attached(seen, interface), _leaning(seen, interface), _stacked(seen, interface)]
+    found.append(_hemmed_in(seen, points_m, rock))
+    return [each for each in found if each is not None]
+
+
+def creased_share(seen: SeenRock, interface: Interface) -> float | None:
+    """Share of the directions in which rock and pedestal were seen to meet where it is in a crease; None if unseen."""
+    surfels, flat = seen.surfels, interface.flat(seen.surfels.points_m)
+    low = seen.patches & (np.abs(flat[:, 2]) < 0.15 * seen.height_m)
+    ground = ~seen.patches & (surfels.normals @ interface.normal > 0.0)
+    if low.sum() < 3 or ground.sum() < 3:
+        return None
+    away, nearest = cKDTree(surfels.points_m[ground]).query(surfels.points_m[low])
+    meet = away < NEAR_VOXELS * surfels.voxel_m
+    if not meet.any():
+        return None
+    normals = np.einsum("ij,ij->i", surfels.normals[low][meet], surfels.normals[ground][nearest[meet]])
+    angle = np.rad2deg(np.arccos(np.clip(normals, -1.0, 1.0)))
+    centre = 0.5 * (flat[low, :2].min(axis=0) + flat[low, :2].max(axis=0))
+    sector = _sectors(flat[low][meet, :2] - centre)
+    steepest = np.array([np.quantile(angle[sector == k], 0.75) for k in np.unique(sector)])
+    return float((steepest > CREASE_DEG).mean())
+
+
+def _attached(seen: SeenRock, interface: Interface) -> Doubt | None:
+    share = creased_share(seen, interface)
+    if share is None or share >= TOLD_SHARE:
+        return None
+    what = f"no crevice or crease shows along {1.0 - share:.0%} of the seen rim between rock and pedestal"
+    if share < ATTACHED_SHARE:
+        raise InputError(
+            f"{what}: the rock goes on into its pedestal",
+            where="the interface",
+            expected=f"a crease along at least {ATTACHED_SHARE:.0%} of the rim",
+            remedy="a rock that is attached does not topple as a free block; if it is not, the interface lies "
+            "elsewhere: give it by --plane, --point or --outline",
+        )
+    return Doubt(
+        "attached",
+        f"{what}: if it is attached there, its strength is not in the answer, which is then too low",
+    )
+
+
+def _leaning(seen: SeenRock, interface: Interface) -> Doubt | None:
+    surfels, flat = seen.surfels, interface.flat(seen.surfels.points_m)
+    other = ~seen.patches & (flat[:, 2] > LEANS_ABOVE * seen.height_m)
+    high = seen.patches & (flat[:, 2] > LEANS_ABOVE * seen.height_m)
+    if not other.any() or not high.any():
+        return None
+    away, _ = cKDTree(surfels.points_m[high]).query(surfels.points_m[other])
+    touch = away < 2.0 * surfels.voxel_m
+    if touch.sum() < LEAST_TOUCHES:
+        return None
+    places = flat[other][touch]
+    toward = _azimuth(places[:, :2].mean(axis=0) - flat[seen.patches, :2].mean(axis=0), interface)
+    return Doubt(
+        "leaning",
+        f"a neighbour touches the rock {np.median(places[:, 2]):.2g} m above the interface, toward {toward}: it may "
+        "hold or wedge the rock, and the answer is that of the rock without it",
+    )
+
+
+def _stacked(seen: SeenRock, interface: Interface) -> Doubt | None:
+    surfels = seen.surfels
+    points = surfels.points_m[seen.patches]
+    normals = surfels.normals[seen.patches]
+    flat = interface.flat(points)
+    pairs = cKDTree(points).query_pairs(2.0 * surfels.voxel_m, output_type="ndarray")
+    if not len(pairs):
+        return None
+    along = points[pairs[:, 1]] - points[pairs[:, 0]]
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    bend = np.einsum("ij,ij->i", normals[pairs[:, 1]] - normals[pairs[:, 0]], along)
+    steep = np.abs(along @ interface.normal) > 0.5
+    crease = flat[pairs[(bend < -np.deg2rad(JOINT_DEG)) & steep]].mean(axis=1)
+    sector = _sectors(crease[:, :2] - flat[:, :2].mean(axis=0))
+    best, at = 0.0, 0.0
+    for level in np.arange(JOINT_FROM, JOINT_TO, 0.5 * JOINT_BAND) * seen.height_m:
+        near = np.abs(crease[:, 2] - level) < 0.5 * JOINT_BAND * seen.height_m
+        share = len(np.unique(sector[near])) / SECTORS
+        if share > best:
+            best, at = share, float(level)
+    if best < JOINT_SHARE:
+        return None
+    return Doubt(
+        "stack",
+        f"creases go around {best:.0%} of the rock {at:.2g} m above the interface: it may be two blocks, one upon the "
+        "other, and the upper one may fall by itself, earlier",
+    )
+
+
+def _hemmed_in(seen: SeenRock, points_m: Array, rock: NDArray[np.bool_]) -> Doubt | None:
+    step = max(1, len(points_m) // 400_000)
+    others = points_m[::step][~rock[::step]]
+    own = seen.surfels.points_m[seen.patches]
+    others = others[others[:, 2] > own[:, 2].min() + IN_REACH_ABOVE * seen.height_m]
+    if not len(others):
+        return None
+    away, _ = cKDTree(own[:, :2]).query(others[:, :2], distance_upper_bound=seen.height_m)
+    near = np.isfinite(away) & (away > NEAR_VOXELS * seen.surfels.voxel_m)
+    rise = others[:, 2] - own[:, 2].min()
+    near &= rise > away  # a slope of less than 45 degrees is fallen over
+    offset = others[near, :2] - own[:, :2].mean(axis=0)
+    count = np.bincount(_sectors(offset), minlength=SECTORS)
+    shown = np.flatnonzero(count > 20)
+    if not len(shown):
+        return None
+    middle = float(np.rad2deg(np.arctan2(*offset.mean(axis=0)[::-1])) % 360.0)
+    return Doubt(
+        "in reach",
+        f"something rises beside the rock within its height, over {len(shown) * 360 // SECTORS} degrees about azimuth "
+        f"{middle:.0f} (compass {float(compass_deg(middle)):.0f}): a rock that falls that way may come to lean there",
+    )
+
+
+def _sectors(ways: Array) -> NDArray[np.int64]:
+    turn = np.arctan2(ways[:, 1], ways[:, 0]) / (2.0 * np.pi) + 0.5
+    return np.floor(turn * SECTORS).astype(np.int64) % SECTORS
+
+
+def _azimuth(way: Array, interface: Interface) -> str:
+    x, y, _ = interface.axes[:, :2] @ way
+    azimuth = float(np.rad2deg(np.arctan2(y, x)) % 360.0)
+    return f"azimuth {azimuth:.0f} (compass {float(compass_deg(azimuth)):.0f})"

@@ -1,0 +1,163 @@
+"""What is no free rigid block is named, and refused where the answer would mean nothing; planes carry what stands."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from toppling.models.errors import InputError
+from toppling.models.scan.carried import find_carried
+from toppling.models.scan.close import ClosedRock
+from toppling.models.scan.freedom import check_seen_enough, creased_share, doubts, unseen_range
+from toppling.models.scan.interface import Interface
+from toppling.models.scan.measure import SeenRock
+from toppling.models.scan.read import read_clouds
+from toppling.models.scan.surfels import Surfels
+from toppling.models.scan.survey import survey
+from toppling.models.scan.word import word_of
+from toppling.models.scene import Scene
+
+REAL = Path(__file__).parents[4] / "shared" / "data" / "scans" / "real"
+VOXEL_M = 0.02
+LEVEL = Interface(np.zeros(3), np.array([0.0, 0.0, 1.0]), np.eye(3), 0.0)
+
+
+def wall(corner, along, up, normal):
+    """Patches (n, 3) of a rectangle and their normals."""
+    across, rise = np.linalg.norm(along), np.linalg.norm(up)
+    s, t = np.meshgrid(*(np.arange(0.5 * VOXEL_M, each, VOXEL_M) / each for each in (across, rise)))
+    points = np.asarray(corner) + s.reshape(-1, 1) * np.asarray(along) + t.reshape(-1, 1) * np.asarray(up)
+    return points, np.tile(normal, (len(points), 1)).astype(float)
+
+
+def box(low, high, sides="ewns"):
+    """Top and sides of a box, as patches."""
+    (x, y, z), (a, b, c) = low, high
+    parts = [wall((x, y, c), (a - x, 0, 0), (0, b - y, 0), (0, 0, 1))]
+    faces = {
+        "e": ((a, y, z), (0, b - y, 0), (1, 0, 0)),
+        "w": ((x, y, z), (0, b - y, 0), (-1, 0, 0)),
+        "n": ((x, b, z), (a - x, 0, 0), (0, 1, 0)),
+        "s": ((x, y, z), (a - x, 0, 0), (0, -1, 0)),
+    }
+    parts += [
+        wall(corner, along, (0, 0, c - z), normal)
+        for side, (corner, along, normal) in faces.items()
+        if side in sides
+    ]
+    return tuple(map(np.concatenate, zip(*parts, strict=True)))
+
+
+def ground(hole=0.26):
+    points, normals = wall((-1.5, -1.5, 0.0), (3, 0, 0), (0, 3, 0), (0, 0, 1))
+    outside = np.abs(points[:, :2]).max(axis=1) > hole
+    return points[outside], normals[outside]
+
+
+def seen_of(rock, rest):
+    points = np.concatenate([rock[0], rest[0]])
+    normals = np.concatenate([rock[1], rest[1]])
+    patches = np.arange(len(points)) < len(rock[0])
+    surfels = Surfels(points, normals, np.zeros(len(points)), VOXEL_M)
+    height = float(np.ptp(rock[0][:, 2]))
+    return SeenRock(rock[0], rest[0], rock[0], rest[0], surfels, patches, height, None)
+
+
+def together(*parts):
+    return tuple(map(np.concatenate, zip(*parts, strict=True)))
+
+
+def kinds(rock, rest):
+    seen = seen_of(rock, rest)
+    return {each.kind for each in doubts(seen, LEVEL, seen.surfels.points_m, seen.patches)}
+
+
+BLOCK = box((-0.25, -0.25, 0.0), (0.25, 0.25, 1.0))
+
+
+def test_a_block_that_stands_free_raises_no_doubt():
+    assert kinds(BLOCK, ground()) == set()
+
+
+def test_a_neighbour_that_touches_high_up_is_named():
+    neighbour = box((0.26, -0.3, 0.0), (0.8, 0.3, 0.6))
+    assert "leaning" in kinds(BLOCK, together(ground(), neighbour))
+
+
+def test_a_wall_nearer_than_the_rock_is_high_is_named_and_a_low_or_far_one_is_not():
+    assert kinds(BLOCK, together(ground(), box((0.7, -1.0, 0.0), (0.9, 1.0, 0.9)))) == {"in reach"}
+    assert kinds(BLOCK, together(ground(), box((0.7, -1.0, 0.0), (0.9, 1.0, 0.2)))) == set()
+    assert kinds(BLOCK, together(ground(), box((1.3, -1.0, 0.0), (1.5, 1.0, 0.9)))) == set()
+
+
+def test_two_blocks_one_upon_the_other_are_named():
+    # The lower block's top shows around the upper one.
+    lower, upper = box((-0.25, -0.25, 0.0), (0.25, 0.25, 0.5)), box((-0.17, -0.17, 0.5), (0.17, 0.17, 1.0))
+    shown = np.abs(lower[0][:, :2]).max(axis=1) > 0.16
+    assert "stack" in kinds(together((lower[0][shown], lower[1][shown]), upper), ground())
+
+
+def test_a_surface_that_goes_on_into_the_ground_is_no_block():
+    x, y = np.meshgrid(*2 * [np.arange(-1.5, 1.5, VOXEL_M)])
+    r = np.hypot(x, y).ravel()
+    z = 0.4 * np.exp(-((r / 0.5) ** 2))
+    slope = -2.0 * r / 0.25 * z / np.maximum(r, 1e-9)
+    normals = np.column_stack([-slope * x.ravel(), -slope * y.ravel(), np.ones(len(r))])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    points = np.column_stack([x.ravel(), y.ravel(), z - 0.03])
+    rock = points[:, 2] > 0.0
+    seen = seen_of((points[rock], normals[rock]), (points[~rock], normals[~rock]))
+    with pytest.raises(InputError, match="goes on into its pedestal"):
+        doubts(seen, LEVEL, seen.surfels.points_m, seen.patches)
+    assert creased_share(seen_of(BLOCK, ground()), LEVEL) == 1.0
+
+
+@pytest.mark.parametrize(("sides", "blind_deg", "toward_deg"), [("e", 350.0, 180.0), ("ens", 170.0, 180.0)])
+def test_the_directions_from_which_nothing_was_seen_are_told(sides, blind_deg, toward_deg):
+    rock = box((-0.25, -0.25, 0.0), (0.25, 0.25, 1.0), sides)
+    told = unseen_range(seen_of(rock, ground()), LEVEL)
+    assert told == pytest.approx((blind_deg, toward_deg), abs=12.0)
+
+
+@pytest.mark.parametrize(
+    ("sides", "what"), [("es", "one side is not enough"), ("ewns", "embedded in what surrounds")]
+)
+def test_a_rock_most_of_which_was_not_seen_is_refused(sides, what):
+    seen = seen_of(box((-0.25, -0.25, 0.0), (0.25, 0.25, 1.0), sides), ground())
+    closed = ClosedRock(Scene.block(0.5, 0.5, 1.0).rock, 0.3, 0.0, 0.7)
+    with pytest.raises(InputError, match=what):
+        check_seen_enough(seen, LEVEL, closed)
+    check_seen_enough(seen, LEVEL, ClosedRock(closed.rock, 0.5, 0.0, 0.5))
+
+
+def test_of_what_planes_carry_the_upper_of_a_stack_is_meant():
+    plinth = box((-0.6, -0.6, 0.0), (0.6, 0.6, 0.5))
+    shown = (np.abs(plinth[0][:, :2]).max(axis=1) > 0.26) | (plinth[0][:, 2] < 0.5)
+    statue = box((-0.25, -0.25, 0.5), (0.25, 0.25, 1.7))
+    scene = together((plinth[0][shown], plinth[1][shown]), statue, ground(0.61))
+    (found,) = find_carried(Surfels(scene[0], scene[1], np.zeros(len(scene[0])), VOXEL_M))
+    assert found.height_m == pytest.approx(1.2, abs=0.1)
+
+
+@pytest.mark.skipif(not REAL.is_dir(), reason="no ../shared/data/scans/real")
+def test_cartons_seen_by_one_camera_are_refused_as_one_side():
+    cloud = read_clouds([REAL / "cartons_one_view.xyz"])
+    with pytest.raises(InputError, match="one side is not enough"):
+        survey(cloud, near_m=(-0.1, -0.6), word=word_of((-0.1, -0.55, 0.004, 0.0, 0.0)))
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not REAL.is_dir(), reason="no ../shared/data/scans/real")
+def test_an_embedded_boulder_is_refused():
+    cloud = read_clouds([REAL / "embedded_boulder.xyz"])
+    with pytest.raises(InputError, match="embedded"):
+        survey(cloud, word=word_of((22.5, 17.2, -11.25, 0.0, 0.0)))
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not REAL.is_dir(), reason="no ../shared/data/scans/real")
+def test_a_statue_on_its_plinth_is_found_without_a_hint():
+    found = survey(read_clouds([REAL / "lion_on_plinth.laz"]), bootstrap=3)
+    assert 6.5 < found.scene.rock.volume_m3 < 6.65
+    # The crown was not seen: its invented rise counts.
+    assert found.scene.report["uncertainty"]["height_std_m"] > 0.05

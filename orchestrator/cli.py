@@ -26,7 +26,7 @@ VERBS = {
     "query": "Query one or several runs in SQL (DuckDB), also during the run.",
     "fragility": "Draw the fragility maps and curves of RUN (PNG, SVG), with the table behind each (CSV).",
     "constrain": "State which ground motions one or several standing rocks reject.",
-    "magnitudes": "State which earthquakes a standing rock excludes, under ground-motion models.",
+    "magnitudes": "State which earthquakes a standing rock excludes, by models of ground motion.",
     "check": "Test whether SEISMOGRAMS, unscaled and in their own directions, topple the rock of SCENE.",
     "pulse": "Shake the rock of SCENE with one pulse of velocity and show how it moves.",
     "replay": "Repeat one JOB of RUN and show how the rock moves.",

@@ -120,11 +120,12 @@ def magnitudes(
     out: Path | None,
     as_json: bool,
 ) -> None:
-    """State which earthquakes a standing rock excludes: the largest magnitude at each distance, the least distance.
+    """State which earthquakes a standing rock excludes, by models of ground motion.
 
-    ROCK is a run, or a file of fragility curves. An earthquake is excluded where a ground-motion model says that it,
-    or so many like it, would have toppled the rock with the probability --confidence. Distance is that to the surface
-    above the fault's upper edge, on its footwall. Needs the extra 'gmm' (pip install 'toppling[gmm]').
+    It prints the largest magnitude at each distance, and the least distance. ROCK is a run, or a file of fragility
+    curves. An earthquake is excluded where a ground-motion model says that it, or so many like it, would have toppled
+    the rock with the probability --confidence. Distance is that to the surface above the fault's upper edge, on its
+    footwall. Needs the extra 'gmm' (pip install 'toppling[gmm]').
 
     \b
     toppling magnitudes runs/first --vs30 760 --events 1 --events 5

@@ -66,7 +66,10 @@ def executed(mark):
 
 def test_the_trap_works_on_a_python_that_is_started_carelessly(hostile):
     folder, mark = hostile
-    subprocess.run([sys.executable, "-c", "import colorsys"], cwd=folder, check=False, capture_output=True)
+    careless = {name: value for name, value in os.environ.items() if name != "PYTHONSAFEPATH"}
+    subprocess.run(
+        [sys.executable, "-c", "import colorsys"], cwd=folder, env=careless, check=False, capture_output=True
+    )
     assert "colorsys" in executed(mark)
 
 

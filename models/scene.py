@@ -4,11 +4,11 @@ import dataclasses
 import hashlib
 import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import trimesh
@@ -28,6 +28,10 @@ from toppling.models.scene_document import BASES, SCHEMA_VERSION, read_scene_doc
 from toppling.models.shapes import box
 from toppling.models.statics import quasi_static_toppling_m_s2
 from toppling.models.unseen import UnseenBase
+
+if TYPE_CHECKING:
+    from toppling.models.ground.body import GroundedBody
+    from toppling.models.ground.kind import GroundKind
 
 MESH_FORMATS = (".ply", ".stl", ".obj", ".off", ".glb", ".gltf")
 
@@ -118,8 +122,9 @@ class Scene:
         slope_deg: float = 0.0,
         slope_azimuth_deg: float = 0.0,
         gravity: float = STANDARD_GRAVITY_M_S2,
+        pedestal: str | os.PathLike[str] | tuple[ArrayLike, ArrayLike] | None = None,
     ) -> "Scene":
-        """A closed mesh on a plane.
+        """A closed mesh on a plane, or on a surface of its own.
 
         The mesh keeps its own attitude to the plane: one with z up stands square on the slope. It is shifted along
         the plane's normal until its lowest point touches. One in survey coordinates is moved to a local origin beside
@@ -134,12 +139,15 @@ class Scene:
             Slope of the plane, 0 to below 90 degrees.
         slope_azimuth_deg : float
             Azimuth toward which the plane falls.
+        pedestal : path, or pair of (n, 3) vertices in metres and (m, 3) triangles, optional
+            The surface below and beside the rock, in the rock's frame, in which the rock stands: it is shifted along
+            the plumb line to where it touches.
 
         Raises
         ------
         InputError
-            If the file cannot be read as a mesh, the mesh is not one closed body or not of a rock's height, or the
-            plane is none.
+            If the file cannot be read as a mesh, the mesh is not one closed body or not of a rock's height, the plane
+            is none, or the rock does not stand at the surface.
         """
         if not 0.0 <= slope_deg < 90.0:
             raise InputError(
@@ -161,12 +169,16 @@ class Scene:
         origin = origin_beside_m(rock.vertices_m)
         if origin.any():
             rock = rock.moved(np.eye(3), -origin)
-        pedestal = _plane(slope_deg, slope_azimuth_deg)
-        turned = rock.moved(rotation_between((0.0, 0.0, 1.0), pedestal.normal))
-        lowest = float((turned.vertices_m @ pedestal.normal).min())
-        seated = turned.moved(np.eye(3), -lowest * pedestal.normal)
         contact = ContactProperties.of(friction, restitution)
-        return cls(seated, pedestal, contact, _gravity(gravity), origin)
+        if pedestal is not None:
+            return cls(
+                *_on_surface(rock, pedestal, origin, contact, _gravity(gravity)), contact, gravity, origin
+            )
+        plane = _plane(slope_deg, slope_azimuth_deg)
+        turned = rock.moved(rotation_between((0.0, 0.0, 1.0), plane.normal))
+        lowest = float((turned.vertices_m @ plane.normal).min())
+        seated = turned.moved(np.eye(3), -lowest * plane.normal)
+        return cls(seated, plane, contact, _gravity(gravity), origin)
 
     def with_contact(self, contact: ContactProperties) -> "Scene":
         """The same scene with other contact properties."""
@@ -187,6 +199,39 @@ class Scene:
         """Standard deviation (3,) of the centre of mass, where the scan states it; realisations draw from it."""
         spread = self.report.get("uncertainty", {}).get("com_std_m")
         return None if spread is None else np.array(spread, float)
+
+    @cached_property
+    def ground(self) -> "GroundKind":
+        """Whether contacts in one plane are enough for this rock, or it needs its pedestal's surface, and why."""
+        from toppling.models.ground.kind import GroundKind, kind_of
+
+        if self.pedestal.is_plane:
+            return GroundKind(True, "the pedestal is an endless plane")
+        if self.rock.feet_m is not None or self.unseen is not None:
+            return GroundKind(True, "its base is drawn over the interface plane")
+        return kind_of(self.grounded, self.rock.height_m)
+
+    @cached_property
+    def grounded(self) -> "GroundedBody":
+        """The rock on its pedestal's surface, prepared for contacts that have normals of their own."""
+        from toppling.models.ground.body import GroundedBody
+
+        friction = (self.contact.friction_static, self.contact.friction_kinetic)
+        return GroundedBody.of(self.rock, self.pedestal, self.gravity_m_s2, friction)
+
+    def quasi_static_toppling_m_s2(self, azimuths_deg: Iterable[float]) -> list[tuple[float, float]]:
+        """Least constant horizontal ground acceleration that topples the rock, by its azimuth.
+
+        On one plane without slip (:mod:`toppling.models.statics`); on a surface the largest with an equilibrium of
+        friction cones, in the pose in which the rock rests or one that it tips into without gathering speed.
+
+        Returns
+        -------
+        list of (azimuth_deg, acceleration_m_s2)
+        """
+        if self.ground.is_plane:
+            return quasi_static_toppling_m_s2(self.rock, self.pedestal, self.gravity_m_s2, azimuths_deg)
+        return self.grounded.quasi_static_toppling_m_s2([float(each) for each in azimuths_deg])
 
     @cached_property
     def id(self) -> str:
@@ -254,11 +299,12 @@ class Scene:
             "pedestal": {"mesh": "pedestal.ply", "kind": "plane" if self.pedestal.is_plane else "surface"},
             "interface": {**self.report.get("interface", {}), **interface},
             "contact": dataclasses.asdict(self.contact),
+            "ground": dataclasses.asdict(self.ground),
             **({} if self.unseen is None else {"bases": {"file": BASES, "draws": len(self.unseen)}}),
             "quasi_static_toppling_m_s2": [
                 {"azimuth_deg": azimuth, "value": value}
-                for azimuth, value in quasi_static_toppling_m_s2(
-                    self.rock, self.pedestal, self.gravity_m_s2, np.arange(0.0, 360.0, 5.0)
+                for azimuth, value in self.quasi_static_toppling_m_s2(
+                    np.arange(0.0, 360.0, 5.0 if self.ground.is_plane else 15.0)
                 )
             ],
             "report": report,
@@ -386,6 +432,25 @@ def _finite(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [_finite(each) for each in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _on_surface(
+    rock: Rock,
+    pedestal: str | os.PathLike[str] | tuple[ArrayLike, ArrayLike],
+    origin_m: NDArray[np.float64],
+    contact: ContactProperties,
+    gravity_m_s2: float,
+) -> tuple[Rock, Pedestal]:
+    """A rock, moved to a local origin, and the surface that is given in the frame that it had."""
+    from toppling.models.ground.interface import surface_below
+
+    where = "pedestal mesh" if isinstance(pedestal, tuple) else str(pedestal)
+    vertices, faces = pedestal if isinstance(pedestal, tuple) else read_triangles(pedestal)
+    check_triangles(vertices, faces, where)
+    at_origin = np.asarray(vertices, float) - origin_m
+    return surface_below(
+        rock, at_origin, np.asarray(faces, np.int64), gravity_m_s2, contact.friction_static, where
+    )
 
 
 def _plane(slope_deg: float, downhill_azimuth_deg: float) -> Pedestal:

@@ -10,7 +10,6 @@ import numpy as np
 
 from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene
-from toppling.models.statics import quasi_static_toppling_m_s2
 from toppling.workers.contact.candidates import ContactModel, contact_of
 from toppling.workers.options import NumericalOptions
 from toppling.workers.start import Array, State, start_of
@@ -106,5 +105,5 @@ class Problem:
 def _tipping_ratio(scene: Scene) -> float:
     """Least constant horizontal acceleration that topples the rock, over gravity."""
     azimuths = np.arange(0.0, 360.0, AZIMUTH_STEP_DEG).tolist()
-    least = quasi_static_toppling_m_s2(scene.rock, scene.pedestal, scene.gravity_m_s2, azimuths)
+    least = scene.quasi_static_toppling_m_s2(azimuths)
     return min(value for _, value in least) / scene.gravity_m_s2

@@ -43,6 +43,9 @@ def _settled(scene: Scene, pool: Pool) -> Scene:
             expected=f"at least tan(slope), {least:.3f}",
             remedy="raise it: a rock that lies still after a slip shows that it is higher",
         )
+    if not scene.ground.is_plane:
+        rock = scene.grounded.rock_at_rest(scene.rock, scene.pedestal, f"scene {scene.id}")
+        return dataclasses.replace(scene, rock=rock)
     seated = _on_its_pedestal(scene)
     # Several passes: an uneven pedestal's feet change a little with the pose they were made for.
     for _ in range(PASSES):

@@ -15,6 +15,7 @@ from toppling.models.scene import Scene
 from toppling.workers.compiled import ensure_compiled
 from toppling.workers.contact.rest import Rest
 from toppling.workers.engines import DEFAULT, ENGINES, Integrator, Pool, engine_named, options_of
+from toppling.workers.ground.shaking import shake_on_ground
 from toppling.workers.observation import Body, Observation, observe
 from toppling.workers.options import NumericalOptions
 from toppling.workers.outcome import ShakeResult, result_of
@@ -84,6 +85,10 @@ def shake(
     if time_step is not None:
         step_s = _checked_step(time_step, half_diagonal_m, gravity_m_s2)
     problem = Problem(scene, motion, options, step_s, start, shortcuts)
+    if not scene.ground.is_plane:
+        _check_knows_surfaces(engine)
+        result = shake_on_ground(problem, trajectory=trajectory)
+        return replace(result, wall_s=time.perf_counter() - began)
     shaking = Shaking(problem, engine_named(engine).integrator(problem, pool))
     ended_by, seen = shaking.run()
     if ended_by == "speed_limit":  # a state that is not finite has spoilt the worlds
@@ -175,6 +180,16 @@ class Shaking:
             skipped_s=skipped_s + left_s,
             wall_s=0.0,
             time_step_s=history.sim.step_s,
+        )
+
+
+def _check_knows_surfaces(engine: str) -> None:
+    if engine != DEFAULT:
+        raise InputError(
+            f"engine {engine!r} on a pedestal that is no plane",
+            where="shake",
+            expected=f"{DEFAULT!r}: others know the interface plane only",
+            remedy="leave the engine out",
         )
 
 

@@ -53,6 +53,12 @@ def start_of(contact: ContactModel, start: State | None) -> tuple[Array, Array]:
     """
     if start is None:
         return contact.start_pose, np.zeros(6)
+    pose, velocity = given_state(contact, start)
+    return _out_of_the_ground(contact, pose), velocity
+
+
+def given_state(contact: ContactModel, start: State) -> tuple[Array, Array]:
+    """Pose (7,) and velocity (6,), support frame, as they are given."""
     turn = contact.scene_from_support
     position = contact.com_m
     if start.position_m is not None:
@@ -63,7 +69,7 @@ def start_of(contact: ContactModel, start: State | None) -> tuple[Array, Array]:
     pose = np.concatenate([position, attitude])
     velocities = (start.velocity_m_s, start.angular_velocity_rad_s)
     velocity = np.concatenate([np.asarray(given, float) @ turn for given in velocities])
-    return _out_of_the_ground(contact, pose), velocity
+    return pose, velocity
 
 
 def checked_start(initial: State | Mapping[str, Any]) -> State:

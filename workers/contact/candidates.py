@@ -150,7 +150,9 @@ def contact_of(scene: Scene) -> ContactModel:
     moments, axes = np.linalg.eigh(inertia)
     if np.linalg.det(axes) < 0:
         axes[:, 0] *= -1.0
-    feet = (contact_feet_m(scene.rock, scene.pedestal) - origin) @ scene_from_support - com
+    on_plane = scene.ground.is_plane  # else these points say only how large the rock is
+    feet_m = contact_feet_m(scene.rock, scene.pedestal) if on_plane else scene.rock.hull_vertices_m
+    feet = (feet_m - origin) @ scene_from_support - com
     reachable, onset_deg = _vertices_that_can_touch(feet, scene.rock.half_diagonal_m)
     return ContactModel(
         scene_from_support=scene_from_support,

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from toppling.workers.compiled import _VerifiedFile, private_folder
+from toppling.models.compiled import _VerifiedFile, private_folder
 
 SHAKE = """
 import numpy as np
@@ -104,7 +104,7 @@ def test_settings_of_numba_in_the_working_folder_are_not_obeyed(tmp_path, conten
         pytest.skip("Numba itself fails where somebody else imports it")
     (tmp_path / ".numba_config.yaml").write_text(content)
     program = (
-        f"{before}from toppling.workers.numba_alone import numba; import yaml; numba.core.config.reload_config(); "
+        f"{before}from toppling.models.numba_alone import numba; import yaml; numba.core.config.reload_config(); "
         "print(numba.core.config.DISABLE_JIT, int(numba.core.config.OPT), yaml.__name__)"
     )
     done = subprocess.run(

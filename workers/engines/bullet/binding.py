@@ -8,7 +8,7 @@ from typing import Any
 
 import llvmlite.binding
 
-from toppling.workers.numba_alone import intrinsic, types
+from toppling.models.numba_alone import intrinsic, types
 
 _PATH = str(importlib.util.find_spec("pybullet").origin)  # type: ignore[union-attr]
 LIBRARY = ctypes.CDLL(_PATH)

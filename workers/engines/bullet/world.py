@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
+from toppling.models.numba_alone import carray
 from toppling.workers.compiled import Array, Vector, inner
 from toppling.workers.contact.gaps import slip_m_s
 from toppling.workers.engines.bullet import binding
-from toppling.workers.numba_alone import carray
 from toppling.workers.quaternion import to_body, to_world
 
 STARTS_TO_SLIP, STILL_SLIPS = 0.999, 0.7

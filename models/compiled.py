@@ -1,0 +1,125 @@
+"""How the inner loop is compiled, and where the code that comes of it is kept.
+
+Numba keeps compiled code as files that the next process executes. They lie in a folder that only the user can write,
+named by a hash of all they are made from and for, because Numba itself notices no change in a function called from
+another file. Where no such folder can be had, every process compiles for itself.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import io
+import os
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import llvmlite.binding
+import numpy as np
+from numpy.typing import NDArray
+
+from toppling.models.numba_alone import numba
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Indices = NDArray[np.int64]
+Vector = tuple[float, float, float]
+
+FOLDER_VARIABLE = "TOPPLING_CACHE"
+
+COMPILED_ROOMS = tuple(Path(__file__).parent.parent / each for each in ("models/ground", "workers"))
+"""Whose code is compiled: what changes in them makes all of it anew."""
+
+
+def _hash() -> str:
+    digest = hashlib.blake2b(digest_size=8)
+    for package in (numba, llvmlite, np):
+        digest.update(package.__version__.encode())
+    digest.update(llvmlite.binding.get_host_cpu_name().encode())
+    digest.update(llvmlite.binding.get_host_cpu_features().flatten().encode())
+    for room in COMPILED_ROOMS:
+        digest.update(bytes(room))  # Numba finds code again only for files at the same place
+        for path in sorted(room.rglob("*.py")):
+            digest.update(path.read_bytes())
+    return digest.hexdigest()
+
+
+def private_folder(parent: Path) -> Path | None:
+    """A folder for compiled code below a parent, or None if it cannot be written or others can write it."""
+    folder = parent / f"compiled-{_hash()}"
+    with contextlib.suppress(OSError):
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        found = folder.lstat()
+        ours = found.st_uid == os.getuid() and not found.st_mode & 0o022 and not folder.is_symlink()
+        if ours and os.access(folder, os.W_OK | os.X_OK):
+            return folder
+    return None
+
+
+def _parent() -> Path:
+    named = os.environ.get(FOLDER_VARIABLE)
+    if named:
+        return Path(named).expanduser()
+    return Path(os.environ.get("XDG_CACHE_HOME") or "~/.cache").expanduser() / "toppling"
+
+
+FOLDER = private_folder(_parent())
+"""Where compiled code is kept, or None."""
+
+
+class _VerifiedFile(numba.core.caching.IndexDataCacheFile):
+    """A file of compiled code that ends with its digest: what is executed is what was compiled, to the bit.
+
+    One that does not have its digest is told and not loaded, so that its function is compiled anew.
+    """
+
+    @contextlib.contextmanager
+    def _open_for_write(self, filepath: str) -> Iterator[io.BytesIO]:
+        content = io.BytesIO()
+        yield content
+        with super()._open_for_write(filepath) as file:
+            file.write(content.getvalue() + hashlib.sha256(content.getvalue()).digest())
+
+    def _load_index(self) -> dict:
+        return super()._load_index() if self._is_whole(self._index_path) else {}
+
+    def _load_data(self, name: str) -> Any:
+        if not self._is_whole(self._data_path(name)):
+            raise FileNotFoundError(name)  # which Numba takes for a reason to compile
+        return super()._load_data(name)
+
+    @staticmethod
+    def _is_whole(path: str) -> bool:
+        try:
+            content = Path(path).read_bytes()
+        except FileNotFoundError:
+            return False
+        if hashlib.sha256(content[:-32]).digest() == content[-32:]:
+            return True
+        sys.stderr.write(f"compiled code in {path} is damaged: compiled anew\n")
+        return False
+
+
+def _compile(function: Callable[..., Any], **options: bool) -> Any:  # Numba's dispatcher has no type
+    # Numba reads its setting when a function is decorated; other users of Numba keep theirs.
+    config = numba.core.config
+    before, config.CACHE_DIR = config.CACHE_DIR, str(FOLDER)
+    try:
+        dispatcher = numba.njit(cache=FOLDER is not None, error_model="numpy", **options)(function)
+    finally:
+        config.CACHE_DIR = before
+    if FOLDER is not None and not config.DISABLE_JIT:
+        dispatcher._cache._cache_file.__class__ = _VerifiedFile
+    return dispatcher
+
+
+def compiled(function: Callable[..., Any]) -> Any:
+    """Decorate a function that Python calls."""
+    return _compile(function)
+
+
+def inner(function: Callable[..., Any]) -> Any:
+    """Decorate a function that only compiled code calls: a wrapper for Python takes longer than most of them."""
+    return _compile(function, no_cpython_wrapper=True)

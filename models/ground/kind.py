@@ -1,0 +1,90 @@
+"""Whether one plane is enough for a rock on its pedestal, or its surface is needed, and why."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from toppling.models.compiled import Array
+from toppling.models.ground.body import FOUND_WITHIN, GroundedBody
+
+LOOKED_AT_SHARE = 0.03
+"""Of the rock's height: what is nearer to a rock at rest it touches when it tilts a little."""
+
+FLAT_SHARE = 0.01
+"""Of the rock's height: contacts so near the interface plane lie in it."""
+
+FLAT_DEG = 2.0
+"""Contacts whose normal is off the plane's by less have its normal."""
+
+TILTS_DEG = (2.0, 4.0, 7.0, 11.0, 16.0, 22.0, 30.0)
+"""To which the rock is tilted, to see what stands beside it."""
+
+WAYS = 12
+"""In which it is tilted."""
+
+
+@dataclass(frozen=True)
+class GroundKind:
+    """What a scene's ground is taken for.
+
+    Parameters
+    ----------
+    is_plane : bool
+        Whether contacts with one normal in one plane are enough.
+    why : str
+        In words, for plans and pages.
+    """
+
+    is_plane: bool
+    why: str
+
+
+def kind_of(body: GroundedBody, height_m: float) -> GroundKind:
+    """Look at the contacts of a rock where it rests, and of one that is tilted.
+
+    Parameters
+    ----------
+    body : GroundedBody
+    height_m : float
+        Of the rock.
+    """
+    pose = body.touching(body.pose)
+    near = body.contacts(pose, LOOKED_AT_SHARE * height_m, leaning=1.0)
+    off_deg = np.degrees(np.arccos(np.clip(near["normal"][:, 2], -1.0, 1.0)))
+    off_m = np.abs(near["place_m"][:, 2])
+    if off_m.max(initial=0.0) > FLAT_SHARE * height_m:
+        what = f"a contact lies {off_m.max() / height_m:.2f} of the rock's height off the interface plane"
+        return GroundKind(False, what)
+    if off_deg.max(initial=0.0) > FLAT_DEG:
+        return GroundKind(
+            False, f"a contact's normal is {off_deg.max():.0f} degrees off the interface plane's"
+        )
+    beside = _beside(body, pose, near, height_m)
+    if beside is not None:
+        return GroundKind(
+            False, f"the rock meets what stands {beside / height_m:.2f} of its height over the plane"
+        )
+    return GroundKind(True, "all contacts lie in one plane")
+
+
+def _beside(body: GroundedBody, pose: Array, near: np.ndarray, height_m: float) -> float | None:
+    """Height over the plane of what a tilting rock meets there, if it does; None if nothing."""
+    if len(near) == 0:
+        return None
+    places = near["place_m"]
+    for way in 2.0 * np.pi * np.arange(WAYS) / WAYS:
+        outward = np.array([np.cos(way), np.sin(way), 0.0])
+        pivot = places[np.argmax(places @ outward)]
+        for tilt in np.radians(TILTS_DEG):
+            turn = Rotation.from_rotvec(tilt * np.array([-outward[1], outward[0], 0.0]))
+            com = pivot + turn.apply(pose[:3] - pivot)
+            tilted = np.concatenate([com, (turn * Rotation.from_quat(pose[3:])).as_quat()])
+            met = body.contacts(tilted, FOUND_WITHIN * body.size_m)
+            met = met[met["gap_m"] < FLAT_SHARE * height_m]
+            highest_m = (met["place_m"][:, 2] - met["gap_m"] * met["normal"][:, 2]).max(initial=0.0)
+            if highest_m > FLAT_SHARE * height_m:
+                return float(highest_m)
+    return None

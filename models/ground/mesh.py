@@ -1,0 +1,187 @@
+"""Triangle meshes prepared for contact: which edges and vertices stand out, and which triangles lie near a place."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from toppling.models.compiled import Array, Flags, Indices
+
+CELLS = 40
+"""Cells of the grid along the longest side of what is looked up."""
+
+FLAT_SHARE = 1e-6
+"""Sine of the angle between two triangles up to which they are one face."""
+
+
+class ContactMesh(NamedTuple):
+    """A mesh, its features, and a grid of the triangles and edges near each cell. All compiled code reads it.
+
+    Parameters
+    ----------
+    vertices_m : (n, 3) array
+    faces : (m, 3) int array
+        Counter-clockwise seen from the free side.
+    normals : (m, 3) array
+        Unit, toward the free side.
+    edge_of : (m, 3) int array
+        Edge opposite to none: edge k of a triangle joins its corners k and k + 1.
+    triangles_at_edge : (e,) int array
+        One or two.
+    triangles_at_vertex : (n,) int array
+    points : (p,) int array
+        Vertices that can touch another body's faces: all but those in a face, a crease or a hollow.
+    first_way, ways : (p + 1,) int array, (w, 3) array
+        Unit vectors from point i to its neighbours: ways[first_way[i]:first_way[i + 1]].
+    edges : (k, 2) int array
+        Vertices of the edges that can touch another body's edges.
+    inward : (k, 2, 3) array
+        For each of these, unit vectors in its triangles, away from it; of an edge of one triangle twice the same.
+    origin_m, cell_m, shape
+        The grid.
+    first, near : int arrays
+        Triangles near cell c: near[first[c]:first[c + 1]].
+    first_edge, near_edges : int arrays
+        The same of `edges`.
+    """
+
+    vertices_m: Array
+    faces: Indices
+    normals: Array
+    edge_of: Indices
+    triangles_at_edge: Indices
+    triangles_at_vertex: Indices
+    points: Indices
+    first_way: Indices
+    ways: Array
+    edges: Indices
+    inward: Array
+    origin_m: Array
+    cell_m: float
+    shape: Indices
+    first: Indices
+    near: Indices
+    first_edge: Indices
+    near_edges: Indices
+
+
+def contact_mesh(
+    vertices_m: Array, faces: NDArray[np.int64], low_m: Array, high_m: Array, reach_m: float
+) -> ContactMesh:
+    """Prepare a mesh.
+
+    Parameters
+    ----------
+    vertices_m : (n, 3) array
+    faces : (m, 3) int array
+    low_m, high_m : (3,) arrays
+        Box in which it is looked up; triangles outside of it are left out.
+    reach_m : float
+        Triangles and edges so near a place are found there.
+    """
+    vertices, faces = _within(vertices_m, faces, low_m - reach_m, high_m + reach_m)
+    corners = vertices[faces]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    edge_of, ends, shares = _edges(faces)
+    stands_out, inward = _convexity(vertices, faces, normals, edge_of, shares)
+    touching = np.zeros(len(vertices), bool)
+    touching[ends[stands_out]] = True
+    low, high = (
+        np.maximum(low_m, vertices.min(axis=0)) - reach_m,
+        np.minimum(high_m, vertices.max(axis=0)) + reach_m,
+    )
+    cell = float((high - low).max()) / CELLS
+    shape = np.maximum(np.ceil((high - low) / cell).astype(np.int64), 1)
+    first, near = _register(corners, low, cell, shape, reach_m)
+    kept = ends[stands_out]
+    first_edge, near_edges = _register(vertices[kept][:, [0, 1, 1]], low, cell, shape, reach_m)
+    points = np.flatnonzero(touching)
+    return ContactMesh(
+        vertices, faces, normals, edge_of, shares, np.bincount(faces.ravel(), minlength=len(vertices)),
+        points, *_ways(vertices, ends, points), kept, inward[stands_out],
+        low, cell, shape, first, near, first_edge, near_edges,
+    )  # fmt: skip
+
+
+def _within(
+    vertices_m: Array, faces: NDArray[np.int64], low_m: Array, high_m: Array
+) -> tuple[Array, NDArray[np.int64]]:
+    """The triangles that meet a box, without those of no area."""
+    corners = vertices_m[faces]
+    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    longest = np.ptp(corners, axis=1).max(axis=1)
+    meets = ((corners.min(axis=1) <= high_m) & (corners.max(axis=1) >= low_m)).all(axis=1)
+    faces = faces[meets & (area > 1e-12 * longest**2)]
+    used, faces = np.unique(faces, return_inverse=True)
+    return np.ascontiguousarray(vertices_m[used], float), faces.reshape(-1, 3).astype(np.int64)
+
+
+def _edges(faces: Indices) -> tuple[Indices, Indices, Indices]:
+    """Number of each triangle's edges (m, 3), their ends (e, 2), and of how many triangles they are."""
+    ends = np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
+    unique, number, count = np.unique(ends, axis=0, return_inverse=True, return_counts=True)
+    return number.reshape(-1, 3), unique, count
+
+
+def _convexity(
+    vertices: Array, faces: Indices, normals: Array, edge_of: Indices, shares: Indices
+) -> tuple[Flags, Array]:
+    """Which edges stand out (are convex, or bound the mesh), and the unit vectors (e, 2, 3) into their triangles."""
+    way = vertices[np.roll(faces, -1, axis=1)] - vertices[faces]  # (m, 3, 3)
+    inward = np.cross(normals[:, None, :], way)
+    inward /= np.linalg.norm(inward, axis=2)[:, :, None]
+    order = np.argsort(edge_of.ravel(), kind="stable")
+    begins = np.cumsum(shares) - shares
+    first, last = order[begins], order[begins + shares - 1]
+    flat_inward, flat_normal = inward.reshape(-1, 3), np.repeat(normals, 3, axis=0)
+    both = np.stack([flat_inward[first], flat_inward[last]], axis=1)
+    opens = (flat_inward[last] * flat_normal[first]).sum(axis=1) < -FLAT_SHARE
+    return opens | (shares == 1), both
+
+
+def _ways(vertices: Array, ends: Indices, points: Indices) -> tuple[Indices, Array]:
+    """Unit vectors from some vertices along their edges, vertex after vertex, and where those of each begin."""
+    both = np.vstack([ends, ends[:, ::-1]])
+    both = both[np.argsort(both[:, 0], kind="stable")]
+    number = np.full(len(vertices), -1)
+    number[points] = np.arange(len(points))
+    both = both[number[both[:, 0]] >= 0]
+    way = vertices[both[:, 1]] - vertices[both[:, 0]]
+    first = np.searchsorted(number[both[:, 0]], np.arange(len(points) + 1))
+    return first.astype(np.int64), way / np.linalg.norm(way, axis=1)[:, None]
+
+
+def _register(
+    corners: Array, low: Array, cell: float, shape: Indices, reach_m: float
+) -> tuple[Indices, Indices]:
+    """For each cell the triangles (m, 3, 3) within a reach of it: by their boxes, and by their planes."""
+    begin = np.floor((corners.min(axis=1) - reach_m - low) / cell).astype(np.int64).clip(0, shape - 1)
+    end = np.floor((corners.max(axis=1) + reach_m - low) / cell).astype(np.int64).clip(0, shape - 1)
+    span = end - begin + 1
+    count = span.prod(axis=1)
+    owner = np.repeat(np.arange(len(corners)), count)
+    within = np.arange(len(owner)) - np.repeat(np.cumsum(count) - count, count)
+    index = np.empty((len(owner), 3), np.int64)
+    for axis in (2, 1, 0):
+        within, index[:, axis] = np.divmod(within, span[owner, axis])
+    index += begin[owner]
+    near = _is_near(corners, owner, low + (index + 0.5) * cell, reach_m + 0.5 * np.sqrt(3.0) * cell)
+    flat = index[near] @ np.array([shape[1] * shape[2], shape[2], 1])
+    order = np.argsort(flat, kind="stable")
+    first = np.searchsorted(flat[order], np.arange(int(np.prod(shape)) + 1))
+    return first.astype(np.int64), owner[near][order]
+
+
+def _is_near(corners: Array, owner: Indices, places: Array, far_m: float) -> Flags:
+    """Which places lie within a distance of their triangle's plane, or of its line where it is one."""
+    origin, way, other = corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    normal = np.cross(way, other)
+    size = np.linalg.norm(normal, axis=1)
+    offset = places - origin[owner]
+    if (size > 0.0).all():
+        return np.abs((offset * normal[owner]).sum(axis=1)) <= far_m * size[owner]
+    share = ((offset * way[owner]).sum(axis=1) / (way * way).sum(axis=1)[owner]).clip(0.0, 1.0)
+    return np.linalg.norm(offset - share[:, None] * way[owner], axis=1) <= far_m

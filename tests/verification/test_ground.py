@@ -1,0 +1,258 @@
+"""Rocks on ground that is no plane: closed forms, the plane as a limit, and what stands beside them."""
+
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from toppling.models.ground.equilibrium import farthest_load
+from toppling.models.motions.motion import Motion
+from toppling.models.scene import Scene
+from toppling.models.shapes import box
+from toppling.workers.reference.rocking import Ground, PlaneBody
+from toppling.workers.reference.rocking import rock as rock_exactly
+from toppling.workers.shake import shake
+
+G = 9.81
+HALF_WIDTH_M, HALF_HEIGHT_M = 0.2, 0.6
+
+
+def facets(left_deg, right_deg, reach_m=6.0):
+    """Two facets that meet in the line x = 0, rising outward by so many degrees."""
+    left, right = (math.tan(math.radians(each)) * reach_m for each in (left_deg, right_deg))
+    s = reach_m
+    vertices = np.array([[-s, -s, left], [0, -s, 0], [s, -s, right], [-s, s, left], [0, s, 0], [s, s, right]])
+    return vertices, np.array([[0, 1, 4], [0, 4, 3], [1, 2, 5], [1, 5, 4]])
+
+
+def block_on(
+    left_deg, right_deg, friction=0.8, half_width=HALF_WIDTH_M, half_height=HALF_HEIGHT_M, foot_m=0.16
+):
+    """A block whose four corner edges are feet that reach down to two facets; between them its base is hollow."""
+    vertices, faces = legged(half_width, half_height, foot_m)
+    lowest = np.isclose(vertices[:, 2], 0.0)
+    slope = np.where(vertices[:, 0] < 0.0, left_deg, right_deg)
+    crest = math.tan(math.radians(max(0.0, -min(left_deg, right_deg)))) * half_width
+    both_fall = left_deg < 0.0 and right_deg < 0.0
+    under = np.tan(np.radians(slope)) * half_width + (crest if both_fall else 0.0)
+    vertices[lowest, 2] = under[lowest]
+    ground, triangles = facets(left_deg, right_deg)
+    return Scene.from_mesh(
+        (vertices, faces),
+        pedestal=(ground + np.array([0.0, 0.0, crest if both_fall else 0.0]), triangles),
+        friction=friction,
+    )
+
+
+def legged(half_width, half_height, foot_m):
+    """A box whose base is an inverted pyramid cut out of it: only its four corners stand on the ground."""
+    solid = box(half_width, half_width, half_height).moved(np.eye(3), (0.0, 0.0, half_height))
+    vertices, faces = solid.vertices_m, solid.faces
+    base = [f for f in faces if np.allclose(vertices[f][:, 2], 0.0)]
+    rest = np.array([f for f in faces if not np.allclose(vertices[f][:, 2], 0.0)])
+    ring = sorted({int(i) for f in base for i in f}, key=lambda i: math.atan2(vertices[i, 1], vertices[i, 0]))
+    middles = np.array(
+        [0.5 * (vertices[a] + vertices[b]) + [0, 0, foot_m] for a, b in pairwise([*ring, ring[0]])]
+    )
+    return _with_arches(vertices, rest, ring, middles, foot_m)
+
+
+def _with_arches(vertices, rest, ring, middles, foot_m):
+    """Close a box without its base by arches between its corners, all edges shared."""
+    top = [i for i in range(len(vertices)) if i not in ring]
+    n = len(vertices)
+    points = np.vstack([vertices, middles, [[0.0, 0.0, foot_m]]])
+    centre, faces = n + 4, [f for f in rest if all(int(i) in top for i in f)]
+    above = {i: min(top, key=lambda j: np.linalg.norm(vertices[j, :2] - vertices[i, :2])) for i in ring}
+    for k, (a, b) in enumerate(pairwise([*ring, ring[0]])):
+        m = n + k
+        faces += [[a, m, above[a]], [m, above[b], above[a]], [m, b, above[b]]]
+        faces += [[a, centre, m], [m, centre, b]]
+    return points, np.array(faces, np.int64)
+
+
+def dome(radius_m, facets_count=400, reach_m=0.6, half_length_m=2.0):
+    """A cylinder about y whose top is at the origin."""
+    x = np.linspace(-reach_m, reach_m, facets_count)
+    z = np.sqrt(radius_m**2 - x**2) - radius_m
+    side = np.full_like(x, half_length_m)
+    vertices = np.vstack([np.column_stack([x, -side, z]), np.column_stack([x, side, z])])
+    i, n = np.arange(facets_count - 1), facets_count
+    return vertices, np.vstack(
+        [np.column_stack([i, i + 1, n + i + 1]), np.column_stack([i, n + i + 1, n + i])]
+    )
+
+
+def pulse(acceleration_m_s2, lasting_s, azimuth_deg=0.0, after_s=2.0):
+    """A rectangular pulse, a sample wide at its ends."""
+    step = 0.001
+    x = np.zeros(int((lasting_s + after_s) / step))
+    x[1 : round(lasting_s / step) + 1] = acceleration_m_s2
+    way = math.radians(azimuth_deg)
+    return Motion(np.column_stack([x * math.cos(way), x * math.sin(way), 0.0 * x]), step)
+
+
+STILL = Motion(np.zeros((2, 3)), 0.01)
+
+
+def cone_programme(scene, azimuth_deg):
+    """Largest acceleration with an equilibrium of the rock where it rests."""
+    body = scene.grounded
+    push = -np.array([math.cos(math.radians(azimuth_deg)), math.sin(math.radians(azimuth_deg)), 0.0])
+    return farthest_load(
+        body.wrenches(body.resting_pose), body.load_m_s2(), push @ body.scene_from_support, body.size_m
+    )
+
+
+@pytest.mark.parametrize("friction", [0.6, 0.8])
+@pytest.mark.parametrize(
+    ("left", "right"), [(5, 5), (30, 30), (-15, -15), (-30, -30), (0, -30), (0, 30), (0, 15)]
+)
+def test_static_threshold_on_two_facets_is_that_of_the_friction_cones(left, right, friction):
+    scene = block_on(left, right, friction)
+    azimuths = [0.0, 180.0, 90.0]
+    found = scene.quasi_static_toppling_m_s2(azimuths)
+    for azimuth, value in found:
+        # The pyramids lie within the cones by half a per cent.
+        assert value == pytest.approx(cone_programme(scene, azimuth), rel=0.01)
+
+
+def test_feet_on_the_walls_of_a_groove_tip_about_their_own_place():
+    scene = block_on(30, 30)
+    com = scene.rock.com_m[2] - math.tan(math.radians(30)) * HALF_WIDTH_M
+    ((_, value),) = scene.quasi_static_toppling_m_s2([0.0])
+    assert value == pytest.approx(G * HALF_WIDTH_M / com, rel=0.005)
+
+
+@pytest.mark.parametrize("edge_slope_deg", [3.0, 9.5, 14.0])
+def test_flat_block_on_a_dome_topples_where_it_has_rolled_to(edge_slope_deg):
+    b, h = 0.2, 0.5
+    radius = b / math.sin(math.radians(edge_slope_deg))
+    rock = box(b, b, h).moved(np.eye(3), (0.0, 0.0, h))
+    scene = Scene.from_mesh((rock.vertices_m, rock.faces), pedestal=dome(radius))
+    tilt = np.linspace(0.0, b / radius, 2001)
+    exact = (G * np.tan(np.arctan(radius * tilt / h) - tilt)).max()
+    for _, value in scene.quasi_static_toppling_m_s2([0.0, 180.0]):
+        assert value == pytest.approx(exact, rel=0.03)
+
+
+def test_rocking_between_two_walls_of_a_groove_is_rocking_on_the_plane():
+    """Without slip the facets' normals drop out of plane rocking: the peaks are those of the exact solution."""
+    scene = block_on(15, 15, friction=2.0)
+    rise, com = math.tan(math.radians(15)) * HALF_WIDTH_M, scene.rock.com_m
+    body = PlaneBody(HALF_WIDTH_M, HALF_WIDTH_M, com[2] - rise, scene.rock.inertia_per_mass_m2[1, 1])
+    tilt = 0.7 * body.slenderness(1)
+    pivot = np.array([HALF_WIDTH_M, 0.0, rise])
+    turn = np.array([[math.cos(tilt), 0, math.sin(tilt)], [0, 1, 0], [-math.sin(tilt), 0, math.cos(tilt)]])
+    start = {
+        "position_m": pivot + turn @ (com - pivot),
+        "quaternion_xyzw": [0, math.sin(tilt / 2), 0, math.cos(tilt / 2)],
+    }
+    result = shake(scene, STILL, "standard", initial=start, trajectory=True)
+    quaternion = result.trajectory.quaternion_xyzw
+    found = peaks(2.0 * np.arctan2(quaternion[:, 1], quaternion[:, 3]))
+    exact = peaks(rock_exactly(body, Ground.still(), 4.0, tilt).angle_at(np.arange(0.0, 4.0, 1e-4)))
+    assert found[:3] == pytest.approx(exact[:3], rel=0.015)
+
+
+def peaks(angle_rad):
+    """Largest sizes of an angle between its zeros, after the first zero."""
+    sizes = np.abs(angle_rad)
+    swing = np.cumsum(np.diff(np.sign(angle_rad), prepend=np.sign(angle_rad[0])) != 0)
+    largest = [sizes[swing == k].max() for k in range(1, swing.max() + 1)]
+    return [each for each in largest if each > 0.02]
+
+
+def test_a_stool_slides_over_a_shallow_groove_as_an_independent_contact_dynamics_says():
+    """On the plane it is (A g t)^2 / (2 mu g) (1 - mu / A) = 0.245 m."""
+    scene = block_on(5, 5, friction=0.4, half_width=0.4, half_height=0.25, foot_m=0.245)
+    assert shake(scene, pulse(0.8 * G, 0.25), "standard").slip_m == pytest.approx(0.216, rel=0.05)
+
+
+def test_a_steep_groove_holds_what_slides_into_its_walls():
+    """What is left is the way on which the stool wedges."""
+    scene = block_on(30, 30, friction=0.4, half_width=0.4, half_height=0.25, foot_m=0.245)
+    assert shake(scene, pulse(0.8 * G, 0.25), "standard").slip_m < 0.1 * 0.245
+
+
+def test_along_a_groove_the_walls_press_harder_than_the_plane():
+    scene = block_on(30, 30, friction=0.4, half_width=0.4, half_height=0.25, foot_m=0.245)
+    level = block_on(0, 0, friction=0.4, half_width=0.4, half_height=0.25, foot_m=0.245)
+    motion = pulse(0.8 * G, 0.25, azimuth_deg=90.0)
+    assert shake(scene, motion, "fast").slip_m < 0.9 * shake(level, motion, "fast").slip_m
+
+
+def test_a_surface_that_is_a_plane_gives_the_planes_answer():
+    """Where the surface's own kernel is used on a plane, outcomes and largest tilts are the engine's."""
+    on_surface = block_on(0, 0)
+    on_plane = Scene.from_mesh((on_surface.rock.vertices_m, on_surface.rock.faces), friction=0.8)
+    assert on_surface.ground.is_plane
+    forced = Scene(on_surface.rock, on_surface.pedestal, on_surface.contact)
+    vars(forced)["ground"] = type(on_surface.ground)(False, "asked for")
+    for level in (4.0, 7.0, 10.0):
+        motion = pulse(level, 0.2, azimuth_deg=25.0)
+        one, other = shake(forced, motion, "standard"), shake(on_plane, motion, "standard")
+        assert one.outcome == other.outcome
+        assert min(one.max_tilt_deg, 60.0) == pytest.approx(min(other.max_tilt_deg, 60.0), rel=0.02, abs=0.05)
+        assert one.slip_m == pytest.approx(other.slip_m, rel=0.05, abs=0.003) or one.toppled
+
+
+def with_wall(distance_m, height_m=1.0, thickness_m=0.3):
+    """A level floor with a wall whose face stands at x = half width + distance."""
+    x, s = HALF_WIDTH_M + distance_m, 6.0
+    profile = [
+        (-s, 0.0),
+        (x, 0.0),
+        (x, height_m),
+        (x + thickness_m, height_m),
+        (x + thickness_m, 0.0),
+        (s, 0.0),
+    ]
+    vertices = np.array([[px, y, pz] for y in (-s, s) for px, pz in profile])
+    n, i = len(profile), np.arange(len(profile) - 1)
+    return vertices, np.vstack(
+        [np.column_stack([i, i + 1, n + i + 1]), np.column_stack([i, n + i + 1, n + i])]
+    )
+
+
+def test_a_wall_beside_the_rock_is_not_passed():
+    rock = box(HALF_WIDTH_M, HALF_WIDTH_M, HALF_HEIGHT_M).moved(np.eye(3), (0.0, 0.0, HALF_HEIGHT_M))
+    free = Scene.from_mesh((rock.vertices_m, rock.faces), friction=0.7)
+    walled = Scene.from_mesh((rock.vertices_m, rock.faces), pedestal=with_wall(0.02), friction=0.7)
+    assert not walled.ground.is_plane
+    away = pulse(-8.0, 0.3)  # of the ground from the wall: the rock falls toward it
+    assert shake(free, away, "fast").outcome == "toppled"
+    caught = shake(walled, away, "fast", trajectory=True)
+    assert caught.outcome != "toppled"
+    assert caught.max_tilt_deg < 10.0
+
+
+def test_a_scene_turned_with_its_motion_answers_the_same():
+    base = block_on(-15, -15)
+    way = math.radians(37.0)
+    turn = np.array([[math.cos(way), -math.sin(way), 0], [math.sin(way), math.cos(way), 0], [0, 0, 1]])
+    surface = base.pedestal
+    turned = Scene.from_mesh(
+        (base.rock.vertices_m @ turn.T, base.rock.faces),
+        pedestal=(surface.vertices_m @ turn.T, surface.faces),
+    )
+    one = shake(base, pulse(3.5, 0.3, azimuth_deg=10.0), "fast")
+    other = shake(turned, pulse(3.5, 0.3, azimuth_deg=47.0), "fast")
+    assert other.outcome == one.outcome
+    assert other.max_tilt_deg == pytest.approx(one.max_tilt_deg, rel=0.01)
+
+
+def test_a_rock_that_leans_on_a_wall_past_its_balance_is_left_leaning():
+    tilt = math.radians(22.0)
+    turn = np.array([[math.cos(tilt), 0, math.sin(tilt)], [0, 1, 0], [-math.sin(tilt), 0, math.cos(tilt)]])
+    rock = box(HALF_WIDTH_M, HALF_WIDTH_M, HALF_HEIGHT_M).moved(turn)
+    corners = rock.vertices_m
+    rock = rock.moved(np.eye(3), (0.0, 0.0, -corners[:, 2].min()))
+    wall = rock.vertices_m[:, 0].max() - HALF_WIDTH_M
+    scene = Scene.from_mesh(
+        (rock.vertices_m, rock.faces), pedestal=with_wall(wall, height_m=2.0), friction=0.8
+    )
+    seated = scene.grounded.rock_at_rest(scene.rock, scene.pedestal, "test")
+    assert np.abs(seated.vertices_m - scene.rock.vertices_m).max() < 1e-3
+    assert shake(scene, STILL, "fast").outcome == "stands"

@@ -1,0 +1,1 @@
+"""A rock on ground that is no plane: contacts at their place, each with its own normal."""

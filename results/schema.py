@@ -60,13 +60,14 @@ _COLUMNS = {
         ("message", _TEXT, _MAY, "", "why, where status is not ok"),
     ],
     "cost": [
-        ("steps", _COUNT, _MAY, "1", "engine steps taken"),
-        ("simulated_s", _REAL, _MAY, "s", "time stepped through by the engine"),
+        ("steps", _COUNT, _MAY, "1", "time steps taken"),
+        ("engine_steps", _COUNT, _MAY, "1", "those that the engine took or checked; null before physics version 16"),
+        ("simulated_s", _REAL, _MAY, "s", "time stepped through"),
         ("skipped_s", _REAL, _MAY, "s", "time not stepped through: the rock at rest, or its answer certain"),
         ("wall_s", _REAL, _MAY, "s", "time the job took on its worker"),
     ],
     "provenance": [
-        ("time_step_s", _REAL, _MAY, "s", "engine's time step"),
+        ("time_step_s", _REAL, _MAY, "s", "time step"),
         ("physics_version", _TEXT, _MAY, "", "version of the physics that the answer comes from"),
         ("worker", _TEXT, _MAY, "", "worker that did the job"),
         ("cpu", _TEXT, _MAY, "", "model of the processor that did the job"),
@@ -98,7 +99,7 @@ SHORT_NAMES = {
 }  # fmt: skip
 """Measures as people call them."""
 
-ADDED_LATER = ("cpu", "kernels")
+ADDED_LATER = ("engine_steps", "cpu", "kernels")
 """Columns that results of this schema version may lack: their values are not known then."""
 
 SORT_ORDER = (

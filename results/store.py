@@ -284,8 +284,7 @@ def _is_ours(path: Path, required: bool, set_aside: bool) -> bool:
     wrong = [
         field.name
         for field in SCHEMA
-        if not ((place := schema.get_field_index(field.name)) < 0 and field.name in ADDED_LATER)
-        and (place < 0 or schema.field(place).type != field.type)
+        if not _is_as_declared(schema, field)
     ]
     if not wrong:
         return True
@@ -299,6 +298,12 @@ def _is_ours(path: Path, required: bool, set_aside: bool) -> bool:
         )
     log.warning("%s holds no results of a run (column %s), skipped", path, wrong[0])
     return False
+
+
+def _is_as_declared(schema: pa.Schema, field: pa.Field) -> bool:
+    """Whether a file has a column, or may lack it."""
+    place = schema.get_field_index(field.name)
+    return field.name in ADDED_LATER if place < 0 else schema.field(place).type == field.type
 
 
 def _set_aside(path: Path, why: str) -> None:

@@ -16,7 +16,7 @@ from toppling.workers.contact.candidates import contact_of
 from toppling.workers.contact.gaps import slip_m_s
 from toppling.workers.problem import Problem
 from toppling.workers.quaternion import normal_in_body, rotation_between, to_body, to_world, yaw_between
-from toppling.workers.simulation import Simulation, largest_tilt_deg
+from toppling.workers.simulation import Simulation, X, Y, Z, largest_tilt_deg
 
 TOUCHING_AT_START_SHARE = 1e-4
 """Of R: contact points so near the lowest one touch at the start."""
@@ -82,10 +82,10 @@ class Observation(NamedTuple):
 @compiled
 def observe(sim: Simulation, body: Body, since: int) -> Observation:
     """Look at the steps since a pose."""
-    last = sim.state[0].last
+    last, fixed = sim.state[0].last, sim.fixed[0]
     pose, velocity = sim.pose[last], sim.velocity[last]
     # Substeps count as no shorter: one to a contact may take next to no time, in which points are set to their height.
-    shortest_step_s = sim.impact.engine_step * sim.step_s
+    shortest_step_s = sim.fixed[0].engine_step * sim.fixed[0].step_s
     fastest, lowest = 0.0, np.inf
     for i in range(since, last + 1):
         here = sim.pose[i]
@@ -96,7 +96,7 @@ def observe(sim: Simulation, body: Body, since: int) -> Observation:
             x, y, z = here[0] - sim.pose[i - 1, 0], here[1] - sim.pose[i - 1, 1], here[2] - sim.pose[i - 1, 2]
             way, duration = math.sqrt(x * x + y * y + z * z), sim.time_s[i] - sim.time_s[i - 1]
             fastest = max(fastest, way / max(duration, shortest_step_s))
-    lying, arm = _lying_com_m(sim.points_m, body, pose)
+    lying, arm = _lying_com_m(sim.candidates, body, pose)
     x, y, z = to_world(body.first_contact_m[0], body.first_contact_m[1], body.first_contact_m[2], pose)
     x, y = pose[0] + x - body.first_place_m[0], pose[1] + y - body.first_place_m[1]
     turned = math.degrees(yaw_between(sim.pose[0], pose))
@@ -107,10 +107,12 @@ def observe(sim: Simulation, body: Body, since: int) -> Observation:
         fastest_m_s=fastest,
         lowest_m=lowest,
         largest_tilt_deg=largest_tilt_deg(sim, since),
-        drift_m_s=travel_m(sim.pose[since], pose, sim.half_diagonal_m) / lasted_s if lasted_s > 0.0 else 0.0,
-        speed_m_s=_size(velocity[:3]) + _size(velocity[3:]) * sim.half_diagonal_m,
+        drift_m_s=travel_m(sim.pose[since], pose, fixed.half_diagonal_m) / lasted_s
+        if lasted_s > 0.0
+        else 0.0,
+        speed_m_s=_size(velocity[:3]) + _size(velocity[3:]) * fixed.half_diagonal_m,
         sliding_m_s=slip_m_s(velocity, arm),
-        energy_j_kg=_kinetic_j_kg(sim.inertia_m2, pose, velocity) + body.gravity_m_s2 * height,
+        energy_j_kg=_kinetic_j_kg(fixed.inertia_m2, pose, velocity) + body.gravity_m_s2 * height,
         tilt_deg=largest_tilt_deg(sim, last),
         yaw_deg=math.degrees(yaw_between(body.scene_pose, pose)),
         turned_deg=abs((turned + 180.0) % 360.0 - 180.0),
@@ -172,15 +174,15 @@ def _kinetic_j_kg(inertia_m2: Array, pose: Array, velocity: Array) -> float:
 
 
 @inner
-def _lying_com_m(points_m: Array, body: Body, pose: Array) -> tuple[Vector, Vector]:
+def _lying_com_m(candidates: Array, body: Body, pose: Array) -> tuple[Vector, Vector]:
     """Centre of mass if the rock lay where it is, and the arm from the present one to the lowest contact point."""
     nx, ny, nz = normal_in_body(pose)
     lowest, index = np.inf, 0
-    for i in range(len(points_m)):
-        height = points_m[i, 0] * nx + points_m[i, 1] * ny + points_m[i, 2] * nz
+    for i in range(candidates.shape[1]):
+        height = candidates[X, i] * nx + candidates[Y, i] * ny + candidates[Z, i] * nz
         if height < lowest:
             lowest, index = height, i
-    arm = to_world(points_m[index, 0], points_m[index, 1], points_m[index, 2], pose)
+    arm = to_world(candidates[X, index], candidates[Y, index], candidates[Z, index], pose)
     yaw = yaw_between(body.scene_pose, pose)
     cos, sin = math.cos(yaw), math.sin(yaw)
     x, y, z = body.lying_m[index]

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
-PHYSICS_VERSION = "15"
+PHYSICS_VERSION = "16"
 """Part of every job's id: raised whenever the same job may give another answer."""
 
 
@@ -154,6 +154,10 @@ class NumericalOptions:
     solver : SolverOptions
     longest_step_s : float
         Upper bound of the time step, so that a large rock still follows the record.
+    own_steps : bool
+        Whether steps in which no point slips are taken without the engine: their motion is known.
+    checked_steps : float
+        Share of these, drawn by a seed, that the engine repeats; one that it takes otherwise is an error.
     contact : ContactOptions
     impact : ImpactOptions
     termination : TerminationOptions
@@ -164,6 +168,8 @@ class NumericalOptions:
     rest_speed: float
     solver: SolverOptions
     longest_step_s: float = 0.016
+    own_steps: bool = False
+    checked_steps: float = 0.005
     contact: ContactOptions = field(default_factory=ContactOptions)
     impact: ImpactOptions = field(default_factory=ImpactOptions)
     termination: TerminationOptions = field(default_factory=TerminationOptions)
@@ -178,8 +184,8 @@ class NumericalOptions:
 
 
 PRESETS = {
-    "draft": NumericalOptions(1 / 48, 1e-4, 1e-3, SolverOptions(100, 1e-4)),
-    "fast": NumericalOptions(1 / 96, 1e-4, 1e-3, SolverOptions(100, 1e-4)),
+    "draft": NumericalOptions(1 / 48, 1e-4, 1e-3, SolverOptions(100, 1e-4), own_steps=True),
+    "fast": NumericalOptions(1 / 96, 1e-4, 1e-3, SolverOptions(100, 1e-4), own_steps=True),
     "standard": NumericalOptions(1 / 128, 2e-5, 5e-4, SolverOptions(300, 1e-5)),
     "reference": NumericalOptions(1 / 512, 1e-6, 2e-4, SolverOptions(1000, 1e-6)),
 }

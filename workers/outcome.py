@@ -47,8 +47,9 @@ class ShakeResult:
         Deepest that a contact point sank below the surface; a start inside the ground counts once it is raised.
     ended_by : str
         The rule that ended the shake.
-    steps, simulated_s, skipped_s, wall_s
-        Engine steps, time stepped through, time skipped with the rock at rest or its answer certain, and the cost.
+    steps, engine_steps, simulated_s, skipped_s, wall_s
+        Steps taken, those of them that the engine took or checked, time stepped through, time skipped with the rock at
+        rest or its answer certain, and the cost.
     time_step_s : float
     trajectory : Trajectory or None
     """
@@ -65,6 +66,7 @@ class ShakeResult:
     penetration_m: float
     ended_by: str
     steps: int
+    engine_steps: int
     simulated_s: float
     skipped_s: float
     wall_s: float

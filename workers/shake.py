@@ -175,11 +175,12 @@ class Shaking:
             *history.time_and_pose(),
             trajectory=trajectory,
             penetration_m=history.penetration_m(),
-            steps=history.engine_steps,
+            steps=history.steps,
+            engine_steps=history.engine_steps,
             simulated_s=history.time_s - skipped_s,
             skipped_s=skipped_s + left_s,
             wall_s=0.0,
-            time_step_s=history.sim.step_s,
+            time_step_s=self.problem.time_step_s,
         )
 
 

@@ -1,24 +1,45 @@
-"""Contacts that stick, solved directly: which points carry, and the velocity they leave the rock. Compiled, no engine.
+"""Contacts that stick, solved directly: which are active, and the velocity they leave the rock. Compiled, no engine.
 
 Bullet hands contact impulses from point to point, and two points of an edge under a tall rock agree only after hundreds
 of iterations. Where no point slips the answer is that of a few linear equations: some points carry and stay where they
-are, the others do not come nearer than their gap allows. Points that carry are found by pivoting: from the former ones,
-the one that would have to pull most is dropped, the one that comes nearer most is added, until none does either. At
-most three carry, since on a plane more would only share what three hold.
+are, the others do not come nearer than their gap allows. Active ones are found by pivoting: from the former ones, the
+one that would have to pull most is dropped, the one that comes nearer most is added, until none does either. At most
+three are active, since on a plane more would only share what three hold.
 
 A point that is dropped as it sticks, and comes nearer without, slides under next to no load: its friction is left out.
 
-Velocities are (6,): of the centre of mass, and angular; impulses are per mass.
+Each contact's rows are along its own normal. Velocities are (6,): of the centre of mass, and angular; impulses are per
+mass. All is kept in the arrays of :class:`Simulation`; those of the first `count` of `sim.near` are solved for.
 """
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
-from toppling.workers.compiled import Array, Flags, Indices, inner
+from toppling.workers.compiled import Vector, inner
+from toppling.workers.simulation import (
+    ARM_X,
+    ARM_Y,
+    ARM_Z,
+    DROPPED,
+    FOUND,
+    FREE,
+    GRAM,
+    IMPULSE,
+    JACOBIAN,
+    LEAST,
+    MOBILITY,
+    NORMAL_X,
+    NORMAL_Y,
+    NORMAL_Z,
+    SLIDES,
+    TOUCHES,
+    TRIED,
+    TURNED,
+    Simulation,
+)
 
 MOST_ACTIVE = 3
 
@@ -35,119 +56,135 @@ SINGULAR = 1e-12
 """Share of a diagonal element that must be left, or the points are too close to each other."""
 
 
-class Contacts(NamedTuple):
-    """Points that may carry a rock which begins to move, and arrays to work in."""
-
-    arms_m: Array  # (n, 3) from the centre of mass to the points, at equal heights
-    least_m_s: Array  # (n,) normal velocity of a point that carries, below which none may be
-    touches: Flags  # (n,) as the rock begins to move
-    active: Flags  # (n,) before; those that are now are put here
-    free: Array  # (6,) velocity without contact
-    mobility: Array  # (3, 3) inverse of the inertia over mass, same frame
-    allowed_m_s: float  # by which a point may come nearer all the same
-    velocity: Array  # (6,) that which the points leave is put here
-    slides: Flags  # (n,) of those that carry
-    chosen: Indices  # (3,) points that carry, those that stick first
-    rows: Array  # (6, 6) directions of the impulses that hold these
-    gram: Array  # (6, 6) what the impulses do to each other
-    impulse: Array  # (6,)
-
-
 @inner
-def solve(these: Contacts) -> tuple[bool, float]:
-    """Velocity of a rock whose points stick where they carry.
+def solve(sim: Simulation, count: int) -> tuple[bool, float]:
+    """Velocity, into FOUND, of a rock whose points stick where they carry; the flags TRIED say which do.
 
     Returns
     -------
     found : bool
         Whether there is such a velocity.
     friction : float
-        Least coefficient of friction at which no point that carries slips.
+        Least coefficient of friction at which no active point slips.
     """
-    active, dropped = these.active, np.zeros(len(these.active), np.bool_)
+    flags, allowed_m_s = sim.flags, sim.fixed[0].allowed_m_s
+    for k in range(count):
+        i = sim.near[k]
+        flags[SLIDES, i] = flags[DROPPED, i] = False
     for _ in range(ROUNDS):
-        pulled, pulls, near, comes_near = _try(these)
-        count = active.sum()
-        if pulled < -1e-3 * these.allowed_m_s:
+        pulled, pulls, near, comes_near = _try(sim, count)
+        active = _active(sim, count)
+        if pulled < -1e-3 * allowed_m_s:
             if pulled == -np.inf:
                 return False, np.inf
-            active[pulls], dropped[pulls] = False, True
-        elif near < these.allowed_m_s * (LOOSE if count == MOST_ACTIVE else 1.0):
-            if not _extend(these):
-                return True, _friction(these)
-        elif count == MOST_ACTIVE:
+            flags[TRIED, pulls], flags[DROPPED, pulls] = False, True
+        elif near < allowed_m_s * (LOOSE if active == MOST_ACTIVE else 1.0):
+            if not _extend(sim, count, active):
+                return True, _friction(sim, count)
+        elif active == MOST_ACTIVE:
             return False, np.inf
         else:
-            active[comes_near], these.slides[comes_near] = True, dropped[comes_near]
+            flags[TRIED, comes_near], flags[SLIDES, comes_near] = True, flags[DROPPED, comes_near]
     return False, np.inf
 
 
 @inner
-def _try(these: Contacts) -> tuple[float, int, float, int]:
+def _active(sim: Simulation, count: int) -> int:
+    """How many are tried."""
+    active = 0
+    for k in range(count):
+        active += 1 if sim.flags[TRIED, sim.near[k]] else 0
+    return active
+
+
+@inner
+def _try(sim: Simulation, count: int) -> tuple[float, int, float, int]:
     """Let some points carry: the least of their normal impulses, and by how much another comes nearer than it may.
 
     Each with the point's index. An impulse of minus infinity says that the points can't carry together.
     """
-    active, velocity, arms_m = these.active, these.velocity, these.arms_m
-    sticking, count = _choose(these)
-    velocity[:] = these.free
+    flags, work, candidates = sim.flags, sim.work, sim.candidates
+    sticking, active = _choose(sim, count)
+    for k in range(6):
+        work[FOUND, k] = work[FREE, k]
     pulled, pulls = np.inf, -1
-    if count > 0:
-        if sticking == 0 or not _hold(these, sticking, count):
+    if active > 0:
+        if sticking == 0 or not _hold(sim, sticking, active):
             return -np.inf, -1, 0.0, -1
-        for k in range(count):
-            impulse = these.impulse[_normal_row(k, sticking)]
+        for k in range(active):
+            impulse = work[IMPULSE, _normal_row(k, sticking)]
             if impulse < pulled:
-                pulled, pulls = impulse, these.chosen[k]
+                pulled, pulls = impulse, sim.chosen[k]
     near, comes_near = 0.0, -1
-    for i in range(len(active)):
-        if not active[i]:
-            rise = velocity[2] + velocity[3] * arms_m[i, 1] - velocity[4] * arms_m[i, 0]
-            if these.least_m_s[i] - rise > near:
-                near, comes_near = these.least_m_s[i] - rise, i
+    for k in range(count):
+        i = sim.near[k]
+        if not flags[TRIED, i]:
+            missing = candidates[LEAST, i] - _rise_m_s(sim, i)
+            if missing > near:
+                near, comes_near = missing, i
     return pulled, pulls, near, comes_near
 
 
 @inner
-def _extend(these: Contacts) -> bool:
+def _rise_m_s(sim: Simulation, i: int) -> float:
+    """Normal velocity of a point with the velocity found."""
+    work, candidates = sim.work, sim.candidates
+    u, v, w = work[FOUND, 0], work[FOUND, 1], work[FOUND, 2]
+    p, q, r = work[FOUND, 3], work[FOUND, 4], work[FOUND, 5]
+    x, y, z = candidates[ARM_X, i], candidates[ARM_Y, i], candidates[ARM_Z, i]
+    return (
+        candidates[NORMAL_X, i] * (u + q * z - r * y)
+        + candidates[NORMAL_Y, i] * (v + r * x - p * z)
+        + candidates[NORMAL_Z, i] * (w + p * y - q * x)
+    )
+
+
+@inner
+def _extend(sim: Simulation, count: int, active: int) -> bool:
     """Let one more of the points that touch carry, if one can: that which takes most. Whether one does.
 
     Sticking has several answers: a block on an edge that is pushed hard may turn about it, or swing about one of its
     corners, off the other one, though nothing has begun to turn it so. The answer that lets go of least is taken.
     """
-    active = these.active
-    count = active.sum()
-    if count == 0 or count == MOST_ACTIVE or these.slides.any():
+    flags = sim.flags
+    if active == 0 or active == MOST_ACTIVE:
         return False
-    most, best = 0.0, -1
-    for i in range(len(active)):
-        if these.touches[i] and not active[i]:
-            active[i] = True
-            pulled, _, near, _ = _try(these)
-            active[i] = False
-            if pulled > most and near < these.allowed_m_s * (LOOSE if count + 1 == MOST_ACTIVE else 1.0):
+    for k in range(count):
+        if flags[SLIDES, sim.near[k]]:
+            return False
+    most, best, tried = 0.0, -1, False
+    for k in range(count):
+        i = sim.near[k]
+        if flags[TOUCHES, i] and not flags[TRIED, i]:
+            flags[TRIED, i] = tried = True
+            pulled, _, near, _ = _try(sim, count)
+            flags[TRIED, i] = False
+            loose = LOOSE if active + 1 == MOST_ACTIVE else 1.0
+            if pulled > most and near < sim.fixed[0].allowed_m_s * loose:
                 most, best = pulled, i
     if best < 0:
-        _try(these)
+        if tried:
+            _try(sim, count)
         return False
-    active[best] = True
+    flags[TRIED, best] = True
     return True
 
 
 @inner
-def _choose(these: Contacts) -> tuple[int, int]:
-    """Indices of points that carry, those that stick first: how many stick, and how many there are."""
-    sticking, count = 0, 0
+def _choose(sim: Simulation, count: int) -> tuple[int, int]:
+    """Indices of active points, those that stick first: how many stick, and how many there are."""
+    flags, sticking, active = sim.flags, 0, 0
     for slides in (False, True):
-        sticking = count
-        for i in range(len(these.active)):
-            if these.active[i] and these.slides[i] == slides:
-                if count < MOST_ACTIVE:
-                    these.chosen[count] = i
-                    count += 1
+        sticking = active
+        for k in range(count):
+            i = sim.near[k]
+            if flags[TRIED, i] and flags[SLIDES, i] == slides:
+                if active < MOST_ACTIVE:
+                    sim.chosen[active] = i
+                    active += 1
                 else:
-                    these.active[i] = False
-    return sticking, count
+                    flags[TRIED, i] = False
+    return sticking, active
 
 
 @inner
@@ -158,108 +195,132 @@ def _normal_row(k: int, sticking: int) -> int:
 
 
 @inner
-def _hold(these: Contacts, sticking: int, count: int) -> bool:
+def _hold(sim: Simulation, sticking: int, active: int) -> bool:
     """Add the impulses that hold some points to the velocity; they and their directions are kept.
 
-    Equations without those that follow from others: the first point along the normal, x and y; the second along the
-    normal and across the line to the first; the third, and points that slide, along the normal.
+    Equations without those that follow from others: the first point along its normal and two tangents; the second along
+    its normal and across the line to the first; the third, and points that slide, along their normals.
     """
-    arms_m, chosen, mobility, velocity = these.arms_m, these.chosen, these.mobility, these.velocity
-    rows, gram, impulse = these.rows, these.gram, these.impulse
-    ax, ay, _ = arms_m[chosen[0]]
+    work, candidates = sim.work, sim.candidates
     total = 0
-    for k in range(count):
-        arm = arms_m[chosen[k]]
-        _row(rows, total, 0.0, 0.0, 1.0, arm)
-        impulse[total] = these.least_m_s[chosen[k]]
+    for k in range(active):
+        i = sim.chosen[k]
+        nx, ny, nz = candidates[NORMAL_X, i], candidates[NORMAL_Y, i], candidates[NORMAL_Z, i]
+        _row(sim, total, i, nx, ny, nz, candidates[LEAST, i])
         total += 1
         if k == 0:
-            _row(rows, 1, 1.0, 0.0, 0.0, arm)
-            _row(rows, 2, 0.0, 1.0, 0.0, arm)
-            impulse[1] = impulse[2] = 0.0
+            a, b, c = _tangent(nx, ny, nz)
+            _row(sim, 1, i, a, b, c, 0.0)
+            _row(sim, 2, i, ny * c - nz * b, nz * a - nx * c, nx * b - ny * a, 0.0)
             total = 3
         elif k == 1 and sticking > 1:
-            x, y = arm[0] - ax, arm[1] - ay
-            far = math.sqrt(x * x + y * y)
+            first = sim.chosen[0]
+            x = candidates[ARM_X, i] - candidates[ARM_X, first]
+            y = candidates[ARM_Y, i] - candidates[ARM_Y, first]
+            z = candidates[ARM_Z, i] - candidates[ARM_Z, first]
+            a, b, c = ny * z - nz * y, nz * x - nx * z, nx * y - ny * x
+            far = math.sqrt(a * a + b * b + c * c)
             if far == 0.0:
                 return False
-            _row(rows, total, -y / far, x / far, 0.0, arm)
-            impulse[total] = 0.0
+            _row(sim, total, i, a / far, b / far, c / far, 0.0)
             total += 1
-    turned = np.empty((6, 3))
     for i in range(total):
         for k in range(3):
-            turned[i, k] = (
-                mobility[k, 0] * rows[i, 3] + mobility[k, 1] * rows[i, 4] + mobility[k, 2] * rows[i, 5]
+            work[TURNED + i, k] = (
+                work[MOBILITY + k, 0] * work[JACOBIAN + i, 3]
+                + work[MOBILITY + k, 1] * work[JACOBIAN + i, 4]
+                + work[MOBILITY + k, 2] * work[JACOBIAN + i, 5]
             )
-        for k in range(6):
-            impulse[i] -= rows[i, k] * velocity[k]
         for j in range(i + 1):
-            gram[i, j] = (
-                rows[i, 0] * rows[j, 0] + rows[i, 1] * rows[j, 1] + rows[i, 2] * rows[j, 2]
-                + turned[i, 0] * rows[j, 3] + turned[i, 1] * rows[j, 4] + turned[i, 2] * rows[j, 5]
-            )  # fmt: skip
-    if not _solve_symmetric(gram, impulse, total):
+            work[GRAM + i, j] = (
+                work[JACOBIAN + i, 0] * work[JACOBIAN + j, 0]
+                + work[JACOBIAN + i, 1] * work[JACOBIAN + j, 1]
+                + work[JACOBIAN + i, 2] * work[JACOBIAN + j, 2]
+                + work[TURNED + i, 0] * work[JACOBIAN + j, 3]
+                + work[TURNED + i, 1] * work[JACOBIAN + j, 4]
+                + work[TURNED + i, 2] * work[JACOBIAN + j, 5]
+            )
+    if not _solve_symmetric(sim, total):
         return False
     for i in range(total):
+        impulse = work[IMPULSE, i]
         for k in range(3):
-            velocity[k] += rows[i, k] * impulse[i]
-            velocity[3 + k] += turned[i, k] * impulse[i]
+            work[FOUND, k] += work[JACOBIAN + i, k] * impulse
+            work[FOUND, 3 + k] += work[TURNED + i, k] * impulse
     return True
 
 
 @inner
-def _row(rows: Array, i: int, x: float, y: float, z: float, arm: Array) -> None:
-    """Row i: velocity along (x, y, z) of the point at an arm, as a function of the rock's velocity."""
-    rows[i, 0], rows[i, 1], rows[i, 2] = x, y, z
-    rows[i, 3] = arm[1] * z - arm[2] * y
-    rows[i, 4] = arm[2] * x - arm[0] * z
-    rows[i, 5] = arm[0] * y - arm[1] * x
+def _tangent(x: float, y: float, z: float) -> Vector:
+    """A unit vector across a normal, along x where it is upright."""
+    if abs(x) < 0.9:  # x less its part along the normal
+        a, b, c = 1.0 - x * x, -x * y, -x * z
+    else:
+        a, b, c = -z * x, -z * y, 1.0 - z * z
+    size = math.sqrt(a * a + b * b + c * c)
+    return a / size, b / size, c / size
 
 
 @inner
-def _solve_symmetric(gram: Array, right: Array, count: int) -> bool:
-    """Solve a symmetric positive system in place, by Cholesky's decomposition of its lower triangle."""
+def _row(sim: Simulation, i: int, point: int, x: float, y: float, z: float, wanted_m_s: float) -> None:
+    """Equation i: the point's velocity along (x, y, z), a function of the rock's, is to be this one."""
+    work, candidates = sim.work, sim.candidates
+    a, b, c = candidates[ARM_X, point], candidates[ARM_Y, point], candidates[ARM_Z, point]
+    row = JACOBIAN + i
+    work[row, 0], work[row, 1], work[row, 2] = x, y, z
+    work[row, 3], work[row, 4], work[row, 5] = b * z - c * y, c * x - a * z, a * y - b * x
+    missing = wanted_m_s
+    for k in range(6):
+        missing -= work[row, k] * work[FOUND, k]
+    work[IMPULSE, i] = missing
+
+
+@inner
+def _solve_symmetric(sim: Simulation, count: int) -> bool:
+    """Solve for the impulses in place, by Cholesky's decomposition of the lower triangle of GRAM."""
+    work = sim.work
     for i in range(count):
         for j in range(i + 1):
-            rest = gram[i, j]
+            rest = work[GRAM + i, j]
             for k in range(j):
-                rest -= gram[i, k] * gram[j, k]
+                rest -= work[GRAM + i, k] * work[GRAM + j, k]
             if i > j:
-                gram[i, j] = rest / gram[j, j]
-            elif rest > SINGULAR * gram[i, i]:
-                gram[i, i] = math.sqrt(rest)
+                work[GRAM + i, j] = rest * work[GRAM + j, j]
+            elif rest > SINGULAR * work[GRAM + i, i]:
+                work[GRAM + i, i] = 1.0 / math.sqrt(rest)
             else:
                 return False
+        right = work[IMPULSE, i]
         for k in range(i):
-            right[i] -= gram[i, k] * right[k]
-        right[i] /= gram[i, i]
+            right -= work[GRAM + i, k] * work[IMPULSE, k]
+        work[IMPULSE, i] = right * work[GRAM + i, i]
     for i in range(count - 1, -1, -1):
+        right = work[IMPULSE, i]
         for k in range(i + 1, count):
-            right[i] -= gram[k, i] * right[k]
-        right[i] /= gram[i, i]
+            right -= work[GRAM + k, i] * work[IMPULSE, k]
+        work[IMPULSE, i] = right * work[GRAM + i, i]
     return True
 
 
 @inner
-def _friction(these: Contacts) -> float:
-    """Least coefficient of friction with which the points can give what holds them.
+def _friction(sim: Simulation, count: int) -> float:
+    """Least coefficient of friction with which the points can give what holds them, on one plane.
 
     How they share it is not determined for rigid bodies. As in :func:`models.statics.equilibrium_possible` each gives
     the resultant in proportion to its normal force; what turns the rock about the centre of pressure is shared in
     proportion to the distance from it too.
     """
-    arms_m, chosen, rows, impulse = these.arms_m, these.chosen, these.rows, these.impulse
-    sticking, count = _choose(these)
+    work, candidates, chosen = sim.work, sim.candidates, sim.chosen
+    sticking, active = _choose(sim, count)
     total, sliding, x, y = 0.0, 0.0, 0.0, 0.0
-    for k in range(count):
-        normal = impulse[_normal_row(k, sticking)]
+    for k in range(active):
+        normal = work[IMPULSE, _normal_row(k, sticking)]
         if k >= sticking:
             sliding += normal
             continue
         total += normal
-        x += normal * arms_m[chosen[k], 0]
-        y += normal * arms_m[chosen[k], 1]
+        x += normal * candidates[ARM_X, chosen[k]]
+        y += normal * candidates[ARM_Y, chosen[k]]
     if sliding > SLIDING_SHARE * total:
         return np.inf
     if total <= 0.0:
@@ -267,18 +328,18 @@ def _friction(these: Contacts) -> float:
     x, y, along, across, turning = x / total, y / total, 0.0, 0.0, 0.0
     for i in (1, 2, 4):
         if i < 4 or sticking > 1:
-            along += rows[i, 0] * impulse[i]
-            across += rows[i, 1] * impulse[i]
-            turning += rows[i, 5] * impulse[i]
+            along += work[JACOBIAN + i, 0] * work[IMPULSE, i]
+            across += work[JACOBIAN + i, 1] * work[IMPULSE, i]
+            turning += work[JACOBIAN + i, 5] * work[IMPULSE, i]
     turning -= x * across - y * along
     spread = 0.0
     for k in range(sticking):
-        square = (arms_m[chosen[k], 0] - x) ** 2 + (arms_m[chosen[k], 1] - y) ** 2
-        spread += impulse[_normal_row(k, sticking)] * square / total
+        square = (candidates[ARM_X, chosen[k]] - x) ** 2 + (candidates[ARM_Y, chosen[k]] - y) ** 2
+        spread += work[IMPULSE, _normal_row(k, sticking)] * square / total
     share, largest = turning / spread if spread > 0.0 else 0.0, 0.0
     for k in range(sticking):
-        if impulse[_normal_row(k, sticking)] > 0.0:
-            a = along - share * (arms_m[chosen[k], 1] - y)
-            b = across + share * (arms_m[chosen[k], 0] - x)
+        if work[IMPULSE, _normal_row(k, sticking)] > 0.0:
+            a = along - share * (candidates[ARM_Y, chosen[k]] - y)
+            b = across + share * (candidates[ARM_X, chosen[k]] - x)
             largest = max(largest, math.sqrt(a * a + b * b) / total)
     return largest

@@ -12,7 +12,7 @@ from toppling.workers.engines.protocol import Integrator
 from toppling.workers.observation import Observation
 from toppling.workers.problem import Problem
 from toppling.workers.quaternion import to_world
-from toppling.workers.simulation import Simulation
+from toppling.workers.simulation import Simulation, X, Y, Z
 
 
 class Rest:
@@ -20,9 +20,10 @@ class Rest:
 
     def __init__(self, problem: Problem, integrator: Integrator) -> None:
         sim = integrator.history.sim
-        self._problem, self._integrator, self._sample_s = problem, integrator, sim.sample_s
+        self._problem, self._integrator, self._sample_s = problem, integrator, problem.motion.time_step_s
         self._history = integrator.history
-        self._forces = np.vstack([sim.gravity_m_s2 - sim.ground_acceleration_m_s2, sim.gravity_m_s2])
+        gravity_m_s2 = sim.fixed["gravity_m_s2"][0]
+        self._forces = np.vstack([gravity_m_s2 - sim.ground[:, :3], gravity_m_s2])
         """Specific force at the motion's samples, and after the last of them."""
         self.rests = problem.start is None
         """For the whole of the last block."""
@@ -62,7 +63,7 @@ class Rest:
         its samples: a rock at rest stays so up to the last sample of those that all lie in the cone. Blocks are skipped
         whole, so that what comes after is to the bit what it is without the skip.
         """
-        history, step_s = self._history, self._history.sim.step_s
+        history, step_s = self._history, self._problem.time_step_s
         first, end = int(history.time_s / self._sample_s), len(self._forces)
         until = self._held_until(history.last, first, end)
         if until == end:
@@ -94,16 +95,12 @@ def held_until(sim: Simulation, index: int, friction: float, forces_m_s2: Array,
     most the friction times the normal one, and its line of action through the centre of mass pierces the hull of the
     points.
     """
-    points_m, pose, touching_m = (
-        sim.points_m,
-        sim.pose[index],
-        sim.contact.resting_share * sim.half_diagonal_m,
-    )
-    arms, count = np.empty((len(points_m), 3)), 0
-    for i in range(len(points_m)):
-        arm = to_world(points_m[i, 0], points_m[i, 1], points_m[i, 2], pose)
-        if pose[2] + arm[2] <= touching_m:
-            arms[count] = arm
+    candidates, pose, touching_m = sim.candidates, sim.pose[index], sim.fixed[0].resting_m
+    arms, count = np.empty((candidates.shape[1], 3)), 0
+    for i in range(len(arms)):
+        x, y, z = to_world(candidates[X, i], candidates[Y, i], candidates[Z, i], pose)
+        if pose[2] + z <= touching_m:
+            arms[count, 0], arms[count, 1], arms[count, 2] = x, y, z
             count += 1
     ring = convex_ring(arms[:count], touching_m)
     if len(ring) < 3:

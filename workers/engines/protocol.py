@@ -15,8 +15,8 @@ from toppling.workers.options import PRESETS, NumericalOptions
 
 if TYPE_CHECKING:
     from toppling.models.scene import Scene
+    from toppling.workers.history import StateHistory
     from toppling.workers.problem import Problem
-    from toppling.workers.simulation import StateHistory
 
 
 class Integrator(Protocol):
@@ -30,6 +30,30 @@ class Integrator(Protocol):
 
     def restart(self) -> None:
         """Forget what the engine keeps from step to step: the rock was set to rest where it is."""
+
+
+class StepCheckError(RuntimeError):
+    """An engine has repeated a step of the program's own and moved the rock elsewhere: the job has no answer.
+
+    Parameters
+    ----------
+    time_s : float
+        Of the shake.
+    unlike : float
+        Largest difference of a pose, over R, or of a velocity, over sqrt(g R).
+    allowed : float
+    """
+
+    def __init__(self, time_s: float, unlike: float, allowed: float) -> None:
+        self.time_s, self.unlike, self.allowed = time_s, unlike, allowed
+        super().__init__(time_s, unlike, allowed)
+
+    def __str__(self) -> str:
+        return (
+            f"at {self.time_s:.4f} s the engine repeats a step of the program's own and comes elsewhere: by "
+            f"{self.unlike:.1e} of the rock's size or speed, where {self.allowed:.0e} is rounding. Shake with preset "
+            "'standard', in which the engine takes every step, and report the job"
+        )
 
 
 class Pool(Protocol):

@@ -16,7 +16,7 @@ from toppling.results.store import compact, write_part
 
 def test_the_processor_and_its_kernels_are_known_here():
     told = processor()
-    assert set(told) == {"cpu", "kernels"} == set(ADDED_LATER)
+    assert set(told) == {"cpu", "kernels"} < set(ADDED_LATER)
     assert told["cpu"]
     assert re.fullmatch(r"BLAS \S.*, LLVM \S+", told["kernels"])
     assert "unknown" not in told["kernels"]
@@ -39,7 +39,7 @@ def test_workers_of_unlike_kernels_are_told_and_like_ones_are_not():
 
 
 def test_what_computed_a_row_is_no_part_of_its_answer():
-    assert set(ADDED_LATER) <= set(columns("provenance"))
+    assert {"cpu", "kernels"} <= set(columns("provenance"))
 
 
 def test_results_of_before_these_columns_are_read_with_nulls(tmp_path):

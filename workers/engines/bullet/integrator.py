@@ -1,9 +1,10 @@
 """Time integration of second order across impacts: a leapfrog with steps that end where a point lands.
 
 A step moves the rock with the velocity of its middle, which the specific force from middle to middle has brought about,
-held by the contacts. Where no point slips that velocity is found directly (`contact/sticking.py`), and the engine moves
-the rock with it and checks every contact; where a point slips the engine solves the contacts too
-(`solved_steps.py`).
+held by the contacts. Where no point slips that velocity is found directly (`contact/sticking.py`), and the motion with
+it is known: a straight line and a rotation. The presets that judge let PyBullet carry it out and check every contact;
+the others take such a step themselves, and PyBullet repeats a share of them, of which none may differ. Where a point
+slips PyBullet solves the contacts (`solved_steps.py`).
 
 An impact spoils the order of a step that goes over it: a solver that lets the point arrive just at the surface moves
 the rock's weight to the new support at the start of the step, half a step too early on the average. The energy lost in
@@ -16,20 +17,27 @@ ends.
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 
-from toppling.workers.compiled import Array, compiled, inner
+from toppling.workers.compiled import compiled, inner
 from toppling.workers.contact.active_set import MOST_ACTIVE
 from toppling.workers.contact.events import time_to_contact_s
-from toppling.workers.contact.gaps import gap_rates_m_s
+from toppling.workers.contact.gaps import find_centripetal, find_rates, look, lowest_looked_at_m, turned_on
 from toppling.workers.contact.impact import arrive, land_sticking, lowest_slip_m_s
-from toppling.workers.contact.sticking import LOOKED_AHEAD, sticking_velocity, velocity_over_step
+from toppling.workers.contact.offset import set_normal_offset, sphere_height_m
+from toppling.workers.contact.sticking import (
+    LOOKED_AHEAD,
+    count_active,
+    forget_slip,
+    sticking_velocity,
+    velocity_over_step,
+)
 from toppling.workers.engines.bullet import world as bullet
 from toppling.workers.engines.bullet.let_down import let_down
 from toppling.workers.engines.bullet.pool import EnginePool, configure_for, process_pool
 from toppling.workers.engines.bullet.solved_steps import (
+    Worlds,
     approach_1_s,
     place,
     solved_impact,
@@ -37,25 +45,32 @@ from toppling.workers.engines.bullet.solved_steps import (
     take_over,
 )
 from toppling.workers.engines.bullet.world import WORLD
+from toppling.workers.engines.protocol import StepCheckError
+from toppling.workers.history import ROOM, StateHistory, rest_until
 from toppling.workers.problem import Problem
 from toppling.workers.simulation import (
+    ACCELERATION,
+    FOUND,
+    GAP,
+    LEAST,
+    MEAN,
+    NEAR,
     NOT,
     RAISED,
-    ROOM,
+    RATE,
     Simulation,
-    StateHistory,
     append,
-    gaps_of,
+    forget_acceleration,
     largest_tilt_deg,
     note_acceleration,
-    rest_until,
-    set_normal_offset,
+    points_in_use,
 )
 
 __all__ = ["advance", "integrator", "let_down", "process_pool"]
 
-DONE, NEEDS_WORLD, NEEDS_ROOM = 0, 1, 2
-"""Why :func:`advance` came back: it is there; `state.set` has no world yet; the trajectory's arrays are full."""
+DONE, NEEDS_WORLD, NEEDS_ROOM, UNLIKE = 0, 1, 2, 3
+"""Why :func:`advance` came back: it is there; `state.set` has no world yet; the trajectory's arrays are full; the
+engine has repeated an own step and moved the rock elsewhere."""
 
 SOON = 0.02
 """Share of a step: the engine is given no shorter one before an impact of points that slip."""
@@ -64,33 +79,45 @@ LATER = 2.0
 """Times the time to a contact: where the velocity that was found for it meets the contact later, it is not yet met."""
 
 
+SUNK_SHARE = 0.1
+"""Of the height by which the engine has the rock higher: a point that sinks farther in an own step is the engine's."""
+
+RAISED_OVER = 1.2
+"""Times the depth of a point on its tangent."""
+
+ALLOWED = 1e-9
+"""Of R, and of sqrt(g R): by which the engine's repetition of an own step may differ."""
+
+
 @compiled
-def advance(sim: Simulation, worlds: Any, steps_to: int) -> int:
+def advance(sim: Simulation, worlds: Worlds, steps_to: int) -> int:
     """Go on until `steps_to` steps from time 0, or a step more; says why it came back."""
     state = sim.state[0]
     while state.grid < steps_to:
         _choose_set(sim)
-        if worlds[state.set].client == 0:
+        if worlds.records[state.set].client == 0:
             return NEEDS_WORLD
         if state.last + ROOM > len(sim.time_s):
             return NEEDS_ROOM
-        if state.world != state.set:
-            take_over(sim, worlds)
+        if not sim.fixed[0].own_steps:
+            _hand_over(sim, worlds)
         if not (state.rests and _stays(sim, worlds)):
             _step_over(sim, worlds)
+        if state.unlike > 0.0:
+            return UNLIKE
     return DONE
 
 
 @inner
 def _choose_set(sim: Simulation) -> None:
-    """Choose points that serve the tilts of the next steps at twice the present spin.
+    """Choose candidates that serve the tilts of the next steps at twice the present spin.
 
-    Fewer points only below half of what they serve, or the sets would change to and fro.
+    Fewer only below half of what they serve, or the sets would change to and fro.
     """
     state = sim.state[0]
     velocity = sim.velocity[state.last]
     spin = math.sqrt(velocity[3] ** 2 + velocity[4] ** 2 + velocity[5] ** 2)
-    needed_deg = largest_tilt_deg(sim, state.last) + math.degrees(4.0 * spin * sim.step_s)
+    needed_deg = largest_tilt_deg(sim, state.last) + math.degrees(4.0 * spin * sim.fixed[0].step_s)
     chosen = len(sim.set_points) - 1
     for points in range(chosen, -1, -1):
         if sim.set_tilt_deg[points] * (0.5 if points < state.set else 1.0) >= needed_deg:
@@ -99,62 +126,74 @@ def _choose_set(sim: Simulation) -> None:
 
 
 @inner
-def _stays(sim: Simulation, worlds: Any) -> bool:
+def _hand_over(sim: Simulation, worlds: Worlds) -> None:
+    """Make sure that the world of the present set has the rock; in which pose, `state.placed` says."""
+    if sim.state[0].world != sim.state[0].set:
+        take_over(sim, worlds)
+
+
+@inner
+def _stays(sim: Simulation, worlds: Worlds) -> bool:
     """Take one step with a rock at rest, if its contact holds it; whether it does."""
-    state, pose = sim.state[0], sim.pose[sim.state[0].last]
-    near = gaps_of(sim, pose) < sim.contact.resting_share * sim.half_diagonal_m
-    velocity, least = np.empty(6), np.zeros(len(near))
-    held = sticking_velocity(sim, pose, sim.step_s, near, least, velocity)
-    if not held or sim.active.sum() < MOST_ACTIVE:
+    state, fixed, last = sim.state[0], sim.fixed[0], sim.state[0].last
+    look(sim, last)
+    for i in range(points_in_use(sim)):
+        sim.flags[NEAR, i], sim.candidates[LEAST, i] = sim.candidates[GAP, i] < fixed.resting_m, 0.0
+    held = sticking_velocity(sim, fixed.step_s)
+    if not held or count_active(sim) < MOST_ACTIVE:
         state.rests = 0
         return False
-    if not sim.skips_rest:
-        there, still = pose.copy(), np.zeros(6)
-        raised_m = sim.contact.raised_share * sim.half_diagonal_m
-        bullet.advance_prescribed(worlds[state.world], sim.step_s, False, raised_m, there, still)
-        state.engine_steps += 1
+    if not fixed.skips_rest:
+        state.steps += 1
+        if not fixed.own_steps:
+            sim.pose[last + 1] = sim.pose[last]
+            for k in range(6):
+                sim.velocity[last + 1, k] = 0.0
+            _carry_out(sim, worlds, fixed.step_s, False, last + 1, 1.0)
     rest_until(sim, state.grid + 1)
     return True
 
 
 @inner
-def _step_over(sim: Simulation, worlds: Any) -> None:
+def _step_over(sim: Simulation, worlds: Worlds) -> None:
     """Go on to the end of this step, or of the next where this one has nearly ended, over all impacts on the way."""
-    state = sim.state[0]
+    state, fixed = sim.state[0], sim.fixed[0]
     state.rests = 0
-    for impact in range(sim.impact.most + 1):
-        grid = math.ceil(sim.time_s[state.last] / sim.step_s + 0.5)  # leaves half a step to one and a half
-        left_s = grid * sim.step_s - sim.time_s[state.last]
-        if abs(left_s - sim.step_s) < 1e-9 * sim.step_s:
-            left_s = sim.step_s
-        resolved_m_s = sim.resolved_m_s if impact < sim.impact.most else np.inf
+    for impact in range(fixed.most + 1):
+        grid = math.ceil(sim.time_s[state.last] / fixed.step_s + 0.5)  # leaves half a step to one and a half
+        left_s = grid * fixed.step_s - sim.time_s[state.last]
+        if abs(left_s - fixed.step_s) < 1e-9 * fixed.step_s:
+            left_s = fixed.step_s
+        resolved_m_s = fixed.resolved_m_s if impact < fixed.most else np.inf
         if not _move(sim, worlds, left_s, resolved_m_s):
-            sim.time_s[state.last] = grid * sim.step_s
+            sim.time_s[state.last] = grid * fixed.step_s
             state.grid = grid
             return
 
 
 @inner
-def _move(sim: Simulation, worlds: Any, left_s: float, resolved_m_s: float) -> bool:
+def _move(sim: Simulation, worlds: Worlds, left_s: float, resolved_m_s: float) -> bool:
     """Move for some time, or until a point has landed or nearly has; whether time is left."""
-    last, velocity, lands = sim.state[0].last, np.empty(6), True
+    state, fixed, lands = sim.state[0], sim.fixed[0], True
     set_normal_offset(sim, 0.0)
-    if worlds[sim.state[0].world].friction != sim.friction_static:
+    if state.world >= 0 and worlds.records[state.world].friction != fixed.friction_static:
         return _slide(sim, worlds, left_s, resolved_m_s)
-    held, contact_s = velocity_over_step(sim, left_s, left_s, resolved_m_s, velocity)
-    soonest_s = sim.impact.at_once * sim.step_s
+    held, contact_s = velocity_over_step(sim, left_s, left_s, resolved_m_s)
+    soonest_s = fixed.at_once * fixed.step_s
     if held and soonest_s < contact_s < left_s:
         # Once more with the velocity up to the contact, which it meets a little sooner or later.
         before_s = contact_s
-        held, contact_s = velocity_over_step(sim, before_s, left_s, resolved_m_s, velocity)
+        held, contact_s = velocity_over_step(sim, before_s, left_s, resolved_m_s)
         lands = contact_s < LATER * before_s
         contact_s = contact_s if lands else before_s
-        share = 0.5 * (contact_s - before_s) / (sim.time_s[last] - sim.velocity_time_s[last] + 0.5 * before_s)
-        velocity += share * (velocity - sim.velocity[last])
+        since_s = sim.time_s[state.last] - sim.velocity_time_s[state.last] + 0.5 * before_s
+        share = 0.5 * (contact_s - before_s) / since_s
+        for k in range(6):
+            sim.work[FOUND, k] += share * (sim.work[FOUND, k] - sim.velocity[state.last, k])
     if not held:
         return _slide(sim, worlds, left_s, resolved_m_s)
     if contact_s > soonest_s:
-        _advance_prescribed(sim, worlds, velocity, contact_s)
+        _advance_prescribed(sim, worlds, contact_s)
     if contact_s >= left_s:
         return False
     if lands:
@@ -163,78 +202,208 @@ def _move(sim: Simulation, worlds: Any, left_s: float, resolved_m_s: float) -> b
 
 
 @inner
-def _advance_prescribed(sim: Simulation, worlds: Any, velocity: Array, step_s: float) -> None:
-    """Move with a velocity that meets all contacts."""
+def _advance_prescribed(sim: Simulation, worlds: Worlds, step_s: float) -> None:
+    """Move with the velocity found, which meets all contacts; where it misses one the engine always carries it out."""
     state, last = sim.state[0], sim.state[0].last
-    if state.near_share != sim.contact.checked_share:
-        place(sim, worlds, sim.contact.checked_share, state.axes_rad)
-    placed = state.placed == RAISED
     new = append(sim, step_s, 0.5 * step_s)
-    sim.pose[new], sim.velocity[new] = sim.pose[last], velocity
-    world, raised_m = worlds[state.world], sim.contact.raised_share * sim.half_diagonal_m
-    bullet.advance_prescribed(world, step_s, placed, raised_m, sim.pose[new], sim.velocity[new])
-    state.engine_steps += 1
-    state.placed = RAISED
+    state.steps += 1
+    if sim.fixed[0].own_steps and _take_own_step(sim, last, new, step_s):
+        if state.world >= 0:
+            bullet.forget_friction(worlds.records[state.world])
+        if _is_drawn(sim):
+            _check(sim, worlds, last, step_s)
+        state.placed = NOT
+    else:
+        _let_engine_move(sim, worlds, last, step_s)
     note_acceleration(sim, last)
 
 
 @inner
-def _slide(sim: Simulation, worlds: Any, left_s: float, resolved_m_s: float) -> bool:
-    """Move for some time, or until a point has landed, with contacts solved by the engine; whether one did."""
-    state, contact, impact = sim.state[0], sim.contact, sim.impact
-    last, world = state.last, worlds[state.world]
-    if state.slips_after >= 0.0 and world.friction_kinetic != world.friction_static:
-        # The force of a step is that from middle to middle: slip may have begun before it, held by the latest step.
-        held = (world.friction_static - world.friction_kinetic) * (state.slips_after - 0.5)
-        bullet.set_friction(world, max(world.friction_kinetic + held, 0.0))
-    state.slips_after, state.needed_friction = -1.0, 0.0
-    gap, since_s = gaps_of(sim, sim.pose[last]), sim.time_s[last] - sim.velocity_time_s[last]
-    rate = np.empty(len(gap))
-    mean = sim.velocity[last] + sim.acceleration * (since_s + 0.5 * left_s)
-    gap_rates_m_s(sim.points_m, sim.pose[last], mean, rate)
-    contact_s, nearest_m, needed_m = left_s, np.inf, 0.0
-    for i in range(len(gap)):
-        if gap[i] + LOOKED_AHEAD * rate[i] * left_s < 0.0:
-            needed_m = max(needed_m, gap[i])
-            if gap[i] > contact.carrying_share * sim.half_diagonal_m and -rate[i] > resolved_m_s:
-                nearest_m = min(nearest_m, gap[i])
-                point, pose, velocity = sim.points_m[i : i + 1], sim.pose[last], sim.velocity[last]
-                lands_s = time_to_contact_s(point, pose, velocity, sim.acceleration, since_s, left_s)
-                contact_s = min(contact_s, lands_s)
-    if contact_s < left_s:
-        if contact_s > SOON * sim.step_s:
-            near = min(world.near_share, impact.left_out * nearest_m / sim.half_diagonal_m)
-            terminal_s = impact.terminal_share * contact_s
-            solved_step(sim, worlds, contact_s - terminal_s, 0.5, near)
-            solved_step(sim, worlds, terminal_s, 1.0, impact.left_out * impact.terminal_share * near)
-        _resolve_impact(sim, worlds)
+def _let_engine_move(sim: Simulation, worlds: Worlds, last: int, step_s: float) -> None:
+    """Let the engine move the rock from pose `last` with the velocity found, and take from it what meets no contact."""
+    state, fixed, new = sim.state[0], sim.fixed[0], sim.state[0].last
+    state.last = last
+    _hand_over(sim, worlds)
+    times = _raised_times(sim, step_s)
+    if state.near_share != times * fixed.checked_share:
+        place(sim, worlds, times * fixed.checked_share, state.axes_rad)
+    state.last = new
+    placed = state.placed == RAISED
+    sim.pose[new], sim.velocity[new] = sim.pose[last], sim.work[FOUND]
+    _carry_out(sim, worlds, step_s, placed, new, times)
+    state.placed = RAISED
+
+
+@inner
+def _take_own_step(sim: Simulation, last: int, new: int, step_s: float) -> bool:
+    """A straight line of the centre of mass, and the exact rotation about it; false where a point sinks by it."""
+    pose, velocity, there = sim.pose[last], sim.work[FOUND], sim.pose[new]
+    x, y, z, w = turned_on(pose, velocity[3], velocity[4], velocity[5], step_s)
+    size = math.sqrt(x * x + y * y + z * z + w * w)
+    there[3], there[4], there[5], there[6] = x / size, y / size, z / size, w / size
+    for k in range(3):
+        there[k] = pose[k] + step_s * velocity[k]
+    for k in range(6):
+        sim.velocity[new, k] = velocity[k]
+    fixed = sim.fixed[0]
+    lowest_m = min(lowest_looked_at_m(sim), 0.0) - SUNK_SHARE * fixed.raised_share * fixed.half_diagonal_m
+    look(sim, new)
+    if lowest_looked_at_m(sim) >= lowest_m:
         return True
-    near = max(2.0 * LOOKED_AHEAD * needed_m / sim.half_diagonal_m, contact.prepared_share)
-    near = min(near, world.near_share)
-    if 0.5 * near < state.near_share < 4.0 * near:  # what the engine was told of serves
-        near = state.near_share
-    solved_step(sim, worlds, left_s, 0.5, near)
-    deepest_m = -contact.penetrating_share * sim.half_diagonal_m
-    if gap.min() > deepest_m > gaps_of(sim, sim.pose[state.last]).min():
-        state.last, state.placed = last, NOT
-        near = max(LOOKED_AHEAD * left_s * approach_1_s(sim), world.near_share)
-        for _ in range(contact.repeated_parts):
-            solved_step(sim, worlds, left_s / contact.repeated_parts, 0.5, near)
-        sim.acceleration[:] = 0.0
+    look(sim, last)
     return False
 
 
 @inner
-def _resolve_impact(sim: Simulation, worlds: Any) -> None:
+def _raised_times(sim: Simulation, step_s: float) -> float:
+    """By how many times the least height the engine has the rock higher in a prescribed step, a power of two.
+
+    A point that comes to the surface on an arc, or leaves it on one, is below it on its tangent, where the engine would
+    stop it; one that ends below the surface is not spared that. And its sphere is lower than the point as it tilts.
+    """
+    fixed, candidates = sim.fixed[0], sim.candidates
+    find_rates(sim, sim.work[FOUND])
+    find_centripetal(sim, sim.work[FOUND])
+    below_m = 0.0
+    for i in range(points_in_use(sim)):
+        arc_m = 0.5 * step_s * step_s * candidates[LEAST, i]
+        below_m = max(below_m, min(-candidates[GAP, i] - step_s * candidates[RATE, i], arc_m))
+    below_m += fixed.radius_m - sphere_height_m(sim, sim.pose[sim.state[0].last])
+    times = 1.0
+    while times * fixed.raised_share * fixed.half_diagonal_m < RAISED_OVER * below_m:
+        times *= 2.0
+    return times
+
+
+@inner
+def _carry_out(
+    sim: Simulation, worlds: Worlds, step_s: float, placed: bool, index: int, times: float
+) -> None:
+    """Let the engine move the rock from the pose to that with the velocity which stand at an index."""
+    state, fixed = sim.state[0], sim.fixed[0]
+    raised_m = times * fixed.raised_share * fixed.half_diagonal_m
+    world = worlds.records[state.world]
+    bullet.advance_prescribed(world, step_s, placed, raised_m, sim.pose[index], sim.velocity[index])
+    state.engine_steps += 1
+
+
+@inner
+def _is_drawn(sim: Simulation) -> bool:
+    """Whether the engine is to repeat an own step: a seeded share, by a congruential generator (Knuth's MMIX)."""
+    state = sim.state[0]
+    state.draw = state.draw * np.uint64(6364136223846793005) + np.uint64(1442695040888963407)
+    return float(state.draw >> np.uint64(11)) * 2.0**-53 < sim.fixed[0].checked_steps
+
+
+@inner
+def _check(sim: Simulation, worlds: Worlds, last: int, step_s: float) -> None:
+    """Let the engine repeat the latest step from pose `last`, beyond the trajectory's end, and note how it differs."""
+    state, fixed, new = sim.state[0], sim.fixed[0], sim.state[0].last
+    near_share, axes_rad, held_by = state.near_share, state.axes_rad, state.world
+    state.last = last
+    look(sim, last)
+    _hand_over(sim, worlds)
+    times = _raised_times(sim, step_s)
+    place(sim, worlds, times * fixed.checked_share, state.axes_rad)
+    state.last = new
+    sim.pose[new + 1], sim.velocity[new + 1] = sim.pose[last], sim.velocity[new]
+    _carry_out(sim, worlds, step_s, False, new + 1, times)
+    state.near_share, state.axes_rad, state.world = (
+        near_share,
+        axes_rad,
+        held_by,
+    )  # as if it had not been asked
+    speed_m_s = math.sqrt(-fixed.gravity_m_s2[2] * fixed.half_diagonal_m)
+    same = (
+        1.0 if sim.pose[new, 6] * sim.pose[new + 1, 6] >= 0.0 else -1.0
+    )  # both quaternions are the same attitude
+    unlike = 0.0
+    for k in range(3):
+        unlike = max(unlike, abs(sim.pose[new, k] - sim.pose[new + 1, k]) / fixed.half_diagonal_m)
+        unlike = max(unlike, abs(sim.velocity[new, k] - sim.velocity[new + 1, k]) / speed_m_s)
+        spin = abs(sim.velocity[new, 3 + k] - sim.velocity[new + 1, 3 + k])
+        unlike = max(unlike, spin * fixed.half_diagonal_m / speed_m_s)
+    for k in range(3, 7):
+        unlike = max(unlike, abs(sim.pose[new, k] - same * sim.pose[new + 1, k]))
+    if not unlike <= ALLOWED:
+        state.unlike = unlike
+
+
+@inner
+def _slide(sim: Simulation, worlds: Worlds, left_s: float, resolved_m_s: float) -> bool:
+    """Move for some time, or until a point has landed, with contacts solved by the engine; whether one did."""
+    state, fixed = sim.state[0], sim.fixed[0]
+    _hand_over(sim, worlds)
+    last, world = state.last, worlds.records[state.world]
+    if state.slips_after >= 0.0 and world.friction_kinetic != world.friction_static:
+        # The force of a step is that from middle to middle: slip may have begun before it, held by the latest step.
+        held = (world.friction_static - world.friction_kinetic) * (state.slips_after - 0.5)
+        bullet.set_friction(world, max(world.friction_kinetic + held, 0.0))
+    forget_slip(sim)
+    contact_s, nearest_m, needed_m = _next_contact(sim, left_s, resolved_m_s)
+    if contact_s < left_s:
+        if contact_s > SOON * fixed.step_s:
+            near = min(world.near_share, fixed.left_out * nearest_m / fixed.half_diagonal_m)
+            terminal_s = fixed.terminal_share * contact_s
+            solved_step(sim, worlds, contact_s - terminal_s, 0.5, near)
+            solved_step(sim, worlds, terminal_s, 1.0, fixed.left_out * fixed.terminal_share * near)
+        _resolve_impact(sim, worlds)
+        return True
+    near = max(2.0 * LOOKED_AHEAD * needed_m / fixed.half_diagonal_m, fixed.prepared_share)
+    near = min(near, world.near_share)
+    if 0.5 * near < state.near_share < 4.0 * near:  # what the engine was told of serves
+        near = state.near_share
+    lowest_m, deepest_m = lowest_looked_at_m(sim), -fixed.penetrating_share * fixed.half_diagonal_m
+    solved_step(sim, worlds, left_s, 0.5, near)
+    if lowest_m > deepest_m > lowest_looked_at_m(sim):
+        state.last, state.placed = last, NOT
+        near = max(LOOKED_AHEAD * left_s * approach_1_s(sim), world.near_share)
+        for _ in range(fixed.repeated_parts):
+            solved_step(sim, worlds, left_s / fixed.repeated_parts, 0.5, near)
+        forget_acceleration(sim)
+    return False
+
+
+@inner
+def _next_contact(sim: Simulation, left_s: float, resolved_m_s: float) -> tuple[float, float, float]:
+    """When the next point lands of a rock that slips, `left_s` if none does; the least and largest gap that closes.
+
+    The least is that of points which land fast enough to be resolved; the pose has been looked at.
+    """
+    fixed, last, work = sim.fixed[0], sim.state[0].last, sim.work
+    since_s = sim.time_s[last] - sim.velocity_time_s[last]
+    for k in range(6):
+        work[MEAN, k] = sim.velocity[last, k] + work[ACCELERATION, k] * (since_s + 0.5 * left_s)
+    find_rates(sim, work[MEAN])
+    gap, rate = sim.candidates[GAP], sim.candidates[RATE]
+    contact_s, nearest_m, needed_m = left_s, np.inf, 0.0
+    for i in range(points_in_use(sim)):
+        if gap[i] + LOOKED_AHEAD * rate[i] * left_s < 0.0:
+            needed_m = max(needed_m, gap[i])
+            if gap[i] > fixed.carrying_m and -rate[i] > resolved_m_s:
+                nearest_m = min(nearest_m, gap[i])
+                lands_s = time_to_contact_s(
+                    sim, i, sim.pose[last], sim.velocity[last], work[ACCELERATION], since_s, left_s
+                )
+                contact_s = min(contact_s, lands_s)
+    return contact_s, nearest_m, needed_m
+
+
+@inner
+def _resolve_impact(sim: Simulation, worlds: Worlds) -> None:
     """Change the velocity of the latest pose as its touching points land: at once where they stick, else in a step."""
-    world = worlds[sim.state[0].world]
+    state, fixed = sim.state[0], sim.fixed[0]
     arrive(sim)
-    if world.friction_static != world.friction_kinetic and not sim.active.any():
+    if fixed.two_frictions and count_active(sim) == 0:
         # A rock in the air lands as one that slips if its lowest point moves along the plane.
+        _hand_over(sim, worlds)
+        world = worlds.records[state.world]
         sliding = lowest_slip_m_s(sim) > world.impulse_m_s
         bullet.set_friction(world, world.friction_kinetic if sliding else world.friction_static)
-    if world.friction == world.friction_static and land_sticking(sim):
+    sticks = state.world < 0 or worlds.records[state.world].friction == fixed.friction_static
+    if sticks and land_sticking(sim):
         return
+    _hand_over(sim, worlds)
     solved_impact(sim, worlds)
 
 
@@ -242,18 +411,31 @@ class BulletIntegrator:
     """A rock on its way through a motion, in worlds of a pool."""
 
     def __init__(self, problem: Problem, pool: EnginePool) -> None:
-        self._problem, self._pool = problem, pool
+        self._problem, self._pool, contact = problem, pool, problem.contact
         self.history = StateHistory(problem)
-        self._worlds = np.zeros(len(self.history.sim.set_points), WORLD)  # to be built as they are needed
+        self._worlds = Worlds(
+            records=np.zeros(len(self.history.sim.set_points), WORLD),
+            points_m=np.ascontiguousarray(contact.points_body_m),
+            mobilities=np.ascontiguousarray(contact.mobilities_m2),
+        )
 
     def advance(self, steps: int) -> None:
-        """Go on by this many steps, or one more."""
+        """Go on by this many steps, or one more.
+
+        Raises
+        ------
+        StepCheckError
+            If the engine repeats an own step and comes elsewhere.
+        """
         goal = self.history.grid + steps
         while (why := advance(self.history.sim, self._worlds, goal)) != DONE:
             if why == NEEDS_ROOM:
                 self.history.make_room()
-            else:
+            elif why == NEEDS_WORLD:
                 self._make_world(int(self.history.sim.state["set"][0]))
+            else:
+                unlike = float(self.history.sim.state["unlike"][0])
+                raise StepCheckError(self.history.time_s, unlike, ALLOWED)
 
     def restart(self) -> None:
         """Nothing to forget: a rock that rests is placed anew."""
@@ -262,7 +444,7 @@ class BulletIntegrator:
         problem = self._problem
         world = self._pool.world(problem.contact, int(self.history.sim.set_points[points]))
         configure_for(world, problem.scene.contact, problem.options.solver)
-        self._worlds[points] = world[0]
+        self._worlds.records[points] = world[0]
 
 
 def integrator(problem: Problem, pool: EnginePool | None = None) -> BulletIntegrator:

@@ -130,7 +130,7 @@ def advance_prescribed(
     _set_velocities(world, command, velocity, before)
     binding.submit(client, command)
     binding.submit(client, binding.step_command(client))
-    world.friction_resultant[:] = 0.0
+    forget_friction(world)
     _read(world, pose, velocity)
     pose[2] -= raised_m
 
@@ -191,6 +191,13 @@ def configure(world: Any, impulse_m_s: float, near_share: float, rebound_from_m_
     binding.submit(world.client, command)
     world.friction_resultant[:] = 0.0
     set_friction(world, world.friction_static)
+
+
+@inner
+def forget_friction(world: Any) -> None:
+    """What friction held in the latest step says nothing of the next."""
+    for k in range(3):
+        world.friction_resultant[k] = 0.0
 
 
 @inner

@@ -19,9 +19,9 @@ from toppling.models.scene import Scene
 from toppling.workers import quaternion as quat
 from toppling.workers.compiled import Array
 from toppling.workers.contact.candidates import contact_of
+from toppling.workers.history import ROOM, StateHistory
 from toppling.workers.observation import travel_m
 from toppling.workers.problem import Problem
-from toppling.workers.simulation import ROOM, StateHistory
 
 STIFFNESS_STEPS, DAMPING_RATIO, IMPEDANCE = 2.0, 1.5, 0.9999
 """Time constant of a contact in steps, the stiffest that MuJoCo allows; its damping, with which nothing rebounds."""
@@ -47,25 +47,28 @@ class MujocoIntegrator:
         middles_s = np.maximum(np.arange(math.ceil(motion.duration_s / step_s) + 2) - 0.5, 0.0) * step_s
         velocity = motion.velocity_at(middles_s) @ problem.contact.scene_from_support
         lasting_s = np.diff(middles_s)[:, None]
-        self._forces = (sim.gravity_m_s2 * lasting_s - np.diff(velocity, axis=0)) / step_s
+        self._gravity_m_s2 = sim.fixed["gravity_m_s2"][0]
+        self._forces = (self._gravity_m_s2 * lasting_s - np.diff(velocity, axis=0)) / step_s
 
     def advance(self, steps: int) -> None:
         """Go on by this many steps."""
         history = self.history
         history.make_room_for(max(ROOM, steps + 1))
         first, grid, sim = history.last, history.grid, history.sim
-        force_m_s2 = np.tile(sim.gravity_m_s2, (steps, 1))
+        step_s = self._problem.time_step_s
+        force_m_s2 = np.tile(self._gravity_m_s2, (steps, 1))
         moved = self._forces[grid : grid + steps]
         force_m_s2[: len(moved)] = moved
         out = self._rolled(force_m_s2)
         new = slice(first + 1, first + steps + 1)
-        sim.time_s[new] = (grid + 1 + np.arange(steps)) * sim.step_s
-        sim.velocity_time_s[new] = sim.time_s[new] - 0.5 * sim.step_s
+        sim.time_s[new] = (grid + 1 + np.arange(steps)) * step_s
+        sim.velocity_time_s[new] = sim.time_s[new] - 0.5 * step_s
         sim.pose[new, :3], sim.pose[new, 3:6], sim.pose[new, 6] = out[:, 1:4], out[:, 5:8], out[:, 4]
         sim.velocity[new, :3] = out[:, 8:11]
         sim.velocity[new, 3:] = _turned(sim.pose[new, 3:], out[:, 11:14])
         sim.state["last"], sim.state["grid"], sim.state["rests"] = first + steps, grid + steps, 0
         sim.state["widest"] = len(sim.set_points) - 1
+        sim.state["steps"] += steps
         sim.state["engine_steps"] += steps
         if self._seat is not None and self._is_slow(first):
             self._sit_down()
@@ -94,9 +97,9 @@ class MujocoIntegrator:
     def _is_slow(self, since: int) -> bool:
         """Whether the rock has hardly moved since a pose."""
         sim, last = self.history.sim, self.history.last
-        way_m = travel_m(sim.pose[since], sim.pose[last], sim.half_diagonal_m)
+        way_m = travel_m(sim.pose[since], sim.pose[last], self._problem.contact.half_diagonal_m)
         speed_m_s = np.linalg.norm(sim.velocity[last, :3])
-        speed_m_s += sim.half_diagonal_m * np.linalg.norm(sim.velocity[last, 3:])
+        speed_m_s += self._problem.contact.half_diagonal_m * np.linalg.norm(sim.velocity[last, 3:])
         slow = self._problem.rest_speed_m_s
         return bool(way_m < slow * (sim.time_s[last] - sim.time_s[since]) and speed_m_s < slow)
 

@@ -281,11 +281,7 @@ def _is_ours(path: Path, required: bool, set_aside: bool) -> bool:
         else:
             log.warning("%s is torn, or no Parquet file of a run: skipped (%s)", path, reason)
         return False
-    wrong = [
-        field.name
-        for field in SCHEMA
-        if not _is_as_declared(schema, field)
-    ]
+    wrong = [field.name for field in SCHEMA if not _is_as_declared(schema, field)]
     if not wrong:
         return True
     # A file that says it holds results would, where a column is not as declared, answer with nulls.

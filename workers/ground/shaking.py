@@ -183,6 +183,7 @@ class GroundShaking:
             trajectory=trajectory,
             penetration_m=self._deepest_m,
             steps=int(sim.counts[3]),
+            engine_steps=0,  # the program's own steps
             simulated_s=self.time_s - self.skipped_s,
             skipped_s=problem.motion.duration_s if never else self.skipped_s,
             wall_s=0.0,

@@ -57,7 +57,7 @@ class StateHistory:
         self.sim.pose[0], self.sim.velocity[0] = problem.initial
         state = self.sim.state
         state["world"], state["rests"], state["slips_after"] = -1, problem.start is None, -1.0
-        state["draw"] = zlib.crc32(np.ascontiguousarray(problem.motion.acceleration_m_s2))
+        state["draw"] = zlib.crc32(problem.motion.acceleration_m_s2.tobytes())
 
     @property
     def last(self) -> int:

@@ -4,11 +4,15 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from toppling.models.contact import ContactProperties
 from toppling.models.documents import listed
 from toppling.models.frames import compass_deg
 from toppling.models.intervals import median_width
 from toppling.models.motions.ensemble import Ensemble
+from toppling.models.motions.plausible import LARGEST_FACTOR, LARGEST_PGD_M, is_beyond, words
+from toppling.models.motions.quality import TOLD_PGV_M_S
 from toppling.models.scene import Scene
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.trial import Statics, statics_of
@@ -23,9 +27,6 @@ G_M_S2 = 9.81
 
 REALISATIONS = 25
 """For a rock whose base is a distribution: the nominal base and enough others to give a spread."""
-
-LARGEST_SCALING = 100.0
-"""Factor on a record's acceleration above which it is named."""
 
 MOST_NAMED = 5
 
@@ -82,7 +83,7 @@ def scaling_warnings(campaign: Campaign, ensemble: Ensemble) -> list[str]:
     used = set(campaign.records or ensemble.record_ids)
     pga_m_s2 = dict(zip(ensemble.record_ids, ensemble.catalog["pga_m_s2"].to_pylist(), strict=True))
     far = sorted(
-        (own, name) for name, own in pga_m_s2.items() if name in used and highest > LARGEST_SCALING * own
+        (own, name) for name, own in pga_m_s2.items() if name in used and highest > LARGEST_FACTOR * own
     )
     if not far:
         return []
@@ -92,9 +93,37 @@ def scaling_warnings(campaign: Campaign, ensemble: Ensemble) -> list[str]:
     ]
     records = "1 record is" if len(far) == 1 else f"{len(far)} records are"
     return [
-        f"{records} scaled by more than {LARGEST_SCALING:g} to {highest:g} m/s2: {listed(named, MOST_NAMED)}; weak "
+        f"{records} scaled by more than {LARGEST_FACTOR:g} to {highest:g} m/s2: {listed(named, MOST_NAMED)}; weak "
         "records hold noise, and motion unlike that of strong earthquakes: leave them out with 'toppling records "
-        f"select --pga {highest / LARGEST_SCALING:.2g} 100'"
+        f"select --pga {highest / LARGEST_FACTOR:.2g} 100'"
+    ]
+
+
+def shaking_warnings(campaign: Campaign, ensemble: Ensemble) -> list[str]:
+    """Levels at which records shake beyond what was ever recorded: a sentence with the worst, or none."""
+    catalog = ensemble.catalog.select(["record_id", "pga_m_s2", "pgv_m_s", "pgd_m"]).to_pandas()
+    used = catalog[catalog["record_id"].isin(campaign.records or ensemble.record_ids)]
+    own = used["pga_m_s2"].to_numpy(float)[:, None]
+    levels = np.array(campaign.pga_m_s2 or [np.nan])
+    factor = levels / own if campaign.pga_m_s2 else np.ones((len(used), 1))
+    pgv_m_s, pgd_m = (used[name].to_numpy(float)[:, None] * factor for name in ("pgv_m_s", "pgd_m"))
+    pgd_m = np.minimum(pgd_m, campaign.peak_displacement_m or np.inf)
+    beyond = is_beyond(np.minimum(factor, LARGEST_FACTOR), pgv_m_s, pgd_m)
+    if not beyond.any():
+        return []
+    worst = sorted(zip(-pgv_m_s.max(axis=1), range(len(used)), strict=True))
+    names = used["record_id"].tolist()
+    named = [
+        f"{names[row]} ({words(factor[row].max(), -speed, pgd_m[row].max())})"
+        for speed, row in worst
+        if beyond[row].any()
+    ]
+    at = f" at {levels.max():g} m/s2" if campaign.pga_m_s2 else ""
+    return [
+        f"{beyond.mean():.0%} of the jobs shake beyond what was ever recorded (PGV above {TOLD_PGV_M_S:g} m/s or PGD "
+        f"above {LARGEST_PGD_M:g} m):".replace("%", " %", 1)
+        + f"{at} {listed(named, MOST_NAMED)}; lower levels or records with less PGV for their PGA avoid it, and the "
+        "report tells what leaving these jobs out changes"
     ]
 
 

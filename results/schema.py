@@ -49,7 +49,7 @@ _COLUMNS = {
         ("status", _TEXT, _MUST, "", "ok, undecided, diverged, failed, crashed or timeout"),
         ("outcome", _TEXT, _MAY, "", "stands, moved (slid or turned, still stands) or toppled"),
         ("toppled", _TRUTH, _MAY, "", "whether the rock toppled; null unless status is ok"),
-        ("topple_time_s", _REAL, _MAY, "s", "time of no return, from the start of the record"),
+        ("topple_time_s", _REAL, _MAY, "s", "no return: centre of mass last highest, from the record's start"),
         ("topple_azimuth_deg", _REAL, _MAY, "deg", "azimuth of the centre of mass at the time of no return"),
         ("max_tilt_deg", _REAL, _MAY, "deg", "largest angle of the rock to the normal it stood on"),
         ("residual_tilt_deg", _REAL, _MAY, "deg", "the same at the end"),

@@ -20,6 +20,9 @@ from toppling.workers.termination import FALLS, is_displaced
 STATUS = {"speed_limit": "diverged", "time_cap": "undecided"}
 """Of the rules after which there is no answer."""
 
+LEVEL_SHARE = 1e-8
+"""Of R: heights of the centre of mass that differ by less are those of a rock at rest."""
+
 NEGLIGIBLE_WAY_SHARE = 1e-3
 """Of R: the centre of mass comes to its balance over a point on a way that is longer by far."""
 
@@ -36,8 +39,9 @@ class ShakeResult:
         'stands', 'moved' or 'toppled'; None unless status is ok.
     toppled : bool or None
     topple_time_s, topple_azimuth_deg : float or None
-        When the rock crossed its point of no return, and where its centre of mass was then, seen from its start; at the
-        end, where it started past that point.
+        When the rock crossed its point of no return, from the start of the motion: its centre of mass was last highest,
+        or, where it never rose, began to sink; and where it was then, seen from its start, or at the end, where it
+        started past that point. Where it left the pedestal standing: when it passed the end.
     max_tilt_deg, residual_tilt_deg, residual_yaw_deg : float
         Largest and last angle between the interface's normal and where the rock has carried it, since it was seated,
         or, where its start was given, from its pose in the scene; last turn about it, since the start.
@@ -131,7 +135,8 @@ def _point_of_no_return(ended_by: str, contact: ContactModel, com_m: Array, tilt
         still = int(np.argmax(low | (tilt_deg > LARGEST_OPEN_TILT_DEG))) - 1
     else:  # at rest on another face
         still = int(np.flatnonzero(tilt_deg <= TOPPLED_TILT_DEG).max(initial=0))
-    return _last_top(com_m @ contact.scene_from_support[2], max(still, 0))
+    level_m = LEVEL_SHARE * contact.half_diagonal_m
+    return _last_top(com_m @ contact.scene_from_support[2], max(still, 0), level_m)
 
 
 def _fell_toward_deg(contact: ContactModel, com_m: Array, turning: int) -> float:
@@ -145,10 +150,15 @@ def _fell_toward_deg(contact: ContactModel, com_m: Array, turning: int) -> float
     return azimuth_deg(moved_m[seen])
 
 
-def _last_top(height: Array, still: int) -> int:
-    """Index of the last maximum up to index `still`, or of the one to which the height rises there."""
-    rises = np.append(np.diff(height) > 0.0, False)
+def _last_top(height_m: Array, still: int, level_m: float = 0.0) -> int:
+    """Index of the last maximum up to index `still`, or of the one to which the height rises there.
+
+    Where the height stays within `level_m` of the maximum, as that of a rock at rest, the last of these: a rock that
+    has stood for a time and then falls without rising has its maximum when it leaves.
+    """
+    rises = np.append(np.diff(height_m) > 0.0, False)
     if rises[still]:
         return still + int(np.argmin(rises[still:]))
     before = np.flatnonzero(rises[:still])
-    return int(before[-1]) + 1 if len(before) else 0
+    top = int(before[-1]) + 1 if len(before) else 0
+    return top + int(np.flatnonzero(height_m[top : still + 1] >= height_m[top] - level_m)[-1])

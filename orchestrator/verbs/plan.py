@@ -24,7 +24,7 @@ def plan(campaign: Path, table: Path | None, workers: int | None, no_estimate: b
     """Check CAMPAIGN against its scene and ensemble and count its jobs, without running any.
 
     It warns of probable mistakes: levels in g, friction in degrees, levels that topple nothing, records scaled more
-    than a hundredfold. It runs and times a few of the jobs to estimate the
+    than a hundredfold, shaking beyond what was ever recorded. It runs and times a few of the jobs to estimate the
     total time.
 
     \b
@@ -39,7 +39,7 @@ def plan(campaign: Path, table: Path | None, workers: int | None, no_estimate: b
     from toppling.models.contact import ContactProperties
     from toppling.models.motions.ensemble import Ensemble
     from toppling.models.scene import Scene
-    from toppling.orchestrator.advice import scaling_warnings, warnings_of
+    from toppling.orchestrator.advice import scaling_warnings, shaking_warnings, warnings_of
     from toppling.orchestrator.estimate import estimate, words_of
     from toppling.orchestrator.plan import check_stands
     from toppling.orchestrator.plan import plan as expand
@@ -52,6 +52,7 @@ def plan(campaign: Path, table: Path | None, workers: int | None, no_estimate: b
         ensemble = Ensemble.load(chosen.ensemble)
         planned = expand(chosen, scene, ensemble)
         warnings = warnings_of(chosen, scene) + scaling_warnings(chosen, ensemble)
+        warnings += shaking_warnings(chosen, ensemble)
     with bar("timing a few jobs"):
         expected = None if no_estimate else estimate(planned, scene, ensemble)
     counts = {

@@ -120,6 +120,8 @@ def run(
     from toppling.orchestrator.run import RunError
     from toppling.orchestrator.run import run as carry_out
     from toppling.orchestrator.status import shares_of, state_of
+    from toppling.results.run import open_run
+    from toppling.results.unphysical import unphysical_of
 
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(message)s")
     stop_in_order()
@@ -147,12 +149,14 @@ def run(
         click.echo(f"stopped; the rows so far are kept. {to_go_on}", err=True)
         sys.exit(INTERRUPTED)
     advice = [] if chosen.precision else suggestions(shares_of(folder))
+    unphysical = unphysical_of(open_run(folder))
     state = state_of(folder)  # of all sessions: what an earlier one left without an answer still has none
     summary = {
         "run": str(folder), "jobs": tally.total, "done_before": tally.before, "done": tally.done,
         "toppled": state["toppled"], "failed": state["failed"], "status": state["status"],
         "deaths": tally.deaths, "suggestions": advice, "audit": state["audit"],
         "stood": state["stood"], "statements": state["statements"],
+        "unphysical": unphysical.to_json() if unphysical else None,
         "wall_s": round(tally.elapsed_s, 2), "work_s": round(tally.work_s, 2),
     }  # fmt: skip
     if as_json:
@@ -166,6 +170,8 @@ def run(
             click.echo(f"why some failed: toppling status {folder}")
         for sentence in [*state["statement_sentences"], *state["audit_sentences"], *state["stood_sentences"]]:
             click.echo(sentence)
+        if unphysical:
+            click.echo(unphysical.sentence)
         if there := [name for name in AGAIN if name in state["status"]]:
             click.echo(f"to do them again: {command} --again {','.join(there)}")
         for sentence in advice:
@@ -202,6 +208,7 @@ def time_words(campaign: "Campaign", workers: int | None) -> str:
     from toppling.models.errors import InputError
     from toppling.models.motions.ensemble import Ensemble
     from toppling.models.scene import Scene
+    from toppling.orchestrator.advice import shaking_warnings
     from toppling.orchestrator.estimate import estimate, words_of
     from toppling.orchestrator.plan import plan
 
@@ -210,6 +217,8 @@ def time_words(campaign: "Campaign", workers: int | None) -> str:
         planned = plan(campaign, scene, ensemble)
     except InputError:
         return ""  # the run itself will say so
+    for sentence in shaking_warnings(campaign, ensemble):
+        click.echo(f"warning: {sentence}", err=True)
     with Console(stderr=True).status("timing a few jobs"):
         told = estimate(planned, scene, ensemble)
     return words_of(told, len(planned), workers)

@@ -38,6 +38,7 @@ from toppling.results.fragility import (
 )
 from toppling.results.friction import compare_frictions
 from toppling.results.stood import records_weight, sentences, told_of
+from toppling.results.unphysical import unphysical_of
 
 MOST_RECORDS = 150
 """Largest number of rows in the table of records; those that topple the rock most often are shown."""
@@ -115,6 +116,8 @@ def records_section(content: Content, document: Document) -> str:
             "above); right: magnitude against distance."
         )
         lines.append(document.figure(partial(records_figure, content.ensemble), caption))
+    if (beyond := unphysical_of(content.run, frame)) is not None:
+        lines.append(paragraph(f"{beyond.sentence}."))
     answered = frame.groupby("record_id")["toppled"]
     told = pd.DataFrame({"jobs": answered.count(), "toppled": answered.sum().astype(int)}).reset_index()
     motions = content.run.motions()

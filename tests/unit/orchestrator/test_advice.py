@@ -18,6 +18,7 @@ from toppling.orchestrator.advice import (
     MOSTLY_SHARE,
     Share,
     scaling_warnings,
+    shaking_warnings,
     suggestions,
     warnings_of,
 )
@@ -94,6 +95,29 @@ def test_records_that_are_scaled_more_than_a_hundredfold_are_named(weak):
     assert scaled(weak, [16.0], records=["fair", "strong"]) == []
     assert scaled(weak, [0.4]) == []
     assert scaled(weak, "recorded") == []
+
+
+def shaken(ensemble, levels, **more):
+    axes = {"pga_m_s2": levels, "azimuth_deg": [0], "friction": [0.8], **more}
+    return shaking_warnings(Campaign.of({"scene": "s", "ensemble": "e", **axes}, Path()), ensemble)
+
+
+def test_shaking_beyond_nature_is_told_with_factor_velocity_and_displacement(weak):
+    (told,) = shaken(weak, [4.0, 60.0])
+    assert told.startswith(
+        "50 % of the jobs shake beyond what was ever recorded (PGV above 3 m/s or PGD above 4 m)"
+    )
+    own = weak.record("strong").intensity
+    pgv_m_s, pgd_m = (own[name] * 60.0 / own["pga_m_s2"] for name in ("pgv_m_s", "pgd_m"))
+    assert f"strong ({60.0 / own['pga_m_s2']:.0f}-fold, PGV {pgv_m_s:.1f} m/s, PGD {pgd_m:.1f} m)" in told
+    assert "at 60 m/s2" in told
+    assert shaken(weak, [4.0]) == shaken(weak, "recorded") == []
+
+
+def test_a_table_that_holds_displacement_bounds_it(weak):
+    (free,), (held,) = shaken(weak, [60.0]), shaken(weak, [60.0], peak_displacement_m=0.5)
+    assert "PGD 0.5 m" in held
+    assert "PGD 0.5 m" not in free
 
 
 def test_a_run_that_saw_the_whole_rise_suggests_nothing():

@@ -1,0 +1,152 @@
+"""Jobs that shook beyond what was ever recorded, and what leaving them out changes."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from toppling.models.documents import listed
+from toppling.models.motions.plausible import LIMITS_WORDS, is_beyond, words
+from toppling.results import fits
+from toppling.results.fragility import FRICTION, by_contact
+from toppling.results.run import Run
+
+MOST_NAMED = 5
+
+
+@dataclass(frozen=True)
+class Strongest:
+    """A record at its strongest shaking: factor on it (NaN where not known), PGV and PGD after scaling, topplings."""
+
+    record_id: str
+    factor: float
+    pgv_m_s: float
+    pgd_m: float
+    jobs: int
+    toppled: int
+
+
+@dataclass(frozen=True)
+class Unphysical:
+    """What jobs beyond nature are in a run, and what it says without them.
+
+    Parameters
+    ----------
+    jobs, of_jobs, toppled, of_toppled : int
+        Jobs with an answer, and of them those that toppled.
+    records : tuple of Strongest
+        Those of the jobs beyond, the most topplings first.
+    share, share_without : float
+        Share toppled, with and without them.
+    median_pga_m_s2, median_pga_without_m_s2 : float or None
+        Of the contact of the highest friction; None where it has no fit.
+    """
+
+    jobs: int
+    of_jobs: int
+    toppled: int
+    of_toppled: int
+    records: tuple[Strongest, ...]
+    share: float
+    share_without: float
+    median_pga_m_s2: float | None
+    median_pga_without_m_s2: float | None
+
+    @property
+    def sentence(self) -> str:
+        """What a person should know."""
+        named = [
+            f"{one.record_id} ({words(one.factor, one.pgv_m_s, one.pgd_m)}, {one.toppled} topplings)"
+            for one in self.records
+        ]
+        part = (
+            f", {self.toppled / self.of_toppled:.0%} of all topplings".replace("%", " %")
+            if self.toppled
+            else ""
+        )
+        return (
+            f"{self.jobs:,} of {self.of_jobs:,} jobs shook beyond what was ever recorded ({LIMITS_WORDS}){part}: "
+            f"{listed(named, MOST_NAMED)}. {self._change}"
+        )
+
+    @property
+    def _change(self) -> str:
+        shares = f"share toppled is {self.share_without:.3f} instead of {self.share:.3f}"
+        if self.median_pga_m_s2 is None:
+            return f"Without them the {shares}"
+        if self.median_pga_without_m_s2 is None:
+            return f"Without them the {shares}, and no median PGA can be fitted"
+        return (
+            f"Without them the median PGA is {self.median_pga_without_m_s2:.3g} instead of "
+            f"{self.median_pga_m_s2:.3g} m/s2, and the {shares}"
+        )
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain numbers, null where there is none."""
+        told = asdict(self)
+        for one in (told, *told["records"]):
+            one |= {
+                name: None for name, value in one.items() if isinstance(value, float) and math.isnan(value)
+            }
+        return told
+
+
+def unphysical_of(run: Run, frame: pd.DataFrame | None = None) -> Unphysical | None:
+    """What jobs of a run are beyond nature; None where none is.
+
+    Parameters
+    ----------
+    run : Run
+    frame : DataFrame or None
+        Its rows, weighted as they are to count; read from the run unless given.
+    """
+    known = fits.answered(run.weighted(run.frame()) if frame is None else frame)
+    factor = _factors(run, known)
+    beyond = is_beyond(factor, known["pgv_m_s"].to_numpy(float), known["pgd_m"].to_numpy(float))
+    if not beyond.any():
+        return None
+    toppled = known["toppled"].to_numpy(bool)
+    weight = known.get("record_weight", pd.Series(1.0, known.index)).to_numpy(float)
+    left = ~beyond
+    return Unphysical(
+        jobs=int(beyond.sum()),
+        of_jobs=len(known),
+        toppled=int(toppled[beyond].sum()),
+        of_toppled=int(toppled.sum()),
+        records=_strongest(known[beyond].assign(factor=factor[beyond])),
+        share=float(np.average(toppled, weights=weight)),
+        share_without=float(np.average(toppled[left], weights=weight[left])) if left.any() else math.nan,
+        median_pga_m_s2=_median(known),
+        median_pga_without_m_s2=_median(known[left]),
+    )
+
+
+def _factors(run: Run, known: pd.DataFrame) -> np.ndarray:
+    """Factor on each job's record, by the catalogue's PGA; NaN where it is not there."""
+    motions = run.motions()
+    if motions is None:
+        return np.full(len(known), math.nan)
+    own = dict(zip(*(motions.column(name).to_pylist() for name in ("record_id", "pga_m_s2")), strict=True))
+    return (known["level_pga_m_s2"] / known["record_id"].map(own).astype(float)).to_numpy()
+
+
+def _strongest(beyond: pd.DataFrame) -> tuple[Strongest, ...]:
+    found = []
+    for record_id, jobs in beyond.groupby("record_id"):
+        factor, pgv_m_s, pgd_m = (float(jobs[name].max()) for name in ("factor", "pgv_m_s", "pgd_m"))
+        toppled = int(jobs["toppled"].sum())
+        found.append(Strongest(str(record_id), factor, pgv_m_s, pgd_m, len(jobs), toppled))
+    return tuple(sorted(found, key=lambda one: (-one.toppled, -one.pgv_m_s)))
+
+
+def _median(known: pd.DataFrame) -> float | None:
+    """Median PGA of the contact of the highest friction."""
+    if known.empty:
+        return None
+    chief = max(by_contact(known).values(), key=lambda jobs: tuple(jobs[FRICTION].iloc[0]))
+    curve = fits.fit(chief.reset_index(drop=True), ["pga_m_s2"]).lognormal
+    return None if curve is None else curve.median

@@ -1,0 +1,57 @@
+"""What makes a run refuse to go on: code that decides answers, not what is said about it."""
+
+import time
+
+import pytest
+
+from toppling.orchestrator import task
+from toppling.orchestrator.task import decisive
+
+MODULE = b'''"""What it knows."""
+import math
+
+LIMIT = 0.5
+"""Why so."""
+
+
+class Law:
+    """A law."""
+
+    def value(self, x):
+        """Of x."""
+        return math.sin(x) * LIMIT  # bounded
+'''
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        (b"What it knows.", b"Other words."),
+        (b"Why so.", b"For another reason."),
+        (b"Of x.", b"Of the angle."),
+        (b"# bounded", b"# and said otherwise"),
+        (b"math.sin(x) * LIMIT", b"(math.sin(x)\n            * LIMIT)"),
+        (b'        """Of x."""\n', b""),
+    ],
+)
+def test_words_and_layout_decide_nothing(old, new):
+    assert MODULE.replace(old, new) != MODULE
+    assert decisive(MODULE.replace(old, new)) == decisive(MODULE)
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [(b"0.5", b"0.51"), (b"math.sin(x) * LIMIT", b"LIMIT * math.sin(x)"), (b"(self, x)", b"(self, x=1)")],
+)
+def test_whatever_can_change_an_answer_is_seen(old, new):
+    assert decisive(MODULE.replace(old, new)) != decisive(MODULE)
+
+
+def test_a_function_of_a_docstring_alone_is_read_too():
+    assert decisive(b'def f():\n    """Nothing."""\n') == decisive(b'def f():\n    """Something."""\n')
+
+
+def test_the_identity_of_the_code_is_that_of_this_process_and_quickly_told():
+    began = time.process_time()
+    assert task._code() == task.CODE
+    assert time.process_time() - began < 5.0

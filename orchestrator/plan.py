@@ -1,9 +1,10 @@
 """From a campaign to its jobs: one table, which holds a million; specifications only as they are needed."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -20,21 +21,18 @@ from toppling.models.spelling import did_you_mean
 from toppling.orchestrator.campaign import Campaign, hash_of
 from toppling.orchestrator.order import balanced_order
 from toppling.orchestrator.stood import Recorded, check_weighable, read_recorded
-from toppling.workers.job import JobSpec
+from toppling.results.schema import SCHEMA
+from toppling.workers.job import AXES, JobSpec
 from toppling.workers.seating import settled
 
 COLUMNS = pa.schema(
     [
         ("job_id", pa.string()),
         ("record_id", pa.dictionary(pa.int32(), pa.string())),
-        ("pga_m_s2", pa.float64()),
-        ("azimuth_deg", pa.float64()),
-        ("friction_static", pa.float64()),
-        ("friction_kinetic", pa.float64()),
-        ("restitution", pa.float64()),
-        ("realisation", pa.int32()),
+        *((name, SCHEMA.field(name if name in SCHEMA.names else f"level_{name}").type) for name in AXES),
     ]
 )
+"""Of the table of jobs: of each its axes, of the types that they have in the results."""
 
 EQUAL_SHARE_S = 40.0
 """A job is expected to cost as its record's duration and so much more: many shakes end before a long coda does."""
@@ -136,7 +134,7 @@ class Plan:
         """Specification of one job."""
         record_id = self._records[self.record_of[row]]
         values = (column[row].item() for column in self._columns)
-        return _spec(self.campaign, self.scene_id, self.record_sha[record_id], record_id, *values)
+        return _spec(self.campaign, self.scene_id, self.record_sha[record_id], record_id, values)
 
 
 def plan(campaign: Campaign, scene: Scene, ensemble: Ensemble) -> Plan:
@@ -170,7 +168,7 @@ def plan(campaign: Campaign, scene: Scene, ensemble: Ensemble) -> Plan:
     named = np.repeat(records, len(axes)).tolist()
     rows = zip(named, *(column.tolist() for column in per_record), strict=True)
     ids = pa.array(
-        (_spec(campaign, scene_id, sha[record], record, *axis).job_id for record, *axis in rows), pa.string()
+        (_spec(campaign, scene_id, sha[record], record, axis).job_id for record, *axis in rows), pa.string()
     )
     codes = np.repeat(np.arange(len(records), dtype=np.int32), len(axes))
     jobs = pa.Table.from_arrays(
@@ -239,28 +237,13 @@ def _scene_by_scene(campaign: Campaign) -> bool:
     return len(campaign.pga_m_s2) <= 1 and len(campaign.azimuth_deg) <= 1
 
 
-def _spec(
-    campaign: Campaign,
-    scene_id: str,
-    record_sha: str,
-    record_id: str,
-    pga_m_s2: float,
-    azimuth_deg: float,
-    friction_static: float,
-    friction_kinetic: float,
-    restitution: float,
-    realisation: int,
-) -> JobSpec:
+def _spec(campaign: Campaign, scene_id: str, record_sha: str, record_id: str, axes: Iterable[Any]) -> JobSpec:
+    """Specification of the job at some values of `AXES`."""
     return JobSpec(
         scene_id=scene_id,
         record_id=record_id,
         record_sha=record_sha,
-        pga_m_s2=pga_m_s2,
-        azimuth_deg=azimuth_deg,
-        friction_static=friction_static,
-        friction_kinetic=friction_kinetic,
-        restitution=restitution,
-        realisation=realisation,
+        **dict(zip(AXES, axes, strict=True)),
         preset=campaign.preset,
         engine=campaign.engine,
         peak_displacement_m=campaign.peak_displacement_m,

@@ -25,7 +25,7 @@ from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
 from toppling.orchestrator.processor import processor
 from toppling.workers.engines import DEFAULT, ENGINES
-from toppling.workers.job import Assets, JobSpec, run_job
+from toppling.workers.job import Assets, JobSpec, identity, run_job
 from toppling.workers.options import PHYSICS_VERSION
 from toppling.workers.shake import compile_once
 
@@ -212,21 +212,7 @@ def _shake(spec: JobSpec, assets: Assets) -> Row:
 
 def lost_row(spec: JobSpec, status: str, message: str) -> Row:
     """Row of a job that has no answer."""
-    return {
-        "job_id": spec.job_id,
-        "scene_id": spec.scene_id,
-        "record_id": spec.record_id,
-        "level_pga_m_s2": spec.pga_m_s2,
-        "azimuth_deg": spec.azimuth_deg,
-        "friction_static": spec.friction_static,
-        "friction_kinetic": spec.friction_kinetic,
-        "restitution": spec.restitution,
-        "realisation": spec.realisation,
-        "preset": spec.preset,
-        "engine": spec.engine,
-        "status": status,
-        "message": message,
-    }
+    return {**identity(spec), "status": status, "message": message}
 
 
 def _unfit(what: str) -> UnfitWorkerError:

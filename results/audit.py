@@ -20,7 +20,14 @@ from scipy.stats import binomtest, norm, t
 
 from toppling.models.digest import read_json
 from toppling.models.errors import InputError
-from toppling.results.audit_folder import AUDIT_FOLDER, DRAWN_FILE, LEAST_JOBS, REFERENCE, check_place
+from toppling.results.audit_folder import (
+    AUDIT_FOLDER,
+    DRAWN_FILE,
+    LEAST_JOBS,
+    LEAST_TELLING,
+    REFERENCE,
+    check_place,
+)
 from toppling.results.fits import answered, fit
 from toppling.results.fragility import by_contact, wilson
 from toppling.results.run import Run, as_frame
@@ -117,6 +124,11 @@ class Audit:
         }
 
     @property
+    def tells(self) -> bool:
+        """Whether so many jobs tell anything of a shift."""
+        return self.jobs >= LEAST_TELLING
+
+    @property
     def agrees(self) -> bool:
         """Whether neither the median nor the share toppled is known to differ."""
         median = self.median_shift_percent
@@ -126,13 +138,19 @@ class Audit:
     def sentence(self) -> str:
         """What a person should know."""
         up, down = self.flips_to_toppled, self.flips_to_standing
+        differ = f"{up + down} single answers differ ({up} topple that stand, {down} stand that topple"
+        if not self.tells:
+            return (
+                f"{self.jobs} of {self.of_jobs} jobs done again with {self.by}: fewer than {LEAST_TELLING} can tell "
+                f"nothing of a shift of the run's answers; {differ})"
+            )
         median, share = self.median_shift_percent, self.share_shift
         shift = median.told("{:+.1f}", unknown="an unknown number of")
         agrees = "they agree within the intervals" if self.agrees else "they differ beyond the intervals"
         return (
             f"{self.jobs} of {self.of_jobs} jobs done again with {self.by}: {agrees}. Against it the run has its "
-            f"median PGA shifted by {shift} %, its share toppled by {share.told('{:+.3f}')}; {up + down} single "
-            f"answers differ ({up} topple that stand, {down} stand that topple; sign test p {self.sign_test_p:.2f})"
+            f"median PGA shifted by {shift} %, its share toppled by {share.told('{:+.3f}')}; {differ}; sign "
+            f"test p {self.sign_test_p:.2f})"
         )
 
 

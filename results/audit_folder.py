@@ -26,6 +26,9 @@ PLAN_ID = b"plan_id"
 LEAST_JOBS = 10
 """Of fewer no statement is made."""
 
+LEAST_TELLING = 40
+"""Of fewer jobs none on a shift: even without a single answer that differs a tenth of them may."""
+
 
 def check_place(run: Path, place: Path) -> None:
     """Make sure that an audit's folder is of the run in whose folder it lies.

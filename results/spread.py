@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
+from scipy.stats import chi2, f
 
 from toppling.models.errors import InputError
 from toppling.models.shares import effective_number
@@ -29,7 +31,10 @@ class Spread:
         from friction to friction.
     left : float
         What depends on all together, and chance: of single jobs.
-    jobs : int
+    records_low, records_high, base_low, base_high, friction_low, friction_high : float
+        Ends of their 95 % intervals, as other records and other draws would have it.
+    jobs, records_drawn, bases : int
+        Jobs, and the records and the distinct bases among them (draws, where the scene has none).
     """
 
     level_pga_m_s2: float
@@ -38,7 +43,15 @@ class Spread:
     base: float
     friction: float
     left: float
+    records_low: float
+    records_high: float
+    base_low: float
+    base_high: float
+    friction_low: float
+    friction_high: float
     jobs: int
+    records_drawn: int
+    bases: int
 
 
 def spreads(frame: pd.DataFrame) -> pd.DataFrame:
@@ -86,8 +99,10 @@ def spreads(frame: pd.DataFrame) -> pd.DataFrame:
         )
     table = pd.DataFrame([vars(one) for one in found])
     means = {**table.mean(numeric_only=True), "level_pga_m_s2": None, "jobs": int(table["jobs"].sum())}
-    for cause in CAUSES:
-        means[cause] = float(np.sqrt((table[cause] ** 2).mean()))
+    means |= {name: int(table[name].max()) for name in ("records_drawn", "bases")}
+    # Levels share their records and draws: their ends are averaged as the deviations are.
+    for name in (*CAUSES, *(f"{cause}_{end}" for cause in CAUSES[:3] for end in ("low", "high"))):
+        means[name] = float(np.sqrt((table[name] ** 2).mean()))
     table = pd.concat([table, pd.DataFrame([means])], ignore_index=True)
     total = sum(table[cause] ** 2 for cause in CAUSES[:3])
     for cause in CAUSES[:3]:
@@ -118,19 +133,67 @@ def _spread(level: float, jobs: pd.DataFrame) -> Spread | None:
     left = float(of @ deviation @ share_of) / (free_records * free_draws)
     of_records = float(of @ (by_record - mean) ** 2) / free_records - left * (1.0 - free_draws)
     of_draws = float(share_of @ (by_draw - mean) ** 2) / free_draws - left / records
-    of_records, of_draws = max(of_records, 0.0), max(of_draws, 0.0)
     factor = jobs.groupby(draw)["friction_factor"].first().reindex(entries.columns).fillna(1.0).to_numpy()
     friction = np.log(np.maximum(entries.columns.get_level_values(0).to_numpy(float) * factor, 1e-9))
     share = _explained(friction, by_draw, share_of)
+    draws_in_effect = 1.0 / (1.0 - free_draws)
+    error = Mean(left, (records - 1) * (draws_in_effect - 1.0))
+    of_records_ends = component_interval(
+        Mean(draws_in_effect * of_records + left, records - 1), error, draws_in_effect
+    )
+    of_draws_ends = component_interval(Mean(records * of_draws + left, draws_in_effect - 1.0), error, records)
+    ends = {
+        "records": of_records_ends,
+        "base": of_draws_ends * (1.0 - share),
+        "friction": of_draws_ends * share,
+    }
     return Spread(
         level_pga_m_s2=level,
         probability=float(mean),
-        records=float(np.sqrt(of_records)),
-        base=float(np.sqrt(of_draws * (1.0 - share))),
-        friction=float(np.sqrt(of_draws * share)),
+        records=float(np.sqrt(max(of_records, 0.0))),
+        base=float(np.sqrt(max(of_draws, 0.0) * (1.0 - share))),
+        friction=float(np.sqrt(max(of_draws, 0.0) * share)),
         left=float(np.sqrt(left)),
+        **{f"{cause}_{end}": float(np.sqrt(value)) for cause, pair in ends.items()
+           for end, value in zip(("low", "high"), pair, strict=True)},
         jobs=len(jobs),
-    )
+        records_drawn=records,
+        bases=_bases(jobs, draws),
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Mean:
+    """A mean square of an analysis of variance, with its degrees of freedom."""
+
+    square: float
+    freedom: float
+
+
+def component_interval(of_cause: Mean, error: Mean, times: float) -> NDArray[np.float64]:
+    """Ends of the 95 % interval of a component of variance, (2,): Williams and Tukey's.
+
+    Parameters
+    ----------
+    of_cause : Mean
+        Its expectation is the error's and `times` the component.
+    error : Mean
+    times : float
+
+    Notes
+    -----
+    Searle, Casella and McCulloch 1992, section 3.6; exact to within some per cent for normal effects, and on the wide
+    side. It tells how far other records, or other bases, drawn alike would move the component.
+    """
+    tails = np.array([0.975, 0.025])
+    least = of_cause.square - error.square * f.ppf(tails, of_cause.freedom, error.freedom)
+    return np.maximum(least, 0.0) / (times * chi2.ppf(tails, of_cause.freedom) / of_cause.freedom)
+
+
+def _bases(jobs: pd.DataFrame, draws: int) -> int:
+    """Distinct bases among some jobs; the number of draws where the scene has none."""
+    drawn = jobs["base"].nunique() if "base" in jobs else 0
+    return drawn or draws
 
 
 def _weights(jobs: pd.DataFrame, draw: list[str]) -> pd.Series:

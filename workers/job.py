@@ -15,7 +15,6 @@ from toppling.models.contact import FRICTION_SPREAD, ContactProperties
 from toppling.models.errors import InputError
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.impose import Imposed, impose
-from toppling.models.motions.record import Record
 from toppling.models.scene import COM_SPREAD_SHARE, Scene
 from toppling.workers.engines import DEFAULT
 from toppling.workers.options import PHYSICS_VERSION
@@ -69,6 +68,10 @@ class JobSpec:
         return hashlib.sha256(canonical.encode()).hexdigest()[:24]
 
 
+AXES = ("pga_m_s2", "azimuth_deg", "friction_static", "friction_kinetic", "restitution", "realisation")
+"""Fields of a job that are the axes of a campaign, beside the record."""
+
+
 @dataclass(frozen=True, eq=False)
 class Assets:
     """What a worker keeps between jobs."""
@@ -99,7 +102,10 @@ def run_job(spec: JobSpec, assets: Assets) -> dict[str, Any]:
     scene, imposed = prepared(spec, assets)
     result = shake(scene, imposed.motion, spec.preset, engine=spec.engine)
     record = assets.ensemble.record(spec.record_id)
-    return {**_identity(spec, record), **_drawn(spec, scene), **imposed.intensity, **outcome_of(result)}
+    return {
+        **identity(spec), "event": record.event, "physics_version": PHYSICS_VERSION,
+        **_drawn(spec, scene), **imposed.intensity, **outcome_of(result),
+    }  # fmt: skip
 
 
 def prepared(spec: JobSpec, assets: Assets) -> tuple[Scene, Imposed]:
@@ -150,11 +156,12 @@ def _realised(scene: Scene, contact: ContactProperties, unmeasured: Unmeasured, 
     return dataclasses.replace(scene, rock=rock, contact=drawn)
 
 
-def _identity(spec: JobSpec, record: Record) -> dict[str, Any]:
-    columns = dataclasses.asdict(spec)
+def identity(spec: JobSpec) -> dict[str, Any]:
+    """Columns of a row that say which job it is of, whether it has an answer or not."""
+    columns = {field.name: getattr(spec, field.name) for field in dataclasses.fields(spec)}
     del columns["record_sha"], columns["peak_displacement_m"], columns["unmeasured"]
     columns["level_pga_m_s2"] = columns.pop("pga_m_s2")
-    return {**columns, "job_id": spec.job_id, "event": record.event, "physics_version": PHYSICS_VERSION}
+    return {**columns, "job_id": spec.job_id}
 
 
 def _drawn(spec: JobSpec, scene: Scene) -> dict[str, Any]:

@@ -48,6 +48,16 @@ def drawn_anew(jobs, again, random):
     return jobs, first(again.assign(job_id=ids))
 
 
+def test_an_audit_of_fewer_than_40_jobs_says_that_it_tells_nothing_of_a_shift():
+    jobs, again = population(1)
+    few, enough = (compare("reference", jobs, again.sort_values("job_id").head(count)) for count in (39, 40))
+    assert "fewer than 40 can tell nothing of a shift" in few.sentence
+    assert "shifted" not in few.sentence
+    assert "agree" not in few.sentence
+    assert "median PGA shifted by" in enough.sentence
+    assert (few.tells, enough.tells) == (False, True)
+
+
 def true_shift_percent(jobs, again):
     medians = [median(part) for part in (jobs, again)]
     return 100.0 * (medians[0] / medians[1] - 1.0)

@@ -1,6 +1,7 @@
 """The spread of toppling goes to the cause that made it."""
 
 import json
+import math
 import re
 
 import numpy as np
@@ -11,7 +12,7 @@ from seeded import row
 
 from toppling.models.errors import InputError
 from toppling.orchestrator.cli import cli
-from toppling.results.spread import spreads
+from toppling.results.spread import Mean, component_interval, spreads
 from toppling.results.store import write_part
 
 RECORDS, DRAWS, AZIMUTHS = 30, 40, 6
@@ -45,6 +46,27 @@ def test_a_spread_of_one_cause_is_told_as_that_causes(cause):
     assert table.iloc[-1]["jobs"] == RECORDS * DRAWS * AZIMUTHS
 
 
+@pytest.mark.parametrize(("draws", "component"), [(5, 1.0), (20, 1.0), (20, 0.1), (60, 0.3)])
+def test_the_interval_of_a_component_holds_it_in_93_to_98_percent(draws, component):
+    random = np.random.default_rng(draws)
+    repeats, campaigns, held = 30, 4000, 0
+    effects = math.sqrt(component) * random.normal(size=(campaigns, draws))
+    means = effects + random.normal(size=(campaigns, draws)) / math.sqrt(repeats)
+    free = (repeats - 1) * (draws - 1)
+    errors = random.chisquare(free, campaigns) / free
+    for mean, error in zip(repeats * means.var(axis=1, ddof=1), errors, strict=True):
+        low, high = component_interval(Mean(mean, draws - 1), Mean(error, free), repeats)
+        held += low <= component <= high
+    assert 0.93 <= held / campaigns <= 0.98
+
+
+def test_it_says_from_how_many_bases_and_records_and_few_of_them_leave_a_wide_interval():
+    few, many = (spreads(frame).iloc[0] for frame in (run(base=0.15).query("base < 6"), run(base=0.15)))
+    assert (few["bases"], many["bases"], many["records_drawn"]) == (6, DRAWS, RECORDS)
+    assert many["base_low"] < many["base"] < many["base_high"] < 2.0 * many["base"]
+    assert few["base_high"] - few["base_low"] > 2.0 * (many["base_high"] - many["base_low"])
+
+
 def test_chance_alone_is_no_ones_spread():
     found = spreads(run()).iloc[0]
     # Of one entry (six jobs) chance leaves 0.5 / sqrt(6); of a mean over all records almost nothing.
@@ -75,6 +97,7 @@ def test_the_verb_tells_the_spread_in_percentages_and_names_the_last_row(tmp_pat
     assert lines[0].split()[:3] == ["level", "toppled", "records"]
     assert lines[1].split()[:3] == ["2", "m/s2", "0.0"]
     assert lines[3].split()[:2] == ["all", "levels"]
+    assert "from 4 bases and 6 records; in brackets: 95 % intervals" in told
     assert not re.search(r"\de[-+]\d|\d\.\d{3}", told)
     asked = ["query", str(tmp_path), "--spread", "--json"]
     exact = json.loads(CliRunner().invoke(cli, asked, catch_exceptions=False).stdout)

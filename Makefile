@@ -12,8 +12,13 @@ help:  ## show the targets
 setup: system-libraries $(STAMP)  ## make .venv with the command toppling, from the lock file
 
 $(STAMP): requirements.lock pyproject.toml
-	@command -v $(PYTHON) >/dev/null || { echo "make setup: $(PYTHON) not found. PyBullet has wheels for CPython 3.11 only: install it, or name it with 'make PYTHON=/path/to/python3.11 setup'." >&2; exit 1; }
-	$(PYTHON) -m venv $(VENV)
+	@if command -v $(PYTHON) >/dev/null; then $(PYTHON) -m venv $(VENV); \
+	elif command -v uv >/dev/null; then \
+		echo "make setup: $(PYTHON) not found; uv fetches a Python 3.11 for .venv" >&2; \
+		uv venv --quiet --seed --clear --python 3.11 $(VENV); \
+	else \
+		echo "make setup: $(PYTHON) not found. PyBullet has wheels for CPython 3.11 only: install it, install uv (which fetches it), or name it with 'make PYTHON=/path/to/python3.11 setup'." >&2; exit 1; \
+	fi
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes --no-deps -r requirements.lock
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
 	@touch $(STAMP)

@@ -40,6 +40,15 @@ VERBS = {
 """Each is the command of its name in the module of its name in orchestrator/verbs; its line begins its own help."""
 
 
+GROUPS = {
+    "Prepare": ("scan", "scene", "records", "init", "plan"),
+    "Run": ("run", "watch", "status", "audit", "demo"),
+    "Read": ("query", "fragility", "constrain", "magnitudes", "check", "replay", "report"),
+    "Study": ("pulse", "ramp", "accuracy", "study", "validate"),
+}
+"""Verbs as the help lists them."""
+
+
 class LazyGroup(Verbs):
     """A group whose commands are imported when they are called, not when they are listed."""
 
@@ -62,8 +71,9 @@ class LazyGroup(Verbs):
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
         """List the verbs, each with its line."""
-        with formatter.section("Commands"):
-            formatter.write_dl(list(VERBS.items()))
+        for title, verbs in GROUPS.items():
+            with formatter.section(title):
+                formatter.write_dl([(verb, VERBS[verb]) for verb in verbs], col_max=12)
 
 
 @click.group(

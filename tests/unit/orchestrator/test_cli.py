@@ -8,7 +8,7 @@ import click
 import pytest
 from click.testing import CliRunner
 
-from toppling.orchestrator.cli import VERBS, cli, main
+from toppling.orchestrator.cli import GROUPS, VERBS, cli, main
 from toppling.orchestrator.verbs import run as run_verb
 
 
@@ -94,3 +94,8 @@ def test_an_option_that_is_given_often_goes_on_as_often():
         "b",
     ]
     assert run_verb._as_given(click.Option(["--site"], nargs=2), (1.5, 2.0)) == ["--site", "1.5", "2.0"]
+
+
+def test_the_help_lists_every_verb_in_one_group():
+    listed = [verb for verbs in GROUPS.values() for verb in verbs]
+    assert sorted(listed) == sorted(VERBS)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from toppling.models.errors import InputError
 from toppling.models.scene import Scene
 from toppling.models.settling import Settling
-from toppling.models.statics import polygon, quasi_static_toppling_m_s2, support_polygon_m, tipping_m_s2
+from toppling.models.statics import polygon, support_polygon_m, tipping_m_s2
 from toppling.workers.seating import settled
 
 MEANT_FROM_DEG = 1.0
@@ -78,10 +78,11 @@ class Settled:
     @property
     def sentences(self) -> list[str]:
         """How far the rock settles; where that is far, also what it means and what to do."""
-        told = [self.settling.sentence] if self.settling.sentence else []
-        if told and "unseen_base" in self.scanned.report:
-            told = [f"{told[0]}; {WHY_A_SCANNED_ROCK_SETTLES}"]
-        if not self.is_large:
+        told = [] if self.scanned.ground.is_plane else [self.scanned.ground.sentence]
+        told += [self.settling.sentence] if self.settling.sentence else []
+        if self.settling.sentence and "unseen_base" in self.scanned.report:
+            told[-1:] = [f"{told[-1]}; {WHY_A_SCANNED_ROCK_SETTLES}"]
+        if not (self.is_large and self.scanned.ground.is_plane):  # what follows is told of one plane
             return told
         points = len(support_polygon_m(self.stands.rock, self.stands.pedestal))
         before, after = (min(value for _, value in one) for one in (self.rose_scanned, self.rose_stands))
@@ -102,7 +103,7 @@ class Settled:
 
 
 def _rose(scene: Scene) -> Rose:
-    return quasi_static_toppling_m_s2(scene.rock, scene.pedestal, scene.gravity_m_s2, AZIMUTHS_DEG)
+    return scene.quasi_static_toppling_m_s2(AZIMUTHS_DEG)
 
 
 def settling_notes(scene: Scene) -> list[str]:
@@ -119,7 +120,7 @@ def draw_settling(scene: Scene, path: Path) -> bool:
         found = Settled.of(scene)
     except InputError:
         return False
-    if not found.is_large:
+    if not (found.is_large and scene.ground.is_plane):
         return False
     from toppling.results.drawing.settling import draw
 

@@ -9,7 +9,6 @@ import numpy as np
 
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
-from toppling.models.statics import quasi_static_toppling_m_s2
 from toppling.orchestrator.plan import expected_s
 from toppling.workers.job import Assets, JobSpec, run_job
 from toppling.workers.seating import settled
@@ -68,7 +67,7 @@ def statics_of(scene: Scene) -> Statics:
     """Statics of the rock as it stands once it has settled; infinite where nothing topples it."""
     stands = settled(scene)
     azimuths = range(0, 360, AZIMUTH_STEP_DEG)
-    found = quasi_static_toppling_m_s2(stands.rock, stands.pedestal, stands.gravity_m_s2, azimuths)
+    found = stands.quasi_static_toppling_m_s2(azimuths)
     azimuth_deg, least_m_s2 = min(found, key=lambda one: one[1])
     return Statics(least_m_s2, azimuth_deg)
 

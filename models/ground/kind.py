@@ -41,6 +41,14 @@ class GroundKind:
     is_plane: bool
     why: str
 
+    @property
+    def sentence(self) -> str:
+        """The same as one sentence."""
+        what = (
+            "one plane" if self.is_plane else "the pedestal's own surface, each contact along its own normal"
+        )
+        return f"the rock stands on {what}: {self.why}"
+
 
 def kind_of(body: GroundedBody, height_m: float) -> GroundKind:
     """Look at the contacts of a rock where it rests, and of one that is tilted.

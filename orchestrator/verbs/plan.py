@@ -61,7 +61,7 @@ def plan(campaign: Path, table: Path | None, workers: int | None, no_estimate: b
         "restitutions": len(chosen.restitution), "realisations": chosen.realisations, "preset": chosen.preset,
         "engine": chosen.engine,
         "scene_id": planned.scene_id, "ensemble_id": planned.ensemble_id, "plan_id": planned.id,
-        "settling": settling.to_json(), "warnings": warnings,
+        "settling": settling.to_json(), "ground": scene.ground.sentence, "warnings": warnings,
         "expected_work_s": expected and round(expected.work_s, 1), "timed_jobs": expected.timed if expected else 0,
     }  # fmt: skip
     if table is not None:

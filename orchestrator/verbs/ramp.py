@@ -122,7 +122,6 @@ def write(
 ) -> list[Path]:
     """Write tables and figure of a ramp."""
     from toppling.models.contact import ContactProperties
-    from toppling.models.statics import quasi_static_toppling_m_s2
     from toppling.orchestrator.ramp import summary
     from toppling.results.drawing.atlas import save_table
     from toppling.results.drawing.study import ramp_figure
@@ -130,9 +129,7 @@ def write(
     from toppling.workers.seating import settled
 
     at_rest = settled(rock.with_contact(ContactProperties.of(friction)))
-    ((_, static_m_s2),) = quasi_static_toppling_m_s2(
-        at_rest.rock, at_rest.pedestal, rock.gravity_m_s2, [azimuth_deg]
-    )
+    ((_, static_m_s2),) = at_rest.quasi_static_toppling_m_s2([azimuth_deg])
     table = summary(levels)
     out.mkdir(parents=True, exist_ok=True)
     return [

@@ -113,7 +113,7 @@ def explaining_units(height_m: float) -> str:
     'feet (14.1 m), inches (1.17 m)'
     """
     told = []
-    for unit in ("mm", "ft", "cm", "in", "km"):
+    for unit in ("mm", "ft", "cm", "in"):
         height = height_m * METRES[unit]
         if ROCK_M[0] * 5.0 <= height <= ROCK_M[1]:
             told.append(f"{NAMES[unit]} ({height:.3g} m)")

@@ -193,6 +193,7 @@ def test_the_command_hears_it_before_it_has_imported_its_verbs():
 def test_a_terminal_that_closes_and_a_batch_system_stop_in_order(name):
     work = f"""
         from toppling.orchestrator.interrupt import stop_in_order
+        signal.signal(signal.{name}, signal.SIG_DFL)  # whatever the tests themselves were started under
         stop_in_order()
         try:
             os.kill(os.getpid(), signal.{name})

@@ -260,12 +260,12 @@ def _check_catalog(catalog: pa.Table, folder: Path) -> None:
 
 def _refuse_other_motion(motion: Motion, entry: Mapping[str, Any], folder: Path) -> None:
     """Refuse samples that are not those of the catalogue: by its hash, and by the PGA that scales them."""
-    name, told = entry["record_id"], entry["pga_m_s2"]
+    name, stated = entry["record_id"], entry["pga_m_s2"]
     if motion_sha(motion, entry["strong_azimuth_deg"]) != entry["sha"]:
         raise _ensemble_error(f"the motion of {name!r} does not have the hash in the catalogue", folder)
     pga = float(np.hypot(*motion.acceleration_m_s2[:, :2].T).max())
-    if not abs(told - pga) <= PGA_TOLERANCE * pga:
-        raise _ensemble_error(f"the PGA of {name!r} is {pga:.6g} m/s2, {told:.6g} in the catalogue", folder)
+    if not abs(stated - pga) <= PGA_TOLERANCE * pga:
+        raise _ensemble_error(f"the PGA of {name!r} is {pga:.6g} m/s2, {stated:.6g} in the catalogue", folder)
 
 
 def _motion_row(record: Record) -> pa.Table:

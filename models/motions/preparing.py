@@ -8,7 +8,7 @@ from toppling.models.motions.duplicates import Candidate, Shaking
 from toppling.models.motions.metadata import Entry
 from toppling.models.motions.motion import Motion
 from toppling.models.motions.processing import DRIFTS, drifts, process, resample
-from toppling.models.motions.quality import beyond_nature, doubts
+from toppling.models.motions.quality import beyond_nature, check_samples
 from toppling.models.motions.record import Record
 from toppling.models.motions.stations import Triple, oriented
 
@@ -65,7 +65,7 @@ def prepared(name: str, channels: Triple, options: ImportOptions, entry: Entry |
     _refuse_incomplete(channels, options)
     if not options.doubtful:
         for component in channels.channels:
-            doubts(component)
+            check_samples(component)
     motion, azimuths, oriented_how = oriented(channels)
     corrected = _corrected(channels)
     motion, quality, done = _processed(motion, corrected, options.process, _corner_hz(options, entry))

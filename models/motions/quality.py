@@ -23,7 +23,7 @@ FILLED_GAP_SHARE = 0.1
 """A constant stretch this long, with this share of the peak shortly before and after, is a filled gap."""
 
 
-def doubts(component: Component) -> None:
+def check_samples(component: Component) -> None:
     """Refuse a channel whose samples cannot be the ground's.
 
     Raises
@@ -34,7 +34,7 @@ def doubts(component: Component) -> None:
     a = component.acceleration_m_s2
     peak = float(np.abs(a).max())
     if peak > QUESTIONABLE_M_S2:
-        _doubt(
+        _refuse_sample(
             component,
             int(np.abs(a).argmax()),
             f"the peak is {peak:.4g} m/s2, beyond 5 g" + _explained(peak, 0.0, component.stated_unit_m_s2),
@@ -42,7 +42,7 @@ def doubts(component: Component) -> None:
             "name the right unit in the metadata table, or accept it with --doubtful",
         )
     if peak == 0:
-        _doubt(component, 0, "all samples are zero", "a motion", "leave the record out")
+        _refuse_sample(component, 0, "all samples are zero", "a motion", "leave the record out")
     _clipped(component, a)
     _spike(component, a)
     _filled_gap(component, a, peak)
@@ -109,7 +109,7 @@ def _clipped(component: Component, a: np.ndarray) -> None:
         share = max(abs(extreme) / peak, abs(extreme - middle) / farthest)
         if share >= RAIL_SHARE or (len(flat) >= RAIL_RUNS and abs(extreme - middle) > 0.5 * farthest):
             start, end = max(flat, key=lambda run: run[1] - run[0])
-            _doubt(
+            _refuse_sample(
                 component,
                 start,
                 f"{count} samples, {end - start} in a row, are at the extreme {extreme:.4g} m/s2: clipped",
@@ -134,7 +134,7 @@ def _spike(component: Component, a: np.ndarray) -> None:
     worst = int(bend.argmax())
     others = np.delete(bend, slice(max(worst - 2, 0), worst + 3))
     if bend[worst] > SPIKE_RATIO * others.max():
-        _doubt(
+        _refuse_sample(
             component,
             worst + 1,
             f"the sample {a[worst + 1]:.4g} m/s2 stands {bend[worst] / others.max():.0f} times farther"
@@ -154,7 +154,7 @@ def _filled_gap(component: Component, a: np.ndarray, peak: float) -> None:
         before, after = a[max(start - least, 0) : start], a[end + 1 : end + 1 + least]
         if min(np.abs(before - a[start]).max(), np.abs(after - a[start]).max()) > FILLED_GAP_SHARE * peak:
             seconds = (end - start) * component.time_step_s
-            _doubt(
+            _refuse_sample(
                 component,
                 int(start),
                 f"the samples stay at {a[start]:.4g} m/s2 for {seconds:.3g} s amid the shaking: a filled gap",
@@ -169,7 +169,7 @@ def _runs(mask: np.ndarray) -> list[tuple[int, int]]:
     return [(int(start), int(end)) for start, end in edges.reshape(-1, 2)]
 
 
-def _doubt(component: Component, sample: int, what: str, expected: str, remedy: str) -> None:
+def _refuse_sample(component: Component, sample: int, what: str, expected: str, remedy: str) -> None:
     time = sample * component.time_step_s
     refuse(
         f"{what} (sample {sample}, {time:.3f} s)",

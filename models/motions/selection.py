@@ -88,11 +88,11 @@ def select(ensemble: Ensemble, choice: Choice) -> Selection:
     rows = catalog.to_pylist()
     left: list[tuple[str, int]] = []
     fit = rows
-    for told, narrow in _conditions(choice):
+    for condition, narrow in _conditions(choice):
         fit = narrow(fit)
-        left.append((told, len(fit)))
+        left.append((condition, len(fit)))
         if not fit:
-            steps = ", ".join(f"{told}: {count} left" for told, count in left)
+            steps = ", ".join(f"{condition}: {count} left" for condition, count in left)
             raise InputError(
                 f"none of {len(rows)} records is as chosen ({steps})",
                 where=str(ensemble.folder),
@@ -132,8 +132,8 @@ def _conditions(choice: Choice) -> Iterator[tuple[str, Narrow]]:
     for column, name, unit in ranges:
         limits = getattr(choice, column)
         if limits:
-            told = f"{name} {limits[0]:g} to {limits[1]:g}{unit}"
-            yield told, where(lambda row, column=column, limits=limits: _within(row[column], limits))  # type: ignore[misc]
+            condition = f"{name} {limits[0]:g} to {limits[1]:g}{unit}"
+            yield condition, where(lambda row, column=column, limits=limits: _within(row[column], limits))  # type: ignore[misc]
     if choice.components > LEAST_COMPONENTS:
         yield f"{choice.components} components", where(lambda row: row["components"] >= choice.components)
     if choice.quality:

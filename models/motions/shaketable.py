@@ -81,18 +81,18 @@ class Experiment:
     @property
     def warnings(self) -> list[str]:
         """What may be wrong with the files, in sentences."""
-        told = []
+        messages = []
         unknown = [test.test_no for test in self.tests if test.ground_motion == UNKNOWN_RECORD]
         if unknown:
-            told.append(
+            messages.append(
                 f"which record the table followed is not known of {_named(unknown)}, which count as one record: "
                 "give a column ground_motion in tests.csv, or 'Ground Motion' in the workbook of records"
             )
         pairs = zip(self.tests, self.motions, strict=True)
         moving = [test.test_no for test, motion in pairs if not _ends_at_rest(motion)]
         if moving:
-            told.append(f"the table still moves at the end of {_named(moving)}: is the file cut off?")
-        return told
+            messages.append(f"the table still moves at the end of {_named(moving)}: is the file cut off?")
+        return messages
 
     def records(self) -> Iterator[Record]:
         """The tests' motions, measured."""

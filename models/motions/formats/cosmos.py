@@ -159,8 +159,8 @@ def _factor(code: int, unit: str, reals: NDArray[np.float64], path: Path, line: 
     stated = _real(reals, GAIN)
     gain = 1.0 if stated == UNKNOWN else positive(stated, f"sensor gain (real header {GAIN})", path, line)
     factor = bit * 1e-6 / sensitivity / gain * 9.80665
-    told = f"{bit:g} microvolt, {sensitivity:g} V/g, gain {gain:g} in the header"
-    return factor, f"{factor:.6g} m/s2 per count: {told}"
+    source = f"{bit:g} microvolt, {sensitivity:g} V/g, gain {gain:g} in the header"
+    return factor, f"{factor:.6g} m/s2 per count: {source}"
 
 
 def _label(title: list[str]) -> str:

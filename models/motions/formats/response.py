@@ -267,12 +267,13 @@ def _checked_sensitivity(
     if gain is None or not np.isfinite(gain[0]) or gain[0] == 0:
         return value, ()
     ratio = float(gain[0] / abs(value))
-    told = f"the stages of {trace.id} multiply to {gain[0]:.6g} at {frequency:g} Hz, its sensitivity is {value:.6g}"
+    stages = f"the stages of {trace.id} multiply to {gain[0]:.6g} at {frequency:g} Hz"
+    difference = f"{stages}, its sensitivity is {value:.6g}"
     if not 1 / SAME_GAIN <= ratio <= SAME_GAIN:
         _refuse_response(
-            told, path, f"a sensitivity within a factor of {SAME_GAIN:g} of what the stages make"
+            difference, path, f"a sensitivity within a factor of {SAME_GAIN:g} of what the stages make"
         )
-    return value, () if abs(ratio - 1) <= FLATNESS else (told,)
+    return value, () if abs(ratio - 1) <= FLATNESS else (difference,)
 
 
 def _is_flat(response: Any, sensitivity: float, top_hz: float) -> bool | None:

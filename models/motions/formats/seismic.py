@@ -46,11 +46,11 @@ def read(path: Path, inventory: Any | None) -> list[Component] | None:
     """
     import obspy
 
-    told, samples = read_guarded("toppling.models.motions.formats.seismic:parse", path, ["obspy"])
-    if told is None:
+    headers, samples = read_guarded("toppling.models.motions.formats.seismic:parse", path, ["obspy"])
+    if headers is None:
         return None
     traces = []
-    for header, values in zip(told, samples, strict=True):
+    for header, values in zip(headers, samples, strict=True):
         header["starttime"] = obspy.UTCDateTime(ns=header["starttime"])
         traces.append(obspy.Trace(values, header=header))
     return [_component(trace, said, path, inventory) for trace, said in _joined(traces, path)]
@@ -142,10 +142,10 @@ def _joined(stream: Any, path: Path) -> list[tuple[Any, tuple[str, ...]]]:
     joined = []
     for traces in pieces.values():
         traces.sort(key=lambda trace: trace.stats.starttime)
-        whole, told = traces[0], []
+        whole, messages = traces[0], []
         for piece in traces[1:]:
-            told.append(_append(whole, piece, path))
-        joined.append((whole, tuple(filter(None, told))))
+            messages.append(_append(whole, piece, path))
+        joined.append((whole, tuple(filter(None, messages))))
     return joined
 
 
@@ -181,7 +181,7 @@ def _append(whole: Any, piece: Any, path: Path) -> str:
     return f"{twice} samples of {whole.id} came twice, the same: merged" if twice else ""
 
 
-def _component(trace: Any, told: tuple[str, ...], path: Path, inventory: Any | None) -> Component:
+def _component(trace: Any, messages: tuple[str, ...], path: Path, inventory: Any | None) -> Component:
     stats = trace.stats
     values = np.asarray(trace.data, dtype=float)
     bad = np.flatnonzero(~np.isfinite(values))
@@ -192,7 +192,7 @@ def _component(trace: Any, told: tuple[str, ...], path: Path, inventory: Any | N
     if "duration" in own:
         exactly(values, _counted(float(own["duration"]), step, path), path, KNET_DURATION_LINE)
     found = _in_m_s2(trace, values, inventory, path)
-    direction, doubt = _direction(stats, inventory)
+    direction, contradiction = _direction(stats, inventory)
     return Component(
         acceleration_m_s2=found.values,
         time_step_s=round(step, 9),
@@ -209,7 +209,7 @@ def _component(trace: Any, told: tuple[str, ...], path: Path, inventory: Any | N
         magnitude=float(own["mag"]) if "mag" in own else None,
         start_s=float(stats.starttime.timestamp),
         notes=found.notes,
-        warnings=(*told, *found.warnings, *doubt),
+        warnings=(*messages, *found.warnings, *contradiction),
         no_unit=found.no_unit,
     )
 

@@ -227,8 +227,8 @@ def _event(lines: list[str], dialect: str) -> tuple[str, str]:
 def _when(line: str) -> str:
     """Date and time of the line below the name, else the origin in its brackets; nothing if neither is a date."""
     match = _WHEN.match(line)
-    told = [_printed(text) for text in match.groups() if text] if match else []
-    return next((text for text in told if _DATED.search(text) and not _NO_DATE.match(text)), "")
+    texts = [_printed(text) for text in match.groups() if text] if match else []
+    return next((text for text in texts if _DATED.search(text) and not _NO_DATE.match(text)), "")
 
 
 def _printed(text: str) -> str:

@@ -8,7 +8,7 @@ from motion_samples import STEP_S, G, shaking
 
 from toppling.models.errors import InputError
 from toppling.models.motions.formats.component import Component
-from toppling.models.motions.quality import doubts
+from toppling.models.motions.quality import check_samples
 
 
 def channel(acceleration_m_s2):
@@ -31,7 +31,7 @@ def digitised(peak_m_s2, flat_m_s2, quantum_m_s2=0.0):
 def test_a_flat_top_a_tenth_below_the_peak_of_the_other_sign_is_no_clipping(quantum_m_s2):
     a = digitised(0.196, 0.176, quantum_m_s2=quantum_m_s2)
     assert (a == a.max()).sum() >= 15
-    doubts(channel(a))
+    check_samples(channel(a))
 
 
 def test_tops_of_a_few_steps_of_the_digitiser_are_flat_without_clipping():
@@ -39,7 +39,7 @@ def test_tops_of_a_few_steps_of_the_digitiser_are_flat_without_clipping():
     steps = np.concatenate([np.arange(21), np.arange(20, -20, -1), np.arange(-20, 1)])
     a = 0.001 * G * np.repeat(steps, 6)
     assert (a == a.max()).sum() >= 10
-    doubts(channel(a))
+    check_samples(channel(a))
 
 
 @pytest.mark.parametrize("offset_m_s2", [0.0, 0.4])
@@ -48,10 +48,10 @@ def test_tops_that_are_cut_at_both_rails_are_clipped_whatever_the_offset(share, 
     a = shaking(600)[:, 0]
     rail = share * np.abs(a).max()
     with pytest.raises(InputError, match="clipped"):
-        doubts(channel(np.clip(a, -rail, rail) + offset_m_s2))
+        check_samples(channel(np.clip(a, -rail, rail) + offset_m_s2))
 
 
 def test_one_rail_reached_again_and_again_is_clipped_though_the_other_sign_goes_farther():
     a = shaking(600)[:, 0]
     with pytest.raises(InputError, match="clipped"):
-        doubts(channel(np.minimum(a, 0.55 * np.abs(a).max())))
+        check_samples(channel(np.minimum(a, 0.55 * np.abs(a).max())))

@@ -1,0 +1,130 @@
+"""Agencies' headers are read without pedantry: other cases, blanks and marks are the same record."""
+
+import pytest
+from motion_samples import WRITERS, shaking
+
+from toppling.models.errors import InputError
+from toppling.models.motions.formats import read_file
+from toppling.models.motions.importing import ImportOptions, import_records, record_files
+
+SAME = [
+    ("cosmos_v2", "Format= (10I8)", "Format = (10I8)"),
+    ("cosmos_v2", "Format= (6F13.6)", "format =( 6f13.6)"),
+    ("cosmos_v2", "End-of-data for Chan", "/& --- End of data for channel"),
+    ("cosmos_v2", "End-of-data for Chan", "  End of data, channel"),
+    ("cosmos_v2", "Sta Chan  1:", "Sta Cha:  1:"),
+    ("cosmos_v2", "Sta Chan  1:", "Sta Chan   ?:"),
+    ("cosmos_v2", "units=cm/sec2(04)", "units = cm/sec/sec (04)"),
+    ("cosmos_v2", '\n|<SCNL>', '\n | <SCNL>'),
+    ("cosmos_v1", "units=g.     (02)", "units=G (02)"),
+    ("csmip_v2", ", in cm/sec2. (8f10.5)", ".  (UNITS: CM/SEC/SEC)"),
+    ("csmip_v2", ", in cm/sec2. (8f10.5)", ", in GAL"),
+    ("csmip_v1", "(UNITS: G)", "(UNITS: g) (8F9.6)"),
+    ("esm", "DATA_TYPE: ACCELERATION", "data_type: Acceleration "),
+    ("esm", "UNITS: cm/s^2", "Units: CM/S**2"),
+    ("esm", "UNITS: cm/s^2", "UNITS: Gal"),
+    ("esm", "EVENT_NAME: TEST", "Event_Name : TEST"),
+    ("esm", "SAMPLING_INTERVAL_S: 0.010000", "SAMPLING_INTERVAL_S: 0,01"),
+    ("esm", "USER20:\nUSER21:\n", ""),
+    ("unam", "Gal (cm/s/s)", "cm/s/s"),
+    ("unam", "Gal (cm/s/s)", "GALS"),
+    ("unam", "V N00E N90E\n", "V N00E N90E\n\n"),
+    ("peer", "IN UNITS OF G", "IN UNITS OF G. FILTER POINTS: HP=0.1 Hz LP=20.0 Hz"),
+    ("knet", "(gal)/", "(GAL)/"),
+]  # fmt: skip
+
+
+def imported(folder):
+    return import_records(record_files([folder]), options=ImportOptions(process=False))
+
+
+def replaced(folder, old: str, new: str) -> None:
+    changed = 0
+    for path in folder.iterdir():
+        text = path.read_text()
+        changed += text.count(old)
+        path.write_text(text.replace(old, new))
+    assert changed
+
+
+@pytest.mark.parametrize(("name", "old", "new"), SAME)
+def test_a_header_written_otherwise_is_the_same_record(name, old, new, tmp_path):
+    WRITERS[name](tmp_path, shaking())
+    (expected,) = imported(tmp_path).records
+    replaced(tmp_path, old, new)
+    outcome = imported(tmp_path)
+    assert [str(refusal.reason) for refusal in outcome.refusals] == []
+    (record,) = outcome.records
+    assert record.sha == expected.sha
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new", "cause"),
+    [
+        (
+            "cosmos_v2",
+            "units=cm/sec2(04)",
+            "units=g (04)",
+            "the unit is 'g' by its name, and 0.01 m/s2 by its code 04",
+        ),
+        ("cosmos_v2", "units=cm/sec2(04)", "units=cm/sec(05)", "unit 'cm/sec' with code 5"),
+        ("csmip_v2", "in cm/sec2.", "in cm/sec. ", "does not say time step and unit"),
+        ("esm", "DATA_TYPE: ACCELERATION", "DATA_TYPE: Velocity", "DATA_TYPE is Velocity"),
+        ("esm", "UNITS: cm/s^2", "UNITS: cm/s", "UNITS is 'cm/s'"),
+        ("unam", "Gal (cm/s/s)", "Pa", "UNIDADES DE LOS DATOS is 'Pa'"),
+        ("peer", "IN UNITS OF G", "IN UNITS OF CM", "the third line says"),
+        ("knet", "(gal)/", "(g)/", "the scale factor is not in gal"),
+    ],
+)
+def test_a_header_of_another_quantity_or_unit_is_refused_by_its_name(name, old, new, cause, tmp_path):
+    WRITERS[name](tmp_path, shaking())
+    replaced(tmp_path, old, new)
+    outcome = imported(tmp_path)
+    assert not outcome.records
+    assert any(cause in refusal.reason.what for refusal in outcome.refusals)
+
+
+@pytest.mark.parametrize(
+    ("label", "direction"),
+    [("BHZ00", "up"), ("HHZ.10", "up"), ("HNZ--", "up"), ("EHZ", "up"), ("BHE00", 90.0), ("HNN10", 0.0),
+     ("BH100", None), ("HN200", None), ("045", 45.0), ("UP", "up")],
+)  # fmt: skip
+def test_labels_of_peer_may_be_channel_codes_and_locations(label, direction, tmp_path):
+    path = WRITERS["peer"](tmp_path, shaking())[0]
+    path.write_text(
+        path.read_text().replace("Testquake, 1/2/2003, Station, 090", f"Q11-10-20, 10/20/2011, CCM, {label}")
+    )
+    (component,) = read_file(path)
+    assert (component.event, component.station, component.direction) == ("Q11-10-20", "CCM", direction)
+
+
+def test_uneven_pairs_of_smc_are_interpolated(tmp_path):
+    path = WRITERS["smc_pairs"](tmp_path, shaking())[0]
+    lines = path.read_text().splitlines(keepends=True)
+    for place in range(29, len(lines)):  # every second pair of a line three milliseconds late
+        pairs = [lines[place][i : i + 20] for i in range(0, 80, 20)]
+        late = [f"{float(pair[:10]) + 3e-3 * (number % 2):10.4f}" for number, pair in enumerate(pairs)]
+        lines[place] = "".join(time + pair[10:] for time, pair in zip(late, pairs, strict=True)) + "\n"
+    path.write_text("".join(lines))
+    (component,) = read_file(path)
+    assert component.time_step_s == 0.005
+    assert any("uneven times" in note for note in component.notes)
+    assert abs(component.acceleration_m_s2).max() == pytest.approx(abs(shaking()[:, 0]).max(), rel=0.02)
+
+
+def test_pairs_of_smc_that_go_back_are_refused_with_the_cause(tmp_path):
+    path = WRITERS["smc_pairs"](tmp_path, shaking())[0]
+    lines = path.read_text().splitlines(keepends=True)
+    lines[60], lines[61] = lines[61], lines[60]
+    path.write_text("".join(lines))
+    with pytest.raises(InputError, match="the time goes from"):
+        read_file(path)
+
+
+@pytest.mark.parametrize("lost", [range(100, 101), range(150, 170)])
+def test_a_row_that_cwbs_times_miss_is_refused(lost, tmp_path):
+    (path,) = WRITERS["cwb"](tmp_path, shaking())
+    lines = path.read_text().splitlines(keepends=True)
+    path.write_text("".join(line for place, line in enumerate(lines) if place not in lost))
+    with pytest.raises(InputError, match=r"the time goes from|truncated"):
+        read_file(path)

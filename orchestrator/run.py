@@ -359,6 +359,8 @@ def work_off(
     sent: set[int] = set()
     in_vain = 0
     pending = wanted.pending(finished_ids(folder, ids, redo))
+    if not len(pending) and merge:  # a stage before has done them all
+        pending = wanted.pending(merge())
     while len(pending):
         if lost := len(sent.intersection(pending.tolist())):
             log.warning("%d rows were lost after they were stored", lost)

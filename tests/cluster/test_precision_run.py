@@ -159,6 +159,14 @@ def test_a_first_statement_comes_before_the_other_jobs(asking, client, tmp_path)
     assert state_of(tmp_path / "run")["state"] == "complete"
 
 
+def test_a_run_whose_first_statement_takes_all_jobs_is_merged_all_the_same(asking, client, tmp_path):
+    few = dataclasses.replace(asking, precision=None, pga_m_s2=(3.0, 5.0), azimuth_deg=(0.0,))
+    first = FirstStatement(1e-6, 1000, lambda words: None)
+    run(few, tmp_path / "run", nullcontext(client), silent, stages=[first])
+    assert (tmp_path / "run" / "results.parquet").exists()
+    assert len(open_run(tmp_path / "run").table()) == 40
+
+
 def stop_at_once(tally):
     """Stop as soon as there is a row more."""
     if tally.done:

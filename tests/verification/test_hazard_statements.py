@@ -182,7 +182,9 @@ def fragility_statements(site):
 
 @pytest.mark.slow
 @pytest.mark.timeout(1800)
-@pytest.mark.xfail(reason="beta and the rate are held at 90 to 93 of 100 sites, with 100 and with 200 samples")
+@pytest.mark.xfail(
+    reason="beta and the rate are held at 90 to 93 of 100 sites, with 100 and with 200 samples"
+)
 def test_intervals_over_records_hold_median_beta_and_rate_in_95_of_100_sites():
     shares = np.mean([fragility_statements(site) for site in range(SITES)], axis=0)
     assert ((shares >= 0.93) & (shares <= 0.97)).all(), shares

@@ -38,6 +38,8 @@ WORDS = {"record_id", "event", "station", "h1", "h2", "v", "processing"}
 UNCORRECTED = ("uncorrected", "raw")
 """How the column `processing` may begin, beside 'corrected'."""
 LONGEST_HEADER = 100_000
+LONGEST_NAME, LONGEST_PATH = 255, 2000
+"""Bytes of a file's name, and of its path: file systems have no longer ones."""
 FACTORS = (1e-15, 1e6)
 """Of one count in a unit: below the least of any digitiser."""
 _FACTOR = re.compile(r"([-+]?(?:\d{1,30}\.?\d{0,30}|\.\d{1,30})(?:[Ee][-+]?\d{1,3})?)\s+(\S.*)$", re.ASCII)
@@ -186,6 +188,16 @@ def _entry(row: dict[str, str], table: Path, line: int, decimal_comma: bool) -> 
         if not text[key]:
             raise InputError(
                 f"no file in column {key}", where=where, expected="a path", remedy="name the file"
+            )
+    for key in ("h1", "h2", "v"):
+        if len(text[key].encode()) > LONGEST_PATH or any(
+            len(p.encode()) > LONGEST_NAME for p in Path(text[key]).parts
+        ):
+            raise InputError(
+                f"the file in column {key} is {shown(text[key])}, a name of {len(text[key])} characters",
+                where=where,
+                expected=f"a path of names of at most {LONGEST_NAME} bytes",
+                remedy="correct the table",
             )
     unit = unit_m_s2(text["unit"]) if text["unit"] else None
     if text["unit"] and unit is None:

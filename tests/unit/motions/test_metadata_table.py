@@ -100,3 +100,10 @@ def test_a_zero_byte_within_a_table_is_refused_with_its_line(tmp_path):
     (tmp_path / "table.csv").write_bytes(b"h1,h2,v\na,b,c\na\0,b,c\n")
     with pytest.raises(InputError, match=r"table\.csv:3: a zero byte"):
         read_table(tmp_path / "table.csv")
+
+
+@pytest.mark.parametrize("name", ["x" * 300, "é" * 200, "/".join(["x" * 200] * 20)])
+def test_a_file_name_that_no_file_system_has_is_refused_with_its_line(name, tmp_path):
+    (tmp_path / "table.csv").write_text(f"h1,h2,v\na,{name},c\n", encoding="utf-8")
+    with pytest.raises(InputError, match=r"table\.csv:2: the file in column h2"):
+        read_table(tmp_path / "table.csv")

@@ -111,6 +111,20 @@ class Rock:
             feet_m=None if self.feet_m is None else self.feet_m @ turn.T + shift,
         )
 
+    def principal_axes(self, frame: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Principal moments (3,) of inertia over mass, ascending, and right-handed axes (columns) in a frame.
+
+        Parameters
+        ----------
+        frame : (3, 3) array
+            Its axes as columns, scene frame.
+        """
+        turn = np.asarray(frame, float)
+        moments, axes = np.linalg.eigh(turn.T @ self.inertia_per_mass_m2 @ turn)
+        if np.linalg.det(axes) < 0:
+            axes[:, 0] *= -1.0
+        return moments, axes
+
     @property
     def height_m(self) -> float:
         """Vertical extent in the pose of the scene."""

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from toppling.models.compiled import Array
 from toppling.models.scene import Scene
 from toppling.models.statics import TOPPLED_TILT_DEG
-from toppling.workers.compiled import Array
 from toppling.workers.contact.candidates import ContactModel, contact_of
 
 AXES_STEP_DEG = 2.0

@@ -9,32 +9,7 @@ import sys
 import threading
 from collections.abc import Callable
 
-from toppling.models.compiled import (
-    FOLDER,
-    Array,
-    Flags,
-    Indices,
-    Vector,
-    compiled,
-    inner,
-    numba,
-    private_folder,
-)
-
-__all__ = [
-    "FOLDER",
-    "Array",
-    "Flags",
-    "Indices",
-    "Vector",
-    "compile_apart",
-    "compiled",
-    "ensure_compiled",
-    "inner",
-    "is_compiled",
-    "numba",
-    "private_folder",
-]
+from toppling.models.compiled import FOLDER
 
 _ENSURED = threading.Event()
 

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from toppling.workers.compiled import Array, compiled
+from toppling.models.compiled import Array, compiled
+from toppling.models.ground.excitation import excitation
 from toppling.workers.contact.candidates import REACH_DEG
 from toppling.workers.contact.gaps import lowest_gap_m
 from toppling.workers.contact.offset import set_normal_offset
@@ -36,7 +37,7 @@ class StateHistory:
     """States of a rock in one shake, and what steps it."""
 
     def __init__(self, problem: Problem) -> None:
-        contact = problem.contact
+        contact, motion = problem.contact, problem.motion
         # Of sets with equally many points the one that serves the largest tilt.
         reach_deg = {contact.points_within(tilt): tilt for tilt in REACH_DEG}
         count = len(contact.points_body_m)
@@ -51,7 +52,7 @@ class StateHistory:
             work=np.zeros((WORK_ROWS, 6)),
             set_tilt_deg=np.array(list(reach_deg.values())),
             set_points=np.array(list(reach_deg)),
-            ground=_ground(problem),
+            ground=excitation(motion.acceleration_m_s2 @ contact.scene_from_support, motion.time_step_s),
         )
         self._deepest_m = 0.0
         self.sim.pose[0], self.sim.velocity[0] = problem.initial
@@ -183,13 +184,3 @@ def _candidates(points_body_m: Array) -> Array:
     rows[X : Z + 1] = points_body_m.T
     rows[NORMAL_Z] = 1.0
     return rows
-
-
-def _ground(problem: Problem) -> Array:
-    """Acceleration and velocity (samples, 6) of the ground, support frame."""
-    motion = problem.motion
-    acceleration = motion.acceleration_m_s2 @ problem.contact.scene_from_support
-    velocity = np.zeros_like(acceleration)
-    means = 0.5 * (acceleration[1:] + acceleration[:-1])
-    np.cumsum(motion.time_step_s * means, axis=0, out=velocity[1:])
-    return np.hstack([acceleration, velocity])

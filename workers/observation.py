@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from scipy.spatial import ConvexHull
 
+from toppling.models.compiled import Array, Vector, compiled, inner
 from toppling.models.scene import Scene
 from toppling.workers.barrier import lying_arms_m
-from toppling.workers.compiled import Array, Vector, compiled, inner
 from toppling.workers.contact.candidates import contact_of
 from toppling.workers.contact.gaps import slip_m_s
 from toppling.workers.problem import Problem
@@ -49,6 +49,18 @@ class Body(NamedTuple):
             ends=np.ascontiguousarray(ends_of_pedestal(problem.scene)),
             gravity_m_s2=problem.scene.gravity_m_s2,
         )
+
+
+class Displacement(Protocol):
+    """How far a rock is from where it stood."""
+
+    @property
+    def turned_deg(self) -> float:
+        """Size of its turn about the normal since the start, 0 to 180."""
+
+    @property
+    def slip_m(self) -> float:
+        """Way along the interface of the material point that was the centroid of the first contact."""
 
 
 class Observation(NamedTuple):

@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
+from toppling.models.compiled import Array
 from toppling.models.frames import azimuth_deg
 from toppling.models.statics import TOPPLED_FALL, TOPPLED_TILT_DEG
 from toppling.models.trajectory import Trajectory
 from toppling.workers import quaternion
-from toppling.workers.compiled import Array
 from toppling.workers.contact.candidates import LARGEST_OPEN_TILT_DEG, ContactModel
-from toppling.workers.observation import Observation
+from toppling.workers.observation import Displacement
 from toppling.workers.problem import Problem
 from toppling.workers.termination import FALLS, is_displaced
 
@@ -80,7 +80,7 @@ class ShakeResult:
 
 def result_of(
     ended_by: str,
-    seen: Observation,
+    seen: Displacement,
     problem: Problem,
     time_s: Array,
     pose: Array,

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from toppling.workers.compiled import Array, compiled, inner
+from toppling.models.compiled import Array, compiled, inner
 
 
 def product(left: Array, right: Array) -> Array:

@@ -12,7 +12,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from toppling.workers.compiled import Array, Flags, Indices, Vector, compiled, inner
+from toppling.models.compiled import Array, Flags, Indices, Vector, compiled, inner
+from toppling.models.ground import excitation
 from toppling.workers.options import ContactOptions, ImpactOptions
 from toppling.workers.quaternion import normal_in_body
 
@@ -93,16 +94,16 @@ ACTIVE, NEAR, TRIED, TOUCHES, SLIDES, DROPPED = range(6)
 FLAG_ROWS = 6
 
 ROTATION, MOBILITY, JACOBIAN, TURNED, GRAM = 0, 3, 6, 12, 18
-IMPULSE, FREE, FOUND, TRIAL, ACCELERATION, MEAN = 24, 25, 26, 27, 28, 29
+IMPULSE, FREE, FOUND, ACCELERATION, MEAN = 24, 25, 26, 27, 28
 """First rows of `Simulation.work`.
 
 Matrices: body to support axes; inverse of the inertia over mass in support axes; the active contacts' directions, what
 they turn the rock with, what they do to each other. Vectors: impulses; velocity without contacts; the velocity found;
-one that is tried; the rate at which the velocity changed in the latest step (zero where that says nothing of the next);
+the rate at which the velocity changed in the latest step (zero where that says nothing of the next);
 a mean velocity.
 """
 
-WORK_ROWS = 30
+WORK_ROWS = 29
 
 
 class Simulation(NamedTuple):
@@ -161,28 +162,8 @@ def largest_tilt_deg(sim: Simulation, since: int) -> float:
 @inner
 def velocity_increment_m_s(sim: Simulation, since_s: float, until_s: float) -> Vector:
     """What gravity less the ground's acceleration adds to a velocity between two times, support frame."""
-    before, after = _ground_velocity_m_s(sim, since_s), _ground_velocity_m_s(sim, until_s)
-    gravity, lasting_s = sim.fixed[0].gravity_m_s2, until_s - since_s
-    return (
-        gravity[0] * lasting_s - (after[0] - before[0]),
-        gravity[1] * lasting_s - (after[1] - before[1]),
-        gravity[2] * lasting_s - (after[2] - before[2]),
-    )
-
-
-@inner
-def _ground_velocity_m_s(sim: Simulation, time_s: float) -> Vector:
-    """Ground velocity: the exact integral of an acceleration that is linear between samples."""
-    ground, sample = sim.ground, sim.fixed[0].sample_s
-    time = min(max(time_s, 0.0), (len(ground) - 1) * sample)
-    i = min(int(time / sample), len(ground) - 2)
-    since = time - i * sample
-    half = 0.5 * since * since / sample
-    return (
-        ground[i, 3] + since * ground[i, 0] + half * (ground[i + 1, 0] - ground[i, 0]),
-        ground[i, 4] + since * ground[i, 1] + half * (ground[i + 1, 1] - ground[i, 1]),
-        ground[i, 5] + since * ground[i, 2] + half * (ground[i + 1, 2] - ground[i, 2]),
-    )
+    fixed = sim.fixed[0]
+    return excitation.velocity_increment_m_s(sim.ground, fixed.sample_s, fixed.gravity_m_s2, since_s, until_s)
 
 
 @inner

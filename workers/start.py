@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from toppling.models.compiled import Array
 from toppling.models.errors import InputError
 from toppling.workers import quaternion as quat
-from toppling.workers.compiled import Array
 from toppling.workers.contact.candidates import ContactModel
 
 SUNK_SHARE = 1e-4

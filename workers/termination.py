@@ -14,7 +14,7 @@ from toppling.models.scene import Scene
 from toppling.models.statics import TOPPLED_FALL
 from toppling.workers.barrier import least_overturning_j_kg
 from toppling.workers.contact.candidates import LARGEST_OPEN_TILT_DEG
-from toppling.workers.observation import Observation
+from toppling.workers.observation import Displacement, Observation
 from toppling.workers.problem import Problem
 
 Rule = Callable[[Observation, Problem], bool]
@@ -98,7 +98,7 @@ def first_met(rules: Rules, seen: Observation, problem: Problem) -> str | None:
     return next((name for name, applies in rules if applies(seen, problem)), None)
 
 
-def is_displaced(seen: Observation, problem: Problem) -> bool:
+def is_displaced(seen: Displacement, problem: Problem) -> bool:
     """Whether the rock has slid or turned about the normal so far that it counts as moved, however it rocks."""
     options = problem.options.termination
     far_m = options.moved_share * problem.contact.half_diagonal_m

@@ -99,11 +99,10 @@ class GroundedBody:
 
     def clockless(self, pose: Array, step_s: float) -> Grounded:
         """The rock in a pose, to be moved without a motion."""
-        still = np.zeros((2, 3))
         return Grounded(
             self.rock, self.ground, no_pairs(PAIRS), np.zeros(MOST, CONTACT), np.zeros(MOST, CONTACT),
             np.zeros(5, np.int64), self.inertia_m2, self.size_m, self.farthest_m, (self.friction[0],) * 2, 0.0, 0.0,
-            self.load_m_s2(), still, still, 1.0, step_s, np.zeros(1), np.array([pose]), np.zeros((1, 6)),
+            self.load_m_s2(), np.zeros((2, 6)), 1.0, step_s, np.zeros(1), np.array([pose]), np.zeros((1, 6)),
         )  # fmt: skip
 
     def touching(self, pose: Array) -> Array:
@@ -147,6 +146,11 @@ class GroundedBody:
         return sim.pose[0].copy()
 
     @cached_property
+    def ground_in_scene_m(self) -> Array:
+        """Vertices (n, 3) of the ground in the axes of the scene, from the support's origin."""
+        return self.ground.vertices_m @ self.scene_from_support.T
+
+    @cached_property
     def held(self) -> Array:
         """Half planes of the loads that hold the rock where it rests (:func:`equilibrium.held_polygon`)."""
         columns = self.wrenches(self.resting_pose)
@@ -173,9 +177,7 @@ class GroundedBody:
         assert pedestal.vertices_m is not None
         assert pedestal.faces is not None
         turn = np.column_stack([*plane_axes(pedestal.normal), pedestal.normal])
-        moments, axes = np.linalg.eigh(turn.T @ rock.inertia_per_mass_m2 @ turn)
-        if np.linalg.det(axes) < 0:
-            axes[:, 0] *= -1.0
+        moments, axes = rock.principal_axes(turn)
         com = (rock.com_m - pedestal.point_m) @ turn
         body_m = (rock.vertices_m - rock.com_m) @ turn @ axes
         size = rock.half_diagonal_m

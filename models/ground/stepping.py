@@ -16,6 +16,7 @@ import numpy as np
 from toppling.models.compiled import Array, Indices, Vector, compiled, inner
 from toppling.models.ground.cones import solve_cones
 from toppling.models.ground.contacts import LEANING, Pairs, contacts_in, moved_m, refresh, rotation_of
+from toppling.models.ground.excitation import velocity_increment_m_s
 from toppling.models.ground.mesh import ContactMesh
 
 MOST_IMPACTS = 20
@@ -70,8 +71,7 @@ class Grounded(NamedTuple):
     restitution: float
     resolved_m_s: float
     gravity_m_s2: Array
-    ground_velocity_m_s: Array  # (n, 3) at the motion's samples
-    ground_acceleration_m_s2: Array
+    excitation: Array  # (samples, 6) of :func:`excitation.excitation`
     sample_s: float
     step_s: float
     time_s: Array
@@ -97,18 +97,14 @@ def settle(sim: Grounded, force_m_s2: Array, sweeps: int, stop_m: float) -> floa
 
     Every step starts at rest under a constant specific force.
     """
-    last = sim.counts[1]
-    pose, velocity, before = sim.pose[last], sim.velocity[last], np.empty(7)
-    way = np.inf
+    pose, way = sim.pose[sim.counts[1]], np.inf
+    step_s = sim.step_s
     for _ in range(sweeps):
-        before[:] = pose
-        velocity[:] = 0.0
-        increment = (force_m_s2[0] * sim.step_s, force_m_s2[1] * sim.step_s, force_m_s2[2] * sim.step_s)
-        _advance(sim, sim.step_s, increment, pose, velocity, True, np.inf)
-        way = moved_m(before, pose, sim.farthest_m)
+        way = _crept_m(
+            sim, pose, (force_m_s2[0] * step_s, force_m_s2[1] * step_s, force_m_s2[2] * step_s), step_s
+        )
         if way < stop_m:
             break
-    velocity[:] = 0.0
     return way
 
 
@@ -145,7 +141,7 @@ def largest_held_m_s2(sim: Grounded, push: Array, most_m_s2: float) -> float:
         way, step_s = 0.0, sim.step_s
         for _ in range(20):
             trial[:] = pose
-            way = _crept_m(sim, trial, push, pushed, step_s)
+            way = _crept_m(sim, trial, _load(sim, push, pushed, step_s), step_s)
             if way > 2.0 * TIPPING_SHARE * sim.size_m:
                 step_s *= 0.5
             elif way < 0.5 * TIPPING_SHARE * sim.size_m and step_s < 200.0 * sim.step_s:
@@ -154,7 +150,7 @@ def largest_held_m_s2(sim: Grounded, push: Array, most_m_s2: float) -> float:
                 break
         pose[:] = trial
         for _ in range(4):
-            _crept_m(sim, pose, push, pushed, sim.step_s)
+            _crept_m(sim, pose, _load(sim, push, pushed, sim.step_s), sim.step_s)
         cosine = abs(start[3] * pose[3] + start[4] * pose[4] + start[5] * pose[5] + start[6] * pose[6])
         if cosine < least_cosine or moved_m(start, pose, 0.0) > sim.size_m:
             break
@@ -163,6 +159,7 @@ def largest_held_m_s2(sim: Grounded, push: Array, most_m_s2: float) -> float:
 
 @inner
 def _load(sim: Grounded, push: Array, acceleration: float, time_s: float) -> Vector:
+    """What gravity, and an acceleration along a push, add to a velocity in some time."""
     g = sim.gravity_m_s2
     return (
         time_s * (g[0] + acceleration * push[0]),
@@ -180,10 +177,10 @@ def _gives_way(sim: Grounded, pose: Array, push: Array, acceleration: float) -> 
 
 
 @inner
-def _crept_m(sim: Grounded, pose: Array, push: Array, acceleration: float, step_s: float) -> float:
+def _crept_m(sim: Grounded, pose: Array, increment: Vector, step_s: float) -> float:
     """Move from rest for one step; the way of the point that moved most."""
     before, velocity = pose.copy(), np.zeros(6)
-    _advance(sim, step_s, _load(sim, push, acceleration, step_s), pose, velocity, True, np.inf)
+    _advance(sim, step_s, increment, pose, velocity, True, np.inf)
     return moved_m(before, pose, sim.farthest_m)
 
 
@@ -197,7 +194,10 @@ def _step(sim: Grounded, begin_s: float, pose: Array, velocity: Array) -> None:
             return
         cut = np.inf
         for early in CUT_TOO_EARLY:
-            increment = _increment(sim, begin_s + gone, begin_s + gone + left)
+            since = begin_s + gone
+            increment = velocity_increment_m_s(
+                sim.excitation, sim.sample_s, sim.gravity_m_s2, since, since + left
+            )
             cut = _advance(sim, left, increment, pose, velocity, impact == MOST_IMPACTS, early)
             if cut >= left:
                 break
@@ -238,8 +238,7 @@ def _advance(
     count = contacts_in(sim.rock, sim.ground, sim.pairs, middle, margin, LEANING, sim.trial)
     count = _choose(sim, count, step_s, velocity, free, whole)
     _warm(sim, count, step_s)
-    enough = ENOUGH * math.sqrt(_square(sim.gravity_m_s2)) * sim.step_s
-    sim.counts[4] += solve_cones(sim.trial, count, sim.friction, inverse, free, enough)
+    sim.counts[4] += solve_cones(sim.trial, count, sim.friction, inverse, free, _enough_m_s(sim))
     closes, lands = np.inf, -1
     if not whole:
         for i in range(count, len(sim.trial)):
@@ -306,7 +305,7 @@ def _was_active(sim: Grounded, key: int) -> bool:
 
 @inner
 def _warm(sim: Grounded, count: int, step_s: float) -> None:
-    """Start from the impulses of the latest substep, in proportion to its duration (kept in the clock)."""
+    """Start from the impulses of the latest substep, as if that had been a whole step."""
     for i in range(count):
         one = sim.trial[i]
         for k in range(sim.counts[0]):
@@ -328,12 +327,16 @@ def _impact(sim: Grounded, pose: Array, velocity: Array) -> None:
     for i in range(count):
         closing = -_rate(sim.trial[i], velocity)
         sim.trial[i].floor_m_s = sim.restitution * closing if closing > sim.resolved_m_s else 0.0
-    enough = ENOUGH * math.sqrt(_square(sim.gravity_m_s2)) * sim.step_s
-    sim.counts[4] += solve_cones(sim.trial, count, sim.friction, inverse, velocity, enough)
+    sim.counts[4] += solve_cones(sim.trial, count, sim.friction, inverse, velocity, _enough_m_s(sim))
     sim.counts[0] = count
     for i in range(count):
         sim.contacts[i] = sim.trial[i]
         sim.contacts[i].impulse[0] = sim.contacts[i].impulse[1] = sim.contacts[i].impulse[2] = 0.0
+
+
+@inner
+def _enough_m_s(sim: Grounded) -> float:
+    return ENOUGH * math.sqrt(_square(sim.gravity_m_s2)) * sim.step_s
 
 
 @inner
@@ -438,31 +441,3 @@ def _invert(turn: Array, inertia_m2: Array, out: Array) -> None:
                 + turn[i, 1] * turn[j, 1] / inertia_m2[1]
                 + turn[i, 2] * turn[j, 2] / inertia_m2[2]
             )
-
-
-@inner
-def _increment(sim: Grounded, since_s: float, until_s: float) -> Vector:
-    """What gravity less the ground's acceleration adds to a velocity between two times."""
-    before, after = _ground_velocity(sim, since_s), _ground_velocity(sim, until_s)
-    lasting, g = until_s - since_s, sim.gravity_m_s2
-    return (
-        g[0] * lasting - (after[0] - before[0]),
-        g[1] * lasting - (after[1] - before[1]),
-        g[2] * lasting - (after[2] - before[2]),
-    )
-
-
-@inner
-def _ground_velocity(sim: Grounded, time_s: float) -> Vector:
-    """Ground velocity: the exact integral of an acceleration that is linear between samples."""
-    sample, acceleration = sim.sample_s, sim.ground_acceleration_m_s2
-    time = min(max(time_s, 0.0), (len(acceleration) - 1) * sample)
-    i = min(int(time / sample), len(acceleration) - 2)
-    since = time - i * sample
-    here, after, at = acceleration[i], acceleration[i + 1], sim.ground_velocity_m_s[i]
-    half = 0.5 * since * since / sample
-    return (
-        at[0] + since * here[0] + half * (after[0] - here[0]),
-        at[1] + since * here[1] + half * (after[1] - here[1]),
-        at[2] + since * here[2] + half * (after[2] - here[2]),
-    )

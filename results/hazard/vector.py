@@ -23,7 +23,7 @@ from scipy.special import ndtr
 
 from toppling.models.errors import InputError
 from toppling.results.hazard.curves import HazardCurve
-from toppling.results.hazard.events import EventBranch, EventSet, EventSite
+from toppling.results.hazard.events import EventBranch
 
 CORRELATIONS = {("pga_m_s2", "pgv_m_s"): 0.733, ("sa_1s_m_s2", "pgv_m_s"): 0.786}
 """Of residuals of two measures of one earthquake: Bradley (2012)."""
@@ -120,13 +120,6 @@ def joint_rate(first: HazardCurve, second: HazardCurve, correlation: float, sigm
         },
     )
     return Joint(events, scatter, misfit)
-
-
-def as_event_set(joint: Joint, source: str, weight: float = 1.0) -> EventSet:
-    """The joint rate as a set of events of one branch at one site."""
-    return EventSet((EventSite("site"),), (EventBranch(
-        joint.events.name, joint.events.rate, joint.events.motions, weight
-    ),), source)  # fmt: skip
 
 
 def _log_rate(curve: HazardCurve, logarithm: NDArray[np.float64]) -> NDArray[np.float64]:

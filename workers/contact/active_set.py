@@ -18,7 +18,7 @@ import math
 
 import numpy as np
 
-from toppling.workers.compiled import Vector, inner
+from toppling.models.compiled import Vector, inner
 from toppling.workers.simulation import (
     ARM_X,
     ARM_Y,

@@ -18,12 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError, cKDTree
 
+from toppling.models.compiled import Array, Flags
 from toppling.models.errors import InputError
 from toppling.models.frames import plane_axes
 from toppling.models.relief import contact_feet_m
 from toppling.models.scene import Scene
 from toppling.workers import quaternion
-from toppling.workers.compiled import Array, Flags
 
 LARGEST_OPEN_TILT_DEG = 75.0
 """Beyond this tilt a rock's fate is no longer open; points that touch only later are left out."""
@@ -146,10 +146,7 @@ def contact_of(scene: Scene) -> ContactModel:
     normal, origin = scene.pedestal.normal, scene.pedestal.point_m
     scene_from_support = np.column_stack([*plane_axes(normal), normal])
     com = (scene.rock.com_m - origin) @ scene_from_support
-    inertia = scene_from_support.T @ scene.rock.inertia_per_mass_m2 @ scene_from_support
-    moments, axes = np.linalg.eigh(inertia)
-    if np.linalg.det(axes) < 0:
-        axes[:, 0] *= -1.0
+    moments, axes = scene.rock.principal_axes(scene_from_support)
     on_plane = scene.ground.is_plane  # else these points say only how large the rock is
     feet_m = contact_feet_m(scene.rock, scene.pedestal) if on_plane else scene.rock.hull_vertices_m
     feet = (feet_m - origin) @ scene_from_support - com

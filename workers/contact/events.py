@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from toppling.workers.compiled import Array, inner
+from toppling.models.compiled import Array, inner
 from toppling.workers.contact.gaps import gap_in_m, turned_on
 from toppling.workers.simulation import Simulation
 

@@ -20,7 +20,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from toppling.workers.compiled import Array, Indices, compiled
+from toppling.models.compiled import Array, Indices, compiled
 
 Complex = NDArray[np.complex128]
 

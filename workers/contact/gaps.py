@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from toppling.workers.compiled import Array, Vector, compiled, inner
+from toppling.models.compiled import Array, Vector, compiled, inner
 from toppling.workers.quaternion import normal_in_body
 from toppling.workers.simulation import (
     ARM_X,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from toppling.workers.compiled import inner
+from toppling.models.compiled import inner
 from toppling.workers.contact.gaps import find_rates, look, slip_m_s
 from toppling.workers.contact.sticking import forget_active, sticking_velocity
 from toppling.workers.simulation import (

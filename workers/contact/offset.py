@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from toppling.workers.compiled import Array, inner
+from toppling.models.compiled import Array, inner
 from toppling.workers.contact.gaps import find_centripetal, look
 from toppling.workers.quaternion import normal_in_body
 from toppling.workers.simulation import GAP, LEAST, NOT, Simulation, points_in_use

@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
+from toppling.models.compiled import Array, Indices, compiled, inner
 from toppling.models.statics import EQUILIBRIUM_MARGIN
-from toppling.workers.compiled import Array, Indices, compiled, inner
 from toppling.workers.engines.protocol import Integrator
 from toppling.workers.observation import Observation
 from toppling.workers.problem import Problem

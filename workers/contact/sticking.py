@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from toppling.workers.compiled import inner
+from toppling.models.compiled import inner
 from toppling.workers.contact import active_set
 from toppling.workers.contact.events import time_to_contact_s
 from toppling.workers.contact.gaps import find_centripetal, find_rates

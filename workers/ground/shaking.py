@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
+from toppling.models.compiled import Array
 from toppling.models.ground.body import PAIRS, RESTING_SHARE
 from toppling.models.ground.contacts import CONTACT, MOST, no_pairs
 from toppling.models.ground.equilibrium import held
+from toppling.models.ground.excitation import excitation
 from toppling.models.ground.stepping import Grounded, take_steps
 from toppling.models.relief import height_below
 from toppling.models.statics import TOPPLED_FALL
 from toppling.workers import quaternion as quat
-from toppling.workers.compiled import Array
 from toppling.workers.contact.candidates import LARGEST_OPEN_TILT_DEG
-from toppling.workers.observation import Observation
 from toppling.workers.outcome import ShakeResult, result_of
 from toppling.workers.problem import Problem
 from toppling.workers.start import given_state
@@ -31,6 +32,11 @@ def shake_on_ground(problem: Problem, *, trajectory: bool) -> ShakeResult:
     return shaking.result(ended_by, trajectory=trajectory)
 
 
+class _Displaced(NamedTuple):
+    turned_deg: float
+    slip_m: float
+
+
 class GroundShaking:
     """A shake under way."""
 
@@ -38,9 +44,7 @@ class GroundShaking:
         self.problem = problem
         self.body = problem.scene.grounded
         motion, contact = problem.motion, problem.contact
-        acceleration = np.ascontiguousarray(motion.acceleration_m_s2 @ contact.scene_from_support)
-        velocity = np.zeros_like(acceleration)
-        np.cumsum(motion.time_step_s * 0.5 * (acceleration[1:] + acceleration[:-1]), axis=0, out=velocity[1:])
+        acceleration = motion.acceleration_m_s2 @ contact.scene_from_support
         body, properties = self.body, problem.scene.contact
         pose, start = body.resting_pose, np.zeros(6)
         if problem.start is not None:
@@ -59,8 +63,7 @@ class GroundShaking:
             restitution=properties.restitution,
             resolved_m_s=problem.options.resolved_impact * problem.speed_m_s,
             gravity_m_s2=body.load_m_s2(),
-            ground_velocity_m_s=velocity,
-            ground_acceleration_m_s2=acceleration,
+            excitation=excitation(acceleration, motion.time_step_s),
             sample_s=motion.time_step_s,
             step_s=problem.time_step_s,
             time_s=np.zeros(ROOM),
@@ -100,7 +103,7 @@ class GroundShaking:
     def _skip_rest(self) -> bool:
         """Skip to the last block before a sample that the contacts at rest cannot hold; whether they hold all."""
         problem = self.problem
-        forces = np.vstack([self.body.load_m_s2() - self.sim.ground_acceleration_m_s2, self.body.load_m_s2()])
+        forces = np.vstack([self.body.load_m_s2() - self.sim.excitation[:, :3], self.body.load_m_s2()])
         free = np.flatnonzero(~held(self.body.held, forces @ self.body.scene_from_support.T))
         if len(free) == 0:
             return True
@@ -146,9 +149,10 @@ class GroundShaking:
         stood_m = float((first[:3] - self._first_place) @ up)
         if float((first[:3] - pose[:3]) @ up) <= TOPPLED_FALL * stood_m:
             return False
-        vertices = self.body.ground.vertices_m @ self.body.scene_from_support.T
         com = self.body.scene_from_support @ pose[:3]
-        below = height_below(com[None, :2], vertices, self.body.ground.faces, highest=True)[0]
+        below = height_below(
+            com[None, :2], self.body.ground_in_scene_m, self.body.ground.faces, highest=True
+        )[0]
         return not np.isfinite(below) or com[2] - below < (1.0 - TOPPLED_FALL) * stood_m
 
     def _make_room(self, steps: int) -> None:
@@ -169,14 +173,10 @@ class GroundShaking:
         slip_m = float(np.linalg.norm((pose[-1, :3] + arm - self._first_place)[:2]))
         turned = math.degrees(quat.yaw_between(pose[0], pose[-1]))
         never = ended_by == "never_moved"
-        seen = Observation(
-            time_s=self.time_s, fastest_m_s=0.0, lowest_m=0.0, largest_tilt_deg=0.0, drift_m_s=0.0, speed_m_s=0.0,
-            sliding_m_s=0.0, energy_j_kg=0.0, tilt_deg=0.0, yaw_deg=turned,
-            turned_deg=abs((turned + 180.0) % 360.0 - 180.0), slip_m=slip_m, beyond_end=False,
-        )  # fmt: skip
+        turned_deg = abs((turned + 180.0) % 360.0 - 180.0)
         return result_of(
             ended_by,
-            seen,
+            _Displaced(turned_deg, slip_m),
             problem,
             sim.time_s[: last + 1],
             pose,

@@ -20,7 +20,7 @@ import math
 
 import numpy as np
 
-from toppling.workers.compiled import compiled, inner
+from toppling.models.compiled import compiled, inner
 from toppling.workers.contact.active_set import MOST_ACTIVE
 from toppling.workers.contact.events import time_to_contact_s
 from toppling.workers.contact.gaps import find_centripetal, find_rates, look, lowest_looked_at_m, turned_on

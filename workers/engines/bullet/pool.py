@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from toppling.models.compiled import Array
 from toppling.models.contact import ContactProperties
-from toppling.workers.compiled import Array
 from toppling.workers.contact.candidates import ContactModel
 from toppling.workers.engines.bullet import binding
 from toppling.workers.engines.bullet.world import COLD_ITERATIONS, WORLD

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from toppling.workers.compiled import Array, Indices, Vector, inner
+from toppling.models.compiled import Array, Indices, Vector, inner
 from toppling.workers.contact.friction import Complex, best_axes_rad, point_mobilities, squared_error
 from toppling.workers.contact.gaps import look
 from toppling.workers.contact.offset import largest_offset_m, set_normal_offset

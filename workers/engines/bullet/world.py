@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from toppling.models.compiled import Array, Vector, inner
 from toppling.models.numba_alone import carray
-from toppling.workers.compiled import Array, Vector, inner
 from toppling.workers.contact.gaps import slip_m_s
 from toppling.workers.engines.bullet import binding
 from toppling.workers.quaternion import to_body, to_world

@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from toppling.models.compiled import Array
 from toppling.models.relief import contact_feet_m
 from toppling.models.scene import Scene
 from toppling.workers import quaternion as quat
-from toppling.workers.compiled import Array
 from toppling.workers.contact.candidates import contact_of
 from toppling.workers.history import ROOM, StateHistory
 from toppling.workers.observation import travel_m

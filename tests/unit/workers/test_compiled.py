@@ -90,7 +90,7 @@ def test_a_bit_that_flips_in_compiled_code_is_told_and_its_function_compiled_ane
 
 
 def test_the_cache_of_every_compiled_function_is_verified():
-    from toppling.workers import compiled as room
+    from toppling.models import compiled as room
 
     if room.FOLDER is None:
         pytest.skip("compiled code is kept nowhere on this machine")

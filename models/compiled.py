@@ -58,14 +58,15 @@ def private_folder(parent: Path) -> Path | None:
     return None
 
 
-def _parent() -> Path:
+def cache_folder() -> Path:
+    """Folder of this account for what can be made again."""
     named = os.environ.get(FOLDER_VARIABLE)
     if named:
         return Path(named).expanduser()
     return Path(os.environ.get("XDG_CACHE_HOME") or "~/.cache").expanduser() / "toppling"
 
 
-FOLDER = private_folder(_parent())
+FOLDER = private_folder(cache_folder())
 """Where compiled code is kept, or None."""
 
 

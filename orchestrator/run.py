@@ -17,7 +17,7 @@ from types import MappingProxyType
 from typing import Any, Protocol
 
 import numpy as np
-from distributed import Client, Future, KilledWorker, as_completed, performance_report
+from distributed import Client, Future, KilledWorker, LocalCluster, as_completed, performance_report
 from distributed.comm import CommClosedError
 from numpy.typing import NDArray
 
@@ -28,6 +28,7 @@ from toppling.models.settling import Settling
 from toppling.orchestrator.answers import checked
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.cluster import Upkeep
+from toppling.orchestrator.delivery import offer
 from toppling.orchestrator.dispatch import JOBS_IN_BATCH, USUAL_LIMITS, Batch, Dispatch, Limits, why_given_up
 from toppling.orchestrator.folder import describe, note, prepare, session
 from toppling.orchestrator.interrupt import held_back
@@ -468,11 +469,17 @@ def check_workers(client: Client, order: Order) -> None:
     Raises
     ------
     InputError
-        If one cannot, because of another version or because it does not see the run's folder.
+        If one cannot, because of another version or because it has no way to the run's scene and ensemble.
     RunError
         If the workers of a local cluster die whenever they start.
     """
     _wait_for_a_worker(client)
+    shared = {
+        order.scene_id: Path(order.folder) / "scene",
+        order.ensemble_id: Path(order.folder) / "ensemble",
+    }
+    if not isinstance(client.cluster, LocalCluster):
+        offer(client, {name: place for name, place in shared.items() if place.is_dir()})
     answers = client.run(check, order, on_error="return")
     # Of a worker that just dies or just comes (OSError), its first task will tell. One that lacks the program cannot
     # even read what it is asked, and Dask says so.
@@ -486,8 +493,8 @@ def check_workers(client: Client, order: Order) -> None:
         raise InputError(
             f"{len(reasons)} of {len(answers)} workers are unfit for this run: " + "; ".join(reasons[:5]),
             where="cluster",
-            expected="the client's versions, and the run's folder at the same path on every host",
-            remedy="install the same toppling everywhere; put the run on a file system that all hosts share",
+            expected="the client's versions, and a folder in which each host can keep what it is sent",
+            remedy="install the same toppling everywhere; name a folder that workers can write with TOPPLING_CACHE",
         )
     if remark := unlike([answer for answer in answers.values() if isinstance(answer, str)]):
         log.warning("%s", remark)

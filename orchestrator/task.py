@@ -1,6 +1,7 @@
 """What a worker does: load the run's scene and ensemble once, then shake one job after another."""
 
 import ast
+import asyncio
 import hashlib
 import logging
 import os
@@ -8,21 +9,22 @@ import platform
 import socket
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import lru_cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol, TypeVar
 
-from distributed import get_worker
+from distributed import Worker, get_worker
 
 import toppling.models.motions
 import toppling.workers
 from toppling.models.errors import InputError
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
+from toppling.orchestrator.delivery import WORKER, NotDeliveredError, delivered, forget
 from toppling.orchestrator.processor import processor
 from toppling.workers.engines import DEFAULT, ENGINES
 from toppling.workers.job import Assets, JobSpec, identity, run_job
@@ -35,6 +37,14 @@ ONE_AT_A_TIME = threading.Lock()
 """The engine is one per process; on a cluster whose workers have several threads, jobs must queue for it."""
 
 Row = dict[str, Any]
+
+
+class _Identified(Protocol):
+    @property
+    def id(self) -> str: ...
+
+
+Asset = TypeVar("Asset", bound=_Identified)
 
 
 def _code() -> str:
@@ -82,7 +92,7 @@ CODE = _code()
 
 
 class UnfitWorkerError(RuntimeError):
-    """A worker of another version, or one that does not see the run's folder.
+    """A worker of another version, or one that has no way to the run's scene and ensemble.
 
     Parameters
     ----------
@@ -107,7 +117,7 @@ class Order:
     Parameters
     ----------
     folder : str
-        The run's folder, at the same path on every host.
+        The run's folder; a host that does not see it is sent what it needs (`orchestrator.delivery`).
     scene_id, ensemble_id : str
         Hashes of what must lie in it.
     versions : tuple of (str, str)
@@ -158,19 +168,41 @@ def assets_of(order: Order) -> Assets:
         raise _unfit("; ".join(differing))
     compile_once()
     folder = Path(order.folder)
+    scene = _loaded("scene", Scene.load, order.scene_id, folder)
+    return Assets(scene, _loaded("ensemble", Ensemble.load, order.ensemble_id, folder))
+
+
+def _loaded(what: str, load: Callable[[Path], Asset], content_id: str, run: Path) -> Asset:
+    """A run's scene or ensemble: as this host sees it on the client's disk, or else as the client sends it."""
+    found, why = _tried(what, load, content_id, run / what)
+    if found is not None:
+        return found
     try:
-        scene, ensemble = Scene.load(folder / "scene"), Ensemble.load(folder / "ensemble")
+        place = delivered(content_id)
+    except NotDeliveredError as error:
+        told = f"{why}; {error}"
+        raise _unfit(told) from None
+    found, why = _tried(what, load, content_id, place)
+    if found is None:
+        forget(place)
+        raise _unfit(why)
+    return found
+
+
+def _tried(
+    what: str, load: Callable[[Path], Asset], content_id: str, place: Path
+) -> tuple[Asset | None, str]:
+    """What a folder holds, or why it is not what has that id."""
+    try:
+        found = load(place)
     except (InputError, OSError) as error:
-        what = f"cannot read the run's folder: {error}"
-        raise _unfit(what) from None
-    for what, found, expected in (
-        ("scene", scene.id, order.scene_id),
-        ("ensemble", ensemble.id, order.ensemble_id),
-    ):
-        if found != expected:
-            told = f"{folder} holds {what} {found}, not {expected}"
-            raise _unfit(told)
-    return Assets(scene, ensemble)
+        why = f"{error.where}: {error.what}" if isinstance(error, InputError) else str(error)
+        return None, f"cannot read the run's {what}: {why}"
+    return (
+        (found, "")
+        if found.id == content_id
+        else (None, f"{place} holds {what} {found.id}, not {content_id}")
+    )
 
 
 def shake_batch(order: Order, specs: Sequence[JobSpec], budget_s: float) -> list[Row]:
@@ -189,15 +221,18 @@ def shake_batch(order: Order, specs: Sequence[JobSpec], budget_s: float) -> list
     return rows
 
 
-def check(order: Order) -> str:
+async def check(order: Order, dask_worker: Worker | None = None) -> str:
     """Load the run's assets, or say why that cannot be done here; returns the kernels that compute here.
+
+    In a thread of its own: a worker that compiles, or waits for what is sent to it, stays in touch with its scheduler.
 
     Raises
     ------
     UnfitWorkerError
         As :func:`assets_of`.
     """
-    assets_of(order)
+    WORKER.set(dask_worker)
+    await asyncio.to_thread(assets_of, order)
     return processor()["kernels"]
 
 

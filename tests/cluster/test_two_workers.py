@@ -376,7 +376,7 @@ def test_workers_without_the_run_are_refused_before_any_job(client, planned, tmp
     from toppling.orchestrator.task import Order, versions
 
     order = Order(str(tmp_path / "absent"), planned.scene_id, planned.ensemble_id, versions())
-    with pytest.raises(InputError, match=r"workers are unfit.*cannot read the run"):
+    with pytest.raises(InputError, match=r"workers are unfit.*cannot read the run's scene"):
         run_module.check_workers(client, order)
 
 

@@ -1,0 +1,188 @@
+"""Scenes and ensembles reach workers that do not see the run's folder: by content, once a host.
+
+The client puts the files at the scheduler, whichever it is; a worker that needs them asks its scheduler, in pieces, and
+keeps them where the other workers of its account and host find them. What is kept is verified by its id whenever it is
+loaded, as a shared folder is.
+"""
+
+import fcntl
+import os
+import re
+import shutil
+import time
+import uuid
+from collections.abc import Collection, Mapping
+from contextvars import ContextVar
+from pathlib import Path
+from typing import Any
+
+from distributed import Client, get_worker
+from distributed.utils import sync
+
+from toppling.models.compiled import cache_folder
+from toppling.models.folder import new_folder
+
+PIECE_BYTES = 2**23
+"""What is sent at once: large beside a round trip, small beside a worker's memory."""
+
+SHELF = "toppling_asset"
+"""The scheduler's handler that answers workers."""
+
+ID = re.compile(r"[0-9a-f]{8,64}")
+KEPT_S = 7 * 86400.0
+"""A host keeps what it was sent for as long after its last use."""
+
+
+WORKER: ContextVar[Any] = ContextVar("worker")
+"""Whose scheduler is asked outside of a task, as where all workers are called at once."""
+
+
+class NotDeliveredError(Exception):
+    """A scene or ensemble that this host has not, and the scheduler neither."""
+
+
+class Shelf:
+    """What clients have put at a scheduler for its workers."""
+
+    def __init__(self) -> None:
+        self._kept: dict[str, dict[str, bytearray]] = {}
+        self._uploads: dict[str, dict[str, bytearray]] = {}
+        self._holders: dict[str, set[str]] = {}
+
+    @staticmethod
+    def of(scheduler: Any) -> "Shelf":
+        """A scheduler's, made if it has none."""
+        if SHELF not in scheduler.handlers:
+            scheduler.handlers[SHELF] = Shelf().ask
+        return scheduler.handlers[SHELF].__self__
+
+    def ask(self, name: str, file: str = "", offset: int = 0, size: int = 0) -> dict[str, int] | bytes:
+        """Answer a worker: sizes of the files of a name, none if it is not there; or a piece of one file."""
+        files = self._kept.get(name, {})
+        if file:
+            return bytes(files[file][offset : offset + size])
+        return {each: len(content) for each, content in files.items()}
+
+    def holds(self, name: str, client: str, connected: Collection[str]) -> bool:
+        """Whether a name is there, now for this client too; what is of no connected client is forgotten."""
+        for known in [each for each, who in self._holders.items() if not who.intersection(connected)]:
+            del self._kept[known], self._holders[known]
+        if name in self._kept:
+            self._holders[name].add(client)
+        return name in self._kept
+
+    def add(self, upload: str, file: str, piece: bytes) -> None:
+        """Add to a file of an upload."""
+        self._uploads.setdefault(upload, {}).setdefault(file, bytearray()).extend(piece)
+
+    def complete(self, upload: str, name: str, client: str) -> None:
+        """Give an upload its name."""
+        self._kept[name] = self._uploads.pop(upload, {})
+        self._holders.setdefault(name, set()).add(client)
+
+
+def offer(client: Client, folders: Mapping[str, Path]) -> None:
+    """Put folders of few files at the scheduler, where workers can ask for them as long as the client is connected.
+
+    Parameters
+    ----------
+    client : Client
+    folders : mapping
+        Folder by the id of its content; what the scheduler has already is not sent again.
+    """
+    for name, folder in folders.items():
+        if client.run_on_scheduler(_holds, name=name, client=client.id):
+            continue
+        upload = uuid.uuid4().hex
+        for path in sorted(each for each in folder.iterdir() if each.is_file()):
+            with path.open("rb") as source:
+                while piece := source.read(PIECE_BYTES):
+                    client.run_on_scheduler(_add, upload=upload, file=path.name, piece=piece)
+        client.run_on_scheduler(_complete, upload=upload, name=name, client=client.id)
+
+
+def _holds(name: str, client: str, dask_scheduler: Any = None) -> bool:
+    return Shelf.of(dask_scheduler).holds(name, client, dask_scheduler.clients)
+
+
+def _add(upload: str, file: str, piece: bytes, dask_scheduler: Any = None) -> None:
+    Shelf.of(dask_scheduler).add(upload, file, piece)
+
+
+def _complete(upload: str, name: str, client: str, dask_scheduler: Any = None) -> None:
+    Shelf.of(dask_scheduler).complete(upload, name, client)
+
+
+def delivered(name: str) -> Path:
+    """Folder in which this host keeps what it was sent, asked for at the scheduler where it is not there yet.
+
+    Parameters
+    ----------
+    name : str
+        Id of its content.
+
+    Raises
+    ------
+    NotDeliveredError
+        If the scheduler has not got it, or no place here can be written.
+    """
+    if not ID.fullmatch(name):
+        msg = f"{name!r} is no id of a content"
+        raise NotDeliveredError(msg)
+    kept_in = cache_folder() / "delivered"
+    place = kept_in / name
+    try:
+        kept_in.mkdir(mode=0o700, parents=True, exist_ok=True)
+        with (kept_in / f".{name}.lock").open("w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)  # workers of one host ask once
+            if not place.is_dir():
+                _fetch(name, place)
+                _forget_old(kept_in)
+            os.utime(place)
+    except OSError as error:
+        msg = f"what the client sends cannot be kept in {kept_in} ({error.strerror or error})"
+        raise NotDeliveredError(msg) from None
+    return place
+
+
+def forget(place: Path) -> None:
+    """Remove what this host keeps, as it is damaged."""
+    shutil.rmtree(place, ignore_errors=True)
+
+
+def _fetch(name: str, place: Path) -> None:
+    sizes = _ask(name=name)
+    if not sizes:
+        msg = "the client has not sent it"
+        raise NotDeliveredError(msg)
+    with new_folder(place) as staging:
+        for file, size in sizes.items():
+            if Path(file).name != file:
+                msg = f"{file!r} is no name of a file"
+                raise NotDeliveredError(msg)
+            with (staging / file).open("wb") as target:
+                for offset in range(0, size, PIECE_BYTES):
+                    target.write(_ask(name=name, file=file, offset=offset, size=PIECE_BYTES))
+
+
+def _ask(**question: Any) -> Any:
+    """Ask the scheduler's shelf, from the thread of a task."""
+    try:
+        worker = WORKER.get(None) or get_worker()
+    except ValueError:  # not on a worker
+        return None
+
+    async def asked() -> Any:
+        try:
+            return await getattr(worker.scheduler, SHELF)(**question)
+        except AttributeError:  # so Dask says that a scheduler knows no such question
+            return None
+
+    return sync(worker.loop, asked)
+
+
+def _forget_old(kept_in: Path) -> None:
+    before = time.time() - KEPT_S
+    for place in kept_in.iterdir():
+        if place.is_dir() and place.stat().st_mtime < before:
+            forget(place)

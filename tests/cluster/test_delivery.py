@@ -1,0 +1,140 @@
+"""Workers that see nothing of the client's disk are sent what they need, once a host."""
+
+import contextlib
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import pytest
+from answers import answers_of
+
+from toppling.models.compiled import FOLDER
+from toppling.models.errors import InputError
+from toppling.models.motions.ensemble import Ensemble
+from toppling.models.scene import Scene
+from toppling.orchestrator.cluster import existing
+from toppling.orchestrator.run import check_workers, run
+from toppling.orchestrator.task import Order, versions
+from toppling.workers.shake import compile_once
+
+PATIENCE_S = 60.0
+
+
+def can_hide_folders():
+    command = ["unshare", "--mount", "true"]
+    return shutil.which("unshare") is not None and subprocess.run(command, check=False).returncode == 0
+
+
+pytestmark = pytest.mark.skipif(
+    not can_hide_folders(), reason="only root can give a process mounts of its own"
+)
+
+
+def dask(role, *arguments):
+    start = f"import sys; sys.argv[0] = 'dask'; from distributed.cli.{role} import main; main()"
+    return [sys.executable, "-P", "-c", start, *map(str, arguments)]
+
+
+def bare_environment(**more):
+    # Without the faults that other tests have workers load: they lie on the client's disk.
+    return {name: value for name, value in os.environ.items() if not name.startswith("DASK_")} | more
+
+
+@pytest.fixture
+def scheduler(tmp_path):
+    """File with the address of a scheduler that is not this program's."""
+    file = tmp_path / "scheduler.json"
+    command = dask(
+        "dask_scheduler", "--host", "127.0.0.1", "--port", 0, "--no-dashboard", "--scheduler-file", file
+    )
+    with running(command, env=bare_environment(), cwd="/"):
+        end = time.monotonic() + PATIENCE_S
+        while not file.exists():
+            assert time.monotonic() < end
+            time.sleep(0.05)
+        yield file
+
+
+@contextlib.contextmanager
+def running(command, **options):
+    process = subprocess.Popen(
+        command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True, **options
+    )
+    try:
+        yield process
+    finally:
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+        process.wait(PATIENCE_S)
+
+
+@contextlib.contextmanager
+def worker(scheduler, hidden, cache):
+    """Start a worker, with mounts of its own, that finds nothing where the client has its files."""
+    address = json.loads(scheduler.read_text())["address"]
+    command = dask("dask_worker", address, "--nthreads", 1, "--no-dashboard", "--local-directory", cache)
+    alone = [f"mount -t tmpfs none {place}" for place in hidden]
+    shell = " && ".join([*alone, 'exec "$@"'])
+    environment = bare_environment(TOPPLING_CACHE=str(cache))
+    with running(
+        ["unshare", "--mount", "sh", "-c", shell, "worker", *command], env=environment, cwd="/"
+    ) as process:
+        yield process
+
+
+def cache_of_a_host(place):
+    """A folder with the compiled code of this machine, as a host has it after its first run."""
+    compile_once()
+    place.mkdir()
+    if FOLDER is not None:
+        shutil.copytree(FOLDER, place / FOLDER.name)
+    return place
+
+
+@pytest.fixture
+def host_folders():
+    """Folders outside of what the workers have hidden from them."""
+    with tempfile.TemporaryDirectory(prefix="toppling-hosts-", dir="/var/tmp") as folder:
+        yield Path(folder)
+
+
+def test_workers_that_see_none_of_the_clients_disk_give_the_same_rows(
+    scheduler, campaign, inputs, undisturbed, tmp_path, host_folders
+):
+    hosts = [cache_of_a_host(host_folders / name) for name in ("first", "second")]
+    hidden = [inputs, tmp_path]
+    with contextlib.ExitStack() as stack:
+        for cache in (*hosts, hosts[0]):  # three workers on two hosts
+            stack.enter_context(worker(scheduler, hidden, cache))
+        cluster = existing(None, scheduler, None)
+
+        def watch(tally):
+            pass
+
+        tally = run(campaign, tmp_path / "run", cluster, watch)
+    assert tally.deaths == 0
+    assert answers_of(tmp_path / "run") == undisturbed
+    for cache in hosts:
+        kept = {place.name for place in (cache / "delivered").iterdir() if place.is_dir()}
+        assert kept == {Scene.load(campaign.scene).id, Ensemble.load(campaign.ensemble).id}
+
+
+def test_what_a_host_keeps_is_not_believed_when_it_is_something_else(
+    scheduler, planned, inputs, tmp_path, host_folders
+):
+    cache = cache_of_a_host(host_folders / "host")
+    place = cache / "delivered" / planned.scene_id
+    place.parent.mkdir()
+    Scene.block(0.2, 0.2, 0.5).save(place)
+    order = Order(str(inputs), planned.scene_id, planned.ensemble_id, versions())
+    with worker(scheduler, [inputs, tmp_path], cache), existing(None, scheduler, None) as client:
+        with pytest.raises(InputError, match=f"holds scene .*, not {planned.scene_id}"):
+            check_workers(client, order)
+        check_workers(client, order)  # it was removed, and is sent anew
+        assert Scene.load(place).id == planned.scene_id

@@ -5,8 +5,7 @@ import hashlib
 import json
 import math
 import os
-from collections import Counter
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,8 +14,8 @@ from toppling.models.contact import ContactProperties
 from toppling.models.documents import is_number, read_toml, shown
 from toppling.models.errors import InputError
 from toppling.models.folder import local
-from toppling.models.spelling import did_you_mean
 from toppling.orchestrator.asked import Asked, read_precision, read_target
+from toppling.orchestrator.keys import Key, Place, axis, distinct, number, pair, path, read_keys, texts, word
 from toppling.workers.engines import DEFAULT, ENGINES
 from toppling.workers.options import PRESETS
 from toppling.workers.unmeasured import Unmeasured
@@ -26,8 +25,6 @@ AS_RECORDED = "recorded"
 
 LARGEST_PGA_M_S2 = 100.0
 """Ten times gravity, twice the strongest ground acceleration recorded: more is a slip of units."""
-MOST_ON_AN_AXIS = 50_000
-"""Of levels, azimuths, coefficients or records; azimuths a hundredth of a degree apart are 36,000."""
 MOST_REALISATIONS = 1_000_000
 MOST_JOBS = 10_000_000
 """Beyond, the table of jobs leaves no memory for anything else: 2 GB, and 23 days at five jobs a second."""
@@ -35,46 +32,111 @@ LARGEST_DISPLACEMENT_M = 1000.0
 HIGHEST_BAND_HZ = 1000.0
 
 
+def _friction(given: Any, place: Place) -> tuple[tuple[float, float], ...]:
+    if not isinstance(given, list) or not given:
+        raise place.wrong(shown(given), remedy="at least one is needed, such as [0.8]")
+    pairs = []
+    for entry in given:
+        both = entry if isinstance(entry, list) else [entry, entry]
+        if len(both) != 2 or not all(is_number(one) for one in both):
+            raise place.wrong(shown(entry), "a number, or [static, kinetic]", "correct the entry")
+        if both[1] > both[0]:
+            what, sound = f"{shown(entry)}: kinetic friction above static", f"[{both[1]:g}, {both[0]:g}]"
+            raise place.wrong(what, "[static, kinetic], the larger first", f"did you mean {sound}?")
+        try:
+            ContactProperties(*map(float, both))
+        except InputError as error:
+            raise place.wrong(f"{shown(entry)}: {error.what}", error.expected, error.remedy) from None
+        pairs.append((float(both[0]), float(both[1])))
+    return tuple(distinct(pairs, place))
+
+
+def _unmeasured(given: Any, place: Place) -> Unmeasured:
+    if not isinstance(given, dict):
+        raise place.wrong(shown(given))
+    if ("band_hz" in given) != ("above_band" in given):
+        raise place.wrong("one of band_hz and above_band", "both or neither", "such as 25.0 and [0.0, 0.6]")
+    return Unmeasured(**read_keys(DRAWN, given, place.where, place.folder, joint="."))
+
+
+def _files(given: Any, place: Place) -> tuple[Path, ...]:
+    return tuple(place.folder / local(name) for name in (texts(given, place) if given != [] else ()))
+
+
+def _count(least: int, most: int = 2**31 - 1) -> Any:
+    return number(lambda one: least <= one <= most, int)
+
+
+# fmt: off
+DRAWN = (
+    Key("friction", pair(math.inf), "[low, high], from 0", "static and kinetic friction", None),
+    Key("restitution", pair(1.0), "[low, high], 0 to 1", "restitution", None),
+    Key("yaw_deg", number(lambda one: 0 <= one <= 180), "0 to 180 degrees", "turn of the motion, either way", 0.0),
+    Key("either_sense", number(lambda _: True, bool), "true or false", "reverse the motion in half of them", False),
+    Key("band_hz", number(lambda one: 0 < one <= HIGHEST_BAND_HZ), f"above 0, up to {HIGHEST_BAND_HZ:g} Hz",
+        "where the records' band ends", None),
+    Key("above_band", pair(2.0), "[low, high], 0 to 2", "motion above it over that in the octave below", None),
+)
+"""Keys of `unmeasured`."""
+
+KEYS = (
+    Key("scene", path, "a folder, relative to the file", "the rock on its pedestal"),
+    Key("ensemble", path, "a folder, relative to the file", "the records"),
+    Key("pga_m_s2", axis(lambda pga: 0 < pga <= LARGEST_PGA_M_S2, AS_RECORDED),
+        f"above 0, up to {LARGEST_PGA_M_S2:g}; a list, or {{ start, stop, step }} with the stop included; or "
+        f'"{AS_RECORDED}", each record as strong as it is',
+        "levels that each record's peak ground acceleration (PGA, of the horizontal vector) is scaled to, in m/s2"),
+    Key("azimuth_deg", axis(lambda azimuth: 0 <= azimuth < 360, AS_RECORDED),
+        f'0 to below 360; a list or a table as above; or "{AS_RECORDED}", each record\'s components as they pointed',
+        "azimuths that the stronger horizontal component of each record is turned to, degrees counter-clockwise from "
+        "east"),
+    Key("friction", _friction, "a list of numbers, or of [static, kinetic]",
+        "coefficients of friction, of rock on rock 0.6 to 1.0"),
+    Key("restitution", axis(lambda one: 0 <= one <= 1), "a list of numbers, 0 to 1",
+        "how much of the speed of an impact comes back", (0.0,), "[0.0]", "[0.0]"),
+    Key("realisations", _count(1, MOST_REALISATIONS), f"a whole number from 1 to {MOST_REALISATIONS}",
+        "jobs for each point: the first on the scene as it is, the others draw centre of mass, base and friction", 1,
+        "1", "25"),
+    Key("first_realisation", _count(0), "a whole number from 0",
+        "number that the realisations begin with, so that a campaign adds to another", 0, "0, the scene as it is",
+        "1"),
+    Key("unmeasured", _unmeasured, f"a table with keys of {', '.join(one.name for one in DRAWN)}",
+        "what realisations draw besides", None, "none", "{ friction = [0.5, 1.0], yaw_deg = 5.0 }",
+        "conventions.md#realisations"),
+    Key("preset", word(PRESETS), f"one of {', '.join(PRESETS)}", "how finely each shake is resolved", "standard",
+        "'standard'", '"fast"'),
+    Key("engine", word(ENGINES), f"one of {', '.join(ENGINES)}",
+        "physics engine (mujoco: one coefficient of friction, no rebound)", DEFAULT, repr(DEFAULT), '"mujoco"'),
+    Key("records", texts, "a list of record ids",
+        "some of the ensemble's records", None, "all", '["..."]'),
+    Key("audit", _count(0),
+        "a whole number of jobs, 0 for none", "jobs that are done again when the run is complete",
+        None, "as many as cost less than a tenth of the run", "100", "audit.md"),
+    Key("stood", _files, "a list of files of records (those of a record's components together), or folders of "
+        "ensembles, relative to the file",
+        "recorded motions that the rock is known to have stood: draws of its base count by how likely they do", (),
+        "none", '["quake.AT2"]', "guide/standing.md"),
+    Key("precision", lambda given, place: read_precision(given, place.where), "0.005 to 0.5",
+        "half of the interval of 95 % at which the run ends", None, "all jobs", "0.05", "precision.md"),
+    Key("target", lambda given, place: read_target(given, place.folder, place.where),
+        '"median", "p05", "p95" or a table', "what the run is to state", None,
+        "the shaking at which half topple", '"p05"', "precision.md"),
+    Key("peak_displacement_m", number(lambda one: 0 < one <= LARGEST_DISPLACEMENT_M),
+        f"metres above 0 and up to {LARGEST_DISPLACEMENT_M:g}",
+        "largest horizontal displacement of the ground: motions beyond it are high-passed (corners up to 5 Hz), a job "
+        "where that does not suffice fails", None, "none", "1.0"),
+)
+"""Keys of a campaign file."""
+# fmt: on
+
+
 @dataclass(frozen=True)
 class Campaign:
     """The axes of an ensemble of jobs; a job is one point of their product.
 
-    Parameters
-    ----------
-    scene, ensemble : Path
-        Folders of the scene and of the ensemble.
-    pga_m_s2 : tuple of float
-        Levels that every record is scaled to, m/s2; none where each is left as strong as it was recorded.
-    azimuth_deg : tuple of float
-        Azimuths that every record is turned to, degrees counter-clockwise from x; none where each is left as it was
-        recorded.
-    friction : tuple of (float, float)
-        Static and kinetic coefficients.
-    restitution : tuple of float
-    realisations : int
-        Jobs per point, from realisation 0, the nominal scene, on.
-    first_realisation : int
-        Where they begin instead, so that a campaign adds to another.
-    preset : str
-        Settings of the engine: draft, fast, standard or reference.
-    engine : str
-        One of :data:`toppling.workers.engines.ENGINES`.
-    records : tuple of str or None
-        Record ids; None for the whole ensemble.
-    peak_displacement_m : float or None
-        Largest ground displacement to impose; None to leave the records' own.
-    audit : int or None
-        Jobs that are done again once the run is complete, to state its own error; None for as many as cost less than
-        a tenth of the run.
-    unmeasured : Unmeasured or None
-        What realisations draw besides base, centre of mass and some per cent of friction.
-    stood : tuple of Path
-        Recorded motions that the rock is known to have stood, as files or folders of ensembles: draws of its base weigh
-        as much as they let it stand them (`orchestrator.stood`).
-    precision : float or None
-        Half of the interval of 95 % of the target, at which the run ends; None for all jobs.
-    target : Asked or None
-        What is asked for; None for the intensity of the best measure at which half topple.
+    Its fields are the keys of a campaign file, whose meanings, ranges and defaults :data:`KEYS` declares: folders as
+    `Path`, lists as tuples, friction as pairs of a static and a kinetic coefficient. No levels or azimuths stand for
+    records as they are; None for what was left out.
     """
 
     scene: Path
@@ -109,8 +171,9 @@ class Campaign:
             If the precision is no share, or there are no levels.
         """
         where = "--precision"
-        told = _asked({"precision": precision}, Path(), {"pga_m_s2": self.pga_m_s2}, lambda _: where)
-        return dataclasses.replace(self, **told)
+        changed = dataclasses.replace(self, precision=read_precision(precision, where))
+        _check_statement(changed, where, where)
+        return changed
 
     @classmethod
     def read(cls, path: str | os.PathLike[str]) -> "Campaign":
@@ -125,9 +188,8 @@ class Campaign:
         try:
             content = read_toml(source)
         except FileNotFoundError:
-            raise _error(
-                source, "no such file", "a campaign file", "'toppling init SCENE ENSEMBLE' writes one"
-            ) from None
+            remedy = "'toppling init SCENE ENSEMBLE' writes one"
+            raise Place(str(source)).wrong("no such file", "a campaign file", remedy) from None
         return cls.of(content, source.parent, where=str(source))
 
     @classmethod
@@ -139,121 +201,10 @@ class Campaign:
         InputError
             As :meth:`read`.
         """
-        content = _without_levels(content, f"{where}: levels")
-        known = {field.name: field for field in dataclasses.fields(cls)}
-        for key in content:
-            if key not in known:
-                raise _error(
-                    where,
-                    f"unknown key {shown(key)}",
-                    f"keys: {', '.join(known)}",
-                    did_you_mean(key, known, "correct or remove it"),
-                )
-        missing = [
-            name
-            for name in ("scene", "ensemble", "pga_m_s2", "azimuth_deg", "friction")
-            if name not in content
-        ]
-        if missing:
-            raise _error(where, f"missing {', '.join(missing)}", "a value for each", "add them to the file")
-
-        def place(key: str) -> str:
-            return f"{where}: {key}"
-
-        def folder_of(key: str) -> Path:
-            if not isinstance(content[key], str) or not content[key]:
-                raise _error(place(key), shown(content[key]), "the path of a folder", "give it as a string")
-            return folder / local(content[key])
-
-        values: dict[str, Any] = {"scene": folder_of("scene"), "ensemble": folder_of("ensemble")}
-        values["pga_m_s2"] = ()
-        if content["pga_m_s2"] != AS_RECORDED:
-            values["pga_m_s2"] = _axis(
-                content["pga_m_s2"],
-                place("pga_m_s2"),
-                lambda pga: 0 < pga <= LARGEST_PGA_M_S2,
-                f"accelerations above 0 and up to {LARGEST_PGA_M_S2:g} m/s2, or {AS_RECORDED!r} for no scaling",
-            )
-        values["azimuth_deg"] = ()
-        if content["azimuth_deg"] != AS_RECORDED:
-            values["azimuth_deg"] = _axis(
-                content["azimuth_deg"],
-                place("azimuth_deg"),
-                lambda azimuth: 0 <= azimuth < 360,
-                "azimuths from 0 to below 360 degrees, counter-clockwise from x (east), "
-                f"or {AS_RECORDED!r} for no turning",
-            )
-        values["restitution"] = _axis(
-            content.get("restitution", [0.0]),
-            place("restitution"),
-            lambda value: 0 <= value <= 1,
-            "numbers 0 to 1",
-        )
-        values["friction"] = _friction(content["friction"], place("friction"))
-        realisations = content.get("realisations", 1)
-        if (
-            not isinstance(realisations, int)
-            or isinstance(realisations, bool)
-            or not 1 <= realisations <= MOST_REALISATIONS
-        ):
-            raise _error(
-                place("realisations"),
-                shown(realisations),
-                f"a whole number from 1 to {MOST_REALISATIONS}",
-                "1 is the nominal scene",
-            )
-        values["realisations"] = realisations
-        first = content.get("first_realisation", 0)
-        if not isinstance(first, int) or isinstance(first, bool) or first < 0:
-            raise _error(
-                place("first_realisation"),
-                f"{first!r}",
-                "a whole number from 0",
-                "leave it out for the nominal scene",
-            )
-        values["first_realisation"] = first
-        preset = content.get("preset", "standard")
-        if not isinstance(preset, str) or preset not in PRESETS:
-            raise _error(
-                place("preset"),
-                shown(preset),
-                f"one of {', '.join(PRESETS)}",
-                did_you_mean(preset, PRESETS, "take 'standard' if unsure"),
-            )
-        values["preset"] = preset
-        values["unmeasured"] = _unmeasured(content.get("unmeasured"), place("unmeasured"))
-        values["engine"] = _engine(content.get("engine", DEFAULT), values, place("engine"))
-        if (records := content.get("records")) is not None:
-            if (
-                not isinstance(records, list)
-                or not records
-                or not all(isinstance(name, str) for name in records)
-            ):
-                raise _error(
-                    place("records"), shown(records), "a list of record ids", "leave it out to take all"
-                )
-            values["records"] = tuple(_distinct(records, place("records")))
-        if (peak := content.get("peak_displacement_m")) is not None:
-            if not is_number(peak) or not 0 < peak <= LARGEST_DISPLACEMENT_M:
-                raise _error(
-                    place("peak_displacement_m"),
-                    shown(peak),
-                    f"metres above 0 and up to {LARGEST_DISPLACEMENT_M:g}",
-                    "leave it out for none",
-                )
-            values["peak_displacement_m"] = float(peak)
-        if (audit := content.get("audit")) is not None:
-            if not isinstance(audit, int) or isinstance(audit, bool) or audit < 0:
-                raise _error(
-                    place("audit"),
-                    f"{audit!r}",
-                    "a whole number of jobs, 0 for none",
-                    "leave it out for as many as cost less than a tenth of the run",
-                )
-            values["audit"] = audit
-        values["stood"] = _stood(content.get("stood", []), folder, place("stood"))
-        values |= _asked(content, folder, values, place)
-        return cls(**values)
+        read = cls(**read_keys(KEYS, _without_levels(content, where), where, folder))
+        _check_engine(read, where)
+        _check_statement(read, f"{where}: precision", f"{where}: target")
+        return read
 
     def check_jobs(self, records: int) -> None:
         """Refuse more jobs than a table can hold, before any is made.
@@ -270,18 +221,13 @@ class Campaign:
         }  # fmt: skip
         jobs = math.prod(axes.values())
         if jobs > MOST_JOBS:
-            told = " x ".join(f"{count} {name}" for name, count in axes.items())
-            raise _error(
-                "campaign", f"{jobs:.3g} jobs = {told}", f"at most {MOST_JOBS} jobs", "leave some of them out"
-            )
+            what = f"{jobs:.3g} jobs = {' x '.join(f'{count} {name}' for name, count in axes.items())}"
+            raise Place("campaign").wrong(what, f"at most {MOST_JOBS} jobs", "leave some of them out")
 
     def to_toml(self, scene: str, ensemble: str, stood: Iterable[str] = (), hazard: str | None = None) -> str:
         """Write the campaign as TOML with the folders given and every value written out."""
-        content = {
-            field.name: getattr(self, field.name)
-            for field in dataclasses.fields(self)
-            if getattr(self, field.name) not in (None, ())
-        }
+        values = {key.name: getattr(self, key.name) for key in KEYS}
+        content = {name: one for name, one in values.items() if one not in (None, ())}
         content |= {"scene": scene, "ensemble": ensemble, "pga_m_s2": self.pga_m_s2 or AS_RECORDED}
         content["azimuth_deg"] = self.azimuth_deg or AS_RECORDED
         if self.stood:
@@ -290,7 +236,7 @@ class Campaign:
             content["unmeasured"] = dataclasses.asdict(self.unmeasured)
         if self.target is not None:
             content["target"] = self.target.content(hazard)
-        return "".join(f"{key} = {_toml(value)}\n" for key, value in content.items())
+        return "".join(f"{name} = {_toml(one)}\n" for name, one in content.items())
 
 
 def hash_of(texts: Iterable[str]) -> str:
@@ -306,74 +252,27 @@ def _without_levels(content: Mapping[str, Any], where: str) -> dict[str, Any]:
     """Content without a key that campaigns had, and that those of their runs state."""
     kept = {**content}
     if (levels := kept.pop("levels", "all")) != "all":
-        raise _error(
-            where,
-            f"{shown(levels)}: levels are no longer chosen within each record",
-            "no key levels",
-            "remove it; precision = 0.05 ends a run as soon as its statement is that sure",
-        )
+        what = f"{shown(levels)}: levels are no longer chosen within each record"
+        remedy = "remove it; precision = 0.05 ends a run as soon as its statement is that sure"
+        raise Place(f"{where}: levels").wrong(what, "no key levels", remedy)
     return kept
 
 
-def _axis(value: Any, where: str, fits: Callable[[float], bool], expected: str) -> tuple[float, ...]:
-    """Numbers of a list, or of a table {start, stop, step} that includes its stop."""
-    if isinstance(value, dict):
-        if set(value) != {"start", "stop", "step"} or not all(is_number(part) for part in value.values()):
-            raise _error(
-                where, shown(value), "{ start = ..., stop = ..., step = ... } in numbers", "or give a list"
-            )
-        start, stop, step = value["start"], value["stop"], value["step"]
-        if not (step > 0 and stop >= start):
-            written = (
-                f"{{ start = {min(start, stop):g}, stop = {max(start, stop):g}, step = {abs(step) or 1:g} }}"
-            )
-            raise _error(
-                where,
-                f"the range from {start:g} to {stop:g} in steps of {step:g} holds no number",
-                "step above 0, stop not below start",
-                f"did you mean {written}?",
-            )
-        # Half a thousandth of a step lets 0.1 + 0.1 + 0.1 reach a stop of 0.3; rounding gives 0.3 back.
-        many = (float(stop) - float(start)) / step
-        if not many < MOST_ON_AN_AXIS:
-            raise _error(
-                where,
-                f"{shown(value)} holds {many:.3g} numbers",
-                f"at most {MOST_ON_AN_AXIS}",
-                "take a larger step",
-            )
-        count = int(many + 5e-4) + 1
-        value = [round(start + index * step, 12) for index in range(count)]
-    if not isinstance(value, list) or not value:
-        raise _error(
-            where, shown(value), f"a list of {expected}", "at least one value is needed to have a job"
-        )
-    for number in value:
-        if not is_number(number) or not fits(number):
-            raise _error(where, shown(number), expected, "correct the value; mind the unit in the key's name")
-    return tuple(float(number) for number in _distinct(value, where))
+def _check_engine(read: Campaign, where: str) -> None:
+    drawn = read.unmeasured and read.unmeasured.restitution
+    if not ENGINES[read.engine].models(read.friction, [*read.restitution, *(drawn or ())[1:]]):
+        expected = "restitution [0] and one coefficient an entry of friction"
+        what = f"{read.engine} knows neither restitution nor a kinetic friction of its own"
+        raise Place(f"{where}: engine").wrong(what, expected, f"take {DEFAULT!r}")
 
 
-def _friction(value: Any, where: str) -> tuple[tuple[float, float], ...]:
-    if not isinstance(value, list) or not value:
-        raise _error(where, shown(value), "a list of coefficients", "at least one is needed, such as [0.8]")
-    pairs = []
-    for entry in value:
-        pair = entry if isinstance(entry, list) else [entry, entry]
-        if len(pair) != 2 or not all(is_number(number) for number in pair):
-            raise _error(where, shown(entry), "a number, or [static, kinetic]", "correct the entry")
-        if pair[1] > pair[0]:
-            what, expected = (
-                f"{shown(entry)}: kinetic friction above static",
-                "[static, kinetic], the larger first",
-            )
-            raise _error(where, what, expected, f"did you mean [{pair[1]:g}, {pair[0]:g}]?")
-        try:
-            ContactProperties(*map(float, pair))
-        except InputError as error:
-            raise _error(where, f"{shown(entry)}: {error.what}", error.expected, error.remedy) from None
-        pairs.append((float(pair[0]), float(pair[1])))
-    return tuple(_distinct(pairs, where))
+def _check_statement(read: Campaign, precision: str, target: str) -> None:
+    """Whether what is to be stated can be, by the places of the two keys."""
+    if read.precision is None and read.target is not None:
+        remedy = "add precision = 0.05, or remove it"
+        raise Place(target).wrong("a target without a precision", "both", remedy)
+    if read.precision is not None and not read.pga_m_s2:
+        raise Place(precision).wrong("no levels to choose among", "levels in pga_m_s2", "leave precision out")
 
 
 def _toml(value: Any) -> str:
@@ -382,100 +281,3 @@ def _toml(value: Any) -> str:
         pairs = (f"{key} = {_toml(each)}" for key, each in value.items() if each is not None)
         return f"{{ {', '.join(pairs)} }}"
     return json.dumps(value, ensure_ascii=False)
-
-
-def _unmeasured(value: Any, where: str) -> Unmeasured | None:
-    if value is None:
-        return None
-    expected = (
-        "{ friction = [low, high], restitution = [low, high], yaw_deg = number, either_sense = true or false, "
-        "band_hz = number, above_band = [low, high] }, each as wanted"
-    )
-    known = {field.name for field in dataclasses.fields(Unmeasured)}
-    if not isinstance(value, dict) or not set(value) <= known:
-        raise _error(where, f"{value!r}", expected, "correct or remove it")
-    drawn = dict(value)
-    for key, highest in (("friction", math.inf), ("restitution", 1.0), ("above_band", 2.0)):
-        if key not in drawn:
-            continue
-        pair = drawn[key]
-        if not isinstance(pair, list) or len(pair) != 2 or not all(map(is_number, pair)):
-            raise _error(f"{where}.{key}", f"{pair!r}", "[low, high]", "give two numbers")
-        if not 0.0 <= pair[0] <= pair[1] <= highest:
-            raise _error(f"{where}.{key}", f"{pair!r}", f"0 to {highest:g}, the lower first", "correct it")
-        drawn[key] = (float(pair[0]), float(pair[1]))
-    yaw_deg = drawn.get("yaw_deg", 0.0)
-    if not is_number(yaw_deg) or not 0.0 <= yaw_deg <= 180.0:
-        raise _error(f"{where}.yaw_deg", f"{yaw_deg!r}", "0 to 180 degrees", "correct it")
-    drawn["yaw_deg"] = float(yaw_deg)
-    if not isinstance(drawn.get("either_sense", False), bool):
-        raise _error(f"{where}.either_sense", f"{drawn['either_sense']!r}", "true or false", "correct it")
-    if ("band_hz" in drawn) != ("above_band" in drawn):
-        raise _error(where, "one of band_hz and above_band", "both or neither", "such as 25.0 and [0.0, 0.6]")
-    if "band_hz" in drawn:
-        if not is_number(drawn["band_hz"]) or not 0.0 < drawn["band_hz"] <= HIGHEST_BAND_HZ:
-            what, expected = f"{drawn['band_hz']!r}", f"up to {HIGHEST_BAND_HZ:g} Hz"
-            raise _error(f"{where}.band_hz", what, expected, "correct it")
-        drawn["band_hz"] = float(drawn["band_hz"])
-    return Unmeasured(**drawn)
-
-
-def _stood(value: Any, folder: Path, where: str) -> tuple[Path, ...]:
-    if not isinstance(value, list) or not all(isinstance(name, str) and name for name in value):
-        raise _error(
-            where,
-            shown(value),
-            "a list of files of records, or folders of ensembles",
-            'such as ["quake.AT2"]',
-        )
-    return tuple(folder / local(name) for name in _distinct(value, where))
-
-
-def _engine(name: Any, values: Mapping[str, Any], where: str) -> str:
-    if name not in ENGINES:
-        remedy = did_you_mean(name, ENGINES, f"leave it out for {DEFAULT!r}")
-        raise _error(where, f"{name!r}", f"one of {', '.join(ENGINES)}", remedy)
-    engine, drawn = ENGINES[name], values["unmeasured"]
-    rebounds = list(values["restitution"])
-    if drawn is not None and drawn.restitution is not None:
-        rebounds.append(drawn.restitution[1])
-    if not engine.models(values["friction"], rebounds):
-        what = f"{name} knows neither restitution nor a kinetic friction of its own"
-        raise _error(
-            where, what, "restitution [0] and one coefficient an entry of friction", f"take {DEFAULT!r}"
-        )
-    return str(name)
-
-
-def _asked(
-    content: Mapping[str, Any], folder: Path, values: Mapping[str, Any], place: Callable[[str], str]
-) -> dict[str, Any]:
-    """Values of `precision` and `target`."""
-    if content.get("precision") is None:
-        if "target" in content:
-            raise _error(
-                place("target"), "a target without a precision", "both", "add precision = 0.05, or remove it"
-            )
-        return {}
-    if not values["pga_m_s2"]:
-        raise _error(
-            place("precision"), "no levels to choose among", "levels in pga_m_s2", "leave precision out"
-        )
-    told: dict[str, Any] = {"precision": read_precision(content["precision"], place("precision"))}
-    if (target := content.get("target")) is None:
-        return told
-    return {**told, "target": read_target(target, folder, place("target"))}
-
-
-def _distinct(values: list, where: str) -> list:
-    if len(values) > MOST_ON_AN_AXIS:
-        raise _error(where, f"{len(values)} values", f"at most {MOST_ON_AN_AXIS}", "leave some out")
-    repeated = [shown(value) for value, count in Counter(values).items() if count > 1]
-    if repeated:
-        told = ", ".join(sorted(repeated)[:10])
-        raise _error(where, f"{told} given twice", "every value once", "remove the repetition")
-    return values
-
-
-def _error(where: object, what: str, expected: str, remedy: str) -> InputError:
-    return InputError(what, where=str(where), expected=expected, remedy=remedy)

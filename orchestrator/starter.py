@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from toppling.orchestrator.advice import REALISATIONS, told
+from toppling.orchestrator.campaign import KEYS
 from toppling.orchestrator.progress import duration
 from toppling.orchestrator.trial import Statics, Trial
-from toppling.workers.options import PRESETS
 
 BELOW_LEAST = 0.9
 """The lowest level is at most this share of the least static toppling acceleration."""
@@ -69,6 +69,12 @@ def campaign_text(
     jobs = records * len(levels) * len(azimuths_deg) * len(frictions)
     start, stop, step = (f"{one:g}" for one in (levels.start_m_s2, levels.stop_m_s2, levels.step_m_s2))
     azimuths, friction = (", ".join(f"{one:g}" for one in values) for values in (azimuths_deg, frictions))
+    keys = {key.name: key for key in KEYS}
+    more = "\n".join(
+        _realisations_told(bases) if key.name == "realisations" and bases else key.line
+        for key in KEYS
+        if key.example and key.name != "preset"
+    )
     # Strings of JSON are TOML's too.
     return f"""\
 # A campaign, written by 'toppling init'. Change what you like, then:
@@ -79,35 +85,28 @@ def campaign_text(
 scene = {_quoted(scene)}  # folders are relative to this file
 ensemble = {_quoted(ensemble)}  # {records} records
 
-# Levels that each record's peak ground acceleration (PGA, of the horizontal vector) is scaled to, in m/s2.
+# pga_m_s2: {keys["pga_m_s2"].help}.
 # The least constant acceleration that topples the rock is {told(statics)}.
 # {_trial_told(trial)}
 pga_m_s2 = {{ start = {start}, stop = {stop}, step = {step} }}  # {len(levels)} levels, the stop included; or a list
 
-# Azimuths that the stronger horizontal component of each record is turned to, degrees counter-clockwise from east.
+# azimuth_deg: {keys["azimuth_deg"].help}.
 azimuth_deg = [{azimuths}]
 
-# Coefficients of friction, of rock on rock 0.6 to 1.0. [0.6, 0.8] compares two and doubles the jobs;
+# friction: {keys["friction"].help}. [0.6, 0.8] compares two and doubles the jobs;
 # [[0.8, 0.6]] has 0.8 at rest and 0.6 in a slip.
 friction = [{friction}]
 
-preset = {_quoted(preset)}  # {", ".join(PRESETS)}: how finely each shake is resolved
+preset = {_quoted(preset)}  # {keys["preset"].help}: {keys["preset"].values}
 
-# More keys, with their defaults:
-# restitution = [0.0]          # 0 to 1: how much of the speed of an impact comes back
-{_realisations_told(bases)}
-# records = ["..."]            # some of the ensemble's records; all if left out
-# peak_displacement_m = 1.0    # high-pass motions whose ground displacement is larger; none if left out
+# More keys:
+{more}
 """
 
 
 def _realisations_told(bases: int) -> str:
-    if not bases:
-        return "# realisations = 1             # more draw centre of mass and friction from their uncertainty"
-    one_each = f"takes one of the {bases} drawn bases and a friction of its own"
-    return (
-        f"# realisations = {REALISATIONS}            # 1 shakes the nominal base alone; each other {one_each}"
-    )
+    one_each = f"each other takes one of the {bases} drawn bases and a friction of its own"
+    return f"# realisations = {REALISATIONS}  # 1 (left out) shakes the nominal base alone; {one_each}"
 
 
 def _trial_told(trial: Trial) -> str:

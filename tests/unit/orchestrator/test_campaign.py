@@ -1,3 +1,4 @@
+import dataclasses
 import tomllib
 from pathlib import Path
 
@@ -6,7 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from toppling.models.errors import InputError
-from toppling.orchestrator.campaign import Campaign
+from toppling.orchestrator.campaign import KEYS, Campaign
+from toppling.orchestrator.keys import REQUIRED
 
 GOOD = {
     "scene": "scenes/echo",
@@ -181,3 +183,21 @@ def test_an_engine_without_restitution_refuses_to_draw_it():
     with pytest.raises(InputError, match="restitution"):
         campaign(unmeasured=DRAWN, engine="mujoco", friction=[0.8])
     assert campaign(unmeasured={"friction": [0.5, 1.0]}, engine="mujoco", friction=[0.8]).engine == "mujoco"
+
+
+def test_every_key_is_a_field_with_its_default_and_stands_in_the_documentation_as_declared():
+    fields = {field.name: field.default for field in dataclasses.fields(Campaign)}
+    assert {key.name for key in KEYS} == set(fields)
+    for key in KEYS:
+        assert (key.default is REQUIRED) == (fields[key.name] is dataclasses.MISSING)
+        assert key.default is REQUIRED or key.default == fields[key.name]
+    docs = Path(__file__).parents[3] / "docs"
+    table = "\n".join(key.row for key in KEYS)
+    assert any(table in page.read_text() for page in docs.rglob("*.md"))
+
+
+@pytest.mark.parametrize("key", [key for key in KEYS if key.example], ids=lambda key: key.name)
+def test_the_example_of_every_key_is_read(key):
+    also = {"target": {"precision": 0.1}, "engine": {"friction": [0.8]}}.get(key.name, {})
+    read = campaign(**also, **tomllib.loads(key.line.removeprefix("# ")))
+    assert key.name in ("restitution",) or getattr(read, key.name) != key.default

@@ -11,6 +11,7 @@ import numpy as np
 
 from toppling.models.scene import Scene
 
+sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests" / "verification"))
 import engine_cases as case
 

@@ -5,9 +5,11 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache, partial
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -16,8 +18,10 @@ import pybullet
 from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene
 from toppling.workers.options import PRESETS
-from toppling.workers.reference.rocking import Ground, PlaneBody, overturns
 from toppling.workers.shake import shake
+
+sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
+from reference.rocking import Ground, PlaneBody, overturns
 
 G = 9.81
 BLOCKS = ((0.1, 0.6), (0.2, 0.6), (0.4, 0.6))

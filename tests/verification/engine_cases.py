@@ -6,6 +6,10 @@ from itertools import pairwise
 
 import numpy as np
 import trimesh
+from reference import closed_forms as exact
+from reference.rocking import Ground, PlaneBody, overturns
+from reference.rocking import rock as rock_in_plane
+from reference.sliding_rocking import slide_and_rock
 from scipy.optimize import fsolve
 from scipy.spatial.transform import Rotation
 
@@ -16,10 +20,6 @@ from toppling.models.pedestal import Pedestal
 from toppling.models.scene import Scene
 from toppling.models.shapes import box, cylinder
 from toppling.workers.engines import options_of
-from toppling.workers.reference import closed_forms as exact
-from toppling.workers.reference.rocking import Ground, PlaneBody, overturns
-from toppling.workers.reference.rocking import rock as rock_in_plane
-from toppling.workers.reference.sliding_rocking import slide_and_rock
 from toppling.workers.shake import shake
 
 G = 9.81

@@ -9,13 +9,13 @@ from itertools import pairwise
 import engine_cases as case
 import numpy as np
 import pytest
+from reference.closed_forms import landing_boundary, rock_friction_boundary
+from reference.rocking import PlaneBody
+from reference.sliding_rocking import slide_and_rock
 
 from toppling.models.contact import ContactProperties
 from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene
-from toppling.workers.reference.closed_forms import landing_boundary, rock_friction_boundary
-from toppling.workers.reference.rocking import PlaneBody
-from toppling.workers.reference.sliding_rocking import slide_and_rock
 from toppling.workers.shake import shake
 
 TARGET = {"standard": 0.002, "reference": 0.0005}  # of times, thresholds, impact ratios and slip

@@ -5,13 +5,13 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from reference.rocking import Ground, PlaneBody
+from reference.rocking import rock as rock_exactly
 
 from toppling.models.ground.equilibrium import farthest_load
 from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene
 from toppling.models.shapes import box
-from toppling.workers.reference.rocking import Ground, PlaneBody
-from toppling.workers.reference.rocking import rock as rock_exactly
 from toppling.workers.shake import shake
 
 G = 9.81

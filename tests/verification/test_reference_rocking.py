@@ -2,9 +2,8 @@
 
 import numpy as np
 import pytest
-
-from toppling.workers.reference import closed_forms as exact
-from toppling.workers.reference.rocking import Ground, PlaneBody, overturns, rock
+from reference import closed_forms as exact
+from reference.rocking import Ground, PlaneBody, overturns, rock
 
 G = 9.81
 SLENDER = (0.2, 0.6)

@@ -4,11 +4,11 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from reference import closed_forms as exact
+from reference.rocking import Ground, PlaneBody, rock
+from reference.sliding_rocking import slide_and_rock
 
 from toppling.models.contact import ContactProperties
-from toppling.workers.reference import closed_forms as exact
-from toppling.workers.reference.rocking import Ground, PlaneBody, rock
-from toppling.workers.reference.sliding_rocking import slide_and_rock
 
 G = 9.81
 BODY = PlaneBody.rectangle(0.2, 0.6)

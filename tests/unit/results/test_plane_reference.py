@@ -3,6 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
+from reference.rocking import Ground, PlaneBody, overturns
 
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.idealised import full_sine
@@ -10,7 +11,6 @@ from toppling.models.motions.record import Record
 from toppling.models.scene import Scene
 from toppling.results import plane_reference
 from toppling.results.plane_reference import TIME_STEP_S, reference_lines, section, simulate, topples
-from toppling.workers.reference.rocking import Ground, PlaneBody, overturns
 
 
 def test_the_section_of_a_block_is_the_block():

@@ -7,6 +7,7 @@ import engine_cases as case
 import numpy as np
 import pytest
 import trimesh
+from reference.closed_forms import landing_boundary
 from scipy.spatial.transform import Rotation
 
 from toppling.models.errors import InputError
@@ -16,7 +17,6 @@ from toppling.models.shapes import box, cylinder, ellipsoid
 from toppling.workers.engines import DEFAULT, engine_named
 from toppling.workers.options import PRESETS
 from toppling.workers.problem import Problem
-from toppling.workers.reference.closed_forms import landing_boundary
 from toppling.workers.shake import Shaking, shake
 from toppling.workers.start import State
 

@@ -19,8 +19,8 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
+from reference.rocking import PlaneBody
 from toppling.models.contact import ContactProperties
-from toppling.workers.reference.rocking import PlaneBody
 
 Array = NDArray[np.float64]
 

@@ -1,5 +1,7 @@
 """The one error that a user's data can cause, in one shape: what, where, what was expected, what to do."""
 
+from collections.abc import Callable
+
 LONGEST = 1500
 """Characters of what is wrong, and of where."""
 
@@ -30,6 +32,11 @@ class InputError(ValueError):
 
     def __reduce__(self) -> tuple:
         return _rebuild, (self.what, self.where, self.expected, self.remedy)
+
+
+def refusals(expected: str, remedy: str) -> Callable[[str, object], InputError]:
+    """Errors of one kind of data, which differ in what is wrong (first argument) and where (second)."""
+    return lambda what, where: InputError(what, where=str(where), expected=expected, remedy=remedy)
 
 
 def _shortened(text: str) -> str:

@@ -18,12 +18,12 @@ from contextlib import suppress
 from dataclasses import dataclass
 from math import prod
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from toppling.models.errors import InputError
+from toppling.models.errors import InputError, refusals
 
 MEMORY_BYTES, MEMORY_PER_BYTE = 768 << 20, 100
 """A file may take so much memory, and so much more a byte: the most that a LAZ needs to become points is 30."""
@@ -36,6 +36,12 @@ THREADS = 4
 HEADER_BYTES = 8
 PIPE_BYTES = 1 << 20
 Read = tuple[Any, list[NDArray]]
+
+
+_damaged = refusals(
+    expected="a whole file of the format that its name says",
+    remedy="export or fetch the file again; convert it if its program writes an uncommon variant",
+)
 
 
 def read_guarded(reader: str, path: Path, libraries: Sequence[str] = ()) -> Read:
@@ -67,13 +73,13 @@ def read_guarded(reader: str, path: Path, libraries: Sequence[str] = ()) -> Read
         try:
             told, arrays = _ask(request)
         except _EndedError as end:
-            _refuse(end.reason, path)
+            raise _damaged(end.reason, path) from end
     if "refusal" in told:
         where = str(told["refusal"]["where"] or request["path"])
         where = where.replace(str(request["path"]), str(path))  # as it was asked for
         raise InputError(**(told["refusal"] | {"where": where}))
     if "failure" in told:
-        _refuse(f"cannot be read ({told['failure']})", path)
+        raise _damaged(f"cannot be read ({told['failure']})", path)
     return told["said"], arrays
 
 
@@ -190,12 +196,3 @@ def _fill(process: subprocess.Popen, rest: memoryview) -> None:
         if not count:
             raise EOFError
         rest = rest[count:]
-
-
-def _refuse(what: str, path: Path) -> NoReturn:
-    raise InputError(
-        what,
-        where=str(path),
-        expected="a whole file of the format that its name says",
-        remedy="export or fetch the file again; convert it if its program writes an uncommon variant",
-    )

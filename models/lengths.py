@@ -3,7 +3,7 @@
 import re
 from collections.abc import Iterable
 
-from toppling.models.errors import InputError
+from toppling.models.errors import InputError, refusals
 
 US_FOOT_M = 1200.0 / 3937.0
 METRES = {
@@ -50,6 +50,12 @@ ROCK_M = (0.1, 30.0)
 NAMES = {"ft": "feet", "us-ft": "US survey feet", "in": "inches", "mm": "millimetres", "cm": "centimetres"} | {
     "yd": "yards", "dm": "decimetres", "km": "kilometres", "m": "metres",
 }  # fmt: skip
+
+
+_unclear = refusals(
+    expected=f"one of {', '.join(METRES)}",
+    remedy="say in which unit the coordinates are by --units, which wins over what the file says",
+)
 
 
 def unit_called(word: str) -> str | None:
@@ -144,13 +150,4 @@ def in_degrees(what: str, where: str) -> InputError:
         where=where,
         expected="projected or local coordinates: lengths in three directions, z up",
         remedy="project the cloud first, such as to the UTM zone of the site, and export again",
-    )
-
-
-def _unclear(what: str, where: str) -> InputError:
-    return InputError(
-        what,
-        where=where,
-        expected=f"one of {', '.join(METRES)}",
-        remedy="say in which unit the coordinates are by --units, which wins over what the file says",
     )

@@ -9,12 +9,12 @@ from dataclasses import dataclass
 from io import StringIO
 from itertools import islice
 from pathlib import Path
-from typing import IO, NoReturn
+from typing import IO
 
 import numpy as np
 from numpy.typing import NDArray
 
-from toppling.models.errors import InputError
+from toppling.models.errors import refusals
 
 HEADER_BYTES = 65_536
 _TYPES = {
@@ -26,6 +26,12 @@ _ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 _END = re.compile(rb"(?:\A|[\r\n])end_header[ \t]*(\r\n|\r|\n)")
 _COUNT = re.compile(r"\d{1,18}", re.ASCII)
 INDICES = ("vertex_indices", "vertex_index")
+
+
+_damaged = refusals(
+    expected="a whole PLY file, ASCII or binary, as its header describes it",
+    remedy="export the file again",
+)
 
 
 @dataclass(frozen=True)
@@ -101,12 +107,12 @@ def read_header(path: Path) -> Header:
         size = file.seek(0, 2)
     end = _END.search(head)
     if not head.startswith((b"ply\n", b"ply\r", b"ply \n", b"ply \r")) or end is None:
-        _refuse("has no PLY header that ends in 'end_header'", path)
+        raise _damaged("has no PLY header that ends in 'end_header'", path)
     lines = head[: end.start()].decode("latin-1").replace("\r\n", "\n").replace("\r", "\n").split("\n")
     order, elements = _parsed(lines, path)
     names = [each.name for each in elements]
     if len(set(names)) < len(names):
-        _refuse(f"the header declares {', '.join(names)}: one of them twice", path)
+        raise _damaged(f"the header declares {', '.join(names)}: one of them twice", path)
     least = sum(
         each.count * sum(2 if not order else part.least_bytes for part in each.properties)
         for each in elements
@@ -114,7 +120,7 @@ def read_header(path: Path) -> Header:
     # Of the last number in ASCII the line end may lack.
     if least > size - end.end() + (not order):
         counts = ", ".join(f"{each.count} {each.name}" for each in elements)
-        _refuse(
+        raise _damaged(
             f"the header counts {counts}: at least {least} bytes, where {size - end.end()} follow it", path
         )
     return Header(path, order, end[1].decode(), end.end(), tuple(elements), _remarks(lines))
@@ -170,7 +176,7 @@ def read_mesh(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]] | Non
         return None
     triangles = rows[indices[0].name]
     if triangles.dtype.kind not in "iu":
-        _refuse("the corners of its faces are no whole numbers", path)
+        raise _damaged("the corners of its faces are no whole numbers", path)
     return (
         np.column_stack([points[axis].astype(np.float64) for axis in "xyz"]),
         triangles.astype(np.int64).reshape(-1, 3),
@@ -183,12 +189,14 @@ def _rows(header: Header, name: str) -> dict[str, NDArray]:
         return {}
     element = header.elements[len(before)]
     if element.has_lists or any(each.has_lists for each in before if header.order):
-        _refuse(f"a list stands before or among the properties of '{name}'", header.path)
+        raise _damaged(f"a list stands before or among the properties of '{name}'", header.path)
     if header.order:
         at = header.data_at + sum(each.count * each.row(header.order).itemsize for each in before)
         rows = np.fromfile(header.path, element.row(header.order), element.count, offset=at)
         if len(rows) < element.count:
-            _refuse(f"{len(rows)} of {element.count} rows of '{name}' follow: it is truncated", header.path)
+            raise _damaged(
+                f"{len(rows)} of {element.count} rows of '{name}' follow: it is truncated", header.path
+            )
         return {each.name: rows[each.name] for each in element.properties}
     return _ascii_rows(header, element, sum(each.count for each in before))
 
@@ -203,7 +211,7 @@ def _ascii_rows(header: Header, element: Element, skipped: int) -> dict[str, NDA
             else np.empty((0, len(element.properties)))
         )
     if table.shape != (element.count, len(element.properties)):
-        _refuse(
+        raise _damaged(
             f"{' x '.join(map(str, table.shape))} numbers where the header counts {element.count} rows of "
             f"{len(element.properties)}: it is damaged or truncated",
             header.path,
@@ -235,20 +243,11 @@ def _parsed(lines: list[str], path: Path) -> tuple[str, list[Element]]:
             case [] | ["comment", *_] | ["obj_info", *_]:
                 pass
             case _:
-                _refuse(f"line {number} of the header is {line[:60]!r}", path)
+                raise _damaged(f"line {number} of the header is {line[:60]!r}", path)
     if order is None:
-        _refuse("the header states no format", path)
+        raise _damaged("the header states no format", path)
     for name, _, properties in elements:
         names = [each.name for each in properties]
         if not names or len(set(names)) < len(names):
-            _refuse(f"the element '{name[:60]}' has no properties, or two of one name", path)
+            raise _damaged(f"the element '{name[:60]}' has no properties, or two of one name", path)
     return order, [Element(name, count, tuple(properties)) for name, count, properties in elements]
-
-
-def _refuse(what: str, path: Path) -> NoReturn:
-    raise InputError(
-        what,
-        where=str(path),
-        expected="a whole PLY file, ASCII or binary, as its header describes it",
-        remedy="export the file again",
-    )

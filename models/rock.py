@@ -7,7 +7,7 @@ import numpy as np
 import trimesh
 from numpy.typing import ArrayLike, NDArray
 
-from toppling.models.errors import InputError
+from toppling.models.errors import InputError, refusals
 from toppling.models.lengths import explaining_units
 
 ROCK_HEIGHTS_M = (0.02, 100.0)
@@ -18,6 +18,12 @@ about the origin grow with the fourth power of the distance, and here lose 3e-10
 nothing of it is left."""
 FARTHEST_M = 1e8
 """Beyond the coordinates of any survey on Earth, geocentric ones included."""
+
+
+_mesh_error = refusals(
+    expected="one closed body of triangles, oriented outward, in metres",
+    remedy="close the mesh (every edge joins two triangles), or make the scene with 'toppling scan'",
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -201,12 +207,3 @@ def check_size(height_m: float, where: str) -> None:
             if (told := explaining_units(height_m))
             else "convert the coordinates from millimetres, feet or whatever they are in, and export again",
         )
-
-
-def _mesh_error(what: str, where: str) -> InputError:
-    return InputError(
-        what,
-        where=where,
-        expected="one closed body of triangles, oriented outward, in metres",
-        remedy="close the mesh (every edge joins two triangles), or make the scene with 'toppling scan'",
-    )

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from toppling.models import digest
 from toppling.models.contact import ContactProperties
 from toppling.models.documents import shown
-from toppling.models.errors import InputError
+from toppling.models.errors import InputError, refusals
 from toppling.models.folder import local, new_folder
 from toppling.models.frames import STANDARD_GRAVITY_M_S2, plane_normal, rotation_between
 from toppling.models.guarded import read_guarded
@@ -37,6 +37,12 @@ MESH_FORMATS = (".ply", ".stl", ".obj", ".off", ".glb", ".gltf")
 
 COM_SPREAD_SHARE = 0.005
 """Standard deviation of the centre of mass over the height, in a realisation of a scene that knows none of its own."""
+
+
+_scene_error = refusals(
+    expected=f"a scene folder of schema version {SCHEMA_VERSION}, as written",
+    remedy="make the scene anew with 'toppling scan' or Scene.save",
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -466,12 +472,3 @@ def _gravity(gravity: float) -> float:
             remedy="9.81 on Earth",
         )
     return float(gravity)
-
-
-def _scene_error(what: str, folder: Path) -> InputError:
-    return InputError(
-        what,
-        where=str(folder),
-        expected=f"a scene folder of schema version {SCHEMA_VERSION}, as written",
-        remedy="make the scene anew with 'toppling scan' or Scene.save",
-    )

@@ -10,7 +10,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from toppling.models.digest import BLANK, KEY, check, damaged, seal, unopened
-from toppling.models.errors import InputError
+from toppling.models.errors import InputError, refusals
 
 LEAST_BOUND_BYTES, BYTES_PER_BYTE = 64_000_000, 200
 """Memory that any file may take, and more for each of its bytes: results and records take at most 40 a byte."""
@@ -18,6 +18,12 @@ LEAST_BOUND_ROWS = 10_000
 VALUE_BYTES = 8
 _BOUNDED: dict[str, tuple[int, ...]] = {}
 """State of the files that were found to keep within."""
+
+
+_unbounded = refusals(
+    expected=f"a table of at most {LEAST_BOUND_BYTES / 1e6:.0f} MB and {BYTES_PER_BYTE} bytes for each of the file",
+    remedy="look where the file comes from: no table that this program makes is packed so densely",
+)
 
 
 @contextmanager
@@ -86,7 +92,7 @@ def check_bounds(path: Path) -> None:
     footer = pq.read_metadata(path)
     most = LEAST_BOUND_BYTES + BYTES_PER_BYTE * state.st_size
     if footer.num_rows > max(state.st_size, LEAST_BOUND_ROWS):
-        raise _unbounded(path, f"counts {footer.num_rows:,} rows in {state.st_size:,} bytes")
+        raise _unbounded(f"counts {footer.num_rows:,} rows in {state.st_size:,} bytes", path)
     unpacked = decoded = 0
     repeated: set[int] = set()
     for group in range(footer.num_row_groups):
@@ -98,7 +104,7 @@ def check_bounds(path: Path) -> None:
             if repeats and column.num_values * column.total_uncompressed_size > most:
                 repeated.add(index)
     if max(unpacked, decoded) > most:
-        raise _unbounded(path, f"would take {max(unpacked, decoded) / 1e6:,.0f} MB of memory")
+        raise _unbounded(f"would take {max(unpacked, decoded) / 1e6:,.0f} MB of memory", path)
     for index in sorted(repeated):
         _check_repeated(path, footer.schema.column(index).path, most)
     _BOUNDED[str(path)] = stamp
@@ -117,14 +123,5 @@ def _check_repeated(path: Path, name: str, most: int) -> None:
                     size += pc.sum(pc.take(lengths, values.indices)).as_py() or 0
                 if size > most:
                     raise _unbounded(
-                        path, f"repeats texts of more than {most / 1e6:,.0f} MB in column {name}"
+                        f"repeats texts of more than {most / 1e6:,.0f} MB in column {name}", path
                     )
-
-
-def _unbounded(path: Path, what: str) -> InputError:
-    return InputError(
-        what,
-        where=str(path),
-        expected=f"a table of at most {LEAST_BOUND_BYTES / 1e6:.0f} MB and {BYTES_PER_BYTE} bytes for each of the file",
-        remedy="look where the file comes from: no table that this program makes is packed so densely",
-    )

@@ -23,7 +23,7 @@ from scipy.spatial.transform import Rotation
 
 from toppling.models.digest import BLANK, KEY, read_json, seal
 from toppling.models.documents import shown
-from toppling.models.errors import InputError
+from toppling.models.errors import InputError, refusals
 from toppling.models.frames import plane_axes
 from toppling.models.pedestal import Pedestal
 from toppling.models.relief import contact_feet_m
@@ -34,6 +34,12 @@ DECIMALS = 7
 """Lengths are kept to a tenth of a micrometre, in memory as on disk, so that a scene's id survives the disk."""
 
 Array = NDArray[np.float64]
+
+
+_no_draws = refusals(
+    expected=f"draws of the base of schema version {SCHEMA_VERSION}, as written beside the scene",
+    remedy="make the scene anew with 'toppling scan', or remove the file and scan again",
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,17 +157,17 @@ class UnseenBase:
         try:
             content = read_json(path)
             if content["schema_version"] != SCHEMA_VERSION:
-                raise _file_error(f"schema version {content['schema_version']}", path)
+                raise _no_draws(f"schema version {content['schema_version']}", path)
             draws = tuple(BaseDraw(**_checked(draw)) for draw in content["draws"])
             band_m, nominal = float(content["band_m"]), content.get("nominal")
         except InputError:
             raise
         except (OSError, UnicodeDecodeError, KeyError, TypeError, ValueError, OverflowError) as error:
-            raise _file_error(f"is not whole ({type(error).__name__}: {error})", path) from None
+            raise _no_draws(f"is not whole ({type(error).__name__}: {error})", path) from None
         if not draws or not band_m > 0.0:
-            raise _file_error(f"{len(draws)} draws below {band_m} m", path)
+            raise _no_draws(f"{len(draws)} draws below {band_m} m", path)
         if nominal is not None and (type(nominal) is not int or not 0 <= nominal < len(draws)):
-            raise _file_error(f"nominal is {shown(nominal)}, of {len(draws)} draws", path)
+            raise _no_draws(f"nominal is {shown(nominal)}, of {len(draws)} draws", path)
         return cls(band_m, draws, nominal)
 
 
@@ -228,12 +234,3 @@ def _checked(draw: Mapping[str, Sequence[Any]]) -> dict[str, Array]:
         msg = "a draw is not finite, or not of three or more feet and three vectors"
         raise ValueError(msg)
     return arrays
-
-
-def _file_error(what: str, path: Path) -> InputError:
-    return InputError(
-        what,
-        where=str(path),
-        expected=f"draws of the base of schema version {SCHEMA_VERSION}, as written beside the scene",
-        remedy="make the scene anew with 'toppling scan', or remove the file and scan again",
-    )

@@ -23,7 +23,7 @@ import numpy as np
 
 from toppling.models.csv_text import plain
 from toppling.models.documents import check_size
-from toppling.models.errors import InputError
+from toppling.models.errors import InputError, refusals
 from toppling.models.folder import new_file
 from toppling.results.fits import Basis, Lognormal, Resampled
 
@@ -52,6 +52,12 @@ SAMPLES_KEPT = 1000
 
 _MARK = "toppling "
 """How the comment begins in which a function of NRML keeps the row that CSV and JSON have."""
+
+
+_curve_error = refusals(
+    expected="lognormal curves as 'toppling fragility --fit' writes them",
+    remedy="fit them with 'toppling fragility RUN --fit'",
+)
 
 
 def moments(curve: Lognormal) -> tuple[float, float]:
@@ -106,12 +112,12 @@ def read_curves(path: Path) -> dict[str, Lognormal]:
     try:
         text = path.read_text(encoding="utf-8")
         if "<!DOCTYPE" in text or "<!ENTITY" in text:  # entities can grow without bound
-            raise _curve_error(path, "declares entities")
+            raise _curve_error("declares entities", path)
         curves = readers[path.suffix](text)
     except InputError:
         raise
     except FileNotFoundError:
-        raise _curve_error(path, "does not exist") from None
+        raise _curve_error("does not exist", path) from None
     except (
         ET.ParseError,
         csv.Error,
@@ -122,17 +128,17 @@ def read_curves(path: Path) -> dict[str, Lognormal]:
         ArithmeticError,
         RecursionError,
     ) as error:
-        raise _curve_error(path, f"cannot be read ({type(error).__name__}: {str(error)[:300]})") from error
+        raise _curve_error(f"cannot be read ({type(error).__name__}: {str(error)[:300]})", path) from error
     if not curves:
-        raise _curve_error(path, "holds no lognormal fragility")
+        raise _curve_error("holds no lognormal fragility", path)
     for curve in curves:
         if not (curve.median > 0 and math.isfinite(curve.median) and 0 <= curve.beta < math.inf):
-            raise _curve_error(path, f"median {curve.median}, beta {curve.beta} of {curve.measure}")
+            raise _curve_error(f"median {curve.median}, beta {curve.beta} of {curve.measure}", path)
     counts = Counter(curve.measure for curve in curves)
     several = [f"{count} curves over {measure}" for measure, count in counts.items() if count > 1]
     if several:
         raise _curve_error(
-            path, f"holds {', '.join(several)}: give each rock, and each limit state, its own file"
+            f"holds {', '.join(several)}: give each rock, and each limit state, its own file", path
         )
     return {curve.measure: curve for curve in curves}
 
@@ -302,8 +308,4 @@ def _suffix_error(path: Path) -> InputError:
     )  # fmt: skip
 
 
-def _curve_error(path: Path, what: str) -> InputError:
-    return InputError(
-        what, where=str(path), expected="lognormal curves as 'toppling fragility --fit' writes them",
-        remedy="fit them with 'toppling fragility RUN --fit'",
-    )  # fmt: skip
+# fmt: skip

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from toppling.models.digest import read_json, write_json
 from toppling.models.documents import read_toml
-from toppling.models.errors import InputError
+from toppling.models.errors import InputError, refusals
 from toppling.models.shares import effective_number, jeffreys_mean
 from toppling.results.belonging import check_plan_id
 
@@ -33,6 +33,12 @@ SAME = 1e-9
 
 Array = NDArray[np.float64]
 Contact = tuple[float, float, float]
+
+
+_no_weights = refusals(
+    expected="weights of the bases by the motions that the rock stood, as the run wrote them",
+    remedy="go on with the run by 'toppling run': it makes them anew if they are removed",
+)
 
 
 @dataclass(frozen=True)
@@ -140,7 +146,7 @@ class Stood:
             told = read_json(path, required=True)
             check_plan_id(path.parent.parent, path, told.get("plan_id"))
             if told["schema_version"] != SCHEMA_VERSION:
-                raise _file_error(f"is of schema version {told['schema_version']}", path)
+                raise _no_weights(f"is of schema version {told['schema_version']}", path)
             weights: dict[Contact, Array] = {}
             for one in told["contacts"]:
                 static, kinetic, restitution = (float(one[name]) for name in CONTACT)
@@ -150,14 +156,14 @@ class Stood:
                 len(each) and np.isfinite(each).all() and (each > 0).all() for each in weights.values()
             )
             if not (weights and motions and sound):
-                raise _file_error("holds no weights, or one that is not positive", path)
+                raise _no_weights("holds no weights, or one that is not positive", path)
             return cls(motions, int(told["shakes"]), weights)
         except InputError:
             raise
         except FileNotFoundError:
-            raise _file_error("is not there", path) from None
+            raise _no_weights("is not there", path) from None
         except (OSError, KeyError, TypeError, ValueError) as error:
-            raise _file_error(f"is not whole ({type(error).__name__}: {error})", path) from None
+            raise _no_weights(f"is not whole ({type(error).__name__}: {error})", path) from None
 
 
 def stood_of(run: Path) -> Stood | None:
@@ -309,12 +315,3 @@ def _chances(name: str, shakes: pd.DataFrame, draws: int) -> Array:
 
 def _and(names: Sequence[str]) -> str:
     return ", ".join(names[:-1]) + (" and " if len(names) > 1 else "") + names[-1]
-
-
-def _file_error(what: str, path: Path) -> InputError:
-    return InputError(
-        what,
-        where=str(path),
-        expected="weights of the bases by the motions that the rock stood, as the run wrote them",
-        remedy="go on with the run by 'toppling run': it makes them anew if they are removed",
-    )

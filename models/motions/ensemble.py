@@ -12,7 +12,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from toppling.models import digest
-from toppling.models.errors import InputError
+from toppling.models.errors import InputError, refusals
 from toppling.models.folder import local
 from toppling.models.motions.catalogue import CATALOG, MOTIONS, ensemble_id, meaning
 from toppling.models.motions.impose import impose
@@ -51,6 +51,12 @@ _IDENTITY = [
 ]
 _ORIGIN = [("history", pa.list_(pa.string())), ("files", pa.list_(pa.string())), ("sha", pa.string())]
 _MAY_BE_UNKNOWN = ("magnitude", "distance_km")
+
+
+_ensemble_error = refusals(
+    expected="a folder with catalog.parquet and motions.parquet",
+    remedy="make one with 'toppling records import FILES --out FOLDER'",
+)
 
 
 class Ensemble:
@@ -301,12 +307,3 @@ def _catalog(records: list[Record]) -> pa.Table:
     columns = [*_IDENTITY, *((name, pa.float64()) for name in measures), *_ORIGIN]
     fields = [pa.field(name, kind, metadata=meaning(name)) for name, kind in columns]
     return pa.Table.from_pylist(rows, schema=pa.schema(fields))
-
-
-def _ensemble_error(what: str, where: Path) -> InputError:
-    return InputError(
-        what,
-        where=str(where),
-        expected="a folder with catalog.parquet and motions.parquet",
-        remedy="make one with 'toppling records import FILES --out FOLDER'",
-    )

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
 
 from toppling.models.documents import check_size
-from toppling.models.errors import InputError
+from toppling.models.errors import InputError, refusals
 from toppling.models.frames import STANDARD_GRAVITY_M_S2
 from toppling.models.motions.motion import Motion
 
@@ -47,6 +47,12 @@ _NO_WORKBOOK = (
 """What the libraries raise at one that is damaged, encrypted, packed in another way, or has cells of no text."""
 
 Array = NDArray[np.float64]
+
+
+_no_experiment = refusals(
+    expected="the experiment's own files: TestNNN.txt of four channels, workbooks of results and of records",
+    remedy="docs/validation.md describes both layouts",
+)
 
 
 def is_raw(folder: Path) -> bool:
@@ -79,15 +85,15 @@ def raw_motion(path: Path) -> Motion:
     except (ValueError, IndexError, OSError, UnicodeDecodeError) as error:
         short = re.search(r"at row (\d+) with", str(error))
         what = f"line {int(short[1]) + 1} is cut off" if short else f"cannot be read ({error})"
-        raise _error(path, what) from None
+        raise _no_experiment(what, path) from None
     if len(columns) < LEAST_SAMPLES:
-        raise _error(path, f"{len(columns)} samples, fewer than {LEAST_SAMPLES}")
+        raise _no_experiment(f"{len(columns)} samples, fewer than {LEAST_SAMPLES}", path)
     time_s = columns[:, 0]
     step_s = round(float((time_s[-1] - time_s[0]) / (len(columns) - 1)), 6)
     even_s = time_s[0] + step_s * np.arange(len(columns))
     # Times are printed with six digits.
     if not np.isfinite(columns).all() or np.abs(time_s - even_s).max() > 0.5 * step_s:
-        raise _error(path, "values that are no numbers, or samples not at equal times")
+        raise _no_experiment("values that are no numbers, or samples not at equal times", path)
     along = fused_m_s2(columns[:, 1] * STANDARD_GRAVITY_M_S2, columns[:, 2] * METRES_A_COUNT, step_s)
     return Motion(np.outer(along[::KEPT_EVERY], [1.0, 0.0, 0.0]), KEPT_EVERY * step_s)
 
@@ -131,8 +137,8 @@ def raw_tests(folder: Path) -> list[dict[str, Any]]:
         if motion:
             motions |= {int(row["A"]): _record_name(str(row.get(motion, ""))) for row in numbered}
     if not results:
-        raise _error(
-            folder, "no workbook (xlsx) with 'Test Number' and 'Experimental Results ...' in its first row"
+        raise _no_experiment(
+            "no workbook (xlsx) with 'Test Number' and 'Experimental Results ...' in its first row", folder
         )
     return [row | {"ground_motion": motions.get(int(row["test_no"]), "")} for row in results]
 
@@ -156,20 +162,20 @@ def sheet(path: Path) -> Iterator[Mapping[str, Any]]:
         raise
     except _NO_WORKBOOK as error:
         told = str(error) or type(error).__name__
-        raise _error(path, f"is no workbook, or a damaged one ({told})") from None
+        raise _no_experiment(f"is no workbook, or a damaged one ({told})", path) from None
     yield from rows
 
 
 def _parsed(book: zipfile.ZipFile, name: str, path: Path) -> ElementTree.Element:
     if book.getinfo(name).file_size > LARGEST_SHEET_BYTES:
-        raise _error(path, f"{name} is too large")
+        raise _no_experiment(f"{name} is too large", path)
     with book.open(name) as part:  # what the archive says of the size may be wrong
         content = part.read(LARGEST_SHEET_BYTES + 1)
     if len(content) > LARGEST_SHEET_BYTES:
-        raise _error(path, f"{name} is too large")
+        raise _no_experiment(f"{name} is too large", path)
     text = content.decode("utf-8-sig")  # another encoding would hide what is looked for
     if "<!DOCTYPE" in text or "<!ENTITY" in text:  # entities can grow without bound
-        raise _error(path, "its XML declares entities")
+        raise _no_experiment("its XML declares entities", path)
     return ElementTree.fromstring(text.encode())
 
 
@@ -210,12 +216,3 @@ def _record_name(text: str) -> str:
 def _low_passed(values: Array, corner_hz: float, order: int, time_step_s: float) -> Array:
     """Butterworth's filter forward and backward, without delay."""
     return np.asarray(sosfiltfilt(butter(order, corner_hz, fs=1.0 / time_step_s, output="sos"), values))
-
-
-def _error(path: Path, what: str) -> InputError:
-    return InputError(
-        what,
-        where=str(path),
-        expected="the experiment's own files: TestNNN.txt of four channels, workbooks of results and of records",
-        remedy="docs/validation.md describes both layouts",
-    )

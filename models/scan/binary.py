@@ -7,12 +7,12 @@ header counts is compared with what the file can hold before room is made for it
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from toppling.models.errors import InputError
+from toppling.models.errors import InputError, refusals
 from toppling.models.lengths import unit_of_remarks
 from toppling.models.scan import reference
 from toppling.models.scan.steps import coordinate_steps
@@ -33,6 +33,12 @@ INVALID = "cartesianInvalidState", "sphericalInvalidState"
 CARTESIAN = ("cartesianX", "cartesianY", "cartesianZ")
 SPHERICAL = ("sphericalRange", "sphericalAzimuth", "sphericalElevation")
 Points = tuple[dict[str, Any], list[NDArray]]
+
+
+_damaged = refusals(
+    expected="a whole point cloud",
+    remedy="copy or export the file again",
+)
 
 
 def las(path: Path) -> Points:
@@ -58,7 +64,7 @@ def las(path: Path) -> Points:
             station[rows] = chunk.point_source_id
             filled += len(chunk)
         if read != header.point_count:
-            _refuse(
+            raise _damaged(
                 f"holds {read} of the {header.point_count} points that its header counts: truncated", path
             )
     points = points[:filled]
@@ -120,14 +126,16 @@ def _e57_points(source: Any, header: Any, path: Path) -> NDArray[np.float64]:
     fields = set(header.point_fields)
     axes = next((axes for axes in (CARTESIAN, SPHERICAL) if set(axes) <= fields), None)
     if axes is None:
-        _refuse(f"a scan has the fields {', '.join(sorted(fields))}, and no coordinates", path)
+        raise _damaged(f"a scan has the fields {', '.join(sorted(fields))}, and no coordinates", path)
     names = [*axes, *(name for name in INVALID if name in fields and name[:4] == axes[0][:4])]
     data, buffers = source.make_buffers(names, header.point_count)
     reader = header.points.reader(buffers)
     read = reader.read()
     reader.close()
     if read != header.point_count:
-        _refuse(f"{read} points of a scan can be read where its header counts {header.point_count}", path)
+        raise _damaged(
+            f"{read} points of a scan can be read where its header counts {header.point_count}", path
+        )
     points = np.column_stack([data[axis] for axis in axes]).astype(float)
     if axes == SPHERICAL:
         far, around, up = points.T
@@ -144,7 +152,9 @@ def _posed(points: NDArray[np.float64], node: Any, path: Path) -> NDArray[np.flo
     turn, shift = _pose(node, "rotation", "xyzw", path), _pose(node, "translation", "xyz", path)
     if turn is not None:
         if not (np.isfinite(turn).all() and abs(np.linalg.norm(turn) - 1.0) < UNIT_QUATERNION):
-            _refuse(f"a scan's pose turns by {turn.tolist()} (x, y, z, w), which is no unit quaternion", path)
+            raise _damaged(
+                f"a scan's pose turns by {turn.tolist()} (x, y, z, w), which is no unit quaternion", path
+            )
         points = points @ Rotation.from_quat(turn).as_matrix().T
     return points if shift is None else points + shift
 
@@ -156,7 +166,7 @@ def _pose(node: Any, part: str, names: str, path: Path) -> NDArray[np.float64] |
     children = node["pose"][part]
     lacking = [name for name in names if not children.isDefined(name)]
     if lacking:
-        _refuse(f"the {part} of a scan's pose has no {', '.join(lacking)}", path)
+        raise _damaged(f"the {part} of a scan's pose has no {', '.join(lacking)}", path)
     return np.array([children[name].value() for name in names], float)
 
 
@@ -194,7 +204,7 @@ def pcd(path: Path) -> Points:
     cloud = o3d.t.io.read_point_cloud(path)
     points = cloud.point.positions.numpy().astype(float) if "positions" in cloud.point else np.empty((0, 3))
     if len(points) != count:
-        _refuse(f"{len(points)} points can be read where its header counts {count}", path)
+        raise _damaged(f"{len(points)} points can be read where its header counts {count}", path)
     station = next(
         (cloud.point[key].numpy().ravel() for key in ("station", "point_source_id") if key in cloud.point),
         np.zeros(len(points)),
@@ -232,16 +242,16 @@ def _pcd_points(path: Path) -> int:
         )
         sound = count == int(told["WIDTH"][0]) * int(told["HEIGHT"][0]) and min(sizes, default=0) > 0
     except (KeyError, ValueError, IndexError) as error:
-        _refuse(f"its header is not understood ({type(error).__name__}: {error})", path)
+        raise _damaged(f"its header is not understood ({type(error).__name__}: {error})", path)
     if not sound or row <= 0 or count < 0:
-        _refuse("its header contradicts itself: POINTS, WIDTH, HEIGHT, SIZE, COUNT", path)
+        raise _damaged("its header contradicts itself: POINTS, WIDTH, HEIGHT, SIZE, COUNT", path)
     if kind == "ascii":
         _check_room(2 * len(sizes) * count, room + 1, count, path)
         with path.open("rb") as file:
             file.seek(at)
             rows = sum(1 for line in file if line.split(maxsplit=1))
         if rows < count:
-            _refuse(f"{rows} points follow where its header counts {count}: truncated", path)
+            raise _damaged(f"{rows} points follow where its header counts {count}: truncated", path)
     else:
         _check_room(row * count, room * (1 if kind == "binary" else LZF_RATIO), count, path)
     return count
@@ -253,13 +263,6 @@ def _check_count(count: int, path: Path) -> None:
 
 def _check_room(needed: int, room: int, count: int, path: Path) -> None:
     if needed > room:
-        _refuse(f"its header counts {count} points, more than the file can hold: truncated or damaged", path)
-
-
-def _refuse(what: str, path: Path) -> NoReturn:
-    raise InputError(
-        what,
-        where=str(path),
-        expected="a whole point cloud",
-        remedy="copy or export the file again",
-    )
+        raise _damaged(
+            f"its header counts {count} points, more than the file can hold: truncated or damaged", path
+        )

@@ -9,11 +9,17 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from toppling.models.errors import InputError
+from toppling.models.errors import InputError, refusals
 
 TOUCHES, OPEN = ("touch", "contact", "1"), ("daylight", "open", "gap", "0")
 
 Array = NDArray[np.float64]
+
+
+_unusable = refusals(
+    expected="a place a line: x,y,z,touch or x,y,z,daylight, in survey coordinates and metres",
+    remedy="give one line for each place at the base where rock and pedestal touch, or where light shows through",
+)
 
 
 def _no_places() -> Array:
@@ -135,12 +141,3 @@ def _places(path: Path) -> Inspection:
         raise _unusable("holds no places", path)
     touching, free = (np.array(found[kind]).reshape(-1, 3) for kind in (True, False))
     return Inspection(touching, free, file=str(path), lines=(*at[True], *at[False]))
-
-
-def _unusable(what: str, path: Path) -> InputError:
-    return InputError(
-        what,
-        where=str(path),
-        expected="a place a line: x,y,z,touch or x,y,z,daylight, in survey coordinates and metres",
-        remedy="give one line for each place at the base where rock and pedestal touch, or where light shows through",
-    )

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from toppling.models.errors import InputError
+from toppling.models.errors import InputError, refusals
 from toppling.models.guarded import read_guarded
 from toppling.models.lengths import METRES, NAMES, in_degrees, unit_of_remarks
 from toppling.models.ply import read_header, read_vertices
@@ -34,6 +34,12 @@ UNIT_TOLERANCE = 1e-5
 """Relative difference of units that are one and the same for a rock: the two feet differ by 2e-6."""
 DEGREES_PER_HEIGHT = 1e-3
 """Clouds so much narrower than high are none of a rock in one unit: x and y are degrees."""
+
+
+_unreadable = refusals(
+    expected="a point cloud: " + ", ".join(FORMATS),
+    remedy="check the path, or export the cloud again as LAZ, PLY or XYZ in metres",
+)
 
 
 @dataclass(frozen=True)
@@ -303,12 +309,3 @@ def _check_returns(points: NDArray[np.float64], path: Path) -> None:
             expected="points that a beam came back from",
             remedy="leave beams without a return out of the export, or delete the points at 0, 0, 0",
         )
-
-
-def _unreadable(what: str, path: Path) -> InputError:
-    return InputError(
-        what,
-        where=str(path),
-        expected="a point cloud: " + ", ".join(FORMATS),
-        remedy="check the path, or export the cloud again as LAZ, PLY or XYZ in metres",
-    )

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from toppling.models.errors import InputError
+from toppling.models.errors import InputError, refusals
 from toppling.models.folder import new_folder
 from toppling.models.frames import shifted_and_turned
 from toppling.models.lengths import size_note
@@ -60,6 +60,12 @@ HANGING_PER_HEIGHT = 0.03
 HANGING_SHARE = 0.002
 """More than this share of the rock's patches so far below the interface are a part of it, not strays: of twelve known
 rocks at most 0.0001 lie there, of one of 2 m with a lip over a cliff 0.005 (hanging by 0.1 m) to 0.037 (0.4 m)."""
+
+
+_no_overlap = refusals(
+    expected="stations of one survey, registered to one coordinate system, in metres",
+    remedy="register the stations, or convert what is not in metres, and export again",
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -332,15 +338,6 @@ def _near(points: NDArray[np.float64], others: NDArray[np.float64], reach_m: flo
     """Share of the points that have one of the others within reach."""
     distance, _ = cKDTree(others).query(points, distance_upper_bound=reach_m)
     return float(np.isfinite(distance).mean())
-
-
-def _no_overlap(what: str, name: str) -> InputError:
-    return InputError(
-        what,
-        where=name,
-        expected="stations of one survey, registered to one coordinate system, in metres",
-        remedy="register the stations, or convert what is not in metres, and export again",
-    )
 
 
 def check_above(seen: SeenRock, interface: Interface) -> None:

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from toppling.models.errors import InputError
+from toppling.models.errors import InputError, refusals
 from toppling.models.scan.header import named_columns
 
 EASTINGS_M = (1e5, 1e6)
@@ -24,6 +24,12 @@ _MARKS = {b"\xef\xbb\xbf": "utf-8-sig", b"\xff\xfe": "utf-16", b"\xfe\xff": "utf
 _WITH_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?")
 _WHOLE = re.compile(r"[+-]?\d+")
 _THOUSANDS = re.compile(r"[+-]?\d{1,3}(?:([.,'])\d{3})+(?:(?!\1)[.,]\d+)")
+
+
+_ambiguous = refusals(
+    expected="numbers with decimal points, or with decimal commas and parted by semicolons, tabs or blanks",
+    remedy="export again with decimal points, or with semicolons between the columns",
+)
 
 
 @dataclass(frozen=True)
@@ -249,12 +255,3 @@ def _check_easting_first(points: NDArray[np.float64], path: Path) -> None:
             expected="x (east), y (north), z in this order, or a header line that names them",
             remedy="put a line with the columns' names before the first point: y,x,z, or x,y,z if they are in order",
         )
-
-
-def _ambiguous(what: str, where: str) -> InputError:
-    return InputError(
-        what,
-        where=where,
-        expected="numbers with decimal points, or with decimal commas and parted by semicolons, tabs or blanks",
-        remedy="export again with decimal points, or with semicolons between the columns",
-    )

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.path import Path as Polygon
 from numpy.typing import ArrayLike, NDArray
 
-from toppling.models.errors import InputError
+from toppling.models.errors import InputError, refusals
 from toppling.models.frames import plane_axes, plane_normal
 from toppling.models.scan.header import TEXT, named_columns
 from toppling.models.scan.interface import Interface
@@ -17,6 +17,12 @@ STEEPEST_DEG = 60.0
 """No rock stands on an interface steeper than this without sliding: friction coefficient 1.7."""
 THINNEST = 0.02
 """Picked points whose spread across is less than this share of their spread along lie on one line."""
+
+
+_unusable = refusals(
+    expected="three or more places x,y,z around the contact, in survey coordinates and metres",
+    remedy="pick points on the line where rock and pedestal meet, spread around the rock",
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,12 +193,3 @@ def check_near(
 
 def _interface(point: NDArray[np.float64], normal: NDArray[np.float64], misfit_m: float) -> Interface:
     return Interface(point, normal, np.column_stack([*plane_axes(normal), normal]), misfit_m)
-
-
-def _unusable(what: str, where: str) -> InputError:
-    return InputError(
-        what,
-        where=where,
-        expected="three or more places x,y,z around the contact, in survey coordinates and metres",
-        remedy="pick points on the line where rock and pedestal meet, spread around the rock",
-    )

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from toppling.models.errors import InputError
+from toppling.models.errors import refusals
 from toppling.results.hazard.sites import EARTH_RADIUS_KM
 
 NAMES = ("name", "Name", "NAME", "fault_name", "FaultName", "sect_name", "SectionName", "id")
@@ -21,6 +21,12 @@ MAGNITUDES = ("magnitude", "mag", "Mw", "mw", "max_mag", "mag_max", "maximum_mag
 
 STEP_DEG = 0.05
 """Longest piece of a line that is drawn straight on the map."""
+
+
+_fault_error = refusals(
+    expected="GeoJSON with lines (LineString, MultiLineString) in longitude and latitude",
+    remedy="export the traces as GeoJSON in WGS 84, each with a name and, if known, a magnitude",
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,9 +69,9 @@ def read_faults(path: Path, site: tuple[float, float]) -> list[FaultTrace]:
     try:
         told = json.loads(path.read_text(encoding="utf-8-sig"))
     except FileNotFoundError:
-        raise _fault_error(path, "does not exist") from None
+        raise _fault_error("does not exist", path) from None
     except (UnicodeDecodeError, json.JSONDecodeError, RecursionError) as error:
-        raise _fault_error(path, f"cannot be read ({error})") from error
+        raise _fault_error(f"cannot be read ({error})", path) from error
     features = list(_features(told))
     traces = []
     for number, feature in enumerate(features):
@@ -76,7 +82,7 @@ def read_faults(path: Path, site: tuple[float, float]) -> list[FaultTrace]:
                 FaultTrace(_name(properties, feature, number), tuple(lines), _magnitude(properties, path))
             )
     if not traces:
-        raise _fault_error(path, f"holds no line among {len(features)} features")
+        raise _fault_error(f"holds no line among {len(features)} features", path)
     return traces
 
 
@@ -114,7 +120,7 @@ def _projected(line: Any, site: tuple[float, float], path: Path, number: int) ->
         points = np.empty((0, 2))
     good = len(points) >= 2 and np.isfinite(points).all() and (np.abs(points) <= (360.0, 90.0)).all()
     if not good:
-        raise _fault_error(path, f"feature {number + 1} is no line of longitudes and latitudes in degrees")
+        raise _fault_error(f"feature {number + 1} is no line of longitudes and latitudes in degrees", path)
     return azimuthal_km(_straight(points), site)
 
 
@@ -167,12 +173,8 @@ def _magnitude(properties: Mapping[str, Any], path: Path) -> float | None:
     except (TypeError, ValueError):
         magnitude = math.nan
     if not 0 < magnitude < 11:
-        raise _fault_error(path, f"states the magnitude {found!r}")
+        raise _fault_error(f"states the magnitude {found!r}", path)
     return magnitude
 
 
-def _fault_error(path: Path, what: str) -> InputError:
-    return InputError(
-        what, where=str(path), expected="GeoJSON with lines (LineString, MultiLineString) in longitude and latitude",
-        remedy="export the traces as GeoJSON in WGS 84, each with a name and, if known, a magnitude",
-    )  # fmt: skip
+# fmt: skip

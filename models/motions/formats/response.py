@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from toppling.models.documents import listed
-from toppling.models.errors import InputError
+from toppling.models.errors import InputError, refusals
 from toppling.models.motions.formats.component import refuse
 from toppling.models.motions.formats.units import Quantity, Unit, known_names, unit_of
 
@@ -28,6 +28,12 @@ OBSPY_NAMES: dict[Quantity, str] = {"acceleration": "M/S**2", "velocity": "M/S",
 OBSPY_OUTPUTS: dict[Quantity, str] = {"acceleration": "ACC", "velocity": "VEL", "displacement": "DISP"}
 """ObsPy only warns of units that it does not know and scales some of those it knows: it is given these alone."""
 _MOST_SAID = 300
+
+
+_no_response = refusals(
+    expected="the response of this channel at the time of the record, with level=response",
+    remedy="give the StationXML of this channel and time, or a metadata table with the column 'unit' (--metadata)",
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,43 +148,44 @@ def channel_of(stats: Any, inventory: Any, path: Path) -> Any:
     there = [s for network, s in stations if network == stats.network]
     if not there:
         others = [f"{n.code}.{s.code}" for n in inventory for s in n]
-        _no_response(f"the StationXML is of {_some(others)}, not of {stats.network}.{stats.station}", path)
+        raise _no_response(
+            f"the StationXML is of {_some(others)}, not of {stats.network}.{stats.station}", path
+        )
     coded = [c for station in there for c in station if c.code == stats.channel]
     if not coded:
         codes = [c.code for s in there for c in s]
-        _no_response(f"the StationXML has channels {_some(codes)} of the station, not {stats.channel}", path)
+        raise _no_response(
+            f"the StationXML has channels {_some(codes)} of the station, not {stats.channel}", path
+        )
     placed = [c for c in coded if c.location_code == stats.location]
     if not placed:
         at = _some([repr(c.location_code) for c in coded])
-        _no_response(f"the StationXML has {stats.channel} at location {at}, not at {stats.location!r}", path)
+        raise _no_response(
+            f"the StationXML has {stats.channel} at location {at}, not at {stats.location!r}", path
+        )
     timed = [c for c in placed if c.is_active(time=stats.starttime)]
     if not timed:
         epochs = _some(
             [f"{_day(c.start_date, 'the beginning')} to {_day(c.end_date, 'today')}" for c in placed]
         )
-        _no_response(f"the StationXML has {name} from {epochs}, and the record is of {stats.starttime}", path)
+        raise _no_response(
+            f"the StationXML has {name} from {epochs}, and the record is of {stats.starttime}", path
+        )
     answering = [c for c in timed if c.response is not None]
     if not answering:
-        _no_response(f"the StationXML names {name} without its response", path)
+        raise _no_response(f"the StationXML names {name} without its response", path)
     stated = [c.response.instrument_sensitivity for c in answering if c.response.instrument_sensitivity]
     gains = [part.value for part in stated if part.value is not None]
     if gains and not np.allclose(gains, gains[0], rtol=1e-6):
         given = ", ".join(f"{gain:g}" for gain in gains)
-        _no_response(f"the StationXML has {name} twice at {stats.starttime}, sensitivities {given}", path)
+        raise _no_response(
+            f"the StationXML has {name} twice at {stats.starttime}, sensitivities {given}", path
+        )
     return answering[0]
 
 
 def _some(names: list[str]) -> str:
     return listed(list(dict.fromkeys(names)), 5) or "nothing"
-
-
-def _no_response(what: str, path: Path) -> NoReturn:
-    raise InputError(
-        what,
-        where=str(path),
-        expected="the response of this channel at the time of the record, with level=response",
-        remedy="give the StationXML of this channel and time, or a metadata table with the column 'unit' (--metadata)",
-    )
 
 
 def _day(time: Any, otherwise: str) -> str:

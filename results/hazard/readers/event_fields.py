@@ -52,7 +52,7 @@ def read_fields(
 def _with_branches(rows: pd.DataFrame, table: Table, events: Table | None) -> pd.DataFrame:
     """Rows of fields with the branch of each event."""
     if rows.duplicated([name for name in (BRANCH, EVENT, SITE) if name in rows]).any():
-        raise event_error(table.path, "states an event twice at one site")
+        raise event_error("states an event twice at one site", table.path)
     if BRANCH in rows:
         return rows
     if events is None:
@@ -61,7 +61,7 @@ def _with_branches(rows: pd.DataFrame, table: Table, events: Table | None) -> pd
     joined = rows.merge(known, on=EVENT, how="left", validate="many_to_one")
     if joined[BRANCH].isna().any():
         lost = joined.loc[joined[BRANCH].isna(), EVENT].iloc[0]
-        raise event_error(events.path, f"does not hold the event {lost} of {table.path.name}")
+        raise event_error(f"does not hold the event {lost} of {table.path.name}", events.path)
     return joined.astype({BRANCH: int})
 
 
@@ -72,7 +72,7 @@ def _realizations(
     if stated is None:
         if rows[BRANCH].nunique() > 1:
             raise event_error(
-                table.path, "has several branches, and no realizations file states their weights"
+                "has several branches, and no realizations file states their weights", table.path
             )
         number = int(rows[BRANCH].iloc[0]) if len(rows) else 0
         return {number: 1.0}, {number: ""}
@@ -85,7 +85,7 @@ def _realizations(
             if unknown
             else f"has weights that sum to {sum(weights.values()):g}"
         )
-        raise event_error(stated.path, what)
+        raise event_error(what, stated.path)
     paths = branches.get("branch_path", pd.Series("", index=branches.index)).astype(str)
     return weights, dict(zip(branches[BRANCH], paths, strict=True))
 
@@ -110,7 +110,7 @@ def _sites(rows: pd.DataFrame, mesh: Table | None, table: Table) -> dict[str, Ev
             if strangers
             else "has sites that the fields cannot tell apart"
         )
-        raise event_error(mesh.path, f"{what} of {table.path.name}")
+        raise event_error(f"{what} of {table.path.name}", mesh.path)
     return sites
 
 

@@ -70,7 +70,7 @@ def read_events(
         what = f"holds {len(chosen)} event sets: {', '.join(one.path.name for one in chosen)}" if chosen else (
             "holds no events with ground motions" if path.exists() else "does not exist"
         )  # fmt: skip
-        raise event_error(path, what)
+        raise event_error(what, path)
     (table,) = chosen
     beside = [one for one in tables if belongs(one, table)]
     readers: dict[str, Callable[..., EventSet]] = {
@@ -84,7 +84,7 @@ def _cybershake(table: Table, beside: list[Table], ratio: float, *_: object) -> 
     components, units = (sorted(rows[name].astype(str).unique()) for name in ("Component", "Units"))
     if len(components) > 1 or any(unit not in CM_S2 for unit in units):
         raise event_error(
-            table.path, f"has the components {', '.join(components)} in {', '.join(units)}, not one in cm/s²"
+            f"has the components {', '.join(components)} in {', '.join(units)}, not one in cm/s²", table.path
         )
     if counts is None:
         raise InputError(
@@ -97,10 +97,10 @@ def _cybershake(table: Table, beside: list[Table], ratio: float, *_: object) -> 
     rows = rows.merge(known, on=RUPTURE, how="left", validate="many_to_one")
     if rows["Num_Rup_Vars"].isna().any():
         first = rows.loc[rows["Num_Rup_Vars"].isna(), RUPTURE].iloc[0].tolist()
-        raise event_error(counts.path, f"lacks the rupture {first[0]}/{first[1]}")
+        raise event_error(f"lacks the rupture {first[0]}/{first[1]}", counts.path)
     p = rows["Rupture_Probability"].to_numpy(float)
     if not ((p >= 0) & (p < 1)).all():
-        raise event_error(table.path, "has rupture probabilities outside 0 to 1")
+        raise event_error("has rupture probabilities outside 0 to 1", table.path)
     rows = rows.assign(annual_rate=-np.log1p(-p) / rows["Num_Rup_Vars"])
     rows[EVENT] = (
         rows[RUPTURE[0]].astype(str)
@@ -149,9 +149,9 @@ def _of_rows(
     if (by_event.nunique() > 1).any() or not (
         np.isfinite(rows["annual_rate"]) & (rows["annual_rate"] >= 0)
     ).all():
-        raise event_error(table.path, "has rates that are negative, or an event of several rates")
+        raise event_error("has rates that are negative, or an event of several rates", table.path)
     if rows.duplicated([EVENT, SITE]).any():
-        raise event_error(table.path, "states an event twice at one site")
+        raise event_error("states an event twice at one site", table.path)
     known = places.frame().drop_duplicates("Site_Name").set_index("Site_Name") if places else pd.DataFrame()
     at = {name: (row["Site_Longitude"], row["Site_Latitude"]) for name, row in known.iterrows()}
     sites = {name: EventSite(name, at.get(name)) for name in dict.fromkeys(rows[SITE])}

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from toppling.models.errors import InputError
+from toppling.models.errors import InputError, refusals
 from toppling.results.hazard.events import EventBranch, EventSite
 from toppling.results.hazard.measures import measure_with_unit
 from toppling.results.hazard.readers.openquake import header_values
@@ -20,6 +20,14 @@ ALIASES = {"eid": EVENT, "sid": SITE, "custom_site_id": SITE, "rlzi": BRANCH, "o
 
 CYBERSHAKE = ("Source_ID", "Rupture_ID", "Rupture_Variation_ID", "Rupture_Probability", "IM_Value", "Units")
 RUPTURE = ["Source_ID", "Rupture_ID"]
+
+
+event_error = refusals(
+    expected="one set of events: OpenQuake's gmf-data with events, ruptures, realizations and sitemesh; "
+    "CyberShake's query of intensity measures; or a table of annual_rate and measures",
+    remedy="give the folder of one calculation, or the file with the motions",
+)
+"""Refuse a set of events."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +56,7 @@ class Table:
         try:
             frame = pd.read_csv(self.path, skiprows=self.skipped, dtype=texts, encoding="utf-8-sig")
         except (ValueError, pd.errors.ParserError) as error:
-            raise event_error(self.path, f"cannot be read ({error})") from error
+            raise event_error(f"cannot be read ({error})", self.path) from error
         return frame.rename(columns=lambda name: ALIASES.get(name.strip(), name.strip()))
 
 
@@ -103,7 +111,7 @@ def only_one(kind: str, tables: list[Table]) -> Table | None:
     found = [table for table in tables if kind_of(table) == kind]
     if len(found) > 1:
         names = ", ".join(table.path.name for table in found)
-        raise event_error(found[0].path.parent, f"holds several tables of {kind}: {names}")
+        raise event_error(f"holds several tables of {kind}: {names}", found[0].path.parent)
     return found[0] if found else None
 
 
@@ -120,7 +128,7 @@ def measure_factors(
                 measure[1] * (ratio if measure[0] not in ("arias_m_s", "cav_m_s") else 1.0),
             )
     if not found:
-        raise event_error(table.path, f"states no measure that is known here: {', '.join(table.header)}")
+        raise event_error(f"states no measure that is known here: {', '.join(table.header)}", table.path)
     return found
 
 
@@ -154,14 +162,3 @@ def _check_values(values: NDArray[np.float64], where: str) -> None:
             what=f"states a motion of {worst:g}", where=where, expected="numbers of 0 and above",
             remedy="remove the row, or correct it",
         )  # fmt: skip
-
-
-def event_error(where: Path, what: str) -> InputError:
-    """Refuse a set of events."""
-    return InputError(
-        what,
-        where=str(where),
-        expected="one set of events: OpenQuake's gmf-data with events, ruptures, realizations and sitemesh; "
-        "CyberShake's query of intensity measures; or a table of annual_rate and measures",
-        remedy="give the folder of one calculation, or the file with the motions",
-    )

@@ -306,6 +306,3 @@ def _suffix_error(path: Path) -> InputError:
         f"the suffix is {path.suffix!r}", where=str(path), expected=".xml (NRML), .csv or .json",
         remedy="rename the file by what it holds",
     )  # fmt: skip
-
-
-# fmt: skip

@@ -242,7 +242,7 @@ def _pcd_points(path: Path) -> int:
         )
         sound = count == int(told["WIDTH"][0]) * int(told["HEIGHT"][0]) and min(sizes, default=0) > 0
     except (KeyError, ValueError, IndexError) as error:
-        raise _damaged(f"its header is not understood ({type(error).__name__}: {error})", path)
+        raise _damaged(f"its header is not understood ({type(error).__name__}: {error})", path) from error
     if not sound or row <= 0 or count < 0:
         raise _damaged("its header contradicts itself: POINTS, WIDTH, HEIGHT, SIZE, COUNT", path)
     if kind == "ascii":

@@ -10,6 +10,7 @@ from blind_rocks import HEIGHTS_M, superellipsoid
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
+from toppling.models.arrays import Array
 from toppling.models.frames import horizontal_unit_vector, plane_normal, rotation_between
 from toppling.models.pedestal import Pedestal
 from toppling.models.scan import virtual
@@ -24,8 +25,6 @@ LEAST_TOPPLING_M_S2 = 0.4
 """A rock that topples under less would hardly stand."""
 SHADOW_PER_HEIGHT = 0.05
 """Height up to which a hidden rim is hidden."""
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

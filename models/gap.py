@@ -20,9 +20,9 @@ from scipy.linalg import block_diag, cho_factor, cho_solve, cholesky
 from scipy.spatial import ConvexHull, QhullError
 from scipy.spatial.distance import cdist
 
+from toppling.models.arrays import Array
 from toppling.models.shares import effective_number
 
-Array = NDArray[np.float64]
 Index = NDArray[np.intp]
 
 JITTER = 1e-6

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, cKDTree
 
+from toppling.models.arrays import Array
 from toppling.models.errors import InputError
 from toppling.models.frames import plane_axes
 from toppling.models.pedestal import Pedestal
@@ -30,8 +31,6 @@ PIECE_SHARE = 0.01
 
 PAIRS_AT_A_TIME = 200_000
 """Pairs of edges that are looked at together: some 50 MB."""
-
-Array = NDArray[np.float64]
 
 
 @lru_cache(maxsize=8)  # rocks and pedestals compare by identity

@@ -13,9 +13,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from toppling.models.arrays import Array
 from toppling.models.errors import InputError
 from toppling.models.frames import plane_axes
 from toppling.models.pedestal import Pedestal
@@ -34,8 +34,6 @@ LEAST_SHARE_THAT_STANDS = 0.005
 """Of the bases tried; below it the rock hardly ever stands."""
 TOLERANCE_SHARE = 0.05
 """What contact points may leave out of a draw, of the noise's standard deviation."""
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -4,10 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-Array = NDArray[np.float64]
+from toppling.models.arrays import Array
 
 
 def jeffreys_mean(count: Any, of: Any) -> Any:

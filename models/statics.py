@@ -26,6 +26,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import ConvexHull, QhullError
 from scipy.spatial.transform import Rotation
 
+from toppling.models.arrays import Array
 from toppling.models.frames import horizontal_unit_vector, plane_axes
 from toppling.models.pedestal import Pedestal
 from toppling.models.relief import contact_feet_m
@@ -46,8 +47,6 @@ EQUILIBRIUM_MARGIN = 1e-9
 _VERTEX_STEP_RAD = 2e-3  # a rock that pivots on one vertex keeps its direction of fall for this long
 _PAST_THE_EDGE = 1e-9  # share by which the acceleration is raised past lift-off, to give the fall a direction
 _ROUNDING = 1e-12  # share by which a moment may miss zero and still hold
-
-Array = NDArray[np.float64]
 
 
 def support_polygon_m(rock: Rock, pedestal: Pedestal) -> Array:

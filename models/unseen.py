@@ -17,10 +17,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.spatial import ConvexHull, QhullError
 from scipy.spatial.transform import Rotation
 
+from toppling.models.arrays import Array
 from toppling.models.digest import BLANK, KEY, read_json, seal
 from toppling.models.documents import shown
 from toppling.models.errors import InputError, refusals
@@ -32,8 +33,6 @@ from toppling.models.rock import Rock
 SCHEMA_VERSION = 1
 DECIMALS = 7
 """Lengths are kept to a tenth of a micrometre, in memory as on disk, so that a scene's id survives the disk."""
-
-Array = NDArray[np.float64]
 
 
 _no_draws = refusals(

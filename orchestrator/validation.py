@@ -16,6 +16,7 @@ from distributed import Client
 from numpy.typing import ArrayLike, NDArray
 
 from toppling.models import digest
+from toppling.models.arrays import Array
 from toppling.models.errors import InputError
 from toppling.models.folder import new_folder
 from toppling.models.motions.ensemble import Ensemble
@@ -47,8 +48,6 @@ STANDING = Standing(attitude_std_deg=3.0, least_toppling_m_s2=0.25)
 """The mesh is upright as the rock stood, by eye; it stood by itself and through the weakest motions: half of .05 g."""
 FIRST_DRAWS = 12
 """Of every test; then as many again, and so on, of those whose share is not known well enough."""
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.stats import binomtest, norm, t
 
+from toppling.models.arrays import Array
 from toppling.models.digest import read_json
 from toppling.models.errors import InputError
 from toppling.results.audit_folder import (
@@ -48,8 +49,6 @@ JOB = [
 
 LEAST_TILT_DEG = 0.1
 """Tilts below count as this one: rocks that are hardly lifted would outweigh those that rock."""
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.stats import norm
 
+from toppling.models.arrays import Array
 from toppling.models.frames import horizontal_unit_vector
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
@@ -23,8 +24,6 @@ from toppling.models.statics import support_polygon_m
 from toppling.results.fits import Fit, fit, softened
 
 log = logging.getLogger(__name__)
-
-Array = NDArray[np.float64]
 
 TIME_STEP_S = 0.005
 SETTLING_S = 10.0

@@ -4,14 +4,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
 
+from toppling.models.arrays import Array
 from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene
 from toppling.models.trajectory import Trajectory
-
-Array = NDArray[np.float64]
 
 STILL_SHARE = 1e-3
 """A rock whose centre of mass moves by less than this share of its height shows nothing yet."""

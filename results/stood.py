@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
+from toppling.models.arrays import Array
 from toppling.models.digest import read_json, write_json
 from toppling.models.documents import read_toml
 from toppling.models.errors import InputError, refusals
@@ -30,8 +30,6 @@ SCHEMA_VERSION = 1
 CONTACT = ["friction_static", "friction_kinetic", "restitution"]
 SAME = 1e-9
 """Share by which weights may differ and still be one."""
-
-Array = NDArray[np.float64]
 Contact = tuple[float, float, float]
 
 

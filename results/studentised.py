@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-Array = NDArray[np.float64]
+from toppling.models.arrays import Array
 
 FARTHEST = 4.0
 """Of a turned sample from the fit, in logarithms of the median and of beta: beyond it standard errors mean nothing."""

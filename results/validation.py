@@ -18,6 +18,7 @@ from sklearn.linear_model import LogisticRegression
 from sklearn.metrics import accuracy_score, brier_score_loss, confusion_matrix, log_loss
 from sklearn.model_selection import LeaveOneGroupOut
 
+from toppling.models.arrays import Array
 from toppling.models.shares import jeffreys_mean
 
 CALLED_FROM = 0.5
@@ -29,8 +30,6 @@ SURE = 1e-3
 ROUNDS = 200
 """In which weights and rates are found together."""
 FIRST_RATES = (0.05, 0.95)
-
-Array = NDArray[np.float64]
 Truths = NDArray[np.bool_]
 
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 from scipy.signal import butter, sosfiltfilt
 
+from toppling.models.arrays import Array
 from toppling.models.errors import InputError
 from toppling.models.motions.motion import Motion
 from toppling.models.motions.processing import resample
@@ -18,8 +18,6 @@ HIGHEST_CORNER = 0.5
 """Of the sampling frequency: the octave below is then still resolved."""
 SAMPLES_A_PERIOD = 4
 """At least, at the highest frequency that is added."""
-
-Array = NDArray[np.float64]
 
 
 def with_motion_above(motion: Motion, corner_hz: float, share: float, random: np.random.Generator) -> Motion:

@@ -20,9 +20,9 @@ from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
 
+from toppling.models.arrays import Array
 from toppling.models.documents import check_size
 from toppling.models.errors import InputError, refusals
 from toppling.models.frames import STANDARD_GRAVITY_M_S2
@@ -45,8 +45,6 @@ _NO_WORKBOOK = (
     OverflowError, RecursionError, ElementTree.ParseError,
 )  # fmt: skip
 """What the libraries raise at one that is damaged, encrypted, packed in another way, or has cells of no text."""
-
-Array = NDArray[np.float64]
 
 
 _no_experiment = refusals(

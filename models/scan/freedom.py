@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from toppling.models.arrays import Array
 from toppling.models.errors import InputError
 from toppling.models.frames import compass_deg
 from toppling.models.scan.close import ClosedRock
@@ -35,8 +36,6 @@ JOINT_BAND, JOINT_SHARE, JOINT_DEG = 0.06, 0.7, 35.0
 JOINT_FROM, JOINT_TO = 0.15, 0.85
 IN_REACH_ABOVE = 0.3
 """Of the rock's height: what rises so far above the interface stops it where it is nearer than the rock is high."""
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

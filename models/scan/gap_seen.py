@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.spatial import ConvexHull, cKDTree
 
+from toppling.models.arrays import Array
 from toppling.models.errors import InputError
 from toppling.models.gap import Relief, Seen
 from toppling.models.scan.base import LEAST_GAP_PER_HEIGHT, Underside
@@ -58,8 +59,6 @@ OUTLINE_STD_PER_HEIGHT = 0.0015
 NOT_UNDER_THE_ROCK = 0.05
 """Share of the height beyond which a place of an inspection, beside the hidden base or off the interface, is none of
 the base."""
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

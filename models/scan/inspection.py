@@ -7,13 +7,11 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from toppling.models.arrays import Array
 from toppling.models.errors import InputError, refusals
 
 TOUCHES, OPEN = ("touch", "contact", "1"), ("daylight", "open", "gap", "0")
-
-Array = NDArray[np.float64]
 
 
 _unusable = refusals(

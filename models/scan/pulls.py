@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from toppling.models.arrays import Array
 from toppling.models.errors import InputError
 
 PULL_STD_SHARE = 0.05
@@ -15,8 +15,6 @@ ERROR_STDS = 2.0
 """Standard deviations beyond which a measured ratio contradicts a base."""
 SPANNED_SHARE = 0.99
 """Of the draws' weight: the others were drawn, but next to none of them would be kept."""
-
-Array = NDArray[np.float64]
 Pulls = Sequence[tuple[float, float]]
 
 

@@ -6,7 +6,6 @@ import dataclasses
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from toppling.models.gap import encloses
 from toppling.models.scan.base import Underside, hidden_base
@@ -27,8 +26,6 @@ from toppling.models.scan.unseen import (
     unseen_base,
 )
 from toppling.models.unseen import UnseenBase
-
-Array = NDArray[np.float64]
 
 
 def base_unseen(

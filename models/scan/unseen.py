@@ -6,9 +6,9 @@ import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, cKDTree
 
+from toppling.models.arrays import Array
 from toppling.models.errors import InputError
 from toppling.models.frames import STANDARD_GRAVITY_M_S2
 from toppling.models.gap import GapDraw, Relief, draw_gaps, encloses, resampled, weights
@@ -54,8 +54,6 @@ them, but for one."""
 FLAT_MARGIN = 0.1
 """Share of the median by which a smooth closing may exceed the interval, but for the least azimuths, where no hint says
 otherwise: on known flat bases, to which it is true, the draws topple too easily by 5 to 12 %."""
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,15 +6,13 @@ from textwrap import wrap
 
 import matplotlib as mpl
 import numpy as np
-from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
+from toppling.models.arrays import Array
 from toppling.results.drawing.mesh import far_to_near, shades, smooth_surface, surfaces_of, view_frame
 from toppling.results.drawing.page import ARROW_COLOUR, ELEVATION_DEG, azimuth_across, shown_times
 from toppling.results.drawing.style import ALARM_COLOUR, ROCK_COLOUR
 from toppling.results.replay import Replay, tilt_deg
-
-Array = NDArray[np.float64]
 
 FRAMES_HZ, MOST_FRAMES = 12.5, 100
 """Frames a second of a moving picture, and how many at most: a longer shake is played faster, and says so."""

@@ -14,8 +14,8 @@ from matplotlib.collections import PolyCollection
 from matplotlib.colors import Colormap, Normalize
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
-from numpy.typing import NDArray
 
+from toppling.models.arrays import Array
 from toppling.results.drawing.roses import by_compass, direction_words
 from toppling.results.drawing.style import COLOURS, FULL_WIDTH_IN, HALF_WIDTH_IN, style
 from toppling.results.fragility import THIN_RECORDS, Axis, Plane
@@ -39,8 +39,6 @@ NO_RECORDS = "no records"
 
 SHARES, DEVIATIONS = Normalize(0, 1), Normalize(-3, 3)
 """Scales of probabilities, and of differences over their standard deviation."""
-
-Array = NDArray[np.float64]
 
 
 def map_figure(

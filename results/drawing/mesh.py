@@ -7,11 +7,10 @@ import trimesh
 from matplotlib.colors import to_rgb
 from numpy.typing import NDArray
 
+from toppling.models.arrays import Array
 from toppling.models.pedestal import Pedestal
 from toppling.models.scene import Scene
 from toppling.results.drawing.style import PEDESTAL_COLOUR, ROCK_COLOUR
-
-Array = NDArray[np.float64]
 
 CREASE_DEG = 35.0
 """Between faces at a larger angle an edge stays sharp: a block looks like one, a boulder is smooth."""

@@ -12,8 +12,8 @@ import numpy as np
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.projections.polar import PolarAxes
-from numpy.typing import NDArray
 
+from toppling.models.arrays import Array
 from toppling.models.folder import new_file
 from toppling.models.scene import Scene
 from toppling.results.drawing.mesh import Surface, smooth_surface
@@ -27,8 +27,6 @@ from toppling.results.drawing.style import (
     svg_text,
 )
 from toppling.results.replay import STILL_SHARE, Replay, tilt_deg
-
-Array = NDArray[np.float64]
 
 PAGE_HZ, PAGE_POSES = 25.0, 1500
 """Poses a second that a page holds, and how many at most."""

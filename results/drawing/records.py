@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.transforms import ScaledTranslation
 from numpy.typing import NDArray
 
+from toppling.models.arrays import Array
 from toppling.models.folder import new_file
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.intensity import SPECTRUM_PERIODS_S
@@ -24,8 +25,6 @@ INSET_IN = 0.04
 
 LEAST_KM = 0.1
 """Shorter distances stand here on the logarithmic axis."""
-
-Array = NDArray[np.float64]
 
 
 def draw_records(ensemble: Ensemble, path: Path) -> None:

@@ -12,8 +12,8 @@ from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.patheffects import Stroke, withStroke
 from matplotlib.projections.polar import PolarAxes
-from numpy.typing import NDArray
 
+from toppling.models.arrays import Array
 from toppling.models.frames import compass_deg
 from toppling.models.scene import Scene
 from toppling.results.drawing.mesh import far_to_near, hidden, shades, surfaces_of, view_frame
@@ -53,8 +53,6 @@ _COMPASS = (
     "NW",
     "NNW",
 )
-
-Array = NDArray[np.float64]
 
 
 def draw_scene(scene: Scene, path: Path, notes: Sequence[str] = ()) -> None:
@@ -281,19 +279,19 @@ def base_interval(scene: Scene) -> tuple[Array, Array, Array, float]:
     return azimuth, low, high, float(found["level"])
 
 
-def polar_reach_m_s2(value: NDArray[np.float64]) -> float:
+def polar_reach_m_s2(value: Array) -> float:
     """Radius of the statics' plot: where a few azimuths need much more than the rest, they leave it."""
     finite = value[np.isfinite(value)]
     return float(min(2.0 * np.median(finite), finite.max()) * 1.05) if len(finite) else 1.0
 
 
-def beyond_frame(value: NDArray[np.float64]) -> list[str]:
+def beyond_frame(value: Array) -> list[str]:
     """Say what the azimuths need whose curve leaves the frame, if there are any."""
     reach = polar_reach_m_s2(value)
     return [f"beyond the frame: more than {reach:.3g} m/s²"] if (value > reach).any() else []
 
 
-def toppling_band(scene: Scene) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+def toppling_band(scene: Scene) -> tuple[Array, Array, Array]:
     """Azimuth of the ground's acceleration (a closed round), what topples (m/s2), and its standard deviation.
 
     The latter comes from the scan's report, which has it every ten degrees; 0 without one.

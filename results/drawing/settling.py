@@ -8,8 +8,8 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.projections.polar import PolarAxes
-from numpy.typing import NDArray
 
+from toppling.models.arrays import Array
 from toppling.models.scene import Scene
 from toppling.models.statics import support_polygon_m
 from toppling.results.drawing.roses import emptiest_deg, mark_winds
@@ -17,8 +17,6 @@ from toppling.results.drawing.style import FULL_WIDTH_IN, style
 
 SCANNED, STANDS = "#0072b2", "#d55e00"
 """Blue and vermilion of Okabe and Ito, which everybody can tell apart."""
-
-Array = NDArray[np.float64]
 Rose = Sequence[tuple[float, float]]
 
 

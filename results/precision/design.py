@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 
+from toppling.models.arrays import Array
 from toppling.results.precision.probit import Answers, Curve, fit_curve
 from toppling.results.precision.target import Estimate, Target, estimate
 
-Array = NDArray[np.float64]
 Numbers = NDArray[np.int64]
 
 FIRST_ROUND = 32

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.special import log_ndtr
 from scipy.stats import t
 
-Array = NDArray[np.float64]
+from toppling.models.arrays import Array
 
 STEPS, SMALL_STEP = 200, 1e-9
 LOG_ROOT_2_PI = 0.5 * math.log(2.0 * math.pi)

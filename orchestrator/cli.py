@@ -88,7 +88,7 @@ def cli() -> None:
     toppling records import records/ --out ensembles/quakes
     toppling run campaign.toml --out runs/first --workers 2
     toppling fragility runs/first
-    """  # noqa: D301  (\b keeps click from rewrapping the example)
+    """
 
 
 def main() -> None:

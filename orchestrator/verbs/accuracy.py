@@ -52,7 +52,7 @@ def accuracy(
 
     \b
     toppling accuracy scenes/rock ensembles/quakes --jobs 200 --out accuracy
-    """  # noqa: D301  (\b keeps click from rewrapping the example)
+    """
     rock, motions = Scene.load(scene), Ensemble.load(ensemble)
     jobs = draw_jobs(motions, count, pga_m_s2)
     compared = settings(explore=explore)

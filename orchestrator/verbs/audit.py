@@ -30,7 +30,7 @@ def audit(run: Path, jobs: int | None, as_json: bool, **where: Any) -> None:
 
     \b
     toppling audit runs/first --jobs 200 --workers 2
-    """  # noqa: D301  (\b keeps click from rewrapping the example)
+    """
     from toppling.models.errors import InputError
     from toppling.models.motions.ensemble import Ensemble
     from toppling.models.scene import Scene

@@ -101,7 +101,7 @@ def check(
     \b
     toppling check scenes/rock simulated.csv --metadata simulated_table.csv
     toppling check scenes/rock ensembles/scenario --friction 0.7 --json
-    """  # noqa: D301  (\b keeps click from rewrapping the example)
+    """
     loaded = Scene.load(scene)
     if friction is not None:
         loaded = loaded.with_friction(friction)

@@ -146,7 +146,7 @@ def constrain(
     toppling constrain runs/first --where "friction_static = 0.8"
     toppling constrain runs/first --age 15000..30000 --hazard mean.csv=0.6 --hazard high.csv=0.4
     toppling constrain runs/first --stood quake_e.AT2 --stood quake_n.AT2 --stood quake_up.AT2
-    """  # noqa: D301
+    """
     if age and len(age) not in (1, len(rocks)):
         msg = f"give one --age, or one per rock: got {len(age)} for {len(rocks)} rocks"
         raise click.UsageError(msg)

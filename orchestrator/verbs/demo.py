@@ -50,7 +50,7 @@ def demo(out: Path, workers: int, seconds: float) -> None:
 
     \b
     toppling demo --out demo
-    """  # noqa: D301  (\b keeps click from rewrapping the example)
+    """
     began = time.monotonic()
     _clear(out)
     make_scene(out)

@@ -130,7 +130,7 @@ def fragility(
     \b
     toppling fragility runs/first --fit
     toppling fragility runs/first --where "pga_azimuth_deg between 292.5 and 337.5" --out figures
-    """  # noqa: D301
+    """
     opened = open_run(run)
     done, jobs = opened.completeness(), opened.frame(where, trusted=trusted)
     if not fit and click.get_current_context().get_parameter_source("samples") != ParameterSource.DEFAULT:

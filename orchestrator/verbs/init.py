@@ -61,7 +61,7 @@ def init(
 
     \b
     toppling init scenes/rock ensembles/quakes --out campaign.toml
-    """  # noqa: D301  (\b keeps click from rewrapping the example)
+    """
     from toppling.models.contact import ContactProperties
     from toppling.models.errors import InputError
     from toppling.models.motions.ensemble import Ensemble

@@ -131,7 +131,7 @@ def magnitudes(
     toppling magnitudes runs/first --vs30 760 --events 1 --events 5
     toppling magnitudes runs/first --vs30 760 --recurrence 3000 --age 15000..30000 --model bssa14=0.5 --model cy14=0.5
     toppling magnitudes runs/first --vs30 760 --faults faults.geojson --site -118.1 34.7 --out magnitudes
-    """  # noqa: D301
+    """
     _check_usage(rock, recurrence, age, faults, site, where)
     names, weights = _weights(models)
     grid_of = [GroundMotionModel(name, measure, vs30, mechanism, dip, depth_top, ratio) for name in names]

@@ -29,7 +29,7 @@ def plan(campaign: Path, table: Path | None, workers: int | None, no_estimate: b
 
     \b
     toppling plan campaign.toml --out jobs.parquet
-    """  # noqa: D301  (\b keeps click from rewrapping the example)
+    """
     from toppling.orchestrator.campaign import Campaign
 
     chosen = Campaign.read(campaign)  # one that is refused is refused before the others are imported

@@ -64,7 +64,7 @@ def pulse(
 
     \b
     toppling pulse scenes/rock --azimuth 135 --out pulse
-    """  # noqa: D301  (\b keeps click from rewrapping the example)
+    """
     loaded = Scene.load(scene)
     if friction is not None:
         loaded = loaded.with_friction(friction)

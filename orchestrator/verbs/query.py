@@ -51,7 +51,7 @@ def query(
     toppling query runs/first "select level_pga_m_s2, avg(toppled::int) p, count(toppled) n
                                from results group by all order by all"
     toppling query runs/first --spread
-    """  # noqa: D301  (\b keeps click from rewrapping the example)
+    """
     if describe:
         table = pa.Table.from_pylist(open_run(runs[0]).describe())
     elif spread:

@@ -72,7 +72,7 @@ def ramp(
 
     \b
     toppling ramp scenes/rock ensembles/waveforms --out ramp
-    """  # noqa: D301  (\b keeps click from rewrapping the example)
+    """
     import math
 
     from rich.console import Console

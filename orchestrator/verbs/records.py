@@ -28,7 +28,7 @@ def records() -> None:
 
     \b
     toppling records import records/ --out ensembles/quakes --metadata records/catalog.csv
-    """  # noqa: D301  (\b keeps click from rewrapping the example)
+    """
 
 
 @records.command("import")
@@ -81,7 +81,7 @@ def import_(
     \b
     toppling records import RSN1158_KOCAELI_DZC*.AT2 --out ensembles/duzce
     toppling records import records/ --out ensembles/quakes --metadata records/catalog.csv
-    """  # noqa: D301  (\b keeps click from rewrapping the example)
+    """
     _refuse_existing(out, replace)
     with bar("records") as advance:
         from toppling.models.motions.ensemble import Ensemble
@@ -178,7 +178,7 @@ def fetch(
     toppling records fetch --service SCEDC --event 38457511 --radius 50 --out ensembles/ridgecrest
     toppling records fetch --service SCEDC --stations CI.CLC,CI.CCC --start 2019-07-06T03:19:23 \\
         --end 2019-07-06T03:25:53 --out ensembles/two
-    """  # noqa: D301  (\b keeps click from rewrapping the example)
+    """
     from toppling.models.motions.ensemble import Ensemble
     from toppling.models.motions.fetch import connect, find_event, utc
     from toppling.models.motions.fetch import fetch as fetched
@@ -241,7 +241,7 @@ def show(ensemble: Path, figure: Path | None, as_json: bool) -> None:
 
     \b
     toppling records show ensembles/quakes --figure quakes.png
-    """  # noqa: D301  (\b keeps click from rewrapping the example)
+    """
     from toppling.models.motions.ensemble import Ensemble
 
     loaded = Ensemble.load(ensemble)
@@ -331,7 +331,7 @@ def select(
     \b
     toppling records select ensembles/quakes --out ensembles/near --distance 0 20 --per-event 3
     toppling records select ensembles/quakes --out ensembles/forty --pgv-pga 0.05 0.5 --count 40
-    """  # noqa: D301  (\b keeps click from rewrapping the example)
+    """
     import dataclasses
 
     from toppling.models.motions.deaggregation import read_deaggregation
@@ -394,7 +394,7 @@ def synthesise(out: Path, count: int, seed: int, pulse_share: float, replace: bo
 
     \b
     toppling records synthesise --count 140 --seed 1 --out ensembles/synthetic
-    """  # noqa: D301  (\b keeps click from rewrapping the example)
+    """
     from toppling.models.motions.ensemble import Ensemble
     from toppling.models.motions.synthetic import against_targets, synthetic_ensemble
 

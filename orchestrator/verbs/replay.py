@@ -46,7 +46,7 @@ def replay(run: Path, job: str, out: Path | None) -> None:
     \b
     toppling query runs/first "select job_id, max_tilt_deg from results where toppled limit 3"
     toppling replay runs/first 3dea16b1
-    """  # noqa: D301  (\b keeps click from rewrapping the example)
+    """
     spec, job_id = _specification(run, job)
     assets = Assets(Scene.load(run / "scene"), Ensemble.load(run / "ensemble"))
     scene, imposed = prepared(spec, assets)

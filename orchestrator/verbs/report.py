@@ -62,7 +62,7 @@ def report(
     \b
     toppling report runs/first --pdf
     toppling report runs/first --age 15000..30000 --hazard mean.csv=0.6 --hazard high.csv=0.4
-    """  # noqa: D301
+    """
     if hazard and not age:
         msg = "a hazard curve needs the rock's --age, to turn rates into probabilities"
         raise click.UsageError(msg)

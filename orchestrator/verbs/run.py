@@ -98,7 +98,7 @@ def run(
 
     The same command resumes an interrupted run: only jobs without a row are done. Exit code 3 means that some jobs,
     of this session or an earlier one, have no answer; --again repeats them once the cause is removed.
-    """  # noqa: D301  (\b keeps click from rewrapping the example)
+    """
     if dry_run:
         from toppling.orchestrator.cluster import job_script
 

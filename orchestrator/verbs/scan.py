@@ -113,7 +113,7 @@ def scan(
     toppling scan cloud.e57 --out scenes/rock --point 331250.1,3777309.2,480.3 \\
         --point 331251.0,3777310.4,480.2 --point 331249.4,3777310.8,480.4
     toppling scan cloud.e57 --out scenes/rock --contact looked.csv --pull 135 0.32
-    """  # noqa: D301  (\b keeps click from rewrapping the example)
+    """
     from toppling.models.intervals import base_sentences
     from toppling.models.scan.inspection import inspection_of
     from toppling.models.scan.measure import invention_warning

@@ -18,7 +18,7 @@ def scene() -> None:
     \b
     toppling scene show scenes/rock
     toppling scene export scenes/rock rock.glb
-    """  # noqa: D301  (\b keeps click from rewrapping the example)
+    """
 
 
 @scene.command()
@@ -34,7 +34,7 @@ def show(folder: Path, out: Path | None) -> None:
 
     \b
     toppling scene show scenes/rock --out pictures
-    """  # noqa: D301  (\b keeps click from rewrapping the example)
+    """
     from toppling.orchestrator.progress import bar
 
     target = out or folder
@@ -70,7 +70,7 @@ def export(folder: Path, file: Path) -> None:
 
     \b
     toppling scene export scenes/rock rock.glb
-    """  # noqa: D301  (\b keeps click from rewrapping the example)
+    """
     from toppling.results.drawing.export import export_scene
 
     export_scene(Scene.load(folder), file)

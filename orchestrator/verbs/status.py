@@ -16,7 +16,7 @@ def status(run: Path, as_json: bool) -> None:
 
     \b
     toppling status runs/first
-    """  # noqa: D301  (\b keeps click from rewrapping the example)
+    """
     from toppling.orchestrator.progress import duration, pace
     from toppling.orchestrator.status import state_of
 

@@ -62,7 +62,7 @@ def study(
     \b
     toppling study study --workers 2
     toppling study study --scan station1.laz --scan station2.laz --records ensembles/quakes
-    """  # noqa: D301  (\b keeps click from rewrapping the example)
+    """
     from toppling.orchestrator import study as stages
     from toppling.orchestrator.interrupt import INTERRUPTED, stop_in_order, told_as_stop
     from toppling.orchestrator.progress import duration, each, watcher

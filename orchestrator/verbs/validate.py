@@ -110,7 +110,7 @@ def validate(
     \b
     toppling validate shaketable --mesh sp1.ply --outcome sp1_overturned
     toppling validate shaketable --mesh sp1.ply --outcome sp1_overturned --learn --json
-    """  # noqa: D301  (\b keeps click from rewrapping the example)
+    """
     console = Console(stderr=True)
     mesh = mesh if mesh.exists() else folder / mesh
     with console.status("reading tests"):

@@ -25,7 +25,7 @@ def watch(run: Path, port: int, opens: bool | None) -> None:
 
     \b
     toppling watch runs/first
-    """  # noqa: D301  (\b keeps click from rewrapping the example)
+    """
     from toppling.orchestrator.interrupt import end_of_stop
     from toppling.orchestrator.watch import new_place, watching
 

@@ -10,17 +10,21 @@ from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
 from toppling.orchestrator.front import CONVERGED, FLOOR, Setting, answers, compare, draw_jobs, settings
 from toppling.orchestrator.progress import bar
+from toppling.orchestrator.verbs.options import (
+    ensemble_argument,
+    folder_out,
+    processes_option,
+    scene_argument,
+)
 from toppling.results.drawing.presets import front_figure
 from toppling.results.drawing.style import save
 from toppling.workers.options import PRESETS
 
 
 @click.command()
-@click.argument("scene", type=click.Path(path_type=Path))
-@click.argument("ensemble", type=click.Path(path_type=Path))
-@click.option(
-    "--out", required=True, type=click.Path(path_type=Path, file_okay=False), help="Folder to write to."
-)
+@scene_argument
+@ensemble_argument
+@folder_out
 @click.option(
     "--jobs", "count", type=click.IntRange(10), default=200, show_default=True, help="Number of jobs."
 )
@@ -29,7 +33,7 @@ from toppling.workers.options import PRESETS
     metavar="LOW HIGH", help="Range from which PGA is drawn, m/s2.",
 )  # fmt: skip
 @click.option("--explore", is_flag=True, help="Also compare settings around and between the presets.")
-@click.option("--workers", type=click.IntRange(1), default=2, show_default=True, help="Processes.")
+@processes_option
 def accuracy(
     scene: Path,
     ensemble: Path,

@@ -7,17 +7,18 @@ from typing import Any
 
 import click
 
+from toppling.orchestrator.verbs.options import json_option, run_argument
 from toppling.orchestrator.verbs.where import cluster_of, cluster_options
 
 
 @click.command()
-@click.argument("run", type=click.Path(path_type=Path))
+@run_argument
 @click.option(
     "--jobs",
     type=click.IntRange(min=1),
     help="Size of the sample; by default as many jobs as cost a tenth of the run.",
 )
-@click.option("--json", "as_json", is_flag=True, help="Print the statement as JSON.")
+@json_option("Print the statement as JSON.")
 @cluster_options
 def audit(run: Path, jobs: int | None, as_json: bool, **where: Any) -> None:
     """Repeat a random sample of RUN's jobs and state how far its answers may be off.

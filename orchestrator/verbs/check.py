@@ -18,6 +18,7 @@ from toppling.models.motions.record import Record
 from toppling.models.scene import Scene
 from toppling.orchestrator.progress import bar
 from toppling.orchestrator.spelling import OneOf
+from toppling.orchestrator.verbs.options import PATH, json_option, scene_argument
 from toppling.orchestrator.verbs.records import show_notes
 from toppling.workers.options import PRESETS
 from toppling.workers.shake import shake
@@ -60,8 +61,8 @@ class Verdict:
 
 
 @click.command()
-@click.argument("scene", type=click.Path(path_type=Path))
-@click.argument("seismograms", nargs=-1, required=True, type=click.Path(path_type=Path))
+@scene_argument
+@click.argument("seismograms", nargs=-1, required=True, type=PATH)
 @click.option("--friction", type=click.FloatRange(0, min_open=True), help="Default: the scene's own.")
 @click.option(
     "--metadata", type=click.Path(path_type=Path, exists=True), help="Table as for 'records import'."
@@ -79,7 +80,7 @@ class Verdict:
     help="Neighbours on each side; 0 for none.",
 )
 @click.option("--preset", type=OneOf(list(PRESETS)), default="standard")
-@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+@json_option()
 def check(
     scene: Path,
     seismograms: tuple[Path, ...],

@@ -23,6 +23,7 @@ from toppling.orchestrator.verbs.by_events import (
 )
 from toppling.orchestrator.verbs.felt import EventStatement, measures_asked
 from toppling.orchestrator.verbs.hazard import HAZARD_HELP, SITE_HELP, Asked, SiteCommand, read_tree, years_of
+from toppling.orchestrator.verbs.options import FOLDER, PATH, json_option, trusted_option
 from toppling.orchestrator.verbs.rocks import names_of, of_bases, read_jobs, refuse_twins, standing_rock
 from toppling.results.constraint import Constraint
 from toppling.results.drawing.constraint_folder import write_constraint
@@ -37,7 +38,7 @@ from toppling.results.hazard.update import Update
 
 
 @click.command(cls=SiteCommand)
-@click.argument("rocks", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="ROCK...")
+@click.argument("rocks", nargs=-1, required=True, type=PATH, metavar="ROCK...")
 @click.option(
     "--hazard",
     multiple=True,
@@ -64,9 +65,9 @@ from toppling.results.hazard.update import Update
     help="Since when each rock has been as fragile as it is: before, it was buried, or its medians a FACTOR higher.",
 )  # fmt: skip
 @click.option("--where", help="Only jobs for which this SQL condition holds, such as those of one friction.")
-@click.option("--trusted", is_flag=True, help="Let --where read your files.")
+@trusted_option
 @click.option(
-    "--stood", multiple=True, type=click.Path(path_type=Path), metavar="FILE",
+    "--stood", multiple=True, type=PATH, metavar="FILE",
     help="Recorded motion that the rock is known to have survived (one --stood per file), or an ensemble's folder; it "
     "weights the draws of the base.",
 )  # fmt: skip
@@ -106,10 +107,10 @@ from toppling.results.hazard.update import Update
 )  # fmt: skip
 @click.option(
     "--out",
-    type=click.Path(path_type=Path, file_okay=False),
+    type=FOLDER,
     help="Folder for page, statement (JSON), tables, figures, and the hazard as OpenQuake's realisations.",
 )
-@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+@json_option()
 def constrain(
     rocks: tuple[Path, ...],
     hazard: tuple[str, ...],

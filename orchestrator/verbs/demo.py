@@ -9,6 +9,8 @@ from pathlib import Path
 
 import click
 
+from toppling.orchestrator.verbs.options import FOLDER
+
 MARK = ".demo"
 RECORDS = 24
 SEED = 1
@@ -37,7 +39,7 @@ from results where level_pga_m_s2::int % 6 = 1 group by all order by all"""
 
 @click.command()
 @click.option(
-    "--out", type=click.Path(file_okay=False, path_type=Path), default=Path("demo"), show_default=True,
+    "--out", type=FOLDER, default=Path("demo"), show_default=True,
     help="Folder; that of an earlier demo is replaced.",
 )  # fmt: skip
 @click.option("--workers", type=click.IntRange(min=1), default=2, show_default=True, help="Local workers.")

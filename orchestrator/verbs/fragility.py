@@ -17,6 +17,7 @@ from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
 from toppling.orchestrator.folder import place_in
 from toppling.orchestrator.progress import bar
+from toppling.orchestrator.verbs.options import FOLDER, run_argument, samples_option, trusted_option
 from toppling.results.audit import audits_of
 from toppling.results.directions import least_sector
 from toppling.results.drawing.atlas import (
@@ -50,14 +51,13 @@ from toppling.workers.seating import settled
 PGV_DURATION = PLANES["pgv_duration"]
 STUDYS = f"Default: the study's {{0.below:g}}, or none if that leaves out more than {100 * FEW_BEYOND:g} % of the jobs."
 WIDTH = click.FloatRange(0, min_open=True)
-FOLDER = click.Path(path_type=Path, file_okay=False)
 
 
 @click.command()
-@click.argument("run", type=click.Path(path_type=Path))
+@run_argument
 @click.option("--out", type=FOLDER, help="Folder; default RUN/fragility.")
 @click.option("--where", help="Only jobs for which this SQL condition holds.")
-@click.option("--trusted", is_flag=True, help="Let --where read your files.")
+@trusted_option
 @click.option("--unweighted", is_flag=True, help="Ignore the weights of records and bases.")
 @click.option("--pga-bin", type=WIDTH, help="m/s2; default one bin per level.")
 @click.option("--pgv-bin", type=WIDTH, default=0.25, show_default=True, help="m/s")
@@ -87,13 +87,7 @@ FOLDER = click.Path(path_type=Path, file_okay=False)
     is_flag=True,
     help="Draw the lines of 1 and 99 % toppling of a plane section rocking on two corners without slip.",
 )
-@click.option(
-    "--samples",
-    type=click.IntRange(1),
-    default=SAMPLES,
-    show_default=True,
-    help="Bootstrap samples of records.",
-)
+@samples_option(SAMPLES)
 def fragility(
     run: Path,
     out: Path | None,

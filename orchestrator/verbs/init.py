@@ -6,17 +6,20 @@ from pathlib import Path
 import click
 
 from toppling.models.folder import new_file, refuse_existing
-from toppling.orchestrator.spelling import OneOf
-from toppling.workers.options import PRESETS
-
-FOLDER = click.Path(path_type=Path)
+from toppling.orchestrator.verbs.options import (
+    FILE,
+    ensemble_argument,
+    preset_option,
+    scene_argument,
+    workers_option,
+)
 
 
 @click.command()
-@click.argument("scene", type=FOLDER)
-@click.argument("ensemble", type=FOLDER)
+@scene_argument
+@ensemble_argument
 @click.option(
-    "--out", type=click.Path(path_type=Path, dir_okay=False), default=Path("campaign.toml"), show_default=True,
+    "--out", type=FILE, default=Path("campaign.toml"), show_default=True,
     help="File to write; must not exist.",
 )  # fmt: skip
 @click.option(
@@ -37,12 +40,8 @@ FOLDER = click.Path(path_type=Path)
     show_default=True,
     help="Number of evenly spaced azimuths.",
 )
-@click.option("--preset", type=OneOf(list(PRESETS)), default="standard", show_default=True)
-@click.option(
-    "--workers",
-    type=click.IntRange(1),
-    help="Local workers assumed for the time estimate. Default: one per core.",
-)
+@preset_option()
+@workers_option("Local workers assumed for the time estimate.")
 def init(
     scene: Path,
     ensemble: Path,

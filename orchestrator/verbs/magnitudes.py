@@ -14,6 +14,7 @@ import pandas as pd
 from toppling.models.errors import InputError
 from toppling.models.motions.deaggregation import read_deaggregation
 from toppling.orchestrator.progress import bar
+from toppling.orchestrator.verbs.options import FILE, FOLDER, PATH, json_option, trusted_option
 from toppling.orchestrator.verbs.rocks import names_of, read_jobs, standing_rock
 from toppling.results.drawing.atlas import save_table
 from toppling.results.drawing.magnitudes import Drawn, faults_figure, magnitudes_figure
@@ -41,7 +42,7 @@ DISTANCES_TOLD_KM = (1, 2, 5, 10, 20, 50, 100)
 
 
 @click.command()
-@click.argument("rock", type=click.Path(path_type=Path), metavar="ROCK")
+@click.argument("rock", type=PATH, metavar="ROCK")
 @click.option(
     "--model", "models", multiple=True, default=("bssa14",), show_default=True, metavar="NAME[=WEIGHT]",
     help=f"Ground-motion model, repeatable with weights that sum to 1: {', '.join(MODELS)}.",
@@ -81,12 +82,10 @@ DISTANCES_TOLD_KM = (1, 2, 5, 10, 20, 50, 100)
 @click.option(
     "--age", help="Years for which the rock has been as fragile as it is, as in 'toppling constrain'."
 )
-@click.option(
-    "--faults", type=click.Path(path_type=Path, dir_okay=False), help="Fault traces (GeoJSON), with --site."
-)
+@click.option("--faults", type=FILE, help="Fault traces (GeoJSON), with --site.")
 @click.option("--site", type=float, nargs=2, metavar="LON LAT", help="Degrees; where the rock stands.")
 @click.option(
-    "--deaggregation", type=click.Path(path_type=Path, dir_okay=False),
+    "--deaggregation", type=FILE,
     help="Of the site's hazard, as 'toppling records select' reads it: says which of its earthquakes are excluded.",
 )  # fmt: skip
 @click.option(
@@ -94,11 +93,9 @@ DISTANCES_TOLD_KM = (1, 2, 5, 10, 20, 50, 100)
     help="Ratio of the peak of the horizontal vector to the models' component (RotD50).",
 )  # fmt: skip
 @click.option("--where", help="Only jobs of the run for which this SQL condition holds.")
-@click.option("--trusted", is_flag=True, help="Let --where read your files.")
-@click.option(
-    "--out", type=click.Path(path_type=Path, file_okay=False), help="Folder for statement, tables, figures."
-)
-@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+@trusted_option
+@click.option("--out", type=FOLDER, help="Folder for statement, tables, figures.")
+@json_option()
 def magnitudes(
     rock: Path,
     models: tuple[str, ...],

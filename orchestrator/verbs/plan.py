@@ -6,20 +6,15 @@ from pathlib import Path
 import click
 
 from toppling.models.folder import new_file
+from toppling.orchestrator.verbs.options import FILE, json_option, workers_option
 
 
 @click.command()
-@click.argument("campaign", type=click.Path(dir_okay=False, path_type=Path))
-@click.option(
-    "--out", "table", type=click.Path(dir_okay=False, path_type=Path), help="Write the job table (Parquet)."
-)
-@click.option(
-    "--workers",
-    type=click.IntRange(min=1),
-    help="Local workers assumed for the time estimate. Default: one per core.",
-)
+@click.argument("campaign", type=FILE)
+@click.option("--out", "table", type=FILE, help="Write the job table (Parquet).")
+@workers_option("Local workers assumed for the time estimate.")
 @click.option("--no-estimate", is_flag=True, help="Do not estimate the time.")
-@click.option("--json", "as_json", is_flag=True, help="Print the counts as JSON.")
+@json_option("Print the counts as JSON.")
 def plan(campaign: Path, table: Path | None, workers: int | None, no_estimate: bool, as_json: bool) -> None:
     """Check CAMPAIGN against its scene and ensemble and count its jobs, without running any.
 

@@ -11,18 +11,16 @@ from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene
 from toppling.orchestrator.progress import bar
 from toppling.orchestrator.spelling import OneOf
+from toppling.orchestrator.verbs.options import folder_out, preset_option, scene_argument
 from toppling.orchestrator.verbs.replay import replay_of, write_out
 from toppling.results.friction import friction_words
-from toppling.workers.options import PRESETS
 
 SHAPES = ("sawtooth", "sine", "cosine", "ricker")
 
 
 @click.command()
-@click.argument("scene", type=click.Path(path_type=Path))
-@click.option(
-    "--out", required=True, type=click.Path(path_type=Path, file_okay=False), help="Folder to write to."
-)
+@scene_argument
+@folder_out
 @click.option(
     "--shape", type=OneOf(list(SHAPES)), default="sawtooth", show_default=True,
     help="Sawtooth of velocity; sine, cosine or Ricker wavelet of acceleration.",
@@ -46,7 +44,7 @@ SHAPES = ("sawtooth", "sine", "cosine", "ricker")
     help="Direction in which the ground moves first (Ricker: accelerates most), degrees counter-clockwise from east.",
 )
 @click.option("--friction", type=click.FloatRange(0, min_open=True), help="Default: the scene's own.")
-@click.option("--preset", type=OneOf(list(PRESETS)), default="standard", show_default=True)
+@preset_option()
 def pulse(
     scene: Path,
     out: Path,

@@ -14,6 +14,7 @@ import pyarrow.parquet as pq
 
 from toppling.models.csv_text import plain_frame
 from toppling.models.folder import new_file
+from toppling.orchestrator.verbs.options import FILE
 from toppling.results.run import ask, open_run
 from toppling.results.spread import CAUSES, spreads, surroundings
 
@@ -24,7 +25,7 @@ SHOWN_ROWS = 60
 @click.argument("runs", nargs=-1, required=True, metavar="RUN... [SQL]")
 @click.option("--csv", "form", flag_value="csv", help="Print CSV.")
 @click.option("--json", "form", flag_value="json", help="Print a JSON array of rows.")
-@click.option("--parquet", type=click.Path(path_type=Path, dir_okay=False), help="Write a Parquet file.")
+@click.option("--parquet", type=FILE, help="Write a Parquet file.")
 @click.option("--trusted", is_flag=True, help="Let the query read and write files, as DuckDB can.")
 @click.option("--describe", is_flag=True, help="Print every column with its unit and meaning.")
 @click.option(

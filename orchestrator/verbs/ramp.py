@@ -5,7 +5,13 @@ from typing import TYPE_CHECKING
 
 import click
 
-from toppling.workers.options import PRESETS
+from toppling.orchestrator.verbs.options import (
+    ensemble_argument,
+    folder_out,
+    preset_option,
+    processes_option,
+    scene_argument,
+)
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -16,11 +22,9 @@ ABOVE_0 = click.FloatRange(0, min_open=True)
 
 
 @click.command()
-@click.argument("scene", type=click.Path(path_type=Path))
-@click.argument("ensemble", type=click.Path(path_type=Path))
-@click.option(
-    "--out", required=True, type=click.Path(path_type=Path, file_okay=False), help="Folder to write to."
-)
+@scene_argument
+@ensemble_argument
+@folder_out
 @click.option(
     "--records",
     help="Ids of the waveforms, separated by commas. Default: ten spread over PGV/PGA, or all if fewer.",
@@ -43,11 +47,11 @@ ABOVE_0 = click.FloatRange(0, min_open=True)
     "--friction", type=click.FloatRange(0), default=2.0, show_default=True, help="Static and kinetic."
 )
 @click.option("--restitution", type=click.FloatRange(0, 1), default=0.0, show_default=True)
-@click.option("--preset", type=click.Choice(list(PRESETS)), default="standard", show_default=True)
+@preset_option()
 @click.option(
     "--three-components", is_flag=True, help="Shake with all components, not only the stronger one."
 )
-@click.option("--workers", type=click.IntRange(1), default=2, show_default=True, help="Processes.")
+@processes_option
 def ramp(
     scene: Path,
     ensemble: Path,

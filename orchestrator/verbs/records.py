@@ -9,6 +9,17 @@ import click
 from toppling.models.errors import InputError
 from toppling.orchestrator.progress import bar
 from toppling.orchestrator.spelling import OneOf, Verbs
+from toppling.orchestrator.verbs.options import (
+    EXISTING_FILE,
+    EXISTING_FOLDER,
+    FILE,
+    FOLDER,
+    PATH,
+    corner_option,
+    ensemble_out,
+    json_option,
+    replace_option,
+)
 
 if TYPE_CHECKING:
     from toppling.models.motions.ensemble import Ensemble
@@ -32,15 +43,11 @@ def records() -> None:
 
 
 @records.command("import")
-@click.argument(
-    "paths", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="FILES-OR-FOLDERS..."
-)
-@click.option(
-    "--out", required=True, type=click.Path(path_type=Path, file_okay=False), help="Folder of the ensemble."
-)
+@click.argument("paths", nargs=-1, required=True, type=PATH, metavar="FILES-OR-FOLDERS...")
+@ensemble_out
 @click.option(
     "--metadata",
-    type=click.Path(path_type=Path, dir_okay=False, exists=True),
+    type=EXISTING_FILE,
     help="CSV table, one row per record: h1, h2, v (paths relative to it), unit, event, mag, dist_km, station;"
     " processing (corrected or uncorrected) if the file does not state it; pga_h1, pga_h2, pga_v (m/s2) scale"
     " counts of unknown unit.",
@@ -53,15 +60,13 @@ def records() -> None:
     help="Process every record or none. The default is to process records that their agency has not corrected and,"
     " if that is not stated, those whose displacement drifts.",
 )
-@click.option(
-    "--corner", "corner_hz", type=click.FloatRange(min=0, min_open=True), help="High-pass corner in Hz."
-)
+@corner_option
 @click.option(
     "--time-step", "time_step_s", type=click.FloatRange(0, 0.1, min_open=True), metavar="S",
     help="Resample every record to this step with an anti-alias filter.",
 )  # fmt: skip
-@click.option("--replace", is_flag=True, help="Replace an existing ensemble.")
-@click.option("--json", "as_json", is_flag=True, help="Print what was read and left out as JSON.")
+@replace_option
+@json_option("Print what was read and left out as JSON.")
 def import_(
     paths: tuple[Path, ...],
     out: Path,
@@ -149,13 +154,9 @@ def _print_json(ensemble: "Ensemble", outcome: "Import") -> None:
 @click.option("--stations", help="NET.STA, separated by commas, instead of a radius.")
 @click.option("--start", help="Start of the window (UTC) if no event is given.")
 @click.option("--end", help="End of the window (UTC) if no event is given.")
-@click.option(
-    "--out", required=True, type=click.Path(path_type=Path, file_okay=False), help="Folder of the ensemble."
-)
-@click.option(
-    "--corner", "corner_hz", type=click.FloatRange(min=0, min_open=True), help="High-pass corner in Hz."
-)
-@click.option("--replace", is_flag=True, help="Replace an existing ensemble.")
+@ensemble_out
+@corner_option
+@replace_option
 def fetch(
     service: str,
     event_service: str | None,
@@ -229,13 +230,13 @@ def _refuse_unclear_request(
 
 
 @records.command()
-@click.argument("ensemble", type=click.Path(path_type=Path, file_okay=False, exists=True))
+@click.argument("ensemble", type=EXISTING_FOLDER)
 @click.option(
     "--figure",
-    type=click.Path(path_type=Path, dir_okay=False),
+    type=FILE,
     help="Draw spectra and scatter plots into this file.",
 )
-@click.option("--json", "as_json", is_flag=True, help="Print the catalogue as JSON lines.")
+@json_option("Print the catalogue as JSON lines.")
 def show(ensemble: Path, figure: Path | None, as_json: bool) -> None:
     """Show an ensemble as a table, and draw it.
 
@@ -259,11 +260,11 @@ def show(ensemble: Path, figure: Path | None, as_json: bool) -> None:
 
 
 @records.command()
-@click.argument("ensemble", type=click.Path(path_type=Path, file_okay=False, exists=True))
+@click.argument("ensemble", type=EXISTING_FOLDER)
 @click.option(
     "--out",
     required=True,
-    type=click.Path(path_type=Path, file_okay=False),
+    type=FOLDER,
     help="Folder of the new ensemble.",
 )
 @click.option("--magnitude", type=float, nargs=2, metavar="LOW HIGH", help="Least and largest.")
@@ -296,7 +297,7 @@ def show(ensemble: Path, figure: Path | None, as_json: bool) -> None:
 )
 @click.option(
     "--deaggregation",
-    type=click.Path(path_type=Path, dir_okay=False, exists=True),
+    type=EXISTING_FILE,
     help="Table that weights the records: CSV with magnitude_low, magnitude_high, distance_low_km, distance_high_km,"
     " contribution; nshmp-haz's data.csv; or OpenQuake's Mag_Dist.",
 )
@@ -306,7 +307,7 @@ def show(ensemble: Path, figure: Path | None, as_json: bool) -> None:
     type=float,
     help="Its probability, where it has several; default the least, of the strongest motion.",
 )
-@click.option("--replace", is_flag=True, help="Replace an existing ensemble.")
+@replace_option
 def select(
     ensemble: Path,
     out: Path,
@@ -372,9 +373,7 @@ def select(
 
 
 @records.command()
-@click.option(
-    "--out", required=True, type=click.Path(path_type=Path, file_okay=False), help="Folder of the ensemble."
-)
+@ensemble_out
 @click.option("--count", type=click.IntRange(min=1), default=140, show_default=True)
 @click.option("--seed", type=int, default=1, show_default=True)
 @click.option(
@@ -384,7 +383,7 @@ def select(
     show_default=True,
     help="Share of records with near-fault pulses.",
 )
-@click.option("--replace", is_flag=True, help="Replace an existing ensemble.")
+@replace_option
 def synthesise(out: Path, count: int, seed: int, pulse_share: float, replace: bool) -> None:
     """Make an ensemble of synthetic records.
 

@@ -16,6 +16,7 @@ from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.folder import place_in
 from toppling.orchestrator.processor import processor
 from toppling.orchestrator.progress import bar, each
+from toppling.orchestrator.verbs.options import FOLDER, run_argument
 from toppling.results.drawing.replay import write_replay
 from toppling.results.friction import friction_words
 from toppling.results.replay import Replay
@@ -33,9 +34,9 @@ SAME = 1e-9
 
 
 @click.command()
-@click.argument("run", type=click.Path(path_type=Path))
+@run_argument
 @click.argument("job")
-@click.option("--out", type=click.Path(path_type=Path, file_okay=False), help="Default: RUN/replay/JOB.")
+@click.option("--out", type=FOLDER, help="Default: RUN/replay/JOB.")
 def replay(run: Path, job: str, out: Path | None) -> None:
     """Repeat one JOB of RUN and show how the rock moves.
 

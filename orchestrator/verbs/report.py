@@ -7,6 +7,7 @@ import click
 from toppling.orchestrator.folder import place_in
 from toppling.orchestrator.progress import bar
 from toppling.orchestrator.verbs.hazard import HAZARD_HELP, SITE_HELP, Asked, SiteCommand, read_tree
+from toppling.orchestrator.verbs.options import FILE, run_argument, samples_option
 from toppling.results.drawing.report.content import Content
 from toppling.results.drawing.report.sections import SECTIONS
 from toppling.results.drawing.report.write import report_page, write_page, write_pdf
@@ -16,8 +17,8 @@ from toppling.results.run import open_run
 
 
 @click.command(cls=SiteCommand)
-@click.argument("run", type=click.Path(path_type=Path))
-@click.option("--out", type=click.Path(path_type=Path, dir_okay=False), help="Default: RUN/report.html.")
+@run_argument
+@click.option("--out", type=FILE, help="Default: RUN/report.html.")
 @click.option(
     "--pdf",
     is_flag=True,
@@ -37,13 +38,7 @@ from toppling.results.run import open_run
     "--site", type=float, nargs=2, metavar="LON LAT", help=SITE_HELP,
 )  # fmt: skip
 @click.option("--site-name", hidden=True)
-@click.option(
-    "--samples",
-    type=click.IntRange(1),
-    default=SAMPLES,
-    show_default=True,
-    help="Bootstrap samples of records.",
-)
+@samples_option(SAMPLES)
 def report(
     run: Path,
     out: Path | None,

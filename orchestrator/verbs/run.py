@@ -12,6 +12,7 @@ from click.core import ParameterSource
 
 from toppling.orchestrator.dispatch import Limits
 from toppling.orchestrator.interrupt import INTERRUPTED, stop_in_order, told_as_stop
+from toppling.orchestrator.verbs.options import FOLDER, json_option
 from toppling.orchestrator.verbs.where import FILE, cluster_of, cluster_options
 
 if TYPE_CHECKING:
@@ -23,8 +24,6 @@ AGAIN = ("crashed", "timeout", "failed")
 
 OF_ONE_CALL = ("again", "report", "as_json", "dry_run")
 """Options that a resuming call does not repeat."""
-
-FOLDER = click.Path(file_okay=False, path_type=Path)
 
 
 def _statuses(context: click.Context, parameter: click.Parameter, value: str | None) -> list[str]:  # noqa: ARG001
@@ -73,7 +72,7 @@ def _precision(context: click.Context, parameter: click.Parameter, value: str | 
 )  # fmt: skip
 @click.option("--performance-report", "report", type=FILE, help="Write Dask's performance report (HTML).")
 @click.option("--no-estimate", is_flag=True, help="Do not estimate the time beforehand.")
-@click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
+@json_option("Print the summary as JSON.")
 def run(
     campaign: Path,
     folder: Path | None,

@@ -10,6 +10,7 @@ from toppling.models.folder import refuse_existing
 from toppling.models.lengths import METRES
 from toppling.models.scene import Scene
 from toppling.orchestrator.progress import bar
+from toppling.orchestrator.verbs.options import PATH, json_option
 
 REALISATIONS = 8
 LEAST_REALISATIONS = 3
@@ -25,10 +26,8 @@ def _enough(_: click.Context, __: click.Parameter, realisations: int) -> int:
 
 
 @click.command()
-@click.argument("files", nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option(
-    "--out", required=True, type=click.Path(path_type=Path), help="Folder of the scene; must not exist."
-)
+@click.argument("files", nargs=-1, required=True, type=PATH)
+@click.option("--out", required=True, type=PATH, help="Folder of the scene; must not exist.")
 @click.option(
     "--units",
     type=click.Choice(list(METRES)),
@@ -57,13 +56,13 @@ def _enough(_: click.Context, __: click.Parameter, realisations: int) -> int:
 )
 @click.option(
     "--outline",
-    type=click.Path(path_type=Path),
+    type=PATH,
     metavar="FILE",
     help="CSV of the contact's outline: x,y,z of one vertex per line, in order, in survey coordinates.",
 )
 @click.option(
     "--contact",
-    type=click.Path(path_type=Path),
+    type=PATH,
     metavar="FILE",
     help="CSV of places at the base: x,y,z,touch where rock and pedestal touch, x,y,z,daylight where light passes.",
 )
@@ -85,7 +84,7 @@ def _enough(_: click.Context, __: click.Parameter, realisations: int) -> int:
     callback=_enough,
     help=f"Half samples for the uncertainty, at least {LEAST_REALISATIONS}; 0 for none.",
 )
-@click.option("--json", "as_json", is_flag=True, help="Print the content of scene.json.")
+@json_option("Print the content of scene.json.")
 def scan(
     files: tuple[Path, ...],
     out: Path,

@@ -6,6 +6,7 @@ import click
 
 from toppling.models.scene import Scene
 from toppling.orchestrator.spelling import Verbs
+from toppling.orchestrator.verbs.options import PATH
 
 SHOW_PARTS = 10
 """Parts of work of 'scene show', about a second each."""
@@ -22,10 +23,8 @@ def scene() -> None:
 
 
 @scene.command()
-@click.argument("folder", type=click.Path(path_type=Path))
-@click.option(
-    "--out", type=click.Path(path_type=Path), help="Folder to write to. Default: the scene's folder."
-)
+@click.argument("folder", type=PATH)
+@click.option("--out", type=PATH, help="Folder to write to. Default: the scene's folder.")
 def show(folder: Path, out: Path | None) -> None:
     """Write scene.png, a picture, and scene.html, an interactive page.
 
@@ -61,8 +60,8 @@ def show(folder: Path, out: Path | None) -> None:
 
 
 @scene.command()
-@click.argument("folder", type=click.Path(path_type=Path))
-@click.argument("file", type=click.Path(path_type=Path))
+@click.argument("folder", type=PATH)
+@click.argument("file", type=PATH)
 def export(folder: Path, file: Path) -> None:
     """Export rock and pedestal as one file.
 

@@ -5,10 +5,12 @@ from pathlib import Path
 
 import click
 
+from toppling.orchestrator.verbs.options import json_option, run_argument
+
 
 @click.command()
-@click.argument("run", type=click.Path(path_type=Path))
-@click.option("--json", "as_json", is_flag=True, help="Print the state as JSON.")
+@run_argument
+@json_option("Print the state as JSON.")
 def status(run: Path, as_json: bool) -> None:
     """Show the progress of RUN, during the run and after it.
 

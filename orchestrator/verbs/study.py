@@ -9,23 +9,20 @@ from typing import Any
 
 import click
 
+from toppling.orchestrator.verbs.options import FILE, FOLDER, PATH, json_option, preset_option
 from toppling.orchestrator.verbs.where import cluster_of, cluster_options
-from toppling.workers.options import PRESETS
 
 SEED = 1
-PATH = click.Path(path_type=Path)
 
 
 @click.command()
-@click.argument("out", type=click.Path(path_type=Path, file_okay=False))
+@click.argument("out", type=FOLDER)
 @click.option(
     "--scan", multiple=True, type=PATH, help="Laser scans of the rock. Default: the demo's virtual rock."
 )
 @click.option("--scene", type=PATH, help="Folder of a scene, instead of scans.")
 @click.option("--records", type=PATH, help="Ensemble, or folder of record files. Default: synthetic records.")
-@click.option(
-    "--metadata", type=click.Path(path_type=Path, dir_okay=False), help="Metadata table of the record files."
-)
+@click.option("--metadata", type=FILE, help="Metadata table of the record files.")
 @click.option("--count", type=click.IntRange(5), default=140, show_default=True, help="Synthetic records.")
 @click.option(
     "--pga-step",
@@ -35,9 +32,9 @@ PATH = click.Path(path_type=Path)
     help="Step of the levels from 1 to 19 m/s2.",
 )
 @click.option("--directions", type=click.Choice(["2", "4", "8", "16"]), default="8", show_default=True)
-@click.option("--preset", type=click.Choice(list(PRESETS)), default="standard", show_default=True)
+@preset_option()
 @click.option("--audit", type=click.IntRange(0), help="Jobs of each run that are repeated with 'reference'.")
-@click.option("--json", "as_json", is_flag=True, help="Print findings and counts as JSON.")
+@json_option("Print findings and counts as JSON.")
 @cluster_options
 def study(
     out: Path,

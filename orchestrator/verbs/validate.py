@@ -31,6 +31,7 @@ from toppling.orchestrator.validation import (
     shake_tests,
     unmeasured,
 )
+from toppling.orchestrator.verbs.options import EXISTING_FOLDER, FILE, FOLDER, json_option, workers_option
 from toppling.results.drawing.style import save
 from toppling.results.drawing.validation import calibration_figure
 from toppling.results.validation import (
@@ -47,13 +48,12 @@ from toppling.workers.engines import DEFAULT, ENGINES
 from toppling.workers.options import PRESETS
 
 MEASURES = ("pga_m_s2", "pgv_m_s", "pgv_pga_s")
-FOLDER = click.Path(file_okay=False, path_type=Path)
 
 
 @click.command()
-@click.argument("folder", type=click.Path(path_type=Path, exists=True, file_okay=False))
+@click.argument("folder", type=EXISTING_FOLDER)
 @click.option(
-    "--mesh", required=True, type=click.Path(path_type=Path, dir_okay=False),
+    "--mesh", required=True, type=FILE,
     help="Closed mesh of the specimen, metres, z up, x along the table; a bare name is also looked up in FOLDER.",
 )  # fmt: skip
 @click.option(
@@ -83,8 +83,8 @@ FOLDER = click.Path(file_okay=False, path_type=Path)
     help="Numerical settings.",
 )
 @click.option("--seed", type=int, default=0, show_default=True, help="Random seed of the bases.")
-@click.option("--workers", type=click.IntRange(min=1), help="Local workers. Default: one per core.")
-@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+@workers_option()
+@json_option()
 def validate(
     folder: Path,
     mesh: Path,

@@ -7,9 +7,11 @@ from pathlib import Path
 
 import click
 
+from toppling.orchestrator.verbs.options import run_argument
+
 
 @click.command()
-@click.argument("run", type=click.Path(path_type=Path))
+@run_argument
 @click.option(
     "--port", type=click.IntRange(0, 65535), default=0, show_default=True, help="0 for any free port."
 )

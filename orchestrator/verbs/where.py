@@ -11,11 +11,10 @@ import click
 
 from toppling.orchestrator.cluster import QUEUES
 from toppling.orchestrator.spelling import OneOf
-
-FILE = click.Path(dir_okay=False, path_type=Path)
+from toppling.orchestrator.verbs.options import FILE, workers_option
 
 _OPTIONS = (
-    click.option("--workers", type=click.IntRange(min=1), help="Local workers. Default: one per core."),
+    workers_option(),
     click.option(
         "--scheduler", help="Address of an existing scheduler. Default: DASK_SCHEDULER_ADDRESS, if set."
     ),

@@ -1,0 +1,59 @@
+"""Arguments and options that several verbs share."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import click
+
+from toppling.orchestrator.spelling import OneOf
+from toppling.workers.options import PRESETS
+
+PATH = click.Path(path_type=Path)
+FILE = click.Path(path_type=Path, dir_okay=False)
+FOLDER = click.Path(path_type=Path, file_okay=False)
+EXISTING_FILE = click.Path(path_type=Path, dir_okay=False, exists=True)
+EXISTING_FOLDER = click.Path(path_type=Path, file_okay=False, exists=True)
+
+_Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
+
+run_argument = click.argument("run", type=PATH)
+scene_argument = click.argument("scene", type=PATH)
+ensemble_argument = click.argument("ensemble", type=PATH)
+
+folder_out = click.option("--out", required=True, type=FOLDER, help="Folder to write to.")
+ensemble_out = click.option("--out", required=True, type=FOLDER, help="Folder of the ensemble.")
+replace_option = click.option("--replace", is_flag=True, help="Replace an existing ensemble.")
+trusted_option = click.option("--trusted", is_flag=True, help="Let --where read your files.")
+corner_option = click.option(
+    "--corner", "corner_hz", type=click.FloatRange(min=0, min_open=True), help="High-pass corner in Hz."
+)
+processes_option = click.option(
+    "--workers", type=click.IntRange(1), default=2, show_default=True, help="Processes."
+)
+
+
+def json_option(text: str = "Print JSON.") -> _Decorator:
+    """Option `--json`; its help says what is printed."""
+    return click.option("--json", "as_json", is_flag=True, help=text)
+
+
+def preset_option(default: str = "standard", text: str | None = None) -> _Decorator:
+    """Option `--preset`."""
+    return click.option("--preset", type=OneOf(list(PRESETS)), default=default, show_default=True, help=text)
+
+
+def workers_option(text: str = "Local workers.") -> _Decorator:
+    """Option `--workers`; its help says what they are for."""
+    return click.option("--workers", type=click.IntRange(min=1), help=f"{text} Default: one per core.")
+
+
+def samples_option(default: int) -> _Decorator:
+    """Option `--samples`; its default lies in a room that not every verb needs."""
+    return click.option(
+        "--samples",
+        type=click.IntRange(1),
+        default=default,
+        show_default=True,
+        help="Bootstrap samples of records.",
+    )

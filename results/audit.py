@@ -29,8 +29,9 @@ from toppling.results.audit_folder import (
     REFERENCE,
     check_place,
 )
-from toppling.results.fits import answered, fit
+from toppling.results.fits import answered
 from toppling.results.fragility import by_contact, wilson
+from toppling.results.regression import fit
 from toppling.results.run import Run, as_frame
 from toppling.results.store import newest_rows, read_steady, result_files
 

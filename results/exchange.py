@@ -25,7 +25,7 @@ from toppling.models.csv_text import plain
 from toppling.models.documents import check_size
 from toppling.models.errors import InputError, refusals
 from toppling.models.folder import new_file
-from toppling.results.fits import Basis, Lognormal, Resampled
+from toppling.results.lognormal import Basis, Lognormal, Resampled
 
 OPENQUAKE_G_M_S2 = 9.80665
 OPENQUAKE = {

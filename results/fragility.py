@@ -9,7 +9,7 @@ Where the frame has a column `record_weight` (`Run.weighted`), jobs count by it,
 an interval is Kish's effective one, (sum of weights)^2 / sum of squared weights, of each record's mean weight.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -230,11 +230,36 @@ def records_on(frame: pd.DataFrame, plane: Plane) -> int:
     return int(frame.loc[known & _below(frame, plane.x) & _below(frame, plane.y), "record_id"].nunique())
 
 
-def records_by_direction(frame: pd.DataFrame, plane: Plane, *, bins: int = 8) -> dict[float, int]:
-    """`records_on` of each direction bin of the vector PGA that holds a job."""
-    known = frame[frame["pga_azimuth_deg"].notna()]
-    directions = direction_bin_deg(known["pga_azimuth_deg"], bins)
-    return {float(centre): records_on(jobs, plane) for centre, jobs in known.groupby(directions)}
+@dataclass(frozen=True, eq=False)
+class DirectionCells:
+    """Cells of a plane in each direction bin of the vector PGA, and what they were counted from.
+
+    Parameters
+    ----------
+    table : DataFrame
+        From `cells_by_direction`.
+    plane : Plane
+    bins : int
+        Direction bins around the circle.
+    records : mapping of float to int
+        Distinct records (`records_on`) of each bin that holds a job.
+    unplaced : int
+    """
+
+    table: pd.DataFrame
+    plane: Plane
+    bins: int
+    records: Mapping[float, int]
+    unplaced: int
+
+    @classmethod
+    def of(cls, frame: pd.DataFrame, plane: Plane, bins: int = 8) -> "DirectionCells":
+        """Count the jobs of a run."""
+        known = frame[frame["pga_azimuth_deg"].notna()]
+        by_bin = known.groupby(direction_bin_deg(known["pga_azimuth_deg"], bins))
+        records = {float(centre): records_on(jobs, plane) for centre, jobs in by_bin}
+        missing = unplaced(frame, plane, by_direction=True)
+        return cls(cells_by_direction(frame, plane, bins=bins), plane, bins, records, missing)
 
 
 def by_contact(frame: pd.DataFrame, columns: Sequence[str] = CONTACT_COLUMNS) -> dict[str, pd.DataFrame]:

@@ -11,7 +11,7 @@ import pandas as pd
 
 from toppling.models.documents import listed
 from toppling.models.motions.plausible import LIMITS_WORDS, is_beyond, words
-from toppling.results import fits
+from toppling.results import fits, regression
 from toppling.results.fragility import FRICTION, by_contact
 from toppling.results.run import Run
 
@@ -148,5 +148,5 @@ def _median(known: pd.DataFrame) -> float | None:
     if known.empty:
         return None
     chief = max(by_contact(known).values(), key=lambda jobs: tuple(jobs[FRICTION].iloc[0]))
-    curve = fits.fit(chief.reset_index(drop=True), ["pga_m_s2"]).lognormal
+    curve = regression.fit(chief.reset_index(drop=True), ["pga_m_s2"]).lognormal
     return None if curve is None else curve.median

@@ -30,11 +30,12 @@ from toppling.results.drawing.constraint_folder import write_constraint
 from toppling.results.drawing.constraint_words import all_words
 from toppling.results.drawing.event_words import event_words
 from toppling.results.exchange import read_curves
-from toppling.results.fits import MEASURES, SAMPLES
+from toppling.results.fits import MEASURES
 from toppling.results.hazard.ages import Since, fragile_years, joint_ages, parse_age, parse_since
 from toppling.results.hazard.standing import Standing
 from toppling.results.hazard.tree import HazardTree, sources
 from toppling.results.hazard.update import Update
+from toppling.results.resampling import SAMPLES
 
 
 @click.command(cls=SiteCommand)

@@ -15,7 +15,7 @@ from toppling.results.constraint import plain
 from toppling.results.drawing.atlas import save_table
 from toppling.results.drawing.events import events_figure
 from toppling.results.drawing.style import printed_unit, save, short_name
-from toppling.results.fits import MEASURES, SURFACES, answered, bootstrap, fit
+from toppling.results.fits import MEASURES, SURFACES, answered
 from toppling.results.hazard.ages import Since, exposure
 from toppling.results.hazard.curves import events_by_intensity
 from toppling.results.hazard.event_update import EventUpdate
@@ -25,6 +25,8 @@ from toppling.results.hazard.standing import Standing
 from toppling.results.hazard.surfaces import drawn_surfaces, measures_of, surface_of
 from toppling.results.hazard.tree import HazardTree
 from toppling.results.hazard.vector import SIGMA, correlation_of, joint_rate
+from toppling.results.regression import fit
+from toppling.results.resampling import bootstrap
 
 
 def measures_asked(text: str | None) -> tuple[str, ...]:

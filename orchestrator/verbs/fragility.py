@@ -29,7 +29,7 @@ from toppling.results.drawing.atlas import (
     write_maps,
 )
 from toppling.results.drawing.fit_table import fit_words
-from toppling.results.fits import SAMPLES, answered
+from toppling.results.fits import answered
 from toppling.results.fragility import (
     DURATION,
     FEW_BEYOND,
@@ -44,6 +44,7 @@ from toppling.results.fragility import (
 )
 from toppling.results.friction import by_surroundings, frictions
 from toppling.results.plane_reference import reference_lines, simulate
+from toppling.results.resampling import SAMPLES
 from toppling.results.run import Run, open_run
 from toppling.results.stood import records_weight, sentences, told_of
 from toppling.workers.seating import settled

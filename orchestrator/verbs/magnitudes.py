@@ -19,7 +19,6 @@ from toppling.orchestrator.verbs.rocks import names_of, read_jobs, standing_rock
 from toppling.results.drawing.atlas import save_table
 from toppling.results.drawing.magnitudes import Drawn, faults_figure, magnitudes_figure
 from toppling.results.drawing.style import printed_unit, save, short_name
-from toppling.results.fits import SAMPLES, Lognormal
 from toppling.results.hazard.ages import parse_age
 from toppling.results.hazard.excluded_bins import bins_words, excluded_bins
 from toppling.results.hazard.faults import FaultTrace, read_faults
@@ -37,6 +36,8 @@ from toppling.results.hazard.magnitudes import (
     toppling_probability,
 )
 from toppling.results.hazard.standing import Standing
+from toppling.results.lognormal import Lognormal
+from toppling.results.resampling import SAMPLES
 
 DISTANCES_TOLD_KM = (1, 2, 5, 10, 20, 50, 100)
 

@@ -11,8 +11,8 @@ from toppling.orchestrator.verbs.options import FILE, run_argument, samples_opti
 from toppling.results.drawing.report.content import Content
 from toppling.results.drawing.report.sections import SECTIONS
 from toppling.results.drawing.report.write import report_page, write_page, write_pdf
-from toppling.results.fits import SAMPLES
 from toppling.results.hazard.ages import parse_age
+from toppling.results.resampling import SAMPLES
 from toppling.results.run import open_run
 
 

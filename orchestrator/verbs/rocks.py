@@ -16,9 +16,12 @@ from toppling.models.scene import Scene
 from toppling.orchestrator.stood import Recorded, check_weighable
 from toppling.results.completeness import Completeness
 from toppling.results.exchange import read_curves
-from toppling.results.fits import Lognormal, Resampled, answered, basis_of, bootstrap, fit
+from toppling.results.fits import answered, basis_of
 from toppling.results.fragility import by_contact
 from toppling.results.hazard.standing import Standing
+from toppling.results.lognormal import Lognormal, Resampled
+from toppling.results.regression import fit
+from toppling.results.resampling import bootstrap
 from toppling.results.run import open_run
 from toppling.results.stood import CONTACT, Stood, told_of, unweighed
 

@@ -1,7 +1,7 @@
 """The atlas of a run: every figure with the table behind it, in one folder."""
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,7 +9,7 @@ import pandas as pd
 
 from toppling.models.csv_text import plain_frame
 from toppling.models.folder import new_file
-from toppling.results import fits
+from toppling.results import fits, ranking, regression, resampling
 from toppling.results.audit import Audit, audit_table
 from toppling.results.completeness import Completeness
 from toppling.results.directions import sector_share, topple_rose
@@ -20,17 +20,17 @@ from toppling.results.drawing.roses import rose_figure
 from toppling.results.drawing.style import save, short_name
 from toppling.results.exchange import OPENQUAKE, write_curves
 from toppling.results.fragility import (
+    DirectionCells,
     Plane,
     beyond,
     by_contact,
     cells,
-    cells_by_direction,
     contact_words,
-    records_by_direction,
     records_on,
     unplaced,
 )
 from toppling.results.friction import compare_frictions
+from toppling.results.lognormal import Resampled
 
 FIT_PARTS = 20
 """Parts of work that the fits of a contact count as: they take longer than a figure."""
@@ -79,17 +79,14 @@ def write_maps(
             yield from save(drawn, place / plane.name, _remark(run))
             if not plane.by_direction:
                 continue
-            split = cells_by_direction(jobs, plane, bins=directions)
+            split = DirectionCells.of(jobs, plane, directions)
             stem = place / f"{plane.name}_by_direction"
-            missing = unplaced(jobs, plane, by_direction=True)
-            told.append((stem.name, len(jobs), missing, outside))
-            yield save_table(split, stem.with_name(f"{stem.name}.csv"))
+            told.append((stem.name, len(jobs), split.unplaced, outside))
+            yield save_table(split.table, stem.with_name(f"{stem.name}.csv"))
             lines = reference if plane.name == "pga_pgv_pga" else None
             if lines is not None:
                 yield save_table(lines, stem.with_name(f"{stem.name}_reference.csv"))
-            records = records_by_direction(jobs, plane, bins=directions)
-            drawn = direction_figure(split, plane, directions, title, lines, missing, records)
-            yield from save(drawn, stem, _remark(run))
+            yield from save(direction_figure(split, title, lines), stem, _remark(run))
         counts = pd.DataFrame(told, columns=["map", "jobs", "unplaced", "beyond"])
         yield save_table(counts, place / "unplaced.csv")
 
@@ -158,7 +155,7 @@ def write_fits(
     frame: pd.DataFrame,
     folder: Path,
     name: str,
-    samples: int = fits.SAMPLES,
+    samples: int = resampling.SAMPLES,
     audit_over: Callable[[str], Mapping[str, Audit]] = lambda _: {},
     advance: Callable[[float, str], object] = lambda _, __: None,
     run: Completeness | None = None,
@@ -191,49 +188,63 @@ def write_fits(
         place.mkdir(parents=True, exist_ok=True)
         for former in (*place.glob("curves.*"), *place.glob("fits.*"), place / "calibration.csv"):
             former.unlink(missing_ok=True)  # not all are written again where no measure has a fit now
-        known = fits.answered(jobs)
-        advance(0, "ranking of the measures")
-        ranking = fits.compare_measures(known)
-        yield save_table(ranking, place / "measures.csv")
-        singles = [measure for measure in ranking["measures"] if measure in fits.MEASURES]
-        models = [fits.fit(known, [measure]) for measure in singles]
-        both = [names for names in fits.SURFACES if set(names) <= set(singles)]
-        models += [fits.fit(known, names, link) for names in both for link in fits.LINKS]
-        resampled = []
-        for told in models:
-            advance(
-                FIT_PARTS / len(models),
-                f"bootstrap of the fit over {' and '.join(map(short_name, told.measures))}",
-            )
-            resampled.append(None if told.problem else fits.bootstrap(known, told, samples))
-        table = fits.summary(models, resampled)
-        shifts = [audit_over(told.measures[0]) if told.lognormal else {} for told in models]
-        for by in dict.fromkeys(by for audits in shifts for by in audits):
-            for part, end in (("value", ""), ("low", "_low"), ("high", "_high")):
-                table[f"median_shift_percent_against_{by}{end}"] = [
-                    getattr(audits[by].median_shift_percent, part) if by in audits else math.nan
-                    for audits in shifts
-                ]
-        yield save_table(table, place / "fits.csv")
-        curves = [
-            replace(fits.with_interval(curve, drawn), basis=fits.basis_of(jobs, curve.measure, run))
-            for told, drawn in zip(models, resampled, strict=True)
-            if (curve := told.lognormal)
-        ]
-        if curves:
-            for suffix in (".csv", ".json"):
-                yield write_curves(place / f"curves{suffix}", curves, name)
-            if any(curve.measure in OPENQUAKE for curve in curves):
-                yield write_curves(place / "curves.xml", curves, name)
-            chosen = fits.headline(models) or next(told for told in models if told.lognormal)
-            best, curve = chosen.measures[0], chosen.lognormal
-            assert curve is not None  # as chosen
-            calibrated = fits.calibration(known, fits.out_of_fold(known, [best]))
-            yield save_table(calibrated, place / "calibration.csv")
-            observed = fits.observed_shares(known, best)
-            toppled = int(known["toppled"].sum())
-            drawn = fit_figure(curve, resampled[models.index(chosen)], observed, ranking, calibrated, toppled)
-            yield from save(drawn, place / "fits", _remark(run))
+        yield from _write_contact(jobs, place, name, samples, audit_over, advance, run)
+
+
+def _write_contact(
+    jobs: pd.DataFrame,
+    place: Path,
+    name: str,
+    samples: int,
+    audit_over: Callable[[str], Mapping[str, Audit]],
+    advance: Callable[[float, str], object],
+    run: Completeness | None,
+) -> Iterator[Path]:
+    known = fits.answered(jobs)
+    advance(0, "ranking of the measures")
+    ranked = ranking.compare_measures(known)
+    yield save_table(ranked, place / "measures.csv")
+    singles = [measure for measure in ranked["measures"] if measure in fits.MEASURES]
+    models = [regression.fit(known, [measure]) for measure in singles]
+    both = [names for names in fits.SURFACES if set(names) <= set(singles)]
+    models += [regression.fit(known, names, link) for names in both for link in regression.LINKS]
+    resampled: list[Resampled | None] = []
+    for model in models:
+        measures = " and ".join(map(short_name, model.measures))
+        advance(FIT_PARTS / len(models), f"bootstrap of the fit over {measures}")
+        resampled.append(None if model.problem else resampling.bootstrap(known, model, samples))
+    table = fits.summary(models, resampled)
+    _add_shifts(table, [audit_over(each.measures[0]) if each.lognormal else {} for each in models])
+    yield save_table(table, place / "fits.csv")
+    curves = [
+        replace(resampling.with_interval(curve, drawn), basis=fits.basis_of(jobs, curve.measure, run))
+        for each, drawn in zip(models, resampled, strict=True)
+        if (curve := each.lognormal)
+    ]
+    if curves:
+        for suffix in (".csv", ".json"):
+            yield write_curves(place / f"curves{suffix}", curves, name)
+        if any(curve.measure in OPENQUAKE for curve in curves):
+            yield write_curves(place / "curves.xml", curves, name)
+        chosen = fits.headline(models) or next(each for each in models if each.lognormal)
+        assert chosen.lognormal is not None  # as chosen
+        calibrated = ranking.calibration(known, ranking.out_of_fold(known, chosen.measures))
+        yield save_table(calibrated, place / "calibration.csv")
+        observed = ranking.observed_shares(known, chosen.measures[0])
+        drawn = resampled[models.index(chosen)]
+        toppled = int(known["toppled"].sum())
+        figure = fit_figure(chosen.lognormal, drawn, observed, ranked, calibrated, toppled)
+        yield from save(figure, place / "fits", _remark(run))
+
+
+def _add_shifts(table: pd.DataFrame, audits: Sequence[Mapping[str, Audit]]) -> None:
+    """Add to a table of fits how far each one's median moves against each audit's settings."""
+    for by in dict.fromkeys(by for of_model in audits for by in of_model):
+        for part, end in (("value", ""), ("low", "_low"), ("high", "_high")):
+            table[f"median_shift_percent_against_{by}{end}"] = [
+                getattr(of_model[by].median_shift_percent, part) if by in of_model else math.nan
+                for of_model in audits
+            ]
 
 
 def _remark(run: Completeness | None) -> str:

@@ -59,31 +59,17 @@ def constraint_figure(
                 "top": 1 - 0.3 / height,
             }
         )  # fmt: skip
-        seen = [_within(bound, branch.curve) for branch in branches]
-        least, top = _rates_shown(bound, [rates for rates in seen if len(rates)])
+        shown = [_within(bound, branch.curve) for branch in branches]
+        least, top = _rates_shown(bound, [rates for rates in shown if len(rates)])
         axes.fill_between(
             bound[measure], rate, top, color="0.85", lw=0,
             label=f"rates rejected at {100 * confidence:g} %, whatever the rest of the curve",
         )  # fmt: skip
         axes.plot(bound[measure], rate, color="k", lw=1)
-        few = len(branches) <= MOST_NAMED
-        colours = COLOURS(np.linspace(0.15, 0.85, max(1, len(branches))))
-        if not few:
+        if len(branches) <= MOST_NAMED:
+            _draw_named(axes, branches, verdicts, shown)
+        else:
             _draw_many(axes, branches, verdicts)
-        for number, (branch, rates, colour) in enumerate(
-            zip(branches if few else (), seen, colours, strict=False)
-        ):
-            name = branch.name if len(rates) else f"{branch.name} (no rates here)"
-            dashes = ("-", "--", "-.", ":")[number % 4]
-            verdict = "" if verdicts is None else _verdict(verdicts.iloc[number])
-            axes.plot(
-                branch.curve.intensity,
-                branch.curve.annual_rate,
-                dashes,
-                color=colour,
-                lw=1.3,
-                label=name + verdict,
-            )
         axes.set(
             xscale="log", yscale="log", xlabel=measure_label(measure), ylabel="annual rate of exceedance",
             xlim=(bound[measure].min(), bound[measure].max()), ylim=(least, top),
@@ -97,6 +83,23 @@ def constraint_figure(
             handlelength=2.4, borderaxespad=0.2,
         )  # fmt: skip
     return figure
+
+
+def _draw_named(
+    axes: Axes,
+    branches: Sequence[Branch],
+    verdicts: pd.DataFrame | None,
+    shown: Sequence[NDArray[np.float64]],
+) -> None:
+    """Each branch as a line of its own, which the legend names with its verdict."""
+    colours = COLOURS(np.linspace(0.15, 0.85, max(1, len(branches))))
+    for number, (branch, rates) in enumerate(zip(branches, shown, strict=True)):
+        name = branch.name if len(rates) else f"{branch.name} (no rates here)"
+        verdict = "" if verdicts is None else _verdict(verdicts.iloc[number])
+        axes.plot(
+            branch.curve.intensity, branch.curve.annual_rate, ("-", "--", "-.", ":")[number % 4],
+            color=colours[number], lw=1.3, label=name + verdict,
+        )  # fmt: skip
 
 
 def _draw_many(axes: Axes, branches: Sequence[Branch], verdicts: pd.DataFrame | None) -> None:

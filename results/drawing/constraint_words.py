@@ -160,22 +160,7 @@ def rock_lines(told: dict[str, Any]) -> list[str]:
                 f"{unit}: the weights shift it by {rock['median_shift_percent']:+.1f} %"
             )
     for rock in told["rocks"]:
-        if rock.get("without_answer"):
-            jobs = rock["without_answer"] + rock["jobs"]
-            lines.append(
-                f"  {rock['without_answer']:,} of {jobs:,} jobs of {rock['name']} have no answer and are left out: "
-                "jobs near the threshold rock longest and most often lack one"
-            )
-        if "strongest_shaken" not in rock:
-            lines.append(
-                f"  the jobs behind the curve of {rock['name']} are unknown, so this may be an extrapolation"
-            )
-        elif told["unexceeded"] > rock["strongest_shaken"]:
-            seen = f"{rock['toppled']} toppled of {rock['jobs']} jobs, {rock['records']} records"
-            lines.append(
-                f"  this extrapolates beyond the strongest shaking of {rock['name']}, "
-                f"{rock['strongest_shaken']:.3g} {unit} ({seen})"
-            )
+        lines += _reservations(rock, told["unexceeded"], unit)
     if site := told.get("random_rock"):
         ends = (
             ""
@@ -189,6 +174,28 @@ def rock_lines(told: dict[str, Any]) -> list[str]:
     if told.get("ages_independent"):
         lines.append(
             "The ages of the rocks are taken as independent, as if each rock had been dated separately."
+        )
+    return lines
+
+
+def _reservations(rock: dict[str, Any], unexceeded: float, unit: str) -> list[str]:
+    """What limits the trust in one rock's curve: jobs without an answer, and extrapolation."""
+    lines = []
+    if rock.get("without_answer"):
+        jobs = rock["without_answer"] + rock["jobs"]
+        lines.append(
+            f"  {rock['without_answer']:,} of {jobs:,} jobs of {rock['name']} have no answer and are left out: "
+            "jobs near the threshold rock longest and most often lack one"
+        )
+    if "strongest_shaken" not in rock:
+        lines.append(
+            f"  the jobs behind the curve of {rock['name']} are unknown, so this may be an extrapolation"
+        )
+    elif unexceeded > rock["strongest_shaken"]:
+        lines.append(
+            f"  this extrapolates beyond the strongest shaking of {rock['name']}, "
+            f"{rock['strongest_shaken']:.3g} {unit} ({rock['toppled']} toppled of {rock['jobs']} jobs, "
+            f"{rock['records']} records)"
         )
     return lines
 

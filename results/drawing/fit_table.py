@@ -6,6 +6,7 @@ import pandas as pd
 
 from toppling.results import fits
 from toppling.results.drawing.style import printed_unit, short_name
+from toppling.results.resampling import LEAST_RECORDS
 
 FAR_SHAKEN = 10.0
 """Medians above this multiple of the strongest shaken value are not printed: nothing was shaken near them."""
@@ -51,9 +52,9 @@ def _with_interval(numbers: Iterable[float], beyond: Iterable[bool]) -> str:
 
 def few_records(records: int) -> str:
     """What so few records leave unsaid; empty of enough."""
-    if records < fits.LEAST_RECORDS:
+    if records < LEAST_RECORDS:
         return (
-            f"{records} {'record is' if records == 1 else 'records are'} too few: fewer than {fits.LEAST_RECORDS} give "
+            f"{records} {'record is' if records == 1 else 'records are'} too few: fewer than {LEAST_RECORDS} give "
             "no interval, and what other records would say is not known."
         )
     if records < NARROW_RECORDS:

@@ -15,7 +15,8 @@ from toppling.results.drawing.style import (
     short_name,
     style,
 )
-from toppling.results.fits import FEW_TOPPLED, Lognormal, Resampled
+from toppling.results.fits import FEW_TOPPLED
+from toppling.results.lognormal import Lognormal, Resampled
 
 FIT_CAPTION = (
     "All intervals are of 95 %. Bars of shares: Wilson's, by record.",

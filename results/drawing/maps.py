@@ -4,6 +4,7 @@ Empty cells stay empty, thin ones carry a dot, and a cell is as wide as its shar
 """
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -14,11 +15,12 @@ from matplotlib.collections import PolyCollection
 from matplotlib.colors import Colormap, Normalize
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
+from numpy.typing import NDArray
 
 from toppling.models.arrays import Array
 from toppling.results.drawing.roses import by_compass, direction_words
 from toppling.results.drawing.style import COLOURS, FULL_WIDTH_IN, HALF_WIDTH_IN, style
-from toppling.results.fragility import THIN_RECORDS, Axis, Plane
+from toppling.results.fragility import THIN_RECORDS, Axis, DirectionCells, Plane
 
 LINE_IN = 0.15
 """Height of a line of text above or below all panels."""
@@ -80,42 +82,31 @@ def map_figure(
 
 
 def direction_figure(
-    table: pd.DataFrame,
-    plane: Plane,
-    bins: int,
+    counted: DirectionCells,
     title: str = "",
     reference: pd.DataFrame | None = None,
-    unplaced: int = 0,
-    records: Mapping[float, int] | None = None,
     width_in: float = FULL_WIDTH_IN,
 ) -> Figure:
     """One map for each direction bin of the vector PGA, clockwise from north, on shared axes.
 
     Parameters
     ----------
-    table : DataFrame
-        From `results.fragility.cells_by_direction`.
-    plane : Plane
-        The plane it was made for.
-    bins : int
-        Direction bins around the circle; those without a record are drawn empty.
+    counted : DirectionCells
+        Bins without a record are drawn empty.
     title : str
     reference : DataFrame or None
         From `results.plane_reference.reference_lines`, for a plane of PGV/PGA and PGA.
-    unplaced : int
-        From `results.fragility.unplaced`.
-    records : mapping of float to int, or None
-        Distinct records of each direction bin, where known.
     width_in : float
         Four panels a row on a page's width, two on less.
     """
-    directions = by_compass(k * 360.0 / bins for k in range(bins))
+    plane = counted.plane
+    directions = by_compass(k * 360.0 / counted.bins for k in range(counted.bins))
     columns = min(4 if width_in >= FULL_WIDTH_IN else 2, len(directions))
     lines = -(-len(directions) // columns)
     caption = [
         "Panels: compass direction of the vector PGA; azimuths counter-clockwise from east.",
-        *_width_words(table, plane),
-        *_left_out(plane, unplaced, 0),
+        *_width_words(counted.table, plane),
+        *_left_out(plane, counted.unplaced, 0),
         *_told_lines(reference),
     ]
     if width_in < FULL_WIDTH_IN:
@@ -127,24 +118,8 @@ def direction_figure(
         apart = {**margins, "wspace": 0.12, "hspace": 0.32}
         grid = figure.subplots(lines, columns, sharex=True, sharey=True, squeeze=False, gridspec_kw=apart)
         for axes, direction in zip(grid.flat, directions, strict=False):
-            cells = table[table["direction_deg"] == direction]
-            known = None if records is None else records.get(direction, 0)
-            axes.set_title(f"{direction_words(direction, bins)}\n{_counted(cells, known)}")
-            _frame_cells(axes, table, plane)
-            if len(cells):
-                _draw_cells(axes, cells, plane, _full_share(table))
-            else:
-                axes.text(
-                    0.5, 0.5, NO_RECORDS, transform=axes.transAxes, ha="center", va="center", color="0.4"
-                )
-            _few_ticks(axes)
-            if reference is not None:
-                _draw_lines(axes, reference[reference["azimuth_deg"] == direction])
-        for axes in grid.flat[len(directions) :]:
-            axes.set_axis_off()
-        for column in range(columns):  # the lowest panel of each column, also where the last row is not full
-            lowest = max(row for row in range(lines) if row * columns + column < len(directions))
-            grid[lowest, column].tick_params(labelbottom=True)
+            _draw_direction(axes, counted, direction, reference)
+        _close_grid(grid, len(directions))
         middle = 0.5 * (margins["left"] + margins["right"])
         figure.supxlabel(
             _label(plane.x), x=middle, y=(LINE_IN * len(caption) + 0.1) / height, size=8, va="bottom"
@@ -155,6 +130,34 @@ def direction_figure(
         _colour_bar(figure, margins)
         _write_caption(figure, caption)
     return figure
+
+
+def _close_grid(grid: NDArray[Any], panels: int) -> None:
+    """Label the lowest panel of each column, also where the last row is not full, and hide what is beyond."""
+    lines, columns = grid.shape
+    for axes in grid.flat[panels:]:
+        axes.set_axis_off()
+    for column in range(columns):
+        lowest = max(row for row in range(lines) if row * columns + column < panels)
+        grid[lowest, column].tick_params(labelbottom=True)
+
+
+def _draw_direction(
+    axes: Axes, counted: DirectionCells, direction_deg: float, reference: pd.DataFrame | None
+) -> None:
+    """Draw the cells of one direction bin under its name and counts."""
+    table, plane = counted.table, counted.plane
+    cells = table[table["direction_deg"] == direction_deg]
+    number = _counted(cells, counted.records.get(direction_deg, 0))
+    axes.set_title(f"{direction_words(direction_deg, counted.bins)}\n{number}")
+    _frame_cells(axes, table, plane)
+    if len(cells):
+        _draw_cells(axes, cells, plane, _full_share(table))
+    else:
+        axes.text(0.5, 0.5, NO_RECORDS, transform=axes.transAxes, ha="center", va="center", color="0.4")
+    _few_ticks(axes)
+    if reference is not None:
+        _draw_lines(axes, reference[reference["azimuth_deg"] == direction_deg])
 
 
 def pair_figure(tables: Mapping[str, pd.DataFrame], off: pd.DataFrame, plane: Plane) -> Figure:

@@ -1,7 +1,10 @@
 """One shake against time: ground motion, tilt and displacement of the rock."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import pandas as pd
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from toppling.models.motions.motion import Motion
@@ -58,18 +61,11 @@ def trajectory_figure(
             grid[5].plot(table["time_s"], table[f"com_{axis}_m"] - table[f"com_{axis}_m"].iloc[0], **look)
         grid[4].plot(table["time_s"], table["tilt_deg"], color=COLOURS(0.1), lw=1.0)
         grid[0].set_title("ground acceleration (m/s²)", loc="left", pad=3)
-        for axes, label in zip(
-            grid[3:], ("ground\nvelocity (m/s)", "tilt (°)", "displacement\nof the rock (m)"), strict=True
-        ):
+        labels = ("ground\nvelocity (m/s)", "tilt (°)", "displacement\nof the rock (m)")
+        for axes, label in zip(grid[3:], labels, strict=True):
             axes.set_ylabel(label)
         if topple_time_s is not None:
-            for axes in grid:
-                axes.axvline(topple_time_s, color=ALARM_COLOUR, lw=0.8, dashes=(4, 2))
-            late = topple_time_s > 0.75 * end_s
-            grid[4].annotate(
-                "no return", (topple_time_s, 0.88), xycoords=("data", "axes fraction"), size=7, color=ALARM_COLOUR,
-                ha="right" if late else "left", xytext=(-3 if late else 3, 0), textcoords="offset points",
-            )  # fmt: skip
+            _mark_no_return(grid, topple_time_s, late=topple_time_s > 0.75 * end_s)
         for axes in grid[[3, 5]]:
             axes.legend(
                 loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False, handlelength=1.2, handletextpad=0.4,
@@ -79,3 +75,12 @@ def trajectory_figure(
         figure.align_ylabels(grid)
         figure.suptitle(title, wrap=True)
     return figure
+
+
+def _mark_no_return(grid: Sequence[Axes], topple_time_s: float, late: bool) -> None:
+    for axes in grid:
+        axes.axvline(topple_time_s, color=ALARM_COLOUR, lw=0.8, dashes=(4, 2))
+    grid[4].annotate(
+        "no return", (topple_time_s, 0.88), xycoords=("data", "axes fraction"), size=7, color=ALARM_COLOUR,
+        ha="right" if late else "left", xytext=(-3 if late else 3, 0), textcoords="offset points",
+    )  # fmt: skip

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 from scipy.stats import norm
 
 from toppling.models.errors import InputError
-from toppling.results.fits import Fit, Lognormal, Resampled
+from toppling.results.lognormal import Lognormal, Resampled
+from toppling.results.regression import Fit
 
 Motions = Mapping[str, NDArray[np.float64]]
 """Values of each measure, in its SI unit, of some events; 0 where an event is not felt."""

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from toppling.models.errors import InputError
 from toppling.models.motions.ensemble import CATALOG, Ensemble
 from toppling.models.scene import Scene
-from toppling.results import fits
+from toppling.results import fits, lognormal, ranking, regression, resampling
 from toppling.results.completeness import Completeness
 from toppling.results.constraint import bound_table, branch_table, single_event
 from toppling.results.drawing.style import printed_unit
@@ -57,19 +57,20 @@ class Contact:
     @cached_property
     def ranking(self) -> pd.DataFrame:
         """Measures of intensity, best first."""
-        return fits.compare_measures(self.known)
+        return ranking.compare_measures(self.known)
 
     @cached_property
-    def models(self) -> list[tuple[fits.Fit, fits.Resampled | None]]:
+    def models(self) -> list[tuple[regression.Fit, lognormal.Resampled | None]]:
         """Fit of each single measure with its samples, in the ranking's order."""
         singles = [name for name in self.ranking["measures"] if name in fits.MEASURES]
-        models = [fits.fit(self.known, [name]) for name in singles]
+        models = [regression.fit(self.known, [name]) for name in singles]
         return [
-            (one, None if one.problem else fits.bootstrap(self.known, one, self.samples)) for one in models
+            (one, None if one.problem else resampling.bootstrap(self.known, one, self.samples))
+            for one in models
         ]
 
     @property
-    def best(self) -> tuple[fits.Lognormal, fits.Resampled | None] | None:
+    def best(self) -> tuple[lognormal.Lognormal, lognormal.Resampled | None] | None:
         """Curve of the best predictor that may represent the run."""
         return (
             self.curve_of(chosen.measures[0])
@@ -78,13 +79,13 @@ class Contact:
         )
 
     @property
-    def headline(self) -> tuple[fits.Lognormal, fits.Resampled | None] | None:
+    def headline(self) -> tuple[lognormal.Lognormal, lognormal.Resampled | None] | None:
         """Curve that the report begins with; None where too few topple for one."""
         if self.toppled < fits.FEW_TOPPLED:
             return None
         return self.curve_of(HEADLINE_MEASURE) or self.best
 
-    def curve_of(self, measure: str) -> tuple[fits.Lognormal, fits.Resampled | None] | None:
+    def curve_of(self, measure: str) -> tuple[lognormal.Lognormal, lognormal.Resampled | None] | None:
         """Curve over a measure with its samples; None where it has no fit."""
         return next(
             (
@@ -112,7 +113,7 @@ class Content:
     """
 
     run: Run
-    samples: int = fits.SAMPLES
+    samples: int = resampling.SAMPLES
     years: NDArray[np.float64] | None = None
     tree: HazardTree | None = None
 
@@ -172,7 +173,7 @@ class Content:
             return None
         curve, resampled = found
         basis = fits.basis_of(self.chief.jobs, curve.measure, self.completeness)
-        curve = replace(fits.with_interval(curve, resampled), basis=basis)
+        curve = replace(resampling.with_interval(curve, resampled), basis=basis)
         return Standing(
             self.run.rock, curve, np.array([np.nan]) if self.years is None else self.years, resampled
         )

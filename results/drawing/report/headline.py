@@ -17,7 +17,10 @@ from toppling.results.drawing.style import (
     short_name,
     style,
 )
-from toppling.results.fits import FEW_TOPPLED, Fit, lognormal_interval, observed_shares
+from toppling.results.fits import FEW_TOPPLED
+from toppling.results.ranking import observed_shares
+from toppling.results.regression import Fit
+from toppling.results.resampling import lognormal_interval
 
 
 def first_screen(content: Content, document: Document) -> str:

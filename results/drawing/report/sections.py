@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from toppling.models.digest import check
 from toppling.models.intervals import base_sentences
-from toppling.results import fits
+from toppling.results import fits, ranking, resampling
 from toppling.results.directions import least_sector, sector_share, topple_rose
 from toppling.results.drawing.constraint import ages_words, constraint_figure
 from toppling.results.drawing.fit_table import FAR_SHAKEN, FAR_WORDS, few_records, fit_table
@@ -27,12 +27,11 @@ from toppling.results.drawing.scene import scene_picture
 from toppling.results.drawing.style import HALF_WIDTH_IN, printed_unit, short_name, with_superscripts
 from toppling.results.fragility import (
     PLANES,
+    DirectionCells,
     Plane,
     beyond,
     cells,
-    cells_by_direction,
     planes_of,
-    records_by_direction,
     records_on,
     unplaced,
 )
@@ -183,11 +182,7 @@ def _map(contact: Contact, plane: Plane, _: float) -> Figure:
 
 
 def _map_by_direction(contact: Contact, plane: Plane, width_in: float) -> Figure:
-    jobs = contact.jobs
-    return direction_figure(
-        cells_by_direction(jobs, plane), plane, 8, contact.words, unplaced=unplaced(jobs, plane, by_direction=True),
-        records=records_by_direction(jobs, plane), width_in=width_in,
-    )  # fmt: skip
+    return direction_figure(DirectionCells.of(contact.jobs, plane), contact.words, width_in=width_in)
 
 
 def friction_section(content: Content, document: Document) -> str:
@@ -220,8 +215,8 @@ def _fits_of(content: Content, contact: Contact, document: Document) -> str:
     parts = [title, verdict(contact.ranking)]
     if contact.best is not None:
         curve, drawn = contact.best
-        calibrated = fits.calibration(contact.known, fits.out_of_fold(contact.known, [curve.measure]))
-        observed = fits.observed_shares(contact.known, curve.measure)
+        calibrated = ranking.calibration(contact.known, ranking.out_of_fold(contact.known, [curve.measure]))
+        observed = ranking.observed_shares(contact.known, curve.measure)
         draw = partial(fit_figure, curve, drawn, observed, contact.ranking, calibrated, contact.toppled)
         caption = (
             f"Left: lognormal fragility over {short_name(curve.measure)}, the measure that predicts best "
@@ -237,7 +232,7 @@ def _fits_of(content: Content, contact: Contact, document: Document) -> str:
             fit_table(summary, contact.known), f"Lognormal fragility over each measure ({contact.words})."
         ),
         "<p>Intervals (95 %) come from the bootstrap samples of records that have a fit; the others have none: "
-        f"their answers are separated, or there are fewer than {fits.LEAST_RECORDS} records. "
+        f"their answers are separated, or there are fewer than {resampling.LEAST_RECORDS} records. "
         f"{few} "
         f"Values {FAR_WORDS} exceed {FAR_SHAKEN:g} times the strongest shaking, where the jobs say nothing.</p>",
     ]

@@ -14,8 +14,8 @@ from toppling.models.errors import InputError
 from toppling.orchestrator.cli import cli
 from toppling.results.drawing.atlas import write_fits
 from toppling.results.exchange import write_curves
-from toppling.results.fits import Basis, Lognormal
 from toppling.results.hazard.readers import read_hazard
+from toppling.results.lognormal import Basis, Lognormal
 from toppling.results.run import open_run
 from toppling.results.store import write_part
 

@@ -11,7 +11,7 @@ from seeded import rows
 from toppling.orchestrator.cli import cli
 from toppling.results.exchange import OPENQUAKE_G_M_S2 as G
 from toppling.results.exchange import write_curves
-from toppling.results.fits import Lognormal
+from toppling.results.lognormal import Lognormal
 from toppling.results.store import write_part
 
 PGA = Lognormal("pga_m_s2", 0.5 * G, 0.3)

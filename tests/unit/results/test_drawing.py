@@ -24,16 +24,10 @@ from toppling.results.drawing.report.document import Document
 from toppling.results.drawing.report.methods import methods, methods_section
 from toppling.results.drawing.report.write import write_pdf
 from toppling.results.drawing.trajectory import AFTER_FALL_S, trajectory_figure
-from toppling.results.fits import (
-    answered,
-    calibration,
-    compare_measures,
-    fit,
-    headline,
-    observed_shares,
-    out_of_fold,
-)
+from toppling.results.fits import answered, headline
 from toppling.results.fragility import contact_words
+from toppling.results.ranking import calibration, compare_measures, observed_shares, out_of_fold
+from toppling.results.regression import fit
 from toppling.results.replay import Replay
 from toppling.results.run import open_run
 from toppling.results.schema import SCHEMA

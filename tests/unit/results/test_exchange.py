@@ -14,8 +14,10 @@ from seeded import rows
 from toppling.models.errors import InputError
 from toppling.results.drawing.atlas import write_fits
 from toppling.results.exchange import OPENQUAKE, moments, of_moments, read_curves, write_curves
-from toppling.results.fits import MEASURES, Basis, Lognormal, Resampled, with_interval
+from toppling.results.fits import MEASURES
 from toppling.results.fragility import CONTACT_COLUMNS
+from toppling.results.lognormal import Basis, Lognormal, Resampled
+from toppling.results.resampling import with_interval
 from toppling.results.schema import SCHEMA, describe
 
 CURVES = st.builds(

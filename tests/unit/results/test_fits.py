@@ -9,19 +9,12 @@ from scipy.stats import norm
 from seeded import BETA, THETA_M_S, rows
 
 from toppling.results.drawing.fits import fit_figure
-from toppling.results.fits import (
-    Lognormal,
-    answered,
-    bootstrap,
-    calibration,
-    compare_measures,
-    fit,
-    lognormal_interval,
-    observed_shares,
-    out_of_fold,
-    scores,
-)
+from toppling.results.fits import answered
 from toppling.results.fragility import wilson
+from toppling.results.lognormal import Lognormal
+from toppling.results.ranking import calibration, compare_measures, observed_shares, out_of_fold, scores
+from toppling.results.regression import fit
+from toppling.results.resampling import bootstrap, lognormal_interval
 from toppling.results.schema import SCHEMA
 
 
@@ -142,7 +135,7 @@ def test_each_job_is_predicted_by_a_fit_to_other_records(jobs, monkeypatch):
         held_out.append(set(jobs["record_id"]) - set(frame["record_id"]))
         return fit(frame, *rest)
 
-    monkeypatch.setattr("toppling.results.fits.fit", seen)
+    monkeypatch.setattr("toppling.results.ranking.fit", seen)
     predicted = out_of_fold(jobs, ["pgv_m_s"])
     assert sorted(record for held in held_out for record in held) == sorted(jobs["record_id"].unique())
     for held in held_out:

@@ -16,9 +16,10 @@ from toppling.orchestrator.cli import cli
 from toppling.results.drawing.atlas import write_maps
 from toppling.results.drawing.maps import direction_figure, map_figure
 from toppling.results.drawing.style import save
-from toppling.results.fits import answered, fit
+from toppling.results.fits import answered
 from toppling.results.fragility import (
     PLANES,
+    DirectionCells,
     by_contact,
     cells,
     cells_by_direction,
@@ -27,6 +28,7 @@ from toppling.results.fragility import (
     unplaced,
     wilson,
 )
+from toppling.results.regression import fit
 from toppling.results.run import open_run
 from toppling.results.store import write_part
 
@@ -232,10 +234,10 @@ def test_lines_of_the_plane_reference_are_explained_on_the_figure(hand_made):
     lines = pd.DataFrame({
         "azimuth_deg": 0.0, "pgv_pga_s": [0.1, 0.2] * 2, "probability": [0.01] * 2 + [0.99] * 2, "pga_m_s2": 5.0,
     })  # fmt: skip
-    table = cells_by_direction(hand_made, plane)
-    told = [text.get_text() for text in direction_figure(table, plane, 8, reference=lines).texts]
+    counted = DirectionCells.of(hand_made, plane)
+    told = [text.get_text() for text in direction_figure(counted, reference=lines).texts]
     assert any("1 % (dashed) and 99 % (solid)" in text for text in told)
-    plain = [text.get_text() for text in direction_figure(table, plane, 8).texts]
+    plain = [text.get_text() for text in direction_figure(counted).texts]
     assert not any("dashed" in text for text in plain)
 
 
@@ -266,8 +268,7 @@ def test_no_dot_hides_the_colour_of_its_cell_and_no_cell_is_a_hairline(name):
     frame = pd.DataFrame(rows(records=40, levels=range(1, 20), azimuths=(0.0,)))
     far = pd.DataFrame(rows(records=1, levels=range(1, 20), azimuths=(0.0,), seed=1))
     far = far.assign(pgv_pga_s=0.62, pgv_m_s=0.62 * far["pga_m_s2"], record_id="far")
-    table = cells_by_direction(pd.concat([frame, far], ignore_index=True), PLANES[name])
-    figure = direction_figure(table, PLANES[name], 8)
+    figure = direction_figure(DirectionCells.of(pd.concat([frame, far], ignore_index=True), PLANES[name]))
     figure.draw_without_rendering()
     for axes in (axes for axes in figure.axes if len(axes.collections) == 2 and axes.get_title()):
         drawn, dots = axes.collections
@@ -284,9 +285,7 @@ def test_no_dot_hides_the_colour_of_its_cell_and_no_cell_is_a_hairline(name):
 def test_ticks_of_panels_by_direction_do_not_run_together_and_say_what_their_angles_are(widest_s):
     frame = pd.DataFrame(rows(records=4, levels=(1, 2), azimuths=(0.0, 90.0, 180.0, 270.0)))
     frame = frame.assign(pgv_pga_s=np.linspace(0.03, widest_s, len(frame)))
-    figure = direction_figure(
-        cells_by_direction(frame, PLANES["pga_pgv_pga"]), PLANES["pga_pgv_pga"], 4, title="friction-0.8"
-    )
+    figure = direction_figure(DirectionCells.of(frame, PLANES["pga_pgv_pga"], 4), title="friction-0.8")
     figure.draw_without_rendering()
     labels = [
         label.get_window_extent()
@@ -321,8 +320,7 @@ def test_no_map_on_shared_axes_hides_a_cell_of_another(plane):
     # One direction is shaken by short weak pulses only, the other by long strong ones too.
     near = pd.DataFrame(rows(records=4, levels=(1, 2), azimuths=(0.0,))).assign(pga_azimuth_deg=315.0)
     far = pd.DataFrame(rows(records=20, levels=range(1, 20), azimuths=(0.0,))).assign(pga_azimuth_deg=90.0)
-    table = cells_by_direction(pd.concat([near, far], ignore_index=True), plane)
-    figure = direction_figure(table, plane, 8)
+    figure = direction_figure(DirectionCells.of(pd.concat([near, far], ignore_index=True), plane))
     panels = [axes for axes in figure.axes if axes.collections and axes.get_title()]
     assert len(panels) == 2
     empty = [axes for axes in figure.axes if [text.get_text() for text in axes.texts] == ["no records"]]

@@ -13,7 +13,6 @@ from scipy.stats import norm
 from toppling.models.errors import InputError
 from toppling.models.motions.deaggregation import Bin
 from toppling.results.drawing.magnitudes import Drawn, faults_figure, magnitudes_figure
-from toppling.results.fits import Lognormal
 from toppling.results.hazard.excluded_bins import bins_words, excluded_bins
 from toppling.results.hazard.faults import azimuthal_km, read_faults
 from toppling.results.hazard.gmm import MODELS, GroundMotionModel
@@ -27,6 +26,7 @@ from toppling.results.hazard.magnitudes import (
     toppling_probability,
 )
 from toppling.results.hazard.sites import distance_km
+from toppling.results.lognormal import Lognormal
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from seeded import rows
 
 from toppling.orchestrator.cli import cli
 from toppling.results.exchange import write_curves
-from toppling.results.fits import Lognormal
+from toppling.results.lognormal import Lognormal
 from toppling.results.store import write_part
 
 pytest.importorskip("pygmm", reason="the optional extra 'gmm' is not installed")

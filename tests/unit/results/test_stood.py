@@ -12,8 +12,10 @@ from test_spread import run as spread_rows
 
 from toppling.models.errors import InputError
 from toppling.orchestrator.cli import cli
-from toppling.results.fits import answered, bootstrap, fit
+from toppling.results.fits import answered
 from toppling.results.fragility import PLANES, cells, effective_records
+from toppling.results.regression import fit
+from toppling.results.resampling import bootstrap
 from toppling.results.run import open_run
 from toppling.results.spread import spreads
 from toppling.results.stood import FILE, FOLDER, Motion, Stood, told_of, unweighed, weighed, weights_of

@@ -26,7 +26,9 @@ from toppling.results.drawing.report.methods import methods
 from toppling.results.drawing.report.sections import fits_section
 from toppling.results.drawing.style import png_bytes, save
 from toppling.results.exchange import read_curves
-from toppling.results.fits import Fit, answered, bootstrap, fit, summary
+from toppling.results.fits import answered, summary
+from toppling.results.regression import Fit, fit
+from toppling.results.resampling import bootstrap
 from toppling.results.run import open_run
 from toppling.results.schema import SCHEMA
 from toppling.results.store import write_part

@@ -1,0 +1,152 @@
+"""Lognormal fragility curves, what a fit of one rests on, and its samples."""
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.stats import norm, t
+
+from toppling.results.completeness import Completeness
+
+
+@dataclass(frozen=True)
+class Basis:
+    """What a fragility over a measure rests on.
+
+    Parameters
+    ----------
+    scene_id : str
+        Of the rock.
+    jobs, toppled, records : int
+        Jobs with an answer.
+    without_answer : int
+        Jobs that ended without one, and are left out. What rocked too long to be decided is no random sample.
+    strongest_shaken : float
+        Largest value of the measure that a job was shaken with: beyond it the curve is an extrapolation.
+    jobs_planned, jobs_done : int or None
+        Of the whole run: jobs that it was begun with, and those that have run; None where that is not known.
+    """
+
+    scene_id: str
+    jobs: int
+    toppled: int
+    records: int
+    without_answer: int
+    strongest_shaken: float
+    jobs_planned: int | None = None
+    jobs_done: int | None = None
+
+    @property
+    def unfinished(self) -> str:
+        """That the run was not finished, in words; empty where it was, or it is not known."""
+        return "" if self.jobs_done is None else Completeness(self.jobs_planned, self.jobs_done).remark
+
+
+@dataclass(frozen=True)
+class Lognormal:
+    """Lognormal fragility: P(topple | x) = Phi(ln(x / median) / beta).
+
+    Parameters
+    ----------
+    measure : str
+        Column of the results that x is a value of, in its SI unit.
+    median : float
+        Intensity at which one in two topples.
+    beta : float
+        Standard deviation of its logarithm; 0 for a sharp threshold.
+    basis : Basis or None
+        Where it is known.
+    median_interval : (float, float) or None
+        Ends of the median's 95 % interval, where they are known.
+    resampled : Resampled or None
+        The same curve of records drawn anew, where it is known.
+    """
+
+    measure: str
+    median: float
+    beta: float
+    basis: Basis | None = None
+    median_interval: tuple[float, float] | None = None
+    resampled: "Resampled | None" = field(default=None, compare=False, repr=False)
+
+    def probability(self, intensity: ArrayLike) -> NDArray[np.float64]:
+        """Toppling probability at some intensities, in the measure's SI unit; 0 at intensity 0."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            above = np.log(np.asarray(intensity, float) / self.median)
+            z = np.where(above == 0.0, 0.0, above / self.beta) if self.beta > 0 else np.sign(above) * np.inf
+        return norm.cdf(np.nan_to_num(z, nan=0.0))
+
+    def intensity(self, probability: float) -> float:
+        """Intensity at which a toppling probability is reached."""
+        return self.median * math.exp(self.beta * norm.ppf(probability))
+
+
+@dataclass(frozen=True, eq=False)
+class Resampled:
+    """The same model fitted to records drawn anew.
+
+    Parameters
+    ----------
+    coefficients : (k, 1 + number of measures) array
+        Of the samples that have a fit.
+    fitted : (samples,) bool array
+        Which have one, in the order they were drawn: in the others the answers are separated, or probability does not
+        rise.
+    records : int
+        Number that are drawn.
+    studentised : bool
+        Whether the coefficients are those of a bootstrap-t (`results.studentised`), whose percentiles allow for few
+        records themselves.
+    """
+
+    coefficients: NDArray[np.float64]
+    fitted: NDArray[np.bool_]
+    records: int
+    studentised: bool = False
+
+    @property
+    def without_fit(self) -> int:
+        """Number of samples without a fit."""
+        return int((~self.fitted).sum())
+
+    def interval(self, values: NDArray[np.float64], level: float = 0.95) -> NDArray[np.float64]:
+        """Ends of the interval of something that each sample has a value of, (2, ...); null without samples.
+
+        Values may be infinite.
+        """
+        if self.studentised and len(values):
+            return _ends(values, (1.0 - level) / 2)
+        return expanded_interval(values, self.records, level)
+
+    def lognormals(self, measure: str) -> list[Lognormal]:
+        """Each sample's lognormal fragility over the one measure that was fitted, in the order drawn.
+
+        A sample without a fit bounds nothing: its curve is that of a rock which no shaking topples.
+        """
+        found = iter(self.coefficients)
+        never = Lognormal(measure, math.inf, 0.0)
+        return [lognormal_of(measure, *next(found)) if has_fit else never for has_fit in self.fitted]
+
+
+def expanded_interval(values: NDArray[np.float64], records: int, level: float = 0.95) -> NDArray[np.float64]:
+    """Ends (2, ...) of the interval of values (samples, ...) over records drawn anew; null without samples.
+
+    Percentiles of a bootstrap are narrow by sqrt((n - 1) / n) and know no Student's t; with few records the level is
+    raised by as much (Hesterberg 2015, expanded percentiles). Ends are values that occur: infinite ones have no mean.
+    """
+    if not len(values):
+        return np.full((2, *np.shape(values)[1:]), math.nan)
+    tail = norm.cdf(-math.sqrt(records / (records - 1)) * t.ppf((1 + level) / 2, records - 1))
+    return _ends(values, float(tail))
+
+
+def _ends(values: NDArray[np.float64], tail: float) -> NDArray[np.float64]:
+    """Ends of an interval that occur among the values."""
+    low = np.quantile(values, tail, axis=0, method="lower")
+    return np.array([low, np.quantile(values, 1 - tail, axis=0, method="higher")])
+
+
+def lognormal_of(measure: str, intercept: float, slope: float) -> Lognormal:
+    """The lognormal that a probit of one measure's logarithm is."""
+    return Lognormal(measure, math.exp(-intercept / slope), 1.0 / slope)

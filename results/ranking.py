@@ -1,0 +1,149 @@
+"""Which intensity measure predicts best: fits held against records that they did not see.
+
+Folds divide the records, never jobs: scaled and turned copies of one record are not independent.
+"""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import pandas as pd
+from numpy.typing import ArrayLike, NDArray
+from sklearn.metrics import brier_score_loss, log_loss, roc_auc_score
+from sklearn.model_selection import GroupKFold
+
+from toppling.results.fits import MEASURES, SURFACES
+from toppling.results.fragility import effective_records, wilson
+from toppling.results.lognormal import expanded_interval
+from toppling.results.regression import NEAR_TIE, fit
+from toppling.results.resampling import LEAST_RECORDS
+
+
+def out_of_fold(
+    frame: pd.DataFrame, measures: Sequence[str], link: str = "probit", folds: int = 5
+) -> pd.Series:
+    """Predict each job from a fit to other records; null where that fit does not exist.
+
+    Where a threshold of the one measure divides the answers of those others, it predicts: the middle between the
+    strongest that stood and the weakest that toppled, with the doubt that half a job of the other answer leaves.
+    """
+    predicted = pd.Series(np.nan, index=frame.index)
+    folds = min(folds, frame["record_id"].nunique())
+    if folds < 2:
+        return predicted
+    for train, test in GroupKFold(folds).split(frame, groups=frame["record_id"]):
+        fitted = fit(frame.iloc[train], measures, link)
+        standing, toppled = fitted.bounds
+        if not fitted.problem:
+            predicted.iloc[test] = fitted.probability(frame.iloc[test])
+        elif 0 < standing * (1 + NEAR_TIE) < toppled < math.inf:
+            doubt = 0.5 / fitted.jobs
+            above = frame.iloc[test][measures[0]] > math.sqrt(standing * toppled)
+            predicted.iloc[test] = np.where(above, 1 - doubt, doubt)
+    return predicted
+
+
+def scores(toppled: ArrayLike, predicted: ArrayLike) -> dict[str, float]:
+    """Brier score, log loss and area under the ROC curve of predictions; null where they cannot be had."""
+    truth, guess = np.asarray(toppled, bool), np.asarray(predicted, float)
+    if np.isnan(guess).any() or truth.all() or not truth.any():
+        return dict.fromkeys(("brier", "log_loss", "auc"), math.nan)
+    return {
+        "brier": float(brier_score_loss(truth, guess)),
+        "log_loss": float(log_loss(truth, guess)),
+        "auc": float(roc_auc_score(truth, guess)),
+    }
+
+
+def compare_measures(
+    frame: pd.DataFrame, measures: Sequence[Sequence[str]] | None = None, samples: int = 500, seed: int = 0
+) -> pd.DataFrame:
+    """Rank intensity measures by how well they predict records that were not fitted to.
+
+    Parameters
+    ----------
+    frame : DataFrame
+        Rows of results with an answer (`answered`).
+    measures : sequence of sequences of str
+        `MEASURES` one by one, and PGA with PGV together, if not given. Those that are not known and positive
+        for every job are left out, so that all are compared on the same jobs.
+
+    Returns
+    -------
+    DataFrame
+        Best first: measures, brier, log_loss, auc (out of fold), worse_by (log loss minus the best's),
+        worse_by_low and worse_by_high (95 %, records resampled; null of fewer than `LEAST_RECORDS`).
+    """
+    chosen = measures or [*((name,) for name in MEASURES), SURFACES[0]]
+    usable = [tuple(names) for names in chosen if (frame[list(names)].fillna(0.0) > 0).all(axis=None)]
+    predictions = {names: out_of_fold(frame, names) for names in usable}
+    truth = frame["toppled"].to_numpy(bool)
+    lines = [{"measures": " + ".join(names), **scores(truth, told)} for names, told in predictions.items()]
+    table = pd.DataFrame(lines, columns=["measures", "brier", "log_loss", "auc"])
+    losses = {" + ".join(names): _loss(truth, told.to_numpy()) for names, told in predictions.items()}
+    ranked = table.sort_values("log_loss", ignore_index=True)
+    if not len(ranked) or math.isnan(ranked["log_loss"][0]):
+        return ranked
+    codes, records = pd.factorize(frame["record_id"])
+    random = np.random.default_rng(seed)
+    draws = random.multinomial(len(records), np.full(len(records), 1 / len(records)), samples)
+    weight = draws @ np.bincount(codes)
+    for place, name in enumerate(ranked["measures"]):
+        worse = losses[name] - losses[ranked["measures"][0]]
+        resampled = draws @ np.bincount(codes, weights=worse) / weight
+        ranked.loc[place, "worse_by"] = worse.mean()
+        if len(records) >= LEAST_RECORDS:
+            interval = expanded_interval(resampled, len(records))
+            ranked.loc[place, ["worse_by_low", "worse_by_high"]] = interval
+    return ranked
+
+
+def calibration(frame: pd.DataFrame, predicted: pd.Series, bins: int = 10) -> pd.DataFrame:
+    """Predicted against observed share of toppling, in bins of equally many jobs.
+
+    Returns
+    -------
+    DataFrame
+        One row a bin: predicted (mean), observed, jobs, records, wilson_low and wilson_high of observed.
+    """
+    known = predicted.notna()
+    table = _binned_shares(frame[known], predicted[known], bins)
+    return table.rename(columns={"value": "predicted", "probability": "observed"})
+
+
+def observed_shares(frame: pd.DataFrame, measure: str, bins: int = 12) -> pd.DataFrame:
+    """Share of toppling in bins of equally many jobs along a measure, with Wilson's interval by records.
+
+    Returns
+    -------
+    DataFrame
+        One row a bin: value (geometric mean), probability, wilson_low, wilson_high, jobs, records.
+    """
+    table = _binned_shares(frame, np.log(frame[measure]), bins)
+    return table.assign(value=np.exp(table["value"]))
+
+
+def _binned_shares(frame: pd.DataFrame, value: pd.Series, bins: int) -> pd.DataFrame:
+    """Mean value and share of toppling in bins of equally many jobs, each job by its record's weight.
+
+    What the fit is held against has to count records as the fit does. Wilson's trials are Kish's number.
+    """
+    place = ((value.rank(method="average") - 0.5) * bins / max(1, len(value))).astype(int)
+    jobs = frame.assign(value=value, bin=place, weight=frame.get("record_weight", 1.0))
+    grouped = jobs.assign(
+        value=jobs["weight"] * value, toppled=jobs["weight"] * jobs["toppled"].astype(float)
+    ).groupby("bin")
+    total = grouped["weight"].sum()
+    table = pd.DataFrame({
+        "value": grouped["value"].sum() / total,
+        "probability": grouped["toppled"].sum() / total,
+        "jobs": grouped.size(),
+        "records": grouped["record_id"].nunique(),
+    })  # fmt: skip
+    table["wilson_low"], table["wilson_high"] = wilson(table["probability"], effective_records(jobs, ["bin"]))
+    return table.reset_index(drop=True)
+
+
+def _loss(truth: NDArray[np.bool_], predicted: NDArray[np.float64]) -> NDArray[np.float64]:
+    safe = np.clip(predicted, 1e-15, 1 - 1e-15)
+    return -np.log(np.where(truth, safe, 1 - safe))

@@ -1,0 +1,82 @@
+"""Fits repeated on records drawn anew, and the intervals that follow.
+
+Records are drawn, never jobs: scaled and turned copies of one record are not independent.
+"""
+
+import zlib
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+
+from toppling.results.lognormal import Lognormal, Resampled
+from toppling.results.regression import Fit, design_of, grouped, groups_separable, is_flat, regress
+from toppling.results.studentised import studentised
+
+LEAST_RECORDS = 5
+"""Fewer cannot be drawn anew: their resamples are too often the same few."""
+
+SAMPLES = 200
+"""Of resampled records, for intervals of 95 %."""
+
+SUSPECT_SLOPE = 1.5
+"""Times the fit's own, from which a resample's slope may be that of separated answers, where the search just ends:
+its likelihood rises for ever."""
+
+
+def bootstrap(
+    frame: pd.DataFrame,
+    fitted: Fit,
+    samples: int = SAMPLES,
+    seed: int = 0,
+    seen: Callable[[], None] = lambda: None,
+) -> Resampled:
+    """Fit the same model to resampled records; to none where they are fewer than `LEAST_RECORDS`.
+
+    `seen` is called before each sample. Rocks that were shaken by the same records are given the same draws, as other
+    records would have been other records for all of them; rocks of other records are given draws of their own.
+    """
+    groups = grouped(frame, fitted.measures)
+    design = design_of(groups, fitted.measures)
+    codes, records = pd.factorize(groups["record_id"], sort=True)
+    random = np.random.default_rng([seed, zlib.crc32("\n".join(records).encode())])
+    steep = SUSPECT_SLOPE * np.abs(fitted.coefficients[1:]).max()
+    fitted_again = np.zeros(samples if len(records) >= LEAST_RECORDS else 0, bool)
+    found, times = [], []
+    for number in range(len(fitted_again)):
+        seen()
+        drawn = np.bincount(random.integers(0, len(records), len(records)), minlength=len(records))
+        again = regress(design, groups, fitted.link, drawn[codes], start=fitted.coefficients)
+        if again is None or is_flat(again):
+            continue
+        if np.abs(again[1:]).max() > steep and groups_separable(design, groups, drawn[codes] > 0):
+            continue
+        fitted_again[number] = True
+        found.append(again)
+        times.append(drawn)
+    refits = np.array(found).reshape(-1, design.shape[1])
+    turns = bool(found) and fitted.link == "probit" and len(fitted.measures) <= 2
+    if turns:
+        share, trials = (groups[name].to_numpy(float) for name in ("share", "trials"))
+        refits = studentised(
+            design, share, trials, codes, np.array(fitted.coefficients), refits, np.array(times, float)
+        )
+    return Resampled(refits, fitted_again, len(records), turns)
+
+
+def lognormal_interval(resampled: Resampled, level: float = 0.95) -> dict[str, float]:
+    """Intervals of median and beta over bootstrap samples of a lognormal fit."""
+    intercept, slope = resampled.coefficients.T
+    median = resampled.interval(np.exp(-intercept / slope), level)
+    beta = resampled.interval(1.0 / slope, level)
+    return {"median_low": median[0], "median_high": median[1], "beta_low": beta[0], "beta_high": beta[1]}
+
+
+def with_interval(curve: Lognormal, resampled: Resampled | None) -> Lognormal:
+    """A curve with its bootstrap samples and their interval of its median; as it was where there are none."""
+    if resampled is None or not len(resampled.coefficients):
+        return curve
+    ends = lognormal_interval(resampled)
+    interval = float(ends["median_low"]), float(ends["median_high"])
+    return replace(curve, median_interval=interval, resampled=resampled)

@@ -43,7 +43,7 @@ from toppling.models.scan.survey import survey
 from toppling.models.scene import Scene, read_triangles
 from toppling.models.statics import quasi_static_toppling_m_s2
 from toppling.orchestrator.front import Job, Setting, answers, draw_jobs
-from toppling.orchestrator.plan import settling
+from toppling.orchestrator.stands import settling
 from toppling.workers.options import PRESETS
 
 PAGE = Path(__file__).parent.parent / "docs" / "scan.md"

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Any
 
-from toppling.models.documents import TEXT, Kind, check_shape, whole
+from toppling.models.documents import TEXT, Kind, between, check_shape, whole
 
 MOST_JOBS = 1_000_000_000
 _OBJECT = Kind("an object", lambda value: isinstance(value, dict))
@@ -18,7 +18,27 @@ _REQUIRED = {
     "jobs": whole(0, MOST_JOBS),
     "sessions": [_OBJECT],
 }
+_SETTLING = Kind(
+    "an object with a sentence, or null",
+    lambda value: (
+        value is None or (isinstance(value, dict) and isinstance(value.get("sentence"), str | None))
+    ),
+)
+_SCENE = {
+    "rock": TEXT,
+    "scene_id": TEXT,
+    "ensemble_id": TEXT,
+    "ensemble": TEXT,
+    "site": TEXT,
+    "longitude": between(-180.0, 180.0).or_null(),
+    "latitude": between(-90.0, 90.0).or_null(),
+    "age": TEXT.or_null(),
+    "problem": TEXT.or_null(),
+    "settling": _SETTLING,
+}
 _READ = {
+    "scenes?": [_SCENE],
+    "left_out?": [{"rock": TEXT, "why": TEXT}],
     "plan_id?": TEXT,
     "rock?": TEXT,
     "versions?": _OBJECT,
@@ -29,12 +49,7 @@ _READ = {
         "an object of digests by file name",
         lambda value: isinstance(value, dict) and all(isinstance(one, str | None) for one in value.values()),
     ),
-    "settling?": Kind(
-        "an object with a sentence, or null",
-        lambda value: (
-            value is None or (isinstance(value, dict) and isinstance(value.get("sentence"), str | None))
-        ),
-    ),
+    "settling?": _SETTLING,
 }
 
 

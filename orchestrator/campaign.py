@@ -16,6 +16,7 @@ from toppling.models.errors import InputError
 from toppling.models.folder import local
 from toppling.orchestrator.asked import Asked, read_precision, read_target
 from toppling.orchestrator.keys import Key, Place, axis, distinct, number, pair, path, read_keys, texts, word
+from toppling.orchestrator.sites import Site, ensemble_folder, joined, read_sites, scenes_matching
 from toppling.workers.engines import DEFAULT, ENGINES
 from toppling.workers.options import PRESETS
 from toppling.workers.unmeasured import Unmeasured
@@ -81,6 +82,10 @@ DRAWN = (
 
 KEYS = (
     Key("scene", path, "a folder, relative to the file", "the rock on its pedestal"),
+    Key("scenes", texts, "a list of folders, with wildcards, relative to the file",
+        "instead of scene: many rocks, each shaken as if alone", (), page="guide/atlas.md"),
+    Key("sites", lambda given, place: read_sites(path(given, place)), "a CSV or TOML file, relative to the file",
+        "instead of scene, or besides scenes: a table of rocks with their sites", (), page="guide/atlas.md"),
     Key("ensemble", path, "a folder, relative to the file", "the records"),
     Key("pga_m_s2", axis(lambda pga: 0 < pga <= LARGEST_PGA_M_S2, AS_RECORDED),
         f"above 0, up to {LARGEST_PGA_M_S2:g}; a list, or {{ start, stop, step }} with the stop included; or "
@@ -136,7 +141,8 @@ class Campaign:
 
     Its fields are the keys of a campaign file, whose meanings, ranges and defaults :data:`KEYS` declares: folders as
     `Path`, lists as tuples, friction as pairs of a static and a kinetic coefficient. No levels or azimuths stand for
-    records as they are; None for what was left out.
+    records as they are; None for what was left out. Of many rocks `sites` names each, `scene` is the folder around all,
+    and `ensemble` that of those without records of their own.
     """
 
     scene: Path
@@ -156,6 +162,7 @@ class Campaign:
     stood: tuple[Path, ...] = ()
     precision: float | None = None
     target: Asked | None = None
+    sites: tuple[Site, ...] = ()
 
     @property
     def as_recorded(self) -> bool:
@@ -201,10 +208,22 @@ class Campaign:
         InputError
             As :meth:`read`.
         """
-        read = cls(**read_keys(KEYS, _without_levels(content, where), where, folder))
+        content = _without_levels(content, where)
+        if {"scenes", "sites"} & set(content):
+            read = cls(**_of_many(content, folder, where))
+        else:
+            values = read_keys(KEYS, content, where, folder)
+            del values["scenes"]
+            read = cls(**values)
         _check_engine(read, where)
         _check_statement(read, f"{where}: precision", f"{where}: target")
         return read
+
+    def of_site(self, site: Site) -> "Campaign":
+        """The campaign of one rock alone."""
+        ensemble = ensemble_folder(site, self.sites) or self.ensemble
+        friction = self.friction if site.friction is None else ((site.friction, site.friction),)
+        return dataclasses.replace(self, scene=site.scene, ensemble=ensemble, friction=friction, sites=())
 
     def check_jobs(self, records: int) -> None:
         """Refuse more jobs than a table can hold, before any is made.
@@ -225,10 +244,16 @@ class Campaign:
             raise Place("campaign").wrong(what, f"at most {MOST_JOBS} jobs", "leave some of them out")
 
     def to_toml(self, scene: str, ensemble: str, stood: Iterable[str] = (), hazard: str | None = None) -> str:
-        """Write the campaign as TOML with the folders given and every value written out."""
-        values = {key.name: getattr(self, key.name) for key in KEYS}
+        """Write the campaign as TOML, every value written out, with the folders given; `scene` is the table of many."""
+        values = {key.name: getattr(self, key.name) for key in KEYS if key.name not in ("scenes", "sites")}
         content = {name: one for name, one in values.items() if one not in (None, ())}
-        content |= {"scene": scene, "ensemble": ensemble, "pga_m_s2": self.pga_m_s2 or AS_RECORDED}
+        if self.sites:
+            del content["scene"]
+        content |= {
+            "sites" if self.sites else "scene": scene,
+            "ensemble": ensemble,
+            "pga_m_s2": self.pga_m_s2 or AS_RECORDED,
+        }
         content["azimuth_deg"] = self.azimuth_deg or AS_RECORDED
         if self.stood:
             content["stood"] = list(stood)
@@ -246,6 +271,27 @@ def hash_of(texts: Iterable[str]) -> str:
         digest.update(text.encode())
         digest.update(b"\n")
     return digest.hexdigest()[:20]
+
+
+def _of_many(content: Mapping[str, Any], folder: Path, where: str) -> dict[str, Any]:
+    """Values of a campaign of many rocks."""
+    if alone := [name for name in ("scene", "precision", "target", "stood") if name in content]:
+        what = f"{alone[0]} in a campaign of many rocks"
+        raise Place(f"{where}: {alone[0]}").wrong(
+            what, "keys for all rocks", "remove it, or give it a run of its own"
+        )
+    keys = [dataclasses.replace(key, default=None) if key.name == "scene" else key for key in KEYS]
+    own = {"ensemble": "."} if "ensemble" not in content else {}
+    values = read_keys(keys, own | dict(content), where, folder)
+    found = scenes_matching(values.pop("scenes"), Place(f"{where}: scenes", folder))
+    sites = joined(values["sites"], found, where)
+    if own and (lacking := [one.rock for one in sites if one.ensemble is None and one.seismograms is None]):
+        what = f"missing ensemble, which {shown(lacking[0])} has none of its own instead of"
+        raise Place(where).wrong(
+            what, "records for every rock", "add an ensemble to the file, or to the table"
+        )
+    around = Path(os.path.commonpath([site.scene.absolute().parent for site in sites]))
+    return values | {"sites": sites, "scene": around}
 
 
 def _without_levels(content: Mapping[str, Any], where: str) -> dict[str, Any]:

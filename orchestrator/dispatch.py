@@ -86,12 +86,19 @@ class Dispatch:
         Of the record of every row of the plan.
     tries : int
         Deaths of a worker under one lone job before the job is given up.
+    scene : (m,) int array or None
+        Number of the scene of every row of the plan, where there are several: a batch is of one of them.
     """
 
     def __init__(
-        self, pending: NDArray[np.int64], duration_s: NDArray[np.float64], tries: int = Limits.tries
+        self,
+        pending: NDArray[np.int64],
+        duration_s: NDArray[np.float64],
+        tries: int = Limits.tries,
+        scene: NDArray[np.int64] | None = None,
     ) -> None:
         self._tries = tries
+        self._scene = np.zeros(len(duration_s), np.int64) if scene is None else scene
         self._segments = deque([pending] if len(pending) else [])
         self._suspects: deque[int] = deque()
         self._attempts: dict[int, int] = {}
@@ -127,6 +134,8 @@ class Dispatch:
         size = min(
             room, JOBS_IN_BATCH, math.ceil(self._waiting / (BATCHES_LEFT_PER_WORKER * max(workers, 1)))
         )
+        elsewhere = np.flatnonzero(self._scene[segment[:size]] != self._scene[segment[0]])
+        size = int(elsewhere[0]) if len(elsewhere) else size
         if size < len(segment):
             self._segments.appendleft(segment[size:])
         taken = segment[:size]
@@ -135,7 +144,7 @@ class Dispatch:
 
     def _longest_first(self) -> None:
         left = np.concatenate(list(self._segments))
-        self._segments = deque([left[np.argsort(-self._duration_s[left], kind="stable")]])
+        self._segments = deque([left[np.lexsort((-self._duration_s[left], self._scene[left]))]])
         self._last = 0
 
     def came_back(self, batch: Batch, done: int) -> None:

@@ -13,11 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from toppling.models.errors import InputError
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
-from toppling.orchestrator.plan import Plan, expected_s
+from toppling.orchestrator.plan import Plan, expected_s, plan
 from toppling.orchestrator.pool import pool_of
 from toppling.orchestrator.progress import duration
+from toppling.orchestrator.stands import check_stands
 from toppling.workers.job import Assets, JobSpec, run_job
 
 TIMED_JOBS = 48
@@ -32,6 +34,9 @@ LEAST_TIMED = 6
 
 TIMED_SHARE = 8
 """Of a smaller plan one in so many jobs is timed: an estimate must not cost as much as the run."""
+
+ROCKS_TIMED = 3
+"""Of an atlas."""
 
 BRIEF_S = 60.0
 """Of less than this no seconds are told: workers take some to start."""
@@ -84,7 +89,7 @@ def timed_jobs(pending: int) -> int:
 def sampled_rows(planned: Plan, pending: NDArray[np.int64]) -> NDArray[np.int64]:
     """Rows to time, of which each beginning holds levels and durations in the shares that all pending jobs have."""
     level = planned.jobs["pga_m_s2"].to_numpy()[pending]
-    duration = np.array([planned.duration_s[name] for name in planned.jobs["record_id"].to_pylist()])[pending]
+    duration = planned.durations_s[pending]
     # By level, within each by duration there and back, so that neighbours are alike across the levels too.
     turn = np.where(np.unique(level, return_inverse=True)[1] % 2, -1.0, 1.0)
     return pending[np.lexsort((turn * duration, level))][spread(len(pending), timed_jobs(len(pending)))]
@@ -144,6 +149,23 @@ def estimate(
     longer = expected_s(planned.motion_s(rows), len(rows)) / len(rows)
     sampled = expected_s(planned.motion_s(np.array(timed_rows)), len(timed_rows)) / len(timed_rows)
     return TimeEstimate(float(np.mean(cost_s)) * len(rows) * longer / sampled, len(cost_s))
+
+
+def estimate_atlas(planned: Plan) -> TimeEstimate | None:
+    """The same of many rocks, by the jobs of a few of them."""
+    found = []
+    for number in spread(len(planned.scenes), ROCKS_TIMED):
+        campaign = planned.scenes[number].campaign
+        scene, ensemble = Scene.load(campaign.scene), Ensemble.load(campaign.ensemble)
+        alone = plan(campaign, scene, ensemble)
+        with contextlib.suppress(InputError):  # a rock that does not stand costs nothing
+            check_stands(campaign, scene)
+            if (told := estimate(alone, scene, ensemble)) is not None:
+                found.append((told, len(alone)))
+    if not found:
+        return None
+    job_s = sum(told.work_s for told, _ in found) / sum(jobs for _, jobs in found)
+    return TimeEstimate(job_s * len(planned), sum(told.timed for told, _ in found))
 
 
 _ASSETS: list[Assets] = []

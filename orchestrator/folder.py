@@ -11,6 +11,7 @@ import tomllib
 from collections.abc import Iterable, Iterator
 from datetime import UTC, datetime
 from pathlib import Path
+from types import MappingProxyType
 from typing import IO, Any
 
 from toppling.models import digest
@@ -18,21 +19,25 @@ from toppling.models.documents import read_toml, shown
 from toppling.models.errors import InputError
 from toppling.models.folder import new_folder, rock_name
 from toppling.models.run_document import check_run_document
-from toppling.models.settling import Settling
 from toppling.models.tables import write_table
 from toppling.orchestrator.journal import LOG_FILE
 from toppling.orchestrator.plan import Plan
+from toppling.orchestrator.rocks_of_run import rows_without_stand, scene_or_sites, scenes_told, site_in_run
+from toppling.orchestrator.sites import sites_text
+from toppling.orchestrator.stands import Settled
 from toppling.orchestrator.stood import ensembles_in
 from toppling.results.belonging import (
     ENSEMBLE_FILES,
     NEEDED,
     SCENE_FILES,
-    WRITTEN_ONCE,
+    SCENES,
+    SITES_FILE,
     check_files,
     digests_of,
+    written_once,
 )
 from toppling.results.stood import FOLDER
-from toppling.results.store import PARTS_FOLDER, RESULTS_FILE
+from toppling.results.store import PARTS_FOLDER, RESULTS_FILE, write_part
 from toppling.workers.engines import ENGINES
 
 SCHEMA_VERSION = 1
@@ -50,8 +55,10 @@ LOCK_PATIENCE_S = 1.0
 """A writer has the lock for the whole of its session; who has it for less than this only looks."""
 
 
-def prepare(run: Path, plan: Plan, versions: dict[str, str], settling: Settling | None = None) -> None:
+def prepare(run: Path, plan: Plan, versions: dict[str, str], settled: Settled = MappingProxyType({})) -> None:
     """Make the folder of a run, or make sure that an existing one is of this plan.
+
+    Jobs of rocks that do not stand have their rows from the beginning.
 
     Raises
     ------
@@ -63,16 +70,22 @@ def prepare(run: Path, plan: Plan, versions: dict[str, str], settling: Settling 
         return
     with new_folder(run) as staging:
         (staging / PARTS_FOLDER).mkdir()
-        _copy_known(Path(plan.campaign.scene), staging / "scene", SCENE_FILES)
-        _copy_known(Path(plan.campaign.ensemble), staging / "ensemble", ENSEMBLE_FILES)
+        for one in plan.scenes:
+            _copy_known(one.campaign.scene, staging / one.scene_place, SCENE_FILES)
+        for place, source in {one.ensemble_place: one.campaign.ensemble for one in plan.scenes}.items():
+            _copy_known(source, staging / place, ENSEMBLE_FILES)
         stood = []
         if plan.recorded:
             plan.recorded.write(staging / FOLDER)
             stood = [str(path.relative_to(staging)) for path in ensembles_in(staging / FOLDER)]
         hazard = _copy_hazard(plan, staging)
-        written = plan.campaign.to_toml("scene", "ensemble", stood, hazard)
+        written = plan.campaign.to_toml(scene_or_sites(plan), "ensemble", stood, hazard)
         digest.write_text(staging / "campaign.toml", written)
+        if plan.campaign.sites:
+            digest.write_text(staging / SITES_FILE, sites_text(map(site_in_run, plan.scenes)))
         write_table(plan.jobs, staging / "jobs.parquet")
+        if rows := list(rows_without_stand(plan, settled)):
+            write_part(staging, rows)
         described = {
             "schema_version": SCHEMA_VERSION,
             "plan_id": plan.id,
@@ -83,11 +96,25 @@ def prepare(run: Path, plan: Plan, versions: dict[str, str], settling: Settling 
             "files": digests_of(staging),
             "versions": versions,
             "engine": ENGINES[plan.campaign.engine].citation,
-            "settling": settling.to_json() if settling else None,
+            **scenes_told(plan, settled),
             "created_at": now(),
             "sessions": [],
         }
         digest.write_json(staging / "run.json", described)
+
+
+def remarks(run: Path) -> list[tuple[str, dict[str, Any]]]:
+    """What is to be known of a run's rocks before its jobs: a sentence each, and what it rests on."""
+    content = describe(run)
+    found = [(f"{one['rock']} is left out: {one['why']}", one) for one in content.get("left_out") or ()]
+    for one in content.get("scenes") or [{"settling": content.get("settling")}]:
+        name = f"{one['rock']}: " if "rock" in one else ""
+        if one.get("problem"):
+            found.append((f"{name}{one['problem']}", {"rock": one["rock"]}))
+        settles = dict(one["settling"] or {})
+        if sentence := settles.pop("sentence", None):
+            found.append((f"{name}{sentence}", settles))
+    return found
 
 
 def describe(run: Path) -> dict[str, Any]:
@@ -235,8 +262,9 @@ def _sweep(run: Path) -> None:
 
 def _check(run: Path, plan: Plan, versions: dict[str, str]) -> None:
     content = describe(run)
-    written = (PARTS_FOLDER, "scene", "ensemble", "run.json", LOG_FILE, RESULTS_FILE, ".lock", FOLDER)
-    _refuse_links(run, [*(run / name for name in written), *(run / FOLDER).rglob("*")])
+    written = (PARTS_FOLDER, "scene", "ensemble", "run.json", LOG_FILE, RESULTS_FILE, ".lock", FOLDER, SCENES)
+    below = [path for name in (FOLDER, SCENES) for path in (run / name).rglob("*")]
+    _refuse_links(run, [*(run / name for name in written), *below])
     check_files(run)
     # A changed campaign is told first: its versions may differ just because its engine does.
     told = _campaign_differs(run, plan) if content.get("plan_id") != plan.id else ""
@@ -262,7 +290,7 @@ def _check(run: Path, plan: Plan, versions: dict[str, str]) -> None:
         )
     required = digest.check(run / "run.json")
     begun_with = set(content.get("files") or NEEDED)
-    lacking = [name for name in WRITTEN_ONCE if name in begun_with and not (run / name).exists()]
+    lacking = [name for name in sorted(begun_with) if not (run / name).exists()]
     if lacking:
         raise _error(
             run,
@@ -270,9 +298,8 @@ def _check(run: Path, plan: Plan, versions: dict[str, str]) -> None:
             expected="all that the run was begun with",
             remedy="put it back from where the folder was copied, or start a new run with another --out",
         )
-    for name in WRITTEN_ONCE:
-        if (run / name).exists():
-            digest.check(run / name, required=required)
+    for name in written_once(run):
+        digest.check(run / name, required=required)
 
 
 def _copy_known(source: Path, target: Path, names: Iterable[str]) -> None:
@@ -280,7 +307,7 @@ def _copy_known(source: Path, target: Path, names: Iterable[str]) -> None:
 
     A link there may lead to what has no end, or to what is not to be told.
     """
-    target.mkdir()
+    target.mkdir(parents=True)
     for name in names:
         path = source / name
         if path.is_symlink() or (path.exists() and not path.is_file()):
@@ -311,7 +338,7 @@ def _campaign_differs(run: Path, plan: Plan) -> str:
         there = read_toml(run / "campaign.toml")
     except (OSError, InputError):
         return ""
-    here = tomllib.loads(plan.campaign.to_toml("scene", "ensemble", there.get("stood", [])))
+    here = tomllib.loads(plan.campaign.to_toml(scene_or_sites(plan), "ensemble", there.get("stood", [])))
     # A value that an earlier version did not write is no difference, except where it has no default.
     unwritten = {field.name for field in dataclasses.fields(plan.campaign) if field.default is None}
     compared = [name for name in {**there, **here} if name in unwritten or (name in there and name in here)]

@@ -8,6 +8,7 @@ are larger, as making one ready costs as much as several jobs.
 """
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,9 @@ SCENES_KEPT = 8
 
 JOBS_OF_A_SCENE = 128
 """Of more scenes so many jobs go out with one before the next: making it ready costs a third of a second."""
+
+JOBS_OF_A_ROCK = 256
+"""Of an atlas so many jobs go out with one rock before the next: as many as a batch holds at most."""
 
 Codes = NDArray[np.integer]
 
@@ -102,6 +106,20 @@ def balanced_order(
     # A group of records is at the scene after that of the group before it.
     step = visit * scenes + (place - group) % scenes
     return np.lexsort((within, turn, group, step))
+
+
+def taking_turns(orders: Sequence[NDArray[np.int64]]) -> NDArray[np.int64]:
+    """Several orders as one: a stretch of each in turn, so that every beginning holds about as much of each.
+
+    Examples
+    --------
+    >>> taking_turns([np.arange(300), np.arange(300, 310)])[[0, 255, 256, 265, 266]].tolist()
+    [0, 255, 300, 309, 256]
+    """
+    if len(orders) == 1:
+        return orders[0]
+    turn = np.concatenate([np.arange(len(order)) // JOBS_OF_A_ROCK for order in orders])
+    return np.concatenate(orders)[np.argsort(turn, kind="stable")]
 
 
 def _cells(

@@ -1,6 +1,7 @@
 """From a campaign to its jobs: one table, which holds a million; specifications only as they are needed."""
 
-from collections.abc import Iterable, Iterator
+import dataclasses
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
@@ -11,23 +12,22 @@ import pyarrow as pa
 import pyarrow.compute as pc
 from numpy.typing import NDArray
 
-from toppling.models.contact import ContactProperties
 from toppling.models.errors import InputError
 from toppling.models.motions.above_band import HIGHEST_CORNER
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
-from toppling.models.settling import Settling
 from toppling.models.spelling import did_you_mean
-from toppling.orchestrator.campaign import Campaign, hash_of
-from toppling.orchestrator.order import balanced_order
+from toppling.orchestrator.campaign import MOST_JOBS, Campaign, hash_of
+from toppling.orchestrator.order import balanced_order, taking_turns
+from toppling.orchestrator.sites import Site
 from toppling.orchestrator.stood import Recorded, check_weighable, read_recorded
 from toppling.results.schema import SCHEMA
 from toppling.workers.job import AXES, JobSpec
-from toppling.workers.seating import settled
 
 COLUMNS = pa.schema(
     [
         ("job_id", pa.string()),
+        ("scene_id", pa.dictionary(pa.int32(), pa.string())),
         ("record_id", pa.dictionary(pa.int32(), pa.string())),
         *((name, SCHEMA.field(name if name in SCHEMA.names else f"level_{name}").type) for name in AXES),
     ]
@@ -44,22 +44,20 @@ def expected_s(motion_s: float, jobs: int) -> float:
 
 
 @dataclass(frozen=True, eq=False)
-class Plan:
-    """The jobs of a campaign on one scene and one ensemble.
+class PlannedScene:
+    """What jobs of a plan have in common that shake the same rock.
 
     Parameters
     ----------
     campaign : Campaign
+        Of this rock alone.
     scene_id, ensemble_id : str
     record_sha : dict
         Hash of every record in use.
     duration_s : dict
         Duration of every record in use.
-    jobs : pyarrow.Table
-        One row a job: record after record, the longest first; where records keep their own levels and azimuths, scene
-        after scene, since each then shakes a scene once.
-    recorded : Recorded or None
-        What the rock is known to have stood.
+    site : Site or None
+        Of a rock among others.
     """
 
     campaign: Campaign
@@ -67,8 +65,58 @@ class Plan:
     ensemble_id: str
     record_sha: dict[str, str]
     duration_s: dict[str, float]
+    site: Site | None = None
+
+    @property
+    def rock(self) -> str | None:
+        """Name of a rock among others."""
+        return None if self.site is None else self.site.rock
+
+    @property
+    def scene_place(self) -> str:
+        """Folder of the scene in the run's."""
+        return "scene" if self.site is None else f"scenes/{self.site.rock}/scene"
+
+    @property
+    def ensemble_place(self) -> str:
+        """Folder of the ensemble in the run's."""
+        own = self.site is not None and (self.site.ensemble or self.site.seismograms)
+        return f"scenes/{self.site.rock}/ensemble" if self.site is not None and own else "ensemble"
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """The jobs of a campaign.
+
+    Parameters
+    ----------
+    campaign : Campaign
+    scenes : tuple of PlannedScene
+        One, or those of an atlas.
+    jobs : pyarrow.Table
+        One row a job: rock after rock, record after record, the longest first; where records keep their own levels and
+        azimuths, contact after contact, since each then shakes a rock once.
+    recorded : Recorded or None
+        What the rock is known to have stood.
+    left_out : tuple of (str, str)
+        Rocks of an atlas that cannot be read, each with the reason.
+    """
+
+    campaign: Campaign
+    scenes: tuple[PlannedScene, ...]
     jobs: pa.Table
     recorded: Recorded | None = None
+    left_out: tuple[tuple[str, str], ...] = ()
+
+    @property
+    def scene_id(self) -> str:
+        """Hash of the scene, or of all scenes."""
+        return _joint([scene.scene_id for scene in self.scenes])
+
+    @property
+    def ensemble_id(self) -> str:
+        """Hash of the ensemble, or of all ensembles."""
+        return _joint([scene.ensemble_id for scene in self.scenes])
 
     def __len__(self) -> int:
         return len(self.jobs)
@@ -90,21 +138,39 @@ class Plan:
         return self.jobs.column("record_id").combine_chunks().indices.to_numpy()
 
     @cached_property
+    def scene_of(self) -> NDArray[np.int64]:
+        """For every job the number of its scene, (n,)."""
+        column = self.jobs.column("scene_id").combine_chunks()
+        number = {scene.scene_id: number for number, scene in enumerate(self.scenes)}
+        return np.array([number[name] for name in column.dictionary.to_pylist()], np.int64)[column.indices]
+
+    @property
+    def jobs_of_scenes(self) -> list[int]:
+        """Number of jobs of each scene."""
+        return np.bincount(self.scene_of, minlength=len(self.scenes)).tolist()
+
+    @cached_property
     def order(self) -> NDArray[np.int64]:
-        """Rows in the order to start them (`orchestrator.order`), (n,)."""
-        scenes = [self._codes(name) for name in ("friction_static", "friction_kinetic")]
+        """Rows in the order to start them (`orchestrator.order`), (n,); rocks take turns."""
+        rows = [np.flatnonzero(self.scene_of == number) for number in range(len(self.scenes))]
+        return taking_turns([of_scene[self._order_of(of_scene)] for of_scene in rows])
+
+    def _order_of(self, rows: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Order of some jobs of one rock, (n,)."""
+        scenes = [self._codes(name, rows) for name in ("friction_static", "friction_kinetic")]
         static, kinetic = (codes.max(initial=0) + 1 for codes in scenes)
         friction = np.unique(np.ravel_multi_index(scenes, (static, kinetic)), return_inverse=True)[1]
-        axes = [friction, self._codes("restitution"), self._codes("realisation")]
+        axes = [friction, self._codes("restitution", rows), self._codes("realisation", rows)]
         sizes = tuple(int(codes.max(initial=0)) + 1 for codes in axes)
-        none = np.zeros(len(self), np.int64)  # of records as they are each has a level of its own
-        level = self._codes("pga_m_s2") if self.campaign.pga_m_s2 else none
-        azimuth = self._codes("azimuth_deg") if self.campaign.azimuth_deg else none
-        return balanced_order(self.record_of, level, azimuth, np.ravel_multi_index(axes, sizes), sizes)
+        none = np.zeros(len(rows), np.int64)  # of records as they are each has a level of its own
+        level = self._codes("pga_m_s2", rows) if self.campaign.pga_m_s2 else none
+        azimuth = self._codes("azimuth_deg", rows) if self.campaign.azimuth_deg else none
+        record = self.record_of[rows] if len(self.scenes) == 1 else numbered(self.record_of[rows])
+        return balanced_order(record, level, azimuth, np.ravel_multi_index(axes, sizes), sizes)
 
-    def _codes(self, column: str) -> NDArray[np.int64]:
-        """For each job the number of its value among those of a column."""
-        return np.unique(self.jobs.column(column).to_numpy(), return_inverse=True)[1]
+    def _codes(self, column: str, rows: NDArray[np.int64]) -> NDArray[np.int64]:
+        """For some jobs the number of their value among those of a column."""
+        return numbered(self.jobs.column(column).to_numpy()[rows])
 
     @cached_property
     def _records(self) -> list[str]:
@@ -113,7 +179,7 @@ class Plan:
     @cached_property
     def _columns(self) -> list[NDArray]:
         """Columns after the record's, as arrays: a job's specification is made when it goes out, often again."""
-        return [self.jobs.column(name).to_numpy() for name in COLUMNS.names[2:]]
+        return [self.jobs.column(name).to_numpy() for name in AXES]
 
     def motion_s(self, rows: NDArray[np.int64]) -> float:
         """Durations of the records of some jobs together."""
@@ -128,17 +194,75 @@ class Plan:
     @cached_property
     def durations_s(self) -> NDArray[np.float64]:
         """For every job the duration of its record, (n,)."""
-        return np.array([self.duration_s[record] for record in self._records])[self.record_of]
+        known = [[scene.duration_s.get(record, np.nan) for record in self._records] for scene in self.scenes]
+        return np.array(known)[self.scene_of, self.record_of]
 
     def spec(self, row: int) -> JobSpec:
         """Specification of one job."""
-        record_id = self._records[self.record_of[row]]
+        record_id, scene = self._records[self.record_of[row]], self.scenes[self.scene_of[row]]
         values = (column[row].item() for column in self._columns)
-        return _spec(self.campaign, self.scene_id, self.record_sha[record_id], record_id, values)
+        return _spec(self.campaign, scene.scene_id, scene.record_sha[record_id], record_id, values)
+
+
+def numbered(values: NDArray) -> NDArray[np.int64]:
+    """For each value its number among those that occur."""
+    return np.unique(values, return_inverse=True)[1]
+
+
+def plan_of(campaign: Campaign) -> Plan:
+    """Expand a campaign to its jobs, with the scenes and ensembles that it names; one scene is in memory at a time.
+
+    Raises
+    ------
+    InputError
+        As :func:`plan`; of many rocks, if none can be read, or two are the same.
+    """
+    if not campaign.sites:
+        return plan(campaign, Scene.load(campaign.scene), Ensemble.load(campaign.ensemble))
+    parts: list[Plan] = []
+    left_out: list[tuple[str, str]] = []
+    for site in campaign.sites:
+        try:
+            scene = Scene.load(site.scene)
+        except InputError as error:
+            left_out.append((site.rock, str(error)))
+            continue
+        alone = campaign.of_site(site)
+        (planned,) = (part := plan(alone, scene, Ensemble.load(alone.ensemble))).scenes
+        parts.append(dataclasses.replace(part, scenes=(dataclasses.replace(planned, site=site),)))
+        _check_atlas(parts)
+    if not parts:
+        what = f"none of {len(left_out)} rocks can be read; {left_out[0][0]}: {left_out[0][1]}"
+        raise InputError(what, where=str(campaign.scene), expected="scenes", remedy="make them anew")
+    jobs = pa.concat_tables([part.jobs for part in parts]).unify_dictionaries().combine_chunks()
+    return Plan(campaign, tuple(part.scenes[0] for part in parts), jobs, left_out=tuple(left_out))
+
+
+def _check_atlas(parts: Sequence[Plan]) -> None:
+    """Refuse a rock that is there already, and more jobs than a table holds."""
+    last = parts[-1].scenes[0]
+    for other in (part.scenes[0] for part in parts[:-1]):
+        if other.scene_id == last.scene_id:
+            raise InputError(
+                f"the rocks {other.rock} and {last.rock} are one (scene {last.scene_id})",
+                where=str(last.campaign.scene),
+                expected="each rock once",
+                remedy="leave one out, or give it a campaign of its own",
+            )
+    if (jobs := sum(map(len, parts))) > MOST_JOBS:
+        what = f"{jobs:.3g} jobs of the first {len(parts)} rocks"
+        raise InputError(
+            what, where="campaign", expected=f"at most {MOST_JOBS} jobs", remedy="divide it into several"
+        )
+
+
+def _joint(ids: Sequence[str]) -> str:
+    """Id of what several have, or hash of all."""
+    return ids[0] if len(set(ids)) == 1 else hash_of(ids)
 
 
 def plan(campaign: Campaign, scene: Scene, ensemble: Ensemble) -> Plan:
-    """Expand a campaign to its jobs.
+    """Expand a campaign of one rock to its jobs.
 
     Raises
     ------
@@ -171,53 +295,14 @@ def plan(campaign: Campaign, scene: Scene, ensemble: Ensemble) -> Plan:
         (_spec(campaign, scene_id, sha[record], record, axis).job_id for record, *axis in rows), pa.string()
     )
     codes = np.repeat(np.arange(len(records), dtype=np.int32), len(axes))
+    of_scene = pa.DictionaryArray.from_arrays(np.zeros(len(codes), np.int32), pa.array([scene_id]))
     jobs = pa.Table.from_arrays(
-        [ids, pa.DictionaryArray.from_arrays(codes, pa.array(records)), *map(pa.array, per_record)],
+        [ids, of_scene, pa.DictionaryArray.from_arrays(codes, pa.array(records)), *map(pa.array, per_record)],
         names=COLUMNS.names,
     ).cast(COLUMNS)
     if _scene_by_scene(campaign):
         jobs = jobs.take(np.arange(len(jobs)).reshape(len(records), len(axes)).T.ravel())
-    return Plan(campaign, scene_id, ensemble.id, sha, duration_s, jobs, recorded)
-
-
-def check_stands(campaign: Campaign, scene: Scene) -> Settling:
-    """Make sure that the rock stands by itself with every friction of the campaign, and say how far it settles.
-
-    Otherwise every job would find it out anew. Where the campaign has realisations, only the nominal one is looked at.
-
-    Returns
-    -------
-    Settling
-        With the friction with which it tilts most.
-
-    Raises
-    ------
-    InputError
-        If it does not.
-    """
-    found = []
-    for static, kinetic in sorted(set(campaign.friction)):
-        try:
-            found.append(settling(scene.with_contact(ContactProperties.of((static, kinetic)))))
-        except InputError as error:
-            raise InputError(
-                f"with friction {static:g}: {error.what}",
-                where=str(campaign.scene),
-                expected=error.expected,
-                remedy=error.remedy,
-            ) from None
-    return max(found, key=lambda one: one.tilt_deg)
-
-
-def settling(scene: Scene) -> Settling:
-    """How far the rock of a scene settles.
-
-    Raises
-    ------
-    InputError
-        If it does not stand by itself.
-    """
-    return Settling.between(scene.rock, settled(scene).rock, scene.pedestal.normal)
+    return Plan(campaign, (PlannedScene(campaign, scene_id, ensemble.id, sha, duration_s),), jobs, recorded)
 
 
 def _axes(campaign: Campaign) -> Iterator[tuple[float, float, float, float, float, int]]:

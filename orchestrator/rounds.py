@@ -106,7 +106,7 @@ class JobsForPrecision:
         self.ids = planned.jobs["job_id"].to_pylist()
         self.target = target_of(asked or Asked())
         catalog = Ensemble.load(planned.campaign.ensemble).catalog.to_pandas().set_index("record_id")
-        names = sorted(planned.record_sha)
+        names = sorted(planned.scenes[0].record_sha)
         self.records = {name: number for number, name in enumerate(names)}
         self.measures = usable_measures(catalog.loc[names], self.target, str(planned.campaign.ensemble))
         seed = int(planned.id[:8], 16)

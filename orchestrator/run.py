@@ -22,20 +22,18 @@ from distributed.comm import CommClosedError
 from numpy.typing import NDArray
 
 from toppling.models.errors import InputError
-from toppling.models.motions.ensemble import Ensemble
-from toppling.models.scene import Scene
-from toppling.models.settling import Settling
 from toppling.orchestrator.answers import checked
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.cluster import Upkeep
 from toppling.orchestrator.delivery import offer
 from toppling.orchestrator.dispatch import JOBS_IN_BATCH, USUAL_LIMITS, Batch, Dispatch, Limits, why_given_up
-from toppling.orchestrator.folder import describe, note, prepare, session
+from toppling.orchestrator.folder import note, prepare, remarks, session
 from toppling.orchestrator.interrupt import held_back
 from toppling.orchestrator.journal import journal, tell
-from toppling.orchestrator.plan import Plan, check_stands, plan
+from toppling.orchestrator.plan import Plan, PlannedScene, plan_of
 from toppling.orchestrator.processor import unlike
 from toppling.orchestrator.rounds import AllJobs, JobsForPrecision, Wanted
+from toppling.orchestrator.stands import Settled, settled_scenes
 from toppling.orchestrator.stood import Recorded, weigh_bases
 from toppling.orchestrator.task import Order, Row, UnfitWorkerError, check, lost_row, shake_batch, versions
 from toppling.results.stood import FILE, FOLDER, Stood
@@ -54,6 +52,9 @@ log = logging.getLogger(__name__)
 
 BATCH_BUDGET_S = 2.0
 """Work of one task: a hundred times what handing it out costs, yet little to lose with a worker."""
+
+ATLAS_BUDGET_S = 6.0
+"""The same of many rocks: making one ready costs a third of a second."""
 
 BATCHES_A_SECOND = 100
 """What a scheduler hands out and takes back without being late; on larger clusters a task's work grows."""
@@ -246,12 +247,10 @@ def run(
         If the run cannot go on; what was done stays.
     """
     folder = folder.absolute()
-    scene = Scene.load(campaign.scene)
-    planned = plan(campaign, scene, Ensemble.load(campaign.ensemble))
-    # A run is only begun with a rock that stands.
-    settling = None if folder.exists() else check_stands(campaign, scene)
+    planned = plan_of(campaign)
+    settled = {} if folder.exists() else settled_scenes(planned)
     ENGINES[campaign.engine].require()
-    return carry_out(planned, folder, cluster, watch, limits, settling, report, again, [Weighing(), *stages])
+    return carry_out(planned, folder, cluster, watch, limits, settled, report, again, [Weighing(), *stages])
 
 
 def carry_out(
@@ -260,26 +259,25 @@ def carry_out(
     cluster: AbstractContextManager[Client],
     watch: Watcher,
     limits: Limits = USUAL_LIMITS,
-    settling: Settling | None = None,
+    settled: Settled = MappingProxyType({}),
     report: Path | None = None,
     again: Collection[str] = (),
     stages: Sequence[Stage] = (),
 ) -> Tally:
     """Do what is left of a plan in its folder, as :func:`run` does of a campaign."""
     here = versions(planned.campaign.engine)
-    prepare(folder, planned, dict(here), settling)
-    order = Order(str(folder), planned.scene_id, planned.ensemble_id, here)
+    prepare(folder, planned, dict(here), settled)
+    order = order_of(planned.scenes[0], folder, here)
     with session(folder, {}) as notes, journal(folder):
         tell("session began", process=os.getpid(), jobs=len(planned), versions=dict(here), again=[*again])
-        settles = describe(folder).get("settling") or {}
-        if sentence := settles.pop("sentence", None):
-            log.warning("%s", sentence, extra={"fields": settles})
+        for sentence, told in remarks(folder):
+            log.warning("%s", sentence, extra={"fields": told})
         try:
 
             @contextmanager
             def at_work(tally: Tally) -> Iterator[Work]:
                 with cluster as client, client.as_current(), _reported(report):
-                    check_workers(client, order)
+                    check_workers(client, order, [order_of(scene, folder, here) for scene in planned.scenes])
                     yield Work(planned, folder, order, client, watch, limits, tally)
 
             tally = _until_complete(planned, folder, at_work, again, notes, stages)
@@ -429,7 +427,7 @@ def weigh(
         watch(tally)
 
     def shake(one: Campaign, target: Path) -> None:
-        planned = plan(one, Scene.load(one.scene), Ensemble.load(one.ensemble))
+        planned = plan_of(one)
         carry_out(planned, target.absolute(), nullcontext(client), weighing, limits)
 
     tell("weighing the bases", records=[one.record_id for one in recorded.records])
@@ -463,8 +461,15 @@ def _reported(report: Path | None) -> AbstractContextManager:
     return performance_report(str(report)) if report else nullcontext()
 
 
-def check_workers(client: Client, order: Order) -> None:
-    """Let every worker present load the run's assets.
+def order_of(scene: PlannedScene, folder: Path, here: tuple[tuple[str, str], ...]) -> Order:
+    """What a worker must find before it does jobs of one scene."""
+    return Order(
+        str(folder), scene.scene_id, scene.ensemble_id, here, scene.scene_place, scene.ensemble_place
+    )
+
+
+def check_workers(client: Client, order: Order, offered: Sequence[Order] = ()) -> None:
+    """Let every worker present load the assets of an order; others are offered too to those that see no folder.
 
     Raises
     ------
@@ -474,10 +479,10 @@ def check_workers(client: Client, order: Order) -> None:
         If the workers of a local cluster die whenever they start.
     """
     _wait_for_a_worker(client)
-    shared = {
-        order.scene_id: Path(order.folder) / "scene",
-        order.ensemble_id: Path(order.folder) / "ensemble",
-    }
+    shared = {}
+    for one in (order, *offered):
+        shared[one.scene_id] = Path(one.folder) / one.scene_place
+        shared[one.ensemble_id] = Path(one.folder) / one.ensemble_place
     if not isinstance(client.cluster, LocalCluster):
         offer(client, {name: place for name, place in shared.items() if place.is_dir()})
     answers = client.run(check, order, on_error="return")
@@ -570,7 +575,9 @@ class Execution:
         self.plan, self.client, self.folder, self.order = plan, client, folder, order
         self.watch, self.tally, self.limits, self.task = watch, tally, limits, task
         self.redo = redo
-        self.dispatch = Dispatch(pending, plan.durations_s, limits.tries)
+        self.dispatch = Dispatch(pending, plan.durations_s, limits.tries, plan.scene_of)
+        self._rocks = {scene.scene_id: scene.rock for scene in plan.scenes}
+        self._orders = [order_of(scene, folder, order.versions) for scene in plan.scenes]
         self._session = uuid.uuid4().hex[:8]
         self.tasks = 0  # handed out so far
         self._room = JOBS_IN_BATCH
@@ -615,6 +622,10 @@ class Execution:
                 self.watch(self.tally)
         return self.tally
 
+    def _budget_s(self, workers: int) -> float:
+        """Work of one task, which of many rocks begins with a rock that is not at hand."""
+        return max(budget_s(workers), ATLAS_BUDGET_S if len(self.plan.scenes) > 1 else 0.0)
+
     def _submit(self, arriving: as_completed) -> None:
         workers = max(self.tally.workers, 1)
         batches: list[Batch] = []
@@ -634,9 +645,9 @@ class Execution:
         # In one graph: Dask takes its tasks for one group only if it sees them together.
         futures = self.client.map(
             self.task,
-            [self.order] * len(batches),
+            [self._orders[self.plan.scene_of[batch.jobs[0]]] for batch in batches],
             specs,
-            [budget_s(workers)] * len(batches),
+            [self._budget_s(workers)] * len(batches),
             key=keys,
             pure=False,
         )
@@ -657,7 +668,7 @@ class Execution:
         if status == "finished":
             rows = checked([self.plan.spec(job) for job in batch.jobs], result)
             self._keep(rows, batch.attempt)
-            self._room = room_for(rows, budget_s(self.tally.workers))
+            self._room = room_for(rows, self._budget_s(self.tally.workers))
             self.dispatch.came_back(batch, done=len(rows))
         elif status == "error":
             self._take_error(str(future.key), batch, result[1])
@@ -719,7 +730,7 @@ class Execution:
         late = {
             place
             for place, since in self._since.items()
-            if now - since > budget_s(self.tally.workers) + self.limits.job_s
+            if now - since > self._budget_s(self.tally.workers) + self.limits.job_s
         }
         if late:
             self._overdue |= {key for _, key in late}
@@ -735,7 +746,14 @@ class Execution:
     def _keep(self, rows: list[Row], attempt: int) -> None:
         self.tally.count(rows)
         # Of a job's rows the newest attempt counts: one that is done again goes on from where it was.
-        self._unstored += [{**row, "attempt": self.redo.get(row["job_id"], 0) + attempt} for row in rows]
+        self._unstored += [
+            {
+                **row,
+                "rock": self._rocks[row["scene_id"]],
+                "attempt": self.redo.get(row["job_id"], 0) + attempt,
+            }
+            for row in rows
+        ]
 
     def _flush(self, *, last: bool = False) -> None:
         now = time.monotonic()

@@ -122,12 +122,16 @@ class Order:
         Hashes of what must lie in it.
     versions : tuple of (str, str)
         As :func:`versions` gives them on the client.
+    scene_place, ensemble_place : str
+        Where they lie in it.
     """
 
     folder: str
     scene_id: str
     ensemble_id: str
     versions: tuple[tuple[str, str], ...]
+    scene_place: str = "scene"
+    ensemble_place: str = "ensemble"
 
 
 def versions(*engines: str) -> tuple[tuple[str, str], ...]:
@@ -149,32 +153,45 @@ def _version(name: str) -> str:
         return "not installed"
 
 
-@lru_cache(maxsize=1)
+ROCKS_KEPT = 2
+"""By a worker of an atlas: the one at hand, and the one before it, of which a batch may come back."""
+
+
+@lru_cache(maxsize=ROCKS_KEPT)
 def assets_of(order: Order) -> Assets:
-    """Load the run's scene and ensemble, verified by their hashes, once in the life of the process.
+    """Load a scene and its ensemble, verified by their hashes, once as long as the process shakes that rock.
 
     Raises
     ------
     UnfitWorkerError
         If the versions differ, or the folder cannot be read or holds something else.
     """
+    _check_versions(order.versions)
+    folder = Path(order.folder)
+    scene = _loaded("scene", Scene.load, order.scene_id, folder / order.scene_place)
+    return Assets(scene, _ensemble(order.ensemble_id, folder / order.ensemble_place))
+
+
+@lru_cache(maxsize=1)
+def _check_versions(there: tuple[tuple[str, str], ...]) -> None:
     here = dict(versions(*ENGINES))
     differing = [
-        f"{name} {here.get(name)}, the client has {there}"
-        for name, there in order.versions
-        if here.get(name) != there
+        f"{name} {here.get(name)}, the client has {other}" for name, other in there if here.get(name) != other
     ]
     if differing:
         raise _unfit("; ".join(differing))
     compile_once()
-    folder = Path(order.folder)
-    scene = _loaded("scene", Scene.load, order.scene_id, folder)
-    return Assets(scene, _loaded("ensemble", Ensemble.load, order.ensemble_id, folder))
 
 
-def _loaded(what: str, load: Callable[[Path], Asset], content_id: str, run: Path) -> Asset:
+@lru_cache(maxsize=1)
+def _ensemble(content_id: str, place: Path) -> Ensemble:
+    """Rocks of an atlas mostly share one, whose last records stay in memory."""
+    return _loaded("ensemble", Ensemble.load, content_id, place)
+
+
+def _loaded(what: str, load: Callable[[Path], Asset], content_id: str, shared: Path) -> Asset:
     """A run's scene or ensemble: as this host sees it on the client's disk, or else as the client sends it."""
-    found, why = _tried(what, load, content_id, run / what)
+    found, why = _tried(what, load, content_id, shared)
     if found is not None:
         return found
     try:

@@ -19,21 +19,27 @@ from toppling.models.scene_document import BASES, read_scene_document
 from toppling.models.tables import read_table
 
 CAMPAIGN_FILE, JOBS_FILE, RUN_FILE = "campaign.toml", "jobs.parquet", "run.json"
+SITES_FILE, SCENES = "sites.csv", "scenes"
+"""Table of the rocks of an atlas, and the folder with one for each of them."""
 SCENE_FILES = ("scene.json", "rock.ply", "pedestal.ply", BASES)
 ENSEMBLE_FILES = (CATALOG, MOTIONS)
 RECORDED_ENSEMBLES = ("stood/as_recorded/ensemble", "stood/from_all_sides/ensemble")
 """Of motions that the rock is known to have stood."""
 
-WRITTEN_ONCE = (
+_WRITTEN_ONCE = (
     CAMPAIGN_FILE,
     JOBS_FILE,
+    SITES_FILE,
     *(f"scene/{name}" for name in SCENE_FILES),
     *(f"{place}/{name}" for place in ("ensemble", *RECORDED_ENSEMBLES) for name in ENSEMBLE_FILES),
 )
-"""All that a run may be begun with."""
 
-NEEDED = tuple(name for name in WRITTEN_ONCE if BASES not in name and not name.startswith("stood/"))
-"""What every run is begun with."""
+NEEDED = tuple(
+    name
+    for name in _WRITTEN_ONCE
+    if BASES not in name and not name.startswith("stood/") and name != SITES_FILE
+)
+"""What every run of one rock is begun with."""
 
 _CHECKED: dict[str, tuple[object, ...]] = {}
 """What was compared already, by what it is, with the state of the files then."""
@@ -51,9 +57,17 @@ class ForeignError(InputError):
         )
 
 
+def written_once(run: Path) -> list[str]:
+    """Files that are there of those that a run may be begun with."""
+    own = [*(f"scene/{name}" for name in SCENE_FILES), *(f"ensemble/{name}" for name in ENSEMBLE_FILES)]
+    rocks = sorted(path.name for path in (run / SCENES).glob("*"))
+    names = (*_WRITTEN_ONCE, *(f"{SCENES}/{rock}/{name}" for rock in rocks for name in own))
+    return [name for name in names if (run / name).exists()]
+
+
 def digests_of(run: Path) -> dict[str, str | None]:
     """Digest of each file that is there of those that a run is begun with, None of one that carries none."""
-    return {name: _stated(run / name) for name in WRITTEN_ONCE if (run / name).exists()}
+    return {name: _stated(run / name) for name in written_once(run)}
 
 
 def check_files(run: Path) -> None:
@@ -68,7 +82,7 @@ def check_files(run: Path) -> None:
     """
     if not (run / RUN_FILE).exists():
         return
-    there = [run / name for name in (RUN_FILE, *WRITTEN_ONCE) if (run / name).exists()]
+    there = [run / name for name in (RUN_FILE, *written_once(run))]
     _once(f"files {run.absolute()}", there, lambda: _compare(run))
 
 
@@ -182,8 +196,8 @@ def _compare_rows(run: Path, path: Path) -> None:
             raise ForeignError(
                 f"holds rows of another run ({foreign} of {len(rows)} are of no job in {JOBS_FILE})", path
             )
-    scene_id = _document(run).get("scene_id") if (run / RUN_FILE).exists() else None
-    if scene_id is not None:
-        scenes = [one for one in pc.unique(rows["scene_id"]).to_pylist() if one != scene_id]
-        if scenes:
-            raise ForeignError(f"holds rows of another scene ({scenes[0]}, the run's is {scene_id})", path)
+    told = _document(run) if (run / RUN_FILE).exists() else {}
+    if (scene_id := told.get("scene_id")) is not None:
+        known_ids = {one["scene_id"] for one in told.get("scenes") or [told]}
+        if other := [one for one in pc.unique(rows["scene_id"]).to_pylist() if one not in known_ids]:
+            raise ForeignError(f"holds rows of another scene ({other[0]}, the run's is {scene_id})", path)

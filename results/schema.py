@@ -25,6 +25,7 @@ _COLUMNS = {
     "identity": [
         ("job_id", _TEXT, _MUST, "", "hash of all that can change the job's answer"),
         ("scene_id", _TEXT, _MUST, "", "hash of the scene's content"),
+        ("rock", _TEXT, _MAY, "", "name of the rock in a campaign of many; null in one of one"),
         ("record_id", _TEXT, _MUST, "", "record in the ensemble's catalogue"),
         ("event", _TEXT, _MAY, "", "earthquake of the record"),
         ("level_pga_m_s2", _REAL, _MUST, "m/s2", "level asked for: largest horizontal acceleration vector"),
@@ -99,7 +100,7 @@ SHORT_NAMES = {
 }  # fmt: skip
 """Measures as people call them."""
 
-ADDED_LATER = ("engine_steps", "cpu", "kernels")
+ADDED_LATER = ("rock", "engine_steps", "cpu", "kernels")
 """Columns that results of this schema version may lack: their values are not known then."""
 
 SORT_ORDER = (

@@ -66,8 +66,8 @@ def init(
     from toppling.models.motions.ensemble import Ensemble
     from toppling.models.scene import Scene
     from toppling.orchestrator.campaign import LARGEST_PGA_M_S2, Campaign
-    from toppling.orchestrator.plan import check_stands
     from toppling.orchestrator.progress import bar, duration
+    from toppling.orchestrator.stands import check_stands
     from toppling.orchestrator.starter import campaign_text, even_azimuths_deg, levels_between
     from toppling.orchestrator.trial import RECORDS, levels_to_try, statics_of, try_out
 

@@ -2,11 +2,16 @@
 
 import json
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from toppling.models.folder import new_file
 from toppling.orchestrator.verbs.options import FILE, json_option, workers_option
+
+if TYPE_CHECKING:
+    from toppling.orchestrator.campaign import Campaign
+    from toppling.orchestrator.plan import Plan
 
 
 @click.command()
@@ -29,17 +34,18 @@ def plan(campaign: Path, table: Path | None, workers: int | None, no_estimate: b
 
     chosen = Campaign.read(campaign)  # one that is refused is refused before the others are imported
 
-    import pyarrow.parquet as pq
-
+    if chosen.sites:
+        _plan_atlas(chosen, table, workers, estimated=not no_estimate, as_json=as_json)
+        return
     from toppling.models.contact import ContactProperties
     from toppling.models.motions.ensemble import Ensemble
     from toppling.models.scene import Scene
     from toppling.orchestrator.advice import scaling_warnings, shaking_warnings, warnings_of
     from toppling.orchestrator.estimate import estimate, words_of
-    from toppling.orchestrator.plan import check_stands
     from toppling.orchestrator.plan import plan as expand
     from toppling.orchestrator.progress import bar
     from toppling.orchestrator.settling_told import settling_notes
+    from toppling.orchestrator.stands import check_stands
 
     scene = Scene.load(chosen.scene)
     with bar("letting the rock stand, counting jobs"):
@@ -51,7 +57,7 @@ def plan(campaign: Path, table: Path | None, workers: int | None, no_estimate: b
     with bar("timing a few jobs"):
         expected = None if no_estimate else estimate(planned, scene, ensemble)
     counts = {
-        "jobs": len(planned), "records": len(planned.record_sha), "levels": max(len(chosen.pga_m_s2), 1),
+        "jobs": len(planned), "records": len(planned.scenes[0].record_sha), "levels": max(len(chosen.pga_m_s2), 1),
         "azimuths": max(len(chosen.azimuth_deg), 1), "frictions": len(chosen.friction),
         "restitutions": len(chosen.restitution), "realisations": chosen.realisations, "preset": chosen.preset,
         "engine": chosen.engine,
@@ -59,9 +65,7 @@ def plan(campaign: Path, table: Path | None, workers: int | None, no_estimate: b
         "settling": settling.to_json(), "ground": scene.ground.sentence, "warnings": warnings,
         "expected_work_s": expected and round(expected.work_s, 1), "timed_jobs": expected.timed if expected else 0,
     }  # fmt: skip
-    if table is not None:
-        with new_file(table) as hidden:
-            pq.write_table(planned.jobs, hidden, compression="zstd")
+    _write(planned, table)
     if as_json:
         click.echo(json.dumps(counts))
         return
@@ -78,3 +82,50 @@ def plan(campaign: Path, table: Path | None, workers: int | None, no_estimate: b
     for sentence in warnings:
         click.echo(f"warning: {sentence}", err=True)
     click.echo(f"scene {planned.scene_id}, ensemble {planned.ensemble_id}, plan {planned.id}")
+
+
+def _write(planned: "Plan", table: Path | None) -> None:
+    import pyarrow.parquet as pq
+
+    if table is not None:
+        with new_file(table) as hidden:
+            pq.write_table(planned.jobs, hidden, compression="zstd")
+
+
+def _plan_atlas(
+    chosen: "Campaign", table: Path | None, workers: int | None, *, estimated: bool, as_json: bool
+) -> None:
+    """Count the jobs of many rocks, and name those that do not stand."""
+    from toppling.orchestrator.estimate import estimate_atlas, words_of
+    from toppling.orchestrator.plan import plan_of
+    from toppling.orchestrator.progress import bar
+    from toppling.orchestrator.rocks_of_run import scenes_told
+    from toppling.orchestrator.stands import settled_scenes
+
+    with bar("letting the rocks stand, counting jobs"):
+        planned = plan_of(chosen)
+        told = scenes_told(planned, settled_scenes(planned))
+    with bar("timing a few jobs"):
+        expected = estimate_atlas(planned) if estimated else None
+    for one, scene, jobs in zip(told["scenes"], planned.scenes, planned.jobs_of_scenes, strict=True):
+        one |= {"jobs": jobs, "records": len(scene.record_sha)}
+    counts = {"jobs": len(planned), "rocks": len(planned.scenes), "plan_id": planned.id, **told}
+    counts |= {"preset": chosen.preset, "engine": chosen.engine}
+    counts |= {"expected_work_s": expected and round(expected.work_s, 1)}
+    _write(planned, table)
+    if as_json:
+        click.echo(json.dumps(counts))
+        return
+    click.echo(
+        f"{len(planned)} jobs of {len(planned.scenes)} rocks, engine {chosen.engine}, preset {chosen.preset}"
+    )
+    for one in told["scenes"]:
+        place = "" if one["longitude"] is None else f" ({one['longitude']:.4f}, {one['latitude']:.4f})"
+        click.echo(f"  {one['rock']}, {one['site']}{place}: {one['jobs']} jobs with {one['records']} records")
+    if estimated:
+        click.echo(words_of(expected, len(planned), workers))
+    for one in told["scenes"]:
+        if one["problem"]:
+            click.echo(f"warning: {one['rock']}: {one['problem']}", err=True)
+    for one in told["left_out"]:
+        click.echo(f"warning: {one['rock']} is left out: {one['why']}", err=True)

@@ -147,7 +147,7 @@ def run(
     except KeyboardInterrupt:
         click.echo(f"stopped; the rows so far are kept. {to_go_on}", err=True)
         sys.exit(INTERRUPTED)
-    advice = [] if chosen.precision else suggestions(shares_of(folder))
+    advice = [] if chosen.precision or chosen.sites else suggestions(shares_of(folder))
     unphysical = unphysical_of(open_run(folder))
     state = state_of(folder)  # of all sessions: what an earlier one left without an answer still has none
     summary = {
@@ -175,7 +175,7 @@ def run(
             click.echo(f"to do them again: {command} --again {','.join(there)}")
         for sentence in advice:
             click.echo(sentence)
-        click.echo(f"next: toppling fragility {folder}")
+        click.echo(f"next: toppling {'atlas' if chosen.sites else 'fragility'} {folder}")
     if state["failed"]:
         sys.exit(FAILED_JOBS)
 
@@ -208,9 +208,13 @@ def time_words(campaign: "Campaign", workers: int | None) -> str:
     from toppling.models.motions.ensemble import Ensemble
     from toppling.models.scene import Scene
     from toppling.orchestrator.advice import shaking_warnings
-    from toppling.orchestrator.estimate import estimate, words_of
-    from toppling.orchestrator.plan import plan
+    from toppling.orchestrator.estimate import estimate, estimate_atlas, words_of
+    from toppling.orchestrator.plan import plan, plan_of
 
+    if campaign.sites:
+        planned = plan_of(campaign)
+        with Console(stderr=True).status("timing a few jobs of a few rocks"):
+            return words_of(estimate_atlas(planned), len(planned), workers)
     try:
         scene, ensemble = Scene.load(campaign.scene), Ensemble.load(campaign.ensemble)
         planned = plan(campaign, scene, ensemble)

@@ -21,9 +21,10 @@ from toppling.models.shapes import box
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.cli import cli
 from toppling.orchestrator.folder import describe, prepare
-from toppling.orchestrator.plan import check_stands, plan
+from toppling.orchestrator.plan import plan
 from toppling.orchestrator.run import run
 from toppling.orchestrator.settling_told import draw_settling, settling_notes
+from toppling.orchestrator.stands import check_stands
 from toppling.orchestrator.verbs.scan import scan
 from toppling.orchestrator.verbs.scene import scene
 from toppling.results.drawing import settling as drawing

@@ -1,0 +1,263 @@
+"""Rocks of an atlas and where they stand: the table that a campaign, or `toppling check`, names."""
+
+import csv
+import io
+import re
+import tempfile
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache, lru_cache
+from pathlib import Path
+from typing import Any
+
+from toppling.models.csv_text import plain
+from toppling.models.documents import LARGEST_CSV_BYTES, check_size, csv_rows, is_number, read_toml, shown
+from toppling.models.folder import rock_name
+from toppling.models.motions.ensemble import CATALOG, Ensemble
+from toppling.models.motions.record import Record
+from toppling.orchestrator.keys import Key, Place, number, path, read_keys
+from toppling.results.hazard.ages import parse_age
+
+SCENE_FILE = "scene.json"
+_NAME = re.compile(r"[^\W_][\w .+-]{0,99}")
+_AGE = re.compile(r"[\d.eE+*/-]+")
+_NUMBERS = ("longitude", "latitude", "friction")
+
+
+def _name(given: Any, place: Place) -> str:
+    if not isinstance(given, str) or not _NAME.fullmatch(given) or given.endswith((".", " ")):
+        raise place.wrong(shown(given))
+    return given
+
+
+def _age(given: Any, place: Place) -> str:
+    text = f"{given:g}" if is_number(given) else given
+    if not isinstance(text, str) or not _AGE.fullmatch(text):  # a file would not go with the table
+        raise place.wrong(shown(given))
+    parse_age(text)
+    return text
+
+
+SITE_KEYS = (
+    Key("scene", path, "a folder, relative to the table", "the rock on its pedestal"),
+    Key("rock", _name, "letters, digits, '.', '-', '_', blanks", "name of the rock", "", "the scene's folder"),
+    Key("site", _name, "letters, digits, '.', '-', '_', blanks", "name of the site", "", "the rock's name"),
+    Key("longitude", number(lambda one: -180 <= one <= 180), "degrees east (WGS 84)", "where it stands", None),
+    Key("latitude", number(lambda one: -90 <= one <= 90), "degrees north (WGS 84)", "where it stands", None),
+    Key("ensemble", path, "a folder, relative to the table", "its own records", None, "the campaign's"),
+    Key("seismograms", path, "what 'records import' reads, relative to the table", "its own records; of a path that "
+        "several rows name each takes those whose station is its site", None, "the campaign's"),
+    Key("age", _age, "years, as for 'toppling constrain --age'", "how long the rock has stood", None, "not known"),
+    Key("friction", number(lambda one: 0 < one <= 10), "a number", "of the rock on its pedestal", None,
+        "the campaign's"),
+)  # fmt: skip
+"""Columns of a table of rocks."""
+
+
+@dataclass(frozen=True)
+class Site:
+    """A rock where it stands; its fields are the columns of :data:`SITE_KEYS`."""
+
+    scene: Path
+    rock: str
+    site: str = ""
+    longitude: float | None = None
+    latitude: float | None = None
+    ensemble: Path | None = None
+    seismograms: Path | None = None
+    age: str | None = None
+    friction: float | None = None
+
+
+def read_sites(given: Path, where: str | None = None) -> tuple[Site, ...]:
+    """Rocks of a table, CSV or TOML (`[[rock]]` for each).
+
+    Raises
+    ------
+    InputError
+        If a column is unknown, a value out of its range, a rock named twice, or a place stated by half.
+    """
+    where = where or str(given)
+    check_size(given, LARGEST_CSV_BYTES, "a table of rocks")
+    try:
+        rows = _rows(given)
+    except FileNotFoundError:
+        raise Place(where).wrong(
+            "no such file", "a table of rocks, CSV or TOML", "correct the path"
+        ) from None
+    sites = tuple(_site(row, f"{given}, rock {count + 1}", given.parent) for count, row in enumerate(rows))
+    return distinct_rocks(sites, where)
+
+
+def _rows(given: Path) -> list[dict[str, Any]]:
+    if given.suffix.lower() == ".toml":
+        content = read_toml(given)
+        rows = content.get("rock")
+        if (
+            not isinstance(rows, list)
+            or set(content) != {"rock"}
+            or not all(isinstance(one, dict) for one in rows)
+        ):
+            raise Place(str(given)).wrong("no list of rocks", "a table [[rock]] for each", "correct the file")
+        return rows
+    with given.open(encoding="utf-8-sig", newline="") as lines:
+        return [
+            {name: _of_cell(name, cell.strip()) for name, cell in row.items() if cell.strip()}
+            for _, row in csv_rows((line for line in lines if not line.startswith("#")), given)
+        ]
+
+
+def _of_cell(name: str, text: str) -> Any:
+    try:
+        return float(text) if name in _NUMBERS else text
+    except ValueError:
+        return text
+
+
+def _site(row: Mapping[str, Any], where: str, folder: Path) -> Site:
+    read = read_keys(SITE_KEYS, row, where, folder)
+    if (read["longitude"] is None) != (read["latitude"] is None):
+        raise Place(where).wrong("one of longitude and latitude", "both or neither", "add the other")
+    if read["ensemble"] and read["seismograms"]:
+        raise Place(where).wrong("an ensemble and seismograms", "one of them", "remove one")
+    read["scene"] = scene_folder(read["scene"])
+    read["rock"] = read["rock"] or rock_name(read["scene"])
+    return Site(**read | {"site": read["site"] or read["rock"]})
+
+
+def scene_folder(folder: Path) -> Path:
+    """The folder itself, or the folder `scene` in it where that holds the scene."""
+    inner = folder / "scene"
+    return inner if not (folder / SCENE_FILE).exists() and (inner / SCENE_FILE).exists() else folder
+
+
+def scenes_matching(patterns: Sequence[str], place: Place) -> list[Path]:
+    """Folders of scenes that paths with wildcards name.
+
+    Raises
+    ------
+    InputError
+        If one names none.
+    """
+    found: dict[Path, None] = {}
+    for pattern in patterns:
+        root = Path(pattern).anchor
+        base = Path(root) if root else place.folder
+        matches = sorted(base.glob(str(Path(pattern).relative_to(root) if root else pattern)))
+        scenes = [one for match in matches if ((one := scene_folder(match)) / SCENE_FILE).exists()]
+        if not scenes:
+            raise place.wrong(
+                f"{shown(pattern)} names no scene", "folders with a scene.json", "correct the path"
+            )
+        found |= dict.fromkeys(scenes)
+    return list(found)
+
+
+def joined(sites: Sequence[Site], scenes: Iterable[Path], where: str) -> tuple[Site, ...]:
+    """Rocks of a table, and of further scenes that it says nothing of."""
+    known = {site.scene.resolve() for site in sites}
+    further = [Site(one, rock_name(one), rock_name(one)) for one in scenes if one.resolve() not in known]
+    return distinct_rocks((*sites, *further), where)
+
+
+def distinct_rocks(sites: tuple[Site, ...], where: str) -> tuple[Site, ...]:
+    """The rocks, if each name is there once (folders of a file system may not tell capitals apart).
+
+    Raises
+    ------
+    InputError
+        If one is not, or there is no rock.
+    """
+    if not sites:
+        raise Place(where).wrong("holds no rock", "at least one", "add a row with a scene")
+    counts = Counter(site.rock.casefold() for site in sites)
+    if twice := [site for site in sites if counts[site.rock.casefold()] > 1]:
+        scenes = " and ".join(str(one.scene) for one in twice[:2])
+        remedy = "name them in a table's column 'rock', or give each scene once"
+        raise Place(where).wrong(f"the rock {twice[0].rock} twice ({scenes})", "a name for each rock", remedy)
+    return sites
+
+
+def sites_text(sites: Iterable[Site]) -> str:
+    """The table as CSV."""
+    names = [key.name for key in SITE_KEYS]
+    text = io.StringIO()
+    writer = csv.DictWriter(text, names)
+    writer.writeheader()
+    for site in sites:
+        writer.writerow(
+            {name: plain(getattr(site, name)) for name in names if getattr(site, name) is not None}
+        )
+    return text.getvalue()
+
+
+def ensemble_folder(site: Site, sites: Sequence[Site]) -> Path | None:
+    """Folder with the records of a rock of its own, imported if need be; None where it has none.
+
+    Raises
+    ------
+    InputError
+        If none of the seismograms can be read, or none is of the rock's site.
+    """
+    if site.seismograms is None:
+        return site.ensemble
+    if (site.seismograms / CATALOG).is_file() and not _shared(site, sites):
+        return site.seismograms
+    return _imported(site.seismograms, site.site if _shared(site, sites) else None)
+
+
+def _shared(site: Site, sites: Sequence[Site]) -> bool:
+    return sum(other.seismograms == site.seismograms for other in sites) > 1
+
+
+_IMPORTED: list[tempfile.TemporaryDirectory] = []
+"""Folders that last as long as the process."""
+
+
+@cache
+def _imported(source: Path, station: str | None) -> Path:
+    _IMPORTED.append(tempfile.TemporaryDirectory(prefix="toppling-"))
+    folder = Path(_IMPORTED[-1].name)
+    Ensemble.write(folder, of_station(seismograms_in(source), station, source))
+    return folder
+
+
+@lru_cache(maxsize=1)
+def seismograms_in(source: Path) -> tuple[Record, ...]:
+    """Records of a file, a folder of files, or an ensemble.
+
+    Raises
+    ------
+    InputError
+        If there is none.
+    """
+    from toppling.models.motions.importing import ImportOptions, import_records, record_files
+
+    if (source / CATALOG).is_file():
+        ensemble = Ensemble.load(source)
+        return tuple(ensemble.record(name) for name in ensemble.record_ids)
+    came = import_records(record_files([source]), [], ImportOptions())
+    if not came.records:
+        reasons = "; ".join(f"{one.subject}: {one.reason}" for one in came.refusals[:3]) or "no record file"
+        remedy = "import them with 'toppling records import' and name the ensemble"
+        raise Place(str(source)).wrong(reasons, "seismograms of three components", remedy)
+    return tuple(came.records)
+
+
+def of_station(records: Iterable[Record], station: str | None, source: Path) -> list[Record]:
+    """Records of a station; all where none is asked for.
+
+    Raises
+    ------
+    InputError
+        If there is none of it.
+    """
+    chosen = [one for one in records if station is None or one.station.casefold() == station.casefold()]
+    if not chosen:
+        there = ", ".join(sorted({one.station or "(none)" for one in records})[:5])
+        remedy = "name the station in the table's column 'site'"
+        raise Place(str(source)).wrong(
+            f"no record of site {station}", f"one of its stations: {there}", remedy
+        )
+    return chosen

@@ -1,0 +1,81 @@
+"""Whether the rocks of a campaign stand by themselves, and how far they settle: found out before any job is done."""
+
+from collections.abc import Mapping
+
+from toppling.models.contact import ContactProperties
+from toppling.models.errors import InputError
+from toppling.models.scene import Scene
+from toppling.models.settling import Settling
+from toppling.orchestrator.campaign import Campaign
+from toppling.orchestrator.plan import Plan
+from toppling.workers.seating import settled
+
+
+def check_stands(campaign: Campaign, scene: Scene) -> Settling:
+    """Make sure that the rock stands by itself with every friction of the campaign, and say how far it settles.
+
+    Otherwise every job would find it out anew. Where the campaign has realisations, only the nominal one is looked at.
+
+    Returns
+    -------
+    Settling
+        With the friction with which it tilts most.
+
+    Raises
+    ------
+    InputError
+        If it does not.
+    """
+    found = settlings(campaign, scene)
+    for one in found.values():
+        if isinstance(one, InputError):
+            raise one
+    return max((one for one in found.values() if isinstance(one, Settling)), key=lambda one: one.tilt_deg)
+
+
+def settlings(campaign: Campaign, scene: Scene) -> dict[tuple[float, float], Settling | InputError]:
+    """How far the nominal rock settles with each friction of the campaign, or why it does not stand."""
+    found: dict[tuple[float, float], Settling | InputError] = {}
+    for static, kinetic in sorted(set(campaign.friction)):
+        try:
+            found[static, kinetic] = settling(scene.with_contact(ContactProperties.of((static, kinetic))))
+        except InputError as error:
+            found[static, kinetic] = InputError(
+                f"with friction {static:g}: {error.what}",
+                where=str(campaign.scene),
+                expected=error.expected,
+                remedy=error.remedy,
+            )
+    return found
+
+
+Settled = Mapping[tuple[str, float, float], Settling | InputError]
+"""How far a rock settles, or why it does not stand, by the scene's id and both frictions."""
+
+
+def settled_scenes(planned: Plan) -> Settled:
+    """How the rocks of a plan settle; of many, those that do not stand are no reason to refuse the others.
+
+    Raises
+    ------
+    InputError
+        If the only rock does not stand.
+    """
+    found: dict[tuple[str, float, float], Settling | InputError] = {}
+    for one in planned.scenes:
+        for friction, settles in settlings(one.campaign, Scene.load(one.campaign.scene)).items():
+            if isinstance(settles, InputError) and one.site is None:
+                raise settles
+            found[one.scene_id, *friction] = settles
+    return found
+
+
+def settling(scene: Scene) -> Settling:
+    """How far the rock of a scene settles.
+
+    Raises
+    ------
+    InputError
+        If it does not stand by itself.
+    """
+    return Settling.between(scene.rock, settled(scene).rock, scene.pedestal.normal)

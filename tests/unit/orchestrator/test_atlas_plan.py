@@ -1,0 +1,179 @@
+"""Campaigns of many rocks: each is shaken as if alone, and takes its turn."""
+
+import numpy as np
+import pytest
+
+from toppling.models.errors import InputError
+from toppling.models.motions.ensemble import Ensemble
+from toppling.models.motions.idealised import ricker
+from toppling.models.motions.record import Record
+from toppling.models.scene import Scene
+from toppling.orchestrator.campaign import Campaign
+from toppling.orchestrator.dispatch import Dispatch
+from toppling.orchestrator.order import JOBS_OF_A_ROCK, taking_turns
+from toppling.orchestrator.plan import plan, plan_of
+from toppling.orchestrator.sites import read_sites, sites_text
+
+AXES = {"pga_m_s2": [2, 4, 8], "azimuth_deg": [0, 90], "friction": [0.8]}
+
+
+def pulses(period_s, stations=("A", "B")):
+    return [
+        Record.of(f"{station}{n}", ricker(2.0, period_s + 0.4 * n, 0.01), station=station)
+        for station in stations
+        for n in range(2)
+    ]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    place = tmp_path_factory.mktemp("atlas")
+    for number, width in enumerate((0.15, 0.2, 0.3)):
+        Scene.block(width, 0.25, 0.8).save(place / "scenes" / f"block{number}")
+    Ensemble.write(place / "quakes", pulses(0.5))
+    Ensemble.write(place / "own", pulses(0.8))
+    (place / "sites.csv").write_text(
+        "scene,site,longitude,latitude,ensemble,seismograms,age,friction\n"
+        "scenes/block0,A,-117.5,34.25,,own,15000..30000,\n"
+        "scenes/block1,B,-117.8,34.5,,own,,0.7\n"
+    )
+    return place
+
+
+@pytest.fixture(scope="module")
+def campaign(folder):
+    return Campaign.of(
+        {"scenes": ["scenes/*"], "sites": "sites.csv", "ensemble": "quakes", **AXES}, folder, "c.toml"
+    )
+
+
+@pytest.fixture(scope="module")
+def planned(campaign):
+    return plan_of(campaign)
+
+
+def test_a_job_of_an_atlas_is_the_job_of_the_rock_alone(campaign, planned):
+    together = set(planned.ids)
+    for site in campaign.sites:
+        alone = campaign.of_site(site)
+        ids = plan(alone, Scene.load(alone.scene), Ensemble.load(alone.ensemble)).ids
+        assert ids <= together
+        together -= ids
+    assert not together
+    assert [planned.spec(row).job_id for row in range(len(planned))] == planned.jobs["job_id"].to_pylist()
+
+
+def test_seismograms_that_several_rocks_name_go_to_the_rock_at_their_station(planned):
+    records = [sorted(scene.record_sha) for scene in planned.scenes]
+    assert records == [["A0", "A1"], ["B0", "B1"], ["A0", "A1", "B0", "B1"]]
+    assert planned.scenes[1].campaign.friction == ((0.7, 0.7),)
+    assert planned.scenes[2].campaign.friction == ((0.8, 0.8),)
+
+
+def test_every_job_lasts_as_its_own_record(planned):
+    rows = [planned.spec(row) for row in range(len(planned))]
+    of = {scene.scene_id: scene.duration_s for scene in planned.scenes}
+    assert planned.durations_s.tolist() == [of[spec.scene_id][spec.record_id] for spec in rows]
+
+
+def test_every_beginning_of_an_atlas_holds_as_much_of_each_rock_up_to_a_batch():
+    orders = [np.arange(start, start + 1000) for start in (0, 1000, 2000)]
+    order = taking_turns(orders)
+    assert sorted(order) == list(range(3000))
+    for beginning in range(0, 3001, 100):
+        counts = np.bincount(order[:beginning] // 1000, minlength=3)
+        assert np.ptp(counts) <= JOBS_OF_A_ROCK
+
+
+def test_a_batch_is_of_one_rock_to_the_last():
+    scene = np.repeat(np.arange(5), 40)
+    order = taking_turns([np.flatnonzero(scene == number) for number in range(5)])
+    dispatch, seen = Dispatch(order, np.ones(200), scene=scene), []
+    while batch := dispatch.next_batch(3, room=17):
+        assert len({scene[job] for job in batch.jobs}) == 1
+        done = max(1, len(batch.jobs) // 2)
+        seen += batch.jobs[:done]
+        dispatch.came_back(batch, done)
+    assert sorted(seen) == list(range(200))
+
+
+def test_the_table_in_a_run_reads_back_as_it_was(campaign, tmp_path):
+    (tmp_path / "sites.csv").write_text("# toppling-sha256:0\n" + sites_text(campaign.sites))
+    read = read_sites(tmp_path / "sites.csv")
+    told = [[one.rock, one.site, one.longitude, one.latitude, one.age, one.friction] for one in read]
+    assert told[0] == ["block0", "A", -117.5, 34.25, "15000..30000", None]
+    assert [one.rock for one in read] == [one.rock for one in campaign.sites]
+    assert told[1][5] == 0.7
+
+
+def test_a_table_in_toml_says_the_same_as_one_in_csv(folder, campaign):
+    (folder / "sites.toml").write_text(
+        '[[rock]]\nscene = "scenes/block0"\nsite = "A"\nlongitude = -117.5\nlatitude = 34.25\nseismograms = "own"\n'
+        'age = "15000..30000"\n[[rock]]\nscene = "scenes/block1"\nsite = "B"\nlongitude = -117.8\nlatitude = 34.5\n'
+        'seismograms = "own"\nfriction = 0.7\n'
+    )
+    assert read_sites(folder / "sites.toml") == campaign.sites[:2]
+
+
+@pytest.mark.parametrize(
+    ("rows", "told"),
+    [
+        ("scene,lon\nscenes/block0,1\n", "did you mean 'longitude'?"),
+        ("scene,longitude\nscenes/block0,1\n", "one of longitude and latitude"),
+        ("scene,longitude,latitude\nscenes/block0,1,91\n", "degrees north"),
+        ("scene,longitude,latitude\nscenes/block0,east,1\n", "degrees east"),
+        ("scene,age\nscenes/block0,old\n", "years"),
+        ("scene,age\nscenes/block0,/etc/passwd\n", "years"),
+        ("scene,rock\nscenes/block0,../x\n", "letters"),
+        ("scene\nscenes/block0\nscenes/block0\n", "twice"),
+        ("scene,ensemble,seismograms\nscenes/block0,own,own\n", "one of them"),
+        ("rock\nx\n", "missing scene"),
+        ("scene\n", "holds no rock"),
+    ],
+)
+def test_a_wrong_table_is_refused_with_place_and_remedy(folder, rows, told):
+    (folder / "wrong.csv").write_text(rows)
+    with pytest.raises(InputError) as refused:
+        read_sites(folder / "wrong.csv")
+    assert told in str(refused.value)
+    assert refused.value.remedy
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ({"scene": "scenes/block0"}, "scene in a campaign of many rocks"),
+        ({"precision": 0.1}, "precision in a campaign of many rocks"),
+        ({"scenes": ["nothing/*"]}, "names no scene"),
+        ({"ensemble": None}, "missing ensemble"),
+    ],
+)
+def test_what_does_not_suit_many_rocks_is_refused(folder, change, told):
+    content = {"scenes": ["scenes/*"], "sites": "sites.csv", "ensemble": "quakes", **AXES, **change}
+    with pytest.raises(InputError, match=told):
+        Campaign.of({key: value for key, value in content.items() if value is not None}, folder)
+
+
+def test_a_rock_that_is_there_under_two_names_is_refused(folder, tmp_path):
+    Scene.load(folder / "scenes" / "block0").save(tmp_path / "again")
+    content = {"scenes": [str(folder / "scenes" / "*"), "again"], "ensemble": str(folder / "quakes"), **AXES}
+    with pytest.raises(InputError, match="are one"):
+        plan_of(Campaign.of(content, tmp_path))
+
+
+def test_a_scene_that_cannot_be_read_is_left_out_and_told(folder, tmp_path):
+    Scene.block(0.1, 0.2, 0.7).save(tmp_path / "broken")
+    (tmp_path / "broken" / "rock.ply").write_bytes(b"ply\n")
+    content = {"scenes": [str(folder / "scenes" / "*"), "broken"], "ensemble": str(folder / "quakes"), **AXES}
+    planned = plan_of(Campaign.of(content, tmp_path))
+    assert [one.rock for one in planned.scenes] == ["block0", "block1", "block2"]
+    (left_out,) = planned.left_out
+    assert left_out[0] == "broken"
+    assert "rock.ply" in left_out[1]
+
+
+def test_seismograms_of_no_site_are_refused_by_name(folder):
+    (folder / "far.csv").write_text("scene,site,seismograms\nscenes/block0,A,own\nscenes/block1,C,own\n")
+    content = {"sites": "far.csv", **AXES}
+    with pytest.raises(InputError, match=r"no record of site C\n.*A, B"):
+        plan_of(Campaign.of(content, folder))

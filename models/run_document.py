@@ -34,6 +34,7 @@ _SCENE = {
     "latitude": between(-90.0, 90.0).or_null(),
     "age": TEXT.or_null(),
     "problem": TEXT.or_null(),
+    "jobs": whole(0, MOST_JOBS),
     "settling": _SETTLING,
 }
 _READ = {

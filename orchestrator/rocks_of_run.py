@@ -45,7 +45,10 @@ def scenes_told(plan: Plan, settled: Settled) -> dict[str, Any]:
 
     if not plan.campaign.sites:
         return {"settling": most(plan.scene_id)}
-    told = [_scene_told(one, settled) | {"settling": most(one.scene_id)} for one in plan.scenes]
+    told = [
+        _scene_told(one, settled) | {"jobs": jobs, "settling": most(one.scene_id)}
+        for one, jobs in zip(plan.scenes, plan.jobs_of_scenes, strict=True)
+    ]
     left_out = [{"rock": rock, "why": why} for rock, why in plan.left_out]
     return {"settling": None, "scenes": told, "left_out": left_out}
 

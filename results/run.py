@@ -9,18 +9,19 @@ from typing import Any
 import duckdb
 import pandas as pd
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.dataset as ds
 
 from toppling.models.digest import read_json
 from toppling.models.documents import read_toml
 from toppling.models.errors import InputError
 from toppling.models.folder import local, rock_name
-from toppling.models.motions.catalogue import meaning
+from toppling.models.motions.catalogue import CATALOG, meaning
 from toppling.models.run_document import check_run_document
 from toppling.models.scene_document import read_scene_document
 from toppling.models.tables import read_table
 from toppling.results.audit_folder import check_audits
-from toppling.results.belonging import check_files
+from toppling.results.belonging import SCENES, SITES_FILE, check_files
 from toppling.results.completeness import Completeness
 from toppling.results.sandbox import collected, opened, time_limit
 from toppling.results.schema import SCHEMA, describe
@@ -58,15 +59,16 @@ class Run:
     def __init__(self, path: PathLike) -> None:
         self.path = local(path)
         marks = ("campaign.toml", "run.json", "results.parquet", "parts")
-        if not any((self.path / mark).exists() for mark in marks):
+        if atlas_of(self.path) is None and not any((self.path / mark).exists() for mark in marks):
             raise InputError(
                 "is not a run" if self.path.exists() else "does not exist",
                 where=str(self.path),
                 expected="the folder of a run, with " + ", ".join(marks),
                 remedy="make one with 'toppling run CAMPAIGN --out FOLDER'",
             )
-        check_files(self.path)
-        check_audits(self.path)
+        self.root = atlas_of(self.path) or self.path
+        check_files(self.root)
+        check_audits(self.root)
         if self._campaign().get("levels", "all") != "all":
             raise InputError(
                 "is a run that left out levels of its records, whose rows count unlike (levels = 'hunt')",
@@ -76,6 +78,30 @@ class Run:
             )
 
     @property
+    def rocks(self) -> tuple["Run", ...]:
+        """Each rock of an atlas, to be read like a run of its own; none of a run of one rock."""
+        if self.root != self.path:
+            return ()
+        return tuple(Run(self.path / SCENES / one["rock"]) for one in self.provenance().get("scenes") or ())
+
+    @property
+    def told(self) -> dict[str, Any]:
+        """What `run.json` says of one rock of an atlas; empty of a run of one rock."""
+        if self.root == self.path:
+            return {}
+        return next(one for one in self.provenance()["scenes"] if one["rock"] == self.path.name)
+
+    @property
+    def scene_folder(self) -> Path:
+        """Folder of the rock's scene."""
+        return self.path / "scene"
+
+    @property
+    def ensemble_folder(self) -> Path:
+        """Folder of the rock's records."""
+        return self.root / self.told.get("ensemble", "ensemble")
+
+    @property
     def name(self) -> str:
         """The folder's name, which tells runs apart where several are asked together."""
         return self.path.resolve().name
@@ -83,6 +109,8 @@ class Run:
     @property
     def rock(self) -> str:
         """Name of the rock: as the run was begun with, or that of the scene which its campaign names, or of the run."""
+        if self.root != self.path:
+            return self.path.name
         with contextlib.suppress(InputError):  # damaged: as below
             if rock := self.provenance().get("rock"):
                 return str(rock)
@@ -97,7 +125,7 @@ class Run:
 
     def _campaign(self) -> dict[str, Any]:
         """Content of the run's campaign; empty where there is none, or a damaged one, as those say who rest on it."""
-        path = self.path / "campaign.toml"
+        path = self.root / "campaign.toml"
         try:
             return read_toml(path) if path.exists() else {}
         except ValueError:
@@ -105,14 +133,22 @@ class Run:
 
     def table(self) -> pa.Table:
         """All rows under `results.schema.SCHEMA`, one a job."""
-        return read_steady([self.path], lambda: newest_rows(result_files(self.path)))
+        table = read_steady([self.root], lambda: newest_rows(result_files(self.root)))
+        return table if self.root == self.path else table.filter(self._own)
+
+    @property
+    def _own(self) -> pc.Expression:
+        """Holds for the rows of one rock of an atlas."""
+        return pc.field("scene_id") == self.told["scene_id"]
 
     def dataset(self) -> ds.Dataset:
         """Rows as a pyarrow dataset, read lazily unless a job has several rows.
 
         While the run goes on its files may be merged away before they are read: `table` reads at once.
         """
-        files = result_files(self.path)
+        files = result_files(self.root)
+        if self.root != self.path:
+            return ds.dataset(self.table())
         if not files:
             return ds.dataset(SCHEMA.empty_table())
         checked = ds.ParquetFragmentScanOptions(page_checksum_verification=True)
@@ -145,14 +181,15 @@ class Run:
 
     def planned(self) -> int | None:
         """Number of jobs that the run was started with; None where it does not say."""
-        jobs = self.provenance().get("jobs")
+        jobs = (self.told or self.provenance()).get("jobs")
         return None if jobs is None else int(jobs)
 
     def completeness(self) -> Completeness:
         """How many of its jobs have run: an unfinished run says so first wherever it is read."""
-        ids = ["job_id", "attempt"]
-        rows = read_steady([self.path], lambda: newest_rows(result_files(self.path), ids))
-        return Completeness(self.planned(), len(rows))
+        ids = ["job_id", "attempt", "scene_id"]
+        rows = read_steady([self.root], lambda: newest_rows(result_files(self.root), ids))
+        done = rows if self.root == self.path else rows.filter(self._own)
+        return Completeness(self.planned(), len(done))
 
     def weighted(self, frame: pd.DataFrame, stood: Stood | None = None) -> pd.DataFrame:
         """Add `record_weight`, by which shares are to count, to rows of a run whose records or bases weigh unlike.
@@ -204,6 +241,10 @@ class Run:
         return pa.Table.from_pylist(rows, schema=pa.schema(fields))
 
     def _by_records(self, frame: pd.DataFrame) -> pd.DataFrame:
+        if self.rocks:
+            of_rocks = dict(list(frame.groupby("rock")))
+            parts = [one._by_records(of_rocks[one.rock]) for one in self.rocks if one.rock in of_rocks]
+            return pd.concat(parts).sort_index() if parts else frame
         motions = self.motions()
         if motions is None or "weight" not in motions.column_names:
             return frame
@@ -226,32 +267,46 @@ class Run:
         return ask([self], query, trusted=trusted)
 
     def motions(self) -> pa.Table | None:
-        """Catalogue of the run's records, one row a record; None where the run has no ensemble."""
-        check_files(self.path)
-        path = self.path / "ensemble" / "catalog.parquet"
+        """Catalogue of the run's records, one row a record; None where the run has no ensemble.
+
+        In an atlas, `rock` names whose own a record is; null is all others'.
+        """
+        check_files(self.root)
+        if self.rocks:
+            own = {one.told["ensemble"]: one.rock for one in self.rocks}
+            tables = [
+                _with_constant(
+                    read_table(self.path / folder / CATALOG), "rock", rock if SCENES in folder else None
+                )
+                for folder, rock in own.items()
+            ]
+            return pa.concat_tables(tables, promote_options="default")
+        path = self.ensemble_folder / CATALOG
         return read_table(path) if path.exists() else None
 
     def scene(self) -> pa.Table | None:
-        """One row about the scene; None where the run has none."""
-        check_files(self.path)
-        path = self.path / "scene" / "scene.json"
+        """One row about the scene; None where the run has none. Of an atlas one row a rock, with its site."""
+        check_files(self.root)
+        if self.rocks:
+            return pa.concat_tables(table for one in self.rocks if (table := one.scene()) is not None)
+        path = self.scene_folder / "scene.json"
         if not path.exists():
             return None
-        return _scene_table(read_scene_document(path))
+        return _scene_table(read_scene_document(path), self.told)
 
     def scene_report(self) -> dict[str, Any]:
         """What the scan of the run's scene found out on the way; empty where there is none."""
-        path = self.path / "scene" / "scene.json"
+        path = self.scene_folder / "scene.json"
         return dict(read_scene_document(path).get("report") or {}) if path.exists() else {}
 
     def quasi_static(self) -> pd.DataFrame | None:
         """Least constant ground acceleration (`value`, m/s2) that topples, by azimuth_deg."""
-        table = self.scene()
+        table = None if self.rocks else self.scene()
         return None if table is None else pd.DataFrame(table.column("quasi_static_toppling")[0].as_py())
 
     def provenance(self) -> dict[str, Any]:
         """Content of `run.json`, how the run was made; empty where there is none."""
-        path = self.path / "run.json"
+        path = self.root / "run.json"
         return check_run_document(read_json(path), path, whole_document=False) if path.exists() else {}
 
     def describe(self) -> list[dict[str, str]]:
@@ -265,6 +320,21 @@ class Run:
             told = _as_recorded if name == "motions" else describe
             rows += [{"table": name, **told(field)} for field in schema or ()]
         return rows
+
+
+def atlas_of(path: Path) -> Path | None:
+    """The atlas whose rock lies in a folder, if it does."""
+    root = path.absolute().parent.parent
+    known = (
+        path.absolute().parent.name == SCENES
+        and (root / SITES_FILE).exists()
+        and (root / "run.json").exists()
+    )
+    return root if known else None
+
+
+def _with_constant(table: pa.Table, name: str, value: str | None) -> pa.Table:
+    return table.append_column(name, pa.array([value] * len(table), pa.string()))
 
 
 def open_run(path: PathLike) -> Run:
@@ -302,7 +372,7 @@ def ask(runs: Sequence[Run], query: str, *, trusted: bool = False) -> pa.Table:
 
     def answer(connection: duckdb.DuckDBPyConnection) -> pa.Table:
         table = _answer(connection, query, trusted)
-        if len(runs) > 1:
+        if len(runs) > 1 or any(run.rocks for run in runs):
             _refuse_pooling(connection, query, table.column_names)
         return table
 
@@ -353,7 +423,7 @@ def _as_recorded(field: pa.Field) -> dict[str, str]:
 def _asked(
     runs: Sequence[Run], question: Callable[[duckdb.DuckDBPyConnection], pa.Table], trusted: bool
 ) -> pa.Table:
-    return read_steady([run.path for run in runs], lambda: _asked_once(runs, question, trusted))
+    return read_steady([run.root for run in runs], lambda: _asked_once(runs, question, trusted))
 
 
 def _asked_once(
@@ -368,7 +438,7 @@ def _asked_once(
         except duckdb.Error as error:
             if isinstance(error, duckdb.InvalidInputException):  # as of a damaged file, which this names
                 for run in runs:
-                    newest_rows(result_files(run.path))
+                    newest_rows(result_files(run.root))
             raise InputError(
                 str(error),
                 where="SQL",
@@ -393,8 +463,10 @@ def _refuse_pooling(connection: duckdb.DuckDBPyConnection, query: str, answered:
     if "results" not in words:
         return
     named = words | set(answered)
+    if "rock" in named:
+        named.add("scene_id")
     kinds = connection.execute(
-        f"select distinct run, {', '.join(APART)} from results where physics_version is not null order by run"
+        f"select distinct run, rock, {', '.join(APART)} from results where physics_version is not null order by run"
     ).fetch_df()
     differing = [name for name in APART if kinds[name].nunique() > 1]
     told = [name for name in ("run", *differing) if name in named]
@@ -402,12 +474,13 @@ def _refuse_pooling(connection: duckdb.DuckDBPyConnection, query: str, answered:
     if not any(of[name].nunique() > 1 for _, of in groups for name in differing):
         return
     pooled = [name for name in differing if name not in told]
-    columns = ", ".join(pooled)
+    of_atlas = kinds["rock"].notna().all()
+    columns = ", ".join("rock" if name == "scene_id" and of_atlas else name for name in pooled)
     values = "; ".join(f"{name}: {', '.join(str(one) for one in kinds[name].unique())}" for name in pooled)
     raise InputError(
         f"these runs differ in {values}, and the query pools their rows",
         where="SQL",
-        expected=f"{' and '.join(pooled)}, or run, in its select, group by or where",
+        expected=f"{columns.replace(', ', ' and ')}, or run, in its select, group by or where",
         remedy=f'add it, such as "select {columns}, avg(toppled::int) p from results group by all"',
     )
 
@@ -426,12 +499,22 @@ def _refused(what: str) -> InputError:
     )
 
 
-def _scene_table(told: dict[str, Any]) -> pa.Table:
+_SITE_COLUMNS = (
+    ("rock", "", "name of the rock"),
+    ("site", "", "name of its site"),
+    ("longitude", "deg", "degrees east (WGS 84)"),
+    ("latitude", "deg", "degrees north (WGS 84)"),
+    ("age", "a", "years that the rock has stood, as its campaign states them"),
+)
+
+
+def _scene_table(told: dict[str, Any], site: dict[str, Any]) -> pa.Table:
     rock, plane, contact = told["rock"], told["interface"], told["contact"]
     statics = told["quasi_static_toppling_m_s2"]
     finite = [row["value"] for row in statics if row["value"] is not None]
     columns: list[tuple[str, Any, str, str]] = [
         ("scene_id", told["id"], "", "hash of the scene's content"),
+        *((name, site[name], unit, text) for name, unit, text in _SITE_COLUMNS if site),
         ("height_m", rock["height_m"], "m", "vertical extent of the rock"),
         ("volume_m3", rock["volume_m3"], "m3", "volume of the rock"),
         ("com_x_m", rock["com_m"][0], "m", "centre of mass, east"),
@@ -476,7 +559,8 @@ def _scene_table(told: dict[str, Any]) -> pa.Table:
             "least toppling acceleration by azimuth of the ground's",
         ),
     ]
-    arrays = [pa.array([value]) for _, value, _, _ in columns]
+    kinds = {"longitude": pa.float64(), "latitude": pa.float64(), "age": pa.string()}
+    arrays = [pa.array([value], kinds.get(name)) for name, value, _, _ in columns]
     fields = [
         pa.field(name, array.type, metadata={"group": "scene", "unit": unit, "description": text})
         for (name, _, unit, text), array in zip(columns, arrays, strict=True)

@@ -24,7 +24,14 @@ from toppling.orchestrator.verbs.by_events import (
 from toppling.orchestrator.verbs.felt import EventStatement, measures_asked
 from toppling.orchestrator.verbs.hazard import HAZARD_HELP, SITE_HELP, Asked, SiteCommand, read_tree, years_of
 from toppling.orchestrator.verbs.options import FOLDER, PATH, json_option, trusted_option
-from toppling.orchestrator.verbs.rocks import names_of, of_bases, read_jobs, refuse_twins, standing_rock
+from toppling.orchestrator.verbs.rocks import (
+    names_of,
+    of_atlases,
+    of_bases,
+    read_jobs,
+    refuse_twins,
+    standing_rock,
+)
 from toppling.results.constraint import Constraint
 from toppling.results.drawing.constraint_folder import write_constraint
 from toppling.results.drawing.constraint_words import all_words
@@ -136,9 +143,10 @@ def constrain(
 ) -> None:
     """State which ground motions one or several standing rocks reject.
 
-    A ROCK is a run, or a file of fragility curves (CSV, JSON or NRML) as 'toppling fragility --fit' writes it.
-    Without an age the statement is about a single event; with ages, about rates of exceedance; with hazard curves,
-    about the rocks' survival under each curve and the weights of the branches. Several rocks share the same events.
+    A ROCK is a run, an atlas with all of its rocks (their ages those of its table, unless --age is given), or a file
+    of fragility curves (CSV, JSON or NRML) as 'toppling fragility --fit' writes it. Without an age the statement is
+    about a single event; with ages, about rates of exceedance; with hazard curves, about the rocks' survival under each
+    curve and the weights of the branches. Several rocks share the same events.
 
     An earthquake recorded near a standing rock tells about its unseen base: with --stood every draw of the base is
     shaken with that record, unscaled and in its own orientation, and weighted by how likely the rock survives it.
@@ -149,6 +157,9 @@ def constrain(
     toppling constrain runs/first --age 15000..30000 --hazard mean.csv=0.6 --hazard high.csv=0.4
     toppling constrain runs/first --stood quake_e.AT2 --stood quake_n.AT2 --stood quake_up.AT2
     """
+    rocks, age = of_atlases(rocks, age, "pgv_m_s" if measure is None or "+" in measure else measure)
+    if not rocks:
+        raise click.UsageError("no rock of the atlas has topplings and survivals to tell its fragility by")
     if age and len(age) not in (1, len(rocks)):
         msg = f"give one --age, or one per rock: got {len(age)} for {len(rocks)} rocks"
         raise click.UsageError(msg)

@@ -127,6 +127,9 @@ def fragility(
     toppling fragility runs/first --where "pga_azimuth_deg between 292.5 and 337.5" --out figures
     """
     opened = open_run(run)
+    if opened.rocks:
+        _each_rock(opened, out)
+        return
     done, jobs = opened.completeness(), opened.frame(where, trusted=trusted)
     if not fit and click.get_current_context().get_parameter_source("samples") != ParameterSource.DEFAULT:
         msg = "--samples applies to the fits: give --fit too"
@@ -195,6 +198,18 @@ def fragility(
             click.echo(sentence)
 
 
+def _each_rock(atlas: Run, out: Path | None) -> None:
+    """Call the verb for every rock of an atlas; one without an answer is told."""
+    context = click.get_current_context()
+    for rock in atlas.rocks:
+        given = {**context.params, "run": rock.path, "out": out and out / rock.rock}
+        try:
+            assert fragility.callback is not None
+            fragility.callback(**given)
+        except InputError as error:
+            click.echo(f"{rock.rock}: {error.what}", err=True)
+
+
 def _files(folder: Path, written: list[Path]) -> str:
     """What was written, counted."""
     count = Counter(path.suffix for path in written)
@@ -220,7 +235,7 @@ def at_rest(scene: Scene, jobs: pd.DataFrame) -> Scene:
 
 
 def _plane_reference(run: Run, jobs: pd.DataFrame, directions: int) -> pd.DataFrame:
-    scene, ensemble = at_rest(Scene.load(run.path / "scene"), jobs), Ensemble.load(run.path / "ensemble")
+    scene, ensemble = at_rest(Scene.load(run.scene_folder), jobs), Ensemble.load(run.ensemble_folder)
     records, levels = (sorted(jobs[name].unique()) for name in ("record_id", "level_pga_m_s2"))
     azimuths = [number * 360.0 / directions for number in range(directions)]
     with bar(f"plane reference: {len(azimuths)} sections, {len(levels)} levels"):

@@ -107,8 +107,8 @@ def _plan_atlas(
         told = scenes_told(planned, settled_scenes(planned))
     with bar("timing a few jobs"):
         expected = estimate_atlas(planned) if estimated else None
-    for one, scene, jobs in zip(told["scenes"], planned.scenes, planned.jobs_of_scenes, strict=True):
-        one |= {"jobs": jobs, "records": len(scene.record_sha)}
+    for one, scene in zip(told["scenes"], planned.scenes, strict=True):
+        one["records"] = len(scene.record_sha)
     counts = {"jobs": len(planned), "rocks": len(planned.scenes), "plan_id": planned.id, **told}
     counts |= {"preset": chosen.preset, "engine": chosen.engine}
     counts |= {"expected_work_s": expected and round(expected.work_s, 1)}

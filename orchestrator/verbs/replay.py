@@ -20,7 +20,7 @@ from toppling.orchestrator.verbs.options import FOLDER, run_argument
 from toppling.results.drawing.replay import write_replay
 from toppling.results.friction import friction_words
 from toppling.results.replay import Replay
-from toppling.results.run import open_run
+from toppling.results.run import Run, open_run
 from toppling.results.schema import SCHEMA, describe
 from toppling.results.store import has_digests
 from toppling.workers.engines import DEFAULT
@@ -49,11 +49,15 @@ def replay(run: Path, job: str, out: Path | None) -> None:
     toppling replay runs/first 3dea16b1
     """
     spec, job_id = _specification(run, job)
-    assets = Assets(Scene.load(run / "scene"), Ensemble.load(run / "ensemble"))
+    of_rock = _rock_of(open_run(run), spec.scene_id)
+    assets, rock = (
+        Assets(Scene.load(of_rock.scene_folder), Ensemble.load(of_rock.ensemble_folder)),
+        of_rock.rock,
+    )
     scene, imposed = prepared(spec, assets)
     with bar("shaking"):
         shown, result = replay_of(scene, imposed.motion, spec.preset, spec.engine)
-    title = f"{open_run(run).rock}: {as_shaken(spec, assets.scene, scene)}: {result.outcome or result.status}"
+    title = f"{rock}: {as_shaken(spec, assets.scene, scene)}: {result.outcome or result.status}"
     write_out(shown, out or place_in(run, f"replay/{job_id}"), title)
     row = _row(run, job_id)
     again = outcome_of(result)
@@ -113,9 +117,15 @@ _OUTCOME = [
 ]
 
 
+def _rock_of(opened: Run, scene_id: str | None) -> Run:
+    """The rock of an atlas that a job shakes, or the run itself."""
+    return next((one for one in opened.rocks if one.told["scene_id"] == scene_id), opened)
+
+
 def _specification(run: Path, job: str) -> tuple[JobSpec, str]:
     """Specification of the job whose id begins with the given text, and its full id."""
-    open_run(run)  # refuses what is no run
+    opened = open_run(run)  # refuses what is no run
+    run = opened.root
     path = run / "jobs.parquet"
     if not path.exists():
         raise _error(
@@ -130,10 +140,11 @@ def _specification(run: Path, job: str) -> tuple[JobSpec, str]:
         raise _error(run, what, 'see the ids with: toppling query RUN "select job_id from results"')
     campaign, (chosen,) = Campaign.read(run / "campaign.toml"), found
     job_id = chosen.pop("job_id")
-    ensemble = Ensemble.load(run / "ensemble")
+    # Plans of earlier versions are of one scene and do not name it.
+    of_rock = _rock_of(opened, chosen.pop("scene_id", None))
     return JobSpec(
-        scene_id=Scene.load(run / "scene").id,
-        record_sha=ensemble.sha(chosen["record_id"]),
+        scene_id=Scene.load(of_rock.scene_folder).id,
+        record_sha=Ensemble.load(of_rock.ensemble_folder).sha(chosen["record_id"]),
         preset=campaign.preset,
         engine=campaign.engine,
         peak_displacement_m=campaign.peak_displacement_m,

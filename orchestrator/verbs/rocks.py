@@ -36,6 +36,30 @@ class Jobs:
     completeness: Completeness | None
 
 
+def of_atlases(
+    rocks: tuple[Path, ...], ages: tuple[str, ...], measure: str
+) -> tuple[tuple[Path, ...], tuple[str, ...]]:
+    """Rocks with those of an atlas in its place, and their ages: as asked for, or of all as the atlas has them."""
+    found: list[tuple[Path, str | None]] = []
+    for path in rocks:
+        of_atlas = open_run(path).rocks if path.is_dir() else ()
+        for rock in of_atlas:
+            known = _heard(rock.frame(), measure)
+            if len(known) and fit(known, [measure]).lognormal:
+                found.append((rock.path, rock.told["age"]))
+            else:
+                few = f"no fragility over {measure}, as {known['toppled'].sum()} of {len(known)} jobs toppled it"
+                why = rock.told["problem"] or few
+                click.echo(f"{rock.rock} is left out: {why}", err=True)
+        if not of_atlas:
+            found.append((path, None))
+    stated = tuple(age for _, age in found if age is not None)
+    if not ages and 0 < len(stated) < len(found):
+        undated = ", ".join(path.name for path, age in found if age is None)
+        click.echo(f"ages are left out: the atlas has none of {undated}; --age states one of each", err=True)
+    return tuple(path for path, _ in found), ages or (stated if len(stated) == len(found) else ())
+
+
 def standing_rock(
     name: str, path: Path, measure: str, jobs: Jobs | None, years: np.ndarray, seen: Callable[[], None]
 ) -> Standing:
@@ -92,7 +116,10 @@ def _weighed(path: Path, jobs: pd.DataFrame, recorded: Recorded) -> Stood:
     from toppling.orchestrator.progress import watcher
     from toppling.orchestrator.run import RunError, weigh
 
-    campaign = Campaign.read(path / "campaign.toml")
+    run = open_run(path)
+    campaign = Campaign.read(run.root / "campaign.toml")
+    if campaign.sites:
+        campaign = campaign.of_site(next(site for site in campaign.sites if site.rock == run.rock))
     scene = Scene.load(campaign.scene)
     check_weighable(scene, jobs["base"].nunique(), str(path))
     (contact,) = jobs[CONTACT].drop_duplicates().itertuples(index=False, name=None)

@@ -5,6 +5,7 @@ from contextlib import nullcontext
 import numpy as np
 import pytest
 
+from toppling.models.errors import InputError
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.idealised import ricker
 from toppling.models.motions.record import Record
@@ -70,3 +71,34 @@ def test_rows_of_an_atlas_are_those_of_each_rock_alone_and_a_falling_rock_holds_
     assert tally.done == 2 * 18
     again = run(campaign, tmp_path / "atlas", nullcontext(client), lambda _: None)
     assert (again.done, again.before) == (0, 3 * 18)
+
+
+def test_a_rock_of_an_atlas_is_read_like_a_run_of_its_own_and_rows_are_not_pooled_unasked(
+    client, folder, tmp_path
+):
+    run(Campaign.read(folder / "atlas.toml"), tmp_path / "atlas", nullcontext(client), lambda _: None)
+    atlas = open_run(tmp_path / "atlas")
+    rocks = {rock.rock: rock for rock in atlas.rocks}
+    assert list(rocks) == ["leaning", "narrow", "wide"]
+    frame = rocks["narrow"].frame()
+    assert (rocks["narrow"].planned(), len(frame), frame["rock"].unique().tolist()) == (18, 18, ["narrow"])
+    assert frame["scene_id"].unique().tolist() == rocks["narrow"].scene()["scene_id"].to_pylist()
+    assert rocks["leaning"].told["problem"]
+    assert atlas.scene()["rock"].to_pylist() == list(rocks)
+    with pytest.raises(InputError, match="the query pools their rows"):
+        atlas.sql("select avg(toppled::int) from results")
+    by_rock = atlas.sql(
+        "select rock, avg(toppled::int) p from results group by rock order by rock"
+    ).to_pylist()
+    assert by_rock[1]["p"] == pytest.approx(frame["toppled"].mean())
+    assert rocks["wide"].sql("select count(*) n from results").to_pylist() == [{"n": 18}]
+
+
+def test_a_file_of_another_atlas_is_refused_by_name(client, folder, tmp_path):
+    run(Campaign.read(folder / "atlas.toml"), tmp_path / "atlas", nullcontext(client), lambda _: None)
+    scenes = tmp_path / "atlas" / "scenes"
+    (scenes / "wide" / "scene" / "scene.json").write_bytes(
+        (scenes / "narrow" / "scene" / "scene.json").read_bytes()
+    )
+    with pytest.raises(InputError, match=r"scenes/wide/scene/scene\.json"):
+        open_run(tmp_path / "atlas")

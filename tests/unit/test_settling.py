@@ -21,10 +21,10 @@ from toppling.models.shapes import box
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.cli import cli
 from toppling.orchestrator.folder import describe, prepare
-from toppling.orchestrator.plan import plan
+from toppling.orchestrator.plan import plan_of
 from toppling.orchestrator.run import run
 from toppling.orchestrator.settling_told import draw_settling, settling_notes
-from toppling.orchestrator.stands import check_stands
+from toppling.orchestrator.stands import settled_scenes
 from toppling.orchestrator.verbs.scan import scan
 from toppling.orchestrator.verbs.scene import scene
 from toppling.results.drawing import settling as drawing
@@ -121,13 +121,8 @@ def test_a_run_keeps_and_says_by_how_much_its_rock_settles(campaigns, tmp_path, 
 @pytest.mark.parametrize(("name", "said"), [("leans", True), ("stands", False)])
 def test_the_reports_table_of_the_scene_says_by_how_much_the_rock_settles(campaigns, tmp_path, name, said):
     campaign = Campaign.read(campaigns / f"{name}.toml")
-    loaded = Scene.load(campaign.scene)
-    prepare(
-        tmp_path / "run",
-        plan(campaign, loaded, Ensemble.load(campaign.ensemble)),
-        {},
-        check_stands(campaign, loaded),
-    )
+    planned = plan_of(campaign)
+    prepare(tmp_path / "run", planned, {}, settled_scenes(planned))
     assert (f">{TOLD}</td>" in scene_section(Content(open_run(tmp_path / "run")), Document())) == said
 
 

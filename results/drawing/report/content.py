@@ -151,7 +151,7 @@ class Content:
     @cached_property
     def scene(self) -> Scene | None:
         """The run's scene, where it holds one."""
-        folder = self.run.path / "scene"
+        folder = self.run.scene_folder
         return (
             Scene.load(folder)
             if (folder / "scene.json").exists() and (folder / "rock.ply").exists()
@@ -161,7 +161,7 @@ class Content:
     @cached_property
     def ensemble(self) -> Ensemble | None:
         """The run's records, where it holds them."""
-        folder = self.run.path / "ensemble"
+        folder = self.run.ensemble_folder
         return Ensemble.load(folder) if (folder / CATALOG).exists() else None
 
     @cached_property

@@ -10,9 +10,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
-from toppling.models.errors import InputError, refusals
+from toppling.models.errors import InputError
 from toppling.models.folder import new_folder
 from toppling.models.frames import shifted_and_turned
 from toppling.models.lengths import size_note
@@ -31,6 +30,7 @@ from toppling.models.scan.measure import (
     slenderness,
     uncertainty,
 )
+from toppling.models.scan.overlap import check_overlap
 from toppling.models.scan.read import Cloud
 from toppling.models.scan.register import check_fit, register
 from toppling.models.scan.segment import NEITHER, PEDESTAL, ROCK, Segmentation, label_surfels, segment
@@ -42,14 +42,6 @@ from toppling.models.scene import Scene
 Progress = Callable[[str], None]
 
 STAGES = 6
-
-OVERLAP_SHARE = 0.02
-"""Points of two stations this near, in sizes of a cloud, show the same place."""
-LEAST_OVERLAP = 0.05
-"""Share of a station's points that must show a place that another one shows too."""
-LENGTHS_M = {"feet": 0.3048, "inches": 0.0254, "centimetres": 0.01, "millimetres": 0.001}
-FITS_BETTER = 0.2
-"""Share of the points that conversion must bring into place to give a file away; known ones gain 0.25 or more."""
 UPWARD = 0.3
 """Cosine to the interface's normal above which a patch of the pedestal can carry a rock."""
 BESIDE_PER_HEIGHT = 0.1
@@ -60,12 +52,6 @@ HANGING_PER_HEIGHT = 0.03
 HANGING_SHARE = 0.002
 """More than this share of the rock's patches so far below the interface are a part of it, not strays: of twelve known
 rocks at most 0.0001 lie there, of one of 2 m with a lip over a cliff 0.005 (hanging by 0.1 m) to 0.037 (0.4 m)."""
-
-
-_no_overlap = refusals(
-    expected="stations of one survey, registered to one coordinate system, in metres",
-    remedy="register the stations, or convert what is not in metres, and export again",
-)
 
 
 @dataclass(frozen=True, eq=False)
@@ -243,101 +229,6 @@ def _beside(
 def _at_most(rows: NDArray[Any]) -> NDArray[Any]:
     """Every k-th row, so that no more than `BESIDE_POINTS` are left."""
     return rows[:: -(-len(rows) // BESIDE_POINTS) or 1]
-
-
-def check_overlap(cloud: Cloud) -> None:
-    """Refuse stations that do not show the same place, or show it in other units.
-
-    Raises
-    ------
-    InputError
-        If a file's cloud shares next to nothing with the others, or fits them better in another unit of length.
-    """
-    ends = np.cumsum([points for _, points in cloud.files])
-    parts = np.split(cloud.points_m, ends[:-1])
-    if len(parts) < 2:
-        return
-    samples = [part[:: max(1, len(part) // 20_000)] for part in parts]
-    against = [_Against.of(samples, number) for number in range(len(samples))]
-    _refuse_other_units(against, cloud)
-    shown = [each.shared() for each in against]
-    alone = [number for number, share in enumerate(shown) if share < LEAST_OVERLAP]
-    if not alone:
-        return
-    alone.sort(key=lambda number: (shown[number], -against[number].ratio))
-    names = [cloud.files[number][0] for number in alone]
-    also = f"; the same holds for {', '.join(names[1:])}" if len(names) > 1 else ""
-    ratio = against[alone[0]].ratio
-    units = "" if 0.4 < ratio < 2.5 else f"; it is {ratio:.3g} times as large: other units?"
-    raise _no_overlap(f"does not overlap the other clouds{also}{units}", names[0])
-
-
-@dataclass(frozen=True, eq=False)
-class _Against:
-    """One file's points against those of all others."""
-
-    points_m: NDArray[np.float64]
-    others_m: NDArray[np.float64]
-    others_size_m: float
-    ratio: float
-    rise: float
-
-    @classmethod
-    def of(cls, samples: list[NDArray[np.float64]], number: int) -> "_Against":
-        """Compare sizes, in space and in height, with those that are typical of the others."""
-        others = [sample for other, sample in enumerate(samples) if other != number]
-        size = float(np.median([_size(other) for other in others]))
-        rise = float(np.median([_size(other[:, 2:]) for other in others]))
-        points = samples[number]
-        ratio, steep = _size(points) / size, _size(points[:, 2:]) / max(rise, 1e-9 * size)
-        return cls(points, np.concatenate(others), size, ratio, steep)
-
-    def shared(self) -> float:
-        """Share of the file's points that show a place of the others, or of theirs that show one of its own."""
-        reach = OVERLAP_SHARE * self.others_size_m
-        return max(_near(self.points_m, self.others_m, reach), _near(self.others_m, self.points_m, reach))
-
-    def fit_gained(self, unit: float, origin_m: NDArray[np.float64]) -> float:
-        """How much better file and others fit each other after conversion, 0 where the sizes tell against it.
-
-        The smaller of the two shares counts: through any cloud of sloping ground some points of a smaller one lie on
-        a larger one. A wide view and a close one differ in size too, but not in height.
-        """
-        if not (0.75 < self.ratio * unit < 1.33 and 0.6 < self.rise * unit < 1.67):
-            return 0.0
-        converted = (self.points_m + origin_m) * unit - origin_m
-        reach = OVERLAP_SHARE * self.others_size_m * min(1.0, self.ratio)
-        as_is, after = (
-            min(_near(points, self.others_m, reach), _near(self.others_m, points, reach))
-            for points in (self.points_m, converted)
-        )
-        return after - as_is
-
-
-def _refuse_other_units(against: list[_Against], cloud: Cloud) -> None:
-    """Blame the file whose conversion brings it and the others together best."""
-    gains = [
-        (each.fit_gained(unit, cloud.origin_m), unit < 1.0, unit, number)
-        for number, each in enumerate(against)
-        for length in LENGTHS_M.values()
-        for unit in (length, 1.0 / length)
-    ]
-    # Of two files each fits the other by conversion; that with the larger numbers is not in metres.
-    gain, larger, unit, number = max(gains, key=lambda each: (each[0] > FITS_BETTER, each[1], each[0]))
-    if gain > FITS_BETTER:
-        name = next(word for word, length in LENGTHS_M.items() if length in (unit, 1.0 / unit))
-        told = f"read as {name} it fits the others" if larger else f"the others, read as {name}, fit it"
-        raise _no_overlap(f"is in other units than the other clouds: {told}", cloud.files[number][0])
-
-
-def _size(points: NDArray[np.float64]) -> float:
-    return float(np.linalg.norm(np.ptp(np.quantile(points, [0.02, 0.98], axis=0), axis=0)))
-
-
-def _near(points: NDArray[np.float64], others: NDArray[np.float64], reach_m: float) -> float:
-    """Share of the points that have one of the others within reach."""
-    distance, _ = cKDTree(others).query(points, distance_upper_bound=reach_m)
-    return float(np.isfinite(distance).mean())
 
 
 def check_above(seen: SeenRock, interface: Interface) -> None:

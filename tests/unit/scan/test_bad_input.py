@@ -9,9 +9,10 @@ import pytest
 
 from toppling.models.errors import InputError
 from toppling.models.scan import virtual
+from toppling.models.scan.overlap import check_overlap
 from toppling.models.scan.read import Cloud, read_clouds
 from toppling.models.scan.segment import segment
-from toppling.models.scan.survey import check_overlap, survey
+from toppling.models.scan.survey import survey
 from toppling.models.scan.word import Word
 from toppling.orchestrator.cli import main
 

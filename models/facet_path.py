@@ -1,0 +1,185 @@
+"""The quasi-static path of a rock over the facets of its hull.
+
+A horizontal ground acceleration grows so slowly that inertia other than its own plays no part. Then the rock stands
+at every moment in an equilibrium under the effective gravity g - a, on a set of its hull's vertices whose convex hull
+holds the point where the line of action through the centre of mass pierces the plane. An equilibrium on a vertex or an
+edge alone is that of an inverted pendulum and is never stable, so the path goes from facet to facet of the convex hull:
+a facet holds until the piercing point crosses its border, where the rock tips about the edge (or vertex) that is
+nearest to the piercing point, rolling without slip or spin and without gathering speed, until a facet holds again.
+Where none does, the stable equilibrium is lost: the rock topples. A smooth base is the limit of fine facets, whose path
+ends at the limit point of the equilibria of the potential -g_eff . x_com. For a sharp-edged flat base it is the formula
+of Anooshehpoor, Brune and Zeng (2004), g tan(alpha), extended to three dimensions (moments about each edge) and to
+slopes (gravity in the plane's frame).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from toppling.models.arrays import Array
+from toppling.models.frames import horizontal_unit_vector, plane_axes
+from toppling.models.pedestal import Pedestal
+from toppling.models.relief import contact_feet_m
+from toppling.models.rock import Rock
+from toppling.models.support import (
+    CONTACT_SHARE_OF_HEIGHT,
+    TOPPLED_FALL,
+    TOPPLED_TILT_DEG,
+    moment_arms,
+    planar_hull,
+)
+
+_VERTEX_STEP_RAD = 2e-3  # a rock that pivots on one vertex keeps its direction of fall for this long
+_PAST_THE_EDGE = 1e-9  # share by which the acceleration is raised past lift-off, to give the fall a direction
+_ROUNDING = 1e-12  # share by which a moment may miss zero and still hold
+
+
+@dataclass(frozen=True)
+class _Pose:
+    """Hull vertices, centre of mass and the normal carried along, in the frame of the plane (z its normal, 0 in it)."""
+
+    points: Array
+    com: Array
+    up: Array
+
+    def rolled(self, pivot: Array, outward: Array, angle: float) -> _Pose:
+        """Turn about the line in the plane through a pivot, toward the outward in-plane unit vector."""
+        axis = np.array([-outward[1], outward[0], 0.0])
+        cosine, sine = np.cos(angle), np.sin(angle)
+        skew = np.array([[0, -axis[2], axis[1]], [axis[2], 0, -axis[0]], [-axis[1], axis[0], 0]])
+        turn = (np.eye(3) + sine * skew + (1 - cosine) * (skew @ skew)).T
+        anchor = np.array([pivot[0], pivot[1], 0.0])
+        return _Pose(
+            (self.points - anchor) @ turn + anchor, (self.com - anchor) @ turn + anchor, self.up @ turn
+        )
+
+
+@dataclass(frozen=True)
+class Seat:
+    """A rock as it stands in the scene, ready to be tipped."""
+
+    pose: _Pose
+    ring: Array | None  # in-plane support polygon (k, 2), counter-clockwise, where there is one
+    frame: Array  # rows: axes of the plane and its normal, scene frame
+    tolerance: float
+
+    @classmethod
+    def of(cls, rock: Rock, pedestal: Pedestal) -> Seat:
+        """The rock in its pose, on what touches the plane."""
+        frame = np.vstack([*plane_axes(pedestal.normal), pedestal.normal])
+        points = (contact_feet_m(rock, pedestal) - pedestal.point_m) @ frame.T
+        tolerance = CONTACT_SHARE_OF_HEIGHT * rock.height_m
+        lowest = np.array([0.0, 0.0, points[:, 2].min()])
+        up = np.array([0.0, 0.0, 1.0])
+        pose = _Pose(points - lowest, (rock.com_m - pedestal.point_m) @ frame.T - lowest, up)
+        touching = _touching(pose, tolerance)
+        return cls(pose, touching if len(touching) > 2 else None, frame, tolerance)
+
+    def path(self, gravity_m_s2: float, azimuth_deg: float) -> tuple[float, float]:
+        """Accelerations at lift-off and at toppling."""
+        gravity = self.frame @ np.array([0.0, 0.0, -gravity_m_s2])
+        push = -self.frame @ horizontal_unit_vector(azimuth_deg)
+        seated = self._seated(gravity)
+        if seated is None:
+            return 0.0, 0.0
+        pose, ring = seated
+        lift_off, acceleration = np.inf, 0.0
+        while True:
+            acceleration = _leaves(ring, pose.com, gravity, push, acceleration)
+            lift_off = min(lift_off, acceleration)
+            if not np.isfinite(acceleration):
+                return lift_off, acceleration
+            beyond = acceleration * (1 + _PAST_THE_EDGE) + _PAST_THE_EDGE * gravity_m_s2
+            landed = self._fallen(pose, ring, gravity + beyond * push)
+            if landed is None:
+                return lift_off, acceleration
+            pose, ring = landed
+
+    def fallen(self, gravity: Array) -> _Pose | None:
+        """The pose in which gravity alone leaves the rock; None if it topples."""
+        seated = self._seated(gravity)
+        return None if seated is None else seated[0]
+
+    def _seated(self, gravity: Array) -> tuple[_Pose, Array] | None:
+        if self.ring is not None and _holds(self.ring, self.pose.com, gravity):
+            return self.pose, self.ring
+        return self._fallen(self.pose, self.ring, gravity)
+
+    def _fallen(self, pose: _Pose, ring: Array | None, weight: Array) -> tuple[_Pose, Array] | None:
+        """Find next rest under a constant effective gravity, and its support; None if it topples first."""
+        support = _touching(pose, self.tolerance) if ring is None else ring
+        least_height = (1.0 - TOPPLED_FALL) * self.pose.com[2]
+        least_up = np.cos(np.deg2rad(TOPPLED_TILT_DEG))
+        if weight[2] >= 0:
+            return None
+        while pose.up @ self.pose.up >= least_up and pose.com[2] >= least_height:
+            if len(support) > 2 and _holds(support, pose.com, weight):
+                return pose, support
+            pierced = pose.com[:2] - weight[:2] * pose.com[2] / weight[2]
+            pivot, outward, on_vertex = _nearest(support, pierced)
+            reach = (pose.points[:, :2] - pivot) @ outward
+            free = np.hypot(reach, pose.points[:, 2]) > self.tolerance
+            # A touching point behind the pivot stands at an angle of pi and rises: it cannot land next.
+            angle = np.arctan2(np.maximum(pose.points[:, 2], 0.0), reach)
+            landing = float(angle[free].min(initial=np.pi))
+            step = min(landing, max(landing / 4, _VERTEX_STEP_RAD)) if on_vertex else landing
+            pose = pose.rolled(pivot, outward, step)
+            support = _touching(pose, self.tolerance)
+        return None
+
+
+def _touching(pose: _Pose, tolerance: float) -> Array:
+    """Support (k, 2): a counter-clockwise polygon, or the one or two ends of what touches."""
+    points = pose.points[pose.points[:, 2] <= pose.points[:, 2].min() + tolerance, :2]
+    if len(points) < 3:
+        return points
+    order = planar_hull(points, tolerance)
+    if order is not None:
+        return points[order]
+    along = points @ np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2][0]
+    return points[[along.argmin(), along.argmax()]]
+
+
+def _edge_moments(ring: Array, com: Array, force: Array) -> Array:
+    """Moments (k,) with which a force on the centre of mass holds the rock down on each edge of a ring."""
+    corners = np.column_stack([ring, np.zeros(len(ring))])
+    return moment_arms(corners, com, np.array([0.0, 0.0, 1.0])) @ force
+
+
+def _holds(ring: Array, com: Array, weight: Array) -> bool:
+    rounding = -_ROUNDING * com[2] * np.linalg.norm(weight)
+    return len(ring) > 2 and bool((_edge_moments(ring, com, weight) >= rounding).all()) and weight[2] < 0
+
+
+def _leaves(ring: Array, com: Array, gravity: Array, push: Array, least: float) -> float:
+    """Least acceleration, not below one that holds, at which an edge lets go."""
+    hold, change = _edge_moments(ring, com, gravity), _edge_moments(ring, com, push)
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        root = np.where(change < 0, -hold / change, np.inf)
+    return max(float(root.min()), least)
+
+
+def _nearest(support: Array, pierced: Array) -> tuple[Array, Array, bool]:
+    """Nearest point of a support to a point outside, unit vector outward, whether it is a vertex."""
+    if len(support) > 1:
+        edge = np.roll(support, -1, axis=0) - support
+        share = ((pierced - support) * edge).sum(axis=1) / (edge * edge).sum(axis=1)
+        point = support + np.clip(share, 0.0, 1.0)[:, None] * edge
+        away = pierced - point
+        if len(support) > 2:  # edges behind which the point lies are not near, even if rounding says so
+            left = edge[:, 0] * (pierced - support)[:, 1] - edge[:, 1] * (pierced - support)[:, 0]
+            distance = np.where(left < 0, (away * away).sum(axis=1), np.inf)
+        else:
+            distance = (away * away).sum(axis=1)
+        best = int(distance.argmin())
+        if 0.0 < share[best] < 1.0:
+            outward = np.array([edge[best, 1], -edge[best, 0]]) / np.linalg.norm(edge[best])
+            return point[best], outward if outward @ away[best] >= 0 else -outward, False
+        vertex = point[best]
+    else:
+        vertex = support[0]
+    away = pierced - vertex
+    length = np.linalg.norm(away)
+    return vertex, away / length if length > 0 else np.array([1.0, 0.0]), True

@@ -13,7 +13,7 @@ from scipy.spatial import ConvexHull
 from toppling.models.arrays import Array
 from toppling.models.frames import horizontal_unit_vector, plane_normal, rotation_between
 from toppling.models.pedestal import Pedestal
-from toppling.models.scan import virtual
+from toppling.models.scan import virtual, virtual_shapes
 from toppling.models.statics import quasi_static_toppling_m_s2
 
 BASES = ("flat", "three bumps", "concave", "rounded", "wedge")
@@ -72,7 +72,7 @@ def _drawn(kind: str, random: np.random.Generator) -> virtual.Truth | None:
     points, faces = superellipsoid(random, height)
     base_m = 1.02 * float(np.hypot(*points[points[:, 2] == 0.0][:, :2].T).max())
     slope_deg, downhill_deg = random.uniform(0.0, 6.0), random.uniform(0.0, 360.0)
-    ground = virtual.ground(
+    ground = virtual_shapes.ground(
         height * random.uniform(2.0, 3.0),
         base_m,
         int(random.integers(1000)),
@@ -100,14 +100,14 @@ def _at_rest_on(
     shaped = points_m + np.column_stack([np.zeros((len(points_m), 2)), fades * relief_m])
     for _ in range(12):  # the weight's line moves a little with the base
         com_m = trimesh.Trimesh(shaped, faces, process=False).center_mass
-        pierced = com_m[:2] - down[:2] / down[2] * com_m[2]
+        projected_com = com_m[:2] - down[:2] / down[2] * com_m[2]
         low = shaped[shaped[:, 2] < 0.1 * np.ptp(shaped[:, 2])]
         lower = ConvexHull(low)
         facing = lower.equations[lower.equations[:, 2] < -1e-9]
-        height_m = -(pierced @ facing[:, :2].T + facing[:, 3]) / facing[:, 2]
+        height_m = -(projected_com @ facing[:, :2].T + facing[:, 3]) / facing[:, 2]
         a, b, c, d = facing[height_m.argmax()]
         corner = low[lower.simplices[lower.equations[:, 2] < -1e-9][height_m.argmax()], :2]
-        if not _encloses(corner, pierced):
+        if not _encloses(corner, projected_com):
             return None
         shaped[:, 2] += (shaped[:, 0] * a + shaped[:, 1] * b + d) / c * fades
     # What is left after the last pass is a millionth: set exactly.

@@ -34,13 +34,14 @@ from squat_rocks import beside_the_contact, member
 
 from toppling.models.errors import InputError
 from toppling.models.frames import plane_normal, rotation_between
+from toppling.models.mesh_files import read_triangles
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock
-from toppling.models.scan import virtual
+from toppling.models.scan import virtual, virtual_shapes
 from toppling.models.scan.read import Cloud, read_clouds
 from toppling.models.scan.survey import survey
-from toppling.models.scene import Scene, read_triangles
+from toppling.models.scene import Scene
 from toppling.models.statics import quasi_static_toppling_m_s2
 from toppling.orchestrator.front import Job, Setting, answers, draw_jobs
 from toppling.orchestrator.stands import settling
@@ -55,26 +56,28 @@ LIMIT_S, LIMIT_GB = 70.0, 2.5
 
 def block() -> virtual.Truth:
     """Upright block of rough sides on a slope."""
-    rock = virtual.boulder(2.0, 1.1, 0.9, 11, bumps=0.015, squareness=0.8)
-    return virtual.on_slope(rock, virtual.ground(5.0, 0.7, 11, bumps_m=0.08), 4.0, 300.0)
+    rock = virtual_shapes.boulder(2.0, 1.1, 0.9, 11, bumps=0.015, squareness=0.8)
+    return virtual.on_slope(rock, virtual_shapes.ground(5.0, 0.7, 11, bumps_m=0.08), 4.0, 300.0)
 
 
 def stump() -> virtual.Truth:
     """Boulder on a broad base."""
-    rock = virtual.boulder(2.0, 1.3, 1.0, 3, bumps=0.02)
-    return virtual.on_slope(rock, virtual.ground(5.0, 0.7, 3, bumps_m=0.1), 6.0, 250.0)
+    rock = virtual_shapes.boulder(2.0, 1.3, 1.0, 3, bumps=0.02)
+    return virtual.on_slope(rock, virtual_shapes.ground(5.0, 0.7, 3, bumps_m=0.1), 6.0, 250.0)
 
 
 def leaning() -> virtual.Truth:
     """Boulder with a nose, whose narrow base lies in the shadow of its belly."""
-    rock = virtual.boulder(3.0, 1.9, 1.0, 7, bumps=0.03, nose=0.25, nose_azimuth_deg=70.0)
-    return virtual.on_slope(rock, virtual.ground(8.0, 0.8, 7, bumps_m=0.15), 8.0, 70.0)
+    rock = virtual_shapes.boulder(3.0, 1.9, 1.0, 7, bumps=0.03, nose=0.25, nose_azimuth_deg=70.0)
+    return virtual.on_slope(rock, virtual_shapes.ground(8.0, 0.8, 7, bumps_m=0.15), 8.0, 70.0)
 
 
 def hour_glass() -> virtual.Truth:
     """Boulder on a neck of its own width."""
-    rock = virtual.boulder(2.0, 1.5, 0.8, 5, bumps=0.02)
-    return virtual.on_slope(rock, virtual.ground(5.0, 0.42, 5, neck_drop_m=0.8, bumps_m=0.05), 3.0, 10.0)
+    rock = virtual_shapes.boulder(2.0, 1.5, 0.8, 5, bumps=0.02)
+    return virtual.on_slope(
+        rock, virtual_shapes.ground(5.0, 0.42, 5, neck_drop_m=0.8, bumps_m=0.05), 3.0, 10.0
+    )
 
 
 SHAPES: dict[str, Callable[[], virtual.Truth]] = {

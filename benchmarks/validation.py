@@ -20,8 +20,9 @@ import numpy as np
 import trimesh
 from pages import put
 
+from toppling.models.mesh_files import read_triangles
 from toppling.models.motions.shaketable import Experiment, read_experiment
-from toppling.models.scene import Scene, read_triangles
+from toppling.models.scene import Scene
 from toppling.orchestrator.cluster import local
 from toppling.orchestrator.validation import Shaken, Wanted, ensemble_of, shake_tests, specimen
 from toppling.results.validation import learnt, scores, share

@@ -1,5 +1,6 @@
 """The one error that a user's data can cause, in one shape: what, where, what was expected, what to do."""
 
+import math
 from collections.abc import Callable
 
 LONGEST = 1500
@@ -37,6 +38,13 @@ class InputError(ValueError):
 def refusals(expected: str, remedy: str) -> Callable[[str, object], InputError]:
     """Errors of one kind of data, which differ in what is wrong (first argument) and where (second)."""
     return lambda what, where: InputError(what, where=str(where), expected=expected, remedy=remedy)
+
+
+def check_positive(where: str, expected: str, remedy: str, **values: float) -> None:
+    """Refuse a value, named as its argument is, that is not a finite number above 0."""
+    for name, value in values.items():
+        if not 0.0 < value < math.inf:
+            raise InputError(f"{name} is {value}", where=where, expected=expected, remedy=remedy)
 
 
 def _shortened(text: str) -> str:

@@ -117,8 +117,8 @@ class Seat:
         while pose.up @ self.pose.up >= least_up and pose.com[2] >= least_height:
             if len(support) > 2 and _holds(support, pose.com, weight):
                 return pose, support
-            pierced = pose.com[:2] - weight[:2] * pose.com[2] / weight[2]
-            pivot, outward, on_vertex = _nearest(support, pierced)
+            projected_com = pose.com[:2] - weight[:2] * pose.com[2] / weight[2]
+            pivot, outward, on_vertex = _nearest(support, projected_com)
             reach = (pose.points[:, :2] - pivot) @ outward
             free = np.hypot(reach, pose.points[:, 2]) > self.tolerance
             # A touching point behind the pivot stands at an angle of pi and rises: it cannot land next.
@@ -161,15 +161,15 @@ def _leaves(ring: Array, com: Array, gravity: Array, push: Array, least: float) 
     return max(float(root.min()), least)
 
 
-def _nearest(support: Array, pierced: Array) -> tuple[Array, Array, bool]:
+def _nearest(support: Array, projected_com: Array) -> tuple[Array, Array, bool]:
     """Nearest point of a support to a point outside, unit vector outward, whether it is a vertex."""
     if len(support) > 1:
         edge = np.roll(support, -1, axis=0) - support
-        share = ((pierced - support) * edge).sum(axis=1) / (edge * edge).sum(axis=1)
+        share = ((projected_com - support) * edge).sum(axis=1) / (edge * edge).sum(axis=1)
         point = support + np.clip(share, 0.0, 1.0)[:, None] * edge
-        away = pierced - point
+        away = projected_com - point
         if len(support) > 2:  # edges behind which the point lies are not near, even if rounding says so
-            left = edge[:, 0] * (pierced - support)[:, 1] - edge[:, 1] * (pierced - support)[:, 0]
+            left = edge[:, 0] * (projected_com - support)[:, 1] - edge[:, 1] * (projected_com - support)[:, 0]
             distance = np.where(left < 0, (away * away).sum(axis=1), np.inf)
         else:
             distance = (away * away).sum(axis=1)
@@ -180,6 +180,6 @@ def _nearest(support: Array, pierced: Array) -> tuple[Array, Array, bool]:
         vertex = point[best]
     else:
         vertex = support[0]
-    away = pierced - vertex
+    away = projected_com - vertex
     length = np.linalg.norm(away)
     return vertex, away / length if length > 0 else np.array([1.0, 0.0]), True

@@ -112,14 +112,14 @@ class GapDraw:
 
 
 def draw_gaps(
-    seen: Seen, pierced_m: Array, reliefs: Sequence[Relief], random: np.random.Generator
+    seen: Seen, projected_com_m: Array, reliefs: Sequence[Relief], random: np.random.Generator
 ) -> list[GapDraw]:
     """Fields on which the rock stands, with their weights.
 
     Parameters
     ----------
     seen : Seen
-    pierced_m : (count, 2) array
+    projected_com_m : (count, 2) array
         Where the line of the weight pierces the interface, for each of the draws of each relief.
     reliefs : sequence of Relief
     random : numpy.random.Generator
@@ -131,10 +131,10 @@ def draw_gaps(
     """
     found = []
     for relief in reliefs:
-        fields, covariance, log_likelihood = _conditioned(seen, relief, len(pierced_m), random)
+        fields, covariance, log_likelihood = _conditioned(seen, relief, len(projected_com_m), random)
         level = max(relief.shape_m, relief.rough_m)
-        for number, (field, pierced) in enumerate(zip(fields, pierced_m, strict=True)):
-            stood = _made_to_stand(field, covariance, seen, pierced, TOUCHING_SHARE * level)
+        for number, (field, projected_com) in enumerate(zip(fields, projected_com_m, strict=True)):
+            stood = _made_to_stand(field, covariance, seen, projected_com, TOUCHING_SHARE * level)
             if stood is not None:
                 gap, cost = stood
                 found.append(GapDraw(gap, log_likelihood - 0.5 * cost, number))
@@ -167,7 +167,7 @@ def weights(log_weight: Array, measured: Array | float = 0.0) -> Array:
     return np.asarray(np.exp(log_weight - log_weight.max()))
 
 
-def facet_below(places_m: Array, gap_m: Array, pierced_m: Array) -> Index | None:
+def facet_below(places_m: Array, gap_m: Array, projected_com_m: Array) -> Index | None:
     """The three places on which a body with these gaps rests under a line through a point of the plane, if any."""
     try:
         hull = ConvexHull(np.column_stack([places_m, gap_m]))
@@ -175,16 +175,16 @@ def facet_below(places_m: Array, gap_m: Array, pierced_m: Array) -> Index | None
         return None
     facing = np.flatnonzero(hull.equations[:, 2] < -1e-9)
     a, b, c, d = hull.equations[facing].T
-    height = -(a * pierced_m[0] + b * pierced_m[1] + d) / c
+    height = -(a * projected_com_m[0] + b * projected_com_m[1] + d) / c
     # Facets of one plane are several triangles, of which one lies below the line.
     for number in np.argsort(-height, kind="stable")[:TRIANGLES]:
         corners = hull.simplices[facing[number]]
-        if encloses(places_m[corners], pierced_m):
+        if encloses(places_m[corners], projected_com_m):
             return corners
     return None
 
 
-def encloses(points_m: Array, pierced_m: Array) -> bool:
+def encloses(points_m: Array, projected_com_m: Array) -> bool:
     """Whether the convex hull of points (k, 2) of the plane holds another point."""
     if len(points_m) < 3:
         return False
@@ -192,7 +192,7 @@ def encloses(points_m: Array, pierced_m: Array) -> bool:
         hull = ConvexHull(points_m)
     except QhullError:
         return False
-    return bool((hull.equations[:, :2] @ pierced_m + hull.equations[:, 2] < 0.0).all())
+    return bool((hull.equations[:, :2] @ projected_com_m + hull.equations[:, 2] < 0.0).all())
 
 
 def _matern(apart: Array) -> Array:
@@ -225,17 +225,17 @@ def _conditioned(
 
 
 def _made_to_stand(
-    field: Array, covariance: Array, seen: Seen, pierced: Array, closed_m: float
+    field: Array, covariance: Array, seen: Seen, projected_com: Array, closed_m: float
 ) -> tuple[Array, float] | None:
     """The nearest field that stands, and what it cost to get there."""
     gap, cost = _above_floor(field, covariance, seen.floor_m, seen.touching)
     can_touch = np.flatnonzero(seen.floor_m <= 0.0)
     touching = can_touch[gap[can_touch] <= closed_m]
-    if encloses(seen.places_m[touching], pierced):
+    if encloses(seen.places_m[touching], projected_com):
         return gap, cost
     # It is brought to touch where that costs least: in the middle rather than at a rim that was seen to hang.
     cost_of_touching = gap / np.sqrt(np.diag(covariance))
-    corners = facet_below(seen.places_m[can_touch], cost_of_touching[can_touch], pierced)
+    corners = facet_below(seen.places_m[can_touch], cost_of_touching[can_touch], projected_com)
     if corners is None:
         return None
     feet = np.union1d(can_touch[corners], seen.touching)

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from toppling.models.arrays import Array
-from toppling.models.errors import InputError
+from toppling.models.errors import InputError, check_positive
 from toppling.models.frames import plane_axes
 from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock
@@ -54,6 +54,9 @@ class Standing:
     least_toppling_m_s2: float = 0.0
 
 
+AS_SCANNED = Standing()
+
+
 def with_rough_base(
     scene: Scene,
     *,
@@ -61,18 +64,17 @@ def with_rough_base(
     wavelength_m: float,
     band_m: float,
     draws: int = 32,
-    standing: Standing | None = None,
+    standing: Standing = AS_SCANNED,
     com_std_m: float = 0.0,
     tolerance_share: float = TOLERANCE_SHARE,
     seed: int = 0,
     progress: Callable[[int], None] = lambda _: None,
 ) -> Scene:
-    """A scene of a mesh on a plane, with draws of its base.
+    """A scene of a mesh on an endless plane, with draws of its base.
 
     Parameters
     ----------
     scene : Scene
-        On an endless plane.
     std_m : (float, float)
         Standard deviation of the error of the mesh near its base: between these, its logarithm as likely anywhere.
     wavelength_m : float
@@ -80,9 +82,9 @@ def with_rough_base(
     band_m : float
         Height over the plane up to which the mesh is displaced.
     draws : int
-    standing : Standing, optional
+    standing : Standing
     com_std_m : float
-        Standard deviation of each coordinate of the centre of mass.
+        Of each coordinate of the centre of mass.
     tolerance_share : float
         Feet are left out while the hull of the others stays within this share of the noise's standard deviation.
     seed : int
@@ -93,7 +95,7 @@ def with_rough_base(
     Returns
     -------
     Scene
-        With `unseen`, from which the realisations of a campaign take their bases.
+        With `unseen`: the bases of a campaign's realisations.
 
     Raises
     ------
@@ -101,29 +103,24 @@ def with_rough_base(
         If the pedestal is no plane, a length is none, or the rock hardly ever stands on such bases.
     """
     _check(scene, std_m, wavelength_m, band_m, draws)
-    standing = standing or Standing()
     random = np.random.default_rng([2029, seed])
     kept: list[BaseDraw] = []
-    for tried in range(1, 100_000_000):
-        deviation_m = float(np.exp(random.uniform(*np.log(std_m))))
-        noise = _Noise.drawn(deviation_m, wavelength_m, random)
-        offset_m = random.normal(size=3) * com_std_m
+    tried = 0
+    while len(kept) < draws:
+        if tried * LEAST_SHARE_THAT_STANDS > max(draws, 1.0) and len(kept) < LEAST_SHARE_THAT_STANDS * tried:
+            raise _hardly_stands(scene, std_m, tried, len(kept))
+        tried += 1
+        noise, shift_m = _Noise.drawn(std_m, wavelength_m, random), com_std_m * random.normal(size=3)
         chance = float(random.random())
-        draw = _let_down(scene, noise, band_m, offset_m, tolerance_share * deviation_m)
+        draw = _let_down(scene, noise, band_m, shift_m, tolerance_share * noise.std_m)
         if draw is not None and _stood(scene, UnseenBase(band_m, (draw,)), standing, chance):
             kept.append(draw)
             progress(len(kept))
-        if len(kept) == draws:
-            break
-        if tried * LEAST_SHARE_THAT_STANDS > max(draws, 1.0) and len(kept) < LEAST_SHARE_THAT_STANDS * tried:
-            raise InputError(
-                f"of {tried} bases with noise of {std_m[0]:g} to {std_m[1]:g} m the rock stands on {len(kept)}",
-                where=f"scene {scene.id}",
-                expected=f"a rock that stands on at least {LEAST_SHARE_THAT_STANDS:.1%} of its possible bases",
-                remedy="give a smaller standard deviation, a larger attitude_std_deg or a smaller "
-                "least_toppling_m_s2, or turn the mesh to the pose in which the rock stood",
-            )
     return dataclasses.replace(scene, unseen=UnseenBase(band_m, tuple(kept)))
+
+
+_POSITIVE = "a positive number"
+_REMEDY = "for a mesh from photographs: some 0.0005 to 0.003 m of error over 0.15 m in the lowest 0.08 m"
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,18 +129,24 @@ class _Noise:
 
     wave_rad_m: Array
     phase_rad: Array
-    amplitude_m: float
+    std_m: float
 
     @classmethod
-    def drawn(cls, std_m: float, wavelength_m: float, random: np.random.Generator) -> _Noise:
+    def drawn(cls, std_m: tuple[float, float], wavelength_m: float, random: np.random.Generator) -> _Noise:
+        """Draw one; the logarithm of its standard deviation is as likely anywhere between two."""
+        deviation_m = float(np.exp(random.uniform(*np.log(std_m))))
         way = random.normal(size=(WAVES, 3))
         way /= np.linalg.norm(way, axis=1)[:, None]
         length = 1.0 + SPREAD_OF_WAVENUMBERS * random.normal(size=(WAVES, 1))
         phase = random.uniform(0.0, 2.0 * np.pi, WAVES)
-        return cls(2.0 * np.pi / wavelength_m * length * way, phase, std_m * float(np.sqrt(2.0 / WAVES)))
+        return cls(2.0 * np.pi / wavelength_m * length * way, phase, deviation_m)
 
     def __call__(self, points_m: Array) -> Array:
-        return self.amplitude_m * np.cos(points_m @ self.wave_rad_m.T + self.phase_rad).sum(axis=1)
+        return (
+            self.std_m
+            * float(np.sqrt(2.0 / WAVES))
+            * np.cos(points_m @ self.wave_rad_m.T + self.phase_rad).sum(axis=1)
+        )
 
 
 def _let_down(
@@ -181,6 +184,16 @@ def _stood(scene: Scene, base: UnseenBase, standing: Standing, chance: float) ->
     return _bears(rock, scene.pedestal, scene.gravity_m_s2, standing.least_toppling_m_s2)
 
 
+def _hardly_stands(scene: Scene, std_m: tuple[float, float], tried: int, kept: int) -> InputError:
+    return InputError(
+        f"of {tried} bases with noise of {std_m[0]:g} to {std_m[1]:g} m the rock stands on {kept}",
+        where=f"scene {scene.id}",
+        expected=f"a rock that stands on at least {LEAST_SHARE_THAT_STANDS:.1%} of its possible bases",
+        remedy="give a smaller standard deviation, a larger attitude_std_deg or a smaller "
+        "least_toppling_m_s2, or turn the mesh to the pose in which the rock stood",
+    )
+
+
 def _bears(rock: Rock, pedestal: Pedestal, gravity_m_s2: float, least_m_s2: float) -> bool:
     azimuths = np.arange(0.0, 360.0, 15.0) if least_m_s2 > 0.0 else (0.0,)
     # One after the other: most bases that fail do so toward the first few azimuths.
@@ -198,16 +211,8 @@ def _check(scene: Scene, std_m: tuple[float, float], wavelength_m: float, band_m
             expected="a mesh on an endless plane",
             remedy="'toppling scan' draws the bases of scanned rocks; make this scene with Scene.from_mesh",
         )
-    for name, value in (
-        *(("std_m", each) for each in std_m),
-        ("wavelength_m", wavelength_m),
-        ("band_m", band_m),
-        ("draws", draws),
-    ):
-        if not (np.isfinite(value) and value > 0):
-            raise InputError(
-                f"{name} is {value}",
-                where="with_rough_base",
-                expected="a positive number",
-                remedy="for a mesh from photographs: some 0.0005 to 0.003 m of error over 0.15 m in the lowest 0.08 m",
-            )
+    for each in std_m:
+        check_positive("with_rough_base", _POSITIVE, _REMEDY, std_m=each)
+    check_positive(
+        "with_rough_base", _POSITIVE, _REMEDY, wavelength_m=wavelength_m, band_m=band_m, draws=draws
+    )

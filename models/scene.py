@@ -11,18 +11,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import trimesh
 from numpy.typing import ArrayLike, NDArray
 
 from toppling.models import digest
 from toppling.models.contact import ContactProperties
 from toppling.models.documents import shown
-from toppling.models.errors import InputError, refusals
+from toppling.models.errors import InputError, check_positive, refusals
 from toppling.models.folder import local, new_folder
 from toppling.models.frames import STANDARD_GRAVITY_M_S2, plane_normal, rotation_between
-from toppling.models.guarded import read_guarded
+from toppling.models.mesh_files import read_triangles, write_ply
 from toppling.models.pedestal import Pedestal
-from toppling.models.ply import read_mesh
 from toppling.models.rock import Rock, check_size, check_triangles, origin_beside_m
 from toppling.models.scene_document import BASES, SCHEMA_VERSION, read_scene_document
 from toppling.models.shapes import box
@@ -32,8 +30,6 @@ from toppling.models.unseen import UnseenBase
 if TYPE_CHECKING:
     from toppling.models.ground.body import GroundedBody
     from toppling.models.ground.kind import GroundKind
-
-MESH_FORMATS = (".ply", ".stl", ".obj", ".off", ".glb", ".gltf")
 
 COM_SPREAD_SHARE = 0.005
 """Standard deviation of the centre of mass over the height, in a realisation of a scene that knows none of its own."""
@@ -104,18 +100,10 @@ class Scene:
         gravity : float
             m/s2.
         """
-        for name, value in (
-            ("half_width", half_width),
-            ("half_depth", half_depth),
-            ("half_height", half_height),
-        ):
-            if not (math.isfinite(value) and value > 0):
-                raise InputError(
-                    f"{name} is {value}",
-                    where="Scene.block",
-                    expected="a positive length in metres",
-                    remedy="give half of the block's size",
-                )
+        check_positive(
+            "Scene.block", "a positive length in metres", "give half of the block's size",
+            half_width=half_width, half_depth=half_depth, half_height=half_height,
+        )  # fmt: skip
         rock = box(half_width, half_depth, half_height).moved(np.eye(3), (0.0, 0.0, half_height))
         return cls(rock, _plane(0.0, 0.0), ContactProperties.of(friction, restitution), _gravity(gravity))
 
@@ -155,20 +143,7 @@ class Scene:
             If the file cannot be read as a mesh, the mesh is not one closed body or not of a rock's height, the plane
             is none, or the rock does not stand at the surface.
         """
-        if not 0.0 <= slope_deg < 90.0:
-            raise InputError(
-                f"slope_deg is {slope_deg}",
-                where="Scene.from_mesh",
-                expected="0 to below 90 degrees",
-                remedy="give the slope as a positive angle and its downhill azimuth as slope_azimuth_deg",
-            )
-        if not math.isfinite(slope_azimuth_deg):
-            raise InputError(
-                f"slope_azimuth_deg is {slope_azimuth_deg}",
-                where="Scene.from_mesh",
-                expected="degrees counter-clockwise from x (east)",
-                remedy="give the azimuth toward which the plane falls, or leave it out where the plane is level",
-            )
+        plane = _plane(slope_deg, slope_azimuth_deg)
         where = "rock mesh" if isinstance(mesh, tuple) else str(mesh)
         rock = Rock.from_triangles(*(mesh if isinstance(mesh, tuple) else read_triangles(mesh)), where=where)
         check_size(rock.height_m, where)
@@ -180,7 +155,6 @@ class Scene:
             return cls(
                 *_on_surface(rock, pedestal, origin, contact, _gravity(gravity)), contact, gravity, origin
             )
-        plane = _plane(slope_deg, slope_azimuth_deg)
         turned = rock.moved(rotation_between((0.0, 0.0, 1.0), plane.normal))
         lowest = float((turned.vertices_m @ plane.normal).min())
         seated = turned.moved(np.eye(3), -lowest * plane.normal)
@@ -371,66 +345,6 @@ class Scene:
         return square @ turn.T + self.pedestal.point_m, np.array([[0, 1, 2], [0, 2, 3]], np.int64)
 
 
-def read_triangles(path: str | os.PathLike[str]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Vertices (n, 3) in metres, z up, and triangles (m, 3) of a mesh file; glTF's up is y, by its rule.
-
-    The format is that of the file's name. Nothing beside the file is read: materials, textures, buffers of their own.
-
-    Raises
-    ------
-    InputError
-        If the file is absent, of another format or holds no triangles.
-    """
-    suffix = Path(path).suffix.lower()
-    if suffix not in MESH_FORMATS:
-        raise InputError(
-            f"{suffix or 'no suffix'} is not a mesh format that is read",
-            where=str(path),
-            expected=f"a triangle mesh: {', '.join(MESH_FORMATS)}",
-            remedy="convert the mesh, or correct the file's name",
-        )
-    if not Path(path).is_file():
-        raise InputError(
-            "there is no such file",
-            where=str(path),
-            expected=f"a triangle mesh: {', '.join(MESH_FORMATS)}",
-            remedy="check the path",
-        )
-    found = read_mesh(Path(path)) if suffix == ".ply" else None
-    vertices, faces = found or read_guarded("toppling.models.scene:parse_mesh", Path(path))[1]
-    if len(faces) == 0:
-        raise InputError(
-            "holds no triangles",
-            where=str(path),
-            expected="a triangle mesh",
-            remedy="a point cloud becomes a scene with 'toppling scan'",
-        )
-    check_triangles(vertices, faces, str(path))
-    if suffix in (".glb", ".gltf"):
-        vertices = vertices[:, [0, 2, 1]] * (1.0, -1.0, 1.0)
-    return vertices, faces
-
-
-def parse_mesh(path: Path) -> tuple[None, list[NDArray]]:
-    """Vertices and triangles of a file by trimesh; called in the guarded process, since a small file may say much."""
-    with path.open("rb") as file:
-        mesh: Any = trimesh.load(file, file_type=path.suffix.lower()[1:], force="mesh", process=False)
-    return None, [np.array(mesh.vertices, np.float64), np.array(mesh.faces, np.int64)]
-
-
-def write_ply(path: Path, vertices_m: NDArray[np.float64], faces: NDArray[np.int64]) -> None:
-    """Write a binary PLY with its digest, in double precision, which trimesh's own writer does not keep."""
-    header = (
-        f"ply\nformat binary_little_endian 1.0\ncomment {digest.BLANK}\ncomment metres, x east, y north, z up\n"
-        f"element vertex {len(vertices_m)}\nproperty double x\nproperty double y\nproperty double z\n"
-        f"element face {len(faces)}\nproperty list uchar int vertex_indices\nend_header\n"
-    )
-    rows = np.empty(len(faces), dtype=[("count", "u1"), ("index", "<i4", 3)])
-    rows["count"], rows["index"] = 3, faces
-    path.write_bytes(header.encode() + np.ascontiguousarray(vertices_m, "<f8").tobytes() + rows.tobytes())
-    digest.seal(path)
-
-
 def _finite(value: Any) -> Any:
     """The same content with null for numbers that JSON cannot say."""
     if isinstance(value, Mapping):
@@ -460,15 +374,23 @@ def _on_surface(
 
 
 def _plane(slope_deg: float, downhill_azimuth_deg: float) -> Pedestal:
+    if not 0.0 <= slope_deg < 90.0:
+        raise InputError(
+            f"slope_deg is {slope_deg}",
+            where="Scene.from_mesh",
+            expected="0 to below 90 degrees",
+            remedy="give the slope as a positive angle and its downhill azimuth as slope_azimuth_deg",
+        )
+    if not math.isfinite(downhill_azimuth_deg):
+        raise InputError(
+            f"slope_azimuth_deg is {downhill_azimuth_deg}",
+            where="Scene.from_mesh",
+            expected="degrees counter-clockwise from x (east)",
+            remedy="give the azimuth toward which the plane falls, or leave it out where the plane is level",
+        )
     return Pedestal(np.zeros(3), plane_normal(slope_deg, downhill_azimuth_deg))
 
 
 def _gravity(gravity: float) -> float:
-    if not (math.isfinite(gravity) and gravity > 0):
-        raise InputError(
-            f"gravity is {gravity}",
-            where="scene",
-            expected="a positive number in m/s2",
-            remedy="9.81 on Earth",
-        )
+    check_positive("scene", "a positive number in m/s2", "9.81 on Earth", gravity=gravity)
     return float(gravity)

@@ -6,7 +6,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from toppling.models.errors import InputError
+from toppling.models.errors import InputError, check_positive
 from toppling.models.motions.intensity import SCALING_POWER, displacement_m, measure
 from toppling.models.motions.motion import Motion
 from toppling.models.motions.processing import end_at_rest, high_pass
@@ -60,14 +60,10 @@ def impose(
     InputError
         If `pga_m_s2` or `peak_displacement_m` is not positive, or no high-pass holds the displacement.
     """
-    for name, value in (("pga_m_s2", pga_m_s2), ("peak_displacement_m", peak_displacement_m)):
-        if value is not None and not (np.isfinite(value) and value > 0):
-            raise InputError(
-                f"{name} is {value}",
-                where="impose",
-                expected="a positive number",
-                remedy="state the level in m/s2 and m",
-            )
+    asked = {"pga_m_s2": pga_m_s2}
+    if peak_displacement_m is not None:
+        asked["peak_displacement_m"] = peak_displacement_m
+    check_positive("impose", "a positive number", "state the level in m/s2 and m", **asked)
     scale = pga_m_s2 / record.intensity["pga_m_s2"]
     motion, intensity = record.motion, record.intensity
     if peak_displacement_m is not None and scale * intensity["pgd_m"] > peak_displacement_m:

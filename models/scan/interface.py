@@ -41,6 +41,12 @@ class Interface:
         """Scene coordinates (n, 3) of points given by u, v, h."""
         return flat_m @ self.axes.T + self.point_m
 
+    def projected_m(self, com_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Where the plumb lines through centres of mass (n, 3) meet the plane, (n, 2) u, v."""
+        com = self.flat(com_m)
+        down = np.array([0.0, 0.0, -1.0]) @ self.axes
+        return com[:, :2] - down[:2] / down[2] * com[:, 2:]
+
 
 def fit_interface(surfels: Surfels, rock: NDArray[np.bool_]) -> Interface:
     """Plane through the pedestal's side of the crevice, by reweighted least squares (Tukey's biweight).

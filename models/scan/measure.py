@@ -92,10 +92,8 @@ def outside_support_m(rock: Rock, interface: Interface) -> float:
     """How far the vertical through the centre of mass passes outside all that is within 2 % of the height."""
     flat = interface.flat(rock.vertices_m)
     hull = ConvexHull(flat[flat[:, 2] < SUPPORT_PER_HEIGHT * rock.height_m, :2])
-    com = interface.flat(rock.com_m[None])[0]
-    down = np.array([0.0, 0.0, -1.0]) @ interface.axes
-    pierced = com[:2] - down[:2] / down[2] * com[2]
-    return float((hull.equations[:, :2] @ pierced + hull.equations[:, 2]).max())
+    projected = interface.projected_m(rock.com_m[None])[0]
+    return float((hull.equations[:, :2] @ projected + hull.equations[:, 2]).max())
 
 
 def stands(rock: Rock, interface: Interface) -> bool:
@@ -199,6 +197,7 @@ def uncertainty(
     invented_share : float
         Of the rock's surface: neither seen nor closed at the interface.
     realisations : int
+        0 for none, which gives nothing.
     each : callable
         Called after each.
 
@@ -214,83 +213,90 @@ def uncertainty(
         Standard deviations with their floors (`bias`), the statics' for the bare interface plane; none where fewer
         than three realisations close, and none of the interface where the user gives it: its error nobody drew.
     """
-    beside = _Beside.of(seen, interface)
-    closed: list[Rock] = []
-    planes: list[Interface] = []
-    for number in range(realisations):
-        rng = np.random.default_rng([2017, number])
-        try:
-            plane = interface if seen.word is not None else _half_fitted(beside, interface, rng)
-            drawn = float(np.clip(core + rng.uniform(-0.2, 0.2), 0.0, 0.9))
-            base = hidden_base(
-                plane.flat(_half(seen.low_m, rng)),
-                plane.flat(_half(seen.lit_m, rng)),
-                seen.height_m,
-                drawn,
-                seen.word,
-                rng,
-            )
-            kept = seen.patches & (rng.random(len(seen.patches)) < 0.5)
-            closed.append(close_rock(seen.surfels, kept, base, plane).rock)
-            planes.append(plane)
-        except InputError:
-            pass  # counted: a half sample may leave too little
-        each()
+    if not realisations:
+        return {}
+    closed = _half_closings(seen, interface, core, realisations, each)
+    given = "" if seen.word is None else "; the error of the interface that is given is not in them"
     found: dict[str, Any] = {
-        "method": "half samples"
-        + ("" if seen.word is None else "; the error of the interface that is given is not in them"),
+        "method": f"half samples{given}",
         "realisations": realisations,
         "closed": len(closed),
     }
     if len(closed) < 3:
         return found
-    limits = np.array(
-        [toppling(rock, plane, AZIMUTHS_DEG) for rock, plane in zip(closed, planes, strict=True)]
-    )
-    alpha = np.rad2deg(np.arctan(limits / STANDARD_GRAVITY_M_S2))
-    finite = np.where(np.isfinite(limits), limits, np.nan)
+    return found | _spread(seen, invented_share, closed)
+
+
+def _half_closings(
+    seen: SeenRock, interface: Interface, core: float, realisations: int, each: Callable[[], None]
+) -> list[tuple[Rock, Interface]]:
+    """Rocks closed from half samples, each with its interface; fewer where a sample leaves too little."""
+    beside = _Beside.of(seen, interface)
+    closed = []
+    for number in range(realisations):
+        rng = np.random.default_rng([2017, number])
+        try:
+            plane = interface if seen.word is not None else _half_fitted(beside, interface, rng)
+            drawn = float(np.clip(core + rng.uniform(-0.2, 0.2), 0.0, 0.9))
+            low, lit = plane.flat(_half(seen.low_m, rng)), plane.flat(_half(seen.lit_m, rng))
+            base = hidden_base(low, lit, seen.height_m, drawn, seen.word, rng)
+            kept = seen.patches & (rng.random(len(seen.patches)) < 0.5)
+            closed.append((close_rock(seen.surfels, kept, base, plane).rock, plane))
+        except InputError:
+            pass  # counted: a half sample may leave too little
+        each()
+    return closed
+
+
+def _spread(seen: SeenRock, invented_share: float, closed: list[tuple[Rock, Interface]]) -> dict[str, Any]:
+    """Standard deviations over half samples, joined with the floors of what all of them share."""
+    rocks, planes = zip(*closed, strict=True)
+    floor = floors(invented_share)
+    height = float(np.mean([rock.height_m for rock in rocks]))
+    # a / g is the arm over the height of the centre of mass: a shift moves it by as much over that height.
+    raised = [plane.flat(rock.com_m[None])[0, 2] for rock, plane in closed]
+    tipped = INVENTED_COM_PER_HEIGHT * cap_share(invented_share) * height / float(np.mean(raised))
+    volume = np.array([rock.volume_m3 for rock in rocks])
+    inertia = np.array([rock.inertia_per_mass_m2 for rock in rocks])
+    radius = np.sqrt(np.diag(inertia.mean(axis=0)))
+    highest = float(seen.surfels.points_m[seen.patches, 2].max()) + seen.surfels.voxel_m  # of what was seen
+    top = float(np.median([rock.vertices_m[:, 2].max() for rock in rocks]))
     normals = np.array([plane.normal for plane in planes])
     tilt = np.rad2deg(np.linalg.norm(normals - normals.mean(axis=0), axis=1))
     tilt_std = float(np.sqrt((tilt**2).sum() / (len(tilt) - 1)))
-    height = float(np.mean([rock.height_m for rock in closed]))
-    floor = floors(invented_share)
-    # a / g is the arm over the height of the centre of mass: a shift moves it by as much over that height.
-    raised = [plane.flat(rock.com_m[None])[0, 2] for rock, plane in zip(closed, planes, strict=True)]
-    tipped = INVENTED_COM_PER_HEIGHT * cap_share(invented_share) * height / float(np.mean(raised))
+    return {
+        "bias": floor | {"toppling_over_gravity": tipped},
+        "volume_std_m3": _joined(_std(volume), floor["volume_share"] * volume.mean()),
+        "com_std_m": _joined(_std([rock.com_m for rock in rocks]), floor["com_per_height"] * height),
+        "inertia_per_mass_std_m2": _joined(_std(inertia), floor["inertia_share"] * np.outer(radius, radius)),
+        "height_std_m": _joined(_std([rock.height_m for rock in rocks]), max(top - highest, 0.0)),
+        **({"interface_normal_std_deg": tilt_std} if seen.word is None else {}),
+        **_toppling_spread(closed, tipped),
+    }
+
+
+def _toppling_spread(closed: list[tuple[Rock, Interface]], tipped: float) -> dict[str, Any]:
+    """Standard deviations of toppling acceleration and slenderness by azimuth.
+
+    `tipped` is the part of the error of a / g that comes from what is invented.
+    """
+    limits = np.array([toppling(rock, plane, AZIMUTHS_DEG) for rock, plane in closed])
+    finite = np.where(np.isfinite(limits), limits, np.nan)
+    alpha = np.rad2deg(np.arctan(limits / STANDARD_GRAVITY_M_S2))
+    limit_bias = np.hypot(TOPPLING_BIAS_SHARE * np.nanmean(finite, axis=0), STANDARD_GRAVITY_M_S2 * tipped)
     # tan(alpha) = a / g: d alpha = sin(alpha) cos(alpha) da / a = cos(alpha)^2 da / g
     angle = np.deg2rad(alpha.mean(axis=0))
     alpha_bias = np.rad2deg(
         np.hypot(0.5 * TOPPLING_BIAS_SHARE * np.sin(2.0 * angle), np.cos(angle) ** 2 * tipped)
     )
-    highest = float(seen.surfels.points_m[seen.patches, 2].max()) + seen.surfels.voxel_m  # of what was seen
-    volume = np.array([rock.volume_m3 for rock in closed])
-    inertia = np.array([rock.inertia_per_mass_m2 for rock in closed])
-    radius = np.sqrt(np.diag(inertia.mean(axis=0)))
-    limit = np.nanmean(finite, axis=0)
-    return found | {
-        "bias": floor | {"toppling_over_gravity": tipped},
-        "volume_std_m3": _joined(_std(volume), floor["volume_share"] * volume.mean()),
-        "com_std_m": _joined(_std([rock.com_m for rock in closed]), floor["com_per_height"] * height),
-        "inertia_per_mass_std_m2": _joined(_std(inertia), floor["inertia_share"] * np.outer(radius, radius)),
-        "height_std_m": _joined(
-            _std([rock.height_m for rock in closed]),
-            max(float(np.median([rock.vertices_m[:, 2].max() for rock in closed])) - highest, 0.0),
-        ),
-        **({"interface_normal_std_deg": tilt_std} if seen.word is None else {}),
+    limit_std = _joined(np.nanstd(finite, axis=0, ddof=1), limit_bias)
+    return {
         "quasi_static_toppling_m_s2": [
-            {"azimuth_deg": float(a), "std": s}
-            for a, s in zip(
-                AZIMUTHS_DEG,
-                _joined(
-                    np.nanstd(finite, axis=0, ddof=1),
-                    np.hypot(TOPPLING_BIAS_SHARE * limit, STANDARD_GRAVITY_M_S2 * tipped),
-                ),
-                strict=True,
-            )
+            {"azimuth_deg": float(a), "std": std} for a, std in zip(AZIMUTHS_DEG, limit_std, strict=True)
         ],
         "slenderness": [
-            {"azimuth_deg": float((a + 180.0) % 360.0), "alpha_std_deg": s}
-            for a, s in zip(AZIMUTHS_DEG, _joined(_std(alpha), alpha_bias), strict=True)
+            {"azimuth_deg": float((a + 180.0) % 360.0), "alpha_std_deg": std}
+            for a, std in zip(AZIMUTHS_DEG, _joined(_std(alpha), alpha_bias), strict=True)
         ],
     }
 

@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from toppling.models.arrays import Array
 from toppling.models.gap import encloses
-from toppling.models.scan.base import Underside, hidden_base
+from toppling.models.scan.base import Base, Underside, hidden_base
 from toppling.models.scan.close import ClosedRock
 from toppling.models.scan.gap_seen import check_on_interface, hidden_part
 from toppling.models.scan.inspection import Inspection
@@ -21,7 +22,6 @@ from toppling.models.scan.unseen import (
     DrawnBases,
     draw_bases,
     nominal_draw,
-    pierced_m,
     smooth_fits_inspection,
     unseen_base,
 )
@@ -75,14 +75,7 @@ def base_unseen(
         return None, report | {"contradiction": f"{error.what}; {error.remedy}"}
     report |= intervals(drawn, interface)
     if not inspection.says_nothing or (seen.word is not None and seen.word.encloses):
-        unaided = dataclasses.replace(
-            seen, word=None if seen.word is None or seen.word.encloses else seen.word
-        )
-        try:
-            before = draw_bases(unaided, interface, closed.rock, smooth, std_m)
-            report["without_inspection"] = intervals(before, interface)["toppling"]
-        except ContradictionError:
-            report["without_inspection"] = None
+        report["without_inspection"] = _unaided(seen, interface, closed, smooth, std_m)
     unseen = unseen_base(drawn, closed.rock, interface, seen.height_m)
     number, at_rest = None, True  # as the user says where it rests: flat, within the outline
     if seen.word is None or not seen.word.encloses or not inspection.says_nothing:
@@ -94,6 +87,18 @@ def base_unseen(
         )
     report |= {"nominal_draw": number, "nominal_at_rest": at_rest}
     return dataclasses.replace(unseen, nominal=number), report
+
+
+def _unaided(
+    seen: SeenRock, interface: Interface, closed: ClosedRock, smooth: Base, std_m: Array
+) -> list[dict[str, float]] | None:
+    """Intervals of the toppling acceleration without what the user knows of the base; None if nothing stands then."""
+    word = None if seen.word is None or seen.word.encloses else seen.word
+    try:
+        before = draw_bases(dataclasses.replace(seen, word=word), interface, closed.rock, smooth, std_m)
+    except ContradictionError:
+        return None
+    return intervals(before, interface)["toppling"]
 
 
 def check_inspection(seen: SeenRock, interface: Interface, inspection: Inspection) -> None:
@@ -129,7 +134,7 @@ def intervals(drawn: DrawnBases, interface: Interface) -> dict[str, Any]:
     reach, count = [], []
     for gap, com_m in zip(drawn.gaps, drawn.com_m, strict=True):
         touching = places[gap.gap_m <= 0.0]
-        weight = pierced_m(com_m[None], interface)[0]
+        weight = interface.projected_m(com_m[None])[0]
         assert encloses(touching, weight)
         reach.append(((touching - weight) @ ways[:, :2].T).max(axis=0))
         count.append(len(touching))

@@ -17,9 +17,10 @@ from toppling.models.frames import shifted_and_turned
 from toppling.models.lengths import size_note
 from toppling.models.rock import Rock, check_size
 from toppling.models.scan.base import near_the_interface
+from toppling.models.scan.close import ClosedRock
 from toppling.models.scan.crevice import BAND_PER_HEIGHT, check_seen, judge_crevice
-from toppling.models.scan.freedom import check_seen_enough, doubts
-from toppling.models.scan.ground import kept_of, pedestal_ground
+from toppling.models.scan.freedom import Doubt, check_seen_enough, doubts
+from toppling.models.scan.ground import Ground, kept_of, pedestal_ground
 from toppling.models.scan.inspection import Inspection
 from toppling.models.scan.interface import Interface, fit_interface
 from toppling.models.scan.measure import (
@@ -86,13 +87,13 @@ def survey(
     ----------
     cloud : Cloud
     progress : callable
-        Told the name of each of the `STAGES` when it begins, and "resampling" after each realisation.
+        Called with the name of each of the `STAGES` as it begins, and "resampling" after each realisation.
     near_m : pair of float, optional
         Survey coordinates x, y near the top of the rock that is meant, where several stand.
     word : Word, optional
         The interface as the user knows it, survey coordinates.
     bootstrap : int
-        How often the rock is closed anew from resampled points, for the uncertainty in the report.
+        Number of times that the rock is closed from resampled points, for the uncertainty in the report.
     inspection : Inspection, optional
         What the user knows of the base, survey coordinates.
 
@@ -103,36 +104,18 @@ def survey(
         rock has; or what the user says of the base contradicts it.
     """
     progress("registering stations")
-    if inspection is not None:
-        low, high = cloud.points_m.min(axis=0), cloud.points_m.max(axis=0)
-        inspection.check_inside(low + cloud.origin_m, high + cloud.origin_m)
-    check_overlap(cloud)
     near = None if near_m is None else _inside_cloud(near_m, cloud)
-    cloud, registration = register(cloud)
-    check_fit(cloud, registration)
-    if word is not None:
-        word = word.moved(cloud.origin_m)
-        check_near(word, cloud.points_m.min(axis=0), cloud.points_m.max(axis=0), cloud.origin_m)
+    cloud, registration, word = _registered(cloud, word, inspection)
     progress("splitting rock from pedestal")
     parts = segment(cloud.points_m, cloud.origin_m, near, word)
     progress("fitting the interface")
     seen, label, interface = _judged(cloud, parts, word)
-    check_size(seen.height_m, "units")
-    check_above(seen, interface)
-    notes = [f"{source.name}: {source.note}" for source in cloud.sources if source.note]
-    notes += filter(None, (step_note(cloud.step_m, seen.height_m), size_note(seen.height_m)))
-    known = (inspection or Inspection()).moved(cloud.origin_m)
-    check_inspection(seen, interface, known)
+    known = _checked(seen, interface, (inspection or Inspection()).moved(cloud.origin_m))
     progress("closing the rock")
     closed, core = close_standing(seen, interface)
-    check_seen_enough(seen, interface, closed)
-    check_can_stand(closed.rock, interface)
-    doubted = doubts(seen, interface, cloud.points_m, label == ROCK)
-    notes += [each.sentence for each in doubted]
-    spread: dict[str, Any] = {}
-    if bootstrap:
-        resampled = partial(progress, "resampling")
-        spread = uncertainty(seen, interface, core, closed.invented_share, bootstrap, resampled)
+    doubted = _checked_doubts(seen, interface, closed, cloud, label)
+    resampling = partial(progress, "resampling")
+    spread = uncertainty(seen, interface, core, closed.invented_share, bootstrap, resampling)
     progress("drawing the hidden base")
     unseen, standing = base_unseen(seen, interface, closed, core, spread.get("com_std_m"), known)
     progress("meshing the pedestal")
@@ -140,6 +123,68 @@ def survey(
     ground = pedestal_ground(parts.surfels, pedestal, closed.rock, interface)
     scene = Scene(closed.rock, ground.pedestal, origin_m=cloud.origin_m, unseen=unseen)
     report = {
+        **_surface_report(closed, interface, word, ground),
+        "slenderness": slenderness(scene),
+        **({"not_free": {each.kind: each.sentence for each in doubted}} if doubted else {}),
+        "unseen_base": standing,
+        "segmentation": _segmentation_report(parts, seen, label, interface),
+        "pedestal": kept_of(ground, cloud.points_m[_at_most(np.flatnonzero(label == PEDESTAL))], interface),
+        "registration": registration,
+        "files": _files(cloud),
+    } | ({"uncertainty": spread} if spread else {})
+    return Survey(dataclasses.replace(scene, report=report), label, _notes(cloud, seen.height_m, doubted))
+
+
+def _registered(
+    cloud: Cloud, word: Word | None, inspection: Inspection | None
+) -> tuple[Cloud, dict[str, Any], Word | None]:
+    """The cloud with its stations registered, how they fit, and the user's interface in its frame."""
+    if inspection is not None:
+        low, high = cloud.points_m.min(axis=0), cloud.points_m.max(axis=0)
+        inspection.check_inside(low + cloud.origin_m, high + cloud.origin_m)
+    check_overlap(cloud)
+    cloud, registration = register(cloud)
+    check_fit(cloud, registration)
+    if word is not None:
+        word = word.moved(cloud.origin_m)
+        check_near(word, cloud.points_m.min(axis=0), cloud.points_m.max(axis=0), cloud.origin_m)
+    return cloud, registration, word
+
+
+def _checked(seen: SeenRock, interface: Interface, inspection: Inspection) -> Inspection:
+    """An inspection, if it and what was seen of the rock make sense together."""
+    check_size(seen.height_m, "units")
+    check_above(seen, interface)
+    check_inspection(seen, interface, inspection)
+    return inspection
+
+
+def _checked_doubts(
+    seen: SeenRock, interface: Interface, closed: ClosedRock, cloud: Cloud, label: NDArray[np.int8]
+) -> list[Doubt]:
+    """Doubts in a closed rock, if it was seen enough and can stand."""
+    check_seen_enough(seen, interface, closed)
+    check_can_stand(closed.rock, interface)
+    return doubts(seen, interface, cloud.points_m, label == ROCK)
+
+
+def _files(cloud: Cloud) -> list[dict[str, Any]]:
+    if cloud.sources:
+        return [source.to_json() for source in cloud.sources]
+    return [{"name": name, "points": points} for name, points in cloud.files]
+
+
+def _notes(cloud: Cloud, height_m: float, doubted: list[Doubt]) -> tuple[str, ...]:
+    """What the user should know of the clouds, and of doubts in the rock."""
+    of_clouds = [f"{source.name}: {source.note}" for source in cloud.sources if source.note]
+    of_size = [note for note in (step_note(cloud.step_m, height_m), size_note(height_m)) if note]
+    return (*of_clouds, *of_size, *(each.sentence for each in doubted))
+
+
+def _surface_report(
+    closed: ClosedRock, interface: Interface, word: Word | None, ground: Ground
+) -> dict[str, Any]:
+    return {
         "interface": {
             "given_by": "fit" if word is None else word.kind,
             "roughness_m": interface.roughness_m,
@@ -151,30 +196,22 @@ def survey(
             "closed_share": closed.closed_share,
             "invented_share": closed.invented_share,
         },
-        "slenderness": slenderness(scene),
-        **({"not_free": {each.kind: each.sentence for each in doubted}} if doubted else {}),
-        "unseen_base": standing,
-        "segmentation": {
-            "rock_points": int((label == ROCK).sum()),
-            "pedestal_points": int((label == PEDESTAL).sum()),
-            "neither_points": int((label == NEITHER).sum()),
-            "resolution_m": parts.surfels.voxel_m,
-            "confidence": confidence(
-                parts,
-                np.concatenate([seen.rock_m, seen.pedestal_m]),
-                np.repeat(np.array([ROCK, PEDESTAL], np.int8), [len(seen.rock_m), len(seen.pedestal_m)]),
-                interface,
-                seen.height_m,
-            ),
-            "other_candidates": [{"top_m": [*other[:3]], "height_m": other[3]} for other in parts.others],
-        },
-        "pedestal": kept_of(ground, cloud.points_m[_at_most(np.flatnonzero(label == PEDESTAL))], interface),
-        "registration": registration,
-        "files": [source.to_json() for source in cloud.sources]
-        or [{"name": name, "points": points} for name, points in cloud.files],
-        **({"uncertainty": spread} if spread else {}),
     }
-    return Survey(dataclasses.replace(scene, report=report), label, tuple(notes))
+
+
+def _segmentation_report(
+    parts: Segmentation, seen: SeenRock, label: NDArray[np.int8], interface: Interface
+) -> dict[str, Any]:
+    points = np.concatenate([seen.rock_m, seen.pedestal_m])
+    side = np.repeat(np.array([ROCK, PEDESTAL], np.int8), [len(seen.rock_m), len(seen.pedestal_m)])
+    return {
+        "rock_points": int((label == ROCK).sum()),
+        "pedestal_points": int((label == PEDESTAL).sum()),
+        "neither_points": int((label == NEITHER).sum()),
+        "resolution_m": parts.surfels.voxel_m,
+        "confidence": confidence(parts, points, side, interface, seen.height_m),
+        "other_candidates": [{"top_m": [*other[:3]], "height_m": other[3]} for other in parts.others],
+    }
 
 
 def _inside_cloud(near_m: tuple[float, float], cloud: Cloud) -> NDArray[np.float64]:

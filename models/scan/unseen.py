@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -146,36 +147,14 @@ def draw_bases(
     part = hidden_part(under, low, lit, seen.height_m, inspection, interface)
     random = np.random.default_rng([2026, 28])
     statics = _Statics.of(closed, interface, part, seen.height_m)
-    pulls = inspection.pulls
-    toward = tuple((azimuth + 180.0) % 360.0 for azimuth, _ in pulls)
     priors = reliefs(part.width_m)
 
     def candidates() -> list[tuple[GapDraw, Array]]:
         return _standing_draws(part, base, closed, interface, com_std_m, priors, random)
 
-    def borne(found: list[tuple[GapDraw, Array]]) -> Array:
-        """Ratios (n, pulls) that draws bear."""
-        ratios = np.empty((len(found), len(pulls)))
-        for row, (gap, com_m) in enumerate(found if pulls else []):
-            ratios[row] = statics.toppling_m_s2(gap, com_m, toward) / STANDARD_GRAVITY_M_S2
-        return ratios
-
-    found = candidates()
+    found, log_weight, measured = _weighed(candidates, statics, inspection.pulls)
     if not found:
-        raise contradiction(part, pierced_m(closed.com_m[None], interface)[0], interface)
-    ratios = borne(found)
-    log_weight = np.array([gap.log_weight for gap, _ in found])
-    measured = log_likelihood(pulls, ratios)
-    if pulls:
-        check_spanned(pulls, ratios, weights(log_weight))
-        for _ in range(MORE_ROUNDS):
-            if effective_number(weights(log_weight, measured)) >= ENOUGH:
-                break
-            more = candidates()
-            found, ratios = found + more, np.vstack([ratios, borne(more)])
-            log_weight = np.array([gap.log_weight for gap, _ in found])
-            measured = log_likelihood(pulls, ratios)
-        check_joint(pulls, ratios, weights(log_weight, measured), weights(log_weight))
+        raise contradiction(part, interface.projected_m(closed.com_m[None])[0], interface)
     kept = [found[number] for number in resampled(log_weight, draws, random, measured)]
     once: dict[int, Array] = {}
     for gap, com_m in kept:
@@ -190,6 +169,36 @@ def draw_bases(
     )
 
 
+def _weighed(
+    candidates: Callable[[], list[tuple[GapDraw, Array]]], statics: _Statics, pulls: Pulls
+) -> tuple[list[tuple[GapDraw, Array]], Array, Array]:
+    """Draws, the logarithms of their weights and of the pulls' likelihood; more draws where pulls leave too few."""
+    toward = tuple((azimuth + 180.0) % 360.0 for azimuth, _ in pulls)
+
+    def borne(found: list[tuple[GapDraw, Array]]) -> Array:
+        """Ratios (n, pulls) that draws bear."""
+        ratios = np.empty((len(found), len(pulls)))
+        for row, (gap, com_m) in enumerate(found if pulls else []):
+            ratios[row] = statics.toppling_m_s2(gap, com_m, toward) / STANDARD_GRAVITY_M_S2
+        return ratios
+
+    found = candidates()
+    ratios = borne(found)
+    log_weight = np.array([gap.log_weight for gap, _ in found])
+    measured = log_likelihood(pulls, ratios)
+    if found and pulls:
+        check_spanned(pulls, ratios, weights(log_weight))
+        for _ in range(MORE_ROUNDS):
+            if effective_number(weights(log_weight, measured)) >= ENOUGH:
+                break
+            more = candidates()
+            found, ratios = found + more, np.vstack([ratios, borne(more)])
+            log_weight = np.array([gap.log_weight for gap, _ in found])
+            measured = log_likelihood(pulls, ratios)
+        check_joint(pulls, ratios, weights(log_weight, measured), weights(log_weight))
+    return found, log_weight, measured
+
+
 def _standing_draws(
     part: HiddenPart,
     base: Base,
@@ -201,12 +210,12 @@ def _standing_draws(
 ) -> list[tuple[GapDraw, Array]]:
     """Candidates of each prior on which the rock stands, each with its centre of mass."""
     offsets_m = random.normal(size=(CANDIDATES, 3)) * com_std_m
-    pierced = pierced_m(closed.com_m + offsets_m, interface)
+    projected_com = interface.projected_m(closed.com_m + offsets_m)
     found = []
-    for gap in draw_gaps(part.seen, pierced, priors, random):
+    for gap in draw_gaps(part.seen, projected_com, priors, random):
         com_m = closed.com_m + offsets_m[gap.number] + _mass_moved_m(part, base, gap.gap_m, closed, interface)
         touching = part.seen.places_m[gap.gap_m <= 0.0]
-        if encloses(touching, pierced_m(com_m[None], interface)[0]):
+        if encloses(touching, interface.projected_m(com_m[None])[0]):
             found.append((gap, com_m))
     return found
 
@@ -304,19 +313,12 @@ def unseen_base(drawn: DrawnBases, rock: Rock, interface: Interface, height_m: f
     return UnseenBase(band_m, tuple(draws))
 
 
-def pierced_m(com_m: Array, interface: Interface) -> Array:
-    """Where the lines of the weight through centres of mass (n, 3) pierce the interface, (n, 2)."""
-    com = interface.flat(com_m)
-    down = np.array([0.0, 0.0, -1.0]) @ interface.axes
-    return com[:, :2] - down[:2] / down[2] * com[:, 2:]
-
-
-def contradiction(part: HiddenPart, pierced: Array, interface: Interface) -> ContradictionError:
+def contradiction(part: HiddenPart, projected_com: Array, interface: Interface) -> ContradictionError:
     """Say which observation contradicts that the rock stands."""
     can_touch = part.seen.places_m[part.seen.floor_m <= 0.0]
     hull = ConvexHull(can_touch) if len(can_touch) > 2 else None
-    outside = float((hull.equations[:, :2] @ pierced + hull.equations[:, 2]).max()) if hull else np.inf
-    x, y, _ = interface.scene(np.append(pierced, 0.0))
+    outside = float((hull.equations[:, :2] @ projected_com + hull.equations[:, 2]).max()) if hull else np.inf
+    x, y, _ = interface.scene(np.append(projected_com, 0.0))
     if outside > 0.0:
         what = (
             f"the line of the weight passes {outside:.3g} m beside every place where the rock may touch its pedestal "

@@ -79,10 +79,10 @@ def make_scene(out: Path) -> None:
     """Scan the demo's virtual rock into the folder `scene` of another."""
     import numpy as np
 
+    from toppling.models.mesh_files import write_ply
     from toppling.models.scan.read import read_clouds
     from toppling.models.scan.survey import save_survey, survey
     from toppling.models.scan.virtual import demo_scan
-    from toppling.models.scene import write_ply
     from toppling.results.drawing.scene import draw_scene
 
     _say("scan: ray-casting a rock like the one at Echo Cliffs from six stations")

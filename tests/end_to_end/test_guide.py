@@ -21,9 +21,10 @@ import trimesh
 from click.testing import CliRunner
 
 from toppling.models.frames import STANDARD_GRAVITY_M_S2
+from toppling.models.mesh_files import write_ply
 from toppling.models.motions.synthetic import synthetic_ensemble
 from toppling.models.rough_base import with_rough_base
-from toppling.models.scene import Scene, write_ply
+from toppling.models.scene import Scene
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.cli import cli
 from toppling.results.run import open_run

@@ -16,6 +16,7 @@ import pyproj
 import trimesh
 from motion_samples import STEP_S, WRITERS, shaking
 
+from toppling.models.mesh_files import read_triangles, write_ply
 from toppling.models.motions.deaggregation import read_deaggregation
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.formats.response import responses
@@ -27,7 +28,7 @@ from toppling.models.ply import read_header
 from toppling.models.rock import Rock
 from toppling.models.scan.read import read_clouds
 from toppling.models.scan.word import Word
-from toppling.models.scene import Scene, read_triangles, write_ply
+from toppling.models.scene import Scene
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.folder import prepare
 from toppling.orchestrator.plan import plan

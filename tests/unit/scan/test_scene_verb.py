@@ -18,7 +18,8 @@ from browser import needs_browser, overflow
 
 from toppling.models.errors import InputError
 from toppling.models.intervals import base_sentences
-from toppling.models.scene import Scene, read_triangles
+from toppling.models.mesh_files import read_triangles
+from toppling.models.scene import Scene
 from toppling.orchestrator.verbs.scene import scene
 from toppling.results.drawing.mesh import hidden, smooth_surface
 from toppling.results.drawing.page import scene_page

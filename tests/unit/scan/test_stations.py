@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from toppling.models.errors import InputError
-from toppling.models.scan import virtual
+from toppling.models.scan import virtual, virtual_shapes
 from toppling.models.scan.read import Cloud
 from toppling.models.scan.register import check_fit, register
 from toppling.models.scan.survey import survey
@@ -17,8 +17,8 @@ from toppling.results.drawing.scene import numbers_of
 @pytest.fixture(scope="module")
 def cloud():
     truth = virtual.on_slope(
-        virtual.boulder(2.0, 1.3, 1.0, 3, bumps=0.02, sides=48),
-        virtual.ground(5.0, 0.7, 3, bumps_m=0.1, cells=80),
+        virtual_shapes.boulder(2.0, 1.3, 1.0, 3, bumps=0.02, sides=48),
+        virtual_shapes.ground(5.0, 0.7, 3, bumps_m=0.1, cells=80),
         6.0,
         250.0,
     )

@@ -10,7 +10,7 @@ from toppling.models.digest import read_json, write_json
 from toppling.models.errors import InputError
 from toppling.models.frames import slope_of_normal
 from toppling.models.pedestal import Pedestal
-from toppling.models.scan import virtual
+from toppling.models.scan import virtual, virtual_shapes
 from toppling.models.scan.read import Cloud, read_clouds
 from toppling.models.scan.segment import NEITHER, PEDESTAL, ROCK
 from toppling.models.scan.survey import save_survey, survey
@@ -27,8 +27,8 @@ RESOLUTION = 0.02
 def stump():
     """A stump on a slope: truth, cloud, the truth's labels, and what the survey made of it."""
     truth = virtual.on_slope(
-        virtual.boulder(2.0, 1.3, 1.0, 3, bumps=0.02, sides=64),
-        virtual.ground(5.0, 0.7, 3, bumps_m=0.1),
+        virtual_shapes.boulder(2.0, 1.3, 1.0, 3, bumps=0.02, sides=64),
+        virtual_shapes.ground(5.0, 0.7, 3, bumps_m=0.1),
         6.0,
         250.0,
     )

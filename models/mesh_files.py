@@ -1,0 +1,77 @@
+"""Triangle meshes on disk."""
+
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+
+from toppling.models import digest
+from toppling.models.errors import InputError
+from toppling.models.guarded import read_guarded
+from toppling.models.ply import read_mesh
+from toppling.models.rock import check_triangles
+
+MESH_FORMATS = (".ply", ".stl", ".obj", ".off", ".glb", ".gltf")
+
+
+def read_triangles(path: str | os.PathLike[str]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Vertices (n, 3) in metres, z up, and triangles (m, 3) of a mesh file; glTF's up is y, by its rule.
+
+    The format is that of the file's name. Nothing beside the file is read: materials, textures, buffers of their own.
+
+    Raises
+    ------
+    InputError
+        If the file is absent, of another format or holds no triangles.
+    """
+    suffix = Path(path).suffix.lower()
+    if suffix not in MESH_FORMATS:
+        raise InputError(
+            f"{suffix or 'no suffix'} is not a mesh format that is read",
+            where=str(path),
+            expected=f"a triangle mesh: {', '.join(MESH_FORMATS)}",
+            remedy="convert the mesh, or correct the file's name",
+        )
+    if not Path(path).is_file():
+        raise InputError(
+            "there is no such file",
+            where=str(path),
+            expected=f"a triangle mesh: {', '.join(MESH_FORMATS)}",
+            remedy="check the path",
+        )
+    found = read_mesh(Path(path)) if suffix == ".ply" else None
+    vertices, faces = found or read_guarded("toppling.models.mesh_files:parse_mesh", Path(path))[1]
+    if len(faces) == 0:
+        raise InputError(
+            "holds no triangles",
+            where=str(path),
+            expected="a triangle mesh",
+            remedy="a point cloud becomes a scene with 'toppling scan'",
+        )
+    check_triangles(vertices, faces, str(path))
+    if suffix in (".glb", ".gltf"):
+        vertices = vertices[:, [0, 2, 1]] * (1.0, -1.0, 1.0)
+    return vertices, faces
+
+
+def parse_mesh(path: Path) -> tuple[None, list[NDArray]]:
+    """Vertices and triangles of a file by trimesh; called in the guarded process, since a small file may say much."""
+    with path.open("rb") as file:
+        mesh: Any = trimesh.load(file, file_type=path.suffix.lower()[1:], force="mesh", process=False)
+    return None, [np.array(mesh.vertices, np.float64), np.array(mesh.faces, np.int64)]
+
+
+def write_ply(path: Path, vertices_m: NDArray[np.float64], faces: NDArray[np.int64]) -> None:
+    """Write a binary PLY with its digest, in double precision, which trimesh's own writer does not keep."""
+    header = (
+        f"ply\nformat binary_little_endian 1.0\ncomment {digest.BLANK}\ncomment metres, x east, y north, z up\n"
+        f"element vertex {len(vertices_m)}\nproperty double x\nproperty double y\nproperty double z\n"
+        f"element face {len(faces)}\nproperty list uchar int vertex_indices\nend_header\n"
+    )
+    rows = np.empty(len(faces), dtype=[("count", "u1"), ("index", "<i4", 3)])
+    rows["count"], rows["index"] = 3, faces
+    path.write_bytes(header.encode() + np.ascontiguousarray(vertices_m, "<f8").tobytes() + rows.tobytes())
+    digest.seal(path)

@@ -25,6 +25,7 @@ VERBS = {
     "audit": "Repeat a random sample of RUN's jobs and state how far its answers may be off.",
     "query": "Query one or several runs in SQL (DuckDB), also during the run.",
     "fragility": "Draw the fragility maps and curves of RUN (PNG, SVG), with the table behind each (CSV).",
+    "atlas": "Show the rocks of RUN side by side: a gallery, their fragilities in one figure, a table and a map.",
     "constrain": "State which ground motions one or several standing rocks reject.",
     "magnitudes": "State which earthquakes a standing rock excludes, by models of ground motion.",
     "check": "Test whether SEISMOGRAMS, unscaled and in their own directions, topple the rock of SCENE.",
@@ -43,7 +44,7 @@ VERBS = {
 GROUPS = {
     "Prepare": ("scan", "scene", "records", "init", "plan"),
     "Run": ("run", "watch", "status", "audit", "demo"),
-    "Read": ("query", "fragility", "constrain", "magnitudes", "check", "replay", "report"),
+    "Read": ("query", "fragility", "atlas", "constrain", "magnitudes", "check", "replay", "report"),
     "Study": ("pulse", "ramp", "accuracy", "study", "validate"),
 }
 """Verbs as the help lists them."""

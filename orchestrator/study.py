@@ -28,7 +28,7 @@ from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.run import Tally, Watcher, run
 from toppling.results.audit import audits_of
 from toppling.results.directions import SECTOR_DEG
-from toppling.results.drawing.atlas import (
+from toppling.results.drawing.run_figures import (
     save_table,
     write_audits,
     write_directions,

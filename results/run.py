@@ -299,6 +299,16 @@ class Run:
         path = self.scene_folder / "scene.json"
         return dict(read_scene_document(path).get("report") or {}) if path.exists() else {}
 
+    def scene_id(self) -> str | None:
+        """Hash of the rock's scene; None where the run does not say."""
+        told = self.told or self.provenance()
+        return str(told["scene_id"]) if told.get("scene_id") else None
+
+    def origin_m(self) -> tuple[float, ...] | None:
+        """Coordinates of the scene's origin in the coordinate system of its scan; None where there is no scene."""
+        path = self.scene_folder / "scene.json"
+        return tuple(read_scene_document(path)["origin_m"]) if path.exists() else None
+
     def quasi_static(self) -> pd.DataFrame | None:
         """Least constant ground acceleration (`value`, m/s2) that topples, by azimuth_deg."""
         table = None if self.rocks else self.scene()

@@ -156,7 +156,7 @@ def _run(out: Path, workers: int) -> int:
 
 
 def _draw(out: Path) -> list[Path]:
-    from toppling.results.drawing.atlas import write_maps
+    from toppling.results.drawing.run_figures import write_maps
     from toppling.results.fragility import PLANES
     from toppling.results.run import open_run
 

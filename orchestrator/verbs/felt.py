@@ -12,8 +12,8 @@ import pandas as pd
 from toppling.models.errors import InputError
 from toppling.orchestrator.verbs.rocks import Jobs
 from toppling.results.constraint import plain
-from toppling.results.drawing.atlas import save_table
 from toppling.results.drawing.events import events_figure
+from toppling.results.drawing.run_figures import save_table
 from toppling.results.drawing.style import printed_unit, save, short_name
 from toppling.results.fits import MEASURES, SURFACES, answered
 from toppling.results.hazard.ages import Since, exposure

@@ -20,7 +20,8 @@ from toppling.orchestrator.progress import bar
 from toppling.orchestrator.verbs.options import FOLDER, run_argument, samples_option, trusted_option
 from toppling.results.audit import audits_of
 from toppling.results.directions import least_sector
-from toppling.results.drawing.atlas import (
+from toppling.results.drawing.fit_table import fit_words
+from toppling.results.drawing.run_figures import (
     FIT_PARTS,
     write_audits,
     write_directions,
@@ -28,7 +29,6 @@ from toppling.results.drawing.atlas import (
     write_friction,
     write_maps,
 )
-from toppling.results.drawing.fit_table import fit_words
 from toppling.results.fits import answered
 from toppling.results.fragility import (
     DURATION,

@@ -16,8 +16,8 @@ from toppling.models.motions.deaggregation import read_deaggregation
 from toppling.orchestrator.progress import bar
 from toppling.orchestrator.verbs.options import FILE, FOLDER, PATH, json_option, trusted_option
 from toppling.orchestrator.verbs.rocks import names_of, read_jobs, standing_rock
-from toppling.results.drawing.atlas import save_table
 from toppling.results.drawing.magnitudes import Drawn, faults_figure, magnitudes_figure
+from toppling.results.drawing.run_figures import save_table
 from toppling.results.drawing.style import printed_unit, save, short_name
 from toppling.results.hazard.ages import parse_age
 from toppling.results.hazard.excluded_bins import bins_words, excluded_bins

@@ -127,7 +127,7 @@ def write(
     """Write tables and figure of a ramp."""
     from toppling.models.contact import ContactProperties
     from toppling.orchestrator.ramp import summary
-    from toppling.results.drawing.atlas import save_table
+    from toppling.results.drawing.run_figures import save_table
     from toppling.results.drawing.study import ramp_figure
     from toppling.results.drawing.style import save
     from toppling.workers.seating import settled

@@ -9,11 +9,11 @@ import pandas as pd
 
 from toppling.models.folder import new_file
 from toppling.results.constraint import Constraint
-from toppling.results.drawing.atlas import save_table
 from toppling.results.drawing.constraint import constraint_figure
 from toppling.results.drawing.hazard import hazard_figure
 from toppling.results.drawing.report.constraint_page import constraint_page
 from toppling.results.drawing.report.write import write_page
+from toppling.results.drawing.run_figures import save_table
 from toppling.results.drawing.style import save
 from toppling.results.exchange import write_curves
 from toppling.results.hazard.export import write_openquake

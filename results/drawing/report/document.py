@@ -71,6 +71,10 @@ class Document:
             f"<figcaption><b>Figure {self.figures}.</b> {safe(caption)}</figcaption></figure>"
         )
 
+    def image(self, png: bytes, words: str) -> str:
+        """A picture without a number."""
+        return f'<img alt="{safe(words)}" src="{_data(png)}">'
+
     def table(self, frame: pd.DataFrame, caption: str) -> str:
         """A numbered table; on a narrow screen the cells of a wide row are stacked."""
         self.tables += 1

@@ -12,7 +12,7 @@ from seeded import THETA_M_S, rows
 
 from toppling.models.errors import InputError
 from toppling.orchestrator.cli import cli
-from toppling.results.drawing.atlas import write_fits
+from toppling.results.drawing.run_figures import write_fits
 from toppling.results.exchange import write_curves
 from toppling.results.hazard.readers import read_hazard
 from toppling.results.lognormal import Basis, Lognormal

@@ -12,7 +12,7 @@ from scipy.stats import lognorm
 from seeded import rows
 
 from toppling.models.errors import InputError
-from toppling.results.drawing.atlas import write_fits
+from toppling.results.drawing.run_figures import write_fits
 from toppling.results.exchange import OPENQUAKE, moments, of_moments, read_curves, write_curves
 from toppling.results.fits import MEASURES
 from toppling.results.fragility import CONTACT_COLUMNS

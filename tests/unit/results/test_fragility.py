@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from seeded import row, rows
 
 from toppling.orchestrator.cli import cli
-from toppling.results.drawing.atlas import write_maps
 from toppling.results.drawing.maps import direction_figure, map_figure
+from toppling.results.drawing.run_figures import write_maps
 from toppling.results.drawing.style import save
 from toppling.results.fits import answered
 from toppling.results.fragility import (

@@ -17,13 +17,13 @@ from toppling.orchestrator.cli import cli
 from toppling.orchestrator.folder import prepare
 from toppling.orchestrator.plan import plan
 from toppling.results.completeness import Completeness
-from toppling.results.drawing.atlas import write_fits
 from toppling.results.drawing.fit_table import few_records, fit_words
 from toppling.results.drawing.report.content import Content
 from toppling.results.drawing.report.document import Document
 from toppling.results.drawing.report.headline import first_screen, unfinished_sentence
 from toppling.results.drawing.report.methods import methods
 from toppling.results.drawing.report.sections import fits_section
+from toppling.results.drawing.run_figures import write_fits
 from toppling.results.drawing.style import png_bytes, save
 from toppling.results.exchange import read_curves
 from toppling.results.fits import answered, summary

@@ -1,4 +1,4 @@
-"""The atlas of a run: every figure with the table behind it, in one folder."""
+"""The figures of a run, each with the table behind it, in one folder."""
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence

@@ -1,0 +1,129 @@
+"""`toppling atlas`: many rocks on one page, in one figure, one table and one map."""
+
+import json
+from collections import Counter
+from pathlib import Path
+
+import click
+import pandas as pd
+
+from toppling.models.errors import InputError
+from toppling.models.folder import new_file
+from toppling.orchestrator.folder import place_in
+from toppling.orchestrator.progress import bar
+from toppling.results.drawing.report.content import HEADLINE_MEASURE, Content
+from toppling.results.drawing.report.gallery_page import REPORT, gallery_page, summary
+from toppling.results.drawing.report.write import report_page, write_page
+from toppling.results.drawing.run_figures import save_table
+from toppling.results.drawing.side_by_side_figures import fragilities_figure, places_figure
+from toppling.results.drawing.style import save
+from toppling.results.fits import MEASURES
+from toppling.results.resampling import SAMPLES
+from toppling.results.run import Run, open_run
+from toppling.results.side_by_side import Beside, beside_each_other, geojson
+
+
+@click.command()
+@click.argument("runs", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="RUN...")
+@click.option("--out", type=click.Path(path_type=Path, file_okay=False), help="Folder; default RUN/atlas.")
+@click.option(
+    "--measure", type=click.Choice(MEASURES), default=HEADLINE_MEASURE, show_default=True, metavar="MEASURE",
+    help="Intensity measure of all fragilities, a column of the results.",
+)  # fmt: skip
+@click.option("--shared", is_flag=True, help="Use only the records and levels that all rocks share.")
+@click.option("--reports", is_flag=True, help="Also write the report of each rock that has none.")
+@click.option(
+    "--samples",
+    type=click.IntRange(1),
+    default=SAMPLES,
+    show_default=True,
+    help="Bootstrap samples of records.",
+)
+@click.option("--json", "as_json", is_flag=True, help="Print the table as JSON.")
+def atlas(
+    runs: tuple[Path, ...],
+    out: Path | None,
+    measure: str,
+    shared: bool,
+    reports: bool,
+    samples: int,
+    as_json: bool,
+) -> None:
+    """Show the rocks of RUN side by side: a gallery, their fragilities in one figure, a table and a map.
+
+    RUN is an atlas, a run of a campaign of many rocks; several runs of one rock each are shown together too. It writes
+    atlas.html, which needs no network, fragilities.png and .svg, rocks.csv, and rocks.geojson with the rocks whose
+    place is known: by the campaign's table of sites, or by the coordinate system that their scan states.
+
+    \b
+    toppling atlas runs/atlas --reports
+    toppling atlas runs/echo runs/lion --measure pga_m_s2 --out compared
+    """
+    opened = [open_run(path) for path in runs]
+    of_rocks = rocks_of(opened)
+    folder = out or place_in(runs[0], "atlas")
+    if reports:
+        _write_reports(of_rocks, samples)
+    with bar("rocks", 2 * len(of_rocks)) as advance:
+        rocks, common = beside_each_other(of_rocks, measure, samples, only_shared=shared, advance=advance)
+        text = gallery_page(title_of(opened), opened, rocks, common, measure, folder, advance)
+    write_page(text, folder / "atlas.html")
+    _write_files(folder, rocks, measure)
+    if as_json:
+        click.echo(json.dumps([rock.row for rock in rocks], indent=1, allow_nan=False))
+        return
+    for sentence in summary(rocks, common, measure):
+        click.echo(sentence)
+    _tell(folder, rocks)
+
+
+def rocks_of(opened: list[Run]) -> list[Run]:
+    """The rocks of some runs, each once.
+
+    Raises
+    ------
+    InputError
+        If one is there twice.
+    """
+    found = [rock for run in opened for rock in (run.rocks or (run,))]
+    ids = [run.scene_id() for run in found]
+    if twice := [name for name, count in Counter(filter(None, ids)).items() if count > 1]:
+        raise InputError(
+            f"the rock of scene {twice[0]} is there twice",
+            where=", ".join(str(run.path) for run, name in zip(found, ids, strict=True) if name == twice[0]),
+            expected="each rock once",
+            remedy="leave one of the runs out",
+        )
+    return found
+
+
+def title_of(opened: list[Run]) -> str:
+    """Title of a page about some runs."""
+    return ", ".join(run.name for run in opened) if len(opened) < 4 else f"{len(opened)} runs"
+
+
+def _write_reports(rocks: list[Run], samples: int) -> None:
+    with bar("reports", len(rocks)) as advance:
+        for rock in rocks:
+            target = place_in(rock.path, REPORT)
+            try:
+                if not target.exists():
+                    write_page(report_page(Content(rock, samples)), target)
+            except InputError as error:
+                click.echo(f"{rock.rock} has no report: {error.what}", err=True)
+            advance()
+
+
+def _write_files(folder: Path, rocks: list[Beside], measure: str) -> None:
+    save(fragilities_figure(rocks, measure), folder / "fragilities")
+    save_table(pd.DataFrame([rock.row for rock in rocks]), folder / "rocks.csv")
+    if any(rock.place for rock in rocks):
+        save(places_figure(rocks, measure), folder / "places")
+        with new_file(folder / "rocks.geojson") as hidden:
+            hidden.write_text(json.dumps(geojson(rocks), indent=1, allow_nan=False), encoding="utf-8")
+
+
+def _tell(folder: Path, rocks: list[Beside]) -> None:
+    placed = sum(rock.place is not None for rock in rocks)
+    where = f", rocks.geojson with {placed} of {len(rocks)} rocks" if placed else "; no rock's place is known"
+    click.echo(f"{folder}: atlas.html, fragilities (PNG, SVG), rocks.csv{where}")

@@ -1,0 +1,160 @@
+"""The page of an atlas: a card a rock, fragilities beside each other, where the rocks stand, what they share."""
+
+import os
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import pandas as pd
+
+from toppling.models.scene import Scene
+from toppling.results.drawing.report.document import Document, heading, page, paragraph, safe
+from toppling.results.drawing.scene import wind_of
+from toppling.results.drawing.side_by_side_figures import fragilities_figure, places_figure, thumbnail
+from toppling.results.drawing.style import png_bytes, printed_unit, short_name
+from toppling.results.run import Run
+from toppling.results.side_by_side import Beside, Shared
+
+REPORT = "report.html"
+COLUMNS = {
+    "rock": "rock",
+    "site": "site",
+    "median": "half topple at",
+    "median_low": "from",
+    "median_high": "to",
+    "beta": "beta",
+    "least_quasi_static_m_s2": "least static (m/s²)",
+    "weakest_azimuth_deg": "azimuth (°)",
+    "records": "records",
+    "jobs": "jobs",
+    "toppled": "toppled",
+    "remark": "remark",
+}
+
+
+def gallery_page(
+    title: str,
+    atlases: Sequence[Run],
+    rocks: Sequence[Beside],
+    shared: Shared,
+    measure: str,
+    folder: Path,
+    advance: Callable[[], object] = lambda: None,
+) -> str:
+    """Write the page.
+
+    Parameters
+    ----------
+    title : str
+    atlases : sequence of Run
+        That the rocks are of.
+    rocks : sequence of Beside
+    shared : Shared
+    measure : str
+        That all fragilities are over.
+    folder : Path
+        Of the page, from which reports are linked.
+    advance : callable
+        Called after each rock's picture.
+
+    Returns
+    -------
+    str
+        HTML with its pictures inside.
+    """
+    unfinished = [f"{run.name}: {run.completeness().remark}" for run in atlases if run.completeness().remark]
+    document = Document("; ".join(unfinished))
+    told = f"toppling probability over {short_name(measure)}"
+    cards = []
+    for rock in rocks:
+        cards.append(_card(rock, document, measure, folder))
+        advance()
+    sections = [
+        ("Rocks", '<div class="cards">' + "\n".join(cards) + "</div>"),
+        ("Side by side", _beside(rocks, shared, measure, document, told)),
+    ]
+    if placed := [rock for rock in rocks if rock.place]:
+        caption = (
+            f"Where {len(placed)} of {len(rocks)} rocks stand, coloured by the {short_name(measure)} at which half of "
+            "the shakings topple them; crosses have no fragility."
+        )
+        sections.append(
+            ("Where they stand", document.figure(lambda width: places_figure(rocks, measure, width), caption))
+        )
+    sections.append(("Provenance", _provenance(atlases)))
+    alarm = "".join(f'<p class="alarm">Unfinished: {safe(one)}.</p>' for one in unfinished)
+    first = f"{heading(title, 1)}{alarm}{''.join(map(paragraph, summary(rocks, shared, measure)))}"
+    return page(f"toppling: {title}", first, sections)
+
+
+def summary(rocks: Sequence[Beside], shared: Shared, measure: str) -> list[str]:
+    """What an atlas says, in a few sentences."""
+    drawn = sorted(((rock.curve, rock) for rock in rocks if rock.curve), key=lambda both: both[0].median)
+    found = [f"{len(rocks)} rocks, of which {len(drawn)} have a fragility over {short_name(measure)}."]
+    if drawn:
+        (least, weakest), (most, firmest) = drawn[0], drawn[-1]
+        unit = printed_unit(measure)
+        found[0] += (
+            f" Half of the shakings topple {weakest.name}, the weakest, at {least.median:.2g} {unit}, and "
+            f"{firmest.name}, the firmest, at {most.median:.2g} {unit}."
+        )
+    found.append(shared.sentence)
+    if bare := [f"{rock.name} ({rock.why_not})" for rock in rocks if rock.curve is None]:
+        found.append(f"Without a fragility: {'; '.join(bare)}.")
+    left_out = {
+        one["rock"]: one["why"] for rock in rocks for one in rock.run.provenance().get("left_out") or ()
+    }
+    if left_out:
+        found.append(f"Left out: {'; '.join(f'{name}: {why}' for name, why in left_out.items())}.")
+    return found
+
+
+def _card(rock: Beside, document: Document, measure: str, folder: Path) -> str:
+    """Picture, median, weakest azimuth and link of a rock."""
+    unit, row = printed_unit(measure), rock.row
+    median = rock.why_not if rock.curve is None else f"half topple at {rock.curve.median:.2g} {unit}"
+    if row["median_low"] is not None:
+        median += f" ({row['median_low']:.2g} to {row['median_high']:.2g})"
+    weakest = "topples statically toward no azimuth"
+    if rock.weakest_azimuth_deg is not None:
+        toward = (rock.weakest_azimuth_deg + 180.0) % 360.0
+        weakest = (
+            f"weakest toward {wind_of(toward)} (azimuth {toward:.0f}°), static {rock.least_m_s2:.2g} m/s²"
+        )
+    place = row["site"] if row["site"] not in (None, rock.name) else ""
+    report = rock.run.path / REPORT
+    link = f'<a href="{safe(os.path.relpath(report, folder))}">report</a>' if report.exists() else ""
+    lines = [
+        median,
+        weakest,
+        f"{row['toppled']} of {row['jobs']} jobs, {row['records']} records",
+        rock.contact,
+    ]
+    picture = ""
+    if (rock.run.scene_folder / "scene.json").exists():
+        scene = Scene.load(rock.run.scene_folder)
+        picture = document.image(
+            png_bytes(thumbnail(scene, rock.weakest_azimuth_deg)), f"the rock {rock.name}"
+        )
+    told = "".join(f"<li>{safe(line)}</li>" for line in (place, *lines) if line)
+    return f'<div class="card">{heading(rock.name, 3)}{picture}<ul>{told}</ul>{link}</div>'
+
+
+def _beside(rocks: Sequence[Beside], shared: Shared, measure: str, document: Document, told: str) -> str:
+    caption = (
+        f"Left: {told}, a lognormal curve a rock. Right: the intensity at which half of the shakings topple each, with "
+        "its 95 % interval over records."
+    )
+    figure = document.figure(lambda width: fragilities_figure(rocks, measure, width), caption)
+    frame = pd.DataFrame([rock.row for rock in rocks])[list(COLUMNS)].rename(columns=COLUMNS)
+    over = f"{short_name(measure)} ({printed_unit(measure)})"
+    numbers = f"Fragility over {over} and statics of each rock. {shared.sentence}"
+    return figure + document.table(frame.dropna(axis="columns", how="all"), numbers)
+
+
+def _provenance(atlases: Sequence[Run]) -> str:
+    told = []
+    for run in atlases:
+        known = run.provenance()
+        versions = ", ".join(f"{name} {value}" for name, value in (known.get("versions") or {}).items())
+        told.append(f"{run.name}: plan {known.get('plan_id')}, {known.get('jobs')} jobs; {versions}.")
+    return "".join(map(paragraph, told))

@@ -1,0 +1,178 @@
+"""Figures of several rocks: their fragilities with the medians beside, and where they stand."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import LogNorm
+from matplotlib.figure import Figure
+
+from toppling.models.scene import Scene
+from toppling.results.drawing.scene import draw_view
+from toppling.results.drawing.style import (
+    ALARM_COLOUR,
+    COLOURS,
+    FULL_WIDTH_IN,
+    measure_label,
+    plain_log,
+    short_name,
+    style,
+)
+from toppling.results.side_by_side import Beside
+
+MOST_NAMED = 60
+"""Rocks beyond which a row each would not be read."""
+
+NAME_LETTERS = 24
+ELEVATION_DEG = 15.0
+THUMBNAIL_IN = 2.2
+
+
+def fragilities_figure(rocks: Sequence[Beside], measure: str, width_in: float = FULL_WIDTH_IN) -> Figure:
+    """Fragility of every rock that has one, and their medians with intervals of 95 %, the weakest below.
+
+    Parameters
+    ----------
+    rocks : sequence of Beside
+    measure : str
+        That all curves are over.
+    width_in : float
+        Two panels beside each other on a page's width, below each other on less.
+    """
+    drawn = sorted(
+        (rock for rock in rocks if rock.curve), key=lambda one: one.curve.median if one.curve else 0.0
+    )
+    rows_in = 0.16 * min(len(drawn), MOST_NAMED)
+    beside = width_in >= FULL_WIDTH_IN
+    with style():
+        size = (width_in, max(3.0, rows_in + 0.8)) if beside else (width_in, 3.2 + max(2.0, rows_in + 0.6))
+        figure = Figure(figsize=size, layout="constrained")
+        left, right = figure.subplots(*((1, 2) if beside else (2, 1)))
+        if not drawn:
+            left.text(0.5, 0.5, "no rock has a fragility yet", ha="center", transform=left.transAxes)
+            right.set_axis_off()
+            return figure
+        _draw_curves(left, drawn, measure)
+        _draw_medians(right, drawn, measure)
+    return figure
+
+
+def _colours(count: int) -> list[tuple[float, float, float, float]]:
+    return [COLOURS(share) for share in np.linspace(0.05, 0.9, count)]
+
+
+def _draw_curves(axes: Axes, drawn: Sequence[Beside], measure: str) -> None:
+    curves = [rock.curve for rock in drawn if rock.curve]
+    low = min(curve.intensity(0.01) for curve in curves)
+    high = max(curve.intensity(0.99) for curve in curves)
+    intensity = np.geomspace(low, high, 200)
+    for curve, colour in zip(curves, _colours(len(curves)), strict=True):
+        axes.plot(intensity, curve.probability(intensity), color=colour, lw=1.0)
+    axes.set(
+        xscale="log", xlim=(low, high), ylim=(0, 1), xlabel=measure_label(measure), ylabel="toppling probability",
+        title=f"{len(curves)} rocks",
+    )  # fmt: skip
+    plain_log(axes.xaxis)
+
+
+def _draw_medians(axes: Axes, drawn: Sequence[Beside], measure: str) -> None:
+    shown = drawn[:MOST_NAMED]
+    for place, (rock, colour) in enumerate(zip(shown, _colours(len(drawn)), strict=False)):
+        curve = rock.curve
+        assert curve is not None  # as chosen
+        if curve.median_interval:
+            axes.plot(curve.median_interval, [place, place], color=colour, lw=1.4)
+        axes.plot(curve.median, place, "o", ms=3.5, color=colour)
+    axes.set_yticks(range(len(shown)), [_short(rock.name) for rock in shown])
+    more = f", the weakest {MOST_NAMED}" if len(drawn) > MOST_NAMED else ""
+    axes.set(
+        xscale="log", xlabel=measure_label(measure), ylim=(-0.7, len(shown) - 0.3),
+        title=f"half topple at this {short_name(measure)}{more}",
+    )  # fmt: skip
+    axes.grid(axis="x", lw=0.4, alpha=0.5)
+    plain_log(axes.xaxis)
+
+
+def _short(name: str) -> str:
+    return name if len(name) <= NAME_LETTERS else f"{name[: NAME_LETTERS - 1]}…"
+
+
+def places_figure(rocks: Sequence[Beside], measure: str, width_in: float = FULL_WIDTH_IN) -> Figure:
+    """Where the rocks stand whose place is known, coloured by the intensity at which half of the shakings topple."""
+    placed = [rock for rock in rocks if rock.place]
+    with style():
+        figure = Figure(figsize=(width_in, 0.72 * width_in), layout="constrained")
+        axes = figure.subplots()
+        points = np.array([rock.place for rock in placed], float).reshape(-1, 2)
+        medians = np.array([rock.curve.median if rock.curve else np.nan for rock in placed])
+        frame_map(axes, points)
+        bare = np.isnan(medians)
+        axes.scatter(points[bare, 0], points[bare, 1], marker="x", color="0.4", s=22, lw=0.9)
+        if not bare.all():
+            low, high = np.nanmin(medians), np.nanmax(medians)
+            shades = LogNorm(low / 1.05, high * 1.05)
+            sizes = ring_sizes(points[~bare])
+            behind = np.argsort(-sizes)  # of rocks at one place each shows as a ring around the next
+            x, y = points[~bare][behind].T
+            dots = axes.scatter(
+                x, y, sizes[behind], medians[~bare][behind], norm=shades, cmap=COLOURS, ec="0.2", lw=0.5
+            )
+            bar = figure.colorbar(dots, ax=axes, shrink=0.8, label=measure_label(measure))
+            plain_log(bar.ax.yaxis)
+        name_points(axes, points, [rock.name for rock in placed])
+    return figure
+
+
+def ring_sizes(points: np.ndarray) -> np.ndarray:
+    """Areas of dots (points squared), of which those at one place are larger one by one."""
+    seen: dict[tuple[float, float], int] = {}
+    sizes = []
+    for point in map(tuple, points.round(6).tolist()):
+        seen[point] = seen.get(point, 0) + 1
+        sizes.append(8.0 * (seen[point] + 1) ** 2)
+    return np.array(sizes)
+
+
+def frame_map(axes: Axes, points: np.ndarray) -> None:
+    """Axes of a map of longitudes and latitudes, degrees alike on the ground in both directions."""
+    middle, reach = points.mean(axis=0), np.ptp(points, axis=0)
+    shrink = np.cos(np.deg2rad(middle[1]))
+    half = 0.7 * max(reach[0] * shrink, reach[1], 0.02)
+    axes.set(
+        xlim=(middle[0] - half / shrink, middle[0] + half / shrink), ylim=(middle[1] - half, middle[1] + half),
+        xlabel="longitude (°, WGS 84)", ylabel="latitude (°)",
+    )  # fmt: skip
+    axes.set_aspect(1.0 / shrink)
+    axes.ticklabel_format(useOffset=False)
+    axes.grid(lw=0.3, alpha=0.5)
+
+
+def name_points(axes: Axes, points: np.ndarray, names: Sequence[str]) -> None:
+    """Name each point; those at one place share a label."""
+    together: dict[tuple[float, float], list[str]] = {}
+    for (x, y), name in zip(points.round(6).tolist(), names, strict=True):
+        together.setdefault((x, y), []).append(_short(name))
+    for point, there in together.items() if len(together) <= MOST_NAMED else ():
+        label = ", ".join(there[:3]) + (f" and {len(there) - 3} more" if len(there) > 3 else "")
+        left = point[0] > np.mean(axes.get_xlim())
+        axes.annotate(
+            label, point, xytext=(-6 if left else 6, 5), textcoords="offset points", size=6, color="0.2",
+            ha="right" if left else "left",
+        )  # fmt: skip
+
+
+def thumbnail(scene: Scene, weakest_azimuth_deg: float | None) -> Figure:
+    """A rock seen across the direction that it topples in most easily, which an arrow shows."""
+    azimuth_deg = 0.0 if weakest_azimuth_deg is None else weakest_azimuth_deg
+    with style():
+        figure = Figure(figsize=(THUMBNAIL_IN, THUMBNAIL_IN), layout="constrained")
+        axes = figure.subplots()
+        draw_view(axes, scene, ELEVATION_DEG, azimuth_deg - 90.0)
+        if (
+            weakest_azimuth_deg is not None
+        ):  # the ground moves to the right of the picture, the rock falls to the left
+            axes.annotate(
+                "", (0.05, 0.93), xytext=(0.3, 0.93), xycoords="axes fraction",
+                arrowprops={"arrowstyle": "->", "color": ALARM_COLOUR, "lw": 1.2},
+            )  # fmt: skip
+    return figure

@@ -1,0 +1,230 @@
+"""Several rocks beside each other: of each its fragility over one measure, its statics and its place."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from toppling.models.errors import InputError
+from toppling.models.frames import compass_deg
+from toppling.results.fits import FEW_TOPPLED, answered, basis_of
+from toppling.results.fragility import FRICTION, by_contact, contact_words
+from toppling.results.lognormal import Lognormal
+from toppling.results.regression import fit
+from toppling.results.resampling import SAMPLES, bootstrap, with_interval
+from toppling.results.run import Run
+
+
+@dataclass(frozen=True, eq=False)
+class Beside:
+    """One of several rocks.
+
+    Parameters
+    ----------
+    run : Run
+    name, contact : str
+        Of the rock, and the contact (that of the highest friction) that the numbers are of.
+    jobs : DataFrame
+        Of that contact, weighted.
+    curve : Lognormal or None
+        Fragility with its interval; None where too few topplings, or too few survivals, bear one.
+    why_not : str
+        Why there is none.
+    place : (float, float) or None
+        Longitude and latitude (WGS 84), by the table of the atlas or else by the scan's coordinate system.
+    weakest_azimuth_deg : float or None
+        Azimuth of the constant ground acceleration that topples it with the least, counter-clockwise from east.
+    least_m_s2 : float or None
+        That acceleration.
+    """
+
+    run: Run
+    name: str
+    contact: str
+    jobs: pd.DataFrame
+    curve: Lognormal | None
+    why_not: str
+    place: tuple[float, float] | None
+    weakest_azimuth_deg: float | None
+    least_m_s2: float | None
+
+    @property
+    def row(self) -> dict[str, Any]:
+        """Row of the table of rocks; None where a value is not known."""
+        known, curve = answered(self.jobs), self.curve
+        interval = (curve.median_interval if curve else None) or (None, None)
+        weakest, told = self.weakest_azimuth_deg, self.run.told
+        return {
+            "rock": self.name,
+            "site": told.get("site"),
+            "longitude": self.place[0] if self.place else None,
+            "latitude": self.place[1] if self.place else None,
+            "age": told.get("age"),
+            "measure": curve.measure if curve else None,
+            "median": curve.median if curve else None,
+            "median_low": interval[0],
+            "median_high": interval[1],
+            "beta": curve.beta if curve else None,
+            "least_quasi_static_m_s2": self.least_m_s2,
+            "weakest_azimuth_deg": weakest,
+            "weakest_compass_deg": None if weakest is None else float(compass_deg(weakest)),
+            "contact": self.contact,
+            "jobs": len(known),
+            "toppled": int(known["toppled"].sum()),
+            "records": int(known["record_id"].nunique()),
+            "without_answer": len(self.jobs) - len(known),
+            "remark": "; ".join(filter(None, (self.run.completeness().remark, self.why_not))) or None,
+        }
+
+
+@dataclass(frozen=True)
+class Shared:
+    """What the jobs of several rocks have in common.
+
+    Parameters
+    ----------
+    records : tuple of str
+        Records that shook all of them (of the same content), of `of_records` in all.
+    levels_m_s2 : tuple of float
+        Levels that all were shaken at.
+    of_records : int
+    """
+
+    records: tuple[str, ...]
+    levels_m_s2: tuple[float, ...]
+    of_records: int
+
+    @property
+    def sentence(self) -> str:
+        """Say it."""
+        levels = ", ".join(f"{one:g}" for one in self.levels_m_s2) or "none"
+        records = f"{len(self.records)} of {self.of_records} records"
+        return f"The rocks share {records}, and as levels of PGA (m/s²) {levels}."
+
+
+def beside_each_other(
+    runs: Sequence[Run],
+    measure: str,
+    samples: int = SAMPLES,
+    *,
+    only_shared: bool = False,
+    advance: Callable[[], object] = lambda: None,
+) -> tuple[list[Beside], Shared]:
+    """Rocks with their fragilities over one measure, and what their jobs share.
+
+    Parameters
+    ----------
+    runs : sequence of Run
+        Of one rock each.
+    measure : str
+        Column of the results.
+    samples : int
+        Bootstrap samples of records.
+    only_shared : bool
+        Fit to jobs with shared records at shared levels alone.
+    advance : callable
+        Called after each rock.
+
+    Raises
+    ------
+    InputError
+        If only what is shared is asked for, and nothing is.
+    """
+    chosen = [_chief(run) for run in runs]
+    shared = _shared([jobs for _, jobs in chosen], runs)
+    if only_shared and not (shared.records and shared.levels_m_s2):
+        remedy = "leave --shared out, or compare rocks of one campaign"
+        raise InputError(
+            shared.sentence, where="atlas", expected="records and levels in common", remedy=remedy
+        )
+    found = []
+    for run, (contact, jobs) in zip(runs, chosen, strict=True):
+        used = jobs
+        if only_shared:
+            used = jobs[
+                jobs["record_id"].isin(shared.records) & jobs["level_pga_m_s2"].isin(shared.levels_m_s2)
+            ]
+        found.append(_beside(run, contact, used, measure, samples))
+        advance()
+    return found, shared
+
+
+def _chief(run: Run) -> tuple[str, pd.DataFrame]:
+    """Jobs of the contact with the highest friction, and its words."""
+    frame = run.weighted(run.frame())
+    if frame.empty:
+        return "", frame
+    jobs = max(by_contact(frame).values(), key=lambda one: tuple(one[FRICTION].iloc[0]))
+    return contact_words(jobs, frame), jobs
+
+
+def _shared(of_rocks: Sequence[pd.DataFrame], runs: Sequence[Run]) -> Shared:
+    known = [frame for frame in of_rocks if not frame.empty]
+    contents = []
+    for run, frame in zip(runs, of_rocks, strict=True):
+        motions = run.motions()
+        if frame.empty or motions is None:
+            continue
+        sha = dict(zip(motions["record_id"].to_pylist(), motions["sha"].to_pylist(), strict=True))
+        contents.append({(name, sha.get(name, "")) for name in frame["record_id"].unique()})
+    levels = [set(frame["level_pga_m_s2"].unique()) for frame in known]
+    records: set[tuple[str, str]] = set.intersection(*contents) if contents else set()
+    return Shared(
+        tuple(sorted(name for name, _ in records)),
+        tuple(sorted(set.intersection(*levels))) if levels else (),
+        len(set().union(*contents)),
+    )
+
+
+def _beside(run: Run, contact: str, jobs: pd.DataFrame, measure: str, samples: int) -> Beside:
+    known = answered(jobs) if len(jobs) else jobs
+    curve, why_not = None, run.told.get("problem") or "no job has an answer"
+    if len(known):
+        toppled = int(known["toppled"].sum())
+        fitted = fit(known, [measure]) if toppled >= FEW_TOPPLED else None
+        why_not = f"{toppled} of {len(known)} jobs toppled it"
+        if fitted is not None and fitted.lognormal is not None:
+            drawn = bootstrap(known, fitted, samples)
+            basis = basis_of(jobs, measure, run.completeness())
+            curve = replace(with_interval(fitted.lognormal, drawn), basis=basis)
+            why_not = ""
+    statics = run.quasi_static()
+    weakest = least = None
+    if statics is not None and (finite := statics.astype(float).dropna(subset=["value"])).size:
+        at = finite.loc[finite["value"].idxmin()]
+        weakest, least = float(at["azimuth_deg"]), float(at["value"])
+    return Beside(run, run.rock, contact, jobs, curve, why_not, place_of(run), weakest, least)
+
+
+def place_of(run: Run) -> tuple[float, float] | None:
+    """Longitude and latitude of a rock (WGS 84): by its atlas, or by the coordinate system that its scan states."""
+    told = run.told
+    if told.get("longitude") is not None:
+        return float(told["longitude"]), float(told["latitude"])
+    codes = {one.get("epsg") for one in run.scene_report().get("files") or () if isinstance(one, dict)}
+    origin = run.origin_m()
+    if len(codes) != 1 or not isinstance(code := codes.pop(), int) or origin is None:
+        return None
+    from pyproj import Transformer
+    from pyproj.exceptions import ProjError
+
+    try:
+        found = Transformer.from_crs(code, 4326, always_xy=True).transform(origin[0], origin[1])
+    except ProjError:
+        return None
+    return (float(found[0]), float(found[1])) if np.isfinite(found).all() else None
+
+
+def geojson(rocks: Sequence[Beside]) -> dict[str, Any]:
+    """The rocks whose place is known as points of GeoJSON (RFC 7946: WGS 84), with the columns of their table."""
+    features = []
+    for rock in rocks:
+        if rock.place is not None:
+            point = {"type": "Point", "coordinates": [round(one, 7) for one in rock.place]}
+            properties = {
+                name: value for name, value in rock.row.items() if name not in ("longitude", "latitude")
+            }
+            features.append({"type": "Feature", "geometry": point, "properties": properties})
+    return {"type": "FeatureCollection", "features": features}

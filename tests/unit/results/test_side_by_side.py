@@ -1,0 +1,118 @@
+"""Rocks beside each other: what they share, where they stand, and a page that shows each."""
+
+import json
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from toppling.models import digest
+from toppling.models.motions.ensemble import Ensemble
+from toppling.models.motions.idealised import ricker
+from toppling.models.motions.record import Record
+from toppling.models.scene import Scene
+from toppling.orchestrator.campaign import Campaign
+from toppling.orchestrator.cli import cli
+from toppling.orchestrator.folder import prepare
+from toppling.orchestrator.plan import plan_of
+from toppling.orchestrator.task import lost_row
+from toppling.results.run import open_run
+from toppling.results.side_by_side import beside_each_other, geojson
+from toppling.results.store import write_part
+
+MEDIANS = {"firm": 6.0, "weak": 3.0}
+SAMPLES = 40
+CODE, EAST_M, NORTH_M = 32611, 480000.0, 3770000.0  # UTM zone 11 north: 9 km west and 34.07 degrees north
+
+
+def made_up(spec, median, random):
+    """A row whose rock topples by a lognormal law in PGA."""
+    toppled = bool(np.log(spec.pga_m_s2 / median) / 0.3 > random.normal())
+    measures = dict.fromkeys(("pga_m_s2", "pgv_m_s"), spec.pga_m_s2)
+    return {
+        **lost_row(spec, "ok", ""), **measures, "toppled": toppled, "outcome": "toppled" if toppled else "stands",
+        "attempt": 1,
+    }  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def atlas(tmp_path_factory):
+    """Two rocks of known medians that share half of their records, and one without an answer."""
+    place = tmp_path_factory.mktemp("atlas")
+    pulses = [Record.of(f"P{n:02d}", ricker(2.0, 0.5 + 0.05 * n, 0.02)) for n in range(30)]
+    Ensemble.write(place / "quakes", pulses[:20])
+    Ensemble.write(place / "own", pulses[10:])
+    for name, width in (("firm", 0.3), ("silent", 0.26), ("weak", 0.2)):
+        Scene.block(width, 0.25, 0.8).save(place / "scenes" / name)
+    document = place / "scenes" / "weak" / "scene.json"
+    told = digest.read_json(document)
+    digest.write_json(
+        document, {**told, "origin_m": [EAST_M, NORTH_M, 0.0], "report": {"files": [{"epsg": CODE}]}}
+    )
+    (place / "sites.csv").write_text(
+        "scene,site,longitude,latitude,ensemble,age\nscenes/firm,Echo,-117.5,34.25,,20000\nscenes/weak,Lion,,,own,\n"
+        "scenes/silent,,,,,\n"
+    )
+    axes = {"pga_m_s2": [2, 3, 4.5, 7, 10], "azimuth_deg": [0, 90], "friction": [0.8]}
+    planned = plan_of(Campaign.of({"sites": "sites.csv", "ensemble": "quakes", **axes}, place))
+    run = place / "run"
+    prepare(run, planned, {})
+    random = np.random.default_rng(46)
+    names = {scene.scene_id: scene.rock for scene in planned.scenes}
+    specs = [planned.spec(row) for row in range(len(planned))]
+    rows = [
+        {**made_up(spec, MEDIANS[names[spec.scene_id]], random), "rock": names[spec.scene_id]}
+        for spec in specs
+        if names[spec.scene_id] in MEDIANS
+    ]
+    write_part(run, rows)
+    return run
+
+
+@pytest.fixture(scope="module")
+def compared(atlas):
+    return beside_each_other(open_run(atlas).rocks, "pga_m_s2", SAMPLES)
+
+
+def test_each_rocks_median_is_found_within_its_interval_and_a_silent_rock_has_none(compared):
+    rocks = {rock.name: rock for rock in compared[0]}
+    for name, median in MEDIANS.items():
+        row = rocks[name].row
+        assert row["median_low"] < median < row["median_high"]
+        assert row["jobs"] == 200
+    assert rocks["silent"].curve is None
+    assert rocks["silent"].row["remark"]
+
+
+def test_records_are_shared_by_content_and_levels_by_value(compared):
+    shared = compared[1]
+    assert shared.records == tuple(f"P{n}" for n in range(10, 20))
+    assert (shared.of_records, shared.levels_m_s2) == (30, (2.0, 3.0, 4.5, 7.0, 10.0))
+
+
+def test_a_fit_to_what_is_shared_rests_on_nothing_else(atlas):
+    rocks = [rock for rock in open_run(atlas).rocks if rock.rock != "silent"]
+    found, shared = beside_each_other(rocks, "pga_m_s2", SAMPLES, only_shared=True)
+    assert {rock.row["records"] for rock in found} == {len(shared.records)}
+
+
+def test_a_place_is_that_of_the_table_or_of_the_scans_coordinate_system(compared):
+    told = geojson(compared[0])
+    points = {one["properties"]["rock"]: one["geometry"]["coordinates"] for one in told["features"]}
+    assert points["firm"] == [-117.5, 34.25]
+    # 20 km west of the central meridian (117 W) at 34.07 N: 20 km / (111.32 km cos) = .217 degrees; UTM's scale .9996.
+    assert points["weak"] == pytest.approx([-117.2169, 34.07], abs=2e-3)
+    assert set(points) == {"firm", "weak"}
+    assert json.dumps(told, allow_nan=False)
+
+
+@pytest.mark.parametrize("verb", [("atlas", "atlas/atlas.html"), ("report", "report.html")])
+def test_one_page_shows_every_rock_and_says_that_the_run_is_unfinished(atlas, verb):
+    name, page = verb
+    done = CliRunner().invoke(cli, [name, str(atlas), "--samples", "20"], catch_exceptions=False)
+    assert done.exit_code == 0
+    text = (atlas / page).read_text()
+    for rock in ("firm", "silent", "weak"):
+        assert f">{rock}</h3>" in text
+    assert "200 of 600 jobs have not run" in text
+    assert "http" not in text.replace("http://www.w3.org", "")

@@ -30,6 +30,7 @@ from toppling.orchestrator.dispatch import JOBS_IN_BATCH, USUAL_LIMITS, Batch, D
 from toppling.orchestrator.folder import note, prepare, remarks, session
 from toppling.orchestrator.interrupt import held_back
 from toppling.orchestrator.journal import journal, tell
+from toppling.orchestrator.leaving import leaving_in_order, was_told_to_leave
 from toppling.orchestrator.plan import Plan, PlannedScene, plan_of
 from toppling.orchestrator.processor import unlike
 from toppling.orchestrator.rounds import AllJobs, JobsForPrecision, Wanted
@@ -278,7 +279,8 @@ def carry_out(
             def at_work(tally: Tally) -> Iterator[Work]:
                 with cluster as client, client.as_current(), _reported(report):
                     check_workers(client, order, [order_of(scene, folder, here) for scene in planned.scenes])
-                    yield Work(planned, folder, order, client, watch, limits, tally)
+                    with leaving_in_order(client):
+                        yield Work(planned, folder, order, client, watch, limits, tally)
 
             tally = _until_complete(planned, folder, at_work, again, notes, stages)
         except BaseException as error:
@@ -679,6 +681,10 @@ class Execution:
     def _take_error(self, key: str, batch: Batch, error: BaseException) -> None:
         if isinstance(error, KilledWorker):
             hung = key in self._overdue
+            if not hung and was_told_to_leave(self.client, error.last_worker.address):
+                tell("worker left", worker=error.last_worker.address, jobs=len(batch.jobs))
+                self.dispatch.came_back(batch, done=0)
+                return
             self.tally.deaths += 1
             told = {"worker": error.last_worker.address, "alone": batch.alone, "attempt": batch.attempt}
             log.warning(

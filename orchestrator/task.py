@@ -25,6 +25,7 @@ from toppling.models.errors import InputError
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
 from toppling.orchestrator.delivery import WORKER, NotDeliveredError, delivered, forget
+from toppling.orchestrator.leaving import LEAVING
 from toppling.orchestrator.processor import processor
 from toppling.workers.engines import DEFAULT, ENGINES
 from toppling.workers.job import Assets, JobSpec, identity, run_job
@@ -233,7 +234,7 @@ def shake_batch(order: Order, specs: Sequence[JobSpec], budget_s: float) -> list
     for spec in specs:
         with ONE_AT_A_TIME:
             rows.append(_shake(spec, assets))
-        if time.perf_counter() >= end:
+        if time.perf_counter() >= end or LEAVING.is_set():
             break
     return rows
 

@@ -1,0 +1,103 @@
+"""Workers that come and go: what they had at hand is done elsewhere, and no failure is counted for it."""
+
+import contextlib
+import os
+import random
+import signal
+import subprocess
+import sys
+import threading
+
+import pytest
+from answers import answers_of
+from distributed import Client, LocalCluster
+
+from toppling.orchestrator.cluster import load_defaults
+from toppling.orchestrator.run import run
+
+PATIENCE_S = 60.0
+
+
+@pytest.fixture
+def scheduler(faults_file):
+    """A cluster without workers of its own."""
+    import dask
+
+    dask.config.refresh()
+    load_defaults()
+    with (
+        LocalCluster(n_workers=0, host="127.0.0.1", dashboard_address=None) as cluster,
+        Client(cluster) as client,
+    ):
+        yield client
+
+
+class Joining:
+    """Workers that join a scheduler as those of another host do, each with its own nanny."""
+
+    def __init__(self, address, folder):
+        self.address, self.folder = address, folder
+        self.here = []
+
+    def join(self):
+        start = "import sys; sys.argv[0] = 'dask'; from distributed.cli.dask_worker import main; main()"
+        command = [sys.executable, "-P", "-c", start, self.address, "--nthreads", "1", "--no-dashboard"]
+        quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+        self.here.append(subprocess.Popen(command, cwd=self.folder, start_new_session=True, **quiet))
+
+    def leave(self, worker, whole_node):
+        """Tell a worker to leave as a container is told (its first process), or as a node that is taken back (all)."""
+        self.here.remove(worker)
+        with contextlib.suppress(ProcessLookupError):
+            (os.killpg if whole_node else os.kill)(worker.pid, signal.SIGTERM)
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *exception):
+        for worker in self.here:
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(worker.pid, signal.SIGKILL)
+
+
+def carry_out_while_they_come_and_go(campaign, folder, client, joining, leaves, seed):
+    """Run a campaign; at random moments a worker leaves and another joins. Returns the tally."""
+    chance = random.Random(seed)
+    ended = threading.Event()
+    left = 0
+
+    def come_and_go():
+        nonlocal left
+        while left < leaves and not ended.wait(chance.uniform(0.1, 0.6)):
+            if len(client.nthreads()) >= 2:
+                joining.leave(joining.here[0], whole_node=chance.random() < 0.5)
+                left += 1
+            while len(joining.here) < 3:
+                joining.join()
+
+    for _ in range(3):
+        joining.join()
+    client.wait_for_workers(2, timeout=PATIENCE_S)
+    thread = threading.Thread(target=come_and_go)
+    thread.start()
+    try:
+        return run(campaign, folder, contextlib.nullcontext(client), lambda tally: None), left
+    finally:
+        ended.set()
+        thread.join(PATIENCE_S)
+
+
+@pytest.mark.parametrize(
+    ("leaves", "seconds"), [(4, 0.1), pytest.param(60, 1.5, marks=pytest.mark.slow)], ids=["few", "sixty"]
+)
+def test_workers_told_to_leave_cost_no_try_and_no_row(
+    leaves, seconds, scheduler, campaign, undisturbed, faults, tmp_path
+):
+    faults.set(every={"kind": "wait", "seconds": seconds})
+    with Joining(scheduler.scheduler.address, tmp_path) as joining:
+        tally, left = carry_out_while_they_come_and_go(
+            campaign, tmp_path / "run", scheduler, joining, leaves, seed=7
+        )
+    assert left == leaves
+    assert tally.deaths == 0
+    assert answers_of(tmp_path / "run") == undisturbed

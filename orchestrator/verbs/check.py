@@ -19,7 +19,7 @@ from toppling.models.scene import Scene
 from toppling.orchestrator.progress import bar
 from toppling.orchestrator.spelling import OneOf
 from toppling.orchestrator.verbs.options import PATH, json_option, scene_argument
-from toppling.orchestrator.verbs.records import show_notes
+from toppling.orchestrator.verbs.records_shown import show_notes
 from toppling.workers.options import PRESETS
 from toppling.workers.shake import shake
 

@@ -62,10 +62,9 @@ def init(
     toppling init scenes/rock ensembles/quakes --out campaign.toml
     """
     from toppling.models.contact import ContactProperties
-    from toppling.models.errors import InputError
     from toppling.models.motions.ensemble import Ensemble
     from toppling.models.scene import Scene
-    from toppling.orchestrator.campaign import LARGEST_PGA_M_S2, Campaign
+    from toppling.orchestrator.campaign import Campaign
     from toppling.orchestrator.progress import bar, duration
     from toppling.orchestrator.stands import check_stands
     from toppling.orchestrator.starter import campaign_text, even_azimuths_deg, levels_between
@@ -81,13 +80,7 @@ def init(
         check_stands(chosen, rock)
         contact = ContactProperties.of(max(frictions))
         statics = statics_of(rock.with_contact(contact))
-    if not 0.0 < statics.least_m_s2 < LARGEST_PGA_M_S2:
-        raise InputError(
-            f"the least constant acceleration that topples the rock is {statics.least_m_s2:.3g} m/s2",
-            where=str(scene),
-            expected=f"one above 0 and below {LARGEST_PGA_M_S2:g} m/s2",
-            remedy="check in the scene's picture that rock and pedestal are separated correctly",
-        )
+    _check_least(statics.least_m_s2, scene)
     most = min(RECORDS, len(motions.record_ids)) * len(levels_to_try(statics.least_m_s2))
     with bar("shaking on trial", most) as advance:
         friction = contact.friction_static, contact.friction_kinetic
@@ -96,19 +89,11 @@ def init(
     records, workers = len(motions.record_ids), workers or os.cpu_count() or 1
     folder = out.absolute().parent
     text = campaign_text(
-        name=str(out),
-        scene=os.path.relpath(scene.absolute(), folder),
-        ensemble=os.path.relpath(ensemble.absolute(), folder),
-        records=records,
-        statics=statics,
-        trial=trial,
-        levels=spaced,
-        azimuths_deg=turned,
-        frictions=frictions,
-        preset=preset,
-        workers=workers,
+        name=str(out), scene=os.path.relpath(scene.absolute(), folder),
+        ensemble=os.path.relpath(ensemble.absolute(), folder), records=records, statics=statics, trial=trial,
+        levels=spaced, azimuths_deg=turned, frictions=frictions, preset=preset, workers=workers,
         bases=0 if rock.unseen is None else len(rock.unseen),
-    )
+    )  # fmt: skip
     with new_file(out) as hidden:
         hidden.write_text(text, encoding="utf-8")
     jobs = records * len(spaced) * len(turned) * len(frictions)
@@ -117,3 +102,16 @@ def init(
         f"about {duration(jobs * trial.job_s / workers)} on {workers} workers"
     )
     click.echo(f"next: toppling plan {out}")
+
+
+def _check_least(least_m_s2: float, scene: Path) -> None:
+    from toppling.models.errors import InputError
+    from toppling.orchestrator.campaign import LARGEST_PGA_M_S2
+
+    if not 0.0 < least_m_s2 < LARGEST_PGA_M_S2:
+        raise InputError(
+            f"the least constant acceleration that topples the rock is {least_m_s2:.3g} m/s2",
+            where=str(scene),
+            expected=f"one above 0 and below {LARGEST_PGA_M_S2:g} m/s2",
+            remedy="check in the scene's picture that rock and pedestal are separated correctly",
+        )

@@ -150,13 +150,17 @@ def magnitudes(
         "confidence": confidence, "age": age,
         "without_site_term": [one.name for one in grid_of if not one.has_site_term],
     }  # fmt: skip
-    shares = (
-        excluded_bins(taken_apart.bins, grid_of, weights, standing.curve, occurrences)
-        if taken_apart
-        else None
-    )
-    if taken_apart and shares is not None:
+    shares = None
+    if taken_apart:
+        shares = excluded_bins(taken_apart.bins, grid_of, weights, standing.curve, occurrences)
         told["deaggregation"] = {"of": taken_apart.of, "bins": shares.to_dict("records")}
+    _tell(answer, told, shares, out, as_json)
+
+
+def _tell(
+    answer: "Answer", told: dict[str, Any], shares: pd.DataFrame | None, out: Path | None, as_json: bool
+) -> None:
+    """Write and print what is excluded, with the shares of a hazard's bins where they were asked for."""
     if out:
         answer.write(out, told)
         if shares is not None:

@@ -16,6 +16,7 @@ from toppling.orchestrator.verbs.options import (
 if TYPE_CHECKING:
     import pandas as pd
 
+    from toppling.models.motions.ensemble import Ensemble
     from toppling.models.scene import Scene
 
 ABOVE_0 = click.FloatRange(0, min_open=True)
@@ -79,35 +80,21 @@ def ramp(
     """
     import math
 
-    from rich.console import Console
-    from rich.progress import Progress
-
-    from toppling.models.errors import InputError
     from toppling.models.motions.ensemble import Ensemble
     from toppling.models.scene import Scene
     from toppling.orchestrator.pool import pool_of
+    from toppling.orchestrator.progress import bar
     from toppling.orchestrator.ramp import Ramp, carry_out, chosen_waveforms, weakest_azimuth_deg
 
     rock, motions = Scene.load(scene), Ensemble.load(ensemble)
-    names = [name.strip() for name in records.split(",")] if records else chosen_waveforms(motions)
-    if unknown := [name for name in names if name not in set(motions.record_ids)]:
-        raise InputError(
-            f"no records {', '.join(unknown)}",
-            where=str(ensemble),
-            expected=f"ids such as {', '.join(motions.record_ids[:5])}",
-            remedy="'toppling records show' lists them",
-        )
+    names = _named(records, motions) if records else chosen_waveforms(motions)
     protocol = Ramp(
         azimuth_deg=weakest_azimuth_deg(rock, friction) if azimuth is None else azimuth,
         start_m_s2=start, step_m_s2=step, end_m_s2=end,
         peak_displacement_m=peak_displacement if math.isfinite(peak_displacement) else None,
         friction=friction, restitution=restitution, preset=preset, uniaxial=not three_components,
     )  # fmt: skip
-    with (
-        Progress(console=Console(stderr=True), transient=True) as progress,
-        pool_of(workers) as pool,
-    ):
-        task = progress.add_task("waveforms", total=len(names))
+    with bar("waveforms", len(names)) as advance, pool_of(workers) as pool:
         levels = carry_out(
             scene.absolute(),
             ensemble.absolute(),
@@ -115,10 +102,25 @@ def ramp(
             protocol,
             out / "waveforms",
             pool,
-            lambda _: progress.advance(task),
+            lambda _: advance(),
         )
     for path in write(rock, levels, protocol.azimuth_deg, friction, out):
         click.echo(path)
+
+
+def _named(records: str, motions: "Ensemble") -> list[str]:
+    """Ids of records, separated by commas, which an ensemble has."""
+    from toppling.models.errors import InputError
+
+    names = [name.strip() for name in records.split(",")]
+    if unknown := [name for name in names if name not in set(motions.record_ids)]:
+        raise InputError(
+            f"no records {', '.join(unknown)}",
+            where=str(motions.folder),
+            expected=f"ids such as {', '.join(motions.record_ids[:5])}",
+            remedy="'toppling records show' lists them",
+        )
+    return names
 
 
 def write(

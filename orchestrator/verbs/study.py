@@ -4,13 +4,20 @@ import json
 import logging
 import shutil
 import sys
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from toppling.orchestrator.verbs.options import FILE, FOLDER, PATH, json_option, preset_option
 from toppling.orchestrator.verbs.where import cluster_of, cluster_options
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from toppling.orchestrator.ramp import Ramp
+    from toppling.orchestrator.study import Study
 
 SEED = 1
 
@@ -62,31 +69,17 @@ def study(
     """
     from toppling.orchestrator import study as stages
     from toppling.orchestrator.interrupt import INTERRUPTED, stop_in_order, told_as_stop
-    from toppling.orchestrator.progress import duration, each, watcher
+    from toppling.orchestrator.progress import watcher
     from toppling.orchestrator.run import RunError
     from toppling.orchestrator.verbs.run import FAILED_JOBS
-    from toppling.results.drawing.report.content import Content
-    from toppling.results.drawing.report.write import report_page, write_page
-    from toppling.results.run import open_run
 
     if scan and scene:
         raise click.UsageError("--scan and --scene exclude each other")
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(message)s")
     stop_in_order()
-    steps = round(18.0 / pga_step)
-    chosen = stages.Study(
-        pga_m_s2=tuple(
-            round(1.0 + number * pga_step, 9) for number in range(steps + 1) if number * pga_step <= 18.0
-        ),
-        azimuth_deg=tuple(360.0 * number / int(directions) for number in range(int(directions))),
-        preset=preset,
-        audit=audit,
-    )
+    chosen = _study_of(pga_step, int(directions), preset, audit)
     cluster_of(out, **where)  # wrong options are said before any work
-
-    def say(line: str) -> None:
-        click.echo(line, err=True)
-
+    say = partial(click.echo, err=True)
     try:
         with told_as_stop():
             chosen.check(out)
@@ -94,17 +87,9 @@ def study(
             _have_records(out, records, metadata, count, say)
             _say_time(chosen, out, where, say)
             tallies = stages.carry_out(chosen, out, lambda: cluster_of(out, **where), watcher, say)
-            levels, protocol = stages.climb(chosen, out, lambda: cluster_of(out, **where), say)
+            climbed = stages.climb(chosen, out, lambda: cluster_of(out, **where), say)
             say("figures, findings, constraint, report")
-            drawn = stages.draw(chosen, out, levels, protocol)
-            for path in each(drawn, "figures", 60):
-                if path.suffix == ".png" and not as_json:
-                    click.echo(path)
-            found = stages.check_findings(chosen, out)
-            opened = open_run(out / "runs" / stages.MAIN)
-            _have_figure_8(out)
-            _have_constraint(out, opened.path)
-            page = write_page(report_page(Content(opened)), out / "report.html")
+            found, page = _report(chosen, out, climbed, as_json)
     except RunError as error:
         message = f"{error}; finished work is kept, and the same command resumes"
         raise click.ClickException(message) from None
@@ -115,13 +100,44 @@ def study(
         content = json.loads((out / "findings.json").read_text(encoding="utf-8"))
         click.echo(json.dumps({"study": str(out), "runs": stages.told(tallies), **content}))
     else:
-        click.echo(page)
-        for one in found:
-            click.echo(one.line)
-        worked_s = sum(tally.elapsed_s for tally in tallies if tally.done)
-        click.echo(f"{sum(tally.done for tally in tallies)} jobs in this session, {duration(worked_s)}")
+        click.echo("\n".join([str(page), *(one.line for one in found), _session_words(tallies)]))
     if any(tally.failed for tally in tallies):
         sys.exit(FAILED_JOBS)
+
+
+def _session_words(tallies: list[Any]) -> str:
+    from toppling.orchestrator.progress import duration
+
+    worked_s = sum(tally.elapsed_s for tally in tallies if tally.done)
+    return f"{sum(tally.done for tally in tallies)} jobs in this session, {duration(worked_s)}"
+
+
+def _report(chosen: "Study", out: Path, climbed: "tuple[pd.DataFrame, Ramp]", as_json: bool) -> Any:
+    """Draw the figures, check the findings, write constraint and report: the findings, and the report's file."""
+    from toppling.orchestrator import study as stages
+    from toppling.orchestrator.progress import each
+    from toppling.results.drawing.report.content import Content
+    from toppling.results.drawing.report.write import report_page, write_page
+    from toppling.results.run import open_run
+
+    for path in each(stages.draw(chosen, out, *climbed), "figures", 60):
+        if path.suffix == ".png" and not as_json:
+            click.echo(path)
+    found = stages.check_findings(chosen, out)
+    opened = open_run(out / "runs" / stages.MAIN)
+    _have_figure_8(out)
+    _have_constraint(out, opened.path)
+    return found, write_page(report_page(Content(opened)), out / "report.html")
+
+
+def _study_of(pga_step: float, directions: int, preset: str, audit: int | None) -> "Study":
+    """The study with levels from 1 to 19 m/s2 and directions all around."""
+    from toppling.orchestrator.study import Study
+
+    steps = round(18.0 / pga_step)
+    levels = (round(1.0 + step * pga_step, 9) for step in range(steps + 1) if step * pga_step <= 18.0)
+    azimuths = tuple(360.0 * number / directions for number in range(directions))
+    return Study(pga_m_s2=tuple(levels), azimuth_deg=azimuths, preset=preset, audit=audit)
 
 
 def _have_scene(out: Path, scan: tuple[Path, ...], scene: Path | None, say: Any) -> None:

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager
 from functools import reduce
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict, Unpack
 
 import click
 
@@ -36,17 +36,20 @@ def cluster_options(command: Callable[..., Any]) -> Callable[..., Any]:
     return reduce(lambda function, option: option(function), reversed(_OPTIONS), command)
 
 
-def cluster_of(
-    folder: Path,
-    workers: int | None,
-    queue_kind: str | None,
-    queue_jobs: int,
-    scheduler: str | None,
-    scheduler_file: Path | None,
-    tls_ca: Path | None,
-    tls_cert: Path | None,
-    tls_key: Path | None,
-) -> AbstractContextManager:
+class Where(TypedDict):
+    """Values of the options."""
+
+    workers: int | None
+    queue_kind: str | None
+    queue_jobs: int
+    scheduler: str | None
+    scheduler_file: Path | None
+    tls_ca: Path | None
+    tls_cert: Path | None
+    tls_key: Path | None
+
+
+def cluster_of(folder: Path, **where: Unpack[Where]) -> AbstractContextManager:
     """Cluster that the options select; nothing starts before it is entered.
 
     Raises
@@ -56,6 +59,8 @@ def cluster_of(
     """
     from toppling.orchestrator.cluster import existing, local, queue, tls_security
 
+    workers, queue_kind = where["workers"], where["queue_kind"]
+    scheduler, scheduler_file = where["scheduler"], where["scheduler_file"]
     given = {
         "--workers": workers, "--queue": queue_kind,
         "--scheduler": scheduler, "--scheduler-file": scheduler_file,
@@ -66,16 +71,18 @@ def cluster_of(
         raise click.UsageError(msg)
     joins = bool(scheduler or scheduler_file or (not ways and os.environ.get("DASK_SCHEDULER_ADDRESS")))
     tls = None
-    if tls_ca or tls_cert or tls_key:
+    files = where["tls_ca"], where["tls_cert"], where["tls_key"]
+    if any(files):
         if not joins:
             msg = "--tls-ca, --tls-cert and --tls-key are for a running scheduler: give --scheduler or --scheduler-file"
             raise click.UsageError(msg)
-        if tls_ca is None or tls_cert is None or tls_key is None:
+        authority, certificate, key = files
+        if authority is None or certificate is None or key is None:
             msg = "--tls-ca, --tls-cert and --tls-key must be given together"
             raise click.UsageError(msg)
-        tls = tls_security(tls_ca, tls_cert, tls_key)
+        tls = tls_security(authority, certificate, key)
     if queue_kind:
-        return queue(queue_kind, queue_jobs, folder.absolute())
+        return queue(queue_kind, where["queue_jobs"], folder.absolute())
     if joins:
         return existing(scheduler, scheduler_file, tls)
     return local(workers or os.cpu_count() or 1)

@@ -1,0 +1,155 @@
+"""`toppling records select`: fewer records, or records weighted by a hazard."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from toppling.models.errors import InputError
+from toppling.orchestrator.spelling import OneOf
+from toppling.orchestrator.verbs.options import (
+    EXISTING_FILE,
+    EXISTING_FOLDER,
+    FOLDER,
+    replace_option,
+)
+
+if TYPE_CHECKING:
+    from toppling.models.motions.deaggregation import Deaggregation
+    from toppling.models.motions.ensemble import Ensemble
+
+MOST_EMPTY = 6
+"""Bins of a deaggregation without a record that are named, at most; the heaviest."""
+
+
+@click.command()
+@click.argument("ensemble", type=EXISTING_FOLDER)
+@click.option(
+    "--out",
+    required=True,
+    type=FOLDER,
+    help="Folder of the new ensemble.",
+)
+@click.option("--magnitude", type=float, nargs=2, metavar="LOW HIGH", help="Least and largest.")
+@click.option(
+    "--distance", "distance_km", type=float, nargs=2, metavar="LOW HIGH", help="Least and largest, km."
+)
+@click.option("--event", help="Part of the name of the event.")
+@click.option("--components", type=click.IntRange(2, 3), default=2, help="Least number of components.")
+@click.option(
+    "--per-event",
+    type=click.IntRange(min=0),
+    default=0,
+    help="Largest number of records per event; the nearest are kept.",
+)
+@click.option(
+    "--quality",
+    multiple=True,
+    type=OneOf(["corrected", "processed", "drifting", "sound", "uncorrected", "made"]),
+    help="Only records of this quality; repeatable.",
+)
+@click.option(
+    "--pga", type=float, nargs=2, metavar="LOW HIGH", help="Least and largest PGA as recorded, m/s2."
+)
+@click.option("--pgv-pga", type=float, nargs=2, metavar="LOW HIGH", help="Least and largest PGV/PGA, s.")
+@click.option(
+    "--count",
+    type=click.IntRange(min=0),
+    default=0,
+    help="Largest number of records, spread evenly over the ranks of PGV/PGA of those that the other conditions leave.",
+)
+@click.option(
+    "--deaggregation",
+    type=EXISTING_FILE,
+    help="Table that weights the records: CSV with magnitude_low, magnitude_high, distance_low_km, distance_high_km,"
+    " contribution; nshmp-haz's data.csv; or OpenQuake's Mag_Dist.",
+)
+@click.option("--imt", help="Measure of OpenQuake's deaggregation, such as PGV, where it has several.")
+@click.option(
+    "--poe",
+    type=float,
+    help="Its probability, where it has several; default the least, of the strongest motion.",
+)
+@replace_option
+def select(
+    ensemble: Path,
+    out: Path,
+    magnitude: tuple[float, float] | None,
+    distance_km: tuple[float, float] | None,
+    event: str | None,
+    components: int,
+    per_event: int,
+    quality: tuple[str, ...],
+    pga: tuple[float, float] | None,
+    pgv_pga: tuple[float, float] | None,
+    count: int,
+    deaggregation: Path | None,
+    imt: str | None,
+    poe: float | None,
+    replace: bool,
+) -> None:
+    """Select records of an ensemble, or weight them by a hazard.
+
+    Each condition reports how many records remain.
+
+    \b
+    toppling records select ensembles/quakes --out ensembles/near --distance 0 20 --per-event 3
+    toppling records select ensembles/quakes --out ensembles/forty --pgv-pga 0.05 0.5 --count 40
+    """
+    import dataclasses
+
+    from toppling.models.motions.deaggregation import read_deaggregation
+    from toppling.models.motions.ensemble import Ensemble
+    from toppling.models.motions.selection import Choice
+    from toppling.models.motions.selection import select as chosen
+
+    refuse_existing_ensemble(out, replace)
+    loaded = Ensemble.load(ensemble)
+    choice = Choice(
+        magnitude or None, distance_km or None, event, components, per_event, quality, pga, pgv_pga, count
+    )
+    selection = chosen(loaded, choice)
+    names = list(selection.record_ids)
+    click.echo(f"{len(loaded.record_ids)} records in {ensemble}")
+    for told, left in selection.left:
+        click.echo(f"{told}: {left} left")
+    if 0 < len(names) < count:
+        click.echo(f"fewer than the {count} requested: all that are left were taken", err=True)
+    weights = dict(zip(loaded.record_ids, loaded.catalog["weight"].to_pylist(), strict=True))
+    if deaggregation:
+        weights = _hazard_weights(loaded, names, read_deaggregation(deaggregation, imt, poe))
+        names = [name for name in names if weights[name] > 0]
+    written = Ensemble.write(
+        out, [dataclasses.replace(loaded.record(name), weight=weights[name]) for name in names]
+    )
+    click.echo(f"{len(written.record_ids)} of {len(loaded.record_ids)} records in {out}")
+
+
+def _hazard_weights(ensemble: "Ensemble", names: list[str], hazard: "Deaggregation") -> dict[str, float]:
+    """Weights of records by a hazard, with a word on what of it no record stands for."""
+    from toppling.models.motions.selection import hazard_weights
+
+    if hazard.of:
+        click.echo(f"weighted for {hazard.of}")
+    weights, empty = hazard_weights(ensemble, names, hazard.bins)
+    empty.sort(key=lambda b: -b.contribution)
+    for b in empty[:MOST_EMPTY]:
+        click.echo(f"no record for magnitude {b.magnitude}, distance {b.distance_km} km", err=True)
+    if empty:
+        share = sum(b.contribution for b in empty) / sum(b.contribution for b in hazard.bins)
+        more = f"and {len(empty) - MOST_EMPTY} more bins: " if len(empty) > MOST_EMPTY else ""
+        click.echo(f"{more}{100 * share:.3g} % of the hazard has no record", err=True)
+    return weights
+
+
+def refuse_existing_ensemble(out: Path, replace: bool) -> None:
+    """Refuse a folder that holds an ensemble already, unless it is to be replaced."""
+    from toppling.models.motions.ensemble import CATALOG
+
+    if (out / CATALOG).exists() and not replace:
+        raise InputError(
+            "an ensemble exists there already",
+            where=str(out),
+            expected="a new folder",
+            remedy="choose another --out, or replace it with --replace",
+        )

@@ -1,0 +1,109 @@
+"""What `toppling records` prints: catalogues, notes, and what was left out."""
+
+import json
+from typing import TYPE_CHECKING
+
+import click
+
+if TYPE_CHECKING:
+    from toppling.models.motions.ensemble import Ensemble
+    from toppling.models.motions.importing import Import, Refusal
+
+
+MOST_NOTES = 20
+
+
+def import_json(ensemble: "Ensemble", outcome: "Import") -> None:
+    """Print what was read and left out as JSON."""
+    left_out = [
+        {"subject": r.subject, "what": r.reason.what, "where": r.reason.where, "remedy": r.reason.remedy}
+        for r in outcome.refusals
+    ]
+    document = {
+        "ensemble": str(ensemble.folder),
+        "id": ensemble.id,
+        "records": ensemble.record_ids,
+        "left_out": left_out,
+        "notes": [{"record": name, "what": what} for name, what in outcome.warnings],
+        "unused_rows": outcome.unused_rows,
+    }
+    click.echo(json.dumps(document))
+
+
+def show_catalog(rows: list[dict]) -> None:
+    """Print an ensemble's records as a table."""
+    from rich import box
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(box=box.SIMPLE, title=f"{len(rows)} records", title_justify="left")
+    heads = (
+        "record",
+        "event",
+        "station",
+        "M",
+        "R km",
+        "PGA m/s²",
+        "toward °",
+        "PGV m/s",
+        "PGV/PGA s",
+        "D s",
+        "2nd dir.",
+    )
+    for index, head in enumerate(heads):
+        table.add_column(head, justify="left" if index < 3 else "right", max_width=28, no_wrap=True)
+    for row in rows:
+        table.add_row(
+            row["record_id"],
+            row["event"],
+            row["station"],
+            "?" if row["magnitude"] is None else f"{row['magnitude']:.1f}",
+            "?" if row["distance_km"] is None else f"{row['distance_km']:.1f}",
+            f"{row['pga_m_s2']:.2f}",
+            f"{row['pga_azimuth_deg']:.0f}" if row["north_known"] else "?",
+            f"{row['pgv_m_s']:.3f}",
+            f"{row['pgv_pga_s']:.3f}",
+            f"{row['duration_energy_s']:.1f}",
+            f"{row['directionality']:.2f}",
+        )
+    console = Console()
+    Console(width=None if console.is_terminal else 150).print(table)
+    undirected = sum(row["directionality"] > 0.9 for row in rows)
+    click.echo(
+        "toward: azimuth of the vector PGA, counter-clockwise from east;\n"
+        "D: 5 to 95 % of the integral of squared velocity;\n"
+        f"2nd dir.: share of PGA reached more than 22.5 degrees away ({undirected} records above 0.9)"
+    )
+
+
+def show_notes(notes: list[tuple[str, str]]) -> None:
+    """Tell what was odd in records that were read: on the standard error, a line each."""
+    for name, what in notes[:MOST_NOTES]:
+        click.echo(f"note on {name}: {what}", err=True)
+    if len(notes) > MOST_NOTES:
+        rest = len(notes) - MOST_NOTES
+        click.echo(f"{rest} more notes: each record's history has its own ('records show --json')", err=True)
+
+
+def show_refusals(refusals: "list[Refusal]") -> None:
+    """Table of what was left out, by reason; places beyond the first few of one reason are counted."""
+    if not refusals:
+        return
+    from rich import box
+    from rich.console import Console
+    from rich.table import Table
+
+    by_reason: dict[tuple[str, str], list[Refusal]] = {}
+    for refusal in refusals:
+        by_reason.setdefault((refusal.reason.what, refusal.reason.remedy), []).append(refusal)
+    table = Table(box=box.SIMPLE, show_lines=True, title=f"{len(refusals)} left out", title_justify="left")
+    for head in ("left out", "why, and what to do"):
+        table.add_column(head, overflow="fold", ratio=1)
+    for (what, remedy), group in by_reason.items():
+        subjects = [
+            r.reason.where if r.subject in r.reason.where else f"{r.subject} ({r.reason.where})"
+            for r in group
+        ]
+        table.add_row("\n".join(subjects), f"{what}\n-> {remedy}")
+    console = Console()
+    Console(width=None if console.is_terminal else 200).print(table)

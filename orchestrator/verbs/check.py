@@ -3,10 +3,11 @@
 import json
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import click
+import pandas as pd
 from rich import box
 from rich.console import Console
 from rich.table import Table
@@ -16,12 +17,25 @@ from toppling.models.motions.ensemble import CATALOG, Ensemble
 from toppling.models.motions.motion import Motion
 from toppling.models.motions.record import Record
 from toppling.models.scene import Scene
+from toppling.orchestrator.check_sites import (
+    Seismogram,
+    check_sites,
+    matrix_of,
+    of_ensemble,
+    of_records,
+    seismograms_of,
+)
 from toppling.orchestrator.progress import bar
+from toppling.orchestrator.sites import read_sites
 from toppling.orchestrator.spelling import OneOf
 from toppling.orchestrator.verbs.options import PATH, json_option, scene_argument
 from toppling.orchestrator.verbs.records_shown import show_notes
+from toppling.results.belonging import SITES_FILE
 from toppling.workers.options import PRESETS
 from toppling.workers.shake import shake
+
+SCENARIOS_SHOWN = 12
+"""Columns that a console shows."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +76,7 @@ class Verdict:
 
 @click.command()
 @scene_argument
-@click.argument("seismograms", nargs=-1, required=True, type=PATH)
+@click.argument("seismograms", nargs=-1, type=PATH)
 @click.option("--friction", type=click.FloatRange(0, min_open=True), help="Default: the scene's own.")
 @click.option(
     "--metadata", type=click.Path(path_type=Path, exists=True), help="Table as for 'records import'."
@@ -80,6 +94,12 @@ class Verdict:
     help="Neighbours on each side; 0 for none.",
 )
 @click.option("--preset", type=OneOf(list(PRESETS)), default="standard")
+@click.option("--workers", type=click.IntRange(1), help="Of many rocks: processes. Default: one per core.")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path, file_okay=False),
+    help="Of many rocks: folder for rows, matrix and figure.",
+)
 @json_option()
 def check(
     scene: Path,
@@ -90,6 +110,8 @@ def check(
     largest: float,
     neighbours: int,
     preset: str,
+    workers: int | None,
+    out: Path | None,
     as_json: bool,
 ) -> None:
     """Test whether SEISMOGRAMS, unscaled and in their own directions, topple the rock of SCENE.
@@ -99,10 +121,25 @@ def check(
     rock topples, so each seismogram is also shaken a little weaker and a little stronger; the result is the share
     that topples.
 
+    SCENE may also be a table of rocks (CSV or TOML, as a campaign's 'sites') or a run of many rocks: each is shaken
+    with the seismograms whose station, or folder, is named as its site. The result is a matrix of rocks and scenarios.
+
     \b
     toppling check scenes/rock simulated.csv --metadata simulated_table.csv
     toppling check scenes/rock ensembles/scenario --friction 0.7 --json
+    toppling check sites.csv simulated/ --out checked
     """
+    table = scene / SITES_FILE if (scene / SITES_FILE).is_file() else scene
+    if table.is_file():
+        _check_table(table, friction, _given(seismograms, metadata, missing_vertical), as_json=as_json)
+        return
+    if not seismograms or workers or out:
+        msg = (
+            "--workers and --out apply to a table of rocks"
+            if seismograms
+            else "Missing argument 'SEISMOGRAMS...'."
+        )
+        raise click.UsageError(msg)
     loaded = Scene.load(scene)
     if friction is not None:
         loaded = loaded.with_friction(friction)
@@ -116,6 +153,61 @@ def check(
         click.echo(json.dumps([asdict(verdict) for verdict in verdicts], indent=1))
     else:
         _show(verdicts, largest)
+
+
+def _given(seismograms: Sequence[Path], metadata: Path | None, missing_vertical: bool) -> list[Seismogram]:
+    """Seismograms of ensembles, which stay on disk, and of files."""
+    folders = [path for path in seismograms if (path / CATALOG).is_file()]
+    files = [path for path in seismograms if path not in folders]
+    found = [one for folder in folders for one in of_ensemble(folder)]
+    return found + (of_records(_records(files, metadata, missing_vertical)) if files or metadata else [])
+
+
+def _check_table(table: Path, friction: float | None, given: list[Seismogram], *, as_json: bool) -> None:
+    """Shake the rocks of a table, each with the seismograms at its site."""
+    asked = click.get_current_context().params
+    sites = read_sites(table)
+    if friction is not None:
+        sites = tuple(replace(site, friction=friction) for site in sites)
+    factors = neighbouring_factors(asked["largest"], asked["neighbours"])
+    total = sum(len(seismograms_of(site, given)) for site in sites)
+    with bar("shaking", total) as advance:
+        rows = check_sites(sites, given, judged, factors, asked["preset"], asked["workers"], advance)
+    matrix = matrix_of(rows)
+    if out := asked["out"]:
+        from toppling.results.drawing.run_figures import save_table
+        from toppling.results.drawing.scenarios import scenarios_figure
+        from toppling.results.drawing.style import save
+
+        save_table(rows, out / "rows.csv")
+        save_table(matrix.reset_index(), out / "matrix.csv")
+        save(scenarios_figure(rows, matrix), out / "matrix")
+    if as_json:
+        click.echo(rows.to_json(orient="records", indent=1))
+        return
+    _show_matrix(rows, matrix)
+    if out:
+        click.echo(f"{out}: rows.csv, matrix.csv, matrix (PNG, SVG)")
+
+
+def _show_matrix(rows: pd.DataFrame, matrix: pd.DataFrame) -> None:
+    shown = matrix.iloc[:, :SCENARIOS_SHOWN]
+    table = Table(box=box.SIMPLE)
+    for index, head in enumerate(("rock", *map(str, shown.columns))):
+        table.add_column(head, justify="right" if index else "left", max_width=28, no_wrap=True)
+    for rock, shares in shown.iterrows():
+        table.add_row(str(rock), *("-" if pd.isna(share) else f"{share:.2f}" for share in shares))
+    console = Console()
+    Console(width=None if console.is_terminal else 150).print(table)
+    if (left := matrix.shape[1] - SCENARIOS_SHOWN) > 0:
+        click.echo(f"({left} more scenarios: --out and --json give all)")
+    toppled = int((rows["outcome"] == "toppled").sum())
+    click.echo(
+        f"share that topples of each seismogram and its scaled neighbours; as they are, {toppled} of "
+        f"{rows['scenario'].count()} topple their rock"
+    )
+    for rock, of_rock in rows[rows["message"].notna()].groupby("rock"):
+        click.echo(f"{rock}: {of_rock['message'].iloc[0]} ({len(of_rock)} rows)", err=True)
 
 
 def neighbouring_factors(largest: float, neighbours: int) -> list[float]:

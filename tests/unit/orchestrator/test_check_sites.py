@@ -1,0 +1,92 @@
+"""Seismograms at many sites, each shaken with the rocks that stand there."""
+
+from dataclasses import dataclass, replace
+
+import pandas as pd
+import pytest
+
+from toppling.models.errors import InputError
+from toppling.models.motions.ensemble import Ensemble
+from toppling.models.motions.idealised import ricker
+from toppling.models.motions.record import Record
+from toppling.models.scene import Scene
+from toppling.orchestrator.check_sites import check_sites, matrix_of, of_ensemble, of_records, seismograms_of
+from toppling.orchestrator.sites import Site
+
+
+@dataclass(frozen=True)
+class Told:
+    record_id: str
+    outcome: str
+    probability: float
+
+
+def judge(scene, record, factors, preset):
+    """A rock as wide as the record is strong topples; one of half a metre does not stand."""
+    width = scene.rock.vertices_m[:, 0].max()
+    if width > 0.45:
+        raise InputError(
+            "left alone, the rock does not stand", where="scene", expected="one that does", remedy="none"
+        )
+    toppled = record.intensity["pga_m_s2"] > 10 * width
+    return Told(record.record_id, "toppled" if toppled else "stands", float(toppled))
+
+
+@pytest.fixture(scope="module")
+def sites(tmp_path_factory):
+    place = tmp_path_factory.mktemp("sites")
+    found = []
+    for name, width, site in (
+        ("narrow", 0.1, "Echo"),
+        ("wide", 0.3, "echo"),
+        ("falls", 0.5, "Lion"),
+        ("lost", 0.2, "Moon"),
+    ):
+        Scene.block(width, 0.6, 0.8).save(place / name)
+        found.append(Site(place / name, name, site, -117.0, 34.0))
+    return found
+
+
+@pytest.fixture(scope="module")
+def records():
+    return [
+        Record.of(f"{station}{n}", ricker(2.0 * (n + 1), 0.8, 0.01), station=station, event=f"event {n}")
+        for station in ("ECHO", "Lion", "Mars")
+        for n in range(2)
+    ]
+
+
+def test_each_rock_is_shaken_by_the_seismograms_at_its_site_alone_and_one_that_falls_holds_up_none(
+    sites, records
+):
+    rows = check_sites(sites, of_records(records), judge, [1.0], "fast", workers=2)
+    of = dict(list(rows.groupby("rock")))
+    assert of["narrow"]["record_id"].tolist() == of["wide"]["record_id"].tolist() == ["ECHO0", "ECHO1"]
+    assert of["narrow"]["outcome"].tolist() == ["toppled", "toppled"]
+    assert of["wide"]["outcome"].tolist() == ["stands", "toppled"]
+    assert set(of["falls"]["outcome"]) == {"failed"}
+    assert of["falls"]["message"].str.contains("does not stand").all()
+    assert of["lost"]["outcome"].tolist() == ["none"]
+    matrix = matrix_of(rows)
+    assert matrix.loc["wide"].tolist() == [0.0, 1.0]
+    assert list(matrix.index) == ["falls", "lost", "narrow", "wide"]
+    assert matrix.loc[["falls", "lost"]].isna().all().all()
+
+
+def test_rows_do_not_depend_on_the_number_of_processes_nor_on_where_the_records_lie(sites, records, tmp_path):
+    Ensemble.write(tmp_path, records)
+    one = check_sites(sites, of_records(records), judge, [1.0], "fast", workers=1)
+    two = check_sites(sites, of_ensemble(tmp_path), judge, [1.0], "fast", workers=2)
+    pd.testing.assert_frame_equal(one, two)
+
+
+def test_a_folder_named_as_a_site_stands_for_its_station(sites, records):
+    (one,) = of_records([replace(records[-1], files=("sims/ECHO/strike.csv",), event="")])
+    assert one.is_at("Echo")
+    assert one.scenario == "strike"
+    assert seismograms_of(sites[0], [one]) == [one]
+
+
+def test_seismograms_of_no_site_are_refused(sites, records):
+    with pytest.raises(InputError, match="none of 2 seismograms is at a site"):
+        check_sites(sites[:2], of_records(records[4:]), judge, [1.0], "fast", workers=1)

@@ -143,7 +143,8 @@ def check_sites(
                 task = pool.submit(_judged, site, one, judge, factors, preset)
                 flying[task] = {**head, "scenario": one.scenario}
         land(0)
-    frame = pd.DataFrame(rows)
+    fullest = max(rows, key=len)  # in which order rows come is chance, and so is which columns the first has
+    frame = pd.DataFrame(rows, columns=[*fullest])
     return frame.sort_values(["rock", "scenario", "record_id"], kind="stable", ignore_index=True)
 
 

@@ -131,7 +131,6 @@ def pretended_row(spec: JobSpec, wall_s: float = 0.0) -> Row:
     """Row that a job could have; every column is filled, as a real one's."""
     row = lost_row(spec, "ok", "")
     measures = (
-        "pga_m_s2",
         "pgv_m_s",
         "pgd_m",
         "arias_m_s",
@@ -140,9 +139,11 @@ def pretended_row(spec: JobSpec, wall_s: float = 0.0) -> Row:
         "slip_m",
         "penetration_m",
     )
+    toppled = spec.pga_m_s2 > 9
     return {
-        **row, **dict.fromkeys(measures, spec.pga_m_s2 + 0.1), "toppled": spec.pga_m_s2 > 9, "attempt": 1,
-        "outcome": "stands", "wall_s": wall_s, "worker": "host:1", "finished_at": datetime.now(UTC),
+        **row, **dict.fromkeys(measures, spec.pga_m_s2 + 0.1), "pga_m_s2": spec.pga_m_s2, "attempt": 1,
+        "toppled": toppled, "outcome": "toppled" if toppled else "stands", "wall_s": wall_s, "worker": "host:1",
+        "finished_at": datetime.now(UTC),
     }  # fmt: skip
 
 

@@ -37,11 +37,16 @@ def checked(specs: Sequence[JobSpec], rows: Any) -> list[Row]:
     if not isinstance(rows, list) or not 0 < len(rows) <= len(specs):
         what = f"{len(rows)} rows" if isinstance(rows, list) else f"a {type(rows).__name__}"
         return [_failed(specs[0], f"{what} for {len(specs)} jobs")]
-    answers = []
-    for spec, row in zip(specs, rows, strict=False):
-        problem = _problem(spec, row)
-        answers.append(_failed(spec, problem) if problem else dict(row))
-    return answers
+    problems = [_problem(spec, row) for spec, row in zip(specs, rows, strict=False)]
+    sound = [row for row, problem in zip(rows, problems, strict=True) if not problem]
+    if sound and _unstorable(
+        sound
+    ):  # one by one only if need be: a table a row costs more than all else of a job
+        problems = [problem or _unstorable([row]) for row, problem in zip(rows, problems, strict=True)]
+    return [
+        _failed(spec, problem) if problem else dict(row)
+        for spec, row, problem in zip(specs, rows, problems, strict=False)
+    ]
 
 
 def _failed(spec: JobSpec, problem: str) -> Row:
@@ -56,7 +61,7 @@ def _problem(spec: JobSpec, row: Any) -> str:
     for name in ASKED:
         if row.get(name) != asked[name]:
             return f"{name} is {row.get(name)!r}, asked was {asked[name]!r}"
-    return _no_answer(row) or _other_motion(spec, row) or _unstorable(row)
+    return _no_answer(row) or _other_motion(spec, row) or _other_cost(row)
 
 
 def _no_answer(row: Mapping[str, Any]) -> str:
@@ -83,12 +88,17 @@ def _other_motion(spec: JobSpec, row: Mapping[str, Any]) -> str:
     return ""
 
 
-def _unstorable(row: Mapping[str, Any]) -> str:
+def _other_cost(row: Mapping[str, Any]) -> str:
     wall_s = row.get("wall_s")
     if wall_s is not None and not (isinstance(wall_s, int | float) and 0.0 <= wall_s < math.inf):
         return f"wall_s is {wall_s!r}"
+    return ""
+
+
+def _unstorable(rows: list[Mapping[str, Any]]) -> str:
+    """Why rows cannot be a table; empty where they can."""
     try:
-        table_of([row])
+        table_of(rows)
     except (ValueError, TypeError, OverflowError) as error:
         return str(error)[:300]
     return ""

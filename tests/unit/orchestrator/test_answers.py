@@ -107,3 +107,11 @@ def test_holding_the_displacement_may_take_pga_but_adds_none(batch):
     row = rows[0] | {"job_id": spec.job_id}
     assert checked([spec], [row | {"pga_m_s2": 0.7}])[0]["status"] == "ok"
     assert checked([spec], [row | {"pga_m_s2": 1.2}])[0]["status"] == "failed"
+
+
+def test_one_row_that_cannot_be_stored_fails_alone(batch):
+    specs, rows = batch
+    changed = [*rows[:2], {**rows[2], "no_column": 1.0}, *rows[3:]]
+    answers = checked(specs, changed)
+    assert [row["status"] for row in answers] == ["ok", "ok", "failed", "ok"]
+    assert "no_column" in answers[2]["message"]

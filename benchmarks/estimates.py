@@ -15,9 +15,10 @@ from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.cluster import local
+from toppling.orchestrator.context import Tally
 from toppling.orchestrator.estimate import estimate
 from toppling.orchestrator.plan import plan
-from toppling.orchestrator.run import Tally, run
+from toppling.orchestrator.run import run
 
 CAMPAIGNS = {
     "levels of the study": {"pga_m_s2": list(range(1, 20)), "azimuth_deg": [45], "preset": "fast", "every": 7},

@@ -36,11 +36,12 @@ from toppling.models.motions.record import Record
 from toppling.models.scene import Scene
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.cluster import load_defaults
+from toppling.orchestrator.context import Tally, Work
 from toppling.orchestrator.dispatch import JOBS_IN_BATCH, Batch, Dispatch
+from toppling.orchestrator.execution import Execution, budget_s, room_for
 from toppling.orchestrator.folder import prepare
 from toppling.orchestrator.order import balanced_order
 from toppling.orchestrator.plan import Plan, plan
-from toppling.orchestrator.run import Execution, Tally, budget_s, room_for
 from toppling.orchestrator.task import Order, Row, lost_row, versions
 from toppling.results.store import compact, finished_ids, write_part
 from toppling.workers.job import JobSpec
@@ -236,11 +237,11 @@ def pretended_run(workers: int, seconds_per_job: float, seconds: float) -> dict[
         seen: list[tuple[float, int]] = []
         before, began = {who: cpu_s(theirs) for who, theirs in processes.items()}, time.perf_counter()
         pending = planned.pending(set())
-        execution = Execution(
-            planned, pending, client, run, order,
-            lambda tally: seen.append((time.perf_counter(), tally.done)),
-            Tally(len(planned), 0), task=Pretend(seconds_per_job),
+        work = Work(
+            planned, run, order, client,
+            lambda tally: seen.append((time.perf_counter(), tally.done)), Tally(len(planned), 0),
         )  # fmt: skip
+        execution = Execution(work, pending, Pretend(seconds_per_job))
         execution()
         took = time.perf_counter() - began
         used = {f"{who}_cores": (cpu_s(theirs) - before[who]) / took for who, theirs in processes.items()}

@@ -15,18 +15,17 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
-from distributed import Client
 from numpy.typing import NDArray
 
 from toppling.models.digest import write_json
 from toppling.models.errors import InputError
 from toppling.orchestrator.campaign import Campaign
-from toppling.orchestrator.dispatch import USUAL_LIMITS, Limits
+from toppling.orchestrator.context import Tally, Work
+from toppling.orchestrator.execution import Execution
 from toppling.orchestrator.folder import describe, place_in
 from toppling.orchestrator.journal import tell
 from toppling.orchestrator.plan import Plan
-from toppling.orchestrator.run import Execution, Tally, Watcher, Work
-from toppling.orchestrator.task import Order, versions
+from toppling.orchestrator.task import versions
 from toppling.results.audit_folder import (
     AUDIT_FOLDER,
     DRAWN_FILE,
@@ -130,36 +129,22 @@ def due(planned: Plan, folder: Path) -> int:
     return 0
 
 
-def audit(
-    planned: Plan,
-    folder: Path,
-    client: Client,
-    order: Order,
-    watch: Watcher,
-    count: int,
-    limits: Limits = USUAL_LIMITS,
-) -> list[Tally]:
+def audit(work: Work, count: int) -> list[Tally]:
     """Do a random sample of a run's jobs again, or go on with it: one tally an auditor.
 
     Parameters
     ----------
-    planned : Plan
-        Of the run.
-    folder : Path
+    work : Work
         The run's.
-    client : Client
-    order : Order
-        What workers must find.
-    watch : Watcher
     count : int
         Jobs; more of them begin with the same ones.
-    limits : Limits
 
     Raises
     ------
     InputError
         If another process audits this run, or nothing here can.
     """
+    planned, folder = work.planned, work.folder
     able = auditors(planned.campaign)
     if not able:
         raise InputError(
@@ -192,7 +177,8 @@ def audit(
             what = f"auditing with {one.name}"
             tally = Tally(len(part), len(part) - len(pending), what=what)
             tell("audit began", by=one.name, jobs=len(part), done=tally.before)
-            Execution(part, pending, client, folder, order, watch, tally, limits, store=place)()
+            again = dataclasses.replace(work, planned=part, tally=tally, redo={}, store=place)
+            Execution(again, pending)()
             if result_files(place):
                 compact(place)
             tell("audit ended", by=one.name, **tally.told())
@@ -252,5 +238,4 @@ class Auditing:
 
     def carry_out(self, work: Work) -> None:
         """As of `Stage`."""
-        count = due(work.planned, work.folder)
-        audit(work.planned, work.folder, work.client, work.order, work.watch, count, work.limits)
+        audit(work, due(work.planned, work.folder))

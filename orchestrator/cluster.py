@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import dask
-from distributed import Client, LocalCluster, SpecCluster
+from distributed import Client, LocalCluster, SpecCluster, performance_report
 from distributed.security import Security
 
 from toppling.models.errors import InputError
@@ -121,6 +121,14 @@ async def _end_workers(cluster: LocalCluster) -> None:
         if nanny.is_alive():
             with contextlib.suppress(ProcessLookupError):  # it has died at this moment
                 os.kill(nanny.pid, signal.SIGKILL)
+
+
+@contextlib.contextmanager
+def reported(cluster: contextlib.AbstractContextManager[Client], report: Path | None) -> Iterator[Client]:
+    """Use a cluster, and write Dask's performance report of that time to a file if one is named."""
+    report_too = performance_report(str(report)) if report else contextlib.nullcontext()
+    with cluster as client, client.as_current(), report_too:
+        yield client
 
 
 class Upkeep:

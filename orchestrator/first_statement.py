@@ -4,9 +4,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from toppling.orchestrator.context import Work
 from toppling.orchestrator.plan import Plan
 from toppling.orchestrator.rounds import JobsForPrecision
-from toppling.orchestrator.run import Work, work_off
+from toppling.orchestrator.session import work_off
 from toppling.results.store import result_files
 
 

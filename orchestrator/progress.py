@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 if TYPE_CHECKING:
-    from toppling.orchestrator.run import Tally, Watcher
+    from toppling.orchestrator.context import Tally, Watcher
 
 LINE_EVERY_S = 60.0
 

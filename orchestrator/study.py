@@ -25,7 +25,8 @@ from toppling.models.scene import Scene
 from toppling.orchestrator import ramp
 from toppling.orchestrator.audit import Auditing
 from toppling.orchestrator.campaign import Campaign
-from toppling.orchestrator.run import Tally, Watcher, run
+from toppling.orchestrator.context import Tally, Watcher
+from toppling.orchestrator.run import run
 from toppling.results.audit import audits_of
 from toppling.results.directions import SECTOR_DEG
 from toppling.results.drawing.run_figures import (

@@ -26,7 +26,8 @@ from toppling.models.motions.shaketable_raw import BAND_HZ
 from toppling.models.rough_base import TOLERANCE_SHARE, Standing, with_rough_base
 from toppling.models.scene import Scene
 from toppling.orchestrator.campaign import Campaign
-from toppling.orchestrator.run import Watcher, run
+from toppling.orchestrator.context import Watcher
+from toppling.orchestrator.run import run
 from toppling.results.run import open_run
 from toppling.results.validation import share
 from toppling.workers.engines import ENGINES

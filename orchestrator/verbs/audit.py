@@ -35,14 +35,15 @@ def audit(run: Path, jobs: int | None, as_json: bool, **where: Any) -> None:
     from toppling.models.errors import InputError
     from toppling.models.motions.ensemble import Ensemble
     from toppling.models.scene import Scene
+    from toppling.orchestrator.admission import check_workers
     from toppling.orchestrator.audit import affordable, check_versions, drawn
     from toppling.orchestrator.audit import audit as carry_out
     from toppling.orchestrator.campaign import Campaign
+    from toppling.orchestrator.context import Tally, Work
     from toppling.orchestrator.interrupt import stop_in_order
     from toppling.orchestrator.journal import journal
     from toppling.orchestrator.plan import plan
     from toppling.orchestrator.progress import watcher
-    from toppling.orchestrator.run import check_workers
     from toppling.orchestrator.task import Order, versions
     from toppling.results.audit import audits_json, audits_of
     from toppling.results.audit_folder import LEAST_JOBS
@@ -66,7 +67,7 @@ def audit(run: Path, jobs: int | None, as_json: bool, **where: Any) -> None:
     order = Order(str(run.absolute()), planned.scene_id, planned.ensemble_id, versions())
     with watcher() as watch, journal(run), cluster_of(run, **where) as client, client.as_current():
         check_workers(client, order)
-        carry_out(planned, run.absolute(), client, order, watch, count)
+        carry_out(Work(planned, run.absolute(), order, client, watch, Tally(count, 0)), count)
     audits = audits_of(opened)
     if as_json:
         click.echo(json.dumps({"run": str(run), "preset": campaign.preset, **audits_json(audits)}))

@@ -113,8 +113,9 @@ def _weighed(path: Path, jobs: pd.DataFrame, recorded: Recorded) -> Stood:
     """Weights of a run's bases from motions that its rock survived; the shakes are not kept."""
     from toppling.orchestrator.campaign import Campaign
     from toppling.orchestrator.cluster import local
+    from toppling.orchestrator.context import RunError
     from toppling.orchestrator.progress import watcher
-    from toppling.orchestrator.run import RunError, weigh
+    from toppling.orchestrator.weighing import weigh
 
     run = open_run(path)
     campaign = Campaign.read(run.root / "campaign.toml")

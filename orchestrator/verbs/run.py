@@ -115,8 +115,9 @@ def run(
         chosen = chosen.with_precision(precision)
     from toppling.orchestrator.advice import suggestions
     from toppling.orchestrator.audit import Auditing
+    from toppling.orchestrator.cluster import reported
+    from toppling.orchestrator.context import RunError
     from toppling.orchestrator.progress import duration, pace, watcher
-    from toppling.orchestrator.run import RunError
     from toppling.orchestrator.run import run as carry_out
     from toppling.orchestrator.status import shares_of, state_of
     from toppling.results.run import open_run
@@ -140,7 +141,7 @@ def run(
     try:
         with told_as_stop(), watcher() as watch:
             limits = Limits(job_limit, tries)
-            tally = carry_out(chosen, folder, cluster, watch, limits, report, again, [Auditing()])
+            tally = carry_out(chosen, folder, reported(cluster, report), watch, limits, again, [Auditing()])
     except RunError as error:
         message = f"{error}; the rows so far are kept. {to_go_on}"
         raise click.ClickException(message) from None

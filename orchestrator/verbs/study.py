@@ -68,9 +68,9 @@ def study(
     toppling study study --scan station1.laz --scan station2.laz --records ensembles/quakes
     """
     from toppling.orchestrator import study as stages
+    from toppling.orchestrator.context import RunError
     from toppling.orchestrator.interrupt import INTERRUPTED, stop_in_order, told_as_stop
     from toppling.orchestrator.progress import watcher
-    from toppling.orchestrator.run import RunError
     from toppling.orchestrator.verbs.run import FAILED_JOBS
 
     if scan and scene:

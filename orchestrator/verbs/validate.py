@@ -20,8 +20,8 @@ from toppling.models.folder import new_file
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.shaketable import Experiment, read_experiment
 from toppling.orchestrator.cluster import local
+from toppling.orchestrator.context import RunError
 from toppling.orchestrator.progress import watcher
-from toppling.orchestrator.run import RunError
 from toppling.orchestrator.validation import (
     Shaken,
     Wanted,

@@ -8,10 +8,9 @@ import sys
 FATAL_RENAME_VARIABLE = "TOPPLING_TEST_FATAL_RENAME"
 
 if __name__ == "__main__":
-    from toppling.orchestrator import cli
-    from toppling.orchestrator import run as run_module
+    from toppling.orchestrator import cli, execution
 
-    run_module.FLUSH_S = (0.3, 0.3)
+    execution.FLUSH_S = (0.3, 0.3)
     left = int(os.environ.get(FATAL_RENAME_VARIABLE, "-1"))
     genuine_replace = pathlib.Path.replace
 

@@ -18,8 +18,9 @@ from toppling.models.compiled import FOLDER
 from toppling.models.errors import InputError
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
+from toppling.orchestrator.admission import check_workers
 from toppling.orchestrator.cluster import existing
-from toppling.orchestrator.run import check_workers, run
+from toppling.orchestrator.run import run
 from toppling.orchestrator.task import Order, versions
 from toppling.workers.shake import compile_once
 

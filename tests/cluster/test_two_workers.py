@@ -16,11 +16,13 @@ from conftest import STILLBORN_VARIABLE
 from distributed.core import Status
 
 from toppling.models.errors import InputError
-from toppling.orchestrator import run as run_module
+from toppling.orchestrator import admission, execution, session
+from toppling.orchestrator.admission import check_workers
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.cluster import local
+from toppling.orchestrator.context import RunError
 from toppling.orchestrator.dispatch import Limits
-from toppling.orchestrator.run import RunError, run
+from toppling.orchestrator.run import run
 from toppling.orchestrator.status import state_of
 from toppling.results.run import open_run
 from toppling.results.store import write_part
@@ -32,7 +34,7 @@ def test_two_workers_give_the_rows_of_one_process_bit_for_bit(carry_out, undistu
     assert (tally.done, tally.failed, tally.before) == (len(undisturbed), 0, 0)
     assert state_of(tmp_path / "run")["state"] == "complete"
     kept = json.loads(pq.read_schema(tmp_path / "run" / "results.parquet").metadata[b"run.json"])
-    assert [(session["ended"], session["done"]) for session in kept["sessions"]] == [("complete", tally.done)]
+    assert [(one["ended"], one["done"]) for one in kept["sessions"]] == [("complete", tally.done)]
     assert len({row["outcome"] for row in undisturbed}) > 1, "the ensemble must not be trivial"
 
 
@@ -152,8 +154,9 @@ def test_a_run_whose_workers_die_whenever_they_start_ends_and_says_so(
     dask.config.refresh()
     with monkeypatch.context() as broken:
         broken.setenv(STILLBORN_VARIABLE, "1")
-        broken.setattr(run_module, "NOBODY_AFTER_S", 6.0)
-        broken.setattr(run_module, "REPLACE_AFTER_S", 2.0)
+        for module in (admission, execution):
+            broken.setattr(module, "NOBODY_AFTER_S", 6.0)
+            broken.setattr(module, "REPLACE_AFTER_S", 2.0)
         with pytest.raises(RunError, match="every worker has died"):
             run(campaign, tmp_path / "run", local(2), lambda tally: None)
     run(campaign, tmp_path / "run", local(2), lambda tally: None)
@@ -171,7 +174,7 @@ def test_an_exception_in_a_job_is_a_row(carry_out, undisturbed, planned, tmp_pat
 def test_failed_jobs_are_done_again_and_an_interruption_meanwhile_loses_nothing(
     carry_out, finished, undisturbed, planned, tmp_path, faults, monkeypatch
 ):
-    monkeypatch.setattr(run_module, "FLUSH_S", (0.0, 0.0))
+    monkeypatch.setattr(execution, "FLUSH_S", (0.0, 0.0))
     culprits = [planned.spec(job).job_id for job in (5, 6, 40)]
     run = finished(dict.fromkeys((5, 6, 40), ("failed", 1)))
     before = rows_of(run)
@@ -207,7 +210,7 @@ def rows_of(run):
 def test_a_row_that_is_lost_while_its_job_is_done_again_is_made_up_for(
     carry_out, finished, planned, undisturbed, tmp_path, faults, monkeypatch, caplog
 ):
-    monkeypatch.setattr(run_module, "FLUSH_S", (0.0, 0.0))
+    monkeypatch.setattr(execution, "FLUSH_S", (0.0, 0.0))
     run, culprit = finished({3: ("crashed", 4)}), planned.spec(3).job_id
     faults.set(**{culprit: {"kind": "raise", "times": 1}})
     torn = []
@@ -275,7 +278,7 @@ def test_torn_and_foreign_files_in_the_run_are_passed_over(carry_out, undisturbe
 def test_a_part_that_is_lost_while_the_run_goes_on_is_done_again(
     carry_out, undisturbed, tmp_path, faults, monkeypatch, caplog
 ):
-    monkeypatch.setattr(run_module, "FLUSH_S", (0.2, 0.2))
+    monkeypatch.setattr(execution, "FLUSH_S", (0.2, 0.2))
     faults.set(every={"kind": "wait", "seconds": 0.02})
     torn = []
 
@@ -292,7 +295,7 @@ def test_a_part_that_is_lost_while_the_run_goes_on_is_done_again(
 def test_a_part_that_is_lost_as_the_parts_are_merged_is_done_again(
     carry_out, undisturbed, tmp_path, monkeypatch, caplog
 ):
-    merge, torn = run_module.compact, []
+    merge, torn = session.compact, []
 
     def tear_and_merge(run):
         if not torn:  # after its rows were counted
@@ -300,7 +303,7 @@ def test_a_part_that_is_lost_as_the_parts_are_merged_is_done_again(
             torn[0].write_bytes(torn[0].read_bytes()[:50])
         return merge(run)
 
-    monkeypatch.setattr(run_module, "compact", tear_and_merge)
+    monkeypatch.setattr(session, "compact", tear_and_merge)
     carry_out(tmp_path / "run")
     assert "rows were lost after they were stored" in caplog.text
     assert answers_of(tmp_path / "run") == undisturbed
@@ -342,7 +345,7 @@ def test_a_part_that_cannot_be_written_stops_the_run_and_nothing_is_lost(
         raise OSError(28, "No space left on device", str(folder))
 
     with monkeypatch.context() as patched:
-        patched.setattr(run_module, "write_part", full)
+        patched.setattr(execution, "write_part", full)
         with pytest.raises(OSError, match="No space left"):
             carry_out(tmp_path / "run")
     carry_out(tmp_path / "run")
@@ -377,7 +380,7 @@ def test_workers_without_the_run_are_refused_before_any_job(client, planned, tmp
 
     order = Order(str(tmp_path / "absent"), planned.scene_id, planned.ensemble_id, versions())
     with pytest.raises(InputError, match=r"workers are unfit.*cannot read the run's scene"):
-        run_module.check_workers(client, order)
+        check_workers(client, order)
 
 
 def test_workers_of_another_version_are_refused_before_any_job(client, planned, inputs):
@@ -386,7 +389,7 @@ def test_workers_of_another_version_are_refused_before_any_job(client, planned, 
     other = tuple((name, "0.0" if name == "pybullet" else version) for name, version in versions())
     order = Order(str(inputs), planned.scene_id, planned.ensemble_id, other)
     with pytest.raises(InputError, match=r"pybullet 3\.2\.7, the client has 0\.0"):
-        run_module.check_workers(client, order)
+        check_workers(client, order)
 
 
 def test_workers_that_see_another_scene_are_refused(client, planned, inputs):
@@ -394,12 +397,12 @@ def test_workers_that_see_another_scene_are_refused(client, planned, inputs):
 
     order = Order(str(inputs), "0" * 20, planned.ensemble_id, versions())
     with pytest.raises(InputError, match=f"holds scene {planned.scene_id}, not 0000"):
-        run_module.check_workers(client, order)
+        check_workers(client, order)
 
 
 @pytest.mark.slow
 def test_rows_are_readable_while_the_run_goes_on(carry_out, tmp_path, faults, monkeypatch):
-    monkeypatch.setattr(run_module, "FLUSH_S", (0.2, 0.2))
+    monkeypatch.setattr(execution, "FLUSH_S", (0.2, 0.2))
     faults.set(every={"kind": "wait", "seconds": 0.05})
     seen = []
 

@@ -11,8 +11,8 @@ import pytest
 from distributed import Client, LocalCluster
 
 from toppling.models.errors import InputError
+from toppling.orchestrator.admission import check_workers
 from toppling.orchestrator.cluster import Upkeep
-from toppling.orchestrator.run import check_workers
 from toppling.orchestrator.task import Order, versions
 
 PATIENCE_S = 60.0

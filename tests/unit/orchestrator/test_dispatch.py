@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from toppling.orchestrator.dispatch import JOBS_IN_BATCH, Dispatch, Limits, why_given_up
+from toppling.orchestrator.execution import budget_s, room_for
 from toppling.orchestrator.order import balanced_order
-from toppling.orchestrator.run import budget_s, room_for
 
 
 def dispatch_of(jobs):

@@ -15,7 +15,7 @@ def entries(run):
 def test_events_and_warnings_are_lines_with_time_level_and_fields(tmp_path):
     with journal(tmp_path):
         tell("rows stored", done=3)
-        logging.getLogger("toppling.orchestrator.run").warning(
+        logging.getLogger("toppling.orchestrator.execution").warning(
             "a worker %s", "died", extra={"fields": {"worker": "w1"}}
         )
     stored, died = entries(tmp_path)

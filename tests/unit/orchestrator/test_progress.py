@@ -15,8 +15,8 @@ from seeded import rows
 from toppling.models.scene import Scene
 from toppling.orchestrator import progress
 from toppling.orchestrator.cli import cli
+from toppling.orchestrator.context import Tally
 from toppling.orchestrator.progress import bar, duration, each, pace, told, watcher
-from toppling.orchestrator.run import Tally
 from toppling.results.store import write_part
 
 

@@ -1,0 +1,153 @@
+"""What the parts of a run share while it is at work: its plan, who shakes, who watches, how far it has come."""
+
+import time
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Protocol
+
+from distributed import Client
+
+from toppling.orchestrator.dispatch import USUAL_LIMITS, Limits
+from toppling.orchestrator.plan import Plan, PlannedScene
+from toppling.orchestrator.task import Order, Row
+
+
+class RunError(RuntimeError):
+    """The run cannot go on; what is stored stays, and the same command resumes."""
+
+
+class Watcher(Protocol):
+    """Who wants to see a run go on."""
+
+    def __call__(self, tally: "Tally") -> None:
+        """Take note of the state; called often, must return at once."""
+
+
+@dataclass
+class Tally:
+    """How far a run has come.
+
+    Parameters
+    ----------
+    total : int
+        Jobs of the plan.
+    before : int
+        Jobs that had a row when this session began, those to be done again aside.
+    again : int
+        Jobs to be done again whose new row is not stored yet.
+    what : str
+        Is being done.
+    """
+
+    total: int
+    before: int
+    again: int = 0
+    what: str = "shaking"
+    done: int = 0
+    stored: int = 0
+    toppled: int = 0
+    workers: int = 0
+    deaths: int = 0
+    work_s: float = 0.0
+    status: Counter[str] = field(default_factory=Counter)
+    began: float = field(default_factory=time.monotonic)
+    ended: float | None = None
+
+    @property
+    def elapsed_s(self) -> float:
+        """Time since the session's first job went out, until its last came back."""
+        return (time.monotonic() if self.ended is None else self.ended) - self.began
+
+    @property
+    def rate(self) -> float:
+        """Jobs a second in this session."""
+        return self.done / self.elapsed_s
+
+    @property
+    def left_s(self) -> float | None:
+        """Time left at the rate so far: jobs go out in balanced blocks, so that those left cost as those done."""
+        left = self.total - self.before - self.done
+        return max(left, 0) / self.rate if self.done else None
+
+    @property
+    def failed(self) -> int:
+        """Jobs of this session that have no answer."""
+        return self.done - self.status["ok"]
+
+    def told(self) -> dict[str, Any]:
+        """State in words that a program reads."""
+        return {
+            "done": self.done,
+            "stored": self.stored,
+            "total": self.total,
+            "again": self.again,
+            "toppled": self.toppled,
+            "failed": self.failed,
+            "workers": self.workers,
+            "deaths": self.deaths,
+            "elapsed_s": round(self.elapsed_s, 1),
+        }
+
+    def count(self, rows: Sequence[Row]) -> None:
+        """Add rows."""
+        self.done += len(rows)
+        for row in rows:
+            self.status[row["status"]] += 1
+            self.toppled += row.get("toppled") is True
+            self.work_s += row.get("wall_s") or 0.0
+
+
+@dataclass(frozen=True)
+class Work:
+    """A run at work: what its jobs and stages share.
+
+    Parameters
+    ----------
+    planned : Plan
+    folder : Path
+        The run's.
+    order : Order
+        What workers must find.
+    client : Client
+    watch : Watcher
+    tally : Tally
+        Of the jobs of the plan; counted on.
+    limits : Limits
+    redo : mapping
+        Jobs that have a row already and are done again, each with the number of its newest attempt.
+    store : Path or None
+        Where rows go; the run's folder unless given.
+    """
+
+    planned: Plan
+    folder: Path
+    order: Order
+    client: Client
+    watch: Watcher
+    tally: Tally
+    limits: Limits = USUAL_LIMITS
+    redo: Mapping[str, int] = field(default_factory=dict)
+    store: Path | None = None
+
+
+def order_of(scene: PlannedScene, folder: Path, here: tuple[tuple[str, str], ...]) -> Order:
+    """What a worker must find before it does jobs of one scene."""
+    return Order(
+        str(folder), scene.scene_id, scene.ensemble_id, here, scene.scene_place, scene.ensemble_place
+    )
+
+
+class Stage(Protocol):
+    """What is done before or after the jobs of a run, on the same workers."""
+
+    @property
+    def before(self) -> bool:
+        """Whether it comes before them."""
+
+    def due(self, planned: Plan, folder: Path) -> bool:
+        """Whether there is something to do now; asked again once the jobs are done."""
+
+    def carry_out(self, work: Work) -> None:
+        """Do it, or go on with it."""

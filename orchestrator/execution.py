@@ -1,0 +1,273 @@
+"""Jobs in flight: a bounded window of batches on the cluster, rows to the store, faults survived.
+
+What to do next is decided in :mod:`toppling.orchestrator.dispatch`; here is all that talks to Dask about jobs.
+"""
+
+import logging
+import math
+import time
+import uuid
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from typing import Any
+
+import numpy as np
+from distributed import Future, KilledWorker, as_completed
+from distributed.comm import CommClosedError
+from numpy.typing import NDArray
+
+from toppling.orchestrator.admission import NOBODY, NOBODY_AFTER_S, REPLACE_AFTER_S
+from toppling.orchestrator.answers import checked
+from toppling.orchestrator.cluster import Upkeep
+from toppling.orchestrator.context import RunError, Tally, Work, order_of
+from toppling.orchestrator.dispatch import JOBS_IN_BATCH, Batch, Dispatch, why_given_up
+from toppling.orchestrator.interrupt import held_back
+from toppling.orchestrator.journal import tell
+from toppling.orchestrator.leaving import was_told_to_leave
+from toppling.orchestrator.task import Order, Row, UnfitWorkerError, lost_row, shake_batch
+from toppling.results.store import write_part
+from toppling.workers.job import JobSpec
+
+log = logging.getLogger(__name__)
+
+BATCH_BUDGET_S = 2.0
+"""Work of one task: a hundred times what handing it out costs, yet little to lose with a worker."""
+
+ATLAS_BUDGET_S = 6.0
+"""The same of many rocks: making one ready costs a third of a second."""
+
+BATCHES_A_SECOND = 100
+"""What a scheduler hands out and takes back without being late; on larger clusters a task's work grows."""
+
+LOST = "the connection to the scheduler is lost"
+POLL_S = 0.02
+LOOK_S = 2.0
+"""Time between looks at the cluster: how many threads it has, and whether a batch is overdue."""
+
+FLUSH_S = (5.0, 60.0)
+"""Least and greatest time between part files; it grows with the run, so that a weekend makes few thousand."""
+
+Task = Callable[[Order, Sequence[JobSpec], float], list[Row]]
+
+
+def budget_s(workers: int) -> float:
+    """Work of one task on a cluster of so many workers, in seconds."""
+    return max(BATCH_BUDGET_S, workers / BATCHES_A_SECOND)
+
+
+def room_for(rows: Sequence[Row], budget_s: float) -> int:
+    """Jobs to send in the next batch: twice what fits at the pace of this one, so that few travel in vain."""
+    spent_s = sum(row.get("wall_s") or 0.0 for row in rows)
+    return math.ceil(min(2 * budget_s * len(rows) / max(spent_s, 1e-3), JOBS_IN_BATCH))
+
+
+class Execution:
+    """Some jobs of a plan on their way through a cluster.
+
+    Parameters
+    ----------
+    work : Work
+        Whose plan, workers and store they have, and whose tally is counted on.
+    pending : (n,) int array
+        Rows of the plan that need work, in the order to start them.
+    task : callable
+        What a worker does with a batch.
+    """
+
+    def __init__(self, work: Work, pending: NDArray[np.int64], task: Task = shake_batch) -> None:
+        self.work, self.plan, self.client, self.tally = work, work.planned, work.client, work.tally
+        self.task = task
+        self.dispatch = Dispatch(pending, self.plan.durations_s, work.limits.tries, self.plan.scene_of)
+        self._rocks = {scene.scene_id: scene.rock for scene in self.plan.scenes}
+        self._orders = [order_of(scene, work.folder, work.order.versions) for scene in self.plan.scenes]
+        self._session = uuid.uuid4().hex[:8]
+        self.tasks = 0  # handed out so far
+        self._room = JOBS_IN_BATCH
+        self._looked = -math.inf
+        self._upkeep = Upkeep(self.client)
+        self._all_alive = time.monotonic()
+        self._since: dict[tuple[str, str], float] = {}
+        self._overdue: set[str] = set()
+        self._flying: dict[Future, Batch] = {}
+        self._unstored: list[Row] = []
+        self._flushed = time.monotonic()
+
+    def __call__(self) -> Tally:
+        """Work until every job has a row in the store.
+
+        Raises
+        ------
+        RunError
+            If the scheduler is lost or no worker is fit.
+        OSError
+            If a part cannot be written.
+        """
+        arriving = as_completed(loop=self.client.loop, with_results=True, raise_errors=False)
+        try:
+            while self.dispatch.waiting or self._flying:
+                self._look()
+                self._submit(arriving)
+                self._wait(arriving)
+                for future, result in arriving.next_batch(block=False):
+                    self._take(future, result)
+                self._flush()
+                self.work.watch(self.tally)
+        except (CommClosedError, TimeoutError) as error:
+            raise RunError(LOST) from error
+        finally:
+            with held_back():
+                arriving.clear()
+                self._flush(last=True)
+                if self._flying and self.client.status == "running":
+                    with suppress(CommClosedError, TimeoutError):
+                        self.client.cancel(list(self._flying), force=True)
+                self.work.watch(self.tally)
+        return self.tally
+
+    def _budget_s(self, workers: int) -> float:
+        """Work of one task, which of many rocks begins with a rock that is not at hand."""
+        return max(budget_s(workers), ATLAS_BUDGET_S if len(self.plan.scenes) > 1 else 0.0)
+
+    def _submit(self, arriving: as_completed) -> None:
+        workers = max(self.tally.workers, 1)
+        batches: list[Batch] = []
+        # More than two a worker: Dask then keeps the waiting ones on the scheduler, out of reach of a crash.
+        while len(self._flying) + len(batches) < 2 * workers + 2 and (
+            batch := self.dispatch.next_batch(workers, self._room)
+        ):
+            batches.append(batch)
+        if not batches:
+            return
+        specs = [[self.plan.spec(job) for job in batch.jobs] for batch in batches]
+        # A key never returns, not even in another session: Dask would hand out the old answer.
+        keys = []
+        for batch_specs in specs:
+            self.tasks += 1
+            keys.append(("shake", batch_specs[0].job_id, f"{self._session}-{self.tasks}"))
+        # In one graph: Dask takes its tasks for one group only if it sees them together.
+        futures = self.client.map(
+            self.task,
+            [self._orders[self.plan.scene_of[batch.jobs[0]]] for batch in batches],
+            specs,
+            [self._budget_s(workers)] * len(batches),
+            key=keys,
+            pure=False,
+        )
+        self._flying.update(zip(futures, batches, strict=True))
+        arriving.update(futures)
+
+    def _wait(self, arriving: as_completed) -> None:
+        until = time.monotonic() + 0.5
+        while not arriving.has_ready() and time.monotonic() < until:
+            time.sleep(POLL_S)
+            if self.client.status not in ("running", "connecting"):
+                raise RunError(LOST)
+
+    def _take(self, future: Future, result: Any) -> None:
+        batch = self._flying.pop(future)
+        status = future.status
+        future.release()
+        if status == "finished":
+            rows = checked([self.plan.spec(job) for job in batch.jobs], result)
+            self._keep(rows, batch.attempt)
+            self._room = room_for(rows, self._budget_s(self.tally.workers))
+            self.dispatch.came_back(batch, done=len(rows))
+        elif status == "error":
+            self._take_error(str(future.key), batch, result[1])
+        else:
+            log.warning("%d jobs came back unfinished (%s) and go out again", len(batch.jobs), status)
+            self.dispatch.came_back(batch, done=0)
+
+    def _take_error(self, key: str, batch: Batch, error: BaseException) -> None:
+        if isinstance(error, KilledWorker):
+            hung = key in self._overdue
+            if not hung and was_told_to_leave(self.client, error.last_worker.address):
+                tell("worker left", worker=error.last_worker.address, jobs=len(batch.jobs))
+                self.dispatch.came_back(batch, done=0)
+                return
+            self.tally.deaths += 1
+            told = {"worker": error.last_worker.address, "alone": batch.alone, "attempt": batch.attempt}
+            log.warning(
+                "a worker %s with %d jobs at hand",
+                "hung" if hung else "died",
+                len(batch.jobs),
+                extra={"fields": told},
+            )
+            lost = self.dispatch.died(batch, hung=hung)
+            if lost is not None:
+                self._give_up(lost, batch)
+        elif isinstance(error, UnfitWorkerError):
+            log.warning("%s; it is sent away", error)
+            self.dispatch.came_back(batch, done=0)
+            if error.worker:
+                self.client.retire_workers([error.worker], close_workers=True)
+            if not self.client.nthreads():
+                msg = f"no fit worker is left: {error}"
+                raise RunError(msg)
+        else:
+            msg = f"the cluster cannot do a task ({type(error).__name__}: {error})"
+            raise RunError(msg) from error
+
+    def _give_up(self, job: int, batch: Batch) -> None:
+        status, message = why_given_up(self.work.limits, self.dispatch.hung[job])
+        spec = self.plan.spec(job)
+        told = {"job_id": spec.job_id, "record_id": spec.record_id, "status": status}
+        log.warning("job %s of record %s: %s, %s", *told.values(), message, extra={"fields": told})
+        self._keep([lost_row(spec, status, message)], batch.attempt)
+
+    def _look(self) -> None:
+        """See how many threads there are, and replace workers that hang."""
+        now = time.monotonic()
+        if now - self._looked < LOOK_S:
+            return
+        self._looked = now
+        workers = sum(self.client.nthreads().values())
+        if workers != self.tally.workers:
+            tell("workers changed", workers=workers, before=self.tally.workers)
+        self.tally.workers = workers
+        if not self._upkeep.gone():
+            self._all_alive = now
+        elif now - self._all_alive > NOBODY_AFTER_S and not self.tally.workers:
+            raise RunError(NOBODY)
+        elif now - self._all_alive > REPLACE_AFTER_S:
+            self._upkeep.replace()
+        working = {(worker, str(key)) for worker, keys in self.client.processing().items() for key in keys}
+        self._since = {place: self._since.get(place, now) for place in working}
+        late = {
+            place
+            for place, since in self._since.items()
+            if now - since > self._budget_s(self.tally.workers) + self.work.limits.job_s
+        }
+        if late:
+            self._overdue |= {key for _, key in late}
+            for place in late:
+                del self._since[place]
+            workers = sorted({worker for worker, _ in late})
+            log.warning("no answer for %g s from %s: replaced", self.work.limits.job_s, ", ".join(workers))
+            loop = self.client.loop
+            assert loop is not None  # as long as the client is open
+            # Called on the client's own loop it does not wait: a worker that hangs takes seconds to be gone.
+            loop.add_callback(self.client.restart_workers, workers, raise_for_error=False)
+
+    def _keep(self, rows: list[Row], attempt: int) -> None:
+        self.tally.count(rows)
+        # Of a job's rows the newest attempt counts: one that is done again goes on from where it was.
+        self._unstored += [
+            {
+                **row,
+                "rock": self._rocks[row["scene_id"]],
+                "attempt": self.work.redo.get(row["job_id"], 0) + attempt,
+            }
+            for row in rows
+        ]
+
+    def _flush(self, *, last: bool = False) -> None:
+        now = time.monotonic()
+        pause = min(max(self.tally.elapsed_s / 60, FLUSH_S[0]), FLUSH_S[1])
+        if self._unstored and (last or now - self._flushed >= pause):
+            write_part(self.work.store or self.work.folder, self._unstored)
+            self.tally.stored += len(self._unstored)
+            self.tally.again -= sum(row["job_id"] in self.work.redo for row in self._unstored)
+            self._unstored = []
+            tell("rows stored", **self.tally.told())
+            self._flushed = time.monotonic()

@@ -1,0 +1,202 @@
+"""A session of a run: its folder held, its stages and its jobs done in turn, its parts merged at the end."""
+
+import logging
+import os
+import time
+from collections.abc import Callable, Collection, Sequence
+from contextlib import AbstractContextManager, ExitStack, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+from distributed import Client
+
+from toppling.orchestrator.admission import check_workers
+from toppling.orchestrator.context import RunError, Stage, Tally, Watcher, Work, order_of
+from toppling.orchestrator.dispatch import USUAL_LIMITS, Limits
+from toppling.orchestrator.execution import Execution
+from toppling.orchestrator.folder import note, prepare, remarks, session
+from toppling.orchestrator.journal import journal, tell
+from toppling.orchestrator.leaving import leaving_in_order
+from toppling.orchestrator.plan import Plan
+from toppling.orchestrator.rounds import AllJobs, JobsForPrecision, Wanted
+from toppling.orchestrator.stands import Settled
+from toppling.orchestrator.task import Order, versions
+from toppling.results.store import RESULTS_FILE, attempts_with, compact, finished_ids, result_files
+
+log = logging.getLogger(__name__)
+
+ROUNDS = 3
+"""Goes at the plan: more than one only if a stored part was lost, to another program or a failing disk."""
+
+
+@dataclass(frozen=True)
+class Session:
+    """What carries a run out, or goes on with it.
+
+    Parameters
+    ----------
+    cluster : context manager of Client
+        Entered only if there is work.
+    watch : Watcher
+    limits : Limits
+    again : collection of str
+        Statuses whose jobs are done again; what they have counts until there is a newer row.
+    stages : sequence of Stage
+    """
+
+    cluster: AbstractContextManager[Client]
+    watch: Watcher
+    limits: Limits = USUAL_LIMITS
+    again: Collection[str] = ()
+    stages: Sequence[Stage] = ()
+
+    def carry_out(self, planned: Plan, folder: Path, settled: Settled = MappingProxyType({})) -> Tally:
+        """Do what is left of a plan in its folder, which then holds `results.parquet`.
+
+        Parameters
+        ----------
+        planned : Plan
+        folder : Path
+            The run's, absolute; made if absent.
+        settled : mapping
+            How the plan's rocks settle, noted in a new folder.
+
+        Returns
+        -------
+        Tally
+            Of this session.
+
+        Raises
+        ------
+        InputError
+            If the folder is of another campaign, or workers are unfit for the run.
+        RunError
+            If the run cannot go on; what was done stays.
+        """
+        here = versions(planned.campaign.engine)
+        prepare(folder, planned, dict(here), settled)
+        orders = [order_of(scene, folder, here) for scene in planned.scenes]
+        with session(folder, {}) as notes, journal(folder):
+            tell(
+                "session began",
+                process=os.getpid(),
+                jobs=len(planned),
+                versions=dict(here),
+                again=[*self.again],
+            )
+            for sentence, fields in remarks(folder):
+                log.warning("%s", sentence, extra={"fields": fields})
+            try:
+                tally = self._until_complete(_Goal(planned, folder, notes, self.again), orders)
+            except BaseException as error:
+                tell("session ended", how=type(error).__name__, why=str(error))
+                raise
+            tell("session ended", how="complete", **tally.told())
+        return tally
+
+    def _until_complete(self, goal: "_Goal", orders: Sequence[Order]) -> Tally:
+        planned, tally = goal.planned, goal.tally
+        if not self._due(goal, before=True):
+            left = goal.wanted.pending(goal.finished - goal.redo.keys())
+            if not len(left):
+                left = goal.wanted.pending(goal.merge())
+            tally.total = goal.wanted.total()
+            if not len(left) and not self._due(goal, before=False):
+                return tally
+        tell("work began", **tally.told())
+        with ExitStack() as until_done:
+            client = until_done.enter_context(self.cluster)
+            until_done.enter_context(client.as_current())
+            check_workers(client, orders[0], orders)
+            until_done.enter_context(leaving_in_order(client))
+            work = Work(planned, goal.folder, orders[0], client, self.watch, tally, self.limits, goal.redo)
+            tally.began = time.monotonic()  # a batch system may have kept it waiting for hours
+            for stage in self._due(goal, before=True):
+                stage.carry_out(work)
+            work_off(goal.wanted, work, goal.merge)
+            tally.ended = time.monotonic()
+            for stage in self._due(goal, before=False):
+                stage.carry_out(work)
+        return tally
+
+    def _due(self, goal: "_Goal", *, before: bool) -> list[Stage]:
+        return [one for one in self.stages if one.before == before and one.due(goal.planned, goal.folder)]
+
+
+class _Goal:
+    """The rows that a run is to have, and what becomes of its folder once they are there."""
+
+    def __init__(self, planned: Plan, folder: Path, notes: dict[str, Any], again: Collection[str]) -> None:
+        self.planned, self.folder, self.notes = planned, folder, notes
+        self.finished = finished_ids(folder, planned.ids)  # first, as it sets rows of other runs aside
+        self.redo = attempts_with(folder, again) if again else {}
+        campaign = planned.campaign
+        self.wanted: Wanted = (
+            AllJobs(planned, folder)
+            if campaign.precision is None
+            else JobsForPrecision(planned, folder, campaign.precision, campaign.target)
+        )
+        self.tally = Tally(self.wanted.total(), len(self.finished - self.redo.keys()), len(self.redo))
+
+    def merge(self) -> set[str]:
+        """Merge the parts of a complete run; its finished jobs, of which some lack if a part was cut meanwhile.
+
+        The session's notes come first: what `compact` puts into the results tells of this session too.
+        """
+        tally, folder = self.tally, self.folder
+        ended = {
+            "ended": "complete",
+            "done": tally.done,
+            "status": dict(tally.status),
+            "deaths": tally.deaths,
+        }
+        note(folder, self.notes | ended)
+        if result_files(folder) != [folder / RESULTS_FILE]:
+            with suppress(FileNotFoundError):  # no part is left that can be read
+                compact(folder)
+        finished = finished_ids(folder, self.planned.ids, self.redo)
+        if not len(self.wanted.pending(finished)):
+            self.notes |= ended
+        return finished
+
+
+def work_off(wanted: Wanted, work: Work, merge: Callable[[], set[str]] | None = None) -> None:
+    """Shake until every job that is wanted has a row.
+
+    Parameters
+    ----------
+    wanted : Wanted
+    work : Work
+    merge : callable or None
+        What is done once all have a row; returns the ids of the jobs that still have one.
+
+    Raises
+    ------
+    RunError
+        If the run cannot go on, or rows are lost again and again.
+    """
+    folder, ids, tally, redo = work.folder, work.planned.ids, work.tally, work.redo
+    sent: set[int] = set()
+    in_vain = 0
+    pending = wanted.pending(finished_ids(folder, ids, redo))
+    if not len(pending) and merge:  # a stage before has done them all
+        pending = wanted.pending(merge())
+    while len(pending):
+        if lost := len(sent.intersection(pending.tolist())):
+            log.warning("%d rows were lost after they were stored", lost)
+            in_vain += 1
+        if in_vain >= ROUNDS:
+            msg = f"rows are lost after they are stored: is the disk of {folder} sound?"
+            raise RunError(msg)
+        sent |= set(pending.tolist())
+        tally.total, tally.what = wanted.total(), wanted.what
+        Execution(work, pending)()
+        finished = finished_ids(folder, ids, redo)
+        pending = wanted.pending(finished)
+        if not len(pending) and merge:
+            finished = merge()
+            pending = wanted.pending(finished)
+        tally.again = len(redo.keys() - finished)
+    tally.total = wanted.total()

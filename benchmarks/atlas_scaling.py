@@ -24,9 +24,9 @@ from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
 from toppling.orchestrator.answers import checked
 from toppling.orchestrator.dispatch import JOBS_IN_BATCH, Batch, Dispatch
+from toppling.orchestrator.execution import ATLAS_BUDGET_S, Tally, budget_s, room_for
 from toppling.orchestrator.order import taking_turns
 from toppling.orchestrator.plan import plan
-from toppling.orchestrator.run import ATLAS_BUDGET_S, Tally, budget_s, room_for
 from toppling.orchestrator.task import ROCKS_KEPT
 from toppling.results.store import write_part
 

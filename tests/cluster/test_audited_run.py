@@ -11,6 +11,7 @@ from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
 from toppling.orchestrator.audit import Auditing, audit, due
 from toppling.orchestrator.cli import cli
+from toppling.orchestrator.context import Tally, Work
 from toppling.orchestrator.plan import plan
 from toppling.orchestrator.run import run
 from toppling.orchestrator.status import state_of
@@ -35,7 +36,7 @@ def test_a_run_audits_itself_and_its_rows_stay_what_they_are(campaign, client, u
     assert due(planned, folder) == 0
     # More jobs add to those that were done.
     order = Order(str(folder), planned.scene_id, planned.ensemble_id, versions())
-    tallies = audit(planned, folder, client, order, silent, 30)
+    tallies = audit(Work(planned, folder, order, client, silent, Tally(30, 0)), 30)
     assert [(tally.before, tally.done) for tally in tallies] == [(24, 6)] * len(tallies)
     told = CliRunner().invoke(cli, ["status", str(folder), "--json"])
     assert json.loads(told.stdout)["audit"]["jobs"] == 30

@@ -43,8 +43,8 @@ from toppling.models.scan.read import Cloud, read_clouds
 from toppling.models.scan.survey import survey
 from toppling.models.scene import Scene
 from toppling.models.statics import quasi_static_toppling_m_s2
-from toppling.orchestrator.front import Job, Setting, answers, draw_jobs
 from toppling.orchestrator.stands import settling
+from toppling.orchestrator.studies.accuracy import Job, Setting, answers, draw_jobs
 from toppling.workers.options import PRESETS
 
 PAGE = Path(__file__).parent.parent / "docs" / "scan.md"

@@ -24,7 +24,7 @@ from scipy.spatial.transform import Rotation
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
 from toppling.models.shapes import box
-from toppling.orchestrator.front import Job, Setting, answers, draw_jobs
+from toppling.orchestrator.studies.accuracy import Job, Setting, answers, draw_jobs
 from toppling.workers.options import PHYSICS_VERSION, PRESETS
 
 ROOT = Path(__file__).parent.parent

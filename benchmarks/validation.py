@@ -24,7 +24,7 @@ from toppling.models.mesh_files import read_triangles
 from toppling.models.motions.shaketable import Experiment, read_experiment
 from toppling.models.scene import Scene
 from toppling.orchestrator.cluster import local
-from toppling.orchestrator.validation import Shaken, Wanted, ensemble_of, shake_tests, specimen
+from toppling.orchestrator.studies.validation import Shaken, Wanted, ensemble_of, shake_tests, specimen
 from toppling.results.validation import learnt, scores, share
 
 PAGE = Path(__file__).parent.parent / "docs" / "validation.md"

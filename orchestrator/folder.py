@@ -22,10 +22,10 @@ from toppling.models.run_document import check_run_document
 from toppling.models.tables import write_table
 from toppling.orchestrator.journal import LOG_FILE
 from toppling.orchestrator.plan import Plan
+from toppling.orchestrator.recorded import ensembles_in
 from toppling.orchestrator.rocks_of_run import rows_without_stand, scene_or_sites, scenes_told, site_in_run
 from toppling.orchestrator.sites import sites_text
 from toppling.orchestrator.stands import Settled
-from toppling.orchestrator.stood import ensembles_in
 from toppling.results.belonging import (
     ENSEMBLE_FILES,
     NEEDED,

@@ -12,7 +12,8 @@ from toppling.orchestrator.dispatch import USUAL_LIMITS, Limits
 from toppling.orchestrator.plan import plan_of
 from toppling.orchestrator.session import Session
 from toppling.orchestrator.stands import settled_scenes
-from toppling.orchestrator.weighing import Weighing
+from toppling.orchestrator.studies.conditioning import Weighing
+from toppling.orchestrator.studies.precision import jobs_wanted
 from toppling.workers.engines import ENGINES
 
 
@@ -53,4 +54,5 @@ def run(
     planned = plan_of(campaign)
     settled = {} if folder.exists() else settled_scenes(planned)
     ENGINES[campaign.engine].require()
-    return Session(cluster, watch, limits, again, [Weighing(), *stages]).carry_out(planned, folder, settled)
+    session = Session(cluster, watch, limits, again, [Weighing(), *stages], jobs_wanted)
+    return session.carry_out(planned, folder, settled)

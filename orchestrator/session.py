@@ -20,9 +20,9 @@ from toppling.orchestrator.folder import note, prepare, remarks, session
 from toppling.orchestrator.journal import journal, tell
 from toppling.orchestrator.leaving import leaving_in_order
 from toppling.orchestrator.plan import Plan
-from toppling.orchestrator.rounds import AllJobs, JobsForPrecision, Wanted
 from toppling.orchestrator.stands import Settled
 from toppling.orchestrator.task import Order, versions
+from toppling.orchestrator.wanted import AllJobs, Choose, Wanted
 from toppling.results.store import RESULTS_FILE, attempts_with, compact, finished_ids, result_files
 
 log = logging.getLogger(__name__)
@@ -44,6 +44,8 @@ class Session:
     again : collection of str
         Statuses whose jobs are done again; what they have counts until there is a newer row.
     stages : sequence of Stage
+    choose : callable
+        The jobs wanted of a plan in a run's folder.
     """
 
     cluster: AbstractContextManager[Client]
@@ -51,6 +53,7 @@ class Session:
     limits: Limits = USUAL_LIMITS
     again: Collection[str] = ()
     stages: Sequence[Stage] = ()
+    choose: Choose = AllJobs
 
     def carry_out(self, planned: Plan, folder: Path, settled: Settled = MappingProxyType({})) -> Tally:
         """Do what is left of a plan in its folder, which then holds `results.parquet`.
@@ -89,7 +92,7 @@ class Session:
             for sentence, fields in remarks(folder):
                 log.warning("%s", sentence, extra={"fields": fields})
             try:
-                tally = self._until_complete(_Goal(planned, folder, notes, self.again), orders)
+                tally = self._until_complete(_Goal(planned, folder, notes, self.again, self.choose), orders)
             except BaseException as error:
                 tell("session ended", how=type(error).__name__, why=str(error))
                 raise
@@ -128,16 +131,13 @@ class Session:
 class _Goal:
     """The rows that a run is to have, and what becomes of its folder once they are there."""
 
-    def __init__(self, planned: Plan, folder: Path, notes: dict[str, Any], again: Collection[str]) -> None:
+    def __init__(
+        self, planned: Plan, folder: Path, notes: dict[str, Any], again: Collection[str], choose: Choose
+    ) -> None:
         self.planned, self.folder, self.notes = planned, folder, notes
         self.finished = finished_ids(folder, planned.ids)  # first, as it sets rows of other runs aside
         self.redo = attempts_with(folder, again) if again else {}
-        campaign = planned.campaign
-        self.wanted: Wanted = (
-            AllJobs(planned, folder)
-            if campaign.precision is None
-            else JobsForPrecision(planned, folder, campaign.precision, campaign.target)
-        )
+        self.wanted = choose(planned, folder)
         self.tally = Tally(self.wanted.total(), len(self.finished - self.redo.keys()), len(self.redo))
 
     def merge(self) -> set[str]:

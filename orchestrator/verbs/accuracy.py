@@ -8,8 +8,16 @@ import pandas as pd
 from toppling.models.csv_text import plain_frame
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
-from toppling.orchestrator.front import CONVERGED, FLOOR, Setting, answers, compare, draw_jobs, settings
 from toppling.orchestrator.progress import bar
+from toppling.orchestrator.studies.accuracy import (
+    CONVERGED,
+    FLOOR,
+    Setting,
+    answers,
+    compare,
+    draw_jobs,
+    settings,
+)
 from toppling.orchestrator.verbs.options import (
     ensemble_argument,
     folder_out,

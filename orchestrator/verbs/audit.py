@@ -36,14 +36,14 @@ def audit(run: Path, jobs: int | None, as_json: bool, **where: Any) -> None:
     from toppling.models.motions.ensemble import Ensemble
     from toppling.models.scene import Scene
     from toppling.orchestrator.admission import check_workers
-    from toppling.orchestrator.audit import affordable, check_versions, drawn
-    from toppling.orchestrator.audit import audit as carry_out
     from toppling.orchestrator.campaign import Campaign
     from toppling.orchestrator.context import Tally, Work
     from toppling.orchestrator.interrupt import stop_in_order
     from toppling.orchestrator.journal import journal
     from toppling.orchestrator.plan import plan
     from toppling.orchestrator.progress import watcher
+    from toppling.orchestrator.studies.audit import affordable, check_versions, drawn
+    from toppling.orchestrator.studies.audit import audit as carry_out
     from toppling.orchestrator.task import Order, versions
     from toppling.results.audit import audits_json, audits_of
     from toppling.results.audit_folder import LEAST_JOBS

@@ -17,7 +17,10 @@ from toppling.models.motions.ensemble import CATALOG, Ensemble
 from toppling.models.motions.motion import Motion
 from toppling.models.motions.record import Record
 from toppling.models.scene import Scene
-from toppling.orchestrator.check_sites import (
+from toppling.orchestrator.progress import bar
+from toppling.orchestrator.sites import read_sites
+from toppling.orchestrator.spelling import OneOf
+from toppling.orchestrator.studies.check_sites import (
     Seismogram,
     check_sites,
     matrix_of,
@@ -25,9 +28,6 @@ from toppling.orchestrator.check_sites import (
     of_records,
     seismograms_of,
 )
-from toppling.orchestrator.progress import bar
-from toppling.orchestrator.sites import read_sites
-from toppling.orchestrator.spelling import OneOf
 from toppling.orchestrator.verbs.options import PATH, json_option, scene_argument
 from toppling.orchestrator.verbs.records_shown import show_notes
 from toppling.results.belonging import SITES_FILE

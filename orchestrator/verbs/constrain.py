@@ -13,7 +13,7 @@ import click
 import numpy as np
 
 from toppling.orchestrator.progress import bar
-from toppling.orchestrator.stood import read_recorded
+from toppling.orchestrator.recorded import read_recorded
 from toppling.orchestrator.verbs.by_events import (
     EventOptions,
     Rocks,

@@ -139,12 +139,12 @@ def _plan(out: Path, workers: int, seconds: float) -> None:
 
 
 def _run(out: Path, workers: int) -> int:
-    from toppling.orchestrator.audit import Auditing
     from toppling.orchestrator.campaign import Campaign
     from toppling.orchestrator.cluster import local
-    from toppling.orchestrator.first_statement import FirstStatement
     from toppling.orchestrator.progress import watcher
     from toppling.orchestrator.run import run
+    from toppling.orchestrator.studies.audit import Auditing
+    from toppling.orchestrator.studies.first_statement import FirstStatement
 
     _say(f"run: starting {workers} workers")
     first = FirstStatement(*FIRST_STATEMENT, lambda sentence: _say(f"run: {sentence}"))

@@ -84,7 +84,7 @@ def ramp(
     from toppling.models.scene import Scene
     from toppling.orchestrator.pool import pool_of
     from toppling.orchestrator.progress import bar
-    from toppling.orchestrator.ramp import Ramp, carry_out, chosen_waveforms, weakest_azimuth_deg
+    from toppling.orchestrator.studies.ramp import Ramp, carry_out, chosen_waveforms, weakest_azimuth_deg
 
     rock, motions = Scene.load(scene), Ensemble.load(ensemble)
     names = _named(records, motions) if records else chosen_waveforms(motions)
@@ -128,7 +128,7 @@ def write(
 ) -> list[Path]:
     """Write tables and figure of a ramp."""
     from toppling.models.contact import ContactProperties
-    from toppling.orchestrator.ramp import summary
+    from toppling.orchestrator.studies.ramp import summary
     from toppling.results.drawing.run_figures import save_table
     from toppling.results.drawing.study import ramp_figure
     from toppling.results.drawing.style import save

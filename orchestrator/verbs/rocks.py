@@ -13,7 +13,7 @@ import pandas as pd
 
 from toppling.models.errors import InputError
 from toppling.models.scene import Scene
-from toppling.orchestrator.stood import Recorded, check_weighable
+from toppling.orchestrator.recorded import Recorded, check_weighable
 from toppling.results.completeness import Completeness
 from toppling.results.exchange import read_curves
 from toppling.results.fits import answered, basis_of
@@ -115,7 +115,7 @@ def _weighed(path: Path, jobs: pd.DataFrame, recorded: Recorded) -> Stood:
     from toppling.orchestrator.cluster import local
     from toppling.orchestrator.context import RunError
     from toppling.orchestrator.progress import watcher
-    from toppling.orchestrator.weighing import weigh
+    from toppling.orchestrator.studies.conditioning import weigh
 
     run = open_run(path)
     campaign = Campaign.read(run.root / "campaign.toml")

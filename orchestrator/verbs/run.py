@@ -114,12 +114,12 @@ def run(
     if precision is not None:
         chosen = chosen.with_precision(precision)
     from toppling.orchestrator.advice import suggestions
-    from toppling.orchestrator.audit import Auditing
     from toppling.orchestrator.cluster import reported
     from toppling.orchestrator.context import RunError
     from toppling.orchestrator.progress import duration, pace, watcher
     from toppling.orchestrator.run import run as carry_out
     from toppling.orchestrator.status import shares_of, state_of
+    from toppling.orchestrator.studies.audit import Auditing
     from toppling.results.run import open_run
     from toppling.results.unphysical import unphysical_of
 

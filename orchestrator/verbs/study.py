@@ -16,8 +16,8 @@ from toppling.orchestrator.verbs.where import cluster_of, cluster_options
 if TYPE_CHECKING:
     import pandas as pd
 
-    from toppling.orchestrator.ramp import Ramp
-    from toppling.orchestrator.study import Study
+    from toppling.orchestrator.studies.ramp import Ramp
+    from toppling.orchestrator.studies.replication import Study
 
 SEED = 1
 
@@ -67,10 +67,10 @@ def study(
     toppling study study --workers 2
     toppling study study --scan station1.laz --scan station2.laz --records ensembles/quakes
     """
-    from toppling.orchestrator import study as stages
     from toppling.orchestrator.context import RunError
     from toppling.orchestrator.interrupt import INTERRUPTED, stop_in_order, told_as_stop
     from toppling.orchestrator.progress import watcher
+    from toppling.orchestrator.studies import replication as stages
     from toppling.orchestrator.verbs.run import FAILED_JOBS
 
     if scan and scene:
@@ -114,8 +114,8 @@ def _session_words(tallies: list[Any]) -> str:
 
 def _report(chosen: "Study", out: Path, climbed: "tuple[pd.DataFrame, Ramp]", as_json: bool) -> Any:
     """Draw the figures, check the findings, write constraint and report: the findings, and the report's file."""
-    from toppling.orchestrator import study as stages
     from toppling.orchestrator.progress import each
+    from toppling.orchestrator.studies import replication as stages
     from toppling.results.drawing.report.content import Content
     from toppling.results.drawing.report.write import report_page, write_page
     from toppling.results.run import open_run
@@ -132,7 +132,7 @@ def _report(chosen: "Study", out: Path, climbed: "tuple[pd.DataFrame, Ramp]", as
 
 def _study_of(pga_step: float, directions: int, preset: str, audit: int | None) -> "Study":
     """The study with levels from 1 to 19 m/s2 and directions all around."""
-    from toppling.orchestrator.study import Study
+    from toppling.orchestrator.studies.replication import Study
 
     steps = round(18.0 / pga_step)
     levels = (round(1.0 + step * pga_step, 9) for step in range(steps + 1) if step * pga_step <= 18.0)

@@ -22,7 +22,7 @@ from toppling.models.motions.shaketable import Experiment, read_experiment
 from toppling.orchestrator.cluster import local
 from toppling.orchestrator.context import RunError
 from toppling.orchestrator.progress import watcher
-from toppling.orchestrator.validation import (
+from toppling.orchestrator.studies.validation import (
     Shaken,
     Wanted,
     drawn_bases,

@@ -17,7 +17,7 @@ def ramp_figure(table: pd.DataFrame, azimuth_deg: float, quasi_static_m_s2: floa
     Parameters
     ----------
     table : DataFrame
-        From `orchestrator.ramp.summary`.
+        From `orchestrator.studies.ramp.summary`.
     azimuth_deg : float
         Of the motion.
     quasi_static_m_s2 : float

@@ -9,12 +9,12 @@ from click.testing import CliRunner
 
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
-from toppling.orchestrator.audit import Auditing, audit, due
 from toppling.orchestrator.cli import cli
 from toppling.orchestrator.context import Tally, Work
 from toppling.orchestrator.plan import plan
 from toppling.orchestrator.run import run
 from toppling.orchestrator.status import state_of
+from toppling.orchestrator.studies.audit import Auditing, audit, due
 from toppling.orchestrator.task import Order, versions
 from toppling.results.run import open_run
 

@@ -16,11 +16,11 @@ from toppling.models.motions.record import Record
 from toppling.models.scene import Scene
 from toppling.orchestrator.asked import Asked
 from toppling.orchestrator.campaign import Campaign
-from toppling.orchestrator.first_statement import FirstStatement
 from toppling.orchestrator.plan import plan
-from toppling.orchestrator.rounds import JobsForPrecision, pools
 from toppling.orchestrator.run import run
 from toppling.orchestrator.status import state_of
+from toppling.orchestrator.studies.first_statement import FirstStatement
+from toppling.orchestrator.studies.precision import JobsForPrecision, pools
 from toppling.results.precision import MEASURES
 from toppling.results.precision.statement import statements_of
 from toppling.results.run import open_run

@@ -14,7 +14,7 @@ from toppling.models.motions.record import Record
 from toppling.models.scene import Scene
 from toppling.models.unseen import BaseDraw, UnseenBase
 from toppling.orchestrator.cli import cli
-from toppling.orchestrator.stood import SHAKES
+from toppling.orchestrator.recorded import SHAKES
 from toppling.results.run import open_run
 from toppling.results.stood import FILE, FOLDER, Stood
 

@@ -60,6 +60,33 @@ def test_a_room_imports_none_that_lies_downstream_of_it(room):
     assert not offences
 
 
+def test_the_core_of_the_orchestrator_knows_nothing_of_what_is_done_with_runs():
+    """`run` puts the core and the studies together; verbs and the door stand above both."""
+    core = [path for path in (ROOT / "orchestrator").glob("*.py") if path.name not in ("run.py", "cli.py")]
+    above = tuple(f"toppling.orchestrator.{name}" for name in ("studies", "verbs", "door", "run", "cli"))
+    offences = {
+        path.name: taken
+        for path in core
+        if (
+            taken := [
+                name
+                for name in imported(path)
+                if name in above or name.startswith(tuple(f"{one}." for one in above))
+            ]
+        )
+    }
+    assert not offences
+
+
+def test_studies_know_no_verb():
+    studies = (ROOT / "orchestrator" / "studies").glob("*.py")
+    assert not [
+        path.name
+        for path in studies
+        if any(name.startswith("toppling.orchestrator.verbs") for name in imported(path))
+    ]
+
+
 @pytest.mark.parametrize(("library", "home"), ONLY_UNDER.items())
 def test_a_heavy_library_is_imported_in_one_room_only(library, home):
     offences = [

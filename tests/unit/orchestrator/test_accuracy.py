@@ -14,8 +14,8 @@ from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.synthetic import synthetic_ensemble
 from toppling.models.scene import Scene
 from toppling.models.shapes import box
-from toppling.orchestrator import front
-from toppling.orchestrator.front import (
+from toppling.orchestrator.studies import accuracy as front
+from toppling.orchestrator.studies.accuracy import (
     Setting,
     answers,
     compare,

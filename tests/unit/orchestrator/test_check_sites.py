@@ -10,8 +10,14 @@ from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.idealised import ricker
 from toppling.models.motions.record import Record
 from toppling.models.scene import Scene
-from toppling.orchestrator.check_sites import check_sites, matrix_of, of_ensemble, of_records, seismograms_of
 from toppling.orchestrator.sites import Site
+from toppling.orchestrator.studies.check_sites import (
+    check_sites,
+    matrix_of,
+    of_ensemble,
+    of_records,
+    seismograms_of,
+)
 
 
 @dataclass(frozen=True)

@@ -14,11 +14,11 @@ from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.idealised import ricker
 from toppling.models.motions.record import Record
 from toppling.models.scene import Scene
-from toppling.orchestrator.audit import AUDITORS
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.cli import cli
 from toppling.orchestrator.folder import prepare
 from toppling.orchestrator.plan import plan
+from toppling.orchestrator.studies.audit import AUDITORS
 from toppling.orchestrator.task import versions
 from toppling.orchestrator.watch import shown
 from toppling.results.audit_folder import AUDIT_FOLDER, DRAWN_FILE, REFERENCE, write_jobs

@@ -11,9 +11,16 @@ from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.idealised import full_sine
 from toppling.models.motions.record import Record
 from toppling.models.scene import Scene
-from toppling.orchestrator import ramp as ramps
 from toppling.orchestrator.cli import cli
-from toppling.orchestrator.ramp import Ramp, carry_out, chosen_waveforms, climb, summary, weakest_azimuth_deg
+from toppling.orchestrator.studies import ramp as ramps
+from toppling.orchestrator.studies.ramp import (
+    Ramp,
+    carry_out,
+    chosen_waveforms,
+    climb,
+    summary,
+    weakest_azimuth_deg,
+)
 
 
 @pytest.fixture(scope="module")

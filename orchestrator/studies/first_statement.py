@@ -6,8 +6,8 @@ from pathlib import Path
 
 from toppling.orchestrator.context import Work
 from toppling.orchestrator.plan import Plan
-from toppling.orchestrator.rounds import JobsForPrecision
 from toppling.orchestrator.session import work_off
+from toppling.orchestrator.studies.precision import JobsForPrecision
 from toppling.results.store import result_files
 
 

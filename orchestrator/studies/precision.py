@@ -1,4 +1,4 @@
-"""Which of a run's jobs are wanted: all of its plan, or round after round those that a statement needs.
+"""Jobs round after round, as many as a statement needs to be as sure as a campaign asks.
 
 Rounds are played back from the store at every start, each from the rows of the rounds before alone, so that it does not
 matter how many workers there were and how often a run was stopped.
@@ -6,11 +6,9 @@ matter how many workers there were and how often a run was stopped.
 
 import math
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from toppling.models.errors import InputError
 from toppling.models.motions.ensemble import Ensemble
@@ -19,6 +17,7 @@ from toppling.orchestrator.asked import Asked
 from toppling.orchestrator.folder import set_jobs
 from toppling.orchestrator.journal import tell
 from toppling.orchestrator.plan import Plan
+from toppling.orchestrator.wanted import AllJobs, Rows, Wanted
 from toppling.results.precision import MEASURES
 from toppling.results.precision.answers import answers_of
 from toppling.results.precision.design import Pool, Rounds
@@ -28,46 +27,13 @@ from toppling.results.run import open_run
 
 CONTACT = ("friction_static", "friction_kinetic", "restitution")
 
-Rows = NDArray[np.int64]
 
-
-class Wanted(Protocol):
-    """The jobs that a run is to have rows of."""
-
-    @property
-    def what(self) -> str:
-        """Is being done, for a person who watches."""
-
-    def pending(self, finished: set[str]) -> Rows:
-        """Rows of the plan to shake next, in the order to start them; none once all that is wanted is finished."""
-
-    def total(self) -> int:
-        """Number of jobs in all, as far as known."""
-
-
-class AllJobs:
-    """Every job of a plan.
-
-    Parameters
-    ----------
-    planned : Plan
-    folder : Path
-        The run's: a run that was to end with a statement may go on to all of its jobs.
-    """
-
-    what = "shaking"
-
-    def __init__(self, planned: Plan, folder: Path) -> None:
-        self.planned = planned
-        set_jobs(folder, len(planned))
-
-    def pending(self, finished: set[str]) -> Rows:
-        """As of `Wanted`."""
-        return self.planned.pending(finished)
-
-    def total(self) -> int:
-        """As of `Wanted`."""
-        return len(self.planned)
+def jobs_wanted(planned: Plan, folder: Path) -> Wanted:
+    """The jobs that a campaign asks for: all, or those that its precision needs."""
+    campaign = planned.campaign
+    if campaign.precision is None:
+        return AllJobs(planned, folder)
+    return JobsForPrecision(planned, folder, campaign.precision, campaign.target)
 
 
 class JobsForPrecision:

@@ -1,25 +1,16 @@
-"""A rock that stood a recorded shaking tells of its base: each draw of it is shaken with the recorded motion.
-
-The shakes are campaigns like any other, each motion as strong and as oriented as it was recorded. Their realisations
-draw the bases, and friction and what else nobody measured beside them, as those of the run do. What they say is
-arithmetic: `results.stood`.
-"""
+"""Recorded motions that a rock is known to have stood: read, told apart, kept in a run."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-
-import pandas as pd
 
 from toppling.models.errors import InputError
 from toppling.models.motions.ensemble import CATALOG, Ensemble
 from toppling.models.motions.record import Record
 from toppling.models.scene import Scene
-from toppling.orchestrator.campaign import Campaign
-from toppling.results.run import open_run
-from toppling.results.stood import FILE, Motion, Stood, weights_of
+from toppling.results.stood import Motion
 
 SHAKES = 8
 """Of each draw with each motion: a draw on which the rock never stands has a seventeenth of the weight of one on which
@@ -28,9 +19,6 @@ AZIMUTHS_DEG = tuple(360.0 / SHAKES * number for number in range(SHAKES))
 """To which a motion is turned where nobody knows how its components pointed: every draw feels the same ones."""
 ENSEMBLES = ("as_recorded", "from_all_sides")
 """Of motions whose components' azimuths are known, and of the others."""
-
-Shake = Callable[[Campaign, Path], object]
-"""Carries a campaign out in a folder."""
 
 
 @dataclass(frozen=True)
@@ -129,53 +117,6 @@ def check_weighable(scene: Scene, realisations: int, where: str) -> None:
             expected=f"a campaign with realisations of up to {len(scene.unseen) + 1}, one a base and the nominal scene",
             remedy=f"set realisations = {len(scene.unseen) + 1} in the campaign, and run it with another --out",
         )
-
-
-def weigh_bases(
-    campaign: Campaign, recorded: Recorded, place: Path, shake: Shake, plan_id: str | None = None
-) -> Stood:
-    """Shake every draw of the base with what the rock stood, and weigh the draws by it; goes on where it was stopped.
-
-    Parameters
-    ----------
-    campaign : Campaign
-        Whose contacts, engine, preset and unmeasured the shakes have.
-    recorded : Recorded
-        As `Recorded.write` wrote it to the folder.
-    place : Path
-        Where the shakes go, and `weights.json` once they are done.
-    shake : callable
-    plan_id : str or None
-        Of the run that the weights are for.
-
-    Raises
-    ------
-    InputError
-        If a motion gets no answer, as where the engine refuses to shake this rock.
-    """
-    scene = Scene.load(campaign.scene)
-    check_weighable(scene, 1, str(campaign.scene))
-    assert scene.unseen is not None
-    rows = []
-    for ensemble in ensembles_in(place):
-        known = ensemble.parent.name == ENSEMBLES[0]
-        one = replace(
-            campaign,
-            ensemble=ensemble,
-            pga_m_s2=(),
-            azimuth_deg=() if known else AZIMUTHS_DEG,
-            realisations=len(scene.unseen) * (SHAKES if known else 1),
-            first_realisation=1,
-            records=None,
-            peak_displacement_m=None,
-            audit=0,
-            stood=(),
-        )
-        shake(one, ensemble.parent / "run")
-        rows.append(open_run(ensemble.parent / "run").frame())
-    stood = Stood(recorded.motions, SHAKES, weights_of(pd.concat(rows), len(scene.unseen)))
-    stood.write(place / FILE, plan_id)
-    return stood
 
 
 def _read_files(paths: Sequence[Path]) -> list[Record]:

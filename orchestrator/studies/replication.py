@@ -22,11 +22,11 @@ from toppling.models.errors import InputError
 from toppling.models.folder import new_file
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
-from toppling.orchestrator import ramp
-from toppling.orchestrator.audit import Auditing
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.context import Tally, Watcher
 from toppling.orchestrator.run import run
+from toppling.orchestrator.studies import ramp
+from toppling.orchestrator.studies.audit import Auditing
 from toppling.results.audit import audits_of
 from toppling.results.directions import SECTOR_DEG
 from toppling.results.drawing.run_figures import (

@@ -1,0 +1,1 @@
+"""What is done with runs: audited, conditioned, ended by precision, repeated, scored. The core never imports it."""

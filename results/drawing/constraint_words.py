@@ -162,11 +162,9 @@ def rock_lines(told: dict[str, Any]) -> list[str]:
     for rock in told["rocks"]:
         lines += _reservations(rock, told["unexceeded"], unit)
     if site := told.get("random_rock"):
-        ends = (
-            ""
-            if site["median_low"] is None
-            else f" ({site['median_low']:.3g} to {site['median_high']:.3g}, 95 %)"
-        )
+        low, high = site["median_low"], site["median_high"]
+        upper = "or more" if high is None else f"to {high:.3g}"
+        ends = "" if low is None else f" ({low:.3g} {upper}, 95 %)"
         lines.append(
             f"One fragility of the site, of a rock drawn at random: median {site['median']:.3g} {unit}{ends}, beta "
             f"{site['beta']:.2f} ({site['beta_within']:.2f} within a rock, {site['beta_between']:.2f} between rocks)"

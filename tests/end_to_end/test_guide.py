@@ -93,6 +93,7 @@ def inputs(tmp_path_factory):
     )
     rough = with_rough_base(fine, std_m=(0.001, 0.002), wavelength_m=0.1, band_m=0.05, draws=4)
     rough.save(folder / "scenes" / "rock")
+    Scene.block(0.3, 0.25, 0.8).save(folder / "scenes" / "second")
     write_ply(folder / "rock.ply", block.rock.vertices_m, block.rock.faces)
     (folder / "records").mkdir()
     (folder / "simulated").mkdir()
@@ -116,7 +117,7 @@ def inputs(tmp_path_factory):
         (folder / f"quake_{name_of}.AT2").write_text(title + count + lines)
     shutil.copy(folder / "records" / name, folder / "simulated" / "motion.csv")
     told = "simulated/motion.csv"
-    (folder / "table.csv").write_text(f"h1,h2,v,event\n{told},{told},{told},scenario\n")
+    (folder / "table.csv").write_text(f"h1,h2,v,event,station\n{told},{told},{told},scenario,Echo\n")
     for curve, factor in (("mean.csv", 1.0), ("high.csv", 3.0)):
         rows = "".join(
             f"{pgv},{factor * 1e-4 * pgv**-2:.3g}\n" for pgv in (0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 4.0, 8.0)
@@ -200,6 +201,8 @@ def carry_out(block, folder):
             [sys.executable, "-c", block.text], cwd=folder, capture_output=True, text=True, check=False
         )
         assert done.returncode == 0, f"{block.text}\n{done.stderr}"
+    elif block.kind == "csv":
+        (folder / "sites.csv").write_text(block.text)
     elif block.kind == "toml":
         (folder / "campaign.toml").write_text(block.text)
         Campaign.read(folder / "campaign.toml")

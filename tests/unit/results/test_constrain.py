@@ -12,6 +12,7 @@ from seeded import THETA_M_S, rows
 
 from toppling.models.errors import InputError
 from toppling.orchestrator.cli import cli
+from toppling.results.drawing.constraint_words import rock_lines
 from toppling.results.drawing.run_figures import write_fits
 from toppling.results.exchange import write_curves
 from toppling.results.hazard.readers import read_hazard
@@ -415,3 +416,23 @@ def test_what_is_no_measure_of_intensity_has_no_fragility(tmp_path, column):
     assert isinstance(refused, InputError)
     assert f"--measure: {column!r} is not an intensity measure" in str(refused)
     assert "pgv_m_s" in refused.expected
+
+
+def test_a_random_rocks_median_without_an_upper_end_is_said():
+    rocks = [{"name": name, "median": 1.0, "beta": 0.3} for name in ("one", "two")]
+    site = {
+        "median": 1.0,
+        "median_low": 0.5,
+        "median_high": None,
+        "beta": 0.4,
+        "beta_within": 0.3,
+        "beta_between": 0.2,
+    }
+    told = {
+        "measure": "pgv_m_s",
+        "rocks": rocks,
+        "confidence": 0.95,
+        "unexceeded": 0.5,
+        "unexceeded_low": None,
+    }
+    assert "median 1 m/s (0.5 or more, 95 %)" in "\n".join(rock_lines({**told, "random_rock": site}))

@@ -37,8 +37,9 @@ def _hash() -> str:
     digest = hashlib.blake2b(digest_size=8)
     for package in (numba, llvmlite, np):
         digest.update(package.__version__.encode())
-    digest.update(llvmlite.binding.get_host_cpu_name().encode())
-    digest.update(llvmlite.binding.get_host_cpu_features().flatten().encode())
+    # The processor, or that of NUMBA_CPU_NAME and NUMBA_CPU_FEATURES.
+    processor = numba.core.registry.cpu_target.target_context.codegen().magic_tuple()
+    digest.update(repr(processor).encode())
     for room in COMPILED_ROOMS:
         digest.update(bytes(room))  # Numba finds code again only for files at the same place
         for path in sorted(room.rglob("*.py")):
@@ -103,12 +104,60 @@ class _VerifiedFile(numba.core.caching.IndexDataCacheFile):
         return False
 
 
-def _compile(function: Callable[..., Any], **options: bool) -> Any:  # Numba's dispatcher has no type
+_ENVIRONMENTS: dict[str, object] = {}
+"""Of inner functions, by their variable's name: what Numba's code prints with."""
+
+
+class _Library(numba.core.codegen.JITCodeLibrary):
+    """Code of a function that Python calls, and of all that it calls."""
+
+    def _finalize_specific(self) -> None:
+        super()._finalize_specific()
+        for variable in self._final_module.global_variables:
+            if variable.name in _ENVIRONMENTS:
+                self._codegen.set_env(variable.name, _ENVIRONMENTS[variable.name])
+
+
+class _InnerLibrary(numba.core.codegen.JITCodeLibrary):
+    """Code that is optimised and made machine code as a part of its callers alone.
+
+    Numba does both for every function, and again for all that it calls with each of its callers.
+    """
+
+    class codegen:  # noqa: N801  (stands for the engine that runs code, which this code is not in)
+        set_env = _ENVIRONMENTS.__setitem__
+
+    def _optimize_final_module(self) -> None:
+        pass
+
+    def _finalize_final_module(self) -> None:
+        self._finalized = True
+
+
+class _Compiler(numba.core.compiler.Compiler):
+    """Puts code in libraries of these two kinds."""
+
+    def define_pipelines(self) -> list:
+        state = self.state
+        kind = _InnerLibrary if state.flags.no_cpython_wrapper else _Library
+        state.library = kind(state.targetctx.codegen(), state.func_id.func_qualname)
+        state.library.enable_object_caching()
+        return super().define_pipelines()
+
+
+def _compile(function: Callable[..., Any], **options: Any) -> Any:  # Numba's dispatcher has no type
+    return numba.njit(error_model="numpy", no_cfunc_wrapper=True, pipeline_class=_Compiler, **options)(
+        function
+    )
+
+
+def compiled(function: Callable[..., Any]) -> Any:
+    """Decorate a function that Python calls."""
     # Numba reads its setting when a function is decorated; other users of Numba keep theirs.
     config = numba.core.config
     before, config.CACHE_DIR = config.CACHE_DIR, str(FOLDER)
     try:
-        dispatcher = numba.njit(cache=FOLDER is not None, error_model="numpy", **options)(function)
+        dispatcher = _compile(function, cache=FOLDER is not None)
     finally:
         config.CACHE_DIR = before
     if FOLDER is not None and not config.DISABLE_JIT:
@@ -116,11 +165,6 @@ def _compile(function: Callable[..., Any], **options: bool) -> Any:  # Numba's d
     return dispatcher
 
 
-def compiled(function: Callable[..., Any]) -> Any:
-    """Decorate a function that Python calls."""
-    return _compile(function)
-
-
 def inner(function: Callable[..., Any]) -> Any:
-    """Decorate a function that only compiled code calls: a wrapper for Python takes longer than most of them."""
+    """Decorate a function that only compiled code calls: it is compiled and kept within its callers."""
     return _compile(function, no_cpython_wrapper=True)

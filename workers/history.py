@@ -26,6 +26,7 @@ from toppling.workers.simulation import (
     X,
     Z,
     append,
+    copy,
     forget_acceleration,
 )
 
@@ -131,7 +132,7 @@ def rest_until(sim: Simulation, grid: int) -> None:
             moved = moved or sim.pose[last, k] != sim.pose[last - 1, k]
     if moved:
         last = append(sim, 0.0, 0.0)
-        sim.pose[last] = sim.pose[last - 1]
+        copy(sim.pose[last - 1], sim.pose[last])
     sim.time_s[last] = sim.velocity_time_s[last] = grid * sim.fixed[0].step_s
     for k in range(6):
         sim.velocity[last, k] = 0.0

@@ -132,6 +132,13 @@ class Simulation(NamedTuple):
 
 
 @inner
+def copy(source: Array, target: Array) -> None:
+    """Copy one row into another; an assignment of arrays takes Numba's compiler long."""
+    for k in range(len(target)):
+        target[k] = source[k]
+
+
+@inner
 def append(sim: Simulation, step_s: float, velocity_s: float) -> int:
     """Add a pose after a step, still to be filled in, with its velocity so long after the latest one; its index."""
     last = sim.state[0].last

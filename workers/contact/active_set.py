@@ -202,17 +202,14 @@ def _hold(sim: Simulation, sticking: int, active: int) -> bool:
     its normal and across the line to the first; the third, and points that slide, along their normals.
     """
     work, candidates = sim.work, sim.candidates
-    total = 0
     for k in range(active):
-        i = sim.chosen[k]
+        i, row = sim.chosen[k], _normal_row(k, sticking)
         nx, ny, nz = candidates[NORMAL_X, i], candidates[NORMAL_Y, i], candidates[NORMAL_Z, i]
-        _row(sim, total, i, nx, ny, nz, candidates[LEAST, i])
-        total += 1
+        _row(sim, row, i, nx, ny, nz, candidates[LEAST, i])
         if k == 0:
             a, b, c = _tangent(nx, ny, nz)
-            _row(sim, 1, i, a, b, c, 0.0)
-            _row(sim, 2, i, ny * c - nz * b, nz * a - nx * c, nx * b - ny * a, 0.0)
-            total = 3
+            _row(sim, row + 1, i, a, b, c, 0.0)
+            _row(sim, row + 2, i, ny * c - nz * b, nz * a - nx * c, nx * b - ny * a, 0.0)
         elif k == 1 and sticking > 1:
             first = sim.chosen[0]
             x = candidates[ARM_X, i] - candidates[ARM_X, first]
@@ -222,8 +219,8 @@ def _hold(sim: Simulation, sticking: int, active: int) -> bool:
             far = math.sqrt(a * a + b * b + c * c)
             if far == 0.0:
                 return False
-            _row(sim, total, i, a / far, b / far, c / far, 0.0)
-            total += 1
+            _row(sim, row + 1, i, a / far, b / far, c / far, 0.0)
+    total = _normal_row(active, sticking)
     for i in range(total):
         for k in range(3):
             work[TURNED + i, k] = (

@@ -90,15 +90,9 @@ def sticking_velocity(sim: Simulation, lasting_s: float) -> bool:
     Those flagged NEAR may carry, each with a LEAST velocity along its normal. Sets those that are ACTIVE, or if one
     would slip, when (`slips_after`).
     """
-    state, friction = sim.state[0], sim.fixed[0].friction_static
-    flags, gap = sim.flags, sim.candidates[GAP]
+    state, flags, friction = sim.state[0], sim.flags, sim.fixed[0].friction_static
     _free_velocity(sim, lasting_s)
-    count = 0
-    for i in range(points_in_use(sim)):
-        if flags[NEAR, i]:
-            flags[TRIED, i], flags[TOUCHES, i] = flags[ACTIVE, i], gap[i] < sim.fixed[0].touching_m
-            sim.near[count] = i
-            count += 1
+    count = _list_near(sim)
     if count == 0:
         for k in range(6):
             sim.work[FOUND, k] = sim.work[FREE, k]
@@ -117,6 +111,19 @@ def sticking_velocity(sim: Simulation, lasting_s: float) -> bool:
     for k in range(count):
         flags[ACTIVE, sim.near[k]] = flags[TRIED, sim.near[k]]
     return True
+
+
+@inner
+def _list_near(sim: Simulation) -> int:
+    """List the candidates flagged NEAR, with the flags that finding active ones begins with; how many there are."""
+    flags, count = sim.flags, 0
+    for i in range(points_in_use(sim)):
+        if flags[NEAR, i]:
+            flags[TRIED, i] = flags[ACTIVE, i]
+            flags[TOUCHES, i] = sim.candidates[GAP, i] < sim.fixed[0].touching_m
+            sim.near[count] = i
+            count += 1
+    return count
 
 
 @inner

@@ -117,6 +117,45 @@ def test_settings_of_numba_in_the_working_folder_are_not_obeyed(tmp_path, conten
     assert done.stdout.split() == ["0", "3", "yaml"], done.stderr
 
 
+INNER = """
+from toppling.models.compiled import compiled, inner
+
+@inner
+def root(x):
+    print("inner", x)
+    if x < 0.0:
+        raise ValueError("negative")
+    return x ** 0.5
+
+@compiled
+def twice(x):
+    return 2.0 * root(x)
+
+print(twice(4.0))
+try:
+    twice(-1.0)
+except ValueError as error:
+    print(error)
+"""
+
+
+def test_inner_functions_print_and_raise_where_they_were_compiled_and_where_they_were_kept(tmp_path):
+    program = tmp_path / "program.py"
+    program.write_text(INNER)
+    for _ in range(2):
+        done = subprocess.run(
+            [sys.executable, program],
+            env={**os.environ, "TOPPLING_CACHE": str(tmp_path)},
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        assert done.stdout.split("\n") == ["inner 4.0", "4.0", "inner -1.0", "negative", ""]
+    kept = [path.name for path in tmp_path.rglob("*.nbc")]
+    assert len(kept) == 1
+    assert "twice" in kept[0]
+
+
 def test_numba_is_imported_in_one_module_only():
     rooms = Path(__file__).parents[3]
     importing = [

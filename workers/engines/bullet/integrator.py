@@ -60,6 +60,7 @@ from toppling.workers.simulation import (
     RATE,
     Simulation,
     append,
+    copy,
     forget_acceleration,
     largest_tilt_deg,
     note_acceleration,
@@ -146,10 +147,11 @@ def _stays(sim: Simulation, worlds: Worlds) -> bool:
     if not fixed.skips_rest:
         state.steps += 1
         if not fixed.own_steps:
-            sim.pose[last + 1] = sim.pose[last]
+            copy(sim.pose[last], sim.pose[last + 1])
             for k in range(6):
                 sim.velocity[last + 1, k] = 0.0
-            _carry_out(sim, worlds, fixed.step_s, False, last + 1, 1.0)
+            state.placed = NOT
+            _carry_out(sim, worlds, fixed.step_s, last + 1, 1.0)
     rest_until(sim, state.grid + 1)
     return True
 
@@ -228,9 +230,9 @@ def _let_engine_move(sim: Simulation, worlds: Worlds, last: int, step_s: float) 
     if state.near_share != times * fixed.checked_share:
         place(sim, worlds, times * fixed.checked_share, state.axes_rad)
     state.last = new
-    placed = state.placed == RAISED
-    sim.pose[new], sim.velocity[new] = sim.pose[last], sim.work[FOUND]
-    _carry_out(sim, worlds, step_s, placed, new, times)
+    copy(sim.pose[last], sim.pose[new])
+    copy(sim.work[FOUND], sim.velocity[new])
+    _carry_out(sim, worlds, step_s, new, times)
     state.placed = RAISED
 
 
@@ -276,13 +278,11 @@ def _raised_times(sim: Simulation, step_s: float) -> float:
 
 
 @inner
-def _carry_out(
-    sim: Simulation, worlds: Worlds, step_s: float, placed: bool, index: int, times: float
-) -> None:
+def _carry_out(sim: Simulation, worlds: Worlds, step_s: float, index: int, times: float) -> None:
     """Let the engine move the rock from the pose to that with the velocity which stand at an index."""
     state, fixed = sim.state[0], sim.fixed[0]
     raised_m = times * fixed.raised_share * fixed.half_diagonal_m
-    world = worlds.records[state.world]
+    world, placed = worlds.records[state.world], state.placed == RAISED
     bullet.advance_prescribed(world, step_s, placed, raised_m, sim.pose[index], sim.velocity[index])
     state.engine_steps += 1
 
@@ -306,8 +306,9 @@ def _check(sim: Simulation, worlds: Worlds, last: int, step_s: float) -> None:
     times = _raised_times(sim, step_s)
     place(sim, worlds, times * fixed.checked_share, state.axes_rad)
     state.last = new
-    sim.pose[new + 1], sim.velocity[new + 1] = sim.pose[last], sim.velocity[new]
-    _carry_out(sim, worlds, step_s, False, new + 1, times)
+    copy(sim.pose[last], sim.pose[new + 1])
+    copy(sim.velocity[new], sim.velocity[new + 1])
+    _carry_out(sim, worlds, step_s, new + 1, times)
     state.near_share, state.axes_rad, state.world = (
         near_share,
         axes_rad,

@@ -14,6 +14,7 @@ from toppling.workers.engines.bullet import world as bullet
 from toppling.workers.engines.bullet.pool import EnginePool, configure_for
 from toppling.workers.observation import travel_m
 from toppling.workers.options import PRESETS, SolverOptions
+from toppling.workers.simulation import copy
 
 OPTIONS = PRESETS["standard"]
 
@@ -64,7 +65,7 @@ def _swing_out(
         # A base that rolls may swing on by a millionth of its size for ever.
         limit = strict if look < 1000 else 10.0 * strict
         for _ in range(STEPS_IN_A_LOOK):
-            before[:] = pose
+            copy(pose, before)
             bullet.step(world, points_m, step_s, force, pose, velocity)
         travel = travel_m(before, pose, half_diagonal_m)
         # Past the lowest point of this swing: let it go from here at rest. What is left in the end dies by itself.

@@ -16,6 +16,7 @@ from toppling.models.numba_alone import carray
 from toppling.workers.contact.gaps import slip_m_s
 from toppling.workers.engines.bullet import binding
 from toppling.workers.quaternion import to_body, to_world
+from toppling.workers.simulation import copy
 
 STARTS_TO_SLIP, STILL_SLIPS = 0.999, 0.7
 """Shares of the limit of friction from which a contact that stuck slips, and down to which one that slipped still does:
@@ -189,7 +190,7 @@ def configure(world: Any, impulse_m_s: float, near_share: float, rebound_from_m_
     binding.set_residual(command, residual * residual)
     binding.set_rebound_from(command, rebound_from_m_s)
     binding.submit(world.client, command)
-    world.friction_resultant[:] = 0.0
+    forget_friction(world)
     set_friction(world, world.friction_static)
 
 
@@ -255,9 +256,9 @@ def _set_velocities(world: Any, command: int, velocity: Array, spin_rad_s: Vecto
 def _read(world: Any, pose: Array, velocity: Array) -> None:
     """Pose (7,) and velocities (6,) of the rock, support frame."""
     state = _state(world)
-    pose[:3] = _turned_back(world, state[0], state[1], state[2])
-    velocity[:3] = _turned_back(world, state[7], state[8], state[9])
-    velocity[3:] = _turned_back(world, state[10], state[11], state[12])
+    pose[0], pose[1], pose[2] = _turned_back(world, state[0], state[1], state[2])
+    velocity[0], velocity[1], velocity[2] = _turned_back(world, state[7], state[8], state[9])
+    velocity[3], velocity[4], velocity[5] = _turned_back(world, state[10], state[11], state[12])
     x, y, z, w = state[3], state[4], state[5], state[6]
     cos, sin = math.cos(0.5 * world.axes_rad), math.sin(0.5 * world.axes_rad)
     pose[3], pose[4], pose[5], pose[6] = (
@@ -276,8 +277,8 @@ def _state(world: Any) -> Array:
     status = binding.submit(world.client, binding.request_state(world.client, world.rock))
     binding.get_state(status, to, to + 8, to + 16, to + 24, to + 32, to + 40, to + 48)
     out = np.empty(13)
-    out[:7] = carray(binding.pointer(pointers[4]), 7, np.float64)
-    out[7:] = carray(binding.pointer(pointers[5]), 6, np.float64)
+    copy(carray(binding.pointer(pointers[4]), 7, np.float64), out[:7])
+    copy(carray(binding.pointer(pointers[5]), 6, np.float64), out[7:])
     return out
 
 
@@ -296,7 +297,7 @@ def _follow_slip(world: Any, points_m: Array) -> None:
     for contact in contacts:
         touches = touches or contact[_NORMAL_FORCE] > 0.0
     if not touches:
-        world.friction_resultant[:] = 0.0
+        forget_friction(world)
         slips = slip_m_s(state[7:], _lowest_arm_m(points_m[: world.points], state)) > world.impulse_m_s
     else:
         slips = _slips_on(world, contacts, state)

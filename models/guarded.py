@@ -71,16 +71,16 @@ def read_guarded(reader: str, path: Path, libraries: Sequence[str] = ()) -> Read
     }
     with _LOCK:
         try:
-            told, arrays = _ask(request)
+            answer, arrays = _ask(request)
         except _EndedError as end:
             raise _damaged(end.reason, path) from end
-    if "refusal" in told:
-        where = str(told["refusal"]["where"] or request["path"])
+    if "refusal" in answer:
+        where = str(answer["refusal"]["where"] or request["path"])
         where = where.replace(str(request["path"]), str(path))  # as it was asked for
-        raise InputError(**(told["refusal"] | {"where": where}))
-    if "failure" in told:
-        raise _damaged(f"cannot be read ({told['failure']})", path)
-    return told["said"], arrays
+        raise InputError(**(answer["refusal"] | {"where": where}))
+    if "failure" in answer:
+        raise _damaged(f"cannot be read ({answer['failure']})", path)
+    return answer["said"], arrays
 
 
 @dataclass(frozen=True)
@@ -128,13 +128,13 @@ def _answer(process: subprocess.Popen, request: dict[str, Any]) -> Read:
         if not ready.select(patience_s):
             stop()
             raise _EndedError(f"cannot be read: its reader gave no answer for {patience_s:.0f} s")
-    told = json.loads(_exactly(process, int.from_bytes(_exactly(process, HEADER_BYTES), "big")))
+    answer = json.loads(_exactly(process, int.from_bytes(_exactly(process, HEADER_BYTES), "big")))
     arrays = []
-    for kind, shape in told.pop("arrays", ()):
+    for kind, shape in answer.pop("arrays", ()):
         array = np.empty(prod(shape), np.dtype(kind))
         _fill(process, array.data.cast("B") if len(array) else memoryview(b""))
         arrays.append(array.reshape(shape))
-    return told, arrays
+    return answer, arrays
 
 
 def _how_it_ended(code: int, request: dict[str, Any]) -> str:

@@ -39,7 +39,7 @@ def main() -> None:
 
 def _answer(request: dict[str, Any], answers: BinaryIO) -> None:
     arrays: list[NDArray] = []
-    told: dict[str, Any]
+    answer: dict[str, Any]
     try:
         module, _, name = request["reader"].partition(":")
         for library in (*request["libraries"], module):
@@ -48,17 +48,17 @@ def _answer(request: dict[str, Any], answers: BinaryIO) -> None:
         _limit(request["memory_bytes"], request["processor_s"])
         said, arrays = read(Path(request["path"]))
         arrays = [np.ascontiguousarray(array) for array in arrays]
-        told = {"said": said, "arrays": [(array.dtype.str, array.shape) for array in arrays]}
+        answer = {"said": said, "arrays": [(array.dtype.str, array.shape) for array in arrays]}
     except InputError as error:
-        told = {"refusal": vars(error) | {"where": error.where}}
+        answer = {"refusal": vars(error) | {"where": error.where}}
     except MemoryError:
-        told = {"failure": f"it needs more than {request['memory_bytes'] / 1e6:.0f} MB of memory"}
+        answer = {"failure": f"it needs more than {request['memory_bytes'] / 1e6:.0f} MB of memory"}
     except BaseException as error:  # a panic of Rust is no Exception
-        told = {"failure": f"{type(error).__name__}: {str(error)[:500]}"}
+        answer = {"failure": f"{type(error).__name__}: {str(error)[:500]}"}
     _unlimit()
-    if "said" not in told:
+    if "said" not in answer:
         arrays = []
-    header = json.dumps(told).encode()
+    header = json.dumps(answer).encode()
     answers.write(len(header).to_bytes(8, "big") + header)
     for array in arrays:
         answers.write(array.data.cast("B") if array.size else b"")

@@ -69,8 +69,8 @@ def _inspection_told(table: list[dict[str, Any]], before: list[dict[str, Any]] |
     does = "narrows the interval" if width < was else "widens the interval"
     if abs(width - was) <= AS_IT_WAS * was:
         does = "leaves the interval as it was"
-    told = f"its width is {100 * width:.0f} % of its median, {100 * was:.0f} % without"
-    return f"what is known by inspection {does}: {told}"
+    change = f"its width is {100 * width:.0f} % of its median, {100 * was:.0f} % without"
+    return f"what is known by inspection {does}: {change}"
 
 
 def _interval(each: dict[str, Any]) -> str:

@@ -118,12 +118,12 @@ def explaining_units(height_m: float) -> str:
     >>> explaining_units(46.1)
     'feet (14.1 m), inches (1.17 m)'
     """
-    told = []
+    readings = []
     for unit in ("mm", "ft", "cm", "in"):
         height = height_m * METRES[unit]
         if ROCK_M[0] * 5.0 <= height <= ROCK_M[1]:
-            told.append(f"{NAMES[unit]} ({height:.3g} m)")
-    return ", ".join(told)
+            readings.append(f"{NAMES[unit]} ({height:.3g} m)")
+    return ", ".join(readings)
 
 
 def size_note(height_m: float) -> str:
@@ -136,8 +136,8 @@ def size_note(height_m: float) -> str:
     """
     if height_m <= ROCK_M[1]:
         return ""
-    told = explaining_units(height_m)
-    would = f"; if the coordinates are in {told}, give --units" if told else ""
+    readings = explaining_units(height_m)
+    would = f"; if the coordinates are in {readings}, give --units" if readings else ""
     return (
         f"the rock is {height_m:.3g} m high, and no precarious rock is known above {ROCK_M[1]:.0f} m{would}"
     )

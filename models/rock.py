@@ -203,7 +203,7 @@ def check_size(height_m: float, where: str) -> None:
             f"the rock is {height_m:.4g} m high",
             where=where,
             expected=f"a rock of {least} to {most:.0f} m: coordinates in metres",
-            remedy=f"in {told} it would be a rock: convert the coordinates, or give their unit by --units"
-            if (told := explaining_units(height_m))
+            remedy=f"in {readings} it would be a rock: convert the coordinates, or give their unit by --units"
+            if (readings := explaining_units(height_m))
             else "convert the coordinates from millimetres, feet or whatever they are in, and export again",
         )

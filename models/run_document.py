@@ -54,7 +54,9 @@ _READ = {
 }
 
 
-def check_run_document(told: dict[str, Any], path: Path, *, whole_document: bool = True) -> dict[str, Any]:
+def check_run_document(
+    document: dict[str, Any], path: Path, *, whole_document: bool = True
+) -> dict[str, Any]:
     """Content of a `run.json`, if what is read of it is of its kind.
 
     Parameters
@@ -71,5 +73,5 @@ def check_run_document(told: dict[str, Any], path: Path, *, whole_document: bool
         At the first value that is missing or mistyped, by its name.
     """
     required = _REQUIRED if whole_document else {f"{key}?": shape for key, shape in _REQUIRED.items()}
-    check_shape(told, {**required, **_READ}, path)
-    return told
+    check_shape(document, {**required, **_READ}, path)
+    return document

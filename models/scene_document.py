@@ -87,16 +87,16 @@ def read_scene_document(path: Path) -> dict[str, Any]:
     FileNotFoundError
         If there is none.
     """
-    told = read_json(path)
-    if told.get("schema_version") != SCHEMA_VERSION:
+    document = read_json(path)
+    if document.get("schema_version") != SCHEMA_VERSION:
         raise InputError(
-            f"schema version {shown(told.get('schema_version'))}",
+            f"schema version {shown(document.get('schema_version'))}",
             where=str(path),
             expected=f"a scene of schema version {SCHEMA_VERSION}",
             remedy="make the scene anew with 'toppling scan' or Scene.save",
         )
-    check_shape(told, SHAPE, path)
-    normal = told["interface"]["normal"]
+    check_shape(document, SHAPE, path)
+    normal = document["interface"]["normal"]
     if not (abs(math.hypot(*normal) - 1.0) < 1e-6 and normal[2] > 0):
         raise InputError(
             f"interface.normal is {normal}",
@@ -104,11 +104,11 @@ def read_scene_document(path: Path) -> dict[str, Any]:
             expected="a unit vector that points up",
             remedy="make the scene anew with 'toppling scan' or Scene.save",
         )
-    if len(told["quasi_static_toppling_m_s2"]) > MOST_AZIMUTHS:
+    if len(document["quasi_static_toppling_m_s2"]) > MOST_AZIMUTHS:
         raise InputError(
-            f"quasi_static_toppling_m_s2 has {len(told['quasi_static_toppling_m_s2'])} rows",
+            f"quasi_static_toppling_m_s2 has {len(document['quasi_static_toppling_m_s2'])} rows",
             where=str(path),
             expected=f"at most {MOST_AZIMUTHS} azimuths",
             remedy="make the scene anew with 'toppling scan' or Scene.save",
         )
-    return told
+    return document

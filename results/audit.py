@@ -112,15 +112,15 @@ class Audit:
 
     def to_json(self) -> dict[str, Any]:
         """Plain numbers, null where there is none; intervals as `..._low` and `..._high`."""
-        told: dict[str, Any] = {}
+        content: dict[str, Any] = {}
         for name, value in asdict(self).items():
             if isinstance(value, dict):
                 stem = name.removesuffix("_percent")
-                told |= {name: value["value"], f"{stem}_low": value["low"], f"{stem}_high": value["high"]}
+                content |= {name: value["value"], f"{stem}_low": value["low"], f"{stem}_high": value["high"]}
             else:
-                told[name] = value
+                content[name] = value
         return {
-            name: None if isinstance(one, float) and math.isnan(one) else one for name, one in told.items()
+            name: None if isinstance(one, float) and math.isnan(one) else one for name, one in content.items()
         }
 
     @property
@@ -259,12 +259,12 @@ def median_shift_percent(
     influence, plausible = np.zeros(len(known)), np.zeros(len(known))
     log_shift, share_fitted = 0.0, 0.0
     for jobs in by_contact(known).values():
-        told = _Fragility.of(jobs, measure)
-        if told is None:
+        curve = _Fragility.of(jobs, measure)
+        if curve is None:
             continue
         rows, share = jobs.index.to_numpy(), len(jobs) / len(known)
-        influence[rows], plausible[rows] = share * told.influence, told.plausible
-        log_shift += share * told.log_shift(difference[rows] * len(known) / len(place))
+        influence[rows], plausible[rows] = share * curve.influence, curve.plausible
+        log_shift += share * curve.log_shift(difference[rows] * len(known) / len(place))
         share_fitted += share
     if not share_fitted:
         return Estimate(math.nan, math.nan, math.nan)

@@ -157,11 +157,11 @@ def _nrml(curves: list[Lognormal], name: str) -> str:
     model = ET.SubElement(
         root, f"{{{_SPACE}}}fragilityModel", id="toppling", assetCategory="rock", lossCategory="structural"
     )
-    told = (
+    documentation = (
         f"{_unfinished(known)}Toppling of {name}; PGA, PGV, PGD and CAV of the horizontal vector, SA the largest of "
         "all azimuths, IA the sum of two components"
     )
-    ET.SubElement(model, f"{{{_SPACE}}}description").text = told
+    ET.SubElement(model, f"{{{_SPACE}}}description").text = documentation
     ET.SubElement(model, f"{{{_SPACE}}}limitStates").text = "toppled"
     for curve in known:
         imt, factor = OPENQUAKE[curve.measure]
@@ -182,8 +182,8 @@ def _nrml(curves: list[Lognormal], name: str) -> str:
 def _unfinished(curves: Iterable[Lognormal]) -> str:
     """The remark of an unfinished run, which a person reads first."""
     remarks = dict.fromkeys(curve.basis.unfinished for curve in curves if curve.basis)
-    told = "; ".join(filter(None, remarks))
-    return f"UNFINISHED RUN: {told}. " if told else ""
+    remark = "; ".join(filter(None, remarks))
+    return f"UNFINISHED RUN: {remark}. " if remark else ""
 
 
 def _from_nrml(text: str) -> list[Lognormal]:
@@ -242,20 +242,20 @@ def _refuse_absent(names: Iterable[str]) -> None:
 
 
 def _row(curve: Lognormal) -> dict[str, Any]:
-    told = {name: getattr(curve, name) for name in _FIELDS}
-    told |= dict(zip(_INTERVAL, curve.median_interval, strict=True)) if curve.median_interval else {}
-    told |= asdict(curve.basis) if curve.basis else {}
-    return told | ({"samples": _samples_text(curve.resampled)} if curve.resampled and curve.basis else {})
+    row = {name: getattr(curve, name) for name in _FIELDS}
+    row |= dict(zip(_INTERVAL, curve.median_interval, strict=True)) if curve.median_interval else {}
+    row |= asdict(curve.basis) if curve.basis else {}
+    return row | ({"samples": _samples_text(curve.resampled)} if curve.resampled and curve.basis else {})
 
 
 def _samples_text(resampled: Resampled) -> str:
     """Median and beta of each bootstrap sample, `1.21 .39;1.18 .41;;...`; nothing for one without a fit."""
     found = iter(resampled.coefficients)
-    told = []
+    rows = []
     for has_fit in resampled.fitted[:SAMPLES_KEPT]:
         intercept, slope = next(found) if has_fit else (0.0, 1.0)
-        told.append(f"{math.exp(-intercept / slope):.7g} {1 / slope:.7g}" if has_fit else "")
-    return ";".join(told)
+        rows.append(f"{math.exp(-intercept / slope):.7g} {1 / slope:.7g}" if has_fit else "")
+    return ";".join(rows)
 
 
 def _of_samples_text(text: str, records: int) -> Resampled:

@@ -103,8 +103,8 @@ def _rarely_below(main: pd.DataFrame) -> Finding:
     share = float(weak["toppled"].mean())
     one = weak.assign(weight=1.0, pool=0)
     low, high = wilson(pd.Series([share]), effective_records(one, ["pool"]).reset_index(drop=True))
-    told = f"{share:.3f} of {len(weak)} jobs ({low[0]:.3f} to {high[0]:.3f}, by record)"
-    return Finding(name, paper, told, share < LOW_PROBABILITY)
+    share_words = f"{share:.3f} of {len(weak)} jobs ({low[0]:.3f} to {high[0]:.3f}, by record)"
+    return Finding(name, paper, share_words, share < LOW_PROBABILITY)
 
 
 def toppling_levels(main: pd.DataFrame) -> pd.DataFrame:
@@ -120,11 +120,11 @@ def toppling_levels(main: pd.DataFrame) -> pd.DataFrame:
 
 def _rank(table: pd.DataFrame, one: str, other: str) -> tuple[float, float, int]:
     """Spearman's correlation with its p value; records that never topple rank above all that do."""
-    told = table.dropna(subset=[other])
-    if len(told) < 5 or told[one].nunique() < 2 or told[other].nunique() < 2:
-        return math.nan, math.nan, len(told)
-    found = spearmanr(told[one].rank(), told[other])
-    return float(found.statistic), float(found.pvalue), len(told)
+    measured = table.dropna(subset=[other])
+    if len(measured) < 5 or measured[one].nunique() < 2 or measured[other].nunique() < 2:
+        return math.nan, math.nan, len(measured)
+    found = spearmanr(measured[one].rank(), measured[other])
+    return float(found.statistic), float(found.pvalue), len(measured)
 
 
 def _pga_falls_with(main: pd.DataFrame, measure: str, name: str) -> Finding:
@@ -157,24 +157,24 @@ def _correlation(rank: float, p: float, records: int) -> str:
 
 
 def _toward_the_overhang(main: pd.DataFrame, overhang_deg: float) -> Finding:
-    told = sector_share(
+    sector = sector_share(
         main, (overhang_deg - HALF_SECTOR_DEG) % 360.0, (overhang_deg + HALF_SECTOR_DEG) % 360.0
     )
     name, paper = (
         "topplings cluster around the overhang",
         "60 % of the cases in a sector of 35 degrees around it",
     )
-    if not told["toppled"]:
+    if not sector["toppled"]:
         return Finding(name, paper, "nothing toppled", None)
     azimuth = np.deg2rad(main["topple_azimuth_deg"].dropna().to_numpy(float))
     mean = np.exp(1j * azimuth).mean()
     off = abs((math.degrees(np.angle(mean)) - overhang_deg + 180.0) % 360.0 - 180.0)
     found = (
-        f"{100 * told['share_of_toppled']:.0f} % of {told['toppled']} topplings in a sector of {2 * HALF_SECTOR_DEG:g} "
-        f"degrees around {overhang_deg:g} degrees; their mean azimuth is {off:.0f} degrees off"
+        f"{100 * sector['share_of_toppled']:.0f} % of {sector['toppled']} topplings in a sector of "
+        f"{2 * HALF_SECTOR_DEG:g} degrees around {overhang_deg:g} degrees; their mean azimuth is {off:.0f} degrees off"
     )
     evenly = 2 * HALF_SECTOR_DEG / 360.0
-    return Finding(name, paper, found, bool(told["share_of_toppled"] > 2 * evenly and off < 45.0))
+    return Finding(name, paper, found, bool(sector["share_of_toppled"] > 2 * evenly and off < 45.0))
 
 
 def _directionality(main: pd.DataFrame) -> Finding:
@@ -191,14 +191,14 @@ def _lower_friction(rows: pd.DataFrame) -> Finding:
     if len(frictions(rows)) < 2:
         return Finding(name, paper, "one friction only", None)
     table = compare_jobs(rows, frictions(rows)[-1])
-    told = [
+    parts = [
         f"{counts.only_this} topple only at {friction_words(counts.friction_static, counts.friction_kinetic)}, "
         f"{counts.only_reference} only at the highest, of {counts.pairs} pairs"
         for counts in table.itertuples()
     ]
     more, fewer = int(table["only_this"].sum()), int(table["only_reference"].sum())
     unsure = not more + fewer or binomtest(more, more + fewer).pvalue >= UNSURE
-    return Finding(name, paper, "; ".join(told), None if unsure else more > fewer)
+    return Finding(name, paper, "; ".join(parts), None if unsure else more > fewer)
 
 
 def _within_the_band(rows: pd.DataFrame) -> Finding:

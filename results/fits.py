@@ -28,7 +28,7 @@ NO_HEADLINE = ("pga_vertical_m_s2",)
 def headline(models: Sequence[Fit]) -> Fit | None:
     """First of some fits, best first, that may stand for the run: of one measure, with a curve, horizontal."""
     return next(
-        (told for told in models if told.lognormal and told.measures[0] not in NO_HEADLINE),
+        (model for model in models if model.lognormal and model.measures[0] not in NO_HEADLINE),
         None,
     )
 
@@ -36,20 +36,20 @@ def headline(models: Sequence[Fit]) -> Fit | None:
 def summary(models: Sequence[Fit], resampled: Sequence[Resampled | None]) -> pd.DataFrame:
     """Fits as a table: one row a model, with percentile intervals (95 %) over the samples of `bootstrap`."""
     lines = []
-    for told, samples in zip(models, resampled, strict=True):
+    for model, samples in zip(models, resampled, strict=True):
         line: dict[str, object] = {
-            "measures": " + ".join(told.measures), "link": told.link, "problem": told.problem,
-            "jobs": told.jobs, "toppled": told.toppled, "records": told.records,
-            "largest_standing": told.bounds[0], "least_toppled": told.bounds[1],
+            "measures": " + ".join(model.measures), "link": model.link, "problem": model.problem,
+            "jobs": model.jobs, "toppled": model.toppled, "records": model.records,
+            "largest_standing": model.bounds[0], "least_toppled": model.bounds[1],
         }  # fmt: skip
-        if curve := told.lognormal:
+        if curve := model.lognormal:
             line |= {"median": curve.median, "beta": curve.beta}
         if samples is not None:
             found = samples.coefficients
             line |= {"samples": len(found), "samples_without_fit": samples.without_fit}
-            if told.lognormal:
+            if model.lognormal:
                 line |= lognormal_interval(samples)
-            for number, value in enumerate(told.coefficients):
+            for number, value in enumerate(model.coefficients):
                 low, high = samples.interval(found[:, number])
                 line[f"coefficient_{number}"] = value
                 line |= {f"coefficient_{number}_low": low, f"coefficient_{number}_high": high}

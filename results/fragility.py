@@ -277,11 +277,11 @@ def by_contact(frame: pd.DataFrame, columns: Sequence[str] = CONTACT_COLUMNS) ->
 def contact_words(jobs: pd.DataFrame, among: pd.DataFrame) -> str:
     """Say what tells jobs of one contact from others, as a figure prints it: always the friction."""
     first = jobs.iloc[0]
-    told = [friction_drawn(jobs)]
+    words = [friction_drawn(jobs)]
     for column, word in CONTACT_WORDS:
         if among[column].nunique() > 1:
-            told.append(word + _plain(first[column]))
-    return ", ".join(told)
+            words.append(word + _plain(first[column]))
+    return ", ".join(words)
 
 
 def friction_drawn(jobs: pd.DataFrame) -> str:
@@ -297,10 +297,10 @@ def friction_drawn(jobs: pd.DataFrame) -> str:
 
 def _contact_name(values: dict[str, object]) -> str:
     short = {"friction_static": "friction", "friction_kinetic": "kinetic", "scene_id": "scene"}
-    told = dict(values)
-    if told.get("friction_kinetic") == told.get("friction_static"):
-        told.pop("friction_kinetic", None)
-    return "_".join(f"{short.get(name, name)}-{_plain(value)}" for name, value in told.items())
+    named = dict(values)
+    if named.get("friction_kinetic") == named.get("friction_static"):
+        named.pop("friction_kinetic", None)
+    return "_".join(f"{short.get(name, name)}-{_plain(value)}" for name, value in named.items())
 
 
 def wilson(probability: pd.Series, trials: pd.Series, level: float = 0.95) -> tuple[pd.Series, pd.Series]:

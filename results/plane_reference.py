@@ -174,7 +174,7 @@ def simulate(
     for sentence in _notes(found):
         log.warning("%s", sentence)
     levels = np.asarray(list(levels_m_s2), float)
-    motions = sorted((_along_peak(ensemble, name) for name in record_ids), key=lambda told: len(told[2]))
+    motions = sorted((_along_peak(ensemble, name) for name in record_ids), key=lambda motion: len(motion[2]))
     tables = []
     for first in range(0, len(motions), RECORDS_AT_ONCE) if cuts else ():
         batch = motions[first : first + RECORDS_AT_ONCE]
@@ -206,8 +206,8 @@ def _notes(found: Mapping[float, Section | None]) -> Iterator[str]:
     if beside := {
         azimuth: cut.beside_m for azimuth, cut in found.items() if cut is not None and cut.beside_m
     }:
-        told = ", ".join(f"{azimuth:g} degrees ({beside_m:.2g} m)" for azimuth, beside_m in beside.items())
-        yield f"outermost contact points are brought into the section from beside it along {told}"
+        listed = ", ".join(f"{azimuth:g} degrees ({beside_m:.2g} m)" for azimuth, beside_m in beside.items())
+        yield f"outermost contact points are brought into the section from beside it along {listed}"
 
 
 def reference_lines(simulated: pd.DataFrame, probabilities: tuple[float, ...] = (0.01, 0.99)) -> pd.DataFrame:
@@ -220,9 +220,9 @@ def reference_lines(simulated: pd.DataFrame, probabilities: tuple[float, ...] = 
     """
     lines = [pd.DataFrame(columns=["azimuth_deg", "pgv_pga_s", "probability", "pga_m_s2"], dtype=float)]
     for azimuth, jobs in simulated.groupby("azimuth_deg"):
-        told: Fit = fit(jobs, MEASURES)
+        fitted: Fit = fit(jobs, MEASURES)
         # Few records may be divided by a line: it is where both probabilities are, but for half a job's doubt.
-        coefficients = softened(jobs, MEASURES) if told.problem else told.coefficients
+        coefficients = softened(jobs, MEASURES) if fitted.problem else fitted.coefficients
         if coefficients is None or coefficients[1] <= 0:
             continue
         intercept, on_pga, on_pulse = coefficients

@@ -78,9 +78,11 @@ def compare_measures(
     usable = [tuple(names) for names in chosen if (frame[list(names)].fillna(0.0) > 0).all(axis=None)]
     predictions = {names: out_of_fold(frame, names) for names in usable}
     truth = frame["toppled"].to_numpy(bool)
-    lines = [{"measures": " + ".join(names), **scores(truth, told)} for names, told in predictions.items()]
+    lines = [
+        {"measures": " + ".join(names), **scores(truth, guessed)} for names, guessed in predictions.items()
+    ]
     table = pd.DataFrame(lines, columns=["measures", "brier", "log_loss", "auc"])
-    losses = {" + ".join(names): _loss(truth, told.to_numpy()) for names, told in predictions.items()}
+    losses = {" + ".join(names): _loss(truth, guessed.to_numpy()) for names, guessed in predictions.items()}
     ranked = table.sort_values("log_loss", ignore_index=True)
     if not len(ranked) or math.isnan(ranked["log_loss"][0]):
         return ranked

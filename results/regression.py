@@ -91,22 +91,22 @@ def fit(frame: pd.DataFrame, measures: Sequence[str], link: str = "probit") -> F
     """
     names = tuple(measures)
     toppled = frame["toppled"].to_numpy(bool)
-    told = {
+    counts = {
         "measures": names, "link": link, "jobs": len(frame), "toppled": int(toppled.sum()),
         "records": frame["record_id"].nunique(), "bounds": _bounds(frame, names),
     }  # fmt: skip
     if toppled.all() or not toppled.any():
         which = "every job topples" if len(toppled) and toppled.all() else "no job topples"
-        return Fit(**told, coefficients=(), problem=which)
+        return Fit(**counts, coefficients=(), problem=which)
     if _separable(design_of(frame, names), toppled):
-        return Fit(**told, coefficients=(), problem=_separation(frame, names))
+        return Fit(**counts, coefficients=(), problem=_separation(frame, names))
     groups = grouped(frame, names)
     coefficients = regress(design_of(groups, names), groups, link)
     if coefficients is None:
-        return Fit(**told, coefficients=(), problem="the fit does not converge")
+        return Fit(**counts, coefficients=(), problem="the fit does not converge")
     if is_flat(coefficients):
-        return Fit(**told, coefficients=(), problem="probability does not rise with the measure")
-    return Fit(**told, coefficients=tuple(float(value) for value in coefficients))
+        return Fit(**counts, coefficients=(), problem="probability does not rise with the measure")
+    return Fit(**counts, coefficients=tuple(float(value) for value in coefficients))
 
 
 def softened(frame: pd.DataFrame, measures: Sequence[str]) -> tuple[float, ...] | None:

@@ -51,11 +51,11 @@ def time_limit(connection: duckdb.DuckDBPyConnection, trusted: bool) -> Iterator
     except (duckdb.InterruptException, duckdb.OutOfMemoryException, OSError, pa.ArrowException) as error:
         if trusted:  # then it was somebody else who stopped it, as by Ctrl-C
             raise
-        told = first_line(error)
+        reason = first_line(error)
         # What fails while the answer is fetched comes through Arrow, by its message.
-        if isinstance(error, duckdb.InterruptException) or "INTERRUPT Error" in told:
+        if isinstance(error, duckdb.InterruptException) or "INTERRUPT Error" in reason:
             raise too_much(f"the query took more than {TIME_S:g} s and was stopped") from error
-        raise too_much(f"the query cannot be answered ({told})") from error
+        raise too_much(f"the query cannot be answered ({reason})") from error
     finally:
         watch.cancel()
 

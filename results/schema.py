@@ -127,6 +127,6 @@ def columns(*groups: str) -> list[str]:
 
 def describe(field: pa.Field) -> dict[str, str]:
     """Name, type, group, unit and description of a column."""
-    told = {key.decode(): text.decode() for key, text in (field.metadata or {}).items()}
-    known = {key: told.get(key, "") for key in ("group", "unit", "description")}
+    metadata = {key.decode(): text.decode() for key, text in (field.metadata or {}).items()}
+    known = {key: metadata.get(key, "") for key in ("group", "unit", "description")}
     return {"column": field.name, "type": str(field.type), **known}

@@ -87,12 +87,12 @@ class Unphysical:
 
     def to_json(self) -> dict[str, Any]:
         """Plain numbers, null where there is none."""
-        told = asdict(self)
-        for one in (told, *told["records"]):
+        content = asdict(self)
+        for one in (content, *content["records"]):
             one |= {
                 name: None for name, value in one.items() if isinstance(value, float) and math.isnan(value)
             }
-        return told
+        return content
 
 
 def unphysical_of(run: Run, frame: pd.DataFrame | None = None) -> Unphysical | None:

@@ -159,8 +159,8 @@ def sheet(path: Path) -> Iterator[Mapping[str, Any]]:
     except InputError:
         raise
     except _NO_WORKBOOK as error:
-        told = str(error) or type(error).__name__
-        raise _no_experiment(f"is no workbook, or a damaged one ({told})", path) from None
+        reason = str(error) or type(error).__name__
+        raise _no_experiment(f"is no workbook, or a damaged one ({reason})", path) from None
     yield from rows
 
 

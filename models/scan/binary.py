@@ -113,12 +113,12 @@ def e57(path: Path) -> Points:
         points = _e57_points(source, header, path)
         steps.append(coordinate_steps(points))
         scans.append(_posed(points, header.node, path))
-    told = _said(lambda: (None, _e57_system(source, headers, path)))
-    told["step"] = np.max(steps, axis=0).tolist()
+    stated = _said(lambda: (None, _e57_system(source, headers, path)))
+    stated["step"] = np.max(steps, axis=0).tolist()
     if not scans:
-        return told, [np.empty((0, 3)), np.empty(0, np.int32)]
+        return stated, [np.empty((0, 3)), np.empty(0, np.int32)]
     lengths = [len(scan) for scan in scans]
-    return told, [np.concatenate(scans), np.repeat(np.arange(len(scans), dtype=np.int32), lengths)]
+    return stated, [np.concatenate(scans), np.repeat(np.arange(len(scans), dtype=np.int32), lengths)]
 
 
 def _e57_points(source: Any, header: Any, path: Path) -> NDArray[np.float64]:
@@ -212,8 +212,8 @@ def pcd(path: Path) -> Points:
     with path.open("rb") as file:
         head = file.read(PCD_HEADER_BYTES).partition(b"\nDATA")[0].decode("latin-1")
     remarks = [line.lstrip("# ") for line in head.splitlines() if line.startswith("#")]
-    told = _said(lambda: _of_remarks(remarks, path))
-    return told | {"step": coordinate_steps(points).tolist()}, [points, station.astype(np.int32)]
+    header = _said(lambda: _of_remarks(remarks, path))
+    return header | {"step": coordinate_steps(points).tolist()}, [points, station.astype(np.int32)]
 
 
 def _of_remarks(remarks: list[str], path: Path) -> tuple[str | None, reference.Reference | None]:
@@ -225,22 +225,23 @@ def _pcd_points(path: Path) -> int:
     """Points that a PCD's header counts, if the file can hold them: Open3D leaves what is missing unset."""
     with path.open("rb") as file:
         head = file.read(PCD_HEADER_BYTES)
-    told: dict[str, list[str]] = {}
+    header: dict[str, list[str]] = {}
     at = 0
     for line in head.splitlines(keepends=True):
         at += len(line)
         key, *words = line.decode("latin-1").split() or ["#"]
-        told[key] = words
+        header[key] = words
         if key == "DATA":
             break
     room = path.stat().st_size - at
     try:
-        (count,), (kind,) = map(int, told["POINTS"]), told["DATA"]
-        sizes = list(map(int, told["SIZE"]))
+        (count,), (kind,) = map(int, header["POINTS"]), header["DATA"]
+        sizes = list(map(int, header["SIZE"]))
         row = sum(
-            size * int(many) for size, many in zip(sizes, told.get("COUNT", ["1"] * len(sizes)), strict=True)
+            size * int(many)
+            for size, many in zip(sizes, header.get("COUNT", ["1"] * len(sizes)), strict=True)
         )
-        sound = count == int(told["WIDTH"][0]) * int(told["HEIGHT"][0]) and min(sizes, default=0) > 0
+        sound = count == int(header["WIDTH"][0]) * int(header["HEIGHT"][0]) and min(sizes, default=0) > 0
     except (KeyError, ValueError, IndexError) as error:
         raise _damaged(f"its header is not understood ({type(error).__name__}: {error})", path) from error
     if not sound or row <= 0 or count < 0:

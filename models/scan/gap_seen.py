@@ -132,10 +132,10 @@ def hidden_part(
     chosen[::stride, ::stride] = True
     inner = grid.nodes_m[under.hidden & chosen]
     rim = _outlined(under, height_m) if under.outline is not None else _seen_rim(under, low, lit, height_m)
-    told = [interface.flat(each)[:, :2] for each in (inspection.touching_m, inspection.open_m)]
-    places = np.vstack([inner, rim.places_m, *told])
-    _check_under_the_rock(inspection, np.vstack(told), places[: len(inner) + len(rim.gap_m)], height_m)
-    first = np.cumsum([len(inner), len(rim.gap_m), len(told[0])])
+    inspected = [interface.flat(each)[:, :2] for each in (inspection.touching_m, inspection.open_m)]
+    places = np.vstack([inner, rim.places_m, *inspected])
+    _check_under_the_rock(inspection, np.vstack(inspected), places[: len(inner) + len(rim.gap_m)], height_m)
+    first = np.cumsum([len(inner), len(rim.gap_m), len(inspected[0])])
     floor = np.zeros(len(places))
     floor[: first[0]] = _least_gap(under).ravel()[grid.index(inner)]
     floor[first[2] :] = LEAST_GAP_PER_HEIGHT * height_m
@@ -238,9 +238,9 @@ def check_on_interface(inspection: Inspection, interface: Interface, height_m: f
         )
 
 
-def _check_under_the_rock(inspection: Inspection, told: Array, places: Array, height_m: float) -> None:
+def _check_under_the_rock(inspection: Inspection, inspected: Array, places: Array, height_m: float) -> None:
     """Refuse a place of an inspection that is none of the base."""
-    if len(told) and (away := cKDTree(places).query(told)[0]).max() > NOT_UNDER_THE_ROCK * height_m:
+    if len(inspected) and (away := cKDTree(places).query(inspected)[0]).max() > NOT_UNDER_THE_ROCK * height_m:
         raise inspection.misplaced(
             int(away.argmax()),
             f"the place lies {away.max():.3g} m from the hidden base and its rim",

@@ -105,8 +105,10 @@ def _refuse_other_units(against: list[_Against], cloud: Cloud) -> None:
     gain, larger, unit, number = max(gains, key=lambda each: (each[0] > FITS_BETTER, each[1], each[0]))
     if gain > FITS_BETTER:
         name = next(word for word, length in LENGTHS_M.items() if length in (unit, 1.0 / unit))
-        told = f"read as {name} it fits the others" if larger else f"the others, read as {name}, fit it"
-        raise _no_overlap(f"is in other units than the other clouds: {told}", cloud.files[number][0])
+        explanation = (
+            f"read as {name} it fits the others" if larger else f"the others, read as {name}, fit it"
+        )
+        raise _no_overlap(f"is in other units than the other clouds: {explanation}", cloud.files[number][0])
 
 
 def _size(points: NDArray[np.float64]) -> float:

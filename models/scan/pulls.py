@@ -75,14 +75,14 @@ def check_joint(pulls: Pulls, ratios: Array, weight: Array, before: Array) -> No
     agree = (_misfits(pulls, ratios) <= ERROR_STDS).all(axis=1)
     if weight[agree].sum() >= 0.5 * weight.sum():
         return
-    told = "; ".join(
+    listed = "; ".join(
         "toward azimuth {:g}° they bear {:.3g} to {:.3g}, measured is {:g}".format(
             azimuth, *_span(drawn, before), ratio
         )
         for (azimuth, ratio), drawn in zip(pulls, ratios.T, strict=True)
     )
     raise _contradicted(
-        f"next to no drawn base agrees with {'all pulls' if len(pulls) > 1 else 'the pull'}: {told}",
+        f"next to no drawn base agrees with {'all pulls' if len(pulls) > 1 else 'the pull'}: {listed}",
         "--pull" if len(pulls) > 1 else "--pull {:g} {:g}".format(*pulls[0]),
         f"ratios that one drawn base bears, within the test's error of {100 * ERROR_STDS * PULL_STD_SHARE:.0f} %",
     )

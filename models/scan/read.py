@@ -78,14 +78,14 @@ class Source:
 
     def to_json(self) -> dict[str, Any]:
         """The same for `scene.json`, without what is empty."""
-        told: dict[str, Any] = {"name": self.name, "points": self.points, "step_m": self.step_m}
+        content: dict[str, Any] = {"name": self.name, "points": self.points, "step_m": self.step_m}
         if self.left_out:
-            told["points_left_out"] = self.left_out
+            content["points_left_out"] = self.left_out
         if self.unit_by:
-            told |= {"metres_per_unit": [*self.metres_per_unit], "unit_by": self.unit_by}
+            content |= {"metres_per_unit": [*self.metres_per_unit], "unit_by": self.unit_by}
         if self.system:
-            told |= {"coordinate_system": self.system, "epsg": self.epsg}
-        return told
+            content |= {"coordinate_system": self.system, "epsg": self.epsg}
+        return content
 
 
 @dataclass(frozen=True, eq=False)

@@ -71,23 +71,23 @@ def of_geo_keys(keys: bytes, doubles: bytes, where: str) -> Reference | None:
     InputError
         As of `of_wkt`.
     """
-    told = _keys(keys, doubles)
-    model = told.get(MODEL, PROJECTED_MODEL if PROJECTED_CODE in told else None)
-    if model == GEOGRAPHIC_MODEL or (model is None and GEOGRAPHIC_CODE in told):
+    values = _keys(keys, doubles)
+    model = values.get(MODEL, PROJECTED_MODEL if PROJECTED_CODE in values else None)
+    if model == GEOGRAPHIC_MODEL or (model is None and GEOGRAPHIC_CODE in values):
         raise in_degrees(f"GeoTIFF key {MODEL} is {GEOGRAPHIC_MODEL}, geographic", where)
     if model == GEOCENTRIC_MODEL:
         raise _geocentric(where)
-    code = told.get(PROJECTED_CODE, USER_DEFINED)
+    code = values.get(PROJECTED_CODE, USER_DEFINED)
     plane = of_code(int(code), where) if 0 < code < USER_DEFINED else None
-    across = _unit(told, LINEAR_UNIT, told.get(LINEAR_SIZE), where)
-    up = _unit(told, VERTICAL_UNIT, None, where)
+    across = _unit(values, LINEAR_UNIT, values.get(LINEAR_SIZE), where)
+    up = _unit(values, VERTICAL_UNIT, None, where)
     if across is None and plane is None and up is None:
         return None
     stated = across or (plane["metres_per_unit"][0] if plane else None)
     if stated is None:
         raise _not_understood(f"keys that state the unit of heights alone ({up} m)", where)
-    if up is None and 0 < told.get(VERTICAL_CODE, 0) < USER_DEFINED:
-        up = _vertical(int(told[VERTICAL_CODE]))
+    if up is None and 0 < values.get(VERTICAL_CODE, 0) < USER_DEFINED:
+        up = _vertical(int(values[VERTICAL_CODE]))
     note = (
         ""
         if up is not None or stated == 1.0
@@ -185,21 +185,21 @@ def _keys(keys: bytes, doubles: bytes) -> dict[int, float]:
     """Numbers of GeoTIFF's keys."""
     words = struct.unpack(f"<{len(keys) // 2}H", keys[: len(keys) // 2 * 2])
     numbers = struct.unpack(f"<{len(doubles) // 8}d", doubles[: len(doubles) // 8 * 8])
-    told: dict[int, float] = {}
+    values: dict[int, float] = {}
     for at in range(4, min(len(words), 4 + 4 * (words[3] if len(words) > 3 else 0)) - 3, 4):
         key, place, count, value = words[at : at + 4]
         if place == 0:
-            told[key] = value
+            values[key] = value
         elif place == GEO_DOUBLES and count >= 1 and value < len(numbers):
-            told[key] = numbers[value]
-    return told
+            values[key] = numbers[value]
+    return values
 
 
-def _unit(told: dict[int, float], key: int, size: float | None, where: str) -> float | None:
+def _unit(values: dict[int, float], key: int, size: float | None, where: str) -> float | None:
     """Metres of the unit that a key names by its code in EPSG, None if there is none."""
     from pyproj.database import get_units_map
 
-    code = int(told.get(key, 0))
+    code = int(values.get(key, 0))
     if code in (0, USER_DEFINED):
         if code and key == LINEAR_UNIT and (size is None or not 1e-6 < size < 1e6):
             raise _not_understood("a unit of its own without its size", where)

@@ -85,7 +85,7 @@ def register(cloud: Cloud) -> tuple[Cloud, dict[str, Any]]:
     return dataclasses.replace(cloud, points_m=points), report
 
 
-def check_fit(cloud: Cloud, told: dict[str, Any]) -> None:
+def check_fit(cloud: Cloud, registration: dict[str, Any]) -> None:
     """Refuse a station that lies where the others are but shows other places than they do: it is off.
 
     Parameters
@@ -100,7 +100,9 @@ def check_fit(cloud: Cloud, told: dict[str, Any]) -> None:
         If one of three stations or more pairs far less and far worse than the others.
     """
     fits = [
-        (k, each) for k, each in enumerate(told.get("of_stations", [])) if each["paired_share"] is not None
+        (k, each)
+        for k, each in enumerate(registration.get("of_stations", []))
+        if each["paired_share"] is not None
     ]
     if len(fits) < 3:
         return  # of two nobody can say which is off
@@ -116,8 +118,8 @@ def check_fit(cloud: Cloud, told: dict[str, Any]) -> None:
         np.searchsorted(np.cumsum([n for _, n in cloud.files]), np.argmax(cloud.station == number), "right")
     )
     raise InputError(
-        f"station {number + 1} of {told['stations']} does not fit the others: {worst['paired_share']:.0%} of its "
-        f"points near theirs show the same place, of theirs {usual:.0%}",
+        f"station {number + 1} of {registration['stations']} does not fit the others: {worst['paired_share']:.0%} of "
+        f"its points near theirs show the same place, of theirs {usual:.0%}",
         where=cloud.files[file][0],
         expected="stations registered to each other, with what is left small enough to be taken out here",
         remedy="register this station anew, or leave it out",

@@ -46,8 +46,8 @@ def fit_table(summary: pd.DataFrame, known: pd.DataFrame) -> pd.DataFrame:
 
 def _with_interval(numbers: Iterable[float], beyond: Iterable[bool]) -> str:
     """A number with its interval, in words if it is far beyond what was shaken."""
-    told = [FAR_WORDS if far else _three_digits(one) for one, far in zip(numbers, beyond, strict=True)]
-    return f"{told[0]} ({told[1]} to {told[2]})" if told[1] and told[2] else told[0]
+    ends = [FAR_WORDS if far else _three_digits(one) for one, far in zip(numbers, beyond, strict=True)]
+    return f"{ends[0]} ({ends[1]} to {ends[2]})" if ends[1] and ends[2] else ends[0]
 
 
 def few_records(records: int) -> str:

@@ -269,12 +269,12 @@ def _points_of(axes: Axes, width: Array, height: Array) -> tuple[Array, Array]:
 def _left_out(plane: Plane, unplaced: int, beyond: int) -> list[str]:
     """What the map does not show, a line each."""
     ends = [f"{axis.below:g} {axis.unit}" for axis in (plane.x, plane.y) if axis.below is not None]
-    told = []
+    lines = []
     if beyond:
-        told.append(f"Not shown: {beyond:,} jobs from {' or '.join(ends)} on.")
+        lines.append(f"Not shown: {beyond:,} jobs from {' or '.join(ends)} on.")
     if unplaced:
-        told.append(f"In no cell: {unplaced:,} jobs whose measures are not known.")
-    return told
+        lines.append(f"In no cell: {unplaced:,} jobs whose measures are not known.")
+    return lines
 
 
 def _frame_cells(axes: Axes, table: pd.DataFrame, plane: Plane) -> None:

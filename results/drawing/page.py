@@ -70,14 +70,14 @@ def scene_page(scene: Scene, name: str, notes: Sequence[str] = ()) -> str:
         Sentences below the numbers.
     """
     low, high = scene.rock.vertices_m.min(axis=0), scene.rock.vertices_m.max(axis=0)
-    told = _stage(scene, 0.5 * (low + high), 0.5 * float(np.linalg.norm(high - low)), _eye(35.0))
+    stage = _stage(scene, 0.5 * (low + high), 0.5 * float(np.linalg.norm(high - low)), _eye(35.0))
     lines = "\n".join(numbers_of(scene, notes)).replace("\n  ", " ").split("\n")  # what is indented goes on
     items = "".join(f"<li>{escape(line)}</li>" for line in lines)
     body = (
         f'<h1>{escape(name)}</h1><div id="view">{_COMPASS}</div>{_HINT}{_LINES if interface_lines(scene) else ""}'
         f'<div class="beside"><div>{_statics_svg(scene)}</div><ul>{items}</ul></div>'
     )
-    return _page(f"{name}: scene", body, told, "scene")
+    return _page(f"{name}: scene", body, stage, "scene")
 
 
 def replay_page(replay: Replay, title: str) -> str:
@@ -92,8 +92,8 @@ def replay_page(replay: Replay, title: str) -> str:
     times = shown_times(replay, PAGE_HZ, PAGE_POSES)
     position, turn = replay.at(times)
     target, radius = _framed(replay, position)
-    told = _stage(replay.scene, target, radius, _eye(azimuth_across(replay)))
-    told["replay"] = _motion_of(replay, times, position, turn)
+    stage = _stage(replay.scene, target, radius, _eye(azimuth_across(replay)))
+    stage["replay"] = _motion_of(replay, times, position, turn)
     at_return = (
         f' <span style="background:{ALARM_COLOUR}"></span>point of no return'
         if replay.topple_time_s is not None
@@ -110,7 +110,7 @@ def replay_page(replay: Replay, title: str) -> str:
 </div><p class="hint">Ground acceleration toward east, north and up (m/s²), and the rock's tilt. Touch the traces to go
 to a time; space plays.</p>
 {_HINT}<p class="hint">Seen from the pedestal, which moves with the ground.</p>"""
-    return _page(title, body, told, "replay")
+    return _page(title, body, stage, "replay")
 
 
 _LINES = (
@@ -229,11 +229,11 @@ def _statics_svg(scene: Scene) -> str:
     return svg_text(figure)
 
 
-def _page(title: str, body: str, told: Mapping[str, Any], kind: str) -> str:
+def _page(title: str, body: str, described: Mapping[str, Any], kind: str) -> str:
     room = files("toppling.results.drawing")
     look, script = (room.joinpath(name).read_text(encoding="utf-8") for name in ("viewer.css", "viewer.js"))
     library = room.joinpath("vendor/three.min.js").read_text(encoding="utf-8")
-    content = json.dumps(told).replace("</", "<\\/")
+    content = json.dumps(described).replace("</", "<\\/")
     return (
         f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><meta name="viewport" '
         f'content="width=device-width, initial-scale=1"><title>{escape(title)}</title><style>{look}</style></head>\n'

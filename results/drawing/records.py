@@ -96,7 +96,7 @@ def scatter(axes: Axes, x: Array, y: Array, names: list[str], colour: object) ->
     inside = (x <= end) & (y >= bottom) & (y <= top)
     axes.scatter(x[inside], y[inside], s=12, alpha=0.75, color=colour, linewidths=0)
     axes.set(xlim=(0.0, end), yscale="log", ylim=(bottom, top))
-    told = []
+    lines = []
     for marker, sign, beyond, off, value in (
         (">", "▶", (x > end) & (y > 0), (-1, 0), x),
         ("v", "▼", (x <= end) & (y < bottom), (0, 1), y),
@@ -109,9 +109,9 @@ def scatter(axes: Axes, x: Array, y: Array, names: list[str], colour: object) ->
             linewidths=0, transform=axes.transData + inward,
         )  # fmt: skip
         farthest = some[np.argsort(value[some])] if marker == "v" else some[np.argsort(-value[some])]
-        told += [f"{sign} {_shortened(names[place])}: {value[place]:.3g}" for place in farthest]
-    more = [f"and {len(told) - MOST_NAMED} more beyond"] if len(told) > MOST_NAMED else []
-    axes.set_title("\n".join(told[:MOST_NAMED] + more), size=6.5, loc="right")
+        lines += [f"{sign} {_shortened(names[place])}: {value[place]:.3g}" for place in farthest]
+    more = [f"and {len(lines) - MOST_NAMED} more beyond"] if len(lines) > MOST_NAMED else []
+    axes.set_title("\n".join(lines[:MOST_NAMED] + more), size=6.5, loc="right")
 
 
 def _draw_spectra(ensemble: Ensemble, axes: Axes) -> None:

@@ -69,11 +69,11 @@ def write_maps(
     for contact, jobs in by_contact(frame).items():
         place = folder / contact
         place.mkdir(parents=True, exist_ok=True)
-        told, title = [], contact_words(jobs, frame)
+        left_out, title = [], contact_words(jobs, frame)
         for plane in planes:
             table = cells(jobs, plane)
             missing, outside = unplaced(jobs, plane), beyond(jobs, plane)
-            told.append((plane.name, len(jobs), missing, outside))
+            left_out.append((plane.name, len(jobs), missing, outside))
             yield save_table(table, place / f"{plane.name}.csv")
             drawn = map_figure(table, plane, title, missing, outside, records_on(jobs, plane))
             yield from save(drawn, place / plane.name, _remark(run))
@@ -81,13 +81,13 @@ def write_maps(
                 continue
             split = DirectionCells.of(jobs, plane, directions)
             stem = place / f"{plane.name}_by_direction"
-            told.append((stem.name, len(jobs), split.unplaced, outside))
+            left_out.append((stem.name, len(jobs), split.unplaced, outside))
             yield save_table(split.table, stem.with_name(f"{stem.name}.csv"))
             lines = reference if plane.name == "pga_pgv_pga" else None
             if lines is not None:
                 yield save_table(lines, stem.with_name(f"{stem.name}_reference.csv"))
             yield from save(direction_figure(split, title, lines), stem, _remark(run))
-        counts = pd.DataFrame(told, columns=["map", "jobs", "unplaced", "beyond"])
+        counts = pd.DataFrame(left_out, columns=["map", "jobs", "unplaced", "beyond"])
         yield save_table(counts, place / "unplaced.csv")
 
 

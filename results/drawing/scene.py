@@ -73,7 +73,7 @@ def scene_picture(scene: Scene, notes: Sequence[str] = (), width_in: float = FUL
     width_in : float
         Three panels a row on a page's width, one on less.
     """
-    printed = [line for told in [*numbers_of(scene, notes), LEGEND] for line in wrapped(told)]
+    printed = [line for sentence in [*numbers_of(scene, notes), LEGEND] for line in wrapped(sentence)]
     with style():
         if width_in >= FULL_WIDTH_IN:
             lines_in = 0.13 * len(printed)
@@ -253,13 +253,13 @@ def draw_statics(axes: PolarAxes, scene: Scene) -> None:
     around, low, high, level = base_interval(scene)
     if len(around):
         axes.fill_between(np.deg2rad(around), low, high, color=CONTACT_COLOUR, alpha=0.18, linewidth=0)
-    told = [
+    labels = [
         STATICS_TITLE,
         *([f"blue band: {100 * level:.0f} % of possible bases"] if len(around) else []),
         *([BAND_TITLE] if spread.any() else []),
         *beyond_frame(value),
     ]
-    axes.set_title("\n".join(told))
+    axes.set_title("\n".join(labels))
     mark_winds(axes, emptiest_deg(azimuth_deg[:-1], value[:-1]))
 
 

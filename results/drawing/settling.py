@@ -41,8 +41,8 @@ def draw(
         FigureCanvasAgg(figure)
         _plan(figure.add_subplot(1, 2, 1), scanned, stands, outline_m)
         _roses(figure.add_subplot(1, 2, 2, projection="polar"), rose_scanned, rose_stands)
-        told = [axes.get_legend_handles_labels() for axes in figure.axes]
-        lines, names = ([one for part in parts for one in part] for parts in zip(*told, strict=True))
+        legends = [axes.get_legend_handles_labels() for axes in figure.axes]
+        lines, names = ([one for part in parts for one in part] for parts in zip(*legends, strict=True))
         figure.legend(lines, names, loc="outside lower center", ncols=2, frameon=False)
         figure.savefig(path, format="png")
 

@@ -79,10 +79,10 @@ def save(figure: Figure, stem: Path, remark: str = "") -> list[Path]:
     written = []
     with style():
         box = _headed(figure, remark)
-        for suffix, told in ((".png", {"Software": None}), (".svg", {"Date": None})):
+        for suffix, metadata in ((".png", {"Software": None}), (".svg", {"Date": None})):
             target = stem.with_name(stem.name + suffix)
             with new_file(target) as hidden:
-                figure.savefig(hidden, format=suffix[1:], metadata=told, bbox_inches=box)
+                figure.savefig(hidden, format=suffix[1:], metadata=metadata, bbox_inches=box)
             written.append(target)
     return written
 

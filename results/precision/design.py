@@ -122,29 +122,29 @@ def judge(pool: Pool, observed: Mapping[str, Answers], target: Target, precision
         return replace(unknown, ended=True, reason=reason)
     measure = target.measure or best_measure(observed)
     curve = fit_curve(observed[measure])
-    told = estimate(curve, target, len(pool.rows))
-    known = replace(unknown, measure=measure, curve=curve, estimate=told)
+    found = estimate(curve, target, len(pool.rows))
+    known = replace(unknown, measure=measure, curve=curve, estimate=found)
     steep = curve.slope_variance / SLOPE_VARIANCE
     if jobs < LEAST_JOBS or least < LEAST_OF_EACH or (steep > 1.0 and jobs < SHARP_JOBS):
         return replace(known, jobs_needed=math.ceil(jobs * max(min(steep, 2.0), 1.0)))
-    if told.precision <= precision and _reaches(pool, curve, measure, target):
+    if found.precision <= precision and _reaches(pool, curve, measure, target):
         return replace(known, ended=True, jobs_needed=jobs)
     # A part of the variance falls with the number of jobs, the other with that of records alone.
-    allowed = (precision / told.scale / curve.student(math.inf)) ** 2
-    if allowed < told.pairs and told.independent <= RECORDS_BOUND * told.pairs:
-        more = math.ceil(len(pool.rows) * (told.pairs / allowed - 1.0))
-        bear = f"{len(pool.rows)} records bear {100 * told.bearable:.1f} %"
+    allowed = (precision / found.scale / curve.student(math.inf)) ** 2
+    if allowed < found.pairs and found.independent <= RECORDS_BOUND * found.pairs:
+        more = math.ceil(len(pool.rows) * (found.pairs / allowed - 1.0))
+        bear = f"{len(pool.rows)} records bear {100 * found.bearable:.1f} %"
         reason = f"{bear}; some {_rounded(more)} more would be needed"
         return replace(known, ended=True, reason=reason, jobs_needed=jobs)
-    return replace(known, jobs_needed=min(_needed(jobs, curve, told, precision), pool.rows.size))
+    return replace(known, jobs_needed=min(_needed(jobs, curve, found, precision), pool.rows.size))
 
 
-def _needed(jobs: int, curve: Curve, told: Estimate, precision: float) -> int:
+def _needed(jobs: int, curve: Curve, found: Estimate, precision: float) -> int:
     """Jobs that reach a precision, or show that records do not bear it."""
     for times in 1.05 ** np.arange(1, 120):
-        left = told.independent / times
-        half = told.scale * curve.student(times) * math.sqrt(left + told.pairs)
-        if half <= precision or left <= RECORDS_BOUND * told.pairs:
+        left = found.independent / times
+        half = found.scale * curve.student(times) * math.sqrt(left + found.pairs)
+        if half <= precision or left <= RECORDS_BOUND * found.pairs:
             break
     return math.ceil(times * jobs)
 

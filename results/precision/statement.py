@@ -34,7 +34,7 @@ def statement_of(rounds: Rounds, answered: int, records: int, contact: Mapping[s
     """
     verdict = rounds.verdict
     assert verdict is not None
-    told: dict[str, Any] = {
+    content: dict[str, Any] = {
         "contact": dict(contact), "target": rounds.target.name, "at": rounds.target.intensity,
         "measure": verdict.measure, "asked": rounds.precision, "jobs": rounds.judged, "answered": answered,
         "records": records, "rounds": list(rounds.sizes), "ended": verdict.ended, "reason": verdict.reason,
@@ -43,7 +43,7 @@ def statement_of(rounds: Rounds, answered: int, records: int, contact: Mapping[s
     found, curve = verdict.estimate, verdict.curve
     if found is None or curve is None:
         return {
-            **told,
+            **content,
             "value": None,
             "sentence": f"nothing can be stated yet: {verdict.reason or 'too few answers'}",
         }
@@ -55,15 +55,15 @@ def statement_of(rounds: Rounds, answered: int, records: int, contact: Mapping[s
     elif not verdict.ended:
         sentence += f"; about {verdict.jobs_needed} jobs are needed for {100 * rounds.precision:.3g} %"
     return {
-        **told, "value": found.value, "low": found.low, "high": found.high, "precision": found.precision,
+        **content, "value": found.value, "low": found.low, "high": found.high, "precision": found.precision,
         "median": curve.median, "beta": curve.beta, "words": words, "sentence": sentence,
     }  # fmt: skip
 
 
 def write_statements(run: Path, statements: Sequence[Mapping[str, Any]], plan_id: str) -> None:
     """Write what a run states, one entry a contact."""
-    told = {"schema_version": SCHEMA_VERSION, "plan_id": plan_id, "statements": list(statements)}
-    write_json(run / STATEMENT_FILE, told)
+    content = {"schema_version": SCHEMA_VERSION, "plan_id": plan_id, "statements": list(statements)}
+    write_json(run / STATEMENT_FILE, content)
 
 
 def statements_of(run: Path) -> list[dict[str, Any]]:
@@ -77,16 +77,16 @@ def statements_of(run: Path) -> list[dict[str, Any]]:
     path = run / STATEMENT_FILE
     if not path.exists():
         return []
-    told = read_json(path, required=True)
-    if not isinstance(told, dict) or told.get("schema_version") != SCHEMA_VERSION:
+    content = read_json(path, required=True)
+    if not isinstance(content, dict) or content.get("schema_version") != SCHEMA_VERSION:
         raise InputError(
             "is of another layout",
             where=str(path),
             expected=f"schema version {SCHEMA_VERSION}",
             remedy="remove it and go on with the run: it is written anew",
         )
-    check_plan_id(run, path, told.get("plan_id"))
-    return list(told["statements"])
+    check_plan_id(run, path, content.get("plan_id"))
+    return list(content["statements"])
 
 
 def sentences(statements: Sequence[Mapping[str, Any]]) -> list[str]:
@@ -100,5 +100,5 @@ def _contact(contact: Mapping[str, float]) -> str:
 
 
 def _begun(sentence: str, contact: str) -> str:
-    told = contact + sentence
-    return told[0].upper() + told[1:] if not told.startswith(tuple(SHORT_NAMES.values())) else told
+    begun = contact + sentence
+    return begun[0].upper() + begun[1:] if not begun.startswith(tuple(SHORT_NAMES.values())) else begun

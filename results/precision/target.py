@@ -81,11 +81,11 @@ class Target:
         if self.name == "probability":
             at = f"at a {name} of {self.intensity:g} {unit}"
             return f"{100 * value:.0f} % topple {at}, 95 %: {100 * low:.0f} to {100 * high:.0f} %"
-        told = f"{value:.3g}", f"{low:.3g} to {high:.3g}"
+        ends = f"{value:.3g}", f"{low:.3g} to {high:.3g}"
         if self.name == "rate":
-            return f"the rock topples {told[0]} times a year under {name}, 95 %: {told[1]}"
+            return f"the rock topples {ends[0]} times a year under {name}, 95 %: {ends[1]}"
         share = {"median": "half topple", "p05": "5 % topple", "p95": "95 % topple"}[self.name]
-        return f"{share} at a {name} of {told[0]} {unit}, 95 %: {told[1]}"
+        return f"{share} at a {name} of {ends[0]} {unit}, 95 %: {ends[1]}"
 
 
 @dataclass(frozen=True)

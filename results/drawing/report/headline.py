@@ -75,11 +75,11 @@ def how_likely(content: Content) -> str:
     levels = known["level_pga_m_s2"]
     share = (weight * known["toppled"]).groupby(levels).sum() / weight.groupby(levels).sum()
     weighted = ", with weighted bases" if "base_weight" in known else ""
-    told = [f"{_percent(share.iloc[k])} at {share.index[k]:g} m/s²" for k in _ends_and_middle(share)]
+    shares = [f"{_percent(share.iloc[k])} at {share.index[k]:g} m/s²" for k in _ends_and_middle(share)]
     return (
         f"Of {len(known):,} shakings ({known['record_id'].nunique():,} records, scaled to a PGA of "
         f"{share.index[0]:g} to {share.index[-1]:g} m/s², {known['azimuth_deg'].nunique()} azimuths) "
-        f"{contact.toppled:,} topple it, {_percent(contact.toppled / len(known))}{weighted}: {', '.join(told)}."
+        f"{contact.toppled:,} topple it, {_percent(contact.toppled / len(known))}{weighted}: {', '.join(shares)}."
     )
 
 

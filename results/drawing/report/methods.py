@@ -126,21 +126,21 @@ def _friction_drawn(drawn: pd.DataFrame, uniform: Sequence[float] | None) -> str
 
 
 def _engine(content: Content) -> str:
-    told = content.run.provenance().get("versions", {})
+    versions = content.run.provenance().get("versions", {})
     frame = content.frame
-    physics = ", ".join(sorted(frame["physics_version"].dropna().astype(str).unique())) or told.get(
+    physics = ", ".join(sorted(frame["physics_version"].dropna().astype(str).unique())) or versions.get(
         "physics", "unknown"
     )
     presets = ", ".join(sorted(frame["preset"].unique()))
     cited = content.run.provenance().get("engine", {})
     engines = " and ".join(
-        _engine_words(name, told, cited) for name in sorted(frame["engine"].unique(), reverse=True)
+        _engine_words(name, versions, cited) for name in sorted(frame["engine"].unique(), reverse=True)
     )
     answered = int(frame["toppled"].notna().sum())
     return (
         f"Each of {len(frame):,} combinations was integrated in six degrees of freedom in the frame of the pedestal "
-        f"with toppling {told.get('toppling', version('toppling'))} (physics version {physics}, preset {presets}) on "
-        f"{engines}, following Veeraraghavan et al. (2017); {answered:,} had an answer. "
+        f"with toppling {versions.get('toppling', version('toppling'))} (physics version {physics}, preset {presets}) "
+        f"on {engines}, following Veeraraghavan et al. (2017); {answered:,} had an answer. "
         "A rock counts as toppled once it cannot come back."
     )
 
@@ -171,10 +171,10 @@ def _statistics(content: Content) -> str:
 
 
 def _program(content: Content) -> str:
-    told = content.run.provenance()
-    made = str(told.get("created_at", ""))[:4]
-    number = told.get("versions", {}).get("toppling", version("toppling"))
-    physics = told.get("versions", {}).get("physics")
+    provenance = content.run.provenance()
+    made = str(provenance.get("created_at", ""))[:4]
+    number = provenance.get("versions", {}).get("toppling", version("toppling"))
+    physics = provenance.get("versions", {}).get("physics")
     return (
         f"The toppling developers{f' ({made})' if made else ''}. toppling: toppling probability of precariously "
         f"balanced rocks under ensembles of earthquake records, version {number}"

@@ -76,11 +76,12 @@ def scene_section(content: Content, document: Document) -> str:
         )
         parts.append(document.figure(lambda width: drawn(width_in=width), caption))
         parts += [
-            paragraph(f"{told[0].upper()}{told[1:]}.") for told in base_sentences(content.run.scene_report())
+            paragraph(f"{each[0].upper()}{each[1:]}.") for each in base_sentences(content.run.scene_report())
         ]
     if stood := content.run.stood():
         parts += [
-            paragraph(f"{told[0].upper()}{told[1:]}.") for told in sentences(told_of(stood, content.frame))
+            paragraph(f"{sentence[0].upper()}{sentence[1:]}.")
+            for sentence in sentences(told_of(stood, content.frame))
         ]
     row = table.drop_columns(["quasi_static_toppling"]).to_pylist()[0]
     rows = [
@@ -118,13 +119,13 @@ def records_section(content: Content, document: Document) -> str:
     if (beyond := unphysical_of(content.run, frame)) is not None:
         lines.append(paragraph(f"{beyond.sentence}."))
     answered = frame.groupby("record_id")["toppled"]
-    told = pd.DataFrame({"jobs": answered.count(), "toppled": answered.sum().astype(int)}).reset_index()
+    counts = pd.DataFrame({"jobs": answered.count(), "toppled": answered.sum().astype(int)}).reset_index()
     motions = content.run.motions()
     if motions is not None:
-        told = told.merge(_as_recorded(motions.to_pandas()), how="left")
-    told = told.sort_values(["toppled", "record_id"], ascending=[False, True])
-    some = f", the {MOST_RECORDS} that topple the rock most often" if len(told) > MOST_RECORDS else ""
-    shown = told.head(MOST_RECORDS)
+        counts = counts.merge(_as_recorded(motions.to_pandas()), how="left")
+    counts = counts.sort_values(["toppled", "record_id"], ascending=[False, True])
+    some = f", the {MOST_RECORDS} that topple the rock most often" if len(counts) > MOST_RECORDS else ""
+    shown = counts.head(MOST_RECORDS)
     order = [name for name in shown.columns if name not in ("jobs", "toppled")]
     shown = shown[[*order, "jobs", "toppled"]].rename(columns={"record_id": "record"})
     caption = f"Records as recorded{some}: answered jobs of each, and those that toppled."

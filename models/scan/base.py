@@ -8,7 +8,7 @@ from scipy import ndimage
 from scipy.spatial import ConvexHull, cKDTree
 
 from toppling.models.scan.crevice import Grid, check_seen, not_strays, smooth_sheet
-from toppling.models.scan.word import Word
+from toppling.models.scan.interface_hint import InterfaceHint
 
 CELLS_PER_HEIGHT = 200
 RIM_PER_HEIGHT = 0.06
@@ -116,7 +116,7 @@ class Underside:
         low: NDArray[np.float64],
         lit: NDArray[np.float64],
         height_m: float,
-        word: Word | None = None,
+        hint: InterfaceHint | None = None,
     ) -> "Underside":
         """Underside from points of rock and pedestal near the interface (u, v, h).
 
@@ -125,12 +125,12 @@ class Underside:
         InputError
             If next to nothing of the rock shows near the interface.
         """
-        check_seen(len(low), "rock", given=word is not None)
+        check_seen(len(low), "rock", given=hint is not None)
         cell = height_m / CELLS_PER_HEIGHT
         grid = Grid.over(low[:, :2].min(axis=0) - 6 * cell, low[:, :2].max(axis=0) + 6 * cell, cell)
         seen_height, seen = _lowest(grid, low)
         hidden = _within_rim(seen)
-        outline = word.inside(grid.nodes_m) if word is not None and word.encloses else None
+        outline = hint.inside(grid.nodes_m) if hint is not None and hint.encloses else None
         if outline is not None:
             seen, hidden = seen & ~outline, hidden | outline
         # Points at the border may be the pedestal beside the rock.
@@ -153,7 +153,7 @@ def hidden_base(
     lit: NDArray[np.float64],
     height_m: float,
     core: float,
-    word: Word | None = None,
+    hint: InterfaceHint | None = None,
     rng: np.random.Generator | None = None,
 ) -> Base:
     """Close the underside: a sheet hung into its seen rim, resting where the pedestal was not seen.
@@ -169,7 +169,7 @@ def hidden_base(
         Height of the rock.
     core : float
         Share of a hole's depth from which the rock rests in it; smaller gives wider feet.
-    word : Word, optional
+    hint : InterfaceHint, optional
         If it is a contact outline, the rock rests inside it and nowhere else.
     rng : numpy.random.Generator, optional
         Draws the relief that nobody saw, as high as the rim's height lets expect, for the uncertainty.
@@ -179,7 +179,7 @@ def hidden_base(
     InputError
         If next to nothing of the rock shows near the interface.
     """
-    under = Underside.of(low, lit, height_m, word)
+    under = Underside.of(low, lit, height_m, hint)
     grid, outline, depth, hidden = under.grid, under.outline, under.hole_depth, under.hidden
     rests = _deepest(depth, hidden, core)
     if outline is not None:

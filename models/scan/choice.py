@@ -42,7 +42,7 @@ def choose(
             f"{1 + len(rivals)} things of like size stand there, tops at x, y: "
             + _tops([standing[0], *rivals], origin_m),
             where="segmentation",
-            expected="one rock, or a word on which one",
+            expected="one rock, or a hint which one",
             remedy="name one by --near X Y in survey coordinates, as printed here, or crop the cloud",
         )
     return standing[0]

@@ -16,9 +16,9 @@ from toppling.models.scan.base import CORES_OF_HOLES, hidden_base
 from toppling.models.scan.close import ClosedRock, close_rock
 from toppling.models.scan.crevice import refitted
 from toppling.models.scan.interface import Interface
+from toppling.models.scan.interface_hint import InterfaceHint
 from toppling.models.scan.segment import PEDESTAL, ROCK, Segmentation
 from toppling.models.scan.surfels import Surfels
-from toppling.models.scan.word import Word
 from toppling.models.scene import Scene
 from toppling.models.statics import quasi_static_toppling_m_s2
 
@@ -62,8 +62,8 @@ class SeenRock:
     patches : (k,) bool array
         Which surfels are the rock's.
     height_m : float
-    word : Word or None
-        The user's word on the interface.
+    hint : InterfaceHint or None
+        The interface as the user knows it.
     """
 
     rock_m: NDArray[np.float64]
@@ -73,15 +73,15 @@ class SeenRock:
     surfels: Surfels
     patches: NDArray[np.bool_]
     height_m: float
-    word: Word | None
+    hint: InterfaceHint | None
 
 
 def close_standing(seen: SeenRock, interface: Interface) -> tuple[ClosedRock, float]:
     """Close the rock on the narrowest feet on which it stands, and say how narrow: it stood when it was scanned."""
     low, lit = interface.flat(seen.low_m), interface.flat(seen.lit_m)
-    cores = CORES_OF_HOLES if seen.word is None or not seen.word.encloses else CORES_OF_HOLES[:1]
+    cores = CORES_OF_HOLES if seen.hint is None or not seen.hint.encloses else CORES_OF_HOLES[:1]
     for core in cores:
-        base = hidden_base(low, lit, seen.height_m, core, seen.word)
+        base = hidden_base(low, lit, seen.height_m, core, seen.hint)
         closed = close_rock(seen.surfels, seen.patches, base, interface)
         if stands(closed.rock, interface) or outside_support_m(closed.rock, interface) > 0.0:
             break  # no feet hold a rock whose centre of mass hangs beside all of its base
@@ -216,7 +216,7 @@ def uncertainty(
     if not realisations:
         return {}
     closed = _half_closings(seen, interface, core, realisations, each)
-    given = "" if seen.word is None else "; the error of the interface that is given is not in them"
+    given = "" if seen.hint is None else "; the error of the interface that is given is not in them"
     found: dict[str, Any] = {
         "method": f"half samples{given}",
         "realisations": realisations,
@@ -236,10 +236,10 @@ def _half_closings(
     for number in range(realisations):
         rng = np.random.default_rng([2017, number])
         try:
-            plane = interface if seen.word is not None else _half_fitted(beside, interface, rng)
+            plane = interface if seen.hint is not None else _half_fitted(beside, interface, rng)
             drawn = float(np.clip(core + rng.uniform(-0.2, 0.2), 0.0, 0.9))
             low, lit = plane.flat(_half(seen.low_m, rng)), plane.flat(_half(seen.lit_m, rng))
-            base = hidden_base(low, lit, seen.height_m, drawn, seen.word, rng)
+            base = hidden_base(low, lit, seen.height_m, drawn, seen.hint, rng)
             kept = seen.patches & (rng.random(len(seen.patches)) < 0.5)
             closed.append((close_rock(seen.surfels, kept, base, plane).rock, plane))
         except InputError:
@@ -270,7 +270,7 @@ def _spread(seen: SeenRock, invented_share: float, closed: list[tuple[Rock, Inte
         "com_std_m": _joined(_std([rock.com_m for rock in rocks]), floor["com_per_height"] * height),
         "inertia_per_mass_std_m2": _joined(_std(inertia), floor["inertia_share"] * np.outer(radius, radius)),
         "height_std_m": _joined(_std([rock.height_m for rock in rocks]), max(top - highest, 0.0)),
-        **({"interface_normal_std_deg": tilt_std} if seen.word is None else {}),
+        **({"interface_normal_std_deg": tilt_std} if seen.hint is None else {}),
         **_toppling_spread(closed, tipped),
     }
 

@@ -30,8 +30,8 @@ from toppling.models.scan.candidates import (
 )
 from toppling.models.scan.carried import carried_instead, thing_and_rest
 from toppling.models.scan.choice import choose, is_near, look_around
+from toppling.models.scan.interface_hint import InterfaceHint
 from toppling.models.scan.surfels import Surfels, orient, roughness, thin
-from toppling.models.scan.word import Word
 
 ROCK, PEDESTAL, NEITHER = 0, 1, 2
 
@@ -75,7 +75,7 @@ def segment(
     points_m: NDArray[np.float64],
     origin_m: NDArray[np.float64],
     near_m: NDArray[np.float64] | None = None,
-    word: Word | None = None,
+    hint: InterfaceHint | None = None,
 ) -> Segmentation:
     """Split a cloud into rock, pedestal and neither.
 
@@ -86,7 +86,7 @@ def segment(
         Survey coordinates of the points' origin, in which places are told to the user.
     near_m : (2,) array, optional
         x, y in the points' frame, near the top of the rock that is meant, where several stand.
-    word : Word, optional
+    hint : InterfaceHint, optional
         The interface as the user knows it: the rock is what stands on it.
 
     Raises
@@ -96,8 +96,8 @@ def segment(
         points.
     """
     coarse = surfels_of(points_m)
-    if word is not None:
-        return _refine(points_m, coarse, _standing_on(coarse, word, near_m), [], word)
+    if hint is not None:
+        return _refine(points_m, coarse, _standing_on(coarse, hint, near_m), [], hint)
     candidates = find_candidates(points_m, coarse)
     if near_m is not None and not is_near(candidates, near_m):
         # A rock that is small in its cloud shows in patches made around the place alone.
@@ -107,24 +107,24 @@ def segment(
     return _refine(points_m, coarse, chosen, [c for c in candidates if c is not chosen])
 
 
-def _standing_on(surfels: Surfels, word: Word, near_m: NDArray[np.float64] | None) -> Candidate:
+def _standing_on(surfels: Surfels, hint: InterfaceHint, near_m: NDArray[np.float64] | None) -> Candidate:
     """Cut off what stands on the interface that the user names: where they point, or else nearest to its anchors."""
     edges = neighbourhood(surfels.points_m, surfels.voxel_m)
     points = surfels.points_m
-    height = word.interface.flat(points)[:, 2]
+    height = hint.interface.flat(points)[:, 2]
     above = height > 2.0 * surfels.voxel_m
     inside = edges[above[edges].all(axis=1)]
     graph = coo_matrix((np.ones(len(inside)), inside.T), shape=(len(points),) * 2)
     part = connected_components(graph, directed=False)[1]
     if near_m is None:
-        away = np.median([np.linalg.norm(points - anchor, axis=1) for anchor in word.anchors_m], axis=0)
+        away = np.median([np.linalg.norm(points - anchor, axis=1) for anchor in hint.anchors_m], axis=0)
     else:
         away = np.hypot(*(points[:, :2] - near_m).T)
     large = above & (np.bincount(part)[part] >= LEAST_SURFELS)
     if not large.any():
         raise InputError(
             "nothing stands above the interface that is given",
-            where=f"the interface's {word.kind}",
+            where=f"the interface's {hint.kind}",
             expected="a plane below the rock, above the rest",
             remedy="check its height and slope; azimuths are counted from east to north",
         )
@@ -134,7 +134,7 @@ def _standing_on(surfels: Surfels, word: Word, near_m: NDArray[np.float64] | Non
     if not far.any():
         raise InputError(
             "nothing lies below the interface that is given",
-            where=f"the interface's {word.kind}",
+            where=f"the interface's {hint.kind}",
             expected="a plane below the rock, above the rest",
             remedy="check its height; a cloud cropped to the rock shows no pedestal to stand on",
         )
@@ -142,7 +142,7 @@ def _standing_on(surfels: Surfels, word: Word, near_m: NDArray[np.float64] | Non
     if found is None:
         raise InputError(
             "what stands above the interface that is given is no rock's surface",
-            where=f"the interface's {word.kind}",
+            where=f"the interface's {hint.kind}",
             expected="a plane below the rock, above the rest",
             remedy="check its place; what stands there is as thick as it is wide, like a bush",
         )
@@ -154,7 +154,7 @@ def _refine(
     coarse: Surfels,
     chosen: Candidate,
     others: list[Candidate],
-    word: Word | None = None,
+    hint: InterfaceHint | None = None,
 ) -> Segmentation:
     """Cut again at a hundredth of the rock's height, and label every point."""
     rock = chosen.surfels.points_m[chosen.rock]
@@ -168,10 +168,10 @@ def _refine(
     edges = neighbourhood(surfels.points_m, voxel)
     _, near = cKDTree(chosen.surfels.points_m).query(surfels.points_m, 8)
     votes = chosen.rock[near].mean(axis=1)
-    if word is None:
+    if hint is None:
         fine_rock, concave_share = minimum_cut(surfels, edges, votes == 1.0, votes == 0.0)
     else:
-        over = word.interface.flat(surfels.points_m)[:, 2]
+        over = hint.interface.flat(surfels.points_m)[:, 2]
         seeds, far = (votes == 1.0) & (over > 2.0 * voxel), (votes == 0.0) | (over < -2.0 * voxel)
         fine_rock, concave_share = minimum_cut(surfels, edges, seeds, far, over)
     surfel_label = np.where(fine_rock, ROCK, PEDESTAL).astype(np.int8)

@@ -64,7 +64,7 @@ def base_unseen(
         If the inspection's places are none of the base, or a pull is none that a base bears.
     """
     low, lit = interface.flat(seen.low_m), interface.flat(seen.lit_m)
-    smooth = hidden_base(low, lit, seen.height_m, core, seen.word)
+    smooth = hidden_base(low, lit, seen.height_m, core, seen.hint)
     least = np.full(3, floors(closed.invented_share)["com_per_height"] * seen.height_m)
     std_m = least if com_std_m is None else np.array(com_std_m)
     central = toppling(closed.rock, interface, AZIMUTHS_DEG)
@@ -74,11 +74,11 @@ def base_unseen(
     except ContradictionError as error:
         return None, report | {"contradiction": f"{error.what}; {error.remedy}"}
     report |= intervals(drawn, interface)
-    if not inspection.says_nothing or (seen.word is not None and seen.word.encloses):
+    if not inspection.says_nothing or (seen.hint is not None and seen.hint.encloses):
         report["without_inspection"] = _unaided(seen, interface, closed, smooth, std_m)
     unseen = unseen_base(drawn, closed.rock, interface, seen.height_m)
     number, at_rest = None, True  # as the user says where it rests: flat, within the outline
-    if seen.word is None or not seen.word.encloses or not inspection.says_nothing:
+    if seen.hint is None or not seen.hint.encloses or not inspection.says_nothing:
         agrees = None
         if not inspection.says_nothing:
             agrees = smooth_fits_inspection(closed.rock, smooth, interface, inspection, seen.height_m)
@@ -93,9 +93,9 @@ def _unaided(
     seen: SeenRock, interface: Interface, closed: ClosedRock, smooth: Base, std_m: Array
 ) -> list[dict[str, float]] | None:
     """Intervals of the toppling acceleration without what the user knows of the base; None if nothing stands then."""
-    word = None if seen.word is None or seen.word.encloses else seen.word
+    hint = None if seen.hint is None or seen.hint.encloses else seen.hint
     try:
-        before = draw_bases(dataclasses.replace(seen, word=word), interface, closed.rock, smooth, std_m)
+        before = draw_bases(dataclasses.replace(seen, hint=hint), interface, closed.rock, smooth, std_m)
     except ContradictionError:
         return None
     return intervals(before, interface)["toppling"]
@@ -112,7 +112,7 @@ def check_inspection(seen: SeenRock, interface: Interface, inspection: Inspectio
     if len(inspection.places_m):
         check_on_interface(inspection, interface, seen.height_m)
         low, lit = interface.flat(seen.low_m), interface.flat(seen.lit_m)
-        under = Underside.of(low, lit, seen.height_m, seen.word)
+        under = Underside.of(low, lit, seen.height_m, seen.hint)
         hidden_part(under, low, lit, seen.height_m, inspection, interface)
 
 

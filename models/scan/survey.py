@@ -23,6 +23,7 @@ from toppling.models.scan.freedom import Doubt, check_seen_enough, doubts
 from toppling.models.scan.ground import Ground, kept_of, pedestal_ground
 from toppling.models.scan.inspection import Inspection
 from toppling.models.scan.interface import Interface, fit_interface
+from toppling.models.scan.interface_hint import InterfaceHint, check_near
 from toppling.models.scan.measure import (
     SeenRock,
     close_standing,
@@ -37,7 +38,6 @@ from toppling.models.scan.register import check_fit, register
 from toppling.models.scan.segment import NEITHER, PEDESTAL, ROCK, Segmentation, label_surfels, segment
 from toppling.models.scan.standing import base_unseen, check_inspection
 from toppling.models.scan.steps import step_note
-from toppling.models.scan.word import Word, check_near
 from toppling.models.scene import Scene
 
 Progress = Callable[[str], None]
@@ -77,7 +77,7 @@ def survey(
     cloud: Cloud,
     progress: Progress = lambda _: None,
     near_m: tuple[float, float] | None = None,
-    word: Word | None = None,
+    hint: InterfaceHint | None = None,
     bootstrap: int = 0,
     inspection: Inspection | None = None,
 ) -> Survey:
@@ -90,7 +90,7 @@ def survey(
         Called with the name of each of the `STAGES` as it begins, and "resampling" after each realisation.
     near_m : pair of float, optional
         Survey coordinates x, y near the top of the rock that is meant, where several stand.
-    word : Word, optional
+    hint : InterfaceHint, optional
         The interface as the user knows it, survey coordinates.
     bootstrap : int
         Number of times that the rock is closed from resampled points, for the uncertainty in the report.
@@ -105,11 +105,11 @@ def survey(
     """
     progress("registering stations")
     near = None if near_m is None else _inside_cloud(near_m, cloud)
-    cloud, registration, word = _registered(cloud, word, inspection)
+    cloud, registration, hint = _registered(cloud, hint, inspection)
     progress("splitting rock from pedestal")
-    parts = segment(cloud.points_m, cloud.origin_m, near, word)
+    parts = segment(cloud.points_m, cloud.origin_m, near, hint)
     progress("fitting the interface")
-    seen, label, interface = _judged(cloud, parts, word)
+    seen, label, interface = _judged(cloud, parts, hint)
     known = _checked(seen, interface, (inspection or Inspection()).moved(cloud.origin_m))
     progress("closing the rock")
     closed, core = close_standing(seen, interface)
@@ -123,7 +123,7 @@ def survey(
     ground = pedestal_ground(parts.surfels, pedestal, closed.rock, interface)
     scene = Scene(closed.rock, ground.pedestal, origin_m=cloud.origin_m, unseen=unseen)
     report = {
-        **_surface_report(closed, interface, word, ground),
+        **_surface_report(closed, interface, hint, ground),
         "slenderness": slenderness(scene),
         **({"not_free": {each.kind: each.sentence for each in doubted}} if doubted else {}),
         "unseen_base": standing,
@@ -136,8 +136,8 @@ def survey(
 
 
 def _registered(
-    cloud: Cloud, word: Word | None, inspection: Inspection | None
-) -> tuple[Cloud, dict[str, Any], Word | None]:
+    cloud: Cloud, hint: InterfaceHint | None, inspection: Inspection | None
+) -> tuple[Cloud, dict[str, Any], InterfaceHint | None]:
     """The cloud with its stations registered, how they fit, and the user's interface in its frame."""
     if inspection is not None:
         low, high = cloud.points_m.min(axis=0), cloud.points_m.max(axis=0)
@@ -145,10 +145,10 @@ def _registered(
     check_overlap(cloud)
     cloud, registration = register(cloud)
     check_fit(cloud, registration)
-    if word is not None:
-        word = word.moved(cloud.origin_m)
-        check_near(word, cloud.points_m.min(axis=0), cloud.points_m.max(axis=0), cloud.origin_m)
-    return cloud, registration, word
+    if hint is not None:
+        hint = hint.moved(cloud.origin_m)
+        check_near(hint, cloud.points_m.min(axis=0), cloud.points_m.max(axis=0), cloud.origin_m)
+    return cloud, registration, hint
 
 
 def _checked(seen: SeenRock, interface: Interface, inspection: Inspection) -> Inspection:
@@ -182,11 +182,11 @@ def _notes(cloud: Cloud, height_m: float, doubted: list[Doubt]) -> tuple[str, ..
 
 
 def _surface_report(
-    closed: ClosedRock, interface: Interface, word: Word | None, ground: Ground
+    closed: ClosedRock, interface: Interface, hint: InterfaceHint | None, ground: Ground
 ) -> dict[str, Any]:
     return {
         "interface": {
-            "given_by": "fit" if word is None else word.kind,
+            "given_by": "fit" if hint is None else hint.kind,
             "roughness_m": interface.roughness_m,
             "outline_m": ground.outline_m.tolist(),
             "edges_m": [edge.tolist() for edge in ground.edges_m],
@@ -230,21 +230,21 @@ def _inside_cloud(near_m: tuple[float, float], cloud: Cloud) -> NDArray[np.float
 
 
 def _judged(
-    cloud: Cloud, parts: Segmentation, word: Word | None
+    cloud: Cloud, parts: Segmentation, hint: InterfaceHint | None
 ) -> tuple[SeenRock, NDArray[np.int8], Interface]:
     """What was seen of rock and pedestal, the label of each point, and the interface."""
     rock = parts.surfel_label == ROCK
-    interface = fit_interface(parts.surfels, rock) if word is None else word.interface
+    interface = fit_interface(parts.surfels, rock) if hint is None else hint.interface
     height = float(np.ptp(parts.surfels.points_m[rock, 2]))
-    label, interface = judge_crevice(cloud.points_m, parts.label, interface, height, refit=word is None)
+    label, interface = judge_crevice(cloud.points_m, parts.label, interface, height, refit=hint is None)
     surfels, surfel_label = parts.surfels, label_surfels(parts.surfels, cloud.points_m, label)
     rock = surfel_label == ROCK
     top = (surfel_label == PEDESTAL) & (surfels.normals @ interface.normal > UPWARD)
     top &= np.abs(interface.flat(surfels.points_m)[:, 2]) < BAND_PER_HEIGHT * height
-    check_seen(int(top.sum()), "pedestal's top", given=word is not None)
+    check_seen(int(top.sum()), "pedestal's top", given=hint is not None)
     standing, below = _beside(cloud.points_m, label, interface, height)
     low, lit = near_the_interface(interface.flat(standing), interface.flat(below), height)
-    seen = SeenRock(standing, below, standing[low], below[lit], surfels, rock, height, word)
+    seen = SeenRock(standing, below, standing[low], below[lit], surfels, rock, height, hint)
     return seen, label, interface
 
 

@@ -143,7 +143,7 @@ def draw_bases(
     """
     inspection = inspection or Inspection()
     low, lit = interface.flat(seen.low_m), interface.flat(seen.lit_m)
-    under = Underside.of(low, lit, seen.height_m, seen.word)
+    under = Underside.of(low, lit, seen.height_m, seen.hint)
     part = hidden_part(under, low, lit, seen.height_m, inspection, interface)
     random = np.random.default_rng([2026, 28])
     statics = _Statics.of(closed, interface, part, seen.height_m)

@@ -115,16 +115,16 @@ def scan(
     """
     from toppling.models.intervals import base_sentences
     from toppling.models.scan.inspection import inspection_of
+    from toppling.models.scan.interface_hint import hint_of
     from toppling.models.scan.measure import invention_warning
     from toppling.models.scan.read import read_clouds
     from toppling.models.scan.survey import STAGES, save_survey, survey
-    from toppling.models.scan.word import word_of
     from toppling.orchestrator.settling_told import draw_settling, settling_notes
     from toppling.results.drawing.scene import draw_scene
 
     refuse_existing(out)
     inspection = inspection_of(contact, pulls)
-    word = word_of(plane, [_coordinates(point) for point in points], outline)
+    hint = hint_of(plane, [_coordinates(point) for point in points], outline)
     total = STAGES + bootstrap + 3
     with bar("scan", total) as advance:
         advance(0, "reading")
@@ -134,7 +134,7 @@ def scan(
 
         cloud = read_clouds(files, units)
         try:
-            result = survey(cloud, stage, near, word, bootstrap, inspection)
+            result = survey(cloud, stage, near, hint, bootstrap, inspection)
         except InputError as error:
             raise _in_files(error, files, contact) from None
         stage("letting the rock stand")

@@ -26,8 +26,8 @@ from toppling.models.motions.motion import Motion
 from toppling.models.motions.record import Record
 from toppling.models.ply import read_header
 from toppling.models.rock import Rock
+from toppling.models.scan.interface_hint import InterfaceHint
 from toppling.models.scan.read import read_clouds
-from toppling.models.scan.word import Word
 from toppling.models.scene import Scene
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.folder import prepare
@@ -391,7 +391,7 @@ READERS: dict[str, Reader] = {
     ),
     "outline": Reader(
         _written("outline.csv", "x,y,z\n0,0,0\n1,0,0\n1,1,0.1\n0,1,0\n"),
-        lambda folder: Word.outline(folder / "outline.csv").anchors_m,
+        lambda folder: InterfaceHint.outline(folder / "outline.csv").anchors_m,
     ),
     "scene": Reader(_write_scene, _read_scene),
     "scene.json": Reader(_write_scene, _read_scene, ("scene.json",)),

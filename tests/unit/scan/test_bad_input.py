@@ -9,11 +9,11 @@ import pytest
 
 from toppling.models.errors import InputError
 from toppling.models.scan import virtual, virtual_shapes
+from toppling.models.scan.interface_hint import InterfaceHint
 from toppling.models.scan.overlap import check_overlap
 from toppling.models.scan.read import Cloud, read_clouds
 from toppling.models.scan.segment import segment
 from toppling.models.scan.survey import survey
-from toppling.models.scan.word import Word
 from toppling.orchestrator.cli import main
 
 SEED = 1
@@ -229,7 +229,7 @@ def test_an_interface_given_half_way_up_the_rock_is_refused(stump):
     points = np.concatenate(stump[0])
     cloud = Cloud(points, np.zeros(3), np.zeros(len(points), np.int32), (("stump", len(points)),))
     with pytest.raises(InputError, match="near the interface that is given"):
-        survey(cloud, word=Word.plane((0.0, 0.0, 0.5), 6.0, 250.0))
+        survey(cloud, hint=InterfaceHint.plane((0.0, 0.0, 0.5), 6.0, 250.0))
 
 
 @pytest.fixture(scope="module")

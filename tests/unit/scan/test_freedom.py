@@ -10,11 +10,11 @@ from toppling.models.scan.carried import find_carried
 from toppling.models.scan.close import ClosedRock
 from toppling.models.scan.freedom import check_seen_enough, creased_share, doubts, unseen_range
 from toppling.models.scan.interface import Interface
+from toppling.models.scan.interface_hint import hint_of
 from toppling.models.scan.measure import SeenRock
 from toppling.models.scan.read import read_clouds
 from toppling.models.scan.surfels import Surfels
 from toppling.models.scan.survey import survey
-from toppling.models.scan.word import word_of
 from toppling.models.scene import Scene
 
 REAL = Path(__file__).parents[4] / "shared" / "data" / "scans" / "real"
@@ -143,7 +143,7 @@ def test_of_what_planes_carry_the_upper_of_a_stack_is_meant():
 def test_cartons_seen_by_one_camera_are_refused_as_one_side():
     cloud = read_clouds([REAL / "cartons_one_view.xyz"])
     with pytest.raises(InputError, match="one side is not enough"):
-        survey(cloud, near_m=(-0.1, -0.6), word=word_of((-0.1, -0.55, 0.004, 0.0, 0.0)))
+        survey(cloud, near_m=(-0.1, -0.6), hint=hint_of((-0.1, -0.55, 0.004, 0.0, 0.0)))
 
 
 @pytest.mark.slow
@@ -151,7 +151,7 @@ def test_cartons_seen_by_one_camera_are_refused_as_one_side():
 def test_an_embedded_boulder_is_refused():
     cloud = read_clouds([REAL / "embedded_boulder.xyz"])
     with pytest.raises(InputError, match="embedded"):
-        survey(cloud, word=word_of((22.5, 17.2, -11.25, 0.0, 0.0)))
+        survey(cloud, hint=hint_of((22.5, 17.2, -11.25, 0.0, 0.0)))
 
 
 @pytest.mark.slow

@@ -11,10 +11,10 @@ from toppling.models.errors import InputError
 from toppling.models.frames import slope_of_normal
 from toppling.models.pedestal import Pedestal
 from toppling.models.scan import virtual, virtual_shapes
+from toppling.models.scan.interface_hint import InterfaceHint
 from toppling.models.scan.read import Cloud, read_clouds
 from toppling.models.scan.segment import NEITHER, PEDESTAL, ROCK
 from toppling.models.scan.survey import save_survey, survey
-from toppling.models.scan.word import Word
 from toppling.models.scene import Scene
 from toppling.models.statics import quasi_static_toppling_m_s2
 from toppling.results.drawing.scene import draw_scene
@@ -169,8 +169,8 @@ def test_of_two_rocks_the_named_one_is_taken(twins):
 def test_of_two_rocks_on_a_given_plane_the_named_one_is_taken(twins):
     truth, cloud = twins
     pedestal = truth.pedestal
-    plane = Word.plane(pedestal.point_m, pedestal.slope_deg, pedestal.downhill_azimuth_deg)
-    found = survey(cloud, near_m=(2.0, 0.0), word=plane)
+    plane = InterfaceHint.plane(pedestal.point_m, pedestal.slope_deg, pedestal.downhill_azimuth_deg)
+    found = survey(cloud, near_m=(2.0, 0.0), hint=plane)
     # The other rock's axis is 2 m from the plane's point; half a rock's width is enough to tell them apart.
     assert np.hypot(*(found.scene.rock.com_m[:2] + found.scene.origin_m[:2] - [2.0, 0.0])) < 0.5
 

@@ -1,4 +1,4 @@
-"""The user's word on where rock and pedestal meet: a measured plane, picked points or a contact outline."""
+"""What the user knows of where rock and pedestal meet: a measured plane, picked points or a contact outline."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ _unusable = refusals(
 
 
 @dataclass(frozen=True, eq=False)
-class Word:
+class InterfaceHint:
     """What the user says about the interface, in the coordinates they said it in.
 
     Parameters
@@ -47,7 +47,7 @@ class Word:
     kind: str
 
     @classmethod
-    def plane(cls, point_m: ArrayLike, slope_deg: float, downhill_azimuth_deg: float) -> "Word":
+    def plane(cls, point_m: ArrayLike, slope_deg: float, downhill_azimuth_deg: float) -> "InterfaceHint":
         """Interface measured in the field: a point of it, its slope and the azimuth toward which it falls.
 
         Raises
@@ -68,7 +68,7 @@ class Word:
         )
 
     @classmethod
-    def points(cls, points_m: ArrayLike, kind: str = "points") -> "Word":
+    def points(cls, points_m: ArrayLike, kind: str = "points") -> "InterfaceHint":
         """Three or more points picked on the line where rock and pedestal meet.
 
         Raises
@@ -92,7 +92,7 @@ class Word:
         return cls(_interface(centre, normal, misfit), points, kind == "outline", kind)
 
     @classmethod
-    def outline(cls, path: str | Path) -> "Word":
+    def outline(cls, path: str | Path) -> "InterfaceHint":
         """Contact outline from a file: one vertex x, y, z a line, in order, or as its header names them.
 
         Raises
@@ -124,10 +124,10 @@ class Word:
             points = points[:-1]
         return cls.points(points, "outline")
 
-    def moved(self, shift_m: NDArray[np.float64]) -> "Word":
-        """The same word in coordinates from which `shift_m` is taken away."""
+    def moved(self, shift_m: NDArray[np.float64]) -> "InterfaceHint":
+        """The same hint in coordinates from which `shift_m` is taken away."""
         plane = self.interface
-        return Word(
+        return InterfaceHint(
             Interface(plane.point_m - shift_m, plane.normal, plane.axes, plane.roughness_m),
             self.anchors_m - shift_m,
             self.encloses,
@@ -140,12 +140,12 @@ class Word:
         return ring.contains_points(flat_m.reshape(-1, 2)).reshape(flat_m.shape[:-1])
 
 
-def word_of(
+def hint_of(
     plane: Sequence[float] | None = None,
     points: Sequence[Sequence[float]] = (),
     outline: str | Path | None = None,
-) -> Word | None:
-    """Word from the command line's options, of which one may be given.
+) -> InterfaceHint | None:
+    """Hint from the command line's options, of which one may be given.
 
     Raises
     ------
@@ -163,28 +163,31 @@ def word_of(
             remedy="keep the one that you trust most: an outline says more than points, points more than a plane",
         )
     if plane:
-        return Word.plane(plane[:3], plane[3], plane[4])
+        return InterfaceHint.plane(plane[:3], plane[3], plane[4])
     if points:
-        return Word.points(points)
-    return Word.outline(outline) if outline else None
+        return InterfaceHint.points(points)
+    return InterfaceHint.outline(outline) if outline else None
 
 
 def check_near(
-    word: Word, low_m: NDArray[np.float64], high_m: NDArray[np.float64], origin_m: NDArray[np.float64]
+    hint: InterfaceHint,
+    low_m: NDArray[np.float64],
+    high_m: NDArray[np.float64],
+    origin_m: NDArray[np.float64],
 ) -> None:
-    """Refuse a word about a place that the cloud (its bounds in the word's frame) does not show.
+    """Refuse a hint on a place that the cloud (its bounds in the hint's frame) does not show.
 
     Raises
     ------
     InputError
         If an anchor lies outside the cloud.
     """
-    beyond = ((word.anchors_m < low_m) | (word.anchors_m > high_m)).any(axis=1)
+    beyond = ((hint.anchors_m < low_m) | (hint.anchors_m > high_m)).any(axis=1)
     if beyond.any():
-        x, y, z = word.anchors_m[beyond][0] + origin_m
+        x, y, z = hint.anchors_m[beyond][0] + origin_m
         raise InputError(
             f"{x:.2f}, {y:.2f}, {z:.2f} lies outside the cloud",
-            where=f"the interface's {word.kind}",
+            where=f"the interface's {hint.kind}",
             expected="survey coordinates from {:.2f}, {:.2f}, {:.2f}".format(*(low_m + origin_m))
             + " to {:.2f}, {:.2f}, {:.2f}".format(*(high_m + origin_m)),
             remedy="give places in the coordinates of the clouds, in metres",

@@ -1,4 +1,4 @@
-"""The user's word on the interface, and stations that do not quite fit: what the survey makes of them."""
+"""The interface as the user knows it, and stations that do not quite fit: what the survey makes of them."""
 
 import dataclasses
 
@@ -8,11 +8,11 @@ from click.testing import CliRunner
 
 from toppling.models.errors import InputError
 from toppling.models.scan import virtual, virtual_shapes
+from toppling.models.scan.interface_hint import InterfaceHint
 from toppling.models.scan.read import Cloud
 from toppling.models.scan.register import register
 from toppling.models.scan.segment import PEDESTAL, ROCK
 from toppling.models.scan.survey import survey
-from toppling.models.scan.word import Word
 from toppling.models.statics import support_polygon_m
 from toppling.orchestrator.verbs.scan import scan
 from toppling.results.drawing.scene import numbers_of
@@ -38,18 +38,18 @@ def words(truth, tmp_path):
     path = tmp_path / "outline.csv"
     path.write_text("x,y,z\n" + "\n".join(",".join(map(repr, row)) for row in corners.tolist()))
     return {
-        "plane": Word.plane(corners.mean(axis=0), SLOPE_DEG, DOWNHILL_DEG),
-        "points": Word.points(corners[:: len(corners) // 3]),
-        "outline": Word.outline(path),
+        "plane": InterfaceHint.plane(corners.mean(axis=0), SLOPE_DEG, DOWNHILL_DEG),
+        "points": InterfaceHint.points(corners[:: len(corners) // 3]),
+        "outline": InterfaceHint.outline(path),
     }
 
 
 def test_plane_points_and_outline_name_the_same_interface(stump, tmp_path):
     plane, points, outline = words(stump[0], tmp_path).values()
-    for word in (points, outline):
-        np.testing.assert_allclose(word.interface.normal, plane.interface.normal, atol=1e-9)
-        assert word.interface.flat(plane.interface.point_m)[2] == pytest.approx(0.0, abs=1e-6)
-    assert [word.encloses for word in (plane, points, outline)] == [False, False, True]
+    for hint in (points, outline):
+        np.testing.assert_allclose(hint.interface.normal, plane.interface.normal, atol=1e-9)
+        assert hint.interface.flat(plane.interface.point_m)[2] == pytest.approx(0.0, abs=1e-6)
+    assert [hint.encloses for hint in (plane, points, outline)] == [False, False, True]
 
 
 # Points that enclose nothing are taken as a plane is.
@@ -58,7 +58,7 @@ def test_a_true_word_gives_the_true_rock(stump, tmp_path, kind):
     truth, cloud, label = stump
     # As one station: that stations are brought together is another matter, and costs as much as the split.
     cloud = dataclasses.replace(cloud, station=np.zeros_like(cloud.station), files=(("all", len(label)),))
-    found = survey(cloud, word=words(truth, tmp_path)[kind])
+    found = survey(cloud, hint=words(truth, tmp_path)[kind])
     assert found.scene.pedestal.slope_deg == pytest.approx(SLOPE_DEG, abs=1e-3)
     assert found.scene.report["interface"]["given_by"] == kind
     assert (found.label[label == ROCK] == ROCK).mean() > 0.98
@@ -70,7 +70,7 @@ def test_a_true_word_gives_the_true_rock(stump, tmp_path, kind):
 @pytest.mark.slow
 def test_a_given_interface_has_no_spread_and_the_report_says_so(stump, tmp_path):
     truth, cloud, _ = stump
-    found = survey(cloud, word=words(truth, tmp_path)["plane"], bootstrap=3).scene
+    found = survey(cloud, hint=words(truth, tmp_path)["plane"], bootstrap=3).scene
     spread = found.report["uncertainty"]
     assert spread["closed"] == 3
     assert "interface_normal_std_deg" not in spread
@@ -84,7 +84,7 @@ CORNERS = [[0.0, 0.0, 5.0], [4.0, 0.0, 5.1], [4.0, 3.0, 5.3], [0.0, 3.0, 5.2]]
 def outlined(path, header, columns, encoding="utf-8"):
     rows = [",".join(str(corner[column]) for column in columns) for corner in CORNERS]
     path.write_text("\n".join([*([header] if header else []), *rows]), encoding=encoding)
-    return Word.outline(path)
+    return InterfaceHint.outline(path)
 
 
 @pytest.mark.parametrize(
@@ -101,8 +101,8 @@ def test_an_outlines_columns_are_taken_by_the_names_of_the_header(tmp_path, head
 
 @pytest.mark.parametrize("header", ["", "x,y,z"])
 def test_a_byte_order_mark_costs_an_outline_no_vertex(tmp_path, header):
-    word = outlined(tmp_path / "outline.csv", header, (0, 1, 2), "utf-8-sig")
-    np.testing.assert_array_equal(word.anchors_m, CORNERS)
+    hint = outlined(tmp_path / "outline.csv", header, (0, 1, 2), "utf-8-sig")
+    np.testing.assert_array_equal(hint.anchors_m, CORNERS)
 
 
 @pytest.mark.parametrize(
@@ -115,22 +115,22 @@ def test_an_outline_whose_header_is_not_understood_is_refused(tmp_path, header, 
 
 
 @pytest.mark.parametrize(
-    ("word", "what"),
+    ("hint", "what"),
     [
-        (lambda: Word.plane((0, 0, 0), 80.0, 0.0), "slope is 80"),
-        (lambda: Word.points([[0, 0, 0], [1, 0, 0]]), "2 points"),
-        (lambda: Word.points([[0, 0, 0], [1, 0, 0], [2, 0, 0]]), "one line"),
+        (lambda: InterfaceHint.plane((0, 0, 0), 80.0, 0.0), "slope is 80"),
+        (lambda: InterfaceHint.points([[0, 0, 0], [1, 0, 0]]), "2 points"),
+        (lambda: InterfaceHint.points([[0, 0, 0], [1, 0, 0], [2, 0, 0]]), "one line"),
     ],
 )
-def test_a_word_that_names_no_interface_is_refused(word, what):
+def test_a_hint_that_names_no_interface_is_refused(hint, what):
     with pytest.raises(InputError, match=what):
-        word()
+        hint()
 
 
 def test_a_word_about_another_place_is_refused(stump):
     _, cloud, _ = stump
     with pytest.raises(InputError, match="outside the cloud"):
-        survey(cloud, word=Word.plane((0.0, 0.0, 0.0), 5.0, 0.0))
+        survey(cloud, hint=InterfaceHint.plane((0.0, 0.0, 0.0), 5.0, 0.0))
 
 
 def test_two_words_at_once_are_refused_and_nothing_is_written(tmp_path):

@@ -18,7 +18,7 @@ ASKED = (
 )  # fmt: skip
 """Columns of a row that repeat what was asked."""
 
-OUTCOMES = {"stands": False, "moved": False, "toppled": True}
+OUTCOMES = {"stands": False, "moved": False, "toppled": True, "lodged": True}
 STATUSES = ("ok", "undecided", "diverged", "failed")
 SAME_PGA = 1e-6
 """Relative difference up to which a scaled motion has the PGA that was asked for."""

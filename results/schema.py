@@ -10,6 +10,9 @@ from toppling.models.motions.catalogue import meaning
 
 SCHEMA_VERSION = 2
 
+TOPPLED_OUTCOMES = ("toppled", "lodged")
+"""Values of `outcome` of a rock that toppled."""
+
 GROUPS = ("identity", "imposed", "outcome", "cost", "provenance")
 """What was asked, what was imposed, what happened, what it cost, who computed it when.
 
@@ -48,7 +51,7 @@ _COLUMNS = {
     ],
     "outcome": [
         ("status", _TEXT, _MUST, "", "ok, undecided, diverged, failed, crashed or timeout"),
-        ("outcome", _TEXT, _MAY, "", "stands, moved (slid or turned, still stands) or toppled"),
+        ("outcome", _TEXT, _MAY, "", "stands, moved (slid, turned), toppled or lodged (toppled, caught beside)"),
         ("toppled", _TRUTH, _MAY, "", "whether the rock toppled; null unless status is ok"),
         ("topple_time_s", _REAL, _MAY, "s", "no return: centre of mass last highest, from the record's start"),
         ("topple_azimuth_deg", _REAL, _MAY, "deg", "azimuth of the centre of mass at the time of no return"),

@@ -36,8 +36,9 @@ class ShakeResult:
     status : str
         'ok', 'undecided' (not at rest within the cap) or 'diverged' (a state that no energy in the motion explains).
     outcome : str or None
-        'stands', 'moved' or 'toppled'; None unless status is ok.
+        'stands', 'moved', 'toppled' or 'lodged'; None unless status is ok.
     toppled : bool or None
+        True of a lodged rock too: it has left its support, and what stands beside it has caught it.
     topple_time_s, topple_azimuth_deg : float or None
         When the rock crossed its point of no return, from the start of the motion: its centre of mass was last highest,
         or, where it never rose, began to sink; and where it was then, seen from its start, or at the end, where it
@@ -86,17 +87,20 @@ def result_of(
     pose: Array,
     *,
     trajectory: bool,
+    lodged: bool = False,
     **cost: Any,
 ) -> ShakeResult:
     """What happened, told from the whole trajectory (n,) and (n, 7), support frame, and from what was seen last."""
     contact, status = problem.contact, STATUS.get(ended_by, "ok")
     tilt = contact.tilts_deg(pose[:, 3:])
-    toppled = (ended_by in dict(FALLS) or bool(tilt[-1] > TOPPLED_TILT_DEG)) if status == "ok" else None
-    turning = _point_of_no_return(ended_by, contact, pose[:, :3], tilt) if toppled else None
+    fell = ended_by in dict(FALLS) or lodged or bool(tilt[-1] > TOPPLED_TILT_DEG)
+    toppled = fell if status == "ok" else None
+    turning = _point_of_no_return(ended_by, contact, pose[:, :3], tilt, lodged=lodged) if toppled else None
     outcome = None
     if status == "ok":
         displaced = is_displaced(seen, problem) or tilt[-1] > problem.options.termination.moved_deg
-        outcome = "toppled" if toppled else "moved" if displaced else "stands"
+        fallen = "lodged" if lodged else "toppled"
+        outcome = fallen if toppled else "moved" if displaced else "stands"
     return ShakeResult(
         status=status,
         outcome=outcome,
@@ -121,16 +125,20 @@ def trajectory_of(contact: ContactModel, time_s: Array, pose: Array) -> Trajecto
     return Trajectory(time_s.copy(), pose[:, :3] @ turn.T + contact.origin_m, in_scene)
 
 
-def _point_of_no_return(ended_by: str, contact: ContactModel, com_m: Array, tilt_deg: Array) -> int:
+def _point_of_no_return(
+    ended_by: str, contact: ContactModel, com_m: Array, tilt_deg: Array, *, lodged: bool
+) -> int:
     """Index of the pose in which the final fall began, or the end of the pedestal was passed.
 
     That in which the centre of mass was last highest, along the plumb line, but not of a later rise: between two looks
     a rock that fell lands on its next face, and one that came to rest on another face is rocked there by the rest of
-    the motion.
+    the motion. One that lodges swings against what holds it: of such a rock the highest moment counts.
     """
     if ended_by == "slid_off":
         return len(com_m) - 1
-    if ended_by in dict(FALLS):
+    if lodged:
+        still = int(np.argmax(com_m @ contact.scene_from_support[2]))
+    elif ended_by in dict(FALLS):
         low = com_m[:, 2] < (1.0 - TOPPLED_FALL) * contact.com_m[2]
         still = int(np.argmax(low | (tilt_deg > LARGEST_OPEN_TILT_DEG))) - 1
     else:  # at rest on another face

@@ -13,7 +13,7 @@ from toppling.models.compiled import Array
 from toppling.models.errors import InputError
 from toppling.models.frames import horizontal_unit_vector, plane_axes
 from toppling.models.ground.contacts import CONTACT, LEANING, MOST, Pairs, contacts_at, no_pairs
-from toppling.models.ground.equilibrium import farthest_load, held_polygon, wrenches
+from toppling.models.ground.equilibrium import held_polygon, is_held, wrenches
 from toppling.models.ground.mesh import ContactMesh, contact_mesh
 from toppling.models.ground.stepping import Grounded, largest_held_m_s2, settle
 from toppling.models.pedestal import Pedestal
@@ -94,8 +94,7 @@ class GroundedBody:
 
     def stands(self, pose: Array) -> bool:
         """Whether its contacts can hold the rock in a pose."""
-        far = farthest_load(self.wrenches(pose), self.load_m_s2(), np.array([0.0, 0.0, -1e-6]), self.size_m)
-        return far is not None and far >= 0.0
+        return is_held(self.wrenches(pose), self.load_m_s2(), self.size_m)
 
     def clockless(self, pose: Array, step_s: float) -> Grounded:
         """The rock in a pose, to be moved without a motion."""

@@ -58,6 +58,12 @@ def farthest_load(columns: Array, load_m_s2: Array, way_m_s2: Array, size_m: flo
     return float(solved.x[-1]) if solved.status == 0 else None
 
 
+def is_held(columns: Array, load_m_s2: Array, size_m: float) -> bool:
+    """Whether contacts with the given :func:`wrenches` (6, n) hold a specific force (3,) on the centre of mass."""
+    far = farthest_load(columns, load_m_s2, np.array([0.0, 0.0, -1e-6]), size_m)
+    return far is not None and far >= 0.0
+
+
 def held_polygon(columns: Array, size_m: float) -> Array:
     """Half planes (k, 3) of the loads that are held: a x + b y <= c, of the horizontal over the downward part.
 

@@ -19,8 +19,8 @@ FLAT_SHARE = 0.01
 FLAT_DEG = 2.0
 """Contacts whose normal is off the plane's by less have its normal."""
 
-TILTS_DEG = (2.0, 4.0, 7.0, 11.0, 16.0, 22.0, 30.0)
-"""To which the rock is tilted, to see what stands beside it."""
+TILTS_DEG = (2.0, 4.0, 7.0, 11.0, 16.0, 22.0, 30.0, 40.0, 52.0)
+"""To which the rock is tilted, to see what stands beside it: beyond, it has fallen and cannot lodge."""
 
 WAYS = 12
 """In which it is tilted."""

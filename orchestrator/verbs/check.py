@@ -31,6 +31,7 @@ from toppling.orchestrator.studies.check_sites import (
 from toppling.orchestrator.verbs.options import PATH, json_option, scene_argument
 from toppling.orchestrator.verbs.records_shown import show_notes
 from toppling.results.belonging import SITES_FILE
+from toppling.results.schema import TOPPLED_OUTCOMES
 from toppling.workers.options import PRESETS
 from toppling.workers.shake import shake
 
@@ -50,7 +51,7 @@ class Verdict:
     pga_m_s2, pgv_m_s : float
         Peaks of the horizontal vector, as recorded.
     outcome : str
-        Of the seismogram as it is: stands, moved, toppled, or the status of a shake without an answer.
+        Of the seismogram as it is: stands, moved, toppled, lodged, or the status of a shake without an answer.
     max_tilt_deg : float
     toppled, shaken : int
         Of the scaled neighbours with an answer, including the seismogram itself.
@@ -201,7 +202,7 @@ def _show_matrix(rows: pd.DataFrame, matrix: pd.DataFrame) -> None:
     Console(width=None if console.is_terminal else 150).print(table)
     if (left := matrix.shape[1] - SCENARIOS_SHOWN) > 0:
         click.echo(f"({left} more scenarios: --out and --json give all)")
-    toppled = int((rows["outcome"] == "toppled").sum())
+    toppled = int(rows["outcome"].isin(TOPPLED_OUTCOMES).sum())
     click.echo(
         f"share that topples of each seismogram and its scaled neighbours; as they are, {toppled} of "
         f"{rows['scenario'].count()} topple their rock"

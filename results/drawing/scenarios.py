@@ -7,6 +7,7 @@ from matplotlib.figure import Figure
 
 from toppling.results.drawing.side_by_side_figures import frame_map, name_points, ring_sizes
 from toppling.results.drawing.style import COLOURS, FULL_WIDTH_IN, style
+from toppling.results.schema import TOPPLED_OUTCOMES
 
 MOST_LABELS = 60
 ROW_IN = 0.16
@@ -49,8 +50,9 @@ def scenarios_figure(rows: pd.DataFrame, matrix: pd.DataFrame) -> Figure:
 
 def _share_as_they_are(rows: pd.DataFrame) -> float:
     """Of the seismograms with an answer; not a number where there is none."""
-    known = rows["outcome"].isin(["stands", "moved", "toppled"])
-    return float((rows["outcome"] == "toppled").sum() / known.sum()) if known.any() else float("nan")
+    known = rows["outcome"].isin(["stands", "moved", *TOPPLED_OUTCOMES])
+    toppled = rows["outcome"].isin(TOPPLED_OUTCOMES)
+    return float(toppled.sum() / known.sum()) if known.any() else float("nan")
 
 
 def _draw_matrix(axes: Axes, matrix: pd.DataFrame, figure: Figure) -> None:

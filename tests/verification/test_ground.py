@@ -256,3 +256,23 @@ def test_a_rock_that_leans_on_a_wall_past_its_balance_is_left_leaning():
     seated = scene.grounded.rock_at_rest(scene.rock, scene.pedestal, "test")
     assert np.abs(seated.vertices_m - scene.rock.vertices_m).max() < 1e-3
     assert shake(scene, STILL, "fast").outcome == "stands"
+
+
+def test_a_rock_that_a_wall_catches_past_its_balance_has_lodged():
+    """The wall is .5 m away: the block leans on it at asin(.5 / 1.2) or, where its foot slides back, more."""
+    rock = box(HALF_WIDTH_M, HALF_WIDTH_M, HALF_HEIGHT_M).moved(np.eye(3), (0.0, 0.0, HALF_HEIGHT_M))
+    away = pulse(-8.0, 0.3, after_s=6.0)
+    scene = Scene.from_mesh((rock.vertices_m, rock.faces), pedestal=with_wall(0.5), friction=0.8)
+    lodged = shake(scene, away, "fast", trajectory=True)
+    assert (lodged.outcome, lodged.toppled, lodged.ended_by) == ("lodged", True, "rest")
+    assert math.degrees(math.asin(0.5 / 1.2)) - 0.1 < lodged.residual_tilt_deg < 45.0
+    assert math.cos(math.radians(lodged.topple_azimuth_deg)) > 0.996  # within 5 degrees of x
+    assert 0.0 < lodged.topple_time_s < 1.5
+
+
+def test_a_rock_that_a_wall_catches_before_its_balance_has_not_lodged():
+    rock = box(HALF_WIDTH_M, HALF_WIDTH_M, HALF_HEIGHT_M).moved(np.eye(3), (0.0, 0.0, HALF_HEIGHT_M))
+    scene = Scene.from_mesh((rock.vertices_m, rock.faces), pedestal=with_wall(0.1), friction=0.8)
+    caught = shake(scene, pulse(-8.0, 0.3, after_s=6.0), "fast")
+    assert caught.outcome in {"stands", "moved"}
+    assert not caught.toppled

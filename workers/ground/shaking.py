@@ -10,7 +10,7 @@ import numpy as np
 from toppling.models.compiled import Array
 from toppling.models.ground.body import PAIRS, RESTING_SHARE
 from toppling.models.ground.contacts import CONTACT, MOST, no_pairs
-from toppling.models.ground.equilibrium import held
+from toppling.models.ground.equilibrium import held, is_held, wrenches
 from toppling.models.ground.excitation import excitation
 from toppling.models.ground.stepping import Grounded, take_steps
 from toppling.models.relief import height_below
@@ -20,6 +20,12 @@ from toppling.workers.contact.candidates import LARGEST_OPEN_TILT_DEG
 from toppling.workers.outcome import ShakeResult, result_of
 from toppling.workers.problem import Problem
 from toppling.workers.start import given_state
+
+TOUCHING_SHARE = 1e-3
+"""Of R: contacts of a rock that has come to rest are so near; one that creeps to rest ends with less than touching."""
+
+STEEP = 0.5
+"""Upward part of a contact's normal: less, and what is touched stands beside the rock, not below it."""
 
 ROOM = 4096
 """Poses that the trajectory's arrays have room for at first."""
@@ -143,10 +149,15 @@ class GroundShaking:
                 return "time_cap"
         return None
 
+    @property
+    def _stood_m(self) -> float:
+        """Height of the centre of mass over its first contacts, along the plumb line."""
+        return float((self.sim.pose[0, :3] - self._first_place) @ self.body.scene_from_support[2])
+
     def _has_fallen(self, pose: Array) -> bool:
         """Whether the centre of mass has lost a share of its height, and the ground below it is not as far down."""
         up, first = self.body.scene_from_support[2], self.sim.pose[0]
-        stood_m = float((first[:3] - self._first_place) @ up)
+        stood_m = self._stood_m
         if float((first[:3] - pose[:3]) @ up) <= TOPPLED_FALL * stood_m:
             return False
         com = self.body.scene_from_support @ pose[:3]
@@ -154,6 +165,23 @@ class GroundShaking:
             com[None, :2], self.body.ground_in_scene_m, self.body.ground.faces, highest=True
         )[0]
         return not np.isfinite(below) or com[2] - below < (1.0 - TOPPLED_FALL) * stood_m
+
+    def _lodged(self, ended_by: str) -> bool:
+        """Whether the rock rests only with the help of what stands beside it, and did not so at the start."""
+        if ended_by != "rest":
+            return False
+        last, start = self.sim.pose[self.last], self.sim.pose[0]
+        return not self._held_from_below(last) and self._held_from_below(start)
+
+    def _held_from_below(self, pose: Array) -> bool:
+        """Whether the contacts below a rock at rest hold it: not steep, and not high above the lowest one."""
+        near = self.body.contacts(pose, TOUCHING_SHARE * self.body.size_m)
+        up = self.body.scene_from_support[2]
+        over_m = near["place_m"] @ up
+        low = over_m < over_m.min(initial=np.inf) + TOPPLED_FALL * self._stood_m
+        below = near[low & (near["normal"] @ up > STEEP)]
+        columns = wrenches(below["arm_m"], below["normal"], self.body.friction[0])
+        return is_held(columns, self.body.load_m_s2(), self.body.size_m)
 
     def _make_room(self, steps: int) -> None:
         if self.last + steps + 1 < len(self.sim.time_s):
@@ -181,6 +209,7 @@ class GroundShaking:
             sim.time_s[: last + 1],
             pose,
             trajectory=trajectory,
+            lodged=self._lodged(ended_by),
             penetration_m=self._deepest_m,
             steps=int(sim.counts[3]),
             engine_steps=0,  # the program's own steps

@@ -68,6 +68,7 @@ def test_jobs_exchanged_within_a_batch_fail(batch, names):
         {"toppled": None},
         {"outcome": None},
         {"outcome": "toppled", "toppled": False},
+        {"outcome": "lodged", "toppled": False},
         {"toppled": "no"},
         {"toppled": None, "outcome": None},
         {"status": "diverged"},

@@ -20,14 +20,13 @@ import llvmlite.binding
 import numpy as np
 from numpy.typing import NDArray
 
+from toppling.models.folder import cache_folder
 from toppling.models.numba_alone import numba
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Indices = NDArray[np.int64]
 Vector = tuple[float, float, float]
-
-FOLDER_VARIABLE = "TOPPLING_CACHE"
 
 COMPILED_ROOMS = tuple(Path(__file__).parent.parent / each for each in ("models/ground", "workers"))
 """Whose code is compiled: what changes in them makes all of it anew."""
@@ -57,14 +56,6 @@ def private_folder(parent: Path) -> Path | None:
         if ours and os.access(folder, os.W_OK | os.X_OK):
             return folder
     return None
-
-
-def cache_folder() -> Path:
-    """Folder of this account for what can be made again."""
-    named = os.environ.get(FOLDER_VARIABLE)
-    if named:
-        return Path(named).expanduser()
-    return Path(os.environ.get("XDG_CACHE_HOME") or "~/.cache").expanduser() / "toppling"
 
 
 FOLDER = private_folder(cache_folder())

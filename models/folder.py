@@ -9,6 +9,9 @@ from pathlib import Path
 
 from toppling.models.errors import InputError
 
+CACHE_VARIABLE = "TOPPLING_CACHE"
+"""Names the folder of this account for what can be made again."""
+
 SCHEMES = (
     "s3 s3a s3n gs gcs az abfs abfss adl wasb wasbs r2 oss dbfs hdfs webhdfs http https ftp sftp ssh smb file "
     "memory"
@@ -85,6 +88,14 @@ def new_file(target: Path) -> Iterator[Path]:
         hidden.replace(target)
     finally:
         hidden.unlink(missing_ok=True)
+
+
+def cache_folder() -> Path:
+    """Folder of this account for what can be made again: compiled code, what workers are sent, copies of stores."""
+    named = os.environ.get(CACHE_VARIABLE)
+    if named:
+        return Path(named).expanduser()
+    return Path(os.environ.get("XDG_CACHE_HOME") or "~/.cache").expanduser() / "toppling"
 
 
 def rock_name(folder: str | Path) -> str:

@@ -10,6 +10,7 @@ import click
 
 from toppling.models.errors import InputError
 from toppling.models.folder import SCHEMES, local
+from toppling.models.stores import carry_back, copy_of, is_store
 from toppling.orchestrator.interrupt import as_program, told_as_stop
 from toppling.orchestrator.spelling import Verbs
 
@@ -100,11 +101,12 @@ def main() -> None:
 def call() -> None:
     """Call the verb that the command line names; exit 0 done, 1 failed, 2 wrong usage, 3 finished with failed jobs."""
     try:
-        for word in sys.argv[1:]:
-            if word.partition("://")[0].lower() in {*SCHEMES.split()} - {"http", "https"} and "://" in word:
-                local(word)  # whatever it is given for: a verb may make folders before it writes a file
+        sys.argv[1:] = [_at_hand(word) for word in sys.argv[1:]]
         with told_as_stop():
-            cli.main(prog_name="toppling", standalone_mode=False)
+            try:
+                cli.main(prog_name="toppling", standalone_mode=False)
+            finally:
+                carry_back()
     except click.ClickException as error:
         error.show()
         sys.exit(error.exit_code)
@@ -122,3 +124,15 @@ def call() -> None:
         where = f"{Path(error.filename)}: " if error.filename else ""
         click.echo(f"toppling: {where}{error.strerror or error}", err=True)  # Arrow's have a message only
         sys.exit(1)
+
+
+def _at_hand(word: str) -> str:
+    """Word of the command line; an address in an object store is replaced by the folder that is its copy here."""
+    option, equals, value = word.partition("=") if word.startswith("--") else ("", "", word)
+    if is_store(value) and "://" in value:
+        copy = copy_of(value)
+        click.echo(f"{copy.address}: a copy, and the lock, are in {copy.path}", err=True)
+        return f"{option}{equals}{copy.path}"
+    if value.partition("://")[0].lower() in {*SCHEMES.split()} - {"http", "https"} and "://" in value:
+        local(value)  # whatever it is given for: a verb may make folders before it writes a file
+    return word

@@ -15,10 +15,11 @@ import pyarrow.dataset as ds
 from toppling.models.digest import read_json
 from toppling.models.documents import read_toml
 from toppling.models.errors import InputError
-from toppling.models.folder import local, rock_name
+from toppling.models.folder import rock_name
 from toppling.models.motions.catalogue import CATALOG, meaning
 from toppling.models.run_document import check_run_document
 from toppling.models.scene_document import read_scene_document
+from toppling.models.stores import at_hand
 from toppling.models.tables import read_table
 from toppling.results.audit_folder import check_audits
 from toppling.results.belonging import SCENES, SITES_FILE, check_files
@@ -48,7 +49,7 @@ class Run:
     Parameters
     ----------
     path : path
-        The folder that `toppling run` made.
+        The folder that `toppling run` made, or its address in an object store.
 
     Raises
     ------
@@ -57,7 +58,7 @@ class Run:
     """
 
     def __init__(self, path: PathLike) -> None:
-        self.path = local(path)
+        self.path = at_hand(path)
         marks = ("campaign.toml", "run.json", "results.parquet", "parts")
         if atlas_of(self.path) is None and not any((self.path / mark).exists() for mark in marks):
             raise InputError(

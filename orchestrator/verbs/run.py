@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.core import ParameterSource
 
+from toppling.models.stores import kept_up, named
 from toppling.orchestrator.dispatch import Limits
 from toppling.orchestrator.interrupt import INTERRUPTED, stop_in_order, told_as_stop
 from toppling.orchestrator.verbs.options import FOLDER, json_option
@@ -139,7 +140,7 @@ def run(
     command = _command(click.get_current_context())
     to_go_on = " ".join([f"To go on: {command}", *(["--again", ",".join(again)] if again else [])])
     try:
-        with told_as_stop(), watcher() as watch:
+        with told_as_stop(), kept_up(folder), watcher() as watch:
             limits = Limits(job_limit, tries)
             tally = carry_out(chosen, folder, reported(cluster, report), watch, limits, again, [Auditing()])
     except RunError as error:
@@ -163,11 +164,11 @@ def run(
         click.echo(json.dumps(summary))
     else:
         click.echo(
-            f"{folder}: {tally.done} jobs done in {duration(tally.elapsed_s)} ({pace(tally.rate)}), "
+            f"{named(folder)}: {tally.done} jobs done in {duration(tally.elapsed_s)} ({pace(tally.rate)}), "
             f"{tally.before} done before; in all {state['toppled']} toppled, {state['failed']} failed"
         )
         if state["failed"]:
-            click.echo(f"why some failed: toppling status {folder}")
+            click.echo(f"why some failed: toppling status {named(folder)}")
         for sentence in [*state["statement_sentences"], *state["audit_sentences"], *state["stood_sentences"]]:
             click.echo(sentence)
         if unphysical:
@@ -176,7 +177,7 @@ def run(
             click.echo(f"to do them again: {command} --again {','.join(there)}")
         for sentence in advice:
             click.echo(sentence)
-        click.echo(f"next: toppling {'atlas' if chosen.sites else 'fragility'} {folder}")
+        click.echo(f"next: toppling {'atlas' if chosen.sites else 'fragility'} {named(folder)}")
     if state["failed"]:
         sys.exit(FAILED_JOBS)
 
@@ -197,7 +198,8 @@ def _as_given(option: click.Option, value: Any) -> list[str]:
         return [option.opts[0] if value else option.secondary_opts[0]]
     words = []
     for one in value if option.multiple else [value]:
-        words += [option.opts[0], *(map(str, one) if option.nargs > 1 else [str(one)])]
+        given = named(one) if isinstance(one, Path) else one
+        words += [option.opts[0], *(map(str, given) if option.nargs > 1 else [str(given)])]
     return words
 
 

@@ -9,6 +9,7 @@ from toppling.models.folder import local, new_file, new_folder
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene
+from toppling.models.stores import is_store
 from toppling.orchestrator.campaign import Campaign
 from toppling.results.run import open_run
 from toppling.workers.shake import shake
@@ -24,7 +25,6 @@ def test_addresses_are_refused_as_folders_and_nothing_is_made(address, tmp_path,
     monkeypatch.chdir(tmp_path)
     for use in (
         local,
-        open_run,
         Scene.load,
         Ensemble.load,
         Scene.block(0.2, 0.2, 0.6).save,
@@ -33,6 +33,9 @@ def test_addresses_are_refused_as_folders_and_nothing_is_made(address, tmp_path,
     ):
         with pytest.raises(InputError, match="is an address"):
             use(address)
+    if not is_store(address):  # whose runs are brought here
+        with pytest.raises(InputError, match="is an address"):
+            open_run(address)
     (tmp_path / "campaign.toml").write_text(
         f'scene = "{address}"\nensemble = "e"\npga_m_s2 = [1]\nazimuth_deg = [0]\nfriction = [1]\n'
     )

@@ -1,0 +1,291 @@
+"""Runs in object stores: a copy on this machine stands for one, and what changes in either is carried over.
+
+A store has no locks and no renaming, and each file of a run is verified as a whole before it is believed. So the files
+are brought here first, and what is written goes back whole: the store shows an object only once all of it is there.
+Others may read the store at any time; the lock of a run is kept by the copy, on this machine.
+"""
+
+import contextlib
+import hashlib
+import logging
+import os
+import re
+import shutil
+import threading
+from collections.abc import Iterator
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, field
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+from toppling.models.digest import read_json, write_json
+from toppling.models.errors import InputError
+from toppling.models.folder import cache_folder, local, new_file
+
+log = logging.getLogger(__name__)
+
+SCHEMES = ("s3", "gs", "gcs", "az", "abfs", "abfss", "hdfs", "webhdfs", "sftp", "ssh", "smb")
+_ADDRESS = re.compile(rf"^({'|'.join(SCHEMES)}):/+(?=[^/])", re.IGNORECASE)
+PAUSE_S = 5.0
+"""Between looks at what a run that goes on has written: as often as it writes parts."""
+
+Stamp = list[int]
+"""Size, and time of the last change in nanoseconds."""
+
+
+def is_store(path: str | os.PathLike[str]) -> bool:
+    """Whether a path is an address in an object store; `Path` makes one slash of its two.
+
+    Examples
+    --------
+    >>> is_store("s3://bucket/run"), is_store("s3:/bucket/run"), is_store("runs/first")
+    (True, True, False)
+    """
+    return _ADDRESS.match(os.fspath(path)) is not None
+
+
+def address_of(path: str | os.PathLike[str]) -> str:
+    """An address as its store wants it.
+
+    Examples
+    --------
+    >>> address_of("S3:/bucket/run/")
+    's3://bucket/run'
+    """
+    text = os.fspath(path)
+    found = _ADDRESS.match(text)
+    assert found is not None
+    return f"{found[1].lower()}://{text[found.end() :].rstrip('/')}"
+
+
+@dataclass
+class Copy:
+    """The copy on this machine of a folder in a store.
+
+    Parameters
+    ----------
+    address : str
+    path : Path
+        Of the copy.
+
+    Raises
+    ------
+    InputError
+        If there is no such kind of store, or it does not answer.
+    """
+
+    address: str
+    path: Path
+    _root: str = ""
+    _store: Any = None
+    _known: dict[str, tuple[Stamp, Stamp]] = field(default_factory=dict)
+    _alone: threading.Lock = field(default_factory=threading.Lock)
+
+    def __post_init__(self) -> None:
+        self._store, self._root = _file_system(self.address)
+        with contextlib.suppress(OSError, InputError, TypeError, ValueError):
+            known = read_json(self._notes)
+            self._known = {name: (list(here), list(there)) for name, (here, there) in known.items()}
+
+    @property
+    def _notes(self) -> Path:
+        return self.path.with_name(f"{self.path.name}.json")
+
+    def pull(self) -> None:
+        """Bring here what is new or changed in the store; what the store has no more is removed here too.
+
+        Raises
+        ------
+        InputError
+            If the store does not answer, or holds what is no file of a folder.
+        """
+        with self._alone, self._told():
+            there = self._listed()
+            for name, stamp in there.items():
+                place = self.path / name
+                if name in self._known and self._known[name][1] == stamp and place.exists():
+                    continue
+                with (
+                    new_file(place) as hidden,
+                    self._store.open_input_stream(f"{self._root}/{name}") as source,
+                    hidden.open("wb") as target,
+                ):
+                    shutil.copyfileobj(source, target, 2**20)
+                self._known[name] = (_stamp(place), stamp)
+            for name in self._known.keys() - there.keys():
+                (self.path / name).unlink(missing_ok=True)
+                del self._known[name]
+            self._note()
+
+    def push(self) -> None:
+        """Carry what is new or changed here to the store, `run.json` last, then remove there what is no more here.
+
+        Raises
+        ------
+        InputError
+            If the store does not answer.
+        """
+        with self._alone, self._told():
+            here = {
+                name: place
+                for place in self.path.rglob("*")
+                if _is_carried(name := str(place.relative_to(self.path)), place)
+            }
+            for name in sorted(here, key=lambda name: (name == "run.json", name)):
+                with contextlib.suppress(FileNotFoundError):  # merged away meanwhile
+                    stamp = _stamp(here[name])
+                    if self._known.get(name, (None,))[0] != stamp:
+                        self._known[name] = (stamp, self._put(name, here[name]))
+            for name in self._known.keys() - here.keys():
+                with contextlib.suppress(FileNotFoundError):
+                    self._store.delete_file(f"{self._root}/{name}")
+                del self._known[name]
+            self._note()
+
+    @contextlib.contextmanager
+    def kept_up(self) -> Iterator[None]:
+        """Carry over what is written as long as this goes on, and all of it at the end."""
+        over = threading.Event()
+
+        def keep_up() -> None:
+            while not over.wait(PAUSE_S):
+                try:
+                    self.push()
+                except InputError as error:
+                    log.warning("%s; what is done stays in %s, and is tried again", error.what, self.path)
+
+        thread = threading.Thread(target=keep_up, daemon=True)
+        thread.start()
+        try:
+            yield
+        finally:
+            over.set()
+            thread.join()
+            self.push()
+
+    def _put(self, name: str, place: Path) -> Stamp:
+        target = f"{self._root}/{name}"
+        if self._store.type_name not in ("s3", "gcs", "abfs"):  # a store of objects has no folders
+            self._store.create_dir(str(PurePosixPath(target).parent))
+        with place.open("rb") as source, self._store.open_output_stream(target) as sink:
+            shutil.copyfileobj(source, sink, 2**20)
+        info = self._store.get_file_info(target)
+        return [info.size, info.mtime_ns or 0]
+
+    def _listed(self) -> dict[str, Stamp]:
+        from pyarrow.fs import FileSelector, FileType
+
+        found = self._store.get_file_info(FileSelector(self._root, recursive=True, allow_not_found=True))
+        files = {
+            info.path.removeprefix(f"{self._root}/"): [info.size, info.mtime_ns or 0]
+            for info in found
+            if info.type == FileType.File
+        }
+        for name in files:
+            if not name or name.startswith("/") or ".." in PurePosixPath(name).parts:
+                raise InputError(
+                    f"holds an object named {name!r}",
+                    where=self.address,
+                    expected="files of a run, in folders below it",
+                    remedy="remove that object, or give another address",
+                )
+        return files
+
+    @contextlib.contextmanager
+    def _told(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            if error.filename is not None:  # of this machine's disk
+                raise
+            raise _no_answer(self.address, error) from None
+
+    def _note(self) -> None:
+        write_json(self._notes, self._known)
+
+
+_COPIES: dict[str, Copy] = {}
+"""Of this process: what is asked twice is brought once, and all is carried back at the end."""
+
+
+def copy_of(path: str | os.PathLike[str]) -> Copy:
+    """The copy on this machine of a folder in a store, as the store has it at the first call.
+
+    Raises
+    ------
+    InputError
+        As :class:`Copy` and :meth:`Copy.pull`.
+    """
+    address = address_of(path)
+    if address not in _COPIES:
+        name = PurePosixPath(address).name
+        key = hashlib.blake2b(address.encode(), digest_size=8).hexdigest()
+        copy = Copy(address, cache_folder() / "stores" / key / name)
+        copy.pull()
+        _COPIES[address] = copy
+    return _COPIES[address]
+
+
+def at_hand(path: str | os.PathLike[str]) -> Path:
+    """A folder of this machine as it is; of one in a store, the copy."""
+    return copy_of(path).path if is_store(path) else local(path)
+
+
+def named(path: Path) -> str:
+    """What a user calls a folder: the address, where it is the copy of one in a store."""
+    return next((address for address, copy in _COPIES.items() if copy.path == path), str(path))
+
+
+def kept_up(path: Path) -> AbstractContextManager[None]:
+    """Carry over what is written into a folder as long as this goes on, if it is a copy of one in a store."""
+    return next((copy.kept_up() for copy in _COPIES.values() if copy.path == path), contextlib.nullcontext())
+
+
+def carry_back() -> None:
+    """Carry what was written into copies to their stores."""
+    for copy in _COPIES.values():
+        copy.push()
+
+
+def _file_system(address: str) -> tuple[Any, str]:
+    import pyarrow as pa
+    from pyarrow.fs import FileSystem, FSSpecHandler, PyFileSystem
+
+    try:
+        return FileSystem.from_uri(address)
+    except pa.ArrowInvalid:
+        pass  # not one of Arrow's own
+    except OSError as error:
+        raise _no_answer(address, error) from None
+    try:
+        import fsspec
+
+        system, root = fsspec.core.url_to_fs(address)
+    except (ImportError, ValueError) as error:
+        raise InputError(
+            f"is in a kind of store that cannot be reached from here ({error})",
+            where=address,
+            expected="s3://, gs://, abfs://, hdfs://, or what an installed package of fsspec reaches",
+            remedy="install the package that is named, or copy the folder to this machine",
+        ) from None
+    return PyFileSystem(FSSpecHandler(system)), root
+
+
+def _no_answer(address: str, error: OSError) -> InputError:
+    return InputError(
+        f"the store gives no answer ({str(error).splitlines()[0]})",
+        where=address,
+        expected="a bucket that exists, and credentials that may read and write it",
+        remedy="check the address and the store's variables (AWS_ACCESS_KEY_ID, AWS_REGION, AWS_ENDPOINT_URL_S3, ...)",
+    )
+
+
+def _is_carried(name: str, place: Path) -> bool:
+    """Whether a file is part of a run; hidden ones are half written, locks or keys."""
+    hidden = any(part.startswith(".") for part in PurePosixPath(name).parts)
+    return not hidden and place.is_file() and not place.is_symlink()
+
+
+def _stamp(place: Path) -> Stamp:
+    state = place.stat()
+    return [state.st_size, state.st_mtime_ns]

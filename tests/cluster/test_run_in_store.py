@@ -1,0 +1,104 @@
+"""A run in an object store: carried out, killed, continued and read from machines that share no disk."""
+
+import logging
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from answers import answers_of
+
+from toppling.models.compiled import FOLDER
+from toppling.models.stores import Copy
+from toppling.workers.shake import compile_once
+
+PATIENCE_S = 120.0
+ADDRESS = "s3://bucket/runs/first"
+TOPPLING = [sys.executable, "-P", "-c", "from toppling.orchestrator.cli import main; main()"]
+
+
+@pytest.fixture
+def store(monkeypatch):
+    """An S3 server on loopback, and the variables with which programs find it."""
+    logging.getLogger("werkzeug").setLevel(logging.CRITICAL)
+    server = pytest.importorskip("moto.server").ThreadedMotoServer(
+        ip_address="127.0.0.1", port=0, verbose=False
+    )
+    server.start()
+    host, port = server.get_host_and_port()
+    for name, value in {
+        "AWS_ACCESS_KEY_ID": "a", "AWS_SECRET_ACCESS_KEY": "b", "AWS_DEFAULT_REGION": "us-east-1",
+        "AWS_ENDPOINT_URL": f"http://{host}:{port}",
+    }.items():  # fmt: skip
+        monkeypatch.setenv(name, value)
+    pytest.importorskip("boto3").client("s3").create_bucket(Bucket="bucket")
+    yield
+    server.stop()
+
+
+@pytest.fixture
+def machine(tmp_path):
+    """Environment of another machine: a cache of its own, with the code compiled for this processor."""
+    compile_once()
+
+    def of(name):
+        cache = tmp_path / name
+        if FOLDER is not None and not cache.exists():
+            shutil.copytree(FOLDER, cache / FOLDER.name)
+        return os.environ | {"TOPPLING_CACHE": str(cache)}
+
+    return of
+
+
+def toppling(*words, env):
+    done = subprocess.run(
+        [*TOPPLING, *map(str, words)],
+        env=env,
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE_S,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout + done.stderr
+
+
+def test_a_run_in_a_store_is_killed_on_one_machine_and_goes_on_at_another(
+    store, machine, inputs, undisturbed, faults, tmp_path
+):
+    command = ["run", inputs / "campaign.toml", "--out", ADDRESS, "--workers", "2", "--no-estimate"]
+    faults.set(every={"kind": "wait", "seconds": 0.5})
+    first = subprocess.Popen(
+        [*TOPPLING, *map(str, command)], env=machine("first"),
+        stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True,
+    )  # fmt: skip
+    looked_at = Copy(ADDRESS, tmp_path / "look" / "run")
+    end = time.monotonic() + PATIENCE_S
+    while not any((looked_at.path / "parts").glob("part-*")):
+        assert time.monotonic() < end
+        assert first.poll() is None
+        time.sleep(0.5)
+        looked_at.pull()
+    os.killpg(first.pid, signal.SIGKILL)
+    first.wait()
+    faults.clear()
+
+    told = toppling("status", ADDRESS, env=machine("second"))
+    assert "of 72" in told
+    told = toppling(*command, env=machine("second"))
+    assert f"{ADDRESS}: " in told
+    assert f"toppling fragility {ADDRESS}" in told
+    assert " 0 done before" not in told
+
+    looked_at.pull()
+    assert not list(Path(looked_at.path / "parts").glob("part-*"))
+    assert answers_of(looked_at.path) == undisturbed
+    counted = toppling("query", ADDRESS, "select count(*) from results", "--csv", env=machine("third"))
+    assert "72" in counted
+    toppling("fragility", ADDRESS, env=machine("third"))
+    looked_at.pull()
+    assert list(looked_at.path.rglob("*.png"))  # what is drawn of it lies beside it

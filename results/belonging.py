@@ -148,8 +148,8 @@ def _stated(path: Path) -> str | None:
 
 
 def _compare(run: Path) -> None:
-    told = _document(run)
-    recorded = told.get("files") or {}
+    document = _document(run)
+    recorded = document.get("files") or {}
     here = digests_of(run)
     for name in recorded.keys() & here.keys():
         if here[name] != recorded[name]:
@@ -162,12 +162,16 @@ def _compare(run: Path) -> None:
         culprit = f"{RUN_FILE} or they are" if several else "it is"
         place = run if several else run / other[0]
         raise ForeignError(f"{names} {what} that the run was begun with: {culprit} of another run", place)
-    for name, key, found in _ids(run, told, recorded):
-        if found != told[key]:
-            raise ForeignError(f"is of another run ({key} {found}, {RUN_FILE} says {told[key]})", run / name)
+    for name, key, found in _ids(run, document, recorded):
+        if found != document[key]:
+            raise ForeignError(
+                f"is of another run ({key} {found}, {RUN_FILE} says {document[key]})", run / name
+            )
 
 
-def _ids(run: Path, told: Mapping[str, Any], recorded: Mapping[str, Any]) -> list[tuple[str, str, object]]:
+def _ids(
+    run: Path, document: Mapping[str, Any], recorded: Mapping[str, Any]
+) -> list[tuple[str, str, object]]:
     """Of files without a recorded digest what they are by their own word: name, key of `run.json`, value."""
     readers: tuple[tuple[str, str, Callable[[Path], object]], ...] = (
         ("scene/scene.json", "scene_id", lambda path: read_scene_document(path)["id"]),
@@ -177,7 +181,7 @@ def _ids(run: Path, told: Mapping[str, Any], recorded: Mapping[str, Any]) -> lis
     return [
         (name, key, read(run / name))
         for name, key, read in readers
-        if not recorded.get(name) and key in told and (run / name).exists()
+        if not recorded.get(name) and key in document and (run / name).exists()
     ]
 
 
@@ -196,8 +200,8 @@ def _compare_rows(run: Path, path: Path) -> None:
             raise ForeignError(
                 f"holds rows of another run ({foreign} of {len(rows)} are of no job in {JOBS_FILE})", path
             )
-    told = _document(run) if (run / RUN_FILE).exists() else {}
-    if (scene_id := told.get("scene_id")) is not None:
-        known_ids = {one["scene_id"] for one in told.get("scenes") or [told]}
+    document = _document(run) if (run / RUN_FILE).exists() else {}
+    if (scene_id := document.get("scene_id")) is not None:
+        known_ids = {one["scene_id"] for one in document.get("scenes") or [document]}
         if other := [one for one in pc.unique(rows["scene_id"]).to_pylist() if one not in known_ids]:
             raise ForeignError(f"holds rows of another scene ({other[0]}, the run's is {scene_id})", path)

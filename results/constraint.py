@@ -161,7 +161,9 @@ def branch_table(update: Update) -> pd.DataFrame:
     return table.join(factors.drop(columns="name"))
 
 
-def _interval(rocks: Sequence[Standing], told: Callable[[Sequence[Standing]], float]) -> tuple[float, float]:
+def _interval(
+    rocks: Sequence[Standing], statement: Callable[[Sequence[Standing]], float]
+) -> tuple[float, float]:
     """Interval (95 %) of what is told of some rocks, as their records are drawn anew (`results.fits.bootstrap`)."""
     known = [rock.resampled for rock in rocks if rock.resampled and len(rock.resampled.fitted)]
     if len(known) < len(rocks):
@@ -171,7 +173,7 @@ def _interval(rocks: Sequence[Standing], told: Callable[[Sequence[Standing]], fl
         *(one.lognormals(rock.curve.measure) for one, rock in zip(known, rocks, strict=True)), strict=True
     )
     values = [
-        told([replace(rock, curve=curve) for rock, curve in zip(rocks, curves, strict=True)])
+        statement([replace(rock, curve=curve) for rock, curve in zip(rocks, curves, strict=True)])
         for curves in drawn
     ]
     low, high = fewest.interval(np.array(values))

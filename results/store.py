@@ -123,12 +123,12 @@ def compact(run_folder: PathLike) -> Path:
         msg = f"{run} holds no results: 'toppling run' writes them"
         raise FileNotFoundError(msg)
     table = table.sort_by([(name, "ascending") for name in SORT_ORDER])
-    told = {}
+    metadata = {}
     for path in (run / "run.json", run / "campaign.toml"):
         if path.exists():
             check(path)
-            told[path.name.encode()] = path.read_bytes()
-    table = table.replace_schema_metadata({**(SCHEMA.metadata or {}), **told})
+            metadata[path.name.encode()] = path.read_bytes()
+    table = table.replace_schema_metadata({**(SCHEMA.metadata or {}), **metadata})
     target = _write(table, run / RESULTS_FILE)
     for path in files:
         if path != target:

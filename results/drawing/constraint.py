@@ -120,10 +120,10 @@ def _draw_many(axes: Axes, branches: Sequence[Branch], verdicts: pd.DataFrame | 
 
 def ages_words(rocks: Sequence[Standing]) -> str:
     """Say how long rocks have stood: one age, a range, or each by name; empty without rocks or ages."""
-    told = {rock.name: _years(rock.years) for rock in rocks if np.isfinite(rock.years).any()}
-    if len(set(told.values())) == 1:
-        return f"standing for {next(iter(told.values()))}"
-    return "; ".join(f"{name}: {years}" for name, years in told.items())
+    ages = {rock.name: _years(rock.years) for rock in rocks if np.isfinite(rock.years).any()}
+    if len(set(ages.values())) == 1:
+        return f"standing for {next(iter(ages.values()))}"
+    return "; ".join(f"{name}: {years}" for name, years in ages.items())
 
 
 def _years(years: NDArray[np.float64]) -> str:
@@ -133,8 +133,8 @@ def _years(years: NDArray[np.float64]) -> str:
 
 def _verdict(row: pd.Series) -> str:
     survival = row["survival"]
-    told = f"{survival:.2f}" if survival >= 0.01 else f"{survival:.0e}" if survival > 1e-99 else "0"
-    return f": survival {told}, {'rejected' if row['rejected'] else 'not rejected'}"
+    words = f"{survival:.2f}" if survival >= 0.01 else f"{survival:.0e}" if survival > 1e-99 else "0"
+    return f": survival {words}, {'rejected' if row['rejected'] else 'not rejected'}"
 
 
 def _within(bound: pd.DataFrame, branch: HazardCurve) -> NDArray[np.float64]:

@@ -20,14 +20,14 @@ from toppling.results.hazard.export import write_openquake
 
 
 def write_constraint(
-    constraint: Constraint, told: dict[str, Any], folder: Path, ratio: float = 1.0
+    constraint: Constraint, statement: dict[str, Any], folder: Path, ratio: float = 1.0
 ) -> Iterator[Path]:
     """Write all of a constraint into a folder.
 
     Parameters
     ----------
     constraint : Constraint
-    told : dict
+    statement : dict
         Its statement, with the choices that led to it.
     folder : Path
         Made if absent; files of the same names are replaced.
@@ -41,11 +41,11 @@ def write_constraint(
     """
     folder.mkdir(parents=True, exist_ok=True)
     with new_file(folder / "constraint.json") as hidden:
-        hidden.write_text(json.dumps(told, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+        hidden.write_text(json.dumps(statement, indent=1, allow_nan=False) + "\n", encoding="utf-8")
     yield folder / "constraint.json"
     for name, table in constraint.tables().items():
         yield save_table(safe_table(table), folder / f"{name}.csv")
-    yield save_table(safe_table(choices_table(told)), folder / "choices.csv")
+    yield save_table(safe_table(choices_table(statement)), folder / "choices.csv")
     update = constraint.update
     if constraint.bound is not None:
         branches = update.tree.branches if update else ()
@@ -59,26 +59,26 @@ def write_constraint(
             yield from write_openquake(update, folder / "openquake", ratio)
     if constraint.random_rock is not None:
         yield write_curves(folder / "random_rock.json", [constraint.random_rock.curve], "random rock")
-    yield write_page(constraint_page(constraint, told), folder / "constraint.html")
+    yield write_page(constraint_page(constraint, statement), folder / "constraint.html")
 
 
-def choices_table(told: dict[str, Any]) -> pd.DataFrame:
+def choices_table(statement: dict[str, Any]) -> pd.DataFrame:
     """Every choice, file and number of branches, a row each, for who files the statement."""
-    choices = told.get("choices", {})
+    choices = statement.get("choices", {})
     rows = [("program", "", choices.get("program", ""))]
     rows += [("option", name, json.dumps(value)) for name, value in choices.get("options", {}).items()]
     rows += [
         ("hazard", name, json.dumps(value))
-        for name, value in told.get("hazard", {}).items()
+        for name, value in statement.get("hazard", {}).items()
         if name != "files"
     ]
     rows += [
         ("rock", rock["name"], f"median {rock['median']:.6g}, beta {rock['beta']:.6g}")
-        for rock in told["rocks"]
+        for rock in statement["rocks"]
     ]
     rows += [
         ("branch", branch["name"], f"weight {branch['prior_weight']:.6g}")
-        for branch in told.get("branches", ())
+        for branch in statement.get("branches", ())
     ]
     rows += [("file", one["path"], f"sha256 {one['sha256']}") for one in choices.get("files", ())]
     return pd.DataFrame(rows, columns=["kind", "name", "value"])

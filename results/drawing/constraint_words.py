@@ -17,18 +17,18 @@ FIRST_RATES = (1e-4, *sorted(RATES))
 VARY = {"fragility": "other records like these", "age": "other ages"}
 
 
-def answer(told: dict[str, Any]) -> list[str]:
+def answer(statement: dict[str, Any]) -> list[str]:
     """The answer in a few sentences: what the hazard becomes, and what the rocks allow at most."""
-    if "branches" not in told:
+    if "branches" not in statement:
         return []
-    lines = [line for line in (_fall(told), _allowed(told)) if line]
-    counts, several = told["decided"], len(told["branches"]) > 1
+    lines = [line for line in (_fall(statement), _allowed(statement)) if line]
+    counts, several = statement["decided"], len(statement["branches"]) > 1
     if several:
-        alive = [branch["survival"] for branch in told["branches"]]
+        alive = [branch["survival"] for branch in statement["branches"]]
         lines.append(
             f"Survival under the {len(alive)} branches is {_percent(counts['survival_mean_of_branches'])} on average, "
             f"{_percent(min(alive))} to {_percent(max(alive))}; {counts['branches_rejected'] or 'none'} of them "
-            f"{'are' if counts['branches_rejected'] > 1 else 'is'} rejected at {100 * told['confidence']:g} %"
+            f"{'are' if counts['branches_rejected'] > 1 else 'is'} rejected at {100 * statement['confidence']:g} %"
             + (
                 f", with {_percent(counts['weight_rejected'])} of the weight"
                 if counts["branches_rejected"]
@@ -44,17 +44,17 @@ def answer(told: dict[str, Any]) -> list[str]:
     return lines
 
 
-def _fall(told: dict[str, Any]) -> str:
+def _fall(statement: dict[str, Any]) -> str:
     """How the motion at a rate falls; empty for a single branch, whose weight cannot change."""
-    if len(told["branches"]) < 2:
+    if len(statement["branches"]) < 2:
         return ""
-    by_rate = {row["annual_rate"]: row for row in told["changes"]}
+    by_rate = {row["annual_rate"]: row for row in statement["changes"]}
     for rate in FIRST_RATES:
         row = by_rate[rate]
         before, after = row["level_prior_mean"], row["level_posterior_mean"]
         if before is None or after is None:
             continue
-        unit, measure = printed_unit(told["measure"]), short_name(told["measure"])
+        unit, measure = printed_unit(statement["measure"]), short_name(statement["measure"])
         change = row["level_change_percent"]
         goes = "stays at" if abs(change) < 0.5 else "falls from" if change < 0 else "rises from"
         spread = "" if None in (row["level_posterior_p05"], row["level_posterior_p95"]) else (
@@ -63,7 +63,7 @@ def _fall(told: dict[str, Any]) -> str:
         level = f"{after:.3g} {unit}" if goes == "stays at" else f"{before:.3g} to {after:.3g} {unit}"
         others = "" if row["level_posterior_mean_low"] is None else (
             f"; the mean would be {row['level_posterior_mean_low']:.3g} to {row['level_posterior_mean_high']:.3g} with "
-            f"{_varying(told)} (95 %)"
+            f"{_varying(statement)} (95 %)"
         )  # fmt: skip
         return f"The {rate_words(rate)} {measure} {goes} {level}{spread}{others}."
     return ""
@@ -75,11 +75,11 @@ def rate_words(rate: float) -> str:
     return f"1e{power:.0f}" if abs(power - round(power)) < 1e-9 else f"{1 / rate:,.0f}-year"
 
 
-def _allowed(told: dict[str, Any]) -> str:
+def _allowed(statement: dict[str, Any]) -> str:
     """Factors that the mean of the branches, or the one curve, may be multiplied by."""
-    of = told["mean"]
-    which = "the hazard" if len(told["branches"]) == 1 else "the branches' mean"
-    least = _percent(1.0 - told["confidence"])
+    of = statement["mean"]
+    which = "the hazard" if len(statement["branches"]) == 1 else "the branches' mean"
+    least = _percent(1.0 - statement["confidence"])
     if of["scale_factor"] is None:
         return f"However strong {which}'s motions were, survival would stay above {least}: there are too few events."
     allowed = "already too strong" if of["scale_factor"] < 1 else "compatible as it is"
@@ -101,67 +101,65 @@ def _percent(share: float) -> str:
     return f"{100 * share:.3g} %"
 
 
-def _varying(told: dict[str, Any]) -> str:
-    return " and ".join(VARY[name] for name in told["intervals_carry"])
+def _varying(statement: dict[str, Any]) -> str:
+    return " and ".join(VARY[name] for name in statement["intervals_carry"])
 
 
-def all_words(told: dict[str, Any]) -> str:
+def all_words(statement: dict[str, Any]) -> str:
     """Everything that is said, a line a sentence."""
-    lines = [*answer(told), *rock_lines(told)]
-    if told.get("hazard_ratio") == 1.0:
-        component = told["hazard"]["component"]
+    lines = [*answer(statement), *rock_lines(statement)]
+    if statement.get("hazard_ratio") == 1.0:
+        component = statement["hazard"]["component"]
         stated = f", though its files say {component}" if component else ""
         lines.append(
             "The hazard is taken to be for the peak of the horizontal vector (SA: the largest of all azimuths)"
             f"{stated}; give --ratio if it is for another component."
         )
-    lines += branch_lines(told)
-    unit, measure = describe(SCHEMA.field(told["measure"]))["unit"], short_name(told["measure"])
+    lines += branch_lines(statement)
+    unit, measure = describe(SCHEMA.field(statement["measure"]))["unit"], short_name(statement["measure"])
     lines += [
-        f"a {measure} of {row[told['measure']]:.3g} {unit} or more is rejected at return periods below "
+        f"a {measure} of {row[statement['measure']]:.3g} {unit} or more is rejected at return periods below "
         f"{row['rejected_return_years']:,.0f} years"
-        for row in told.get("rejected", ())[9::10]
+        for row in statement.get("rejected", ())[9::10]
     ]
     return "\n".join(lines)
 
 
-def rock_lines(told: dict[str, Any]) -> list[str]:
+def rock_lines(statement: dict[str, Any]) -> list[str]:
     """What the rocks say about a single event, and what that rests on."""
-    unit, measure = describe(SCHEMA.field(told["measure"]))["unit"], short_name(told["measure"])
-    stood = "the rock has stood" if len(told["rocks"]) == 1 else "the rocks have stood"
+    unit, measure = describe(SCHEMA.field(statement["measure"]))["unit"], short_name(statement["measure"])
+    stood = "the rock has stood" if len(statement["rocks"]) == 1 else "the rocks have stood"
     lines = [
         f"{rock['name']}: median {rock['median']:.3g} {unit}, beta {rock['beta']:.2f}"
-        for rock in told["rocks"]
+        for rock in statement["rocks"]
     ]
     lines.append(
-        f"At {100 * told['confidence']:g} % confidence no single event has exceeded a {measure} of "
-        f"{told['unexceeded']:.3g} {unit} while {stood}."
+        f"At {100 * statement['confidence']:g} % confidence no single event has exceeded a {measure} of "
+        f"{statement['unexceeded']:.3g} {unit} while {stood}."
     )
-    if told["unexceeded_low"] is None:
+    if statement["unexceeded_low"] is None:
         lines.append(
             "  its uncertainty from the choice of records is unknown: this needs a run with enough records"
         )
     else:
-        high = told["unexceeded_high"]
-        ends = (
-            f"{told['unexceeded_low']:.3g} {f'{unit} or more' if high is None else f'to {high:.3g} {unit}'}"
-        )
-        unfit = max(rock["samples_without_fit"] for rock in told["rocks"])
-        count = max(rock["samples"] for rock in told["rocks"])
+        high = statement["unexceeded_high"]
+        ends = f"{statement['unexceeded_low']:.3g} {f'{unit} or more' if high is None else f'to {high:.3g} {unit}'}"
+        unfit = max(rock["samples_without_fit"] for rock in statement["rocks"])
+        count = max(rock["samples"] for rock in statement["rocks"])
         bare = f"; {unfit} of {count} bootstrap samples have no fit and count as unbounded" if unfit else ""
         lines.append(
             f"  {ends} with other records like these (95 %{bare}), as the jobs come from few earthquakes"
         )
-    for rock in told.get("stood", ()):
+    for rock in statement.get("stood", ()):
         lines += [f"  {sentence}" for sentence in sentences({**rock, "contacts": [rock]})]
         if rock["median_shift_percent"]:
             lines.append(
                 f"  with equal weights the median of {rock['rock']} would be {rock['median_bases_alike']:.3g} "
                 f"{unit}: the weights shift it by {rock['median_shift_percent']:+.1f} %"
             )
-    for rock in told["rocks"]:
-        lines += _reservations(rock, told["unexceeded"], unit)
-    if site := told.get("random_rock"):
+    for rock in statement["rocks"]:
+        lines += _reservations(rock, statement["unexceeded"], unit)
+    if site := statement.get("random_rock"):
         low, high = site["median_low"], site["median_high"]
         upper = "or more" if high is None else f"to {high:.3g}"
         ends = "" if low is None else f" ({low:.3g} {upper}, 95 %)"
@@ -169,7 +167,7 @@ def rock_lines(told: dict[str, Any]) -> list[str]:
             f"One fragility of the site, of a rock drawn at random: median {site['median']:.3g} {unit}{ends}, beta "
             f"{site['beta']:.2f} ({site['beta_within']:.2f} within a rock, {site['beta_between']:.2f} between rocks)"
         )
-    if told.get("ages_independent"):
+    if statement.get("ages_independent"):
         lines.append(
             "The ages of the rocks are taken as independent, as if each rock had been dated separately."
         )
@@ -198,9 +196,9 @@ def _reservations(rock: dict[str, Any], unexceeded: float, unit: str) -> list[st
     return lines
 
 
-def branch_lines(told: dict[str, Any]) -> list[str]:
+def branch_lines(statement: dict[str, Any]) -> list[str]:
     """What is said of each branch, where they are few, and of all of them."""
-    branches = told.get("branches", ())
+    branches = statement.get("branches", ())
     lines = []
     for branch in branches if len(branches) <= MOST_NAMED else ():
         verdict = "rejected" if branch["rejected"] else "kept"
@@ -213,23 +211,23 @@ def branch_lines(told: dict[str, Any]) -> list[str]:
                 else f"weight {branch['prior_weight']:.3g} becomes {branch['posterior_weight']:.3g}"
             )
         )
-        lines += _over_draws(branch, told)
-        lines += _outside(branch, 1.0 - told["confidence"])
+        lines += _over_draws(branch, statement)
+        lines += _outside(branch, 1.0 - statement["confidence"])
         lines += _taken_at(branch)
     if len(branches) > MOST_NAMED:
-        lines += _many(told)
+        lines += _many(statement)
     if branches and all(branch["rejected"] for branch in branches):
         ranked = branches[0]["posterior_weight"] is not None
         lines.append("Every branch is rejected" + (": the weights only rank them." if ranked else "."))
-    for level in dict.fromkeys(row["level"] for row in told.get("levels", ())):
-        moved = next(row["moved"] for row in told["levels"] if row["level"] == level)
-        rows = [row for row in told["levels"] if row["level"] == level]
+    for level in dict.fromkeys(row["level"] for row in statement.get("levels", ())):
+        moved = next(row["moved"] for row in statement["levels"] if row["level"] == level)
+        rows = [row for row in statement["levels"] if row["level"] == level]
         lines.append(
             f"logic-tree level {level}: the rocks move {_percent(moved)} of its weight ("
             + ", ".join(f"{r['choice']} {r['prior_weight']:.3g} to {r['posterior_weight']:.3g}" for r in rows)
             + ")"
         )
-    if shares := told.get("parts"):
+    if shares := statement.get("parts"):
         lines.append(
             "Of the toppling rate, "
             + ", ".join(f"{_percent(part['share'])} is from {part['part']}" for part in shares)
@@ -238,9 +236,9 @@ def branch_lines(told: dict[str, Any]) -> list[str]:
     return lines
 
 
-def _many(told: dict[str, Any]) -> list[str]:
+def _many(statement: dict[str, Any]) -> list[str]:
     """The branches that gain and lose most, where there are too many to name."""
-    branches = told["branches"]
+    branches = statement["branches"]
     lines = _taken_at(branches[0])
     if branches[0]["posterior_weight"] is not None:
         ranked = sorted(branches, key=lambda branch: branch["posterior_weight"] / branch["prior_weight"])
@@ -269,13 +267,13 @@ def _taken_at(branch: dict[str, Any]) -> list[str]:
     ]
 
 
-def _over_draws(branch: dict[str, Any], told: dict[str, Any]) -> list[str]:
+def _over_draws(branch: dict[str, Any], statement: dict[str, Any]) -> list[str]:
     """State the interval of a branch's survival over records and ages, and whether the verdict depends on them."""
-    low, high, least = branch["survival_low"], branch["survival_high"], 1.0 - told["confidence"]
+    low, high, least = branch["survival_low"], branch["survival_high"], 1.0 - statement["confidence"]
     if low is None:
         return []
     hangs = "; the verdict depends on them" if low < least <= high else ""
-    return [f"  survival {low:.3g} to {high:.3g} with {_varying(told)} (95 %){hangs}"]
+    return [f"  survival {low:.3g} to {high:.3g} with {_varying(statement)} (95 %){hangs}"]
 
 
 def _outside(branch: dict[str, Any], least: float) -> list[str]:

@@ -9,9 +9,9 @@ FEW_EVENTS = 5.0
 NAMED_BRANCHES = 12
 
 
-def event_words(told: dict[str, Any]) -> str:
+def event_words(statement: dict[str, Any]) -> str:
     """The statement in words."""
-    rocks = told["rocks"]
+    rocks = statement["rocks"]
     lines = [
         f"{rock['name']}: {rock['fragility']}, at {rock['site']}"
         + ("" if rock["site_distance_km"] is None else f", {rock['site_distance_km']:.1f} km from --site")
@@ -19,9 +19,10 @@ def event_words(told: dict[str, Any]) -> str:
     ]
     stand = "the rock stands" if len(rocks) == 1 else f"all {len(rocks)} rocks stand"
     lines.append(
-        f"Under {told['events']:,} events of {len(told['branches'])} branches, {stand} with {told['survival']:.3g}."
+        f"Under {statement['events']:,} events of {len(statement['branches'])} branches, "
+        f"{stand} with {statement['survival']:.3g}."
     )
-    ranked = sorted(told["branches"], key=lambda row: row["rank"])
+    ranked = sorted(statement["branches"], key=lambda row: row["rank"])
     for row in ranked[:NAMED_BRANCHES]:
         lines += _branch_words(row)
     if len(ranked) > NAMED_BRANCHES:
@@ -38,18 +39,19 @@ def event_words(told: dict[str, Any]) -> str:
         lines.append(
             f"No event topples under {_listed(none)}: its true rate may be up to 3 events in the time simulated."
         )
-    if len(told["models"]) > 1:
-        best, least = told["models"][0], told["models"][-1]
+    if len(statement["models"]) > 1:
+        best, least = statement["models"][0], statement["models"][-1]
         lines.append(
-            f"Of {len(told['models'])} ground-motion models {best['model']} agrees best, {best['bayes_factor']:.2g} "
-            f"times the average; the least, {least['model']}, {least['bayes_factor']:.2g} times."
+            f"Of {len(statement['models'])} ground-motion models {best['model']} agrees best, "
+            f"{best['bayes_factor']:.2g} times the average; the least, {least['model']}, "
+            f"{least['bayes_factor']:.2g} times."
         )
-    predicted = {row["left_out"]: row["survival_predicted"] for row in told["left_out"]}
+    predicted = {row["left_out"]: row["survival_predicted"] for row in statement["left_out"]}
     lines += [
         f"Without {name}: the other rocks predict that it stands with {0.0 if chance is None else chance:.3g}"
         for name, chance in predicted.items()
     ]
-    return "\n".join([*lines, *(f"Note: {note}." for note in told["notes"])])
+    return "\n".join([*lines, *(f"Note: {note}." for note in statement["notes"])])
 
 
 def _branch_words(row: dict[str, Any]) -> list[str]:

@@ -73,11 +73,11 @@ def _draw_branches(axes: Axes, update: Update) -> None:
         )  # fmt: skip
 
 
-def _draw_band(axes: Axes, told: Statistics, label: str) -> None:
-    low, high = told.fractiles[0.05], told.fractiles[0.95]
+def _draw_band(axes: Axes, curves: Statistics, label: str) -> None:
+    low, high = curves.fractiles[0.05], curves.fractiles[0.95]
     bears = np.isfinite(low) & np.isfinite(high) & (high > 0)
     axes.fill_between(
-        told.levels[bears], np.maximum(low[bears], LEAST_RATE / 10), high[bears], color=MAIN_COLOUR, alpha=0.3,
+        curves.levels[bears], np.maximum(low[bears], LEAST_RATE / 10), high[bears], color=MAIN_COLOUR, alpha=0.3,
         lw=0, label=label,
     )  # fmt: skip
 

@@ -66,16 +66,16 @@ def write_openquake(update: Update, folder: Path, ratio: float = 1.0) -> Iterato
     if tree.site_name:
         head, site = ["custom_site_id", *head], [plain(tree.site_name), *site]
     for name, kind, rate in kinds:
-        told = f"{common}, kind='{kind}', investigation_time={years}, imt='{imt}'"
+        header = f"{common}, kind='{kind}', investigation_time={years}, imt='{imt}'"
         row = [*site, "0.00000", *(f"{poe:.6E}" for poe in probability_of(rate, years))]
-        yield _written(folder / f"{name}.csv", told, [head, row])
+        yield _written(folder / f"{name}.csv", header, [head, row])
 
 
-def _written(target: Path, told: str, rows: list[list[str]]) -> Path:
+def _written(target: Path, header: str, rows: list[list[str]]) -> Path:
     """A file as the engine writes it: its first line ends with one quoted cell of pairs."""
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerows(rows)
-    first = "#" + "," * (len(rows[0]) - 1) + f'"{told}"\n'
+    first = "#" + "," * (len(rows[0]) - 1) + f'"{header}"\n'
     with new_file(target) as hidden:
         hidden.write_text(first + text.getvalue(), encoding="utf-8")
     return target

@@ -67,12 +67,12 @@ def read_faults(path: Path, site: tuple[float, float]) -> list[FaultTrace]:
         If the file is absent, is no GeoJSON, or holds no line, or one with places that are none on Earth.
     """
     try:
-        told = json.loads(path.read_text(encoding="utf-8-sig"))
+        document = json.loads(path.read_text(encoding="utf-8-sig"))
     except FileNotFoundError:
         raise _fault_error("does not exist", path) from None
     except (UnicodeDecodeError, json.JSONDecodeError, RecursionError) as error:
         raise _fault_error(f"cannot be read ({error})", path) from error
-    features = list(_features(told))
+    features = list(_features(document))
     traces = []
     for number, feature in enumerate(features):
         lines = [_projected(line, site, path, number) for line in _lines(feature.get("geometry"))]
@@ -86,15 +86,15 @@ def read_faults(path: Path, site: tuple[float, float]) -> list[FaultTrace]:
     return traces
 
 
-def _features(told: Any) -> Iterator[Mapping[str, Any]]:
-    if not isinstance(told, dict):
+def _features(document: Any) -> Iterator[Mapping[str, Any]]:
+    if not isinstance(document, dict):
         return
-    if told.get("type") == "FeatureCollection" and isinstance(told.get("features"), list):
-        yield from (one for one in told["features"] if isinstance(one, dict))
-    elif told.get("type") == "Feature":
-        yield told
-    elif "coordinates" in told or "geometries" in told:
-        yield {"geometry": told}
+    if document.get("type") == "FeatureCollection" and isinstance(document.get("features"), list):
+        yield from (one for one in document["features"] if isinstance(one, dict))
+    elif document.get("type") == "Feature":
+        yield document
+    elif "coordinates" in document or "geometries" in document:
+        yield {"geometry": document}
 
 
 def _lines(geometry: Any) -> Iterator[Sequence[Any]]:

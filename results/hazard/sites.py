@@ -43,10 +43,10 @@ def nearest(sites: Sequence[Place], asked: Place, where: str) -> int:
     InputError
         If the place is none on Earth, or the nearest site lies beyond `SITE_REACH_KM`.
     """
-    told = f"{asked[0]:g} {asked[1]:g}"
+    place = f"{asked[0]:g} {asked[1]:g}"
     if not (-180 <= asked[0] <= 360 and -90 <= asked[1] <= 90):
         raise InputError(
-            what=f"{told} is no place on Earth",
+            what=f"{place} is no place on Earth",
             where="--site",
             expected="a longitude of -180 to 360 degrees, then a latitude of -90 to 90",
             remedy="give the longitude first: --site LONGITUDE LATITUDE",
@@ -56,7 +56,7 @@ def nearest(sites: Sequence[Place], asked: Place, where: str) -> int:
     number = int(away_km.argmin())
     if not away_km[number] <= SITE_REACH_KM:
         raise InputError(
-            what=f"the nearest site to {told}, at longitude {sites[number][0]:g} and latitude {sites[number][1]:g}, "
+            what=f"the nearest site to {place}, at longitude {sites[number][0]:g} and latitude {sites[number][1]:g}, "
             f"is {away_km[number]:.0f} km away",
             where=where,
             expected=f"a site within {SITE_REACH_KM:g} km",

@@ -87,17 +87,21 @@ class Update:
     @cached_property
     def before(self) -> Statistics:
         """Mean and fractiles under the prior weights; fractiles of the files where these state no branches."""
-        told = statistics(self.tree)
-        return replace(told, fractiles=self._stated_fractiles(told.levels)) if self._bare_fractiles else told
+        curves = statistics(self.tree)
+        return (
+            replace(curves, fractiles=self._stated_fractiles(curves.levels))
+            if self._bare_fractiles
+            else curves
+        )
 
     @cached_property
     def after(self) -> Statistics | None:
         """Mean and fractiles under the Bayes weights; null fractiles where the files state no branches."""
         if self.posterior is None:
             return None
-        told = statistics(self.tree, self.posterior)
-        unknown = {q: np.full(len(told.levels), math.nan) for q in FRACTILES}
-        return replace(told, fractiles=unknown) if self._bare_fractiles else told
+        curves = statistics(self.tree, self.posterior)
+        unknown = {q: np.full(len(curves.levels), math.nan) for q in FRACTILES}
+        return replace(curves, fractiles=unknown) if self._bare_fractiles else curves
 
     @property
     def _bare_fractiles(self) -> bool:
@@ -174,13 +178,13 @@ class Update:
         return annual_rate_of(np.minimum(self.drawn_posteriors @ probability_of(rates, years), 1.0), years)
 
 
-def mean_curve(tree: HazardTree, told: Statistics) -> HazardCurve:
+def mean_curve(tree: HazardTree, curves: Statistics) -> HazardCurve:
     """The mean of a tree as a curve, of the levels at which it has a rate."""
     if len(tree.branches) == 1:
         return tree.curves[0]
-    bears = (told.mean > 0) & np.isfinite(told.mean)
-    rates = np.minimum.accumulate(told.mean[bears])
-    return HazardCurve(MEAN, tree.measure, told.levels[bears], rates, site=tree.site, years=tree.years)
+    bears = (curves.mean > 0) & np.isfinite(curves.mean)
+    rates = np.minimum.accumulate(curves.mean[bears])
+    return HazardCurve(MEAN, tree.measure, curves.levels[bears], rates, site=tree.site, years=tree.years)
 
 
 def intensity_at(levels: NDArray[np.float64], rates: NDArray[np.float64], annual_rate: float) -> float:
@@ -203,12 +207,12 @@ def branch_factors_table(update: Update) -> pd.DataFrame:
         One row a branch and one for `MEAN`: name, survival, scale_factor (of motions), rate_factor, and _low and _high
         of each (95 %, over other records and ages; null where neither is known to vary).
     """
-    told = update.factors
+    factors = update.factors
     table = pd.DataFrame({"name": [*(branch.name for branch in update.tree.branches), MEAN]})
     for name, values, ends in (
-        ("survival", told.survival, told.survival_interval),
-        ("scale_factor", told.motion, told.motion_interval),
-        ("rate_factor", told.rate, told.rate_interval),
+        ("survival", factors.survival, factors.survival_interval),
+        ("scale_factor", factors.motion, factors.motion_interval),
+        ("rate_factor", factors.rate, factors.rate_interval),
     ):
         table[name] = values
         table[f"{name}_low"], table[f"{name}_high"] = (math.nan, math.nan) if ends is None else ends
@@ -227,14 +231,14 @@ def updated_table(update: Update) -> pd.DataFrame:
     """
     table = pd.DataFrame({"level": update.before.levels})
     nothing = np.full(len(table), math.nan)
-    for name, told in (
+    for name, curves in (
         ("prior", update.before),
         ("posterior", update.after),
         ("kept", update.without_rejected),
     ):
-        table[f"rate_{name}_mean"] = nothing if told is None else told.mean
+        table[f"rate_{name}_mean"] = nothing if curves is None else curves.mean
         for q in FRACTILES if name != "kept" else (0.05, 0.95):
-            table[f"rate_{name}_p{round(100 * q):02}"] = nothing if told is None else told.fractiles[q]
+            table[f"rate_{name}_p{round(100 * q):02}"] = nothing if curves is None else curves.fractiles[q]
     ends = (nothing, nothing)
     if update.draws is not None and update.drawn_means is not None and update.after is not None:
         ends = tuple(update.draws.interval(update.drawn_means))
@@ -258,13 +262,13 @@ def changes_table(update: Update, rates: Sequence[float] = RATES) -> pd.DataFram
     rows = []
     for rate in rates:
         row: dict[str, float] = {"annual_rate": rate, "return_years": 1.0 / rate}
-        for name, told in (("prior", update.before), ("posterior", update.after)):
-            curves = {} if told is None else {"mean": told.mean} | {
-                f"p{round(100 * q):02}": told.fractiles[q] for q in (0.05, 0.5, 0.95)
+        for name, averaged in (("prior", update.before), ("posterior", update.after)):
+            curves = {} if averaged is None else {"mean": averaged.mean} | {
+                f"p{round(100 * q):02}": averaged.fractiles[q] for q in (0.05, 0.5, 0.95)
             }  # fmt: skip
             for key in ("mean", "p05", "p50", "p95"):
                 row[f"level_{name}_{key}"] = (
-                    intensity_at(told.levels, curves[key], rate) if told is not None else math.nan
+                    intensity_at(averaged.levels, curves[key], rate) if averaged is not None else math.nan
                 )
         row["level_posterior_mean_low"], row["level_posterior_mean_high"] = _drawn_levels(update, rate)
         before, after = row["level_prior_mean"], row["level_posterior_mean"]

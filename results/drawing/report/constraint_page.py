@@ -17,31 +17,31 @@ MOST_BRANCHES = 15
 """Branches that the page's table holds, those with the most weight; the file has all."""
 
 
-def constraint_page(constraint: Constraint, told: dict[str, Any]) -> str:
+def constraint_page(constraint: Constraint, statement: dict[str, Any]) -> str:
     """HTML of a constraint, with its pictures inside.
 
     Parameters
     ----------
     constraint : Constraint
-    told : dict
+    statement : dict
         Its statement (`Constraint.told`), with the choices that led to it.
     """
     remarks = [one.curve.basis.unfinished for one in constraint.rocks if one.curve.basis]
     document = Document("; ".join(dict.fromkeys(filter(None, remarks))))
     names = ", ".join(rock.name for rock in constraint.rocks)
-    lines = answer(told) or all_words(told).splitlines()[:2]
+    lines = answer(statement) or all_words(statement).splitlines()[:2]
     alarm = f'<p class="alarm">{safe(document.remark)}.</p>' if document.remark else ""
     says = "says" if len(constraint.rocks) == 1 else "say"
     first = f"<h1>What {safe(names)} {says} by still standing</h1>{alarm}" + "".join(map(paragraph, lines))
     sections = [
-        ("Hazard", _hazard(constraint, told, document)),
-        ("Branches", _branches(told, document)),
-        ("Logic tree", _levels(told, document)),
+        ("Hazard", _hazard(constraint, statement, document)),
+        ("Branches", _branches(statement, document)),
+        ("Logic tree", _levels(statement, document)),
         ("Rates rejected", _rejected(constraint, document)),
-        ("Rocks", _rocks(told, document)),
-        ("In words", "".join(map(paragraph, all_words(told).splitlines()))),
+        ("Rocks", _rocks(statement, document)),
+        ("In words", "".join(map(paragraph, all_words(statement).splitlines()))),
         ("Method", METHOD if constraint.update else ""),
-        ("Choices and files", f"<pre>{safe(json.dumps(told.get('choices', {}), indent=1))}</pre>"),
+        ("Choices and files", f"<pre>{safe(json.dumps(statement.get('choices', {}), indent=1))}</pre>"),
     ]
     return page(f"toppling: {names}", first, [(title, text) for title, text in sections if text])
 
@@ -57,12 +57,12 @@ METHOD = (
 )
 
 
-def _hazard(constraint: Constraint, told: dict[str, Any], document: Document) -> str:
+def _hazard(constraint: Constraint, statement: dict[str, Any], document: Document) -> str:
     if constraint.update is None:
         return ""
-    measure = short_name(told["measure"])
-    many = len(told["branches"]) > 1
-    caption = f"Hazard of {measure} at {_site(told)}, {ages_words(constraint.rocks)}" + (
+    measure = short_name(statement["measure"])
+    many = len(statement["branches"]) > 1
+    caption = f"Hazard of {measure} at {_site(statement)}, {ages_words(constraint.rocks)}" + (
         ": mean and 5 to 95 % of the branches before (dashed, dotted) and after (coloured) they are weighted by the "
         "rock's survival; each branch is a line, the darker the more weight it has now."
         if many
@@ -70,7 +70,7 @@ def _hazard(constraint: Constraint, told: dict[str, Any], document: Document) ->
     )
     parts = [document.figure(lambda width: hazard_figure(constraint.update, width), caption)]  # type: ignore[arg-type]
     if many:
-        unit = printed_unit(told["measure"])
+        unit = printed_unit(statement["measure"])
         table = pd.DataFrame([
             {
                 "annual rate": rate_words(row["annual_rate"]), f"before ({unit})": _digits(row["level_prior_mean"]),
@@ -81,7 +81,7 @@ def _hazard(constraint: Constraint, told: dict[str, Any], document: Document) ->
                 "change of rate (%)": _digits(row["rate_change_percent"]),
                 "rejected removed": _digits(row["level_kept_mean"]),
             }
-            for row in told["changes"]
+            for row in statement["changes"]
         ])  # fmt: skip
         parts.append(
             document.table(
@@ -93,17 +93,19 @@ def _hazard(constraint: Constraint, told: dict[str, Any], document: Document) ->
     return "".join(parts)
 
 
-def _site(told: dict[str, Any]) -> str:
-    hazard = told["hazard"]
+def _site(statement: dict[str, Any]) -> str:
+    hazard = statement["hazard"]
     place = f"longitude {hazard['site'][0]:g}, latitude {hazard['site'][1]:g}" if hazard["site"] else ""
     return ", ".join(filter(None, [hazard["site_name"], place])) or "the rock"
 
 
-def _branches(told: dict[str, Any], document: Document) -> str:
-    if "branches" not in told:
+def _branches(statement: dict[str, Any], document: Document) -> str:
+    if "branches" not in statement:
         return ""
-    heaviest = sorted(told["branches"], key=lambda row: -(row["posterior_weight"] or 0.0))[:MOST_BRANCHES]
-    rows = [*heaviest, told["mean"]] if len(told["branches"]) > 1 else heaviest
+    heaviest = sorted(statement["branches"], key=lambda row: -(row["posterior_weight"] or 0.0))[
+        :MOST_BRANCHES
+    ]
+    rows = [*heaviest, statement["mean"]] if len(statement["branches"]) > 1 else heaviest
     table = pd.DataFrame([
         {
             "branch": row["name"], "weight before": _digits(row.get("prior_weight")),
@@ -114,13 +116,13 @@ def _branches(told: dict[str, Any], document: Document) -> str:
         }
         for row in rows
     ])  # fmt: skip
-    left = len(told["branches"]) - len(heaviest)
+    left = len(statement["branches"]) - len(heaviest)
     more = f" {left} branches with less weight are in branches.csv." if left else ""
     return document.table(
         table,
         "Weights of the branches, the rocks' survival under each, and the factors by which its motions or rates may be "
-        f"multiplied for survival to stay above {100 * (1 - told['confidence']):.3g} %; 95 % intervals in brackets."
-        + more,
+        f"multiplied for survival to stay above {100 * (1 - statement['confidence']):.3g} %; 95 % intervals in "
+        "brackets." + more,
     )
 
 
@@ -129,15 +131,15 @@ def _with_ends(row: dict[str, Any], name: str) -> str:
     return f"{value} ({low}-{high or '∞'})" if low else value
 
 
-def _levels(told: dict[str, Any], document: Document) -> str:
-    if not told.get("levels"):
+def _levels(statement: dict[str, Any], document: Document) -> str:
+    if not statement.get("levels"):
         return ""
     table = pd.DataFrame([
         {
             "level": row["level"], "weight moved (%)": _digits(100 * row["moved"]), "choice": row["choice"],
             "before": _digits(row["prior_weight"]), "after": _digits(row["posterior_weight"]),
         }
-        for row in told["levels"]
+        for row in statement["levels"]
     ])  # fmt: skip
     return document.table(
         table,
@@ -165,19 +167,19 @@ def _rejected(constraint: Constraint, document: Document) -> str:
     return document.figure(lambda _: draw(), caption, HALF_WIDTH_IN)
 
 
-def _rocks(told: dict[str, Any], document: Document) -> str:
-    unit = printed_unit(told["measure"])
+def _rocks(statement: dict[str, Any], document: Document) -> str:
+    unit = printed_unit(statement["measure"])
     table = pd.DataFrame([
         {
             "rock": rock["name"], f"median ({unit})": _digits(rock["median"]), "beta": _digits(rock["beta"]),
             "jobs": rock.get("jobs"), "toppled": rock.get("toppled"), "records": rock.get("records"),
         }
-        for rock in told["rocks"]
+        for rock in statement["rocks"]
     ])  # fmt: skip
     text = document.table(
-        table, f"Fragility over {short_name(told['measure'])} of each rock, and what it rests on."
+        table, f"Fragility over {short_name(statement['measure'])} of each rock, and what it rests on."
     )
-    if site := told.get("random_rock"):
+    if site := statement.get("random_rock"):
         text += paragraph(
             f"One fragility of the site, of a rock drawn at random from among those like them: median "
             f"{_digits(site['median'])} {unit}, beta {_digits(site['beta'])}, of which {_digits(site['beta_within'])} "

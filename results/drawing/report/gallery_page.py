@@ -63,14 +63,14 @@ def gallery_page(
     """
     unfinished = [f"{run.name}: {run.completeness().remark}" for run in atlases if run.completeness().remark]
     document = Document("; ".join(unfinished))
-    told = f"toppling probability over {short_name(measure)}"
+    words = f"toppling probability over {short_name(measure)}"
     cards = []
     for rock in rocks:
         cards.append(_card(rock, document, measure, folder))
         advance()
     sections = [
         ("Rocks", '<div class="cards">' + "\n".join(cards) + "</div>"),
-        ("Side by side", _beside(rocks, shared, measure, document, told)),
+        ("Side by side", _beside(rocks, shared, measure, document, words)),
     ]
     if placed := [rock for rock in rocks if rock.place]:
         caption = (
@@ -135,8 +135,8 @@ def _card(rock: Beside, document: Document, measure: str, folder: Path) -> str:
         picture = document.image(
             png_bytes(thumbnail(scene, rock.weakest_azimuth_deg)), f"the rock {rock.name}"
         )
-    told = "".join(f"<li>{safe(line)}</li>" for line in (place, *lines) if line)
-    return f'<div class="card">{heading(rock.name, 3)}{picture}<ul>{told}</ul>{link}</div>'
+    lines_shown = "".join(f"<li>{safe(line)}</li>" for line in (place, *lines) if line)
+    return f'<div class="card">{heading(rock.name, 3)}{picture}<ul>{lines_shown}</ul>{link}</div>'
 
 
 def _beside(rocks: Sequence[Beside], shared: Shared, measure: str, document: Document, told: str) -> str:
@@ -152,9 +152,9 @@ def _beside(rocks: Sequence[Beside], shared: Shared, measure: str, document: Doc
 
 
 def _provenance(atlases: Sequence[Run]) -> str:
-    told = []
+    programs = []
     for run in atlases:
         known = run.provenance()
         versions = ", ".join(f"{name} {value}" for name, value in (known.get("versions") or {}).items())
-        told.append(f"{run.name}: plan {known.get('plan_id')}, {known.get('jobs')} jobs; {versions}.")
-    return "".join(map(paragraph, told))
+        programs.append(f"{run.name}: plan {known.get('plan_id')}, {known.get('jobs')} jobs; {versions}.")
+    return "".join(map(paragraph, programs))

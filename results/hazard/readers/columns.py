@@ -51,10 +51,10 @@ def read(path: Path, lines: Sequence[str], hints: Hints) -> list[Statement]:
     years = _years(path, header[1], hints)
     values = [[number(path, line, cell) for cell in row] for line, row in rows if _pair(path, line, row)]
     x, y = [row[0] * known[1] for row in values], [row[1] for row in values]
-    told = {"source": str(path)}
+    origin = {"source": str(path)}
     if years is None:
-        return [Statement(curve_of_rates(path.stem, known[0], x, y, **told))]
-    return [Statement(curve_of_probabilities(path.stem, known[0], x, y, years, **told))]
+        return [Statement(curve_of_rates(path.stem, known[0], x, y, **origin))]
+    return [Statement(curve_of_probabilities(path.stem, known[0], x, y, years, **origin))]
 
 
 def _with_commas(line: str) -> str:

@@ -101,10 +101,10 @@ def _root(path: Path) -> Path | None:
 def _years(path: Path, hints: Hints, old: bool) -> float | None:
     """Time that the values are probabilities over; None for annual rates."""
     root = _root(path.absolute())
-    told: Any = None
+    stated: Any = None
     if root is not None:
         try:
-            told = (
+            stated = (
                 json.loads((root / "config.json").read_text(encoding="utf-8"))
                 .get("hazard", {})
                 .get("valueFormat")
@@ -115,8 +115,8 @@ def _years(path: Path, hints: Hints, old: bool) -> float | None:
                 "is no configuration of nshmp-haz",
                 "give the output folder as it was written",
             )
-    if told in _FORMATS:
-        return _FORMATS[told]
+    if stated in _FORMATS:
+        return _FORMATS[stated]
     if hints.years is None and not old:
         refuse(
             path,

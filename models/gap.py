@@ -71,7 +71,7 @@ class Relief:
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class BaseObservation:
     """What is known of a gap.
 
     Parameters
@@ -112,13 +112,13 @@ class GapDraw:
 
 
 def draw_gaps(
-    seen: Seen, projected_com_m: Array, reliefs: Sequence[Relief], random: np.random.Generator
+    observed: BaseObservation, projected_com_m: Array, reliefs: Sequence[Relief], random: np.random.Generator
 ) -> list[GapDraw]:
     """Fields on which the rock stands, with their weights.
 
     Parameters
     ----------
-    seen : Seen
+    observed : BaseObservation
     projected_com_m : (count, 2) array
         Where the line of the weight pierces the interface, for each of the draws of each relief.
     reliefs : sequence of Relief
@@ -131,10 +131,10 @@ def draw_gaps(
     """
     found = []
     for relief in reliefs:
-        fields, covariance, log_likelihood = _conditioned(seen, relief, len(projected_com_m), random)
+        fields, covariance, log_likelihood = _conditioned(observed, relief, len(projected_com_m), random)
         level = max(relief.shape_m, relief.rough_m)
         for number, (field, projected_com) in enumerate(zip(fields, projected_com_m, strict=True)):
-            stood = _made_to_stand(field, covariance, seen, projected_com, TOUCHING_SHARE * level)
+            stood = _made_to_stand(field, covariance, observed, projected_com, TOUCHING_SHARE * level)
             if stood is not None:
                 gap, cost = stood
                 found.append(GapDraw(gap, log_likelihood - 0.5 * cost, number))
@@ -202,19 +202,19 @@ def _matern(apart: Array) -> Array:
 
 
 def _conditioned(
-    seen: Seen, relief: Relief, count: int, random: np.random.Generator
+    observed: BaseObservation, relief: Relief, count: int, random: np.random.Generator
 ) -> tuple[Array, Array, float]:
     """Fields (count, n) that agree with what was seen, their covariance, and how likely the seen is."""
-    prior = relief.covariance(seen.places_m)
+    prior = relief.covariance(observed.places_m)
     prior[np.diag_indices_from(prior)] += JITTER * relief.level_m**2
     free = cholesky(prior, lower=True) @ random.normal(size=(len(prior), count))
-    known = np.concatenate([seen.known, seen.touching])
-    target = np.concatenate([seen.gap_m, np.zeros(len(seen.touching))])
+    known = np.concatenate([observed.known, observed.touching])
+    target = np.concatenate([observed.gap_m, np.zeros(len(observed.touching))])
     if not len(known):
         return free.T, prior, 0.0
-    of_group = seen.shared_m[:, None] * (seen.group[:, None] == np.unique(seen.group))
-    touching_m = np.full(len(seen.touching), 1e-3 * relief.shape_m)
-    errors = block_diag(np.hstack([np.diag(seen.std_m), of_group]), np.diag(touching_m))
+    of_group = observed.shared_m[:, None] * (observed.group[:, None] == np.unique(observed.group))
+    touching_m = np.full(len(observed.touching), 1e-3 * relief.shape_m)
+    errors = block_diag(np.hstack([np.diag(observed.std_m), of_group]), np.diag(touching_m))
     factor = cho_factor(prior[np.ix_(known, known)] + errors @ errors.T, lower=True)
     noise = errors @ random.normal(size=(errors.shape[1], count))
     cross = prior[:, known]
@@ -225,21 +225,21 @@ def _conditioned(
 
 
 def _made_to_stand(
-    field: Array, covariance: Array, seen: Seen, projected_com: Array, closed_m: float
+    field: Array, covariance: Array, observed: BaseObservation, projected_com: Array, closed_m: float
 ) -> tuple[Array, float] | None:
     """The nearest field that stands, and what it cost to get there."""
-    gap, cost = _above_floor(field, covariance, seen.floor_m, seen.touching)
-    can_touch = np.flatnonzero(seen.floor_m <= 0.0)
+    gap, cost = _above_floor(field, covariance, observed.floor_m, observed.touching)
+    can_touch = np.flatnonzero(observed.floor_m <= 0.0)
     touching = can_touch[gap[can_touch] <= closed_m]
-    if encloses(seen.places_m[touching], projected_com):
+    if encloses(observed.places_m[touching], projected_com):
         return gap, cost
     # It is brought to touch where that costs least: in the middle rather than at a rim that was seen to hang.
     cost_of_touching = gap / np.sqrt(np.diag(covariance))
-    corners = facet_below(seen.places_m[can_touch], cost_of_touching[can_touch], projected_com)
+    corners = facet_below(observed.places_m[can_touch], cost_of_touching[can_touch], projected_com)
     if corners is None:
         return None
-    feet = np.union1d(can_touch[corners], seen.touching)
-    return _above_floor(field, covariance, seen.floor_m, feet)
+    feet = np.union1d(can_touch[corners], observed.touching)
+    return _above_floor(field, covariance, observed.floor_m, feet)
 
 
 def _above_floor(field: Array, covariance: Array, floor_m: Array, feet: Index) -> tuple[Array, float]:

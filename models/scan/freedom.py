@@ -11,7 +11,7 @@ from toppling.models.errors import InputError
 from toppling.models.frames import compass_deg
 from toppling.models.scan.close import ClosedRock
 from toppling.models.scan.interface import Interface
-from toppling.models.scan.measure import SeenRock
+from toppling.models.scan.measure import ObservedRock
 
 MOST_INVENTED = 0.6
 """More of the surface invented, and nothing of the answer is the rock's: known volumes came out off by half."""
@@ -46,7 +46,7 @@ class Doubt:
     sentence: str
 
 
-def check_seen_enough(seen: SeenRock, interface: Interface, closed: ClosedRock) -> None:
+def check_seen_enough(observed: ObservedRock, interface: Interface, closed: ClosedRock) -> None:
     """Refuse a rock most of whose surface no station saw.
 
     Raises
@@ -56,7 +56,7 @@ def check_seen_enough(seen: SeenRock, interface: Interface, closed: ClosedRock) 
     """
     if closed.invented_share <= MOST_INVENTED:
         return
-    blind_deg, toward_deg = unseen_range(seen, interface)
+    blind_deg, toward_deg = unseen_range(observed, interface)
     share = f"{closed.invented_share:.0%} of the rock's surface was not seen"
     if blind_deg >= ONE_SIDE_DEG:
         what = (
@@ -74,9 +74,9 @@ def check_seen_enough(seen: SeenRock, interface: Interface, closed: ClosedRock) 
     )
 
 
-def unseen_range(seen: SeenRock, interface: Interface) -> tuple[float, float]:
+def unseen_range(observed: ObservedRock, interface: Interface) -> tuple[float, float]:
     """Widest range of directions, degrees, in which no side of the rock was seen, and its middle azimuth."""
-    normals = seen.surfels.normals[seen.patches]
+    normals = observed.surfels.normals[observed.patches]
     side = np.hypot(*(normals @ interface.axes)[:, :2].T) > UPRIGHT
     count = np.bincount(_sectors(normals[side, :2]), minlength=SECTORS)
     shown = np.flatnonzero(count >= max(3.0, SEEN_SHARE * count.mean()))
@@ -89,12 +89,14 @@ def unseen_range(seen: SeenRock, interface: Interface) -> tuple[float, float]:
     return float(blind[widest] * width), float(middle % 360.0)
 
 
-def doubts(seen: SeenRock, interface: Interface, points_m: Array, rock: NDArray[np.bool_]) -> list[Doubt]:
+def doubts(
+    observed: ObservedRock, interface: Interface, points_m: Array, rock: NDArray[np.bool_]
+) -> list[Doubt]:
     """What tells against a free rigid block.
 
     Parameters
     ----------
-    seen : SeenRock
+    observed : ObservedRock
     interface : Interface
     points_m : (n, 3) array
         Of the cloud.
@@ -106,16 +108,16 @@ def doubts(seen: SeenRock, interface: Interface, points_m: Array, rock: NDArray[
     InputError
         If the rock goes on into its pedestal along most of the rim that was seen.
     """
-    found = [_attached(seen, interface), _leaning(seen, interface), _stacked(seen, interface)]
-    found.append(_hemmed_in(seen, points_m, rock))
+    found = [_attached(observed, interface), _leaning(observed, interface), _stacked(observed, interface)]
+    found.append(_hemmed_in(observed, points_m, rock))
     return [each for each in found if each is not None]
 
 
-def creased_share(seen: SeenRock, interface: Interface) -> float | None:
+def creased_share(observed: ObservedRock, interface: Interface) -> float | None:
     """Share of the directions in which rock and pedestal were seen to meet where it is in a crease; None if unseen."""
-    surfels, flat = seen.surfels, interface.flat(seen.surfels.points_m)
-    low = seen.patches & (np.abs(flat[:, 2]) < 0.15 * seen.height_m)
-    ground = ~seen.patches & (surfels.normals @ interface.normal > 0.0)
+    surfels, flat = observed.surfels, interface.flat(observed.surfels.points_m)
+    low = observed.patches & (np.abs(flat[:, 2]) < 0.15 * observed.height_m)
+    ground = ~observed.patches & (surfels.normals @ interface.normal > 0.0)
     if low.sum() < 3 or ground.sum() < 3:
         return None
     away, nearest = cKDTree(surfels.points_m[ground]).query(surfels.points_m[low])
@@ -130,8 +132,8 @@ def creased_share(seen: SeenRock, interface: Interface) -> float | None:
     return float((steepest > CREASE_DEG).mean())
 
 
-def _attached(seen: SeenRock, interface: Interface) -> Doubt | None:
-    share = creased_share(seen, interface)
+def _attached(observed: ObservedRock, interface: Interface) -> Doubt | None:
+    share = creased_share(observed, interface)
     if share is None or share >= TOLD_SHARE:
         return None
     what = f"no crevice or crease shows along {1.0 - share:.0%} of the seen rim between rock and pedestal"
@@ -149,10 +151,10 @@ def _attached(seen: SeenRock, interface: Interface) -> Doubt | None:
     )
 
 
-def _leaning(seen: SeenRock, interface: Interface) -> Doubt | None:
-    surfels, flat = seen.surfels, interface.flat(seen.surfels.points_m)
-    other = ~seen.patches & (flat[:, 2] > LEANS_ABOVE * seen.height_m)
-    high = seen.patches & (flat[:, 2] > LEANS_ABOVE * seen.height_m)
+def _leaning(observed: ObservedRock, interface: Interface) -> Doubt | None:
+    surfels, flat = observed.surfels, interface.flat(observed.surfels.points_m)
+    other = ~observed.patches & (flat[:, 2] > LEANS_ABOVE * observed.height_m)
+    high = observed.patches & (flat[:, 2] > LEANS_ABOVE * observed.height_m)
     if not other.any() or not high.any():
         return None
     away, _ = cKDTree(surfels.points_m[high]).query(surfels.points_m[other])
@@ -160,7 +162,7 @@ def _leaning(seen: SeenRock, interface: Interface) -> Doubt | None:
     if touch.sum() < LEAST_TOUCHES:
         return None
     places = flat[other][touch]
-    toward = _azimuth(places[:, :2].mean(axis=0) - flat[seen.patches, :2].mean(axis=0), interface)
+    toward = _azimuth(places[:, :2].mean(axis=0) - flat[observed.patches, :2].mean(axis=0), interface)
     return Doubt(
         "leaning",
         f"a neighbour touches the rock {np.median(places[:, 2]):.2g} m above the interface, toward {toward}: it may "
@@ -168,10 +170,10 @@ def _leaning(seen: SeenRock, interface: Interface) -> Doubt | None:
     )
 
 
-def _stacked(seen: SeenRock, interface: Interface) -> Doubt | None:
-    surfels = seen.surfels
-    points = surfels.points_m[seen.patches]
-    normals = surfels.normals[seen.patches]
+def _stacked(observed: ObservedRock, interface: Interface) -> Doubt | None:
+    surfels = observed.surfels
+    points = surfels.points_m[observed.patches]
+    normals = surfels.normals[observed.patches]
     flat = interface.flat(points)
     pairs = cKDTree(points).query_pairs(2.0 * surfels.voxel_m, output_type="ndarray")
     if not len(pairs):
@@ -183,8 +185,8 @@ def _stacked(seen: SeenRock, interface: Interface) -> Doubt | None:
     crease = flat[pairs[(bend < -np.deg2rad(JOINT_DEG)) & steep]].mean(axis=1)
     sector = _sectors(crease[:, :2] - flat[:, :2].mean(axis=0))
     best, at = 0.0, 0.0
-    for level in np.arange(JOINT_FROM, JOINT_TO, 0.5 * JOINT_BAND) * seen.height_m:
-        near = np.abs(crease[:, 2] - level) < 0.5 * JOINT_BAND * seen.height_m
+    for level in np.arange(JOINT_FROM, JOINT_TO, 0.5 * JOINT_BAND) * observed.height_m:
+        near = np.abs(crease[:, 2] - level) < 0.5 * JOINT_BAND * observed.height_m
         share = len(np.unique(sector[near])) / SECTORS
         if share > best:
             best, at = share, float(level)
@@ -197,15 +199,15 @@ def _stacked(seen: SeenRock, interface: Interface) -> Doubt | None:
     )
 
 
-def _hemmed_in(seen: SeenRock, points_m: Array, rock: NDArray[np.bool_]) -> Doubt | None:
+def _hemmed_in(observed: ObservedRock, points_m: Array, rock: NDArray[np.bool_]) -> Doubt | None:
     step = max(1, len(points_m) // 400_000)
     others = points_m[::step][~rock[::step]]
-    own = seen.surfels.points_m[seen.patches]
-    others = others[others[:, 2] > own[:, 2].min() + IN_REACH_ABOVE * seen.height_m]
+    own = observed.surfels.points_m[observed.patches]
+    others = others[others[:, 2] > own[:, 2].min() + IN_REACH_ABOVE * observed.height_m]
     if not len(others):
         return None
-    away, _ = cKDTree(own[:, :2]).query(others[:, :2], distance_upper_bound=seen.height_m)
-    near = np.isfinite(away) & (away > NEAR_VOXELS * seen.surfels.voxel_m)
+    away, _ = cKDTree(own[:, :2]).query(others[:, :2], distance_upper_bound=observed.height_m)
+    near = np.isfinite(away) & (away > NEAR_VOXELS * observed.surfels.voxel_m)
     rise = others[:, 2] - own[:, 2].min()
     near &= rise > away  # a slope of less than 45 degrees is fallen over
     offset = others[near, :2] - own[:, :2].mean(axis=0)

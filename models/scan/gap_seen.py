@@ -12,7 +12,7 @@ from scipy.spatial import ConvexHull, cKDTree
 
 from toppling.models.arrays import Array
 from toppling.models.errors import InputError
-from toppling.models.gap import Relief, Seen
+from toppling.models.gap import BaseObservation, Relief
 from toppling.models.scan.base import LEAST_GAP_PER_HEIGHT, Underside
 from toppling.models.scan.inspection import Inspection
 from toppling.models.scan.interface import Interface
@@ -68,7 +68,7 @@ class HiddenPart:
     Parameters
     ----------
     under : Underside
-    seen : Seen
+    observed : BaseObservation
     width_m : float
         Root of the hidden area.
     inner : int
@@ -76,7 +76,7 @@ class HiddenPart:
     """
 
     under: Underside
-    seen: Seen
+    observed: BaseObservation
     width_m: float
     inner: int
 
@@ -88,7 +88,7 @@ class HiddenPart:
 
 @dataclass(frozen=True, eq=False)
 class Rim:
-    """Places (k, 2) of a rim, the gap there (k,), what is known of its errors as in :class:`Seen` (k,)."""
+    """Places (k, 2) of a rim, the gap there (k,), what is known of its errors as in :class:`BaseObservation` (k,)."""
 
     places_m: Array
     gap_m: Array
@@ -139,7 +139,7 @@ def hidden_part(
     floor = np.zeros(len(places))
     floor[: first[0]] = _least_gap(under).ravel()[grid.index(inner)]
     floor[first[2] :] = LEAST_GAP_PER_HEIGHT * height_m
-    seen = Seen(
+    observed = BaseObservation(
         places,
         np.arange(first[0], first[1]),
         rim.gap_m,
@@ -149,7 +149,7 @@ def hidden_part(
         floor,
         np.arange(first[1], first[2]),
     )
-    return HiddenPart(under, seen, width_m, len(inner))
+    return HiddenPart(under, observed, width_m, len(inner))
 
 
 def _seen_rim(under: Underside, low: Array, lit: Array, height_m: float) -> Rim:

@@ -49,7 +49,7 @@ MUCH_INVENTED = 0.15
 
 
 @dataclass(frozen=True, eq=False)
-class SeenRock:
+class ObservedRock:
     """What was seen of rock and pedestal.
 
     Parameters
@@ -76,13 +76,13 @@ class SeenRock:
     hint: InterfaceHint | None
 
 
-def close_standing(seen: SeenRock, interface: Interface) -> tuple[ClosedRock, float]:
+def close_standing(observed: ObservedRock, interface: Interface) -> tuple[ClosedRock, float]:
     """Close the rock on the narrowest feet on which it stands, and say how narrow: it stood when it was scanned."""
-    low, lit = interface.flat(seen.low_m), interface.flat(seen.lit_m)
-    cores = CORES_OF_HOLES if seen.hint is None or not seen.hint.encloses else CORES_OF_HOLES[:1]
+    low, lit = interface.flat(observed.low_m), interface.flat(observed.lit_m)
+    cores = CORES_OF_HOLES if observed.hint is None or not observed.hint.encloses else CORES_OF_HOLES[:1]
     for core in cores:
-        base = hidden_base(low, lit, seen.height_m, core, seen.hint)
-        closed = close_rock(seen.surfels, seen.patches, base, interface)
+        base = hidden_base(low, lit, observed.height_m, core, observed.hint)
+        closed = close_rock(observed.surfels, observed.patches, base, interface)
         if stands(closed.rock, interface) or outside_support_m(closed.rock, interface) > 0.0:
             break  # no feet hold a rock whose centre of mass hangs beside all of its base
     return closed, core
@@ -175,7 +175,7 @@ def floors(invented_share: float) -> dict[str, float]:
 
 
 def uncertainty(
-    seen: SeenRock,
+    observed: ObservedRock,
     interface: Interface,
     core: float,
     invented_share: float,
@@ -190,7 +190,7 @@ def uncertainty(
 
     Parameters
     ----------
-    seen : SeenRock
+    observed : ObservedRock
     interface : Interface
     core : float
         Of the feet on which the rock stands.
@@ -215,8 +215,8 @@ def uncertainty(
     """
     if not realisations:
         return {}
-    closed = _half_closings(seen, interface, core, realisations, each)
-    given = "" if seen.hint is None else "; the error of the interface that is given is not in them"
+    closed = _half_closings(observed, interface, core, realisations, each)
+    given = "" if observed.hint is None else "; the error of the interface that is given is not in them"
     found: dict[str, Any] = {
         "method": f"half samples{given}",
         "realisations": realisations,
@@ -224,31 +224,33 @@ def uncertainty(
     }
     if len(closed) < 3:
         return found
-    return found | _spread(seen, invented_share, closed)
+    return found | _spread(observed, invented_share, closed)
 
 
 def _half_closings(
-    seen: SeenRock, interface: Interface, core: float, realisations: int, each: Callable[[], None]
+    observed: ObservedRock, interface: Interface, core: float, realisations: int, each: Callable[[], None]
 ) -> list[tuple[Rock, Interface]]:
     """Rocks closed from half samples, each with its interface; fewer where a sample leaves too little."""
-    beside = _Beside.of(seen, interface)
+    beside = _Beside.of(observed, interface)
     closed = []
     for number in range(realisations):
         rng = np.random.default_rng([2017, number])
         try:
-            plane = interface if seen.hint is not None else _half_fitted(beside, interface, rng)
+            plane = interface if observed.hint is not None else _half_fitted(beside, interface, rng)
             drawn = float(np.clip(core + rng.uniform(-0.2, 0.2), 0.0, 0.9))
-            low, lit = plane.flat(_half(seen.low_m, rng)), plane.flat(_half(seen.lit_m, rng))
-            base = hidden_base(low, lit, seen.height_m, drawn, seen.hint, rng)
-            kept = seen.patches & (rng.random(len(seen.patches)) < 0.5)
-            closed.append((close_rock(seen.surfels, kept, base, plane).rock, plane))
+            low, lit = plane.flat(_half(observed.low_m, rng)), plane.flat(_half(observed.lit_m, rng))
+            base = hidden_base(low, lit, observed.height_m, drawn, observed.hint, rng)
+            kept = observed.patches & (rng.random(len(observed.patches)) < 0.5)
+            closed.append((close_rock(observed.surfels, kept, base, plane).rock, plane))
         except InputError:
             pass  # counted: a half sample may leave too little
         each()
     return closed
 
 
-def _spread(seen: SeenRock, invented_share: float, closed: list[tuple[Rock, Interface]]) -> dict[str, Any]:
+def _spread(
+    observed: ObservedRock, invented_share: float, closed: list[tuple[Rock, Interface]]
+) -> dict[str, Any]:
     """Standard deviations over half samples, joined with the floors of what all of them share."""
     rocks, planes = zip(*closed, strict=True)
     floor = floors(invented_share)
@@ -259,7 +261,9 @@ def _spread(seen: SeenRock, invented_share: float, closed: list[tuple[Rock, Inte
     volume = np.array([rock.volume_m3 for rock in rocks])
     inertia = np.array([rock.inertia_per_mass_m2 for rock in rocks])
     radius = np.sqrt(np.diag(inertia.mean(axis=0)))
-    highest = float(seen.surfels.points_m[seen.patches, 2].max()) + seen.surfels.voxel_m  # of what was seen
+    highest = (
+        float(observed.surfels.points_m[observed.patches, 2].max()) + observed.surfels.voxel_m
+    )  # of what was seen
     top = float(np.median([rock.vertices_m[:, 2].max() for rock in rocks]))
     normals = np.array([plane.normal for plane in planes])
     tilt = np.rad2deg(np.linalg.norm(normals - normals.mean(axis=0), axis=1))
@@ -270,7 +274,7 @@ def _spread(seen: SeenRock, invented_share: float, closed: list[tuple[Rock, Inte
         "com_std_m": _joined(_std([rock.com_m for rock in rocks]), floor["com_per_height"] * height),
         "inertia_per_mass_std_m2": _joined(_std(inertia), floor["inertia_share"] * np.outer(radius, radius)),
         "height_std_m": _joined(_std([rock.height_m for rock in rocks]), max(top - highest, 0.0)),
-        **({"interface_normal_std_deg": tilt_std} if seen.hint is None else {}),
+        **({"interface_normal_std_deg": tilt_std} if observed.hint is None else {}),
         **_toppling_spread(closed, tipped),
     }
 
@@ -326,19 +330,19 @@ class _Beside:
     height_m: float
 
     @classmethod
-    def of(cls, seen: SeenRock, interface: Interface) -> "_Beside":
-        band = BESIDE_BAND_PER_HEIGHT * seen.height_m
-        flat_rock, flat_pedestal = interface.flat(seen.rock_m), interface.flat(seen.pedestal_m)
+    def of(cls, observed: ObservedRock, interface: Interface) -> "_Beside":
+        band = BESIDE_BAND_PER_HEIGHT * observed.height_m
+        flat_rock, flat_pedestal = interface.flat(observed.rock_m), interface.flat(observed.pedestal_m)
         rock, pedestal = np.abs(flat_rock[:, 2]) < band, np.abs(flat_pedestal[:, 2]) < band
         low = flat_rock[rock, :2]
         centre = 0.5 * (low.min(axis=0) + low.max(axis=0))
         offset = np.concatenate([low, flat_pedestal[pedestal, :2]]) - centre
         turn = np.arctan2(offset[:, 1], offset[:, 0]) / (2 * np.pi) + 0.5
         return cls(
-            np.concatenate([seen.rock_m[rock], seen.pedestal_m[pedestal]]),
+            np.concatenate([observed.rock_m[rock], observed.pedestal_m[pedestal]]),
             np.repeat(np.array([ROCK, PEDESTAL], np.int8), [rock.sum(), pedestal.sum()]),
             np.floor(turn * SECTORS).astype(int) % SECTORS,
-            seen.height_m,
+            observed.height_m,
         )
 
 

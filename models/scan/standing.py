@@ -14,7 +14,7 @@ from toppling.models.scan.close import ClosedRock
 from toppling.models.scan.gap_seen import check_on_interface, hidden_part
 from toppling.models.scan.inspection import Inspection
 from toppling.models.scan.interface import Interface
-from toppling.models.scan.measure import SeenRock, floors, toppling
+from toppling.models.scan.measure import ObservedRock, floors, toppling
 from toppling.models.scan.unseen import (
     AZIMUTHS_DEG,
     LEVEL,
@@ -29,7 +29,7 @@ from toppling.models.unseen import UnseenBase
 
 
 def base_unseen(
-    seen: SeenRock,
+    observed: ObservedRock,
     interface: Interface,
     closed: ClosedRock,
     core: float,
@@ -40,7 +40,7 @@ def base_unseen(
 
     Parameters
     ----------
-    seen : SeenRock
+    observed : ObservedRock
     interface : Interface
     closed : ClosedRock
         Closed smoothly, whatever stands on it.
@@ -63,25 +63,25 @@ def base_unseen(
     InputError
         If the inspection's places are none of the base, or a pull is none that a base bears.
     """
-    low, lit = interface.flat(seen.low_m), interface.flat(seen.lit_m)
-    smooth = hidden_base(low, lit, seen.height_m, core, seen.hint)
-    least = np.full(3, floors(closed.invented_share)["com_per_height"] * seen.height_m)
+    low, lit = interface.flat(observed.low_m), interface.flat(observed.lit_m)
+    smooth = hidden_base(low, lit, observed.height_m, core, observed.hint)
+    least = np.full(3, floors(closed.invented_share)["com_per_height"] * observed.height_m)
     std_m = least if com_std_m is None else np.array(com_std_m)
     central = toppling(closed.rock, interface, AZIMUTHS_DEG)
     report: dict[str, Any] = {"level": LEVEL, "smooth_closing_m_s2": central.tolist()}
     try:
-        drawn = draw_bases(seen, interface, closed.rock, smooth, std_m, inspection)
+        drawn = draw_bases(observed, interface, closed.rock, smooth, std_m, inspection)
     except ContradictionError as error:
         return None, report | {"contradiction": f"{error.what}; {error.remedy}"}
     report |= intervals(drawn, interface)
-    if not inspection.says_nothing or (seen.hint is not None and seen.hint.encloses):
-        report["without_inspection"] = _unaided(seen, interface, closed, smooth, std_m)
-    unseen = unseen_base(drawn, closed.rock, interface, seen.height_m)
+    if not inspection.says_nothing or (observed.hint is not None and observed.hint.encloses):
+        report["without_inspection"] = _unaided(observed, interface, closed, smooth, std_m)
+    unseen = unseen_base(drawn, closed.rock, interface, observed.height_m)
     number, at_rest = None, True  # as the user says where it rests: flat, within the outline
-    if seen.hint is None or not seen.hint.encloses or not inspection.says_nothing:
+    if observed.hint is None or not observed.hint.encloses or not inspection.says_nothing:
         agrees = None
         if not inspection.says_nothing:
-            agrees = smooth_fits_inspection(closed.rock, smooth, interface, inspection, seen.height_m)
+            agrees = smooth_fits_inspection(closed.rock, smooth, interface, inspection, observed.height_m)
         number, at_rest = nominal_draw(
             drawn, unseen, closed.rock, interface, central, agrees, inspection.pulls
         )
@@ -90,18 +90,18 @@ def base_unseen(
 
 
 def _unaided(
-    seen: SeenRock, interface: Interface, closed: ClosedRock, smooth: Base, std_m: Array
+    observed: ObservedRock, interface: Interface, closed: ClosedRock, smooth: Base, std_m: Array
 ) -> list[dict[str, float]] | None:
     """Intervals of the toppling acceleration without what the user knows of the base; None if nothing stands then."""
-    hint = None if seen.hint is None or seen.hint.encloses else seen.hint
+    hint = None if observed.hint is None or observed.hint.encloses else observed.hint
     try:
-        before = draw_bases(dataclasses.replace(seen, hint=hint), interface, closed.rock, smooth, std_m)
+        before = draw_bases(dataclasses.replace(observed, hint=hint), interface, closed.rock, smooth, std_m)
     except ContradictionError:
         return None
     return intervals(before, interface)["toppling"]
 
 
-def check_inspection(seen: SeenRock, interface: Interface, inspection: Inspection) -> None:
+def check_inspection(observed: ObservedRock, interface: Interface, inspection: Inspection) -> None:
     """Refuse places of an inspection (in the scene's frame) that are none of the base.
 
     Raises
@@ -110,10 +110,10 @@ def check_inspection(seen: SeenRock, interface: Interface, inspection: Inspectio
         If a place lies off the interface, or beside the hidden base.
     """
     if len(inspection.places_m):
-        check_on_interface(inspection, interface, seen.height_m)
-        low, lit = interface.flat(seen.low_m), interface.flat(seen.lit_m)
-        under = Underside.of(low, lit, seen.height_m, seen.hint)
-        hidden_part(under, low, lit, seen.height_m, inspection, interface)
+        check_on_interface(inspection, interface, observed.height_m)
+        low, lit = interface.flat(observed.low_m), interface.flat(observed.lit_m)
+        under = Underside.of(low, lit, observed.height_m, observed.hint)
+        hidden_part(under, low, lit, observed.height_m, inspection, interface)
 
 
 def intervals(drawn: DrawnBases, interface: Interface) -> dict[str, Any]:
@@ -128,7 +128,7 @@ def intervals(drawn: DrawnBases, interface: Interface) -> dict[str, Any]:
     """
     tail = 0.5 * (1.0 - LEVEL)
     low, median, high = drawn.interval_m_s2()
-    places = drawn.part.seen.places_m
+    places = drawn.part.observed.places_m
     toward = np.deg2rad(AZIMUTHS_DEG)
     ways = np.array([np.cos(toward), np.sin(toward), np.zeros(len(toward))]).T @ interface.axes
     reach, count = [], []

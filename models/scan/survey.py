@@ -25,7 +25,7 @@ from toppling.models.scan.inspection import Inspection
 from toppling.models.scan.interface import Interface, fit_interface
 from toppling.models.scan.interface_hint import InterfaceHint, check_near
 from toppling.models.scan.measure import (
-    SeenRock,
+    ObservedRock,
     close_standing,
     confidence,
     outside_support_m,
@@ -109,15 +109,15 @@ def survey(
     progress("splitting rock from pedestal")
     parts = segment(cloud.points_m, cloud.origin_m, near, hint)
     progress("fitting the interface")
-    seen, label, interface = _judged(cloud, parts, hint)
-    known = _checked(seen, interface, (inspection or Inspection()).moved(cloud.origin_m))
+    observed, label, interface = _judged(cloud, parts, hint)
+    known = _checked(observed, interface, (inspection or Inspection()).moved(cloud.origin_m))
     progress("closing the rock")
-    closed, core = close_standing(seen, interface)
-    doubted = _checked_doubts(seen, interface, closed, cloud, label)
+    closed, core = close_standing(observed, interface)
+    doubted = _checked_doubts(observed, interface, closed, cloud, label)
     resampling = partial(progress, "resampling")
-    spread = uncertainty(seen, interface, core, closed.invented_share, bootstrap, resampling)
+    spread = uncertainty(observed, interface, core, closed.invented_share, bootstrap, resampling)
     progress("drawing the hidden base")
-    unseen, standing = base_unseen(seen, interface, closed, core, spread.get("com_std_m"), known)
+    unseen, standing = base_unseen(observed, interface, closed, core, spread.get("com_std_m"), known)
     progress("meshing the pedestal")
     pedestal = label_surfels(parts.surfels, cloud.points_m, label) == PEDESTAL
     ground = pedestal_ground(parts.surfels, pedestal, closed.rock, interface)
@@ -127,12 +127,12 @@ def survey(
         "slenderness": slenderness(scene),
         **({"not_free": {each.kind: each.sentence for each in doubted}} if doubted else {}),
         "unseen_base": standing,
-        "segmentation": _segmentation_report(parts, seen, label, interface),
+        "segmentation": _segmentation_report(parts, observed, label, interface),
         "pedestal": kept_of(ground, cloud.points_m[_at_most(np.flatnonzero(label == PEDESTAL))], interface),
         "registration": registration,
         "files": _files(cloud),
     } | ({"uncertainty": spread} if spread else {})
-    return Survey(dataclasses.replace(scene, report=report), label, _notes(cloud, seen.height_m, doubted))
+    return Survey(dataclasses.replace(scene, report=report), label, _notes(cloud, observed.height_m, doubted))
 
 
 def _registered(
@@ -151,21 +151,21 @@ def _registered(
     return cloud, registration, hint
 
 
-def _checked(seen: SeenRock, interface: Interface, inspection: Inspection) -> Inspection:
+def _checked(observed: ObservedRock, interface: Interface, inspection: Inspection) -> Inspection:
     """An inspection, if it and what was seen of the rock make sense together."""
-    check_size(seen.height_m, "units")
-    check_above(seen, interface)
-    check_inspection(seen, interface, inspection)
+    check_size(observed.height_m, "units")
+    check_above(observed, interface)
+    check_inspection(observed, interface, inspection)
     return inspection
 
 
 def _checked_doubts(
-    seen: SeenRock, interface: Interface, closed: ClosedRock, cloud: Cloud, label: NDArray[np.int8]
+    observed: ObservedRock, interface: Interface, closed: ClosedRock, cloud: Cloud, label: NDArray[np.int8]
 ) -> list[Doubt]:
     """Doubts in a closed rock, if it was seen enough and can stand."""
-    check_seen_enough(seen, interface, closed)
+    check_seen_enough(observed, interface, closed)
     check_can_stand(closed.rock, interface)
-    return doubts(seen, interface, cloud.points_m, label == ROCK)
+    return doubts(observed, interface, cloud.points_m, label == ROCK)
 
 
 def _files(cloud: Cloud) -> list[dict[str, Any]]:
@@ -200,16 +200,16 @@ def _surface_report(
 
 
 def _segmentation_report(
-    parts: Segmentation, seen: SeenRock, label: NDArray[np.int8], interface: Interface
+    parts: Segmentation, observed: ObservedRock, label: NDArray[np.int8], interface: Interface
 ) -> dict[str, Any]:
-    points = np.concatenate([seen.rock_m, seen.pedestal_m])
-    side = np.repeat(np.array([ROCK, PEDESTAL], np.int8), [len(seen.rock_m), len(seen.pedestal_m)])
+    points = np.concatenate([observed.rock_m, observed.pedestal_m])
+    side = np.repeat(np.array([ROCK, PEDESTAL], np.int8), [len(observed.rock_m), len(observed.pedestal_m)])
     return {
         "rock_points": int((label == ROCK).sum()),
         "pedestal_points": int((label == PEDESTAL).sum()),
         "neither_points": int((label == NEITHER).sum()),
         "resolution_m": parts.surfels.voxel_m,
-        "confidence": confidence(parts, points, side, interface, seen.height_m),
+        "confidence": confidence(parts, points, side, interface, observed.height_m),
         "other_candidates": [{"top_m": [*other[:3]], "height_m": other[3]} for other in parts.others],
     }
 
@@ -231,7 +231,7 @@ def _inside_cloud(near_m: tuple[float, float], cloud: Cloud) -> NDArray[np.float
 
 def _judged(
     cloud: Cloud, parts: Segmentation, hint: InterfaceHint | None
-) -> tuple[SeenRock, NDArray[np.int8], Interface]:
+) -> tuple[ObservedRock, NDArray[np.int8], Interface]:
     """What was seen of rock and pedestal, the label of each point, and the interface."""
     rock = parts.surfel_label == ROCK
     interface = fit_interface(parts.surfels, rock) if hint is None else hint.interface
@@ -244,8 +244,8 @@ def _judged(
     check_seen(int(top.sum()), "pedestal's top", given=hint is not None)
     standing, below = _beside(cloud.points_m, label, interface, height)
     low, lit = near_the_interface(interface.flat(standing), interface.flat(below), height)
-    seen = SeenRock(standing, below, standing[low], below[lit], surfels, rock, height, hint)
-    return seen, label, interface
+    observed = ObservedRock(standing, below, standing[low], below[lit], surfels, rock, height, hint)
+    return observed, label, interface
 
 
 def _beside(
@@ -268,7 +268,7 @@ def _at_most(rows: NDArray[Any]) -> NDArray[Any]:
     return rows[:: -(-len(rows) // BESIDE_POINTS) or 1]
 
 
-def check_above(seen: SeenRock, interface: Interface) -> None:
+def check_above(observed: ObservedRock, interface: Interface) -> None:
     """Refuse a rock that hangs below its interface: closed at the plane, it would get a foot there that it has not.
 
     Raises
@@ -276,8 +276,8 @@ def check_above(seen: SeenRock, interface: Interface) -> None:
     InputError
         If more than strays of it were seen below the plane.
     """
-    over = interface.flat(seen.surfels.points_m[seen.patches])[:, 2]
-    below = over < -HANGING_PER_HEIGHT * seen.height_m
+    over = interface.flat(observed.surfels.points_m[observed.patches])[:, 2]
+    below = over < -HANGING_PER_HEIGHT * observed.height_m
     if below.mean() <= HANGING_SHARE:
         return
     # A tenth of them may be strays.

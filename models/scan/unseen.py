@@ -20,7 +20,7 @@ from toppling.models.scan.base import LEAST_GAP_PER_HEIGHT, Base, Underside
 from toppling.models.scan.gap_seen import HiddenPart, hidden_part, reliefs
 from toppling.models.scan.inspection import Inspection
 from toppling.models.scan.interface import Interface
-from toppling.models.scan.measure import SeenRock, toppling
+from toppling.models.scan.measure import ObservedRock, toppling
 from toppling.models.scan.pulls import Pulls, check_joint, check_spanned, fits, log_likelihood
 from toppling.models.shares import effective_number
 from toppling.models.statics import equilibrium_possible, quasi_static_toppling_m_s2
@@ -112,7 +112,7 @@ class ContradictionError(InputError):
 
 
 def draw_bases(
-    seen: SeenRock,
+    observed: ObservedRock,
     interface: Interface,
     closed: Rock,
     base: Base,
@@ -124,7 +124,7 @@ def draw_bases(
 
     Parameters
     ----------
-    seen : SeenRock
+    observed : ObservedRock
     interface : Interface
     closed : Rock
         Closed with a base, for its mass.
@@ -142,11 +142,11 @@ def draw_bases(
         If no base agrees with all of it: `ContradictionError`; if a pull lies beyond what the bases bear.
     """
     inspection = inspection or Inspection()
-    low, lit = interface.flat(seen.low_m), interface.flat(seen.lit_m)
-    under = Underside.of(low, lit, seen.height_m, seen.hint)
-    part = hidden_part(under, low, lit, seen.height_m, inspection, interface)
+    low, lit = interface.flat(observed.low_m), interface.flat(observed.lit_m)
+    under = Underside.of(low, lit, observed.height_m, observed.hint)
+    part = hidden_part(under, low, lit, observed.height_m, inspection, interface)
     random = np.random.default_rng([2026, 28])
-    statics = _Statics.of(closed, interface, part, seen.height_m)
+    statics = _Statics.of(closed, interface, part, observed.height_m)
     priors = reliefs(part.width_m)
 
     def candidates() -> list[tuple[GapDraw, Array]]:
@@ -212,9 +212,9 @@ def _standing_draws(
     offsets_m = random.normal(size=(CANDIDATES, 3)) * com_std_m
     projected_com = interface.projected_m(closed.com_m + offsets_m)
     found = []
-    for gap in draw_gaps(part.seen, projected_com, priors, random):
+    for gap in draw_gaps(part.observed, projected_com, priors, random):
         com_m = closed.com_m + offsets_m[gap.number] + _mass_moved_m(part, base, gap.gap_m, closed, interface)
-        touching = part.seen.places_m[gap.gap_m <= 0.0]
+        touching = part.observed.places_m[gap.gap_m <= 0.0]
         if encloses(touching, interface.projected_m(com_m[None])[0]):
             found.append((gap, com_m))
     return found
@@ -315,7 +315,7 @@ def unseen_base(drawn: DrawnBases, rock: Rock, interface: Interface, height_m: f
 
 def contradiction(part: HiddenPart, projected_com: Array, interface: Interface) -> ContradictionError:
     """Say which observation contradicts that the rock stands."""
-    can_touch = part.seen.places_m[part.seen.floor_m <= 0.0]
+    can_touch = part.observed.places_m[part.observed.floor_m <= 0.0]
     hull = ConvexHull(can_touch) if len(can_touch) > 2 else None
     outside = float((hull.equations[:, :2] @ projected_com + hull.equations[:, 2]).max()) if hull else np.inf
     x, y, _ = interface.scene(np.append(projected_com, 0.0))
@@ -379,7 +379,7 @@ def _outside(rock: Rock, interface: Interface, part: HiddenPart, height_m: float
 
 def _low_feet(part: HiddenPart, gap: GapDraw, side: Array, height_m: float) -> Array:
     """Feet of a draw (n, 3): its gaps, and the rock's side above its rim."""
-    places = np.column_stack([part.seen.places_m, gap.gap_m])
+    places = np.column_stack([part.observed.places_m, gap.gap_m])
     rim = places[part.inner :]
     if not len(rim) or not len(side):
         return places
@@ -389,7 +389,7 @@ def _low_feet(part: HiddenPart, gap: GapDraw, side: Array, height_m: float) -> A
 
 def _mass_moved_m(part: HiddenPart, base: Base, gap_m: Array, rock: Rock, interface: Interface) -> Array:
     """Shift (3,) of the centre of mass by what a draw's base takes from the rock that another base closed."""
-    places = part.seen.places_m[: part.inner]
+    places = part.observed.places_m[: part.inner]
     lower, upper = base.grid.at(base.height_m, places), gap_m[: part.inner]
     taken = (upper - lower) * part.cell_m2
     com = interface.flat(rock.com_m[None])[0]

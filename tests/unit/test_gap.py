@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from toppling.models.gap import Relief, Seen, draw_gaps, encloses, facet_below, resampled
+from toppling.models.gap import BaseObservation, Relief, draw_gaps, encloses, facet_below, resampled
 
 RELIEF = Relief(level_m=0.1, shape_m=0.01, shape_length_m=0.4, rough_m=0.002, rough_length_m=0.07)
 RIM_STD_M = 0.001
@@ -18,40 +18,40 @@ def disc(rim_gap_m, touching=(), floor=lambda places: np.zeros(len(places))):
     places = np.vstack([inner, rim])
     known = np.arange(len(inner), len(places))
     std_m = np.full(40, RIM_STD_M)
-    seen = (known, np.full(40, rim_gap_m), std_m, std_m, np.zeros(40, int))
-    return Seen(places, *seen, floor(places), np.array(touching, int))
+    observed = (known, np.full(40, rim_gap_m), std_m, std_m, np.zeros(40, int))
+    return BaseObservation(places, *observed, floor(places), np.array(touching, int))
 
 
-def draws(seen, weight=(0.05, -0.1), count=6, seed=1):
-    return draw_gaps(seen, np.tile(weight, (count, 1)), [RELIEF], np.random.default_rng(seed))
+def draws(observed, weight=(0.05, -0.1), count=6, seed=1):
+    return draw_gaps(observed, np.tile(weight, (count, 1)), [RELIEF], np.random.default_rng(seed))
 
 
 @pytest.mark.parametrize("rim_gap_m", [0.0, 0.02])
 def test_every_draw_stands_sinks_in_nowhere_and_has_the_rim_that_was_seen(rim_gap_m):
-    seen = disc(rim_gap_m)
-    found = draws(seen)
+    observed = disc(rim_gap_m)
+    found = draws(observed)
     assert len(found) == 6
     for draw in found:
         assert draw.gap_m.min() == 0.0
-        assert encloses(seen.places_m[draw.gap_m == 0.0], np.array([0.05, -0.1]))
+        assert encloses(observed.places_m[draw.gap_m == 0.0], np.array([0.05, -0.1]))
         # Where contacts were not forced onto the rim itself it keeps its height, within four standard deviations.
-        at_rim = draw.gap_m[seen.known]
+        at_rim = draw.gap_m[observed.known]
         assert np.abs(at_rim[at_rim > 0.0] - rim_gap_m).max() < 4.0 * (RIM_STD_M + RELIEF.rough_m)
 
 
 def test_a_rim_that_hangs_high_leaves_contacts_within_and_a_closed_one_leaves_them_at_the_rim():
     reach = {}
     for rim_gap_m in (0.0, 0.03):
-        seen = disc(rim_gap_m)
+        observed = disc(rim_gap_m)
         reach[rim_gap_m] = np.mean([
-            np.hypot(*seen.places_m[draw.gap_m == 0.0].T).max() for draw in draws(seen, count=12)
+            np.hypot(*observed.places_m[draw.gap_m == 0.0].T).max() for draw in draws(observed, count=12)
         ])  # fmt: skip
     assert reach[0.0] > reach[0.03] + 0.05
 
 
 def test_an_error_that_the_rim_shares_does_not_average_out_over_its_places():
-    seen = disc(0.05)
-    level = [draw.gap_m[seen.known].mean() for draw in draws(seen, count=60)]
+    observed = disc(0.05)
+    level = [draw.gap_m[observed.known].mean() for draw in draws(observed, count=60)]
     assert 0.7 * RIM_STD_M < np.std(level) < 1.3 * RIM_STD_M  # of its own alone it were a sixth
 
 

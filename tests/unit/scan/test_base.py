@@ -122,12 +122,12 @@ def test_a_slab_that_overhangs_its_base_by_three_heights_keeps_its_ends():
     top, leg = trimesh.creation.box((7.0, 1.6, 0.4)), trimesh.creation.box((0.8, 0.8, 0.6))
     table = trimesh.boolean.union([top.apply_translation([0, 0, 0.8]), leg.apply_translation([0, 0, 0.3])])
     points, face = trimesh.sample.sample_surface_even(table, 40_000, seed=1)
-    seen = points[:, 2] > 0.005
-    surfels = Surfels(points[seen], table.face_normals[face[seen]], np.zeros(seen.sum()), 0.03)
+    observed = points[:, 2] > 0.005
+    surfels = Surfels(points[observed], table.face_normals[face[observed]], np.zeros(observed.sum()), 0.03)
     grid = Grid.over(np.array([-0.45, -0.45]), np.array([0.45, 0.45]), 0.01)
     base = Base(grid, np.zeros(grid.shape), (np.abs(grid.nodes_m) < 0.4).all(axis=-1))
     level = Interface(np.zeros(3), np.array([0.0, 0.0, 1.0]), np.eye(3), 0.0)
-    rock = close_rock(surfels, np.ones(seen.sum(), bool), base, level).rock
+    rock = close_rock(surfels, np.ones(observed.sum(), bool), base, level).rock
     # The octree's cells are 0.07 m wide, and round the edges off by as much.
     np.testing.assert_allclose(np.ptp(rock.vertices_m, axis=0), [7.0, 1.6, 1.0], atol=0.07)
     assert rock.volume_m3 == pytest.approx(table.volume, rel=0.03)

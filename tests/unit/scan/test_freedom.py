@@ -11,7 +11,7 @@ from toppling.models.scan.close import ClosedRock
 from toppling.models.scan.freedom import check_seen_enough, creased_share, doubts, unseen_range
 from toppling.models.scan.interface import Interface
 from toppling.models.scan.interface_hint import hint_of
-from toppling.models.scan.measure import SeenRock
+from toppling.models.scan.measure import ObservedRock
 from toppling.models.scan.read import read_clouds
 from toppling.models.scan.surfels import Surfels
 from toppling.models.scan.survey import survey
@@ -60,7 +60,7 @@ def seen_of(rock, rest):
     patches = np.arange(len(points)) < len(rock[0])
     surfels = Surfels(points, normals, np.zeros(len(points)), VOXEL_M)
     height = float(np.ptp(rock[0][:, 2]))
-    return SeenRock(rock[0], rest[0], rock[0], rest[0], surfels, patches, height, None)
+    return ObservedRock(rock[0], rest[0], rock[0], rest[0], surfels, patches, height, None)
 
 
 def together(*parts):
@@ -68,8 +68,8 @@ def together(*parts):
 
 
 def kinds(rock, rest):
-    seen = seen_of(rock, rest)
-    return {each.kind for each in doubts(seen, LEVEL, seen.surfels.points_m, seen.patches)}
+    observed = seen_of(rock, rest)
+    return {each.kind for each in doubts(observed, LEVEL, observed.surfels.points_m, observed.patches)}
 
 
 BLOCK = box((-0.25, -0.25, 0.0), (0.25, 0.25, 1.0))
@@ -106,9 +106,9 @@ def test_a_surface_that_goes_on_into_the_ground_is_no_block():
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     points = np.column_stack([x.ravel(), y.ravel(), z - 0.03])
     rock = points[:, 2] > 0.0
-    seen = seen_of((points[rock], normals[rock]), (points[~rock], normals[~rock]))
+    observed = seen_of((points[rock], normals[rock]), (points[~rock], normals[~rock]))
     with pytest.raises(InputError, match="goes on into its pedestal"):
-        doubts(seen, LEVEL, seen.surfels.points_m, seen.patches)
+        doubts(observed, LEVEL, observed.surfels.points_m, observed.patches)
     assert creased_share(seen_of(BLOCK, ground()), LEVEL) == 1.0
 
 
@@ -123,11 +123,11 @@ def test_the_directions_from_which_nothing_was_seen_are_told(sides, blind_deg, t
     ("sides", "what"), [("es", "one side is not enough"), ("ewns", "embedded in what surrounds")]
 )
 def test_a_rock_most_of_which_was_not_seen_is_refused(sides, what):
-    seen = seen_of(box((-0.25, -0.25, 0.0), (0.25, 0.25, 1.0), sides), ground())
+    observed = seen_of(box((-0.25, -0.25, 0.0), (0.25, 0.25, 1.0), sides), ground())
     closed = ClosedRock(Scene.block(0.5, 0.5, 1.0).rock, 0.3, 0.0, 0.7)
     with pytest.raises(InputError, match=what):
-        check_seen_enough(seen, LEVEL, closed)
-    check_seen_enough(seen, LEVEL, ClosedRock(closed.rock, 0.5, 0.0, 0.5))
+        check_seen_enough(observed, LEVEL, closed)
+    check_seen_enough(observed, LEVEL, ClosedRock(closed.rock, 0.5, 0.0, 0.5))
 
 
 def test_of_what_planes_carry_the_upper_of_a_stack_is_meant():

@@ -24,7 +24,7 @@ def rings(radii_m, heights_m):
 
 def seen_at_the_rim(low, ground):
     part = hidden_part(Underside.of(low, ground, HEIGHT_M), low, ground, HEIGHT_M, Inspection(), LEVEL)
-    return part.seen
+    return part.observed
 
 
 def ground_from(radius_m):
@@ -39,9 +39,9 @@ def wall():
 
 
 def test_a_steep_side_is_seen_down_to_its_lowest_point_and_may_end_a_part_of_the_spacing_below(wall):
-    seen = seen_at_the_rim(wall, ground_from(RADIUS_M - 0.02))
-    np.testing.assert_allclose(seen.gap_m, RIM_M, atol=1e-9)
-    assert np.all((seen.std_m > 0.1 * PITCH_M) & (seen.std_m < 0.5 * PITCH_M))
+    observed = seen_at_the_rim(wall, ground_from(RADIUS_M - 0.02))
+    np.testing.assert_allclose(observed.gap_m, RIM_M, atol=1e-9)
+    assert np.all((observed.std_m > 0.1 * PITCH_M) & (observed.std_m < 0.5 * PITCH_M))
 
 
 def test_a_steep_side_that_may_reach_the_pedestal_ends_anywhere_within_a_spacing(wall):
@@ -56,30 +56,30 @@ def test_an_error_that_the_whole_rim_shares_does_not_follow_what_was_seen_at_its
     turn = np.linspace(0.0, 2.0 * np.pi, 3000)
     height = RIM_M + np.random.default_rng(4).uniform(0.0, 0.2, 3000)
     side = np.column_stack([RADIUS_M * np.cos(turn), RADIUS_M * np.sin(turn), height])[sparse]
-    seen = seen_at_the_rim(side, ground_from(RADIUS_M - 0.02))
-    assert np.ptp(seen.std_m) > 0.2 * np.median(seen.std_m)
-    assert np.ptp(seen.shared_m) == 0.0
+    observed = seen_at_the_rim(side, ground_from(RADIUS_M - 0.02))
+    assert np.ptp(observed.std_m) > 0.2 * np.median(observed.std_m)
+    assert np.ptp(observed.shared_m) == 0.0
 
 
 def test_a_stray_off_the_side_says_less_of_the_rim(wall):
     stray = np.array([[RADIUS_M - 3.0 * PITCH_M, 0.0, RIM_M - PITCH_M]])
-    seen = seen_at_the_rim(np.vstack([wall, stray]), ground_from(RADIUS_M - 0.06))
-    at = np.linalg.norm(seen.places_m[seen.known] - stray[0, :2], axis=1)
+    observed = seen_at_the_rim(np.vstack([wall, stray]), ground_from(RADIUS_M - 0.06))
+    at = np.linalg.norm(observed.places_m[observed.known] - stray[0, :2], axis=1)
     assert at.min() == 0.0
-    assert seen.std_m[at.argmin()] > 3.0 * np.median(seen.std_m)
+    assert observed.std_m[at.argmin()] > 3.0 * np.median(observed.std_m)
 
 
 def test_a_level_underside_is_as_high_as_its_points(wall):
     radii = np.arange(RADIUS_M - 0.06, RADIUS_M, PITCH_M)
     underside = rings(radii, np.full(len(radii), RIM_M))
-    seen = seen_at_the_rim(np.vstack([wall, underside]), ground_from(RADIUS_M - 0.12))
-    inner = np.hypot(*seen.places_m[seen.known].T) < RADIUS_M - 0.05
+    observed = seen_at_the_rim(np.vstack([wall, underside]), ground_from(RADIUS_M - 0.12))
+    inner = np.hypot(*observed.places_m[observed.known].T) < RADIUS_M - 0.05
     assert inner.sum() > 20
-    np.testing.assert_allclose(seen.gap_m[inner], RIM_M, atol=0.05 * PITCH_M)
+    np.testing.assert_allclose(observed.gap_m[inner], RIM_M, atol=0.05 * PITCH_M)
 
 
 def test_below_a_rim_whose_pedestal_was_not_seen_the_gap_is_anything_up_to_its_height(wall):
-    seen = seen_at_the_rim(wall, ground_from(RADIUS_M + 0.05))  # rubble lay there
-    np.testing.assert_allclose(seen.gap_m, 0.5 * RIM_M)
-    np.testing.assert_allclose(seen.std_m, UNSEEN_STD_SHARE * RIM_M)
-    assert len(set(seen.group)) == 1
+    observed = seen_at_the_rim(wall, ground_from(RADIUS_M + 0.05))  # rubble lay there
+    np.testing.assert_allclose(observed.gap_m, 0.5 * RIM_M)
+    np.testing.assert_allclose(observed.std_m, UNSEEN_STD_SHARE * RIM_M)
+    assert len(set(observed.group)) == 1

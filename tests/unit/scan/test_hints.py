@@ -14,7 +14,7 @@ from toppling.models.scan.base import hidden_base
 from toppling.models.scan.gap_seen import reliefs
 from toppling.models.scan.inspection import Inspection
 from toppling.models.scan.interface import Interface
-from toppling.models.scan.measure import SeenRock, toppling
+from toppling.models.scan.measure import ObservedRock, toppling
 from toppling.models.scan.pulls import check_joint, check_spanned, fits
 from toppling.models.scan.standing import check_inspection
 from toppling.models.scan.unseen import (
@@ -40,10 +40,10 @@ def column():
     side = np.vstack([np.column_stack([ring, np.full(len(ring), h)]) for h in np.arange(0.01, 0.3, PITCH_M)])
     grid = np.arange(-1.2, 1.2, PITCH_M)
     floor = np.array([(x, y, 0.0) for x in grid for y in grid if np.hypot(x, y) > RADIUS_M])
-    seen = SeenRock(side, floor, side, floor, None, None, HEIGHT_M, None)
+    observed = ObservedRock(side, floor, side, floor, None, None, HEIGHT_M, None)
     mesh = trimesh.creation.cylinder(RADIUS_M, HEIGHT_M, sections=64)
     mesh.apply_translation([0.0, 0.0, 0.5 * HEIGHT_M])
-    return seen, Rock.from_triangles(mesh.vertices, mesh.faces), hidden_base(side, floor, HEIGHT_M, 0.3)
+    return observed, Rock.from_triangles(mesh.vertices, mesh.faces), hidden_base(side, floor, HEIGHT_M, 0.3)
 
 
 @pytest.fixture
@@ -58,8 +58,8 @@ def few_candidates(monkeypatch):
 
 
 def drawn_with(column, *pulls, **more):
-    seen, rock, base = column
-    return draw_bases(seen, LEVEL, rock, base, STD_M, Inspection(pulls=pulls), **more)
+    observed, rock, base = column
+    return draw_bases(observed, LEVEL, rock, base, STD_M, Inspection(pulls=pulls), **more)
 
 
 def test_a_pull_that_no_drawn_base_bears_is_refused_with_what_they_bear(column, few_candidates):

@@ -11,12 +11,13 @@ import contextlib
 import hashlib
 import io
 import os
+import shutil
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-import llvmlite.binding
+import llvmlite
 import numpy as np
 from numpy.typing import NDArray
 
@@ -28,8 +29,15 @@ Flags = NDArray[np.bool_]
 Indices = NDArray[np.int64]
 Vector = tuple[float, float, float]
 
+SHIPPED_VARIABLE = "TOPPLING_COMPILED"
+"""Names a folder of compiled code that an image brings along."""
+
 COMPILED_ROOMS = tuple(Path(__file__).parent.parent / each for each in ("models/ground", "workers"))
 """Whose code is compiled: what changes in them makes all of it anew."""
+
+
+COMPLETE = "complete"
+"""File that stands in a folder of compiled code when all that a shake on a plane needs is there."""
 
 
 def _hash() -> str:
@@ -51,11 +59,37 @@ def private_folder(parent: Path) -> Path | None:
     folder = parent / f"compiled-{_hash()}"
     with contextlib.suppress(OSError):
         folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-        found = folder.lstat()
-        ours = found.st_uid == os.getuid() and not found.st_mode & 0o022 and not folder.is_symlink()
-        if ours and os.access(folder, os.W_OK | os.X_OK):
+        if _only_writable_by(folder, os.getuid()) and os.access(folder, os.W_OK | os.X_OK):
+            _take_shipped(folder)
             return folder
     return None
+
+
+def _only_writable_by(folder: Path, *users: int) -> bool:
+    found = folder.lstat()
+    return found.st_uid in users and not found.st_mode & 0o022 and not folder.is_symlink()
+
+
+def _take_shipped(folder: Path) -> None:
+    """Copy what an image ships for this program and processor, unless it has been; only what root or we made."""
+    shipped = os.environ.get(SHIPPED_VARIABLE)
+    if not shipped or (folder / COMPLETE).exists():
+        return
+    source = Path(shipped) / folder.name
+    if (source / COMPLETE).exists() and all(
+        _only_writable_by(each, 0, os.getuid()) for each in (source.parent, source)
+    ):
+        ignored = shutil.ignore_patterns(COMPLETE, "lock")
+        shutil.copytree(source, folder, ignore=ignored, copy_function=_copy_whole, dirs_exist_ok=True)
+        folder.chmod(0o700)
+        (folder / COMPLETE).touch()
+
+
+def _copy_whole(source: str, target: str) -> None:
+    """Copy a file so that other processes see all of it or nothing."""
+    part = f"{target}.{os.getpid()}"
+    shutil.copyfile(source, part)
+    Path(part).replace(target)
 
 
 FOLDER = private_folder(cache_folder())

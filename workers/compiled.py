@@ -10,7 +10,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterator
 
-from toppling.models.compiled import FOLDER
+from toppling.models.compiled import COMPLETE, FOLDER
 
 _ENSURED = threading.Event()
 
@@ -32,7 +32,7 @@ def ensure_compiled(use_everything: Callable[[], object]) -> None:
             sys.stderr.write("compiling for this machine, once: about half a minute\n")
             with _rare_collections():
                 use_everything()
-            (FOLDER / "complete").touch()
+            (FOLDER / COMPLETE).touch()
 
 
 @contextlib.contextmanager
@@ -50,7 +50,7 @@ def _rare_collections() -> Iterator[None]:
 
 def is_compiled() -> bool:
     """Whether the next process finds everything compiled."""
-    return FOLDER is not None and (FOLDER / "complete").exists()
+    return FOLDER is not None and (FOLDER / COMPLETE).exists()
 
 
 def compile_apart() -> None:

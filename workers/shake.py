@@ -12,6 +12,7 @@ import numpy as np
 from toppling.models.errors import InputError
 from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene
+from toppling.models.shapes import box
 from toppling.workers.compiled import ensure_compiled
 from toppling.workers.contact.rest import Rest
 from toppling.workers.engines import DEFAULT, ENGINES, Integrator, Pool, engine_named, options_of
@@ -121,12 +122,22 @@ def compile_once() -> None:
     ensure_compiled(_small_shake)
 
 
-def _small_shake() -> None:
+def compile_everything() -> None:
+    """Compile what shakes on planes and on other surfaces need: for an image that ships compiled code."""
+    compile_once()
+    block = box(0.1, 0.1, 0.3).moved(np.eye(3), (0.0, 0.0, 0.31))
+    groove = [[-1, -1, 0.1], [0, -1, 0], [1, -1, 0.1], [-1, 1, 0.1], [0, 1, 0], [1, 1, 0.1]]
+    walls = np.array([[0, 1, 4], [0, 4, 3], [1, 2, 5], [1, 5, 4]])
+    rock = block.vertices_m, block.faces
+    _small_shake(Scene.from_mesh(rock, pedestal=(np.array(groove, float), walls), friction=0.8))
+
+
+def _small_shake(scene: Scene | None = None) -> None:
     """Every compiled function has one signature, so that one shake meets them all."""
     time_s = np.arange(0.0, 1.0, 0.005)
     pulse = 6.0 * np.sin(2.0 * np.pi * time_s)
     motion = Motion(np.column_stack([pulse, 0.2 * pulse, 0.0 * pulse]), 0.005)
-    shake(Scene.block(0.3, 0.3, 1.0), motion, "fast")
+    shake(scene or Scene.block(0.3, 0.3, 1.0), motion, "fast")
 
 
 class Shaking:

@@ -50,6 +50,28 @@ def test_where_nothing_can_be_written_there_is_no_folder(tmp_path: Path) -> None
     assert private_folder(tmp_path / "file") is None
 
 
+@pytest.mark.parametrize(("mode", "taken"), [(0o755, True), (0o775, False), (0o757, False)])
+def test_code_that_an_image_ships_is_taken_where_nobody_else_could_write_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, mode: int, taken: bool
+) -> None:
+    shipped = private_folder(tmp_path / "image")
+    assert shipped is not None
+    (shipped / "room").mkdir()
+    (shipped / "room" / "function.nbc").write_bytes(b"code")
+    monkeypatch.setenv("TOPPLING_COMPILED", str(tmp_path / "image"))
+    unfinished = private_folder(tmp_path / "first")
+    assert unfinished is not None
+    assert not list(unfinished.iterdir())
+    (shipped / "complete").touch()
+    shipped.chmod(mode)
+    folder = private_folder(tmp_path / "second")
+    assert folder is not None
+    assert {each.relative_to(folder).as_posix() for each in folder.rglob("*")} == (
+        {"room", "room/function.nbc", "complete"} if taken else set()
+    )
+    assert folder.stat().st_mode & 0o777 == 0o700
+
+
 def _started(cache: Path) -> subprocess.Popen[str]:
     environment = {**os.environ, "TOPPLING_CACHE": str(cache)}
     return subprocess.Popen(

@@ -1,4 +1,4 @@
-"""How strong a shaking topples a rock: scenes, motions, one shake, and the answers of a run.
+"""How strong a shaking topples a rock: scenes, motions, one shake, and what each verb of the command line does.
 
 What a name needs is imported when the name is first used, so that no one waits for what is not asked for.
 
@@ -20,14 +20,44 @@ if TYPE_CHECKING:
     from toppling.models.motions.ensemble import Ensemble
     from toppling.models.motions.motion import Motion
     from toppling.models.scene import Scene
+    from toppling.orchestrator.campaign import Campaign
+    from toppling.orchestrator.public.constraining import Dates, constrain
+    from toppling.orchestrator.public.fragility_figures import Bins, fragility
+    from toppling.orchestrator.public.making import check, scan
+    from toppling.orchestrator.public.reading import query, report
+    from toppling.orchestrator.public.running import plan, run
     from toppling.results.run import Run, open_run
     from toppling.workers.outcome import ShakeResult
     from toppling.workers.shake import shake
     from toppling.workers.start import State
 
-__all__ = ["Ensemble", "InputError", "Motion", "Run", "Scene", "ShakeResult", "State", "open_run", "shake"]
+__all__ = [
+    "Bins",
+    "Campaign",
+    "Dates",
+    "Ensemble",
+    "InputError",
+    "Motion",
+    "Run",
+    "Scene",
+    "ShakeResult",
+    "State",
+    "check",
+    "constrain",
+    "fragility",
+    "open_run",
+    "plan",
+    "query",
+    "report",
+    "run",
+    "scan",
+    "shake",
+]
 
 _HOMES = {
+    "Bins": "toppling.orchestrator.public.fragility_figures",
+    "Campaign": "toppling.orchestrator.campaign",
+    "Dates": "toppling.orchestrator.public.constraining",
     "Ensemble": "toppling.models.motions.ensemble",
     "InputError": "toppling.models.errors",
     "Motion": "toppling.models.motions.motion",
@@ -35,7 +65,15 @@ _HOMES = {
     "Scene": "toppling.models.scene",
     "ShakeResult": "toppling.workers.outcome",
     "State": "toppling.workers.start",
+    "check": "toppling.orchestrator.public.making",
+    "constrain": "toppling.orchestrator.public.constraining",
+    "fragility": "toppling.orchestrator.public.fragility_figures",
     "open_run": "toppling.results.run",
+    "plan": "toppling.orchestrator.public.running",
+    "query": "toppling.orchestrator.public.reading",
+    "report": "toppling.orchestrator.public.reading",
+    "run": "toppling.orchestrator.public.running",
+    "scan": "toppling.orchestrator.public.making",
     "shake": "toppling.workers.shake",
 }
 

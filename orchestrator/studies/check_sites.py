@@ -114,15 +114,7 @@ def check_sites(
     InputError
         If no rock has a seismogram.
     """
-    chosen = [(site, seismograms_of(site, given)) for site in sites]
-    if not any(found for _, found in chosen):
-        stations = ", ".join(sorted({one.station or "(none)" for one in given})[:5]) or "none"
-        raise InputError(
-            f"none of {len(given)} seismograms is at a site of the table",
-            where="check",
-            expected=f"stations or folders named like {sites[0].site!r}; their stations are {stations}",
-            remedy="name the stations in the table's column 'site', or give each rock its own 'seismograms'",
-        )
+    chosen = _with_seismograms(sites, given)
     rows: list[dict[str, Any]] = []
     count = workers or os.cpu_count() or 1
     with pool_of(count) as pool:
@@ -143,6 +135,26 @@ def check_sites(
                 task = pool.submit(_judged, site, one, judge, factors, preset)
                 flying[task] = {**head, "scenario": one.scenario}
         land(0)
+    return _in_order(rows)
+
+
+def _with_seismograms(
+    sites: Sequence[Site], given: Sequence[Seismogram]
+) -> list[tuple[Site, list[Seismogram]]]:
+    """Each rock with the seismograms at its site, of which some rock has one."""
+    chosen = [(site, seismograms_of(site, given)) for site in sites]
+    if not any(found for _, found in chosen):
+        stations = ", ".join(sorted({one.station or "(none)" for one in given})[:5]) or "none"
+        raise InputError(
+            f"none of {len(given)} seismograms is at a site of the table",
+            where="check",
+            expected=f"stations or folders named like {sites[0].site!r}; their stations are {stations}",
+            remedy="name the stations in the table's column 'site', or give each rock its own 'seismograms'",
+        )
+    return chosen
+
+
+def _in_order(rows: list[dict[str, Any]]) -> pd.DataFrame:
     fullest = max(rows, key=len)  # in which order rows come is chance, and so is which columns the first has
     frame = pd.DataFrame(rows, columns=[*fullest])
     return frame.sort_values(["rock", "scenario", "record_id"], kind="stable", ignore_index=True)

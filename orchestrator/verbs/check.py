@@ -1,9 +1,8 @@
 """`toppling check`: whether given seismograms, unscaled, topple the rock."""
 
 import json
-import math
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Sequence
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import click
@@ -12,12 +11,9 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from toppling.models.errors import InputError
-from toppling.models.motions.ensemble import CATALOG, Ensemble
-from toppling.models.motions.motion import Motion
-from toppling.models.motions.record import Record
-from toppling.models.scene import Scene
+from toppling.models.motions.ensemble import CATALOG
 from toppling.orchestrator.progress import bar
+from toppling.orchestrator.public.making import check as check_rock
 from toppling.orchestrator.sites import read_sites
 from toppling.orchestrator.spelling import OneOf
 from toppling.orchestrator.studies.check_sites import (
@@ -28,51 +24,18 @@ from toppling.orchestrator.studies.check_sites import (
     of_records,
     seismograms_of,
 )
+from toppling.orchestrator.studies.seismograms import Verdict, judged, neighbouring_factors, read_seismograms
 from toppling.orchestrator.verbs.options import PATH, json_option, scene_argument
 from toppling.orchestrator.verbs.records_shown import show_notes
 from toppling.results.belonging import SITES_FILE
 from toppling.results.schema import TOPPLED_OUTCOMES
 from toppling.workers.options import PRESETS
-from toppling.workers.shake import shake
 
+_METADATA_OF_NOTHING = (
+    "--metadata describes files, but only ensembles were given, which have their own metadata"
+)
 SCENARIOS_SHOWN = 12
 """Columns that a console shows."""
-
-
-@dataclass(frozen=True)
-class Verdict:
-    """What one seismogram and its scaled neighbours do to the rock.
-
-    Parameters
-    ----------
-    record_id, event, station : str
-    north_known : bool
-        Whether the components' azimuths are known; if not, the first horizontal was taken as east.
-    pga_m_s2, pgv_m_s : float
-        Peaks of the horizontal vector, as recorded.
-    outcome : str
-        Of the seismogram as it is: stands, moved, toppled, lodged, or the status of a shake without an answer.
-    max_tilt_deg : float
-    toppled, shaken : int
-        Of the scaled neighbours with an answer, including the seismogram itself.
-    probability : float or None
-        Share of these that toppled. They are copies of one motion, so no interval is given.
-    least_factor : float or None
-        Least factor that toppled the rock.
-    """
-
-    record_id: str
-    event: str
-    station: str
-    north_known: bool
-    pga_m_s2: float
-    pgv_m_s: float
-    outcome: str
-    max_tilt_deg: float
-    toppled: int
-    shaken: int
-    probability: float | None
-    least_factor: float | None
 
 
 @click.command()
@@ -141,15 +104,15 @@ def check(
             else "Missing argument 'SEISMOGRAMS...'."
         )
         raise click.UsageError(msg)
-    loaded = Scene.load(scene)
-    if friction is not None:
-        loaded = loaded.with_friction(friction)
-    records = list(_records(seismograms, metadata, missing_vertical))
-    factors = neighbouring_factors(largest, neighbours)
-    verdicts = []
-    with bar("shaking", len(records) * len(factors)) as advance:
-        for record in records:
-            verdicts.append(judged(loaded, record, factors, preset, advance))
+    if metadata and all((path / CATALOG).is_file() for path in seismograms):
+        raise click.UsageError(_METADATA_OF_NOTHING)
+    with bar("shaking") as advance:
+        checked = check_rock(
+            scene, seismograms, friction=friction, metadata=metadata, missing_vertical=missing_vertical,
+            largest=largest, neighbours=neighbours, preset=preset, advance=advance,
+        )  # fmt: skip
+    _show_reading(checked.remarks, checked.notes)
+    verdicts = checked.verdicts
     if as_json:
         click.echo(json.dumps([asdict(verdict) for verdict in verdicts], indent=1))
     else:
@@ -161,7 +124,13 @@ def _given(seismograms: Sequence[Path], metadata: Path | None, missing_vertical:
     folders = [path for path in seismograms if (path / CATALOG).is_file()]
     files = [path for path in seismograms if path not in folders]
     found = [one for folder in folders for one in of_ensemble(folder)]
-    return found + (of_records(_records(files, metadata, missing_vertical)) if files or metadata else [])
+    if not files and metadata:
+        raise click.UsageError(_METADATA_OF_NOTHING)
+    if not files:
+        return found
+    read = read_seismograms(files, metadata, missing_vertical)
+    _show_reading(read.remarks, read.notes)
+    return found + of_records(read.records)
 
 
 def _check_table(table: Path, friction: float | None, given: list[Seismogram], *, as_json: bool) -> None:
@@ -211,84 +180,10 @@ def _show_matrix(rows: pd.DataFrame, matrix: pd.DataFrame) -> None:
         click.echo(f"{rock}: {of_rock['message'].iloc[0]} ({len(of_rock)} rows)", err=True)
 
 
-def neighbouring_factors(largest: float, neighbours: int) -> list[float]:
-    """Factors from 1/largest to largest in equal ratios, 1 in the middle."""
-    return [float(largest ** (k / max(neighbours, 1))) for k in range(-neighbours, neighbours + 1)]
-
-
-def judged(
-    scene: Scene,
-    record: Record,
-    factors: Sequence[float],
-    preset: str,
-    advance: Callable[[], object] = lambda: None,
-) -> Verdict:
-    """Shake a rock with an unscaled record, and with a little weaker and stronger ones."""
-    answers: dict[float, bool | None] = {}
-    outcome, tilt = "", math.nan
-    for factor in factors:
-        motion = Motion(factor * record.motion.acceleration_m_s2, record.motion.time_step_s)
-        result = shake(scene, motion, preset)
-        answers[factor] = result.toppled
-        if factor == 1.0:
-            outcome, tilt = result.outcome or result.status, result.max_tilt_deg
-        advance()
-    known = [answer for answer in answers.values() if answer is not None]
-    return Verdict(
-        record_id=record.record_id,
-        event=record.event,
-        station=record.station,
-        north_known=record.north_known,
-        pga_m_s2=float(record.intensity["pga_m_s2"]),
-        pgv_m_s=float(record.intensity["pgv_m_s"]),
-        outcome=outcome,
-        max_tilt_deg=tilt,
-        toppled=sum(known),
-        shaken=len(known),
-        probability=sum(known) / len(known) if known else None,
-        least_factor=min((factor for factor, answer in answers.items() if answer), default=None),
-    )
-
-
-def _records(paths: Sequence[Path], metadata: Path | None, missing_vertical: bool) -> Iterator[Record]:
-    """Records of ensembles, and of files as 'records import' reads them."""
-    from toppling.models.motions.importing import ImportOptions, import_records, record_files
-    from toppling.models.motions.metadata import read_table
-
-    for folder in (path for path in paths if (path / CATALOG).is_file()):
-        ensemble = Ensemble.load(folder)
-        yield from (ensemble.record(record_id) for record_id in ensemble.record_ids)
-    files = record_files([path for path in paths if not (path / CATALOG).is_file()])
-    if not files:
-        if metadata:
-            raise click.UsageError(
-                "--metadata describes files, but only ensembles were given, which have their own metadata"
-            )
-        return
-    table = read_table(metadata) if metadata else []
-    came = import_records(files, table, ImportOptions(missing_vertical=missing_vertical))
-    if came.unused_rows:
-        click.echo(
-            f"{came.unused_rows} of {len(table)} rows of {metadata} name files that were not given", err=True
-        )
-    for refusal in came.refusals:
-        click.echo(f"left out {refusal.subject}: {refusal.reason}", err=True)
-    show_notes(came.warnings)
-    for record in came.records:
-        if record.quality in {"processed", "drifting"}:
-            click.echo(
-                f"{record.record_id} was uncorrected or drifting, and has been processed"
-                " ('corrected' in the table's column 'processing' prevents this)",
-                err=True,
-            )
-    if not came.records:
-        raise InputError(
-            f"none of {len(files)} files gave a seismogram",
-            where=", ".join(map(str, paths)),
-            expected="three-component seismograms",
-            remedy="the reasons are above; a metadata table adds what the files do not state (--metadata)",
-        )
-    yield from came.records
+def _show_reading(remarks: Sequence[str], notes: list[tuple[str, str]]) -> None:
+    for remark in remarks:
+        click.echo(remark, err=True)
+    show_notes(notes)
 
 
 def _show(verdicts: Sequence[Verdict], largest: float) -> None:

@@ -4,45 +4,26 @@ import hashlib
 import json
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import click
-import numpy as np
 
 from toppling.orchestrator.progress import bar
-from toppling.orchestrator.recorded import read_recorded
+from toppling.orchestrator.public.constraining import Dates
+from toppling.orchestrator.public.constraining import constrain as state
 from toppling.orchestrator.verbs.by_events import (
     EventOptions,
-    Rocks,
-    check_event_options,
     event_set_of,
-    judged_by_events,
 )
-from toppling.orchestrator.verbs.felt import EventStatement, measures_asked
-from toppling.orchestrator.verbs.hazard import HAZARD_HELP, SITE_HELP, Asked, SiteCommand, read_tree, years_of
+from toppling.orchestrator.verbs.felt import measures_asked
+from toppling.orchestrator.verbs.hazard import HAZARD_HELP, SITE_HELP, SiteCommand, years_of
 from toppling.orchestrator.verbs.options import FOLDER, PATH, json_option, trusted_option
 from toppling.orchestrator.verbs.rocks import (
-    names_of,
     of_atlases,
-    of_bases,
-    read_jobs,
-    refuse_twins,
-    standing_rock,
 )
-from toppling.results.constraint import Constraint
-from toppling.results.drawing.constraint_folder import write_constraint
-from toppling.results.drawing.constraint_words import all_words
-from toppling.results.drawing.event_words import event_words
-from toppling.results.exchange import read_curves
-from toppling.results.fits import MEASURES
-from toppling.results.hazard.ages import Since, fragile_years, joint_ages, parse_age, parse_since
-from toppling.results.hazard.standing import Standing
-from toppling.results.hazard.tree import HazardTree, sources
-from toppling.results.hazard.update import Update
-from toppling.results.resampling import SAMPLES
+from toppling.results.hazard.ages import parse_since
 
 
 @click.command(cls=SiteCommand)
@@ -183,106 +164,38 @@ def constrain(
     if stood and not all(path.is_dir() for path in rocks):
         msg = "--stood weights the bases of runs; a file of curves has none"
         raise click.UsageError(msg)
-    measures = measures_asked(measure)
-    options = EventOptions(event_rate, catalogue_years, correlation)
-    check_event_options(options, event_set_of(hazard), measures)
-    late = [parse_since(text) for text in fragile_since]
-    sinces: list[Since | None] = [*(late * len(rocks) if len(late) == 1 else late)] or [None] * len(rocks)
-    ages = [parse_age(text) for text in age] or [np.array([np.nan])]
-    dated = joint_ages(ages * len(rocks) if len(ages) == 1 else ages, common_date, common_error)
     places: list[tuple[float, float] | str] = [*sites, *site_names]
     event_set = event_set_of(hazard)
     if len(places) > 1 and not event_set:
         msg = "several --site apply to a set of events; hazard curves are of one site"
         raise click.UsageError(msg)
-    asked = Asked(places[0] if places else None, ratio, measure, years_of(values))
-    recorded = read_recorded(stood) if stood else None
-    if hazard and (
-        event_set or len(measures) > 1 or any(one and math.isfinite(one.factor) for one in sinces)
-    ):
-        jobs = {path: read_jobs(path, where, trusted, recorded) for path in rocks if path.is_dir()}
-        named = Rocks(names_of(rocks), rocks, dated, sinces, jobs, places)
-        with bar("bootstrap of records", SAMPLES * len(jobs)) as advance:
-            felt = judged_by_events(named, hazard, asked, options, confidence, advance)
-        _tell_events(felt, rocks, ratio, out, as_json)
-        return
-    if len(measures) > 1 or any(one and math.isfinite(one.factor) for one in sinces):
+    factors = any(math.isfinite(parse_since(text).factor) for text in fragile_since)
+    if not hazard and (len(measures_asked(measure)) > 1 or factors):
         msg = "two measures together, and a factor of --fragile-since, need the --hazard"
         raise click.UsageError(msg)
-    known = [
-        name for name in MEASURES if all(name in read_curves(path) for path in rocks if not path.is_dir())
-    ]
-    tree = read_tree(hazard, asked, known) if hazard else None
-    over = tree.measure if tree else measure or "pgv_m_s"
-    together = common_date or common_error > 0
-    years = fragile_years(dated, sinces) if together or any(sinces) else None
-    runs = {path: read_jobs(path, where, trusted, recorded) for path in rocks if path.is_dir()}
-    with bar("bootstrap of records", SAMPLES * len(runs)) as advance:
-        standing = [
-            standing_rock(name, path, over, runs.get(path), of_rock, seen=advance)
-            for name, path, of_rock in zip(
-                names_of(rocks), rocks, ages * len(rocks) if len(ages) == 1 else ages, strict=True
-            )
-        ]
-    if years is not None:
-        standing = [
-            replace(rock, years=years[:, number], together=True) for number, rock in enumerate(standing)
-        ]
-    refuse_twins(rocks, standing)
-    for warning in (warnings := _warnings(rocks, standing)):
+    with bar("bootstrap of records") as advance:
+        stated = state(
+            rocks, age=age, hazard=hazard, dates=Dates(common_date, common_error, fragile_since), where=where,
+            trusted=trusted, stood=stood, measure=measure,
+            events=EventOptions(event_rate, catalogue_years, correlation), confidence=confidence, sites=places,
+            ratio=ratio, years=years_of(values), advance=advance,
+        )  # fmt: skip
+    for warning in stated.warnings:
         click.echo(warning, err=True)
-    statement = Constraint(
-        standing, confidence, Update(standing, tree, confidence) if tree else None, bool(age)
-    )
-    told = statement.told(ratio, sites[0] if sites else None)
-    if together:
-        told["ages_independent"] = False
-    if bases := [
-        {"rock": rock.name, **of_bases(runs[path], rock.curve)}
-        for path, rock in zip(rocks, standing, strict=True)
-        if path in runs and runs[path].stood
-    ]:
-        told["stood"] = bases
-    told["warnings"] = warnings
+    told = stated.content
     if out:
-        told["choices"] = _choices(rocks, tree)
-        count = sum(1 for _ in write_constraint(statement, told, out, ratio))
+        told = told | {"choices": _choices(rocks, stated.hazard_files)}
+        count = stated.write(out, told["choices"])
+        words = "states all" if stated.page.endswith(".json") else "is the page"
         if not as_json:
-            click.echo(f"{out}: {count} files, of which constraint.html is the page", err=True)
-    click.echo(json.dumps(told, indent=1, allow_nan=False) if as_json else all_words(told))
+            click.echo(f"{out}: {count} files, of which {stated.page} {words}", err=True)
+    click.echo(json.dumps(told, indent=1, allow_nan=False) if as_json else stated.text)
 
 
-def _tell_events(
-    felt: EventStatement, rocks: Sequence[Path], ratio: float, out: Path | None, as_json: bool
-) -> None:
-    """Write and print what rocks say event by event."""
-    told = felt.told() | {"hazard_ratio": ratio}
-    if out:
-        told["choices"] = _choices(rocks, None, Path(felt.update.events.source))
-        count = len(felt.write(out, told))
-        if not as_json:
-            click.echo(f"{out}: {count} files, of which constraint.json states all", err=True)
-    click.echo(json.dumps(told, indent=1, allow_nan=False) if as_json else event_words(told))
-
-
-def _warnings(rocks: Sequence[Path], standing: Sequence[Standing]) -> list[str]:
-    """What has to be known before one relies on the rocks: runs that were not finished."""
-    return [
-        f"{path}: {rock.curve.basis.unfinished}, and the others are not a random sample: finish the run with "
-        "'toppling run' before you rely on it"
-        for path, rock in zip(rocks, standing, strict=True)
-        if rock.curve.basis and rock.curve.basis.unfinished
-    ]
-
-
-def _choices(rocks: Sequence[Path], tree: HazardTree | None, events: Path | None = None) -> dict[str, Any]:
+def _choices(rocks: Sequence[Path], hazard_files: Sequence[Path]) -> dict[str, Any]:
     """What was asked for and read, for who files the statement: options, files and their SHA-256, the program."""
     asked = click.get_current_context().params
-    files = [path for path in rocks if path.is_file()]
-    if tree:
-        files += [Path(one) for one in sources(tree)]
-    if events:
-        files += sorted(events.glob("*.csv")) if events.is_dir() else [events] * events.is_file()
+    files = [path for path in rocks if path.is_file()] + [*hazard_files]
     return {
         "program": f"toppling {version('toppling')}",
         "options": {name: _text(value) for name, value in asked.items() if value not in (None, (), False)},

@@ -1,55 +1,28 @@
 """`toppling fragility`: the study's figures of a run, each with the table behind it."""
 
-import contextlib
-import itertools
 from collections import Counter
-from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 import click
 import pandas as pd
 from click.core import ParameterSource
 
-from toppling.models.contact import ContactProperties
 from toppling.models.errors import InputError
-from toppling.models.motions.ensemble import Ensemble
-from toppling.models.scene import Scene
-from toppling.orchestrator.folder import place_in
 from toppling.orchestrator.progress import bar
+from toppling.orchestrator.public.fragility_figures import PGV_DURATION, Bins, Fragility
+from toppling.orchestrator.public.fragility_figures import fragility as draw
 from toppling.orchestrator.verbs.options import FOLDER, run_argument, samples_option, trusted_option
-from toppling.results.audit import audits_of
-from toppling.results.directions import least_sector
 from toppling.results.drawing.fit_table import fit_words
-from toppling.results.drawing.run_figures import (
-    FIT_PARTS,
-    write_audits,
-    write_directions,
-    write_fits,
-    write_friction,
-    write_maps,
-)
 from toppling.results.fits import answered
 from toppling.results.fragility import (
-    DURATION,
     FEW_BEYOND,
-    LEVEL,
-    PGV,
-    PLANES,
-    PULSE,
-    Axis,
     by_contact,
     contact_words,
-    planes_of,
 )
-from toppling.results.friction import by_surroundings, frictions
-from toppling.results.plane_reference import reference_lines, simulate
 from toppling.results.resampling import SAMPLES
 from toppling.results.run import Run, open_run
-from toppling.results.stood import records_weight, sentences, told_of
-from toppling.workers.seating import settled
+from toppling.results.stood import sentences, told_of
 
-PGV_DURATION = PLANES["pgv_duration"]
 STUDYS = f"Default: the study's {{0.below:g}}, or none if that leaves out more than {100 * FEW_BEYOND:g} % of the jobs."
 WIDTH = click.FloatRange(0, min_open=True)
 
@@ -130,70 +103,32 @@ def fragility(
     if opened.rocks:
         _each_rock(opened, out)
         return
-    done, jobs = opened.completeness(), opened.frame(where, trusted=trusted)
     if not fit and click.get_current_context().get_parameter_source("samples") != ParameterSource.DEFAULT:
         msg = "--samples applies to the fits: give --fit too"
         raise click.UsageError(msg)
-    if not unweighted:
-        jobs = opened.weighted(jobs)
-    if not jobs["toppled"].notna().any():
-        what = f"{len(jobs)} jobs, none with an answer"
-        raise InputError(
-            what,
-            where=str(run),
-            expected="finished jobs",
-            remedy="loosen --where" if where else "'toppling status RUN' shows how far the run is",
-        )
-    widths = {
-        LEVEL.column: pga_bin,
-        PGV.column: pgv_bin,
-        PULSE.column: pgv_pga_bin,
-        DURATION.column: duration_bin,
-    }
-    ends = {PGV.column: pgv_below, DURATION.column: duration_below}
+    bins = Bins(pga_bin, pgv_bin, pgv_pga_bin, duration_bin, pgv_below, duration_below, directions)
+    if remark := opened.completeness().remark:
+        click.echo(f"{run} is unfinished: {remark}")
+    with bar("figures") as advance:
+        drawn = draw(
+            opened, out, where=where, trusted=trusted, weighted=not unweighted, bins=bins, sector=sector, fit=fit,
+            reference=reference, samples=samples, advance=advance,
+        )  # fmt: skip
+    _tell(drawn, weighted=not unweighted)
 
-    def asked(axis: Axis) -> Axis:
-        below = None if axis.below is None else ends[axis.column] or extended[axis.column]
-        return replace(axis, width=widths[axis.column], below=below)
 
-    placed = planes_of(jobs)[PGV_DURATION.name]
-    extended = {axis.column: axis.below for axis in (placed.x, placed.y)}
-    planes = {plane.name: replace(plane, x=asked(plane.x), y=asked(plane.y)) for plane in PLANES.values()}
-    folder = out or place_in(run, "fragility")
-    audits, quasi_static = audits_of(opened), opened.quasi_static()
-    within = sector or least_sector(quasi_static)
-    lines = _plane_reference(opened, jobs, directions) if reference else None
-    # Each contact: maps of three files and one about all, directions of four, fits of eight. A comparison: four.
-    maps = sum(1 + plane.by_direction for plane in planes.values())
-    total = (
-        len(by_contact(jobs)) * (3 * maps + 4 + bool(within) + (8 + FIT_PARTS) * fit + reference)
-        + 4 * len(by_surroundings(jobs))
-        + bool(audits)
-    )
-    if done.remark:
-        click.echo(f"{run} is unfinished: {done.remark}")
-    written = []
-    with bar("figures", total) as advance:
-        for path in itertools.chain(
-            write_maps(jobs, folder, planes.values(), directions, lines, done),
-            write_directions(jobs, quasi_static, folder, within, done),
-            write_friction(jobs, folder, planes["pga_pgv"], done),
-            write_fits(jobs, folder, opened.name, samples, partial(audits_of, opened), advance, done)
-            if fit
-            else (),
-            write_audits(audits, folder),
-        ):
-            written.append(path)
-            advance()
-    click.echo(_files(folder, written))
-    for contact, of_contact in by_contact(jobs).items() if fit else ():
-        table = pd.read_csv(folder / contact / "fits" / "fits.csv", keep_default_na=True)
+def _tell(drawn: Fragility, *, weighted: bool) -> None:
+    """Say what was written, and what the fits and audits state."""
+    jobs = drawn.jobs
+    click.echo(_files(drawn.folder, drawn.files))
+    for contact, of_contact in by_contact(jobs).items() if drawn.fits else ():
+        table = drawn.fits[contact]
         known = answered(of_contact)
         click.echo(f"\nfragility by measure, {contact_words(of_contact, jobs)}, {_records(known)}:")
         click.echo(fit_words(table.assign(problem=table["problem"].fillna("")), known))
-    for audit in audits.values():
+    for audit in drawn.audits.values():
         click.echo(audit.sentence)
-    if not unweighted and (stood := opened.stood()):
+    if weighted and (stood := drawn.run.stood()):
         for sentence in sentences(told_of(stood, jobs)):
             click.echo(sentence)
 
@@ -224,25 +159,3 @@ def _files(folder: Path, written: list[Path]) -> str:
 def _records(known: pd.DataFrame) -> str:
     records = known["record_id"].nunique()
     return f"{len(known):,} jobs of {records:,} {'record' if records == 1 else 'records'}"
-
-
-def at_rest(scene: Scene, jobs: pd.DataFrame) -> Scene:
-    """The scene as jobs shake it, settled with their highest friction: a scanned rock is seldom exactly at rest."""
-    static, kinetic = frictions(jobs)[-1]
-    with contextlib.suppress(InputError):  # then it has no rest, and its section is that of the scan
-        return settled(scene.with_contact(ContactProperties(static, kinetic)))
-    return scene
-
-
-def _plane_reference(run: Run, jobs: pd.DataFrame, directions: int) -> pd.DataFrame:
-    scene, ensemble = at_rest(Scene.load(run.scene_folder), jobs), Ensemble.load(run.ensemble_folder)
-    records, levels = (sorted(jobs[name].unique()) for name in ("record_id", "level_pga_m_s2"))
-    azimuths = [number * 360.0 / directions for number in range(directions)]
-    with bar(f"plane reference: {len(azimuths)} sections, {len(levels)} levels"):
-        simulated = simulate(scene, ensemble, records, levels, azimuths)
-    # Each record counts in the lines as in the cells that they are drawn over.
-    weight = records_weight(jobs)  # the reference has one base
-    if weight is None:
-        return reference_lines(simulated)
-    weights = jobs[["record_id"]].assign(record_weight=weight).drop_duplicates("record_id")
-    return reference_lines(answered(simulated.merge(weights)))

@@ -40,20 +40,15 @@ def plan(campaign: Path, table: Path | None, workers: int | None, no_estimate: b
     from toppling.models.contact import ContactProperties
     from toppling.models.motions.ensemble import Ensemble
     from toppling.models.scene import Scene
-    from toppling.orchestrator.advice import scaling_warnings, shaking_warnings, warnings_of
     from toppling.orchestrator.estimate import estimate, words_of
-    from toppling.orchestrator.plan import plan as expand
     from toppling.orchestrator.progress import bar
+    from toppling.orchestrator.public.running import plan as expand
     from toppling.orchestrator.settling_told import settling_notes
-    from toppling.orchestrator.stands import check_stands
 
-    scene = Scene.load(chosen.scene)
     with bar("letting the rock stand, counting jobs"):
-        settling = check_stands(chosen, scene)
-        ensemble = Ensemble.load(chosen.ensemble)
-        planned = expand(chosen, scene, ensemble)
-        warnings = warnings_of(chosen, scene) + scaling_warnings(chosen, ensemble)
-        warnings += shaking_warnings(chosen, ensemble)
+        found = expand(chosen)
+    planned, warnings = found.plan, found.warnings
+    scene, ensemble = Scene.load(chosen.scene), Ensemble.load(chosen.ensemble)
     with bar("timing a few jobs"):
         expected = None if no_estimate else estimate(planned, scene, ensemble)
     counts = {
@@ -62,7 +57,7 @@ def plan(campaign: Path, table: Path | None, workers: int | None, no_estimate: b
         "restitutions": len(chosen.restitution), "realisations": chosen.realisations, "preset": chosen.preset,
         "engine": chosen.engine,
         "scene_id": planned.scene_id, "ensemble_id": planned.ensemble_id, "plan_id": planned.id,
-        "settling": settling.to_json(), "ground": scene.ground.sentence, "warnings": warnings,
+        "settling": found.settling and found.settling.to_json(), "ground": scene.ground.sentence, "warnings": warnings,
         "expected_work_s": expected and round(expected.work_s, 1), "timed_jobs": expected.timed if expected else 0,
     }  # fmt: skip
     _write(planned, table)

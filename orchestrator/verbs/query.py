@@ -14,8 +14,9 @@ import pyarrow.parquet as pq
 
 from toppling.models.csv_text import plain_frame
 from toppling.models.folder import new_file
+from toppling.orchestrator.public.reading import query as answer_of
 from toppling.orchestrator.verbs.options import FILE
-from toppling.results.run import ask, open_run
+from toppling.results.run import open_run
 from toppling.results.spread import CAUSES, spreads, surroundings
 
 SHOWN_ROWS = 60
@@ -66,7 +67,7 @@ def query(
         )
         raise click.UsageError(msg)
     else:
-        table = ask([open_run(path) for path in runs[:-1]], runs[-1], trusted=trusted)
+        table = answer_of(runs[:-1], runs[-1], trusted=trusted)
         _say_unfinished(runs[:-1])
     if parquet:
         _write_parquet(table, parquet)

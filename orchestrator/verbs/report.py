@@ -4,16 +4,11 @@ from pathlib import Path
 
 import click
 
-from toppling.orchestrator.folder import place_in
 from toppling.orchestrator.progress import bar
-from toppling.orchestrator.verbs.hazard import HAZARD_HELP, SITE_HELP, Asked, SiteCommand, read_tree
+from toppling.orchestrator.public.reading import report as write_report
+from toppling.orchestrator.verbs.hazard import HAZARD_HELP, SITE_HELP, SiteCommand
 from toppling.orchestrator.verbs.options import FILE, run_argument, samples_option
-from toppling.results.drawing.report.content import HEADLINE_MEASURE, Content
-from toppling.results.drawing.report.sections import SECTIONS
-from toppling.results.drawing.report.write import report_page, write_page, write_pdf
-from toppling.results.hazard.ages import parse_age
 from toppling.results.resampling import SAMPLES
-from toppling.results.run import Run, open_run
 
 
 @click.command(cls=SiteCommand)
@@ -62,27 +57,17 @@ def report(
     if hazard and not age:
         msg = "a hazard curve needs the rock's --age, to turn rates into probabilities"
         raise click.UsageError(msg)
-    tree = read_tree(hazard, Asked(site or site_name)) if hazard else None
-    opened, target = open_run(run), out or place_in(run, "report.html")
-    if opened.rocks:
-        _report_atlas(opened, target, samples, pdf=pdf)
-        return
-    content = Content(opened, samples, parse_age(age) if age else None, tree)
-    with bar("report", len(SECTIONS) + pdf) as advance:
-        text = report_page(content, lambda title: advance(doing=f"after {title}"))
-        click.echo(write_page(text, target))
-        if pdf:
-            click.echo(write_pdf(text, target.with_suffix(".pdf")))
-
-
-def _report_atlas(atlas: Run, target: Path, samples: int, *, pdf: bool) -> None:
-    """Write one page about all rocks."""
-    from toppling.results.drawing.report.gallery_page import gallery_page
-    from toppling.results.side_by_side import beside_each_other
-
-    with bar("report", 2 * len(atlas.rocks)) as advance:
-        rocks, shared = beside_each_other(atlas.rocks, HEADLINE_MEASURE, samples, advance=advance)
-        text = gallery_page(atlas.name, [atlas], rocks, shared, HEADLINE_MEASURE, target.parent, advance)
-    click.echo(write_page(text, target))
-    if pdf:
-        click.echo(write_pdf(text, target.with_suffix(".pdf")))
+    with bar("report") as advance:
+        written = write_report(
+            run,
+            out,
+            pdf=pdf,
+            age=age,
+            hazard=hazard,
+            site=site or site_name,
+            samples=samples,
+            advance=advance,
+        )
+    click.echo(written.page)
+    if written.pdf:
+        click.echo(written.pdf)

@@ -118,10 +118,8 @@ def run(
     from toppling.orchestrator.cluster import reported
     from toppling.orchestrator.context import RunError
     from toppling.orchestrator.progress import duration, pace, watcher
-    from toppling.orchestrator.run import run as carry_out
+    from toppling.orchestrator.public.running import run as carry_out
     from toppling.orchestrator.status import shares_of, state_of
-    from toppling.orchestrator.studies.audit import Auditing
-    from toppling.results.run import open_run
     from toppling.results.unphysical import unphysical_of
 
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(message)s")
@@ -142,7 +140,9 @@ def run(
     try:
         with told_as_stop(), kept_up(folder), watcher() as watch:
             limits = Limits(job_limit, tries)
-            tally = carry_out(chosen, folder, reported(cluster, report), watch, limits, again, [Auditing()])
+            shaken = carry_out(
+                chosen, folder, cluster=reported(cluster, report), watch=watch, limits=limits, again=again
+            )
     except RunError as error:
         message = f"{error}; the rows so far are kept. {to_go_on}"
         raise click.ClickException(message) from None
@@ -150,7 +150,8 @@ def run(
         click.echo(f"stopped; the rows so far are kept. {to_go_on}", err=True)
         sys.exit(INTERRUPTED)
     advice = [] if chosen.precision or chosen.sites else suggestions(shares_of(folder))
-    unphysical = unphysical_of(open_run(folder))
+    tally = shaken.session
+    unphysical = unphysical_of(shaken.run)
     state = state_of(folder)  # of all sessions: what an earlier one left without an answer still has none
     summary = {
         "run": str(folder), "jobs": tally.total, "done_before": tally.before, "done": tally.done,

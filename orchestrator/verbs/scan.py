@@ -6,13 +6,12 @@ from pathlib import Path
 import click
 
 from toppling.models.errors import InputError
-from toppling.models.folder import refuse_existing
 from toppling.models.lengths import METRES
 from toppling.models.scene import Scene
 from toppling.orchestrator.progress import bar
+from toppling.orchestrator.public import REALISATIONS
 from toppling.orchestrator.verbs.options import PATH, json_option
 
-REALISATIONS = 8
 LEAST_REALISATIONS = 3
 """Fewer give no spread."""
 
@@ -113,40 +112,16 @@ def scan(
         --point 331251.0,3777310.4,480.2 --point 331249.4,3777310.8,480.4
     toppling scan cloud.e57 --out scenes/rock --contact looked.csv --pull 135 0.32
     """
-    from toppling.models.intervals import base_sentences
-    from toppling.models.scan.inspection import inspection_of
-    from toppling.models.scan.interface_hint import hint_of
-    from toppling.models.scan.measure import invention_warning
-    from toppling.models.scan.read import read_clouds
-    from toppling.models.scan.survey import STAGES, save_survey, survey
-    from toppling.orchestrator.settling_told import draw_settling, settling_notes
-    from toppling.results.drawing.scene import draw_scene
+    from toppling.models.scan.survey import STAGES
+    from toppling.orchestrator.public.making import scan as scanned
 
-    refuse_existing(out)
-    inspection = inspection_of(contact, pulls)
-    hint = hint_of(plane, [_coordinates(point) for point in points], outline)
-    total = STAGES + bootstrap + 3
-    with bar("scan", total) as advance:
-        advance(0, "reading")
-
-        def stage(name: str) -> None:
-            advance(1, name)
-
-        cloud = read_clouds(files, units)
-        try:
-            result = survey(cloud, stage, near, hint, bootstrap, inspection)
-        except InputError as error:
-            raise _in_files(error, files, contact) from None
-        stage("letting the rock stand")
-        notes = settling_notes(result.scene) + base_sentences(result.scene.report)
-        stage("writing")
-        save_survey(result, out, lambda folder: draw_scene(result.scene, folder / "scene.png", notes))
-        draw_settling(result.scene, out / "settling.png")
-    click.echo(json.dumps(result.scene.to_json(), allow_nan=False) if as_json else _told(result.scene, out))
-    notes += result.notes
-    if warning := invention_warning(result.scene):
-        notes.append(warning)
-    for note in notes:
+    with bar("scan", STAGES + bootstrap + 3) as advance:
+        made = scanned(
+            files, out, units=units, near=near, plane=plane, points=[_coordinates(point) for point in points],
+            outline=outline, contact=contact, pulls=pulls, bootstrap=bootstrap, advance=advance,
+        )  # fmt: skip
+    click.echo(json.dumps(made.scene.to_json(), allow_nan=False) if as_json else _told(made.scene, out))
+    for note in made.notes:
         click.echo(note, err=as_json)
 
 
@@ -157,17 +132,6 @@ def _told(scene: Scene, out: Path) -> str:
         f"{out}: rock of {rock.volume_m3:.4g} m³, {rock.height_m:.3g} m high, on a pedestal that dips "
         f"{pedestal.slope_deg:.2f}° toward azimuth {pedestal.downhill_azimuth_deg:.1f}°; "
         f"see {out / 'scene.png'}"
-    )
-
-
-def _in_files(error: InputError, files: tuple[Path, ...], contact: Path | None) -> InputError:
-    """Name the files in an error that concerns all of them."""
-    of_contact = contact is not None and error.where.startswith(f"{contact}, ")
-    if of_contact or error.where in {file.name for file in files}:
-        return error
-    names = ", ".join(file.name for file in files[:3]) + (" ..." if len(files) > 3 else "")
-    return InputError(
-        error.what, where=f"{names}: {error.where}", expected=error.expected, remedy=error.remedy
     )
 
 

@@ -17,7 +17,7 @@ STILL_OVER: set[str] = {
     "models/ground/contacts.py", "models/ground/stepping.py", "results/run.py",
     "workers/engines/bullet/integrator.py",
     "models/ground/contacts.py:_across", "models/ground/contacts.py:_list_points", "models/ground/contacts.py:_meet",
-    "orchestrator/starter.py:campaign_text", "orchestrator/studies/check_sites.py:check_sites",
+    "orchestrator/starter.py:campaign_text",
     "orchestrator/verbs/constrain.py:constrain", "orchestrator/verbs/fragility.py:fragility",
     "orchestrator/verbs/plan.py:plan", "orchestrator/verbs/run.py:run", "orchestrator/verbs/scan.py:scan",
     "workers/shake.py:shake",

@@ -9,7 +9,7 @@ from toppling.models.errors import InputError
 from toppling.models.scan.inspection import Inspection, inspection_of
 from toppling.models.scan.read import Cloud
 from toppling.models.scan.survey import survey
-from toppling.orchestrator.verbs.scan import _in_files
+from toppling.orchestrator.public.making import _in_files
 
 
 def test_a_file_tells_places_that_touch_from_places_with_daylight(tmp_path):

@@ -1,0 +1,10 @@
+"""What the verbs of the command line do, as functions with results: `from toppling import scan, run, fragility`."""
+
+from typing import Any
+
+REALISATIONS = 8
+"""Half samples of a scan's points, for the uncertainty."""
+
+
+def unseen(*_: Any, **__: Any) -> None:
+    """Take note of nothing: for callers who do not watch."""

@@ -1,0 +1,298 @@
+"""What standing rocks say about past ground motion, and about its hazard."""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from toppling.models.errors import InputError
+from toppling.orchestrator.public import unseen
+from toppling.orchestrator.recorded import Recorded, read_recorded
+from toppling.orchestrator.verbs.by_events import (
+    EventOptions,
+    Rocks,
+    check_event_options,
+    event_set_of,
+    judged_by_events,
+)
+from toppling.orchestrator.verbs.felt import EventStatement, measures_asked
+from toppling.orchestrator.verbs.hazard import Asked, read_tree
+from toppling.orchestrator.verbs.rocks import (
+    Jobs,
+    names_of,
+    of_atlases,
+    of_bases,
+    read_jobs,
+    refuse_twins,
+    standing_rock,
+)
+from toppling.results.constraint import Constraint
+from toppling.results.drawing.constraint_folder import write_constraint
+from toppling.results.drawing.constraint_words import all_words
+from toppling.results.drawing.event_words import event_words
+from toppling.results.exchange import read_curves
+from toppling.results.fits import MEASURES
+from toppling.results.hazard.ages import Since, fragile_years, joint_ages, parse_age, parse_since
+from toppling.results.hazard.standing import Standing
+from toppling.results.hazard.tree import HazardTree, sources
+from toppling.results.hazard.update import Update
+from toppling.results.resampling import SAMPLES
+
+
+@dataclass(frozen=True)
+class Dates:
+    """How long rocks have stood, beyond an age of each.
+
+    Parameters
+    ----------
+    common : bool
+        All were uncovered together: one draw of their one age for all.
+    common_error : float
+        Standard deviation of a relative error that all dates share.
+    fragile_since : tuple of str
+        Since when each has been as fragile as it is: AGE or AGE:FACTOR.
+    """
+
+    common: bool = False
+    common_error: float = 0.0
+    fragile_since: tuple[str, ...] = ()
+
+    @property
+    def together(self) -> bool:
+        """Whether the rocks' ages are tied to each other."""
+        return self.common or self.common_error > 0
+
+
+@dataclass(frozen=True, eq=False)
+class RockStatement:
+    """What standing rocks reject.
+
+    Parameters
+    ----------
+    content : dict
+        The statement as `toppling constrain --json` prints it.
+    text : str
+        In sentences.
+    warnings : list of str
+        What has to be known before one relies on it.
+    hazard_files : list of Path
+        That were read.
+    page : str
+        The file that states all once it is written.
+    """
+
+    content: dict[str, Any]
+    text: str
+    warnings: list[str]
+    hazard_files: list[Path]
+    page: str
+    _write: Callable[[Path, dict[str, Any]], int]
+
+    def write(self, out: str | Path, choices: dict[str, Any] | None = None) -> int:
+        """Write page, figures and tables into a folder; their number.
+
+        Parameters
+        ----------
+        out : path
+        choices : dict or None
+            Noted in the statement, for who files it.
+        """
+        return self._write(Path(out), self.content | ({"choices": choices} if choices else {}))
+
+
+def constrain(
+    rocks: Sequence[str | Path],
+    *,
+    age: Sequence[str] = (),
+    hazard: Sequence[str] = (),
+    dates: Dates = Dates(),
+    where: str | None = None,
+    trusted: bool = False,
+    stood: Sequence[str | Path] = (),
+    measure: str | None = None,
+    events: EventOptions = EventOptions(),  # noqa: B008  (frozen)
+    confidence: float = 0.95,
+    sites: Sequence[tuple[float, float] | str] = (),
+    ratio: float = 1.0,
+    years: float | None = None,
+    advance: Callable[..., None] = unseen,
+) -> RockStatement:
+    """State which ground motions one or several standing rocks reject, as `toppling constrain` does.
+
+    Parameters
+    ----------
+    rocks : sequence of path
+        Runs, or files of fragility curves.
+    age : sequence of str
+        Years that the rocks have stood, one for all or one each: "20000", "15000..30000", "20000+-3000" or a CSV.
+    hazard : sequence of str
+        Hazard curves or sets of events, each a path or PATH=WEIGHT; they need ages.
+    dates, events
+        More about ages and events.
+    where, trusted, stood, measure, confidence, sites, ratio
+        As the options of `toppling constrain`.
+    years : float or None
+        Time that the hazard's values are probabilities over, 0 for annual rates, where files do not say.
+    advance : callable
+        Called after each bootstrap sample.
+
+    Raises
+    ------
+    InputError
+        If a rock or hazard cannot be read, or a rock has no fragility over the measure.
+    """
+    over = "pgv_m_s" if measure is None or "+" in measure else measure
+    paths, age = of_atlases(tuple(map(Path, rocks)), tuple(age), over)
+    _check(paths, age, hazard)
+    late: list[Since | None] = [parse_since(text) for text in dates.fragile_since] or [None]
+    ages = [parse_age(text) for text in age] or [np.array([np.nan])]
+    asked = Asked(sites[0] if sites else None, ratio, measure, years)
+    question = _Question(
+        paths, ages * len(paths) if len(ages) == 1 else ages, late * len(paths) if len(late) == 1 else late,
+        dates, tuple(hazard), asked, confidence, dated=bool(age),
+    )  # fmt: skip
+    check_event_options(events, event_set_of(hazard), measures_asked(measure))
+    recorded = read_recorded([Path(one) for one in stood]) if stood else None
+    jobs = _jobs(paths, where, recorded, trusted=trusted)
+    advance(0, total=SAMPLES * len(jobs))
+    if question.of_events:
+        return _by_events(question, jobs, events, list(sites), advance)
+    return _by_curves(question, jobs, advance)
+
+
+@dataclass(frozen=True, eq=False)
+class _Question:
+    """What is asked of the rocks: each list has one entry a rock."""
+
+    paths: tuple[Path, ...]
+    ages: list[NDArray[np.float64]]
+    since: list[Since | None]
+    dates: Dates
+    hazard: tuple[str, ...]
+    asked: Asked
+    confidence: float
+    dated: bool
+
+    @property
+    def of_events(self) -> bool:
+        """Whether an answer needs events one by one.
+
+        Raises
+        ------
+        InputError
+            If it does, and there is no hazard.
+        """
+        factors = any(one and math.isfinite(one.factor) for one in self.since)
+        two = len(measures_asked(self.asked.measure)) > 1
+        if (two or factors) and not self.hazard:
+            raise InputError(
+                "two measures together, or a factor of --fragile-since, without a hazard",
+                where="constrain",
+                expected="the hazard, whose events they are asked of",
+                remedy="give --hazard too",
+            )
+        return bool(self.hazard) and (event_set_of(self.hazard) is not None or two or factors)
+
+    @property
+    def joint_ages(self) -> NDArray[np.float64]:
+        """Draws of the ages, one column a rock."""
+        return joint_ages(self.ages, self.dates.common, self.dates.common_error)
+
+
+def _check(paths: tuple[Path, ...], age: Sequence[str], hazard: Sequence[str]) -> None:
+    if not paths:
+        what, remedy = (
+            "no rock has a fragility",
+            "give a run in which some jobs toppled the rock and some did not",
+        )
+    elif age and len(age) not in (1, len(paths)):
+        what, remedy = f"{len(age)} ages for {len(paths)} rocks", "give one age, or one per rock"
+    elif hazard and not age:
+        what, remedy = "a hazard without the rocks' ages", "give ages, which turn rates into probabilities"
+    else:
+        return
+    raise InputError(what, where="constrain", expected="rocks that stand, each with its age", remedy=remedy)
+
+
+def _jobs(
+    paths: Sequence[Path], where: str | None, recorded: Recorded | None, *, trusted: bool
+) -> dict[Path, Jobs]:
+    return {path: read_jobs(path, where, trusted, recorded) for path in paths if path.is_dir()}
+
+
+def _by_events(
+    question: _Question,
+    jobs: dict[Path, Jobs],
+    events: EventOptions,
+    sites: list[tuple[float, float] | str],
+    advance: Callable[..., None],
+) -> RockStatement:
+    """What rocks say event by event."""
+    paths = question.paths
+    named = Rocks(names_of(paths), paths, question.joint_ages, question.since, jobs, sites)
+    felt: EventStatement = judged_by_events(
+        named, question.hazard, question.asked, events, question.confidence, advance
+    )
+    content = felt.told() | {"hazard_ratio": question.asked.ratio}
+    source = Path(felt.update.events.source)
+    files = sorted(source.glob("*.csv")) if source.is_dir() else [source] * source.is_file()
+
+    def write(out: Path, stated: dict[str, Any]) -> int:
+        return len(felt.write(out, stated))
+
+    return RockStatement(content, event_words(content), [], files, "constraint.json", write)
+
+
+def _by_curves(question: _Question, jobs: dict[Path, Jobs], advance: Callable[..., None]) -> RockStatement:
+    """What rocks say of a single event, of rates, or of curves of hazard."""
+    paths, asked, dates = question.paths, question.asked, question.dates
+    known = [
+        name for name in MEASURES if all(name in read_curves(path) for path in paths if not path.is_dir())
+    ]
+    tree = read_tree(question.hazard, asked, known) if question.hazard else None
+    over = tree.measure if tree else asked.measure or "pgv_m_s"
+    standing = [
+        standing_rock(name, path, over, jobs.get(path), ages, seen=advance)
+        for name, path, ages in zip(names_of(paths), paths, question.ages, strict=True)
+    ]
+    if dates.together or any(question.since):
+        years = fragile_years(question.joint_ages, question.since)
+        standing = [
+            replace(rock, years=years[:, number], together=True) for number, rock in enumerate(standing)
+        ]
+    refuse_twins(paths, standing)
+    update = Update(standing, tree, question.confidence) if tree else None
+    statement = Constraint(standing, question.confidence, update, question.dated)
+    content = statement.told(asked.ratio, asked.site if isinstance(asked.site, tuple) else None)
+    if dates.together:
+        content["ages_independent"] = False
+    if bases := [
+        {"rock": rock.name, **of_bases(jobs[path], rock.curve)}
+        for path, rock in zip(paths, standing, strict=True)
+        if path in jobs and jobs[path].stood
+    ]:
+        content["stood"] = bases
+    content["warnings"] = warnings = _warnings(paths, standing)
+
+    def write(out: Path, stated: dict[str, Any]) -> int:
+        return sum(1 for _ in write_constraint(statement, stated, out, asked.ratio))
+
+    return RockStatement(content, all_words(content), warnings, _sources(tree), "constraint.html", write)
+
+
+def _sources(tree: HazardTree | None) -> list[Path]:
+    return [Path(one) for one in sources(tree)] if tree else []
+
+
+def _warnings(rocks: Sequence[Path], standing: Sequence[Standing]) -> list[str]:
+    """What has to be known before one relies on the rocks: runs that were not finished."""
+    return [
+        f"{path}: {rock.curve.basis.unfinished}, and the others are not a random sample: finish the run with "
+        "'toppling run' before you rely on it"
+        for path, rock in zip(rocks, standing, strict=True)
+        if rock.curve.basis and rock.curve.basis.unfinished
+    ]

@@ -1,0 +1,225 @@
+"""Maps, curves and fits of a run: drawn into a folder, and handed back as tables."""
+
+import contextlib
+import itertools
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+
+import pandas as pd
+
+from toppling.models.contact import ContactProperties
+from toppling.models.errors import InputError
+from toppling.models.motions.ensemble import Ensemble
+from toppling.models.scene import Scene
+from toppling.orchestrator.folder import place_in
+from toppling.orchestrator.public import unseen
+from toppling.results.audit import Audit, audits_of
+from toppling.results.completeness import Completeness
+from toppling.results.directions import least_sector
+from toppling.results.drawing.run_figures import (
+    FIT_PARTS,
+    write_audits,
+    write_directions,
+    write_fits,
+    write_friction,
+    write_maps,
+)
+from toppling.results.fits import answered
+from toppling.results.fragility import DURATION, LEVEL, PGV, PLANES, PULSE, Axis, Plane, by_contact, planes_of
+from toppling.results.friction import by_surroundings, frictions
+from toppling.results.plane_reference import reference_lines, simulate
+from toppling.results.resampling import SAMPLES
+from toppling.results.run import Run, open_run
+from toppling.results.stood import records_weight
+from toppling.workers.seating import settled
+
+PGV_DURATION = PLANES["pgv_duration"]
+
+
+@dataclass(frozen=True)
+class Bins:
+    """Bins of the maps; those of the study by Veeraraghavan, Hudnut and Krishnan unless given.
+
+    Parameters
+    ----------
+    pga_m_s2 : float or None
+        One a level unless given.
+    pgv_m_s, pgv_pga_s, duration_s : float
+    pgv_below_m_s, duration_below_s : float or None
+        Upper limits of the map of PGV and duration, infinite for none.
+    directions : int
+    """
+
+    pga_m_s2: float | None = None
+    pgv_m_s: float = 0.25
+    pgv_pga_s: float = 0.05
+    duration_s: float = 5.0
+    pgv_below_m_s: float | None = None
+    duration_below_s: float | None = None
+    directions: int = 8
+
+    def planes(self, jobs: pd.DataFrame) -> dict[str, Plane]:
+        """The maps' planes with these bins."""
+        placed = planes_of(jobs)[PGV_DURATION.name]
+        extended = {axis.column: axis.below for axis in (placed.x, placed.y)}
+        widths = {
+            LEVEL.column: self.pga_m_s2,
+            PGV.column: self.pgv_m_s,
+            PULSE.column: self.pgv_pga_s,
+            DURATION.column: self.duration_s,
+        }
+        ends = {PGV.column: self.pgv_below_m_s, DURATION.column: self.duration_below_s}
+
+        def asked(axis: Axis) -> Axis:
+            below = None if axis.below is None else ends[axis.column] or extended[axis.column]
+            return replace(axis, width=widths[axis.column], below=below)
+
+        return {plane.name: replace(plane, x=asked(plane.x), y=asked(plane.y)) for plane in PLANES.values()}
+
+
+@dataclass(frozen=True, eq=False)
+class Fragility:
+    """How strong a shaking topples a rock, as a run tells it.
+
+    Parameters
+    ----------
+    run : Run
+    folder : Path
+        Of the figures and tables.
+    files : list of Path
+    jobs : DataFrame
+        The rows that they rest on, weighted.
+    completeness : Completeness
+    audits : mapping
+        How far the answers may be off, by who repeated some.
+    fits : mapping
+        Of each contact the table of fragility by measure; empty unless fits were asked for.
+    """
+
+    run: Run
+    folder: Path
+    files: list[Path]
+    jobs: pd.DataFrame
+    completeness: Completeness
+    audits: dict[str, Audit]
+    fits: dict[str, pd.DataFrame] = field(default_factory=dict)
+
+
+def fragility(
+    run: Run | str | Path,
+    out: str | Path | None = None,
+    *,
+    where: str | None = None,
+    trusted: bool = False,
+    weighted: bool = True,
+    bins: Bins = Bins(),
+    sector: tuple[float, float] | None = None,
+    fit: bool = False,
+    reference: bool = False,
+    samples: int = SAMPLES,
+    advance: Callable[..., None] = unseen,
+) -> Fragility:
+    """Draw the fragility maps and curves of a run of one rock, as `toppling fragility` does.
+
+    Parameters
+    ----------
+    run : Run or path
+    out : path or None
+        Folder; `fragility` in the run's unless given.
+    where : str or None
+        Only jobs for which this SQL condition holds, which may read files if it is `trusted`.
+    weighted : bool
+        Count records and bases by their weights.
+    sector : (float, float) or None
+        Azimuths in degrees whose share of topplings is stated.
+    fit, samples
+        Fit curves and surfaces too, with so many bootstrap samples.
+    reference : bool
+        Draw the lines of a plane section that rocks on two corners.
+    advance : callable
+        Called after each file.
+
+    Raises
+    ------
+    InputError
+        If the folder is no run, or no job has an answer.
+    """
+    opened = run if isinstance(run, Run) else open_run(run)
+    jobs = _jobs(opened, where, trusted=trusted, weighted=weighted)
+    done, quasi_static, audits = opened.completeness(), opened.quasi_static(), audits_of(opened)
+    within, planes = sector or least_sector(quasi_static), bins.planes(jobs)
+    lines = _plane_reference(opened, jobs, bins.directions) if reference else None
+    folder = Path(out) if out else place_in(opened.path, "fragility")
+    contacts = by_contact(jobs)
+    # Each contact: maps of three files and one about all, directions of four, fits of eight. A comparison: four.
+    maps = sum(1 + plane.by_direction for plane in planes.values())
+    each = 3 * maps + 4 + bool(within) + (8 + FIT_PARTS) * fit + reference
+    advance(0, total=len(contacts) * each + 4 * len(by_surroundings(jobs)) + bool(audits))
+    drawing = itertools.chain(
+        write_maps(jobs, folder, planes.values(), bins.directions, lines, done),
+        write_directions(jobs, quasi_static, folder, within, done),
+        write_friction(jobs, folder, planes["pga_pgv"], done),
+        write_fits(jobs, folder, opened.name, samples, partial(audits_of, opened), advance, done)
+        if fit
+        else (),
+        write_audits(audits, folder),
+    )
+    written = list(_counted(drawing, advance))
+    fits = {name: _fits_in(folder / name) for name in (contacts if fit else ())}
+    return Fragility(opened, folder, written, jobs, done, audits, fits)
+
+
+def _counted(files: Iterable[Path], advance: Callable[..., None]) -> Iterator[Path]:
+    for path in files:
+        yield path
+        advance()
+
+
+def _fits_in(folder: Path) -> pd.DataFrame:
+    return pd.read_csv(folder / "fits" / "fits.csv", keep_default_na=True)
+
+
+def _jobs(run: Run, where: str | None, *, trusted: bool, weighted: bool) -> pd.DataFrame:
+    """Rows asked for, some of which have an answer."""
+    if run.rocks:
+        raise InputError(
+            f"is a run of {len(run.rocks)} rocks",
+            where=str(run.path),
+            expected="one rock",
+            remedy="ask each of its rocks: fragility(one) for one in open_run(...).rocks",
+        )
+    jobs = run.frame(where, trusted=trusted)
+    if weighted:
+        jobs = run.weighted(jobs)
+    if not jobs["toppled"].notna().any():
+        what = f"{len(jobs)} jobs, none with an answer"
+        raise InputError(
+            what,
+            where=str(run.path),
+            expected="finished jobs",
+            remedy="loosen --where" if where else "'toppling status RUN' shows how far the run is",
+        )
+    return jobs
+
+
+def at_rest(scene: Scene, jobs: pd.DataFrame) -> Scene:
+    """The scene as jobs shake it, settled with their highest friction: a scanned rock is seldom exactly at rest."""
+    static, kinetic = frictions(jobs)[-1]
+    with contextlib.suppress(InputError):  # then it has no rest, and its section is that of the scan
+        return settled(scene.with_contact(ContactProperties(static, kinetic)))
+    return scene
+
+
+def _plane_reference(run: Run, jobs: pd.DataFrame, directions: int) -> pd.DataFrame:
+    scene, ensemble = at_rest(Scene.load(run.scene_folder), jobs), Ensemble.load(run.ensemble_folder)
+    records, levels = (sorted(jobs[name].unique()) for name in ("record_id", "level_pga_m_s2"))
+    azimuths = [number * 360.0 / directions for number in range(directions)]
+    simulated = simulate(scene, ensemble, records, levels, azimuths)
+    # Each record counts in the lines as in the cells that they are drawn over.
+    weight = records_weight(jobs)  # the reference has one base
+    if weight is None:
+        return reference_lines(simulated)
+    weights = jobs[["record_id"]].assign(record_weight=weight).drop_duplicates("record_id")
+    return reference_lines(answered(simulated.merge(weights)))

@@ -1,0 +1,180 @@
+"""From clouds to a scene, and from a scene and seismograms to verdicts."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, field
+from functools import partial
+from pathlib import Path
+
+import pandas as pd
+
+from toppling.models.errors import InputError
+from toppling.models.folder import refuse_existing
+from toppling.models.scene import Scene
+from toppling.orchestrator.public import REALISATIONS, unseen
+from toppling.orchestrator.studies.seismograms import Verdict, judged, neighbouring_factors, read_seismograms
+
+
+@dataclass(frozen=True, eq=False)
+class Scanned:
+    """A rock on its pedestal, made from clouds.
+
+    Parameters
+    ----------
+    scene : Scene
+    folder : Path
+        The scene's, with pictures of it.
+    notes : list of str
+        What has to be known before one relies on it.
+    """
+
+    scene: Scene
+    folder: Path
+    notes: list[str]
+
+
+def scan(
+    files: Sequence[str | Path],
+    out: str | Path,
+    *,
+    units: str | None = None,
+    near: tuple[float, float] | None = None,
+    plane: tuple[float, ...] | None = None,
+    points: Sequence[tuple[float, ...]] = (),
+    outline: str | Path | None = None,
+    contact: str | Path | None = None,
+    pulls: Sequence[tuple[float, float]] = (),
+    bootstrap: int = REALISATIONS,
+    advance: Callable[..., None] = unseen,
+) -> Scanned:
+    """Turn laser scans into a rock on its pedestal, as `toppling scan` does, and write the scene to a new folder.
+
+    Parameters
+    ----------
+    files : sequence of path
+        Stations of one survey.
+    out : path
+        The scene's folder, which must not exist.
+    units, near, plane, points, outline, contact, pulls, bootstrap
+        As the options of `toppling scan`: lengths in metres, angles in degrees, survey coordinates.
+    advance : callable
+        Called with (1, what) at each stage.
+
+    Raises
+    ------
+    InputError
+        If the folder exists, a file cannot be read, or no rock is found in the clouds.
+    """
+    from toppling.models.intervals import base_sentences
+    from toppling.models.scan.inspection import inspection_of
+    from toppling.models.scan.interface_hint import hint_of
+    from toppling.models.scan.measure import invention_warning
+    from toppling.models.scan.read import read_clouds
+    from toppling.models.scan.survey import save_survey, survey
+    from toppling.orchestrator.settling_told import draw_settling, settling_notes
+    from toppling.results.drawing.scene import draw_scene
+
+    clouds, folder, touching = tuple(map(Path, files)), Path(out), _path(contact)
+    refuse_existing(folder)
+    inspection = inspection_of(touching, tuple(pulls))
+    hint = hint_of(plane, list(points), _path(outline))
+    stage = partial(advance, 1)
+
+    advance(0, "reading")
+    cloud = read_clouds(clouds, units)
+    try:
+        result = survey(cloud, stage, near, hint, bootstrap, inspection)
+    except InputError as error:
+        raise _in_files(error, clouds, touching) from None
+    advance(1, "letting the rock stand")
+    notes = settling_notes(result.scene) + base_sentences(result.scene.report)
+    advance(1, "writing")
+    save_survey(result, folder, lambda place: draw_scene(result.scene, place / "scene.png", notes))
+    draw_settling(result.scene, folder / "settling.png")
+    warning = invention_warning(result.scene)
+    return Scanned(result.scene, folder, [*notes, *result.notes, *([warning] if warning else [])])
+
+
+def _path(given: str | Path | None) -> Path | None:
+    return None if given is None else Path(given)
+
+
+def _in_files(error: InputError, files: tuple[Path, ...], contact: Path | None) -> InputError:
+    """Name the files in an error that concerns all of them."""
+    of_contact = contact is not None and error.where.startswith(f"{contact}, ")
+    if of_contact or error.where in {file.name for file in files}:
+        return error
+    names = ", ".join(file.name for file in files[:3]) + (" ..." if len(files) > 3 else "")
+    return InputError(
+        error.what, where=f"{names}: {error.where}", expected=error.expected, remedy=error.remedy
+    )
+
+
+@dataclass(frozen=True)
+class Checked:
+    """What seismograms do to a rock.
+
+    Parameters
+    ----------
+    verdicts : list of Verdict
+        One a seismogram.
+    remarks : list of str
+        What was left out or processed, and why.
+    notes : list of (str, str)
+        What is odd in a seismogram: its name and the oddity.
+    """
+
+    verdicts: list[Verdict]
+    remarks: list[str] = field(default_factory=list)
+    notes: list[tuple[str, str]] = field(default_factory=list)
+
+    def frame(self) -> pd.DataFrame:
+        """One row a seismogram."""
+        return pd.DataFrame([asdict(one) for one in self.verdicts])
+
+
+def check(
+    scene: Scene | str | Path,
+    seismograms: Sequence[str | Path],
+    *,
+    friction: float | None = None,
+    metadata: str | Path | None = None,
+    missing_vertical: bool = False,
+    largest: float = 1.25,
+    neighbours: int = 5,
+    preset: str = "standard",
+    advance: Callable[..., None] = unseen,
+) -> Checked:
+    """Test whether seismograms, unscaled and in their own directions, topple a rock, as `toppling check` does.
+
+    Parameters
+    ----------
+    scene : Scene or path
+    seismograms : sequence of path
+        Files, folders of files, or folders of ensembles.
+    friction : float or None
+        The scene's own unless given.
+    metadata : path or None
+        Table of what the files do not state.
+    missing_vertical : bool
+        Allow seismograms without a vertical component.
+    largest : float
+        Each is also shaken from 1/largest to largest times as strong.
+    neighbours : int
+        So many weaker and as many stronger ones.
+    preset : str
+    advance : callable
+        Called after each shake.
+
+    Raises
+    ------
+    InputError
+        If the scene or a table cannot be read, or no file gives a seismogram.
+    """
+    rock = scene if isinstance(scene, Scene) else Scene.load(Path(scene))
+    if friction is not None:
+        rock = rock.with_friction(friction)
+    read = read_seismograms(tuple(map(Path, seismograms)), _path(metadata), missing_vertical)
+    factors = neighbouring_factors(largest, neighbours)
+    advance(0, total=len(read.records) * len(factors))
+    verdicts = [judged(rock, record, factors, preset, advance) for record in read.records]
+    return Checked(verdicts, read.remarks, read.notes)

@@ -1,0 +1,131 @@
+"""What runs say: queries, the report, and what standing rocks say about ground motion."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import pyarrow as pa
+
+from toppling.models.errors import InputError
+from toppling.orchestrator.folder import place_in
+from toppling.orchestrator.public import unseen
+from toppling.results.resampling import SAMPLES
+from toppling.results.run import Run, ask, open_run
+
+
+def query(
+    runs: Run | str | Path | Sequence[Run | str | Path], sql: str, *, trusted: bool = False
+) -> pa.Table:
+    """Answer of one SELECT over the tables `results`, `motions`, `scene` and `bases` of runs, as `toppling query`.
+
+    Parameters
+    ----------
+    runs : Run, path, or a sequence of them
+    sql : str
+        `open_run(RUN).describe()` lists the columns with their units.
+    trusted : bool
+        Let the query read and write files.
+
+    Raises
+    ------
+    InputError
+        If DuckDB refuses the query, or it would pool rows that answer different questions.
+    """
+    several = [runs] if isinstance(runs, Run | str | Path) else runs
+    return ask([_opened(one) for one in several], sql, trusted=trusted)
+
+
+@dataclass(frozen=True)
+class Report:
+    """A report on a run.
+
+    Parameters
+    ----------
+    page : Path
+        One HTML page that needs no network.
+    pdf : Path or None
+    """
+
+    page: Path
+    pdf: Path | None
+
+
+def report(
+    run: Run | str | Path,
+    out: str | Path | None = None,
+    *,
+    pdf: bool = False,
+    age: str | None = None,
+    hazard: Sequence[str] = (),
+    site: tuple[float, float] | str | None = None,
+    samples: int = SAMPLES,
+    advance: Callable[..., None] = unseen,
+) -> Report:
+    """Write a report on a run as one HTML page, as `toppling report` does.
+
+    Parameters
+    ----------
+    run : Run or path
+        A run of many rocks is shown with all of them side by side.
+    out : path or None
+        `report.html` in the run's folder unless given.
+    pdf : bool
+        Print the page to PDF too, beside it.
+    age : str or None
+        Years that the rock has stood: "20000", "15000..30000", "20000+-3000" or a CSV.
+    hazard : sequence of str
+        Hazard curves, each a path or PATH=WEIGHT; they need the age.
+    site : (float, float), str or None
+        Longitude and latitude, or name, in hazard files of many sites.
+    samples : int
+        Bootstrap samples of the records.
+    advance : callable
+        Called after each section.
+
+    Raises
+    ------
+    InputError
+        If the folder is no run, a hazard cannot be read, or it is given without an age.
+    """
+    from toppling.orchestrator.verbs.hazard import Asked, read_tree
+    from toppling.results.drawing.report.content import Content
+    from toppling.results.drawing.report.sections import SECTIONS
+    from toppling.results.drawing.report.write import report_page, write_page, write_pdf
+    from toppling.results.hazard.ages import parse_age
+
+    _ages_for(hazard, bool(age))
+    opened = _opened(run)
+    target = Path(out) if out else place_in(opened.path, "report.html")
+    tree = read_tree(tuple(hazard), Asked(site)) if hazard else None
+    if opened.rocks:
+        advance(0, total=2 * len(opened.rocks))
+        text = _of_many(opened, target, samples, advance)
+    else:
+        advance(0, total=len(SECTIONS) + pdf)
+        content = Content(opened, samples, parse_age(age) if age else None, tree)
+        text = report_page(content, lambda title: advance(doing=f"after {title}"))
+    page = write_page(text, target)
+    return Report(page, write_pdf(text, target.with_suffix(".pdf")) if pdf else None)
+
+
+def _of_many(atlas: Run, target: Path, samples: int, advance: Callable[..., None]) -> str:
+    from toppling.results.drawing.report.content import HEADLINE_MEASURE
+    from toppling.results.drawing.report.gallery_page import gallery_page
+    from toppling.results.side_by_side import beside_each_other
+
+    rocks, shared = beside_each_other(atlas.rocks, HEADLINE_MEASURE, samples, advance=advance)
+    return gallery_page(atlas.name, [atlas], rocks, shared, HEADLINE_MEASURE, target.parent, advance)
+
+
+def _opened(run: Run | str | Path) -> Run:
+    return run if isinstance(run, Run) else open_run(run)
+
+
+def _ages_for(hazard: Sequence[str], dated: bool) -> None:
+    if hazard and not dated:
+        raise InputError(
+            "a hazard without the rock's age",
+            where="hazard",
+            expected="an age, which turns rates into probabilities",
+            remedy="give age too, such as age='15000..30000'",
+        )

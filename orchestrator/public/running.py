@@ -1,0 +1,144 @@
+"""From a campaign to a run."""
+
+import os
+from collections.abc import Collection
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from pathlib import Path
+
+import pyarrow as pa
+from distributed import Client
+
+from toppling.models.motions.ensemble import Ensemble
+from toppling.models.scene import Scene
+from toppling.models.settling import Settling
+from toppling.orchestrator import run as carrying_out
+from toppling.orchestrator.advice import scaling_warnings, shaking_warnings, warnings_of
+from toppling.orchestrator.campaign import Campaign
+from toppling.orchestrator.cluster import local
+from toppling.orchestrator.context import Tally, Watcher
+from toppling.orchestrator.dispatch import USUAL_LIMITS, Limits
+from toppling.orchestrator.plan import Plan, plan_of
+from toppling.orchestrator.public import unseen
+from toppling.orchestrator.rocks_of_run import scenes_told
+from toppling.orchestrator.stands import check_stands, settled_scenes
+from toppling.orchestrator.studies.audit import Auditing
+from toppling.results.run import Run, open_run
+
+
+@dataclass(frozen=True, eq=False)
+class Planned:
+    """What a campaign comes to, without a job done.
+
+    Parameters
+    ----------
+    campaign : Campaign
+    plan : Plan
+    settling : Settling or None
+        How far the rock settles with the friction with which it tilts most; None of many rocks.
+    warnings : list of str
+        Probable mistakes.
+    """
+
+    campaign: Campaign
+    plan: Plan
+    settling: Settling | None
+    warnings: list[str]
+
+    @property
+    def jobs(self) -> pa.Table:
+        """One row a job: its id, record, level (m/s2), azimuth (degrees), friction, restitution and realisation."""
+        return self.plan.jobs
+
+
+def plan(campaign: Campaign | str | Path) -> Planned:
+    """Check a campaign against its scene and ensemble and expand it to its jobs, as `toppling plan` does.
+
+    Parameters
+    ----------
+    campaign : Campaign or path
+        A file in TOML, or what was read from it.
+
+    Raises
+    ------
+    InputError
+        If the campaign does not fit its scene or its ensemble, or the rock does not stand by itself.
+    """
+    chosen = _campaign(campaign)
+    planned = plan_of(chosen)
+    if chosen.sites:
+        told = scenes_told(planned, settled_scenes(planned))
+        problems = [f"{one['rock']}: {one['problem']}" for one in told["scenes"] if one["problem"]]
+        problems += [f"{one['rock']} is left out: {one['why']}" for one in told["left_out"]]
+        return Planned(chosen, planned, None, problems)
+    scene, ensemble = Scene.load(chosen.scene), Ensemble.load(chosen.ensemble)
+    settling = check_stands(chosen, scene)
+    warnings = warnings_of(chosen, scene) + scaling_warnings(chosen, ensemble)
+    return Planned(chosen, planned, settling, warnings + shaking_warnings(chosen, ensemble))
+
+
+@dataclass(frozen=True, eq=False)
+class CarriedOut:
+    """A run whose jobs are done.
+
+    Parameters
+    ----------
+    folder : Path
+    session : Tally
+        What this session did.
+    """
+
+    folder: Path
+    session: Tally
+
+    @property
+    def run(self) -> Run:
+        """The run, opened for reading."""
+        return open_run(self.folder)
+
+
+def run(
+    campaign: Campaign | str | Path,
+    out: str | Path,
+    *,
+    cluster: AbstractContextManager[Client] | None = None,
+    workers: int | None = None,
+    watch: Watcher = unseen,
+    limits: Limits = USUAL_LIMITS,
+    again: Collection[str] = (),
+) -> CarriedOut:
+    """Carry a campaign out, or go on with it, as `toppling run` does: its audit included.
+
+    Called from a script, it stands under ``if __name__ == "__main__":``, as workers are processes of their own.
+
+    Parameters
+    ----------
+    campaign : Campaign or path
+    out : path
+        The run's folder: a new one, or one that this campaign began.
+    cluster : context manager of a Dask client, or None
+        Where the jobs run; processes of this machine unless given.
+    workers : int or None
+        So many processes; one a core unless given.
+    watch : callable
+        Shown the session's tally, often.
+    limits : Limits
+        When a job is given up.
+    again : collection of str
+        Statuses whose jobs are done again, such as ``{"failed"}``.
+
+    Raises
+    ------
+    InputError
+        If the campaign does not fit its scene, its ensemble or the folder, or workers are unfit for the run.
+    RunError
+        If the run cannot go on; what was done stays, and the same call goes on.
+    """
+    folder = Path(out)
+    where = cluster if cluster is not None else local(workers or os.cpu_count() or 1)
+    session = carrying_out.run(_campaign(campaign), folder, where, watch, limits, again, [Auditing()])
+    return CarriedOut(folder, session)
+
+
+def _campaign(given: Campaign | str | Path) -> Campaign:
+    return given if isinstance(given, Campaign) else Campaign.read(Path(given))

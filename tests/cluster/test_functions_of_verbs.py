@@ -1,0 +1,60 @@
+"""From Python: each verb's function gives what the verb prints or writes, on one small run."""
+
+from contextlib import nullcontext
+
+import pytest
+
+import toppling
+from toppling import Bins, InputError
+
+
+@pytest.fixture(scope="module")
+def done(inputs, client, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("functions") / "run"
+    return toppling.run(inputs / "campaign.toml", folder, cluster=nullcontext(client))
+
+
+def test_a_plan_has_the_jobs_of_the_run(inputs, done):
+    planned = toppling.plan(inputs / "campaign.toml")
+    ids = toppling.query(done.run, "select job_id from results order by all")["job_id"].to_pylist()
+    assert sorted(planned.jobs["job_id"].to_pylist()) == ids
+    assert (len(ids), done.session.done, done.session.failed) == (72, 72, 0)
+
+
+def test_the_same_run_again_does_nothing(inputs, client, done):
+    again = toppling.run(inputs / "campaign.toml", done.folder, cluster=nullcontext(client))
+    assert (again.session.done, again.session.before) == (0, 72)
+
+
+def test_fragility_hands_back_its_files_and_fits(done, tmp_path):
+    drawn = toppling.fragility(
+        done.run, tmp_path, where="friction_static = 0.9", bins=Bins(directions=4), fit=True, samples=20
+    )
+    assert len(drawn.jobs) == 36
+    assert drawn.files
+    assert all(path.is_relative_to(tmp_path) and path.exists() for path in drawn.files)
+    (fits,) = drawn.fits.values()
+    assert "pga_m_s2" in set(fits["measures"])
+
+
+def test_constrain_states_what_it_writes(done, tmp_path):
+    stated = toppling.constrain(
+        [done.folder], where="friction_static = 0.9", age=["20000"], measure="pga_m_s2"
+    )
+    assert "95 %" in stated.text
+    stated.write(tmp_path)
+    assert (tmp_path / stated.page).exists()
+    with pytest.raises(InputError, match="without the rocks' ages"):
+        toppling.constrain([done.folder], hazard=["curve.csv"])
+
+
+def test_a_report_is_one_page(done, tmp_path):
+    written = toppling.report(done.run, tmp_path / "report.html", samples=20)
+    assert "</html>" in written.page.read_text("utf-8")
+    assert written.pdf is None
+
+
+def test_check_judges_every_seismogram_of_an_ensemble(inputs):
+    checked = toppling.check(inputs / "scene", [inputs / "ensemble"], neighbours=1, preset="fast")
+    assert checked.frame()["record_id"].tolist() == ["P0", "P1", "P2"]
+    assert all(verdict.shaken == 3 for verdict in checked.verdicts)

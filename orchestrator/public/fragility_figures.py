@@ -134,10 +134,8 @@ def fragility(
         Count records and bases by their weights.
     sector : (float, float) or None
         Azimuths in degrees whose share of topplings is stated.
-    fit, samples
-        Fit curves and surfaces too, with so many bootstrap samples.
-    reference : bool
-        Draw the lines of a plane section that rocks on two corners.
+    fit, reference : bool
+        Fit curves and surfaces too, with so many `samples`; draw the lines of a section that rocks on two corners.
     advance : callable
         Called after each file.
 

@@ -18,21 +18,21 @@ from toppling.results.lognormal import expanded_interval
 from toppling.results.regression import NEAR_TIE, fit
 from toppling.results.resampling import LEAST_RECORDS
 
+FOLDS = 5
 
-def out_of_fold(
-    frame: pd.DataFrame, measures: Sequence[str], link: str = "probit", folds: int = 5
-) -> pd.Series:
+
+def out_of_fold(frame: pd.DataFrame, measures: Sequence[str]) -> pd.Series:
     """Predict each job from a fit to other records; null where that fit does not exist.
 
     Where a threshold of the one measure divides the answers of those others, it predicts: the middle between the
     strongest that stood and the weakest that toppled, with the doubt that half a job of the other answer leaves.
     """
     predicted = pd.Series(np.nan, index=frame.index)
-    folds = min(folds, frame["record_id"].nunique())
+    folds = min(FOLDS, frame["record_id"].nunique())
     if folds < 2:
         return predicted
     for train, test in GroupKFold(folds).split(frame, groups=frame["record_id"]):
-        fitted = fit(frame.iloc[train], measures, link)
+        fitted = fit(frame.iloc[train], measures)
         standing, toppled = fitted.bounds
         if not fitted.problem:
             predicted.iloc[test] = fitted.probability(frame.iloc[test])

@@ -18,7 +18,7 @@ from scipy.spatial import ConvexHull, cKDTree
 
 from toppling.models.errors import InputError
 from toppling.models.frames import plane_axes
-from toppling.models.scan.interface import Interface
+from toppling.models.scan.interface import Interface, reweighted_plane
 from toppling.models.scan.segment import PEDESTAL, ROCK
 
 CELLS_PER_HEIGHT = 120
@@ -258,15 +258,11 @@ def refitted(
         1
     ].ravel()
     fade /= np.bincount(cell)[cell]
-    weight = fade
-    for _ in range(20):
-        centre = np.average(points, axis=0, weights=weight)
-        offset = points - centre
-        normal = np.linalg.svd(offset * np.sqrt(weight)[:, None], full_matrices=False)[2][2]
-        normal *= np.sign(normal[2]) or 1.0
-        height = offset @ normal
-        spread = 4.7 * max(float(np.sqrt(np.average(height**2, weights=weight))), 1e-4 * height_m)
-        weight = fade * np.where(np.abs(height) < spread, (1 - (height / spread) ** 2) ** 2, 0.0)
+    centre, normal, height, weight = reweighted_plane(
+        points,
+        fade,
+        lambda height, weight: max(float(np.sqrt(np.average(height**2, weights=weight))), 1e-4 * height_m),
+    )
     roughness = float(np.sqrt(np.average(height**2, weights=weight)))
     return Interface(centre, normal, np.column_stack([*plane_axes(normal), normal]), roughness)
 

@@ -1,11 +1,13 @@
 """The interface: the plane on which rock and pedestal meet, and how far they leave it."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from toppling.models.arrays import Array
 from toppling.models.errors import InputError
 from toppling.models.frames import plane_axes, shifted_and_turned
 from toppling.models.scan.surfels import Surfels
@@ -28,20 +30,20 @@ class Interface:
         Root mean square distance of the crevice's pedestal side from the plane.
     """
 
-    point_m: NDArray[np.float64]
-    normal: NDArray[np.float64]
-    axes: NDArray[np.float64]
+    point_m: Array
+    normal: Array
+    axes: Array
     roughness_m: float
 
-    def flat(self, points_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    def flat(self, points_m: Array) -> Array:
         """Coordinates (n, 3) u, v along the plane and height h over it."""
         return shifted_and_turned(points_m, self.point_m, self.axes)
 
-    def scene(self, flat_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    def scene(self, flat_m: Array) -> Array:
         """Scene coordinates (n, 3) of points given by u, v, h."""
         return flat_m @ self.axes.T + self.point_m
 
-    def projected_m(self, com_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    def projected_m(self, com_m: Array) -> Array:
         """Where the plumb lines through centres of mass (n, 3) meet the plane, (n, 2) u, v."""
         com = self.flat(com_m)
         down = np.array([0.0, 0.0, -1.0]) @ self.axes
@@ -68,18 +70,37 @@ def fit_interface(surfels: Surfels, rock: NDArray[np.bool_]) -> Interface:
     return fitted_plane(surfels.points_m[lining])
 
 
-def fitted_plane(points: NDArray[np.float64]) -> Interface:
-    """Plane through most of some points, by reweighted least squares (Tukey's biweight)."""
-    least = 1e-8 * float(np.ptp(points, axis=0).max())
-    weight = np.ones(len(points))
+def reweighted_plane(
+    points: Array, given: Array, std_m: Callable[[Array, Array], float]
+) -> tuple[Array, Array, Array, Array]:
+    """Plane by least squares, reweighted with Tukey's biweight: a point, its upward normal, heights (n,), weights (n,).
+
+    Parameters
+    ----------
+    points : (n, 3) array
+    given : (n,) array
+        Weights that each point has anyhow.
+    std_m : callable
+        Standard deviation of the heights, from heights and weights.
+    """
+    weight = given
     for _ in range(20):
         centre = np.average(points, axis=0, weights=weight)
         offset = points - centre
         normal = np.linalg.svd(offset * np.sqrt(weight)[:, None], full_matrices=False)[2][2]
         normal *= np.sign(normal[2]) or 1.0
         height = offset @ normal
-        spread = 4.7 * max(1.4826 * float(np.median(np.abs(height))), least)
-        weight = np.where(np.abs(height) < spread, (1 - (height / spread) ** 2) ** 2, 0.0)
+        spread = 4.7 * std_m(height, weight)
+        weight = given * np.where(np.abs(height) < spread, (1 - (height / spread) ** 2) ** 2, 0.0)
+    return centre, normal, height, weight
+
+
+def fitted_plane(points: Array) -> Interface:
+    """Plane through most of some points, by reweighted least squares (Tukey's biweight)."""
+    least = 1e-8 * float(np.ptp(points, axis=0).max())
+    centre, normal, height, weight = reweighted_plane(
+        points, np.ones(len(points)), lambda height, _: max(1.4826 * float(np.median(np.abs(height))), least)
+    )
     kept = weight > 0.05
     u, v = plane_axes(normal)
     return Interface(

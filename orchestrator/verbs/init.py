@@ -40,7 +40,7 @@ from toppling.orchestrator.verbs.options import (
     show_default=True,
     help="Number of evenly spaced azimuths.",
 )
-@preset_option()
+@preset_option
 @workers_option("Local workers assumed for the time estimate.")
 def init(
     scene: Path,

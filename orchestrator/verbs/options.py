@@ -31,16 +31,12 @@ corner_option = click.option(
 processes_option = click.option(
     "--workers", type=click.IntRange(1), default=2, show_default=True, help="Processes."
 )
+preset_option = click.option("--preset", type=OneOf(list(PRESETS)), default="standard", show_default=True)
 
 
 def json_option(text: str = "Print JSON.") -> _Decorator:
     """Option `--json`; its help says what is printed."""
     return click.option("--json", "as_json", is_flag=True, help=text)
-
-
-def preset_option(default: str = "standard", text: str | None = None) -> _Decorator:
-    """Option `--preset`."""
-    return click.option("--preset", type=OneOf(list(PRESETS)), default=default, show_default=True, help=text)
 
 
 def workers_option(text: str = "Local workers.") -> _Decorator:

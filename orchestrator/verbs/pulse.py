@@ -44,7 +44,7 @@ SHAPES = ("sawtooth", "sine", "cosine", "ricker")
     help="Direction in which the ground moves first (Ricker: accelerates most), degrees counter-clockwise from east.",
 )
 @click.option("--friction", type=click.FloatRange(0, min_open=True), help="Default: the scene's own.")
-@preset_option()
+@preset_option
 def pulse(
     scene: Path,
     out: Path,

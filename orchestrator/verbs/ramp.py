@@ -48,7 +48,7 @@ ABOVE_0 = click.FloatRange(0, min_open=True)
     "--friction", type=click.FloatRange(0), default=2.0, show_default=True, help="Static and kinetic."
 )
 @click.option("--restitution", type=click.FloatRange(0, 1), default=0.0, show_default=True)
-@preset_option()
+@preset_option
 @click.option(
     "--three-components", is_flag=True, help="Shake with all components, not only the stronger one."
 )

@@ -39,7 +39,7 @@ SEED = 1
     help="Step of the levels from 1 to 19 m/s2.",
 )
 @click.option("--directions", type=click.Choice(["2", "4", "8", "16"]), default="8", show_default=True)
-@preset_option()
+@preset_option
 @click.option("--audit", type=click.IntRange(0), help="Jobs of each run that are repeated with 'reference'.")
 @json_option("Print findings and counts as JSON.")
 @cluster_options

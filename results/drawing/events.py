@@ -14,9 +14,7 @@ NAMED = 16
 LEAST_SURVIVAL = 1e-4
 
 
-def events_figure(
-    branches: pd.DataFrame, updated: pd.DataFrame, confidence: float, width_in: float = FULL_WIDTH_IN
-) -> Figure:
+def events_figure(branches: pd.DataFrame, updated: pd.DataFrame, confidence: float) -> Figure:
     """Survival of each branch, and rates of exceedance before and after.
 
     Parameters
@@ -26,10 +24,9 @@ def events_figure(
     updated : DataFrame
         From `EventUpdate.updated`, of one site, with its `measure` and `site`.
     confidence : float
-    width_in : float
     """
     with style():
-        figure = Figure(figsize=(width_in, 3.2), layout="constrained")
+        figure = Figure(figsize=(FULL_WIDTH_IN, 3.2), layout="constrained")
         left, right = figure.subplots(1, 2)
         _draw_survival(left, branches.sort_values("survival", ignore_index=True), confidence)
         _draw_hazard(right, updated)

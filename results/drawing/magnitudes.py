@@ -44,7 +44,6 @@ def magnitudes_figure(
     tables: dict[str, pd.DataFrame],
     confidence: float,
     limits: tuple[float, float],
-    width_in: float = HALF_WIDTH_IN,
 ) -> Figure:
     """Largest magnitude allowed at each distance.
 
@@ -55,10 +54,9 @@ def magnitudes_figure(
     confidence : float
     limits : (low, high)
         Magnitudes that the models are for.
-    width_in : float
     """
     with style():
-        figure = Figure(figsize=(width_in, 3.0), layout="constrained")
+        figure = Figure(figsize=(HALF_WIDTH_IN, 3.0), layout="constrained")
         axes = figure.subplots()
         colours = COLOURS(np.linspace(0.15, 0.75, max(1, len(tables))))
         for number, ((name, table), colour) in enumerate(zip(tables.items(), colours, strict=True)):
@@ -83,7 +81,6 @@ def faults_figure(
     circles: dict[float, float],
     title: str,
     limits: tuple[float, float],
-    width_in: float = FULL_WIDTH_IN * 0.75,
 ) -> Figure:
     """Map around a rock: traces by the largest magnitude that its standing allows, circles of least distance.
 
@@ -95,7 +92,6 @@ def faults_figure(
     title : str
     limits : (low, high)
         Magnitudes that the models are for.
-    width_in : float
     """
     known = [one.magnitude for one in faults if math.isfinite(one.magnitude)]
     shades = Normalize(
@@ -103,6 +99,7 @@ def faults_figure(
         min(limits[1], math.ceil(2 * max(known, default=limits[1])) / 2 + 0.01),
     )
     with style():
+        width_in = 0.75 * FULL_WIDTH_IN
         figure = Figure(figsize=(width_in, 0.82 * width_in), layout="constrained")
         axes = figure.subplots()
         reach = _reach_km(faults, circles)

@@ -102,9 +102,9 @@ def scene_picture(scene: Scene, notes: Sequence[str] = (), width_in: float = FUL
     return figure
 
 
-def wrapped(line: str, width: int = PRINTED_WIDTH) -> list[str]:
+def wrapped(line: str) -> list[str]:
     """A line of the numbers broken for print, what follows indented."""
-    return wrap(line, width, subsequent_indent="   ", drop_whitespace=True) or [""]
+    return wrap(line, PRINTED_WIDTH, subsequent_indent="   ", drop_whitespace=True) or [""]
 
 
 def wind_of(azimuth_deg: float) -> str:

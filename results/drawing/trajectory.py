@@ -20,7 +20,6 @@ def trajectory_figure(
     motion: Motion,
     title: str,
     topple_time_s: float | None = None,
-    width_in: float = FULL_WIDTH_IN,
 ) -> Figure:
     """Ground motion, tilt and displacement of the rock against time.
 
@@ -34,7 +33,6 @@ def trajectory_figure(
     title : str
     topple_time_s : float or None
         Time of no return, marked by a line.
-    width_in : float
     """
     last_s = float(table["time_s"].iloc[-1])
     end_s = max(motion.duration_s, last_s)  # a rock may rock on, or fall, after the motion
@@ -43,12 +41,12 @@ def trajectory_figure(
     shown = motion.time_s <= end_s
     times, velocity = motion.time_s[shown], motion.velocity_at(motion.time_s[shown])
     with style():
-        figure = Figure(figsize=(width_in, 7.2))
+        figure = Figure(figsize=(FULL_WIDTH_IN, 7.2))
         grid = figure.subplots(
             6, 1, sharex=True,
             gridspec_kw={
-                "left": 0.75 / width_in, "right": 1 - 0.55 / width_in, "top": 0.94, "bottom": 0.06, "hspace": 0.16,
-                "height_ratios": (1, 1, 1, 1.2, 1.2, 1.2),
+                "left": 0.75 / FULL_WIDTH_IN, "right": 1 - 0.55 / FULL_WIDTH_IN, "top": 0.94, "bottom": 0.06,
+                "hspace": 0.16, "height_ratios": (1, 1, 1, 1.2, 1.2, 1.2),
             },
         )  # fmt: skip
         peak = 1.05 * max(float(np.abs(motion.acceleration_m_s2[shown]).max()), 1e-9)

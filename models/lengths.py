@@ -47,6 +47,10 @@ NO_LENGTHS = ("db", "none", "unknown", "count", "dn", "raw", "percent", "rgb", "
 """Words after "units" that are about something else than coordinates, or say nothing."""
 ROCK_M = (0.1, 30.0)
 """Heights of the precarious rocks that are known; others are told which unit would make them one."""
+LARGEST_M3 = 5000.0
+"""Twice the volume of the largest balanced rocks."""
+CUBES_OF_HEIGHT = (0.01, 3.0)
+"""Volumes of rocks on a cube of their height: thinner ones are no rocks, flatter ones not precarious."""
 NAMES = {"ft": "feet", "us-ft": "US survey feet", "in": "inches", "mm": "millimetres", "cm": "centimetres"} | {
     "yd": "yards", "dm": "decimetres", "km": "kilometres", "m": "metres",
 }  # fmt: skip
@@ -126,21 +130,28 @@ def explaining_units(height_m: float) -> str:
     return ", ".join(readings)
 
 
-def size_note(height_m: float) -> str:
-    """What to say of a height that no known precarious rock has; empty for others.
+def size_note(height_m: float, volume_m3: float = 0.0) -> str:
+    """What to say of a height or a volume that no known precarious rock has; empty for others.
 
     Examples
     --------
-    >>> size_note(14.05)
+    >>> size_note(14.05, 583.0)
     ''
     """
-    if height_m <= ROCK_M[1]:
+    told = []
+    if height_m > ROCK_M[1]:
+        told.append(f"{height_m:.3g} m high, and no precarious rock is known above {ROCK_M[1]:.0f} m")
+    if volume_m3 > LARGEST_M3:
+        told.append(f"of {volume_m3:.3g} m³, and no precarious rock is known above {LARGEST_M3:,.0f} m³")
+    cubes = volume_m3 / height_m**3
+    if volume_m3 and not CUBES_OF_HEIGHT[0] <= cubes <= CUBES_OF_HEIGHT[1]:
+        shape = "thinner" if cubes < CUBES_OF_HEIGHT[0] else "flatter"
+        told.append(f"{shape} than any precarious rock: are heights in the unit of the other coordinates?")
+    if not told:
         return ""
     readings = explaining_units(height_m)
     would = f"; if the coordinates are in {readings}, give --units" if readings else ""
-    return (
-        f"the rock is {height_m:.3g} m high, and no precarious rock is known above {ROCK_M[1]:.0f} m{would}"
-    )
+    return f"the rock is {', and it is '.join(told)}{would}"
 
 
 def in_degrees(what: str, where: str) -> InputError:

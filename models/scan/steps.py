@@ -79,8 +79,10 @@ def step_note(step_m: float, height_m: float) -> str:
         )
     if step_m <= TOLD_PER_HEIGHT * height_m:
         return ""
+    # A rock topples at g r / z: the arm r is half a step off, and its centre of mass about half the height z up.
     return (
         f"coordinates come in steps of {step_m:.2g} m, 1/{height_m / step_m:.0f} of the rock's height: of the gap and "
-        f"the bumps below the rock nothing finer was stored, and heights are uncertain by up to {0.5 * step_m:.2g} m; "
+        f"the bumps below the rock nothing finer was stored, heights and the edges that it turns on are uncertain by "
+        f"up to {0.5 * step_m:.2g} m, and with them the least toppling acceleration by {step_m / height_m:.1g} g; "
         "export with more decimals or in double precision if the survey has them"
     )

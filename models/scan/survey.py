@@ -132,7 +132,8 @@ def survey(
         "registration": registration,
         "files": _files(cloud),
     } | ({"uncertainty": spread} if spread else {})
-    return Survey(dataclasses.replace(scene, report=report), label, _notes(cloud, observed.height_m, doubted))
+    notes = _notes(cloud, observed.height_m, scene.rock.volume_m3, doubted)
+    return Survey(dataclasses.replace(scene, report=report), label, notes)
 
 
 def _registered(
@@ -174,10 +175,10 @@ def _files(cloud: Cloud) -> list[dict[str, Any]]:
     return [{"name": name, "points": points} for name, points in cloud.files]
 
 
-def _notes(cloud: Cloud, height_m: float, doubted: list[Doubt]) -> tuple[str, ...]:
+def _notes(cloud: Cloud, height_m: float, volume_m3: float, doubted: list[Doubt]) -> tuple[str, ...]:
     """What the user should know of the clouds, and of doubts in the rock."""
     of_clouds = [f"{source.name}: {source.note}" for source in cloud.sources if source.note]
-    of_size = [note for note in (step_note(cloud.step_m, height_m), size_note(height_m)) if note]
+    of_size = [note for note in (step_note(cloud.step_m, height_m), size_note(height_m, volume_m3)) if note]
     return (*of_clouds, *of_size, *(each.sentence for each in doubted))
 
 

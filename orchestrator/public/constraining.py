@@ -291,8 +291,8 @@ def _sources(tree: HazardTree | None) -> list[Path]:
 def _warnings(rocks: Sequence[Path], standing: Sequence[Standing]) -> list[str]:
     """What has to be known before one relies on the rocks: runs that were not finished."""
     return [
-        f"{path}: {rock.curve.basis.unfinished}, and the others are not a random sample: finish the run with "
-        "'toppling run' before you rely on it"
+        f"{path}: {rock.curve.basis.unfinished}: this rests on the others, a smaller sample of its records, whose "
+        "intervals are wider; finish the run with 'toppling run' before you rely on it"
         for path, rock in zip(rocks, standing, strict=True)
         if rock.curve.basis and rock.curve.basis.unfinished
     ]

@@ -196,14 +196,14 @@ def draw(study: Study, out: Path, levels: pd.DataFrame, protocol: ramp.Ramp) -> 
         static_m_s2 = float(quasi_static.set_index("azimuth_deg")["value"].astype(float).get(nearest, np.inf))
     yield from save(ramp_figure(climbed, protocol.azimuth_deg, static_m_s2), folder / "figure_04")
     opened = open_run(out / "runs" / MAIN)
-    main = opened.weighted(opened.frame())
+    main, done = opened.weighted(opened.frame()), opened.completeness()
     lines = _lines(study, out, scene, main)
     with _staged(folder) as staging:
         planes, bins = PLANES.values(), len(study.azimuth_deg)
         for path in (
-            *write_maps(main, staging, planes, bins, lines),
-            *write_directions(main, quasi_static, staging, SECTOR_DEG),
-            *write_friction(friction_rows(study, out), staging, PLANES["pga_pgv"]),
+            *write_maps(main, staging, planes, bins, lines, done),
+            *write_directions(main, quasi_static, staging, SECTOR_DEG, done),
+            *write_friction(friction_rows(study, out), staging, PLANES["pga_pgv"], done),
             *write_audits(audits_of(opened), staging),
         ):
             target = folder / f"{NUMBERED.get(path.stem, path.stem)}{path.suffix}"
@@ -212,12 +212,14 @@ def draw(study: Study, out: Path, levels: pd.DataFrame, protocol: ramp.Ramp) -> 
     table = topple_by_direction(main)
     yield save_table(table, folder / "toppling_azimuths_by_direction.csv")
     if len(table):
-        yield from save(topple_direction_figure(table), folder / "toppling_azimuths_by_direction")
+        yield from save(
+            topple_direction_figure(table), folder / "toppling_azimuths_by_direction", done.remark
+        )
     motions = opened.motions()
     if motions is not None and "directionality" in motions.column_names:
         told = motions.select(["record_id", "directionality"]).to_pandas()
         yield save_table(told, folder / "directionality.csv")
-        yield from save(directionality_figure(told), folder / "directionality")
+        yield from save(directionality_figure(told), folder / "directionality", done.remark)
 
 
 def check_findings(study: Study, out: Path) -> list[Finding]:

@@ -8,7 +8,7 @@ import pytest
 from pyproj import CRS
 
 from toppling.models.errors import InputError
-from toppling.models.lengths import METRES, US_FOOT_M, unit_called, unit_of_remarks
+from toppling.models.lengths import METRES, US_FOOT_M, size_note, unit_called, unit_of_remarks
 from toppling.models.scan.read import read_clouds
 
 POINTS_M = np.random.default_rng(3).uniform(0.0, 12.0, (1500, 3)) + np.array([1000.0, 2000.0, 30.0])
@@ -227,3 +227,19 @@ def test_names_of_units(word, unit):
 
 def test_remarks_without_a_unit_state_none():
     assert unit_of_remarks(["one unit of the survey", "VCGLIB generated", "points in the north"], "x") is None
+
+
+@pytest.mark.parametrize(
+    ("height_m", "volume_m3", "said"),
+    [
+        (14.05, 583.0, ""),  # the study's rock
+        (1.0, 0.2, ""),
+        (46.1, 20586.0, "feet (14.1 m)"),  # the study's rock, its feet taken for metres
+        (14.05, 3000.0, ""),
+        (4.28, 583.0, "flatter than any precarious rock"),  # heights in feet, taken for metres once more
+        (46.1, 583.0, "thinner than any"),
+        (20.0, 6000.0, "above 5,000 m³"),
+    ],
+)
+def test_sizes_that_no_known_rock_has_are_told(height_m, volume_m3, said):
+    assert (said in size_note(height_m, volume_m3)) if said else size_note(height_m, volume_m3) == ""

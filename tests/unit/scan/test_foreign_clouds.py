@@ -249,6 +249,8 @@ def test_continuous_coordinates_show_no_step():
 def test_steps_are_fine_then_told_then_refused():
     assert step_note(0.001, 1.5) == ""
     assert "1/500 of the rock's height" in step_note(0.002, 1.0)
+    # g r / z of a block .4 m wide and 1 m high: a half step less of r is 1 mm, of z .5 m
+    assert f"by {0.001 / 0.5:.1g} g;" in step_note(0.002, 1.0)
     with pytest.raises(InputError, match=r"steps of 0\.02 m") as error:
         step_note(0.02, 1.0)
     assert "more decimals" in error.value.remedy

@@ -553,3 +553,12 @@ def test_a_rock_over_which_the_ground_only_slides_has_moved():
 def test_a_start_in_no_finite_state_is_refused(start):
     with pytest.raises(InputError, match=next(iter(start))):
         shake(Scene.block(0.2, 0.2, 0.6), Motion(np.zeros((2, 3)), 0.01), "fast", initial=start)
+
+
+def test_a_rock_that_first_moves_late_topples_late():
+    still, push = np.zeros(26 * 200), np.full(150, 6.0)
+    acceleration = np.concatenate([still, push, -push, np.zeros(400)])
+    motion = Motion(np.outer(acceleration, [1.0, 0.0, 0.0]), 0.005)
+    result = shake(Scene.block(0.2, 0.2, 0.6), motion, "fast")
+    assert result.outcome == "toppled"
+    assert 26.0 < result.topple_time_s < 28.0

@@ -1,0 +1,46 @@
+"""A disk that fills up ends a run with one sentence, and what was stored stays."""
+
+import shlex
+import shutil
+import subprocess
+import sys
+
+import pytest
+from answers import answers_of
+
+PATIENCE_S = 120.0
+
+
+def can_mount():
+    command = ["unshare", "--mount", "true"]
+    return shutil.which("unshare") is not None and subprocess.run(command, check=False).returncode == 0
+
+
+@pytest.mark.skipif(not can_mount(), reason="only root can mount a small disk")
+@pytest.mark.parametrize("spare_kb", [-20, 75], ids=["as the run begins", "as the rows come"])
+def test_a_full_disk_is_one_sentence_and_the_run_goes_on_once_there_is_room(
+    spare_kb, inputs, undisturbed, faults, tmp_path
+):
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    needed_kb = sum(4 * -(-path.stat().st_size // 4096) for path in inputs.rglob("*") if path.is_file())
+    program = [sys.executable, "-P", "-c", "from toppling.orchestrator.cli import main; main()"]
+    words = ["run", inputs / "campaign.toml", "--out", disk / "run", "--workers", "1", "--no-estimate"]
+    command = " ".join(map(shlex.quote, [*program, *map(str, words)]))
+    shell = (
+        f"mount -t tmpfs -o size={needed_kb + spare_kb}k none {disk} && {command}; echo ended with $?; "
+        f"mount -o remount,size=8m {disk} && {command} && cp -r {disk}/run {tmp_path}/kept"
+    )
+    done = subprocess.run(
+        ["unshare", "--mount", "sh", "-c", shell],
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE_S,
+        check=False,
+    )
+    assert "ended with 1" in done.stdout, done.stderr
+    (told,) = [line for line in done.stderr.splitlines() if "is full" in line]
+    assert told.startswith("toppling: the disk of")
+    assert "Traceback" not in done.stderr
+    assert done.returncode == 0, done.stderr
+    assert answers_of(tmp_path / "kept") == undisturbed

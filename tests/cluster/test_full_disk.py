@@ -40,7 +40,7 @@ def test_a_full_disk_is_one_sentence_and_the_run_goes_on_once_there_is_room(
     )
     assert "ended with 1" in done.stdout, done.stderr
     (told,) = [line for line in done.stderr.splitlines() if "is full" in line]
-    assert told.startswith("toppling: the disk of")
+    assert told.startswith("toppling: the disk")
     assert "Traceback" not in done.stderr
     assert done.returncode == 0, done.stderr
     assert answers_of(tmp_path / "kept") == undisturbed

@@ -216,9 +216,8 @@ class Ensemble:
             row = self._motions.read_row_group(index)
         if row.column("record_id")[0].as_py() != record_id:
             raise _ensemble_error(f"row group {index} is not record {record_id!r}", self.folder)
-        columns = [
-            row.column(f"acceleration_{axis}_m_s2").combine_chunks().flatten().to_numpy() for axis in "xyz"
-        ]
+        chunks = [row.column(f"acceleration_{axis}_m_s2").combine_chunks().flatten() for axis in "xyz"]
+        columns = [np.from_dlpack(each) for each in chunks]  # `to_numpy` imports pandas: 45 MB of a worker
         motion = Motion(np.column_stack(columns), row.column("time_step_s")[0].as_py())
         entry: dict[str, Any] = self.catalog.slice(index, 1).to_pylist()[0]
         _refuse_other_motion(motion, entry, self.folder)
@@ -259,7 +258,7 @@ def _check_catalog(catalog: pa.Table, folder: Path) -> None:
             raise _ensemble_error(f"the catalogue's column {name!r} has gaps", folder)
     if len(catalog.column("record_id").unique()) < len(catalog):
         raise _ensemble_error("the catalogue has a record id twice", folder)
-    duration_s = catalog.column("duration_s").to_numpy()
+    duration_s = np.array(catalog.column("duration_s").to_pylist(), float)  # `to_numpy` imports pandas
     if not (np.isfinite(duration_s) & (duration_s > 0)).all():
         raise _ensemble_error("the catalogue's durations are no times", folder)
 

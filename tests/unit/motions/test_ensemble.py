@@ -2,6 +2,8 @@
 
 import pickle
 import shutil
+import subprocess
+import sys
 
 import numpy as np
 import pyarrow as pa
@@ -33,6 +35,16 @@ def test_records_come_back_bit_for_bit(ensemble, made):
         assert dict(read.intensity) == dict(record.intensity)
         assert (read.sha, read.history, read.magnitude) == (record.sha, record.history, record.magnitude)
         assert ensemble.sha(record.record_id) == record.sha
+
+
+def test_reading_records_leaves_pandas_and_its_memory_out(ensemble):
+    program = (
+        "import sys; from toppling.models.motions.ensemble import Ensemble; "
+        f"e = Ensemble.load({str(ensemble.folder)!r}); e.motion(e.record_ids[0], pga_m_s2=2.0, azimuth_deg=0.0); "
+        "print('pandas' in sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-P", "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "False"
 
 
 def test_one_row_group_a_record(ensemble):

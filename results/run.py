@@ -1,12 +1,9 @@
 """A run opened for reading, also while it goes on: pyarrow, pandas, SQL over its rows, records and scene."""
 
 import contextlib
-import re
-from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-import duckdb
 import pandas as pd
 import pyarrow as pa
 import pyarrow.compute as pc
@@ -24,15 +21,11 @@ from toppling.models.tables import read_table
 from toppling.results.audit_folder import check_audits
 from toppling.results.belonging import SCENES, SITES_FILE, check_files
 from toppling.results.completeness import Completeness
-from toppling.results.sandbox import collected, opened, time_limit
+from toppling.results.queries import answered, ask, rows_where
+from toppling.results.scene_table import scene_table
 from toppling.results.schema import SCHEMA, describe
 from toppling.results.stood import CONTACT, Stood, stood_of, weighed
 from toppling.results.store import PathLike, newest_rows, read_steady, result_files
-
-APART = ("engine", "preset", "scene_id", "physics_version")
-"""Columns of `results` in which runs may differ, so that their rows answer different questions."""
-
-_TEXT_OR_REMARK = re.compile(r"'(?:[^']|'')*'|--[^\n]*|/\*.*?\*/", re.DOTALL)
 
 _RUN_COLUMN = {
     "column": "run",
@@ -178,7 +171,7 @@ class Run:
         """
         if not where:
             return as_frame(self.table())
-        return as_frame(_asked([self], lambda connection: _rows_where(connection, where), trusted))
+        return as_frame(answered([self], lambda connection: rows_where(connection, where), trusted))
 
     def planned(self) -> int | None:
         """Number of jobs that the run was started with; None where it does not say."""
@@ -293,7 +286,7 @@ class Run:
         path = self.scene_folder / "scene.json"
         if not path.exists():
             return None
-        return _scene_table(read_scene_document(path), self.told)
+        return scene_table(read_scene_document(path), self.told)
 
     def scene_report(self) -> dict[str, Any]:
         """What the scan of the run's scene found out on the way; empty where there is none."""
@@ -359,68 +352,6 @@ def open_run(path: PathLike) -> Run:
     return Run(path)
 
 
-def ask(runs: Sequence[Run], query: str, *, trusted: bool = False) -> pa.Table:
-    """Answer of a DuckDB query over one or several runs.
-
-    The tables `results`, `motions` and `scene` hold the rows of all, and a column `run` tells them apart. Where a
-    rock is known to have stood a recorded motion, `bases` holds the weights of the draws of its base. Where the runs
-    differ in engine, preset, scene or physics version, a query over `results` has to name the run or that column: rows
-    that answer different questions are not pooled unasked.
-
-    Parameters
-    ----------
-    runs : sequence of Run
-    query : str
-        One SELECT, which reads nothing but these tables.
-    trusted : bool
-        Let the query do all that DuckDB can: read and write files, load extensions.
-
-    Raises
-    ------
-    InputError
-        If DuckDB refuses the query, two runs have the same name, or the query would pool rows of different questions.
-    """
-
-    def answer(connection: duckdb.DuckDBPyConnection) -> pa.Table:
-        table = _answer(connection, query, trusted)
-        if len(runs) > 1 or any(run.rocks for run in runs):
-            _refuse_pooling(connection, query, table.column_names)
-        return table
-
-    return _asked(runs, answer, trusted)
-
-
-def connect(runs: Sequence[Run], trusted: bool = False) -> duckdb.DuckDBPyConnection:
-    """DuckDB connection with the views `results`, `motions`, `scene` and `bases` over some runs as they are now.
-
-    Unless it is trusted, it reads and writes no file, loads no extension, sees no variable of this program, and its
-    configuration is locked.
-    """
-    names = [run.name for run in runs]
-    if len(set(names)) < len(names):
-        what = f"two of the runs {', '.join(names)} have the same name"
-        raise InputError(
-            what,
-            where="query",
-            expected="folders of different names",
-            remedy="rename one of the folders",
-        )
-    connection = opened(trusted)
-    for view in ("results", "motions", "scene", "bases"):
-        parts = []
-        for number, run in enumerate(runs):
-            source = run.dataset() if view == "results" else getattr(run, view)()
-            if source is not None:
-                connection.register(f"{view}_{number}", source)
-                quoted = run.name.replace("'", "''")
-                parts.append(f"select '{quoted}' as run, * from {view}_{number}")
-        if parts:
-            connection.execute(f"create view {view} as {' union all by name '.join(parts)}")
-    if not trusted:
-        connection.execute("set lock_configuration = true")
-    return connection
-
-
 def as_frame(table: pa.Table) -> pd.DataFrame:
     """Pandas frame of rows; a column `toppled` becomes a nullable boolean."""
     frame = table.to_pandas()
@@ -429,151 +360,3 @@ def as_frame(table: pa.Table) -> pd.DataFrame:
 
 def _as_recorded(field: pa.Field) -> dict[str, str]:
     return describe(field) | {"group": "as recorded"} | meaning(field.name)
-
-
-def _asked(
-    runs: Sequence[Run], question: Callable[[duckdb.DuckDBPyConnection], pa.Table], trusted: bool
-) -> pa.Table:
-    return read_steady([run.root for run in runs], lambda: _asked_once(runs, question, trusted))
-
-
-def _asked_once(
-    runs: Sequence[Run], question: Callable[[duckdb.DuckDBPyConnection], pa.Table], trusted: bool
-) -> pa.Table:
-    with connect(runs, trusted) as connection:
-        try:
-            with time_limit(connection, trusted):
-                return question(connection)
-        except duckdb.PermissionException as error:
-            raise _refused(str(error)) from error
-        except duckdb.Error as error:
-            if isinstance(error, duckdb.InvalidInputException):  # as of a damaged file, which this names
-                for run in runs:
-                    newest_rows(result_files(run.root))
-            raise InputError(
-                str(error),
-                where="SQL",
-                expected="DuckDB's SQL over the tables results, motions, scene",
-                remedy="'toppling query RUN --describe' names every column",
-            ) from error
-
-
-def _answer(connection: duckdb.DuckDBPyConnection, query: str, trusted: bool) -> pa.Table:
-    if not trusted:
-        kinds = [statement.type for statement in connection.extract_statements(query)]
-        if kinds != [duckdb.StatementType.SELECT]:
-            told = ", ".join(kind.name for kind in kinds) or "nothing"
-            raise _refused(f"the query holds {told}")
-    answer = connection.sql(query)
-    return collected(answer, trusted) if answer is not None else pa.table({})
-
-
-def _refuse_pooling(connection: duckdb.DuckDBPyConnection, query: str, answered: Iterable[str]) -> None:
-    """Refuse a query that says nothing of what tells the rows of its runs apart, in its text or its answer."""
-    words = {word.lower() for word in re.findall(r"\w+", _TEXT_OR_REMARK.sub(" ", query))}
-    if "results" not in words:
-        return
-    named = words | set(answered)
-    if "rock" in named:
-        named.add("scene_id")
-    kinds = connection.execute(
-        f"select distinct run, rock, {', '.join(APART)} from results where physics_version is not null order by run"
-    ).fetch_df()
-    differing = [name for name in APART if kinds[name].nunique() > 1]
-    told = [name for name in ("run", *differing) if name in named]
-    groups = kinds.groupby(told) if told else [((), kinds)]
-    if not any(of[name].nunique() > 1 for _, of in groups for name in differing):
-        return
-    pooled = [name for name in differing if name not in told]
-    of_atlas = kinds["rock"].notna().all()
-    columns = ", ".join("rock" if name == "scene_id" and of_atlas else name for name in pooled)
-    values = "; ".join(f"{name}: {', '.join(str(one) for one in kinds[name].unique())}" for name in pooled)
-    raise InputError(
-        f"these runs differ in {values}, and the query pools their rows",
-        where="SQL",
-        expected=f"{columns.replace(', ', ' and ')}, or run, in its select, group by or where",
-        remedy=f'add it, such as "select {columns}, avg(toppled::int) p from results group by all"',
-    )
-
-
-def _rows_where(connection: duckdb.DuckDBPyConnection, where: str) -> pa.Table:
-    # As an expression of its own, not as text in a statement, from which it could break out.
-    return connection.table("results").filter(duckdb.SQLExpression(where)).to_arrow_table()
-
-
-def _refused(what: str) -> InputError:
-    return InputError(
-        what,
-        where="SQL",
-        expected="one SELECT over the tables results, motions, scene, which reads no file and changes nothing",
-        remedy="--trusted lets a query that you know do all that DuckDB can, such as join your own files",
-    )
-
-
-_SITE_COLUMNS = (
-    ("rock", "", "name of the rock"),
-    ("site", "", "name of its site"),
-    ("longitude", "deg", "degrees east (WGS 84)"),
-    ("latitude", "deg", "degrees north (WGS 84)"),
-    ("age", "a", "years that the rock has stood, as its campaign states them"),
-)
-
-
-def _scene_table(told: dict[str, Any], site: dict[str, Any]) -> pa.Table:
-    rock, plane, contact = told["rock"], told["interface"], told["contact"]
-    statics = told["quasi_static_toppling_m_s2"]
-    finite = [row["value"] for row in statics if row["value"] is not None]
-    columns: list[tuple[str, Any, str, str]] = [
-        ("scene_id", told["id"], "", "hash of the scene's content"),
-        *((name, site[name], unit, text) for name, unit, text in _SITE_COLUMNS if site),
-        ("height_m", rock["height_m"], "m", "vertical extent of the rock"),
-        ("volume_m3", rock["volume_m3"], "m3", "volume of the rock"),
-        ("com_x_m", rock["com_m"][0], "m", "centre of mass, east"),
-        ("com_y_m", rock["com_m"][1], "m", "centre of mass, north"),
-        ("com_z_m", rock["com_m"][2], "m", "centre of mass, up"),
-        ("slope_deg", plane["slope_deg"], "deg", "slope of the interface plane"),
-        (
-            "downhill_azimuth_deg",
-            plane["downhill_azimuth_deg"],
-            "deg",
-            "azimuth toward which the plane falls",
-        ),
-        ("gravity_m_s2", told["gravity_m_s2"], "m/s2", "gravity"),
-        (
-            "default_friction_static",
-            contact["friction_static"],
-            "1",
-            "static friction of the scene; a campaign states its own",
-        ),
-        (
-            "default_friction_kinetic",
-            contact["friction_kinetic"],
-            "1",
-            "kinetic friction of the scene; a campaign states its own",
-        ),
-        (
-            "default_restitution",
-            contact["restitution"],
-            "1",
-            "restitution of the scene; a campaign takes what it states, or 0",
-        ),
-        (
-            "least_quasi_static_m_s2",
-            min(finite, default=None),
-            "m/s2",
-            "least constant ground acceleration that topples",
-        ),
-        (
-            "quasi_static_toppling",
-            statics,
-            "deg, m/s2",
-            "least toppling acceleration by azimuth of the ground's",
-        ),
-    ]
-    kinds = {"longitude": pa.float64(), "latitude": pa.float64(), "age": pa.string()}
-    arrays = [pa.array([value], kinds.get(name)) for name, value, _, _ in columns]
-    fields = [
-        pa.field(name, array.type, metadata={"group": "scene", "unit": unit, "description": text})
-        for (name, _, unit, text), array in zip(columns, arrays, strict=True)
-    ]
-    return pa.Table.from_arrays(arrays, schema=pa.schema(fields))

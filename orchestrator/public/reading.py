@@ -9,8 +9,9 @@ import pyarrow as pa
 from toppling.models.errors import InputError
 from toppling.orchestrator.folder import place_in
 from toppling.orchestrator.public import unseen
+from toppling.results.queries import ask
 from toppling.results.resampling import SAMPLES
-from toppling.results.run import Run, ask, open_run
+from toppling.results.run import Run, open_run
 
 
 def query(

@@ -14,7 +14,7 @@ CONSTRUCTORS = {"with_rough_base", "boulder", "ground"}
 """Functions that make a scene or a mesh from what they are given; class methods that make their class are too."""
 
 STILL_OVER: set[str] = {
-    "models/ground/contacts.py", "models/ground/stepping.py", "results/run.py",
+    "models/ground/contacts.py", "models/ground/stepping.py",
     "workers/engines/bullet/integrator.py",
     "models/ground/contacts.py:_across", "models/ground/contacts.py:_list_points", "models/ground/contacts.py:_meet",
     "orchestrator/starter.py:campaign_text",

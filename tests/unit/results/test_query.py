@@ -19,7 +19,8 @@ from toppling.models.tables import write_table
 from toppling.orchestrator.cli import cli
 from toppling.orchestrator.folder import SCHEMA_VERSION
 from toppling.orchestrator.status import state_of
-from toppling.results.run import ask, open_run
+from toppling.results.queries import ask
+from toppling.results.run import open_run
 from toppling.results.schema import SCHEMA, describe
 from toppling.results.store import compact, read_steady, write_part
 

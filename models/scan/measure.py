@@ -163,7 +163,7 @@ def cap_share(surface_share: float) -> float:
     return surface_share**2 * (3.0 - 2.0 * surface_share)
 
 
-def floors(invented_share: float) -> dict[str, float]:
+def bias_floors(invented_share: float) -> dict[str, float]:
     """Standard deviations that half samples cannot tell: those of rocks seen all round, and of what is invented."""
     cap = cap_share(invented_share)
     return {
@@ -253,7 +253,7 @@ def _spread(
 ) -> dict[str, Any]:
     """Standard deviations over half samples, joined with the floors of what all of them share."""
     rocks, planes = zip(*closed, strict=True)
-    floor = floors(invented_share)
+    floor = bias_floors(invented_share)
     height = float(np.mean([rock.height_m for rock in rocks]))
     # a / g is the arm over the height of the centre of mass: a shift moves it by as much over that height.
     raised = [plane.flat(rock.com_m[None])[0, 2] for rock, plane in closed]

@@ -14,7 +14,7 @@ from toppling.models.scan.close import ClosedRock
 from toppling.models.scan.gap_seen import check_on_interface, hidden_part
 from toppling.models.scan.inspection import Inspection
 from toppling.models.scan.interface import Interface
-from toppling.models.scan.measure import ObservedRock, floors, toppling
+from toppling.models.scan.measure import ObservedRock, bias_floors, toppling
 from toppling.models.scan.unseen import (
     AZIMUTHS_DEG,
     LEVEL,
@@ -65,7 +65,7 @@ def base_unseen(
     """
     low, lit = interface.flat(observed.low_m), interface.flat(observed.lit_m)
     smooth = hidden_base(low, lit, observed.height_m, core, observed.hint)
-    least = np.full(3, floors(closed.invented_share)["com_per_height"] * observed.height_m)
+    least = np.full(3, bias_floors(closed.invented_share)["com_per_height"] * observed.height_m)
     std_m = least if com_std_m is None else np.array(com_std_m)
     central = toppling(closed.rock, interface, AZIMUTHS_DEG)
     report: dict[str, Any] = {"level": LEVEL, "smooth_closing_m_s2": central.tolist()}

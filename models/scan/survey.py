@@ -109,7 +109,7 @@ def survey(
     progress("splitting rock from pedestal")
     parts = segment(cloud.points_m, cloud.origin_m, near, hint)
     progress("fitting the interface")
-    observed, label, interface = _judged(cloud, parts, hint)
+    observed, label, interface = _classified(cloud, parts, hint)
     known = _checked(observed, interface, (inspection or Inspection()).moved(cloud.origin_m))
     progress("closing the rock")
     closed, core = close_standing(observed, interface)
@@ -230,7 +230,7 @@ def _inside_cloud(near_m: tuple[float, float], cloud: Cloud) -> NDArray[np.float
     return near
 
 
-def _judged(
+def _classified(
     cloud: Cloud, parts: Segmentation, hint: InterfaceHint | None
 ) -> tuple[ObservedRock, NDArray[np.int8], Interface]:
     """What was seen of rock and pedestal, the label of each point, and the interface."""

@@ -125,7 +125,7 @@ def judged_by_events(
     seen : callable
         Called before each bootstrap sample of records.
     """
-    _refuse_twins(rocks)
+    _refuse_duplicates(rocks)
     measures = tuple(asked.measure.split("+")) if asked.measure else ()
     path = event_set_of(hazard)
     if path:
@@ -153,7 +153,7 @@ def _of_curves(
     return of_tree(tree, medians), (tree.measure,)
 
 
-def _refuse_twins(rocks: Rocks) -> None:
+def _refuse_duplicates(rocks: Rocks) -> None:
     """Refuse a rock that is given twice, by its scene or else its file: it would count twice."""
     seen: dict[str, Path] = {}
     for path in rocks.paths:

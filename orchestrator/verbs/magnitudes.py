@@ -144,7 +144,7 @@ def magnitudes(
     occurrences = [one_event(confidence, count) for count in dict.fromkeys(events)]
     occurrences += [recurring(confidence, years, every) for every in dict.fromkeys(recurrence)]
     answer = Answer(standing, grid, at_traces, occurrences, traces)
-    told = answer.told() | {
+    statement = answer.statement() | {
         "models": [{"name": name, "weight": weight} for name, weight in zip(names, grid.weights.tolist(), strict=True)],
         "vs30_m_s": vs30, "mechanism": mechanism, "dip_deg": dip, "depth_top_km": depth_top, "ratio": ratio,
         "confidence": confidence, "age": age,
@@ -153,20 +153,20 @@ def magnitudes(
     shares = None
     if taken_apart:
         shares = excluded_bins(taken_apart.bins, grid_of, weights, standing.curve, occurrences)
-        told["deaggregation"] = {"of": taken_apart.of, "bins": shares.to_dict("records")}
-    _tell(answer, told, shares, out, as_json)
+        statement["deaggregation"] = {"of": taken_apart.of, "bins": shares.to_dict("records")}
+    _tell(answer, statement, shares, out, as_json)
 
 
 def _tell(
-    answer: "Answer", told: dict[str, Any], shares: pd.DataFrame | None, out: Path | None, as_json: bool
+    answer: "Answer", statement: dict[str, Any], shares: pd.DataFrame | None, out: Path | None, as_json: bool
 ) -> None:
     """Write and print what is excluded, with the shares of a hazard's bins where they were asked for."""
     if out:
-        answer.write(out, told)
+        answer.write(out, statement)
         if shares is not None:
             save_table(shares, out / "deaggregation.csv")
-    words = "\n".join([_words(told), *([] if shares is None else bins_words(shares))])
-    click.echo(json.dumps(told, indent=1, allow_nan=False) if as_json else words)
+    words = "\n".join([_words(statement), *([] if shares is None else bins_words(shares))])
+    click.echo(json.dumps(statement, indent=1, allow_nan=False) if as_json else words)
 
 
 def _check_usage(
@@ -266,7 +266,7 @@ class Answer:
         )
         return float(np.interp(trace.magnitude, self.at_traces.magnitude, shares))
 
-    def told(self) -> dict[str, Any]:
+    def statement(self) -> dict[str, Any]:
         """The statement: numbers that JSON has; null where nothing, or everything, is excluded."""
         tables = self.tables()
         stated = [
@@ -284,11 +284,11 @@ class Answer:
             "faults": _rows(self.faults()) if self.traces else [],
         }  # fmt: skip
 
-    def write(self, out: Path, told: dict[str, Any]) -> None:
+    def write(self, out: Path, statement: dict[str, Any]) -> None:
         """Statement, tables and figures into a folder."""
         out.mkdir(parents=True, exist_ok=True)
         (out / "magnitudes.json").write_text(
-            json.dumps(told, indent=1, allow_nan=False) + "\n", encoding="utf-8"
+            json.dumps(statement, indent=1, allow_nan=False) + "\n", encoding="utf-8"
         )
         tables = self.tables()
         limits = float(self.grid.magnitude[0]), float(self.grid.magnitude[-1])
@@ -296,7 +296,7 @@ class Answer:
             parts = [pair[place].assign(occurrence=occurrence) for occurrence, pair in tables.items()]
             save_table(pd.concat(parts, ignore_index=True), out / f"{name}.csv")
         first = {name: pair[0] for name, pair in tables.items()}
-        save(magnitudes_figure(first, told["confidence"], limits), out / "magnitudes")
+        save(magnitudes_figure(first, statement["confidence"], limits), out / "magnitudes")
         if self.traces:
             table = self.faults()
             save_table(table, out / "faults.csv")
@@ -334,29 +334,30 @@ def _unsaid(value: object) -> bool:
     return value is None or (isinstance(value, float) and not math.isfinite(value))
 
 
-def _words(told: dict[str, Any]) -> str:
-    models = ", ".join(f"{one['name']} ({one['weight']:.3g})" for one in told["models"])
+def _words(statement: dict[str, Any]) -> str:
+    models = ", ".join(f"{one['name']} ({one['weight']:.3g})" for one in statement["models"])
     lines = [
-        f"{told['rock']}: median {told['median']:.3g} {printed_unit(told['measure'])} "
-        f"({short_name(told['measure'])}), beta {told['beta']:.2f}; models: {models}; Vs30 {told['vs30_m_s']:g} m/s"
+        f"{statement['rock']}: median {statement['median']:.3g} {printed_unit(statement['measure'])} "
+        f"({short_name(statement['measure'])}), beta {statement['beta']:.2f}; models: {models}; "
+        f"Vs30 {statement['vs30_m_s']:g} m/s"
     ]
-    for one in told["occurrences"]:
-        lines.append(f"{one['occurrence'].capitalize()}, at {100 * told['confidence']:g} %:")
+    for one in statement["occurrences"]:
+        lines.append(f"{one['occurrence'].capitalize()}, at {100 * statement['confidence']:g} %:")
         if one["excludes_nothing"]:
-            most, near = told["magnitude_range"][1], told["distance_range_km"][0]
+            most, near = statement["magnitude_range"][1], statement["distance_range_km"][0]
             lines.append(f"  nothing is excluded, not even magnitude {most:g} at {near:g} km")
             continue
         lines += [f"  {line}" for line in _distance_lines(one)]
-    for fault in told["faults"]:
+    for fault in statement["faults"]:
         lines.append(_fault_line(fault))
-    if told["ratio"] == 1.0:
+    if statement["ratio"] == 1.0:
         lines.append(
             "The models' component (RotD50) is taken as the peak of the horizontal vector; give --ratio, about 1.2, to "
             "set it right."
         )
-    if told["without_site_term"]:
+    if statement["without_site_term"]:
         lines.append(
-            f"{', '.join(told['without_site_term'])}: for hard rock, without a site term; --vs30 is not used."
+            f"{', '.join(statement['without_site_term'])}: for hard rock, without a site term; --vs30 is not used."
         )
     return "\n".join(lines)
 

@@ -111,8 +111,8 @@ def select(
     selection = chosen(loaded, choice)
     names = list(selection.record_ids)
     click.echo(f"{len(loaded.record_ids)} records in {ensemble}")
-    for told, left in selection.left:
-        click.echo(f"{told}: {left} left")
+    for condition, left in selection.left:
+        click.echo(f"{condition}: {left} left")
     if 0 < len(names) < count:
         click.echo(f"fewer than the {count} requested: all that are left were taken", err=True)
     weights = dict(zip(loaded.record_ids, loaded.catalog["weight"].to_pylist(), strict=True))

@@ -138,9 +138,9 @@ def validate(
     except RunError as stopped:
         msg = f"{stopped}; the rows so far are kept, and the same command resumes"
         raise click.ClickException(msg) from None
-    told = _told(experiment, ensemble, shaken, learn, wanted)
-    _write(place, told, "learnt" if learn else "unlearnt")
-    click.echo(json.dumps(told) if as_json else _words(told, place))
+    statement = _told(experiment, ensemble, shaken, learn, wanted)
+    _write(place, statement, "learnt" if learn else "unlearnt")
+    click.echo(json.dumps(statement) if as_json else _words(statement, place))
 
 
 def _told(
@@ -210,46 +210,46 @@ def _peers(experiment: Experiment) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     return {name: (np.isfinite(each), each) for name, each in said.items()}
 
 
-def _write(place: Path, told: Mapping[str, Any], name: str) -> None:
+def _write(place: Path, statement: Mapping[str, Any], name: str) -> None:
     """JSON, the tests' table, the scores' table and the calibration plot."""
     with new_file(place / f"{name}.json") as hidden:
-        hidden.write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
-    tests = pd.DataFrame(told["tests"])
+        hidden.write_text(json.dumps(statement, indent=1) + "\n", encoding="utf-8")
+    tests = pd.DataFrame(statement["tests"])
     with new_file(place / f"{name}_tests.csv") as hidden:
         plain_frame(tests).to_csv(hidden, index=False)
     with new_file(place / f"{name}_scores.csv") as hidden:
-        plain_frame(table(_rows(told))).to_csv(hidden)
+        plain_frame(table(_rows(statement))).to_csv(hidden)
     overturned, probability = tests["overturned"].to_numpy(bool), tests["probability"].to_numpy(float)
-    title = f"{told['n']} tests, Brier score {told['brier']:.3f}"
+    title = f"{statement['n']} tests, Brier score {statement['brier']:.3f}"
     drawn = calibration_figure(calibration(overturned, probability), probability, overturned, title)
     save(drawn, place / f"{name}_calibration")
 
 
-def _rows(told: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
-    rows = {"toppling, base learnt" if told["learnt"] else "toppling": told}
-    if told["mesh_as_it_is"]:
-        rows["toppling, the mesh as it is"] = told["mesh_as_it_is"]
-    return {**rows, **told["rules"], **told["peers"]}
+def _rows(statement: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
+    rows = {"toppling, base learnt" if statement["learnt"] else "toppling": statement}
+    if statement["mesh_as_it_is"]:
+        rows["toppling, the mesh as it is"] = statement["mesh_as_it_is"]
+    return {**rows, **statement["rules"], **statement["peers"]}
 
 
-def _words(told: Mapping[str, Any], place: Path) -> str:
-    lines = [table(_rows(told)).to_string(float_format="{:.3f}".format, na_rep="-"), ""]
-    if told["intervals"]:
-        lines.append("95 % over records: " + _ends(told["intervals"]))
+def _words(statement: Mapping[str, Any], place: Path) -> str:
+    lines = [table(_rows(statement)).to_string(float_format="{:.3f}".format, na_rep="-"), ""]
+    if statement["intervals"]:
+        lines.append("95 % over records: " + _ends(statement["intervals"]))
     else:
         lines.append(
             "all tests follow one record: no intervals over records, no rules fitted to other records"
         )
-    if told["were_a_draw_true"]:
-        lines.append("90 % if a draw were the specimen: " + _ends(told["were_a_draw_true"]))
-    counts = told["confusion"]
+    if statement["were_a_draw_true"]:
+        lines.append("90 % if a draw were the specimen: " + _ends(statement["were_a_draw_true"]))
+    counts = statement["confusion"]
     lines.append(
         f"overturned: {counts['overturned_called_overturned']} predicted, {counts['overturned_called_standing']} not; "
         f"stood: {counts['standing_called_standing']} predicted, {counts['standing_called_overturned']} not"
     )
     lines.append(
-        f"{told['shakes']} shakes, at most {told['draws']} draws per test, error of a share at most "
-        f"{told['largest_error']:.3f}; {told['without_motion']} tests have no motion"
+        f"{statement['shakes']} shakes, at most {statement['draws']} draws per test, error of a share at most "
+        f"{statement['largest_error']:.3f}; {statement['without_motion']} tests have no motion"
     )
     lines.append(f"{place}: JSON, tables (CSV) and the calibration plot")
     return "\n".join(lines)

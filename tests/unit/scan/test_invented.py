@@ -8,7 +8,7 @@ import pytest
 from click.testing import CliRunner
 
 from toppling.models.scan import virtual, virtual_shapes
-from toppling.models.scan.measure import cap_share, floors, invention_warning
+from toppling.models.scan.measure import bias_floors, cap_share, invention_warning
 from toppling.models.scan.survey import Survey, survey
 from toppling.models.scene import Scene
 from toppling.orchestrator.verbs.scan import scan
@@ -39,7 +39,7 @@ def test_a_rock_that_is_invented_in_part_is_told_with_how_much_and_what_follows(
 
 
 def test_floors_are_those_of_known_rocks_where_all_was_seen_and_the_caps_where_much_was_not():
-    seen, partly = floors(0.0), floors(0.41)
+    seen, partly = bias_floors(0.0), bias_floors(0.41)
     assert seen == {
         "com_per_height": 0.001,
         "volume_share": 0.003,

@@ -123,8 +123,7 @@ def survey(
     ground = pedestal_ground(parts.surfels, pedestal, closed.rock, interface)
     scene = Scene(closed.rock, ground.pedestal, origin_m=cloud.origin_m, unseen=unseen)
     report = {
-        **_surface_report(closed, interface, hint, ground),
-        "slenderness": slenderness(scene),
+        **_surface_report(closed, interface, hint, ground, scene),
         **({"not_free": {each.kind: each.sentence for each in doubted}} if doubted else {}),
         "unseen_base": standing,
         "segmentation": _segmentation_report(parts, observed, label, interface),
@@ -183,7 +182,7 @@ def _notes(cloud: Cloud, height_m: float, volume_m3: float, doubted: list[Doubt]
 
 
 def _surface_report(
-    closed: ClosedRock, interface: Interface, hint: InterfaceHint | None, ground: Ground
+    closed: ClosedRock, interface: Interface, hint: InterfaceHint | None, ground: Ground, scene: Scene
 ) -> dict[str, Any]:
     return {
         "interface": {
@@ -197,6 +196,7 @@ def _surface_report(
             "closed_share": closed.closed_share,
             "invented_share": closed.invented_share,
         },
+        "slenderness": slenderness(scene),
     }
 
 

@@ -32,8 +32,14 @@ REACH_DEG = (1.0, 3.0, 8.0, 25.0, LARGEST_OPEN_TILT_DEG)
 """Tilts up to which sets of points serve: a rock that rattles needs twenty points, one that falls hundreds."""
 
 
+AT_A_TIME = 1024
+"""Directions that are looked at together, so that a fine mesh of many thousand points takes little memory."""
+
 POINT_RADIUS_SHARE = 1e-5
 """Radius of a contact point over R: a fillet."""
+
+NEIGHBOURS, NEIGHBOURS_LOOKED_AT = 12, 40
+"""Of a corner that is compared with the facets around it, and of those that may be none by then."""
 
 CORE_SHARE = 5e-6
 """Contact points are left out while the hull of the others stays within this share of R of the whole. Ten times as much
@@ -207,16 +213,25 @@ def _core(points_m: Array, directions: Array, tolerance_m: float, first: int = 0
     The distance of two convex bodies is the largest difference of their support functions (Schneider 2014,
     section 1.8), so points are taken, the one that misses most first, until none of the directions misses more.
     """
-    reach = directions @ points_m.T
-    farthest, whole = reach.argmax(axis=1), reach.max(axis=1)
+    farthest, whole = _farthest(points_m, directions)
     lowest = int(points_m[:, 2].argmin())
     chosen = {lowest, *range(first)}
-    missing = whole - reach[:, sorted(chosen)].max(axis=1)
+    missing = whole - _farthest(points_m[sorted(chosen)], directions)[1]
     while missing.max() > tolerance_m:
         point = int(farthest[missing.argmax()])
         chosen.add(point)
-        missing = np.minimum(missing, whole - reach[:, point])
+        missing = np.minimum(missing, whole - directions @ points_m[point])
     return np.array(sorted(chosen))
+
+
+def _farthest(points_m: Array, directions: Array) -> tuple[NDArray[np.intp], Array]:
+    """Which of the points is farthest in each direction, and how far."""
+    point, far = np.empty(len(directions), np.intp), np.empty(len(directions))
+    for begin in range(0, len(directions), AT_A_TIME):
+        block = slice(begin, begin + AT_A_TIME)
+        reach = directions[block] @ points_m.T
+        point[block], far[block] = reach.argmax(axis=1), reach.max(axis=1)
+    return point, far
 
 
 def _open_directions(hull: ConvexHull) -> Array:
@@ -263,9 +278,13 @@ def _extreme(corners: Array) -> Flags:
     if len(corners) < 4:
         return keep
     scale = float(np.ptp(corners, axis=0).max())
+    around = cKDTree(corners).query(corners, k=min(NEIGHBOURS_LOOKED_AT, len(corners)))[1]
     for i in range(len(corners)):
-        rest = corners[keep & (np.arange(len(corners)) != i)]
-        near = rest[cKDTree(rest).query(corners[i], k=min(12, len(rest)))[1]]
+        rest = around[i][keep[around[i]] & (around[i] != i)]
+        if len(rest) < min(NEIGHBOURS, keep.sum() - 1):
+            rest = np.flatnonzero(keep & (np.arange(len(corners)) != i))
+            rest = rest[np.argsort(np.linalg.norm(corners[rest] - corners[i], axis=1), kind="stable")]
+        near = corners[rest[:NEIGHBOURS]]
         keep[i] = not _inside_flat(corners[i], near, 1e-7 * scale)
     return keep
 

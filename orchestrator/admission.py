@@ -9,11 +9,11 @@ from pathlib import Path
 from distributed import Client, LocalCluster
 
 from toppling.models.errors import InputError
-from toppling.orchestrator.cluster import Upkeep
 from toppling.orchestrator.context import RunError
 from toppling.orchestrator.delivery import offer
 from toppling.orchestrator.processor import unlike
 from toppling.orchestrator.task import Order, check
+from toppling.orchestrator.upkeep import Upkeep
 
 log = logging.getLogger(__name__)
 

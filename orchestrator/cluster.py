@@ -11,12 +11,13 @@ from pathlib import Path
 from typing import Any
 
 import dask
-from distributed import Client, LocalCluster, SpecCluster, performance_report
+from distributed import Client, LocalCluster, performance_report
 from distributed.security import Security
 
 from toppling.models.errors import InputError
 from toppling.orchestrator.interrupt import Whole, kept_from_children
 from toppling.orchestrator.safe_path import VARIABLE, safe_for_children, without_working_folder
+from toppling.orchestrator.upkeep import let_grow
 from toppling.workers.compiled import compile_apart
 
 log = logging.getLogger(__name__)
@@ -29,7 +30,6 @@ QUEUES = {
     "htcondor": "HTCondorCluster",
 }
 CONNECT_TIMEOUT_S = 30
-REPLACE_TIMEOUT_S = 30
 _SILENT = {f"distributed.{role}.http.routes": ["distributed.http.health"] for role in ("scheduler", "worker")}
 """Dask's pages ask for no key: they would show the session's work to every account of the host."""
 
@@ -57,17 +57,25 @@ def load_defaults() -> None:
 
 
 @contextlib.contextmanager
-def local(workers: int) -> Iterator[Client]:
+def local(workers: int, most: int | None = None) -> Iterator[Client]:
     """Start worker processes with one thread each, bound to the loopback interface and to this session.
 
     Loopback is shared with every account of the host, so that scheduler and workers accept only who holds the session's
     key, which never leaves the memory of these processes; what they write is in a folder of this account alone.
+
+    Parameters
+    ----------
+    workers : int
+        To begin with.
+    most : int or None
+        As many as there may be where there is work for them; None for no more.
     """
     safe_for_children()
     compile_apart()
     load_defaults()
     with Whole(_local_session()) as (cluster, client):
         cluster.scale(workers)  # not at once: the cluster would fail with a worker that dies while it starts
+        let_grow(cluster, most or workers)
         yield client
 
 
@@ -131,61 +139,6 @@ def reported(cluster: contextlib.AbstractContextManager[Client], report: Path | 
         yield client
 
 
-class Upkeep:
-    """Keeps a cluster that this program started at its size; of one that is somebody else's it knows nothing.
-
-    Parameters
-    ----------
-    client : Client
-    """
-
-    def __init__(self, client: Client) -> None:
-        self._client = client
-        self._came: set[str] = set()
-        """Batch jobs of which a worker has been there."""
-
-    def gone(self) -> list[str | int]:
-        """Local workers that have no process at this moment, or batch jobs that have ended with all their workers."""
-        cluster = self._client.cluster
-        if isinstance(cluster, LocalCluster):
-            alive = {name for name, nanny in list(cluster.workers.items()) if nanny.is_alive()}
-            return [name for name in cluster.worker_spec if name not in alive]
-        if not isinstance(cluster, SpecCluster):
-            return []
-        here = {str(name) for name in cluster.observed}
-        present = {
-            name
-            for name, spec in cluster.worker_spec.items()
-            if any(f"{name}{suffix}" in here for suffix in spec.get("group", [""]))
-        }
-        self._came |= present
-        return [name for name in cluster.worker_spec if name in self._came - present]
-
-    def replace(self) -> None:
-        """Start new workers, or submit new batch jobs, in place of those that are gone for good.
-
-        Dask restarts a worker that dies, but not one that dies while it starts, as happens on a busy machine to one
-        whose first job kills it; and it submits no batch job again that has reached its time. Then nobody works any
-        more and nobody says so.
-        """
-        cluster: Any = self._client.cluster
-        gone = self.gone()
-        wanted = len(cluster.worker_spec)
-        of_queue = not isinstance(cluster, LocalCluster)
-        # Dask has already dropped some of the local ones: those only have to be asked for again.
-        dropped = [name for name in gone if name in cluster.workers]
-        if dropped:
-            told = (
-                "%d batch jobs have ended: as many are submitted again"
-                if of_queue
-                else "%d workers did not come back after their death: new ones start"
-            )
-            log.warning(told, len(dropped))
-            with contextlib.suppress(TimeoutError):  # the next look finds what is left to do
-                self._client.sync(cluster.scale_down, dropped, callback_timeout=REPLACE_TIMEOUT_S)
-        cluster.scale(**{"jobs" if of_queue else "n": wanted})
-
-
 class _ClosedIfNotStarted(Client):
     """A client that Dask leaves open after some errors would keep the program from its end, for a minute."""
 
@@ -237,7 +190,7 @@ def existing(address: str | None, scheduler_file: Path | None, tls: Security | N
 
 
 @contextlib.contextmanager
-def queue(kind: str, jobs: int, secrets: Path) -> Iterator[Client]:
+def queue(kind: str, jobs: int, secrets: Path, most: int | None = None) -> Iterator[Client]:
     """Have a batch system start workers, as ~/.config/dask/jobqueue.yaml says.
 
     Scheduler and workers accept only who holds the session's key. Batch jobs have to find it: it lies in files of
@@ -248,12 +201,15 @@ def queue(kind: str, jobs: int, secrets: Path) -> Iterator[Client]:
     kind : str
         One of `QUEUES`.
     jobs : int
-        Batch jobs to submit.
+        Batch jobs to submit to begin with.
     secrets : Path
         Folder for the key, which all hosts see.
+    most : int or None
+        Batch jobs that there may be where there is work for them; None for no more.
     """
     with Whole(_queue_session(kind, secrets)) as (cluster, client):
         cluster.scale(jobs=jobs)
+        let_grow(cluster, most or jobs)
         yield client
 
 

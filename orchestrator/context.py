@@ -72,6 +72,12 @@ class Tally:
         return max(left, 0) / self.rate if self.done else None
 
     @property
+    def work_left_s(self) -> float:
+        """Work of one process that is left, at the mean of the jobs so far; 0 before the first."""
+        left = self.total - self.before - self.done
+        return max(left, 0) * self.work_s / self.done if self.done else 0.0
+
+    @property
     def failed(self) -> int:
         """Jobs of this session that have no answer."""
         return self.done - self.status["ok"]

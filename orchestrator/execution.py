@@ -18,13 +18,13 @@ from numpy.typing import NDArray
 
 from toppling.orchestrator.admission import NOBODY, NOBODY_AFTER_S, REPLACE_AFTER_S
 from toppling.orchestrator.answers import checked
-from toppling.orchestrator.cluster import Upkeep
 from toppling.orchestrator.context import RunError, Tally, Work, order_of
 from toppling.orchestrator.dispatch import JOBS_IN_BATCH, Batch, Dispatch, why_given_up
 from toppling.orchestrator.interrupt import held_back
 from toppling.orchestrator.journal import tell
 from toppling.orchestrator.leaving import was_told_to_leave
 from toppling.orchestrator.task import Order, Row, UnfitWorkerError, lost_row, shake_batch
+from toppling.orchestrator.upkeep import Upkeep
 from toppling.results.store import write_part
 from toppling.workers.job import JobSpec
 
@@ -231,6 +231,7 @@ class Execution:
             raise RunError(NOBODY)
         elif now - self._all_alive > REPLACE_AFTER_S:
             self._upkeep.replace()
+        self._upkeep.grow(self.tally.work_left_s)
         working = {(worker, str(key)) for worker, keys in self.client.processing().items() for key in keys}
         self._since = {place: self._since.get(place, now) for place in working}
         late = {

@@ -11,10 +11,43 @@ import click
 
 from toppling.orchestrator.cluster import QUEUES
 from toppling.orchestrator.spelling import OneOf
-from toppling.orchestrator.verbs.options import FILE, workers_option
+from toppling.orchestrator.verbs.options import FILE
+
+
+class Span(int):
+    """A number, or with `low` below it the least of as many as there is work for."""
+
+    low: int
+
+    def __str__(self) -> str:
+        return f"{int(self)}" if self.low == self else f"{self.low}..{int(self)}"
+
+
+class SpanType(click.ParamType):
+    """`N`, or `LOW..HIGH`."""
+
+    name = "N or LOW..HIGH"
+
+    def convert(self, value: Any, parameter: click.Parameter | None, context: click.Context | None) -> Span:
+        """Read a value of the command line."""
+        if isinstance(value, Span):
+            return value
+        low, dots, high = str(value).partition("..")
+        if not low.isdecimal() or (dots and not high.isdecimal()):
+            self.fail(f"{value!r} is neither a number nor LOW..HIGH, such as 2..200", parameter, context)
+        span = Span(high or low)
+        span.low = int(low)
+        if not 1 <= span.low <= span:
+            self.fail(f"{value!r}: at least 1, and the first not above the second", parameter, context)
+        return span
+
 
 _OPTIONS = (
-    workers_option(),
+    click.option(
+        "--workers",
+        type=SpanType(),
+        help="Local workers; LOW..HIGH starts more as long as there is work for them. Default: one per core.",
+    ),
     click.option(
         "--scheduler", help="Address of an existing scheduler. Default: DASK_SCHEDULER_ADDRESS, if set."
     ),
@@ -23,7 +56,11 @@ _OPTIONS = (
         "--queue", "queue_kind", type=OneOf(list(QUEUES)), help="Batch system to request workers from."
     ),
     click.option(
-        "--queue-jobs", type=click.IntRange(min=1), default=1, show_default=True, help="Batch jobs to submit."
+        "--queue-jobs",
+        type=SpanType(),
+        default="1",
+        show_default=True,
+        help="Batch jobs to submit; LOW..HIGH too.",
     ),
     click.option("--tls-ca", type=FILE, help="Certificate of the cluster's authority (PEM)."),
     click.option("--tls-cert", type=FILE, help="Certificate of this client (PEM)."),
@@ -39,9 +76,9 @@ def cluster_options(command: Callable[..., Any]) -> Callable[..., Any]:
 class Where(TypedDict):
     """Values of the options."""
 
-    workers: int | None
+    workers: Span | None
     queue_kind: str | None
-    queue_jobs: int
+    queue_jobs: Span
     scheduler: str | None
     scheduler_file: Path | None
     tls_ca: Path | None
@@ -82,7 +119,7 @@ def cluster_of(folder: Path, **where: Unpack[Where]) -> AbstractContextManager:
             raise click.UsageError(msg)
         tls = tls_security(authority, certificate, key)
     if queue_kind:
-        return queue(queue_kind, where["queue_jobs"], folder.absolute())
+        return queue(queue_kind, where["queue_jobs"].low, folder.absolute(), most=where["queue_jobs"])
     if joins:
         return existing(scheduler, scheduler_file, tls)
-    return local(workers or os.cpu_count() or 1)
+    return local(workers.low, most=workers) if workers else local(os.cpu_count() or 1)

@@ -12,6 +12,7 @@ import pytest
 from answers import answers_of
 from distributed import Client, LocalCluster
 
+from toppling.orchestrator import cluster, upkeep
 from toppling.orchestrator.cluster import load_defaults
 from toppling.orchestrator.run import run
 
@@ -100,4 +101,23 @@ def test_workers_told_to_leave_cost_no_try_and_no_row(
         )
     assert left == leaves
     assert tally.deaths == 0
+    assert answers_of(tmp_path / "run") == undisturbed
+
+
+def test_a_cluster_grows_to_its_bound_while_there_is_work_and_gives_the_same_rows(
+    campaign, undisturbed, faults, tmp_path, monkeypatch
+):
+    import dask
+
+    dask.config.refresh()
+    monkeypatch.setattr(upkeep, "WORTH_A_WORKER_S", 0.5)
+    faults.set(every={"kind": "wait", "seconds": 0.3})
+    most = 0
+
+    def watch(tally):
+        nonlocal most
+        most = max(most, tally.workers)
+
+    run(campaign, tmp_path / "run", cluster.local(1, most=3), watch)
+    assert most == 3
     assert answers_of(tmp_path / "run") == undisturbed

@@ -12,8 +12,8 @@ from distributed import Client, LocalCluster
 
 from toppling.models.errors import InputError
 from toppling.orchestrator.admission import check_workers
-from toppling.orchestrator.cluster import Upkeep
 from toppling.orchestrator.task import Order, versions
+from toppling.orchestrator.upkeep import Upkeep
 
 PATIENCE_S = 60.0
 

@@ -99,3 +99,10 @@ def test_an_option_that_is_given_often_goes_on_as_often():
 def test_the_help_lists_every_verb_in_one_group():
     listed = [verb for verbs in GROUPS.values() for verb in verbs]
     assert sorted(listed) == sorted(VERBS)
+
+
+@pytest.mark.parametrize("given", ["0", "4..2", "2..", "..3", "many", "2...5", "-1"])
+def test_workers_are_a_number_or_a_span(given):
+    done = CliRunner().invoke(cli, ["run", "campaign.toml", "--out", "run", "--workers", given])
+    assert done.exit_code == 2
+    assert "--workers" in done.output

@@ -1,0 +1,100 @@
+"""A cluster that this program started is kept at its size, and grows where there is work for more."""
+
+import contextlib
+import logging
+import math
+from typing import Any
+from weakref import WeakKeyDictionary
+
+from distributed import Client, LocalCluster, SpecCluster
+
+from toppling.orchestrator.journal import tell
+
+log = logging.getLogger(__name__)
+
+REPLACE_TIMEOUT_S = 30
+WORTH_A_WORKER_S, WORTH_A_BATCH_JOB_S = 15.0, 300.0
+"""Work that another process is started for: a few times what it takes to start, or to come out of a queue."""
+
+_MOST: WeakKeyDictionary[SpecCluster, int] = WeakKeyDictionary()
+"""Workers or batch jobs that a cluster which this program started may grow to."""
+
+
+def let_grow(cluster: SpecCluster, most: int) -> None:
+    """Allow a cluster as many workers, or batch jobs."""
+    _MOST[cluster] = most
+
+
+class Upkeep:
+    """Keeps a cluster that this program started at its size; of one that is somebody else's it knows nothing.
+
+    Parameters
+    ----------
+    client : Client
+    """
+
+    def __init__(self, client: Client) -> None:
+        self._client = client
+        self._came: set[str] = set()
+        """Batch jobs of which a worker has been there."""
+
+    def gone(self) -> list[str | int]:
+        """Local workers that have no process at this moment, or batch jobs that have ended with all their workers."""
+        cluster = self._client.cluster
+        if isinstance(cluster, LocalCluster):
+            alive = {name for name, nanny in list(cluster.workers.items()) if nanny.is_alive()}
+            return [name for name in cluster.worker_spec if name not in alive]
+        if not isinstance(cluster, SpecCluster):
+            return []
+        here = {str(name) for name in cluster.observed}
+        present = {
+            name
+            for name, spec in cluster.worker_spec.items()
+            if any(f"{name}{suffix}" in here for suffix in spec.get("group", [""]))
+        }
+        self._came |= present
+        return [name for name in cluster.worker_spec if name in self._came - present]
+
+    def replace(self) -> None:
+        """Start new workers, or submit new batch jobs, in place of those that are gone for good.
+
+        Dask restarts a worker that dies, but not one that dies while it starts, as happens on a busy machine to one
+        whose first job kills it; and it submits no batch job again that has reached its time. Then nobody works any
+        more and nobody says so.
+        """
+        cluster: Any = self._client.cluster
+        gone = self.gone()
+        wanted = len(cluster.worker_spec)
+        of_queue = not isinstance(cluster, LocalCluster)
+        # Dask has already dropped some of the local ones: those only have to be asked for again.
+        dropped = [name for name in gone if name in cluster.workers]
+        if dropped:
+            told = (
+                "%d batch jobs have ended: as many are submitted again"
+                if of_queue
+                else "%d workers did not come back after their death: new ones start"
+            )
+            log.warning(told, len(dropped))
+            with contextlib.suppress(TimeoutError):  # the next look finds what is left to do
+                self._client.sync(cluster.scale_down, dropped, callback_timeout=REPLACE_TIMEOUT_S)
+        cluster.scale(**{"jobs" if of_queue else "n": wanted})
+
+    def grow(self, work_left_s: float) -> None:
+        """Start more workers, or submit more batch jobs, if there is work for them and they are allowed.
+
+        Parameters
+        ----------
+        work_left_s : float
+            Of one process.
+        """
+        cluster: Any = self._client.cluster
+        most = _MOST.get(cluster) if cluster is not None else None
+        if most is None or len(cluster.worker_spec) >= most:
+            return
+        of_queue = not isinstance(cluster, LocalCluster)
+        processes = max((len(spec.get("group", [""])) for spec in cluster.worker_spec.values()), default=1)
+        worth_s = WORTH_A_BATCH_JOB_S * processes if of_queue else WORTH_A_WORKER_S
+        wanted = min(most, math.ceil(work_left_s / worth_s))
+        if wanted > len(cluster.worker_spec):
+            tell("more workers", there=len(cluster.worker_spec), wanted=wanted)
+            cluster.scale(**{"jobs" if of_queue else "n": wanted})

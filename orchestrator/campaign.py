@@ -178,6 +178,10 @@ class Campaign:
             If the precision is no share, or there are no levels.
         """
         where = "--precision"
+        if self.sites:
+            raise Place(where).wrong(
+                "a campaign of many rocks", "a campaign of one", "give each rock a run of its own"
+            )
         changed = dataclasses.replace(self, precision=read_precision(precision, where))
         _check_statement(changed, where, where)
         return changed

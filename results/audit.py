@@ -36,16 +36,9 @@ from toppling.results.run import Run, as_frame
 from toppling.results.store import newest_rows, read_steady, result_files
 
 JOB = [
-    *(
-        "record_id",
-        "level_pga_m_s2",
-        "azimuth_deg",
-        "friction_static",
-        "friction_kinetic",
-        "restitution",
-        "realisation",
-    ),
-]
+    "scene_id", "record_id", "level_pga_m_s2", "azimuth_deg", "friction_static", "friction_kinetic", "restitution",
+    "realisation",
+]  # fmt: skip
 """What a job and its repetition have in common."""
 
 LEAST_TILT_DEG = 0.1
@@ -334,7 +327,10 @@ class _Fragility:
             factor, information = self._score_factor(coefficients)
             probability = norm.cdf(self.design @ coefficients)
             fisher = (self.design * information[:, None]).T @ self.design
-            step = np.linalg.solve(fisher, self.design.T @ (factor * (answers - probability)))
+            try:
+                step = np.linalg.solve(fisher, self.design.T @ (factor * (answers - probability)))
+            except np.linalg.LinAlgError:  # scoring has left the range of numbers: first order has to do
+                return float(self.influence @ difference)
             # Where answers contradict what is certain, a whole step leaves the range of numbers.
             coefficients = coefficients + step / max(1.0, float(np.abs(self.design @ step).max()))
             if np.abs(step).max() < 1e-9 * np.abs(coefficients).max():

@@ -269,9 +269,16 @@ def by_contact(frame: pd.DataFrame, columns: Sequence[str] = CONTACT_COLUMNS) ->
         differing = [name for name in columns if name in differing or name in FRICTION]
     if not differing:
         return {"": frame}
+    if "scene_id" in differing and _named(frame):
+        differing[differing.index("scene_id")] = "rock"
     return {
         _contact_name(dict(zip(differing, key, strict=True))): jobs for key, jobs in frame.groupby(differing)
     }
+
+
+def _named(frame: pd.DataFrame) -> bool:
+    """Whether each scene is a rock with a name."""
+    return "rock" in frame and bool(frame["rock"].notna().all())
 
 
 def contact_words(jobs: pd.DataFrame, among: pd.DataFrame) -> str:
@@ -280,7 +287,8 @@ def contact_words(jobs: pd.DataFrame, among: pd.DataFrame) -> str:
     words = [friction_drawn(jobs)]
     for column, word in CONTACT_WORDS:
         if among[column].nunique() > 1:
-            words.append(word + _plain(first[column]))
+            named = column == "scene_id" and _named(among)
+            words.append(str(first["rock"]) if named else word + _plain(first[column]))
     return ", ".join(words)
 
 

@@ -127,6 +127,12 @@ def unphysical_of(run: Run, frame: pd.DataFrame | None = None) -> Unphysical | N
 
 def _factors(run: Run, known: pd.DataFrame) -> np.ndarray:
     """Factor on each job's record, by the catalogue's PGA; NaN where it is not there."""
+    if run.rocks:
+        found = pd.Series(math.nan, known.index)
+        for rock in run.rocks:
+            of_rock = known["scene_id"] == rock.scene_id()
+            found[of_rock] = _factors(rock, known[of_rock])
+        return found.to_numpy()
     motions = run.motions()
     if motions is None:
         return np.full(len(known), math.nan)

@@ -33,18 +33,16 @@ def audit(run: Path, jobs: int | None, as_json: bool, **where: Any) -> None:
     toppling audit runs/first --jobs 200 --workers 2
     """
     from toppling.models.errors import InputError
-    from toppling.models.motions.ensemble import Ensemble
-    from toppling.models.scene import Scene
     from toppling.orchestrator.admission import check_workers
     from toppling.orchestrator.campaign import Campaign
-    from toppling.orchestrator.context import Tally, Work
+    from toppling.orchestrator.context import Tally, Work, order_of
     from toppling.orchestrator.interrupt import stop_in_order
     from toppling.orchestrator.journal import journal
-    from toppling.orchestrator.plan import plan
+    from toppling.orchestrator.plan import plan_of
     from toppling.orchestrator.progress import watcher
     from toppling.orchestrator.studies.audit import affordable, check_versions, drawn
     from toppling.orchestrator.studies.audit import audit as carry_out
-    from toppling.orchestrator.task import Order, versions
+    from toppling.orchestrator.task import versions
     from toppling.results.audit import audits_json, audits_of
     from toppling.results.audit_folder import LEAST_JOBS
     from toppling.results.run import open_run
@@ -54,7 +52,7 @@ def audit(run: Path, jobs: int | None, as_json: bool, **where: Any) -> None:
     opened = open_run(run)
     check_versions(run)
     campaign = Campaign.read(run / "campaign.toml")
-    planned = plan(campaign, Scene.load(campaign.scene), Ensemble.load(campaign.ensemble))
+    planned = plan_of(campaign)
     rows = drawn(run)
     count = jobs or affordable(campaign, rows)
     if min(count, len(rows)) < LEAST_JOBS:
@@ -64,7 +62,7 @@ def audit(run: Path, jobs: int | None, as_json: bool, **where: Any) -> None:
             expected=f"at least {LEAST_JOBS} jobs",
             remedy="give --jobs 200" if jobs is None else "let the run go on, or give more --jobs",
         )
-    order = Order(str(run.absolute()), planned.scene_id, planned.ensemble_id, versions())
+    order = order_of(planned.scenes[0], run.absolute(), versions())
     with watcher() as watch, journal(run), cluster_of(run, **where) as client, client.as_current():
         check_workers(client, order)
         carry_out(Work(planned, run.absolute(), order, client, watch, Tally(count, 0)), count)

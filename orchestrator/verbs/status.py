@@ -21,7 +21,9 @@ def status(run: Path, as_json: bool) -> None:
     """
     from toppling.orchestrator.progress import duration, pace
     from toppling.orchestrator.status import state_of
+    from toppling.results.run import atlas_of
 
+    run = atlas_of(run) or run
     state = state_of(run)
     if as_json:
         click.echo(json.dumps(state))

@@ -16,7 +16,9 @@ from toppling.orchestrator.context import order_of
 from toppling.orchestrator.folder import prepare
 from toppling.orchestrator.plan import plan_of
 from toppling.orchestrator.run import run
+from toppling.orchestrator.studies.audit import Auditing
 from toppling.orchestrator.task import shake_batch, versions
+from toppling.results.audit import audits_of
 from toppling.results.run import open_run
 
 
@@ -125,3 +127,14 @@ def test_a_worker_holds_no_more_the_more_rocks_it_has_shaken(tmp_path):
         alive.append(sum(isinstance(one, Scene) for one in gc.get_objects()))
     # Each cache of what is derived from a scene holds eight, some are filled by every third rock only.
     assert max(alive[32:]) == max(alive[:32]) < 48
+
+
+def test_an_atlas_audits_itself_rock_by_rock_and_takes_no_precision(client, folder, tmp_path):
+    text = (folder / "atlas.toml").read_text().replace("[2, 4, 8]", "[2, 3, 4, 5, 6, 7, 8]")
+    (folder / "audited.toml").write_text(text + "audit = 60\n")
+    campaign = Campaign.read(folder / "audited.toml")
+    with pytest.raises(InputError, match="many rocks"):
+        campaign.with_precision(0.05)
+    run(campaign, tmp_path / "atlas", nullcontext(client), lambda _: None, stages=[Auditing()])
+    audit = audits_of(open_run(tmp_path / "atlas"))["reference"]
+    assert (audit.jobs, audit.of_jobs) == (60, 84)

@@ -23,9 +23,9 @@ import numpy as np
 from toppling.models.compiled import compiled, inner
 from toppling.workers.contact.active_set import MOST_ACTIVE
 from toppling.workers.contact.events import time_to_contact_s
-from toppling.workers.contact.gaps import find_centripetal, find_rates, look, lowest_looked_at_m, turned_on
+from toppling.workers.contact.gaps import find_rates, look, lowest_looked_at_m
 from toppling.workers.contact.impact import arrive, land_sticking, lowest_slip_m_s
-from toppling.workers.contact.offset import set_normal_offset, sphere_height_m
+from toppling.workers.contact.offset import set_normal_offset
 from toppling.workers.contact.sticking import (
     LOOKED_AHEAD,
     count_active,
@@ -36,13 +36,12 @@ from toppling.workers.contact.sticking import (
 from toppling.workers.engines.bullet import world as bullet
 from toppling.workers.engines.bullet.let_down import let_down
 from toppling.workers.engines.bullet.pool import EnginePool, configure_for, process_pool
+from toppling.workers.engines.bullet.prescribed_steps import ALLOWED, advance_prescribed, carry_out, hand_over
 from toppling.workers.engines.bullet.solved_steps import (
     Worlds,
     approach_1_s,
-    place,
     solved_impact,
     solved_step,
-    take_over,
 )
 from toppling.workers.engines.bullet.world import WORLD
 from toppling.workers.engines.protocol import StepCheckError
@@ -56,14 +55,11 @@ from toppling.workers.simulation import (
     MEAN,
     NEAR,
     NOT,
-    RAISED,
     RATE,
     Simulation,
-    append,
     copy,
     forget_acceleration,
     largest_tilt_deg,
-    note_acceleration,
     points_in_use,
 )
 
@@ -80,16 +76,6 @@ LATER = 2.0
 """Times the time to a contact: where the velocity that was found for it meets the contact later, it is not yet met."""
 
 
-SUNK_SHARE = 0.1
-"""Of the height by which the engine has the rock higher: a point that sinks farther in an own step is the engine's."""
-
-RAISED_OVER = 1.2
-"""Times the depth of a point on its tangent."""
-
-ALLOWED = 1e-9
-"""Of R, and of sqrt(g R): by which the engine's repetition of an own step may differ."""
-
-
 @compiled
 def advance(sim: Simulation, worlds: Worlds, steps_to: int) -> int:
     """Go on until `steps_to` steps from time 0, or a step more; says why it came back."""
@@ -101,7 +87,7 @@ def advance(sim: Simulation, worlds: Worlds, steps_to: int) -> int:
         if state.last + ROOM > len(sim.time_s):
             return NEEDS_ROOM
         if not sim.fixed[0].own_steps:
-            _hand_over(sim, worlds)
+            hand_over(sim, worlds)
         if not (state.rests and _stays(sim, worlds)):
             _step_over(sim, worlds)
         if state.unlike > 0.0:
@@ -127,13 +113,6 @@ def _choose_set(sim: Simulation) -> None:
 
 
 @inner
-def _hand_over(sim: Simulation, worlds: Worlds) -> None:
-    """Make sure that the world of the present set has the rock; in which pose, `state.placed` says."""
-    if sim.state[0].world != sim.state[0].set:
-        take_over(sim, worlds)
-
-
-@inner
 def _stays(sim: Simulation, worlds: Worlds) -> bool:
     """Take one step with a rock at rest, if its contact holds it; whether it does."""
     state, fixed, last = sim.state[0], sim.fixed[0], sim.state[0].last
@@ -151,7 +130,7 @@ def _stays(sim: Simulation, worlds: Worlds) -> bool:
             for k in range(6):
                 sim.velocity[last + 1, k] = 0.0
             state.placed = NOT
-            _carry_out(sim, worlds, fixed.step_s, last + 1, 1.0)
+            carry_out(sim, worlds, fixed.step_s, last + 1, 1.0)
     rest_until(sim, state.grid + 1)
     return True
 
@@ -195,7 +174,7 @@ def _move(sim: Simulation, worlds: Worlds, left_s: float, resolved_m_s: float) -
     if not held:
         return _slide(sim, worlds, left_s, resolved_m_s)
     if contact_s > soonest_s:
-        _advance_prescribed(sim, worlds, contact_s)
+        advance_prescribed(sim, worlds, contact_s)
     if contact_s >= left_s:
         return False
     if lands:
@@ -204,137 +183,10 @@ def _move(sim: Simulation, worlds: Worlds, left_s: float, resolved_m_s: float) -
 
 
 @inner
-def _advance_prescribed(sim: Simulation, worlds: Worlds, step_s: float) -> None:
-    """Move with the velocity found, which meets all contacts; where it misses one the engine always carries it out."""
-    state, last = sim.state[0], sim.state[0].last
-    new = append(sim, step_s, 0.5 * step_s)
-    state.steps += 1
-    if sim.fixed[0].own_steps and _take_own_step(sim, last, new, step_s):
-        if state.world >= 0:
-            bullet.forget_friction(worlds.records[state.world])
-        if _is_drawn(sim):
-            _check(sim, worlds, last, step_s)
-        state.placed = NOT
-    else:
-        _let_engine_move(sim, worlds, last, step_s)
-    note_acceleration(sim, last)
-
-
-@inner
-def _let_engine_move(sim: Simulation, worlds: Worlds, last: int, step_s: float) -> None:
-    """Let the engine move the rock from pose `last` with the velocity found, and take from it what meets no contact."""
-    state, fixed, new = sim.state[0], sim.fixed[0], sim.state[0].last
-    state.last = last
-    _hand_over(sim, worlds)
-    times = _raised_times(sim, step_s)
-    if state.near_share != times * fixed.checked_share:
-        place(sim, worlds, times * fixed.checked_share, state.axes_rad)
-    state.last = new
-    copy(sim.pose[last], sim.pose[new])
-    copy(sim.work[FOUND], sim.velocity[new])
-    _carry_out(sim, worlds, step_s, new, times)
-    state.placed = RAISED
-
-
-@inner
-def _take_own_step(sim: Simulation, last: int, new: int, step_s: float) -> bool:
-    """A straight line of the centre of mass, and the exact rotation about it; false where a point sinks by it."""
-    pose, velocity, there = sim.pose[last], sim.work[FOUND], sim.pose[new]
-    x, y, z, w = turned_on(pose, velocity[3], velocity[4], velocity[5], step_s)
-    size = math.sqrt(x * x + y * y + z * z + w * w)
-    there[3], there[4], there[5], there[6] = x / size, y / size, z / size, w / size
-    for k in range(3):
-        there[k] = pose[k] + step_s * velocity[k]
-    for k in range(6):
-        sim.velocity[new, k] = velocity[k]
-    fixed = sim.fixed[0]
-    lowest_m = min(lowest_looked_at_m(sim), 0.0) - SUNK_SHARE * fixed.raised_share * fixed.half_diagonal_m
-    look(sim, new)
-    if lowest_looked_at_m(sim) >= lowest_m:
-        return True
-    look(sim, last)
-    return False
-
-
-@inner
-def _raised_times(sim: Simulation, step_s: float) -> float:
-    """By how many times the least height the engine has the rock higher in a prescribed step, a power of two.
-
-    A point that comes to the surface on an arc, or leaves it on one, is below it on its tangent, where the engine would
-    stop it; one that ends below the surface is not spared that. And its sphere is lower than the point as it tilts.
-    """
-    fixed, candidates = sim.fixed[0], sim.candidates
-    find_rates(sim, sim.work[FOUND])
-    find_centripetal(sim, sim.work[FOUND])
-    below_m = 0.0
-    for i in range(points_in_use(sim)):
-        arc_m = 0.5 * step_s * step_s * candidates[LEAST, i]
-        below_m = max(below_m, min(-candidates[GAP, i] - step_s * candidates[RATE, i], arc_m))
-    below_m += fixed.radius_m - sphere_height_m(sim, sim.pose[sim.state[0].last])
-    times = 1.0
-    while times * fixed.raised_share * fixed.half_diagonal_m < RAISED_OVER * below_m:
-        times *= 2.0
-    return times
-
-
-@inner
-def _carry_out(sim: Simulation, worlds: Worlds, step_s: float, index: int, times: float) -> None:
-    """Let the engine move the rock from the pose to that with the velocity which stand at an index."""
-    state, fixed = sim.state[0], sim.fixed[0]
-    raised_m = times * fixed.raised_share * fixed.half_diagonal_m
-    world, placed = worlds.records[state.world], state.placed == RAISED
-    bullet.advance_prescribed(world, step_s, placed, raised_m, sim.pose[index], sim.velocity[index])
-    state.engine_steps += 1
-
-
-@inner
-def _is_drawn(sim: Simulation) -> bool:
-    """Whether the engine is to repeat an own step: a seeded share, by a congruential generator (Knuth's MMIX)."""
-    state = sim.state[0]
-    state.draw = state.draw * np.uint64(6364136223846793005) + np.uint64(1442695040888963407)
-    return float(state.draw >> np.uint64(11)) * 2.0**-53 < sim.fixed[0].checked_steps
-
-
-@inner
-def _check(sim: Simulation, worlds: Worlds, last: int, step_s: float) -> None:
-    """Let the engine repeat the latest step from pose `last`, beyond the trajectory's end, and note how it differs."""
-    state, fixed, new = sim.state[0], sim.fixed[0], sim.state[0].last
-    near_share, axes_rad, held_by = state.near_share, state.axes_rad, state.world
-    state.last = last
-    look(sim, last)
-    _hand_over(sim, worlds)
-    times = _raised_times(sim, step_s)
-    place(sim, worlds, times * fixed.checked_share, state.axes_rad)
-    state.last = new
-    copy(sim.pose[last], sim.pose[new + 1])
-    copy(sim.velocity[new], sim.velocity[new + 1])
-    _carry_out(sim, worlds, step_s, new + 1, times)
-    state.near_share, state.axes_rad, state.world = (
-        near_share,
-        axes_rad,
-        held_by,
-    )  # as if it had not been asked
-    speed_m_s = math.sqrt(-fixed.gravity_m_s2[2] * fixed.half_diagonal_m)
-    same = (
-        1.0 if sim.pose[new, 6] * sim.pose[new + 1, 6] >= 0.0 else -1.0
-    )  # both quaternions are the same attitude
-    unlike = 0.0
-    for k in range(3):
-        unlike = max(unlike, abs(sim.pose[new, k] - sim.pose[new + 1, k]) / fixed.half_diagonal_m)
-        unlike = max(unlike, abs(sim.velocity[new, k] - sim.velocity[new + 1, k]) / speed_m_s)
-        spin = abs(sim.velocity[new, 3 + k] - sim.velocity[new + 1, 3 + k])
-        unlike = max(unlike, spin * fixed.half_diagonal_m / speed_m_s)
-    for k in range(3, 7):
-        unlike = max(unlike, abs(sim.pose[new, k] - same * sim.pose[new + 1, k]))
-    if not unlike <= ALLOWED:
-        state.unlike = unlike
-
-
-@inner
 def _slide(sim: Simulation, worlds: Worlds, left_s: float, resolved_m_s: float) -> bool:
     """Move for some time, or until a point has landed, with contacts solved by the engine; whether one did."""
     state, fixed = sim.state[0], sim.fixed[0]
-    _hand_over(sim, worlds)
+    hand_over(sim, worlds)
     last, world = state.last, worlds.records[state.world]
     if state.slips_after >= 0.0 and world.friction_kinetic != world.friction_static:
         # The force of a step is that from middle to middle: slip may have begun before it, held by the latest step.
@@ -397,14 +249,14 @@ def _resolve_impact(sim: Simulation, worlds: Worlds) -> None:
     arrive(sim)
     if fixed.two_frictions and count_active(sim) == 0:
         # A rock in the air lands as one that slips if its lowest point moves along the plane.
-        _hand_over(sim, worlds)
+        hand_over(sim, worlds)
         world = worlds.records[state.world]
         sliding = lowest_slip_m_s(sim) > world.impulse_m_s
         bullet.set_friction(world, world.friction_kinetic if sliding else world.friction_static)
     sticks = state.world < 0 or worlds.records[state.world].friction == fixed.friction_static
     if sticks and land_sticking(sim):
         return
-    _hand_over(sim, worlds)
+    hand_over(sim, worlds)
     solved_impact(sim, worlds)
 
 

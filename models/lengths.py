@@ -149,7 +149,7 @@ def size_note(height_m: float, volume_m3: float = 0.0) -> str:
         told.append(f"{shape} than any precarious rock: are heights in the unit of the other coordinates?")
     if not told:
         return ""
-    readings = explaining_units(height_m)
+    readings = explaining_units(height_m) if height_m > ROCK_M[1] else ""
     would = f"; if the coordinates are in {readings}, give --units" if readings else ""
     return f"the rock is {', and it is '.join(told)}{would}"
 

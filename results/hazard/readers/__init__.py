@@ -126,6 +126,7 @@ def _parsed(path: Path, text: str, hints: Hints) -> Stated:
     for family in (openquake, nshmp, cybershake):
         if family.matches(lines):
             return family.read(path, lines, hints)
+    openquake.refuse_others(path, lines)
     return columns.read(path, lines, hints)
 
 

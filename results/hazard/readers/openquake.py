@@ -33,6 +33,42 @@ def matches(lines: Sequence[str]) -> bool:
     )
 
 
+_CURVES = "give the hazard_curve files of that calculation, or its folder"
+_OTHERS = {
+    r"(imt,.*\bpoe\b|poe,imt\b|mag,.*\bpoe|dist,.*\bpoe)": (
+        "is a disaggregation: it says what exceeds one level, not how often levels are exceeded",
+        f"{_CURVES}; disaggregations go to 'toppling magnitudes' and 'toppling records select --deaggregation'",
+    ),
+    r"lon,lat,(depth,)?.*\d~": (
+        "holds uniform hazard spectra: one level of each measure for few rates",
+        _CURVES,
+    ),
+    r"lon,lat,(depth,)?\D[^,]*-0?\.\d": ("is a hazard map: one level of each measure for few rates", _CURVES),
+    r"(event_id|eid)\b": ("is part of a set of events", "give the folder of that calculation"),
+    r"(rup_?id)\b": ("is part of a set of events", "give the folder of that calculation"),
+    r"(custom_)?site_id\b": ("lists sites, or mean motions at them", _CURVES),
+}
+"""Other files of the engine by the beginning of their columns: what they are, and what to give instead."""
+
+
+def refuse_others(path: Path, lines: Sequence[str]) -> None:
+    """Refuse by name what else the engine writes.
+
+    Raises
+    ------
+    InputError
+        If the file is one of those.
+    """
+    stated, header = (
+        lines[0].startswith("#"),
+        lines[1] if lines[0].startswith("#") and len(lines) > 1 else lines[0],
+    )
+    plain = re.sub(r":\w+", "", header.lower().replace('"', ""))
+    for columns, (what, remedy) in _OTHERS.items():
+        if (stated or "~" in plain) and re.match(columns, plain):
+            refuse(path, f"{what} (columns {header[:60]})", remedy)
+
+
 def read(path: Path, lines: Sequence[str], hints: Hints) -> Stated:
     """Read a file of curves or of realisations.
 

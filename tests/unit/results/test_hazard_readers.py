@@ -391,3 +391,26 @@ def test_a_folder_skips_what_is_no_hazard_and_says_if_nothing_is(tmp_path):
         read_hazard(tmp_path)
     openquake(tmp_path / "mean.csv", (10.0, 45.0))
     assert len(read_hazard(tmp_path)) == 1
+
+
+OQ = "#,,\"generated_by='OpenQuake engine 3.26.2', kind='mean', investigation_time=50.0\"\n"
+
+
+@pytest.mark.parametrize(
+    ("content", "what"),
+    [
+        ("imt,iml,poe,mag,dist,mean\nPGA,.2,.1,5.5,5,.04\n", "is a disaggregation"),
+        ("imt,iml,poe,trt,mag,dist,rlz0\nPGA,.2,.1,A,5.5,5,.04\n", "is a disaggregation"),
+        ("lon,lat,PGA-0.1,PGA-0.02\n.5,-.5,.11,.19\n", "is a hazard map"),
+        ("lon:float32,lat:float32,SA(0.2)-0.002105\n.5,-.5,.11\n", "is a hazard map"),
+        ("lon,lat,0.100000~PGA,0.100000~SA(0.2)\n.5,-.5,.11,.2\n", "holds uniform hazard spectra"),
+        ("event_id,gmv_PGA,custom_site_id\n1,.2,a\n", "is part of a set of events"),
+        ("rup_id,source_id,mag\n1,2,6.5\n", "is part of a set of events"),
+        ("custom_site_id,lon,lat\na,.5,.5\n", "lists sites"),
+    ],
+)
+def test_what_else_the_engine_writes_is_refused_by_name(tmp_path, content, what):
+    file = tmp_path / "output.csv"
+    file.write_text(OQ + content)
+    with pytest.raises(InputError, match=what):
+        read_hazard(file)

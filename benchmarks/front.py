@@ -2,9 +2,9 @@
 
     make demo && .venv/bin/python benchmarks/front.py [JOBS [SHORT_JOBS]]
 
-Writes docs/accuracy.md and its figure. The same jobs on a block, a prism, the demo's scanned rock and a rock on three
-feet, by the presets of both engines, in turns; SHORT_JOBS of the records' strong parts on the scanned rock, which tell
-small leans; and the cases with exact answers. About half an hour for 100 and 2000 jobs on two cores.
+Writes benchmarks/reports/accuracy.md and its figure. The same jobs on a block, a prism, the demo's scanned rock and a
+rock on three feet, by the presets of both engines, in turns; SHORT_JOBS of the records' strong parts on the
+scanned rock, which tell small leans; and the cases with exact answers. About half an hour for 100 and 2000 jobs on two cores.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import tempfile
 import time
 from collections.abc import Iterable
 from dataclasses import replace
+from datetime import date
 from pathlib import Path
 from textwrap import fill
 
@@ -38,7 +39,7 @@ from toppling.results.drawing.style import save
 from toppling.workers.options import PHYSICS_VERSION
 
 ROOT = Path(__file__).parent.parent
-PAGE, FIGURE = ROOT / "docs" / "accuracy.md", ROOT / "docs" / "figures" / "front"
+PAGE, FIGURE = ROOT / "benchmarks" / "reports" / "accuracy.md", ROOT / "benchmarks" / "reports" / "front"
 LEVELS = (-0.3, 1.6)
 """Logarithm of the jobs' PGA over the least static toppling acceleration of the rock, drawn uniformly."""
 
@@ -190,7 +191,8 @@ def main() -> None:
     parts = [
         "# Accuracy and cost\n",
         fill(
-            f"Written by `benchmarks/front.py` with physics version {PHYSICS_VERSION}; do not edit. The presets of "
+            f"Written by `benchmarks/front.py`, {date.today():%B %Y}, physics version "
+            f"{PHYSICS_VERSION}; do not edit. The presets of "
             f"both engines shake each body with the same {count} jobs (any record of the demo's ensemble, any "
             "azimuth, levels from .7 to 5 times the least static toppling acceleration). The tables give, "
             "relative to Bullet's `reference`, the shift of the PGA at which half topple, of the share that "
@@ -229,7 +231,7 @@ def main() -> None:
         parts += [
             f"## {short} short jobs\n",
             "The demo's rock under the records' strong parts (5 to 75 % of the Arias intensity), against `standard`.\n",
-            "![Shift of the answers against cost](figures/front.png)\n",
+            "![Shift of the answers against cost](front.png)\n",
             *rows_of(table, "standard"),
             "",
         ]

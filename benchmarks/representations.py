@@ -1,6 +1,6 @@
 """What a rock's contact could be made of in Bullet: thresholds of a bare loop over each, against the exact integrator.
 
-`benchmarks/front.py` puts the table into docs/accuracy.md.
+`benchmarks/front.py` puts the table into benchmarks/reports/accuracy.md.
 """
 
 from __future__ import annotations

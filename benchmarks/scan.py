@@ -1,6 +1,6 @@
 """What a scan costs and how right it is: time and memory by number of points, errors and toppling answers by shape.
 
-Puts its tables into docs/scan.md.
+Puts its tables into benchmarks/reports/scan.md.
 
     .venv/bin/python benchmarks/scan.py accuracy [--shape NAME ...] [--scans FOLDER]
     .venv/bin/python benchmarks/scan.py blind [--first 101] [--count 16]
@@ -47,7 +47,7 @@ from toppling.orchestrator.stands import settling
 from toppling.orchestrator.studies.accuracy import Job, Setting, answers, draw_jobs
 from toppling.workers.options import PRESETS
 
-PAGE = Path(__file__).parent.parent / "docs" / "scan.md"
+PAGE = Path(__file__).parent / "reports" / "scan.md"
 AZIMUTHS_DEG = np.arange(0.0, 360.0, 10.0)
 FAST, DRAFT = (Setting(PRESETS[name]) for name in ("fast", "draft"))
 LIMIT_S, LIMIT_GB = 70.0, 2.5

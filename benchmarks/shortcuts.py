@@ -2,9 +2,10 @@
 
     make demo && .venv/bin/python benchmarks/shortcuts.py [JOBS_OF_EACH_ROCK]
 
-Writes docs/shortcuts.md. Jobs: blocks, turned against the axes and on a slope too, the demo's scanned rock, and a rock
-that falls from facet to facet; any record of the demo's ensemble, level and azimuth, preset `fast`. The floor is the
-same without shortcuts from a start disturbed by a millionth of the height. A job whose answer a shortcut changes is
+Writes benchmarks/reports/shortcuts.md. Jobs: blocks, turned against the axes and on a slope too, the demo's scanned
+rock, and a rock that falls from facet to facet; any record of the demo's ensemble, level and azimuth, preset `fast`.
+The floor is the same without shortcuts from a start disturbed by a millionth of the height. A job whose answer a
+shortcut changes is
 shaken without shortcuts from 24 such starts: where none of them changes the answer, the job was not near its
 threshold. Answers are kept in runs/shortcuts and not computed again.
 """
@@ -12,6 +13,7 @@ threshold. Answers are kept in runs/shortcuts and not computed again.
 import sys
 from collections.abc import Callable
 from dataclasses import replace
+from datetime import date
 from functools import partial
 from pathlib import Path
 
@@ -28,7 +30,11 @@ from toppling.orchestrator.studies.accuracy import Job, Setting, answers, draw_j
 from toppling.workers.options import PHYSICS_VERSION, PRESETS
 
 ROOT = Path(__file__).parent.parent
-PAGE, ENSEMBLE, SCANNED = ROOT / "docs" / "shortcuts.md", ROOT / "demo" / "ensemble", ROOT / "demo" / "scene"
+PAGE, ENSEMBLE, SCANNED = (
+    Path(__file__).parent / "reports" / "shortcuts.md",
+    ROOT / "demo" / "ensemble",
+    ROOT / "demo" / "scene",
+)
 KEPT = ROOT / "runs" / "shortcuts"
 BLOCKS = (
     ((0.2, 0.2, 0.6), 5.0, 0.0),
@@ -121,7 +127,7 @@ def page(rows: pd.DataFrame) -> str:
     lines = [
         "# What the shortcuts change and save",
         "",
-        "Written by `benchmarks/shortcuts.py`; do not edit.",
+        f"Written by `benchmarks/shortcuts.py`, {date.today():%B %Y}; do not edit.",
         "",
         f"{len(rows)} random jobs, equally many on each of: blocks (half sizes, turn and slope: "
         + "; ".join(f"{size} m, {turn:g}°, {slope:g}°" for size, turn, slope in BLOCKS)

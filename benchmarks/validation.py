@@ -3,7 +3,7 @@
     .venv/bin/python benchmarks/validation.py FOLDER --mesh sp1.ply --outcome sp1_overturned [--draws 12]
 
 Every variant shakes all tests on draws of the same bases and of all else that nobody measured. Puts its table into
-docs/validation.md.
+benchmarks/reports/validation.md.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from toppling.orchestrator.cluster import local
 from toppling.orchestrator.studies.validation import Shaken, Wanted, ensemble_of, shake_tests, specimen
 from toppling.results.validation import learnt, scores, share
 
-PAGE = Path(__file__).parent.parent / "docs" / "validation.md"
+PAGE = Path(__file__).parent / "reports" / "validation.md"
 MEASURES = ("accuracy", "balanced_accuracy", "brier", "calibration_slope")
 
 

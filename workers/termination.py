@@ -1,7 +1,7 @@
 """When the answer to a shake is certain: an ordered list of rules, each a pure function of what was observed.
 
 On ground at rest that is a matter of energy, which does not grow. On ground that still moves weakly it is measured
-(docs/shortcuts.md), not proven: a motion in step with the rocking might feed it.
+(benchmarks/reports/shortcuts.md), not proven: a motion in step with the rocking might feed it.
 """
 
 from __future__ import annotations

@@ -32,7 +32,7 @@ BESIDE_BAND_PER_HEIGHT = 0.1
 """Points this far above or below the interface are enough to fit it anew."""
 
 # What all realisations share, half samples cannot tell: the reconstruction rounds edges off and smooths the hidden
-# base. Errors against known rocks bound it (docs/scan.md): seven virtual shapes and two scans of others.
+# base. Errors against known rocks bound it (benchmarks/reports/scan.md): seven virtual shapes and two scans of others.
 COM_BIAS_PER_HEIGHT = 0.001
 VOLUME_BIAS_SHARE = 0.003
 INERTIA_BIAS_SHARE = 0.003

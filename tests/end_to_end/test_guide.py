@@ -301,7 +301,11 @@ def test_each_page_of_the_guide_is_in_its_list_and_in_the_site():
         assert f"guide/{page.name}" in site
 
 
-@pytest.mark.parametrize("page", [*PAGES, *sorted((ROOT / "docs").glob("*.md"))], ids=lambda page: page.stem)
+@pytest.mark.parametrize(
+    "page",
+    [*PAGES, *sorted((ROOT / "docs").glob("*.md")), *sorted((ROOT / "benchmarks" / "reports").glob("*.md"))],
+    ids=lambda page: f"{page.parent.name}-{page.stem}",
+)
 def test_links_lead_to_pages_and_sections_that_are_there(page):
     def anchors(path):
         heads = re.findall(r"^#+ (.*)$", path.read_text(), re.M)

@@ -6,11 +6,12 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
 README = (ROOT / "README.md").read_text()
+REPORTS = ROOT / "benchmarks" / "reports"
 
 
 def column(page, name):
-    """Numbers of one column of all tables of a page that have it, by the beginning of the column's name."""
-    text = (ROOT / "docs" / page).read_text()
+    """Numbers of one column of all tables of a report that have it, by the beginning of the column's name."""
+    text = (REPORTS / page).read_text()
     heads = list(re.finditer(rf"^\|.*\| {name}.*$", text, re.M))
     assert heads, f"{page} has no table with a column '{name}'"
     cells = []
@@ -28,9 +29,7 @@ def stated(words):
 
 
 def test_thresholds_are_as_near_the_exact_ones_as_readme_says():
-    (row,) = re.findall(
-        r"^\| overturning threshold \|(.*)$", (ROOT / "docs" / "accuracy.md").read_text(), re.M
-    )
+    (row,) = re.findall(r"^\| overturning threshold \|(.*)$", (REPORTS / "accuracy.md").read_text(), re.M)
     found = [float(cell.strip().split()[0]) for cell in row.split("|")[:3]]
     assert max(found) <= stated(r"are met within ([\d.]+) %")
 

@@ -3,8 +3,8 @@
     make demo && .venv/bin/python benchmarks/front.py [JOBS [SHORT_JOBS]]
 
 Writes benchmarks/reports/accuracy.md and its figure. The same jobs on a block, a prism, the demo's scanned rock and a
-rock on three feet, by the presets of both engines, in turns; SHORT_JOBS of the records' strong parts on the
-scanned rock, which tell small leans; and the cases with exact answers. About half an hour for 100 and 2000 jobs on two cores.
+rock on three feet, by the presets of both engines, in turns; SHORT_JOBS of the records' strong parts on the scanned
+rock, which show a small bias; and the cases with exact answers. About half an hour for 100 and 2000 jobs on two cores.
 """
 
 from __future__ import annotations

@@ -5,9 +5,8 @@
 Writes benchmarks/reports/shortcuts.md. Jobs: blocks, turned against the axes and on a slope too, the demo's scanned
 rock, and a rock that falls from facet to facet; any record of the demo's ensemble, level and azimuth, preset `fast`.
 The floor is the same without shortcuts from a start disturbed by a millionth of the height. A job whose answer a
-shortcut changes is
-shaken without shortcuts from 24 such starts: where none of them changes the answer, the job was not near its
-threshold. Answers are kept in runs/shortcuts and not computed again.
+shortcut changes is shaken without shortcuts from 24 such starts: where none of them changes the answer, the job was not
+near its threshold. Answers are kept in runs/shortcuts and not computed again.
 """
 
 import sys

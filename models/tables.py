@@ -68,7 +68,7 @@ def read_table(path: Path, *, required: bool = False, **how: Any) -> pa.Table:
             return pq.read_table(path, page_checksum_verification=True, **how)
         # Arrow's data sets, which take columns and schemas, bring pandas along: 45 MB of a worker.
         with pq.ParquetFile(path, page_checksum_verification=True) as file:
-            return file.read()
+            return file.read().replace_schema_metadata(file.schema_arrow.metadata)
     except (FileNotFoundError, InputError):
         raise  # such as a part that was merged meanwhile
     except (pa.ArrowException, OSError, ValueError) as error:

@@ -111,7 +111,7 @@ KEYS = (
     Key("preset", word(PRESETS), f"one of {', '.join(PRESETS)}", "how finely each shake is resolved", "standard",
         "'standard'", '"fast"'),
     Key("engine", word(ENGINES), f"one of {', '.join(ENGINES)}",
-        "physics engine (mujoco: one coefficient of friction, no rebound)", DEFAULT, repr(DEFAULT), '"mujoco"'),
+        "physics engine", DEFAULT, repr(DEFAULT), f'"{[*ENGINES][-1]}"'),
     Key("records", texts, "a list of record ids",
         "some of the ensemble's records", None, "all", '["..."]'),
     Key("audit", _count(0),

@@ -73,6 +73,23 @@ def new_folder(target: Path) -> Iterator[Path]:
 
 
 @contextmanager
+def replaced_folder(target: Path) -> Iterator[Path]:
+    """A folder to write into, which takes the place of another one when all is written."""
+    former = target.with_name(f".{target.name}.{os.getpid()}.former")
+    fresh = target.with_name(f".{target.name}.{os.getpid()}.new")
+    with new_folder(fresh) as staging:
+        yield staging
+    try:
+        target.rename(former)
+        fresh.rename(target)
+    finally:
+        if not target.exists() and former.exists():
+            former.rename(target)
+        shutil.rmtree(former, ignore_errors=True)
+        shutil.rmtree(fresh, ignore_errors=True)
+
+
+@contextmanager
 def new_file(target: Path) -> Iterator[Path]:
     """A path to write a file to, which takes its name, and the place of a former one, when all is on the disk.
 

@@ -86,7 +86,12 @@ class Inspection:
         return replace(self, touching_m=self.touching_m - shift_m, open_m=self.open_m - shift_m)
 
 
-def inspection_of(contact: str | Path | None = None, pulls: Sequence[Sequence[float]] = ()) -> Inspection:
+def inspection_of(
+    contact: str | Path | None = None,
+    pulls: Sequence[Sequence[float]] = (),
+    touching_m: Sequence[Sequence[float]] = (),
+    open_m: Sequence[Sequence[float]] = (),
+) -> Inspection:
     """Inspection from the command line's options.
 
     Parameters
@@ -94,6 +99,8 @@ def inspection_of(contact: str | Path | None = None, pulls: Sequence[Sequence[fl
     contact : path, optional
         File with a place a line: x, y, z and `touch` or `daylight`; a line of column names may come first.
     pulls : sequence of (azimuth_deg, ratio)
+    touching_m, open_m : sequences of (x, y, z)
+        Further places, survey coordinates.
 
     Raises
     ------
@@ -110,7 +117,18 @@ def inspection_of(contact: str | Path | None = None, pulls: Sequence[Sequence[fl
                 remedy="write it like --pull 135 0.32; of a tilt test the ratio is the tangent of the angle",
             )
     measured = tuple((float(azimuth), float(ratio)) for azimuth, ratio in pulls)
-    return Inspection(pulls=measured) if contact is None else replace(_places(Path(contact)), pulls=measured)
+    touching, free = (np.array(places, float).reshape(-1, 3) for places in (touching_m, open_m))
+    if contact is None:
+        return Inspection(touching, free, pulls=measured, file="--touch and --daylight")
+    of_file = _places(Path(contact))
+    if not len(touching) + len(free):
+        return replace(of_file, pulls=measured)
+    return Inspection(
+        np.vstack([of_file.touching_m, touching]),
+        np.vstack([of_file.open_m, free]),
+        measured,
+        of_file.file,
+    )
 
 
 def _places(path: Path) -> Inspection:

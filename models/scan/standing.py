@@ -35,6 +35,7 @@ def base_unseen(
     core: float,
     com_std_m: list[float] | None,
     inspection: Inspection,
+    unaided: list[dict[str, float]] | None = None,
 ) -> tuple[UnseenBase | None, dict[str, Any]]:
     """Draw the base, and choose the draw on which the scene itself stands.
 
@@ -44,12 +45,11 @@ def base_unseen(
     interface : Interface
     closed : ClosedRock
         Closed smoothly, whatever stands on it.
-    core : float
-        Of the feet of that closing.
+    core : float, of the feet of that closing
     com_std_m : list of float or None
         Spread of the centre of mass over half samples, if they were drawn.
-    inspection : Inspection
-        In the scene's frame.
+    inspection, unaided : Inspection, optional list of dict
+        In the scene's frame; the intervals without it, if they are known.
 
     Returns
     -------
@@ -75,7 +75,7 @@ def base_unseen(
         return None, report | {"contradiction": f"{error.what}; {error.remedy}"}
     report |= intervals(drawn, interface)
     if not inspection.says_nothing or (observed.hint is not None and observed.hint.encloses):
-        report["without_inspection"] = _unaided(observed, interface, closed, smooth, std_m)
+        report["without_inspection"] = unaided or _unaided(observed, interface, closed, smooth, std_m)
     unseen = unseen_base(drawn, closed.rock, interface, observed.height_m)
     number, at_rest = None, True  # as the user says where it rests: flat, within the outline
     if observed.hint is None or not observed.hint.encloses or not inspection.says_nothing:

@@ -1,6 +1,5 @@
 """From clouds to a scene: the whole way of `toppling scan`."""
 
-import dataclasses
 import os
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -29,15 +28,15 @@ from toppling.models.scan.measure import (
     close_standing,
     confidence,
     outside_support_m,
-    slenderness,
     uncertainty,
 )
 from toppling.models.scan.overlap import check_overlap
 from toppling.models.scan.read import Cloud
 from toppling.models.scan.register import check_fit, register
 from toppling.models.scan.segment import NEITHER, PEDESTAL, ROCK, Segmentation, label_surfels, segment
-from toppling.models.scan.standing import base_unseen, check_inspection
+from toppling.models.scan.standing import check_inspection
 from toppling.models.scan.steps import step_note
+from toppling.models.scan.worked_out import KEPT, WorkedOut
 from toppling.models.scene import Scene
 
 Progress = Callable[[str], None]
@@ -66,11 +65,14 @@ class Survey:
         Per point of the cloud: 0 rock, 1 pedestal, 2 neither.
     notes : tuple of str
         What the user should know of the clouds: units that were converted, points left out, coarse steps, a size.
+    worked_out : WorkedOut or None
+        What is kept for hints that come later.
     """
 
     scene: Scene
     label: NDArray[np.int8]
     notes: tuple[str, ...] = ()
+    worked_out: WorkedOut | None = None
 
 
 def survey(
@@ -103,36 +105,52 @@ def survey(
         If the cloud shows no rock that stands on a pedestal, one that hangs below its base, or one of a size that no
         rock has; or what the user says of the base contradicts it.
     """
+    result, label, notes = work_out(cloud, progress, near_m, hint, bootstrap, inspection)
+    progress("drawing the hidden base")
+    scene, kept = result.scene()
+    return Survey(scene, label, notes, kept)
+
+
+def work_out(
+    cloud: Cloud,
+    progress: Progress = lambda _: None,
+    near_m: tuple[float, float] | None = None,
+    hint: InterfaceHint | None = None,
+    bootstrap: int = 0,
+    inspection: Inspection | None = None,
+) -> tuple[WorkedOut, NDArray[np.int8], tuple[str, ...]]:
+    """Everything of :func:`survey` but the hidden base, the label of each point, and notes."""
     progress("registering stations")
+    bounds = np.vstack([cloud.points_m.min(axis=0), cloud.points_m.max(axis=0)]) + cloud.origin_m
     near = None if near_m is None else _inside_cloud(near_m, cloud)
     cloud, registration, hint = _registered(cloud, hint, inspection)
     progress("splitting rock from pedestal")
     parts = segment(cloud.points_m, cloud.origin_m, near, hint)
     progress("fitting the interface")
     observed, label, interface = _classified(cloud, parts, hint)
-    known = _checked(observed, interface, (inspection or Inspection()).moved(cloud.origin_m))
+    inspection = inspection or Inspection()
+    _check_sense(observed, interface, inspection.moved(cloud.origin_m))
     progress("closing the rock")
     closed, core = close_standing(observed, interface)
     doubted = _checked_doubts(observed, interface, closed, cloud, label)
     resampling = partial(progress, "resampling")
     spread = uncertainty(observed, interface, core, closed.invented_share, bootstrap, resampling)
-    progress("drawing the hidden base")
-    unseen, standing = base_unseen(observed, interface, closed, core, spread.get("com_std_m"), known)
     progress("meshing the pedestal")
     pedestal = label_surfels(parts.surfels, cloud.points_m, label) == PEDESTAL
     ground = pedestal_ground(parts.surfels, pedestal, closed.rock, interface)
-    scene = Scene(closed.rock, ground.pedestal, origin_m=cloud.origin_m, unseen=unseen)
     report = {
-        **_surface_report(closed, interface, hint, ground, scene),
+        **_surface_report(closed, interface, hint, ground),
         **({"not_free": {each.kind: each.sentence for each in doubted}} if doubted else {}),
-        "unseen_base": standing,
         "segmentation": _segmentation_report(parts, observed, label, interface),
         "pedestal": kept_of(ground, cloud.points_m[_at_most(np.flatnonzero(label == PEDESTAL))], interface),
         "registration": registration,
         "files": _files(cloud),
     } | ({"uncertainty": spread} if spread else {})
-    notes = _notes(cloud, observed.height_m, scene.rock.volume_m3, doubted)
-    return Survey(dataclasses.replace(scene, report=report), label, notes)
+    notes = _notes(cloud, observed.height_m, closed.rock.volume_m3, doubted)
+    kept = WorkedOut(
+        observed, interface, closed, core, ground.pedestal, cloud.origin_m, bounds, report, inspection
+    )
+    return kept, label, notes
 
 
 def _registered(
@@ -151,12 +169,11 @@ def _registered(
     return cloud, registration, hint
 
 
-def _checked(observed: ObservedRock, interface: Interface, inspection: Inspection) -> Inspection:
-    """An inspection, if it and what was seen of the rock make sense together."""
+def _check_sense(observed: ObservedRock, interface: Interface, inspection: Inspection) -> None:
+    """Refuse what the user knows of the base (scene frame) where what was seen contradicts it."""
     check_size(observed.height_m, "units")
     check_above(observed, interface)
     check_inspection(observed, interface, inspection)
-    return inspection
 
 
 def _checked_doubts(
@@ -182,7 +199,7 @@ def _notes(cloud: Cloud, height_m: float, volume_m3: float, doubted: list[Doubt]
 
 
 def _surface_report(
-    closed: ClosedRock, interface: Interface, hint: InterfaceHint | None, ground: Ground, scene: Scene
+    closed: ClosedRock, interface: Interface, hint: InterfaceHint | None, ground: Ground
 ) -> dict[str, Any]:
     return {
         "interface": {
@@ -196,7 +213,6 @@ def _surface_report(
             "closed_share": closed.closed_share,
             "invented_share": closed.invented_share,
         },
-        "slenderness": slenderness(scene),
     }
 
 
@@ -324,5 +340,7 @@ def save_survey(
     with new_folder(target) as staging:
         result.scene.write_into(staging)
         np.savez_compressed(staging / "labels.npz", label=result.label)
+        if result.worked_out is not None:
+            result.worked_out.write(staging / KEPT)
         also(staging)
     return target

@@ -42,6 +42,8 @@ def scan(
     points: Sequence[tuple[float, ...]] = (),
     outline: str | Path | None = None,
     contact: str | Path | None = None,
+    touching: Sequence[tuple[float, ...]] = (),
+    daylight: Sequence[tuple[float, ...]] = (),
     pulls: Sequence[tuple[float, float]] = (),
     bootstrap: int = REALISATIONS,
     advance: Callable[..., None] = unseen,
@@ -54,7 +56,7 @@ def scan(
         Stations of one survey.
     out : path
         The scene's folder, which must not exist.
-    units, near, plane, points, outline, contact, pulls, bootstrap
+    units, near, plane, points, outline, contact, touching, daylight, pulls, bootstrap
         As the options of `toppling scan`: lengths in metres, angles in degrees, survey coordinates.
     advance : callable
         Called with (1, what) at each stage.
@@ -64,18 +66,17 @@ def scan(
     InputError
         If the folder exists, a file cannot be read, or no rock is found in the clouds.
     """
-    from toppling.models.intervals import base_sentences
+    from toppling.models.scan.hints_file import HINTS, write_hints
     from toppling.models.scan.inspection import inspection_of
     from toppling.models.scan.interface_hint import hint_of
     from toppling.models.scan.measure import invention_warning
     from toppling.models.scan.read import read_clouds
     from toppling.models.scan.survey import save_survey, survey
-    from toppling.orchestrator.settling_told import draw_settling, settling_notes
-    from toppling.results.drawing.scene import draw_scene
+    from toppling.orchestrator.public.scan_again import hints_said, pictured
 
-    clouds, folder, touching = tuple(map(Path, files)), Path(out), _path(contact)
+    clouds, folder, looked = tuple(map(Path, files)), Path(out), _path(contact)
     refuse_existing(folder)
-    inspection = inspection_of(touching, tuple(pulls))
+    inspection = inspection_of(looked, pulls, touching, daylight)
     hint = hint_of(plane, list(points), _path(outline))
     stage = partial(advance, 1)
 
@@ -84,12 +85,17 @@ def scan(
     try:
         result = survey(cloud, stage, near, hint, bootstrap, inspection)
     except InputError as error:
-        raise _in_files(error, clouds, touching) from None
+        raise _in_files(error, clouds, looked) from None
     advance(1, "letting the rock stand")
-    notes = settling_notes(result.scene) + base_sentences(result.scene.report)
+    draw, notes = pictured(result.scene)
     advance(1, "writing")
-    save_survey(result, folder, lambda place: draw_scene(result.scene, place / "scene.png", notes))
-    draw_settling(result.scene, folder / "settling.png")
+    said = hints_said({"units": units, "near": near, "plane": plane, "point": points}, inspection)
+
+    def also(place: Path) -> None:
+        write_hints(place / HINTS, said)
+        draw(place)
+
+    save_survey(result, folder, also)
     warning = invention_warning(result.scene)
     return Scanned(result.scene, folder, [*notes, *result.notes, *([warning] if warning else [])])
 

@@ -6,6 +6,8 @@ from typing import Any
 
 import click
 
+from toppling.models.bearings import azimuth_of
+from toppling.models.errors import InputError
 from toppling.orchestrator.spelling import OneOf
 from toppling.workers.options import PRESETS
 
@@ -14,6 +16,22 @@ FILE = click.Path(path_type=Path, dir_okay=False)
 FOLDER = click.Path(path_type=Path, file_okay=False)
 EXISTING_FILE = click.Path(path_type=Path, dir_okay=False, exists=True)
 EXISTING_FOLDER = click.Path(path_type=Path, file_okay=False, exists=True)
+
+
+class Azimuth(click.ParamType):
+    """An azimuth, degrees counter-clockwise from east, or a compass bearing."""
+
+    name = "azimuth"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """Read a value."""
+        try:
+            return azimuth_of(str(value))
+        except InputError as error:
+            self.fail(f"{error.what}; expected: {error.expected}.", param, ctx)
+
+
+AZIMUTH = Azimuth()
 
 _Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 

@@ -11,7 +11,7 @@ from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene
 from toppling.orchestrator.progress import bar
 from toppling.orchestrator.spelling import OneOf
-from toppling.orchestrator.verbs.options import folder_out, preset_option, scene_argument
+from toppling.orchestrator.verbs.options import AZIMUTH, folder_out, preset_option, scene_argument
 from toppling.orchestrator.verbs.replay import replay_of, write_out
 from toppling.results.friction import friction_words
 
@@ -38,10 +38,11 @@ SHAPES = ("sawtooth", "sine", "cosine", "ricker")
 )
 @click.option(
     "--azimuth",
-    type=float,
+    type=AZIMUTH,
     default=0.0,
     show_default=True,
-    help="Direction in which the ground moves first (Ricker: accelerates most), degrees counter-clockwise from east.",
+    help="Direction in which the ground moves first (Ricker: accelerates most), degrees counter-clockwise from east, "
+    "or a bearing such as N40E.",
 )
 @click.option("--friction", type=click.FloatRange(0, min_open=True), help="Default: the scene's own.")
 @preset_option

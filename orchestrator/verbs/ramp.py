@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 import click
 
 from toppling.orchestrator.verbs.options import (
+    AZIMUTH,
     ensemble_argument,
     folder_out,
     preset_option,
@@ -32,8 +33,9 @@ ABOVE_0 = click.FloatRange(0, min_open=True)
 )
 @click.option(
     "--azimuth",
-    type=float,
-    help="Of the motion, degrees counter-clockwise from x. Default: that at which the rock lifts first.",
+    type=AZIMUTH,
+    help="Of the motion, degrees counter-clockwise from x, or a bearing such as N40E. Default: that at which the rock "
+    "lifts first.",
 )
 @click.option("--start", type=ABOVE_0, default=0.981, show_default=True, help="First PGA, m/s2.")
 @click.option("--step", type=ABOVE_0, default=0.245, show_default=True, help="Step between levels, m/s2.")

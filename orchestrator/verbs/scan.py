@@ -2,15 +2,20 @@
 
 import json
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from toppling.models.errors import InputError
 from toppling.models.lengths import METRES
+from toppling.models.scan.hints_file import read_hints
 from toppling.models.scene import Scene
 from toppling.orchestrator.progress import bar
 from toppling.orchestrator.public import REALISATIONS
-from toppling.orchestrator.verbs.options import PATH, json_option
+from toppling.orchestrator.verbs.options import AZIMUTH, PATH, json_option
+
+if TYPE_CHECKING:
+    from toppling.orchestrator.public.making import Scanned
 
 LEAST_REALISATIONS = 3
 """Fewer give no spread."""
@@ -24,9 +29,18 @@ def _enough(_: click.Context, __: click.Parameter, realisations: int) -> int:
     return realisations
 
 
+def _place(_: click.Context, parameter: click.Parameter, words: tuple[str, ...]) -> list[tuple[float, ...]]:
+    return [_coordinates(word, f"--{parameter.name}") for word in words]
+
+
+def _hinted(context: click.Context, _: click.Parameter, file: Path | None) -> None:
+    if file is not None:
+        context.default_map = read_hints(file)
+
+
 @click.command()
-@click.argument("files", nargs=-1, required=True, type=PATH)
-@click.option("--out", required=True, type=PATH, help="Folder of the scene; must not exist.")
+@click.argument("files", nargs=-1, type=PATH)
+@click.option("--out", type=PATH, help="Folder of the scene; must not exist.")
 @click.option(
     "--units",
     type=click.Choice(list(METRES)),
@@ -41,15 +55,15 @@ def _enough(_: click.Context, __: click.Parameter, realisations: int) -> int:
 )
 @click.option(
     "--plane",
-    type=float,
-    nargs=5,
+    type=(float, float, float, float, AZIMUTH),
     metavar="X Y Z SLOPE AZIMUTH",
-    help="The measured interface: one of its points, its slope and the azimuth of its dip, degrees from east to north.",
+    help="The measured interface: one of its points, its slope and the azimuth of its dip, degrees from east to north "
+    "or a bearing such as N40E.",
 )
 @click.option(
     "--point",
-    "points",
     multiple=True,
+    callback=_place,
     metavar="X,Y,Z",
     help="A place where rock and pedestal meet, in survey coordinates; give three or more.",
 )
@@ -65,15 +79,32 @@ def _enough(_: click.Context, __: click.Parameter, realisations: int) -> int:
     metavar="FILE",
     help="CSV of places at the base: x,y,z,touch where rock and pedestal touch, x,y,z,daylight where light passes.",
 )
+@click.option("--touch", multiple=True, callback=_place, metavar="X,Y,Z", help="A place that touches.")
+@click.option(
+    "--daylight", multiple=True, callback=_place, metavar="X,Y,Z", help="A place where light passes."
+)
 @click.option(
     "--pull",
-    "pulls",
-    type=float,
-    nargs=2,
+    type=(AZIMUTH, float),
     multiple=True,
     metavar="AZIMUTH RATIO",
-    help="A pull or tilt test: the azimuth of the pull, 0 to 360 degrees counter-clockwise from east, and the largest "
-    "force that the rock bore, over its weight.",
+    help="A pull or tilt test: the azimuth of the pull, 0 to 360 degrees counter-clockwise from east or a bearing such "
+    "as N40E, and the largest force that the rock bore, over its weight.",
+)
+@click.option(
+    "--hints",
+    type=PATH,
+    metavar="FILE",
+    is_eager=True,
+    expose_value=False,
+    callback=_hinted,
+    help="hints.toml of an earlier scan; options given beside it win.",
+)
+@click.option(
+    "--again",
+    type=PATH,
+    metavar="SCENE",
+    help="Draw the base of a scanned scene anew, with other --contact, --touch, --daylight or --pull, in seconds.",
 )
 @click.option(
     "--bootstrap",
@@ -84,19 +115,7 @@ def _enough(_: click.Context, __: click.Parameter, realisations: int) -> int:
     help=f"Half samples for the uncertainty, at least {LEAST_REALISATIONS}; 0 for none.",
 )
 @json_option("Print the content of scene.json.")
-def scan(
-    files: tuple[Path, ...],
-    out: Path,
-    units: str | None,
-    near: tuple[float, float] | None,
-    plane: tuple[float, ...] | None,
-    points: tuple[str, ...],
-    outline: Path | None,
-    contact: Path | None,
-    pulls: tuple[tuple[float, float], ...],
-    bootstrap: int,
-    as_json: bool,
-) -> None:
+def scan(files: tuple[Path, ...], again: Path | None, as_json: bool, **given: Any) -> None:
     """Turn laser scans into a rock on its pedestal.
 
     FILES are stations of one survey: LAZ, LAS, PLY, PCD, XYZ, PTS, TXT, CSV or E57, z up, in the unit that they state,
@@ -104,25 +123,57 @@ def scan(
     --point or --outline.
 
     No laser sees the base of the rock. The command draws bases that are consistent with the scan and on which the rock
-    stands as scanned, and keeps them in the scene. --contact, --pull and --outline narrow them down.
+    stands as scanned, and keeps them in the scene. --contact, --touch, --daylight, --pull and --outline narrow them
+    down. What the scan has worked out is kept, so that a hint found later needs no clouds: --again draws the bases
+    anew, in place of the former ones or in the folder --out.
 
     \b
     toppling scan station1.laz station2.laz --out scenes/rock
     toppling scan cloud.e57 --out scenes/rock --point 331250.1,3777309.2,480.3 \\
         --point 331251.0,3777310.4,480.2 --point 331249.4,3777310.8,480.4
     toppling scan cloud.e57 --out scenes/rock --contact looked.csv --pull 135 0.32
+    toppling scan --again scenes/rock --pull N40E 0.21
     """
+    _check_usage(files, again, given)
+    if again is None:
+        made = _from_clouds(files, given)
+    else:
+        from toppling.orchestrator.public.scan_again import scan_again
+
+        with bar("scan again", 3) as advance:
+            made = scan_again(
+                again, given["out"], contact=given["contact"], touching=given["touch"], daylight=given["daylight"],
+                pulls=given["pull"], advance=advance,
+            )  # fmt: skip
+    click.echo(
+        json.dumps(made.scene.to_json(), allow_nan=False) if as_json else _told(made.scene, made.folder)
+    )
+    for note in made.notes:
+        click.echo(note, err=as_json)
+
+
+def _check_usage(files: tuple[Path, ...], again: Path | None, given: dict[str, Any]) -> None:
+    """Refuse options that do not go together."""
+    if again is None:
+        if not files:
+            raise click.UsageError("Missing argument 'FILES...'.")
+        if given["out"] is None:
+            raise click.UsageError("Missing option '--out'.")
+        return
+    if files:
+        raise click.UsageError("--again takes no FILES: it reads what the scan of the scene has kept.")
+    for name in ("units", "near", "plane", "point", "outline"):
+        if given[name]:
+            raise click.UsageError(f"--again draws the base only: --{name} needs a new scan of the clouds.")
+
+
+def _from_clouds(files: tuple[Path, ...], given: dict[str, Any]) -> "Scanned":
     from toppling.models.scan.survey import STAGES
     from toppling.orchestrator.public.making import scan as scanned
 
-    with bar("scan", STAGES + bootstrap + 3) as advance:
-        made = scanned(
-            files, out, units=units, near=near, plane=plane, points=[_coordinates(point) for point in points],
-            outline=outline, contact=contact, pulls=pulls, bootstrap=bootstrap, advance=advance,
-        )  # fmt: skip
-    click.echo(json.dumps(made.scene.to_json(), allow_nan=False) if as_json else _told(made.scene, out))
-    for note in made.notes:
-        click.echo(note, err=as_json)
+    given = given | {"points": given.pop("point"), "touching": given.pop("touch"), "pulls": given.pop("pull")}
+    with bar("scan", STAGES + given["bootstrap"] + 3) as advance:
+        return scanned(files, given.pop("out"), **given, advance=advance)
 
 
 def _told(scene: Scene, out: Path) -> str:
@@ -135,14 +186,14 @@ def _told(scene: Scene, out: Path) -> str:
     )
 
 
-def _coordinates(text: str) -> tuple[float, ...]:
+def _coordinates(text: str, where: str) -> tuple[float, ...]:
     try:
         x, y, z = (float(word) for word in text.replace(",", " ").split())
     except ValueError:
         raise InputError(
             f"'{text}' is not a place",
-            where="--point",
+            where=where,
             expected="three numbers: x,y,z in survey coordinates",
-            remedy="write it like --point 331250.1,3777309.2,480.3",
+            remedy=f"write it like {where} 331250.1,3777309.2,480.3",
         ) from None
     return x, y, z

@@ -14,6 +14,7 @@ from matplotlib.patheffects import Stroke, withStroke
 from matplotlib.projections.polar import PolarAxes
 
 from toppling.models.arrays import Array
+from toppling.models.bearings import WINDS
 from toppling.models.frames import compass_deg
 from toppling.models.scene import Scene
 from toppling.results.drawing.mesh import far_to_near, hidden, shades, surfaces_of, view_frame
@@ -34,25 +35,6 @@ SHADOW_COLOUR = "#f0dcc0"
 ON_SURFACE = 0.03
 """Of the rock's height: how far behind a surface a line may lie and still be on it."""
 POINTS_ON_LINE = 160
-
-_COMPASS = (
-    "N",
-    "NNE",
-    "NE",
-    "ENE",
-    "E",
-    "ESE",
-    "SE",
-    "SSE",
-    "S",
-    "SSW",
-    "SW",
-    "WSW",
-    "W",
-    "WNW",
-    "NW",
-    "NNW",
-)
 
 
 def draw_scene(scene: Scene, path: Path, notes: Sequence[str] = ()) -> None:
@@ -109,7 +91,7 @@ def wrapped(line: str) -> list[str]:
 
 def wind_of(azimuth_deg: float) -> str:
     """Nearest of the sixteen winds toward an azimuth (degrees counter-clockwise from east)."""
-    return _COMPASS[round(float(compass_deg(azimuth_deg)) / 22.5) % 16]
+    return WINDS[round(float(compass_deg(azimuth_deg)) / 22.5) % 16]
 
 
 def view_title(elevation_deg: float, azimuth_deg: float) -> str:

@@ -1,0 +1,213 @@
+"""What a scan has worked out, kept beside its scene: a hint on the base then draws it anew without the clouds."""
+
+import dataclasses
+import json
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from toppling.models import digest
+from toppling.models.arrays import Array
+from toppling.models.errors import InputError, refusals
+from toppling.models.pedestal import Pedestal
+from toppling.models.rock import Rock
+from toppling.models.scan.base import near_the_interface
+from toppling.models.scan.close import ClosedRock
+from toppling.models.scan.inspection import Inspection
+from toppling.models.scan.interface import Interface
+from toppling.models.scan.interface_hint import InterfaceHint
+from toppling.models.scan.measure import ObservedRock, slenderness
+from toppling.models.scan.standing import base_unseen, check_inspection
+from toppling.models.scan.surfels import Surfels
+from toppling.models.scene import Scene
+
+KEPT = "worked_out.npz"
+SCHEMA_VERSION = 1
+MOST_BYTES = 2 << 30
+"""Unpacked; a scan of 20 million points keeps less than a tenth of this."""
+
+DAMAGE = (
+    KeyError,
+    ValueError,
+    IndexError,
+    TypeError,
+    OSError,
+    EOFError,
+    zipfile.BadZipFile,
+    NotImplementedError,
+)
+"""What a file that is none of ours makes its readers raise."""
+
+_unusable = refusals(
+    expected=f"a scene of 'toppling scan' with its {KEPT}, as written",
+    remedy="scan the clouds again with the hint",
+)
+
+
+@dataclass(frozen=True, eq=False)
+class WorkedOut:
+    """Everything that a scan found out before the hidden base was drawn.
+
+    Parameters
+    ----------
+    observed : ObservedRock
+    interface : Interface
+    closed : ClosedRock
+    core : float
+        Of the feet of the smooth closing.
+    pedestal : Pedestal
+    origin_m : (3,) array
+    bounds_m : (2, 3) array
+        Lowest and highest survey coordinates of the clouds.
+    report : dict
+        Of the scene, without what depends on the base.
+    inspection : Inspection
+        What the user knows of the base, survey coordinates.
+    unaided : list of dict or None
+        Intervals of the toppling acceleration without that knowledge, once they are known.
+    """
+
+    observed: ObservedRock
+    interface: Interface
+    closed: ClosedRock
+    core: float
+    pedestal: Pedestal
+    origin_m: Array
+    bounds_m: Array
+    report: dict[str, Any]
+    inspection: Inspection
+    unaided: list[dict[str, float]] | None = None
+
+    def with_hints(self, given: Inspection) -> "WorkedOut":
+        """The same with other knowledge of the base: what is given replaces what was known of its kind."""
+        known = self.inspection
+        places = given if len(given.places_m) else known
+        return dataclasses.replace(
+            self, inspection=dataclasses.replace(places, pulls=given.pulls or known.pulls)
+        )
+
+    def scene(self) -> tuple[Scene, "WorkedOut"]:
+        """Draw the hidden base and make the scene; beside it the same with `unaided`, for the next hint.
+
+        Raises
+        ------
+        InputError
+            If the inspection contradicts what was seen.
+        """
+        self.inspection.check_inside(*self.bounds_m)
+        known = self.inspection.moved(self.origin_m)
+        check_inspection(self.observed, self.interface, known)
+        std_m = self.report.get("uncertainty", {}).get("com_std_m")
+        parts = (self.observed, self.interface, self.closed, self.core)
+        unseen, standing = base_unseen(*parts, std_m, known, self.unaided)
+        scene = Scene(self.closed.rock, self.pedestal, origin_m=self.origin_m, unseen=unseen)
+        report = {**self.report, "slenderness": slenderness(scene), "unseen_base": standing}
+        unaided = standing.get("without_inspection", standing.get("toppling"))
+        return dataclasses.replace(scene, report=report), dataclasses.replace(self, unaided=unaided)
+
+    def write(self, path: Path) -> None:
+        """Write the file, with its digest."""
+        np.savez(path, told=np.array(json.dumps(self._told())), **self._arrays())
+        with zipfile.ZipFile(path, "a") as archive:
+            archive.comment = digest.BLANK.encode()
+        digest.seal(path)
+
+    def _told(self) -> dict[str, Any]:
+        observed, hint = self.observed, self.observed.hint
+        return {
+            "schema_version": SCHEMA_VERSION,
+            "voxel_m": observed.surfels.voxel_m,
+            "height_m": observed.height_m,
+            "roughness_m": self.interface.roughness_m,
+            "shares": [self.closed.seen_share, self.closed.closed_share, self.closed.invented_share],
+            "core": self.core,
+            "hint": None if hint is None else [hint.kind, hint.encloses],
+            "pulls": self.inspection.pulls,
+            "surface": not self.pedestal.is_plane,
+            "report": self.report,
+            "unaided": self.unaided,
+        }
+
+    def _arrays(self) -> dict[str, Any]:
+        observed, hint, rock, ground = self.observed, self.observed.hint, self.closed.rock, self.pedestal
+        surfels = observed.surfels
+        arrays: dict[str, Any] = {
+            "rock_points": observed.rock_m,
+            "pedestal_points": observed.pedestal_m,
+            "surfels": np.column_stack([surfels.points_m, surfels.normals, surfels.roughness]),
+            "patches": observed.patches,
+            "plane": np.vstack([self.interface.point_m, self.interface.normal, self.interface.axes]),
+            "anchors": np.zeros((0, 3)) if hint is None else hint.anchors_m,
+            "rock_vertices": rock.vertices_m,
+            "rock_faces": rock.faces,
+            "pedestal_plane": np.vstack([ground.point_m, ground.normal]),
+            "bounds": np.vstack([self.origin_m, self.bounds_m]),
+            "touching": self.inspection.touching_m,
+            "open": self.inspection.open_m,
+        }
+        if ground.vertices_m is not None and ground.faces is not None:
+            arrays |= {"pedestal_vertices": ground.vertices_m, "pedestal_faces": ground.faces}
+        return arrays
+
+    @classmethod
+    def read(cls, scene: Path) -> "WorkedOut":
+        """Read what the scan of a scene's folder has worked out.
+
+        Raises
+        ------
+        InputError
+            If the folder keeps nothing of a scan, or the file is damaged or of another version.
+        """
+        path = scene / KEPT
+        if not path.is_file():
+            raise _unusable(f"keeps no {KEPT}", scene)
+        digest.check(path, required=True)
+        try:
+            with zipfile.ZipFile(path) as archive:
+                if sum(each.file_size for each in archive.infolist()) > MOST_BYTES:
+                    raise _unusable(f"would unpack to more than {MOST_BYTES >> 30} GB", path)
+            with np.load(path, allow_pickle=False) as kept:
+                arrays = {name: kept[name] for name in kept.files}
+            told = json.loads(str(arrays["told"]))
+            if told["schema_version"] != SCHEMA_VERSION:
+                raise _unusable(f"is of schema version {told['schema_version']}", path)
+            return cls._of(arrays, told)
+        except InputError:
+            raise
+        except DAMAGE as error:
+            raise _unusable(f"cannot be read ({type(error).__name__}: {error})", path) from error
+
+    @classmethod
+    def _of(cls, arrays: dict[str, Any], told: dict[str, Any]) -> "WorkedOut":
+        plane, surfels, bounds = arrays["plane"], arrays["surfels"], arrays["bounds"]
+        interface = Interface(plane[0], plane[1], plane[2:], told["roughness_m"])
+        hint = None
+        if told["hint"] is not None:
+            kind, encloses = told["hint"]
+            hint = InterfaceHint(interface, arrays["anchors"], encloses, kind)
+        rock_m, pedestal_m, height = arrays["rock_points"], arrays["pedestal_points"], told["height_m"]
+        low, lit = near_the_interface(interface.flat(rock_m), interface.flat(pedestal_m), height)
+        patches = Surfels(surfels[:, :3], surfels[:, 3:6], surfels[:, 6], told["voxel_m"])
+        observed = ObservedRock(
+            rock_m, pedestal_m, rock_m[low], pedestal_m[lit], patches, arrays["patches"], height, hint
+        )
+        rock = Rock.from_triangles(arrays["rock_vertices"], arrays["rock_faces"], where=KEPT)
+        surface = (arrays["pedestal_vertices"], arrays["pedestal_faces"]) if told["surface"] else (None, None)
+        inspection = Inspection(
+            arrays["touching"], arrays["open"], tuple((float(a), float(r)) for a, r in told["pulls"])
+        )
+        return cls(
+            observed=observed,
+            interface=interface,
+            closed=ClosedRock(rock, *told["shares"]),
+            core=told["core"],
+            pedestal=Pedestal(*arrays["pedestal_plane"], *surface),
+            origin_m=bounds[0],
+            bounds_m=bounds[1:],
+            report=told["report"],
+            inspection=inspection,
+            unaided=told["unaided"],
+        )

@@ -72,7 +72,7 @@ def scan(
     from toppling.models.scan.measure import invention_warning
     from toppling.models.scan.read import read_clouds
     from toppling.models.scan.survey import save_survey, survey
-    from toppling.orchestrator.public.scan_again import hints_said, pictured
+    from toppling.orchestrator.public.scan_files import hints_said, pictured
 
     clouds, folder, looked = tuple(map(Path, files)), Path(out), _path(contact)
     refuse_existing(folder)

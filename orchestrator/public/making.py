@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
@@ -12,6 +13,9 @@ from toppling.models.folder import refuse_existing
 from toppling.models.scene import Scene
 from toppling.orchestrator.public import REALISATIONS, unseen
 from toppling.orchestrator.studies.seismograms import Verdict, judged, neighbouring_factors, read_seismograms
+
+if TYPE_CHECKING:
+    from toppling.models.scan.survey import Survey
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,13 +70,11 @@ def scan(
     InputError
         If the folder exists, a file cannot be read, or no rock is found in the clouds.
     """
-    from toppling.models.scan.hints_file import HINTS, write_hints
     from toppling.models.scan.inspection import inspection_of
     from toppling.models.scan.interface_hint import hint_of
-    from toppling.models.scan.measure import invention_warning
     from toppling.models.scan.read import read_clouds
-    from toppling.models.scan.survey import save_survey, survey
-    from toppling.orchestrator.public.scan_files import hints_said, pictured
+    from toppling.models.scan.survey import survey
+    from toppling.orchestrator.public.scan_files import hints_said
 
     clouds, folder, looked = tuple(map(Path, files)), Path(out), _path(contact)
     refuse_existing(folder)
@@ -87,9 +89,19 @@ def scan(
     except InputError as error:
         raise _in_files(error, clouds, looked) from None
     advance(1, "letting the rock stand")
+    said = hints_said({"units": units, "near": near, "plane": plane, "point": points}, inspection)
+    return Scanned(result.scene, folder, _written(result, folder, said, advance))
+
+
+def _written(result: "Survey", folder: Path, said: dict[str, Any], advance: Callable[..., None]) -> list[str]:
+    """Write what a scan became, with its pictures and the hints that it was given; what is said of it."""
+    from toppling.models.scan.hints_file import HINTS, write_hints
+    from toppling.models.scan.measure import invention_warning
+    from toppling.models.scan.survey import save_survey
+    from toppling.orchestrator.public.scan_files import pictured
+
     draw, notes = pictured(result.scene)
     advance(1, "writing")
-    said = hints_said({"units": units, "near": near, "plane": plane, "point": points}, inspection)
 
     def also(place: Path) -> None:
         write_hints(place / HINTS, said)
@@ -97,7 +109,7 @@ def scan(
 
     save_survey(result, folder, also)
     warning = invention_warning(result.scene)
-    return Scanned(result.scene, folder, [*notes, *result.notes, *([warning] if warning else [])])
+    return [*notes, *result.notes, *([warning] if warning else [])]
 
 
 def _path(given: str | Path | None) -> Path | None:

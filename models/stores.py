@@ -24,8 +24,8 @@ from toppling.models.folder import cache_folder, local, new_file
 
 log = logging.getLogger(__name__)
 
-SCHEMES = ("s3", "gs", "gcs", "az", "abfs", "abfss", "hdfs", "webhdfs", "sftp", "ssh", "smb")
-_ADDRESS = re.compile(rf"^({'|'.join(SCHEMES)}):/+(?=[^/])", re.IGNORECASE)
+STORES = ("s3", "gs", "gcs", "az", "abfs", "abfss", "hdfs", "webhdfs", "sftp", "ssh", "smb")
+_ADDRESS = re.compile(rf"^({'|'.join(STORES)}):/+(?=[^/])", re.IGNORECASE)
 PAUSE_S = 5.0
 """Between looks at what a run that goes on has written: as often as it writes parts."""
 
@@ -76,10 +76,10 @@ class Copy:
 
     address: str
     path: Path
-    _root: str = ""
-    _store: Any = None
-    _known: dict[str, tuple[Stamp, Stamp]] = field(default_factory=dict)
-    _alone: threading.Lock = field(default_factory=threading.Lock)
+    _root: str = field(init=False)
+    _store: Any = field(init=False)
+    _known: dict[str, tuple[Stamp, Stamp]] = field(init=False, default_factory=dict)
+    _alone: threading.Lock = field(init=False, default_factory=threading.Lock)
 
     def __post_init__(self) -> None:
         self._store, self._root = _file_system(self.address)

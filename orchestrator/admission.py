@@ -2,7 +2,6 @@
 
 import logging
 import time
-from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 
@@ -25,8 +24,8 @@ NOBODY_AFTER_S = 90.0
 """A local run without any worker for this long ends instead of waiting for ever."""
 
 
-def check_workers(client: Client, order: Order, offered: Sequence[Order] = ()) -> None:
-    """Let every worker present load the assets of an order; others are offered too to those that see no folder.
+def check_workers(client: Client, *orders: Order) -> None:
+    """Offer the assets of orders to workers that see no folder, and let every one present load those of the first.
 
     Raises
     ------
@@ -37,12 +36,12 @@ def check_workers(client: Client, order: Order, offered: Sequence[Order] = ()) -
     """
     _wait_for_a_worker(client)
     shared = {}
-    for one in (order, *offered):
+    for one in orders:
         shared[one.scene_id] = Path(one.folder) / one.scene_place
         shared[one.ensemble_id] = Path(one.folder) / one.ensemble_place
     if not isinstance(client.cluster, LocalCluster):
         offer(client, {name: place for name, place in shared.items() if place.is_dir()})
-    answers = client.run(check, order, on_error="return")
+    answers = client.run(check, orders[0], on_error="return")
     # Of a worker that just dies or just comes (OSError), its first task will tell. One that lacks the program cannot
     # even read what it is asked, and Dask says so.
     unfit = (

@@ -112,7 +112,7 @@ class Session:
         with ExitStack() as until_done:
             client = until_done.enter_context(self.cluster)
             until_done.enter_context(client.as_current())
-            check_workers(client, orders[0], orders)
+            check_workers(client, *orders)
             until_done.enter_context(leaving_in_order(client))
             work = Work(planned, goal.folder, orders[0], client, self.watch, tally, self.limits, goal.redo)
             tally.began = time.monotonic()  # a batch system may have kept it waiting for hours

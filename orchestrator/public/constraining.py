@@ -11,17 +11,16 @@ from numpy.typing import NDArray
 
 from toppling.models.errors import InputError
 from toppling.orchestrator.public import unseen
-from toppling.orchestrator.recorded import Recorded, read_recorded
-from toppling.orchestrator.verbs.by_events import (
+from toppling.orchestrator.public.by_events import (
     EventOptions,
     Rocks,
     check_event_options,
     event_set_of,
     judged_by_events,
 )
-from toppling.orchestrator.verbs.felt import EventStatement, measures_asked
-from toppling.orchestrator.verbs.hazard import Asked, read_tree
-from toppling.orchestrator.verbs.rocks import (
+from toppling.orchestrator.public.felt import EventStatement, measures_asked
+from toppling.orchestrator.public.hazard_asked import Asked, read_tree
+from toppling.orchestrator.public.rocks import (
     Jobs,
     names_of,
     of_atlases,
@@ -30,6 +29,7 @@ from toppling.orchestrator.verbs.rocks import (
     refuse_twins,
     standing_rock,
 )
+from toppling.orchestrator.recorded import Recorded, read_recorded
 from toppling.results.constraint import Constraint
 from toppling.results.drawing.constraint_folder import write_constraint
 from toppling.results.drawing.constraint_words import all_words

@@ -88,7 +88,7 @@ def report(
     InputError
         If the folder is no run, a hazard cannot be read, or it is given without an age.
     """
-    from toppling.orchestrator.verbs.hazard import Asked, read_tree
+    from toppling.orchestrator.public.hazard_asked import Asked, read_tree
     from toppling.results.drawing.report.content import Content
     from toppling.results.drawing.report.sections import SECTIONS
     from toppling.results.drawing.report.write import report_page, write_page, write_pdf

@@ -11,18 +11,18 @@ from typing import Any
 import click
 
 from toppling.orchestrator.progress import bar
-from toppling.orchestrator.public.constraining import Dates
-from toppling.orchestrator.public.constraining import constrain as state
-from toppling.orchestrator.verbs.by_events import (
+from toppling.orchestrator.public.by_events import (
     EventOptions,
     event_set_of,
 )
-from toppling.orchestrator.verbs.felt import measures_asked
-from toppling.orchestrator.verbs.hazard import HAZARD_HELP, SITE_HELP, SiteCommand, years_of
-from toppling.orchestrator.verbs.options import FOLDER, PATH, json_option, trusted_option
-from toppling.orchestrator.verbs.rocks import (
+from toppling.orchestrator.public.constraining import Dates
+from toppling.orchestrator.public.constraining import constrain as state
+from toppling.orchestrator.public.felt import measures_asked
+from toppling.orchestrator.public.rocks import (
     of_atlases,
 )
+from toppling.orchestrator.verbs.hazard import HAZARD_HELP, SITE_HELP, SiteCommand, years_of
+from toppling.orchestrator.verbs.options import FOLDER, PATH, json_option, trusted_option
 from toppling.results.hazard.ages import parse_since
 
 

@@ -14,8 +14,8 @@ import pandas as pd
 from toppling.models.errors import InputError
 from toppling.models.motions.deaggregation import read_deaggregation
 from toppling.orchestrator.progress import bar
+from toppling.orchestrator.public.rocks import names_of, read_jobs, standing_rock
 from toppling.orchestrator.verbs.options import FILE, FOLDER, PATH, json_option, trusted_option
-from toppling.orchestrator.verbs.rocks import names_of, read_jobs, standing_rock
 from toppling.results.drawing.magnitudes import Drawn, faults_figure, magnitudes_figure
 from toppling.results.drawing.run_figures import save_table
 from toppling.results.drawing.style import printed_unit, save, short_name

@@ -78,11 +78,12 @@ def test_the_core_of_the_orchestrator_knows_nothing_of_what_is_done_with_runs():
     assert not offences
 
 
-def test_studies_know_no_verb():
-    studies = (ROOT / "orchestrator" / "studies").glob("*.py")
+@pytest.mark.parametrize("below", ["studies", "public"])
+def test_studies_and_functions_of_the_door_know_no_verb(below):
+    modules_below = (ROOT / "orchestrator" / below).glob("*.py")
     assert not [
         path.name
-        for path in studies
+        for path in modules_below
         if any(name.startswith("toppling.orchestrator.verbs") for name in imported(path))
     ]
 

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from toppling.models.errors import InputError
-from toppling.orchestrator.verbs.rocks import Jobs
+from toppling.orchestrator.public.rocks import Jobs
 from toppling.results.constraint import plain
 from toppling.results.drawing.events import events_figure
 from toppling.results.drawing.run_figures import save_table

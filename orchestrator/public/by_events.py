@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from toppling.models.errors import InputError
-from toppling.orchestrator.verbs.felt import (
+from toppling.orchestrator.public.felt import (
     EventStatement,
     felt,
     felt_by_both,
@@ -18,8 +18,8 @@ from toppling.orchestrator.verbs.felt import (
     place_rocks,
     under_events,
 )
-from toppling.orchestrator.verbs.hazard import DEFAULT_MEASURES, Asked, read_tree, weighted_paths
-from toppling.orchestrator.verbs.rocks import Jobs, standing_rock
+from toppling.orchestrator.public.hazard_asked import DEFAULT_MEASURES, Asked, read_tree, weighted_paths
+from toppling.orchestrator.public.rocks import Jobs, standing_rock
 from toppling.results.exchange import read_curves
 from toppling.results.fits import MEASURES
 from toppling.results.hazard.ages import Since

@@ -1,0 +1,113 @@
+"""Hazard as it is asked for: paths with weights, a site by place or name, and the one tree that is meant."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import click
+
+from toppling.models.errors import InputError
+from toppling.results.fits import MEASURES
+from toppling.results.hazard.readers import Hints, read_hazard
+from toppling.results.hazard.readers.assembly import chosen_tree
+from toppling.results.hazard.tree import HazardTree
+
+DEFAULT_MEASURES = ("pgv_m_s", "pga_m_s2")
+"""The measure of a constraint, where hazard and rocks have several: the first of these, then of `MEASURES`."""
+
+
+def is_number(text: str) -> bool:
+    """Whether a text is a number."""
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def weighted_paths(texts: Sequence[str]) -> tuple[list[Path], list[float] | None]:
+    """Paths of PATH or PATH=WEIGHT, and their weights; None where none has one.
+
+    Raises
+    ------
+    click.UsageError
+        If a weight is no positive number.
+    InputError
+        If only some have weights, or they do not sum to 1.
+    """
+    paths, weights = [], []
+    for text in texts:
+        path, sign, weight = text.rpartition("=")
+        if not sign or Path(text).exists():
+            paths.append(Path(text))
+            continue
+        share = float(weight) if is_number(weight) else math.nan
+        if not 0 < share < math.inf:
+            msg = f"the weight of {path} is {weight!r}: give a positive number"
+            raise click.UsageError(msg)
+        paths.append(Path(path))
+        weights.append(share)
+    if weights and len(weights) < len(paths):
+        raise InputError(
+            what=f"{len(weights)} of {len(paths)} paths have a weight", where="--hazard",
+            expected="a weight for each, or for none", remedy="give each --hazard as PATH=WEIGHT",
+        )  # fmt: skip
+    total = math.fsum(weights)
+    if weights and abs(total - 1.0) > 1e-3:
+        shares = ", ".join(f"{weight / total:.4g}" for weight in weights)
+        raise InputError(
+            what=f"the weights sum to {total:.6g}", where="--hazard", expected="weights that sum to 1",
+            remedy=f"give all branches of the tree; if these are all, their weights are {shares}",
+        )  # fmt: skip
+    return paths, weights or None
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What is asked of a hazard.
+
+    Parameters
+    ----------
+    site : (longitude, latitude), name or None
+    ratio : float
+        Peak of the horizontal vector over the hazard's horizontal component.
+    measure : str or None
+        Column of the results.
+    years : float or None
+        Time that values are probabilities over, 0 for annual rates, where files do not say.
+    """
+
+    site: tuple[float, float] | str | None = None
+    ratio: float = 1.0
+    measure: str | None = None
+    years: float | None = None
+
+
+def read_tree(texts: Sequence[str], asked: Asked, rocks: Sequence[str] = MEASURES) -> HazardTree:
+    """The one tree that --hazard, --site and --measure mean, over a measure that rocks have a fragility over."""
+    paths, weights = weighted_paths(texts)
+    trees = read_hazard(paths, weights, Hints(asked.site, asked.measure, asked.years))
+    where = texts[0] if len(texts) == 1 else "--hazard"
+    chosen = chosen_tree(
+        trees, _measure([tree.measure for tree in trees], asked.measure, rocks), asked.site, where
+    )
+    if isinstance(asked.site, tuple) and chosen.site is None:
+        msg = "--site selects a place in files that state places; these curves state none"
+        raise click.UsageError(msg)
+    return chosen.stronger(asked.ratio) if asked.ratio != 1.0 else chosen
+
+
+def _measure(stated: Sequence[str], asked: str | None, rocks: Sequence[str]) -> str:
+    """Measure that is asked for, or the first that hazard and rocks have."""
+    if asked:
+        return asked
+    both = [name for name in (*DEFAULT_MEASURES, *MEASURES) if name in stated and name in rocks]
+    if not both:
+        raise InputError(
+            what=f"the hazard is over {', '.join(sorted(set(stated)))}, the rock's fragility over "
+            f"{', '.join(rocks) or 'nothing'}",
+            where="--hazard", expected="hazard over a measure that the rock has a fragility over",
+            remedy="give the hazard's curves over one of the rock's measures",
+        )  # fmt: skip
+    return both[0]

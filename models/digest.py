@@ -1,8 +1,8 @@
 """A digest inside every file that the program writes and reads again: none is believed before it is verified whole.
 
 It is the SHA-256 of the whole file with the digest itself as zeros, and stands after the last `MARK`: in a comment
-(PLY, TOML), under a key (JSON), or in the footer's metadata (Parquet). So it is copied, moved and replaced together
-with what it covers. It finds what accidents change, not what somebody forges.
+(PLY, TOML, ZIP), under a key (JSON), or in the footer's metadata (Parquet). So it is copied, moved and replaced
+together with what it covers. It finds what accidents change, not what somebody forges.
 """
 
 import hashlib
@@ -11,6 +11,7 @@ import logging
 import os
 import stat
 import time
+import zipfile
 from pathlib import Path
 from typing import IO, Any
 
@@ -46,6 +47,13 @@ def seal(path: Path) -> None:
         digest = _digest(file, place)
         file.seek(place)
         file.write(digest)
+
+
+def seal_archive(path: Path) -> None:
+    """Put the digest of a zip archive that was just written into its comment."""
+    with zipfile.ZipFile(path, "a") as archive:
+        archive.comment = BLANK.encode()
+    seal(path)
 
 
 def check(path: PathLike, *, required: bool = False) -> bool:

@@ -22,7 +22,7 @@ from toppling.models.frames import STANDARD_GRAVITY_M_S2, plane_normal, rotation
 from toppling.models.mesh_files import read_triangles, write_ply
 from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock, check_size, check_triangles, origin_beside_m
-from toppling.models.scene_document import BASES, SCHEMA_VERSION, read_scene_document
+from toppling.models.scene_document import BASES, SCHEMA_VERSION, digests_of_scene, read_own
 from toppling.models.shapes import box
 from toppling.models.statics import quasi_static_toppling_m_s2
 from toppling.models.unseen import UnseenBase
@@ -248,11 +248,11 @@ class Scene:
 
     def write_into(self, folder: Path) -> None:
         """Write the files of :meth:`save` into a folder that is there."""
-        digest.write_json(folder / "scene.json", self.to_json())
         write_ply(folder / "rock.ply", self.rock.vertices_m, self.rock.faces)
         write_ply(folder / "pedestal.ply", *self.pedestal_triangles())
         if self.unseen is not None:
             self.unseen.write(folder / BASES)
+        digest.write_json(folder / "scene.json", self.to_json() | {"files": digests_of_scene(folder)})
 
     def to_json(self) -> dict[str, Any]:
         """The content of `scene.json`; what is not finite (an acceleration that nothing reaches) is null."""
@@ -302,11 +302,7 @@ class Scene:
         """
         source = local(folder)
         try:
-            sealed = digest.check(source / "scene.json")
-            described = read_scene_document(source / "scene.json")
-            for name in ("rock.ply", "pedestal.ply", BASES):
-                if (source / name).exists():
-                    digest.check(source / name, required=sealed)
+            described = read_own(source)
         except (FileNotFoundError, NotADirectoryError):
             raise _scene_error("no scene.json", source) from None
         rock = Rock.from_triangles(*read_triangles(source / "rock.ply"), where=str(source / "rock.ply"))

@@ -1,9 +1,11 @@
 """What `scene.json` must say: a scene may come from a stranger, and everything in it is read by somebody."""
 
 import math
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+from toppling.models import digest
 from toppling.models.digest import read_json
 from toppling.models.documents import (
     LENGTH_M,
@@ -16,10 +18,13 @@ from toppling.models.documents import (
     shown,
     whole,
 )
-from toppling.models.errors import InputError
+from toppling.models.errors import InputError, refusals
 
 BASES = "bases.json"
 """File of a scene with the draws of its base."""
+LABELS, WORKED_OUT = "labels.npz", "worked_out.npz"
+"""What a scan leaves beside its scene: the label of each point, and what a later hint draws the base anew from."""
+GEOMETRY = ("rock.ply", "pedestal.ply", BASES)
 
 SCHEMA_VERSION = 1
 MOST_AZIMUTHS = 3600
@@ -74,7 +79,20 @@ SHAPE: dict[str, Any] = {
     },
     "quasi_static_toppling_m_s2": [{"azimuth_deg": AZIMUTH, "value": NUMBER.or_null()}],
     "report": _REPORT,
+    "files?": {f"{name}?": TEXT for name in (*GEOMETRY, LABELS, WORKED_OUT)},
 }  # fmt: skip
+
+
+_foreign = refusals(
+    expected="the files of one scene, as they were written into its folder",
+    remedy="put the scene's own file back from where the folder was copied, or make the scene anew",
+)
+
+
+def digests_of_scene(folder: Path) -> dict[str, str | None]:
+    """Digest of each file that was written into a scene's folder before its `scene.json`, which states them."""
+    names = [name for name in (*GEOMETRY, LABELS, WORKED_OUT) if (folder / name).exists()]
+    return {name: digest.stated(folder / name) for name in names}
 
 
 def read_scene_document(path: Path) -> dict[str, Any]:
@@ -111,4 +129,39 @@ def read_scene_document(path: Path) -> dict[str, Any]:
             expected=f"at most {MOST_AZIMUTHS} azimuths",
             remedy="make the scene anew with 'toppling scan' or Scene.save",
         )
+    return document
+
+
+def read_own(folder: Path, names: Iterable[str] = GEOMETRY, *, stated: bool = False) -> dict[str, Any]:
+    """Read `scene.json` and verify files beside it: that they are whole, and those that it states.
+
+    Parameters
+    ----------
+    folder : Path
+        Of a scene.
+    names : iterable of str
+        Files to compare; those that are absent are no matter of this check.
+    stated : bool
+        Refuse a scene of an earlier version, which states nothing of its files.
+
+    Raises
+    ------
+    InputError
+        If one is damaged, or of another scene, by its name; or as :func:`read_scene_document`.
+    FileNotFoundError
+        If there is no `scene.json`.
+    """
+    sealed = digest.check(folder / "scene.json")
+    document = read_scene_document(folder / "scene.json")
+    files = document.get("files", {})
+    there = [name for name in names if (folder / name).exists()]
+    for name in there:
+        digest.check(folder / name, required=sealed)
+    foreign = [
+        name for name in there if (stated or files) and files.get(name) != digest.stated(folder / name)
+    ]
+    if len(foreign) == 1:
+        raise _foreign("is of another scene than the scene.json beside it", folder / foreign[0])
+    if foreign:
+        raise _foreign(f"scene.json is of another scene than {', '.join(foreign)}", folder)
     return document

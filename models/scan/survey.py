@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from toppling.models import digest
 from toppling.models.errors import InputError
 from toppling.models.folder import new_folder
 from toppling.models.frames import shifted_and_turned
@@ -36,8 +37,9 @@ from toppling.models.scan.register import check_fit, register
 from toppling.models.scan.segment import NEITHER, PEDESTAL, ROCK, Segmentation, label_surfels, segment
 from toppling.models.scan.standing import check_inspection
 from toppling.models.scan.steps import step_note
-from toppling.models.scan.worked_out import KEPT, WorkedOut
+from toppling.models.scan.worked_out import WorkedOut
 from toppling.models.scene import Scene
+from toppling.models.scene_document import LABELS, WORKED_OUT
 
 Progress = Callable[[str], None]
 
@@ -338,9 +340,10 @@ def save_survey(
     """
     target = Path(folder)
     with new_folder(target) as staging:
-        result.scene.write_into(staging)
-        np.savez_compressed(staging / "labels.npz", label=result.label)
+        np.savez_compressed(staging / LABELS, label=result.label)
+        digest.seal_archive(staging / LABELS)
         if result.worked_out is not None:
-            result.worked_out.write(staging / KEPT)
+            result.worked_out.write(staging / WORKED_OUT)
+        result.scene.write_into(staging)
         also(staging)
     return target

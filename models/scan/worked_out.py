@@ -3,7 +3,8 @@
 import dataclasses
 import json
 import zipfile
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -23,9 +24,9 @@ from toppling.models.scan.measure import ObservedRock, slenderness
 from toppling.models.scan.standing import base_unseen, check_inspection
 from toppling.models.scan.surfels import Surfels
 from toppling.models.scene import Scene
+from toppling.models.scene_document import GEOMETRY, LABELS, WORKED_OUT, read_own
 
-KEPT = "worked_out.npz"
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 MOST_BYTES = 2 << 30
 """Unpacked; a scan of 20 million points keeps less than a tenth of this."""
 
@@ -42,7 +43,7 @@ DAMAGE = (
 """What a file that is none of ours makes its readers raise."""
 
 _unusable = refusals(
-    expected=f"a scene of 'toppling scan' with its {KEPT}, as written",
+    expected=f"a scene of 'toppling scan' with its {WORKED_OUT}, as written",
     remedy="scan the clouds again with the hint",
 )
 
@@ -68,6 +69,8 @@ class WorkedOut:
         What the user knows of the base, survey coordinates.
     unaided : list of dict or None
         Intervals of the toppling acceleration without that knowledge, once they are known.
+    said : mapping
+        What the user said of the clouds and the interface, as `hints.toml` has it.
     """
 
     observed: ObservedRock
@@ -80,6 +83,7 @@ class WorkedOut:
     report: dict[str, Any]
     inspection: Inspection
     unaided: list[dict[str, float]] | None = None
+    said: Mapping[str, Any] = field(default_factory=dict)
 
     def with_hints(self, given: Inspection) -> "WorkedOut":
         """The same with other knowledge of the base: what is given replaces what was known of its kind."""
@@ -111,9 +115,7 @@ class WorkedOut:
     def write(self, path: Path) -> None:
         """Write the file, with its digest."""
         np.savez(path, told=np.array(json.dumps(self._told())), **self._arrays())
-        with zipfile.ZipFile(path, "a") as archive:
-            archive.comment = digest.BLANK.encode()
-        digest.seal(path)
+        digest.seal_archive(path)
 
     def _told(self) -> dict[str, Any]:
         observed, hint = self.observed, self.observed.hint
@@ -129,6 +131,7 @@ class WorkedOut:
             "surface": not self.pedestal.is_plane,
             "report": self.report,
             "unaided": self.unaided,
+            "said": dict(self.said),
         }
 
     def _arrays(self) -> dict[str, Any]:
@@ -159,12 +162,14 @@ class WorkedOut:
         Raises
         ------
         InputError
-            If the folder keeps nothing of a scan, or the file is damaged or of another version.
+            If the folder keeps nothing of a scan, or a file there is damaged, of another scene or another version.
         """
-        path = scene / KEPT
+        path = scene / WORKED_OUT
         if not path.is_file():
-            raise _unusable(f"keeps no {KEPT}", scene)
-        digest.check(path, required=True)
+            raise _unusable(f"keeps no {WORKED_OUT}", scene)
+        if not (scene / "scene.json").is_file():
+            raise _unusable("keeps no scene.json", scene)
+        read_own(scene, (*GEOMETRY, LABELS, WORKED_OUT), stated=True)
         try:
             with zipfile.ZipFile(path) as archive:
                 if sum(each.file_size for each in archive.infolist()) > MOST_BYTES:
@@ -194,7 +199,7 @@ class WorkedOut:
         observed = ObservedRock(
             rock_m, pedestal_m, rock_m[low], pedestal_m[lit], patches, arrays["patches"], height, hint
         )
-        rock = Rock.from_triangles(arrays["rock_vertices"], arrays["rock_faces"], where=KEPT)
+        rock = Rock.from_triangles(arrays["rock_vertices"], arrays["rock_faces"], where=WORKED_OUT)
         surface = (arrays["pedestal_vertices"], arrays["pedestal_faces"]) if told["surface"] else (None, None)
         inspection = Inspection(
             arrays["touching"], arrays["open"], tuple((float(a), float(r)) for a, r in told["pulls"])
@@ -210,4 +215,5 @@ class WorkedOut:
             report=told["report"],
             inspection=inspection,
             unaided=told["unaided"],
+            said=told["said"],
         )

@@ -1,7 +1,7 @@
 """From clouds to a scene, and from a scene and seismograms to verdicts."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -107,6 +107,8 @@ def _written(result: "Survey", folder: Path, said: dict[str, Any], advance: Call
         write_hints(place / HINTS, said)
         draw(place)
 
+    if result.worked_out is not None:
+        result = replace(result, worked_out=replace(result.worked_out, said=said))
     save_survey(result, folder, also)
     warning = invention_warning(result.scene)
     return [*notes, *result.notes, *([warning] if warning else [])]

@@ -5,8 +5,9 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from toppling.models.folder import new_folder, replaced_folder
-from toppling.models.scan.hints_file import HINTS, read_hints, write_hints
+from toppling.models.scan.hints_file import HINTS, write_hints
 from toppling.models.scan.inspection import inspection_of
+from toppling.models.scene_document import LABELS, WORKED_OUT
 from toppling.orchestrator.public import unseen
 from toppling.orchestrator.public.making import Scanned
 from toppling.orchestrator.public.scan_files import hints_said, pictured
@@ -40,9 +41,10 @@ def scan_again(
     Raises
     ------
     InputError
-        If the folder keeps nothing of a scan, or a hint contradicts what was seen; the scene is then left as it is.
+        If the folder keeps nothing of a scan, a file in it is of another scene, or a hint contradicts what was seen;
+        the scene is then left as it is.
     """
-    from toppling.models.scan.worked_out import KEPT, WorkedOut
+    from toppling.models.scan.worked_out import WorkedOut
 
     folder = Path(scene)
     advance(0, "reading")
@@ -52,10 +54,10 @@ def scan_again(
     advance(1, "writing")
     draw, notes = pictured(drawn)
     with replaced_folder(folder) if out is None else new_folder(Path(out)) as staging:
+        kept.write(staging / WORKED_OUT)
+        if (folder / LABELS).exists():
+            shutil.copy2(folder / LABELS, staging)
         drawn.write_into(staging)
-        kept.write(staging / KEPT)
-        shutil.copy2(folder / "labels.npz", staging)
-        said = read_hints(folder / HINTS) if (folder / HINTS).exists() else {}
-        write_hints(staging / HINTS, hints_said(said, kept.inspection))
+        write_hints(staging / HINTS, hints_said(kept.said, kept.inspection))
         draw(staging)
     return Scanned(drawn, folder if out is None else Path(out), notes)

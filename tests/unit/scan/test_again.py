@@ -1,15 +1,19 @@
 """A hint that comes later draws the base anew, as a scan with that hint from the start does."""
 
 import json
+import shutil
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from toppling.models.digest import seal_archive
 from toppling.models.errors import InputError
 from toppling.models.scan import virtual, virtual_shapes
 from toppling.models.scan.hints_file import HINTS, hints_text, read_hints
-from toppling.models.scan.worked_out import KEPT, WorkedOut
+from toppling.models.scan.worked_out import WorkedOut
+from toppling.models.scene import Scene
+from toppling.models.scene_document import GEOMETRY, LABELS, WORKED_OUT
 from toppling.orchestrator.cli import cli as main
 
 
@@ -84,17 +88,57 @@ def test_what_needs_the_clouds_is_refused(clouds, option):
 
 
 def test_what_was_kept_is_read_only_whole(clouds, tmp_path):
-    whole = (clouds / "rock" / KEPT).read_bytes()
+    shutil.copytree(clouds / "rock", tmp_path, dirs_exist_ok=True)
+    whole = (tmp_path / WORKED_OUT).read_bytes()
     rng = np.random.default_rng(1)
     for place in rng.integers(0, len(whole), 12):
         damaged = bytearray(whole)
         damaged[place] ^= 0xFF
-        (tmp_path / KEPT).write_bytes(bytes(damaged))
-        with pytest.raises(InputError):
+        (tmp_path / WORKED_OUT).write_bytes(bytes(damaged))
+        with pytest.raises(InputError, match=WORKED_OUT):
             WorkedOut.read(tmp_path)
-    (tmp_path / KEPT).unlink()
+    (tmp_path / WORKED_OUT).unlink()
     with pytest.raises(InputError, match="keeps no"):
         WorkedOut.read(tmp_path)
+
+
+@pytest.fixture(scope="module")
+def other(clouds):
+    """Files of another scene, each whole."""
+    ratio = bearable(clouds / "rock")
+    hinted = ["--out", str(clouds / "other"), "--pull", "N50E", f"{ratio}"]
+    done = CliRunner().invoke(main, ["scan", "--again", str(clouds / "rock"), *hinted])
+    assert done.exit_code == 0, done.output
+    np.savez_compressed(clouds / "other" / LABELS, label=np.zeros(9, np.int8))
+    seal_archive(clouds / "other" / LABELS)
+    block = Scene.block(0.2, 0.3, 0.5).save(clouds / "block")
+    for name in ("rock.ply", "pedestal.ply"):
+        shutil.copyfile(block / name, clouds / "other" / name)
+    return clouds / "other"
+
+
+@pytest.mark.parametrize("name", [WORKED_OUT, LABELS, *GEOMETRY, "scene.json"])
+def test_a_file_of_another_scene_is_refused_by_name(clouds, other, tmp_path, name):
+    mixed = shutil.copytree(clouds / "rock", tmp_path / "mixed")
+    shutil.copyfile(other / name, mixed / name)
+    before = {each.name: each.read_bytes() for each in mixed.iterdir()}
+    verbs = [["scan", "--again", str(mixed), "--pull", "N50E", "0.01"]]
+    if name not in (WORKED_OUT, LABELS):
+        verbs.append(["scene", "show", str(mixed), "--out", str(tmp_path / "shown")])
+    for verb in verbs:
+        done = CliRunner().invoke(main, verb)
+        assert isinstance(done.exception, InputError), done.output
+        assert name in str(done.exception)
+        assert "of another scene" in str(done.exception)
+    assert {each.name: each.read_bytes() for each in mixed.iterdir()} == before
+
+
+def test_hints_of_another_scan_say_nothing_of_this_one(clouds, tmp_path):
+    mixed = shutil.copytree(clouds / "rock", tmp_path / "mixed")
+    (mixed / HINTS).write_text('near = [1.0, 2.0]\nunits = "mm"\n')
+    done = CliRunner().invoke(main, ["scan", "--again", str(mixed), "--pull", "N50E", f"{bearable(mixed)}"])
+    assert done.exit_code == 0, done.output
+    assert set(read_hints(mixed / HINTS)) == {"pull"}
 
 
 def test_hints_survive_their_file(tmp_path):

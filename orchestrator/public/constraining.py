@@ -31,7 +31,7 @@ from toppling.orchestrator.public.rocks import (
 )
 from toppling.orchestrator.recorded import Recorded, read_recorded
 from toppling.results.constraint import Constraint
-from toppling.results.drawing.constraint_folder import write_constraint
+from toppling.results.drawing.constraint_folder import write_constraint, write_events
 from toppling.results.drawing.constraint_words import all_words
 from toppling.results.drawing.event_words import event_words
 from toppling.results.exchange import read_curves
@@ -89,8 +89,8 @@ class RockStatement:
     text: str
     warnings: list[str]
     hazard_files: list[Path]
-    page: str
     _write: Callable[[Path, dict[str, Any]], int]
+    page: str = "constraint.html"
 
     def write(self, out: str | Path, choices: dict[str, Any] | None = None) -> int:
         """Write page, figures and tables into a folder; their number.
@@ -242,9 +242,9 @@ def _by_events(
     files = sorted(source.glob("*.csv")) if source.is_dir() else [source] * source.is_file()
 
     def write(out: Path, stated: dict[str, Any]) -> int:
-        return len(felt.write(out, stated))
+        return sum(1 for _ in write_events(stated, felt.tables, out))
 
-    return RockStatement(content, event_words(content), [], files, "constraint.json", write)
+    return RockStatement(content, event_words(content), [], files, write)
 
 
 def _by_curves(question: _Question, jobs: dict[Path, Jobs], advance: Callable[..., None]) -> RockStatement:
@@ -281,7 +281,7 @@ def _by_curves(question: _Question, jobs: dict[Path, Jobs], advance: Callable[..
     def write(out: Path, stated: dict[str, Any]) -> int:
         return sum(1 for _ in write_constraint(statement, stated, out, asked.ratio))
 
-    return RockStatement(content, all_words(content), warnings, _sources(tree), "constraint.html", write)
+    return RockStatement(content, all_words(content), warnings, _sources(tree), write)
 
 
 def _sources(tree: HazardTree | None) -> list[Path]:

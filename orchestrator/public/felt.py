@@ -1,8 +1,8 @@
 """Rocks under events, as 'toppling constrain' takes them: event sets, or two curves of two measures at once."""
 
-import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +12,7 @@ import pandas as pd
 from toppling.models.errors import InputError
 from toppling.orchestrator.public.rocks import Jobs
 from toppling.results.constraint import plain
-from toppling.results.drawing.events import events_figure
-from toppling.results.drawing.run_figures import save_table
-from toppling.results.drawing.style import printed_unit, save, short_name
+from toppling.results.drawing.style import printed_unit, short_name
 from toppling.results.fits import MEASURES, SURFACES, answered
 from toppling.results.hazard.ages import Since, exposure
 from toppling.results.hazard.curves import events_by_intensity
@@ -209,51 +207,42 @@ class EventStatement:
         """Measures of the rocks' fragilities, which are alike."""
         return measures_of(self.update.rocks[0].fragility)
 
-    def updated(self) -> pd.DataFrame:
-        """Rates of exceedance before and after, at each rock's site, of each measure."""
+    def _everywhere(self, table: Callable[[str, int], pd.DataFrame]) -> pd.DataFrame:
+        """A table of each measure at each rock's site, with the columns measure and site."""
         events = self.update.events
         parts = [
-            self.update.updated(measure, site).assign(measure=measure, site=events.sites[site].name)
+            table(measure, site).assign(measure=measure, site=events.sites[site].name)
             for site in dict.fromkeys(rock.site for rock in self.update.rocks)
             for measure in self.measures
         ]
         return pd.concat(parts, ignore_index=True)
 
+    @cached_property
+    def tables(self) -> dict[str, pd.DataFrame]:
+        """Tables by name, those that hold something."""
+        update = self.update
+        found = {
+            "branches": update.branches, "models": update.models, "left_out": update.left_out,
+            "updated": self._everywhere(update.updated), "changes": self._everywhere(update.changes),
+        }  # fmt: skip
+        return {name: table for name, table in found.items() if table is not None and len(table)}
+
     def told(self) -> dict[str, Any]:
         """The statement, for JSON."""
         update, events = self.update, self.update.events
+        vary = {
+            "event": events.sampled, "fragility": any(rock.drawn for rock in update.rocks),
+            "age": update.exposure.years.shape[1] > 1,
+        }  # fmt: skip
         told = {
             "measure": "+".join(self.measures), "confidence": update.confidence, "source": events.source,
             "events": sum(len(branch.rate) for branch in events.branches), "years_of_each_branch": events.years,
             "rocks": [_rock(rock, events, away) for rock, away in zip(update.rocks, self.away_km, strict=True)],
-            "survival": update.survival, "effective_branches": update.effective_branches,
-            "branches": update.branches.to_dict("records"),
-            "models": update.models.to_dict("records"),
-            "left_out": [] if update.left_out is None else update.left_out.to_dict("records"),
-            "updated": self.updated().to_dict("records"), "notes": list(events.notes),
+            "mean": update.mean, "decided": update.decided,
+            "intervals_carry": [name for name, varies in vary.items() if varies],
+            "left_out": [], "updated": [], "changes": [], "notes": list(events.notes),
         }  # fmt: skip
-        return plain(told)
-
-    def write(self, out: Path, told: dict[str, Any]) -> list[Path]:
-        """Statement, tables and figure into a folder."""
-        out.mkdir(parents=True, exist_ok=True)
-        statement = out / "constraint.json"
-        statement.write_text(json.dumps(told, indent=1, allow_nan=False) + "\n", encoding="utf-8")
-        written = [statement]
-        tables = {
-            "branches": self.update.branches, "models": self.update.models, "left_out": self.update.left_out,
-            "updated": self.updated(),
-        }  # fmt: skip
-        for name, table in tables.items():
-            if table is not None and len(table):
-                save_table(table, out / f"{name}.csv")
-                written.append(out / f"{name}.csv")
-        first = tables["updated"]
-        assert first is not None
-        shown = first[(first["measure"] == self.measures[0]) & (first["site"] == first["site"].iloc[0])]
-        return written + save(
-            events_figure(self.update.branches, shown, self.update.confidence), out / "constraint"
-        )
+        return plain(told | {name: table.to_dict("records") for name, table in self.tables.items()})
 
 
 def under_events(

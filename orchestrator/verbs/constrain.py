@@ -186,9 +186,8 @@ def constrain(
     if out:
         told = told | {"choices": _choices(rocks, stated.hazard_files)}
         count = stated.write(out, told["choices"])
-        words = "states all" if stated.page.endswith(".json") else "is the page"
         if not as_json:
-            click.echo(f"{out}: {count} files, of which {stated.page} {words}", err=True)
+            click.echo(f"{out}: {count} files, of which {stated.page} is the page", err=True)
     click.echo(json.dumps(told, indent=1, allow_nan=False) if as_json else stated.text)
 
 

@@ -10,13 +10,18 @@ import pandas as pd
 from toppling.models.folder import new_file
 from toppling.results.constraint import Constraint
 from toppling.results.drawing.constraint import constraint_figure
+from toppling.results.drawing.events import events_figure
 from toppling.results.drawing.hazard import hazard_figure
 from toppling.results.drawing.report.constraint_page import constraint_page
+from toppling.results.drawing.report.event_page import event_page
 from toppling.results.drawing.report.write import write_page
 from toppling.results.drawing.run_figures import save_table
 from toppling.results.drawing.style import save
 from toppling.results.exchange import write_curves
 from toppling.results.hazard.export import write_openquake
+
+OF_EVENTS = ("measure", "source", "events", "years_of_each_branch", "hazard_ratio")
+"""What a statement under a set of events says of it."""
 
 
 def write_constraint(
@@ -39,13 +44,7 @@ def write_constraint(
     Path
         Each file, once it is complete.
     """
-    folder.mkdir(parents=True, exist_ok=True)
-    with new_file(folder / "constraint.json") as hidden:
-        hidden.write_text(json.dumps(statement, indent=1, allow_nan=False) + "\n", encoding="utf-8")
-    yield folder / "constraint.json"
-    for name, table in constraint.tables().items():
-        yield save_table(safe_table(table), folder / f"{name}.csv")
-    yield save_table(safe_table(choices_table(statement)), folder / "choices.csv")
+    yield from _write_statement(statement, constraint.tables(), folder)
     update = constraint.update
     if constraint.bound is not None:
         branches = update.tree.branches if update else ()
@@ -62,26 +61,66 @@ def write_constraint(
     yield write_page(constraint_page(constraint, statement), folder / "constraint.html")
 
 
+def write_events(statement: dict[str, Any], tables: dict[str, pd.DataFrame], folder: Path) -> Iterator[Path]:
+    """Write all that rocks say under a set of events into a folder: statement, tables, figure and page.
+
+    Parameters
+    ----------
+    statement : dict
+        With the choices that led to it.
+    tables : dict of DataFrame
+        By name: branches, updated and others of the statement.
+    folder : Path
+        Made if absent; files of the same names are replaced.
+
+    Yields
+    ------
+    Path
+        Each file, once it is complete.
+    """
+    yield from _write_statement(statement, tables, folder)
+    yield from save(
+        events_figure(tables["branches"], tables.get("updated"), statement["confidence"]),
+        folder / "constraint",
+    )
+    yield write_page(event_page(statement, tables), folder / "constraint.html")
+
+
+def _write_statement(
+    statement: dict[str, Any], tables: dict[str, pd.DataFrame], folder: Path
+) -> Iterator[Path]:
+    folder.mkdir(parents=True, exist_ok=True)
+    with new_file(folder / "constraint.json") as hidden:
+        hidden.write_text(json.dumps(statement, indent=1, allow_nan=False) + "\n", encoding="utf-8")
+    yield folder / "constraint.json"
+    for name, table in (tables | {"choices": choices_table(statement)}).items():
+        yield save_table(safe_table(table), folder / f"{name}.csv")
+
+
 def choices_table(statement: dict[str, Any]) -> pd.DataFrame:
     """Every choice, file and number of branches, a row each, for who files the statement."""
     choices = statement.get("choices", {})
     rows = [("program", "", choices.get("program", ""))]
     rows += [("option", name, json.dumps(value)) for name, value in choices.get("options", {}).items()]
+    events = {name: statement[name] for name in OF_EVENTS if name in statement}
     rows += [
         ("hazard", name, json.dumps(value))
-        for name, value in statement.get("hazard", {}).items()
+        for name, value in statement.get("hazard", events).items()
         if name != "files"
     ]
-    rows += [
-        ("rock", rock["name"], f"median {rock['median']:.6g}, beta {rock['beta']:.6g}")
-        for rock in statement["rocks"]
-    ]
+    rows += [("rock", rock["name"], _fragility(rock)) for rock in statement["rocks"]]
     rows += [
         ("branch", branch["name"], f"weight {branch['prior_weight']:.6g}")
         for branch in statement.get("branches", ())
     ]
     rows += [("file", one["path"], f"sha256 {one['sha256']}") for one in choices.get("files", ())]
     return pd.DataFrame(rows, columns=["kind", "name", "value"])
+
+
+def _fragility(rock: dict[str, Any]) -> str:
+    if "median" in rock:
+        return f"median {rock['median']:.6g}, beta {rock['beta']:.6g}"
+    return f"probit {', '.join(f'{value:.6g}' for value in rock['coefficients'])}"
 
 
 def safe_table(table: pd.DataFrame) -> pd.DataFrame:

@@ -14,14 +14,14 @@ MOST_NAMED = 6
 FIRST_RATES = (1e-4, *sorted(RATES))
 """Annual rates that the first line may be about: the first that the hazard reaches before and after."""
 
-VARY = {"fragility": "other records like these", "age": "other ages"}
+VARY = {"event": "other events", "fragility": "other records like these", "age": "other ages"}
 
 
 def answer(statement: dict[str, Any]) -> list[str]:
     """The answer in a few sentences: what the hazard becomes, and what the rocks allow at most."""
     if "branches" not in statement:
         return []
-    lines = [line for line in (_fall(statement), _allowed(statement)) if line]
+    lines = [line for line in (*_falls(statement), _allowed(statement)) if line]
     counts, several = statement["decided"], len(statement["branches"]) > 1
     if several:
         alive = [branch["survival"] for branch in statement["branches"]]
@@ -42,6 +42,19 @@ def answer(statement: dict[str, Any]) -> list[str]:
                 f"{counts['effective_branches_posterior']:.3g} after: that is how much the rocks decide."
             )
     return lines
+
+
+def _falls(statement: dict[str, Any]) -> list[str]:
+    """How the motion at a rate falls: at each site, in each measure, where there are several."""
+    groups: dict[tuple[str, str], list[dict[str, Any]]] = {}
+    for row in statement["changes"]:
+        groups.setdefault((row.get("site", ""), row.get("measure", statement["measure"])), []).append(row)
+    several = len({site for site, _ in groups}) > 1
+    return [
+        (f"At {site}: " if several else "") + line
+        for (site, measure), rows in list(groups.items())[:MOST_NAMED]
+        if (line := _fall({**statement, "changes": rows, "measure": measure}))
+    ]
 
 
 def _fall(statement: dict[str, Any]) -> str:

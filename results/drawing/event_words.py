@@ -3,6 +3,8 @@
 from collections.abc import Sequence
 from typing import Any
 
+from toppling.results.drawing.constraint_words import answer
+
 FEW_EVENTS = 5.0
 """Effective number of events below which a branch's survival hangs on a few."""
 
@@ -10,9 +12,9 @@ NAMED_BRANCHES = 12
 
 
 def event_words(statement: dict[str, Any]) -> str:
-    """The statement in words."""
+    """The statement in words, the answer first."""
     rocks = statement["rocks"]
-    lines = [
+    lines = [*answer(statement)] + [
         f"{rock['name']}: {rock['fragility']}, at {rock['site']}"
         + ("" if rock["site_distance_km"] is None else f", {rock['site_distance_km']:.1f} km from --site")
         for rock in rocks
@@ -20,7 +22,7 @@ def event_words(statement: dict[str, Any]) -> str:
     stand = "the rock stands" if len(rocks) == 1 else f"all {len(rocks)} rocks stand"
     lines.append(
         f"Under {statement['events']:,} events of {len(statement['branches'])} branches, "
-        f"{stand} with {statement['survival']:.3g}."
+        f"{stand} with {statement['decided']['survival_mean_of_branches']:.3g}."
     )
     ranked = sorted(statement["branches"], key=lambda row: row["rank"])
     for row in ranked[:NAMED_BRANCHES]:

@@ -14,22 +14,38 @@ NAMED = 16
 LEAST_SURVIVAL = 1e-4
 
 
-def events_figure(branches: pd.DataFrame, updated: pd.DataFrame, confidence: float) -> Figure:
-    """Survival of each branch, and rates of exceedance before and after.
+MOST_PANELS = 7
+"""Of sites and measures whose hazard is drawn; the file of rates has all."""
+
+
+def events_figure(
+    branches: pd.DataFrame, updated: pd.DataFrame | None, confidence: float, width_in: float = FULL_WIDTH_IN
+) -> Figure:
+    """Survival of each branch, and rates of exceedance before and after at each site, of each measure.
 
     Parameters
     ----------
     branches : DataFrame
         From `EventUpdate.branches`.
-    updated : DataFrame
-        From `EventUpdate.updated`, of one site, with its `measure` and `site`.
+    updated : DataFrame or None
+        From `EventUpdate.updated`, with its `measure` and `site`; None where no event is felt at the rocks' sites.
     confidence : float
+    width_in : float
     """
+    hazards = [] if updated is None else [one for _, one in updated.groupby(["site", "measure"], sort=False)]
+    count = 1 + len(hazards[:MOST_PANELS])
+    columns = 1 if width_in < FULL_WIDTH_IN else min(count, 2)
+    rows = -(-count // columns)
+    first_in = max(3.2, 0.2 * min(len(branches), NAMED))
     with style():
-        figure = Figure(figsize=(FULL_WIDTH_IN, 3.2), layout="constrained")
-        left, right = figure.subplots(1, 2)
-        _draw_survival(left, branches.sort_values("survival", ignore_index=True), confidence)
-        _draw_hazard(right, updated)
+        figure = Figure(figsize=(width_in, first_in + 3.2 * (rows - 1)), layout="constrained")
+        grid = figure.subplots(rows, columns, squeeze=False, height_ratios=[first_in, *[3.2] * (rows - 1)])
+        first, *others = grid.ravel()
+        _draw_survival(first, branches.sort_values("survival", ignore_index=True), confidence)
+        for axes, hazard in zip(others[: count - 1], hazards, strict=False):
+            _draw_hazard(axes, hazard)
+        for axes in others[count - 1 :]:
+            axes.remove()
     return figure
 
 
@@ -58,7 +74,7 @@ def _draw_survival(axes: Axes, branches: pd.DataFrame, confidence: float) -> Non
     )
     if len(branches) > NAMED:
         axes.set_ylabel(f"{len(branches)} branches, by survival")
-    axes.legend(loc="lower right", frameon=False)
+    axes.legend(loc="lower right", frameon=False, ncols=2, bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2)
 
 
 def _draw_hazard(axes: Axes, updated: pd.DataFrame) -> None:

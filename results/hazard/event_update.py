@@ -17,6 +17,7 @@ from toppling.results.hazard.events import (
     EventSet,
     FeltRock,
     any_topples,
+    bootstrap_branches,
     drawn_rocks,
     leave_one_out,
     rank_branches,
@@ -24,15 +25,23 @@ from toppling.results.hazard.events import (
     standing_shares,
     survival,
 )
-from toppling.results.hazard.surfaces import stouter
-from toppling.results.hazard.tree import effective_branches, weighted_fractile
+from toppling.results.hazard.standing import greatest_rate
+from toppling.results.hazard.surfaces import measures_of, stouter
+from toppling.results.hazard.tree import FRACTILES, Statistics, weighted_fractile
+from toppling.results.hazard.update import (
+    DRAWN_LEVELS,
+    MEAN,
+    RATES,
+    change_at,
+    decided_by,
+    level_interval,
+)
 
 FACTORS = (1e-3, 1e3)
 """Factors of the motions within which the largest is sought."""
 
 FACTOR_DRAWS = 60
 LEVELS = 40
-FRACTILES = (0.05, 0.16, 0.5, 0.84, 0.95)
 
 
 def scale_factor(
@@ -75,8 +84,16 @@ def scale_factor_interval(
         )
         once = exposure.drawn(int(random.integers(exposure.years.shape[1])))
         found.append(scale_factor(drawn_rocks(rocks, number), drawn, once, confidence))
-    low, high = np.quantile(found, [0.025], method="lower"), np.quantile(found, [0.975], method="higher")
-    return float(low[0]), float(high[0])
+    low, high = _ends(np.array(found))
+    return float(low), float(high)
+
+
+def rates_factor(
+    rocks: Sequence[FeltRock], branch: EventBranch, exposure: Exposure, confidence: float = 0.95
+) -> float:
+    """Largest factor by which a branch's rates may be multiplied for survival to stay above 1 - confidence."""
+    rates = any_topples(standing_shares(rocks, branch), exposure.states) @ branch.rate
+    return greatest_rate(rates @ exposure.years, 1.0 - confidence)
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,18 +115,58 @@ class EventUpdate:
     confidence: float = 0.95
 
     @cached_property
+    def drawn(self) -> NDArray[np.float64]:
+        """Survival under each branch with all drawn anew, (draws, branches)."""
+        return np.array(bootstrap_branches(self.rocks, self.events, self.exposure)).T
+
+    @cached_property
     def branches(self) -> pd.DataFrame:
-        """Table of `rank_branches`, with scale_factor, scale_factor_low and scale_factor_high."""
-        table = rank_branches(self.rocks, self.events, self.exposure, self.confidence)
-        lines = []
-        for number, branch in enumerate(self.events.branches):
-            felt = self._felt(branch)
-            low, high = scale_factor_interval(
-                self.rocks, felt, self.exposure, self.confidence, number, self.events.sampled
-            )
-            factor = scale_factor(self.rocks, felt, self.exposure, self.confidence)
-            lines.append({"scale_factor": factor, "scale_factor_low": low, "scale_factor_high": high})
+        """Table of `rank_branches`, with kept_weight (rejected branches removed) and the factors.
+
+        scale_factor is of motions, rate_factor of rates, and each has _low and _high (95 %: events, records and ages
+        drawn anew).
+        """
+        table = rank_branches(self.rocks, self.events, self.exposure, self.confidence, list(self.drawn.T))
+        left = table["prior_weight"].where(~table["rejected"], 0.0)
+        table["kept_weight"] = left / left.sum() if left.sum() > 0 else math.nan
+        lines = [
+            self._factors(branch, self.drawn[:, number], number)
+            for number, branch in enumerate(self.events.branches)
+        ]
         return pd.concat([table, pd.DataFrame(lines)], axis=1)
+
+    @cached_property
+    def mean(self) -> dict[str, float | str]:
+        """Survival and factors of the branches' mean: the events of all, at their rates times the weights."""
+        branches, prior = self.events.branches, self.events.prior
+        mean = EventBranch(
+            MEAN,
+            np.concatenate([w * branch.rate for w, branch in zip(prior, branches, strict=True)]),
+            {name: np.concatenate([one.motions[name] for one in branches]) for name in self.events.measures},
+        )
+        with np.errstate(divide="ignore"):  # the draws of all branches are of the same rocks and ages
+            drawn = np.exp(np.log(self.drawn) @ prior)
+        low, high = np.quantile(drawn, [0.025, 0.975])
+        told = {
+            "survival": survival(self.rocks, mean, self.exposure),
+            "survival_low": low,
+            "survival_high": high,
+        }
+        return {"name": MEAN, **told, **self._factors(mean, drawn, len(branches))}
+
+    def _factors(self, branch: EventBranch, drawn: NDArray[np.float64], seed: int) -> dict[str, float]:
+        felt = self._felt(branch)
+        motions = scale_factor_interval(
+            self.rocks, felt, self.exposure, self.confidence, seed, self.events.sampled
+        )
+        with np.errstate(divide="ignore"):
+            rates = _ends(math.log(1.0 - self.confidence) / np.log(drawn))
+        return {
+            "scale_factor": scale_factor(self.rocks, felt, self.exposure, self.confidence),
+            "scale_factor_low": motions[0], "scale_factor_high": motions[1],
+            "rate_factor": rates_factor(self.rocks, branch, self.exposure, self.confidence),
+            "rate_factor_low": rates[0], "rate_factor_high": rates[1],
+        }  # fmt: skip
 
     @cached_property
     def models(self) -> pd.DataFrame:
@@ -127,38 +184,76 @@ class EventUpdate:
         return float(self.events.prior @ self.branches["survival"])
 
     @property
-    def effective_branches(self) -> float | None:
-        """Number of branches that bear the weight after; None where the rocks survive under none."""
+    def posterior(self) -> NDArray[np.float64] | None:
+        """Bayes weights; None where the rocks survive under no branch."""
         weights = self.branches["posterior_weight"].to_numpy()
-        return None if np.isnan(weights).any() else effective_branches(weights)
+        return None if np.isnan(weights).any() else weights
+
+    @property
+    def decided(self) -> dict[str, float | None]:
+        """How much the rocks decide, as `update.decided` states it of curves."""
+        return decided_by(
+            self.events.prior, self.posterior, self.branches["survival"], self.branches["rejected"]
+        )
+
+    def hazard(self, measure: str, site: int = 0) -> tuple[Statistics, Statistics | None] | None:
+        """The hazard at a site before and after, counted from the events; None where no event is felt there.
+
+        Fractiles are over branches, by OpenQuake's rule; after is None where the rocks survive under no branch.
+        """
+        return self._hazards[measure, site][1]
+
+    @cached_property
+    def _hazards(self) -> dict:
+        """By measure and site of a rock: rates of exceedance (branches, levels), and their statistics."""
+        found: dict = {}
+        for site in dict.fromkeys(rock.site for rock in self.rocks):
+            for measure in measures_of(self.rocks[0].fragility):
+                counted = _counted(self.events, measure, site)
+                found[measure, site] = (
+                    counted,
+                    counted
+                    and tuple(
+                        None if weights is None else _statistics(*counted, weights)
+                        for weights in (self.events.prior, self.posterior)
+                    ),
+                )
+        return found
 
     def updated(self, measure: str, site: int = 0) -> pd.DataFrame:
-        """Annual rates of exceedance at a site before and after, counted from the events.
+        """Annual rates of exceedance at a site before and after.
 
         Returns
         -------
         DataFrame
             level (SI), rate_prior_mean, rate_posterior_mean, and rate_prior_p05 ... rate_posterior_p95 (fractiles over
-            branches by OpenQuake's rule, of 5, 16, 50, 84 and 95 %; posterior null where the rocks survive under no
-            branch).
+            branches of 5, 16, 50, 84 and 95 %; posterior null where the rocks survive under no branch).
         """
-        values = [branch.motions[measure][:, site] for branch in self.events.branches]
-        felt = np.concatenate([one[one > 0] for one in values])
-        if not len(felt):
+        found = self.hazard(measure, site)
+        if found is None:
             return pd.DataFrame()
-        levels = np.geomspace(np.quantile(felt, 0.02), felt.max() * 0.999, LEVELS)
-        pairs = zip(values, self.events.branches, strict=True)
-        rates = np.array([_exceeded(one, branch.rate, levels) for one, branch in pairs])
-        table = pd.DataFrame({"level": levels})
-        after = self.branches["posterior_weight"].to_numpy()
-        for name, weights in (("prior", self.events.prior), ("posterior", after)):
-            known = not np.isnan(weights).any()
-            table[f"rate_{name}_mean"] = weights @ rates if known else math.nan
+        table = pd.DataFrame({"level": found[0].levels})
+        for name, curves in zip(("prior", "posterior"), found, strict=True):
+            table[f"rate_{name}_mean"] = math.nan if curves is None else curves.mean
             for q in FRACTILES:
                 table[f"rate_{name}_p{round(100 * q):02d}"] = (
-                    weighted_fractile(rates, weights, q) if known else math.nan
+                    math.nan if curves is None else curves.fractiles[q]
                 )
         return table
+
+    def changes(self, measure: str, site: int = 0) -> pd.DataFrame:
+        """Motions exceeded at some annual rates before and after, as `update.changes_table` states them of curves."""
+        counted, found = self._hazards[measure, site]
+        if found is None:
+            return pd.DataFrame()
+        joint = self.events.prior * self.drawn
+        total = joint.sum(axis=1, keepdims=True)
+        means = (joint / np.where(total > 0, total, 1.0))[total[:, 0] > 0] @ counted[1]
+        return pd.DataFrame([
+            change_at(rate, *found)
+            | dict(zip(DRAWN_LEVELS, level_interval(counted[0], means, rate, _ends), strict=True))
+            for rate in RATES
+        ])  # fmt: skip
 
     def _felt(self, branch: EventBranch) -> EventBranch:
         """A branch without the events that topple nothing even a factor stronger: a large set has few others."""
@@ -172,6 +267,33 @@ class EventUpdate:
             rate=branch.rate[some],
             motions={name: values[some] for name, values in branch.motions.items()},
         )
+
+
+def _ends(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Ends of the 95 % interval of draws, which may be infinite."""
+    return np.array([
+        np.quantile(values, 0.025, method="lower"), np.quantile(values, 0.975, method="higher"),
+    ])  # fmt: skip
+
+
+def _counted(
+    events: EventSet, measure: str, site: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+    """Levels at a site, and each branch's rate of events above them (branches, levels); None where none is felt."""
+    values = [branch.motions[measure][:, site] for branch in events.branches]
+    felt = np.concatenate([one[one > 0] for one in values])
+    if not len(felt):
+        return None
+    levels = np.geomspace(np.quantile(felt, 0.02), felt.max() * 0.999, LEVELS)
+    pairs = zip(values, events.branches, strict=True)
+    return levels, np.array([_exceeded(one, branch.rate, levels) for one, branch in pairs])
+
+
+def _statistics(
+    levels: NDArray[np.float64], rates: NDArray[np.float64], weights: NDArray[np.float64]
+) -> Statistics:
+    fractiles = {q: weighted_fractile(rates, weights, q) for q in FRACTILES}
+    return Statistics(levels, weights @ rates, fractiles)
 
 
 def _exceeded(

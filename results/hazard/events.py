@@ -24,6 +24,9 @@ from toppling.results.hazard.surfaces import Fragility, Motions, stouter, topple
 DRAWS = 200
 """Of the events anew, and of the fragilities with them."""
 
+AGES = 1
+"""Seed of the ages of draws: branches are compared under the same ones."""
+
 NEGLIGIBLE = 1e-12
 """Toppling probability of an event below which it is not drawn anew."""
 
@@ -192,6 +195,7 @@ def bootstrap(
     (draws,) array
     """
     random = np.random.default_rng(seed)
+    ages = np.random.default_rng(AGES).integers(exposure.years.shape[1], size=draws)
     shares = standing_shares(rocks, branch)
     found = np.empty(draws)
     for number in range(draws):
@@ -199,9 +203,19 @@ def bootstrap(
             shares = standing_shares(drawn_rocks(rocks, number), branch)
         felt = np.flatnonzero(shares[0].min(axis=0) < -NEGLIGIBLE)
         rate = branch.rate[felt] * (random.poisson(1.0, len(felt)) if sampled else 1.0)
-        once = exposure.drawn(int(random.integers(exposure.years.shape[1])))
+        once = exposure.drawn(int(ages[number]))
         found[number] = once.survival(any_topples(shares, once.states, felt) @ rate)
     return found
+
+
+def bootstrap_branches(
+    rocks: Sequence[FeltRock], events: EventSet, exposure: Exposure
+) -> list[NDArray[np.float64]]:
+    """`bootstrap` of each branch: the same records and ages for all, and events of their own."""
+    return [
+        bootstrap(rocks, branch, exposure, seed=number, sampled=events.sampled)
+        for number, branch in enumerate(events.branches)
+    ]
 
 
 def drawn_rocks(rocks: Sequence[FeltRock], number: int) -> list[FeltRock]:
@@ -220,9 +234,15 @@ def effective_events(rocks: Sequence[FeltRock], branch: EventBranch) -> float:
 
 
 def rank_branches(
-    rocks: Sequence[FeltRock], events: EventSet, exposure: Exposure, confidence: float = 0.95
+    rocks: Sequence[FeltRock],
+    events: EventSet,
+    exposure: Exposure,
+    confidence: float = 0.95,
+    drawn: Sequence[NDArray[np.float64]] | None = None,
 ) -> pd.DataFrame:
     """Survival and Bayes weight of each branch, by all rocks together.
+
+    `drawn` are survivals of each branch with all drawn anew (`bootstrap_branches`), where these are known.
 
     Returns
     -------
@@ -233,9 +253,9 @@ def rank_branches(
         survive), rank (1 is the branch that the rocks favour most).
     """
     lines = []
-    for number, (branch, prior) in enumerate(zip(events.branches, events.prior, strict=True)):
-        drawn = bootstrap(rocks, branch, exposure, seed=number, sampled=events.sampled)
-        low, high = np.quantile(drawn, [0.025, 0.975])
+    anew = bootstrap_branches(rocks, events, exposure) if drawn is None else drawn
+    for branch, prior, survivals in zip(events.branches, events.prior, anew, strict=True):
+        low, high = np.quantile(survivals, [0.025, 0.975])
         survives = survival(rocks, branch, exposure)
         lines.append({
             "name": branch.name, "model": branch.model, "events": len(branch.rate),

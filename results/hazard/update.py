@@ -1,13 +1,13 @@
 """What standing rocks do to a hazard: branches weighted by survival, the hazard before and after, factors, levels."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from toppling.results.hazard.curves import HazardCurve, annual_rate_of, probability_of, toppling_rate
 from toppling.results.hazard.draws import Draws, draws_of
@@ -259,44 +259,62 @@ def changes_table(update: Update, rates: Sequence[float] = RATES) -> pd.DataFram
         motion), rate_change_percent (of the mean's rate at the prior's motion), level_kept_mean. Null where a curve
         does not reach the rate.
     """
-    rows = []
-    for rate in rates:
-        row: dict[str, float] = {"annual_rate": rate, "return_years": 1.0 / rate}
-        for name, averaged in (("prior", update.before), ("posterior", update.after)):
-            curves = {} if averaged is None else {"mean": averaged.mean} | {
-                f"p{round(100 * q):02}": averaged.fractiles[q] for q in (0.05, 0.5, 0.95)
-            }  # fmt: skip
-            for key in ("mean", "p05", "p50", "p95"):
-                row[f"level_{name}_{key}"] = (
-                    intensity_at(averaged.levels, curves[key], rate) if averaged is not None else math.nan
-                )
-        row["level_posterior_mean_low"], row["level_posterior_mean_high"] = _drawn_levels(update, rate)
-        before, after = row["level_prior_mean"], row["level_posterior_mean"]
-        row["level_change_percent"] = 100.0 * (after / before - 1.0)
-        row["rate_change_percent"] = _rate_change(update, before, rate)
-        left = update.without_rejected
-        row["level_kept_mean"] = math.nan if left is None else intensity_at(left.levels, left.mean, rate)
-        rows.append(row)
-    return pd.DataFrame(rows)
+    means = None if update.after is None else update.drawn_means
+    kept = update.without_rejected
+    return pd.DataFrame([
+        change_at(rate, update.before, update.after)
+        | dict(zip(DRAWN_LEVELS, _drawn_levels(update, means, rate), strict=True))
+        | {"level_kept_mean": math.nan if kept is None else intensity_at(kept.levels, kept.mean, rate)}
+        for rate in rates
+    ])  # fmt: skip
 
 
-def _drawn_levels(update: Update, rate: float) -> tuple[float, float]:
-    if update.draws is None or update.drawn_means is None or update.after is None:
+DRAWN_LEVELS = ("level_posterior_mean_low", "level_posterior_mean_high")
+
+
+def change_at(rate: float, before: Statistics, after: Statistics | None) -> dict[str, float]:
+    """Motions exceeded at an annual rate before and after, and their changes: part of a row of `changes_table`."""
+    row: dict[str, float] = {"annual_rate": rate, "return_years": 1.0 / rate}
+    for name, averaged in (("prior", before), ("posterior", after)):
+        curves = {} if averaged is None else {"mean": averaged.mean} | {
+            f"p{round(100 * q):02}": averaged.fractiles[q] for q in (0.05, 0.5, 0.95)
+        }  # fmt: skip
+        for key in ("mean", "p05", "p50", "p95"):
+            row[f"level_{name}_{key}"] = (
+                intensity_at(averaged.levels, curves[key], rate) if averaged is not None else math.nan
+            )
+    level = row["level_prior_mean"]
+    row["level_change_percent"] = 100.0 * (row["level_posterior_mean"] / level - 1.0)
+    row["rate_change_percent"] = _rate_change(after, level, rate)
+    return row
+
+
+def _drawn_levels(update: Update, means: NDArray[np.float64] | None, rate: float) -> tuple[float, float]:
+    if update.draws is None or means is None:
         return math.nan, math.nan
-    levels = update.before.levels
-    found = np.array([intensity_at(levels, drawn, rate) for drawn in update.drawn_means])
-    if np.isnan(found).any():
+    return level_interval(update.before.levels, means, rate, update.draws.interval)
+
+
+def level_interval(
+    levels: NDArray[np.float64],
+    means: NDArray[np.float64],
+    rate: float,
+    interval: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+) -> tuple[float, float]:
+    """Ends of the interval of the motion at a rate over mean curves (draws, levels); null where one lacks the rate."""
+    found = np.array([intensity_at(levels, drawn, rate) for drawn in means])
+    if not len(found) or np.isnan(found).any():
         return math.nan, math.nan
-    low, high = update.draws.interval(found)
+    low, high = interval(found)
     return float(low), float(high)
 
 
-def _rate_change(update: Update, level: float, rate: float) -> float:
+def _rate_change(after: Statistics | None, level: float, rate: float) -> float:
     """Per cent by which the mean's rate at a level has changed."""
-    if update.after is None or math.isnan(level):
+    if after is None or math.isnan(level):
         return math.nan
-    bears = (update.after.mean > 0) & np.isfinite(update.after.mean)
-    x, rates = update.after.levels[bears], update.after.mean[bears]
+    bears = (after.mean > 0) & np.isfinite(after.mean)
+    x, rates = after.levels[bears], after.mean[bears]
     if not (len(x) > 1 and x[0] <= level <= x[-1]):
         return math.nan
     return 100.0 * (math.exp(np.interp(math.log(level), np.log(x), np.log(rates))) / rate - 1.0)
@@ -341,14 +359,23 @@ def parts_table(update: Update) -> pd.DataFrame:
 
 
 def decided(update: Update) -> dict[str, float | None]:
-    """How much the rocks decide: effective branches before and after, mean survival, and the weight rejected."""
+    """How much the rocks decide, `decided_by`."""
+    return decided_by(update.tree.weights, update.posterior, update.survival, update.rejected)
+
+
+def decided_by(
+    prior: NDArray[np.float64],
+    posterior: NDArray[np.float64] | None,
+    survivals: ArrayLike,
+    rejected: ArrayLike,
+) -> dict[str, float | None]:
+    """How much rocks decide: effective branches before and after, mean survival, and the weight rejected."""
+    gone = np.asarray(rejected, bool)
     return {
-        "branches": len(update.tree.branches),
-        "effective_branches_prior": effective_branches(update.tree.weights),
-        "effective_branches_posterior": None
-        if update.posterior is None
-        else effective_branches(update.posterior),
-        "survival_mean_of_branches": float(update.tree.weights @ update.survival),
-        "weight_rejected": float(update.tree.weights[update.rejected].sum()),
-        "branches_rejected": int(update.rejected.sum()),
+        "branches": len(prior),
+        "effective_branches_prior": effective_branches(prior),
+        "effective_branches_posterior": None if posterior is None else effective_branches(posterior),
+        "survival_mean_of_branches": float(prior @ np.asarray(survivals)),
+        "weight_rejected": float(prior[gone].sum()),
+        "branches_rejected": int(gone.sum()),
     }

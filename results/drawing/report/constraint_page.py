@@ -1,6 +1,7 @@
 """The page of a constraint: the answer in words, then what it rests on, fit for a supplement."""
 
 import json
+from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
@@ -28,22 +29,37 @@ def constraint_page(constraint: Constraint, statement: dict[str, Any]) -> str:
     """
     remarks = [one.curve.basis.unfinished for one in constraint.rocks if one.curve.basis]
     document = Document("; ".join(dict.fromkeys(filter(None, remarks))))
-    names = ", ".join(rock.name for rock in constraint.rocks)
+    names = [rock.name for rock in constraint.rocks]
     lines = answer(statement) or all_words(statement).splitlines()[:2]
-    alarm = f'<p class="alarm">{safe(document.remark)}.</p>' if document.remark else ""
-    says = "says" if len(constraint.rocks) == 1 else "say"
-    first = f"<h1>What {safe(names)} {says} by still standing</h1>{alarm}" + "".join(map(paragraph, lines))
     sections = [
         ("Hazard", _hazard(constraint, statement, document)),
-        ("Branches", _branches(statement, document)),
+        ("Branches", branches_table(statement, document)),
         ("Logic tree", _levels(statement, document)),
         ("Rates rejected", _rejected(constraint, document)),
         ("Rocks", _rocks(statement, document)),
         ("In words", "".join(map(paragraph, all_words(statement).splitlines()))),
         ("Method", METHOD if constraint.update else ""),
-        ("Choices and files", f"<pre>{safe(json.dumps(statement.get('choices', {}), indent=1))}</pre>"),
+        ("Choices and files", choices_part(statement)),
     ]
-    return page(f"toppling: {names}", first, [(title, text) for title, text in sections if text])
+    return page(
+        f"toppling: {', '.join(names)}",
+        first_lines(names, lines, document.remark),
+        [(title, text) for title, text in sections if text],
+    )
+
+
+def first_lines(names: Sequence[str], answers: Sequence[str], remark: str = "") -> str:
+    """The head of a page: whose it is, what has to be known first, and the answer."""
+    alarm = f'<p class="alarm">{safe(remark)}.</p>' if remark else ""
+    says = "says" if len(names) == 1 else "say"
+    return f"<h1>What {safe(', '.join(names))} {says} by still standing</h1>{alarm}" + "".join(
+        map(paragraph, answers)
+    )
+
+
+def choices_part(statement: dict[str, Any]) -> str:
+    """Options and files, as the statement notes them."""
+    return f"<pre>{safe(json.dumps(statement.get('choices', {}), indent=1))}</pre>"
 
 
 METHOD = (
@@ -70,27 +86,34 @@ def _hazard(constraint: Constraint, statement: dict[str, Any], document: Documen
     )
     parts = [document.figure(lambda width: hazard_figure(constraint.update, width), caption)]  # type: ignore[arg-type]
     if many:
-        unit = printed_unit(statement["measure"])
-        table = pd.DataFrame([
-            {
-                "annual rate": rate_words(row["annual_rate"]), f"before ({unit})": _digits(row["level_prior_mean"]),
-                f"after ({unit})": _digits(row["level_posterior_mean"]),
-                "5 % after": _digits(row["level_posterior_p05"]), "50 %": _digits(row["level_posterior_p50"]),
-                "95 %": _digits(row["level_posterior_p95"]),
-                "change of motion (%)": _digits(row["level_change_percent"]),
-                "change of rate (%)": _digits(row["rate_change_percent"]),
-                "rejected removed": _digits(row["level_kept_mean"]),
-            }
-            for row in statement["changes"]
-        ])  # fmt: skip
-        parts.append(
-            document.table(
-                table,
-                f"{measure} exceeded at some annual rates: mean before and after, fractiles over the branches after, "
-                "and the mean with rejected branches removed instead of weighted. Empty where the curves do not reach.",
-            )
-        )
+        parts.append(changes_part(statement["changes"], statement["measure"], "", document))
     return "".join(parts)
+
+
+def changes_part(rows: Sequence[dict[str, Any]], measure: str, where: str, document: Document) -> str:
+    """The table of motions at some annual rates before and after."""
+    unit = printed_unit(measure)
+    table = pd.DataFrame([
+        {
+            "annual rate": rate_words(row["annual_rate"]), f"before ({unit})": digits(row["level_prior_mean"]),
+            f"after ({unit})": digits(row["level_posterior_mean"]),
+            "5 % after": digits(row["level_posterior_p05"]), "50 %": digits(row["level_posterior_p50"]),
+            "95 %": digits(row["level_posterior_p95"]),
+            "change of motion (%)": digits(row["level_change_percent"]),
+            "change of rate (%)": digits(row["rate_change_percent"]),
+        } | ({"rejected removed": digits(row["level_kept_mean"])} if "level_kept_mean" in row else {})
+        for row in rows
+    ])  # fmt: skip
+    removed = (
+        ", and the mean with rejected branches removed instead of weighted"
+        if "rejected removed" in table
+        else ""
+    )
+    return document.table(
+        table,
+        f"{short_name(measure)} exceeded at some annual rates{where}: mean before and after, fractiles over the "
+        f"branches after{removed}. Empty where the curves do not reach.",
+    )
 
 
 def _site(statement: dict[str, Any]) -> str:
@@ -99,7 +122,8 @@ def _site(statement: dict[str, Any]) -> str:
     return ", ".join(filter(None, [hazard["site_name"], place])) or "the rock"
 
 
-def _branches(statement: dict[str, Any], document: Document) -> str:
+def branches_table(statement: dict[str, Any], document: Document) -> str:
+    """The branches with the most weight, and their mean."""
     if "branches" not in statement:
         return ""
     heaviest = sorted(statement["branches"], key=lambda row: -(row["posterior_weight"] or 0.0))[
@@ -108,8 +132,8 @@ def _branches(statement: dict[str, Any], document: Document) -> str:
     rows = [*heaviest, statement["mean"]] if len(statement["branches"]) > 1 else heaviest
     table = pd.DataFrame([
         {
-            "branch": row["name"], "weight before": _digits(row.get("prior_weight")),
-            "after": _digits(row.get("posterior_weight")), "rejected removed": _digits(row.get("kept_weight")),
+            "branch": row["name"], "weight before": digits(row.get("prior_weight")),
+            "after": digits(row.get("posterior_weight")), "rejected removed": digits(row.get("kept_weight")),
             "survival": _with_ends(row, "survival"), "motions at most times": _with_ends(row, "scale_factor"),
             "rates at most times": _with_ends(row, "rate_factor"),
             "verdict": "" if "rejected" not in row else "rejected" if row["rejected"] else "kept",
@@ -127,7 +151,7 @@ def _branches(statement: dict[str, Any], document: Document) -> str:
 
 
 def _with_ends(row: dict[str, Any], name: str) -> str:
-    value, low, high = (_digits(row[f"{name}{end}"]) for end in ("", "_low", "_high"))
+    value, low, high = (digits(row[f"{name}{end}"]) for end in ("", "_low", "_high"))
     return f"{value} ({low}-{high or '∞'})" if low else value
 
 
@@ -136,8 +160,8 @@ def _levels(statement: dict[str, Any], document: Document) -> str:
         return ""
     table = pd.DataFrame([
         {
-            "level": row["level"], "weight moved (%)": _digits(100 * row["moved"]), "choice": row["choice"],
-            "before": _digits(row["prior_weight"]), "after": _digits(row["posterior_weight"]),
+            "level": row["level"], "weight moved (%)": digits(100 * row["moved"]), "choice": row["choice"],
+            "before": digits(row["prior_weight"]), "after": digits(row["posterior_weight"]),
         }
         for row in statement["levels"]
     ])  # fmt: skip
@@ -171,7 +195,7 @@ def _rocks(statement: dict[str, Any], document: Document) -> str:
     unit = printed_unit(statement["measure"])
     table = pd.DataFrame([
         {
-            "rock": rock["name"], f"median ({unit})": _digits(rock["median"]), "beta": _digits(rock["beta"]),
+            "rock": rock["name"], f"median ({unit})": digits(rock["median"]), "beta": digits(rock["beta"]),
             "jobs": rock.get("jobs"), "toppled": rock.get("toppled"), "records": rock.get("records"),
         }
         for rock in statement["rocks"]
@@ -182,11 +206,12 @@ def _rocks(statement: dict[str, Any], document: Document) -> str:
     if site := statement.get("random_rock"):
         text += paragraph(
             f"One fragility of the site, of a rock drawn at random from among those like them: median "
-            f"{_digits(site['median'])} {unit}, beta {_digits(site['beta'])}, of which {_digits(site['beta_within'])} "
-            f"within a rock and {_digits(site['beta_between'])} between rocks (random_rock.json)."
+            f"{digits(site['median'])} {unit}, beta {digits(site['beta'])}, of which {digits(site['beta_within'])} "
+            f"within a rock and {digits(site['beta_between'])} between rocks (random_rock.json)."
         )
     return text
 
 
-def _digits(value: float | None) -> str:
+def digits(value: float | None) -> str:
+    """A number with three digits; nothing where there is none."""
     return "" if value is None else f"{value:.3g}"

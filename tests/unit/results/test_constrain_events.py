@@ -83,11 +83,41 @@ def test_rocks_at_two_sites_weigh_the_branches_of_an_event_set(rocks, events, tm
         "rate_posterior_p95",
     } <= set(row)
     written = {path.name for path in out.iterdir()}
-    assert {"constraint.json", "branches.csv", "updated.csv", "left_out.csv", "constraint.png"} <= written
+    tables = {"branches.csv", "updated.csv", "changes.csv", "left_out.csv", "choices.csv"}
+    assert {"constraint.json", "constraint.html", "constraint.png"} | tables <= written
     filed = json.loads((out / "constraint.json").read_text())
     assert {path.rpartition("/")[2] for path in (one["path"] for one in filed["choices"]["files"])} >= {
         "gmf-data_1.csv", "realizations_1.csv", "first.json",
     }  # fmt: skip
+
+
+def test_the_page_of_an_event_set_begins_with_the_answer_at_each_site(rocks, events, tmp_path):
+    out = tmp_path / "out"
+    sites = ["--site", "1.0", "2.0", "--site", "1.2", "2.0"]
+    told = told_by(*rocks, "--hazard", events, *sites, "--age", "300", "--out", out)
+    page = (out / "constraint.html").read_text(encoding="utf-8")
+    head = page[page.index("<h1>") : page.index("<nav>")]
+    for site in ("aa", "bb"):
+        row = next(
+            row for row in reversed(told["changes"])
+            if row["site"] == site and row["level_prior_mean"] and row["level_posterior_mean"]
+        )  # fmt: skip
+        assert f"At {site}: The" in head
+        assert f"{row['level_prior_mean']:.3g} to {row['level_posterior_mean']:.3g}" in head
+    assert f"at most {told['mean']['scale_factor']:.3g} (" in head
+
+
+def test_factors_of_rates_and_of_the_mean_follow_from_the_branches_rates(rocks, events):
+    """Of one age A: k = -ln(.05) / (nu A), and the mean's nu is the weighted mean of the branches'."""
+    told = told_by(rocks[0], "--hazard", events, "--site", "aa", "--age", "300")
+    for row in told["branches"]:
+        assert row["rate_factor"] == pytest.approx(-math.log(0.05) / (300 * row["toppling_rate"]))
+        assert row["rate_factor_low"] < row["rate_factor"] < row["rate_factor_high"]
+    mean = sum(row["prior_weight"] * row["toppling_rate"] for row in told["branches"])
+    assert told["mean"]["survival"] == pytest.approx(math.exp(-300 * mean))
+    assert told["mean"]["rate_factor"] == pytest.approx(-math.log(0.05) / (300 * mean))
+    low, high = sorted(row["scale_factor"] for row in told["branches"])
+    assert low < told["mean"]["scale_factor"] < high
 
 
 def test_a_site_may_be_named_and_one_serves_all_rocks(rocks, events):

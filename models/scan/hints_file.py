@@ -2,9 +2,9 @@
 
 import json
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict
 
 from toppling.models.errors import refusals
 from toppling.models.folder import new_file
@@ -12,8 +12,41 @@ from toppling.models.spelling import did_you_mean
 
 HINTS = "hints.toml"
 MOST_BYTES = 1 << 20
-KEYS = ("units", "crs", "near", "plane", "point", "touch", "daylight", "pull")
-"""Options that say something of the scan, the interface or the base."""
+Place = Sequence[float]
+
+
+class CloudHints(TypedDict, total=False):
+    """What a user says of clouds and interface, by the names of options; survey coordinates, metres and degrees.
+
+    `length`, `gcp` and `up` are in coordinates of the model. Another word on one of these needs a new scan.
+    """
+
+    units: str | None
+    up: str | Place | None
+    length: tuple[Place, Place, float] | None
+    gcp: str | Path | None
+    crs: str | None
+    near: tuple[float, float] | None
+    plane: tuple[float, ...] | None
+    point: Sequence[Place]
+    outline: str | Path | None
+
+
+class Hints(CloudHints, total=False):
+    """The same with what a user knows of the base."""
+
+    touch: Sequence[Place]
+    daylight: Sequence[Place]
+    pull: Sequence[tuple[float, float]]
+
+
+OF_CLOUDS = tuple(CloudHints.__annotations__)
+KEYS = (*OF_CLOUDS, *(key for key in Hints.__annotations__ if key not in OF_CLOUDS))
+FILES = ("gcp", "outline")
+"""Files, which are copied beside the hints."""
+PLACES = ("point", "touch", "daylight")
+RIVALS = (("plane", "point", "outline"), ("units", "length", "gcp"), ("up", "gcp"))
+"""Of each of these, one is said."""
 
 _unusable = refusals(
     expected=f"a TOML file with some of the keys {', '.join(KEYS)}",
@@ -38,7 +71,7 @@ def read_hints(path: Path) -> dict[str, Any]:
     for key in said:
         if key not in KEYS:
             raise _unusable(f"'{key}' is no hint; {did_you_mean(key, KEYS, 'see the list')}", path)
-    return said
+    return said | {name: str(path.parent / str(said[name])) for name in FILES if name in said}
 
 
 def hints_text(said: Mapping[str, Any]) -> str:
@@ -46,16 +79,34 @@ def hints_text(said: Mapping[str, Any]) -> str:
 
     Examples
     --------
-    >>> print(hints_text({"near": (1.5, 2.0), "units": None, "point": ()}), end="")
+    >>> print(hints_text({"near": (1.5, 2.0), "units": None, "point": [(1, 2, 3.5)]}), end="")
     # Repeat the scan: toppling scan FILES --hints hints.toml --out FOLDER
     near = [1.5, 2.0]
+    point = ["1.0,2.0,3.5"]
     """
     lines = ["# Repeat the scan: toppling scan FILES --hints hints.toml --out FOLDER"]
-    lines += [f"{key} = {json.dumps(said[key])}" for key in KEYS if said.get(key)]
+    lines += [f"{key} = {json.dumps(_plain(key, said[key]))}" for key in KEYS if said.get(key)]
     return "\n".join(lines) + "\n"
 
 
 def write_hints(path: Path, said: Mapping[str, Any]) -> None:
-    """Write what was said, complete or not at all."""
+    """Write what was said, and the files that it names, beside each other; complete or not at all."""
+    kept = {name: f"{name}.csv" for name in FILES if said.get(name)}
+    for name, copy in kept.items():
+        with new_file(path.parent / copy) as staging:
+            staging.write_bytes(Path(said[name]).read_bytes())
     with new_file(path) as staging:
-        staging.write_text(hints_text(said), encoding="utf-8")
+        staging.write_text(hints_text({**said, **kept}), encoding="utf-8")
+
+
+def _plain(key: str, value: Any) -> Any:
+    """A value as the command line takes it."""
+    if key in PLACES:
+        return [_as_text(place) for place in value]
+    if key == "length":
+        return [_as_text(value[0]), _as_text(value[1]), value[2]]
+    return _as_text(value) if key == "up" else value
+
+
+def _as_text(place: str | Place) -> str:
+    return place if isinstance(place, str) else ",".join(repr(float(each)) for each in place)

@@ -11,8 +11,11 @@ from numpy.typing import NDArray
 from toppling.models.errors import InputError, refusals
 from toppling.models.guarded import read_guarded
 from toppling.models.lengths import METRES, NAMES, in_degrees, unit_of_remarks
+from toppling.models.mesh_files import MESH_FORMATS
 from toppling.models.ply import read_header, read_vertices
-from toppling.models.scan.reference import names_a_system
+from toppling.models.scan.meshes import UPWARD_Y, check_frame, is_mesh, mesh_as_in_file, points_on, remarks_of
+from toppling.models.scan.placement import Placement
+from toppling.models.scan.reference import Reference, names_a_system
 from toppling.models.scan.steps import coordinate_steps, single_precision_step
 from toppling.models.scan.text import read_text
 
@@ -37,7 +40,7 @@ DEGREES_PER_HEIGHT = 1e-3
 
 
 _unreadable = refusals(
-    expected="a point cloud: " + ", ".join(FORMATS),
+    expected=f"a point cloud ({', '.join(FORMATS)}) or a mesh ({', '.join(MESH_FORMATS)})",
     remedy="check the path, or export the cloud again as LAZ, PLY or XYZ in metres",
 )
 
@@ -64,6 +67,8 @@ class Source:
         Widest step in which its coordinates come, 0 if none shows.
     note : str
         What the user should know of it; may be empty.
+    placed_by : str
+        What its coordinates were scaled, turned or shifted by; may be empty.
     """
 
     name: str
@@ -75,6 +80,7 @@ class Source:
     epsg: int | None = None
     step_m: float = 0.0
     note: str = ""
+    placed_by: str = ""
 
     def to_json(self) -> dict[str, Any]:
         """The same for `scene.json`, without what is empty."""
@@ -85,6 +91,8 @@ class Source:
             content |= {"metres_per_unit": [*self.metres_per_unit], "unit_by": self.unit_by}
         if self.system:
             content |= {"coordinate_system": self.system, "epsg": self.epsg}
+        if self.placed_by:
+            content["placed_by"] = self.placed_by
         return content
 
 
@@ -120,37 +128,54 @@ class Cloud:
 
 @dataclass(frozen=True, eq=False)
 class _Read:
-    """Points (n, 3) of a file in its unit, the station of each, and what the file says of them."""
+    """Points (n, 3) of a file in its unit, the station of each (of a mesh None), and what the file says of them."""
 
     points: NDArray[np.float64]
-    station: NDArray[np.int32]
+    station: NDArray[np.int32] | None
     step: NDArray[np.float64]
     unit: str | None = None
-    reference: dict[str, Any] | None = None
+    reference: Reference | None = None
 
 
-def read_clouds(paths: Sequence[str | Path], unit: str | None = None) -> Cloud:
-    """Read files as one cloud; several files are stations of one survey in one coordinate system.
+def read_clouds(
+    paths: Sequence[str | Path],
+    unit: str | None = None,
+    placement: Placement | None = None,
+    system: Reference | None = None,
+) -> Cloud:
+    """Read files as one cloud; several clouds are stations of one survey, several meshes pieces of one model.
 
     Parameters
     ----------
     paths : sequence of path
     unit : str, optional
         Of all coordinates, one of `models.lengths.METRES`; it wins over what the files say.
+    placement : Placement, optional
+        How coordinates become metres with z up, where they are neither.
+    system : Reference, optional
+        Coordinate system of the coordinates, once they are placed; it wins over what the files say.
 
     Raises
     ------
     InputError
         If a file is absent, unreadable, of an unknown format, holds too few points, coordinates in degrees or in a
-        unit that is not understood, survey coordinates in single precision, or points at 0, 0, 0 far from all others.
+        unit that is not understood, survey coordinates in single precision, or points at 0, 0, 0 far from all others;
+        or a mesh shows that it is not in metres or that z is not up.
     """
+    said = _Said(unit, placement or Placement(), system)
     survey: list[NDArray[np.float64]] = []
     stations: list[NDArray[np.int32]] = []
     sources: list[Source] = []
+    first_mesh = None
     for path in map(Path, paths):
-        points, station, source = _in_metres(_read_file(path, unit is not None), path, unit)
+        read = _read_file(path, said)
+        points, station, source = _in_metres(read, path, said)
         survey.append(points)
-        stations.append(station + (stations[-1].max() + 1 if stations else 0))
+        after = int(stations[-1].max()) + 1 if stations else 0
+        if read.station is None:
+            first_mesh = after if first_mesh is None else first_mesh
+            after = first_mesh
+        stations.append(station + np.int32(after))
         sources.append(source)
     origin = np.floor(np.median(np.vstack([each[:: max(1, len(each) // 10000)] for each in survey]), axis=0))
     for each in survey:
@@ -160,67 +185,105 @@ def read_clouds(paths: Sequence[str | Path], unit: str | None = None) -> Cloud:
     return Cloud(points, origin, station, tuple((each.name, each.points) for each in sources), tuple(sources))
 
 
-def _in_metres(
-    read: _Read, path: Path, unit: str | None
-) -> tuple[NDArray[np.float64], NDArray[np.int32], Source]:
-    """Finite points in metres, and what became of the others."""
-    points, station, left_out = read.points, read.station, 0
+@dataclass(frozen=True, eq=False)
+class _Said:
+    """What the user says of the coordinates."""
+
+    unit: str | None
+    placement: Placement
+    system: Reference | None
+
+    def __post_init__(self) -> None:
+        if self.placement.says_scale and self.unit is not None:
+            raise InputError(
+                f"--units {self.unit} is given beside {self.placement.by.partition(':')[0]}",
+                where="--units",
+                expected="one word on the scale",
+                remedy="leave out --units: a measured length or control points say the scale",
+            )
+
+    @property
+    def unit_given(self) -> bool:
+        """Whether the user says how long a unit is."""
+        return self.unit is not None or self.placement.says_scale or self.system is not None
+
+
+def _in_metres(read: _Read, path: Path, said: _Said) -> tuple[NDArray[np.float64], NDArray[np.int32], Source]:
+    """Finite points in metres, z up, and what became of the others."""
+    points, left_out = read.points, 0
+    station = np.zeros(len(points), np.int32) if read.station is None else read.station
     if not np.isfinite(points.sum()):
         finite = np.isfinite(points).all(axis=1)
         points, station, left_out = points[finite], station[finite], int((~finite).sum())
-    scale, by, note = _unit_of(read, unit)
+    scale, by, note = _unit_of(read, said)
     _check_points(points, path, left_out, scale)
     if scale != (1.0, 1.0):
         points *= (scale[0], scale[0], scale[1])
     _check_returns(points, path)
+    placement = said.placement
+    points = placement.apply(points) if placement.by else points
     notes = [f"{left_out} points are not finite and were left out"] if left_out else []
-    notes += [note] if note else []
+    notes += [each for each in (note, placement.by and f"placed by {placement.by}") if each]
+    stated = said.system or (None if placement.says_scale else read.reference)
     source = Source(
         path.name,
         len(points),
         left_out,
         scale,
         by,
-        read.reference["name"] if read.reference else "",
-        read.reference["epsg"] if read.reference else None,
-        float((read.step * (scale[0], scale[0], scale[1])).max()),
+        stated["name"] if stated else "",
+        stated["epsg"] if stated else None,
+        float((read.step * (scale[0], scale[0], scale[1])).max()) * placement.scale,
         "; ".join(notes),
+        placement.by,
     )
     return points, _counted(station), source
 
 
-def _unit_of(read: _Read, unit: str | None) -> tuple[tuple[float, float], str, str]:
+def _unit_of(read: _Read, said: _Said) -> tuple[tuple[float, float], str, str]:
     """Metres of a unit across and upward, who says so, and what should be told of it."""
+    if said.placement.says_scale:
+        return (1.0, 1.0), "", ""
     stated, by = None, ""
     if read.reference is not None:
         across, up = read.reference["metres_per_unit"]
         stated, by = (across, up), f"{read.reference['name']}: {read.reference['unit']}"
     elif read.unit is not None:
         stated, by = (METRES[read.unit],) * 2, f"its remarks: {NAMES[read.unit]}"
-    if unit is not None:
-        given = (METRES[unit],) * 2
+    given = option = name = None
+    if said.unit is not None:
+        given, option, name = (METRES[said.unit],) * 2, f"--units {said.unit}", NAMES[said.unit]
+    elif said.system is not None:
+        across, up = said.system["metres_per_unit"]
+        given, name = (across, up), f"{said.system['name']} ({said.system['unit']})"
+        option = f"--crs: {name}"
+    if given is not None and option is not None:
         differs = stated is not None and not np.allclose(given, stated, rtol=UNIT_TOLERANCE, atol=0.0)
-        return given, f"--units {unit}", f"read in {NAMES[unit]}, though it says {by}" if differs else ""
+        other = said.system is not None and read.reference is not None and read.reference["epsg"]
+        differs |= bool(other) and said.system is not None and other != said.system["epsg"]
+        return given, option, f"read in {name}, though it says {by}" if differs else ""
     if stated is None or stated == (1.0, 1.0):
         return (1.0, 1.0), by, ""
     also = f"; {read.reference['note']}" if read.reference and read.reference["note"] else ""
     return stated, by, f"converted to metres as its coordinates are in other units ({by}){also}"
 
 
-def _read_file(path: Path, unit_given: bool) -> _Read:
+def _read_file(path: Path, said: _Said) -> _Read:
     """Coordinates of a file in double precision, in its unit."""
     if not path.is_file():
         raise _unreadable("no such file", path)
-    suffix = path.suffix.lower()
-    if suffix not in FORMATS:
+    suffix, unit_given = path.suffix.lower(), said.unit_given
+    if suffix not in FORMATS + MESH_FORMATS:
         raise _unreadable(f"unknown format '{suffix}'", path)
     try:
+        if is_mesh(path):
+            return _read_mesh(path, said)
         if suffix in GUARDED:
             reader, libraries = GUARDED[suffix]
-            said, (points, station) = read_guarded(f"toppling.models.scan.binary:{reader}", path, libraries)
-            if said["refusal"] and not unit_given:
-                raise InputError(**said["refusal"] | {"where": str(path)})
-            return _Read(points, station, np.array(said["step"]), said["unit"], said["reference"])
+            told, (points, station) = read_guarded(f"toppling.models.scan.binary:{reader}", path, libraries)
+            if told["refusal"] and not unit_given:
+                raise InputError(**told["refusal"] | {"where": str(path)})
+            return _Read(points, station, np.array(told["step"]), told["unit"], told["reference"])
         if suffix == ".ply":
             points, station = _read_ply(path)
             remarks = read_header(path).remarks
@@ -232,21 +295,36 @@ def _read_file(path: Path, unit_given: bool) -> _Read:
         raise
     except Exception as error:  # each reader raises whatever its parser raises
         raise _unreadable(f"cannot be read ({type(error).__name__}: {error})", path) from error
+    return _Read(points, station, coordinate_steps(points), *_of_remarks(remarks, path, unit_given))
+
+
+def _read_mesh(path: Path, said: _Said) -> _Read:
+    """Points on a mesh of one or several pieces, open or closed."""
+    vertices, faces = mesh_as_in_file(path)
+    unit, system = _of_remarks(remarks_of(path), path, said.unit_given)
+    check_frame(vertices, faces, path, said.placement, unit_given=said.unit_given or bool(unit or system))
+    if path.suffix.lower() in UPWARD_Y and not said.placement.says_up:
+        vertices = vertices[:, [0, 2, 1]] * (1.0, -1.0, 1.0)
+    return _Read(points_on(vertices, faces), None, coordinate_steps(vertices), unit, system)
+
+
+def _of_remarks(remarks: Sequence[str], path: Path, unit_given: bool) -> tuple[str | None, Reference | None]:
+    """Unit, or else coordinate system, that a text file or the head of a PLY states in its remarks.
+
+    Raises
+    ------
+    InputError
+        If nobody understands what they state, unless the user says the unit.
+    """
     try:
-        said_unit, system = _of_remarks(remarks, path)
+        unit = unit_of_remarks(remarks, str(path))
+        if unit is not None or not names_a_system("\n".join(remarks)):
+            return unit, None
+        return None, read_guarded("toppling.models.scan.reference:of_text_head", path)[0]
     except InputError:
         if not unit_given:
             raise
-        said_unit, system = None, None
-    return _Read(points, station, coordinate_steps(points), said_unit, system)
-
-
-def _of_remarks(remarks: Sequence[str], path: Path) -> tuple[str | None, dict[str, Any] | None]:
-    """Unit, or else coordinate system, that a text file or the head of a PLY states in its remarks."""
-    unit = unit_of_remarks(remarks, str(path))
-    if unit is not None or not names_a_system("\n".join(remarks)):
-        return unit, None
-    return None, read_guarded("toppling.models.scan.reference:of_text_head", path)[0]
+        return None, None
 
 
 def _read_ply(path: Path) -> tuple[NDArray[np.float64], NDArray]:

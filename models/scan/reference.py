@@ -63,6 +63,34 @@ def of_code(code: int, where: str) -> Reference:
         raise _not_understood(f"EPSG:{code}", where) from None
 
 
+def of_user(text: str) -> Reference:
+    """Coordinate system as a user names it: EPSG:32611, its number alone, WKT, or a PROJ string.
+
+    Raises
+    ------
+    InputError
+        As of `of_wkt`.
+
+    Examples
+    --------
+    >>> system = of_user("EPSG:32611")
+    >>> system["name"], system["metres_per_unit"]
+    ('WGS 84 / UTM zone 11N', [1.0, 1.0])
+    """
+    from pyproj import CRS
+    from pyproj.exceptions import CRSError
+
+    try:
+        return _of_crs(CRS.from_user_input(int(text) if text.strip().isdigit() else text), "--crs")
+    except CRSError as error:
+        raise InputError(
+            f"'{text[:60]}' names no coordinate system ({str(error).splitlines()[0][:120]})",
+            where="--crs",
+            expected="a projected coordinate system: EPSG:32611, or its WKT",
+            remedy="look up the code of the survey's coordinate system, such as that of its UTM zone",
+        ) from None
+
+
 def of_geo_keys(keys: bytes, doubles: bytes, where: str) -> Reference | None:
     """Coordinate system by GeoTIFF's keys; None if they say nothing of lengths.
 

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from toppling.orchestrator.public.making import check, scan
     from toppling.orchestrator.public.reading import query, report
     from toppling.orchestrator.public.running import plan, run
+    from toppling.orchestrator.public.scan_again import scan_again
     from toppling.results.run import Run, open_run
     from toppling.workers.outcome import ShakeResult
     from toppling.workers.shake import shake
@@ -51,6 +52,7 @@ __all__ = [
     "report",
     "run",
     "scan",
+    "scan_again",
     "shake",
 ]
 
@@ -74,6 +76,7 @@ _HOMES = {
     "report": "toppling.orchestrator.public.reading",
     "run": "toppling.orchestrator.public.running",
     "scan": "toppling.orchestrator.public.making",
+    "scan_again": "toppling.orchestrator.public.scan_again",
     "shake": "toppling.workers.shake",
 }
 

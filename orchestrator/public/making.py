@@ -4,12 +4,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Unpack
 
 import pandas as pd
 
 from toppling.models.errors import InputError
 from toppling.models.folder import refuse_existing
+from toppling.models.scan.hints_file import Hints
 from toppling.models.scene import Scene
 from toppling.orchestrator.public import REALISATIONS, unseen
 from toppling.orchestrator.studies.seismograms import Verdict, judged, neighbouring_factors, read_seismograms
@@ -40,30 +41,28 @@ def scan(
     files: Sequence[str | Path],
     out: str | Path,
     *,
-    units: str | None = None,
-    near: tuple[float, float] | None = None,
-    plane: tuple[float, ...] | None = None,
-    points: Sequence[tuple[float, ...]] = (),
-    outline: str | Path | None = None,
     contact: str | Path | None = None,
-    touching: Sequence[tuple[float, ...]] = (),
-    daylight: Sequence[tuple[float, ...]] = (),
-    pulls: Sequence[tuple[float, float]] = (),
     bootstrap: int = REALISATIONS,
     advance: Callable[..., None] = unseen,
+    **hints: Unpack[Hints],
 ) -> Scanned:
-    """Turn laser scans into a rock on its pedestal, as `toppling scan` does, and write the scene to a new folder.
+    """Turn laser scans or photogrammetry into a rock on its pedestal, as `toppling scan` does, in a new folder.
 
     Parameters
     ----------
     files : sequence of path
-        Stations of one survey.
+        Stations of one survey, or pieces of one model.
     out : path
         The scene's folder, which must not exist.
-    units, near, plane, points, outline, contact, touching, daylight, pulls, bootstrap
-        As the options of `toppling scan`: lengths in metres, angles in degrees, survey coordinates.
+    contact : path, optional
+        File of places that touch, or where light passes.
+    bootstrap : int
+        Half samples for the uncertainty.
     advance : callable
         Called with (1, what) at each stage.
+    **hints
+        `units`, `up`, `length`, `gcp`, `crs`, `near`, `plane`, `point`, `outline`, `touch`, `daylight`, `pull`, as the
+        options of `toppling scan`: lengths in metres, angles in degrees, survey coordinates.
 
     Raises
     ------
@@ -72,25 +71,26 @@ def scan(
     """
     from toppling.models.scan.inspection import inspection_of
     from toppling.models.scan.interface_hint import hint_of
-    from toppling.models.scan.read import read_clouds
     from toppling.models.scan.survey import survey
-    from toppling.orchestrator.public.scan_files import hints_said
+    from toppling.orchestrator.public.scan_files import check_hints, hints_said, placed_cloud
 
+    check_hints(hints)
     clouds, folder, looked = tuple(map(Path, files)), Path(out), _path(contact)
     refuse_existing(folder)
-    inspection = inspection_of(looked, pulls, touching, daylight)
-    hint = hint_of(plane, list(points), _path(outline))
+    inspection = inspection_of(
+        looked, hints.get("pull", ()), hints.get("touch", ()), hints.get("daylight", ())
+    )
+    hint = hint_of(hints.get("plane"), list(hints.get("point", ())), _path(hints.get("outline")))
     stage = partial(advance, 1)
 
     advance(0, "reading")
-    cloud = read_clouds(clouds, units)
+    cloud = placed_cloud(clouds, hints)
     try:
-        result = survey(cloud, stage, near, hint, bootstrap, inspection)
+        result = survey(cloud, stage, hints.get("near"), hint, bootstrap, inspection)
     except InputError as error:
         raise _in_files(error, clouds, looked) from None
     advance(1, "letting the rock stand")
-    said = hints_said({"units": units, "near": near, "plane": plane, "point": points}, inspection)
-    return Scanned(result.scene, folder, _written(result, folder, said, advance))
+    return Scanned(result.scene, folder, _written(result, folder, hints_said(hints, inspection), advance))
 
 
 def _written(result: "Survey", folder: Path, said: dict[str, Any], advance: Callable[..., None]) -> list[str]:

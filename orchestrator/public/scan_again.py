@@ -5,14 +5,12 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from toppling.models.folder import new_folder, replaced_folder
-from toppling.models.scan.hints_file import HINTS, write_hints
+from toppling.models.scan.hints_file import HINTS, Place, write_hints
 from toppling.models.scan.inspection import inspection_of
 from toppling.models.scene_document import LABELS, WORKED_OUT
 from toppling.orchestrator.public import unseen
 from toppling.orchestrator.public.making import Scanned
 from toppling.orchestrator.public.scan_files import hints_said, pictured
-
-Places = Sequence[tuple[float, ...]]
 
 
 def scan_again(
@@ -20,9 +18,9 @@ def scan_again(
     out: str | Path | None = None,
     *,
     contact: str | Path | None = None,
-    touching: Places = (),
-    daylight: Places = (),
-    pulls: Sequence[tuple[float, float]] = (),
+    touch: Sequence[Place] = (),
+    daylight: Sequence[Place] = (),
+    pull: Sequence[tuple[float, float]] = (),
     advance: Callable[..., None] = unseen,
 ) -> Scanned:
     """Draw the base of a scanned scene anew, with what its scan has worked out: no clouds are read.
@@ -33,7 +31,7 @@ def scan_again(
         Folder of a scene of :func:`scan`.
     out : path, optional
         A new folder for the result. Default: it takes the place of the scene.
-    contact, touching, daylight, pulls
+    contact, touch, daylight, pull
         As of :func:`scan`; those that are given replace the former ones of their kind.
     advance : callable
         Called with (1, what) at each stage.
@@ -48,7 +46,7 @@ def scan_again(
 
     folder = Path(scene)
     advance(0, "reading")
-    kept = WorkedOut.read(folder).with_hints(inspection_of(contact, pulls, touching, daylight))
+    kept = WorkedOut.read(folder).with_hints(inspection_of(contact, pull, touch, daylight))
     advance(1, "drawing the hidden base")
     drawn, kept = kept.scene()
     advance(1, "writing")

@@ -2,23 +2,64 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+from toppling.models.errors import InputError
+from toppling.models.scan.hints_file import KEYS, OF_CLOUDS, CloudHints
 from toppling.models.scan.inspection import Inspection
 from toppling.models.scene import Scene
+from toppling.models.spelling import did_you_mean
+
+if TYPE_CHECKING:
+    from toppling.models.scan.read import Cloud
+
+
+def check_hints(hints: Mapping[str, object]) -> None:
+    """Refuse a keyword that is no hint, as Python does.
+
+    Raises
+    ------
+    TypeError
+        With the hint that was probably meant.
+    """
+    for name in hints:
+        if name not in KEYS:
+            msg = f"'{name}' is no hint of a scan: {did_you_mean(name, KEYS, ', '.join(KEYS))}"
+            raise TypeError(msg)
+
+
+def placed_cloud(files: Sequence[Path], hints: CloudHints) -> "Cloud":
+    """Points of files in metres, z up, by what the files and the user say.
+
+    Raises
+    ------
+    InputError
+        If a file cannot be read, or what is said contradicts itself.
+    """
+    from toppling.models.scan.placement import placement_of
+    from toppling.models.scan.read import read_clouds
+    from toppling.models.scan.reference import of_user
+
+    crs, length, gcp = hints.get("crs"), hints.get("length"), hints.get("gcp")
+    if crs and length:
+        raise InputError(
+            "--crs is given with --length",
+            where="--crs",
+            expected="a coordinate system of surveyed coordinates",
+            remedy="give control points (--gcp), which place the model in it, or leave --crs out",
+        )
+    system = of_user(crs) if crs else None
+    placement = placement_of(
+        hints.get("up"), length, gcp, system["metres_per_unit"] if system else (1.0, 1.0)
+    )
+    return read_clouds(files, hints.get("units"), placement, system)
 
 
 def hints_said(given: Mapping[str, Any], inspection: Inspection) -> dict[str, Any]:
     """What was said of a scan, as `hints.toml` has it."""
-    said = {name: given.get(name) for name in ("units", "near", "plane")}
-    said["point"] = [_as_text(each) for each in given.get("point") or ()]
-    said["touch"] = [_as_text(each) for each in inspection.touching_m]
-    said["daylight"] = [_as_text(each) for each in inspection.open_m]
-    return said | {"pull": [list(each) for each in inspection.pulls]}
-
-
-def _as_text(place: str | Sequence[float]) -> str:
-    return place if isinstance(place, str) else ",".join(repr(float(each)) for each in place)
+    said = {name: given.get(name) for name in OF_CLOUDS}
+    places = {"touch": inspection.touching_m.tolist(), "daylight": inspection.open_m.tolist()}
+    return said | places | {"pull": [list(each) for each in inspection.pulls]}
 
 
 def pictured(scene: Scene) -> tuple[Callable[[Path], None], list[str]]:

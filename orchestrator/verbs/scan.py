@@ -1,4 +1,4 @@
-"""`toppling scan`: from point clouds to a scene."""
+"""`toppling scan`: from point clouds and meshes to a scene."""
 
 import json
 from pathlib import Path
@@ -8,7 +8,7 @@ import click
 
 from toppling.models.errors import InputError
 from toppling.models.lengths import METRES
-from toppling.models.scan.hints_file import read_hints
+from toppling.models.scan.hints_file import KEYS, OF_CLOUDS, RIVALS, read_hints
 from toppling.models.scene import Scene
 from toppling.orchestrator.progress import bar
 from toppling.orchestrator.public import REALISATIONS
@@ -33,9 +33,23 @@ def _place(_: click.Context, parameter: click.Parameter, words: tuple[str, ...])
     return [_coordinates(word, f"--{parameter.name}") for word in words]
 
 
+def _apart(
+    _: click.Context, __: click.Parameter, said: tuple[str, str, float] | None
+) -> tuple[Any, Any, float] | None:
+    return said and (_coordinates(said[0], "--length"), _coordinates(said[1], "--length"), said[2])
+
+
 def _hinted(context: click.Context, _: click.Parameter, file: Path | None) -> None:
     if file is not None:
         context.default_map = read_hints(file)
+
+
+def _without_rivals(given: dict[str, Any]) -> dict[str, Any]:
+    """What is given, without those hints of a file that an option given beside it replaces."""
+    source = click.get_current_context().get_parameter_source
+    typed = {name for name in KEYS if source(name) is click.core.ParameterSource.COMMANDLINE}
+    beaten = {name for group in RIVALS if typed & set(group) for name in set(group) - typed}
+    return given | {name: () if name == "point" else None for name in beaten}
 
 
 @click.command()
@@ -45,6 +59,30 @@ def _hinted(context: click.Context, _: click.Parameter, file: Path | None) -> No
     "--units",
     type=click.Choice(list(METRES)),
     help="Unit of the coordinates; it wins over what the files say. Metres where neither says anything.",
+)
+@click.option(
+    "--up",
+    metavar="AXIS",
+    help="What points upward in the files: x, y, z, -x, -y, -z or three numbers X,Y,Z. z unless given; in glTF y.",
+)
+@click.option(
+    "--length",
+    type=(str, str, float),
+    callback=_apart,
+    metavar="P Q METRES",
+    help="A measured length for a model without scale: two of its places, X,Y,Z each, and the metres between them.",
+)
+@click.option(
+    "--gcp",
+    type=PATH,
+    metavar="FILE",
+    help="CSV of three or more ground control points: x,y,z in the model, then x,y,z as surveyed. They say scale, "
+    "attitude and place.",
+)
+@click.option(
+    "--crs",
+    metavar="EPSG:CODE",
+    help="Coordinate system of the survey, where the files state none; it wins over what they state.",
 )
 @click.option(
     "--near",
@@ -116,11 +154,12 @@ def _hinted(context: click.Context, _: click.Parameter, file: Path | None) -> No
 )
 @json_option("Print the content of scene.json.")
 def scan(files: tuple[Path, ...], again: Path | None, as_json: bool, **given: Any) -> None:
-    """Turn laser scans into a rock on its pedestal.
+    """Turn laser scans or photogrammetry into a rock on its pedestal.
 
-    FILES are stations of one survey: LAZ, LAS, PLY, PCD, XYZ, PTS, TXT, CSV or E57, z up, in the unit that they state,
-    or in metres. Rock and pedestal are separated automatically; if you know better where they meet, use --plane,
-    --point or --outline.
+    FILES are stations of one survey (LAZ, LAS, PLY, PCD, XYZ, PTS, TXT, CSV, E57) or pieces of one mesh (OBJ, PLY,
+    STL, GLB), z up, in the unit that they state, or in metres. What is not so is placed by --units, --up, --length or
+    --gcp; all other options take coordinates as placed, in metres. Rock and pedestal are separated automatically; if
+    you know better where they meet, use --plane, --point or --outline.
 
     No laser sees the base of the rock. The command draws bases that are consistent with the scan and on which the rock
     stands as scanned, and keeps them in the scene. --contact, --touch, --daylight, --pull and --outline narrow them
@@ -132,8 +171,10 @@ def scan(files: tuple[Path, ...], again: Path | None, as_json: bool, **given: An
     toppling scan cloud.e57 --out scenes/rock --point 331250.1,3777309.2,480.3 \\
         --point 331251.0,3777310.4,480.2 --point 331249.4,3777310.8,480.4
     toppling scan cloud.e57 --out scenes/rock --contact looked.csv --pull 135 0.32
+    toppling scan model.obj --out scenes/rock --up y --length 0.12,1.4,0.3 2.31,1.38,0.29 1.5
     toppling scan --again scenes/rock --pull N40E 0.21
     """
+    given = _without_rivals(given)
     _check_usage(files, again, given)
     if again is None:
         made = _from_clouds(files, given)
@@ -142,8 +183,8 @@ def scan(files: tuple[Path, ...], again: Path | None, as_json: bool, **given: An
 
         with bar("scan again", 3) as advance:
             made = scan_again(
-                again, given["out"], contact=given["contact"], touching=given["touch"], daylight=given["daylight"],
-                pulls=given["pull"], advance=advance,
+                again, given["out"], contact=given["contact"], touch=given["touch"], daylight=given["daylight"],
+                pull=given["pull"], advance=advance,
             )  # fmt: skip
     click.echo(
         json.dumps(made.scene.to_json(), allow_nan=False) if as_json else _told(made.scene, made.folder)
@@ -162,7 +203,7 @@ def _check_usage(files: tuple[Path, ...], again: Path | None, given: dict[str, A
         return
     if files:
         raise click.UsageError("--again takes no FILES: it reads what the scan of the scene has kept.")
-    for name in ("units", "near", "plane", "point", "outline"):
+    for name in OF_CLOUDS:
         if given[name]:
             raise click.UsageError(f"--again draws the base only: --{name} needs a new scan of the clouds.")
 
@@ -171,7 +212,6 @@ def _from_clouds(files: tuple[Path, ...], given: dict[str, Any]) -> "Scanned":
     from toppling.models.scan.survey import STAGES
     from toppling.orchestrator.public.making import scan as scanned
 
-    given = given | {"points": given.pop("point"), "touching": given.pop("touch"), "pulls": given.pop("pull")}
     with bar("scan", STAGES + given["bootstrap"] + 3) as advance:
         return scanned(files, given.pop("out"), **given, advance=advance)
 

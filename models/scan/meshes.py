@@ -1,0 +1,162 @@
+"""Meshes of photogrammetry as clouds: points spread over their triangles, and what a mesh shows of its frame."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from toppling.models.arrays import Array
+from toppling.models.errors import InputError
+from toppling.models.lengths import METRES, NAMES
+from toppling.models.mesh_files import MESH_FORMATS, read_triangles
+from toppling.models.ply import read_header
+from toppling.models.scan.placement import AXES, Placement
+
+UPWARD_Y = (".glb", ".gltf")
+"""Formats in which y is up by their rule."""
+POINTS_PER_TRIANGLE, FEWEST, MOST = 4, 1_000_000, 4_000_000
+"""Points on a mesh: half of them spread evenly over its area, half over its triangles, so where it has its detail."""
+WIDEST, NARROWEST = 200.0, 0.3
+"""Extents of a mesh whose file states no unit, beyond which it is hardly a rock and its ground in metres."""
+SITE_M = (0.5, 100.0)
+"""Extents of a rock with its ground, by which units are guessed."""
+OPEN_SHARE = 0.05
+"""Of its area: with less left over, a mesh is closed and does not show by its opening where up is."""
+TILTED_DEG, NEAR_AXIS_DEG = 45.0, 25.0
+"""An open surface faces up in the mean: farther from z than this, z is not up; nearer to an axis, that axis is."""
+COMMENT_BYTES = 65_536
+
+
+def is_mesh(path: Path) -> bool:
+    """Whether a file holds triangles, by its name, or in a PLY by its header."""
+    suffix = path.suffix.lower()
+    if suffix != ".ply" or not path.is_file():
+        return suffix in MESH_FORMATS and suffix != ".ply"
+    return any(each.name == "face" and each.count > 0 for each in read_header(path).elements)
+
+
+def mesh_as_in_file(path: Path) -> tuple[Array, NDArray[np.int64]]:
+    """Vertices (n, 3) in the file's own axes and unit, and triangles (m, 3).
+
+    Raises
+    ------
+    InputError
+        As of `read_triangles`.
+    """
+    vertices, faces = read_triangles(path)
+    if path.suffix.lower() in UPWARD_Y:
+        vertices = vertices[:, [0, 2, 1]] * (1.0, 1.0, -1.0)
+    return vertices, faces
+
+
+def remarks_of(path: Path) -> tuple[str, ...]:
+    """Comments at the beginning of a mesh's file."""
+    suffix = path.suffix.lower()
+    if suffix == ".ply":
+        return read_header(path).remarks
+    if suffix != ".obj":
+        return ()
+    with path.open("rb") as file:
+        head = file.read(COMMENT_BYTES).decode("latin-1")
+    return tuple(line.lstrip("# ") for line in head.splitlines() if line.startswith("#"))
+
+
+def check_frame(
+    vertices: Array, faces: NDArray[np.int64], path: Path, placement: Placement, *, unit_given: bool
+) -> None:
+    """Refuse a mesh that shows that it is not in metres with z up, unless the user says what it is: all at once.
+
+    Raises
+    ------
+    InputError
+        With the options to give.
+    """
+    found = [] if placement.says_up else [_sideways(vertices, faces, path)]
+    found += [] if placement.says_scale or unit_given else [_sized(vertices)]
+    told = [each for each in found if each is not None]
+    if told:
+        raise InputError(
+            "; ".join(what for what, _ in told),
+            where=str(path),
+            expected="a mesh in metres with z up, or options that say what it is in",
+            remedy=f"give {' '.join(option for _, option in told)}; --up z and --units m keep it as it is, and control "
+            "points (--gcp) say both",
+        )
+    if placement.says_scale and placement.says_up:
+        facing = _facing(vertices @ placement.turn.T, faces)
+        if facing is not None and facing[2] < -0.5:
+            raise InputError(
+                f"its surface faces downward once it is placed by {placement.by.partition(':')[0]}",
+                where=str(path),
+                expected="ground and rock that face upward",
+                remedy="check which way is up; control points whose east and north are exchanged turn a model over",
+            )
+
+
+def _facing(vertices: Array, faces: NDArray[np.int64]) -> Array | None:
+    """Unit vector toward which an open surface faces in the mean; None for one that is closed."""
+    corners = vertices[faces]
+    area = 0.5 * np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    total, whole = area.sum(axis=0), float(np.linalg.norm(area, axis=1).sum())
+    size = float(np.linalg.norm(total))
+    return total / size if size > OPEN_SHARE * whole else None
+
+
+def _sideways(vertices: Array, faces: NDArray[np.int64], path: Path) -> tuple[str, str] | None:
+    facing = _facing(vertices, faces)
+    if facing is None:
+        return None
+    usual = "y" if path.suffix.lower() in UPWARD_Y else "z"
+    off = _angle_deg(facing, AXES[usual])
+    if off < TILTED_DEG:
+        return None
+    axis = min(AXES, key=lambda name: _angle_deg(facing, AXES[name]))
+    if _angle_deg(facing, AXES[axis]) < NEAR_AXIS_DEG:
+        return f"it looks {axis} up: its surface faces {axis} in the mean, not {usual}", f"--up {axis}"
+    way = ",".join(f"{each:.2f}" for each in facing)
+    return f"its surface faces {way} in the mean, {off:.0f} degrees from {usual}", f"--up {way}"
+
+
+def _sized(vertices: Array) -> tuple[str, str] | None:
+    size = float(np.ptp(vertices, axis=0).max())
+    if NARROWEST <= size <= WIDEST:
+        return None
+    if size < NARROWEST:
+        return (
+            f"it is {size:.3g} wide, and no rock with its ground is so small in metres",
+            "--length P Q METRES",
+        )
+    sizes = {unit: size * METRES[unit] for unit in ("mm", "cm", "in", "ft")}
+    likely = {unit: wide for unit, wide in sizes.items() if SITE_M[0] <= wide <= SITE_M[1]}
+    looks = " or ".join(f"{NAMES[unit]} ({wide:.3g} m)" for unit, wide in likely.items())
+    what = f"it looks like {looks or 'another unit than metres'}: it is {size:.5g} wide"
+    return what, f"--units {'|'.join(likely) or 'UNIT'}"
+
+
+def _angle_deg(one: Array, other: object) -> float:
+    return float(np.rad2deg(np.arccos(np.clip(np.dot(one, np.asarray(other, float)), -1.0, 1.0))))
+
+
+def points_on(vertices: Array, faces: NDArray[np.int64]) -> Array:
+    """Points (n, 3) on triangles, a low-discrepancy sequence: the same for the same mesh.
+
+    Examples
+    --------
+    >>> square = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]])
+    >>> points_on(square, np.array([[0, 1, 2], [0, 2, 3]])).mean(axis=0).round(3).tolist()
+    [0.5, 0.5, 0.0]
+    """
+    corners = vertices[faces]
+    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    count = int(np.clip(POINTS_PER_TRIANGLE * len(faces), FEWEST, MOST))
+    number = np.arange(count)
+    share = np.cumsum(0.5 * area / area.sum() + 0.5 / len(faces))
+    triangle = np.minimum(np.searchsorted(share, (number + 0.5) / count), len(faces) - 1)
+    # Roberts' R2 sequence, folded into the triangle.
+    u, v = (number * 0.7548776662466927) % 1.0, (number * 0.5698402909980532) % 1.0
+    over = u + v > 1.0
+    u, v = np.where(over, 1.0 - u, u)[:, None], np.where(over, 1.0 - v, v)[:, None]
+    first, second, third = (corners[:, corner][triangle] for corner in range(3))
+    return first * (1.0 - u - v) + second * u + third * v

@@ -1,0 +1,190 @@
+"""Meshes of photogrammetry, in any unit and attitude, are read as the clouds that they are of."""
+
+import numpy as np
+import pytest
+import trimesh
+from click.testing import CliRunner
+
+from toppling.models.errors import InputError
+from toppling.models.scan import meshes
+from toppling.models.scan.overlap import check_overlap
+from toppling.models.scan.placement import Placement, placement_of
+from toppling.models.scan.read import read_clouds
+from toppling.models.scan.reference import of_user
+from toppling.orchestrator.cli import cli as main
+
+FORMATS = ("obj", "ply", "stl", "glb", "off")
+
+
+@pytest.fixture(autouse=True)
+def few_points(monkeypatch):
+    monkeypatch.setattr(meshes, "FEWEST", 20_000)
+
+
+def pieces():
+    """Ground of 8 by 6 m, and a block of .7 by .9 by 1.6 m on it, metres, z up, neither closed."""
+    ground = trimesh.creation.box([8.0, 6.0, 1.0])
+    ground.update_faces(ground.face_normals[:, 2] > 0.9)
+    ground.apply_translation([0.0, 0.0, -0.5])
+    block = trimesh.creation.box([0.7, 0.9, 1.6])
+    block.update_faces(block.face_normals[:, 2] > -0.9)
+    block.apply_translation([1.0, -0.5, 0.8])
+    return ground.subdivide(), block.subdivide()
+
+
+def site():
+    return trimesh.util.concatenate(pieces())
+
+
+def exported(path, mesh=None, scale=1.0, turn=None):
+    mesh = (mesh or site()).copy()
+    vertices = mesh.vertices * scale
+    mesh.vertices = vertices if turn is None else vertices @ np.asarray(turn, float).T
+    mesh.export(path)
+    return path
+
+
+Y_UP = [[1, 0, 0], [0, 0, 1], [0, -1, 0]]
+
+
+def bounds(cloud):
+    points = cloud.points_m + cloud.origin_m
+    return np.array([points.min(axis=0), points.max(axis=0)])
+
+
+METRES = np.array([[-4.0, -3.0, 0.0], [4.0, 3.0, 1.6]])
+
+
+@pytest.mark.parametrize("suffix", FORMATS)
+def test_a_mesh_is_read_in_every_format_unit_and_attitude(tmp_path, suffix):
+    path = exported(tmp_path / f"site.{suffix}", scale=1000.0, turn=Y_UP)
+    cloud = read_clouds([path], "mm", placement_of(up="y"))
+    np.testing.assert_allclose(
+        bounds(cloud), METRES, atol=0.05
+    )  # points within a few centimetres of the edges
+    assert len(cloud.points_m) == 20_000
+    assert not cloud.station.any()
+
+
+@pytest.mark.parametrize("suffix", ["obj", "glb"])
+def test_all_parts_of_a_file_are_read(tmp_path, suffix):
+    parts = [trimesh.Trimesh(each.vertices @ np.transpose(Y_UP), each.faces) for each in pieces()]
+    trimesh.Scene(parts).export(tmp_path / f"site.{suffix}")
+    np.testing.assert_allclose(
+        bounds(read_clouds([tmp_path / f"site.{suffix}"], None, placement_of(up="y"))), METRES, atol=0.05
+    )
+
+
+def test_gltf_is_y_up_unless_one_says_otherwise(tmp_path):
+    np.testing.assert_allclose(
+        bounds(read_clouds([exported(tmp_path / "a.glb", turn=Y_UP)])), METRES, atol=0.05
+    )
+    wrong = exported(tmp_path / "b.glb")
+    with pytest.raises(InputError, match="looks z up"):
+        read_clouds([wrong])
+    np.testing.assert_allclose(bounds(read_clouds([wrong], None, placement_of(up="z"))), METRES, atol=0.05)
+
+
+def test_a_mesh_in_millimetres_with_y_up_says_both_before_anything_else(tmp_path):
+    path = exported(tmp_path / "site.obj", scale=1000.0, turn=Y_UP)
+    done = CliRunner().invoke(main, ["scan", str(path), "--out", str(tmp_path / "rock")])
+    assert done.exit_code == 1
+    assert isinstance(done.exception, InputError) or "looks" in done.output
+    told = str(done.exception) + done.output
+    assert "looks y up" in told
+    assert "millimetres (8 m)" in told
+    assert "--up y --units mm" in told
+    assert not (tmp_path / "rock").exists()
+
+
+@pytest.mark.parametrize(
+    ("scale", "option"),
+    [(1000.0, "--units mm"), (1.0 / 0.0254 * 1.2, "--units"), (0.01, "--length P Q METRES")],
+)
+def test_a_size_that_no_rock_has_names_the_option_to_give(tmp_path, scale, option):
+    with pytest.raises(InputError) as refused:
+        read_clouds([exported(tmp_path / "site.ply", scale=scale)])
+    assert option in refused.value.remedy
+    assert "--up" not in refused.value.remedy.partition(";")[0]
+
+
+@pytest.mark.parametrize("axis", ["x", "y", "-x", "-y", "-z"])
+def test_an_open_mesh_shows_which_axis_is_up(tmp_path, axis):
+    path = exported(tmp_path / "site.ply", turn=placement_of(up=axis).turn.T)
+    with pytest.raises(InputError, match=f"looks {axis} up") as refused:
+        read_clouds([path])
+    assert f"--up {axis}" in refused.value.remedy
+    np.testing.assert_allclose(bounds(read_clouds([path], None, placement_of(up=axis)))[1, 2], 1.6, atol=0.05)
+
+
+def test_a_tilted_mesh_is_told_with_the_direction_that_sets_it_upright(tmp_path):
+    turn = trimesh.transformations.rotation_matrix(np.deg2rad(60.0), [1.0, 1.0, 0.0])[:3, :3]
+    path = exported(tmp_path / "site.ply", turn=turn)
+    with pytest.raises(InputError, match="60 degrees from z") as refused:
+        read_clouds([path])
+    way = refused.value.remedy.split("--up ")[1].split(";")[0]
+    placed = bounds(read_clouds([path], None, placement_of(up=way)))
+    assert np.ptp(placed[:, 2]) == pytest.approx(1.6, abs=0.1)
+
+
+def test_a_slope_is_no_reason_to_doubt_the_axis(tmp_path):
+    turn = trimesh.transformations.rotation_matrix(np.deg2rad(35.0), [1.0, 0.0, 0.0])[:3, :3]
+    assert len(read_clouds([exported(tmp_path / "site.ply", turn=turn)]).points_m) == 20_000
+
+
+def test_control_points_that_turn_a_mesh_over_are_refused(tmp_path):
+    marks = np.array([[0.0, 0.0, 0.0], [3.0, 0.0, 0.0], [1.0, 2.0, 0.0]])
+    path = tmp_path / "gcp.csv"
+    np.savetxt(path, np.hstack([marks, marks[:, [1, 0, 2]]]), delimiter=",")
+    with pytest.raises(InputError, match="faces downward"):
+        read_clouds([exported(tmp_path / "site.ply")], None, placement_of(gcp=path))
+
+
+def test_pieces_of_one_model_are_no_stations_that_must_overlap(tmp_path):
+    files = [exported(tmp_path / f"part{number}.ply", part) for number, part in enumerate(pieces())]
+    cloud = read_clouds(files, "m", Placement(says_up=True))
+    assert not cloud.station.any()
+    check_overlap(cloud)
+
+
+def test_points_lie_on_the_mesh_and_cover_its_area_and_its_detail():
+    mesh = site()
+    points = meshes.points_on(mesh.vertices, mesh.faces)
+    off = np.abs(points - [1.0, -0.5, 0.8]) / [0.35, 0.45, 0.8]
+    on_block = np.isclose(off.max(axis=1), 1.0)
+    assert (on_block | np.isclose(points[:, 2], 0.0)).all()
+    top = (points[:, 2] > 1.6 - 1e-9).mean()
+    area = 0.63 / mesh.area
+    triangles = (mesh.triangles[:, :, 2].min(axis=1) > 1.5).mean()
+    assert top == pytest.approx(0.5 * area + 0.5 * triangles, rel=0.05)
+
+
+def test_a_comment_in_the_file_states_its_unit(tmp_path):
+    path = exported(tmp_path / "site.obj", scale=1000.0)
+    path.write_text("# units: millimeters\n" + path.read_text())
+    np.testing.assert_allclose(bounds(read_clouds([path])), METRES, atol=0.05)
+
+
+def test_two_words_on_the_scale_are_refused(tmp_path):
+    placed = placement_of(length=((0, 0, 0), (8000, 0, 0), 8.0))
+    path = exported(tmp_path / "site.obj", scale=1000.0)
+    np.testing.assert_allclose(bounds(read_clouds([path], None, placed)), METRES, atol=0.05)
+    with pytest.raises(InputError, match="--units mm is given beside --length"):
+        read_clouds([path], "mm", placed)
+
+
+def test_the_users_coordinate_system_wins_and_is_kept(tmp_path):
+    path = exported(tmp_path / "site.ply")
+    (source,) = read_clouds([path], None, None, of_user("EPSG:2229")).sources  # US survey feet
+    assert source.epsg == 2229
+    assert source.metres_per_unit == pytest.approx((0.3048006, 0.3048006))
+    assert source.to_json()["coordinate_system"].startswith("NAD83 / California zone 5")
+
+
+@pytest.mark.parametrize(
+    ("crs", "what"), [("EPSG:4326", "degrees"), ("EPSG:1", "names no"), ("Utah", "names no")]
+)
+def test_a_system_without_lengths_or_sense_is_refused(crs, what):
+    with pytest.raises(InputError, match=what) as refused:
+        of_user(crs)
+    assert refused.value.where == "--crs"

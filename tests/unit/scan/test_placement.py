@@ -1,0 +1,166 @@
+"""A model becomes metres with z up by an axis, a length or control points; what contradicts itself is refused."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from toppling.models.errors import InputError
+from toppling.models.scan.control_points import fit_control_points, similarity
+from toppling.models.scan.placement import AXES, placement_of, upward
+
+TURN = Rotation.from_euler("zyx", [40.0, -70.0, 15.0], degrees=True).as_matrix()
+SCALE, SHIFT_M = 0.0123, np.array([331000.0, 3777000.0, 480.0])
+MODEL = np.random.default_rng(4).uniform(-400.0, 400.0, (7, 3))
+SURVEYED_M = SCALE * MODEL @ TURN.T + SHIFT_M
+
+
+def written(path, surveyed=SURVEYED_M, model=MODEL, head="", names=()):
+    rows = [",".join(f"{each:.6f}" for each in row) for row in np.hstack([model, surveyed])]
+    rows = [f"{name},{row}" for name, row in zip(names, rows, strict=True)] if names else rows
+    path.write_text(head + "\n".join(rows) + "\n")
+    return path
+
+
+def noisy(sigma_m, seed=0, points=7):
+    return SURVEYED_M[:points] + np.random.default_rng(seed).normal(0.0, sigma_m, (points, 3))
+
+
+@pytest.mark.parametrize("axis", AXES)
+def test_every_axis_is_carried_upward_by_a_rotation(axis):
+    turn = upward(axis)
+    np.testing.assert_allclose(turn @ AXES[axis], [0.0, 0.0, 1.0], atol=1e-12)
+    np.testing.assert_allclose(turn @ turn.T, np.eye(3), atol=1e-12)
+    assert np.linalg.det(turn) == pytest.approx(1.0)
+
+
+def test_three_numbers_are_an_axis_too():
+    way = np.array([0.3, -0.5, 0.2])
+    np.testing.assert_allclose(upward("0.3,-0.5,0.2") @ way / np.linalg.norm(way), [0, 0, 1], atol=1e-12)
+    np.testing.assert_allclose(upward(way), upward("0.3 -0.5 0.2"))
+
+
+@pytest.mark.parametrize("axis", ["w", "0,0,0", "1,2", "nan,0,1", "up"])
+def test_what_is_no_axis_is_refused(axis):
+    with pytest.raises(InputError, match="no direction"):
+        placement_of(up=axis)
+
+
+def test_a_length_scales_and_an_axis_turns():
+    placed = placement_of("y", ((0.0, 0.0, 0.0), (0.0, 3.0, 4.0), 2.5))
+    np.testing.assert_allclose(placed.apply(np.array([[0.0, 4.0, 0.0]])), [[0.0, 0.0, 2.0]], atol=1e-12)
+    assert placed.by == "--length: 5 units are 2.5 m; --up y"
+
+
+@pytest.mark.parametrize(
+    "length", [((1, 2, 3), (1, 2, 3), 2.0), ((0, 0, 0), (1, 0, 0), 0.0), ((0,) * 3, (1,) * 3, -1)]
+)
+def test_a_length_that_is_none_is_refused(length):
+    with pytest.raises(InputError, match="are said to be"):
+        placement_of(length=length)
+
+
+@pytest.mark.parametrize("head", ["", "# marks\n", "name,x,y,z,east,north,height\n", "x;y;z;X;Y;Z\n"])
+def test_control_points_give_back_the_similarity_that_made_them(tmp_path, head):
+    placed = placement_of(gcp=written(tmp_path / "gcp.csv", head=head))
+    assert placed.scale == pytest.approx(SCALE, rel=1e-7)  # written to a micrometre in 10 m
+    np.testing.assert_allclose(placed.turn, TURN, atol=1e-6)
+    np.testing.assert_allclose(placed.apply(MODEL), SURVEYED_M, atol=2e-6)
+    assert placed.says_up
+    assert placed.says_scale
+
+
+def test_no_other_similarity_has_smaller_residuals():
+    surveyed = noisy(0.05)
+
+    def squares(scale, turn, shift):
+        return ((scale * MODEL @ turn.T + shift - surveyed) ** 2).sum()
+
+    scale, turn, shift = similarity(MODEL, surveyed)
+    least = squares(scale, turn, shift)
+    for step in np.random.default_rng(1).normal(0.0, 1e-3, (50, 7)):
+        other = Rotation.from_rotvec(step[:3]).as_matrix() @ turn
+        assert squares(scale * (1.0 + step[3]), other, shift + step[4:]) >= least
+
+
+@pytest.mark.parametrize("points", [3, 4, 7])
+def test_the_stated_scatter_of_the_scale_is_the_true_one(tmp_path, points):
+    fits = [
+        fit_control_points(written(tmp_path / "gcp.csv", noisy(0.01, seed, points), MODEL[:points]))
+        for seed in range(200)
+    ]
+    true = np.std([each.scale for each in fits]) / SCALE
+    stated = np.sqrt(np.mean([each.scale_share_std**2 for each in fits]))
+    assert stated == pytest.approx(true, rel=0.2)  # 200 draws tell a standard deviation within 5 %
+    assert len(fits[0].residuals_m) == points
+
+
+@pytest.mark.parametrize("bad", range(7))
+@pytest.mark.parametrize("off_m", [0.3, 2.0])
+def test_a_bad_point_is_named(tmp_path, bad, off_m):
+    surveyed = noisy(0.01)
+    surveyed[bad] += off_m * np.array([0.6, -0.64, 0.48])
+    names = [f"GCP{number}" for number in range(7)]
+    with pytest.raises(InputError, match=f"point GCP{bad} does not fit") as refused:
+        placement_of(gcp=written(tmp_path / "gcp.csv", surveyed, names=names))
+    assert str(tmp_path / "gcp.csv") in refused.value.where
+
+
+def test_of_four_points_the_bad_one_is_named_by_its_line(tmp_path):
+    surveyed = noisy(0.005, points=4)
+    surveyed[2, 0] += 1.5
+    with pytest.raises(InputError, match=r"point 3 \(line 4\) does not fit"):
+        placement_of(gcp=written(tmp_path / "gcp.csv", surveyed, MODEL[:4], head="a,b,c,d,e,f\n"))
+
+
+@pytest.mark.parametrize("points", [4, 5, 7])
+def test_scatter_alone_is_never_called_a_mistake(tmp_path, points):
+    for seed in range(300):
+        placement_of(gcp=written(tmp_path / "gcp.csv", noisy(0.02, seed, points), MODEL[:points]))
+
+
+def test_three_points_that_do_not_fit_are_refused_and_two_exchanged_columns_are_told(tmp_path):
+    surveyed = SURVEYED_M[:3].copy()
+    surveyed[1] += 3.0
+    with pytest.raises(InputError, match="a fourth point would show"):
+        placement_of(gcp=written(tmp_path / "gcp.csv", surveyed, MODEL[:3]))
+    with pytest.raises(InputError, match="fit when mirrored"):
+        placement_of(gcp=written(tmp_path / "gcp.csv", SURVEYED_M[:, [1, 0, 2]]))
+
+
+def test_points_on_one_line_are_refused_on_either_side(tmp_path):
+    along = np.outer(np.linspace(0.0, 1.0, 7), [3.0, 1.0, 2.0])
+    with pytest.raises(InputError, match="on one line in the survey"):
+        placement_of(gcp=written(tmp_path / "gcp.csv", along))
+    with pytest.raises(InputError, match="on one line in the model"):
+        placement_of(gcp=written(tmp_path / "gcp.csv", SURVEYED_M, along))
+    with pytest.raises(InputError, match="on one line in the model"):
+        placement_of(gcp=written(tmp_path / "gcp.csv", SURVEYED_M[:3], np.ones((3, 3))))
+
+
+@pytest.mark.parametrize(
+    ("text", "what"),
+    [
+        ("1,2,3,4,5,6\n2,3,4,5,6,7\n", "holds 2 points"),
+        ("1,2,3,4,5,6\n2,3,x,5,6,7\n1,1,1,1,1,1\n", "line 2"),
+        ("1,2,3\n4,5,6\n7,8,9\n", "line 1"),
+        ("1,2,3,4,5,6\n2,3,4,5,6,inf\n3,3,3,3,3,3\n", "line 2"),
+        ("", "holds 0 points"),
+    ],
+)
+def test_a_file_that_holds_no_control_points_is_refused_with_its_line(tmp_path, text, what):
+    (tmp_path / "gcp.csv").write_text(text)
+    with pytest.raises(InputError, match=what):
+        placement_of(gcp=tmp_path / "gcp.csv")
+
+
+def test_control_points_say_scale_and_attitude_alone(tmp_path):
+    path = written(tmp_path / "gcp.csv")
+    for other in ({"up": "y"}, {"length": ((0, 0, 0), (1, 0, 0), 1.0)}):
+        with pytest.raises(InputError, match="--gcp is given with"):
+            placement_of(gcp=path, **other)
+
+
+def test_surveyed_coordinates_in_feet_become_metres(tmp_path):
+    path = written(tmp_path / "gcp.csv", SURVEYED_M / 0.3048)
+    placed = placement_of(gcp=path, metres_per_unit=(0.3048, 0.3048))
+    np.testing.assert_allclose(placed.apply(MODEL), SURVEYED_M, atol=2e-6)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -73,12 +74,13 @@ def similarity(model: Array, surveyed: Array, mirrored: bool = False) -> tuple[f
     return scale, turn, centre - scale * turn @ middle
 
 
-def fit_control_points(path: Path, metres_per_unit: object = (1.0, 1.0)) -> Fit:
-    """Fit a file's control points.
+def fit_control_points(given: str | Path | Sequence[str], metres_per_unit: object = (1.0, 1.0)) -> Fit:
+    """Fit control points.
 
     Parameters
     ----------
-    path : Path
+    given : path or sequence of str
+        A file, or its lines.
     metres_per_unit : (float, float)
         Of surveyed coordinates, across and upward.
 
@@ -87,7 +89,8 @@ def fit_control_points(path: Path, metres_per_unit: object = (1.0, 1.0)) -> Fit:
     InputError
         If the file cannot be read, its points lie on one line, or one of them or all do not fit.
     """
-    names, rows = _rows(path)
+    path = str(given) if isinstance(given, str | Path) else "--gcp"
+    names, rows = _rows(control_point_lines(given), path)
     across, up = np.asarray(metres_per_unit, float)
     model, surveyed = rows[:, :3], rows[:, 3:] * (across, across, up)
     for side, places in (("model", model), ("survey", surveyed)):
@@ -109,7 +112,7 @@ def _squares(model: Array, surveyed: Array, mirrored: bool = False) -> float:
     return float(((scale * model @ turn.T + shift - surveyed) ** 2).sum())
 
 
-def _check_fit(model: Array, surveyed: Array, off: Array, names: tuple[str, ...], path: Path) -> None:
+def _check_fit(model: Array, surveyed: Array, off: Array, names: tuple[str, ...], path: str) -> None:
     """Refuse points that no similarity carries into each other, naming the one without which the others fit."""
     count, size = len(model), float(np.ptp(surveyed, axis=0).max())
     large = off.max() > LARGEST_SHARE * size
@@ -117,7 +120,7 @@ def _check_fit(model: Array, surveyed: Array, off: Array, names: tuple[str, ...]
     if large and _squares(model, surveyed, mirrored=True) < 0.01 * (off**2).sum():
         raise InputError(
             "the points fit when mirrored",
-            where=str(path),
+            where=path,
             expected=expected,
             remedy="exchange two of the columns of one side: one of the two systems is left-handed (north before east, "
             "or heights downward)",
@@ -133,7 +136,7 @@ def _check_fit(model: Array, surveyed: Array, off: Array, names: tuple[str, ...]
             raise InputError(
                 f"point {names[worst]} does not fit: with it the points are off by up to {off.max():.3g} m, without it "
                 f"by {np.sqrt(rest / (count - 1)):.2g} m",
-                where=str(path),
+                where=path,
                 expected=expected,
                 remedy=f"correct point {names[worst]} or leave it out: it may be another mark's, mistyped or in "
                 "another order",
@@ -142,21 +145,34 @@ def _check_fit(model: Array, surveyed: Array, off: Array, names: tuple[str, ...]
         raise InputError(
             f"the points do not fit: off by up to {off.max():.3g} m, where they span {size:.3g} m; "
             f"{names[int(off.argmax())]} is off most",
-            where=str(path),
+            where=path,
             expected=expected,
             remedy="check the order of points and columns, and that each point is the same mark on both sides; a "
             "fourth point would show which one is wrong",
         )
 
 
-def _rows(path: Path) -> tuple[tuple[str, ...], Array]:
-    """Names of the points, and their six coordinates (n, 6)."""
+def control_point_lines(given: str | Path | Sequence[str]) -> list[str]:
+    """Lines of a file of control points, or the same lines.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read.
+    """
+    if not isinstance(given, str | Path):
+        return list(given)
+    path = Path(given)
     try:
         if path.stat().st_size > LARGEST_BYTES:
             raise _unusable("is larger than 1 MB", path)
-        lines = path.read_text(encoding=TEXT).splitlines()
+        return path.read_text(encoding=TEXT).splitlines()
     except (OSError, UnicodeDecodeError) as error:
         raise _unusable(f"cannot be read ({error})", path) from None
+
+
+def _rows(lines: Sequence[str], path: str) -> tuple[tuple[str, ...], Array]:
+    """Names of the points, and their six coordinates (n, 6)."""
     names: list[str] = []
     rows: list[list[float]] = []
     for number, line in enumerate(lines, 1):

@@ -24,12 +24,12 @@ class CloudHints(TypedDict, total=False):
     units: str | None
     up: str | Place | None
     length: tuple[Place, Place, float] | None
-    gcp: str | Path | None
+    gcp: str | Path | Sequence[str] | None
     crs: str | None
     near: tuple[float, float] | None
     plane: tuple[float, ...] | None
     point: Sequence[Place]
-    outline: str | Path | None
+    outline: str | Path | Sequence[Place] | None
 
 
 class Hints(CloudHints, total=False):
@@ -42,9 +42,7 @@ class Hints(CloudHints, total=False):
 
 OF_CLOUDS = tuple(CloudHints.__annotations__)
 KEYS = (*OF_CLOUDS, *(key for key in Hints.__annotations__ if key not in OF_CLOUDS))
-FILES = ("gcp", "outline")
-"""Files, which are copied beside the hints."""
-PLACES = ("point", "touch", "daylight")
+PLACES = ("point", "outline", "touch", "daylight")
 RIVALS = (("plane", "point", "outline"), ("units", "length", "gcp"), ("up", "gcp"))
 """Of each of these, one is said."""
 
@@ -71,7 +69,7 @@ def read_hints(path: Path) -> dict[str, Any]:
     for key in said:
         if key not in KEYS:
             raise _unusable(f"'{key}' is no hint; {did_you_mean(key, KEYS, 'see the list')}", path)
-    return said | {name: str(path.parent / str(said[name])) for name in FILES if name in said}
+    return said
 
 
 def hints_text(said: Mapping[str, Any]) -> str:
@@ -85,26 +83,28 @@ def hints_text(said: Mapping[str, Any]) -> str:
     point = ["1.0,2.0,3.5"]
     """
     lines = ["# Repeat the scan: toppling scan FILES --hints hints.toml --out FOLDER"]
-    lines += [f"{key} = {json.dumps(_plain(key, said[key]))}" for key in KEYS if said.get(key)]
+    lines += [f"{key} = {json.dumps(plain(key, said[key]))}" for key in KEYS if said.get(key)]
     return "\n".join(lines) + "\n"
 
 
 def write_hints(path: Path, said: Mapping[str, Any]) -> None:
-    """Write what was said, and the files that it names, beside each other; complete or not at all."""
-    kept = {name: f"{name}.csv" for name in FILES if said.get(name)}
-    for name, copy in kept.items():
-        with new_file(path.parent / copy) as staging:
-            staging.write_bytes(Path(said[name]).read_bytes())
+    """Write what was said, complete or not at all."""
     with new_file(path) as staging:
-        staging.write_text(hints_text({**said, **kept}), encoding="utf-8")
+        staging.write_text(hints_text(said), encoding="utf-8")
 
 
-def _plain(key: str, value: Any) -> Any:
-    """A value as the command line takes it."""
+def plain(key: str, value: Any) -> Any:
+    """A hint's value in the words of the command line, which JSON and TOML can hold."""
+    if value is None or isinstance(value, str):
+        return value
     if key in PLACES:
         return [_as_text(place) for place in value]
     if key == "length":
-        return [_as_text(value[0]), _as_text(value[1]), value[2]]
+        return [_as_text(value[0]), _as_text(value[1]), float(value[2])]
+    if key == "pull":
+        return [[float(each) for each in pull] for pull in value]
+    if key in ("near", "plane"):
+        return [float(each) for each in value]
     return _as_text(value) if key == "up" else value
 
 

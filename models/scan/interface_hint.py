@@ -143,9 +143,9 @@ class InterfaceHint:
 def hint_of(
     plane: Sequence[float] | None = None,
     points: Sequence[Sequence[float]] = (),
-    outline: str | Path | None = None,
+    outline: str | Path | Sequence[Sequence[float]] | None = None,
 ) -> InterfaceHint | None:
-    """Hint from the command line's options, of which one may be given.
+    """Hint from the command line's options, of which one may be given; an outline by its file or its vertices.
 
     Raises
     ------
@@ -166,7 +166,9 @@ def hint_of(
         return InterfaceHint.plane(plane[:3], plane[3], plane[4])
     if points:
         return InterfaceHint.points(points)
-    return InterfaceHint.outline(outline) if outline else None
+    if isinstance(outline, str | Path):
+        return InterfaceHint.outline(outline)
+    return InterfaceHint.points(outline, "outline") if outline else None
 
 
 def check_near(

@@ -11,7 +11,7 @@ import numpy as np
 from toppling.models.arrays import Array
 from toppling.models.errors import InputError
 from toppling.models.frames import rotation_between
-from toppling.models.scan.control_points import Fit, fit_control_points
+from toppling.models.scan.control_points import fit_control_points
 
 AXES = {"x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1), "-x": (-1, 0, 0), "-y": (0, -1, 0), "-z": (0, 0, -1)}
 Length = tuple[Sequence[float], Sequence[float], float]
@@ -48,7 +48,7 @@ class Placement:
 def placement_of(
     up: str | Sequence[float] | None = None,
     length: Length | None = None,
-    gcp: str | Path | None = None,
+    gcp: str | Path | Sequence[str] | None = None,
     metres_per_unit: Sequence[float] = (1.0, 1.0),
 ) -> Placement:
     """Placement by what the user says.
@@ -59,8 +59,8 @@ def placement_of(
         Axis of the model that points upward: one of `AXES`, or a vector.
     length : (p, q, metres), optional
         Two places of the model and the distance between them.
-    gcp : path, optional
-        File of control points, which say scale and attitude too.
+    gcp : path or lines, optional
+        Control points, which say scale and attitude too.
     metres_per_unit : (float, float)
         Of surveyed coordinates, across and upward.
 
@@ -77,7 +77,10 @@ def placement_of(
                 expected="control points alone: they say scale and attitude",
                 remedy="leave out the other option",
             )
-        return _of_fit(fit_control_points(Path(gcp), metres_per_unit), Path(gcp))
+        fit = fit_control_points(gcp, metres_per_unit)
+        return Placement(
+            fit.scale, fit.turn, fit.shift_m, f"--gcp: {fit.told}", says_up=True, says_scale=True
+        )
     turn, said = (upward(up), f"--up {_words(up)}") if up else (np.eye(3), "")
     if length is None:
         return Placement(turn=turn, by=said, says_up=bool(up))
@@ -127,9 +130,3 @@ def upward(axis: str | Sequence[float]) -> Array:
 
 def _words(up: str | Sequence[float] | None) -> str:
     return up if isinstance(up, str) else ",".join(f"{each:g}" for each in up or ())
-
-
-def _of_fit(fit: Fit, path: Path) -> Placement:
-    return Placement(
-        fit.scale, fit.turn, fit.shift_m, f"--gcp {path.name}: {fit.told}", says_up=True, says_scale=True
-    )

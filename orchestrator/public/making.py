@@ -80,7 +80,7 @@ def scan(
     inspection = inspection_of(
         looked, hints.get("pull", ()), hints.get("touch", ()), hints.get("daylight", ())
     )
-    hint = hint_of(hints.get("plane"), list(hints.get("point", ())), _path(hints.get("outline")))
+    hint = hint_of(hints.get("plane"), list(hints.get("point", ())), hints.get("outline"))
     stage = partial(advance, 1)
 
     advance(0, "reading")

@@ -5,7 +5,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from toppling.models.errors import InputError
-from toppling.models.scan.hints_file import KEYS, OF_CLOUDS, CloudHints
+from toppling.models.scan.control_points import control_point_lines
+from toppling.models.scan.hints_file import KEYS, CloudHints, plain
 from toppling.models.scan.inspection import Inspection
 from toppling.models.scene import Scene
 from toppling.models.spelling import did_you_mean
@@ -56,10 +57,11 @@ def placed_cloud(files: Sequence[Path], hints: CloudHints) -> "Cloud":
 
 
 def hints_said(given: Mapping[str, Any], inspection: Inspection) -> dict[str, Any]:
-    """What was said of a scan, as `hints.toml` has it."""
-    said = {name: given.get(name) for name in OF_CLOUDS}
-    places = {"touch": inspection.touching_m.tolist(), "daylight": inspection.open_m.tolist()}
-    return said | places | {"pull": [list(each) for each in inspection.pulls]}
+    """What was said of a scan, as `hints.toml` has it: what files hold, and not where they lie."""
+    of_base = {"touch": inspection.touching_m, "daylight": inspection.open_m, "pull": inspection.pulls}
+    gcp = given.get("gcp")
+    said = {**given, **of_base, "gcp": control_point_lines(gcp) if gcp else None}
+    return {key: plain(key, said.get(key)) for key in KEYS}
 
 
 def pictured(scene: Scene) -> tuple[Callable[[Path], None], list[str]]:

@@ -33,6 +33,23 @@ def _place(_: click.Context, parameter: click.Parameter, words: tuple[str, ...])
     return [_coordinates(word, f"--{parameter.name}") for word in words]
 
 
+class _FileOrLines(click.Path):
+    """A file, or what hints.toml has of one."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Read a value."""
+        return value if isinstance(value, list) else super().convert(value, param, ctx)
+
+
+FILE_OR_LINES = _FileOrLines(path_type=Path)
+
+
+def _outlined(
+    _: click.Context, __: click.Parameter, said: Path | list[str] | None
+) -> Path | list[tuple[float, ...]] | None:
+    return [_coordinates(word, "--outline") for word in said] if isinstance(said, list) else said
+
+
 def _apart(
     _: click.Context, __: click.Parameter, said: tuple[str, str, float] | None
 ) -> tuple[Any, Any, float] | None:
@@ -74,7 +91,7 @@ def _without_rivals(given: dict[str, Any]) -> dict[str, Any]:
 )
 @click.option(
     "--gcp",
-    type=PATH,
+    type=FILE_OR_LINES,
     metavar="FILE",
     help="CSV of three or more ground control points: x,y,z in the model, then x,y,z as surveyed. They say scale, "
     "attitude and place.",
@@ -107,7 +124,8 @@ def _without_rivals(given: dict[str, Any]) -> dict[str, Any]:
 )
 @click.option(
     "--outline",
-    type=PATH,
+    type=FILE_OR_LINES,
+    callback=_outlined,
     metavar="FILE",
     help="CSV of the contact's outline: x,y,z of one vertex per line, in order, in survey coordinates.",
 )

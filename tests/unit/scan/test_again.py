@@ -7,14 +7,17 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+import toppling
 from toppling.models.digest import seal_archive
 from toppling.models.errors import InputError
 from toppling.models.scan import virtual, virtual_shapes
-from toppling.models.scan.hints_file import HINTS, hints_text, read_hints
+from toppling.models.scan.hints_file import HINTS, KEYS, hints_text, read_hints, write_hints
+from toppling.models.scan.inspection import inspection_of
 from toppling.models.scan.worked_out import WorkedOut
 from toppling.models.scene import Scene
 from toppling.models.scene_document import GEOMETRY, LABELS, WORKED_OUT
 from toppling.orchestrator.cli import cli as main
+from toppling.orchestrator.public.scan_files import hints_said
 
 
 @pytest.fixture(scope="module")
@@ -148,3 +151,63 @@ def test_hints_survive_their_file(tmp_path):
     (tmp_path / HINTS).write_text("neer = [1, 2]\n")
     with pytest.raises(InputError, match="did you mean 'near'"):
         read_hints(tmp_path / HINTS)
+
+
+SAID = {
+    "up": "-y",
+    "crs": "EPSG:32611",
+    "length": ((1.0, 2.0, 3.0), (4.0, 5.0, 6.5), 1.25),
+    "near": (1.5, 2.0),
+    "outline": [(0.0, 0.0, 0.1), (1.0, 0.0, 0.1), (0.0, 1.0, 0.1)],
+    "touch": [(0.0, 0.0, 1 / 3)],
+    "daylight": [(0.5, 0.0, 0.1)],
+    "pull": ((40.0, 0.21),),
+}
+
+
+def asked(monkeypatch, *options):
+    """What the command line asks for."""
+    found = {}
+
+    def scan(_files, _out, **given):
+        found.update({key: value for key, value in given.items() if key in KEYS and value})
+        raise InputError("enough", where="here", expected="that", remedy="none")
+
+    monkeypatch.setattr("toppling.orchestrator.public.making.scan", scan)
+    done = CliRunner().invoke(main, ["scan", "cloud.xyz", "--out", "nowhere", *map(str, options)])
+    assert "enough" in str(done.exception) + done.output, done.output
+    return found
+
+
+def test_everything_said_comes_back_from_its_file(monkeypatch, tmp_path):
+    points = ["a,0,0,0,1,2,3", "b,1,0,0,2,2,3", "c,0,1,0,1,3,3"]
+    (tmp_path / "gcp.csv").write_text("\n".join(points))
+    said = hints_said(
+        SAID | {"gcp": tmp_path / "gcp.csv"},
+        inspection_of(None, SAID["pull"], SAID["touch"], SAID["daylight"]),
+    )
+    assert json.loads(json.dumps(said)) == said
+    write_hints(tmp_path / HINTS, said)
+    (tmp_path / "gcp.csv").unlink()  # what the file held is kept
+    assert asked(monkeypatch, "--hints", tmp_path / HINTS) == SAID | {"gcp": points}
+
+
+@pytest.mark.parametrize(
+    ("option", "beaten"),
+    [
+        ("--point 1,2,3", {"outline"}),
+        ("--units mm", {"length", "gcp"}),
+        ("--gcp other.csv", {"length", "up"}),
+    ],
+)
+def test_an_option_beside_hints_takes_the_place_of_its_rivals(monkeypatch, tmp_path, option, beaten):
+    said = {**SAID, "gcp": ["1,2,3,4,5,6"]}
+    (tmp_path / HINTS).write_text(hints_text(said))
+    found = asked(monkeypatch, "--hints", tmp_path / HINTS, *option.split())
+    assert said.keys() - found.keys() == beaten
+
+
+def test_python_names_hints_as_the_options_do(tmp_path):
+    with pytest.raises(TypeError, match="did you mean 'point'"):
+        toppling.scan(["cloud.xyz"], tmp_path / "rock", points=[(1.0, 2.0, 3.0)])
+    assert toppling.scan_again.__kwdefaults__.keys() - {"contact", "advance"} <= set(KEYS)

@@ -11,16 +11,14 @@ import sys
 import tempfile
 import threading
 import time
-from functools import cached_property
 from html import escape
-from http import HTTPStatus
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
 from toppling.models.errors import InputError
+from toppling.orchestrator.loopback import TEXT, Answers, Loopback
 from toppling.orchestrator.progress import duration, pace
 from toppling.orchestrator.status import state_of
 from toppling.results.drawing.watch_page import PAGE, WAITING
@@ -34,8 +32,6 @@ KEPT_S = 1.5
 """An answer serves all who ask within this time."""
 
 JOB = re.compile(r"[0-9a-f]{8,64}")
-LOOPBACK = "127.0.0.1"
-_HTML, _NOTHING = "text/html; charset=utf-8", "default-src 'none'"
 _STRICT = "default-src 'none'; connect-src 'self'; frame-src 'self'; style-src 'unsafe-inline'; script-src 'nonce-{}'"
 _OF_A_REPLAY = (
     "default-src 'none'; script-src 'unsafe-inline' 'unsafe-eval'; style-src 'unsafe-inline'; "
@@ -167,8 +163,8 @@ class Replays:
             self._process.communicate()
 
 
-class Watching(ThreadingHTTPServer):
-    """The server of one run; listens on loopback only.
+class Watching(Loopback):
+    """The server of one run.
 
     Parameters
     ----------
@@ -178,25 +174,12 @@ class Watching(ThreadingHTTPServer):
         0 for any that is free.
     """
 
-    daemon_threads = True
-
     def __init__(self, run: Path, replays: Replays, port: int = 0) -> None:
         self.run, self.replays = run, replays
-        self.secret = secrets.token_urlsafe(16)
         self._answered = -KEPT_S
         self._answer = b""
         self._lock = threading.Lock()
-        super().__init__((LOOPBACK, port), _Answers)
-
-    @property
-    def address(self) -> str:
-        """What to open in a browser."""
-        return f"http://{LOOPBACK}:{self.server_port}/{self.secret}/"
-
-    @cached_property
-    def hosts(self) -> set[str]:
-        """Names under which a browser may ask: another name may be another site's, turned to this address."""
-        return {f"{name}:{self.server_port}" for name in (LOOPBACK, "localhost")}
+        super().__init__(_Answers, port)
 
     def state(self) -> bytes:
         """State of the run as JSON; a run that cannot be read gives an error in its place."""
@@ -211,56 +194,33 @@ class Watching(ThreadingHTTPServer):
             return self._answer
 
 
-class _Answers(BaseHTTPRequestHandler):
+class _Answers(Answers):
     """Answers to GET; nothing else is understood."""
 
     server: Watching
-    server_version = "toppling"
-    sys_version = ""
 
-    def do_GET(self) -> None:
+    def do_GET(self) -> None:  # noqa: N802  (the library's name)
         """Answer with the page, the state or a replay."""
-        secret, _, asked = self.path.removeprefix("/").partition("/")
-        if self.headers.get("Host") not in self.server.hosts or not secrets.compare_digest(
-            secret.encode(), self.server.secret.encode()
-        ):
-            self._send(HTTPStatus.NOT_FOUND, b"not found", "text/plain")
-        elif asked == "":
+        asked = self.asked()
+        if asked == "":
             nonce = secrets.token_urlsafe(12)
-            self._send(HTTPStatus.OK, PAGE.replace("NONCE", nonce).encode(), policy=_STRICT.format(nonce))
+            self.send(PAGE.replace("NONCE", nonce).encode(), policy=_STRICT.format(nonce))
         elif asked == "state.json":
-            self._send(HTTPStatus.OK, self.server.state(), "application/json")
-        elif JOB.fullmatch(job := asked.removeprefix("replay/")) and asked != job:
+            self.send(self.server.state(), "application/json")
+        elif asked is not None and JOB.fullmatch(job := asked.removeprefix("replay/")) and asked != job:
             self._replay(job)
         else:
-            self._send(HTTPStatus.NOT_FOUND, b"not found", "text/plain")
+            self.refuse()
 
     def _replay(self, job: str) -> None:
         try:
             page = self.server.replays.page(job)
         except InputError as error:
-            self._send(HTTPStatus.OK, str(error).encode(), "text/plain; charset=utf-8")
+            self.send(str(error).encode(), TEXT)
             return
         told = f"shaking job {escape(job)} again: some seconds, up to a minute the first time"
         waiting = WAITING.replace("TOLD", told)
-        self._send(HTTPStatus.OK, (page or waiting).encode(), policy=_OF_A_REPLAY)
-
-    def _send(self, status: HTTPStatus, body: bytes, kind: str = _HTML, policy: str = _NOTHING) -> None:
-        self.send_response(status)
-        for name, value in (
-            ("Content-Type", kind),
-            ("Content-Length", str(len(body))),
-            ("Content-Security-Policy", policy),
-            ("X-Content-Type-Options", "nosniff"),
-            ("Referrer-Policy", "no-referrer"),
-            ("Cache-Control", "no-store"),
-        ):
-            self.send_header(name, value)
-        self.end_headers()
-        self.wfile.write(body)
-
-    def log_message(self, format: str, *args: Any) -> None:  # noqa: A002  (the library's name)
-        """Say nothing: a page asks every two seconds."""
+        self.send((page or waiting).encode(), policy=_OF_A_REPLAY)
 
 
 def watching(run: Path, folder: Path, port: int = 0) -> Watching:

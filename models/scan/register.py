@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from toppling.models.errors import InputError
 from toppling.models.frames import shifted_and_turned
+from toppling.models.scan.overlap import check_overlap
 from toppling.models.scan.read import Cloud
 
 VOXELS_PER_EXTENT = 250
@@ -40,6 +41,39 @@ WEAK = 1e-3
 class _Thinned:
     points: NDArray[np.float64]
     normals: NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Registered:
+    """A cloud with its stations registered, which no hint changes.
+
+    Parameters
+    ----------
+    cloud : Cloud
+    report : dict
+        How the stations fit.
+    bounds_m : (2, 3) array
+        Lowest and highest survey coordinates of the clouds as read.
+    """
+
+    cloud: Cloud
+    report: dict[str, Any]
+    bounds_m: NDArray[np.float64]
+
+
+def registered(cloud: Cloud) -> Registered:
+    """Register the stations of a cloud.
+
+    Raises
+    ------
+    InputError
+        If stations do not overlap, or do not fit.
+    """
+    check_overlap(cloud)
+    bounds = np.vstack([cloud.points_m.min(axis=0), cloud.points_m.max(axis=0)]) + cloud.origin_m
+    cloud, report = register(cloud)
+    check_fit(cloud, report)
+    return Registered(cloud, report, bounds)
 
 
 def register(cloud: Cloud) -> tuple[Cloud, dict[str, Any]]:

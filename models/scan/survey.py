@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from toppling.models import digest
 from toppling.models.errors import InputError
-from toppling.models.folder import new_folder
+from toppling.models.folder import new_folder, replaced_folder
 from toppling.models.frames import shifted_and_turned
 from toppling.models.lengths import size_note
 from toppling.models.rock import Rock, check_size
@@ -31,9 +31,8 @@ from toppling.models.scan.measure import (
     outside_support_m,
     uncertainty,
 )
-from toppling.models.scan.overlap import check_overlap
 from toppling.models.scan.read import Cloud
-from toppling.models.scan.register import check_fit, register
+from toppling.models.scan.register import Registered, registered
 from toppling.models.scan.segment import NEITHER, PEDESTAL, ROCK, Segmentation, label_surfels, segment
 from toppling.models.scan.standing import check_inspection
 from toppling.models.scan.steps import step_note
@@ -114,7 +113,7 @@ def survey(
 
 
 def work_out(
-    cloud: Cloud,
+    cloud: Cloud | Registered,
     progress: Progress = lambda _: None,
     near_m: tuple[float, float] | None = None,
     hint: InterfaceHint | None = None,
@@ -123,9 +122,10 @@ def work_out(
 ) -> tuple[WorkedOut, NDArray[np.int8], tuple[str, ...]]:
     """Everything of :func:`survey` but the hidden base, the label of each point, and notes."""
     progress("registering stations")
-    bounds = np.vstack([cloud.points_m.min(axis=0), cloud.points_m.max(axis=0)]) + cloud.origin_m
+    fitted = cloud if isinstance(cloud, Registered) else registered(cloud)
+    cloud, bounds = fitted.cloud, fitted.bounds_m
     near = None if near_m is None else _inside_cloud(near_m, cloud)
-    cloud, registration, hint = _registered(cloud, hint, inspection)
+    hint = _placed(cloud, bounds, hint, inspection)
     progress("splitting rock from pedestal")
     parts = segment(cloud.points_m, cloud.origin_m, near, hint)
     progress("fitting the interface")
@@ -145,7 +145,7 @@ def work_out(
         **({"not_free": {each.kind: each.sentence for each in doubted}} if doubted else {}),
         "segmentation": _segmentation_report(parts, observed, label, interface),
         "pedestal": kept_of(ground, cloud.points_m[_at_most(np.flatnonzero(label == PEDESTAL))], interface),
-        "registration": registration,
+        "registration": fitted.report,
         "files": _files(cloud),
     } | ({"uncertainty": spread} if spread else {})
     notes = _notes(cloud, observed.height_m, closed.rock.volume_m3, doubted)
@@ -155,20 +155,19 @@ def work_out(
     return kept, label, notes
 
 
-def _registered(
-    cloud: Cloud, hint: InterfaceHint | None, inspection: Inspection | None
-) -> tuple[Cloud, dict[str, Any], InterfaceHint | None]:
-    """The cloud with its stations registered, how they fit, and the user's interface in its frame."""
+def _placed(
+    cloud: Cloud,
+    bounds_m: NDArray[np.float64],
+    hint: InterfaceHint | None,
+    inspection: Inspection | None,
+) -> InterfaceHint | None:
+    """The user's interface in the cloud's frame; places that the cloud does not show are refused."""
     if inspection is not None:
-        low, high = cloud.points_m.min(axis=0), cloud.points_m.max(axis=0)
-        inspection.check_inside(low + cloud.origin_m, high + cloud.origin_m)
-    check_overlap(cloud)
-    cloud, registration = register(cloud)
-    check_fit(cloud, registration)
+        inspection.check_inside(*bounds_m)
     if hint is not None:
         hint = hint.moved(cloud.origin_m)
         check_near(hint, cloud.points_m.min(axis=0), cloud.points_m.max(axis=0), cloud.origin_m)
-    return cloud, registration, hint
+    return hint
 
 
 def _check_sense(observed: ObservedRock, interface: Interface, inspection: Inspection) -> None:
@@ -329,17 +328,20 @@ def check_can_stand(rock: Rock, interface: Interface) -> None:
 
 
 def save_survey(
-    result: Survey, folder: str | os.PathLike[str], also: Callable[[Path], object] = lambda _: None
+    result: Survey,
+    folder: str | os.PathLike[str],
+    also: Callable[[Path], object] = lambda _: None,
+    replaces: bool = False,
 ) -> Path:
     """Write the scene's folder with `labels.npz`, and what `also` writes into it (a picture); complete or not at all.
 
     Raises
     ------
     FileExistsError
-        If the folder exists already.
+        If the folder exists already, and the scene does not replace it.
     """
     target = Path(folder)
-    with new_folder(target) as staging:
+    with (replaced_folder if replaces else new_folder)(target) as staging:
         np.savez_compressed(staging / LABELS, label=result.label)
         digest.seal_archive(staging / LABELS)
         if result.worked_out is not None:

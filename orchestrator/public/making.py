@@ -90,10 +90,16 @@ def scan(
     except InputError as error:
         raise _in_files(error, clouds, looked) from None
     advance(1, "letting the rock stand")
-    return Scanned(result.scene, folder, _written(result, folder, hints_said(hints, inspection), advance))
+    return Scanned(result.scene, folder, written(result, folder, hints_said(hints, inspection), advance))
 
 
-def _written(result: "Survey", folder: Path, said: dict[str, Any], advance: Callable[..., None]) -> list[str]:
+def written(
+    result: "Survey",
+    folder: Path,
+    said: dict[str, Any],
+    advance: Callable[..., None] = unseen,
+    replaces: bool = False,
+) -> list[str]:
     """Write what a scan became, with its pictures and the hints that it was given; what is said of it."""
     from toppling.models.scan.hints_file import HINTS, write_hints
     from toppling.models.scan.measure import invention_warning
@@ -109,7 +115,7 @@ def _written(result: "Survey", folder: Path, said: dict[str, Any], advance: Call
 
     if result.worked_out is not None:
         result = replace(result, worked_out=replace(result.worked_out, said=said))
-    save_survey(result, folder, also)
+    save_survey(result, folder, also, replaces)
     warning = invention_warning(result.scene)
     return [*notes, *result.notes, *([warning] if warning else [])]
 

@@ -12,6 +12,7 @@ from toppling.models.scan.hints_file import KEYS, OF_CLOUDS, RIVALS, read_hints
 from toppling.models.scene import Scene
 from toppling.orchestrator.progress import bar
 from toppling.orchestrator.public import REALISATIONS
+from toppling.orchestrator.verbs.browsing import browsing_options, served
 from toppling.orchestrator.verbs.options import AZIMUTH, PATH, json_option
 
 if TYPE_CHECKING:
@@ -163,6 +164,13 @@ def _without_rivals(given: dict[str, Any]) -> dict[str, Any]:
     help="Draw the base of a scanned scene anew, with other --contact, --touch, --daylight or --pull, in seconds.",
 )
 @click.option(
+    "--pick",
+    "picks",
+    is_flag=True,
+    help="Give hints by clicks on the cloud: opens a page that shows what comes of them and saves the scene.",
+)
+@browsing_options
+@click.option(
     "--bootstrap",
     type=click.IntRange(min=0),
     default=REALISATIONS,
@@ -171,7 +179,15 @@ def _without_rivals(given: dict[str, Any]) -> dict[str, Any]:
     help=f"Half samples for the uncertainty, at least {LEAST_REALISATIONS}; 0 for none.",
 )
 @json_option("Print the content of scene.json.")
-def scan(files: tuple[Path, ...], again: Path | None, as_json: bool, **given: Any) -> None:
+def scan(
+    files: tuple[Path, ...],
+    again: Path | None,
+    picks: bool,
+    port: int,
+    opens: bool | None,
+    as_json: bool,
+    **given: Any,
+) -> None:
     """Turn laser scans or photogrammetry into a rock on its pedestal.
 
     FILES are stations of one survey (LAZ, LAS, PLY, PCD, XYZ, PTS, TXT, CSV, E57) or pieces of one mesh (OBJ, PLY,
@@ -184,6 +200,9 @@ def scan(files: tuple[Path, ...], again: Path | None, as_json: bool, **given: An
     down. What the scan has worked out is kept, so that a hint found later needs no clouds: --again draws the bases
     anew, in place of the former ones or in the folder --out.
 
+    --pick shows the cloud in a browser, where hints are clicks. The page is served to this machine only, at an address
+    that holds a secret; --port and --open concern it. From another machine: ssh -L PORT:127.0.0.1:PORT HOST.
+
     \b
     toppling scan station1.laz station2.laz --out scenes/rock
     toppling scan cloud.e57 --out scenes/rock --point 331250.1,3777309.2,480.3 \\
@@ -191,9 +210,13 @@ def scan(files: tuple[Path, ...], again: Path | None, as_json: bool, **given: An
     toppling scan cloud.e57 --out scenes/rock --contact looked.csv --pull 135 0.32
     toppling scan model.obj --out scenes/rock --up y --length 0.12,1.4,0.3 2.31,1.38,0.29 1.5
     toppling scan --again scenes/rock --pull N40E 0.21
+    toppling scan cloud.e57 --out scenes/rock --pick
     """
     given = _without_rivals(given)
-    _check_usage(files, again, given)
+    _check_usage(files, again, given, picks)
+    if picks:
+        _pick(files, given, as_json, port, opens)
+        return
     if again is None:
         made = _from_clouds(files, given)
     else:
@@ -204,6 +227,11 @@ def scan(files: tuple[Path, ...], again: Path | None, as_json: bool, **given: An
                 again, given["out"], contact=given["contact"], touch=given["touch"], daylight=given["daylight"],
                 pull=given["pull"], advance=advance,
             )  # fmt: skip
+    _tell(made, as_json)
+
+
+def _tell(made: "Scanned", as_json: bool) -> None:
+    """Print what was scanned, and what the user should know of it."""
     click.echo(
         json.dumps(made.scene.to_json(), allow_nan=False) if as_json else _told(made.scene, made.folder)
     )
@@ -211,8 +239,27 @@ def scan(files: tuple[Path, ...], again: Path | None, as_json: bool, **given: An
         click.echo(note, err=as_json)
 
 
-def _check_usage(files: tuple[Path, ...], again: Path | None, given: dict[str, Any]) -> None:
+def _pick(
+    files: tuple[Path, ...], given: dict[str, Any], as_json: bool, port: int, opens: bool | None
+) -> None:
+    """Serve the page on which hints are clicked, until a scene is saved and the user has finished."""
+    from toppling.orchestrator.pick.start import pick_server
+
+    click.echo("reading", err=True)
+    saved: list[Scanned] = []
+    with pick_server(files, given["out"], given, saved.append, port) as server:
+        served(server, ", ".join(file.name for file in files), opens, "ended")
+    if not saved:
+        raise click.ClickException("nothing was saved")
+    _tell(saved[-1], as_json)
+
+
+def _check_usage(files: tuple[Path, ...], again: Path | None, given: dict[str, Any], picks: bool) -> None:
     """Refuse options that do not go together."""
+    if picks and again is not None:
+        raise click.UsageError("--pick shows the clouds: give their FILES, without --again.")
+    if picks and given["outline"]:
+        raise click.UsageError("--pick takes no --outline: give --point, or scan without the page.")
     if again is None:
         if not files:
             raise click.UsageError("Missing argument 'FILES...'.")

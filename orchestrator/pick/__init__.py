@@ -1,0 +1,1 @@
+"""`toppling scan --pick`: a scan's hints given by clicks on its cloud."""

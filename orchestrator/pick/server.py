@@ -1,0 +1,141 @@
+"""The page of `toppling scan --pick`, for one browser: its own files, the cloud, and what is said of it."""
+
+import json
+import threading
+from http import HTTPStatus
+from importlib.resources import files
+from typing import Any
+
+import numpy as np
+
+from toppling.models.errors import InputError
+from toppling.orchestrator.loopback import HTML, TEXT, Answers, Loopback
+from toppling.orchestrator.pick.said import Said
+from toppling.orchestrator.pick.session import Picking
+
+LARGEST_BODY = 1 << 18
+"""Bytes; hints of a thousand places take a fifth."""
+LONGEST_STAGE_S = 60.0
+POLL_S = 20.0
+"""An answer to who asks for news comes after this time at the latest."""
+SCRIPT, STYLE, BYTES, JSON = "text/javascript", "text/css", "application/octet-stream", "application/json"
+FILES = {
+    "": ("pick/page.html", HTML),
+    "pick.css": ("pick/pick.css", STYLE),
+    "pick.js": ("pick/pick.js", SCRIPT),
+    "stage.js": ("pick/stage.js", SCRIPT),
+    "plot.js": ("pick/plot.js", SCRIPT),
+    "three.js": ("vendor/three.min.js", SCRIPT),
+}
+"""All that is served of files: by address, name in `results/drawing` and type."""
+POLICY = "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; base-uri 'none'"
+
+
+class PickServer(Loopback):
+    """The server of one scan.
+
+    Parameters
+    ----------
+    picking : Picking
+    port : int
+        0 for any that is free.
+    """
+
+    def __init__(self, picking: Picking, port: int = 0) -> None:
+        self.picking = picking
+        room = files("toppling.results.drawing")
+        self.files = {name: (room.joinpath(path).read_bytes(), kind) for name, (path, kind) in FILES.items()}
+        super().__init__(_Answers, port)
+        self._worker = threading.Thread(target=picking.work, daemon=True)
+        self._worker.start()
+
+    def end(self) -> None:
+        """Stop answering and working, from any thread."""
+        self.picking.end()
+        threading.Thread(target=self.shutdown, daemon=True).start()
+
+    def server_close(self) -> None:
+        """Close once nothing is being worked out: native code does not bear the end of its interpreter."""
+        self.picking.end()
+        super().server_close()
+        self._worker.join(LONGEST_STAGE_S)
+
+
+class _Answers(Answers):
+    """Answers to GET with what is shown, to POST of JSON with what came of it."""
+
+    server: PickServer
+
+    def do_GET(self) -> None:  # noqa: N802  (the library's name)
+        """Answer with a file of the page, the state once it is another, or the points that are drawn."""
+        asked, picking = self.asked(), self.server.picking
+        kind, _, number = (asked or "").partition("/")
+        if asked is None:
+            self.refuse()
+        elif asked in self.server.files:
+            body, of_kind = self.server.files[asked]
+            self.send(body, of_kind, POLICY)
+        elif kind == "state" and number.isascii() and number.isdigit() and len(number) < 10:
+            picking.wait(int(number), POLL_S)
+            self._say(picking.state())
+        elif kind == "cloud" and number == str(picking.view.number):
+            self.send(picking.view.content, BYTES)
+        else:
+            self.refuse()
+
+    def do_POST(self) -> None:  # noqa: N802  (the library's name)
+        """Take hints, say what a click means, save, or end."""
+        asked = self.asked()
+        if asked not in ("hints", "pick", "save", "end"):
+            self.refuse()
+            return
+        try:
+            self._say(self._done(asked, self._content()))
+        except InputError as error:
+            self.send(str(error).encode(), TEXT, status=HTTPStatus.BAD_REQUEST)
+
+    def _done(self, asked: str, content: Any) -> dict[str, Any]:
+        picking = self.server.picking
+        if asked == "hints":
+            picking.say(Said.of(content))
+        elif asked == "pick":
+            return {"place_m": picking.pick(*(_place(content, name) for name in ("at_m", "eye_m")))}
+        elif asked == "save":
+            picking.save()
+        else:
+            self.server.end()
+        return {}
+
+    def _content(self) -> Any:
+        """JSON that was sent."""
+        length = self.headers.get("Content-Length", "")
+        if self.headers.get("Content-Type") != JSON or not (length.isascii() and length.isdigit()):
+            raise _refused("is no JSON of a stated length")
+        if len(length) > 9 or int(length) > LARGEST_BODY:
+            self.close_connection = True
+            raise _refused(f"is longer than {LARGEST_BODY} bytes")
+        try:
+            return json.loads(self.rfile.read(int(length)))
+        except (ValueError, RecursionError) as error:
+            raise _refused(f"is no JSON ({type(error).__name__})") from None
+
+    def _say(self, content: dict[str, Any]) -> None:
+        self.send(json.dumps(content, allow_nan=False).encode(), JSON)
+
+
+def _place(content: Any, name: str) -> np.ndarray:
+    """Three coordinates of a table."""
+    value = content.get(name) if isinstance(content, dict) else None
+    try:
+        place = np.array(value, float)
+    except (TypeError, ValueError, OverflowError):
+        place = np.zeros(0)
+    if place.shape != (3,) or not np.isfinite(place).all():
+        raise _refused(f"has no place {name}")
+    return place
+
+
+def _refused(what: str) -> InputError:
+    return InputError(
+        what, where="what the page sent", expected="a request of its own", remedy="load the page again"
+    )

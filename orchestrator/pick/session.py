@@ -1,0 +1,229 @@
+"""A scan that follows its hints: the latest are worked out in a thread; what came of them can be asked and saved."""
+
+import dataclasses
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from toppling.models.errors import InputError
+from toppling.models.scan.candidates import LEAST_CONCAVE_SHARE, find_candidates, surfels_of
+from toppling.models.scan.read import Cloud
+from toppling.models.scan.register import Registered, registered
+from toppling.models.scan.survey import Survey, work_out
+from toppling.models.scan.view import picked
+from toppling.models.scan.worked_out import WorkedOut
+from toppling.orchestrator.pick.said import Said
+from toppling.orchestrator.pick.shown import told, tops, view_of
+
+Write = Callable[[Survey, Said], None]
+
+
+class SupersededError(Exception):
+    """Newer hints wait."""
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """What came of hints.
+
+    Parameters
+    ----------
+    said : Said
+    worked : WorkedOut
+    label : (n,) int8 array
+        0 rock, 1 pedestal, 2 neither.
+    notes : tuple of str
+    survey : Survey or None
+        None until the hidden base is drawn.
+    """
+
+    said: Said
+    worked: WorkedOut
+    label: NDArray[np.int8]
+    notes: tuple[str, ...]
+    survey: Survey | None = None
+
+
+class Picking:
+    """A cloud, the hints on it, and what they give.
+
+    Parameters
+    ----------
+    cloud : Cloud
+    bootstrap : int
+        Half samples for the uncertainty.
+    write : callable
+        Writes a survey with the hints that it was given.
+    target : str
+        Where to, for the user.
+    said : Said
+        Hints from the start.
+    """
+
+    def __init__(
+        self, cloud: Cloud, bootstrap: int, write: Write, target: str, said: Said | None = None
+    ) -> None:
+        self._bootstrap, self._write, self._target = bootstrap, write, target
+        self._cloud = cloud
+        self._registered: Registered | None = None
+        self._error: dict[str, str] | None = None
+        self._stage = "reading"
+        self._changed = threading.Condition()
+        self._number = 1
+        self._said = said or Said()
+        self._wanted, self._working, self._done = 1, 0, 0
+        self._saving, self._saved, self._ended = False, 0, False
+        self._answer: Answer | None = None
+        self._drawn: dict[Said, Answer] = {}  # of one split, for who takes a hint back
+        self._candidates: list[dict[str, Any]] | None = None
+        self.view = view_of(cloud.points_m, None, 0)
+
+    # What a page asks and says, from any thread.
+
+    def say(self, said: Said) -> None:
+        """Take other hints, in place of all former ones."""
+        self._set(_said=said, _wanted=self._wanted + 1, _error=None)
+
+    def save(self) -> None:
+        """Write the scene, once it is drawn."""
+        self._set(_saving=True, _error=None)
+
+    def end(self) -> None:
+        """Stop working."""
+        self._set(_ended=True)
+
+    def pick(self, at_m: NDArray[np.float64], eye_m: NDArray[np.float64]) -> list[float]:
+        """Survey coordinates of the point that is meant by a place (3,) on the ray of a click and the eye (3,)."""
+        cloud = self._known
+        row = picked(cloud.points_m, at_m, eye_m, min(self.view.spacings_m))
+        return np.round(cloud.points_m[row] + cloud.origin_m, 4).tolist()
+
+    def state(self) -> dict[str, Any]:
+        """Everything but the points, in plain values."""
+        with self._changed:
+            answer, view, cloud = self._answer, self.view, self._known
+            state: dict[str, Any] = {
+                "number": self._number,
+                "origin_m": cloud.origin_m.tolist(),
+                "points": len(cloud.points_m),
+                "view": {"number": view.number, "counts": view.counts, "spacings_m": view.spacings_m},
+                "hints": self._said.to_json(),
+                "stage": self._stage,
+                "error": self._error,
+                "candidates": self._candidates,
+                "saving": self._saving,
+                "saved": self._saved,
+                "target": self._target,
+                "current": answer is not None and answer.said == self._said and answer.survey is not None,
+                "answer": None,
+            }
+        if answer is not None:
+            state["answer"] = told(answer.survey, answer.worked) | {"notes": answer.notes}
+        return state
+
+    def wait(self, number: int, seconds: float) -> None:
+        """Return once the state is another than that of a number, or after some time."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._number != number or self._ended, seconds)
+
+    # What is done in a thread of its own.
+
+    def work(self) -> None:
+        """Follow the hints until the end."""
+        while True:
+            with self._changed:
+                self._changed.wait_for(lambda: self._ended or self._saving or self._done != self._wanted)
+                if self._ended:
+                    return
+                self._working, said = self._wanted, self._said
+                stale = self._done != self._working
+            try:
+                self._follow(said) if stale else self._store()
+                error = None
+            except SupersededError:
+                continue
+            except (InputError, OSError) as refused:
+                error = _plain(refused)
+            saving = self._saving and stale and error is None
+            self._set(_done=self._working, _stage="", _saving=saving, _error=error)
+            if self._candidates is None:
+                self._look_around()
+
+    def _follow(self, said: Said) -> None:
+        """Work hints out, as far as they change what is known."""
+        hint, inspection = said.hint(), said.inspection()
+        answer = self._answer
+        if answer is None or answer.said.of_the_split != said.of_the_split:
+            self._note("registering stations")
+            self._registered = self._registered or registered(self._cloud)
+            near = None if said.near is None else (said.near[0], said.near[1])
+            answer = Answer(
+                said, *work_out(self._registered, self._note, near, hint, self._bootstrap, inspection)
+            )
+            self._drawn.clear()
+            self._note("showing the rock")
+            self._set(
+                _answer=answer,
+                view=view_of(self._known.points_m, answer.label, self.view.number + 1),
+                _candidates=self._candidates or tops(answer.worked),
+            )
+        if said not in self._drawn:
+            self._note("drawing the hidden base")
+            scene, kept = dataclasses.replace(answer.worked, inspection=inspection).scene()
+            survey = Survey(scene, answer.label, answer.notes, kept)
+            self._drawn[said] = Answer(said, kept, answer.label, answer.notes, survey)
+        self._set(_answer=self._drawn[said])
+
+    def _store(self) -> None:
+        """Write the scene of the latest hints."""
+        answer = self._answer
+        if answer is None or answer.survey is None or answer.said != self._said:
+            raise InputError(
+                "of these hints came no scene",
+                where="saving",
+                expected="hints of which a rock on its pedestal came",
+                remedy="undo the last hint, or give others",
+            )
+        self._note("writing")
+        self._write(answer.survey, answer.said)
+        self._saved += 1
+
+    def _look_around(self) -> None:
+        """Note what stands in the cloud, where the scan could not say it."""
+        cloud = self._known
+        found = find_candidates(cloud.points_m, surfels_of(cloud.points_m))
+        self._set(
+            _candidates=[
+                {"top_m": each.top_m.tolist(), "height_m": each.height_m}
+                for each in found
+                if each.concave_share > LEAST_CONCAVE_SHARE
+            ]
+        )
+
+    @property
+    def _known(self) -> Cloud:
+        return self._registered.cloud if self._registered else self._cloud
+
+    def _note(self, stage: str) -> None:
+        """Tell the stage, or stop where newer hints wait."""
+        if self._ended or self._working != self._wanted:
+            raise SupersededError
+        self._set(_stage=stage)
+
+    def _set(self, **values: Any) -> None:
+        with self._changed:
+            for name, value in values.items():
+                setattr(self, name, value)
+            self._number += 1
+            self._changed.notify_all()
+
+
+def _plain(refused: Exception) -> dict[str, str]:
+    names = ("what", "where", "expected", "remedy")
+    if isinstance(refused, InputError):
+        return {name: getattr(refused, name) for name in names}
+    return dict.fromkeys(names, "") | {"what": str(refused)}

@@ -1,0 +1,299 @@
+// Hints on a scan by clicks: the page tells them to the command that serves it, and shows what comes of them.
+import { Stage } from "./stage.js";
+import { polar, width } from "./plot.js";
+
+const at = id => document.getElementById(id);
+const MODES = [
+  ["look", "L", "Look", "Drag to turn, right-drag to shift, wheel to come nearer; double-click goes to a place, F back to the rock."],
+  ["near", "R", "Rock", "Click the rock that is meant, near its top."],
+  ["point", "P", "They meet", "Click three or more places around the rock where it meets its pedestal: the plane goes through them."],
+  ["touch", "T", "Touch", "Click places along the crevice where rock and pedestal touch."],
+  ["daylight", "D", "Daylight", "Click places along the crevice where light passes between rock and pedestal."],
+];
+const NAMES = { near: "rock", plane: "plane", point: "they meet", touch: "touch", daylight: "daylight", pull: "pull" };
+const LISTS = ["point", "touch", "daylight", "pull"];
+let mode = "look", state = null, hints = null, past = [], future = [], drawnView = -1, framed = false, before = null, shownTable = null, shownFor = "";
+
+async function post(path, content) {
+  const answer = await fetch(path, { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(content) });
+  if (!answer.ok) throw new Error(await answer.text());
+  return answer.json();
+}
+
+function make(name, content, attributes = {}) {
+  const made = document.createElement(name);
+  Object.assign(made, attributes);
+  made.append(...[content].flat().filter(each => each !== undefined));
+  return made;
+}
+
+// Hints: the latest are the page's, the former ones are kept for undo.
+
+function say(next, keep = true) {
+  if (keep) { past.push(hints); future = []; }
+  hints = next;
+  listHints();
+  post("hints", hints).catch(complain);
+}
+function undo() { if (past.length) { future.push(hints); say(past.pop(), false); } }
+function redo() { if (future.length) { past.push(hints); say(future.pop(), false); } }
+const without = (name, index) => ({ ...hints, [name]: LISTS.includes(name) ? hints[name].filter((_, k) => k !== index) : null });
+
+function add(name, value) {
+  const next = { ...hints, [name]: LISTS.includes(name) ? [...hints[name], value] : value };
+  if (name === "point") next.plane = null;  // they say the same thing: the later word counts
+  if (name === "plane") next.point = [];
+  say(next);
+}
+
+// What is shown.
+
+let stage;
+try {
+  stage = at("view").stage = new Stage(at("view"), placeMarks);
+} catch {
+  at("guide").textContent = "This browser shows no WebGL: give the hints as options of the command.";
+}
+
+const places = () => [
+  ...(hints.near ? [{ name: "near", value: onTop(hints.near) }] : []),
+  ...["point", "touch", "daylight"].flatMap(name => hints[name].map(value => ({ name, value }))),
+];
+
+// The rock's hint has no height of its own: it is shown on the cloud's highest point there.
+function onTop([x, y]) {
+  const [ox, oy, oz] = state.origin_m;
+  let top = -Infinity;
+  if (stage?.places) for (let j = 0; j < stage.places.length; j += 3)
+    if (Math.hypot(stage.places[j] + ox - x, stage.places[j + 1] + oy - y) < 0.02 * stage.home.radius) top = Math.max(top, stage.places[j + 2]);
+  return [x, y, (top === -Infinity ? stage?.home.target[2] ?? 0 : top) + oz];
+}
+const surveyed = place => place.map((value, k) => value + state.origin_m[k]);
+const choose = candidate => add("near", surveyed(candidate.top_m).slice(0, 2).map(value => +value.toFixed(3)));
+const local = place => place.map((value, k) => value - state.origin_m[k]);
+
+let marks = [];
+function setMarks() {
+  if (!stage) return;
+  const tops = (state.candidates || []).map((each, k) => ({ name: "top", place: surveyed(each.top_m), text: `${k + 1}`, title: `${each.height_m.toPrecision(2)} m high`, chosen: isChosen(each), act: () => choose(each) }));
+  const said = places().map(({ name, value }) => ({ name, place: value, text: "", title: `${NAMES[name]}: ${told(value)}` }));
+  marks = [...(state.answer && tops.length < 2 ? [] : tops), ...said].map(each => {
+    const made = make("button", each.text, { type: "button", className: `mark ${each.name}${each.chosen ? " chosen" : ""}`, title: each.title });
+    if (each.act) made.onclick = each.act; else made.onclick = () => stage.look(local(each.place));
+    return { place: local(each.place), made };
+  });
+  at("marks").replaceChildren(...marks.map(each => each.made));
+  placeMarks(stage);
+}
+
+let hide;
+function placeMarks(from) {
+  at("needle").setAttribute("transform", `rotate(${-from.heading()} 24 24)`);
+  for (const { place, made } of marks) {
+    const on = from.project(place);
+    made.hidden = !on;
+    if (on) made.style.transform = `translate(${on.x}px, ${on.y}px)`;
+  }
+  clearTimeout(hide);
+  hide = setTimeout(() => { for (const { place, made } of marks) made.classList.toggle("behind", from.hidden(place)); }, 150);
+}
+
+const told = value => value.map(each => +each.toFixed(3)).join(", ");
+function isChosen(candidate) {
+  const top = state.answer?.top_m;
+  return top !== undefined && Math.hypot(candidate.top_m[0] - top[0], candidate.top_m[1] - top[1]) < 0.5 * candidate.height_m;
+}
+
+function listHints() {
+  const rows = [];
+  const row = (name, index, value, text) => rows.push(make("li", [
+    make("span", "", { className: `mark ${name}${["plane", "pull"].includes(name) ? " none" : ""}` }),
+    make("span", `${NAMES[name]}: ${text}`),
+    make("button", "×", { type: "button", title: "take this hint back", ariaLabel: `take back ${NAMES[name]}`, onclick: () => say(without(name, index)) }),
+  ]));
+  if (hints.near) row("near", 0, hints.near, told(hints.near));
+  if (hints.plane) row("plane", 0, hints.plane, `${told(hints.plane.slice(0, 3))}; ${told(hints.plane.slice(3, 4))}° toward ${told(hints.plane.slice(4))}°`);
+  for (const name of LISTS) hints[name].forEach((value, index) => row(name, index, value, name === "pull" ? `${+value[1].toFixed(4)} of the weight toward ${+value[0].toFixed(2)}°` : told(value)));
+  if (hints.point.length && hints.point.length < 3) rows.push(make("li", make("span", `${3 - hints.point.length} more where they meet`, { className: "quiet" })));
+  if (!rows.length) rows.push(make("li", make("span", "none yet", { className: "quiet" })));
+  at("hints").replaceChildren(...rows);
+  at("undo").disabled = !past.length;
+  at("redo").disabled = !future.length;
+  setMarks();
+}
+
+function showError(error) {
+  at("error").hidden = !error;
+  if (!error) return;
+  const parts = [make("strong", `${error.where ? error.where + ": " : ""}${error.what}`)];
+  if (error.expected) parts.push(make("p", `Expected: ${error.expected}`));
+  if (error.remedy) parts.push(make("p", `What to do: ${error.remedy}`));
+  at("error").replaceChildren(...parts);
+}
+function complain(error) { showError({ what: error.message.split("\n")[0], where: "", expected: "", remedy: "" }); }
+
+function showAnswer(answer) {
+  at("result").hidden = !answer;
+  if (!answer) return;
+  at("result").classList.toggle("stale", !state.current);
+  at("stale").textContent = state.current ? "" : state.stage ? "(being worked out)" : "(of earlier hints)";
+  const rows = [["volume", `${answer.volume_m3.toPrecision(4)} m³`], ["height", `${answer.height_m.toPrecision(3)} m`],
+    ["pedestal", `dips ${answer.slope_deg.toFixed(1)}° toward ${answer.downhill_azimuth_deg.toFixed(0)}°`],
+    ["surface", `${(100 * answer.surface.seen_share).toFixed(0)} % seen, ${(100 * answer.surface.invented_share).toFixed(0)} % invented`]];
+  at("numbers").replaceChildren(...rows.flatMap(([name, value]) => [make("dt", name), make("dd", value)]));
+  at("notes").replaceChildren(...[...answer.sentences, ...answer.notes].map(each => make("li", each)));
+  if (!answer.toppling) {
+    at("plot").replaceChildren();
+    at("least").textContent = state.stage ? "" : answer.sentences[0] || "";
+    return;
+  }
+  const key = JSON.stringify(answer.toppling);
+  if (key !== shownFor) { before = shownTable; shownTable = answer.toppling; shownFor = key; }
+  at("plot").replaceChildren(polar(answer.toppling, before));
+  const least = answer.toppling.reduce((a, b) => a.median_m_s2 < b.median_m_s2 ? a : b);
+  at("least").replaceChildren(make("b", `${least.low_m_s2.toFixed(2)} to ${least.high_m_s2.toFixed(2)} m/s²`),
+    ` (median ${least.median_m_s2.toFixed(2)}) topples it at least, toward ${least.azimuth_deg.toFixed(0)}°. Over all azimuths the interval is ${(100 * width(answer.toppling)).toFixed(0)} % of its median wide` + (before ? `, ${(100 * width(before)).toFixed(0)} % before (dashed).` : "."));
+}
+
+function showCandidates(list) {
+  at("rivals").hidden = !list || (list.length < 2 && state.answer !== null);
+  at("candidates").replaceChildren(...(list || []).map((each, k) => make("li", make("button",
+    `${k + 1}: ${each.height_m.toPrecision(2)} m high, top at ${told(surveyed(each.top_m).slice(0, 2))}`,
+    { type: "button", className: isChosen(each) ? "chosen" : "", onclick: () => choose(each) }))));
+}
+
+async function show(next) {
+  state = next;
+  if (!hints) hints = state.hints;
+  if (stage && state.view.number !== drawnView) {
+    const answer = await fetch(`cloud/${state.view.number}`);
+    if (answer.ok) {
+      stage.setCloud(await answer.arrayBuffer(), state.view.counts, state.view.spacings_m);
+      if (!framed || drawnView <= 0) stage.frame();
+      framed = true;
+      drawnView = state.view.number;
+    }
+  }
+  stage?.setPlane(state.answer?.plane);
+  const busy = state.stage !== "";
+  at("stage").className = busy ? "busy" : "";
+  at("stage").textContent = busy ? state.stage : state.current ? `up to date; ${state.points.toLocaleString("en")} points` : "waiting for a hint";
+  at("legend").innerHTML = state.answer ? '<span class="rock"></span>rock<span class="pedestal"></span>pedestal<span class="rest"></span>neither' : "";
+  showError(state.error);
+  showAnswer(state.answer);
+  showCandidates(state.candidates);
+  at("save").disabled = state.saving || !(state.current || busy);
+  at("saved").textContent = state.saving ? "saving ..." : state.saved ? `Saved to ${state.target}, with hints.toml, by which the scan repeats.` : "";
+  fillPlane();
+  listHints();
+  document.body.dataset.current = state.current;
+  document.body.dataset.saved = state.saved;
+}
+
+function fillPlane() {
+  const form = at("plane"), plane = state.answer?.plane;
+  form.hidden = !plane;
+  if (!plane || form.contains(document.activeElement)) return;
+  form.z.value = (plane.point_m[2] + state.origin_m[2]).toFixed(3);
+  form.slope.value = state.answer.slope_deg.toFixed(2);
+  form.azimuth.value = (state.answer.downhill_azimuth_deg % 360).toFixed(1);
+}
+
+async function follow() {
+  for (let number = 0, lost = 0; ;) {
+    try {
+      const next = await (await fetch(`state/${number}`)).json();
+      number = next.number;
+      lost = 0;
+      await show(next);
+    } catch (error) {
+      if (++lost > 3) {
+        at("stage").className = "";
+        at("stage").textContent = error instanceof TypeError ? "the command has ended" : `${error}`;
+        document.body.dataset.ended = "true";
+        return;
+      }
+      await new Promise(done => setTimeout(done, 400));
+    }
+  }
+}
+
+// What one does.
+
+function setMode(name) {
+  mode = name;
+  for (const button of at("modes").children) button.setAttribute("aria-checked", button.dataset.mode === name);
+  at("view").classList.toggle("aims", name !== "look");
+  at("guide").textContent = MODES.find(each => each[0] === name)[3];
+}
+
+async function pickAt(x, y) {
+  const hit = stage?.hit(x, y);
+  if (!hit || mode === "look") return;
+  const name = mode;
+  try {
+    const { place_m: place } = await post("pick", hit);
+    add(name, name === "near" ? place.slice(0, 2) : place);
+  } catch (error) { complain(error); }
+}
+
+for (const [name, key, text, guide] of MODES) {
+  const button = make("button", [text, make("kbd", key)], { type: "button", title: guide, onclick: () => setMode(name) });
+  button.dataset.mode = name;
+  button.setAttribute("role", "radio");
+  at("modes").append(button);
+}
+setMode("look");
+
+let down = null;
+const canvas = stage?.renderer.domElement;
+canvas?.addEventListener("pointerdown", event => { down = { x: event.clientX, y: event.clientY, button: event.button }; at("view").focus({ preventScroll: true }); });
+canvas?.addEventListener("pointerup", event => {
+  if (!down || down.button !== 0 || Math.hypot(event.clientX - down.x, event.clientY - down.y) > 4) return;
+  const box = canvas.getBoundingClientRect();
+  pickAt(event.clientX - box.left, event.clientY - box.top);
+});
+canvas?.addEventListener("dblclick", event => {
+  const box = canvas.getBoundingClientRect(), hit = mode === "look" && stage.hit(event.clientX - box.left, event.clientY - box.top);
+  if (hit) stage.look(hit.at_m);
+});
+
+const TURNS = { ArrowLeft: [-0.12, 0], ArrowRight: [0.12, 0], ArrowUp: [0, 0.1], ArrowDown: [0, -0.1] };
+document.addEventListener("keydown", event => {
+  if (event.target.tagName === "INPUT") return;
+  const key = event.key.length === 1 ? event.key.toUpperCase() : event.key;
+  if (event.ctrlKey || event.metaKey) {
+    const act = { Z: event.shiftKey ? redo : undo, Y: redo, S: () => at("save").click() }[key];
+    if (act) { event.preventDefault(); act(); }
+    return;
+  }
+  const chosen = MODES.find(each => each[1] === key);
+  if (chosen) setMode(chosen[0]);
+  else if (key === "Escape") setMode("look");
+  else if (key === "F") stage?.frame();
+  else if (document.activeElement !== at("view")) return;
+  else if (TURNS[key]) stage?.turn(...TURNS[key]);
+  else if (key === "+" || key === "=") stage?.nearer(0.85);
+  else if (key === "-") stage?.nearer(1 / 0.85);
+  else if (key === "Enter") pickAt(at("view").clientWidth / 2, at("view").clientHeight / 2);
+  else return;
+  event.preventDefault();
+});
+
+at("undo").onclick = undo;
+at("redo").onclick = redo;
+at("save").onclick = () => post("save", {}).catch(complain);
+at("end").onclick = () => post("end", {}).catch(complain);
+at("pull").onsubmit = event => {
+  event.preventDefault();
+  const form = event.target;
+  add("pull", [+form.azimuth.value, +form.ratio.value]);
+  form.reset();
+};
+at("plane").onsubmit = event => {
+  event.preventDefault();
+  const form = event.target, [x, y] = state.answer.plane.point_m;
+  add("plane", [x + state.origin_m[0], y + state.origin_m[1], +form.z.value, +form.slope.value, +form.azimuth.value]);
+  document.activeElement?.blur();
+};
+follow();

@@ -1,0 +1,108 @@
+"""The page of `toppling scan --pick` in a real browser: clicks become hints, and the saved scan repeats without it."""
+
+import json
+import re
+import signal
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from driven import CONTROL, browsing, needs_driver
+
+from toppling.models.scan import virtual, virtual_shapes
+
+COMMAND = [sys.executable, "-P", "-m", "toppling", "scan"]
+IDLE = "!document.getElementById('stage').classList.contains('busy') && document.body.dataset.current"
+
+
+@pytest.fixture(scope="module")
+def cloud(tmp_path_factory):
+    """A boulder of 2 m on a slope, from five stations."""
+    truth = virtual.on_slope(
+        virtual_shapes.boulder(2.0, 1.3, 1.0, 3, bumps=0.02, sides=64),
+        virtual_shapes.ground(5.0, 0.7, 3, bumps_m=0.1), 6.0, 250.0,
+    )  # fmt: skip
+    scans = virtual.scan_around(truth, seed=1, stations=5, resolution_per_height=0.02)
+    cloud, _ = virtual.cloud_of(scans, virtual.DEMO_ORIGIN_M)
+    path = tmp_path_factory.mktemp("picked") / "cloud.xyz"
+    np.savetxt(path, cloud.points_m + cloud.origin_m, fmt="%.5f")
+    return path
+
+
+@pytest.fixture(scope="module")
+def page(cloud):
+    """The command, and a browser that shows its page."""
+    words = [str(cloud), "--out", str(cloud.parent / "rock"), "--bootstrap", "0", "--pick", "--no-open"]
+    command = subprocess.Popen([*COMMAND, *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    try:
+        address = re.search(r"http://\S+", command.stdout.readline())[0]
+        with browsing(cloud.parent / "profile") as browser:
+            browser.open(address)
+            browser.until(f"{IDLE} == 'true'")
+            yield browser, command
+    finally:
+        if command.poll() is None:
+            command.send_signal(signal.SIGINT)
+        command.communicate(timeout=120)
+
+
+def scene(folder):
+    return json.loads((folder / "scene.json").read_text())
+
+
+def click_outline(browser):
+    """Click where the rock's outline on its pedestal is nearest to the eye."""
+    x, y = browser.run("""
+        const stage = document.getElementById("view").stage, box = stage.view.getBoundingClientRect();
+        const outline = stage.overlay.children[0].geometry.attributes.position, seen = [];
+        for (let k = 0; k < outline.count; k++)
+          seen.push(stage.project([outline.getX(k), outline.getY(k), outline.getZ(k)]));
+        seen.sort((a, b) => a.depth - b.depth);
+        return [box.left + seen[0].x, box.top + seen[0].y];
+    """)
+    browser.click_at(x, y)
+
+
+@needs_driver
+def test_what_a_click_gets_wrong_is_told_with_its_remedy_and_taken_back(page, cloud):
+    browser, _ = page
+    browser.click("[data-mode=daylight]")
+    browser.click_at(60, 560)  # the ground in front, far from the rock
+    browser.until("document.getElementById('error').innerText.includes('What to do')")
+    assert browser.run("return document.getElementById('save').disabled")
+    browser.keys("z", held=CONTROL)
+    browser.until(f"{IDLE} == 'true'")
+    assert browser.run("return document.getElementById('error').hidden")
+    assert not browser.run("return document.querySelectorAll('#hints li .daylight').length")
+    assert not (cloud.parent / "rock").exists()
+
+
+@needs_driver
+def test_clicks_become_hints_by_which_the_scan_repeats(page, cloud):
+    browser, command = page
+    before = browser.run("return document.getElementById('least').textContent")
+    browser.click("#candidates button")
+    browser.until("document.querySelectorAll('#hints li .near').length")
+    browser.click("[data-mode=touch]")
+    click_outline(browser)
+    browser.until("document.querySelectorAll('#hints li .touch').length == 1")
+    browser.until(f"{IDLE} == 'true'")
+    assert browser.run("return document.getElementById('error').hidden")
+    assert browser.run("return document.getElementById('least').textContent") != before
+    assert browser.run("return document.querySelectorAll('#plot path[stroke-dasharray]').length") == 2
+    browser.click("#save")
+    browser.until("document.body.dataset.saved == '1'")
+    assert not [each for each in browser.complaints() if "GPU stall" not in each]
+    browser.click("#end")
+    told, complained = command.communicate(timeout=120)
+    assert command.returncode == 0, complained
+    assert "rock of" in told
+    again = [*COMMAND, str(cloud), "--out", str(cloud.parent / "again"), "--bootstrap", "0"]
+    done = subprocess.run(
+        [*again, "--hints", str(cloud.parent / "rock" / "hints.toml")], capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    one, other = scene(cloud.parent / "rock"), scene(cloud.parent / "again")
+    assert one["id"] == other["id"]
+    assert one["report"] == other["report"]

@@ -1,0 +1,174 @@
+"""The server of the pick page: who may ask, what may be said, and that nothing but the page's own files is there."""
+
+import http.client
+import json
+import re
+import threading
+
+import pytest
+
+from toppling.orchestrator.pick.said import Said
+from toppling.orchestrator.pick.server import FILES, LARGEST_BODY, PickServer
+from toppling.orchestrator.pick.shown import View
+
+JSON = {"Content-Type": "application/json"}
+
+
+class Heard:
+    """A scan that only takes note."""
+
+    def __init__(self):
+        self.view = View(3, None, (1, 0), (0.1, 0.1), b"points")
+        self.said, self.saves, self.ended = [], 0, threading.Event()
+
+    def work(self):
+        self.ended.wait()
+
+    def state(self):
+        return {"number": 2}
+
+    def wait(self, number, seconds):
+        pass
+
+    def say(self, said):
+        self.said.append(said)
+
+    def pick(self, at_m, eye_m):
+        return [*at_m]
+
+    def save(self):
+        self.saves += 1
+
+    def end(self):
+        self.ended.set()
+
+
+@pytest.fixture
+def server():
+    with PickServer(Heard()) as server:
+        thread = threading.Thread(target=server.serve_forever)
+        thread.start()
+        yield server
+        server.shutdown()
+        thread.join()
+
+
+def asked(server, path, content=None, method=None, **headers):
+    """Status and body of an answer; content that is no text is sent as JSON."""
+    connection = http.client.HTTPConnection("127.0.0.1", server.server_port, timeout=30)
+    body = content if isinstance(content, str | bytes | None) else json.dumps(content)
+    headers = {"Host": f"127.0.0.1:{server.server_port}", **({} if body is None else JSON), **headers}
+    connection.request(method or ("GET" if body is None else "POST"), path, body, headers)
+    answer = connection.getresponse()
+    return answer.status, answer.read().decode()
+
+
+def told(server, path, content, **headers):
+    return asked(server, f"/{server.secret}/{path}", content, **headers)
+
+
+def test_the_page_has_its_files_the_state_and_the_points(server):
+    for name in FILES:
+        assert asked(server, f"/{server.secret}/{name}")[0] == 200
+    assert asked(server, f"/{server.secret}/state/1") == (200, '{"number": 2}')
+    assert asked(server, f"/{server.secret}/cloud/3") == (200, "points")
+
+
+@pytest.mark.parametrize(
+    ("method", "path"), [("GET", ""), ("GET", "state/0"), ("POST", "hints"), ("POST", "save")]
+)
+def test_only_who_knows_the_secret_and_asks_this_host_is_heard(server, method, path):
+    body = "{}" if method == "POST" else None
+    for way in (f"/{path}", f"/wrong/{path}", f"/{server.secret}x/{path}"):
+        assert asked(server, way, body, method)[0] == 404
+    inside = f"/{server.secret}/{path}"
+    assert asked(server, inside, body, method, Host="rebound.example")[0] == 404
+    assert asked(server, inside, body, method, Origin="http://elsewhere.example")[0] == 404
+    assert (
+        asked(server, inside, body, method, Origin=server.address.rpartition("/")[0].rpartition("/")[0])[0]
+        == 200
+    )
+    assert asked(server, inside, body, method, Host=f"localhost:{server.server_port}")[0] == 200
+    assert server.server_address[0] == "127.0.0.1"
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        "page.html", "pick/page.html", "../pyproject.toml", "..%2fpyproject.toml", "./pick.js", "pick.js/",
+        "pick.js?x=1", "/etc/passwd", "vendor/three.LICENSE", "three.js/../../page.py", "cloud/2", "cloud/3/..",
+        "state/x", "state/-1", "state/1e9", "state/99999999999999999999", "hints", "\\pick.js", "%00",
+    ],
+)  # fmt: skip
+def test_nothing_but_the_page_is_there(server, path):
+    assert asked(server, f"/{server.secret}/{path}")[0] == 404
+
+
+@pytest.mark.parametrize("method", ["PUT", "DELETE", "OPTIONS", "PATCH"])
+def test_other_methods_are_not_understood(server, method):
+    assert asked(server, f"/{server.secret}/hints", "{}", method)[0] == 501
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        "", "{", "null", "[]", "7", '"near"', '{"near": "1 2"}', '{"near": [1]}', '{"near": [1, NaN]}',
+        '{"near": [1, Infinity]}', '{"near": [1, true]}',
+        '{"near": {"0": 1}}', '{"touch": [1, 2, 3]}', '{"touch": [[1, 2]]}', '{"touch": 3}',
+        '{"plane": [0, 0, 0, 1]}', '{"units": "mm"}', '{"out": "/tmp/x"}', '{"__class__": []}', "[" * 100_000,
+        '{"near": [1e999, 0]}', '{"touch": [' + ",".join(["[0,0,0]"] * 1001) + "]}", b"\xff\xfe{}", '{"point": null}',
+    ],
+)  # fmt: skip
+def test_what_is_no_hint_is_refused_and_nothing_is_taken_of_it(server, content):
+    status, answer = told(server, "hints", content)
+    assert status == 400
+    assert "remedy:" in answer
+    assert not server.picking.said
+
+
+def test_hints_arrive_as_they_were_said(server):
+    hints = {
+        "near": [1.5, 2.0],
+        "plane": None,
+        "point": [],
+        "touch": [[1, 2, 3.25]],
+        "daylight": [],
+        "pull": [[40, 0.2]],
+    }
+    assert told(server, "hints", hints) == (200, "{}")
+    (said,) = server.picking.said
+    assert said == Said(near=(1.5, 2.0), touch=((1.0, 2.0, 3.25),), pull=((40.0, 0.2),))
+    assert Said.of(json.loads(json.dumps(said.to_json()))) == said
+
+
+def test_what_is_too_long_or_has_no_length_is_not_read(server):
+    assert told(server, "hints", '{"near": null' + " " * LARGEST_BODY + "}")[0] == 400
+    for length in ("-1", "x", "1e3", "9" * 40):
+        assert told(server, "hints", "{}", **{"Content-Length": length})[0] == 400
+    assert told(server, "hints", "{}", **{"Content-Type": "text/plain"})[0] == 400
+    assert not server.picking.said
+
+
+@pytest.mark.parametrize(
+    "content",
+    ["{}", "[]", '{"at_m": [0, 0]}', '{"at_m": [0, 0, "a"], "eye_m": [0, 0, 0]}', '{"at_m": [0, 0, NaN]}'],
+)
+def test_a_click_without_its_places_is_refused(server, content):
+    assert told(server, "pick", content)[0] == 400
+
+
+def test_saving_and_ending_are_said_by_the_page(server):
+    assert told(server, "pick", {"at_m": [1, 2, 3], "eye_m": [0, 0, 9]}) == (
+        200,
+        '{"place_m": [1.0, 2.0, 3.0]}',
+    )
+    assert told(server, "save", {})[0] == 200
+    assert server.picking.saves == 1
+    assert told(server, "end", {})[0] == 200
+    assert server.picking.ended.wait(10)
+
+
+def test_the_page_names_no_other_host(server):
+    for name, (body, _) in server.files.items():
+        if name != "three.js":
+            assert not re.search(rb"""https?:(?!//www\.w3\.org/2000/svg")|["']//""", body), name

@@ -1,0 +1,166 @@
+"""A scan that follows its hints: the latest ones count, errors are told, and nothing unfinished is saved."""
+
+import threading
+import time
+
+import numpy as np
+import pytest
+
+from toppling.models.errors import InputError
+from toppling.models.scan.read import Cloud
+from toppling.orchestrator.pick import session
+from toppling.orchestrator.pick.said import Said
+from toppling.orchestrator.pick.session import Picking
+
+NEAR = [Said(near=(float(n), 0.0)) for n in range(6)]
+
+
+class Worked:
+    """What stands for a scan's work: it remembers its place, and refuses what the test says."""
+
+    def __init__(self, near, inspection=None):
+        self.near, self.inspection = near, inspection
+
+
+@pytest.fixture
+def work(monkeypatch):
+    """Replaces the scan by counters; `go` lets it pass its first stage."""
+
+    class Work:
+        go = threading.Event()
+        splits, bases, refused = [], [], set()
+
+    made = Work()
+    made.go, made.splits, made.bases, made.refused = threading.Event(), [], [], set()
+
+    def work_out(cloud, note, near, hint, bootstrap, inspection):
+        made.splits.append(near)
+        note("splitting")
+        made.go.wait(30)
+        note("closing")
+        if near in made.refused:
+            raise InputError("no rock", where="there", expected="a rock", remedy="look elsewhere")
+        return Worked(near), np.zeros(3, np.int8), ("a note",)
+
+    def scene(worked):
+        made.bases.append((worked.near, worked.inspection))
+        return "scene", worked
+
+    monkeypatch.setattr(session, "work_out", work_out)
+    monkeypatch.setattr(session, "registered", lambda cloud: type("Registered", (), {"cloud": cloud})())
+    monkeypatch.setattr(
+        session,
+        "view_of",
+        lambda points, label, number: type(
+            "View", (), {"number": number, "counts": (3, 0), "spacings_m": (1.0, 1.0)}
+        )(),
+    )
+    monkeypatch.setattr(session, "tops", lambda worked: [])
+    monkeypatch.setattr(session, "told", lambda survey, worked: {"near": worked.near})
+    monkeypatch.setattr(session, "find_candidates", lambda points, surfels: [])
+    monkeypatch.setattr(session, "surfels_of", lambda points: None)
+    monkeypatch.setattr(Worked, "scene", scene, raising=False)
+    monkeypatch.setattr(
+        session.dataclasses, "replace", lambda worked, inspection: Worked(worked.near, inspection)
+    )
+    return made
+
+
+@pytest.fixture
+def written():
+    return []
+
+
+@pytest.fixture
+def picking(work, written):
+    cloud = Cloud(np.zeros((3, 3)), np.array([100.0, 200.0, 0.0]), np.zeros(3, np.int32), ())
+    picking = Picking(cloud, 0, lambda survey, said: written.append(said), "rock", NEAR[0])
+    thread = threading.Thread(target=picking.work, daemon=True)
+    thread.start()
+    yield picking
+    work.go.set()
+    picking.end()
+    thread.join(30)
+    assert not thread.is_alive()
+
+
+def until(picking, condition):
+    end = time.monotonic() + 30
+    while not condition(state := picking.state()):
+        assert time.monotonic() < end, state
+        picking.wait(state["number"], 1.0)
+    return state
+
+
+def test_only_the_latest_hints_are_worked_out(picking, work):
+    until(picking, lambda state: state["stage"] == "splitting")
+    for said in NEAR[1:]:
+        picking.say(said)
+    work.go.set()
+    state = until(picking, lambda state: state["current"])
+    assert state["answer"]["near"] == NEAR[-1].near
+    assert [near for near, _ in work.bases] == [NEAR[-1].near]
+    assert len(work.splits) == 2
+
+
+def test_a_hint_on_the_base_leaves_the_split_as_it_is_and_undo_costs_nothing(picking, work):
+    work.go.set()
+    until(picking, lambda state: state["current"])
+    touched = Said(near=NEAR[0].near, touch=((1.0, 2.0, 3.0),))
+    picking.say(touched)
+    until(picking, lambda state: state["current"])
+    assert len(work.splits) == 1
+    assert [len(inspection.touching_m) for _, inspection in work.bases] == [0, 1]
+    picking.say(NEAR[0])
+    until(picking, lambda state: state["current"])
+    assert len(work.bases) == 2
+
+
+def test_fewer_than_three_points_say_nothing_of_the_interface_yet(picking, work):
+    work.go.set()
+    until(picking, lambda state: state["current"])
+    picking.say(Said(near=NEAR[0].near, point=((0.0, 0.0, 0.0), (1.0, 0.0, 0.0))))
+    until(picking, lambda state: state["current"])
+    assert len(work.splits) == 1
+
+
+def test_a_refusal_is_told_and_goes_with_the_next_hint(picking, work, written):
+    work.go.set()
+    until(picking, lambda state: state["current"])
+    work.refused.add(NEAR[1].near)
+    picking.say(NEAR[1])
+    state = until(picking, lambda state: state["error"])
+    assert state["error"] == {
+        "what": "no rock",
+        "where": "there",
+        "expected": "a rock",
+        "remedy": "look elsewhere",
+    }
+    assert not state["current"]
+    assert state["answer"]["near"] == NEAR[0].near
+    picking.save()
+    state = until(picking, lambda state: not state["saving"])
+    assert "came no scene" in state["error"]["what"]
+    assert not written
+    picking.say(NEAR[2])
+    assert until(picking, lambda state: state["current"])["error"] is None
+
+
+def test_what_is_saved_is_what_was_said_last(picking, work, written):
+    until(picking, lambda state: state["stage"] == "splitting")
+    picking.say(NEAR[3])
+    picking.save()
+    work.go.set()
+    state = until(picking, lambda state: state["saved"] == 1)
+    assert written == [NEAR[3]]
+    assert (state["saving"], state["target"]) == (False, "rock")
+
+
+def test_a_refused_scan_is_not_saved_later_on(picking, work, written):
+    work.refused.add(NEAR[0].near)
+    picking.save()
+    work.go.set()
+    until(picking, lambda state: state["error"] and not state["saving"])
+    picking.say(NEAR[1])
+    until(picking, lambda state: state["current"])
+    assert not written

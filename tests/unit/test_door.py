@@ -60,7 +60,8 @@ def test_a_wheel_holds_the_program_and_nothing_else(unpacked):
         str(path.relative_to(ROOT))
         for room in ROOMS
         for path in (ROOT / room).rglob("*.*")
-        if path.suffix in (".py", ".yaml", ".json", ".js", ".css", ".LICENSE") and path.parent.name != "door"
+        if path.suffix in (".py", ".yaml", ".json", ".js", ".css", ".html", ".LICENSE")
+        and path.parent.name != "door"
     }
     assert inside == whole | {"__init__.py", "__main__.py", "py.typed"}
 

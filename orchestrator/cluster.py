@@ -4,6 +4,7 @@ import contextlib
 import importlib
 import logging
 import os
+import shlex
 import signal
 import tempfile
 from collections.abc import Iterator
@@ -16,6 +17,7 @@ from distributed.security import Security
 
 from toppling.models.errors import InputError
 from toppling.orchestrator.interrupt import Whole, kept_from_children
+from toppling.orchestrator.processor import KERNEL_VARIABLES
 from toppling.orchestrator.safe_path import VARIABLE, safe_for_children, without_working_folder
 from toppling.orchestrator.upkeep import let_grow
 from toppling.workers.compiled import compile_apart
@@ -286,7 +288,7 @@ def _new_queue_cluster(kind: str, secrets: Path) -> Any:
                 processes=cores,
                 security=security,
                 shared_temp_directory=str(secrets),
-                job_script_prologue=[*prologue, f"export {VARIABLE}=1"],
+                job_script_prologue=[*prologue, f"export {VARIABLE}=1", *_kernels_of_user()],
                 scheduler_options={
                     "dashboard_address": "127.0.0.1:0",  # Dask's pages ask for no key
                     **dask.config.get(f"jobqueue.{kind}.scheduler-options", {}),
@@ -299,6 +301,12 @@ def _new_queue_cluster(kind: str, secrets: Path) -> Any:
             expected=f"cores, memory, walltime ... in ~/.config/dask/jobqueue.yaml under jobqueue: {kind}:",
             remedy="see https://jobqueue.dask.org/en/latest/configuration.html, and try --dry-run first",
         ) from None
+
+
+def _kernels_of_user() -> list[str]:
+    """Lines for batch jobs that choose the kernels which the user has chosen here."""
+    chosen = {name: os.environ.get(name) for name in KERNEL_VARIABLES}
+    return [f"export {name}={shlex.quote(value)}" for name, value in chosen.items() if value]
 
 
 def _warn_of_open_door(address: str) -> None:

@@ -1,8 +1,9 @@
 """What computes here: processors differ in the last bit, by which kernels BLAS and the compiler choose for them."""
 
 import ctypes
+import os
 import platform
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
@@ -15,11 +16,16 @@ _CORE_NAMES = (
     "openblas_get_corename64_", "openblas_get_corename",
 )  # fmt: skip
 
+_THREAD_NAMES = tuple(name.replace("get_corename", "set_num_threads") for name in _CORE_NAMES)
+
+KERNEL_VARIABLES = ("OPENBLAS_CORETYPE", "NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES")
+"""By which a user chooses kernels: set before the program starts, they hold for all processes that it starts."""
+
 
 @cache
 def processor() -> dict[str, str]:
     """Columns of a row that say what computed it: the processor's model, and the kernels of BLAS and LLVM."""
-    return {"cpu": _model(), "kernels": f"BLAS {_blas_kernel()}, LLVM {llvmlite.binding.get_host_cpu_name()}"}
+    return {"cpu": _model(), "kernels": f"BLAS {_blas_kernel()}, LLVM {_llvm_kernel()}"}
 
 
 def unlike(kernels: Collection[str]) -> str:
@@ -29,7 +35,8 @@ def unlike(kernels: Collection[str]) -> str:
         return ""
     return (
         f"the workers compute with unlike kernels ({'; '.join(names)}): rows repeat bit for bit on like machines only, "
-        "and near the threshold a last bit may flip a single answer (column kernels says which computed what)"
+        "and near the threshold a last bit may flip a single answer (column kernels says which computed what). "
+        "OPENBLAS_CORETYPE and NUMBA_CPU_NAME choose one kernel for all"
     )
 
 
@@ -42,16 +49,34 @@ def _model() -> str:
     return platform.processor() or platform.machine()
 
 
+def one_blas_thread() -> None:
+    """Let BLAS compute with one thread in this process, however it was started: with several it may sum otherwise."""
+    for library in (*_openblas("numpy.libs"), *_openblas("scipy.libs")):
+        for name in _THREAD_NAMES:
+            if hasattr(library, name):
+                getattr(library, name)(1)
+                break
+
+
+def _llvm_kernel() -> str:
+    return os.environ.get("NUMBA_CPU_NAME") or llvmlite.binding.get_host_cpu_name()
+
+
 def _blas_kernel() -> str:
     """Kernel that OpenBLAS has chosen; where NumPy has another library, that library's name."""
-    for path in (Path(np.__file__).parents[1] / "numpy.libs").glob("*openblas*"):
-        with suppress(OSError):
-            library = ctypes.CDLL(str(path))  # loaded already: NumPy's own
-            for name in _CORE_NAMES:
-                if hasattr(library, name):
-                    ask = getattr(library, name)
-                    ask.restype = ctypes.c_char_p
-                    return (ask() or b"unknown").decode()
+    for library in _openblas("numpy.libs"):
+        for name in _CORE_NAMES:
+            if hasattr(library, name):
+                ask = getattr(library, name)
+                ask.restype = ctypes.c_char_p
+                return (ask() or b"unknown").decode()
     with suppress(KeyError, TypeError):
         return str(np.show_config(mode="dicts")["Build Dependencies"]["blas"]["name"])
     return "unknown"
+
+
+def _openblas(folder: str) -> Iterator[ctypes.CDLL]:
+    """OpenBLAS of NumPy's wheel or SciPy's, which is loaded already or will be."""
+    for path in (Path(np.__file__).parents[1] / folder).glob("*openblas*"):
+        with suppress(OSError):
+            yield ctypes.CDLL(str(path))

@@ -26,7 +26,7 @@ from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
 from toppling.orchestrator.delivery import WORKER, NotDeliveredError, delivered, forget
 from toppling.orchestrator.leaving import LEAVING
-from toppling.orchestrator.processor import processor
+from toppling.orchestrator.processor import one_blas_thread, processor
 from toppling.workers.engines import DEFAULT, ENGINES
 from toppling.workers.job import Assets, JobSpec, identity, run_job
 from toppling.workers.options import PHYSICS_VERSION
@@ -250,6 +250,7 @@ async def check(order: Order, dask_worker: Worker | None = None) -> str:
         As :func:`assets_of`.
     """
     WORKER.set(dask_worker)
+    one_blas_thread()
     await asyncio.to_thread(assets_of, order)
     return processor()["kernels"]
 

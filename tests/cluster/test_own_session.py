@@ -20,7 +20,7 @@ import yaml
 from distributed.comm import connect
 from distributed.security import Security
 
-from toppling.orchestrator.cluster import _ClosedIfNotStarted, _queue_cluster, _warn_of_open_door
+from toppling.orchestrator.cluster import _ClosedIfNotStarted, _queue_cluster, _warn_of_open_door, job_script
 from toppling.orchestrator.folder import KEY_FILES
 
 
@@ -92,6 +92,13 @@ def test_workers_hear_nothing_of_ctrl_c_nor_do_those_that_come_in_their_place(cl
         os.kill(process, signal.SIGINT)
     time.sleep(1.0)
     assert set(client.run(os.getpid).values()) == there
+
+
+def test_batch_jobs_compute_with_the_kernels_that_the_user_has_chosen(monkeypatch):
+    pytest.importorskip("dask_jobqueue", reason="the extra hpc is not installed")
+    monkeypatch.setenv("OPENBLAS_CORETYPE", "Haswell; true")
+    with dask.config.set({"jobqueue.slurm.cores": 1, "jobqueue.slurm.memory": "2GB"}):
+        assert "\nexport OPENBLAS_CORETYPE='Haswell; true'\n" in job_script("slurm")
 
 
 def test_batch_jobs_find_the_key_in_files_of_the_user_alone(tmp_path):

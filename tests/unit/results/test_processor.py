@@ -1,5 +1,6 @@
 """A row says what computed it, and unlike machines are told."""
 
+import os
 import re
 import subprocess
 import sys
@@ -29,6 +30,34 @@ def test_another_kernel_of_blas_is_seen():
         check=True,
     )  # fmt: skip
     assert done.stdout.startswith("BLAS Haswell,")
+
+
+def test_the_processor_that_code_is_made_for_is_told_rather_than_the_one_here(monkeypatch):
+    monkeypatch.setenv("NUMBA_CPU_NAME", "generic")
+    processor.cache_clear()
+    try:
+        assert processor()["kernels"].endswith("LLVM generic")
+    finally:
+        processor.cache_clear()
+
+
+def test_a_worker_computes_with_one_thread_however_it_was_started():
+    program = """
+import ctypes, asyncio, pathlib, numpy
+from toppling.orchestrator.processor import _openblas, one_blas_thread
+def threads():
+    (library,) = _openblas("numpy.libs")
+    names = ("scipy_openblas_get_num_threads64_", "openblas_get_num_threads64_")
+    return next(getattr(library, name)() for name in names if hasattr(library, name))
+before = threads()
+one_blas_thread()
+print(before, threads())
+"""
+    done = subprocess.run(
+        [sys.executable, "-P", "-c", program], env={"OPENBLAS_NUM_THREADS": "2"}, capture_output=True, text=True,
+        check=True,
+    )  # fmt: skip
+    assert done.stdout.split() == [str(min(2, os.cpu_count() or 1)), "1"]
 
 
 def test_workers_of_unlike_kernels_are_told_and_like_ones_are_not():

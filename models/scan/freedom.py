@@ -18,6 +18,7 @@ MOST_INVENTED = 0.6
 ONE_SIDE_DEG = 120.0
 """A rock of whose sides none shows in so wide a range of directions was seen from one side."""
 SECTORS = 36
+SPARSE = 1.5
 UPRIGHT = 0.7
 """Sine of the dip above which a patch belongs to a side."""
 SEEN_SHARE = 0.1
@@ -52,7 +53,7 @@ def check_seen_enough(observed: ObservedRock, interface: Interface, closed: Clos
     Raises
     ------
     InputError
-        That one side is not enough, or that the rock is hidden or embedded.
+        That one side is not enough, that points are too few, or that the rock is hidden or embedded.
     """
     if closed.invented_share <= MOST_INVENTED:
         return
@@ -63,6 +64,14 @@ def check_seen_enough(observed: ObservedRock, interface: Interface, closed: Clos
             f"one side is not enough: {share}, none of its sides over {blind_deg:.0f} degrees about azimuth "
             f"{toward_deg:.0f} (compass {float(compass_deg(toward_deg)):.0f})"
         )
+    elif (apart := patches_apart(observed)) > SPARSE:
+        raise InputError(
+            f"{share}: the cloud has too few points, its patches of {observed.surfels.voxel_m:.2g} m lie {apart:.1f} "
+            "times as far apart as they are wide",
+            where="the rock",
+            expected="points so dense that patches of a hundredth of the rock's height touch each other",
+            remedy="give all stations, and clouds that were not thinned, or not so much",
+        )
     else:
         what = f"{share}, and what was seen lies all around: it is embedded in what surrounds it, or hidden by it"
     raise InputError(
@@ -72,6 +81,12 @@ def check_seen_enough(observed: ObservedRock, interface: Interface, closed: Clos
         remedy="scan it from the other sides; a rock that is embedded or buried is held by what surrounds it, and no "
         "toppling of a free block is its own",
     )
+
+
+def patches_apart(observed: ObservedRock) -> float:
+    """Median distance of the rock's patches to their fourth neighbours, in their width: 1.1 where they touch."""
+    points = observed.surfels.points_m[observed.patches]
+    return float(np.median(cKDTree(points).query(points, k=5)[0][:, 4])) / observed.surfels.voxel_m
 
 
 def unseen_range(observed: ObservedRock, interface: Interface) -> tuple[float, float]:

@@ -15,6 +15,8 @@ from toppling.models.scan.surfels import Surfels
 CREVICE_VOXELS = 4.0
 """Pedestal surfels this near to a rock surfel line the crevice."""
 LEAST_CREVICE_SURFELS = 30
+TRIPLES, DRAWN_AWAY, STRAY = 500, 3.0, 7.0
+"""Planes tried; how much nearer one must be to be believed; of its strays, how far off in the median distance."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +55,9 @@ class Interface:
 def fit_interface(surfels: Surfels, rock: NDArray[np.bool_]) -> Interface:
     """Plane through the pedestal's side of the crevice, by reweighted least squares (Tukey's biweight).
 
+    A few patches high up the rock that were taken for pedestal draw least squares toward them from the start: where
+    half of the patches lie much nearer to another plane, it is fitted to those.
+
     Raises
     ------
     InputError
@@ -67,7 +72,22 @@ def fit_interface(surfels: Surfels, rock: NDArray[np.bool_]) -> Interface:
             expected=f"at least {LEAST_CREVICE_SURFELS} patches of {surfels.voxel_m:.3g} m at its foot",
             remedy="scan the crevice from nearer and from more sides",
         )
-    return fitted_plane(surfels.points_m[lining])
+    points = surfels.points_m[lining]
+    plane, off = fitted_plane(points), _least_median_m(points)
+    if DRAWN_AWAY * np.median(off) < np.median(np.abs(plane.flat(points)[:, 2])):
+        return fitted_plane(points[off < STRAY * np.median(off)])
+    return plane
+
+
+def _least_median_m(points: Array) -> Array:
+    """Distances (n,) from the plane through three of the points to which half of them lie nearest."""
+    corners = points[np.random.default_rng(7).integers(0, len(points), (TRIPLES, 3))]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    length = np.linalg.norm(normals, axis=1)
+    real = length > 1e-9 * length.max()
+    normals, origin = normals[real] / length[real, None], corners[real, 0]
+    off = np.abs(points @ normals.T - np.einsum("ij,ij->i", origin, normals))
+    return off[:, np.argmin(np.median(off, axis=0))]
 
 
 def reweighted_plane(

@@ -9,7 +9,7 @@ from toppling.models.errors import InputError
 from toppling.models.scan.carried import find_carried
 from toppling.models.scan.close import ClosedRock
 from toppling.models.scan.freedom import check_seen_enough, creased_share, doubts, unseen_range
-from toppling.models.scan.interface import Interface
+from toppling.models.scan.interface import Interface, fit_interface
 from toppling.models.scan.interface_hint import hint_of
 from toppling.models.scan.measure import ObservedRock
 from toppling.models.scan.read import read_clouds
@@ -128,6 +128,29 @@ def test_a_rock_most_of_which_was_not_seen_is_refused(sides, what):
     with pytest.raises(InputError, match=what):
         check_seen_enough(observed, LEVEL, closed)
     check_seen_enough(observed, LEVEL, ClosedRock(closed.rock, 0.5, 0.0, 0.5))
+
+
+def test_a_cloud_that_was_thinned_too_much_is_named_as_such():
+    points, normals = box((-0.25, -0.25, 0.0), (0.25, 0.25, 1.0))
+    kept = np.random.default_rng(2).random(len(points)) < 0.2
+    closed = ClosedRock(Scene.block(0.5, 0.5, 1.0).rock, 0.3, 0.0, 0.7)
+    with pytest.raises(InputError, match="too few points"):
+        check_seen_enough(seen_of((points[kept], normals[kept]), ground()), LEVEL, closed)
+
+
+@pytest.mark.parametrize("strays", [0, 4])
+def test_strays_high_up_the_rock_do_not_turn_the_interface(strays):
+    block, around = box((-0.25, -0.25, 0.0), (0.25, 0.25, 1.0)), ground()
+    kept = around[0][:, 1] < -0.26  # the crevice was seen from one side
+    noise = np.random.default_rng(2).normal(0.0, 0.002, (len(around[0]), 3))
+    high = np.column_stack(
+        [np.linspace(-0.2, 0.2, strays), np.full(strays, -0.28), np.linspace(0.8, 1.0, strays)]
+    )
+    up = np.tile((0.0, 0.0, 1.0), (strays, 1))
+    seen = seen_of(block, together(((around[0] + noise)[kept], around[1][kept]), (high, up)))
+    found = fit_interface(seen.surfels, seen.patches)
+    assert np.rad2deg(np.arccos(found.normal[2])) < 2.0
+    assert abs(found.point_m[2]) < 0.01
 
 
 def test_of_what_planes_carry_the_upper_of_a_stack_is_meant():

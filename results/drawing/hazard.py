@@ -3,7 +3,7 @@
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator
+from matplotlib.ticker import LogLocator, NullFormatter
 from numpy.typing import ArrayLike, NDArray
 
 from toppling.results.drawing.constraint import ages_words
@@ -13,6 +13,9 @@ from toppling.results.hazard.update import Update
 
 LEAST_RATE = 3e-7
 """Lower end of the annual rates that are drawn: analysts ask for none below 1e-6."""
+
+LEAST_RANGE = 50.0
+"""Of the rates that are drawn: at least one power of ten has a label."""
 
 
 def hazard_figure(update: Update, width_in: float = FULL_WIDTH_IN) -> Figure:
@@ -37,14 +40,9 @@ def hazard_figure(update: Update, width_in: float = FULL_WIDTH_IN) -> Figure:
         )  # fmt: skip
         if count > 1:
             _draw_branches(axes, update)
-        if count > 1 or update.tree.fractiles:
-            for q in (0.05, 0.95):
-                label = "5 and 95 % of the branches before" if q < 0.5 else "_"
-                axes.plot(
-                    *_bearing(update.before.levels, update.before.fractiles[q]), "k:", lw=1.0, label=label
-                )
-            if update.after is not None and count > 1:
-                _draw_band(axes, update.after, "5 to 95 % after")
+        _draw_fractiles(axes, update)
+        if update.after is not None and count > 1:
+            _draw_band(axes, update.after, "5 to 95 % after")
         name = "mean before" if count > 1 else "hazard"
         axes.plot(*_bearing(update.before.levels, update.before.mean), "k--", lw=1.3, label=name)
         if update.after is not None and count > 1:
@@ -73,6 +71,21 @@ def _draw_branches(axes: Axes, update: Update) -> None:
         )  # fmt: skip
 
 
+def _draw_fractiles(axes: Axes, update: Update) -> None:
+    """5 and 95 % of the branches, or of a lone curve the outermost that its files state."""
+    if len(update.tree.branches) > 1:
+        of, shown = "of the branches before", {q: update.before.fractiles[q] for q in (0.05, 0.95)}
+        lines = {q: _bearing(update.before.levels, rates) for q, rates in shown.items()}
+    else:
+        of, stated = "as the files state them", sorted(update.tree.fractiles.items())
+        lines = {q: (curve.intensity, curve.annual_rate) for q, curve in (*stated[:1], *stated[-1:])}
+    lines = {q: line for q, line in lines.items() if len(line[0])}
+    label = f"{' and '.join(f'{100 * q:g}' for q in lines)} % {of}"
+    for line in lines.values():
+        axes.plot(*line, "k:", lw=1.0, label=label)
+        label = "_"
+
+
 def _draw_band(axes: Axes, curves: Statistics, label: str) -> None:
     low, high = curves.fractiles[0.05], curves.fractiles[0.95]
     bears = np.isfinite(low) & np.isfinite(high) & (high > 0)
@@ -98,17 +111,20 @@ def _frame(axes: Axes, update: Update) -> None:
         rates.max(), *(rate[np.isfinite(rate)].max(initial=0.0) for rate in update.before.fractiles.values())
     )
     right = x[min(int(shown.sum()), len(x) - 1)]
+    least = min(max(LEAST_RATE, rates.min() / 2), top / LEAST_RANGE)
     axes.set(
         xscale="log", yscale="log", xlabel=measure_label(update.tree.measure), ylabel="annual rate of exceedance",
-        xlim=(x[0], max(right, x[0] * 1.5)), ylim=(max(LEAST_RATE, rates.min() / 2), 1.5 * top),
+        xlim=(x[0], max(right, x[0] * 1.5)), ylim=(least, 1.5 * top),
     )  # fmt: skip
     axes.set_title(ages_words(update.rocks))
     plain_log(axes.xaxis)
     axes.yaxis.set_major_locator(LogLocator(numticks=10))
     axes.yaxis.set_minor_locator(LogLocator(subs=tuple(range(2, 10)), numticks=99))
+    axes.yaxis.set_minor_formatter(NullFormatter())
     period = axes.secondary_yaxis("right", functions=(_inverse, _inverse))
     period.set_ylabel("return period (years)")
     period.yaxis.set_major_locator(LogLocator(numticks=10))
+    period.yaxis.set_minor_formatter(NullFormatter())
 
 
 def _inverse(value: ArrayLike) -> NDArray[np.float64]:

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from toppling.results.constraint import bound_table, branch_table
 from toppling.results.drawing.constraint import constraint_figure
+from toppling.results.drawing.hazard import hazard_figure
 from toppling.results.hazard.ages import parse_age
 from toppling.results.hazard.curves import (
     NODES_PER_E_FOLD,
@@ -196,6 +197,19 @@ def test_the_figure_tells_each_branchs_survival_and_verdict_and_the_age():
     assert loud.endswith(", rejected")
     assert quiet == "power law: survival 1.00, not rejected"
     assert figure.axes[0].get_title() == "standing for 10,000 to 20,000 years"
+
+
+@pytest.mark.parametrize(
+    ("stated", "words"),
+    [((), None), ((0.16, 0.84), "16 and 84 %"), ((0.1, 0.5), "10 and 50 %"), ((0.9,), "90 %")],
+)
+def test_a_lone_curve_is_drawn_with_the_outermost_fractiles_that_its_files_state(stated, words):
+    fractiles = {q: power_law(rate_at_one=1e-3 * 4 ** (q - 0.5)) for q in stated}
+    tree = HazardTree("pgv_m_s", tuple(branches_of(power_law())), fractiles=fractiles)
+    figure = hazard_figure(Update([Standing("rock", ROCK, np.array([1e4]))], tree))
+    handles, labels = figure.axes[0].get_legend_handles_labels()
+    assert all(len(handle.get_xdata()) for handle in handles)
+    assert labels == [f"{words} as the files state them"] * bool(words) + ["hazard"]
 
 
 def test_rocks_of_which_one_never_topples_are_bounded_by_the_other():

@@ -13,18 +13,20 @@ import io
 import json
 import math
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import MISSING, asdict, fields, replace
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
 
 import numpy as np
+from numpy.typing import NDArray
 
 from toppling.models.csv_text import plain
 from toppling.models.documents import check_size
 from toppling.models.errors import InputError, refusals
 from toppling.models.folder import new_file
+from toppling.results.hazard.surfaces import Surface
 from toppling.results.lognormal import Basis, Lognormal, Resampled
 
 OPENQUAKE_G_M_S2 = 9.80665
@@ -50,6 +52,9 @@ _BASIS_NEEDED = tuple(field.name for field in fields(Basis) if field.default is 
 SAMPLES_KEPT = 1000
 """Bootstrap samples that a file keeps, at most: a cell of CSV has 131,072 characters."""
 
+_PLANE = ("coefficient_0", "coefficient_1", "coefficient_2")
+"""Columns of a fragility over two measures: intercept of its probit, slopes of the measures' natural logarithms."""
+
 _MARK = "toppling "
 """How the comment begins in which a function of NRML keeps the row that CSV and JSON have."""
 
@@ -72,7 +77,9 @@ def of_moments(measure: str, mean: float, deviation: float) -> Lognormal:
     return Lognormal(measure, mean**2 / math.hypot(deviation, mean), beta)
 
 
-def write_curves(path: Path, curves: Iterable[Lognormal], name: str = "rock") -> Path:
+def write_curves(
+    path: Path, curves: Iterable[Lognormal], name: str = "rock", surfaces: Sequence[Surface] = ()
+) -> Path:
     """Write curves as NRML (.xml), CSV or JSON, by the file's suffix.
 
     Parameters
@@ -82,16 +89,21 @@ def write_curves(path: Path, curves: Iterable[Lognormal], name: str = "rock") ->
         NRML takes those whose measure OpenQuake has (`OPENQUAKE`).
     name : str
         Of the rock; NRML's taxonomy is this and the measure.
+    surfaces : sequence of Surface
+        Fragilities over two measures, for CSV and JSON: NRML has none.
 
     Raises
     ------
     InputError
         If the suffix is another, or NRML has no name for any of the measures.
     """
-    writers = {".xml": _nrml, ".csv": _csv, ".json": _json}
+    rows = [*map(_row, curves := list(curves)), *map(_surface_row, surfaces)]
+    writers = {
+        ".xml": lambda: _nrml(curves, name), ".csv": lambda: _csv(rows, name), ".json": lambda: _json(rows, name),
+    }  # fmt: skip
     if path.suffix not in writers:
         raise _suffix_error(path)
-    text = writers[path.suffix](list(curves), name)
+    text = writers[path.suffix]()
     with new_file(path) as hidden:
         hidden.write_text(text)
     return path
@@ -105,15 +117,46 @@ def read_curves(path: Path) -> dict[str, Lognormal]:
     InputError
         If the file is absent, of another kind, or holds no lognormal curve, or several over one measure.
     """
-    readers = {".xml": _from_nrml, ".csv": _from_csv, ".json": _from_json}
+    curves = _read(path, {".xml": _from_nrml, ".csv": _from_csv, ".json": _from_json})
+    if not curves:
+        raise _curve_error("holds no lognormal fragility", path)
+    for curve in curves:
+        if not (curve.median > 0 and math.isfinite(curve.median) and 0 <= curve.beta < math.inf):
+            raise _curve_error(f"median {curve.median}, beta {curve.beta} of {curve.measure}", path)
+    counts = Counter(curve.measure for curve in curves)
+    several = [f"{count} curves over {measure}" for measure, count in counts.items() if count > 1]
+    if several:
+        raise _curve_error(
+            f"holds {', '.join(several)}: give each rock, and each limit state, its own file", path
+        )
+    return {curve.measure: curve for curve in curves}
+
+
+def read_surface(path: Path, measures: tuple[str, ...]) -> Surface | None:
+    """Read the fragility over some measures together from CSV or JSON; None where the file states none.
+
+    Raises
+    ------
+    InputError
+        If the file is absent, of another kind, or states one that cannot be read, or several.
+    """
+    found = _read(path, {".xml": lambda _: [], ".csv": _surfaces_of_csv, ".json": _surfaces_of_json})
+    found = [surface for surface in found if surface.measures == measures]
+    if len(found) > 1:
+        raise _curve_error(f"holds {len(found)} surfaces over {' and '.join(measures)}", path)
+    return found[0] if found else None
+
+
+def _read(path: Path, readers: Mapping[str, Callable[[str], list[Any]]]) -> list[Any]:
+    """What the reader of a file's suffix finds in it."""
     if path.suffix not in readers:
         raise _suffix_error(path)
     check_size(path, LARGEST_BYTES, "curves")
     try:
-        text = path.read_text(encoding="utf-8")
+        text = path.read_text(encoding="utf-8-sig")
         if "<!DOCTYPE" in text or "<!ENTITY" in text:  # entities can grow without bound
             raise _curve_error("declares entities", path)
-        curves = readers[path.suffix](text)
+        return readers[path.suffix](text)
     except InputError:
         raise
     except FileNotFoundError:
@@ -129,18 +172,6 @@ def read_curves(path: Path) -> dict[str, Lognormal]:
         RecursionError,
     ) as error:
         raise _curve_error(f"cannot be read ({type(error).__name__}: {str(error)[:300]})", path) from error
-    if not curves:
-        raise _curve_error("holds no lognormal fragility", path)
-    for curve in curves:
-        if not (curve.median > 0 and math.isfinite(curve.median) and 0 <= curve.beta < math.inf):
-            raise _curve_error(f"median {curve.median}, beta {curve.beta} of {curve.measure}", path)
-    counts = Counter(curve.measure for curve in curves)
-    several = [f"{count} curves over {measure}" for measure, count in counts.items() if count > 1]
-    if several:
-        raise _curve_error(
-            f"holds {', '.join(several)}: give each rock, and each limit state, its own file", path
-        )
-    return {curve.measure: curve for curve in curves}
 
 
 def _nrml(curves: list[Lognormal], name: str) -> str:
@@ -208,12 +239,12 @@ def _kept_row(function: ET.Element) -> Mapping[str, Any]:
     return dict(json.loads(kept[0])) if kept else {}
 
 
-def _csv(curves: list[Lognormal], name: str) -> str:
+def _csv(rows: list[dict[str, Any]], name: str) -> str:
     text = io.StringIO()
-    writer = csv.DictWriter(text, ("rock", *_FIELDS, *_INTERVAL, *_BASIS, "samples"))
+    writer = csv.DictWriter(text, ("rock", *_FIELDS, *_INTERVAL, *_BASIS, *_PLANE, "samples"))
     writer.writeheader()
-    for curve in curves:
-        writer.writerow({key: plain(value) for key, value in {"rock": name, **_row(curve)}.items()})
+    for row in rows:
+        writer.writerow({key: plain(value) for key, value in {"rock": name, **row}.items()})
     return text.getvalue()
 
 
@@ -223,8 +254,47 @@ def _from_csv(text: str) -> list[Lognormal]:
     return [_of_row(row) for row in rows if row["median"]]
 
 
-def _json(curves: list[Lognormal], name: str) -> str:
-    return json.dumps({"rock": name, "curves": [_row(curve) for curve in curves]}, indent=1) + "\n"
+def _json(rows: list[dict[str, Any]], name: str) -> str:
+    parts = {
+        "curves": [row for row in rows if _PLANE[0] not in row],
+        "surfaces": [row for row in rows if _PLANE[0] in row],
+    }
+    return json.dumps({"rock": name} | {key: part for key, part in parts.items() if part}, indent=1) + "\n"
+
+
+def _surfaces_of_csv(text: str) -> list[Surface]:
+    return [_of_surface_row(row) for row in csv.DictReader(io.StringIO(text)) if row.get(_PLANE[0])]
+
+
+def _surfaces_of_json(text: str) -> list[Surface]:
+    return [_of_surface_row(row) for row in json.loads(text).get("surfaces", ())]
+
+
+def _surface_row(surface: Surface) -> dict[str, Any]:
+    row = {"measure": "+".join(surface.measures), **dict(zip(_PLANE, surface.coefficients, strict=True))}
+    row |= asdict(surface.basis) if surface.basis else {}
+    if surface.basis and surface.resampled:
+        row["samples"] = _samples_text(surface.resampled, lambda found: found)
+    return row
+
+
+def _of_surface_row(row: Mapping[str, Any]) -> Surface:
+    """Surface of a row of numbers or of their text."""
+    measures = tuple(str(row["measure"]).split("+"))
+    coefficients = tuple(float(row[name]) for name in _PLANE)
+    if len(measures) != 2 or not np.isfinite(coefficients).all():
+        msg = f"a surface over {row['measure']} with the coefficients {coefficients}"
+        raise ValueError(msg)
+    basis = _basis_of_row(row)
+    samples = str(row.get("samples") or "").removeprefix(
+        "'"
+    )  # which keeps spreadsheets from reading a formula
+    if not (basis and samples):
+        return Surface(measures, coefficients, basis)
+    found = [[float(value) for value in part.split()] for part in samples.split(";") if part]
+    kept = np.array(found).reshape(-1, len(coefficients))
+    fitted = np.array([bool(part) for part in samples.split(";")])
+    return Surface(measures, coefficients, basis, Resampled(kept, fitted, basis.records, studentised=True))
 
 
 def _from_json(text: str) -> list[Lognormal]:
@@ -245,17 +315,23 @@ def _row(curve: Lognormal) -> dict[str, Any]:
     row = {name: getattr(curve, name) for name in _FIELDS}
     row |= dict(zip(_INTERVAL, curve.median_interval, strict=True)) if curve.median_interval else {}
     row |= asdict(curve.basis) if curve.basis else {}
-    return row | ({"samples": _samples_text(curve.resampled)} if curve.resampled and curve.basis else {})
+    return row | (
+        {"samples": _samples_text(curve.resampled, _median_and_beta)}
+        if curve.resampled and curve.basis
+        else {}
+    )
 
 
-def _samples_text(resampled: Resampled) -> str:
-    """Median and beta of each bootstrap sample, `1.21 .39;1.18 .41;;...`; nothing for one without a fit."""
+def _samples_text(resampled: Resampled, numbers: Callable[[NDArray[np.float64]], Iterable[float]]) -> str:
+    """Numbers of each bootstrap sample, `1.21 .39;1.18 .41;;...`; nothing for one without a fit."""
     found = iter(resampled.coefficients)
-    rows = []
-    for has_fit in resampled.fitted[:SAMPLES_KEPT]:
-        intercept, slope = next(found) if has_fit else (0.0, 1.0)
-        rows.append(f"{math.exp(-intercept / slope):.7g} {1 / slope:.7g}" if has_fit else "")
-    return ";".join(rows)
+    rows = [numbers(next(found)) if has_fit else () for has_fit in resampled.fitted[:SAMPLES_KEPT]]
+    return ";".join(" ".join(f"{value:.7g}" for value in row) for row in rows)
+
+
+def _median_and_beta(coefficients: NDArray[np.float64]) -> tuple[float, float]:
+    intercept, slope = coefficients
+    return math.exp(-intercept / slope), 1 / slope
 
 
 def _of_samples_text(text: str, records: int) -> Resampled:
@@ -279,14 +355,27 @@ def _of_row(row: Mapping[str, Any]) -> Lognormal:
 
 def _with_row(curve: Lognormal, row: Mapping[str, Any]) -> Lognormal:
     """A curve with its basis and its median's interval, each where the row states all of it."""
+    basis = _basis_of_row(row)
+    low, high = (float(row[name]) for name in _INTERVAL) if _stated(row, _INTERVAL) else (math.nan, math.nan)
+    kept = (
+        _of_samples_text(str(row["samples"]), basis.records) if basis and _stated(row, ["samples"]) else None
+    )
+    return replace(curve, basis=basis, median_interval=(low, high) if low <= high else None, resampled=kept)
 
-    def stated(names: Iterable[str]) -> bool:
-        return all(row.get(name) not in (None, "") for name in names)
+
+def _stated(row: Mapping[str, Any], names: Iterable[str]) -> bool:
+    return all(row.get(name) not in (None, "") for name in names)
+
+
+def _basis_of_row(row: Mapping[str, Any]) -> Basis | None:
+    """What a row says that its curve rests on; None where it does not state all of it."""
 
     def number(name: str) -> int | None:
-        return int(row[name]) if stated([name]) else None
+        return int(row[name]) if _stated(row, [name]) else None
 
-    basis = Basis(
+    if not _stated(row, _BASIS_NEEDED):
+        return None
+    return Basis(
         scene_id=str(row["scene_id"]),
         jobs=int(row["jobs"]),
         toppled=int(row["toppled"]),
@@ -295,10 +384,7 @@ def _with_row(curve: Lognormal, row: Mapping[str, Any]) -> Lognormal:
         strongest_shaken=float(row["strongest_shaken"]),
         jobs_planned=number("jobs_planned"),
         jobs_done=number("jobs_done"),
-    ) if stated(_BASIS_NEEDED) else None  # fmt: skip
-    low, high = (float(row[name]) for name in _INTERVAL) if stated(_INTERVAL) else (math.nan, math.nan)
-    kept = _of_samples_text(str(row["samples"]), basis.records) if basis and stated(["samples"]) else None
-    return replace(curve, basis=basis, median_interval=(low, high) if low <= high else None, resampled=kept)
+    )
 
 
 def _suffix_error(path: Path) -> InputError:

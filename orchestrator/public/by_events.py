@@ -19,7 +19,7 @@ from toppling.orchestrator.public.felt import (
     under_events,
 )
 from toppling.orchestrator.public.hazard_asked import DEFAULT_MEASURES, Asked, read_tree, weighted_paths
-from toppling.orchestrator.public.rocks import Jobs, standing_rock
+from toppling.orchestrator.public.rocks import Jobs, refuse_twins, standing_rock
 from toppling.results.exchange import read_curves
 from toppling.results.fits import MEASURES
 from toppling.results.hazard.ages import Since
@@ -125,7 +125,6 @@ def judged_by_events(
     seen : callable
         Called before each bootstrap sample of records.
     """
-    _refuse_duplicates(rocks)
     measures = tuple(asked.measure.split("+")) if asked.measure else ()
     path = event_set_of(hazard)
     if path:
@@ -137,6 +136,7 @@ def judged_by_events(
         events, measures = _of_curves(rocks, hazard, asked, options, measures)
     sites, away = place_rocks(rocks.names, events, rocks.sites if path else ())
     felt_rocks = [_felt(rocks, number, site, measures, seen) for number, site in enumerate(sites)]
+    refuse_twins(rocks.paths, [rock.fragility.basis for rock in felt_rocks])
     return under_events(felt_rocks, rocks.ages, events, confidence, away)
 
 
@@ -151,20 +151,6 @@ def _of_curves(
     tree = read_tree(hazard, asked, _known(rocks))
     medians = [read_curves(path)[tree.measure].median for path in rocks.paths if not path.is_dir()]
     return of_tree(tree, medians), (tree.measure,)
-
-
-def _refuse_duplicates(rocks: Rocks) -> None:
-    """Refuse a rock that is given twice, by its scene or else its file: it would count twice."""
-    seen: dict[str, Path] = {}
-    for path in rocks.paths:
-        jobs = rocks.jobs.get(path)
-        of = str(jobs.frame["scene_id"].iloc[0]) if jobs and len(jobs.frame) else str(path.resolve())
-        if of in seen:
-            raise InputError(
-                what=f"is the same rock as {seen[of]}", where=str(path), expected="each rock once",
-                remedy="leave one of the two out",
-            )  # fmt: skip
-        seen[of] = path
 
 
 def _known(rocks: Rocks) -> list[str]:

@@ -37,9 +37,9 @@ from toppling.results.drawing.event_words import event_words
 from toppling.results.exchange import read_curves
 from toppling.results.fits import MEASURES
 from toppling.results.hazard.ages import Since, fragile_years, joint_ages, parse_age, parse_since
-from toppling.results.hazard.standing import Standing
 from toppling.results.hazard.tree import HazardTree, sources
 from toppling.results.hazard.update import Update
+from toppling.results.lognormal import Basis
 from toppling.results.resampling import SAMPLES
 
 
@@ -244,7 +244,9 @@ def _by_events(
     def write(out: Path, stated: dict[str, Any]) -> int:
         return sum(1 for _ in write_events(stated, felt.tables, out))
 
-    return RockStatement(content, event_words(content), [], files, write)
+    rested = [rock.fragility.basis for rock in felt.update.rocks]
+    content["warnings"] = warnings = _warnings(paths, rested)
+    return RockStatement(content, event_words(content), warnings, files, write)
 
 
 def _by_curves(question: _Question, jobs: dict[Path, Jobs], advance: Callable[..., None]) -> RockStatement:
@@ -264,7 +266,8 @@ def _by_curves(question: _Question, jobs: dict[Path, Jobs], advance: Callable[..
         standing = [
             replace(rock, years=years[:, number], together=True) for number, rock in enumerate(standing)
         ]
-    refuse_twins(paths, standing)
+    rested = [rock.curve.basis for rock in standing]
+    refuse_twins(paths, rested)
     update = Update(standing, tree, question.confidence) if tree else None
     statement = Constraint(standing, question.confidence, update, question.dated)
     content = statement.told(asked.ratio, asked.site if isinstance(asked.site, tuple) else None)
@@ -276,7 +279,7 @@ def _by_curves(question: _Question, jobs: dict[Path, Jobs], advance: Callable[..
         if path in jobs and jobs[path].stood
     ]:
         content["stood"] = bases
-    content["warnings"] = warnings = _warnings(paths, standing)
+    content["warnings"] = warnings = _warnings(paths, rested)
 
     def write(out: Path, stated: dict[str, Any]) -> int:
         return sum(1 for _ in write_constraint(statement, stated, out, asked.ratio))
@@ -288,11 +291,11 @@ def _sources(tree: HazardTree | None) -> list[Path]:
     return [Path(one) for one in sources(tree)] if tree else []
 
 
-def _warnings(rocks: Sequence[Path], standing: Sequence[Standing]) -> list[str]:
+def _warnings(rocks: Sequence[Path], rested: Sequence[Basis | None]) -> list[str]:
     """What has to be known before one relies on the rocks: runs that were not finished."""
     return [
-        f"{path}: {rock.curve.basis.unfinished}: this rests on the others, a smaller sample of its records, whose "
+        f"{path}: {basis.unfinished}: this rests on the others, a smaller sample of its records, whose "
         "intervals are wider; finish the run with 'toppling run' before you rely on it"
-        for path, rock in zip(rocks, standing, strict=True)
-        if rock.curve.basis and rock.curve.basis.unfinished
+        for path, basis in zip(rocks, rested, strict=True)
+        if basis and basis.unfinished
     ]

@@ -1,7 +1,7 @@
 """Rocks under events, as 'toppling constrain' takes them: event sets, or two curves of two measures at once."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,8 @@ from toppling.models.errors import InputError
 from toppling.orchestrator.public.rocks import Jobs
 from toppling.results.constraint import plain
 from toppling.results.drawing.style import printed_unit, short_name
-from toppling.results.fits import MEASURES, SURFACES, answered
+from toppling.results.exchange import read_surface
+from toppling.results.fits import MEASURES, SURFACES, answered, basis_of
 from toppling.results.hazard.ages import Since, exposure
 from toppling.results.hazard.curves import events_by_intensity
 from toppling.results.hazard.event_update import EventUpdate
@@ -110,24 +111,31 @@ def felt(rock: Standing, site: int, since: Since | None) -> FeltRock:
 def felt_by_both(
     name: str, path: Path, jobs: Jobs | None, measures: tuple[str, ...], seen: Callable[[], None]
 ) -> FeltRock:
-    """A rock whose fragility is over two measures, from a run.
+    """A rock whose fragility is over two measures, from a run or a file of curves.
 
     Raises
     ------
     InputError
-        If it is no run, or its answers have no such fit.
+        If it states no such fragility, or its answers have no such fit.
     """
-    frame = jobs.frame if jobs else pd.DataFrame(columns=[*measures, "toppled"])
-    frame = answered(frame[(frame[list(measures)] > 0).all(axis=1)])
-    fitted = fit(frame, measures) if len(frame) else None
-    surface = surface_of(fitted) if fitted else None
-    if fitted is None or surface is None:
+    if jobs is None:
+        surface, why = read_surface(path, measures), ": it is no run, and states no surface"
+        drawn = surface.resampled if surface else None
+    else:
+        frame = jobs.frame
+        frame = answered(frame[(frame[list(measures)] > 0).all(axis=1)])
+        fitted = fit(frame, measures) if len(frame) else None
+        surface, why = surface_of(fitted) if fitted else None, f" ({fitted.problem})" if fitted else ""
+        drawn = bootstrap(frame, fitted, seen=seen) if fitted and surface else None
+        if surface:
+            surface = replace(surface, basis=basis_of(frame, measures[0], jobs.completeness))
+    if surface is None:
         raise InputError(
-            what="has no fragility over two measures" + (f" ({fitted.problem})" if fitted else ": it is no run"),
-            where=str(path), expected=f"a run with a fit over {' and '.join(measures)}",
+            what=f"has no fragility over two measures{why}",
+            where=str(path), expected=f"a run, or curves of one, with a fit over {' and '.join(measures)}",
             remedy="give the run, or one --measure",
         )  # fmt: skip
-    return FeltRock(name, surface, 0, drawn_surfaces(bootstrap(frame, fitted, seen=seen), measures))
+    return FeltRock(name, surface, 0, drawn_surfaces(drawn, measures) if drawn else [])
 
 
 def joined(
@@ -270,7 +278,7 @@ def under_events(
 
 def _rock(rock: FeltRock, events: EventSet, away: float | None) -> dict[str, Any]:
     site = events.sites[rock.site]
-    measures = measures_of(rock.fragility)
+    measures, basis = measures_of(rock.fragility), rock.fragility.basis
     if len(measures) == 1:
         curve = rock.fragility
         words = (
@@ -289,4 +297,4 @@ def _rock(rock: FeltRock, events: EventSet, away: float | None) -> dict[str, Any
         "name": rock.name, "fragility": words, **numbers, "site": site.name, "site_distance_km": away,
         "site_longitude_deg": site.place[0] if site.place else None,
         "site_latitude_deg": site.place[1] if site.place else None,
-    }  # fmt: skip
+    } | (asdict(basis) if basis else {})  # fmt: skip

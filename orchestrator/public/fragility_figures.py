@@ -151,9 +151,9 @@ def fragility(
     lines = _plane_reference(opened, jobs, bins.directions) if reference else None
     folder = Path(out) if out else place_in(opened.path, "fragility")
     contacts = by_contact(jobs)
-    # Each contact: maps of three files and one about all, directions of four, fits of eight. A comparison: four.
+    # Each contact: maps of three files and one about all, directions of four, fits of ten. A comparison: four.
     maps = sum(1 + plane.by_direction for plane in planes.values())
-    each = 3 * maps + 4 + bool(within) + (8 + FIT_PARTS) * fit + reference
+    each = 3 * maps + 4 + bool(within) + (10 + FIT_PARTS) * fit + reference
     advance(0, total=len(contacts) * each + 4 * len(by_surroundings(jobs)) + bool(audits))
     drawing = itertools.chain(
         write_maps(jobs, folder, planes.values(), bins.directions, lines, done),

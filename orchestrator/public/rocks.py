@@ -1,7 +1,7 @@
 """Standing rocks as verbs take them: runs, or files of fragility curves."""
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -19,7 +19,7 @@ from toppling.results.exchange import read_curves
 from toppling.results.fits import answered, basis_of
 from toppling.results.fragility import by_contact
 from toppling.results.hazard.standing import Standing
-from toppling.results.lognormal import Lognormal, Resampled
+from toppling.results.lognormal import Basis, Lognormal, Resampled
 from toppling.results.regression import fit
 from toppling.results.resampling import bootstrap
 from toppling.results.run import open_run
@@ -164,11 +164,10 @@ def of_bases(jobs: Jobs, curve: Lognormal) -> dict[str, Any]:
     }
 
 
-def refuse_twins(rocks: tuple[Path, ...], standing: list[Standing]) -> None:
+def refuse_twins(rocks: tuple[Path, ...], rested: Sequence[Basis | None]) -> None:
     """Refuse a rock that is given twice, by its scene's hash or else its file: it would count twice."""
     seen: dict[str, Path] = {}
-    for path, rock in zip(rocks, standing, strict=True):
-        basis = rock.curve.basis
+    for path, basis in zip(rocks, rested, strict=True):
         of = basis.scene_id if basis else str(path.resolve())
         if of in seen:
             raise InputError(

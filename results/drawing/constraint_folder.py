@@ -13,7 +13,7 @@ from toppling.results.drawing.constraint import constraint_figure
 from toppling.results.drawing.events import events_figure
 from toppling.results.drawing.hazard import hazard_figure
 from toppling.results.drawing.report.constraint_page import constraint_page
-from toppling.results.drawing.report.event_page import event_page
+from toppling.results.drawing.report.event_page import event_page, unfinished
 from toppling.results.drawing.report.write import write_page
 from toppling.results.drawing.run_figures import save_table
 from toppling.results.drawing.style import save
@@ -79,10 +79,8 @@ def write_events(statement: dict[str, Any], tables: dict[str, pd.DataFrame], fol
         Each file, once it is complete.
     """
     yield from _write_statement(statement, tables, folder)
-    yield from save(
-        events_figure(tables["branches"], tables.get("updated"), statement["confidence"]),
-        folder / "constraint",
-    )
+    figure = events_figure(tables["branches"], tables.get("updated"), statement["confidence"])
+    yield from save(figure, folder / "constraint", unfinished(statement))
     yield write_page(event_page(statement, tables), folder / "constraint.html")
 
 

@@ -19,9 +19,10 @@ def event_words(statement: dict[str, Any]) -> str:
         + ("" if rock["site_distance_km"] is None else f", {rock['site_distance_km']:.1f} km from --site")
         for rock in rocks
     ]
+    count = len(statement["branches"])
     stand = "the rock stands" if len(rocks) == 1 else f"all {len(rocks)} rocks stand"
     lines.append(
-        f"Under {statement['events']:,} events of {len(statement['branches'])} branches, "
+        f"Under {statement['events']:,} events of {count} {'branch' if count == 1 else 'branches'}, "
         f"{stand} with {statement['decided']['survival_mean_of_branches']:.3g}."
     )
     ranked = sorted(statement["branches"], key=lambda row: row["rank"])

@@ -18,6 +18,7 @@ from toppling.results.drawing.friction import friction_figure
 from toppling.results.drawing.maps import direction_figure, map_figure
 from toppling.results.drawing.roses import rose_figure
 from toppling.results.drawing.style import save, short_name
+from toppling.results.drawing.surface import surface_figure
 from toppling.results.exchange import OPENQUAKE, write_curves
 from toppling.results.fragility import (
     DirectionCells,
@@ -30,6 +31,7 @@ from toppling.results.fragility import (
     unplaced,
 )
 from toppling.results.friction import compare_frictions
+from toppling.results.hazard.surfaces import surface_of
 from toppling.results.lognormal import Resampled
 
 FIT_PARTS = 20
@@ -186,7 +188,10 @@ def write_fits(
     for contact, jobs in by_contact(frame).items():
         place = folder / contact / "fits"
         place.mkdir(parents=True, exist_ok=True)
-        for former in (*place.glob("curves.*"), *place.glob("fits.*"), place / "calibration.csv"):
+        for former in (
+            *(file for stem in ("curves", "fits", "surface") for file in place.glob(f"{stem}.*")),
+            place / "calibration.csv",
+        ):
             former.unlink(missing_ok=True)  # not all are written again where no measure has a fit now
         yield from _write_contact(jobs, place, name, samples, audit_over, advance, run)
 
@@ -221,9 +226,16 @@ def _write_contact(
         for each, drawn in zip(models, resampled, strict=True)
         if (curve := each.lognormal)
     ]
+    surfaces = [
+        replace(surface, basis=fits.basis_of(jobs, surface.measures[0], run), resampled=drawn)
+        for each, drawn in zip(models, resampled, strict=True)
+        if each.measures == fits.SURFACES[0] and (surface := surface_of(each))
+    ]
+    for surface in surfaces:
+        yield from save(surface_figure(surface, known), place / "surface", _remark(run))
     if curves:
         for suffix in (".csv", ".json"):
-            yield write_curves(place / f"curves{suffix}", curves, name)
+            yield write_curves(place / f"curves{suffix}", curves, name, surfaces)
         if any(curve.measure in OPENQUAKE for curve in curves):
             yield write_curves(place / "curves.xml", curves, name)
         chosen = fits.headline(models) or next(each for each in models if each.lognormal)

@@ -2,14 +2,14 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import norm
 
 from toppling.models.errors import InputError
-from toppling.results.lognormal import Lognormal, Resampled
+from toppling.results.lognormal import Basis, Lognormal, Resampled
 from toppling.results.regression import Fit
 
 Motions = Mapping[str, NDArray[np.float64]]
@@ -26,10 +26,16 @@ class Surface:
         Columns of the results.
     coefficients : tuple of float
         a, then one slope a measure's natural logarithm.
+    basis : Basis or None
+        Where it is known; its strongest shaking is in the first measure.
+    resampled : Resampled or None
+        The same surface of records drawn anew, where it is known.
     """
 
     measures: tuple[str, ...]
     coefficients: tuple[float, ...]
+    basis: Basis | None = None
+    resampled: Resampled | None = field(default=None, compare=False, repr=False)
 
     def probability(self, motions: Motions) -> NDArray[np.float64]:
         """Toppling probability of events; 0 where a measure with a slope above 0 is 0."""

@@ -4,6 +4,7 @@ from typing import Any
 
 import pandas as pd
 
+from toppling.results.completeness import Completeness
 from toppling.results.drawing.constraint_words import answer
 from toppling.results.drawing.event_words import event_words
 from toppling.results.drawing.events import MOST_PANELS, events_figure
@@ -39,7 +40,7 @@ def event_page(statement: dict[str, Any], tables: dict[str, pd.DataFrame]) -> st
     tables : dict of DataFrame
         Of the statement, by name.
     """
-    document = Document()
+    document = Document(unfinished(statement))
     names = [rock["name"] for rock in statement["rocks"]]
     sections = [
         ("Hazard", _hazard(statement, tables, document)),
@@ -52,9 +53,16 @@ def event_page(statement: dict[str, Any], tables: dict[str, pd.DataFrame]) -> st
     ]
     return page(
         f"toppling: {', '.join(names)}",
-        first_lines(names, answer(statement)),
+        first_lines(names, answer(statement), document.remark),
         [(title, text) for title, text in sections if text],
     )
+
+
+def unfinished(statement: dict[str, Any]) -> str:
+    """That runs behind the rocks were not finished, in words; empty where all were, or it is not known."""
+    rocks = [rock for rock in statement["rocks"] if rock.get("jobs_done") is not None]
+    remarks = [Completeness(rock["jobs_planned"], rock["jobs_done"]).remark for rock in rocks]
+    return "; ".join(dict.fromkeys(filter(None, remarks)))
 
 
 def _hazard(statement: dict[str, Any], tables: dict[str, pd.DataFrame], document: Document) -> str:

@@ -2,6 +2,7 @@
 
 import json
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,9 +10,11 @@ from click.testing import CliRunner
 from seeded import rows
 
 from toppling.orchestrator.cli import cli
+from toppling.results.drawing.run_figures import write_fits
 from toppling.results.exchange import OPENQUAKE_G_M_S2 as G
 from toppling.results.exchange import write_curves
-from toppling.results.lognormal import Lognormal
+from toppling.results.lognormal import Basis, Lognormal
+from toppling.results.run import open_run
 from toppling.results.store import write_part
 
 PGA = Lognormal("pga_m_s2", 0.5 * G, 0.3)
@@ -234,3 +237,28 @@ def test_two_measures_at_once_are_judged_by_their_joint_rate(tmp_path):
     row = told["branches"][0]
     assert row["survival_low"] < row["survival"] < row["survival_high"]
     assert {one["measure"] for one in told["updated"]} == {"pga_m_s2", "pgv_m_s"}
+
+    list(write_fits(open_run(run).frame(), tmp_path, "run"))
+    assert (tmp_path / "fits" / "surface.png").exists()
+    for suffix in (".csv", ".json"):
+        asked[0] = tmp_path / "fits" / f"curves{suffix}"
+        again = told_by(*asked, "--measure", "pga_m_s2+pgv_m_s", "--correlation", "0.6")["branches"][0]
+        number = {name for name, value in row.items() if isinstance(value, float)}
+        assert {name: again[name] for name in number} == pytest.approx(
+            {name: row[name] for name in number}, rel=1e-4
+        )
+    twins = constrain(run, *asked, "--measure", "pga_m_s2+pgv_m_s")
+    assert "the same rock" in str(twins.exception)
+
+
+def test_an_unfinished_run_is_told_under_a_set_of_events_too(rocks, events):
+    path = write_curves(
+        rocks[0].parent / "part.csv", [replace(PGA, basis=Basis("5c3a", 570, 212, 30, 4, 18.5, 4320, 1602))]
+    )
+    asked = ["--hazard", events, "--site", "aa", "--age", "300", "--out", path.parent / "out"]
+    (warning,) = told_by(path, *asked)["warnings"]
+    assert "2,718 of 4,320 jobs have not run" in warning
+    assert "2,718 of 4,320 jobs have not run" in (path.parent / "out" / "constraint.html").read_text(
+        encoding="utf-8"
+    )
+    assert told_by(rocks[0], *asked)["warnings"] == []

@@ -13,9 +13,17 @@ from seeded import rows
 
 from toppling.models.errors import InputError
 from toppling.results.drawing.run_figures import write_fits
-from toppling.results.exchange import OPENQUAKE, moments, of_moments, read_curves, write_curves
+from toppling.results.exchange import (
+    OPENQUAKE,
+    moments,
+    of_moments,
+    read_curves,
+    read_surface,
+    write_curves,
+)
 from toppling.results.fits import MEASURES
 from toppling.results.fragility import CONTACT_COLUMNS
+from toppling.results.hazard.surfaces import Surface
 from toppling.results.lognormal import Basis, Lognormal, Resampled
 from toppling.results.resampling import with_interval
 from toppling.results.schema import SCHEMA, describe
@@ -43,6 +51,31 @@ def test_a_curve_survives_the_round_trip(tmp_path_factory, suffix, curve):
     # NRML goes through moments: a beta of 0.01 is a difference of 1e-4 between two squares, 1e-11 in doubles.
     assert again.median == pytest.approx(curve.median, rel=1e-12)
     assert again.beta == pytest.approx(curve.beta, rel=1e-9)
+
+
+BOTH = ("pga_m_s2", "pgv_m_s")
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".json"])
+def test_a_surface_survives_the_round_trip_with_its_samples_beside_curves(tmp_path, suffix):
+    drawn = Resampled(
+        np.array([[-0.1, 1.5, 2.5], [-0.2, -0.3, 3.0]]), np.array([True, False, True]), 30, True
+    )
+    whole = Surface(BOTH, (-0.25, 1 / 3, 2.0), Basis("5c3a", 570, 212, 30, 4, 18.5, 4320, 1602), drawn)
+    path = write_curves(tmp_path / f"c{suffix}", [Lognormal("pgv_m_s", 1.2, 0.4)], surfaces=[whole])
+    again = read_surface(path, BOTH)
+    assert again == whole
+    assert again.resampled.coefficients == pytest.approx(drawn.coefficients)
+    assert (again.resampled.fitted.tolist(), again.resampled.records) == ([True, False, True], 30)
+    assert list(read_curves(path)) == ["pgv_m_s"]
+
+
+@pytest.mark.parametrize("numbers", ["1,2,", "1,2,nan", "1,two,3"])
+def test_a_surface_without_three_numbers_is_refused(tmp_path, numbers):
+    path = tmp_path / "c.csv"
+    path.write_text(f"measure,coefficient_0,coefficient_1,coefficient_2\npga_m_s2+pgv_m_s,{numbers}\n")
+    with pytest.raises(InputError, match="cannot be read"):
+        read_surface(path, BOTH)
 
 
 @pytest.mark.parametrize("suffix", [".xml", ".csv", ".json"])

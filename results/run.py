@@ -298,10 +298,13 @@ class Run:
         told = self.told or self.provenance()
         return str(told["scene_id"]) if told.get("scene_id") else None
 
-    def origin_m(self) -> tuple[float, ...] | None:
-        """Coordinates of the scene's origin in the coordinate system of its scan; None where there is no scene."""
+    def rock_m(self) -> tuple[float, ...] | None:
+        """Centre of mass in metres of the coordinate system of the rock's scan; None where there is no scene."""
         path = self.scene_folder / "scene.json"
-        return tuple(read_scene_document(path)["origin_m"]) if path.exists() else None
+        if not path.exists():
+            return None
+        scene = read_scene_document(path)
+        return tuple(map(sum, zip(scene["origin_m"], scene["rock"]["com_m"], strict=True)))
 
     def quasi_static(self) -> pd.DataFrame | None:
         """Least constant ground acceleration (`value`, m/s2) that topples, by azimuth_deg."""

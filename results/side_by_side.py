@@ -4,13 +4,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
 from toppling.models.errors import InputError
 from toppling.models.frames import compass_deg
 from toppling.results.fits import FEW_TOPPLED, answered, basis_of
 from toppling.results.fragility import FRICTION, by_contact, contact_words
+from toppling.results.geography import on_earth
 from toppling.results.lognormal import Lognormal
 from toppling.results.regression import fit
 from toppling.results.resampling import SAMPLES, bootstrap, with_interval
@@ -195,36 +195,6 @@ def _beside(run: Run, contact: str, jobs: pd.DataFrame, measure: str, samples: i
     if statics is not None and (finite := statics.astype(float).dropna(subset=["value"])).size:
         at = finite.loc[finite["value"].idxmin()]
         weakest, least = float(at["azimuth_deg"]), float(at["value"])
-    return Beside(run, run.rock, contact, jobs, curve, why_not, place_of(run), weakest, least)
-
-
-def place_of(run: Run) -> tuple[float, float] | None:
-    """Longitude and latitude of a rock (WGS 84): by its atlas, or by the coordinate system that its scan states."""
-    told = run.told
-    if told.get("longitude") is not None:
-        return float(told["longitude"]), float(told["latitude"])
-    codes = {one.get("epsg") for one in run.scene_report().get("files") or () if isinstance(one, dict)}
-    origin = run.origin_m()
-    if len(codes) != 1 or not isinstance(code := codes.pop(), int) or origin is None:
-        return None
-    from pyproj import Transformer
-    from pyproj.exceptions import ProjError
-
-    try:
-        found = Transformer.from_crs(code, 4326, always_xy=True).transform(origin[0], origin[1])
-    except ProjError:
-        return None
-    return (float(found[0]), float(found[1])) if np.isfinite(found).all() else None
-
-
-def geojson(rocks: Sequence[Beside]) -> dict[str, Any]:
-    """The rocks whose place is known as points of GeoJSON (RFC 7946: WGS 84), with the columns of their table."""
-    features = []
-    for rock in rocks:
-        if rock.place is not None:
-            point = {"type": "Point", "coordinates": [round(one, 7) for one in rock.place]}
-            properties = {
-                name: value for name, value in rock.row.items() if name not in ("longitude", "latitude")
-            }
-            features.append({"type": "Feature", "geometry": point, "properties": properties})
-    return {"type": "FeatureCollection", "features": features}
+    found = on_earth(run)
+    place = None if found is None else (float(found[0, 0]), float(found[0, 1]))
+    return Beside(run, run.rock, contact, jobs, curve, why_not, place, weakest, least)

@@ -18,9 +18,10 @@ from toppling.results.drawing.run_figures import save_table
 from toppling.results.drawing.side_by_side_figures import fragilities_figure, places_figure
 from toppling.results.drawing.style import save
 from toppling.results.fits import MEASURES
+from toppling.results.geography import directions_geojson, geojson
 from toppling.results.resampling import SAMPLES
 from toppling.results.run import Run, open_run
-from toppling.results.side_by_side import Beside, beside_each_other, geojson
+from toppling.results.side_by_side import Beside, beside_each_other
 
 
 @click.command()
@@ -119,11 +120,16 @@ def _write_files(folder: Path, rocks: list[Beside], measure: str) -> None:
     save_table(pd.DataFrame([rock.row for rock in rocks]), folder / "rocks.csv")
     if any(rock.place for rock in rocks):
         save(places_figure(rocks, measure), folder / "places")
-        with new_file(folder / "rocks.geojson") as hidden:
-            hidden.write_text(json.dumps(geojson(rocks), indent=1, allow_nan=False), encoding="utf-8")
+        for name, content in (("rocks", geojson(rocks)), ("directions", directions_geojson(rocks))):
+            with new_file(folder / f"{name}.geojson") as hidden:
+                hidden.write_text(json.dumps(content, indent=1, allow_nan=False), encoding="utf-8")
 
 
 def _tell(folder: Path, rocks: list[Beside]) -> None:
     placed = sum(rock.place is not None for rock in rocks)
-    where = f", rocks.geojson with {placed} of {len(rocks)} rocks" if placed else "; no rock's place is known"
+    where = (
+        f", rocks.geojson and directions.geojson with {placed} of {len(rocks)} rocks"
+        if placed
+        else "; no rock's place is known"
+    )
     click.echo(f"{folder}: atlas.html, fragilities (PNG, SVG), rocks.csv{where}")

@@ -1,10 +1,13 @@
 """Rocks beside each other: what they share, where they stand, and a page that shows each."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 from click.testing import CliRunner
+from pyproj import CRS, Geod, Transformer
 
 from toppling.models import digest
 from toppling.models.motions.ensemble import Ensemble
@@ -16,8 +19,9 @@ from toppling.orchestrator.cli import cli
 from toppling.orchestrator.folder import prepare
 from toppling.orchestrator.plan import plan_of
 from toppling.orchestrator.task import lost_row
+from toppling.results.geography import ARROW_M, directions_geojson, geojson, on_earth
 from toppling.results.run import open_run
-from toppling.results.side_by_side import beside_each_other, geojson
+from toppling.results.side_by_side import beside_each_other
 from toppling.results.store import write_part
 
 MEDIANS = {"firm": 6.0, "weak": 3.0}
@@ -104,6 +108,39 @@ def test_a_place_is_that_of_the_table_or_of_the_scans_coordinate_system(compared
     assert points["weak"] == pytest.approx([-117.2169, 34.07], abs=2e-3)
     assert set(points) == {"firm", "weak"}
     assert json.dumps(told, allow_nan=False)
+
+
+def test_directions_of_toppling_are_lines_of_the_lengths_and_bearings_that_they_state(compared):
+    toward = np.random.default_rng(5).uniform(0.0, 360.0, 200)
+    jobs = pd.DataFrame({"toppled": True, "topple_azimuth_deg": toward})
+    lines = directions_geojson([replace(rock, jobs=jobs) for rock in compared[0]])["features"]
+    assert {one["properties"]["rock"] for one in lines} == {"firm", "weak"}
+    for name in ("firm", "weak"):
+        told = [one["properties"] for one in lines if one["properties"]["rock"] == name]
+        assert sum(one["share_of_toppled"] for one in told) == pytest.approx(1.0)
+    for one in lines:
+        (start, end), told = one["geometry"]["coordinates"], one["properties"]
+        forward, _, away_m = Geod(ellps="WGS84").inv(*start, *end)
+        assert away_m == pytest.approx(
+            told["length_m"], rel=0.01
+        )  # seven digits of a degree are a centimetre
+        # The grid of the zone turns by .12 degrees at 20 km from its meridian; short lines are rounded.
+        off = (forward - told["compass_deg"] + 180.0) % 360.0 - 180.0
+        assert abs(off) < 0.2 + np.rad2deg(0.02 / away_m)
+        assert away_m <= ARROW_M * 1.01
+
+
+def test_a_coordinate_system_in_feet_places_a_rock_where_that_in_metres_does(compared, monkeypatch):
+    (run,) = (rock.run for rock in compared[0] if rock.name == "weak")
+    there = on_earth(run)
+    for code in (26911, 2229):  # UTM zone 11 in metres, California zone 5 in US survey feet
+        forward = Transformer.from_crs(4326, code, always_xy=True)
+        metres = (
+            np.array(forward.transform(*there[0])) * CRS.from_epsg(code).axis_info[0].unit_conversion_factor
+        )
+        monkeypatch.setattr(type(run), "rock_m", lambda _, at=metres: (*at, 0.0))
+        monkeypatch.setattr(type(run), "scene_report", lambda _, code=code: {"files": [{"epsg": code}]})
+        np.testing.assert_allclose(on_earth(run), there, atol=2e-5)  # NAD83 and WGS 84 differ by a metre
 
 
 @pytest.mark.parametrize("verb", [("atlas", "atlas/atlas.html"), ("report", "report.html")])

@@ -34,8 +34,8 @@ def on_earth(run: Run, offsets_m: ArrayLike = ((0.0, 0.0),)) -> NDArray[np.float
 
         away = np.hypot(*offsets.T)
         bearing = np.rad2deg(np.arctan2(*offsets.T))
-        start = np.full((2, len(offsets)), [[told["longitude"]], [told["latitude"]]], float)
-        longitude, latitude, _ = Geod(ellps="WGS84").fwd(*start, bearing, away)
+        longitude, latitude = (np.full(len(offsets), float(told[name])) for name in ("longitude", "latitude"))
+        longitude, latitude, _ = Geod(ellps="WGS84").fwd(longitude, latitude, bearing, away)
         return np.column_stack([longitude, latitude])
     codes = {one.get("epsg") for one in run.scene_report().get("files") or () if isinstance(one, dict)}
     rock = run.rock_m()

@@ -57,7 +57,7 @@ def las(path: Path) -> Points:
         filled = read = 0
         for every in source.chunk_iterator(POINTS_AT_ONCE):
             read += len(every)
-            deleted = np.asarray(every.withheld, bool) | np.isin(every.classification, NOISE)
+            deleted = _deleted(every)
             chunk = every[~deleted] if deleted.any() else every
             rows = slice(filled, filled + len(chunk))
             points[rows, 0], points[rows, 1], points[rows, 2] = chunk.x, chunk.y, chunk.z
@@ -69,6 +69,22 @@ def las(path: Path) -> Points:
             )
     points = points[:filled]
     return system | {"step": coordinate_steps(points).tolist()}, [points, station[:filled]]
+
+
+def _deleted(points: Any) -> NDArray[np.bool_]:
+    return np.asarray(points.withheld, bool) | np.isin(points.classification, NOISE)
+
+
+def classes(path: Path) -> Points:
+    """Class of each point that `las` reads."""
+    import laspy
+
+    with laspy.open(path) as source:
+        parts = [
+            np.asarray(every.classification, np.uint8)[~_deleted(every)]
+            for every in source.chunk_iterator(POINTS_AT_ONCE)
+        ]
+    return {}, [np.concatenate(parts)]
 
 
 def _said(ask: Callable[[], tuple[str | None, reference.Reference | None]]) -> dict[str, Any]:

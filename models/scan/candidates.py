@@ -259,8 +259,13 @@ def minimum_cut(
     left.data = np.maximum(left.data, 0)
     left.eliminate_zeros()
     reached = _reachable(left, source)[:count]
-    cut = reached[edges[:, 0]] != reached[edges[:, 1]]
-    return reached, float((bend[cut] < -0.25).mean()) if cut.any() else 1.0
+    return reached, concave_share(surfels, edges, reached)
+
+
+def concave_share(surfels: Surfels, edges: NDArray[np.int64], rock: NDArray[np.bool_]) -> float:
+    """Share of the edges between a rock and the rest that run through a crease."""
+    cut = edges[rock[edges[:, 0]] != rock[edges[:, 1]]]
+    return float((_bend(surfels, cut) < -0.25).mean()) if len(cut) else 1.0
 
 
 def _reachable(graph: csr_matrix, start: int) -> NDArray[np.bool_]:

@@ -110,8 +110,9 @@ def judge_crevice(
     height_m: float,
     *,
     refit: bool = True,
+    relabel: bool = True,
 ) -> tuple[NDArray[np.int8], Interface]:
-    """Judge the labels near the interface anew, and fit the interface anew to what they show unless it is given.
+    """Judge the labels near the interface anew, and fit the interface anew to what they show, unless they are given.
 
     Raises
     ------
@@ -125,7 +126,8 @@ def judge_crevice(
     around = ((points_m > low.min(axis=0) - margin) & (points_m < low.max(axis=0) + margin)).all(axis=1)
     near, near_label = points_m[around], label[around]
     for _ in range(2):
-        near_label = _relabelled(near, near_label, interface, height_m, given=not refit)
+        if relabel:
+            near_label = _relabelled(near, near_label, interface, height_m, given=not refit)
         if refit:
             interface = refitted(near, near_label, interface, height_m)
     label = label.copy()

@@ -26,6 +26,8 @@ class CloudHints(TypedDict, total=False):
     length: tuple[Place, Place, float] | None
     gcp: str | Path | Sequence[str] | None
     crs: str | None
+    rock: str | None
+    pedestal: str | None
     near: tuple[float, float] | None
     plane: tuple[float, ...] | None
     point: Sequence[Place]
@@ -43,7 +45,13 @@ class Hints(CloudHints, total=False):
 OF_CLOUDS = tuple(CloudHints.__annotations__)
 KEYS = (*OF_CLOUDS, *(key for key in Hints.__annotations__ if key not in OF_CLOUDS))
 PLACES = ("point", "outline", "touch", "daylight")
-RIVALS = (("plane", "point", "outline"), ("units", "length", "gcp"), ("up", "gcp"))
+RIVALS = (
+    ("rock", "near"),
+    ("pedestal", "near"),
+    ("plane", "point", "outline"),
+    ("units", "length", "gcp"),
+    ("up", "gcp"),
+)
 """Of each of these, one is said."""
 
 _unusable = refusals(

@@ -112,6 +112,8 @@ class Cloud:
         Names and numbers of points, in the order of the points.
     sources : tuple of Source
         What each of the files said; empty if the points come from none.
+    label : (n,) int8 array or None
+        0 rock, 1 pedestal, 2 neither, where they were separated before.
     """
 
     points_m: NDArray[np.float64]
@@ -119,6 +121,7 @@ class Cloud:
     station: NDArray[np.int32]
     files: tuple[tuple[str, int], ...]
     sources: tuple[Source, ...] = ()
+    label: NDArray[np.int8] | None = None
 
     @property
     def step_m(self) -> float:

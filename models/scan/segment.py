@@ -149,6 +149,19 @@ def _standing_on(surfels: Surfels, hint: InterfaceHint, near_m: NDArray[np.float
     return found
 
 
+def patches_around(
+    points_m: NDArray[np.float64], rock_m: NDArray[np.float64], height_m: float
+) -> tuple[Surfels, NDArray[np.int64], NDArray[np.int64]]:
+    """Patches of a hundredth of a rock's height around it, the points that they are of, and the patch of each."""
+    axis = rock_m[:, :2].mean(axis=0)
+    reach = np.hypot(*(rock_m[:, :2] - axis).T).max() + 0.5 * height_m
+    around = np.flatnonzero(points_m[:, 2] > rock_m[:, 2].min() - 0.7 * height_m)
+    around = around[np.hypot(*(points_m[around, :2] - axis).T) < reach]
+    voxel = height_m / FINE_VOXELS_PER_HEIGHT
+    thinned, index = thin(points_m[around], voxel)
+    return orient(thinned, voxel), around, index
+
+
 def _refine(
     points_m: NDArray[np.float64],
     coarse: Surfels,
@@ -158,13 +171,8 @@ def _refine(
 ) -> Segmentation:
     """Cut again at a hundredth of the rock's height, and label every point."""
     rock = chosen.surfels.points_m[chosen.rock]
-    axis, height = rock[:, :2].mean(axis=0), chosen.height_m
-    reach = np.hypot(*(rock[:, :2] - axis).T).max() + 0.5 * height
-    around = np.flatnonzero(points_m[:, 2] > rock[:, 2].min() - 0.7 * height)
-    around = around[np.hypot(*(points_m[around, :2] - axis).T) < reach]
-    voxel = height / FINE_VOXELS_PER_HEIGHT
-    thinned, index = thin(points_m[around], voxel)
-    surfels = orient(thinned, voxel)
+    surfels, around, index = patches_around(points_m, rock, chosen.height_m)
+    voxel = surfels.voxel_m
     edges = neighbourhood(surfels.points_m, voxel)
     _, near = cKDTree(chosen.surfels.points_m).query(surfels.points_m, 8)
     votes = chosen.rock[near].mean(axis=1)

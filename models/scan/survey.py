@@ -31,6 +31,7 @@ from toppling.models.scan.measure import (
     outside_support_m,
     uncertainty,
 )
+from toppling.models.scan.parts import as_labelled
 from toppling.models.scan.read import Cloud
 from toppling.models.scan.register import Registered, registered
 from toppling.models.scan.segment import NEITHER, PEDESTAL, ROCK, Segmentation, label_surfels, segment
@@ -127,7 +128,10 @@ def work_out(
     near = None if near_m is None else _inside_cloud(near_m, cloud)
     hint = _placed(cloud, bounds, hint, inspection)
     progress("splitting rock from pedestal")
-    parts = segment(cloud.points_m, cloud.origin_m, near, hint)
+    if cloud.label is None:
+        parts = segment(cloud.points_m, cloud.origin_m, near, hint)
+    else:
+        parts = as_labelled(cloud.points_m, cloud.label)
     progress("fitting the interface")
     observed, label, interface = _classified(cloud, parts, hint)
     inspection = inspection or Inspection()
@@ -254,7 +258,9 @@ def _classified(
     rock = parts.surfel_label == ROCK
     interface = fit_interface(parts.surfels, rock) if hint is None else hint.interface
     height = float(np.ptp(parts.surfels.points_m[rock, 2]))
-    label, interface = judge_crevice(cloud.points_m, parts.label, interface, height, refit=hint is None)
+    label, interface = judge_crevice(
+        cloud.points_m, parts.label, interface, height, refit=hint is None, relabel=cloud.label is None
+    )
     surfels, surfel_label = parts.surfels, label_surfels(parts.surfels, cloud.points_m, label)
     rock = surfel_label == ROCK
     top = (surfel_label == PEDESTAL) & (surfels.normals @ interface.normal > UPWARD)

@@ -61,8 +61,8 @@ def scan(
     advance : callable
         Called with (1, what) at each stage.
     **hints
-        `units`, `up`, `length`, `gcp`, `crs`, `near`, `plane`, `point`, `outline`, `touch`, `daylight`, `pull`, as the
-        options of `toppling scan`: lengths in metres, angles in degrees, survey coordinates.
+        `units`, `up`, `length`, `gcp`, `crs`, `rock`, `pedestal`, `near`, `plane`, `point`, `outline`, `touch`,
+        `daylight`, `pull`, as the options of `toppling scan`: lengths in metres, angles in degrees, survey coordinates.
 
     Raises
     ------

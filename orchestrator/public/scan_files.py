@@ -37,6 +37,7 @@ def placed_cloud(files: Sequence[Path], hints: CloudHints) -> "Cloud":
     InputError
         If a file cannot be read, or what is said contradicts itself.
     """
+    from toppling.models.scan.parts import files_with, labelled, parts_of
     from toppling.models.scan.placement import placement_of
     from toppling.models.scan.read import read_clouds
     from toppling.models.scan.reference import of_user
@@ -53,7 +54,16 @@ def placed_cloud(files: Sequence[Path], hints: CloudHints) -> "Cloud":
     placement = placement_of(
         hints.get("up"), length, gcp, system["metres_per_unit"] if system else (1.0, 1.0)
     )
-    return read_clouds(files, hints.get("units"), placement, system)
+    if (hints.get("rock") or hints.get("pedestal")) and hints.get("near"):
+        raise InputError(
+            "--near is given with --rock or --pedestal",
+            where="--near",
+            expected="one word on which rock is meant",
+            remedy="leave out --near: what was separated is known",
+        )
+    parts = parts_of(hints.get("rock"), hints.get("pedestal"))
+    every = files_with(files, parts)
+    return labelled(read_clouds(every, hints.get("units"), placement, system), every, parts)
 
 
 def hints_said(given: Mapping[str, Any], inspection: Inspection) -> dict[str, Any]:

@@ -103,6 +103,13 @@ def _without_rivals(given: dict[str, Any]) -> dict[str, Any]:
     help="Coordinate system of the survey, where the files state none; it wins over what they state.",
 )
 @click.option(
+    "--rock",
+    metavar="FILE|CLASS",
+    help="The rock, where it was separated before: one of the files, a LAS class, or FIELD=VALUE of a PLY's scalar. "
+    "All else is the pedestal, unless --pedestal names that.",
+)
+@click.option("--pedestal", metavar="FILE|CLASS", help="The pedestal, in the same ways.")
+@click.option(
     "--near",
     type=float,
     nargs=2,
@@ -261,7 +268,7 @@ def _check_usage(files: tuple[Path, ...], again: Path | None, given: dict[str, A
     if picks and given["outline"]:
         raise click.UsageError("--pick takes no --outline: give --point, or scan without the page.")
     if again is None:
-        if not files:
+        if not files and not (given["rock"] and given["pedestal"]):
             raise click.UsageError("Missing argument 'FILES...'.")
         if given["out"] is None:
             raise click.UsageError("Missing option '--out'.")

@@ -1,0 +1,156 @@
+"""Rock and pedestal that were separated before: two files, classes of LAS, a scalar of PLY."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from toppling.models.errors import InputError
+from toppling.models.guarded import read_guarded
+from toppling.models.ply import read_vertices
+from toppling.models.scan.candidates import concave_share, neighbourhood
+from toppling.models.scan.crevice import LEAST_SEEN
+from toppling.models.scan.meshes import is_mesh
+from toppling.models.scan.read import Cloud
+from toppling.models.scan.segment import NEITHER, PEDESTAL, ROCK, Segmentation, label_surfels, patches_around
+
+CLASSES = ("classification", "class", "label", "segment")
+"""Names that a PLY's scalar has which says what a point is of, alone or after "scalar_"."""
+SHOWN = 12
+
+
+@dataclass(frozen=True)
+class Part:
+    """What names the points of a part: a file, or values of a scalar."""
+
+    option: str
+    file: Path | None = None
+    field: str = ""
+    values: tuple[float, ...] = ()
+
+    @classmethod
+    def of(cls, said: str, option: str) -> Part:
+        """Read `ground.obj`, `40`, `2,6` or `label=1`.
+
+        Examples
+        --------
+        >>> Part.of("label=1,2", "--rock").values, Part.of("rock.obj", "--rock").file.name
+        ((1.0, 2.0), 'rock.obj')
+        """
+        field, _, values = said.rpartition("=")
+        try:
+            numbers = tuple(float(each) for each in values.split(","))
+        except ValueError:
+            return cls(option, Path(said))
+        return cls(option, None, field.strip().lower(), numbers)
+
+    def among(self, path: Path) -> bool:
+        """Whether it is this file."""
+        return self.file is not None and (path == self.file or path.name == self.file.name)
+
+
+def parts_of(rock: str | None, pedestal: str | None) -> tuple[Part | None, Part | None]:
+    """What the user says of the two."""
+    return (
+        Part.of(rock, "--rock") if rock else None,
+        Part.of(pedestal, "--pedestal") if pedestal else None,
+    )
+
+
+def files_with(files: Sequence[Path], parts: tuple[Part | None, Part | None]) -> list[Path]:
+    """Files of the clouds, with those that are named as a part alone."""
+    named = [part for part in parts if part is not None and part.file is not None]
+    return [*files, *(part.file for part in named if part.file and not any(map(part.among, files)))]
+
+
+def labelled(cloud: Cloud, files: Sequence[Path], parts: tuple[Part | None, Part | None]) -> Cloud:
+    """The cloud with the label of each point: what is of no part that is named is of the other, or of neither.
+
+    Raises
+    ------
+    InputError
+        If a file has no such scalar, or a part has next to no points.
+    """
+    rock, pedestal = parts
+    if rock is None and pedestal is None:
+        return cloud
+    label = np.full(
+        len(cloud.points_m), NEITHER if rock and pedestal else PEDESTAL if rock else ROCK, np.int8
+    )
+    ends = np.cumsum([points for _, points in cloud.files])
+    for part, value in ((pedestal, PEDESTAL), (rock, ROCK)):
+        if part is None:
+            continue
+        of_part = [
+            np.full(source.points, part.among(path)) if part.file else _has_values(path, part, source.points)
+            for path, source in zip(files, cloud.sources, strict=True)
+        ]
+        for start, mask in zip([0, *ends], of_part, strict=False):
+            label[start : start + len(mask)][mask] = value
+    for value, option in ((ROCK, "--rock"), (PEDESTAL, "--pedestal")):
+        count = int((label == value).sum())
+        if count < LEAST_SEEN:
+            raise InputError(
+                f"{count} points are of the {option[2:]}",
+                where=option,
+                expected="rock and pedestal, each by a file, a class, or all that is not of the other",
+                remedy=f"give {option} too, or correct the other one",
+            )
+    return dataclasses.replace(cloud, label=label, station=np.zeros_like(cloud.station))
+
+
+def _has_values(path: Path, part: Part, points: int) -> NDArray[np.bool_]:
+    """Which points of a file have one of the values."""
+    found = None if is_mesh(path) else _scalar(path, part)
+    if found is None or len(found) != points:
+        raise InputError(
+            "a mesh has no classes of points"
+            if is_mesh(path)
+            else f"has no scalar '{part.field or 'class'}'",
+            where=f"{path.name}, {part.option}",
+            expected="a class of LAS or LAZ, or FIELD=VALUE of a scalar in a PLY cloud",
+            remedy="name the field as the file does, or give the part as a file of its own",
+        )
+    mask = np.isin(found, part.values)
+    if not mask.any():
+        values, count = np.unique(found, return_counts=True)
+        there = ", ".join(f"{value:g} ({n})" for value, n in list(zip(values, count, strict=True))[:SHOWN])
+        raise InputError(
+            f"no point has the value {', '.join(f'{each:g}' for each in part.values)}",
+            where=f"{path.name}, {part.option}",
+            expected=f"one of those there, with their points: {there}",
+            remedy="look which value the part has in the program that separated it",
+        )
+    return mask
+
+
+def _scalar(path: Path, part: Part) -> NDArray[np.float64] | None:
+    """Values of the scalar at the points that are read; None if the file has none of the name."""
+    if path.suffix.lower() in (".las", ".laz"):
+        if part.field not in ("", "classification", "class"):
+            return None
+        return read_guarded("toppling.models.scan.binary:classes", path, ["laspy"])[1][0].astype(float)
+    if path.suffix.lower() != ".ply":
+        return None
+    vertices = {name.lower(): values for name, values in read_vertices(path).items()}
+    names = [part.field] if part.field else CLASSES
+    name = next((each for name in names for each in (name, f"scalar_{name}") if each in vertices), None)
+    if name is None:
+        return None
+    finite = np.isfinite([vertices[axis] for axis in "xyz"]).all(axis=0)
+    return vertices[name][finite].astype(float)
+
+
+def as_labelled(points_m: NDArray[np.float64], label: NDArray[np.int8]) -> Segmentation:
+    """Patches around a rock that was separated before."""
+    rock = points_m[label == ROCK]
+    height = float(np.ptp(rock[:, 2]))
+    surfels, _, _ = patches_around(points_m, rock, height)
+    surfel_label = label_surfels(surfels, points_m, label)
+    share = concave_share(surfels, neighbourhood(surfels.points_m, surfels.voxel_m), surfel_label == ROCK)
+    return Segmentation(label, surfels, surfel_label, share, [])

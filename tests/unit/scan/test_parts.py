@@ -1,0 +1,109 @@
+"""Rock and pedestal that were separated before are taken as they are, however they are named."""
+
+import laspy
+import numpy as np
+import pytest
+
+from toppling.models.errors import InputError
+from toppling.models.scan import virtual, virtual_shapes
+from toppling.models.scan.segment import NEITHER, PEDESTAL, ROCK
+from toppling.models.scan.survey import work_out
+from toppling.orchestrator.public.scan_files import placed_cloud
+
+LAS_CLASS = {ROCK: 40, PEDESTAL: 2, NEITHER: 5}
+
+
+@pytest.fixture(scope="module")
+def stump(tmp_path_factory):
+    """A stump on a slope as seen, the labels of its points, and its true volume; written in every way."""
+    folder = tmp_path_factory.mktemp("parts")
+    truth = virtual.on_slope(
+        virtual_shapes.boulder(2.0, 1.3, 1.0, 3, bumps=0.02, sides=64),
+        virtual_shapes.ground(5.0, 0.7, 3, bumps_m=0.1), 6.0, 250.0,
+    )  # fmt: skip
+    scans = virtual.scan_around(truth, seed=1, stations=5, resolution_per_height=0.02)
+    cloud, label = virtual.cloud_of(scans, virtual.DEMO_ORIGIN_M)
+    points = np.round(cloud.points_m + cloud.origin_m, 4)
+    for name, value in (("rock", ROCK), ("ground", PEDESTAL)):
+        np.savetxt(folder / f"{name}.xyz", points[label == value], fmt="%.4f")
+    header = laspy.LasHeader(point_format=6, version="1.4")
+    header.scales, header.offsets = [1e-4] * 3, virtual.DEMO_ORIGIN_M
+    las = laspy.LasData(header)
+    las.x, las.y, las.z = points.T
+    las.classification = np.vectorize(LAS_CLASS.get)(label)
+    las.write(folder / "all.las")
+    rows = np.zeros(len(points), [("x", "f8"), ("y", "f8"), ("z", "f8"), ("scalar_Label", "f4")])
+    rows["x"], rows["y"], rows["z"], rows["scalar_Label"] = *points.T, label + 1
+    properties = "".join(
+        f"property {'double' if name in 'xyz' else 'float'} {name}\n" for name in rows.dtype.names
+    )
+    head = f"ply\nformat binary_little_endian 1.0\nelement vertex {len(rows)}\n{properties}end_header\n"
+    (folder / "all.ply").write_bytes(head.encode() + rows.tobytes())
+    return folder, label, truth.rock
+
+
+WAYS = {
+    "two files": (["rock.xyz", "ground.xyz"], {"rock": "rock.xyz", "pedestal": "ground.xyz"}),
+    "two files, one named": (["rock.xyz", "ground.xyz"], {"rock": "rock.xyz"}),
+    "classes": (["all.las"], {"rock": "40", "pedestal": "2"}),
+    "a class by its field": (["all.las"], {"rock": "classification=40", "pedestal": "2,3"}),
+    "a scalar": (["all.ply"], {"rock": "1", "pedestal": "2"}),
+    "a scalar by its name": (["all.ply"], {"rock": "LABEL=1", "pedestal": "scalar_label=2"}),
+}
+
+
+def separated(stump, way):
+    files, hints = WAYS[way]
+    return placed_cloud([stump[0] / name for name in files], hints)
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_each_part_holds_its_points_in_whatever_way_it_is_named(stump, way):
+    cloud = separated(stump, way)
+    counts = np.bincount(cloud.label, minlength=3)
+    assert tuple(counts[:2]) == tuple(np.bincount(stump[1])[:2])
+    assert not cloud.station.any()
+    high = cloud.points_m[cloud.label == ROCK, 2].max() + cloud.origin_m[2]
+    assert high == pytest.approx(stump[2].vertices_m[:, 2].max() + virtual.DEMO_ORIGIN_M[2], abs=0.05)
+
+
+def test_files_named_as_parts_alone_are_read_and_what_is_of_none_is_of_the_other(stump):
+    folder, label, _ = stump
+    cloud = placed_cloud([], {"rock": str(folder / "rock.xyz"), "pedestal": str(folder / "ground.xyz")})
+    assert len(cloud.files) == 2
+    cloud = placed_cloud([folder / "all.las"], {"pedestal": "2"})
+    assert (cloud.label == ROCK).sum() == (label != PEDESTAL).sum()
+
+
+def test_a_separated_rock_is_measured_without_being_cut_again(stump):
+    cloud = separated(stump, "classes")
+    kept, label, _ = work_out(cloud)
+    assert (label == cloud.label).all()
+    assert kept.closed.rock.volume_m3 == pytest.approx(stump[2].volume_m3, rel=0.01)  # as of any scan
+    np.testing.assert_allclose(
+        kept.interface.normal, [*kept.interface.normal[:2], np.cos(np.deg2rad(6.0))], atol=3e-3
+    )
+
+
+def test_what_no_point_is_of_is_refused_with_what_there_is(stump):
+    with pytest.raises(InputError, match="no point has the value 41") as refused:
+        placed_cloud([stump[0] / "all.las"], {"rock": "41"})
+    assert "40 (" in refused.value.expected
+    with pytest.raises(InputError, match="has no scalar 'material'"):
+        placed_cloud([stump[0] / "all.ply"], {"rock": "material=1"})
+    with pytest.raises(InputError, match="has no scalar"):
+        placed_cloud([stump[0] / "rock.xyz"], {"rock": "1"})
+    with pytest.raises(InputError, match="0 points are of the pedestal"):
+        placed_cloud([stump[0] / "rock.xyz"], {"rock": "rock.xyz"})
+    with pytest.raises(InputError, match="--near is given with"):
+        placed_cloud([stump[0] / "all.las"], {"rock": "40", "near": (1.0, 2.0)})
+
+
+def test_points_that_are_not_finite_shift_no_label(stump):
+    folder, label, _ = stump
+    head, _, body = (folder / "all.ply").read_bytes().partition(b"end_header\n")
+    rows = np.frombuffer(body, [("xyz", "f8", 3), ("label", "f4")]).copy()
+    rows["xyz"][::7] = np.nan
+    (folder / "holes.ply").write_bytes(head + b"end_header\n" + rows.tobytes())
+    cloud = placed_cloud([folder / "holes.ply"], {"rock": "1", "pedestal": "2"})
+    np.testing.assert_array_equal(cloud.label, np.delete(label, np.s_[::7]))

@@ -139,13 +139,13 @@ def _angle_deg(one: Array, other: object) -> float:
     return float(np.rad2deg(np.arccos(np.clip(np.dot(one, np.asarray(other, float)), -1.0, 1.0))))
 
 
-def points_on(vertices: Array, faces: NDArray[np.int64]) -> Array:
-    """Points (n, 3) on triangles, a low-discrepancy sequence: the same for the same mesh.
+def points_on(vertices: Array, faces: NDArray[np.int64]) -> tuple[Array, NDArray[np.int64]]:
+    """Points (n, 3) on triangles, and the triangle of each; a low-discrepancy sequence, the same for the same mesh.
 
     Examples
     --------
     >>> square = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 0.0]])
-    >>> points_on(square, np.array([[0, 1, 2], [0, 2, 3]])).mean(axis=0).round(3).tolist()
+    >>> points_on(square, np.array([[0, 1, 2], [0, 2, 3]]))[0].mean(axis=0).round(3).tolist()
     [0.5, 0.5, 0.0]
     """
     corners = vertices[faces]
@@ -159,4 +159,11 @@ def points_on(vertices: Array, faces: NDArray[np.int64]) -> Array:
     over = u + v > 1.0
     u, v = np.where(over, 1.0 - u, u)[:, None], np.where(over, 1.0 - v, v)[:, None]
     first, second, third = (corners[:, corner][triangle] for corner in range(3))
-    return first * (1.0 - u - v) + second * u + third * v
+    return first * (1.0 - u - v) + second * u + third * v, triangle
+
+
+def outward(vertices: Array, faces: NDArray[np.int64]) -> Array:
+    """Unit normals (m, 3) of triangles, by the order of their corners; 0 of one without area."""
+    corners = vertices[faces]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    return normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.finfo(float).tiny)

@@ -1,7 +1,7 @@
 """Clouds from files: every format ends as local points in metres and one double-precision origin."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -10,18 +10,26 @@ from numpy.typing import NDArray
 
 from toppling.models.errors import InputError, refusals
 from toppling.models.guarded import read_guarded
-from toppling.models.lengths import METRES, NAMES, in_degrees, unit_of_remarks
+from toppling.models.lengths import METRES, NAMES, unit_of_remarks
 from toppling.models.mesh_files import MESH_FORMATS
 from toppling.models.ply import read_header, read_vertices
-from toppling.models.scan.meshes import UPWARD_Y, check_frame, is_mesh, mesh_as_in_file, points_on, remarks_of
+from toppling.models.scan.buried import exposed
+from toppling.models.scan.meshes import (
+    UPWARD_Y,
+    check_frame,
+    is_mesh,
+    mesh_as_in_file,
+    outward,
+    points_on,
+    remarks_of,
+)
 from toppling.models.scan.placement import Placement
+from toppling.models.scan.plausible import check_points, check_returns
 from toppling.models.scan.reference import Reference, names_a_system
-from toppling.models.scan.steps import coordinate_steps, single_precision_step
+from toppling.models.scan.steps import coordinate_steps
 from toppling.models.scan.text import read_text
 
 FORMATS = (".ply", ".pcd", ".xyz", ".pts", ".txt", ".csv", ".las", ".laz", ".e57")
-MINIMUM_POINTS = 1000
-"""Fewer points than this cannot show a rock, its pedestal and the crevice between them."""
 GUARDED = {
     ".las": ("las", ["laspy"]),
     ".laz": ("las", ["laspy"]),
@@ -29,14 +37,10 @@ GUARDED = {
     ".pcd": ("pcd", ["open3d"]),
 }
 """Formats that libraries read in C++ and Rust: the reader in `models.scan.binary`, and its libraries."""
-COARSEST_STEP_M = 0.01
-"""Coordinates stored in steps wider than this have lost the crevice."""
 
 
 UNIT_TOLERANCE = 1e-5
 """Relative difference of units that are one and the same for a rock: the two feet differ by 2e-6."""
-DEGREES_PER_HEIGHT = 1e-3
-"""Clouds so much narrower than high are none of a rock in one unit: x and y are degrees."""
 
 
 _unreadable = refusals(
@@ -131,13 +135,18 @@ class Cloud:
 
 @dataclass(frozen=True, eq=False)
 class _Read:
-    """Points (n, 3) of a file in its unit, the station of each (of a mesh None), and what the file says of them."""
+    """Points (n, 3) of a file in its unit, the station of each, and what the file says of them."""
 
     points: NDArray[np.float64]
-    station: NDArray[np.int32] | None
+    station: NDArray[np.int32]
     step: NDArray[np.float64]
     unit: str | None = None
     reference: Reference | None = None
+    mesh: "_Mesh | None" = None
+
+
+_Mesh = tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64]]
+"""Vertices (k, 3), triangles (m, 3), and the triangle (n,) of each point."""
 
 
 def read_clouds(
@@ -169,23 +178,48 @@ def read_clouds(
     survey: list[NDArray[np.float64]] = []
     stations: list[NDArray[np.int32]] = []
     sources: list[Source] = []
+    meshes: dict[int, _Mesh] = {}
     first_mesh = None
     for path in map(Path, paths):
         read = _read_file(path, said)
         points, station, source = _in_metres(read, path, said)
         survey.append(points)
         after = int(stations[-1].max()) + 1 if stations else 0
-        if read.station is None:
+        if read.mesh is not None:
             first_mesh = after if first_mesh is None else first_mesh
             after = first_mesh
+            vertices, faces, triangle = read.mesh
+            across, up = source.metres_per_unit
+            placed = said.placement.apply(vertices * (across, across, up))
+            meshes[len(sources)] = placed, faces, triangle
         stations.append(station + np.int32(after))
         sources.append(source)
+    _leave_out_buried(meshes, survey, stations, sources)
     origin = np.floor(np.median(np.vstack([each[:: max(1, len(each) // 10000)] for each in survey]), axis=0))
     for each in survey:
         each -= origin  # in place: twenty million points are half a gigabyte
     points = survey[0] if len(survey) == 1 else np.concatenate(survey)
     station = stations[0] if len(stations) == 1 else np.concatenate(stations)
     return Cloud(points, origin, station, tuple((each.name, each.points) for each in sources), tuple(sources))
+
+
+def _leave_out_buried(
+    meshes: dict[int, _Mesh],
+    survey: list[NDArray[np.float64]],
+    stations: list[NDArray[np.int32]],
+    sources: list[Source],
+) -> None:
+    """Take points of meshes away that nobody can have seen, such as those of the ground below the rock."""
+    if not meshes:
+        return
+    normals = np.concatenate([outward(vertices, faces)[of] for vertices, faces, of in meshes.values()])
+    seen = exposed(
+        np.concatenate([survey[number] for number in meshes]), normals, [mesh[:2] for mesh in meshes.values()]
+    )
+    ends = np.cumsum([len(survey[number]) for number in meshes])
+    for number, kept in zip(meshes, np.split(seen, ends[:-1]), strict=True):
+        survey[number], stations[number] = survey[number][kept], stations[number][kept]
+        sources[number] = replace(sources[number], points=int(kept.sum()))
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,16 +247,15 @@ class _Said:
 
 def _in_metres(read: _Read, path: Path, said: _Said) -> tuple[NDArray[np.float64], NDArray[np.int32], Source]:
     """Finite points in metres, z up, and what became of the others."""
-    points, left_out = read.points, 0
-    station = np.zeros(len(points), np.int32) if read.station is None else read.station
+    points, station, left_out = read.points, read.station, 0
     if not np.isfinite(points.sum()):
         finite = np.isfinite(points).all(axis=1)
         points, station, left_out = points[finite], station[finite], int((~finite).sum())
     scale, by, note = _unit_of(read, said)
-    _check_points(points, path, left_out, scale)
+    check_points(points, path, left_out, scale)
     if scale != (1.0, 1.0):
         points *= (scale[0], scale[0], scale[1])
-    _check_returns(points, path)
+    check_returns(points, path)
     placement = said.placement
     points = placement.apply(points) if placement.by else points
     notes = [f"{left_out} points are not finite and were left out"] if left_out else []
@@ -308,7 +341,10 @@ def _read_mesh(path: Path, said: _Said) -> _Read:
     check_frame(vertices, faces, path, said.placement, unit_given=said.unit_given or bool(unit or system))
     if path.suffix.lower() in UPWARD_Y and not said.placement.says_up:
         vertices = vertices[:, [0, 2, 1]] * (1.0, -1.0, 1.0)
-    return _Read(points_on(vertices, faces), None, coordinate_steps(vertices), unit, system)
+    points, triangle = points_on(vertices, faces)
+    station = np.zeros(len(points), np.int32)
+    mesh = (vertices, faces, triangle)
+    return _Read(points, station, coordinate_steps(vertices), unit, system, mesh)
 
 
 def _of_remarks(remarks: Sequence[str], path: Path, unit_given: bool) -> tuple[str | None, Reference | None]:
@@ -349,44 +385,3 @@ def _counted(station: NDArray) -> NDArray[np.int32]:
         used = np.bincount(station) > 0
         return (np.cumsum(used) - 1).astype(np.int32)[station]
     return np.unique(station, return_inverse=True)[1].astype(np.int32)
-
-
-def _check_points(points: NDArray[np.float64], path: Path, left_out: int, scale: tuple[float, float]) -> None:
-    if len(points) < MINIMUM_POINTS:
-        also = f", and {left_out} that are not finite" if left_out else ""
-        raise InputError(
-            f"holds {len(points)} points{also}",
-            where=str(path),
-            expected=f"at least {MINIMUM_POINTS}",
-            remedy="check that the export was complete and that the file's extension names its format",
-        )
-    size = np.ptp(points, axis=0)
-    if not size.any():
-        raise _unreadable("all points are one and the same", path)
-    level = np.abs(points[:, :2]).max(axis=0)
-    if 0.0 < size[:2].max() < DEGREES_PER_HEIGHT * size[2] and level[0] <= 360.0 and level[1] <= 90.0:
-        raise in_degrees(f"x and y span {size[0]:.3g} and {size[1]:.3g}, heights {size[2]:.3g}", str(path))
-    step = single_precision_step(points) * scale[0]
-    if step > COARSEST_STEP_M:
-        raise InputError(
-            f"survey coordinates are stored in single precision, in steps of {step:.3g} m",
-            where=str(path),
-            expected=f"steps of at most {COARSEST_STEP_M} m",
-            remedy="export in double precision (LAZ, XYZ, PLY with doubles), or with an offset taken away",
-        )
-
-
-def _check_returns(points: NDArray[np.float64], path: Path) -> None:
-    """Refuse beams without a return that are written as points at the origin, far from where anything was seen."""
-    nothing = (points[:, 0] == 0.0) & (points[:, 1] == 0.0) & (points[:, 2] == 0.0)
-    if not nothing.any():
-        return
-    low, high = points[~nothing].min(axis=0), points[~nothing].max(axis=0)
-    away = np.linalg.norm(np.maximum(np.maximum(low, -high), 0.0))
-    if away > np.linalg.norm(high - low):
-        raise InputError(
-            f"{int(nothing.sum())} points lie at 0, 0, 0, {away:.3g} m from all others",
-            where=str(path),
-            expected="points that a beam came back from",
-            remedy="leave beams without a return out of the export, or delete the points at 0, 0, 0",
-        )

@@ -1,0 +1,76 @@
+"""What no cloud of a rock has: too few points, degrees, single precision far from zero, beams without a return."""
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from toppling.models.errors import InputError
+from toppling.models.lengths import in_degrees
+from toppling.models.scan.steps import single_precision_step
+
+MINIMUM_POINTS = 1000
+"""Fewer points than this cannot show a rock, its pedestal and the crevice between them."""
+COARSEST_STEP_M = 0.01
+"""Coordinates stored in steps wider than this have lost the crevice."""
+DEGREES_PER_HEIGHT = 1e-3
+"""Clouds so much narrower than high are none of a rock in one unit: x and y are degrees."""
+
+
+def check_points(points: NDArray[np.float64], path: Path, left_out: int, scale: tuple[float, float]) -> None:
+    """Refuse points, in the file's unit, that are no cloud of a rock.
+
+    Raises
+    ------
+    InputError
+        If they are few, one and the same, in degrees, or stored in single precision far from zero.
+    """
+    if len(points) < MINIMUM_POINTS:
+        also = f", and {left_out} that are not finite" if left_out else ""
+        raise InputError(
+            f"holds {len(points)} points{also}",
+            where=str(path),
+            expected=f"at least {MINIMUM_POINTS}",
+            remedy="check that the export was complete and that the file's extension names its format",
+        )
+    size = np.ptp(points, axis=0)
+    if not size.any():
+        raise InputError(
+            "all points are one and the same",
+            where=str(path),
+            expected="points of a rock and its pedestal",
+            remedy="export the cloud again",
+        )
+    level = np.abs(points[:, :2]).max(axis=0)
+    if 0.0 < size[:2].max() < DEGREES_PER_HEIGHT * size[2] and level[0] <= 360.0 and level[1] <= 90.0:
+        raise in_degrees(f"x and y span {size[0]:.3g} and {size[1]:.3g}, heights {size[2]:.3g}", str(path))
+    step = single_precision_step(points) * scale[0]
+    if step > COARSEST_STEP_M:
+        raise InputError(
+            f"survey coordinates are stored in single precision, in steps of {step:.3g} m",
+            where=str(path),
+            expected=f"steps of at most {COARSEST_STEP_M} m",
+            remedy="export in double precision (LAZ, XYZ, PLY with doubles), or with an offset taken away",
+        )
+
+
+def check_returns(points: NDArray[np.float64], path: Path) -> None:
+    """Refuse beams without a return that are written as points at the origin, far from where anything was seen.
+
+    Raises
+    ------
+    InputError
+        If there are such points.
+    """
+    nothing = (points[:, 0] == 0.0) & (points[:, 1] == 0.0) & (points[:, 2] == 0.0)
+    if not nothing.any():
+        return
+    low, high = points[~nothing].min(axis=0), points[~nothing].max(axis=0)
+    away = np.linalg.norm(np.maximum(np.maximum(low, -high), 0.0))
+    if away > np.linalg.norm(high - low):
+        raise InputError(
+            f"{int(nothing.sum())} points lie at 0, 0, 0, {away:.3g} m from all others",
+            where=str(path),
+            expected="points that a beam came back from",
+            remedy="leave beams without a return out of the export, or delete the points at 0, 0, 0",
+        )

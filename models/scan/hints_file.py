@@ -15,11 +15,8 @@ MOST_BYTES = 1 << 20
 Place = Sequence[float]
 
 
-class CloudHints(TypedDict, total=False):
-    """What a user says of clouds and interface, by the names of options; survey coordinates, metres and degrees.
-
-    `length`, `gcp` and `up` are in coordinates of the model. Another word on one of these needs a new scan.
-    """
+class ReadingHints(TypedDict, total=False):
+    """What a user says of what files hold, by the names of options; `up`, `length`, `gcp` in the model's frame."""
 
     units: str | None
     up: str | Place | None
@@ -28,6 +25,11 @@ class CloudHints(TypedDict, total=False):
     crs: str | None
     rock: str | None
     pedestal: str | None
+
+
+class CloudHints(ReadingHints, total=False):
+    """The same with rock and interface, survey coordinates, metres and degrees. Another word needs a new scan."""
+
     near: tuple[float, float] | None
     plane: tuple[float, ...] | None
     point: Sequence[Place]
@@ -42,8 +44,9 @@ class Hints(CloudHints, total=False):
     pull: Sequence[tuple[float, float]]
 
 
+OF_READING = tuple(ReadingHints.__annotations__)
 OF_CLOUDS = tuple(CloudHints.__annotations__)
-KEYS = (*OF_CLOUDS, *(key for key in Hints.__annotations__ if key not in OF_CLOUDS))
+KEYS = tuple(Hints.__annotations__)
 PLACES = ("point", "outline", "touch", "daylight")
 RIVALS = (
     ("rock", "near"),

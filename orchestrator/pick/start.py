@@ -2,10 +2,10 @@
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from toppling.models.folder import refuse_existing
-from toppling.models.scan.hints_file import CloudHints
+from toppling.models.scan.hints_file import OF_READING, CloudHints
 from toppling.models.scan.inspection import inspection_of
 from toppling.models.scan.survey import Survey
 from toppling.orchestrator.pick.said import Said
@@ -49,8 +49,7 @@ def pick_server(
         "pull": [list(each) for each in known.pulls],
     })  # fmt: skip
     said.hint()
-    of_cloud: CloudHints = {"units": given["units"], "up": given["up"], "length": given["length"]}
-    of_cloud |= {"gcp": given["gcp"], "crs": given["crs"]}
+    of_cloud = cast(CloudHints, {name: given[name] for name in OF_READING})
     cloud = placed_cloud(files, of_cloud)
     mine = False
 

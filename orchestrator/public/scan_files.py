@@ -8,6 +8,7 @@ from toppling.models.errors import InputError
 from toppling.models.scan.control_points import control_point_lines
 from toppling.models.scan.hints_file import KEYS, CloudHints, plain
 from toppling.models.scan.inspection import Inspection
+from toppling.models.scan.interface_hint import InterfaceHint
 from toppling.models.scene import Scene
 from toppling.models.spelling import did_you_mean
 
@@ -69,8 +70,10 @@ def placed_cloud(files: Sequence[Path], hints: CloudHints) -> "Cloud":
 def hints_said(given: Mapping[str, Any], inspection: Inspection) -> dict[str, Any]:
     """What was said of a scan, as `hints.toml` has it: what files hold, and not where they lie."""
     of_base = {"touch": inspection.touching_m, "daylight": inspection.open_m, "pull": inspection.pulls}
-    gcp = given.get("gcp")
+    gcp, outline = given.get("gcp"), given.get("outline")
     said = {**given, **of_base, "gcp": control_point_lines(gcp) if gcp else None}
+    if isinstance(outline, str | Path):
+        said["outline"] = InterfaceHint.outline(outline).anchors_m
     return {key: plain(key, said.get(key)) for key in KEYS}
 
 

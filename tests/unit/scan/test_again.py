@@ -156,6 +156,8 @@ def test_hints_survive_their_file(tmp_path):
 SAID = {
     "up": "-y",
     "crs": "EPSG:32611",
+    "rock": "rock.obj",
+    "pedestal": "label=2",
     "length": ((1.0, 2.0, 3.0), (4.0, 5.0, 6.5), 1.25),
     "near": (1.5, 2.0),
     "outline": [(0.0, 0.0, 0.1), (1.0, 0.0, 0.1), (0.0, 1.0, 0.1)],
@@ -182,13 +184,15 @@ def asked(monkeypatch, *options):
 def test_everything_said_comes_back_from_its_file(monkeypatch, tmp_path):
     points = ["a,0,0,0,1,2,3", "b,1,0,0,2,2,3", "c,0,1,0,1,3,3"]
     (tmp_path / "gcp.csv").write_text("\n".join(points))
+    (tmp_path / "outline.csv").write_text("\n".join(",".join(map(str, row)) for row in SAID["outline"]))
     said = hints_said(
-        SAID | {"gcp": tmp_path / "gcp.csv"},
+        SAID | {"gcp": tmp_path / "gcp.csv", "outline": tmp_path / "outline.csv"},
         inspection_of(None, SAID["pull"], SAID["touch"], SAID["daylight"]),
     )
     assert json.loads(json.dumps(said)) == said
     write_hints(tmp_path / HINTS, said)
-    (tmp_path / "gcp.csv").unlink()  # what the file held is kept
+    (tmp_path / "gcp.csv").unlink()  # what the files held is kept
+    (tmp_path / "outline.csv").unlink()
     assert asked(monkeypatch, "--hints", tmp_path / HINTS) == SAID | {"gcp": points}
 
 

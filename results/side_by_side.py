@@ -10,8 +10,8 @@ from toppling.models.errors import InputError
 from toppling.models.frames import compass_deg
 from toppling.results.fits import FEW_TOPPLED, answered, basis_of
 from toppling.results.fragility import FRICTION, by_contact, contact_words
-from toppling.results.geography import on_earth
 from toppling.results.lognormal import Lognormal
+from toppling.results.places import on_earth
 from toppling.results.regression import fit
 from toppling.results.resampling import SAMPLES, bootstrap, with_interval
 from toppling.results.run import Run

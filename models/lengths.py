@@ -37,8 +37,9 @@ _ANY = re.compile(
 _SAID = re.compile(
     r"\b(?:units?(?: of (?:length|measure(?:ment)?))?|(?:linear|length|coordinate|vertical|horizontal)s? ?units?)\b"
     r" ?(?:[:=]|\bare\b|\bis\b|\bin\b)? ?(?:in )?(?:the )?(?P<word>[^,;]{1,40})"
-    r"|\b(?:coordinates?|points?|vertices|x y z|xyz)\b(?: are| is| given| stored)*"
-    r" in (?P<in>[^,;]{1,40})"
+    r"|\b(?:coordinates?|points?|vertices|x y z|xyz|values?|lengths?|distances?|dimensions?|heights?|data|model|mesh|"
+    r"cloud|scan(?:ned)?|scaled?|measured|given|expressed|exported|saved|stored)\b"
+    r"(?: are| is| given| stored| measured| expressed| exported)* in (?P<in>[^,;]{1,40})"
 )
 _OUTRIGHT = re.compile(
     r"\W*(?:linear|length|coordinate|model)?s? ?units?\s*[:=]\s*[\"']?(?P<word>[a-z][\w./ -]{0,30})"
@@ -87,14 +88,14 @@ def unit_of_remarks(remarks: Iterable[str], where: str) -> str | None:
     Raises
     ------
     InputError
-        If they state degrees, a unit that nobody knows, or two.
+        If they state degrees, a unit that nobody knows, two, or one of heights alone.
 
     Examples
     --------
     >>> unit_of_remarks(["made by a scanner", "Units: US Survey Feet"], "cloud.ply")
     'us-ft'
     """
-    found = set()
+    found, of_heights_alone = set(), True
     for remark in remarks:
         plain = re.sub(r"[\s._()\"'\[\]-]+", " ", remark.lower())
         for said in _SAID.finditer(plain):
@@ -103,12 +104,15 @@ def unit_of_remarks(remarks: Iterable[str], where: str) -> str | None:
                 raise in_degrees(remark.strip()[:80], where)
             if (unit := unit_called(word)) is not None:
                 found.add(unit)
+                of_heights_alone &= said[0].startswith("vertical")
         outright = _OUTRIGHT.match(remark.lower().strip())
         if outright is not None and not unit_called(outright["word"]):
             if _DEGREES.match(outright["word"]):
                 raise in_degrees(remark.strip()[:80], where)
             if not outright["word"].startswith(NO_LENGTHS):
                 raise _unclear(f"it states a unit that is not known: {remark.strip()[:80]!r}", where)
+    if found and of_heights_alone:
+        raise _unclear("it states the unit of heights alone", where)
     if len(found) > 1:
         raise _unclear(f"it states two units: {', '.join(NAMES[unit] for unit in sorted(found))}", where)
     return next(iter(found), None)

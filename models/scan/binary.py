@@ -98,7 +98,13 @@ def _said(ask: Callable[[], tuple[str | None, reference.Reference | None]]) -> d
 
 
 def _las_system(source: Any, path: Path) -> reference.Reference | None:
-    """Coordinate system by WKT or GeoTIFF's keys, whichever the header says is meant, or the other if it is alone."""
+    """Coordinate system by WKT or GeoTIFF's keys, whichever the header says is meant, or the other if it is alone.
+
+    Raises
+    ------
+    InputError
+        If both are there and differ in unit, or as those of :mod:`reference`.
+    """
     records = [*source.header.vlrs, *(source.evlrs or ())]
     content = {
         each.record_id: each.record_data_bytes()
@@ -107,11 +113,30 @@ def _las_system(source: Any, path: Path) -> reference.Reference | None:
     }
     wkt = content.get(WKT, b"").decode("latin-1").strip("\0 \r\n")
     keys, doubles = (content.get(each, b"") for each in (reference.GEO_KEYS, reference.GEO_DOUBLES))
-    if wkt and (source.header.global_encoding.wkt or not keys):
-        return reference.of_wkt(wkt, str(path))
-    if keys:
-        return reference.of_geo_keys(keys, doubles, str(path))
-    return None
+    meant = bool(wkt) and source.header.global_encoding.wkt
+    try:
+        by_keys = reference.of_geo_keys(keys, doubles, str(path)) if keys else None
+    except InputError:
+        if not meant:
+            raise
+        by_keys = None
+    if not wkt:
+        return by_keys
+    by_wkt = reference.of_wkt(wkt, str(path))
+    if by_keys is None:
+        return by_wkt
+    alike = np.isclose(
+        by_wkt["metres_per_unit"], by_keys["metres_per_unit"], rtol=1e-9
+    )  # the feet differ by 2e-6
+    if not alike[0] or not (alike[1] or by_wkt["note"] or by_keys["note"]):
+        raise InputError(
+            f"its two coordinate systems differ in unit: {by_wkt['name']} ({by_wkt['unit']}) in WKT, {by_keys['name']} "
+            f"({by_keys['unit']}) in GeoTIFF keys",
+            where=str(path),
+            expected="one coordinate system, or two that say the same",
+            remedy="say in which unit the coordinates are by --units, which wins over what the file says",
+        )
+    return by_wkt if meant else by_keys
 
 
 def e57(path: Path) -> Points:

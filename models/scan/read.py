@@ -143,6 +143,7 @@ class _Read:
     unit: str | None = None
     reference: Reference | None = None
     mesh: "_Mesh | None" = None
+    note: str = ""
 
 
 _Mesh = tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64]]
@@ -259,7 +260,7 @@ def _in_metres(read: _Read, path: Path, said: _Said) -> tuple[NDArray[np.float64
     placement = said.placement
     points = placement.apply(points) if placement.by else points
     notes = [f"{left_out} points are not finite and were left out"] if left_out else []
-    notes += [each for each in (note, placement.by and f"placed by {placement.by}") if each]
+    notes += [each for each in (read.note, note, placement.by and f"placed by {placement.by}") if each]
     stated = said.system or (None if placement.says_scale else read.reference)
     source = Source(
         path.name,
@@ -311,6 +312,7 @@ def _read_file(path: Path, said: _Said) -> _Read:
     suffix, unit_given = path.suffix.lower(), said.unit_given
     if suffix not in FORMATS + MESH_FORMATS:
         raise _unreadable(f"unknown format '{suffix}'", path)
+    note = ""
     try:
         if is_mesh(path):
             return _read_mesh(path, said)
@@ -325,13 +327,14 @@ def _read_file(path: Path, said: _Said) -> _Read:
             remarks = read_header(path).remarks
         else:
             text = read_text(path, unit_given)
-            points, remarks = text.points, text.remarks
+            points, remarks, note = text.points, text.remarks, text.note
             station = np.zeros(len(points), np.int32)
     except InputError:
         raise
     except Exception as error:  # each reader raises whatever its parser raises
         raise _unreadable(f"cannot be read ({type(error).__name__}: {error})", path) from error
-    return _Read(points, station, coordinate_steps(points), *_of_remarks(remarks, path, unit_given))
+    unit, system = _of_remarks(remarks, path, unit_given)
+    return _Read(points, station, coordinate_steps(points), unit, system, note=note)
 
 
 def _read_mesh(path: Path, said: _Said) -> _Read:

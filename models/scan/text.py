@@ -2,7 +2,7 @@
 
 import csv
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from itertools import islice
@@ -26,6 +26,14 @@ _WHOLE = re.compile(r"[+-]?\d+")
 _THOUSANDS = re.compile(r"[+-]?\d{1,3}(?:([.,'])\d{3})+(?:(?!\1)[.,]\d+)")
 
 
+_FORTRAN = re.compile(r"(\d\.?)[dD]([+-]?\d)")
+_NOT_FINITE = re.compile(r"[+-]?(?:1\.?#(?:IND|QNAN|SNAN|INF)\w*|nan\(\w*\))", re.IGNORECASE)
+"""As programs on Windows write what is not a number."""
+
+_not_whole = refusals(
+    expected="the same columns of numbers in every line of points",
+    remedy="export the cloud again, or cut the damaged lines",
+)
 _ambiguous = refusals(
     expected="numbers with decimal points, or with decimal commas and parted by semicolons, tabs or blanks",
     remedy="export again with decimal points, or with semicolons between the columns",
@@ -66,11 +74,12 @@ class Layout:
 
 @dataclass(frozen=True, eq=False)
 class Text:
-    """A text cloud: points (n, 3) in the file's unit, and the remarks before the first of them."""
+    """A text cloud: points (n, 3) in the file's unit, the remarks before the first of them, and what is to be told."""
 
     points: NDArray[np.float64]
     remarks: tuple[str, ...]
     says_metres: bool
+    note: str = ""
 
 
 def read_text(path: Path, unit_given: bool = False) -> Text:
@@ -97,25 +106,71 @@ def read_text(path: Path, unit_given: bool = False) -> Text:
         layout = _settled([*islice(lines, skip, skip + LOOKED_AT)], path)
     titles = list(filter(_no_count, head[:skip]))
     named = named_columns(titles, len(layout.fields(head[skip])), str(path), unit_given)
-    counted = path.suffix.lower() == ".pts"  # filtering costs time, so for these files alone
+    lines_from = partial(_rows, path, encoding, skip, layout)
+    load = partial(
+        np.loadtxt,
+        delimiter=layout.parted_by if layout.is_plain else ";",
+        usecols=named or (0, 1, 2),
+        ndmin=2,
+        comments=("#", "//"),
+    )
+    counts: list[int] = []
+    try:
+        points = load(lines_from(counts))
+    except ValueError:
+        counts.clear()
+        points = _loaded_again(load, lines_from(counts), path)
+    if named is None:
+        _check_easting_first(points, path)
+    note = (
+        "" if sum(counts) in (0, len(points)) else f"{len(points)} points where the file counts {sum(counts)}"
+    )
+    return Text(points, tuple(line.strip().lstrip("#/ ") for line in titles), named is not None, note)
+
+
+def _rows(path: Path, encoding: str, skip: int, layout: Layout, counts: list[int]) -> Iterator[str]:
+    """Lines of points as NumPy reads them; the counts that stand before each scan of a PTS file go into `counts`."""
     with path.open(encoding=encoding, errors="replace") as lines:
-        rows: Iterator[str] = islice(iter(lines), skip, None)
-        if counted:
-            rows = filter(_no_count, rows)
+        counted = path.suffix.lower() == ".pts"  # filtering costs time, so for these files alone
+        rows: Iterator[str] = (
+            _points_alone(lines, skip, counts) if counted else islice(iter(lines), skip, None)
+        )
         if _ends_oddly(path, encoding):
             rows = _without_ends(rows, path)
         if not layout.is_plain:
             rows = (";".join(layout.fields(line)) for line in rows)
-        points = np.loadtxt(
-            rows,
-            delimiter=layout.parted_by if layout.is_plain else ";",
-            usecols=named or (0, 1, 2),
-            ndmin=2,
-            comments=("#", "//"),
-        )
-    if named is None:
-        _check_easting_first(points, path)
-    return Text(points, tuple(line.strip().lstrip("#/ ") for line in titles), named is not None)
+        yield from rows
+
+
+def _points_alone(lines: Iterable[str], skip: int, counts: list[int]) -> Iterator[str]:
+    for number, line in enumerate(lines):
+        if not _no_count(line):
+            counts.append(int(line.strip()[:18]))
+        elif number >= skip:
+            yield line
+
+
+def _loaded_again(
+    load: Callable[[Iterable[str]], NDArray], rows: Iterator[str], path: Path
+) -> NDArray[np.float64]:
+    """Points of a text with numbers that Python does not know: of Fortran, and not finite ones of Windows.
+
+    Raises
+    ------
+    InputError
+        At the first line that cannot be read.
+    """
+    kept = [_FORTRAN.sub(r"\1E\2", _NOT_FINITE.sub("nan", line)) for line in rows]
+    try:
+        return load(kept)
+    except ValueError as error:
+        width = max(len(re.split(r"[\s;,]+", line.strip())) for line in kept[:HEAD_LINES])
+        for number, line in enumerate(kept, 1):
+            words = re.split(r"[\s;,]+", line.split("#")[0].split("//")[0].strip())
+            if words != [""] and (len(words) < min(width, 3) or not all(map(_is_number, words[:3]))):
+                what = f"its {number}th line of points is {line.strip()[:60]!r}"
+                raise _not_whole(what + (": truncated" if number == len(kept) else ""), path) from None
+        raise _not_whole(str(error)[:200], path) from None
 
 
 def encoding_of(path: Path) -> str:
@@ -158,6 +213,12 @@ def _layout(line: str, where: str) -> Layout | None:
         return Layout(", ", True)
     else:
         parted = "," if "," in text and "\t" not in text else None
+    if (
+        parted == ","
+        and len(words) >= 3
+        and all(_is_number(word) or _THOUSANDS.fullmatch(word) for word in words[:3])
+    ):
+        raise _ambiguous(f"numbers with thousands parted, such as {max(words[:3], key=len)}", where)
     raw = Layout(parted, False, quoted).fields(text)
     comma = parted != "," or quoted
     layout = Layout(parted, comma and _of_commas(raw), quoted)
@@ -237,7 +298,7 @@ def _no_count(line: str) -> bool:
 
 def _is_number(word: str) -> bool:
     try:
-        float(word)
+        float(_FORTRAN.sub(r"\1E\2", word))
     except ValueError:
         return False
     return "_" not in word

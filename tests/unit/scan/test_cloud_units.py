@@ -131,6 +131,17 @@ def test_a_system_that_nobody_understands_is_refused_and_the_users_word_overrule
     np.testing.assert_allclose(read(path, "m"), POINTS_M, atol=1e-4)
 
 
+@pytest.mark.parametrize("version", ["1.2", "1.4"])
+def test_a_system_in_words_and_keys_of_another_unit_are_refused_with_both(tmp_path, version):
+    keys = [(1024, 1), (3072, 2229), (4099, 9003)]
+    same = las(tmp_path / "same.las", (US_FOOT_M,) * 2, wkt=wkt_of(2229), keys=keys, version=version)
+    np.testing.assert_allclose(read(same), POINTS_M, atol=1e-3)
+    path = las(tmp_path / "cloud.las", wkt=wkt_of(32611), keys=keys, version=version)
+    with pytest.raises(InputError, match=r"differ in unit: .*UTM zone 11N \(metre\) in WKT, .*ftUS"):
+        read_clouds([path])
+    np.testing.assert_allclose(read(path, "m"), POINTS_M, atol=1e-3)
+
+
 def test_longitude_latitude_and_height_without_a_word_are_degrees(tmp_path):
     points = np.column_stack([-118.0 + POINTS_M[:, :2] * 1e-5, POINTS_M[:, 2]])
     points[:, 1] = 34.0 + POINTS_M[:, 1] * 1e-5
@@ -148,6 +159,9 @@ def test_longitude_latitude_and_height_without_a_word_are_degrees(tmp_path):
         ("comment Units are in US Survey Feet", "us-ft"),
         ("obj_info units = centimeters", "cm"),
         ("comment coordinates in inches, z up", "in"),
+        ("comment all values given in millimeters", "mm"),
+        ("comment measured in yards", "yd"),
+        ("comment exported in ASCII", "m"),
         ("comment EPSG:2229", "us-ft"),
         (f"comment crs {wkt_of(FOOT_PLANE, NAVD88_US_FT, 'WKT1_GDAL')}", "us-ft"),
         ("comment units: metres", "m"),
@@ -179,6 +193,7 @@ def test_a_unit_in_the_remarks_of_other_texts_is_read(tmp_path, suffix):
         ("comment units: cubits", "a unit that is not known"),
         ("comment units: degrees", "in degrees"),
         ("comment units: feet\ncomment unit: m", "two units"),
+        ("comment vertical units: feet", "heights alone"),
     ],
 )
 def test_a_unit_that_is_unknown_or_contradicted_is_refused(tmp_path, comment, what):

@@ -190,6 +190,47 @@ def test_commas_that_may_mean_either_are_named(tmp_path, content, what):
     assert "semicolons" in error.value.remedy
 
 
+@pytest.mark.parametrize(
+    "odd", ["-1.#IND -1.#IND -1.#IND", "1.#QNAN 0.0 0.0", "-nan(ind) -nan(ind) -nan(ind)", "1.#INF 2.0 3.0"]
+)
+def test_what_windows_writes_for_no_number_is_left_out_and_counted(tmp_path, odd):
+    path = tmp_path / "cloud.xyz"
+    path.write_text(text("{} {} {}\n", ".") + f"{odd}\n{odd}\n")
+    cloud = read_clouds([path])
+    np.testing.assert_allclose(cloud.points_m + cloud.origin_m, POINTS_M, atol=1e-3)
+    assert cloud.sources[0].left_out == 2
+
+
+def test_exponents_of_fortran_are_read(tmp_path):
+    path = tmp_path / "cloud.xyz"
+    np.savetxt(path, POINTS_M, fmt="%.12E")
+    path.write_text(path.read_text().replace("E", "D"))
+    np.testing.assert_allclose(read(path), POINTS_M, atol=1e-5)
+
+
+def test_a_line_that_is_not_whole_is_named(tmp_path):
+    path = tmp_path / "cloud.xyz"
+    whole = text("{} {} {}\n", ".")
+    path.write_text(whole[:-15])
+    with pytest.raises(InputError, match=r"1500th line of points .* truncated"):
+        read_clouds([path])
+
+
+def test_thousands_parted_by_commas_among_blanks_are_named(tmp_path):
+    path = tmp_path / "cloud.xyz"
+    path.write_text("".join(f"{x:,.3f} {y:,.3f} {z:.3f}\n" for x, y, z in POINTS_M))
+    with pytest.raises(InputError, match="thousands parted, such as 3,77"):
+        read_clouds([path])
+
+
+@pytest.mark.parametrize(("counted", "told"), [(1505, True), (1495, True), (1500, False)])
+def test_another_count_of_points_is_told(tmp_path, counted, told):
+    path = tmp_path / "cloud.pts"
+    path.write_text(f"{counted}\n" + text("{} {} {} 7\n", "."))
+    (source,) = read_clouds([path]).sources
+    assert (f"1500 points where the file counts {counted}" in source.note) == told
+
+
 def test_a_cloud_of_whole_millimetres_with_colours_has_no_decimal_commas(tmp_path):
     whole = np.hstack([((POINTS_M - SHIFT_M) * 1000).round(), np.full((1500, 3), 128.0)])
     path = tmp_path / "cloud.csv"

@@ -3,6 +3,8 @@
 import io
 import os
 import pickle
+import subprocess
+import sys
 
 import pytest
 from click.testing import CliRunner
@@ -106,3 +108,13 @@ def test_a_mesh_of_a_format_that_is_not_listed_is_refused(tmp_path, name):
     (tmp_path / name).write_bytes(b"anything")
     with pytest.raises(InputError, match="not a mesh format"):
         read_triangles(tmp_path / name)
+
+
+@pytest.mark.parametrize("module", ["toppling.models.scan.survey", "toppling.results.drawing.style"])
+def test_settings_of_matplotlib_in_the_working_folder_are_not_read(module, tmp_path):
+    (tmp_path / "matplotlibrc").write_bytes(b"figure.dpi: 3\nbackend: module://evil\n\xff\n")
+    program = f"import {module}, matplotlib; print(matplotlib.rcParams['figure.dpi'])"
+    done = subprocess.run(
+        [sys.executable, "-P", "-c", program], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert (done.stdout.strip(), done.stderr) == ("100.0", "")

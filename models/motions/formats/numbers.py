@@ -16,6 +16,7 @@ SURPLUS_SHARE, ROWS_OFF = 0.01, 2
 """Of its samples, and rows: so far is a count off by a program's mistake; beyond that something is missing."""
 JUMP_RATIO, NEAR = 4.0, 200
 """A bend between two rows so many times as sharp as any within rows, of so many samples beside it, is a lost row."""
+_FORTRAN = re.compile(r"(\d\.?)[dD]([-+]?\d)")
 _COMMA_NUMBER = re.compile(r"\s*[-+]?(?:\d+,\d*|,\d+|\d+)(?:[EeDd][-+]?\d+)?\s*$")
 
 
@@ -53,15 +54,20 @@ def numbers_in(
     """
     tokens = [token for line in lines for token in _tokens(line, width)]
     values = _floats(tokens)
+    if values is None:
+        values = _floats([_FORTRAN.sub(r"\1E\2", token) for token in tokens])
     if values is None and all(map(_COMMA_NUMBER.match, tokens)):
-        values = _floats([token.replace(",", ".") for token in tokens])
+        values = _floats([_FORTRAN.sub(r"\1E\2", token.replace(",", ".")) for token in tokens])
     if values is not None and np.isfinite(values).all():
         return values
+    left = len(tokens)
     for offset, line in enumerate(lines):
         for token in _tokens(line, width):
+            left -= 1
             if not _is_finite_number(token):
+                broken_off = left == 0 and _floats([token]) is None
                 refuse(
-                    f"{token.strip()!r} is not a finite number",
+                    f"{token.strip()!r} is not a finite number{': the file is truncated' if broken_off else ''}",
                     path,
                     first_line + offset,
                     expected="one finite number after another",

@@ -36,7 +36,8 @@ def text_of(content: bytes) -> str | None:
 
 
 def _decoded(content: bytes) -> str:
-    for encoding in ("utf-8-sig", "cp1252"):
+    content = content.removeprefix(b"\xef\xbb\xbf")  # some programs put it before text of Windows
+    for encoding in ("utf-8", "cp1252"):
         try:
             return content.decode(encoding)
         except UnicodeDecodeError:

@@ -58,6 +58,15 @@ def read(path: Path, text: str) -> list[Component]:
     starts = [0, *(end + 1 for end in ends)]
     stops = [*ends, len(lines)]
     blocks = [(a, b) for a, b in zip(starts, stops, strict=True) if any(line.strip() for line in lines[a:b])]
+    for start, stop in blocks[1:]:
+        if not any(map(_HEADING.search, lines[start:stop])):
+            refuse(
+                f"{stop - start} lines of numbers follow after the end of a channel",
+                path,
+                start + 1,
+                expected="a channel that begins with its title, or the end of the file",
+                remedy="fetch the file again, or cut them off",
+            )
     return [_channel(lines[start:stop], path, start + 1) for start, stop in blocks]
 
 
@@ -135,7 +144,7 @@ def _headed_by_count(lines: list[str], path: Path, line: int) -> tuple[Counted, 
         )
     count = int(_COUNT.search(lines[at])[1])  # type: ignore[index]
     body = lines[HEADER_LINES:]
-    if body and "E" in body[0].upper():
+    if body and re.search("[EeDd]", body[0]):
         length = _LENGTH.search(lines[at])
         values = numbers_in(body, path, line + HEADER_LINES, BHRC_WIDTH)
         found = counted(values, count, body, path, line + at, BHRC_WIDTH)

@@ -1,5 +1,6 @@
 """A text file is the same record in every encoding, with every end of lines and of files."""
 
+import re
 import time
 
 import numpy as np
@@ -49,6 +50,43 @@ def test_a_record_is_the_same_however_its_text_is_written(name, way, tmp_path):
     assert [str(refusal.reason) for refusal in outcome.refusals] == []
     (record,) = outcome.records
     assert (record.sha, record.event, record.station) == (expected.sha, expected.event, expected.station)
+
+
+@pytest.mark.parametrize("name", ["peer", "bhrc", "smc"])
+def test_exponents_of_fortran_are_read(name, tmp_path):
+    WRITERS[name](tmp_path, shaking(120))
+    (expected,) = imported(tmp_path).records
+    for path in tmp_path.iterdir():
+        if path.name != "table.csv":
+            path.write_text(re.sub(r"(\d)E([+-]\d\d)", r"\1D\2", path.read_text()))
+    (record,) = imported(tmp_path).records
+    assert record.sha == expected.sha
+
+
+@pytest.mark.parametrize("name", ["peer", "smc", "peer_old_header"])
+def test_a_file_that_ends_amidst_a_number_is_truncated(name, tmp_path):
+    path = WRITERS[name](tmp_path, shaking(400))[0]
+    content = path.read_bytes()
+    path.write_bytes(content[: content.rindex(b"E", 0, len(content) // 2) + 1])
+    with pytest.raises(InputError, match="is not a finite number: the file is truncated"):
+        read_file(path)
+
+
+def test_rows_after_the_last_channel_of_a_volume_are_named(tmp_path):
+    (path,) = WRITERS["csmip_v2"](tmp_path, shaking(120))
+    lines = path.read_text().splitlines()
+    rows = [line for line in lines if line.strip() and not re.search("[A-Za-z/]", line)][-3:]
+    path.write_text("\n".join([*lines, *rows]) + "\n")
+    with pytest.raises(InputError, match="3 lines of numbers follow after the end of a channel"):
+        read_file(path)
+
+
+@pytest.mark.parametrize("end", [b"\x1a", b"\0" * 512, b"\r\n\x0c"])
+def test_what_stands_behind_a_station_xml_is_left_out_as_of_every_text(end, tmp_path):
+    WRITERS["miniseed"](tmp_path, shaking(120))
+    (xml,) = tmp_path.glob("*.xml")
+    xml.write_bytes(xml.read_bytes() + end)
+    assert len(imported(tmp_path).records) == 1
 
 
 @pytest.mark.parametrize("encoding", ["latin-1", "cp1252", "utf-8", "utf-16"])

@@ -5,6 +5,7 @@ What a file says that nobody understands is a refusal there, which the user's wo
 header counts is compared with what the file can hold before room is made for it.
 """
 
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -125,10 +126,9 @@ def _las_system(source: Any, path: Path) -> reference.Reference | None:
     by_wkt = reference.of_wkt(wkt, str(path))
     if by_keys is None:
         return by_wkt
-    alike = np.isclose(
-        by_wkt["metres_per_unit"], by_keys["metres_per_unit"], rtol=1e-9
-    )  # the feet differ by 2e-6
-    if not alike[0] or not (alike[1] or by_wkt["note"] or by_keys["note"]):
+    both = zip(by_wkt["metres_per_unit"], by_keys["metres_per_unit"], strict=True)
+    across, up = (math.isclose(one, other, rel_tol=1e-9) for one, other in both)  # the feet differ by 2e-6
+    if not (across and (up or by_wkt["note"] or by_keys["note"])):
         raise InputError(
             f"its two coordinate systems differ in unit: {by_wkt['name']} ({by_wkt['unit']}) in WKT, {by_keys['name']} "
             f"({by_keys['unit']}) in GeoTIFF keys",

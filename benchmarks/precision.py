@@ -18,7 +18,7 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.stats import norm
 
-from toppling.results.precision import MEASURES
+from toppling.models.motions.measures import LEVEL_MEASURES
 from toppling.results.precision.answers import answers_of
 from toppling.results.precision.design import Pool, Rounds
 from toppling.results.precision.probit import Answers, Curve, fit_curve
@@ -72,11 +72,11 @@ def finished(frame: pd.DataFrame) -> tuple[Pool, Ask]:
     records = {name: number for number, name in enumerate(jobs["record_id"].unique())}
     levels = jobs["level_pga_m_s2"].nunique()
     rows = np.arange(len(jobs)).reshape(len(records), -1, levels)
-    log_x = {name: np.log(jobs[name].to_numpy(float)[rows[:, 0, :]]) for name in MEASURES}
+    log_x = {name: np.log(jobs[name].to_numpy(float)[rows[:, 0, :]]) for name in LEVEL_MEASURES}
     ids = jobs["job_id"].to_numpy()
 
     def ask(chosen: NDArray[np.int64]) -> dict[str, Answers]:
-        return answers_of(jobs.iloc[chosen], list(ids[chosen]), MEASURES, records)
+        return answers_of(jobs.iloc[chosen], list(ids[chosen]), LEVEL_MEASURES, records)
 
     return Pool(rows, log_x), ask
 

@@ -7,8 +7,8 @@ from typing import Any
 
 from toppling.models.documents import is_number, shown
 from toppling.models.errors import InputError
+from toppling.models.motions.measures import LEVEL_MEASURES
 from toppling.models.spelling import did_you_mean
-from toppling.results.precision import MEASURES
 
 FINEST, COARSEST = 0.005, 0.5
 SHARES = ("median", "p05", "p95")
@@ -80,8 +80,8 @@ def read_target(value: Any, folder: Path, where: str) -> Asked:
     of, measure, at, hazard = (table.get(key) for key in _KEYS)
     if of is not None and of not in SHARES:
         raise _wrong(shown(of), where, did_you_mean(str(of), SHARES, "take 'median' if unsure"))
-    if measure is not None and measure not in MEASURES:
-        remedy = did_you_mean(str(measure), MEASURES, f"one of {', '.join(MEASURES)}")
+    if measure is not None and measure not in LEVEL_MEASURES:
+        remedy = did_you_mean(str(measure), LEVEL_MEASURES, f"one of {', '.join(LEVEL_MEASURES)}")
         raise _wrong(f"the measure {shown(measure)}", where, remedy)
     if at is not None and (not is_number(at) or at <= 0 or measure is None):
         raise _wrong(f"at = {shown(at)}", where, "give a positive intensity, and the measure that it is of")

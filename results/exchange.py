@@ -26,20 +26,9 @@ from toppling.models.csv_text import plain
 from toppling.models.documents import check_size
 from toppling.models.errors import InputError, refusals
 from toppling.models.folder import new_file
+from toppling.models.motions.measures import OPENQUAKE
 from toppling.results.hazard.surfaces import Surface
 from toppling.results.lognormal import Basis, Lognormal, Resampled
-
-OPENQUAKE_G_M_S2 = 9.80665
-OPENQUAKE = {
-    "pga_m_s2": ("PGA", 1 / OPENQUAKE_G_M_S2),
-    "pgv_m_s": ("PGV", 100.0),
-    "pgd_m": ("PGD", 100.0),
-    "sa_1s_m_s2": ("SA(1.0)", 1 / OPENQUAKE_G_M_S2),
-    "sa_2s_m_s2": ("SA(2.0)", 1 / OPENQUAKE_G_M_S2),
-    "arias_m_s": ("IA", 1.0),
-    "cav_m_s": ("CAV", 1 / OPENQUAKE_G_M_S2),
-}
-"""Name in OpenQuake (hazardlib/imt.py) and factor from SI to OpenQuake's unit, by column of the results."""
 
 LARGEST_BYTES = 20_000_000
 """Of a file of curves: a thousand rocks with all that is known of each."""

@@ -4,16 +4,11 @@ from collections.abc import Sequence
 
 import pandas as pd
 
+from toppling.models.motions.measures import MEASURES
 from toppling.results.completeness import Completeness
 from toppling.results.lognormal import Basis, Resampled
 from toppling.results.regression import Fit
 from toppling.results.resampling import lognormal_interval
-
-MEASURES = (
-    *("pga_m_s2", "pgv_m_s", "pgd_m", "pgv_pga_s", "sa_1s_m_s2", "sa_2s_m_s2"),
-    *("arias_m_s", "cav_m_s", "duration_energy_s", "pga_vertical_m_s2"),
-)
-"""The measures that are compared."""
 
 SURFACES = (("pga_m_s2", "pgv_m_s"), ("pga_m_s2", "pgv_pga_s"))
 """On logarithms the two are one model in other coordinates; both are given, as both are plotted."""
@@ -21,14 +16,14 @@ SURFACES = (("pga_m_s2", "pgv_m_s"), ("pga_m_s2", "pgv_pga_s"))
 FEW_TOPPLED = 10
 """Fewer topplings bear no curve that is worth a picture, and rank no measure."""
 
-NO_HEADLINE = ("pga_vertical_m_s2",)
-"""Measures that never stand for a run: vertical shaking goes with the horizontal that topples, and topples nothing."""
-
 
 def headline(models: Sequence[Fit]) -> Fit | None:
-    """First of some fits, best first, that may stand for the run: of one measure, with a curve, horizontal."""
+    """First of some fits, best first, that may stand for the run: of one measure, with a curve, horizontal.
+
+    Vertical shaking goes with the horizontal that topples, and topples nothing.
+    """
     return next(
-        (model for model in models if model.lognormal and model.measures[0] not in NO_HEADLINE),
+        (model for model in models if model.lognormal and not MEASURES[model.measures[0]].vertical),
         None,
     )
 

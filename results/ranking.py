@@ -12,7 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 from sklearn.metrics import brier_score_loss, log_loss, roc_auc_score
 from sklearn.model_selection import GroupKFold
 
-from toppling.results.fits import MEASURES, SURFACES
+from toppling.models.motions.measures import COMPARED
+from toppling.results.fits import SURFACES
 from toppling.results.fragility import effective_records, wilson
 from toppling.results.lognormal import expanded_interval
 from toppling.results.regression import NEAR_TIE, fit
@@ -65,7 +66,7 @@ def compare_measures(
     frame : DataFrame
         Rows of results with an answer (`answered`).
     measures : sequence of sequences of str
-        `MEASURES` one by one, and PGA with PGV together, if not given. Those that are not known and positive
+        `COMPARED` one by one, and PGA with PGV together, if not given. Those that are not known and positive
         for every job are left out, so that all are compared on the same jobs.
 
     Returns
@@ -74,7 +75,7 @@ def compare_measures(
         Best first: measures, brier, log_loss, auc (out of fold), worse_by (log loss minus the best's),
         worse_by_low and worse_by_high (95 %, records resampled; null of fewer than `LEAST_RECORDS`).
     """
-    chosen = measures or [*((name,) for name in MEASURES), SURFACES[0]]
+    chosen = measures or [*((name,) for name in COMPARED), SURFACES[0]]
     usable = [tuple(names) for names in chosen if (frame[list(names)].fillna(0.0) > 0).all(axis=None)]
     predictions = {names: out_of_fold(frame, names) for names in usable}
     truth = frame["toppled"].to_numpy(bool)

@@ -7,6 +7,7 @@ known": a job that crashed has no tilt, and a column that is null is never zero.
 import pyarrow as pa
 
 from toppling.models.motions.catalogue import meaning
+from toppling.models.motions.measures import MEASURES
 
 SCHEMA_VERSION = 2
 
@@ -43,11 +44,7 @@ _COLUMNS = {
         ("friction_factor", _REAL, _MAY, "1", "factor on both frictions that the realisation drew"),
     ],
     "imposed": [
-        (name, _REAL, _MAY, meaning(name)["unit"] or "1", meaning(name)["description"])
-        for name in (
-            "pga_m_s2", "pgv_m_s", "pgv_pga_s", "pga_azimuth_deg", "pgd_m", "pga_vertical_m_s2", "arias_m_s", "cav_m_s",
-            "duration_energy_s", "duration_arias_s", "sa_1s_m_s2", "sa_2s_m_s2", "directionality",
-        )
+        (name, _REAL, _MAY, meaning(name)["unit"] or "1", each.description) for name, each in MEASURES.items()
     ],
     "outcome": [
         ("status", _TEXT, _MUST, "", "ok, undecided, diverged, failed, crashed or timeout"),
@@ -96,14 +93,15 @@ SCHEMA = pa.schema(
 """The table `results`."""
 
 SHORT_NAMES = {
-    "level_pga_m_s2": "PGA", "pga_m_s2": "PGA", "pgv_m_s": "PGV", "pgd_m": "PGD", "pgv_pga_s": "PGV/PGA",
-    "sa_1s_m_s2": "SA(1 s)", "sa_2s_m_s2": "SA(2 s)", "arias_m_s": "Arias intensity", "cav_m_s": "CAV",
-    "duration_energy_s": "duration",
-    "pga_vertical_m_s2": "vertical PGA",
-}  # fmt: skip
+    "level_pga_m_s2": "PGA",
+    **{name: each.short_name for name, each in MEASURES.items() if each.short_name},
+}
 """Measures as people call them."""
 
-ADDED_LATER = ("rock", "engine_steps", "cpu", "kernels")
+ADDED_LATER = (
+    *("rock", "engine_steps", "cpu", "kernels"),
+    *(name for name, each in MEASURES.items() if each.added_later),
+)
 """Columns that results of this schema version may lack: their values are not known then."""
 
 SORT_ORDER = (

@@ -4,6 +4,8 @@ import hashlib
 import re
 from collections.abc import Iterable
 
+from toppling.models.motions.measures import MEASURES
+
 CATALOG, MOTIONS = "catalog.parquet", "motions.parquet"
 """Files of an ensemble."""
 
@@ -23,26 +25,15 @@ _MEANINGS = {
     "history": "what was done to the motion, step by step",
     "files": "paths as read",
     "sha": "hash of samples, time step and azimuth of the strong component",
-    "pga_m_s2": "peak of the horizontal acceleration vector",
-    "pga_azimuth_deg": "azimuth of the horizontal acceleration at its peak",
     "strong_azimuth_deg": "azimuth of the stronger horizontal component as recorded",
-    "pgv_m_s": "peak of the horizontal velocity vector",
-    "pgv_pga_s": "pgv_m_s over pga_m_s2: how long the strongest pulse is",
-    "pgd_m": "peak of the horizontal displacement vector",
-    "arias_m_s": "Arias intensity, sum of the two horizontal components",
-    "cav_m_s": "cumulative absolute velocity of the horizontal vector",
-    "duration_energy_s": "5 to 95 % of the stronger component's integrated squared velocity (Anderson 2004)",
     "duration_energy_vector_s": "5 to 95 % of the horizontal vector's integrated squared velocity",
-    "duration_arias_s": "5 to 95 % of the horizontal vector's integrated squared acceleration",
-    "directionality": "share of PGA reached over 22.5 deg off its azimuth",
 }
 
 _PATTERNS = {
     r"pg([av])_h([12])_": "peak {0} of horizontal component {1} as recorded",
-    r"pg([av])_vertical_": "peak of the vertical {0}'s size",
+    r"pgv_vertical_": "peak of the vertical velocity's size",
     r"pg([av])_rotd(50|100)_": "{1} % quantile over all azimuths of the peak {0} (RotD{1}, Boore 2010)",
     r"sa_rotd(50|100)_([0-9.]+)s_": "pseudo-spectral acceleration at {1} s, 5 % damping, RotD{0}",
-    r"sa_([0-9.]+)s_": "pseudo-spectral acceleration at {0} s, 5 % damping, largest of all azimuths",
 }
 """Families of measures, by the beginning of their names."""
 
@@ -59,7 +50,8 @@ def meaning(name: str) -> dict[str, str]:
         With its unit at the end where it has one.
     """
     unit = next((unit for ending, unit in _UNITS.items() if name.endswith(ending)), "")
-    return {"unit": unit, "description": _MEANINGS.get(name) or _by_pattern(name)}
+    declared = MEASURES[name].description if name in MEASURES else _MEANINGS.get(name)
+    return {"unit": unit, "description": declared or _by_pattern(name)}
 
 
 def _by_pattern(name: str) -> str:

@@ -7,7 +7,8 @@ from functools import lru_cache
 import numpy as np
 
 from toppling.models.errors import InputError, check_positive
-from toppling.models.motions.intensity import SCALING_POWER, displacement_m, measure
+from toppling.models.motions.intensity import displacement_m, measure
+from toppling.models.motions.measures import MEASURES, SCALING_POWER
 from toppling.models.motions.motion import Motion
 from toppling.models.motions.processing import end_at_rest, high_pass
 from toppling.models.motions.record import Record
@@ -69,7 +70,11 @@ def impose(
     if peak_displacement_m is not None and scale * intensity["pgd_m"] > peak_displacement_m:
         motion, intensity = _within_displacement(record, peak_displacement_m / scale)
     turn_deg = azimuth_deg - record.intensity["strong_azimuth_deg"]
-    measures = {name: float(intensity[name] * scale**power) for name, power in SCALING_POWER.items()}
+    measures = {
+        name: float(intensity[name] * scale**power)
+        for name, power in SCALING_POWER.items()
+        if name in intensity or not MEASURES[name].added_later
+    }
     measures["pga_azimuth_deg"] = (intensity["pga_azimuth_deg"] + turn_deg) % 360.0
     return Imposed(_scaled_and_turned(motion, scale, turn_deg), measures)
 

@@ -7,7 +7,7 @@ Soc. Am. 100, 1830-1835).
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -16,10 +16,10 @@ from scipy.signal import cont2discrete, lfilter
 from scipy.spatial import ConvexHull, QhullError
 
 from toppling.models.frames import azimuth_deg
+from toppling.models.motions.measures import STANDARD_G_M_S2
 from toppling.models.motions.motion import Motion
 
 DAMPING = 0.05
-STANDARD_G_M_S2 = 9.80665
 SPECTRUM_PERIODS_S = (0.05, 0.1, 0.2, 0.3, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 5.0, 7.5)
 """Periods at which a catalogue keeps the RotD50 spectrum."""
 SAMPLES_A_PERIOD, FINEST = 40, 16
@@ -27,22 +27,6 @@ SAMPLES_A_PERIOD, FINEST = 40, 16
 record's samples: between these the ground is a straight line, and the oscillator swings on."""
 DISTINCT_DIRECTION_DEG = 22.5
 """Half of the study's direction bin: directions farther apart than this are distinct."""
-
-SCALING_POWER: Mapping[str, int] = {
-    "pga_m_s2": 1,
-    "pgv_m_s": 1,
-    "pgd_m": 1,
-    "pga_vertical_m_s2": 1,
-    "cav_m_s": 1,
-    "sa_1s_m_s2": 1,
-    "sa_2s_m_s2": 1,
-    "arias_m_s": 2,
-    "pgv_pga_s": 0,
-    "duration_energy_s": 0,
-    "duration_arias_s": 0,
-    "directionality": 0,
-}
-"""Measures that follow a scaled and turned motion, with the power of the scale by which they grow."""
 
 
 def velocity_m_s(motion: Motion) -> NDArray[np.float64]:
@@ -218,7 +202,7 @@ def measure(motion: Motion, component_azimuths_deg: tuple[float, float] = (0.0, 
     Returns
     -------
     dict
-        By name, units in the names. The keys of `SCALING_POWER` and `pga_azimuth_deg` are what an imposed
+        By name, units in the names. Those of :data:`toppling.models.motions.measures.MEASURES` are what an imposed
         motion has.
     """
     a, step = motion.acceleration_m_s2, motion.time_step_s

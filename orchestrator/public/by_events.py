@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from toppling.models.errors import InputError
+from toppling.models.motions.measures import COMPARED
 from toppling.orchestrator.public.felt import (
     EventStatement,
     felt,
@@ -21,7 +22,6 @@ from toppling.orchestrator.public.felt import (
 from toppling.orchestrator.public.hazard_asked import DEFAULT_MEASURES, Asked, read_tree, weighted_paths
 from toppling.orchestrator.public.rocks import Jobs, refuse_twins, standing_rock
 from toppling.results.exchange import read_curves
-from toppling.results.fits import MEASURES
 from toppling.results.hazard.ages import Since
 from toppling.results.hazard.events import EventSet, FeltRock
 from toppling.results.hazard.readers.event_sets import is_event_set, read_events
@@ -156,12 +156,12 @@ def _of_curves(
 def _known(rocks: Rocks) -> list[str]:
     """Measures over which all files of curves have a fragility; a run may have any."""
     files = [read_curves(path) for path in rocks.paths if not path.is_dir()]
-    return [name for name in MEASURES if all(name in curves for curves in files)]
+    return [name for name in COMPARED if all(name in curves for curves in files)]
 
 
 def _measure_of(events: EventSet, rocks: Rocks) -> str:
     known = _known(rocks)
-    both = [name for name in (*DEFAULT_MEASURES, *MEASURES) if name in events.measures and name in known]
+    both = [name for name in (*DEFAULT_MEASURES, *COMPARED) if name in events.measures and name in known]
     if not both:
         raise InputError(
             what=f"the events are over {', '.join(events.measures)}, the rock's fragility over "

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from toppling.models.errors import InputError
+from toppling.models.motions.measures import COMPARED
 from toppling.orchestrator.public import unseen
 from toppling.orchestrator.public.by_events import (
     EventOptions,
@@ -35,7 +36,6 @@ from toppling.results.drawing.constraint_folder import write_constraint, write_e
 from toppling.results.drawing.constraint_words import all_words
 from toppling.results.drawing.event_words import event_words
 from toppling.results.exchange import read_curves
-from toppling.results.fits import MEASURES
 from toppling.results.hazard.ages import Since, fragile_years, joint_ages, parse_age, parse_since
 from toppling.results.hazard.tree import HazardTree, sources
 from toppling.results.hazard.update import Update
@@ -253,7 +253,7 @@ def _by_curves(question: _Question, jobs: dict[Path, Jobs], advance: Callable[..
     """What rocks say of a single event, of rates, or of curves of hazard."""
     paths, asked, dates = question.paths, question.asked, question.dates
     known = [
-        name for name in MEASURES if all(name in read_curves(path) for path in paths if not path.is_dir())
+        name for name in COMPARED if all(name in read_curves(path) for path in paths if not path.is_dir())
     ]
     tree = read_tree(question.hazard, asked, known) if question.hazard else None
     over = tree.measure if tree else asked.measure or "pgv_m_s"

@@ -10,11 +10,12 @@ import numpy as np
 import pandas as pd
 
 from toppling.models.errors import InputError
+from toppling.models.motions.measures import COMPARED
 from toppling.orchestrator.public.rocks import Jobs
 from toppling.results.constraint import plain
 from toppling.results.drawing.style import printed_unit, short_name
 from toppling.results.exchange import read_surface
-from toppling.results.fits import MEASURES, SURFACES, answered, basis_of
+from toppling.results.fits import SURFACES, answered, basis_of
 from toppling.results.hazard.ages import Since, exposure
 from toppling.results.hazard.curves import events_by_intensity
 from toppling.results.hazard.event_update import EventUpdate
@@ -37,10 +38,10 @@ def measures_asked(text: str | None) -> tuple[str, ...]:
         If one is unknown, or two together have no fragility.
     """
     names = tuple(part.strip() for part in text.split("+")) if text else ()
-    if any(name not in MEASURES for name in names) or (len(names) > 1 and names != SURFACES[0]):
+    if any(name not in COMPARED for name in names) or (len(names) > 1 and names != SURFACES[0]):
         raise InputError(
             what=f"{text!r} is not an intensity measure with a fragility", where="--measure",
-            expected=f"one of {', '.join(MEASURES)}; or {'+'.join(SURFACES[0])}, both together",
+            expected=f"one of {', '.join(COMPARED)}; or {'+'.join(SURFACES[0])}, both together",
             remedy="leave it out to use that of the hazard, or pgv_m_s",
         )  # fmt: skip
     return names

@@ -8,13 +8,13 @@ from pathlib import Path
 import click
 
 from toppling.models.errors import InputError
-from toppling.results.fits import MEASURES
+from toppling.models.motions.measures import COMPARED
 from toppling.results.hazard.readers import Hints, read_hazard
 from toppling.results.hazard.readers.assembly import chosen_tree
 from toppling.results.hazard.tree import HazardTree
 
 DEFAULT_MEASURES = ("pgv_m_s", "pga_m_s2")
-"""The measure of a constraint, where hazard and rocks have several: the first of these, then of `MEASURES`."""
+"""The measure of a constraint, where hazard and rocks have several: the first of these, then of `COMPARED`."""
 
 
 def is_number(text: str) -> bool:
@@ -84,7 +84,7 @@ class Asked:
     years: float | None = None
 
 
-def read_tree(texts: Sequence[str], asked: Asked, rocks: Sequence[str] = MEASURES) -> HazardTree:
+def read_tree(texts: Sequence[str], asked: Asked, rocks: Sequence[str] = COMPARED) -> HazardTree:
     """The one tree that --hazard, --site and --measure mean, over a measure that rocks have a fragility over."""
     paths, weights = weighted_paths(texts)
     trees = read_hazard(paths, weights, Hints(asked.site, asked.measure, asked.years))
@@ -102,7 +102,7 @@ def _measure(stated: Sequence[str], asked: str | None, rocks: Sequence[str]) -> 
     """Measure that is asked for, or the first that hazard and rocks have."""
     if asked:
         return asked
-    both = [name for name in (*DEFAULT_MEASURES, *MEASURES) if name in stated and name in rocks]
+    both = [name for name in (*DEFAULT_MEASURES, *COMPARED) if name in stated and name in rocks]
     if not both:
         raise InputError(
             what=f"the hazard is over {', '.join(sorted(set(stated)))}, the rock's fragility over "

@@ -12,13 +12,12 @@ import pandas as pd
 
 from toppling.models.errors import InputError
 from toppling.models.motions.ensemble import Ensemble
-from toppling.models.motions.intensity import SCALING_POWER
+from toppling.models.motions.measures import LEVEL_MEASURES, SCALING_POWER
 from toppling.orchestrator.asked import Asked
 from toppling.orchestrator.folder import set_jobs
 from toppling.orchestrator.journal import tell
 from toppling.orchestrator.plan import Plan
 from toppling.orchestrator.wanted import AllJobs, Rows, Wanted
-from toppling.results.precision import MEASURES
 from toppling.results.precision.answers import answers_of
 from toppling.results.precision.design import Pool, Rounds
 from toppling.results.precision.statement import statement_of, write_statements
@@ -167,11 +166,11 @@ def target_of(asked: Asked) -> Target:
         trees = [
             tree for tree in read_hazard(asked.hazard) if tree.measure == (asked.measure or tree.measure)
         ]
-        if len(trees) != 1 or len(trees[0].curves) != 1 or trees[0].measure not in MEASURES:
+        if len(trees) != 1 or len(trees[0].curves) != 1 or trees[0].measure not in LEVEL_MEASURES:
             raise InputError(
                 f"holds {sum(len(tree.curves) for tree in trees)} curves of {', '.join(t.measure for t in trees)}",
                 where=str(asked.hazard),
-                expected=f"one hazard curve, of one of {', '.join(MEASURES)}",
+                expected=f"one hazard curve, of one of {', '.join(LEVEL_MEASURES)}",
                 remedy="write the curve that is meant as two columns, or state its measure in the target",
             )
         return Target("rate", trees[0].measure, hazard=trees[0].curves[0])
@@ -188,7 +187,7 @@ def usable_measures(catalog: pd.DataFrame, target: Target, where: str) -> list[s
     InputError
         If a record lacks that one.
     """
-    wanted = [target.measure] if target.measure else list(MEASURES)
+    wanted = [target.measure] if target.measure else list(LEVEL_MEASURES)
     usable = [name for name in wanted if name in catalog and (catalog[name].fillna(0.0) > 0).all()]
     if not usable:
         raise InputError(

@@ -9,6 +9,7 @@ import pandas as pd
 
 from toppling.models.errors import InputError
 from toppling.models.folder import new_file
+from toppling.models.motions.measures import COMPARED
 from toppling.orchestrator.folder import place_in
 from toppling.orchestrator.progress import bar
 from toppling.results.drawing.report.content import HEADLINE_MEASURE, Content
@@ -17,7 +18,6 @@ from toppling.results.drawing.report.write import report_page, write_page
 from toppling.results.drawing.run_figures import save_table
 from toppling.results.drawing.side_by_side_figures import fragilities_figure, places_figure
 from toppling.results.drawing.style import save
-from toppling.results.fits import MEASURES
 from toppling.results.geography import directions_geojson, geojson
 from toppling.results.resampling import SAMPLES
 from toppling.results.run import Run, open_run
@@ -28,7 +28,7 @@ from toppling.results.side_by_side import Beside, beside_each_other
 @click.argument("runs", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="RUN...")
 @click.option("--out", type=click.Path(path_type=Path, file_okay=False), help="Folder; default RUN/atlas.")
 @click.option(
-    "--measure", type=click.Choice(MEASURES), default=HEADLINE_MEASURE, show_default=True, metavar="MEASURE",
+    "--measure", type=click.Choice(COMPARED), default=HEADLINE_MEASURE, show_default=True, metavar="MEASURE",
     help="Intensity measure of all fragilities, a column of the results.",
 )  # fmt: skip
 @click.option("--shared", is_flag=True, help="Use only the records and levels that all rocks share.")

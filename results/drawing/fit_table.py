@@ -4,7 +4,7 @@ from collections.abc import Iterable
 
 import pandas as pd
 
-from toppling.results import fits
+from toppling.models.motions.measures import COMPARED
 from toppling.results.drawing.style import printed_unit, short_name
 from toppling.results.resampling import LEAST_RECORDS
 
@@ -72,7 +72,7 @@ def fit_words(summary: pd.DataFrame, known: pd.DataFrame) -> str:
     known : DataFrame
         Rows with an answer that the fits are of.
     """
-    curves = summary[(summary["link"] == "probit") & summary["measures"].isin(fits.MEASURES)]
+    curves = summary[(summary["link"] == "probit") & summary["measures"].isin(COMPARED)]
     if curves.empty:
         return "no measure is known of every job: there is no fit"
     table = fit_table(curves.reset_index(drop=True), known)

@@ -9,6 +9,7 @@ import pandas as pd
 
 from toppling.models.csv_text import plain_frame
 from toppling.models.folder import new_file
+from toppling.models.motions.measures import COMPARED, OPENQUAKE
 from toppling.results import fits, ranking, regression, resampling
 from toppling.results.audit import Audit, audit_table
 from toppling.results.completeness import Completeness
@@ -19,7 +20,7 @@ from toppling.results.drawing.maps import direction_figure, map_figure
 from toppling.results.drawing.roses import rose_figure
 from toppling.results.drawing.style import save, short_name
 from toppling.results.drawing.surface import surface_figure
-from toppling.results.exchange import OPENQUAKE, write_curves
+from toppling.results.exchange import write_curves
 from toppling.results.fragility import (
     DirectionCells,
     Plane,
@@ -209,7 +210,7 @@ def _write_contact(
     advance(0, "ranking of the measures")
     ranked = ranking.compare_measures(known)
     yield save_table(ranked, place / "measures.csv")
-    singles = [measure for measure in ranked["measures"] if measure in fits.MEASURES]
+    singles = [measure for measure in ranked["measures"] if measure in COMPARED]
     models = [regression.fit(known, [measure]) for measure in singles]
     both = [names for names in fits.SURFACES if set(names) <= set(singles)]
     models += [regression.fit(known, names, link) for names in both for link in regression.LINKS]

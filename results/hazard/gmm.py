@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from toppling.models.errors import InputError
-from toppling.results.exchange import OPENQUAKE_G_M_S2
+from toppling.models.motions.measures import STANDARD_G_M_S2
 
 MODELS = {
     "ask14": "AbrahamsonSilvaKamai2014",
@@ -163,11 +163,11 @@ class GroundMotionModel:
     def _read(self, model: Any) -> tuple[float, float]:
         period = MEASURES[self.measure]
         if self.measure == "pga_m_s2":
-            median, sigma = model.pga * OPENQUAKE_G_M_S2, model.ln_std_pga
+            median, sigma = model.pga * STANDARD_G_M_S2, model.ln_std_pga
         elif period is None:
             median, sigma = model.pgv / 100.0, model.ln_std_pgv
         else:
-            median = model.interp_spec_accels([period])[0] * OPENQUAKE_G_M_S2
+            median = model.interp_spec_accels([period])[0] * STANDARD_G_M_S2
             sigma = model.interp_ln_stds([period])[0]
         return math.log(float(median) * self.ratio), float(sigma)
 

@@ -2,12 +2,12 @@
 
 import re
 
-from toppling.results.exchange import OPENQUAKE, OPENQUAKE_G_M_S2
+from toppling.models.motions.measures import OPENQUAKE, STANDARD_G_M_S2
 
 _SA = re.compile(r"SA(?:\((\d+(?:\.\d+)?)\)|(\d+)P(\d+))")
 _SA_COLUMN = re.compile(r"sa_(\d+(?:\.\d+)?)s_m_s2")
 _UNITS = {
-    "g": OPENQUAKE_G_M_S2, "m/s2": 1.0, "m/s^2": 1.0, "m/s²": 1.0, "cm/s2": 0.01, "cm/s^2": 0.01, "cm/s²": 0.01,
+    "g": STANDARD_G_M_S2, "m/s2": 1.0, "m/s^2": 1.0, "m/s²": 1.0, "cm/s2": 0.01, "cm/s^2": 0.01, "cm/s²": 0.01,
     "gal": 0.01, "m/s": 1.0, "cm/s": 0.01, "m": 1.0, "cm": 0.01,
 }  # fmt: skip
 """SI units a unit is."""
@@ -31,7 +31,7 @@ def measure_of(imt: str) -> tuple[str, float] | None:
             return column, 1.0 / per_si
     if found := _SA.fullmatch(imt):
         period = found[1] or f"{found[2]}.{found[3]}"
-        return sa_column(float(period)), OPENQUAKE_G_M_S2
+        return sa_column(float(period)), STANDARD_G_M_S2
     return None
 
 
@@ -40,7 +40,7 @@ def imt_of(column: str) -> tuple[str, float]:
     if column in OPENQUAKE:
         return OPENQUAKE[column]
     if found := _SA_COLUMN.fullmatch(column):
-        return f"SA({float(found[1])})", 1.0 / OPENQUAKE_G_M_S2
+        return f"SA({float(found[1])})", 1.0 / STANDARD_G_M_S2
     msg = f"{column} has no name in OpenQuake"
     raise ValueError(msg)
 

@@ -12,6 +12,7 @@ from answers import sorted_answers
 
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.idealised import ricker
+from toppling.models.motions.measures import LEVEL_MEASURES
 from toppling.models.motions.record import Record
 from toppling.models.scene import Scene
 from toppling.orchestrator.asked import Asked
@@ -21,7 +22,6 @@ from toppling.orchestrator.run import run
 from toppling.orchestrator.status import state_of
 from toppling.orchestrator.studies.first_statement import FirstStatement
 from toppling.orchestrator.studies.precision import JobsForPrecision, pools
-from toppling.results.precision import MEASURES
 from toppling.results.precision.statement import statements_of
 from toppling.results.run import open_run
 from toppling.workers.job import Assets, run_job
@@ -91,12 +91,12 @@ def test_rows_are_those_of_one_process_that_follows_the_rounds(whole, planned, a
 def test_the_measures_that_levels_are_chosen_by_are_those_imposed(whole, planned, asking):
     frame = open_run(whole).frame().set_index("job_id")
     catalog = Ensemble.load(asking.ensemble).catalog.to_pandas().set_index("record_id").sort_index()
-    (pool,) = pools(planned, catalog, list(MEASURES)).values()
+    (pool,) = pools(planned, catalog, list(LEVEL_MEASURES)).values()
     ids = planned.jobs["job_id"].to_pylist()
     for record, cell, level in np.ndindex(*pool.rows.shape):
         job_id = ids[pool.rows[record, cell, level]]
         if job_id in frame.index:
-            for name in MEASURES:
+            for name in LEVEL_MEASURES:
                 assert frame.loc[job_id, name] == pytest.approx(np.exp(pool.log_x[name][record, level]))
 
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from toppling.models.errors import InputError
 from toppling.models.motions.ensemble import CATALOG, Ensemble
+from toppling.models.motions.measures import COMPARED
 from toppling.models.scene import Scene
 from toppling.results import fits, lognormal, ranking, regression, resampling
 from toppling.results.completeness import Completeness
@@ -62,7 +63,7 @@ class Contact:
     @cached_property
     def models(self) -> list[tuple[regression.Fit, lognormal.Resampled | None]]:
         """Fit of each single measure with its samples, in the ranking's order."""
-        singles = [name for name in self.ranking["measures"] if name in fits.MEASURES]
+        singles = [name for name in self.ranking["measures"] if name in COMPARED]
         models = [regression.fit(self.known, [name]) for name in singles]
         return [
             (one, None if one.problem else resampling.bootstrap(self.known, one, self.samples))

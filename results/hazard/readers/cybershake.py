@@ -7,7 +7,7 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
-from toppling.results.exchange import OPENQUAKE_G_M_S2
+from toppling.models.motions.measures import STANDARD_G_M_S2
 from toppling.results.hazard.curves import curve_of_probabilities
 from toppling.results.hazard.measures import measure_of, sa_column
 from toppling.results.hazard.readers.statement import Hints, Statement, number, refuse
@@ -35,15 +35,11 @@ def read(path: Path, lines: Sequence[str], hints: Hints) -> list[Statement]:
     if named and named["period"]:
         known: tuple[str, float] | None = (
             sa_column(float(named["period"].replace("p", "."))),
-            OPENQUAKE_G_M_S2,
+            STANDARD_G_M_S2,
         )
     else:
         known = (
-            measure_of(named["imt"])
-            if named
-            else (hints.measure, OPENQUAKE_G_M_S2)
-            if hints.measure
-            else None
+            measure_of(named["imt"]) if named else (hints.measure, STANDARD_G_M_S2) if hints.measure else None
         )
     if known is None or (not named and known[0] == "pgv_m_s"):
         refuse(

@@ -7,7 +7,8 @@ import pytest
 
 from toppling.models.errors import InputError
 from toppling.models.motions.impose import impose
-from toppling.models.motions.intensity import SCALING_POWER, displacement_m, measure
+from toppling.models.motions.intensity import displacement_m, measure
+from toppling.models.motions.measures import SCALING_POWER
 from toppling.models.motions.motion import Motion
 from toppling.models.motions.record import Record
 from toppling.models.motions.synthetic import synthetic_ensemble

@@ -9,9 +9,9 @@ import pytest
 from click.testing import CliRunner
 from seeded import rows
 
+from toppling.models.motions.measures import STANDARD_G_M_S2 as G
 from toppling.orchestrator.cli import cli
 from toppling.results.drawing.run_figures import write_fits
-from toppling.results.exchange import OPENQUAKE_G_M_S2 as G
 from toppling.results.exchange import write_curves
 from toppling.results.lognormal import Basis, Lognormal
 from toppling.results.run import open_run

@@ -12,16 +12,15 @@ from scipy.stats import lognorm
 from seeded import rows
 
 from toppling.models.errors import InputError
+from toppling.models.motions.measures import COMPARED, OPENQUAKE
 from toppling.results.drawing.run_figures import write_fits
 from toppling.results.exchange import (
-    OPENQUAKE,
     moments,
     of_moments,
     read_curves,
     read_surface,
     write_curves,
 )
-from toppling.results.fits import MEASURES
 from toppling.results.fragility import CONTACT_COLUMNS
 from toppling.results.hazard.surfaces import Surface
 from toppling.results.lognormal import Basis, Lognormal, Resampled
@@ -202,9 +201,9 @@ def test_a_fit_leaves_no_curve_of_a_former_one_beside_it(tmp_path):
 
 def test_fits_over_measures_that_openquake_has_no_name_for_go_to_csv_and_json(tmp_path):
     pulse = ["pgv_pga_s", "toppled", "record_id", *CONTACT_COLUMNS]
-    frame = pd.DataFrame(rows(records=30, azimuths=(0.0,))).reindex(columns=[*MEASURES, *pulse])
+    frame = pd.DataFrame(rows(records=30, azimuths=(0.0,))).reindex(columns=[*COMPARED, *pulse])
     frame = frame.loc[:, ~frame.columns.duplicated()]
-    others = [measure for measure in MEASURES if measure in OPENQUAKE]
+    others = [measure for measure in COMPARED if measure in OPENQUAKE]
     # The measure that made the answers, under a name that OpenQuake lacks.
     unnamed = frame.assign(pgv_pga_s=frame["pgv_m_s"], **dict.fromkeys(others))
     written = {path.name for path in write_fits(unnamed, tmp_path, "rock", samples=2)}

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from toppling.models.errors import InputError
-from toppling.results.exchange import OPENQUAKE_G_M_S2 as G
+from toppling.models.motions.measures import STANDARD_G_M_S2 as G
 from toppling.results.hazard.ages import exposure, joint_ages, parse_age, parse_since
 from toppling.results.hazard.events import (
     EventBranch,

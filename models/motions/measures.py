@@ -1,0 +1,84 @@
+"""The intensity measures of a motion as imposed: each declared once, in the order in which rows have them.
+
+What computes them is :func:`toppling.models.motions.intensity.measure`; all other lists of measures follow from here.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+STANDARD_G_M_S2 = 9.80665
+
+
+@dataclass(frozen=True, slots=True)
+class Measure:
+    """One intensity measure.
+
+    Parameters
+    ----------
+    description : str
+        Of the columns of catalogues and rows; its unit is the end of its name.
+    scaling_power : int or None
+        Power of the scale by which it grows with the motion; None of an azimuth, which turns with it.
+    short_name : str
+        As people call it; its own name if empty.
+    compared : bool
+        Whether curves are fitted over it and runs rank it.
+    vertical : bool
+        Whether it is of the vertical shaking, which topples nothing by itself: no level is chosen by it.
+    openquake : pair of str and float, or None
+        OpenQuake's name (hazardlib/imt.py), and the factor from SI to OpenQuake's unit.
+    added_later : bool
+        Whether catalogues and rows of the present schema version may lack it: they were written before it.
+    """
+
+    description: str
+    scaling_power: int | None
+    short_name: str = ""
+    compared: bool = False
+    vertical: bool = False
+    openquake: tuple[str, float] | None = None
+    added_later: bool = False
+
+
+_IN_G = 1 / STANDARD_G_M_S2
+_SPECTRAL = "pseudo-spectral acceleration at {} s, 5 % damping, largest of all azimuths"
+
+# fmt: off
+MEASURES: Mapping[str, Measure] = {
+    "pga_m_s2": Measure("peak of the horizontal acceleration vector", 1, "PGA", True, openquake=("PGA", _IN_G)),
+    "pgv_m_s": Measure("peak of the horizontal velocity vector", 1, "PGV", True, openquake=("PGV", 100.0)),
+    "pgv_pga_s": Measure("pgv_m_s over pga_m_s2: how long the strongest pulse is", 0, "PGV/PGA", True),
+    "pga_azimuth_deg": Measure("azimuth of the horizontal acceleration at its peak", None),
+    "pgd_m": Measure("peak of the horizontal displacement vector", 1, "PGD", True, openquake=("PGD", 100.0)),
+    "pga_vertical_m_s2": Measure("peak of the vertical acceleration's size", 1, "vertical PGA", True, vertical=True),
+    "arias_m_s": Measure(
+        "Arias intensity, sum of the two horizontal components", 2, "Arias intensity", True, openquake=("IA", 1.0)
+    ),
+    "cav_m_s": Measure(
+        "cumulative absolute velocity of the horizontal vector", 1, "CAV", True, openquake=("CAV", _IN_G)
+    ),
+    "duration_energy_s": Measure(
+        "5 to 95 % of the stronger component's integrated squared velocity (Anderson 2004)", 0, "duration", True
+    ),
+    "duration_arias_s": Measure("5 to 95 % of the horizontal vector's integrated squared acceleration", 0),
+    "sa_1s_m_s2": Measure(_SPECTRAL.format(1), 1, "SA(1 s)", True, openquake=("SA(1.0)", _IN_G)),
+    "sa_2s_m_s2": Measure(_SPECTRAL.format(2), 1, "SA(2 s)", True, openquake=("SA(2.0)", _IN_G)),
+    "directionality": Measure("share of PGA reached over 22.5 deg off its azimuth", 0),
+}
+# fmt: on
+
+SCALING_POWER = {
+    name: each.scaling_power for name, each in MEASURES.items() if each.scaling_power is not None
+}
+"""Measures that follow a scaled and turned motion, with the power of the scale by which they grow."""
+
+COMPARED = tuple(name for name, each in MEASURES.items() if each.compared)
+"""Measures over which curves are fitted, and which are ranked."""
+
+LEVEL_MEASURES = tuple(
+    name for name in COMPARED if MEASURES[name].scaling_power and not MEASURES[name].vertical
+)
+"""Measures of the horizontal shaking that grow with its scale, so that a level is a choice of them."""
+
+OPENQUAKE = {name: each.openquake for name, each in MEASURES.items() if each.openquake}
+"""OpenQuake's name and the factor from SI to its unit, by measure."""

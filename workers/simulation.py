@@ -21,59 +21,68 @@ NOT, RAISED, EXACT = 0, 1, 2
 """How an engine's world has the rock in the latest pose: not; a little higher; as it is, with its velocity."""
 
 STATE = np.dtype(
-    [
-        ("last", "i8"),  # index of the latest pose: `append`, and who takes a step back
-        ("grid", "i8"),  # steps from time 0 to it: the integrator's loop, `rest_until`
-        ("rests", "i8"),  # whether the rock rests in the latest pose: the same
-        ("steps", "i8"),  # taken, repeated ones included: the integrator
-        ("engine_steps", "i8"),  # those of them that the engine took or checked: the integrator
-        ("set", "i8"),  # set of contact candidates, by the tilt that it serves: the integrator
-        ("widest", "i8"),  # that of all so far: the same
-        # least coefficient at which the latest step's contacts stick, 0 unless known: contact/sticking.py
-        ("needed_friction", "f8"),
-        # when slip began, in steps after the middle of the latest one; negative if it did not: the same
-        ("slips_after", "f8"),
-        (
-            "offset_for_s",
-            "f8",
-        ),  # active points stand off as a step of this duration wants it: contact/offset.py
-        ("world", "i8"),  # set whose world holds the rock, -1 for none: the engine
-        ("placed", "i8"),  # how: whoever changes the latest pose or velocity
-        ("axes_rad", "f8"),  # of the engine's friction: the engine
-        ("near_share", "f8"),  # of R: within it the engine was told of contacts: the engine
-        ("draw", "u8"),  # decides which of the own steps the engine repeats: the integrator
-        ("unlike", "f8"),  # by which its step differed from one of those, 0 where it agrees: the integrator
-    ]
+    (
+        np.record,
+        [
+            ("last", "i8"),  # index of the latest pose: `append`, and who takes a step back
+            ("grid", "i8"),  # steps from time 0 to it: the integrator's loop, `rest_until`
+            ("rests", "i8"),  # whether the rock rests in the latest pose: the same
+            ("steps", "i8"),  # taken, repeated ones included: the integrator
+            ("engine_steps", "i8"),  # those of them that the engine took or checked: the integrator
+            ("set", "i8"),  # set of contact candidates, by the tilt that it serves: the integrator
+            ("widest", "i8"),  # that of all so far: the same
+            # least coefficient at which the latest step's contacts stick, 0 unless known: contact/sticking.py
+            ("needed_friction", "f8"),
+            # when slip began, in steps after the middle of the latest one; negative if it did not: the same
+            ("slips_after", "f8"),
+            (
+                "offset_for_s",
+                "f8",
+            ),  # active points stand off as a step of this duration wants it: contact/offset.py
+            ("world", "i8"),  # set whose world holds the rock, -1 for none: the engine
+            ("placed", "i8"),  # how: whoever changes the latest pose or velocity
+            ("axes_rad", "f8"),  # of the engine's friction: the engine
+            ("near_share", "f8"),  # of R: within it the engine was told of contacts: the engine
+            ("draw", "u8"),  # decides which of the own steps the engine repeats: the integrator
+            (
+                "unlike",
+                "f8",
+            ),  # by which its step differed from one of those, 0 where it agrees: the integrator
+        ],
+    )
 )
 
 _WHOLE = ("repeated_parts", "most", "engine_tries")
 
 FIXED = np.dtype(
-    [
-        *(
-            (name, "i8" if name in _WHOLE else "f8")
-            for name in (*ContactOptions._fields, *ImpactOptions._fields)
-        ),
-        ("step_s", "f8"),
-        ("sample_s", "f8"),  # of the ground's motion
-        ("half_diagonal_m", "f8"),
-        ("radius_m", "f8"),  # of the spheres that stand for the candidates in an engine
-        ("touching_m", "f8"),  # gap up to which a candidate touches
-        ("carrying_m", "f8"),  # the same of candidates that an engine has left where they carry
-        ("resting_m", "f8"),  # the same of a rock at rest
-        ("resolved_m_s", "f8"),
-        ("allowed_m_s", "f8"),
-        ("friction_static", "f8"),
-        ("restitution", "f8"),
-        ("checked_steps", "f8"),  # share of the own steps that the engine repeats
-        ("two_frictions", "i8"),  # whether the kinetic friction is another one
-        ("own_steps", "i8"),  # whether steps on contacts that stick are taken without the engine
-        ("skips_rest", "i8"),
-        ("flat", "i8"),  # whether all candidates meet one plane, z = 0
-        ("inertia_m2", "f8", 3),  # principal, over mass
-        ("upright", "f8", 3),  # the normal in body axes in the pose of the scene
-        ("gravity_m_s2", "f8", 3),
-    ]
+    (
+        np.record,
+        [
+            *(
+                (name, "i8" if name in _WHOLE else "f8")
+                for name in (*ContactOptions._fields, *ImpactOptions._fields)
+            ),
+            ("step_s", "f8"),
+            ("sample_s", "f8"),  # of the ground's motion
+            ("half_diagonal_m", "f8"),
+            ("radius_m", "f8"),  # of the spheres that stand for the candidates in an engine
+            ("touching_m", "f8"),  # gap up to which a candidate touches
+            ("carrying_m", "f8"),  # the same of candidates that an engine has left where they carry
+            ("resting_m", "f8"),  # the same of a rock at rest
+            ("resolved_m_s", "f8"),
+            ("allowed_m_s", "f8"),
+            ("friction_static", "f8"),
+            ("restitution", "f8"),
+            ("checked_steps", "f8"),  # share of the own steps that the engine repeats
+            ("two_frictions", "i8"),  # whether the kinetic friction is another one
+            ("own_steps", "i8"),  # whether steps on contacts that stick are taken without the engine
+            ("skips_rest", "i8"),
+            ("flat", "i8"),  # whether all candidates meet one plane, z = 0
+            ("inertia_m2", "f8", 3),  # principal, over mass
+            ("upright", "f8", 3),  # the normal in body axes in the pose of the scene
+            ("gravity_m_s2", "f8", 3),
+        ],
+    )
 )
 """What does not change in a shake: options, the rock, its contact."""
 

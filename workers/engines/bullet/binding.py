@@ -8,17 +8,22 @@ from typing import Any
 
 import llvmlite.binding
 
-from toppling.models.numba_alone import intrinsic, types
+from toppling.models.numba_alone import intrinsic, numba, types
 
 _PATH = str(importlib.util.find_spec("pybullet").origin)  # type: ignore[union-attr]
 LIBRARY = ctypes.CDLL(_PATH)
 llvmlite.binding.load_library_permanently(_PATH)  # where compiled code, cached code too, finds its functions
 
 _ADDRESS, _NUMBER, _INDEX = types.intp, types.float64, types.int32
+_IN_C = {_ADDRESS: ctypes.c_ssize_t, _NUMBER: ctypes.c_double, _INDEX: ctypes.c_int32, types.void: None}
 
 
 def _compiled(name: str, result: Any, *arguments: Any) -> Any:
-    """A C function, for compiled code."""
+    """A C function, for compiled code, or for the same code in a debugger."""
+    if numba.core.config.DISABLE_JIT:
+        function = LIBRARY[name]
+        function.restype, *function.argtypes = (_IN_C[each] for each in (result, *arguments))
+        return function
     return types.ExternalFunction(name, result(*arguments))
 
 
@@ -61,3 +66,10 @@ def pointer(typing_context: Any, address: Any) -> Any:  # noqa: ARG001  (numba's
         return builder.inttoptr(arguments[0], context.get_value_type(signature.return_type))
 
     return types.voidptr(types.intp), code
+
+
+if numba.core.config.DISABLE_JIT:
+
+    def pointer(address: int) -> ctypes.c_void_p:
+        """An address as a pointer."""
+        return ctypes.c_void_p(int(address))

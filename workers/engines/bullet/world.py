@@ -30,27 +30,30 @@ COLD_ITERATIONS = 200
 """Of the contact solver in the first step of a new state, at least."""
 
 WORLD = np.dtype(
-    [
-        ("client", "i8"),  # address of Bullet's client
-        ("rock", "i4"),
-        ("ground", "i4"),
-        ("points", "i8"),  # how many of the rock's contact points it holds, from the first
-        ("step_s", "f8"),
-        ("weightless", "i8"),  # whether its gravity is off
-        ("cold", "i8"),  # whether the next step is the first in a new state
-        ("iterations", "i8"),
-        ("cold_iterations", "i8"),
-        ("residual_share", "f8"),  # of the impulse: the solver stops once none changes by more
-        ("impulse_m_s", "f8"),  # velocity that gravity gives in a step
-        ("near_share", "f8"),  # of R: within it contacts are prepared, unless told otherwise
-        ("axes_rad", "f8"),  # to which it is turned against the support frame
-        ("inertia_m2", "f8", 3),  # principal, over mass
-        ("friction", "f8"),  # present coefficient
-        ("friction_static", "f8"),
-        ("friction_kinetic", "f8"),
-        ("restitution", "f8"),
-        ("friction_resultant", "f8", 3),  # latest resultant of friction, support frame
-    ]
+    (
+        np.record,
+        [
+            ("client", "i8"),  # address of Bullet's client
+            ("rock", "i4"),
+            ("ground", "i4"),
+            ("points", "i8"),  # how many of the rock's contact points it holds, from the first
+            ("step_s", "f8"),
+            ("weightless", "i8"),  # whether its gravity is off
+            ("cold", "i8"),  # whether the next step is the first in a new state
+            ("iterations", "i8"),
+            ("cold_iterations", "i8"),
+            ("residual_share", "f8"),  # of the impulse: the solver stops once none changes by more
+            ("impulse_m_s", "f8"),  # velocity that gravity gives in a step
+            ("near_share", "f8"),  # of R: within it contacts are prepared, unless told otherwise
+            ("axes_rad", "f8"),  # to which it is turned against the support frame
+            ("inertia_m2", "f8", 3),  # principal, over mass
+            ("friction", "f8"),  # present coefficient
+            ("friction_static", "f8"),
+            ("friction_kinetic", "f8"),
+            ("restitution", "f8"),
+            ("friction_resultant", "f8", 3),  # latest resultant of friction, support frame
+        ],
+    )
 )
 
 

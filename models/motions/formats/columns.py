@@ -24,7 +24,11 @@ _NUMBER = re.compile(r"^[-+]?((\d+\.?\d*|\.\d+)([EeDd][-+]?\d+)?|nan|inf)$", re.
 _EXPONENT = re.compile(r"(?<=[\d.])[Dd](?=[-+\d])")
 """Fortran's double precision, which is no number elsewhere."""
 _COMMA_NUMBER = re.compile(r"[-+]?(?:\d+,?\d*|,\d+)(?:[EeDd][-+]?\d+)?$")
-_BETWEEN = re.compile(r",(?=\s|;|$)")
+SEPARATORS = ";\t,"
+"""What stands between numbers, beside blanks; of names the first of these that a line has."""
+_AS_BLANKS = str.maketrans(dict.fromkeys(SEPARATORS, " "))
+_NOT_COMMA = SEPARATORS.replace(",", "")
+_BETWEEN = re.compile(rf",(?=[\s{_NOT_COMMA}]|$)")
 """A comma with a blank behind it, which stands between two numbers whatever other commas do."""
 _WORD = re.compile(r"[^\s(\[]+\s*(?:[(\[][^)\]]*[)\]])?")
 _BRACKETS = re.compile(r"[(\[]([^)\]]*)[)\]]")
@@ -170,8 +174,8 @@ def _units_below(names: str, units: str) -> list["_Column"] | None:
 
 def _columns(line: str, width: int) -> list[_Column]:
     """Columns as a line names them; none if it is a comment of another number of words, which is no header."""
-    text = line.strip().lstrip("".join(COMMENT)).strip(" ,;\t")
-    between = next((separator for separator in ";\t," if separator in text), None)
+    text = line.strip().lstrip("".join(COMMENT)).strip(f" {SEPARATORS}")
+    between = next((separator for separator in SEPARATORS if separator in text), None)
     parts = text.split(between) if between else _WORD.findall(text)
     found = [_Column(_BRACKETS.sub("", part).strip(" \"'_:."), _unit(part)) for part in parts]
     return [] if len(found) != width and line.lstrip().startswith(COMMENT) else found
@@ -279,7 +283,8 @@ def _is_decimal_comma(lines: list[str]) -> bool:
 
     One comma a line may be either: it stands between two columns if what is before it goes on as times do.
     """
-    rows = [re.split(r"[;\s]+", _BETWEEN.sub(" ", line.strip(" ,;\t"))) for line in lines if _is_body(line)]
+    bare = [_BETWEEN.sub(" ", line.strip(f" {SEPARATORS}")) for line in lines if _is_body(line)]
+    rows = [re.split(rf"[\s{_NOT_COMMA}]+", line) for line in bare]
     numbers = [number for row in rows for number in row]
     if not any("," in number for number in numbers) or not all(map(_COMMA_NUMBER.match, numbers)):
         return False
@@ -297,7 +302,7 @@ def _separated(line: str, decimal_comma: bool) -> str:
     """Line with a blank between its numbers, and their decimals behind a point."""
     if decimal_comma:
         line = _BETWEEN.sub(" ", line).replace(",", ".")
-    return line.replace(",", " ").replace(";", " ")
+    return line.translate(_AS_BLANKS)
 
 
 def _split(line: str, decimal_comma: bool) -> list[str]:

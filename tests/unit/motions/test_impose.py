@@ -8,7 +8,7 @@ import pytest
 from toppling.models.errors import InputError
 from toppling.models.motions.impose import impose
 from toppling.models.motions.intensity import displacement_m, measure
-from toppling.models.motions.measures import SCALING_POWER
+from toppling.models.motions.measures import MEASURES, SCALING_POWER, Measure
 from toppling.models.motions.motion import Motion
 from toppling.models.motions.record import Record
 from toppling.models.motions.synthetic import synthetic_ensemble
@@ -80,3 +80,9 @@ def test_it_costs_under_two_milliseconds_at_the_length_of_a_long_record(record):
 def test_a_level_that_is_not_positive_is_refused(record, level):
     with pytest.raises(InputError, match="pga_m_s2"):
         impose(record, level, 0.0)
+
+
+def test_a_catalogue_from_before_a_measure_was_added_leaves_it_out(record, monkeypatch):
+    monkeypatch.setitem(SCALING_POWER, "rms_m_s2", 1)
+    monkeypatch.setitem(MEASURES, "rms_m_s2", Measure("root mean square", 1, added_later=True))
+    assert set(impose(record, 3.0, 0.0).intensity) == {*SCALING_POWER, "pga_azimuth_deg"} - {"rms_m_s2"}

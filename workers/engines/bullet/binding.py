@@ -15,14 +15,19 @@ LIBRARY = ctypes.CDLL(_PATH)
 llvmlite.binding.load_library_permanently(_PATH)  # where compiled code, cached code too, finds its functions
 
 _ADDRESS, _NUMBER, _INDEX = types.intp, types.float64, types.int32
-_IN_C = {_ADDRESS: ctypes.c_ssize_t, _NUMBER: ctypes.c_double, _INDEX: ctypes.c_int32, types.void: None}
+_IN_C: dict[Any, Any] = {
+    _ADDRESS: ctypes.c_ssize_t,
+    _NUMBER: ctypes.c_double,
+    _INDEX: ctypes.c_int32,
+    types.void: None,
+}
 
 
 def _compiled(name: str, result: Any, *arguments: Any) -> Any:
     """A C function, for compiled code, or for the same code in a debugger."""
     if numba.core.config.DISABLE_JIT:
         function = LIBRARY[name]
-        function.restype, *function.argtypes = (_IN_C[each] for each in (result, *arguments))
+        function.restype, function.argtypes = _IN_C[result], [_IN_C[each] for each in arguments]
         return function
     return types.ExternalFunction(name, result(*arguments))
 
@@ -59,7 +64,7 @@ get_contacts = _compiled("b3GetContactPointInformation", types.void, _ADDRESS, _
 
 
 @intrinsic
-def pointer(typing_context: Any, address: Any) -> Any:  # noqa: ARG001  (numba's signature)
+def _compiled_pointer(typing_context: Any, address: Any) -> Any:  # noqa: ARG001  (numba's signature)
     """An address as a pointer."""
 
     def code(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -68,8 +73,9 @@ def pointer(typing_context: Any, address: Any) -> Any:  # noqa: ARG001  (numba's
     return types.voidptr(types.intp), code
 
 
-if numba.core.config.DISABLE_JIT:
+def _python_pointer(address: int) -> ctypes.c_void_p:
+    return ctypes.c_void_p(int(address))
 
-    def pointer(address: int) -> ctypes.c_void_p:
-        """An address as a pointer."""
-        return ctypes.c_void_p(int(address))
+
+pointer: Any = _python_pointer if numba.core.config.DISABLE_JIT else _compiled_pointer
+"""An address as a pointer."""

@@ -44,6 +44,10 @@ class Placement:
         """Metres (n, 3) of places in the model."""
         return self.scale * (points @ self.turn.T) + self.shift_m
 
+    def undo(self, points_m: Array) -> Array:
+        """Places of the model (n, 3) that lie there in metres."""
+        return ((points_m - self.shift_m) / self.scale) @ self.turn
+
 
 def placement_of(
     up: str | Sequence[float] | None = None,

@@ -4,12 +4,15 @@ import dataclasses
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, cast
 
 from toppling.models.documents import shown
 from toppling.models.errors import refusals
+from toppling.models.lengths import METRES
+from toppling.models.scan.hints_file import Hints
 from toppling.models.scan.inspection import Inspection, inspection_of
 from toppling.models.scan.interface_hint import InterfaceHint, hint_of
+from toppling.models.scan.placement import upward
 
 MOST_PLACES = 1000
 """Of a kind."""
@@ -19,8 +22,7 @@ FEWEST_POINTS = 3
 Place = tuple[float, ...]
 
 _unusable = refusals(
-    expected="hints by name, each a list of numbers (near, plane) or a list of such lists (point, touch, daylight, "
-    "pull)",
+    expected="hints by the names of options: words (units, up), numbers (near, plane, length) or lists of numbers",
     remedy="load the page again",
 )
 
@@ -31,11 +33,18 @@ class Said:
 
     Parameters
     ----------
+    units, up : str, optional
+        As the options of `toppling scan`; `up` may be three numbers, separated by commas.
+    length : tuple of (tuple, tuple, float), optional
+        Two places of the model, in its own coordinates, and the metres between them.
     near, plane : tuple of float, optional
     point, touch, daylight, pull : tuple of tuple of float
         As the options of `toppling scan`.
     """
 
+    units: str | None = None
+    up: str | None = None
+    length: tuple[Place, Place, float] | None = None
     near: Place | None = None
     plane: Place | None = None
     point: tuple[Place, ...] = ()
@@ -56,21 +65,36 @@ class Said:
             raise _unusable(f"{shown(content)} is no table of hints", "the page")
         values: dict[str, Any] = {}
         for name, value in content.items():
-            if name in ONE and value is not None:
+            if value is None and name in (*ONE, *WORDS, "length"):
+                continue
+            if name in ONE:
                 values[name] = _numbers(value, ONE[name], name)
+            elif name == "length":
+                values[name] = _length(value)
+            elif name in WORDS:
+                values[name] = _word(value, WORDS[name], name)
             elif name in MANY:
                 if not isinstance(value, list) or len(value) > MOST_PLACES:
                     raise _unusable(f"{name} is {shown(value)}", "the page")
                 values[name] = tuple(_numbers(each, MANY[name], name) for each in value)
-            elif name not in ONE:
+            else:
                 raise _unusable(f"{shown(name)} is no hint", "the page")
         return cls(**values)
+
+    @property
+    def of_the_cloud(self) -> "Said":
+        """What changes the coordinates of the cloud."""
+        return Said(self.units, self.up, self.length)
 
     @property
     def of_the_split(self) -> "Said":
         """What changes the rock and its interface, and not the base alone."""
         points = self.point if len(self.point) >= FEWEST_POINTS else ()
-        return Said(self.near, self.plane, points)
+        return dataclasses.replace(self.of_the_cloud, near=self.near, plane=self.plane, point=points)
+
+    def hints(self) -> Hints:
+        """The same for those who read and write hints; points that make no interface yet are left out."""
+        return cast(Hints, dataclasses.asdict(self) | {"point": self.of_the_split.point})
 
     def hint(self) -> InterfaceHint | None:
         """The interface that is meant; none yet while points are too few."""
@@ -88,6 +112,26 @@ class Said:
 ONE = {"near": 2, "plane": 5}
 MANY = {"point": 3, "touch": 3, "daylight": 3, "pull": 2}
 """Numbers in each, by name."""
+
+
+WORDS = {"units": tuple(METRES), "up": ()}
+"""What each word may be; of the upward axis its reader decides."""
+LONGEST_WORD = 100
+
+
+def _word(value: Any, among: tuple[str, ...], name: str) -> str:
+    if not isinstance(value, str) or len(value) > LONGEST_WORD or (among and value not in among):
+        raise _unusable(f"{name} is {shown(value)}", "the page")
+    if name == "up":
+        upward(value)
+    return value
+
+
+def _length(value: Any) -> tuple[Place, Place, float]:
+    if not isinstance(value, list) or len(value) != 3:
+        raise _unusable(f"length is {shown(value)}", "the page")
+    start, end = (_numbers(each, 3, "length") for each in value[:2])
+    return start, end, _numbers(value[2:], 1, "length")[0]
 
 
 def _numbers(value: Any, count: int, name: str) -> Place:

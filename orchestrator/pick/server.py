@@ -23,6 +23,7 @@ FILES = {
     "": ("pick/page.html", HTML),
     "pick.css": ("pick/pick.css", STYLE),
     "pick.js": ("pick/pick.js", SCRIPT),
+    "handles.js": ("pick/handles.js", SCRIPT),
     "stage.js": ("pick/stage.js", SCRIPT),
     "plot.js": ("pick/plot.js", SCRIPT),
     "three.js": ("vendor/three.min.js", SCRIPT),
@@ -99,7 +100,7 @@ class _Answers(Answers):
         if asked == "hints":
             picking.say(Said.of(content))
         elif asked == "pick":
-            return {"place_m": picking.pick(*(_place(content, name) for name in ("at_m", "eye_m")))}
+            return picking.pick(*(_place(content, name) for name in ("at_m", "eye_m")))
         elif asked == "save":
             picking.save()
         else:

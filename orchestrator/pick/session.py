@@ -2,6 +2,7 @@
 
 import dataclasses
 import threading
+import traceback
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -10,7 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from toppling.models.errors import InputError
+from toppling.models.lengths import METRES
 from toppling.models.scan.candidates import LEAST_CONCAVE_SHARE, find_candidates, surfels_of
+from toppling.models.scan.placement import Placement
 from toppling.models.scan.read import Cloud
 from toppling.models.scan.register import Registered, registered
 from toppling.models.scan.survey import Survey, work_out
@@ -19,6 +22,7 @@ from toppling.models.scan.worked_out import WorkedOut
 from toppling.orchestrator.pick.said import Said
 from toppling.orchestrator.pick.shown import told, tops, view_of
 
+Read = Callable[[Said], "Placed"]
 Write = Callable[[Survey, Said], None]
 
 
@@ -48,12 +52,45 @@ class Answer:
     survey: Survey | None = None
 
 
+@dataclass(frozen=True, eq=False)
+class Placed:
+    """A cloud, and how its coordinates came from those of its files.
+
+    Parameters
+    ----------
+    cloud : Cloud
+    placement : Placement
+    refused : bool
+        Whether it is shown only, as it lies on its side or in another unit.
+    """
+
+    cloud: Cloud
+    placement: Placement
+    refused: bool = False
+
+    @property
+    def _metres_per_unit(self) -> NDArray[np.float64]:
+        across, up = self.cloud.sources[0].metres_per_unit if self.cloud.sources else (1.0, 1.0)
+        return np.array([across, across, up])
+
+    def model(self, places_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Coordinates (n, 3) in the files of places in metres."""
+        return self.placement.undo(places_m) / self._metres_per_unit
+
+    def metres(self, places: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Metres (n, 3) of places in the files' coordinates."""
+        return self.placement.apply(places * self._metres_per_unit)
+
+
 class Picking:
     """A cloud, the hints on it, and what they give.
 
     Parameters
     ----------
-    cloud : Cloud
+    placed : Placed
+        What is shown at first.
+    read : callable
+        Reads the clouds as hints place them.
     bootstrap : int
         Half samples for the uncertainty.
     write : callable
@@ -65,22 +102,23 @@ class Picking:
     """
 
     def __init__(
-        self, cloud: Cloud, bootstrap: int, write: Write, target: str, said: Said | None = None
+        self, placed: Placed, read: Read, bootstrap: int, write: Write, target: str, said: Said
     ) -> None:
-        self._bootstrap, self._write, self._target = bootstrap, write, target
-        self._cloud = cloud
+        self._read, self._bootstrap, self._write, self._target = read, bootstrap, write, target
+        self._placed = placed
+        self._placed_by = None if placed.refused else said.of_the_cloud
         self._registered: Registered | None = None
         self._error: dict[str, str] | None = None
         self._stage = "reading"
         self._changed = threading.Condition()
         self._number = 1
-        self._said = said or Said()
+        self._said = said
         self._wanted, self._working, self._done = 1, 0, 0
         self._saving, self._saved, self._ended = False, 0, False
         self._answer: Answer | None = None
         self._drawn: dict[Said, Answer] = {}  # of one split, for who takes a hint back
         self._candidates: list[dict[str, Any]] | None = None
-        self.view = view_of(cloud.points_m, None, 0)
+        self.view = view_of(placed.cloud.points_m, None, 0)
 
     # What a page asks and says, from any thread.
 
@@ -96,22 +134,26 @@ class Picking:
         """Stop working."""
         self._set(_ended=True)
 
-    def pick(self, at_m: NDArray[np.float64], eye_m: NDArray[np.float64]) -> list[float]:
-        """Survey coordinates of the point that is meant by a place (3,) on the ray of a click and the eye (3,)."""
+    def pick(self, at_m: NDArray[np.float64], eye_m: NDArray[np.float64]) -> dict[str, list[float]]:
+        """The point that is meant by a place (3,) on a click's ray and the eye (3,): as surveyed, and in its file."""
         cloud = self._known
         row = picked(cloud.points_m, at_m, eye_m, min(self.view.spacings_m))
-        return np.round(cloud.points_m[row] + cloud.origin_m, 4).tolist()
+        place = np.round(cloud.points_m[row] + cloud.origin_m, 4)
+        return {"place_m": place.tolist(), "model": self._placed.model(place[None])[0].tolist()}
 
     def state(self) -> dict[str, Any]:
         """Everything but the points, in plain values."""
         with self._changed:
-            answer, view, cloud = self._answer, self.view, self._known
+            answer, view, cloud, length = self._answer, self.view, self._known, self._said.length
             state: dict[str, Any] = {
                 "number": self._number,
                 "origin_m": cloud.origin_m.tolist(),
                 "points": len(cloud.points_m),
                 "view": {"number": view.number, "counts": view.counts, "spacings_m": view.spacings_m},
+                "units": list(METRES),
+                "surveyed": self._placed.placement.by.startswith("--gcp"),
                 "hints": self._said.to_json(),
+                "ends_m": None if length is None else self._placed.metres(np.array(length[:2])).tolist(),
                 "stage": self._stage,
                 "error": self._error,
                 "candidates": self._candidates,
@@ -146,8 +188,8 @@ class Picking:
                 error = None
             except SupersededError:
                 continue
-            except (InputError, OSError) as refused:
-                error = _plain(refused)
+            except Exception as failed:  # whatever it is, the page tells it and goes on
+                error = _plain(failed)
             saving = self._saving and stale and error is None
             self._set(_done=self._working, _stage="", _saving=saving, _error=error)
             if self._candidates is None:
@@ -156,10 +198,12 @@ class Picking:
     def _follow(self, said: Said) -> None:
         """Work hints out, as far as they change what is known."""
         hint, inspection = said.hint(), said.inspection()
+        if self._placed_by != said.of_the_cloud:
+            self._place(said)
         answer = self._answer
         if answer is None or answer.said.of_the_split != said.of_the_split:
             self._note("registering stations")
-            self._registered = self._registered or registered(self._cloud)
+            self._registered = self._registered or registered(self._placed.cloud)
             near = None if said.near is None else (said.near[0], said.near[1])
             answer = Answer(
                 said, *work_out(self._registered, self._note, near, hint, self._bootstrap, inspection)
@@ -177,6 +221,20 @@ class Picking:
             survey = Survey(scene, answer.label, answer.notes, kept)
             self._drawn[said] = Answer(said, kept, answer.label, answer.notes, survey)
         self._set(_answer=self._drawn[said])
+
+    def _place(self, said: Said) -> None:
+        """Read the clouds as they are said to lie; nothing that was known of them holds any more."""
+        self._note("reading")
+        placed = self._read(said)
+        self._drawn.clear()
+        self._set(
+            _placed=placed,
+            _placed_by=said.of_the_cloud,
+            _registered=None,
+            _answer=None,
+            _candidates=None,
+            view=view_of(placed.cloud.points_m, None, self.view.number + 1),
+        )
 
     def _store(self) -> None:
         """Write the scene of the latest hints."""
@@ -206,7 +264,7 @@ class Picking:
 
     @property
     def _known(self) -> Cloud:
-        return self._registered.cloud if self._registered else self._cloud
+        return self._registered.cloud if self._registered else self._placed.cloud
 
     def _note(self, stage: str) -> None:
         """Tell the stage, or stop where newer hints wait."""
@@ -222,8 +280,11 @@ class Picking:
             self._changed.notify_all()
 
 
-def _plain(refused: Exception) -> dict[str, str]:
+def _plain(failed: Exception) -> dict[str, str]:
+    """An error as the page shows it; of one that nobody foresaw, the terminal has the place."""
     names = ("what", "where", "expected", "remedy")
-    if isinstance(refused, InputError):
-        return {name: getattr(refused, name) for name in names}
-    return dict.fromkeys(names, "") | {"what": str(refused)}
+    if isinstance(failed, InputError):
+        return {name: getattr(failed, name) for name in names}
+    if not isinstance(failed, OSError):
+        traceback.print_exception(failed)
+    return dict.fromkeys(names, "") | {"what": f"{type(failed).__name__}: {failed}"}

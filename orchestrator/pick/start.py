@@ -4,15 +4,21 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, cast
 
+from toppling.models.errors import InputError
 from toppling.models.folder import refuse_existing
 from toppling.models.scan.hints_file import OF_READING, CloudHints
 from toppling.models.scan.inspection import inspection_of
+from toppling.models.scan.placement import Placement
+from toppling.models.scan.read import read_clouds
 from toppling.models.scan.survey import Survey
 from toppling.orchestrator.pick.said import Said
 from toppling.orchestrator.pick.server import PickServer
-from toppling.orchestrator.pick.session import Picking
+from toppling.orchestrator.pick.session import Picking, Placed
 from toppling.orchestrator.public.making import Scanned, written
-from toppling.orchestrator.public.scan_files import hints_said, placed_cloud
+from toppling.orchestrator.public.scan_files import hints_said, placed_by, placed_cloud
+
+OF_THE_PAGE = ("units", "up", "length")
+"""What the page itself says of the files; the rest stays as the command was told."""
 
 
 def pick_server(
@@ -41,6 +47,9 @@ def pick_server(
     refuse_existing(out)
     known = inspection_of(given["contact"], given["pull"], given["touch"], given["daylight"])
     said = Said.of({
+        "units": given["units"],
+        "up": given["up"],
+        "length": given["length"] and [list(each) for each in given["length"][:2]] + [given["length"][2]],
         "near": given["near"] and list(given["near"]),
         "plane": given["plane"] and list(given["plane"]),
         "point": [list(each) for each in given["point"]],
@@ -49,15 +58,25 @@ def pick_server(
         "pull": [list(each) for each in known.pulls],
     })  # fmt: skip
     said.hint()
-    of_cloud = cast(CloudHints, {name: given[name] for name in OF_READING})
-    cloud = placed_cloud(files, of_cloud)
+    surveyed = cast(CloudHints, {name: given[name] for name in OF_READING if name not in OF_THE_PAGE})
     mine = False
 
     def write(survey: Survey, said: Said) -> None:
         nonlocal mine
-        hints = {**of_cloud, "near": said.near, "plane": said.plane, "point": said.of_the_split.point}
-        notes = written(survey, out, hints_said(hints, said.inspection()), replaces=mine)
+        notes = written(
+            survey, out, hints_said({**said.hints(), **surveyed}, said.inspection()), replaces=mine
+        )
         mine = True
         saved(Scanned(survey.scene, out, notes))
 
-    return PickServer(Picking(cloud, given["bootstrap"], write, str(out), said), port)
+    def read(said: Said) -> Placed:
+        hints: CloudHints = {**said.hints(), **surveyed}
+        return Placed(placed_cloud(files, hints), placed_by(hints)[0])
+
+    try:
+        placed = read(said)
+    except InputError:
+        # A model that lies on its side, or in another unit, is shown as it is, so that the page can place it.
+        as_it_is = Placement(says_up=True, says_scale=True)
+        placed = Placed(read_clouds(files, None, as_it_is), as_it_is, refused=True)
+    return PickServer(Picking(placed, read, given["bootstrap"], write, str(out), said), port)

@@ -13,7 +13,9 @@ from toppling.models.scene import Scene
 from toppling.models.spelling import did_you_mean
 
 if TYPE_CHECKING:
+    from toppling.models.scan.placement import Placement
     from toppling.models.scan.read import Cloud
+    from toppling.models.scan.reference import Reference
 
 
 def check_hints(hints: Mapping[str, object]) -> None:
@@ -39,8 +41,30 @@ def placed_cloud(files: Sequence[Path], hints: CloudHints) -> "Cloud":
         If a file cannot be read, or what is said contradicts itself.
     """
     from toppling.models.scan.parts import files_with, labelled, parts_of
-    from toppling.models.scan.placement import placement_of
     from toppling.models.scan.read import read_clouds
+
+    if (hints.get("rock") or hints.get("pedestal")) and hints.get("near"):
+        raise InputError(
+            "--near is given with --rock or --pedestal",
+            where="--near",
+            expected="one word on which rock is meant",
+            remedy="leave out --near: what was separated is known",
+        )
+    placement, system = placed_by(hints)
+    parts = parts_of(hints.get("rock"), hints.get("pedestal"))
+    every = files_with(files, parts)
+    return labelled(read_clouds(every, hints.get("units"), placement, system), every, parts)
+
+
+def placed_by(hints: CloudHints) -> "tuple[Placement, Reference | None]":
+    """How coordinates become metres, z up, and their coordinate system if the user names one.
+
+    Raises
+    ------
+    InputError
+        If what is said contradicts itself.
+    """
+    from toppling.models.scan.placement import placement_of
     from toppling.models.scan.reference import of_user
 
     crs, length, gcp = hints.get("crs"), hints.get("length"), hints.get("gcp")
@@ -52,19 +76,8 @@ def placed_cloud(files: Sequence[Path], hints: CloudHints) -> "Cloud":
             remedy="give control points (--gcp), which place the model in it, or leave --crs out",
         )
     system = of_user(crs) if crs else None
-    placement = placement_of(
-        hints.get("up"), length, gcp, system["metres_per_unit"] if system else (1.0, 1.0)
-    )
-    if (hints.get("rock") or hints.get("pedestal")) and hints.get("near"):
-        raise InputError(
-            "--near is given with --rock or --pedestal",
-            where="--near",
-            expected="one word on which rock is meant",
-            remedy="leave out --near: what was separated is known",
-        )
-    parts = parts_of(hints.get("rock"), hints.get("pedestal"))
-    every = files_with(files, parts)
-    return labelled(read_clouds(every, hints.get("units"), placement, system), every, parts)
+    units = system["metres_per_unit"] if system else (1.0, 1.0)
+    return placement_of(hints.get("up"), length, gcp, units), system
 
 
 def hints_said(given: Mapping[str, Any], inspection: Inspection) -> dict[str, Any]:

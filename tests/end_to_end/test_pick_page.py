@@ -55,10 +55,7 @@ def click_outline(browser):
     """Click where the rock's outline on its pedestal is nearest to the eye."""
     x, y = browser.run("""
         const stage = document.getElementById("view").stage, box = stage.view.getBoundingClientRect();
-        const outline = stage.overlay.children[0].geometry.attributes.position, seen = [];
-        for (let k = 0; k < outline.count; k++)
-          seen.push(stage.project([outline.getX(k), outline.getY(k), outline.getZ(k)]));
-        seen.sort((a, b) => a.depth - b.depth);
+        const seen = stage.outline.map(place => stage.project(place)).sort((a, b) => a.depth - b.depth);
         return [box.left + seen[0].x, box.top + seen[0].y];
     """)
     browser.click_at(x, y)

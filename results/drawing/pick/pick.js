@@ -1,18 +1,21 @@
 // Hints on a scan by clicks: the page tells them to the command that serves it, and shows what comes of them.
 import { Stage } from "./stage.js";
+import { Handles, slopeOf } from "./handles.js";
 import { polar, width } from "./plot.js";
 
 const at = id => document.getElementById(id);
 const MODES = [
   ["look", "L", "Look", "Drag to turn, right-drag to shift, wheel to come nearer; double-click goes to a place, F back to the rock."],
   ["near", "R", "Rock", "Click the rock that is meant, near its top."],
-  ["point", "P", "They meet", "Click three or more places around the rock where it meets its pedestal: the plane goes through them."],
+  ["point", "M", "Meet", "Click three or more places around the rock where it meets its pedestal: the plane goes through them."],
+  ["plane", "P", "Plane", "Drag the knobs, or use arrow keys on them: the full one lifts the plane on which rock and pedestal meet, the others tilt it."],
   ["touch", "T", "Touch", "Click places along the crevice where rock and pedestal touch."],
   ["daylight", "D", "Daylight", "Click places along the crevice where light passes between rock and pedestal."],
+  ["length", "S", "Scale", "Click the two ends of a measured length, then say beside how long it is."],
 ];
-const NAMES = { near: "rock", plane: "plane", point: "they meet", touch: "touch", daylight: "daylight", pull: "pull" };
+const NAMES = { units: "unit", up: "up", length: "length", near: "rock", plane: "plane", point: "meet", touch: "touch", daylight: "daylight", pull: "pull" };
 const LISTS = ["point", "touch", "daylight", "pull"];
-let mode = "look", state = null, hints = null, past = [], future = [], drawnView = -1, framed = false, before = null, shownTable = null, shownFor = "";
+let mode = "look", ends = [], state = null, hints = null, past = [], future = [], drawnView = -1, framed = "", before = null, shownTable = null, shownFor = "";
 
 async function post(path, content) {
   const answer = await fetch(path, { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(content) });
@@ -46,6 +49,12 @@ function add(name, value) {
   say(next);
 }
 
+// A model that is placed anew has other coordinates: what was said in the former ones is taken back with it.
+function placeAnew(changes) {
+  ends = [];
+  say({ ...hints, near: null, plane: null, point: [], touch: [], daylight: [], pull: [], ...changes });
+}
+
 // What is shown.
 
 let stage;
@@ -72,12 +81,19 @@ const surveyed = place => place.map((value, k) => value + state.origin_m[k]);
 const choose = candidate => add("near", surveyed(candidate.top_m).slice(0, 2).map(value => +value.toFixed(3)));
 const local = place => place.map((value, k) => value - state.origin_m[k]);
 
+const planeHint = plane => {
+  const [slope, azimuth] = slopeOf(plane.normal);
+  return [...surveyed(plane.centre).map(each => +each.toFixed(4)), +slope.toFixed(3), +azimuth.toFixed(2)];
+};
+const handles = stage && new Handles(stage, plane => { stage.movePlane(plane); fillPlane(planeHint(plane)); }, plane => add("plane", planeHint(plane)));
+
 let marks = [];
 function setMarks() {
   if (!stage) return;
   const tops = (state.candidates || []).map((each, k) => ({ name: "top", place: surveyed(each.top_m), text: `${k + 1}`, title: `${each.height_m.toPrecision(2)} m high`, chosen: isChosen(each), act: () => choose(each) }));
   const said = places().map(({ name, value }) => ({ name, place: value, text: "", title: `${NAMES[name]}: ${told(value)}` }));
-  marks = [...(state.answer && tops.length < 2 ? [] : tops), ...said].map(each => {
+  const measured = (ends.length ? ends.map(each => each.place_m) : state.ends_m || []).map(place => ({ name: "end", place, text: "", title: "end of the length" }));
+  marks = [...(state.answer && tops.length < 2 ? [] : tops), ...said, ...measured].map(each => {
     const made = make("button", each.text, { type: "button", className: `mark ${each.name}${each.chosen ? " chosen" : ""}`, title: each.title });
     if (each.act) made.onclick = each.act; else made.onclick = () => stage.look(local(each.place));
     return { place: local(each.place), made };
@@ -88,6 +104,7 @@ function setMarks() {
 
 let hide;
 function placeMarks(from) {
+  handles?.place();
   at("needle").setAttribute("transform", `rotate(${-from.heading()} 24 24)`);
   for (const { place, made } of marks) {
     const on = from.project(place);
@@ -107,10 +124,12 @@ function isChosen(candidate) {
 function listHints() {
   const rows = [];
   const row = (name, index, value, text) => rows.push(make("li", [
-    make("span", "", { className: `mark ${name}${["plane", "pull"].includes(name) ? " none" : ""}` }),
+    make("span", "", { className: `mark ${name === "length" ? "end" : name}${["plane", "pull", "units", "up"].includes(name) ? " none" : ""}` }),
     make("span", `${NAMES[name]}: ${text}`),
-    make("button", "×", { type: "button", title: "take this hint back", ariaLabel: `take back ${NAMES[name]}`, onclick: () => say(without(name, index)) }),
+    make("button", "×", { type: "button", title: "take this hint back", ariaLabel: `take back ${NAMES[name]}`, onclick: () => ["units", "up", "length"].includes(name) ? placeAnew({ [name]: null }) : say(without(name, index)) }),
   ]));
+  for (const name of ["units", "up"]) if (hints[name]) row(name, 0, hints[name], hints[name]);
+  if (hints.length) row("length", 0, hints.length, `${+hints.length[2].toPrecision(6)} m between two places`);
   if (hints.near) row("near", 0, hints.near, told(hints.near));
   if (hints.plane) row("plane", 0, hints.plane, `${told(hints.plane.slice(0, 3))}; ${told(hints.plane.slice(3, 4))}° toward ${told(hints.plane.slice(4))}°`);
   for (const name of LISTS) hints[name].forEach((value, index) => row(name, index, value, name === "pull" ? `${+value[1].toFixed(4)} of the weight toward ${+value[0].toFixed(2)}°` : told(value)));
@@ -169,12 +188,14 @@ async function show(next) {
     const answer = await fetch(`cloud/${state.view.number}`);
     if (answer.ok) {
       stage.setCloud(await answer.arrayBuffer(), state.view.counts, state.view.spacings_m);
-      if (!framed || drawnView <= 0) stage.frame();
-      framed = true;
+      // Another rock, or another frame: one looks there; another split of the same rock leaves the eye where it is.
+      const subject = JSON.stringify([state.hints.units, state.hints.up, state.hints.length, state.hints.near, state.answer !== null]);
+      if (framed !== subject) stage.frame();
+      framed = subject;
       drawnView = state.view.number;
     }
   }
-  stage?.setPlane(state.answer?.plane);
+  if (stage && !handles.held) { stage.setPlane(state.answer?.plane); handles.set(state.answer?.plane); }
   const busy = state.stage !== "";
   at("stage").className = busy ? "busy" : "";
   at("stage").textContent = busy ? state.stage : state.current ? `up to date; ${state.points.toLocaleString("en")} points` : "waiting for a hint";
@@ -185,18 +206,32 @@ async function show(next) {
   at("save").disabled = state.saving || !(state.current || busy);
   at("saved").textContent = state.saving ? "saving ..." : state.saved ? `Saved to ${state.target}, with hints.toml, by which the scan repeats.` : "";
   fillPlane();
+  fillPlace();
   listHints();
   document.body.dataset.current = state.current;
   document.body.dataset.saved = state.saved;
 }
 
-function fillPlane() {
+function fillPlane(dragged) {
   const form = at("plane"), plane = state.answer?.plane;
   form.hidden = !plane;
-  if (!plane || form.contains(document.activeElement)) return;
-  form.z.value = (plane.point_m[2] + state.origin_m[2]).toFixed(3);
-  form.slope.value = state.answer.slope_deg.toFixed(2);
-  form.azimuth.value = (state.answer.downhill_azimuth_deg % 360).toFixed(1);
+  if (!plane || form.contains(document.activeElement) || (handles?.held && !dragged)) return;
+  const [height, slope, azimuth] = dragged ? dragged.slice(2) : [plane.point_m[2] + state.origin_m[2], state.answer.slope_deg, state.answer.downhill_azimuth_deg % 360];
+  form.z.value = height.toFixed(3);
+  form.slope.value = slope.toFixed(2);
+  form.azimuth.value = azimuth.toFixed(1);
+}
+
+function fillPlace() {
+  const form = at("place"), free = !state.surveyed;
+  for (const field of form.elements) field.disabled = !free;
+  if (form.contains(document.activeElement)) return;
+  if (form.units.length === 1) form.units.append(...state.units.map(name => make("option", name)));
+  form.up.value = hints.up || "";
+  form.units.value = hints.units || "";
+  const apart = ends.length === 2 ? Math.hypot(...ends[0].place_m.map((each, k) => each - ends[1].place_m[k])) : null;
+  at("apart").textContent = !free ? "placed by control points" : apart === null ? "length: Scale, then two clicks" : `${apart.toPrecision(4)} m between the ends`;
+  at("metres").hidden = apart === null;
 }
 
 async function follow() {
@@ -223,17 +258,23 @@ async function follow() {
 function setMode(name) {
   mode = name;
   for (const button of at("modes").children) button.setAttribute("aria-checked", button.dataset.mode === name);
-  at("view").classList.toggle("aims", name !== "look");
+  at("view").classList.toggle("aims", !["look", "plane"].includes(name));
+  handles?.show(name === "plane");
   at("guide").textContent = MODES.find(each => each[0] === name)[3];
 }
 
 async function pickAt(x, y) {
   const hit = stage?.hit(x, y);
-  if (!hit || mode === "look") return;
+  if (!hit || mode === "look" || mode === "plane") return;
   const name = mode;
   try {
-    const { place_m: place } = await post("pick", hit);
-    add(name, name === "near" ? place.slice(0, 2) : place);
+    const picked = await post("pick", hit), place = picked.place_m;
+    if (name === "length") {
+      ends = ends.length === 1 ? [...ends, picked] : [picked];
+      fillPlace();
+      setMarks();
+      if (ends.length === 2) at("place").metres.focus();
+    } else add(name, name === "near" ? place.slice(0, 2) : place);
   } catch (error) { complain(error); }
 }
 
@@ -290,10 +331,19 @@ at("pull").onsubmit = event => {
   add("pull", [+form.azimuth.value, +form.ratio.value]);
   form.reset();
 };
+at("place").up.onchange = event => placeAnew({ up: event.target.value || null });
+at("place").units.onchange = event => placeAnew({ units: event.target.value || null, length: null });
+at("place").onsubmit = event => {
+  event.preventDefault();
+  const metres = +event.target.metres.value;
+  if (ends.length === 2 && metres > 0) placeAnew({ units: null, length: [ends[0].model, ends[1].model, metres] });
+  event.target.reset();
+  document.activeElement?.blur();
+};
 at("plane").onsubmit = event => {
   event.preventDefault();
-  const form = event.target, [x, y] = state.answer.plane.point_m;
-  add("plane", [x + state.origin_m[0], y + state.origin_m[1], +form.z.value, +form.slope.value, +form.azimuth.value]);
+  const form = event.target, { centre: [x, y] } = handles.plane;
+  add("plane", [+(x + state.origin_m[0]).toFixed(4), +(y + state.origin_m[1]).toFixed(4), +form.z.value, +form.slope.value, +form.azimuth.value]);
   document.activeElement?.blur();
 };
 follow();

@@ -195,9 +195,19 @@ export class Stage {
         made.renderOrder = through ? 2 : 0;
         this.overlay.add(made);
       };
+      this.outline = plane.outline_m;
       if (plane.outline_m.length) line([...plane.outline_m, plane.outline_m[0]], "#0057b7", true);
-      this.overlay.add(this.sheet(plane));
+      this.plane = this.sheet(plane);
+      this.overlay.add(this.plane);
     }
+    this.draw();
+  }
+
+  // The plane alone, while it is dragged.
+  movePlane({ centre, normal }) {
+    if (this.plane) this.overlay.remove(this.plane);
+    this.plane = this.sheet({ point_m: centre, normal });
+    this.overlay.add(this.plane);
     this.draw();
   }
 

@@ -34,7 +34,7 @@ class Heard:
         self.said.append(said)
 
     def pick(self, at_m, eye_m):
-        return [*at_m]
+        return {"place_m": [*at_m]}
 
     def save(self):
         self.saves += 1
@@ -115,7 +115,9 @@ def test_other_methods_are_not_understood(server, method):
         "", "{", "null", "[]", "7", '"near"', '{"near": "1 2"}', '{"near": [1]}', '{"near": [1, NaN]}',
         '{"near": [1, Infinity]}', '{"near": [1, true]}',
         '{"near": {"0": 1}}', '{"touch": [1, 2, 3]}', '{"touch": [[1, 2]]}', '{"touch": 3}',
-        '{"plane": [0, 0, 0, 1]}', '{"units": "mm"}', '{"out": "/tmp/x"}', '{"__class__": []}', "[" * 100_000,
+        '{"plane": [0, 0, 0, 1]}', '{"units": "furlong"}', '{"up": "w"}', '{"up": [0, 1, 0]}',
+        '{"length": [[0, 0, 0], [1, 0, 0]]}', '{"length": [[0, 0], [1, 0, 0], 2]}', '{"length": 3}',
+        '{"out": "/tmp/x"}', '{"__class__": []}', "[" * 100_000,
         '{"near": [1e999, 0]}', '{"touch": [' + ",".join(["[0,0,0]"] * 1001) + "]}", b"\xff\xfe{}", '{"point": null}',
     ],
 )  # fmt: skip
@@ -128,6 +130,9 @@ def test_what_is_no_hint_is_refused_and_nothing_is_taken_of_it(server, content):
 
 def test_hints_arrive_as_they_were_said(server):
     hints = {
+        "units": None,
+        "up": "-y",
+        "length": [[0, 0, 0], [1, 0, 2], 1.5],
         "near": [1.5, 2.0],
         "plane": None,
         "point": [],
@@ -137,7 +142,13 @@ def test_hints_arrive_as_they_were_said(server):
     }
     assert told(server, "hints", hints) == (200, "{}")
     (said,) = server.picking.said
-    assert said == Said(near=(1.5, 2.0), touch=((1.0, 2.0, 3.25),), pull=((40.0, 0.2),))
+    assert said == Said(
+        up="-y",
+        length=((0.0, 0.0, 0.0), (1.0, 0.0, 2.0), 1.5),
+        near=(1.5, 2.0),
+        touch=((1.0, 2.0, 3.25),),
+        pull=((40.0, 0.2),),
+    )
     assert Said.of(json.loads(json.dumps(said.to_json()))) == said
 
 

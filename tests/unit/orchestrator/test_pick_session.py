@@ -2,36 +2,35 @@
 
 import threading
 import time
+from dataclasses import dataclass
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from toppling.models.errors import InputError
+from toppling.models.scan.placement import AXES, Placement, placement_of
 from toppling.models.scan.read import Cloud
 from toppling.orchestrator.pick import session
 from toppling.orchestrator.pick.said import Said
-from toppling.orchestrator.pick.session import Picking
+from toppling.orchestrator.pick.session import Picking, Placed
 
 NEAR = [Said(near=(float(n), 0.0)) for n in range(6)]
 
 
+@dataclass(frozen=True)
 class Worked:
-    """What stands for a scan's work: it remembers its place, and refuses what the test says."""
+    """What stands for a scan's work: it remembers its place."""
 
-    def __init__(self, near, inspection=None):
-        self.near, self.inspection = near, inspection
+    near: tuple
+    inspection: object = None
 
 
 @pytest.fixture
 def work(monkeypatch):
     """Replaces the scan by counters; `go` lets it pass its first stage."""
 
-    class Work:
-        go = threading.Event()
-        splits, bases, refused = [], [], set()
-
-    made = Work()
-    made.go, made.splits, made.bases, made.refused = threading.Event(), [], [], set()
+    made = SimpleNamespace(go=threading.Event(), splits=[], bases=[], reads=[], refused=set())
 
     def work_out(cloud, note, near, hint, bootstrap, inspection):
         made.splits.append(near)
@@ -42,10 +41,17 @@ def work(monkeypatch):
             raise InputError("no rock", where="there", expected="a rock", remedy="look elsewhere")
         return Worked(near), np.zeros(3, np.int8), ("a note",)
 
+    def read(said):
+        made.reads.append(said.of_the_cloud)
+        if said.units == "mm":
+            raise InputError("no unit", where="there", expected="another", remedy="say another")
+        return Placed(Cloud(np.ones((3, 3)), np.zeros(3), np.zeros(3, np.int32), ()), Placement())
+
     def scene(worked):
         made.bases.append((worked.near, worked.inspection))
         return "scene", worked
 
+    made.read = read
     monkeypatch.setattr(session, "work_out", work_out)
     monkeypatch.setattr(session, "registered", lambda cloud: type("Registered", (), {"cloud": cloud})())
     monkeypatch.setattr(
@@ -60,9 +66,6 @@ def work(monkeypatch):
     monkeypatch.setattr(session, "find_candidates", lambda points, surfels: [])
     monkeypatch.setattr(session, "surfels_of", lambda points: None)
     monkeypatch.setattr(Worked, "scene", scene, raising=False)
-    monkeypatch.setattr(
-        session.dataclasses, "replace", lambda worked, inspection: Worked(worked.near, inspection)
-    )
     return made
 
 
@@ -74,7 +77,9 @@ def written():
 @pytest.fixture
 def picking(work, written):
     cloud = Cloud(np.zeros((3, 3)), np.array([100.0, 200.0, 0.0]), np.zeros(3, np.int32), ())
-    picking = Picking(cloud, 0, lambda survey, said: written.append(said), "rock", NEAR[0])
+    picking = Picking(
+        Placed(cloud, Placement()), work.read, 0, lambda survey, said: written.append(said), "rock", NEAR[0]
+    )
     thread = threading.Thread(target=picking.work, daemon=True)
     thread.start()
     yield picking
@@ -154,6 +159,47 @@ def test_what_is_saved_is_what_was_said_last(picking, work, written):
     state = until(picking, lambda state: state["saved"] == 1)
     assert written == [NEAR[3]]
     assert (state["saving"], state["target"]) == (False, "rock")
+
+
+def test_a_cloud_that_is_placed_anew_is_read_and_split_anew(picking, work):
+    work.go.set()
+    number = until(picking, lambda state: state["current"])["view"]["number"]
+    assert not work.reads
+    turned = Said(up="y", near=NEAR[1].near)
+    picking.say(turned)
+    state = until(picking, lambda state: state["current"])
+    assert work.reads == [Said(up="y")]
+    assert state["origin_m"] == [0.0, 0.0, 0.0]
+    assert state["view"]["number"] > number
+    picking.say(Said(units="mm"))
+    state = until(picking, lambda state: state["error"])
+    assert state["error"]["what"] == "no unit"
+    assert state["answer"]["near"] == NEAR[1].near
+    picking.say(turned)
+    until(picking, lambda state: state["current"])
+    assert len(work.reads) == 2
+
+
+@pytest.mark.parametrize("up", [*AXES, "0.2,1,-3"])
+def test_ends_of_a_length_are_told_in_coordinates_of_the_model(up):
+    rng = np.random.default_rng(5)
+    model = rng.normal(size=(4, 3))
+    placement = placement_of(up, ((0, 0, 0), (3, 0, 0), 1.2))
+    cloud = Cloud(placement.apply(model), np.zeros(3), np.zeros(4, np.int32), ())
+    placed = Placed(cloud, placement)
+    assert placed.model(cloud.points_m) == pytest.approx(model, abs=1e-12)
+    assert placed.metres(model) == pytest.approx(cloud.points_m, abs=1e-12)
+
+
+def test_a_fault_of_the_program_is_told_and_not_the_end(picking, work, capsys):
+    work.go.set()
+    until(picking, lambda state: state["current"])
+    work.splits = None  # no list to append to
+    picking.say(NEAR[1])
+    assert "AttributeError" in until(picking, lambda state: state["error"])["error"]["what"]
+    assert "Traceback" in capsys.readouterr().err
+    picking.say(NEAR[0])
+    until(picking, lambda state: state["current"])
 
 
 def test_a_refused_scan_is_not_saved_later_on(picking, work, written):

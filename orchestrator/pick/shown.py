@@ -14,6 +14,8 @@ from toppling.models.scan.worked_out import WorkedOut
 
 AROUND_HEIGHTS = 0.4
 """How far around a rock its cloud is shown finer, in its heights."""
+SAME_TOP_PER_HEIGHT = 0.05
+"""What has its top so near to the rock's is a part of it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,5 +101,8 @@ def _top(worked: WorkedOut) -> NDArray[np.float64]:
 
 def tops(worked: WorkedOut) -> list[dict[str, Any]]:
     """What stands in the cloud as its segmentation has found it, the chosen rock first, in the cloud's frame."""
-    own = {"top_m": _top(worked).tolist(), "height_m": worked.observed.height_m}
-    return [own, *worked.report["segmentation"]["other_candidates"]]
+    top, height = _top(worked), worked.observed.height_m
+    own = {"top_m": top.tolist(), "height_m": height}
+    others = worked.report["segmentation"]["other_candidates"]
+    apart = [each for each in others if np.linalg.norm(top - each["top_m"]) > SAME_TOP_PER_HEIGHT * height]
+    return [own, *apart]

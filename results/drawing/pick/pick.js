@@ -118,7 +118,7 @@ function placeMarks(from) {
 const told = value => value.map(each => +each.toFixed(3)).join(", ");
 function isChosen(candidate) {
   const top = state.answer?.top_m;
-  return top !== undefined && Math.hypot(candidate.top_m[0] - top[0], candidate.top_m[1] - top[1]) < 0.5 * candidate.height_m;
+  return top !== undefined && Math.hypot(candidate.top_m[0] - top[0], candidate.top_m[1] - top[1]) < 0.2 * candidate.height_m;
 }
 
 function listHints() {

@@ -13,7 +13,7 @@ const SIZE = 260, MIDDLE = SIZE / 2, REACH = 100;
 export function polar(table, before) {
   const all = [...table, ...(before || [])];
   const most = Math.max(...all.map(each => each.high_m_s2), 1e-6);
-  const step = [0.1, 0.2, 0.5, 1, 2, 5, 10].find(one => most / one <= 4) || 20;
+  const step = [0.1, 0.2, 0.5, 1, 2, 5, 10].find(one => most / one <= 5) || 20;
   const outer = step * Math.ceil(most / step);
   const at = (azimuth, value) => {
     const angle = azimuth * Math.PI / 180, reach = REACH * Math.min(value, outer) / outer;

@@ -70,7 +70,7 @@ def pick_server(
         saved(Scanned(survey.scene, out, notes))
 
     def read(said: Said) -> Placed:
-        hints: CloudHints = {**said.hints(), **surveyed}
+        hints = cast(CloudHints, {**said.hints(), **surveyed})
         return Placed(placed_cloud(files, hints), placed_by(hints)[0])
 
     try:

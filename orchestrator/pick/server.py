@@ -1,12 +1,14 @@
 """The page of `toppling scan --pick`, for one browser: its own files, the cloud, and what is said of it."""
 
 import json
+import struct
 import threading
 from http import HTTPStatus
 from importlib.resources import files
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from toppling.models.errors import InputError
 from toppling.orchestrator.loopback import HTML, TEXT, Answers, Loopback
@@ -87,11 +89,18 @@ class _Answers(Answers):
     def do_POST(self) -> None:  # noqa: N802  (the library's name)
         """Take hints, say what a click means, save, or end."""
         asked = self.asked()
-        if asked not in ("hints", "pick", "save", "end"):
+        if asked not in ("hints", "pick", "detail", "save", "end"):
             self.refuse()
             return
         try:
-            self._say(self._done(asked, self._content()))
+            content = self._content()
+            if asked == "detail":
+                spacing, points = self.server.picking.detail(
+                    _place(content, "at_m"), float(_finite(content, "reach_m", ()))
+                )
+                self.send(struct.pack("<f", spacing) + points, BYTES)
+            else:
+                self._say(self._done(asked, content))
         except InputError as error:
             self.send(str(error).encode(), TEXT, status=HTTPStatus.BAD_REQUEST)
 
@@ -124,16 +133,20 @@ class _Answers(Answers):
         self.send(json.dumps(content, allow_nan=False).encode(), JSON)
 
 
-def _place(content: Any, name: str) -> np.ndarray:
+def _place(content: Any, name: str) -> NDArray[np.float64]:
     """Three coordinates of a table."""
+    return _finite(content, name, (3,))
+
+
+def _finite(content: Any, name: str, shape: tuple[int, ...]) -> NDArray[np.float64]:
     value = content.get(name) if isinstance(content, dict) else None
     try:
-        place = np.array(value, float)
+        found = np.array(value, float)
     except (TypeError, ValueError, OverflowError):
-        place = np.zeros(0)
-    if place.shape != (3,) or not np.isfinite(place).all():
-        raise _refused(f"has no place {name}")
-    return place
+        found = np.full(shape, np.nan)
+    if found.shape != shape or not np.isfinite(found).all():
+        raise _refused(f"has no {name} of {shape or 'one number'}")
+    return found
 
 
 def _refused(what: str) -> InputError:

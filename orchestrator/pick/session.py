@@ -20,7 +20,7 @@ from toppling.models.scan.survey import Survey, work_out
 from toppling.models.scan.view import picked
 from toppling.models.scan.worked_out import WorkedOut
 from toppling.orchestrator.pick.said import Said
-from toppling.orchestrator.pick.shown import told, tops, view_of
+from toppling.orchestrator.pick.shown import detail, told, tops, view_of
 
 Read = Callable[[Said], "Placed"]
 Write = Callable[[Survey, Said], None]
@@ -141,6 +141,11 @@ class Picking:
         place = np.round(cloud.points_m[row] + cloud.origin_m, 4)
         return {"place_m": place.tolist(), "model": self._placed.model(place[None])[0].tolist()}
 
+    def detail(self, middle_m: NDArray[np.float64], reach_m: float) -> tuple[float, bytes]:
+        """Spacing and points of a cube about a place (3,) of the cloud's frame, as a page draws them."""
+        answer = self._answer
+        return detail(self._known.points_m, None if answer is None else answer.label, middle_m, reach_m)
+
     def state(self) -> dict[str, Any]:
         """Everything but the points, in plain values."""
         with self._changed:
@@ -205,6 +210,7 @@ class Picking:
             self._note("registering stations")
             self._registered = self._registered or registered(self._placed.cloud)
             near = None if said.near is None else (said.near[0], said.near[1])
+            self._placed = dataclasses.replace(self._placed, cloud=self._registered.cloud)
             answer = Answer(
                 said, *work_out(self._registered, self._note, near, hint, self._bootstrap, inspection)
             )
@@ -264,7 +270,7 @@ class Picking:
 
     @property
     def _known(self) -> Cloud:
-        return self._registered.cloud if self._registered else self._placed.cloud
+        return self._placed.cloud
 
     def _note(self, stage: str) -> None:
         """Tell the stage, or stop where newer hints wait."""

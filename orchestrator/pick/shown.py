@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from toppling.models.intervals import base_sentences
 from toppling.models.scan.segment import NEITHER, ROCK
 from toppling.models.scan.survey import Survey
-from toppling.models.scan.view import SHOWN_POINTS, around, shade, thinned
+from toppling.models.scan.view import SAMPLED_POINTS, SHOWN_POINTS, around, shade, thinned
 from toppling.models.scan.worked_out import WorkedOut
 
 AROUND_HEIGHTS = 0.4
@@ -26,17 +26,14 @@ class View:
     ----------
     number : int
         Another one where anything of it is another.
-    rows : (n,) int array
-        Which of the cloud's points.
     counts : pair of int
         Of the whole and of the finer ones.
     spacings_m : pair of float
     content : bytes
-        Places (n, 3) as 4-byte floats, brightness and label as a byte each.
+        As `drawn` packs them.
     """
 
     number: int
-    rows: NDArray[np.intp]
     counts: tuple[int, int]
     spacings_m: tuple[float, float]
     content: bytes
@@ -53,24 +50,47 @@ def view_of(points_m: NDArray[np.float64], label: NDArray[np.int8] | None, numbe
     number : int
         Of the view.
     """
-    if label is None:
-        whole, fine = thinned(points_m), None
-        rows = whole.rows
-    else:
-        rock = points_m[label == ROCK]
-        low, high = rock.min(axis=0), rock.max(axis=0)
-        reach = 0.5 * float((high - low).max()) + AROUND_HEIGHTS * float(high[2] - low[2])
-        near = around(points_m, 0.5 * (low + high), reach)
-        whole, fine = thinned(points_m, SHOWN_POINTS // 3), thinned(points_m, SHOWN_POINTS * 2 // 3, near)
-        rows = whole.rows[~np.isin(whole.rows, near)]
-    finer = np.zeros(0, np.intp) if fine is None else fine.rows
-    counts, rows = (len(rows), len(finer)), np.concatenate([rows, finer])
-    places = points_m[rows]
-    bright = np.concatenate([shade(part) for part in np.split(places, counts[:1]) if len(part)])
-    kind = np.full(len(rows), NEITHER, np.int8) if label is None else label[rows]
-    content = places.astype("<f4").tobytes() + (255 * bright).astype(np.uint8).tobytes() + kind.tobytes()
+    whole, fine = thinned(points_m, SHOWN_POINTS if label is None else SHOWN_POINTS // 3), None
+    rows, finer = whole.rows, np.zeros(0, np.intp)
+    if label is not None:
+        rock = np.flatnonzero(label == ROCK)
+        some = points_m[rock[:: -(-len(rock) // SAMPLED_POINTS) or 1]]
+        low, high = some.min(axis=0), some.max(axis=0)
+        middle, reach = (
+            0.5 * (low + high),
+            0.5 * float((high - low).max()) + AROUND_HEIGHTS * float(high[2] - low[2]),
+        )
+        fine = thinned(points_m, SHOWN_POINTS * 2 // 3, around(points_m, middle, reach))
+        rows = rows[(np.abs(points_m[rows] - middle) >= reach).any(axis=1)]
+        finer = fine.rows
+    counts = (len(rows), len(finer))
+    content = drawn(points_m, [rows, finer], label)
     spacings = (whole.spacing_m, whole.spacing_m if fine is None else fine.spacing_m)
-    return View(number, rows, counts, spacings, content)
+    return View(number, counts, spacings, content)
+
+
+def drawn(
+    points_m: NDArray[np.float64], parts: list[NDArray[np.intp]], label: NDArray[np.int8] | None
+) -> bytes:
+    """Places (n, 3) of some rows as 4-byte floats, then the brightness and the label of each as a byte."""
+    rows = np.concatenate(parts)
+    kind = np.full(len(rows), NEITHER, np.int8) if label is None else label[rows]
+    bright = [
+        shade(points_m[part], None if label is None else label[part] == ROCK) for part in parts if len(part)
+    ]
+    shades = (255 * np.concatenate(bright)).astype(np.uint8) if bright else np.zeros(0, np.uint8)
+    return points_m[rows].astype("<f4").tobytes() + shades.tobytes() + kind.tobytes()
+
+
+def detail(
+    points_m: NDArray[np.float64],
+    label: NDArray[np.int8] | None,
+    middle_m: NDArray[np.float64],
+    reach_m: float,
+) -> tuple[float, bytes]:
+    """Spacing and points of a cube about a place (3,), as many as the whole cloud's, as `drawn`."""
+    near = thinned(points_m, SHOWN_POINTS // 2, around(points_m, middle_m, reach_m))
+    return near.spacing_m, drawn(points_m, [near.rows], label)
 
 
 def told(survey: Survey | None, worked: WorkedOut) -> dict[str, Any]:

@@ -22,6 +22,7 @@ export class Handles {
 
   show(on) {
     this.shown = on;
+    this.stage.showPlane(on);
     this.place();
   }
 

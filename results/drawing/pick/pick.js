@@ -103,8 +103,22 @@ function setMarks() {
 }
 
 let hide;
+// Once the eye rests near something, all points there are shown.
+let resting, detailed = "";
+function lookCloser() {
+  const target = stage.controls.target.toArray(), distance = stage.camera.position.distanceTo(stage.controls.target);
+  if (!state || !stage.places || distance > 2.2 * stage.home.radius) return;
+  const reach = 0.45 * distance, key = JSON.stringify([drawnView, ...target.map(each => Math.round(4 * each / reach)), Math.round(4 * Math.log(reach))]);
+  if (key === detailed) return;
+  detailed = key;
+  fetch("detail", { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify({ at_m: target, reach_m: reach }) })
+    .then(async answer => { if (answer.ok && key === detailed) stage.setDetail(await answer.arrayBuffer(), target, reach); });
+}
+
 function placeMarks(from) {
   handles?.place();
+  clearTimeout(resting);
+  resting = setTimeout(lookCloser, 400);
   at("needle").setAttribute("transform", `rotate(${-from.heading()} 24 24)`);
   for (const { place, made } of marks) {
     const on = from.project(place);

@@ -17,6 +17,7 @@ export class Stage {
     this.controls = new THREE.OrbitControls(this.camera, this.renderer.domElement);
     this.controls.zoomToCursor = true;
     this.controls.addEventListener("change", () => this.draw());
+    this.renderer.localClippingEnabled = true;
     this.parts = [];
     this.overlay = new THREE.Group();
     this.world.add(this.overlay);
@@ -27,33 +28,70 @@ export class Stage {
 
   // Points of the whole cloud, then finer ones around the rock.
   setCloud(buffer, counts, spacings) {
-    for (const part of this.parts) { this.world.remove(part); part.geometry.dispose(); part.material.dispose(); }
-    const total = counts[0] + counts[1];
-    this.places = new Float32Array(buffer, 0, 3 * total);
-    const bright = new Uint8Array(buffer, 12 * total, total), label = new Uint8Array(buffer, 13 * total, total);
+    this.clear();
+    const all = this.points(buffer, 0, counts[0] + counts[1]);
+    this.places = all.places;
+    this.label = all.label;
+    let first = 0;
+    counts.forEach((count, k) => {
+      if (count) this.add({ places: all.places.subarray(3 * first, 3 * (first + count)), colours: all.colours.subarray(3 * first, 3 * (first + count)) }, spacings[k]);
+      first += count;
+    });
+    this.measure();
+    this.draw();
+  }
+
+  // All points of a cube, in place of the thinned ones there.
+  setDetail(buffer, middle, reach) {
+    const spacing = new DataView(buffer).getFloat32(0, true), count = (buffer.byteLength - 4) / 14;
+    if (this.detail) { this.remove(this.detail); this.detail = null; }
+    const faces = [];
+    if (count > 100) {
+      for (let axis = 0; axis < 3; axis++) for (const sign of [1, -1]) {
+        const normal = new THREE.Vector3();
+        normal.setComponent(axis, sign);
+        faces.push(new THREE.Plane(normal, -sign * middle[axis] - reach));
+      }
+      this.detail = this.add(this.points(buffer, 4, count), spacing);
+    }
+    for (const part of this.parts) if (part !== this.detail) Object.assign(part.material, { clippingPlanes: faces, clipIntersection: true, needsUpdate: true });
+    this.draw();
+  }
+
+  points(buffer, start, total) {
+    const places = new Float32Array(buffer, start, 3 * total), colours = new Float32Array(3 * total);
+    const bright = new Uint8Array(buffer, start + 12 * total, total), label = new Uint8Array(buffer, start + 13 * total, total);
     const tints = Object.values(COLOURS).map(name => new THREE.Color(name));
-    const colours = new Float32Array(3 * total);
     for (let i = 0; i < total; i++) {
       const tint = tints[label[i]], light = bright[i] / 255;
       colours[3 * i] = tint.r * light; colours[3 * i + 1] = tint.g * light; colours[3 * i + 2] = tint.b * light;
     }
-    this.parts = [];
-    let first = 0;
-    counts.forEach((count, k) => {
-      if (!count) return;
-      const geometry = new THREE.BufferGeometry();
-      geometry.setAttribute("position", new THREE.BufferAttribute(this.places.subarray(3 * first, 3 * (first + count)), 3));
-      geometry.setAttribute("color", new THREE.BufferAttribute(colours.subarray(3 * first, 3 * (first + count)), 3));
-      // three.js takes a size for an opening of 90 degrees.
-      const size = 1.1 * spacings[k] / Math.tan(FOV_DEG * Math.PI / 360);
-      const part = new THREE.Points(geometry, new THREE.PointsMaterial({ size, vertexColors: true }));
-      this.parts.push(part);
-      this.world.add(part);
-      first += count;
-    });
-    this.label = label;
-    this.measure();
-    this.draw();
+    return { places, colours, label };
+  }
+
+  add({ places, colours }, spacing) {
+    const geometry = new THREE.BufferGeometry();
+    geometry.setAttribute("position", new THREE.BufferAttribute(places, 3));
+    geometry.setAttribute("color", new THREE.BufferAttribute(colours, 3));
+    // three.js takes a size for an opening of 90 degrees.
+    const size = 1.1 * spacing / Math.tan(FOV_DEG * Math.PI / 360);
+    const part = new THREE.Points(geometry, new THREE.PointsMaterial({ size, vertexColors: true }));
+    part.userData.places = places;
+    this.parts.push(part);
+    this.world.add(part);
+    return part;
+  }
+
+  remove(part) {
+    this.world.remove(part);
+    part.geometry.dispose();
+    part.material.dispose();
+    this.parts = this.parts.filter(each => each !== part);
+  }
+
+  clear() {
+    for (const part of [...this.parts]) this.remove(part);
+    this.detail = null;
   }
 
   // What the eye goes home to: the rock, or the whole cloud where it is not known yet.
@@ -141,19 +179,18 @@ export class Stage {
     return { x: (seen.x + 1) / 2 * this.view.clientWidth, y: (1 - seen.y) / 2 * this.view.clientHeight, depth };
   }
 
-  // Calls with index, distance in pixels and depth of each shown point near a place of the screen.
+  // Calls with distance in pixels and depth of each shown point near a place of the screen.
   near(x, y, reach, call) {
-    if (!this.places) return;
     this.camera.updateMatrixWorld();
     const m = this.camera.projectionMatrix.clone().multiply(this.camera.matrixWorldInverse).elements;
-    const wide = this.view.clientWidth / 2, high = this.view.clientHeight / 2, p = this.places;
-    for (let i = 0, j = 0; j < p.length; i++, j += 3) {
+    const wide = this.view.clientWidth / 2, high = this.view.clientHeight / 2;
+    for (const { userData: { places: p } } of this.parts) for (let j = 0; j < p.length; j += 3) {
       const w = m[3] * p[j] + m[7] * p[j + 1] + m[11] * p[j + 2] + m[15];
       if (w <= 0) continue;
       const dx = ((m[0] * p[j] + m[4] * p[j + 1] + m[8] * p[j + 2] + m[12]) / w + 1) * wide - x;
       if (dx > reach || dx < -reach) continue;
       const dy = (1 - (m[1] * p[j] + m[5] * p[j + 1] + m[9] * p[j + 2] + m[13]) / w) * high - y;
-      if (dx * dx + dy * dy <= reach * reach) call(i, Math.hypot(dx, dy), w);
+      if (dx * dx + dy * dy <= reach * reach) call(Math.hypot(dx, dy), w);
     }
   }
 
@@ -161,7 +198,7 @@ export class Stage {
   hit(x, y) {
     let front = Infinity;
     for (const reach of [REACH_PX, 3 * REACH_PX]) {
-      this.near(x, y, reach, (i, away, depth) => { front = Math.min(front, depth * (1 + 0.002 * away)); });
+      this.near(x, y, reach, (away, depth) => { front = Math.min(front, depth * (1 + 0.002 * away)); });
       if (front < Infinity) break;
     }
     if (front === Infinity) return null;
@@ -176,7 +213,7 @@ export class Stage {
     const on = this.project(place);
     if (!on) return true;
     let front = Infinity;
-    this.near(on.x, on.y, 4, (i, away, depth) => { front = Math.min(front, depth); });
+    this.near(on.x, on.y, 4, (away, depth) => { front = Math.min(front, depth); });
     return front < on.depth - 0.03 * this.home.radius;
   }
 
@@ -198,8 +235,15 @@ export class Stage {
       this.outline = plane.outline_m;
       if (plane.outline_m.length) line([...plane.outline_m, plane.outline_m[0]], "#0057b7", true);
       this.plane = this.sheet(plane);
+      this.plane.visible = Boolean(this.aims);
       this.overlay.add(this.plane);
     }
+    this.draw();
+  }
+
+  showPlane(on) {
+    this.aims = on;
+    if (this.plane) this.plane.visible = on;
     this.draw();
   }
 
@@ -219,6 +263,6 @@ export class Stage {
     const places = corners.flatMap(([a, b]) => centre.clone().addScaledVector(u, a * size).addScaledVector(v, b * size).toArray());
     const geometry = new THREE.BufferGeometry();
     geometry.setAttribute("position", new THREE.BufferAttribute(new Float32Array(places), 3));
-    return new THREE.Mesh(geometry, new THREE.MeshBasicMaterial({ color: "#0057b7", transparent: true, opacity: 0.08, side: THREE.DoubleSide, depthWrite: false }));
+    return new THREE.Mesh(geometry, new THREE.MeshBasicMaterial({ color: "#0057b7", transparent: true, opacity: 0.16, side: THREE.DoubleSide, depthWrite: false }));
   }
 }

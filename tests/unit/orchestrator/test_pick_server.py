@@ -18,7 +18,7 @@ class Heard:
     """A scan that only takes note."""
 
     def __init__(self):
-        self.view = View(3, None, (1, 0), (0.1, 0.1), b"points")
+        self.view = View(3, (1, 0), (0.1, 0.1), b"points")
         self.said, self.saves, self.ended = [], 0, threading.Event()
 
     def work(self):
@@ -35,6 +35,9 @@ class Heard:
 
     def pick(self, at_m, eye_m):
         return {"place_m": [*at_m]}
+
+    def detail(self, middle_m, reach_m):
+        return 0.5, repr((middle_m.tolist(), reach_m)).encode()
 
     def save(self):
         self.saves += 1
@@ -166,6 +169,7 @@ def test_what_is_too_long_or_has_no_length_is_not_read(server):
 )
 def test_a_click_without_its_places_is_refused(server, content):
     assert told(server, "pick", content)[0] == 400
+    assert told(server, "detail", content)[0] == 400
 
 
 def test_saving_and_ending_are_said_by_the_page(server):
@@ -173,6 +177,8 @@ def test_saving_and_ending_are_said_by_the_page(server):
         200,
         '{"place_m": [1.0, 2.0, 3.0]}',
     )
+    near = told(server, "detail", {"at_m": [1, 2, 3], "reach_m": 4})
+    assert near == (200, "\0\0\0?([1.0, 2.0, 3.0], 4.0)")
     assert told(server, "save", {})[0] == 200
     assert server.picking.saves == 1
     assert told(server, "end", {})[0] == 200

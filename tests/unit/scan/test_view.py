@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from toppling.models.scan.view import around, picked, shade, thinned
+from toppling.models.scan.view import LIGHT, around, picked, shade, thinned
 
 
 @pytest.fixture(scope="module")
@@ -39,6 +39,16 @@ def test_slopes_are_told_apart_by_their_brightness():
     assert (light > 0.0).all()
     assert (light <= 1.0).all()
     assert light[:500].min() > light[500:].max() + 0.1
+
+
+def test_a_rock_is_bright_where_it_faces_the_light_and_not_where_it_hangs_over():
+    rng = np.random.default_rng(4)
+    ball = rng.normal(size=(4000, 3))
+    ball /= np.linalg.norm(ball, axis=1, keepdims=True)
+    light = shade(ball, np.ones(len(ball), bool))
+    facing = ball @ LIGHT
+    assert np.corrcoef(light, facing)[0, 1] > 0.99
+    assert np.corrcoef(shade(ball), facing)[0, 1] < 0.9  # as ground, the lower half would face upward
 
 
 def test_a_click_means_the_point_nearest_to_its_ray(wall):

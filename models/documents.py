@@ -221,7 +221,10 @@ def check_size(path: Path, most: int, kind: str) -> None:
 
 def _text(path: Path, most: int, kind: str) -> str:
     check_size(path, most, kind)
-    return path.read_text(encoding="utf-8")
+    with path.open("rb") as file:
+        if file.read(2) in (b"\xff\xfe", b"\xfe\xff"):
+            raise _unreadable(path, "is text in UTF-16", f"{kind} in UTF-8")
+    return path.read_text(encoding="utf-8-sig")
 
 
 def _check_values(text: str, path: Path) -> None:

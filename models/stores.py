@@ -251,8 +251,11 @@ def _file_system(address: str) -> tuple[Any, str]:
     import pyarrow as pa
     from pyarrow.fs import FileSystem, FSSpecHandler, PyFileSystem
 
+    patience = "?retry_limit_seconds=20" if re.match("gc?s:", address) and "?" not in address else ""
     try:
-        return FileSystem.from_uri(address)
+        return FileSystem.from_uri(
+            address + patience
+        )  # without it Google's store is asked for a quarter of an hour
     except pa.ArrowInvalid:
         pass  # not one of Arrow's own
     except OSError as error:

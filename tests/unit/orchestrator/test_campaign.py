@@ -30,6 +30,17 @@ def test_folders_are_relative_to_the_file(tmp_path):
     assert (read.scene, read.ensemble) == (tmp_path / "a/b", tmp_path / "../e")
 
 
+@pytest.mark.parametrize(("mark", "ends"), [("\ufeff", "\n"), ("\ufeff", "\r\n"), ("", "\r\n")])
+def test_what_editors_on_windows_put_around_a_text_changes_nothing(tmp_path, mark, ends):
+    lines = ['scene="a"', 'ensemble="e"', "pga_m_s2=[1]", "azimuth_deg=[0]", "friction=[0.8]", ""]
+    path = tmp_path / "c.toml"
+    path.write_bytes((mark + ends.join(lines)).encode())
+    assert Campaign.read(path).pga_m_s2 == (1.0,)
+    path.write_bytes((mark + ends.join(lines)).encode("utf-16"))
+    with pytest.raises(InputError, match="UTF-16"):
+        Campaign.read(path)
+
+
 def test_a_range_includes_its_stop():
     assert campaign().pga_m_s2 == tuple(float(level) for level in range(1, 20))
     assert campaign(pga_m_s2={"start": 0.1, "stop": 0.3, "step": 0.1}).pga_m_s2 == (0.1, 0.2, 0.3)

@@ -8,7 +8,7 @@ import pytest
 from click.testing import CliRunner
 
 import toppling
-from toppling.models.digest import seal_archive
+from toppling.models.digest import read_json, seal_archive, stated, write_json
 from toppling.models.errors import InputError
 from toppling.models.scan import virtual, virtual_shapes
 from toppling.models.scan.hints_file import HINTS, KEYS, hints_text, read_hints, write_hints
@@ -142,6 +142,29 @@ def test_hints_of_another_scan_say_nothing_of_this_one(clouds, tmp_path):
     done = CliRunner().invoke(main, ["scan", "--again", str(mixed), "--pull", "N50E", f"{bearable(mixed)}"])
     assert done.exit_code == 0, done.output
     assert set(read_hints(mixed / HINTS)) == {"pull"}
+
+
+@pytest.mark.parametrize("forged", ["no told", "vertices", "huge", "text"])
+def test_what_was_kept_is_refused_where_it_is_whole_and_nonsense(clouds, tmp_path, forged):
+    scene = shutil.copytree(clouds / "rock", tmp_path / "rock")
+    with np.load(scene / WORKED_OUT) as kept:
+        arrays = dict(kept)
+    told = json.loads(str(arrays["told"]))
+    if forged == "no told":
+        del arrays["told"]
+    elif forged == "vertices":
+        arrays["rock_vertices"] = arrays["rock_vertices"][:5]
+    elif forged == "huge":
+        arrays["told"] = np.array(json.dumps(told | {"height_m": "high"}))
+    else:
+        arrays["plane"] = np.array(["a", "b"])
+    np.savez_compressed(scene / WORKED_OUT, **arrays)
+    seal_archive(scene / WORKED_OUT)
+    document = read_json(scene / "scene.json")
+    document["files"][WORKED_OUT] = stated(scene / WORKED_OUT)
+    write_json(scene / "scene.json", document)
+    with pytest.raises(InputError, match=WORKED_OUT):
+        WorkedOut.read(scene)
 
 
 def test_hints_survive_their_file(tmp_path):

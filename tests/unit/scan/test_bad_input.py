@@ -263,9 +263,10 @@ def test_a_place_outside_the_cloud_names_no_rock(twins):
 
 
 def views(*points):
-    """A cloud of one file a view."""
+    """A cloud of one file a view, each a station, as they are read."""
     files = tuple((f"station{k}", len(each)) for k, each in enumerate(points))
-    return Cloud(np.concatenate(points), np.zeros(3), np.zeros(sum(map(len, points)), np.int32), files)
+    station = np.repeat(np.arange(len(points), dtype=np.int32), [len(each) for each in points])
+    return Cloud(np.concatenate(points), np.zeros(3), station, files)
 
 
 @pytest.mark.parametrize("feet", [0, 1])

@@ -35,6 +35,13 @@ class InputError(ValueError):
         return _rebuild, (self.what, self.where, self.expected, self.remedy)
 
 
+class UsageError(InputError):
+    """What was asked does not go together or is no value of its kind; exit code 2 on the command line."""
+
+    def __reduce__(self) -> tuple:
+        return _rebuild_usage, (self.what, self.where, self.expected, self.remedy)
+
+
 def refusals(expected: str, remedy: str) -> Callable[[str, object], InputError]:
     """Errors of one kind of data, which differ in what is wrong (first argument) and where (second)."""
     return lambda what, where: InputError(what, where=str(where), expected=expected, remedy=remedy)
@@ -51,6 +58,10 @@ def _shortened(text: str) -> str:
     """Text with its middle left out where a file's own words in it have no end."""
     half = LONGEST // 2
     return text if len(text) <= LONGEST else f"{text[:half]} ... {text[-half:]}"
+
+
+def _rebuild_usage(what: str, where: str, expected: str, remedy: str) -> UsageError:
+    return UsageError(what, where=where, expected=expected, remedy=remedy)
 
 
 def _rebuild(what: str, where: str, expected: str, remedy: str) -> InputError:

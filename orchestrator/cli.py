@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from toppling.models.errors import InputError
+from toppling.models.errors import InputError, UsageError
 from toppling.models.folder import SCHEMES, local
 from toppling.models.stores import carry_back, copy_of, is_store
 from toppling.orchestrator.interrupt import as_program, told_as_stop
@@ -65,9 +65,17 @@ class LazyGroup(Verbs):
         return getattr(importlib.import_module(f"toppling.orchestrator.verbs.{cmd_name}"), cmd_name)
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Call the verb; click would say a line more of a Ctrl-C."""
+        """Call the verb; click would say a line more of a Ctrl-C. The functions of the door know nothing of click."""
         try:
             return super().invoke(ctx)
+        except UsageError as error:
+            raise click.UsageError(str(error)) from None
+        except RuntimeError as error:
+            from toppling.orchestrator.context import RunError
+
+            if isinstance(error, RunError):
+                raise click.ClickException(str(error)) from None
+            raise
         except KeyboardInterrupt:
             raise click.Abort from None
 

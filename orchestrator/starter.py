@@ -50,45 +50,53 @@ def even_azimuths_deg(count: int) -> list[float]:
     return [round(360.0 * number / count, 6) for number in range(count)]
 
 
-def campaign_text(
-    *,
-    name: str,
-    scene: str,
-    ensemble: str,
-    records: int,
-    statics: Statics,
-    trial: Trial,
-    levels: Levels,
-    azimuths_deg: Sequence[float],
-    frictions: Sequence[float],
-    preset: str,
-    workers: int,
-    bases: int,
-) -> str:
-    """Write the file: TOML with comments."""
-    jobs = records * len(levels) * len(azimuths_deg) * len(frictions)
-    start, stop, step = (f"{one:g}" for one in (levels.start_m_s2, levels.stop_m_s2, levels.step_m_s2))
-    azimuths, friction = (", ".join(f"{one:g}" for one in values) for values in (azimuths_deg, frictions))
-    keys = {key.name: key for key in KEYS}
-    more = "\n".join(
-        _realisations_told(bases) if key.name == "realisations" and bases else key.line
-        for key in KEYS
-        if key.example and key.name != "preset"
-    )
-    # Strings of JSON are TOML's too.
-    return f"""\
-# A campaign, written by 'toppling init'. Change what you like, then:
-#   toppling plan {name}
-#   toppling run {name} --out runs/first
-# {jobs} jobs: about {duration(jobs * trial.job_s / workers)} on {workers} workers of this machine.
+@dataclass(frozen=True, kw_only=True)
+class Starter:
+    """What the file says, and how it was found."""
 
-scene = {_quoted(scene)}  # folders are relative to this file
-ensemble = {_quoted(ensemble)}  # {records} records
+    name: str
+    scene: str
+    ensemble: str
+    records: int
+    statics: Statics
+    trial: Trial
+    levels: Levels
+    azimuths_deg: Sequence[float]
+    frictions: Sequence[float]
+    preset: str
+    workers: int
+    bases: int
+
+    def text(self) -> str:
+        """The file: TOML with comments."""
+        levels = len(self.levels)
+        jobs = self.records * levels * len(self.azimuths_deg) * len(self.frictions)
+        start, stop, step = (
+            f"{one:g}" for one in (self.levels.start_m_s2, self.levels.stop_m_s2, self.levels.step_m_s2)
+        )
+        azimuths, friction = (
+            ", ".join(f"{one:g}" for one in values) for values in (self.azimuths_deg, self.frictions)
+        )
+        keys = {key.name: key for key in KEYS}
+        more = "\n".join(
+            _realisations_told(self.bases) if key.name == "realisations" and self.bases else key.line
+            for key in KEYS
+            if key.example and key.name != "preset"
+        )
+        # Strings of JSON are TOML's too.
+        return f"""\
+# A campaign, written by 'toppling init'. Change what you like, then:
+#   toppling plan {self.name}
+#   toppling run {self.name} --out runs/first
+# {jobs} jobs: about {duration(jobs * self.trial.job_s / self.workers)} on {self.workers} workers of this machine.
+
+scene = {_quoted(self.scene)}  # folders are relative to this file
+ensemble = {_quoted(self.ensemble)}  # {self.records} records
 
 # pga_m_s2: {keys["pga_m_s2"].help}.
-# The least constant acceleration that topples the rock is {told(statics)}.
-# {_trial_told(trial)}
-pga_m_s2 = {{ start = {start}, stop = {stop}, step = {step} }}  # {len(levels)} levels, the stop included; or a list
+# The least constant acceleration that topples the rock is {told(self.statics)}.
+# {_trial_told(self.trial)}
+pga_m_s2 = {{ start = {start}, stop = {stop}, step = {step} }}  # {levels} levels, the stop included; or a list
 
 # azimuth_deg: {keys["azimuth_deg"].help}.
 azimuth_deg = [{azimuths}]
@@ -97,7 +105,7 @@ azimuth_deg = [{azimuths}]
 # [[0.8, 0.6]] has 0.8 at rest and 0.6 in a slip.
 friction = [{friction}]
 
-preset = {_quoted(preset)}  # {keys["preset"].help}: {keys["preset"].values}
+preset = {_quoted(self.preset)}  # {keys["preset"].help}: {keys["preset"].values}
 
 # More keys:
 {more}

@@ -77,25 +77,27 @@ def shake(
     _check_kinds(scene, motion)
     compile_once()
     began = time.perf_counter()
-    options, start = options_of(preset, engine), None if initial is None else checked_start(initial)
     pool = pool or ENGINES[DEFAULT].process_pool()
+    options, start = options_of(preset, engine), None if initial is None else checked_start(initial)
     if start is None:
         scene = settled(scene, pool)
-    half_diagonal_m, gravity_m_s2 = scene.rock.half_diagonal_m, scene.gravity_m_s2
-    step_s = options.time_step_s(half_diagonal_m, gravity_m_s2)
-    if time_step is not None:
-        step_s = _checked_step(time_step, half_diagonal_m, gravity_m_s2)
-    problem = Problem(scene, motion, options, step_s, start, shortcuts)
-    if not scene.ground.is_plane:
+    step_s = _time_step_s(scene, options, time_step)
+    result = _answer(
+        Problem(scene, motion, options, step_s, start, shortcuts), engine, pool, trajectory=trajectory
+    )
+    return replace(result, wall_s=time.perf_counter() - began)
+
+
+def _answer(problem: Problem, engine: str, pool: Pool, *, trajectory: bool) -> ShakeResult:
+    """Shake on a plane with an engine, on another surface with the program's own steps."""
+    if not problem.scene.ground.is_plane:
         _check_knows_surfaces(engine)
-        result = shake_on_ground(problem, trajectory=trajectory)
-        return replace(result, wall_s=time.perf_counter() - began)
+        return shake_on_ground(problem, trajectory=trajectory)
     shaking = Shaking(problem, engine_named(engine).integrator(problem, pool))
     ended_by, seen = shaking.run()
     if ended_by == "speed_limit":  # a state that is not finite has spoilt the worlds
         pool.forget()
-    result = shaking.result(ended_by, seen, trajectory=trajectory)
-    return replace(result, wall_s=time.perf_counter() - began)
+    return shaking.result(ended_by, seen, trajectory=trajectory)
 
 
 def _check_kinds(scene: object, motion: object) -> None:
@@ -205,13 +207,17 @@ def _check_knows_surfaces(engine: str) -> None:
         )
 
 
-def _checked_step(time_step: float, half_diagonal_m: float, gravity_m_s2: float) -> float:
-    longest = LONGEST_STEP_SHARE * np.sqrt(half_diagonal_m / gravity_m_s2)
-    if not 0.0 < time_step <= longest:
+def _time_step_s(scene: Scene, options: NumericalOptions, asked_s: float | None) -> float:
+    """The step that is asked for, if it resolves a rock of this size, or that of the options."""
+    half_diagonal_m, gravity_m_s2 = scene.rock.half_diagonal_m, scene.gravity_m_s2
+    if asked_s is None:
+        return options.time_step_s(half_diagonal_m, gravity_m_s2)
+    longest_s = LONGEST_STEP_SHARE * np.sqrt(half_diagonal_m / gravity_m_s2)
+    if not 0.0 < asked_s <= longest_s:
         raise InputError(
-            f"time_step is {time_step} s",
+            f"time_step is {asked_s} s",
             where="shake",
-            expected=f"a positive number up to {longest:.4g} s for a rock of this size",
+            expected=f"a positive number up to {longest_s:.4g} s for a rock of this size",
             remedy="leave it out: the preset chooses one",
         )
-    return float(time_step)
+    return float(asked_s)

@@ -4,11 +4,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import click
 import numpy as np
 from numpy.typing import NDArray
 
-from toppling.models.errors import InputError
+from toppling.models.errors import InputError, UsageError
 from toppling.models.motions.measures import COMPARED
 from toppling.orchestrator.public.felt import (
     EventStatement,
@@ -97,11 +96,15 @@ def check_event_options(options: EventOptions, events: Path | None, measures: tu
     given = {"--event-rate": options.event_rate, "--catalogue-years": options.catalogue_years}
     for option, value in given.items():
         if value is not None and events is None:
-            msg = f"{option} applies to a set of events: give one with --hazard"
-            raise click.UsageError(msg)
+            raise UsageError(
+                f"{option} applies to a set of events", where="constrain", expected="a set of events",
+                remedy="give one with --hazard, or leave it out",
+            )  # fmt: skip
     if options.correlation is not None and (len(measures) < 2 or events):
-        msg = "--correlation applies to curves of two measures: --measure pga_m_s2+pgv_m_s"
-        raise click.UsageError(msg)
+        raise UsageError(
+            "--correlation applies to curves of two measures", where="constrain",
+            expected="hazard curves and --measure pga_m_s2+pgv_m_s", remedy="name both measures, or leave it out",
+        )  # fmt: skip
 
 
 def judged_by_events(

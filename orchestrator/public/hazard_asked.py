@@ -5,9 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import click
-
-from toppling.models.errors import InputError
+from toppling.models.errors import InputError, UsageError
 from toppling.models.motions.measures import COMPARED
 from toppling.results.hazard.readers import Hints, read_hazard
 from toppling.results.hazard.readers.assembly import chosen_tree
@@ -31,7 +29,7 @@ def weighted_paths(texts: Sequence[str]) -> tuple[list[Path], list[float] | None
 
     Raises
     ------
-    click.UsageError
+    UsageError
         If a weight is no positive number.
     InputError
         If only some have weights, or they do not sum to 1.
@@ -44,8 +42,10 @@ def weighted_paths(texts: Sequence[str]) -> tuple[list[Path], list[float] | None
             continue
         share = float(weight) if is_number(weight) else math.nan
         if not 0 < share < math.inf:
-            msg = f"the weight of {path} is {weight!r}: give a positive number"
-            raise click.UsageError(msg)
+            raise UsageError(
+                f"the weight of {path} is {weight!r}",
+                where=text, expected="a positive number", remedy="give FILE=WEIGHT, such as mean.csv=0.6",
+            )  # fmt: skip
         paths.append(Path(path))
         weights.append(share)
     if weights and len(weights) < len(paths):
@@ -93,8 +93,10 @@ def read_tree(texts: Sequence[str], asked: Asked, rocks: Sequence[str] = COMPARE
         trees, _measure([tree.measure for tree in trees], asked.measure, rocks), asked.site, where
     )
     if isinstance(asked.site, tuple) and chosen.site is None:
-        msg = "--site selects a place in files that state places; these curves state none"
-        raise click.UsageError(msg)
+        raise UsageError(
+            "it selects a place, and these curves state none", where="--site", expected="files that state places",
+            remedy="leave --site out",
+        )  # fmt: skip
     return chosen.stronger(asked.ratio) if asked.ratio != 1.0 else chosen
 
 

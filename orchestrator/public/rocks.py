@@ -113,7 +113,6 @@ def _weighed(path: Path, jobs: pd.DataFrame, recorded: Recorded) -> Stood:
     """Weights of a run's bases from motions that its rock survived; the shakes are not kept."""
     from toppling.orchestrator.campaign import Campaign
     from toppling.orchestrator.cluster import local
-    from toppling.orchestrator.context import RunError
     from toppling.orchestrator.progress import watcher
     from toppling.orchestrator.studies.conditioning import weigh
 
@@ -127,11 +126,8 @@ def _weighed(path: Path, jobs: pd.DataFrame, recorded: Recorded) -> Stood:
     one = replace(campaign, friction=(contact[:2],), restitution=(contact[2],))
     with TemporaryDirectory(prefix="toppling-stood-") as place:
         recorded.write(Path(place))
-        try:
-            with watcher() as watch, local(os.cpu_count() or 1) as client:
-                return weigh(one, recorded, Path(place), client, watch)
-        except RunError as stopped:
-            raise click.ClickException(str(stopped)) from None
+        with watcher() as watch, local(os.cpu_count() or 1) as client:
+            return weigh(one, recorded, Path(place), client, watch)
 
 
 def _fit(jobs: Jobs, measure: str, seen: Callable[[], None]) -> tuple[Lognormal | None, Resampled | None]:

@@ -67,7 +67,7 @@ def init(
     from toppling.orchestrator.campaign import Campaign
     from toppling.orchestrator.progress import bar, duration
     from toppling.orchestrator.stands import check_stands
-    from toppling.orchestrator.starter import campaign_text, even_azimuths_deg, levels_between
+    from toppling.orchestrator.starter import Starter, even_azimuths_deg, levels_between
     from toppling.orchestrator.trial import RECORDS, levels_to_try, statics_of, try_out
 
     refuse_existing(out)
@@ -88,14 +88,14 @@ def init(
     spaced = levels_between(statics.least_m_s2, trial.most_at_m_s2, levels)
     records, workers = len(motions.record_ids), workers or os.cpu_count() or 1
     folder = out.absolute().parent
-    text = campaign_text(
+    starter = Starter(
         name=str(out), scene=os.path.relpath(scene.absolute(), folder),
         ensemble=os.path.relpath(ensemble.absolute(), folder), records=records, statics=statics, trial=trial,
         levels=spaced, azimuths_deg=turned, frictions=frictions, preset=preset, workers=workers,
         bases=0 if rock.unseen is None else len(rock.unseen),
     )  # fmt: skip
     with new_file(out) as hidden:
-        hidden.write_text(text, encoding="utf-8")
+        hidden.write_text(starter.text(), encoding="utf-8")
     jobs = records * len(spaced) * len(turned) * len(frictions)
     click.echo(
         f"{out}: {jobs} jobs, levels {spaced.start_m_s2:g} to {spaced.stop_m_s2:g} m/s2, "

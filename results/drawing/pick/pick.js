@@ -184,8 +184,8 @@ function showAnswer(answer) {
   if (key !== shownFor) { before = shownTable; shownTable = answer.toppling; shownFor = key; }
   at("plot").replaceChildren(polar(answer.toppling, before));
   const least = answer.toppling.reduce((a, b) => a.median_m_s2 < b.median_m_s2 ? a : b);
-  at("least").replaceChildren(make("b", `${least.low_m_s2.toFixed(2)} to ${least.high_m_s2.toFixed(2)} m/s²`),
-    ` (median ${least.median_m_s2.toFixed(2)}) topples it at least, toward ${least.azimuth_deg.toFixed(0)}°. Over all azimuths the interval is ${(100 * width(answer.toppling)).toFixed(0)} % of its median wide` + (before ? `, ${(100 * width(before)).toFixed(0)} % before (dashed).` : "."));
+  at("least").replaceChildren("Least acceleration that topples it: ", make("b", `${least.low_m_s2.toFixed(2)} to ${least.high_m_s2.toFixed(2)} m/s²`),
+    ` (median ${least.median_m_s2.toFixed(2)}), of ground that accelerates toward ${least.azimuth_deg.toFixed(0)}°. Over all azimuths the interval is ${(100 * width(answer.toppling)).toFixed(0)} % of its median wide` + (before ? `, ${(100 * width(before)).toFixed(0)} % before (dashed).` : "."));
 }
 
 function showCandidates(list) {

@@ -42,7 +42,7 @@ _STOP = _Stop()
 
 def as_program(work: Callable[[], object]) -> NoReturn:
     """Do the work of a whole process and exit with its code; after Ctrl-C, wherever that came, with `INTERRUPTED`."""
-    signal.signal(signal.SIGINT, stop_once)
+    signal.signal(signal.SIGINT, _stop_once)
     code: Any = 0
     try:
         try:
@@ -54,7 +54,7 @@ def as_program(work: Callable[[], object]) -> NoReturn:
             end_of_stop()
             signal.signal(signal.SIGINT, signal.SIG_IGN)
             for number in ENDS:
-                if signal.getsignal(number) is stop_once:
+                if signal.getsignal(number) is _stop_once:
                     signal.signal(number, signal.SIG_DFL)
     except KeyboardInterrupt:
         print("stopped", file=sys.stderr)  # noqa: T201  (what click is to say may not be imported yet)
@@ -74,10 +74,10 @@ def stop_in_order() -> None:
     """
     for number in ENDS:
         if signal.getsignal(number) is not signal.SIG_IGN:
-            signal.signal(number, stop_once)
+            signal.signal(number, _stop_once)
 
 
-def stop_once(signum: int, frame: FrameType | None) -> None:  # noqa: ARG001  (a signal handler's signature)
+def _stop_once(signum: int, frame: FrameType | None) -> None:  # noqa: ARG001  (a signal handler's signature)
     """Raise KeyboardInterrupt for the first signal, and let no other come between it and an orderly end."""
     for number in (signal.SIGINT, *ENDS):
         signal.signal(number, signal.SIG_IGN)

@@ -12,7 +12,7 @@ from distributed.security import Security
 KEY, CERTIFICATE = "key.pem", "certificate.pem"
 
 
-def write_key(folder: Path) -> None:
+def _write_key(folder: Path) -> None:
     """Write a key and a certificate that it signed, unless they are there, for this account's eyes alone."""
     if (folder / KEY).exists() and (folder / CERTIFICATE).exists():
         return
@@ -26,4 +26,4 @@ def write_key(folder: Path) -> None:
 
 
 if __name__ == "__main__":
-    write_key(Path(sys.argv[1]))
+    _write_key(Path(sys.argv[1]))

@@ -87,7 +87,7 @@ def read_sites(given: Path, where: str | None = None) -> tuple[Site, ...]:
             "no such file", "a table of rocks, CSV or TOML", "correct the path"
         ) from None
     sites = tuple(_site(row, f"{given}, rock {count + 1}", given.parent) for count, row in enumerate(rows))
-    return distinct_rocks(sites, where)
+    return _distinct_rocks(sites, where)
 
 
 def _rows(given: Path) -> list[dict[str, Any]]:
@@ -158,10 +158,10 @@ def joined(sites: Sequence[Site], scenes: Iterable[Path], where: str) -> tuple[S
     """Rocks of a table, and of further scenes that it says nothing of."""
     known = {site.scene.resolve() for site in sites}
     further = [Site(one, rock_name(one), rock_name(one)) for one in scenes if one.resolve() not in known]
-    return distinct_rocks((*sites, *further), where)
+    return _distinct_rocks((*sites, *further), where)
 
 
-def distinct_rocks(sites: tuple[Site, ...], where: str) -> tuple[Site, ...]:
+def _distinct_rocks(sites: tuple[Site, ...], where: str) -> tuple[Site, ...]:
     """The rocks, if each name is there once (folders of a file system may not tell capitals apart).
 
     Raises
@@ -219,7 +219,7 @@ _IMPORTED: list[tempfile.TemporaryDirectory] = []
 def _imported(source: Path, station: str | None) -> Path:
     _IMPORTED.append(tempfile.TemporaryDirectory(prefix="toppling-"))
     folder = Path(_IMPORTED[-1].name)
-    Ensemble.write(folder, of_station(seismograms_in(source), station, source))
+    Ensemble.write(folder, _of_station(seismograms_in(source), station, source))
     return folder
 
 
@@ -245,7 +245,7 @@ def seismograms_in(source: Path) -> tuple[Record, ...]:
     return tuple(came.records)
 
 
-def of_station(records: Iterable[Record], station: str | None, source: Path) -> list[Record]:
+def _of_station(records: Iterable[Record], station: str | None, source: Path) -> list[Record]:
     """Records of a station; all where none is asked for.
 
     Raises

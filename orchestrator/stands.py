@@ -26,14 +26,14 @@ def check_stands(campaign: Campaign, scene: Scene) -> Settling:
     InputError
         If it does not.
     """
-    found = settlings(campaign, scene)
+    found = _settlings(campaign, scene)
     for one in found.values():
         if isinstance(one, InputError):
             raise one
     return max((one for one in found.values() if isinstance(one, Settling)), key=lambda one: one.tilt_deg)
 
 
-def settlings(campaign: Campaign, scene: Scene) -> dict[tuple[float, float], Settling | InputError]:
+def _settlings(campaign: Campaign, scene: Scene) -> dict[tuple[float, float], Settling | InputError]:
     """How far the nominal rock settles with each friction of the campaign, or why it does not stand."""
     found: dict[tuple[float, float], Settling | InputError] = {}
     for static, kinetic in sorted(set(campaign.friction)):
@@ -63,7 +63,7 @@ def settled_scenes(planned: Plan) -> Settled:
     """
     found: dict[tuple[str, float, float], Settling | InputError] = {}
     for one in planned.scenes:
-        for friction, settles in settlings(one.campaign, Scene.load(one.campaign.scene)).items():
+        for friction, settles in _settlings(one.campaign, Scene.load(one.campaign.scene)).items():
             if isinstance(settles, InputError) and one.site is None:
                 raise settles
             found[one.scene_id, *friction] = settles

@@ -284,7 +284,7 @@ def _named(frame: pd.DataFrame) -> bool:
 def contact_words(jobs: pd.DataFrame, among: pd.DataFrame) -> str:
     """Say what tells jobs of one contact from others, as a figure prints it: always the friction."""
     first = jobs.iloc[0]
-    words = [friction_drawn(jobs)]
+    words = [_friction_drawn(jobs)]
     for column, word in CONTACT_WORDS:
         if among[column].nunique() > 1:
             named = column == "scene_id" and _named(among)
@@ -292,7 +292,7 @@ def contact_words(jobs: pd.DataFrame, among: pd.DataFrame) -> str:
     return ", ".join(words)
 
 
-def friction_drawn(jobs: pd.DataFrame) -> str:
+def _friction_drawn(jobs: pd.DataFrame) -> str:
     """Friction of jobs of one contact: "μ = 0.8"; where realisations drew it, "μ about 0.8", or from where to where."""
     static, kinetic = (float(jobs[name].iloc[0]) for name in FRICTION)
     factor = jobs["friction_factor"].dropna() if "friction_factor" in jobs else pd.Series(dtype=float)

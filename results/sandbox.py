@@ -54,8 +54,8 @@ def time_limit(connection: duckdb.DuckDBPyConnection, trusted: bool) -> Iterator
         reason = first_line(error)
         # What fails while the answer is fetched comes through Arrow, by its message.
         if isinstance(error, duckdb.InterruptException) or "INTERRUPT Error" in reason:
-            raise too_much(f"the query took more than {TIME_S:g} s and was stopped") from error
-        raise too_much(f"the query cannot be answered ({reason})") from error
+            raise _too_much(f"the query took more than {TIME_S:g} s and was stopped") from error
+        raise _too_much(f"the query cannot be answered ({reason})") from error
     finally:
         watch.cancel()
 
@@ -75,7 +75,7 @@ def collected(answer: duckdb.DuckDBPyRelation, trusted: bool) -> pa.Table:
         batches.append(batch)
         size += batch.nbytes
         if size > MEMORY_BYTES:
-            raise too_much(f"the answer has more than {MEMORY_BYTES / 1e9:.1f} GB")
+            raise _too_much(f"the answer has more than {MEMORY_BYTES / 1e9:.1f} GB")
     return pa.Table.from_batches(batches, reader.schema)
 
 
@@ -84,7 +84,7 @@ def first_line(error: Exception) -> str:
     return re.split(r"\n", str(error), maxsplit=1)[0]
 
 
-def too_much(what: str) -> InputError:
+def _too_much(what: str) -> InputError:
     """Say that a query needs more than it gets."""
     return InputError(
         what,

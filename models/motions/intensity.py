@@ -180,7 +180,7 @@ def directionality(horizontal: NDArray[np.float64]) -> float:
     return float(elsewhere.max(initial=0.0) / length[peak])
 
 
-def along_components(
+def _along_components(
     history: NDArray[np.float64], component_azimuths_deg: tuple[float, float]
 ) -> NDArray[np.float64]:
     """Projections (n, 2) of a history (n, 3) on the two recorded horizontal components."""
@@ -210,8 +210,8 @@ def measure(motion: Motion, component_azimuths_deg: tuple[float, float] = (0.0, 
     length = np.hypot(a[:, 0], a[:, 1])
     speed = np.hypot(velocity[:, 0], velocity[:, 1])
     peak, peak_speed = float(length.max()), float(speed.max())
-    component_pga = np.abs(along_components(a, component_azimuths_deg)).max(axis=0).tolist()
-    component_velocity = along_components(velocity, component_azimuths_deg)
+    component_pga = np.abs(_along_components(a, component_azimuths_deg)).max(axis=0).tolist()
+    component_velocity = _along_components(velocity, component_azimuths_deg)
     component_pgv = np.abs(component_velocity).max(axis=0).tolist()
     strong = int(np.argmax(component_pga))
     vector = spectral_acceleration_m_s2(motion, SPECTRUM_PERIODS_S)

@@ -89,7 +89,7 @@ def read_table(table: Path) -> list[Entry]:
     """
     with text_table(table) as file:
         head = file.readline(LONGEST_HEADER)
-        delimiter = delimiter_of(head)
+        delimiter = _delimiter_of(head)
         file.seek(0)
         rows = list(csv_rows(file, table, delimiter))
         names = head.strip().split(delimiter) if not rows else list(rows[0][1])
@@ -153,7 +153,7 @@ def text_table(table: Path) -> io.StringIO:
         ) from None
 
 
-def delimiter_of(head: str) -> str:
+def _delimiter_of(head: str) -> str:
     """What stands between a table's columns: semicolons or tabs where the names have no commas."""
     return next((each for each in ",;\t" if each in head), ",")
 
@@ -162,7 +162,7 @@ def looks_like_table(path: Path) -> bool:
     """Whether a CSV file has the columns of a metadata table."""
     with path.open(encoding="utf-8-sig", errors="replace") as file:
         head = file.readline(LONGEST_HEADER)
-    return {"h1", "h2"} <= {name.strip() for name in head.split(delimiter_of(head))}
+    return {"h1", "h2"} <= {name.strip() for name in head.split(_delimiter_of(head))}
 
 
 def unit_m_s2(text: str) -> float | None:

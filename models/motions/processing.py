@@ -146,7 +146,7 @@ def process(motion: Motion, corner_hz: float | None = None) -> tuple[Motion, tup
     return end_at_rest(high_pass(start, chosen)), history
 
 
-def displacement_drift(motion: Motion, corner_hz: float) -> float:
+def _displacement_drift(motion: Motion, corner_hz: float) -> float:
     """Largest share of its peak displacement that a component reaches near its end after the filter."""
     filtered, pad = _filtered(motion, corner_hz, HIGH_PASS_ORDER)
     ground: NDArray[np.float64] = np.abs(displacement_m(Motion(filtered, motion.time_step_s)))
@@ -171,6 +171,6 @@ def drifts(motion: Motion) -> bool:
 def _corner_by_displacement(motion: Motion) -> tuple[float, str]:
     """Lowest corner whose displacement is quiet at the end, else the highest tried, and which it is."""
     for corner in CORNERS_HZ:
-        if displacement_drift(motion, corner) <= DRIFT_SHARE:
+        if _displacement_drift(motion, corner) <= DRIFT_SHARE:
             return corner, "lowest that passes the displacement check"
     return CORNERS_HZ[-1], DRIFTS

@@ -64,11 +64,11 @@ def raw_motions(folder: Path) -> dict[int, Motion]:
     for path in sorted(folder.rglob("Test*.txt")):
         named = re.fullmatch(r"Test[ _]*0*(\d+)", path.stem)
         if named:
-            found[int(named[1])] = raw_motion(path)
+            found[int(named[1])] = _raw_motion(path)
     return found
 
 
-def raw_motion(path: Path) -> Motion:
+def _raw_motion(path: Path) -> Motion:
     """Motion of the table along x in one test.
 
     Raises

@@ -121,7 +121,7 @@ def oriented(channels: Triple) -> tuple[Motion, tuple[float, float] | None, tupl
     return Motion(np.column_stack([x, y, z]), step), azimuths, tuple(history)
 
 
-def name_series(component: Component) -> tuple[str, str]:
+def _name_series(component: Component) -> tuple[str, str]:
     """Series and component label that a file's name holds, such as ('..._HWA036', 'E')."""
     match = _NAME.match(component.path.stem)
     suffix = bearing(component.path.suffix.lstrip("."))
@@ -134,14 +134,14 @@ def _direction(component: Component) -> float | str | None:
     """Direction by header, then by the file's name; a label such as HNE counts by its last letter."""
     if component.direction is not None or component.label:
         return component.direction
-    label = name_series(component)[1].upper()
+    label = _name_series(component)[1].upper()
     return code_direction(label[-1] if re.fullmatch(r"[A-Z]{2}[ENZ]", label) else label)
 
 
 def _key(component: Component) -> tuple:
     if component.station:
         return component.file_format, component.event, component.station, component.series
-    return component.file_format, str(component.path.parent), name_series(component)[0]
+    return component.file_format, str(component.path.parent), _name_series(component)[0]
 
 
 def _apart(group: list[Component]) -> list[list[Component]]:
@@ -151,7 +151,7 @@ def _apart(group: list[Component]) -> list[list[Component]]:
     ways = (
         lambda c: c.path,
         lambda c: c.path.parent,
-        lambda c: (c.path.parent, name_series(c)[0]),
+        lambda c: (c.path.parent, _name_series(c)[0]),
     )
     for way in ways:
         parts: dict[object, list[Component]] = defaultdict(list)

@@ -123,13 +123,13 @@ def synthetic_motion(scenario: Scenario, rng: np.random.Generator) -> tuple[Moti
     -------
     Motion, history
     """
-    duration = scenario.duration * median_duration_s(scenario.magnitude, scenario.distance_km)
-    window = saragoni_hart_window(duration)
+    duration = scenario.duration * _median_duration_s(scenario.magnitude, scenario.distance_km)
+    window = _saragoni_hart_window(duration)
     lead = round(2.0 / TIME_STEP_S)
     samples = lead + len(window) + round(5.0 / TIME_STEP_S)
     frequency = np.fft.rfftfreq(samples, TIME_STEP_S).astype(float)
     horizontal = scenario.amplitude * acceleration_spectrum_m_s(frequency, scenario)
-    vertical = horizontal / horizontal_to_vertical(frequency)
+    vertical = horizontal / _horizontal_to_vertical(frequency)
     noise = np.zeros((3, samples))
     noise[:, lead : lead + len(window)] = rng.standard_normal((3, len(window))) * window
     shape = np.fft.rfft(noise, axis=1)
@@ -145,26 +145,26 @@ def synthetic_motion(scenario: Scenario, rng: np.random.Generator) -> tuple[Moti
     return end_at_rest(high_pass(motion, LOW_CUT_HZ)), tuple(history)
 
 
-def corner_frequencies_hz(magnitude: float) -> tuple[float, float, float]:
+def _corner_frequencies_hz(magnitude: float) -> tuple[float, float, float]:
     """Two corner frequencies and the weight of the upper one (Atkinson and Silva 2000)."""
     lower, upper = 10 ** (2.181 - 0.496 * magnitude), 10 ** (2.41 - 0.408 * magnitude)
     return lower, upper, 10 ** (0.605 - 0.255 * magnitude)
 
 
-def effective_distance_km(magnitude: float, distance_km: float) -> float:
+def _effective_distance_km(magnitude: float, distance_km: float) -> float:
     """Distance of a point that radiates as the finite fault does (Atkinson and Silva 2000)."""
     return float(np.hypot(distance_km, 10 ** (-0.05 + 0.15 * magnitude)))
 
 
-def median_duration_s(magnitude: float, distance_km: float) -> float:
+def _median_duration_s(magnitude: float, distance_km: float) -> float:
     """Duration of source, half the lower corner's period, and path (Boore and Thompson 2014)."""
-    path = np.interp(effective_distance_km(magnitude, distance_km), *PATH_DURATION)
-    return float(0.5 / corner_frequencies_hz(magnitude)[0] + path)
+    path = np.interp(_effective_distance_km(magnitude, distance_km), *PATH_DURATION)
+    return float(0.5 / _corner_frequencies_hz(magnitude)[0] + path)
 
 
 def acceleration_spectrum_m_s(frequency_hz: NDArray[np.float64], scenario: Scenario) -> NDArray[np.float64]:
     """Median Fourier amplitude of one horizontal component's acceleration, m/s (Boore 2003)."""
-    lower, upper, weight = corner_frequencies_hz(scenario.magnitude)
+    lower, upper, weight = _corner_frequencies_hz(scenario.magnitude)
     moment_n_m = 10 ** (1.5 * scenario.magnitude + 9.05)
     constant = (
         RADIATION
@@ -174,7 +174,7 @@ def acceleration_spectrum_m_s(frequency_hz: NDArray[np.float64], scenario: Scena
     )
     f = frequency_hz
     source = moment_n_m * ((1 - weight) / (1 + (f / lower) ** 2) + weight / (1 + (f / upper) ** 2))
-    distance = effective_distance_km(scenario.magnitude, scenario.distance_km)
+    distance = _effective_distance_km(scenario.magnitude, scenario.distance_km)
     spreading = (
         REFERENCE_DISTANCE_KM / min(distance, CROSSOVER_KM) * np.sqrt(min(1.0, CROSSOVER_KM / distance))
     )
@@ -187,12 +187,12 @@ def acceleration_spectrum_m_s(frequency_hz: NDArray[np.float64], scenario: Scena
     return CALIBRATION * constant * source * path * site * (2 * np.pi * f) ** 2
 
 
-def horizontal_to_vertical(frequency_hz: NDArray[np.float64]) -> NDArray[np.float64]:
+def _horizontal_to_vertical(frequency_hz: NDArray[np.float64]) -> NDArray[np.float64]:
     """Horizontal over vertical Fourier amplitude on rock (Siddiqqi and Atkinson 2002), held past 0.5-10."""
     return 10 ** (0.0519 + 0.117 * np.log10(np.clip(frequency_hz, 0.5, 10.0)))
 
 
-def saragoni_hart_window(duration_s: float) -> NDArray[np.float64]:
+def _saragoni_hart_window(duration_s: float) -> NDArray[np.float64]:
     """Exponential window of Saragoni and Hart (1974) as in Boore (2003), twice as long as the duration."""
     b = (
         -WINDOW_PEAK_SHARE

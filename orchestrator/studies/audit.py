@@ -92,7 +92,7 @@ AUDITORS = (
 )
 
 
-def auditors(campaign: Campaign) -> list[Auditor]:
+def _auditors(campaign: Campaign) -> list[Auditor]:
     """Those that are installed here and can say something about a run of this campaign."""
     return [one for one in AUDITORS if one.fits(campaign)]
 
@@ -104,7 +104,7 @@ def affordable(campaign: Campaign, rows: pa.Table) -> int:
     """
     share = PRESETS[campaign.preset].step_share / PRESETS[REFERENCE].step_share
     steps = pc.fill_null(rows["steps"], 0).to_numpy().astype(float)
-    times_dearer = sum(share if one.name == REFERENCE else 1.0 for one in auditors(campaign))
+    times_dearer = sum(share if one.name == REFERENCE else 1.0 for one in _auditors(campaign))
     count = int(np.searchsorted(np.cumsum(steps) * times_dearer, COST_SHARE * steps.sum(), side="right"))
     return count if LEAST_JOBS <= count < len(rows) or count == len(rows) > LEAST_JOBS else 0
 
@@ -121,7 +121,7 @@ def due(planned: Plan, folder: Path) -> int:
     wanted = planned.campaign.audit
     count = affordable(planned.campaign, rows) if wanted is None else min(wanted, len(rows))
     places = rows["job_id"][:count]
-    for one in auditors(planned.campaign) if count else ():
+    for one in _auditors(planned.campaign) if count else ():
         part = one.plan(planned, _rows_of(planned, places))
         check_place(folder, folder / AUDIT_FOLDER / one.name)
         if not part.ids <= finished_ids(folder / AUDIT_FOLDER / one.name):
@@ -145,7 +145,7 @@ def audit(work: Work, count: int) -> list[Tally]:
         If another process audits this run, or nothing here can.
     """
     planned, folder = work.planned, work.folder
-    able = auditors(planned.campaign)
+    able = _auditors(planned.campaign)
     if not able:
         raise InputError(
             "nothing that is installed can say more than this run, made with the finest preset",

@@ -84,10 +84,10 @@ def weigh(
         Session(nullcontext(client), weighing, limits).carry_out(plan_of(one), target.absolute())
 
     tell("weighing the bases", records=[one.record_id for one in recorded.records])
-    return weigh_bases(campaign, recorded, place, shake, plan_id)
+    return _weigh_bases(campaign, recorded, place, shake, plan_id)
 
 
-def weigh_bases(
+def _weigh_bases(
     campaign: Campaign, recorded: Recorded, place: Path, shake: Shake, plan_id: str | None = None
 ) -> Stood:
     """Shake every draw of the base with what the rock stood, and weigh the draws by it; goes on where it was stopped.

@@ -69,11 +69,11 @@ class JobsForPrecision:
         self.planned, self.folder, self.alone, self.most_jobs = planned, folder, alone, most_jobs
         self.statements: list[dict] = []
         self.ids = planned.jobs["job_id"].to_pylist()
-        self.target = target_of(asked or Asked())
+        self.target = _target_of(asked or Asked())
         catalog = Ensemble.load(planned.campaign.ensemble).catalog.to_pandas().set_index("record_id")
         names = sorted(planned.scenes[0].record_sha)
         self.records = {name: number for number, name in enumerate(names)}
-        self.measures = usable_measures(catalog.loc[names], self.target, str(planned.campaign.ensemble))
+        self.measures = _usable_measures(catalog.loc[names], self.target, str(planned.campaign.ensemble))
         seed = int(planned.id[:8], 16)
         self.rounds = {
             contact: Rounds(pool, self.target, precision, seed)
@@ -152,7 +152,7 @@ class JobsForPrecision:
         return statement_of(one, len(there), there["record_id"].nunique(), named)
 
 
-def target_of(asked: Asked) -> Target:
+def _target_of(asked: Asked) -> Target:
     """What a campaign asks for, with its hazard read.
 
     Raises
@@ -179,7 +179,7 @@ def target_of(asked: Asked) -> Target:
     return Target(asked.of, asked.measure)
 
 
-def usable_measures(catalog: pd.DataFrame, target: Target, where: str) -> list[str]:
+def _usable_measures(catalog: pd.DataFrame, target: Target, where: str) -> list[str]:
     """Measures that every record has, or the one that is asked for.
 
     Raises

@@ -115,7 +115,7 @@ class Study:
 
     def campaigns(self, out: Path) -> dict[str, Campaign]:
         """The two campaigns, on scene and ensemble in the study's folder."""
-        weakest = nearest_deg(weakest_azimuth_deg(Scene.load(out / "scene")), self.azimuth_deg)
+        weakest = _nearest_deg(weakest_azimuth_deg(Scene.load(out / "scene")), self.azimuth_deg)
         main = Campaign(
             scene=out / "scene",
             ensemble=out / "ensemble",
@@ -136,7 +136,7 @@ def weakest_azimuth_deg(scene: Scene) -> float:
     return float(min(finite, key=lambda azimuth: finite[azimuth])) if finite else 0.0
 
 
-def nearest_deg(azimuth_deg: float, among: Sequence[float]) -> float:
+def _nearest_deg(azimuth_deg: float, among: Sequence[float]) -> float:
     """Nearest of some azimuths around the circle."""
     return min(among, key=lambda one: abs((one - azimuth_deg + 180.0) % 360.0 - 180.0))
 
@@ -192,7 +192,7 @@ def draw(study: Study, out: Path, levels: pd.DataFrame, protocol: ramp.Ramp) -> 
     quasi_static = open_run(out / "runs" / MAIN).quasi_static()
     static_m_s2 = np.inf
     if quasi_static is not None:
-        nearest = nearest_deg(protocol.azimuth_deg, quasi_static["azimuth_deg"].tolist())
+        nearest = _nearest_deg(protocol.azimuth_deg, quasi_static["azimuth_deg"].tolist())
         static_m_s2 = float(quasi_static.set_index("azimuth_deg")["value"].astype(float).get(nearest, np.inf))
     yield from save(ramp_figure(climbed, protocol.azimuth_deg, static_m_s2), folder / "figure_04")
     opened = open_run(out / "runs" / MAIN)
@@ -203,7 +203,7 @@ def draw(study: Study, out: Path, levels: pd.DataFrame, protocol: ramp.Ramp) -> 
         for path in (
             *write_maps(main, staging, planes, bins, lines, done),
             *write_directions(main, quasi_static, staging, SECTOR_DEG, done),
-            *write_friction(friction_rows(study, out), staging, PLANES["pga_pgv"], done),
+            *write_friction(_friction_rows(study, out), staging, PLANES["pga_pgv"], done),
             *write_audits(audits_of(opened), staging),
         ):
             target = folder / f"{NUMBERED.get(path.stem, path.stem)}{path.suffix}"
@@ -229,7 +229,7 @@ def check_findings(study: Study, out: Path) -> list[Finding]:
     lines = pd.read_csv(out / "figures" / "figure_06_reference_lines.csv")
     scene = Scene.load(out / "scene")
     told = findings(
-        main, friction_rows(study, out), weakest_azimuth_deg(scene), lines, len(study.azimuth_deg)
+        main, _friction_rows(study, out), weakest_azimuth_deg(scene), lines, len(study.azimuth_deg)
     )
     with new_file(out / "findings.md") as hidden:
         audit = "".join(f"\n{one.sentence}.\n" for one in audits_of(opened).values())
@@ -241,7 +241,7 @@ def check_findings(study: Study, out: Path) -> list[Finding]:
     return told
 
 
-def friction_rows(study: Study, out: Path) -> pd.DataFrame:
+def _friction_rows(study: Study, out: Path) -> pd.DataFrame:
     """Rows of one direction with every friction, those of friction 1 from the main run."""
     lower, main = (open_run(out / "runs" / name).frame() for name in (FRICTION, MAIN))
     azimuth = study.campaigns(out)[FRICTION].azimuth_deg[0]

@@ -91,11 +91,11 @@ def _write_statement(
     with new_file(folder / "constraint.json") as hidden:
         hidden.write_text(json.dumps(statement, indent=1, allow_nan=False) + "\n", encoding="utf-8")
     yield folder / "constraint.json"
-    for name, table in (tables | {"choices": choices_table(statement)}).items():
-        yield save_table(safe_table(table), folder / f"{name}.csv")
+    for name, table in (tables | {"choices": _choices_table(statement)}).items():
+        yield save_table(_safe_table(table), folder / f"{name}.csv")
 
 
-def choices_table(statement: dict[str, Any]) -> pd.DataFrame:
+def _choices_table(statement: dict[str, Any]) -> pd.DataFrame:
     """Every choice, file and number of branches, a row each, for who files the statement."""
     choices = statement.get("choices", {})
     rows = [("program", "", choices.get("program", ""))]
@@ -121,7 +121,7 @@ def _fragility(rock: dict[str, Any]) -> str:
     return f"probit {', '.join(f'{value:.6g}' for value in rock['coefficients'])}"
 
 
-def safe_table(table: pd.DataFrame) -> pd.DataFrame:
+def _safe_table(table: pd.DataFrame) -> pd.DataFrame:
     """A table whose words no spreadsheet takes for a formula: some names come from other people's files."""
     words = table.select_dtypes(include=["object", "string"]).columns
     return table.assign(**{name: [_safe_cell(value) for value in table[name]] for name in words})

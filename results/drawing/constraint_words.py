@@ -128,7 +128,7 @@ def all_words(statement: dict[str, Any]) -> str:
             "The hazard is taken to be for the peak of the horizontal vector (SA: the largest of all azimuths)"
             f"{stated}; give --ratio if it is for another component."
         )
-    lines += branch_lines(statement)
+    lines += _branch_lines(statement)
     unit, measure = describe(SCHEMA.field(statement["measure"]))["unit"], short_name(statement["measure"])
     lines += [
         f"a {measure} of {row[statement['measure']]:.3g} {unit} or more is rejected at return periods below "
@@ -209,7 +209,7 @@ def _reservations(rock: dict[str, Any], unexceeded: float, unit: str) -> list[st
     return lines
 
 
-def branch_lines(statement: dict[str, Any]) -> list[str]:
+def _branch_lines(statement: dict[str, Any]) -> list[str]:
     """What is said of each branch, where they are few, and of all of them."""
     branches = statement.get("branches", ())
     lines = []

@@ -78,7 +78,7 @@ def upper_limit(values: Array) -> float:
     return float(1.05 * inside.max()) or 1.0
 
 
-def log_limits(values: Array) -> tuple[float, float]:
+def _log_limits(values: Array) -> tuple[float, float]:
     """Ends of a logarithmic axis that no outlier stretches: the outermost values within the fences, and a margin."""
     logs = np.log(values[np.isfinite(values) & (values > 0)])
     if not len(logs):
@@ -92,7 +92,7 @@ def log_limits(values: Array) -> tuple[float, float]:
 def scatter(axes: Axes, x: Array, y: Array, names: list[str], colour: object) -> None:
     """Points over a logarithmic y; outliers in x and y are triangles inside the edge, named above the panel."""
     end = upper_limit(x)
-    bottom, top = log_limits(y)
+    bottom, top = _log_limits(y)
     inside = (x <= end) & (y >= bottom) & (y <= top)
     axes.scatter(x[inside], y[inside], s=12, alpha=0.75, color=colour, linewidths=0)
     axes.set(xlim=(0.0, end), yscale="log", ylim=(bottom, top))
@@ -125,7 +125,7 @@ def _draw_spectra(ensemble: Ensemble, axes: Axes) -> None:
         SPECTRUM_PERIODS_S, low, color=COLOURS(0.1), linewidth=0.9, linestyle="--", label="16 and 84 %"
     )
     axes.loglog(SPECTRUM_PERIODS_S, high, color=COLOURS(0.1), linewidth=0.9, linestyle="--")
-    ends = [log_limits(column) for column in table.T]  # a spectrum far from all others leaves the frame
+    ends = [_log_limits(column) for column in table.T]  # a spectrum far from all others leaves the frame
     axes.set_ylim(min(low for low, _ in ends), max(high for _, high in ends))
     axes.set(xlabel="period (s)", ylabel="SA RotD50, 5 % damping (m/s²)")
     plain_log(axes.xaxis)

@@ -55,7 +55,7 @@ def scene_picture(scene: Scene, notes: Sequence[str] = (), width_in: float = FUL
     width_in : float
         Three panels a row on a page's width, one on less.
     """
-    printed = [line for sentence in [*numbers_of(scene, notes), LEGEND] for line in wrapped(sentence)]
+    printed = [line for sentence in [*numbers_of(scene, notes), LEGEND] for line in _wrapped(sentence)]
     with style():
         if width_in >= FULL_WIDTH_IN:
             lines_in = 0.13 * len(printed)
@@ -71,7 +71,7 @@ def scene_picture(scene: Scene, notes: Sequence[str] = (), width_in: float = FUL
         for place, (elevation, azimuth) in zip(places[:3], VIEWS_DEG, strict=True):
             axes = figure.add_subplot(place)
             draw_view(axes, scene, elevation, azimuth)
-            axes.set_title(view_title(elevation, azimuth), size=7)
+            axes.set_title(_view_title(elevation, azimuth), size=7)
         _draw_plan(figure.add_subplot(places[3]), scene)
         polar = figure.add_subplot(places[4], projection="polar")
         assert isinstance(polar, PolarAxes)  # as asked for
@@ -84,7 +84,7 @@ def scene_picture(scene: Scene, notes: Sequence[str] = (), width_in: float = FUL
     return figure
 
 
-def wrapped(line: str) -> list[str]:
+def _wrapped(line: str) -> list[str]:
     """A line of the numbers broken for print, what follows indented."""
     return wrap(line, PRINTED_WIDTH, subsequent_indent="   ", drop_whitespace=True) or [""]
 
@@ -94,7 +94,7 @@ def wind_of(azimuth_deg: float) -> str:
     return WINDS[round(float(compass_deg(azimuth_deg)) / 22.5) % 16]
 
 
-def view_title(elevation_deg: float, azimuth_deg: float) -> str:
+def _view_title(elevation_deg: float, azimuth_deg: float) -> str:
     """From where a panel looks, and toward where."""
     return (
         f"looking {wind_of(azimuth_deg + 180.0)}, {elevation_deg:.0f}° down\n"

@@ -85,7 +85,7 @@ class Verdict:
     jobs_needed: int
 
 
-def best_measure(observed: Mapping[str, Answers], usual: str = "pgv_m_s") -> str:
+def _best_measure(observed: Mapping[str, Answers], usual: str = "pgv_m_s") -> str:
     """Measure whose curve makes the answers likeliest: all curves have as many coefficients.
 
     The usual one stays unless another is clearly better: levels are chosen by it, so that its answers are all near its
@@ -120,7 +120,7 @@ def judge(pool: Pool, observed: Mapping[str, Answers], target: Target, precision
         side = "weaker levels are needed" if count else "stronger levels are needed"
         reason = f"{'every job' if count else 'no job'} of {jobs} topples: {side}"
         return replace(unknown, ended=True, reason=reason)
-    measure = target.measure or best_measure(observed)
+    measure = target.measure or _best_measure(observed)
     curve = fit_curve(observed[measure])
     found = estimate(curve, target, len(pool.rows))
     known = replace(unknown, measure=measure, curve=curve, estimate=found)
@@ -162,7 +162,7 @@ def _reaches(pool: Pool, curve: Curve, measure: str, target: Target) -> bool:
     return bool(pool.log_x[measure].min() < at < pool.log_x[measure].max())
 
 
-def round_size(number: int, jobs: int, needed: int) -> int:
+def _round_size(number: int, jobs: int, needed: int) -> int:
     """Jobs of a round.
 
     Parameters
@@ -310,7 +310,7 @@ class Rounds:
             jobs_needed=0,
         )
         known = self.verdict or start
-        size = round_size(len(self.sizes), len(self.chosen), known.jobs_needed)
+        size = _round_size(len(self.sizes), len(self.chosen), known.jobs_needed)
         new = choose(self.pool, self.chosen, size, self.seed, known, self.target)
         if not len(new):
             self.verdict = replace(known, ended=True, reason="every job of the campaign is done")

@@ -95,7 +95,7 @@ def in_m_s2(trace: Any, inventory: Any, path: Path) -> Converted:
     """
     values = np.asarray(trace.data, float)
     try:
-        channel = channel_of(trace.stats, inventory, path)
+        channel = _channel_of(trace.stats, inventory, path)
     except InputError as error:
         return Converted(values, no_unit=error)
     try:
@@ -135,7 +135,7 @@ def _converted(trace: Any, values: NDArray[np.float64], response: Any, path: Pat
     return Converted(np.asarray(work.data, float) * unit.factor, True, (note,), said)
 
 
-def channel_of(stats: Any, inventory: Any, path: Path) -> Any:
+def _channel_of(stats: Any, inventory: Any, path: Path) -> Any:
     """Channel of an inventory with a response, of a trace's codes and time.
 
     Raises

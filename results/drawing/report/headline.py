@@ -26,11 +26,11 @@ from toppling.results.resampling import lognormal_interval
 def first_screen(content: Content, document: Document) -> str:
     """Name of the rock, three sentences, one picture."""
     sentences = "".join(
-        map(paragraph, (what_topples(content), how_likely(content), what_standing_says(content)))
+        map(paragraph, (_what_topples(content), _how_likely(content), what_standing_says(content)))
     )
     if unfinished := unfinished_sentence(content):
         sentences = f'<p class="alarm">{safe(unfinished)}</p>{sentences}'
-    picture = document.figure(lambda width: headline_figure(content, width), caption(content), HALF_WIDTH_IN)
+    picture = document.figure(lambda width: _headline_figure(content, width), caption(content), HALF_WIDTH_IN)
     return f'{heading(content.run.rock, 1)}<div class="first"><div>{sentences}</div>{picture}</div>'
 
 
@@ -40,7 +40,7 @@ def unfinished_sentence(content: Content) -> str:
     return f"This run is unfinished: {remark}. All numbers below rest on those that have." if remark else ""
 
 
-def what_topples(content: Content) -> str:
+def _what_topples(content: Content) -> str:
     """Intensity at which one in two shakings topples the rock."""
     contact = content.chief
     if contact.headline is None:
@@ -67,7 +67,7 @@ def _no_curve(contact: Contact) -> str:
     return f"no curve can be fitted ({problems[0].problem})." if problems else "no curve can be fitted."
 
 
-def how_likely(content: Content) -> str:
+def _how_likely(content: Content) -> str:
     """Share of shakings that topple, over all and along the levels of PGA."""
     contact = content.chief
     known = contact.known
@@ -117,7 +117,7 @@ def caption(content: Content) -> str:
     )
 
 
-def headline_figure(content: Content, width_in: float = HALF_WIDTH_IN) -> Figure:
+def _headline_figure(content: Content, width_in: float = HALF_WIDTH_IN) -> Figure:
     """Fragility curve with what the standing rock rejects, or shares by level where there is no curve."""
     contact = content.chief
     with style():

@@ -98,7 +98,7 @@ def scene_section(content: Content, document: Document) -> str:
     return "".join([*parts, document.table(pd.DataFrame(rows), "The scene in numbers.")])
 
 
-def records_section(content: Content, document: Document) -> str:
+def _records_section(content: Content, document: Document) -> str:
     """Records with their effect, and their figure."""
     frame = content.frame
     used = frame.drop_duplicates("record_id")
@@ -145,7 +145,7 @@ def _as_recorded(catalogue: pd.DataFrame) -> pd.DataFrame:
     return shown.assign(**{name: [_three_digits(value) for value in shown[name]] for name in numbers})
 
 
-def maps_section(content: Content, document: Document) -> str:
+def _maps_section(content: Content, document: Document) -> str:
     """Maps of each contact, two per row, and where the rock topples to."""
     return "".join(_maps_of(content, one, document) for one in content.contacts)
 
@@ -186,7 +186,7 @@ def _map_by_direction(contact: Contact, plane: Plane, width_in: float) -> Figure
     return direction_figure(DirectionCells.of(contact.jobs, plane), contact.words, width_in=width_in)
 
 
-def friction_section(content: Content, document: Document) -> str:
+def _friction_section(content: Content, document: Document) -> str:
     """Each friction against the highest; empty if there is only one."""
     parts = []
     for surroundings, table, pairs in compare_frictions(content.frame, PLANES["pga_pgv"]):
@@ -325,7 +325,7 @@ def constraint_section(content: Content, document: Document) -> str:
     return "".join(parts)
 
 
-def failures_section(content: Content, document: Document) -> str:
+def _failures_section(content: Content, document: Document) -> str:
     """How jobs ended, and which have no answer."""
     frame = content.frame
     counts = frame.groupby(["status", "ended_by"], dropna=False).size().rename("jobs").reset_index()
@@ -341,7 +341,7 @@ def failures_section(content: Content, document: Document) -> str:
     return "".join(parts)
 
 
-def provenance_section(content: Content, document: Document) -> str:  # noqa: ARG001  (as every section)
+def _provenance_section(content: Content, document: Document) -> str:  # noqa: ARG001  (as every section)
     """The program's version, and campaign and run as stored in the folder."""
     parts = [paragraph(f"Page written by toppling {version('toppling')}.")]
     for name in ("campaign.toml", "run.json"):
@@ -352,7 +352,7 @@ def provenance_section(content: Content, document: Document) -> str:  # noqa: AR
     return "".join(parts)
 
 
-def columns_section(content: Content, document: Document) -> str:
+def _columns_section(content: Content, document: Document) -> str:
     """Every column of every table, with unit and meaning."""
     rows = [{**row, "unit": _unit(row["unit"])} for row in content.run.describe()]
     parts = []
@@ -369,16 +369,16 @@ def columns_section(content: Content, document: Document) -> str:
 
 SECTIONS = (
     Section("Scene", scene_section),
-    Section("Records", records_section),
-    Section("Toppling probability", maps_section),
-    Section("Friction", friction_section),
+    Section("Records", _records_section),
+    Section("Toppling probability", _maps_section),
+    Section("Friction", _friction_section),
     Section("Fits", fits_section),
     Section("Constraint", constraint_section),
-    Section("Failures", failures_section),
+    Section("Failures", _failures_section),
     Section("Accuracy", lambda content, document: accuracy_section(content.run, content.frame, document)),
     Section("Methods", methods_section),
-    Section("Provenance", provenance_section),
-    Section("Columns", columns_section),
+    Section("Provenance", _provenance_section),
+    Section("Columns", _columns_section),
 )
 """In the page's order."""
 

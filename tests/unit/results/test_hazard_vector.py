@@ -91,6 +91,21 @@ def test_two_curves_of_many_earthquakes_give_their_joint_rate_to_an_eighth(surfa
 
 
 @pytest.mark.parametrize("surface", SURFACES)
+def test_with_the_scatter_that_magnitudes_add_two_curves_give_the_joint_rate_to_a_hundredth(surface):
+    """PGV given PGA varies with the magnitude too; two curves cannot tell by how much, a deaggregation can."""
+    rate, mean_pga, sigma_pga, mean_pgv, sigma_pgv = quakes = seismicity()
+    pga, pgv = of_earthquakes(*quakes)
+    exact = exact_rate(surface, *quakes)
+    x = np.interp(-math.log(exact), -np.log(pga.annual_rate), np.log(pga.intensity))
+    share = rate * norm.pdf((x - mean_pga) / sigma_pga)
+    given = mean_pgv + RHO * sigma_pgv / sigma_pga * (x - mean_pga)
+    variance = np.average((given - np.average(given, weights=share)) ** 2, weights=share)
+    scatter = math.sqrt(variance + 0.65**2 * (1 - RHO**2))
+    joint = joint_rate(pga, pgv, math.sqrt(1 - (scatter / 0.65) ** 2), sigma=0.65)
+    assert rate_of(surface, joint) == pytest.approx(exact, rel=0.01)
+
+
+@pytest.mark.parametrize("surface", SURFACES)
 def test_one_measure_alone_is_farther_off_where_the_site_is_not_like_the_records(surface):
     """A fragility over PGA, marginal over records whose PGV is half of what the site's earthquakes have with it."""
     quakes = seismicity()

@@ -1,6 +1,5 @@
 """What standing rocks say about past ground motion, and about its hazard."""
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -9,7 +8,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from toppling.models.errors import InputError
 from toppling.models.motions.measures import COMPARED
 from toppling.orchestrator.public import unseen
 from toppling.orchestrator.public.by_events import (
@@ -19,6 +17,7 @@ from toppling.orchestrator.public.by_events import (
     event_set_of,
     judged_by_events,
 )
+from toppling.orchestrator.public.constraint_options import Dates, Given, check_options, has_factor
 from toppling.orchestrator.public.felt import EventStatement, measures_asked
 from toppling.orchestrator.public.hazard_asked import Asked, read_tree
 from toppling.orchestrator.public.rocks import (
@@ -41,30 +40,6 @@ from toppling.results.hazard.tree import HazardTree, sources
 from toppling.results.hazard.update import Update
 from toppling.results.lognormal import Basis
 from toppling.results.resampling import SAMPLES
-
-
-@dataclass(frozen=True)
-class Dates:
-    """How long rocks have stood, beyond an age of each.
-
-    Parameters
-    ----------
-    common : bool
-        All were uncovered together: one draw of their one age for all.
-    common_error : float
-        Standard deviation of a relative error that all dates share.
-    fragile_since : tuple of str
-        Since when each has been as fragile as it is: AGE or AGE:FACTOR.
-    """
-
-    common: bool = False
-    common_error: float = 0.0
-    fragile_since: tuple[str, ...] = ()
-
-    @property
-    def together(self) -> bool:
-        """Whether the rocks' ages are tied to each other."""
-        return self.common or self.common_error > 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,7 +84,7 @@ def constrain(
     *,
     age: Sequence[str] = (),
     hazard: Sequence[str] = (),
-    dates: Dates = Dates(),
+    dates: Dates = Dates(),  # noqa: B008  (frozen)
     where: str | None = None,
     trusted: bool = False,
     stood: Sequence[str | Path] = (),
@@ -147,10 +122,10 @@ def constrain(
     """
     over = "pgv_m_s" if measure is None or "+" in measure else measure
     paths, age = of_atlases(tuple(map(Path, rocks)), tuple(age), over)
-    _check(paths, age, hazard)
+    asked = Asked(sites[0] if sites else None, ratio, measure, years)
+    check_options(paths, age, asked, dates, Given(tuple(hazard), where, tuple(stood), tuple(sites)))
     late: list[Since | None] = [parse_since(text) for text in dates.fragile_since] or [None]
     ages = [parse_age(text) for text in age] or [np.array([np.nan])]
-    asked = Asked(sites[0] if sites else None, ratio, measure, years)
     question = _Question(
         paths, ages * len(paths) if len(ages) == 1 else ages, late * len(paths) if len(late) == 1 else late,
         dates, tuple(hazard), asked, confidence, dated=bool(age),
@@ -179,43 +154,14 @@ class _Question:
 
     @property
     def of_events(self) -> bool:
-        """Whether an answer needs events one by one.
-
-        Raises
-        ------
-        InputError
-            If it does, and there is no hazard.
-        """
-        factors = any(one and math.isfinite(one.factor) for one in self.since)
-        two = len(measures_asked(self.asked.measure)) > 1
-        if (two or factors) and not self.hazard:
-            raise InputError(
-                "two measures together, or a factor of --fragile-since, without a hazard",
-                where="constrain",
-                expected="the hazard, whose events they are asked of",
-                remedy="give --hazard too",
-            )
-        return bool(self.hazard) and (event_set_of(self.hazard) is not None or two or factors)
+        """Whether an answer needs events one by one."""
+        apart = len(measures_asked(self.asked.measure)) > 1 or has_factor(self.since)
+        return bool(self.hazard) and (apart or event_set_of(self.hazard) is not None)
 
     @property
     def joint_ages(self) -> NDArray[np.float64]:
         """Draws of the ages, one column a rock."""
         return joint_ages(self.ages, self.dates.common, self.dates.common_error)
-
-
-def _check(paths: tuple[Path, ...], age: Sequence[str], hazard: Sequence[str]) -> None:
-    if not paths:
-        what, remedy = (
-            "no rock has a fragility",
-            "give a run in which some jobs toppled the rock and some did not",
-        )
-    elif age and len(age) not in (1, len(paths)):
-        what, remedy = f"{len(age)} ages for {len(paths)} rocks", "give one age, or one per rock"
-    elif hazard and not age:
-        what, remedy = "a hazard without the rocks' ages", "give ages, which turn rates into probabilities"
-    else:
-        return
-    raise InputError(what, where="constrain", expected="rocks that stand, each with its age", remedy=remedy)
 
 
 def _jobs(

@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import math
 from collections.abc import Sequence
 from importlib.metadata import version
 from pathlib import Path
@@ -11,19 +10,11 @@ from typing import Any
 import click
 
 from toppling.orchestrator.progress import bar
-from toppling.orchestrator.public.by_events import (
-    EventOptions,
-    event_set_of,
-)
-from toppling.orchestrator.public.constraining import Dates
+from toppling.orchestrator.public.by_events import EventOptions
 from toppling.orchestrator.public.constraining import constrain as state
-from toppling.orchestrator.public.felt import measures_asked
-from toppling.orchestrator.public.rocks import (
-    of_atlases,
-)
+from toppling.orchestrator.public.constraint_options import Dates
 from toppling.orchestrator.verbs.hazard import HAZARD_HELP, SITE_HELP, SiteCommand, years_of
 from toppling.orchestrator.verbs.options import FOLDER, PATH, json_option, trusted_option
-from toppling.results.hazard.ages import parse_since
 
 
 @click.command(cls=SiteCommand)
@@ -138,47 +129,12 @@ def constrain(
     toppling constrain runs/first --age 15000..30000 --hazard mean.csv=0.6 --hazard high.csv=0.4
     toppling constrain runs/first --stood quake_e.AT2 --stood quake_n.AT2 --stood quake_up.AT2
     """
-    rocks, age = of_atlases(rocks, age, "pgv_m_s" if measure is None or "+" in measure else measure)
-    if not rocks:
-        raise click.UsageError("no rock of the atlas has topplings and survivals to tell its fragility by")
-    if age and len(age) not in (1, len(rocks)):
-        msg = f"give one --age, or one per rock: got {len(age)} for {len(rocks)} rocks"
-        raise click.UsageError(msg)
-    if hazard and not age:
-        msg = "a hazard curve needs the rocks' --age, to turn rates into probabilities"
-        raise click.UsageError(msg)
-    if fragile_since and len(fragile_since) not in (1, len(rocks)):
-        msg = f"give one --fragile-since, or one per rock: got {len(fragile_since)} for {len(rocks)} rocks"
-        raise click.UsageError(msg)
-    if not age and (common_date or common_error or fragile_since):
-        option = "--common-date" if common_date else "--common-error" if common_error else "--fragile-since"
-        msg = f"{option} applies to ages: give the rocks' --age too"
-        raise click.UsageError(msg)
-    if not hazard and (sites or site_names or ratio != 1.0 or values):
-        option = "--site" if sites or site_names else "--ratio" if ratio != 1.0 else "--values"
-        msg = f"{option} applies to hazard curves: give --hazard too"
-        raise click.UsageError(msg)
-    if where and not all(path.is_dir() for path in rocks):
-        msg = "--where selects jobs of runs; a file of curves has none"
-        raise click.UsageError(msg)
-    if stood and not all(path.is_dir() for path in rocks):
-        msg = "--stood weights the bases of runs; a file of curves has none"
-        raise click.UsageError(msg)
-    places: list[tuple[float, float] | str] = [*sites, *site_names]
-    event_set = event_set_of(hazard)
-    if len(places) > 1 and not event_set:
-        msg = "several --site apply to a set of events; hazard curves are of one site"
-        raise click.UsageError(msg)
-    factors = any(math.isfinite(parse_since(text).factor) for text in fragile_since)
-    if not hazard and (len(measures_asked(measure)) > 1 or factors):
-        msg = "two measures together, and a factor of --fragile-since, need the --hazard"
-        raise click.UsageError(msg)
     with bar("bootstrap of records") as advance:
         stated = state(
             rocks, age=age, hazard=hazard, dates=Dates(common_date, common_error, fragile_since), where=where,
             trusted=trusted, stood=stood, measure=measure,
-            events=EventOptions(event_rate, catalogue_years, correlation), confidence=confidence, sites=places,
-            ratio=ratio, years=years_of(values), advance=advance,
+            events=EventOptions(event_rate, catalogue_years, correlation), confidence=confidence,
+            sites=[*sites, *site_names], ratio=ratio, years=years_of(values), advance=advance,
         )  # fmt: skip
     for warning in stated.warnings:
         click.echo(warning, err=True)

@@ -283,7 +283,7 @@ def _of_surface_row(row: Mapping[str, Any]) -> Surface:
     found = [[float(value) for value in part.split()] for part in samples.split(";") if part]
     kept = np.array(found).reshape(-1, len(coefficients))
     fitted = np.array([bool(part) for part in samples.split(";")])
-    return Surface(measures, coefficients, basis, Resampled(kept, fitted, basis.records, studentised=True))
+    return Surface(measures, coefficients, basis, Resampled(kept, fitted, basis.records, reflected=True))
 
 
 def _from_json(text: str) -> list[Lognormal]:
@@ -332,7 +332,7 @@ def _of_samples_text(text: str, records: int) -> Resampled:
         raise ValueError(msg)
     coefficients = np.array([(-math.log(median) / beta, 1.0 / beta) for median, beta in pairs])
     return Resampled(
-        coefficients.reshape(-1, 2), np.array([bool(part) for part in parts]), records, studentised=True
+        coefficients.reshape(-1, 2), np.array([bool(part) for part in parts]), records, reflected=True
     )
 
 

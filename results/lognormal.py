@@ -95,15 +95,14 @@ class Resampled:
         rise.
     records : int
         Number that are drawn.
-    studentised : bool
-        Whether the coefficients are those of a bootstrap-t (`results.studentised`), whose percentiles allow for few
-        records themselves.
+    reflected : bool
+        Whether the coefficients are those of `results.reflected`, whose percentiles allow for few records themselves.
     """
 
     coefficients: NDArray[np.float64]
     fitted: NDArray[np.bool_]
     records: int
-    studentised: bool = False
+    reflected: bool = False
 
     @property
     def without_fit(self) -> int:
@@ -115,7 +114,7 @@ class Resampled:
 
         Values may be infinite.
         """
-        if self.studentised and len(values):
+        if self.reflected and len(values):
             return _ends(values, (1.0 - level) / 2)
         return expanded_interval(values, self.records, level)
 

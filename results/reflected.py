@@ -1,116 +1,76 @@
-"""Bootstrap samples of a probit fit, studentised: intervals of what depends on its spread, from few records.
+"""Bootstrap samples of a probit fit whose percentiles are intervals of what depends on its spread, from few records.
 
 Percentiles of a plain bootstrap take the spread of refits for the error of the fit. Of few records, whose jobs are not
 independent, beta comes out too small in the fit and smaller again in the refits, so that intervals of beta and of all
-that hangs on it (a rate of toppling) lie too low. Here each refit's deviation from the fit is measured in its own
-standard errors, turned round, and given the fit's: the multivariate form of the bootstrap-t (Efron and Tibshirani
-1993, An introduction to the bootstrap, section 12.5). Standard errors are sandwiches over records (Liang and Zeger
-1986), in coordinates that are nearly normal: location, logarithm of the spread and, of two measures, their direction.
+that hangs on it (a rate of toppling) lie too low. Here each refit is reflected about the fit (the basic bootstrap:
+Davison and Hinkley 1997, Bootstrap methods and their application, section 5.2), in coordinates that are nearly normal:
+location, logarithm of the spread and, of two measures, their direction. Deviations are widened as those of a regression
+of p coefficients on n records are: by sqrt(n / (n - p)), and by Student's t of n - p over the normal quantile
+(Hesterberg 2015, of means).
 """
 
-from collections.abc import Callable
+import math
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.special import ndtr
+from scipy.stats import norm, t
 
 from toppling.models.arrays import Array
 
 FARTHEST = 4.0
-"""Of a turned sample from the fit, in logarithms of the median and of beta: beyond it standard errors mean nothing."""
-
-STEP = 1e-6
-"""Of the derivatives of coordinates."""
+"""Of a reflected sample from the fit, in logarithms of the median and of beta: beyond it a refit means nothing."""
 
 
-def studentised(
-    design: Array,
-    share: Array,
-    trials: Array,
-    codes: NDArray[np.int64],
-    fitted: Array,
-    refits: Array,
-    drawn: Array,
-) -> Array:
-    """Coefficients whose percentiles are those of the bootstrap-t.
+def reflected(fitted: Array, refits: Array, records: int, level: float = 0.95) -> Array:
+    """Coefficients whose percentiles are the ends of intervals.
 
     Parameters
     ----------
-    design : (n, p) array
-        Ones, then the logarithms of one or two measures.
-    share, trials : (n,) arrays
-        Of toppled jobs in each group of jobs, and their weight.
-    codes : (n,) array
-        Record of each group.
     fitted : (p,) array
-        Coefficients of the fit.
+        Coefficients of a fit to one or two measures.
     refits : (k, p) array
         Of the samples.
-    drawn : (k, records) array
-        How often each record is in each sample.
+    records : int
+        Number that are drawn.
+    level : float
+        Of the intervals that are wanted most.
 
     Returns
     -------
     (k, p) array
-        As they were for a sample whose standard errors do not exist, or are too large to mean anything.
+        As they were for a sample too far from the fit to mean anything.
     """
-    to, back = (_of_line, _line) if design.shape[1] == 2 else (_of_plane, _plane)
-    once = np.ones(drawn.shape[1])
-    whole = _root(design, share, trials, codes, fitted, once, to)
-    if whole is None:
-        return refits
-    centre, found = to(fitted), refits.copy()
-    for number, (coefficients, times) in enumerate(zip(refits, drawn, strict=True)):
-        root = _root(design, share, trials, codes, coefficients, times, to)
-        if root is None:
-            continue
-        turned = back(centre - whole @ np.linalg.solve(root, to(coefficients) - centre))
-        if np.isfinite(turned).all() and (np.abs(to(turned) - centre)[:2] < FARTHEST).all():
-            found[number] = turned
-    return found
-
-
-def _root(
-    design: Array, share: Array, trials: Array, codes: NDArray[np.int64], coefficients: Array, times: Array,
-    to: Callable[[Array], Array],
-) -> Array | None:  # fmt: skip
-    """Cholesky root of the covariance of the coordinates; None where there is none."""
-    eta = design @ coefficients
-    mean = np.clip(ndtr(eta), 1e-12, 1 - 1e-12)
-    density = np.exp(-(eta**2) / 2) / np.sqrt(2 * np.pi)
-    weight = trials * density / (mean * (1 - mean))
-    bread = (design * (weight * density * times[codes])[:, None]).T @ design
-    scores = np.zeros((len(times), design.shape[1]))
-    np.add.at(scores, codes, design * (weight * (share - mean))[:, None])
-    slopes = np.array([
-        (to(coefficients + step) - to(coefficients - step)) / (2 * STEP) for step in STEP * np.eye(design.shape[1])
-    ]).T  # fmt: skip
-    try:
-        half = slopes @ np.linalg.inv(bread)
-        return np.linalg.cholesky(half @ (scores.T * times) @ scores @ half.T)
-    except np.linalg.LinAlgError:
-        return None
+    to, back = (_of_line, _line) if len(fitted) == 2 else (_of_plane, _plane)
+    tail = (1 + level) / 2
+    freedom = records - len(fitted)
+    wider = math.sqrt(records / freedom) * t.ppf(tail, freedom) / norm.ppf(tail)
+    centre, away = to(fitted), to(refits) - to(fitted)
+    if len(fitted) == 3:
+        away[:, 2] = (away[:, 2] + math.pi) % (2 * math.pi) - math.pi
+    far = ~(np.abs(away[:, :2]) < FARTHEST).all(axis=1)
+    return np.where(far[:, None], refits, back(centre - wider * away))
 
 
 def _of_line(coefficients: Array) -> Array:
-    intercept, slope = coefficients
+    intercept, slope = np.moveaxis(coefficients, -1, 0)
     with np.errstate(invalid="ignore", divide="ignore"):
-        return np.array([-intercept / slope, np.log(slope)])
+        return np.stack([-intercept / slope, np.log(slope)], axis=-1)
 
 
 def _line(coordinates: Array) -> Array:
-    slope = np.exp(coordinates[1])
-    return np.array([-coordinates[0] * slope, slope])
+    location, logarithm = np.moveaxis(coordinates, -1, 0)
+    slope = np.exp(logarithm)
+    return np.stack([-location * slope, slope], axis=-1)
 
 
 def _of_plane(coefficients: Array) -> Array:
-    intercept, *slopes = coefficients
-    steepness = np.hypot(*slopes)
-    return np.array([-intercept / steepness, np.log(steepness), np.arctan2(slopes[1], slopes[0])])
+    intercept, first, second = np.moveaxis(coefficients, -1, 0)
+    steepness = np.hypot(first, second)
+    return np.stack([-intercept / steepness, np.log(steepness), np.arctan2(second, first)], axis=-1)
 
 
 def _plane(coordinates: Array) -> Array:
-    steepness, direction = np.exp(coordinates[1]), coordinates[2]
-    return np.array([
-        -coordinates[0] * steepness, steepness * np.cos(direction), steepness * np.sin(direction),
-    ])  # fmt: skip
+    location, logarithm, direction = np.moveaxis(coordinates, -1, 0)
+    steepness = np.exp(logarithm)
+    return np.stack(
+        [-location * steepness, steepness * np.cos(direction), steepness * np.sin(direction)], axis=-1
+    )

@@ -11,8 +11,8 @@ import numpy as np
 import pandas as pd
 
 from toppling.results.lognormal import Lognormal, Resampled
+from toppling.results.reflected import reflected
 from toppling.results.regression import Fit, design_of, grouped, groups_separable, is_flat, regress
-from toppling.results.studentised import studentised
 
 LEAST_RECORDS = 5
 """Fewer cannot be drawn anew: their resamples are too often the same few."""
@@ -43,7 +43,7 @@ def bootstrap(
     random = np.random.default_rng([seed, zlib.crc32("\n".join(records).encode())])
     steep = SUSPECT_SLOPE * np.abs(fitted.coefficients[1:]).max()
     fitted_again = np.zeros(samples if len(records) >= LEAST_RECORDS else 0, bool)
-    found, times = [], []
+    found = []
     for number in range(len(fitted_again)):
         seen()
         drawn = np.bincount(random.integers(0, len(records), len(records)), minlength=len(records))
@@ -54,14 +54,10 @@ def bootstrap(
             continue
         fitted_again[number] = True
         found.append(again)
-        times.append(drawn)
     refits = np.array(found).reshape(-1, design.shape[1])
     turns = bool(found) and fitted.link == "probit" and len(fitted.measures) <= 2
     if turns:
-        share, trials = (groups[name].to_numpy(float) for name in ("share", "trials"))
-        refits = studentised(
-            design, share, trials, codes, np.array(fitted.coefficients), refits, np.array(times, float)
-        )
+        refits = reflected(np.array(fitted.coefficients), refits, len(records))
     return Resampled(refits, fitted_again, len(records), turns)
 
 

@@ -4,15 +4,20 @@ import re
 
 from toppling.models.motions.measures import OPENQUAKE, STANDARD_G_M_S2
 
-_SA = re.compile(r"SA(?:\((\d+(?:\.\d+)?)\)|(\d+)P(\d+))")
+_SA = re.compile(r"SA ?(?:\(?(\d+(?:\.\d+)?) ?S?\)?|(\d+)P(\d+))")
 _SA_COLUMN = re.compile(r"sa_(\d+(?:\.\d+)?)s_m_s2")
 _UNITS = {
-    "g": STANDARD_G_M_S2, "m/s2": 1.0, "m/s^2": 1.0, "m/s²": 1.0, "cm/s2": 0.01, "cm/s^2": 0.01, "cm/s²": 0.01,
-    "gal": 0.01, "m/s": 1.0, "cm/s": 0.01, "m": 1.0, "cm": 0.01,
+    "g": ("m/s2", STANDARD_G_M_S2), "%g": ("m/s2", 0.01 * STANDARD_G_M_S2), "m/s2": ("m/s2", 1.0),
+    "cm/s2": ("m/s2", 0.01), "gal": ("m/s2", 0.01), "m/s": ("m/s", 1.0), "cm/s": ("m/s", 0.01),
+    "mm/s": ("m/s", 0.001), "m": ("m", 1.0), "cm": ("m", 0.01),
 }  # fmt: skip
-"""SI units a unit is."""
-_DIMENSION = {"g": "m/s2", "gal": "m/s2", "m/s^2": "m/s2", "m/s²": "m/s2", "cm/s2": "m/s2", "cm/s^2": "m/s2",
-              "cm/s²": "m/s2", "cm/s": "m/s", "cm": "m"}  # fmt: skip
+"""SI unit of each unit, and how many of them it is."""
+
+
+def _unit(text: str) -> str:
+    """A unit as `_UNITS` spells it: cm/s^2, cm/sec2, cm/s/s, cm/s² and cm_s2 are one."""
+    plain = re.sub(r"[\s^*]", "", text.lower()).replace("²", "2").replace("sec", "s").replace("_s", "/s")
+    return plain.replace("/s/s", "/s2")
 
 
 def sa_column(period_s: float) -> str:
@@ -25,7 +30,7 @@ def measure_of(imt: str) -> tuple[str, float] | None:
 
     Both state accelerations in g and velocity in cm/s. None for a measure that no column is.
     """
-    imt = imt.strip()
+    imt = imt.strip().upper()
     for column, (name, per_si) in OPENQUAKE.items():
         if imt == name:
             return column, 1.0 / per_si
@@ -55,13 +60,9 @@ def measure_with_unit(text: str) -> tuple[str, float] | None:
     stated = re.fullmatch(r"(?P<name>.+?)\s*[(\[](?P<unit>[^()\[\]]+)[)\]]", text) or re.fullmatch(
         r"(?P<name>[A-Za-z]+(?:\([\d.]+\))?)_(?P<unit>g|gal|cm_s2|m_s2|cm_s|m_s|cm|m)", text
     )
-    known = stated and measure_of(stated["name"].strip().upper())
+    known = stated and measure_of(stated["name"])
     if not (stated and known):
         return None
-    unit = (
-        stated["unit"].strip().lower().replace("cm_s2", "cm/s2").replace("m_s2", "m/s2").replace("m_s", "m/s")
-    )
+    unit = _UNITS.get(_unit(stated["unit"]))
     own = "m/s2" if known[0].endswith("_m_s2") else "m/s" if known[0].endswith("_m_s") else "m"
-    if unit not in _UNITS or _DIMENSION.get(unit, unit) != own or known[0] == "cav_m_s":
-        return None
-    return known[0], _UNITS[unit]
+    return (known[0], unit[1]) if unit and unit[0] == own and known[0] != "cav_m_s" else None

@@ -15,6 +15,9 @@ MOST_FILES = 20_000
 MOST_BYTES = 200_000_000
 """Of a file."""
 
+MOST_HEAD_LINES = 30
+"""Of a file of a folder, among which its header is looked for."""
+
 _SUFFIXES = {".csv", ".txt", ".json", ".dat", ".tsv", ""}
 
 
@@ -83,24 +86,31 @@ def _stated(path: Path, hints: Hints) -> list[Stated]:
 def _text(path: Path) -> str:
     if path.stat().st_size > MOST_BYTES:
         refuse(path, f"is larger than {MOST_BYTES // 10**6} MB", "export the curves of fewer sites")
+    content = path.read_bytes()
+    for mark in (b"\xff\xfe", b"\xfe\xff"):
+        if content.startswith(mark):
+            return content.decode("utf-16", errors="replace")
     try:
-        return path.read_text(encoding="utf-8-sig")  # spreadsheets begin with a byte order mark
+        return content.decode("utf-8-sig")  # spreadsheets begin with a byte order mark
     except UnicodeDecodeError:
-        refuse(path, "is no text in UTF-8")
+        lines = content.decode("cp1252", errors="replace")  # of spreadsheets in western Europe: cm/s², µ
+        if not content[:1].isascii() or "\0" in lines or "\ufffd" in lines:
+            refuse(path, "is no text in UTF-8")
+        return lines
 
 
 def _is_hazard(path: Path) -> bool:
     """Whether a file of a folder is one that is read here; two columns are, if they name a measure."""
     try:
-        with path.open(encoding="utf-8-sig") as file:
-            lines = [file.readline(1_000_000).rstrip("\n") for _ in range(2)]
-    except (UnicodeDecodeError, OSError):
+        with path.open(encoding="utf-8-sig", errors="replace") as file:
+            lines = [file.readline(1_000_000).rstrip("\n") for _ in range(MOST_HEAD_LINES)]
+    except OSError:
         return False
-    if not lines[0]:
+    if not lines[0] or any("\0" in line for line in lines):
         return False
     if path.suffix == ".json":
         return nshmp.matches_json(_text(path))
-    if any(one.matches(lines) for one in (openquake, nshmp, cybershake)):
+    if any(one.matches(lines[:2]) for one in (openquake, nshmp, cybershake)):
         return True
     return columns.matches(lines)
 

@@ -1,85 +1,130 @@
-"""Two columns of CSV: an intensity measure, and its annual rate, or its probability over a stated time."""
+"""Columns of text: an intensity measure, and its annual rate, or its probability over a stated time."""
 
 import re
 from collections.abc import Sequence
+from itertools import pairwise
 from pathlib import Path
 
 from toppling.results.hazard.curves import curve_of_probabilities, curve_of_rates
 from toppling.results.hazard.measures import measure_with_unit
 from toppling.results.hazard.readers.statement import Hints, Statement, number, refuse, rows_of
 
-_RATE = {"annual_rate", "annual rate", "annual_frequency", "annual frequency", "annual_rate_of_exceedance",
-         "annual frequency of exceedance", "afe"}  # fmt: skip
+_RATE = re.compile(
+    r"(?:mean )?annual (?:exceedance )?(?:rate|frequency)(?: of exceedance)?|m?afe|rate per year|exceedances per year"
+)
 _PROBABILITY = re.compile(
     r"(?:poe|probability(?:[_ ]of[_ ]exceedance)?)[^0-9]*(?P<years>\d+(?:\.\d+)?)?[^0-9]*"
 )
 
 
 def matches(lines: Sequence[str]) -> bool:
-    """Whether a file of a folder begins with a header that names a measure and one more column."""
-    line = lines[0] if "," in lines[0] else _with_commas(lines[0])
-    cells = line.split(",")
-    return len(cells) == 2 and measure_with_unit(cells[0]) is not None
+    """Whether a file of a folder begins with a header that names a measure and what its values are."""
+    bare = [line for line in lines if line and not line.startswith("#")]
+    if not bare:
+        return False
+    header = ",".join(_cells(bare[:1])[0]).split(",")
+    measures = [name for name in header if measure_with_unit(name)]
+    return len(measures) == 1 and (len(header) == 2 or any(map(_says_value, header)))
 
 
 def read(path: Path, lines: Sequence[str], hints: Hints) -> list[Statement]:
-    """Read a table of two columns with a header.
+    """Read a table with a header: a column of a measure's levels, and one of their rates or probabilities.
 
     Raises
     ------
     InputError
         If the header does not name a measure, or not what the values are.
     """
-    lines = [line for line in lines if not line.lstrip().startswith("#")]
+    lines = [line for line in lines if line.strip() and not line.lstrip().startswith("#")]
     if not lines:
         refuse(path, "holds no table")
-    if "," not in lines[0]:
-        lines = [_with_commas(line) for line in lines]
-    (_, header), *rows = list(rows_of(path, lines)) or [(0, [])]
-    if len(header) != 2:
-        refuse(path, f"has the columns {', '.join(header)[:200]}" if header else "is empty")
-    if _is_number(header[0]):
-        refuse(path, f"states neither measure nor unit nor time: its first line is {lines[0][:40]!r}",
-               "put a header above them, such as PGA (g),annual_rate or pgv_m_s,probability_50_years")  # fmt: skip
-    known = measure_with_unit(header[0])
-    if known is None:
-        refuse(
-            path,
-            f"is over {header[0]!r}",
-            "name a measure with its unit, such as pga_m_s2, PGA or PGA (m/s2)",
-        )
-    years = _years(path, header[1], hints)
-    values = [[number(path, line, cell) for cell in row] for line, row in rows if _pair(path, line, row)]
-    x, y = [row[0] * known[1] for row in values], [row[1] for row in values]
+    (_, header), *rows = list(rows_of(path, [",".join(cells) for cells in _cells(lines)])) or [(0, [])]
+    levels, values = _columns(path, lines[0], header)
+    column, factor = measure_with_unit(header[levels]) or ("", 0.0)
+    years = _years(path, header[values], hints)
+    pairs = [
+        (number(path, line, row[levels]) * factor, number(path, line, row[values]))
+        for line, row in rows
+        if _whole(path, line, row, len(header))
+    ]
+    if len(pairs) > 1 and all(one[0] > other[0] for one, other in pairwise(pairs)):
+        pairs.reverse()
+    x, y = [pair[0] for pair in pairs], [pair[1] for pair in pairs]
     origin = {"source": str(path)}
     if years is None:
-        return [Statement(curve_of_rates(path.stem, known[0], x, y, **origin))]
-    return [Statement(curve_of_probabilities(path.stem, known[0], x, y, years, **origin))]
+        return [Statement(curve_of_rates(path.stem, column, x, y, **origin))]
+    return [Statement(curve_of_probabilities(path.stem, column, x, y, years, **origin))]
 
 
-def _with_commas(line: str) -> str:
-    """A line of two columns that tabs, semicolons or blanks part, parted by a comma."""
-    for sign in ("\t", ";"):
-        if sign in line:
-            return line.replace(sign, ",")
-    first, _, last = line.strip().rpartition(" ")
-    return f"{first.strip()},{last}"
+def _columns(path: Path, line: str, header: Sequence[str]) -> tuple[int, int]:
+    """Numbers of the columns of levels and of values; others, where a header says what these two are, are left."""
+    if len(header) < 2:
+        refuse(path, f"has the columns {', '.join(header)[:200]}" if header else "is empty")
+    if _is_number(header[0]):
+        refuse(path, f"states neither measure nor unit nor time: its first line is {line[:40]!r}",
+               "put a header above them, such as PGA (g),annual_rate or pgv_m_s,probability_50_years")  # fmt: skip
+    measures = [place for place, name in enumerate(header) if measure_with_unit(name)]
+    values = [place for place, name in enumerate(header) if _says_value(name)]
+    if len(header) == 2 and len(measures) == 1:
+        return measures[0], 1 - measures[0]
+    if not measures:
+        first = next(
+            name for place, name in enumerate(header) if place not in values or len(values) == len(header)
+        )
+        remedy = "name a measure with its unit, such as pga_m_s2, PGA or PGA (m/s2)"
+        refuse(
+            path,
+            f"is over {first!r}" if len(header) == 2 else f"has the columns {', '.join(header)[:200]}",
+            remedy,
+        )
+    if len(measures) != 1 or len(values) != 1:
+        refuse(
+            path,
+            f"has the columns {', '.join(header)[:200]}",
+            "give one measure and one column of its values",
+        )
+    return measures[0], values[0]
 
 
-def _pair(path: Path, line: int, row: list[str]) -> bool:
-    if len(row) != 2:
-        refuse(path, f"line {line} has {len(row)} columns, the header 2")
+def _cells(lines: Sequence[str]) -> list[list[str]]:
+    """Cells of lines that commas, tabs, semicolons or blanks part, told by the first."""
+    sign = next((sign for sign in (",", "\t", ";") if sign in lines[0]), None)
+    if sign == ",":
+        return [[line] for line in lines]
+    if sign:
+        return [line.replace(",", ".").split(sign) for line in lines]  # decimal commas
+    return [[part.strip() for part in line.strip().rpartition(" ")[::2]] for line in lines]
+
+
+def _whole(path: Path, line: int, row: list[str], columns: int) -> bool:
+    if len(row) != columns:
+        refuse(path, f"line {line} has {len(row)} columns, the header {columns}")
     return True
+
+
+def _plain(name: str) -> str:
+    """A column's name in lower case, with blanks, and without a unit of time."""
+    return re.sub(
+        r"[ _-]+", " ", re.sub(r"[(\[](?:1/(?:yr|a|year)|(?:per |/ ?)year)[)\]]", "", name.lower())
+    ).strip()
+
+
+def _says_value(name: str) -> bool:
+    return bool(_RATE.fullmatch(_plain(name)) or _PROBABILITY.fullmatch(name.lower()))
 
 
 def _years(path: Path, name: str, hints: Hints) -> float | None:
     """Time that the second column's probabilities are over; None for annual rates."""
-    if name.lower() in _RATE:
+    if _RATE.fullmatch(_plain(name)):
         return None
     found = _PROBABILITY.fullmatch(name.lower())
+    if not found and hints.years is not None:
+        return hints.years or None
     if not found:
         refuse(
-            path, f"has the column {name!r}", "call it annual_rate, or probability_50_years after its time"
+            path,
+            f"has the column {name!r}",
+            "call it annual_rate, or probability_50_years after its time, or give --values",
         )
     years = float(found["years"]) if found["years"] else hints.years
     if not years:

@@ -92,8 +92,9 @@ def kind_of(table: Table) -> str:
         return "places"
     if {SITE, "lon", "lat"} <= columns <= {SITE, "lon", "lat", "depth", "vs30"}:
         return "sitemesh"
-    if "annual_rate" in columns and len(columns) > 2 and any(measure_with_unit(name) for name in columns):
-        return "plain"
+    measures = [name for name in table.header if measure_with_unit(name)]
+    if "annual_rate" in columns and (len(measures) > 1 or (measures and columns & {EVENT, SITE})):
+        return "plain"  # one measure alone and no events or sites: a hazard curve
     return ""
 
 

@@ -10,6 +10,7 @@ import pytest
 from toppling.models.errors import InputError
 from toppling.results.hazard.readers import Hints, read_hazard
 from toppling.results.hazard.readers.assembly import chosen_tree
+from toppling.results.hazard.readers.event_sets import is_event_set
 from toppling.results.hazard.sites import distance_km
 
 SAMPLES = Path(__file__).parents[4] / "shared" / "data" / "hazard"
@@ -106,6 +107,38 @@ def test_two_columns_are_read_in_si_or_in_openquakes_units(tmp_path):
     assert si.stronger(1.2).intensity[0] == pytest.approx(1.2 * 0.980665)
     (tmp_path / "spreadsheet.csv").write_text("\ufeffPGA,annual_rate\n0.1,0.01\n1,0.0001\n", encoding="utf-8")
     assert read_curve(tmp_path / "spreadsheet.csv").measure == "pga_m_s2"
+
+
+@pytest.mark.parametrize(
+    ("text", "encoding"),
+    [
+        ("PGA (g),annual_rate\n{0},{1}\n{2},{3}\n", "utf-8"),
+        ("annual_rate\tPGA (g)\n{1}\t{0}\n{3}\t{2}\n", "utf-8"),
+        ("PGA (g),annual_rate\n{2},{3}\n{0},{1}\n", "utf-8"),
+        (
+            "# of mine\n# at the rock\nsite,PGA (g),annual_rate,note\nA,{0},{1},\nA,{2},{3},last\n",
+            "utf-8-sig",
+        ),
+        ("pga_g;Annual frequency of exceedance (1/yr)\n0,1;1,0E-2\n0,2;1,0E-3\n", "utf-8"),
+        ("PGA [g]\tAFE\r\n{0}\t{1}\r\n{2}\t{3}\r\n", "utf-16"),
+        ("PGA (cm/s²),mean annual rate of exceedance\n98.0665,{1}\n196.133,{3}\n", "cp1252"),
+        ("PGA (cm/sec^2),annual_rate\n98.0665,{1}\n196.133,{3}\n", "utf-8"),
+    ],
+)
+def test_a_table_is_read_whatever_its_order_signs_units_and_encoding(tmp_path, text, encoding):
+    (tmp_path / "curve.csv").write_bytes(text.format(0.1, 1e-2, 0.2, 1e-3).encode(encoding))
+    curve = read_curve(tmp_path / "curve.csv")
+    assert curve.measure == "pga_m_s2"
+    assert curve.intensity == pytest.approx([0.980665, 1.96133])
+    assert curve.annual_rate == pytest.approx([1e-2, 1e-3])
+
+
+def test_a_curve_beside_other_columns_is_no_set_of_events(tmp_path):
+    path = tmp_path / "curve.csv"
+    path.write_text("PGA,annual_rate,note\n0.1,1e-2,\n0.2,1e-3,\n")
+    assert not is_event_set(path)
+    path.write_text("event_id,PGA,annual_rate\n1,0.1,1e-2\n2,0.2,1e-3\n")
+    assert is_event_set(path)
 
 
 @pytest.mark.parametrize(

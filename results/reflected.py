@@ -46,8 +46,8 @@ def reflected(fitted: Array, refits: Array, records: int, level: float = 0.95) -
     centre, away = to(fitted), to(refits) - to(fitted)
     if len(fitted) == 3:
         away[:, 2] = (away[:, 2] + math.pi) % (2 * math.pi) - math.pi
-    far = ~(np.abs(away[:, :2]) < FARTHEST).all(axis=1)
-    return np.where(far[:, None], refits, back(centre - wider * away))
+    near = np.all(np.abs(away[:, :2]) < FARTHEST, axis=1, keepdims=True)
+    return np.where(near, back(centre - wider * away), refits)
 
 
 def _of_line(coefficients: Array) -> Array:

@@ -1,7 +1,7 @@
 """What is asked of standing rocks, and which of it goes together."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -89,7 +89,7 @@ def has_factor(since: Sequence[Since | None]) -> bool:
     return any(one is not None and math.isfinite(one.factor) for one in since)
 
 
-def _first(options: dict[str, object]) -> str | None:
+def _first(options: Mapping[str, object]) -> str | None:
     return next((name for name, value in options.items() if value), None)
 
 

@@ -14,6 +14,7 @@ slopes (gravity in the plane's frame).
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -79,23 +80,22 @@ class Seat:
 
     def path(self, gravity_m_s2: float, azimuth_deg: float) -> tuple[float, float]:
         """Accelerations at lift-off and at toppling."""
+        left = [acceleration for _, acceleration in self.rests(gravity_m_s2, azimuth_deg)]
+        return (left[0], left[-1]) if left else (0.0, 0.0)
+
+    def rests(self, gravity_m_s2: float, azimuth_deg: float) -> Iterator[tuple[_Pose, float]]:
+        """Poses on the path, each with the acceleration at which it is left."""
         gravity = self.frame @ np.array([0.0, 0.0, -gravity_m_s2])
         push = -self.frame @ horizontal_unit_vector(azimuth_deg)
-        seated = self._seated(gravity)
-        if seated is None:
-            return 0.0, 0.0
-        pose, ring = seated
-        lift_off, acceleration = np.inf, 0.0
-        while True:
+        rest, acceleration = self._seated(gravity), 0.0
+        while rest is not None:
+            pose, ring = rest
             acceleration = _leaves(ring, pose.com, gravity, push, acceleration)
-            lift_off = min(lift_off, acceleration)
+            yield pose, acceleration
             if not np.isfinite(acceleration):
-                return lift_off, acceleration
+                return
             beyond = acceleration * (1 + _PAST_THE_EDGE) + _PAST_THE_EDGE * gravity_m_s2
-            landed = self._fallen(pose, ring, gravity + beyond * push)
-            if landed is None:
-                return lift_off, acceleration
-            pose, ring = landed
+            rest = self._fallen(pose, ring, gravity + beyond * push)
 
     def fallen(self, gravity: Array) -> _Pose | None:
         """The pose in which gravity alone leaves the rock; None if it topples."""

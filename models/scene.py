@@ -187,7 +187,7 @@ class Scene:
 
         if self.pedestal.is_plane:
             return GroundKind(True, "the pedestal is an endless plane")
-        if self.rock.feet_m is not None or self.unseen is not None:
+        if self.rock.feet_m is not None or (self.unseen is not None and self.unseen.vertices is None):
             return GroundKind(True, "its base is drawn over the interface plane")
         return kind_of(self.grounded, self.rock.height_m)
 

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import ConvexHull, QhullError
 from scipy.spatial.transform import Rotation
 
@@ -87,11 +87,16 @@ class UnseenBase:
     nominal : int or None
         Draw whose feet the scene itself stands on, in its own pose and with its own centre of mass; None for those of
         its meshes.
+    vertices : (n,) int array or None
+        Over a surface: which vertices of the rock's mesh the feet of each draw are, in their order. Their third
+        coordinate is then the height over the interface plane and not the clearance, and the rock touches where its
+        mesh does.
     """
 
     band_m: float
     draws: tuple[BaseDraw, ...]
     nominal: int | None = None
+    vertices: NDArray[np.int64] | None = None
 
     def __len__(self) -> int:
         return len(self.draws)
@@ -114,7 +119,12 @@ class UnseenBase:
         draw = self.draws[number]
         frame = np.vstack([*plane_axes(pedestal.normal), pedestal.normal])
         turn = Rotation.from_rotvec(draw.turn_rad).as_matrix()
-        moved = dataclasses.replace(rock, com_m=rock.com_m + draw.com_offset_m).moved(turn, draw.shift_m)
+        moved = dataclasses.replace(rock, com_m=rock.com_m + draw.com_offset_m)
+        if self.vertices is not None:
+            vertices = rock.vertices_m.copy()
+            vertices[self.vertices] = draw.feet_m @ frame + pedestal.point_m
+            return dataclasses.replace(moved, vertices_m=vertices).moved(turn, draw.shift_m)
+        moved = moved.moved(turn, draw.shift_m)
         high = feet_above_m(rock, pedestal, self.band_m) @ turn.T + draw.shift_m
         return dataclasses.replace(moved, feet_m=np.vstack([draw.feet_m @ frame + pedestal.point_m, high]))
 
@@ -128,6 +138,8 @@ class UnseenBase:
         content = hashlib.sha256(repr(float(self.band_m)).encode())
         if self.nominal is not None:
             content.update(repr(self.nominal).encode())
+        if self.vertices is not None:
+            content.update(np.ascontiguousarray(self.vertices, "<i8").tobytes())
         for draw in self.draws:
             for field in dataclasses.fields(draw):
                 array = np.ascontiguousarray(getattr(draw, field.name), "<f8")
@@ -141,6 +153,8 @@ class UnseenBase:
         head = f'"{KEY}": "{BLANK}", "schema_version": {SCHEMA_VERSION}, "band_m": {float(self.band_m)!r}'
         if self.nominal is not None:
             head += f', "nominal": {self.nominal}'
+        if self.vertices is not None:
+            head += f', "vertices": {json.dumps(self.vertices.tolist())}'
         path.write_text(f'{{{head}, "draws": [\n{lines}\n]}}\n')
         seal(path)
 
@@ -159,15 +173,16 @@ class UnseenBase:
                 raise _no_draws(f"schema version {content['schema_version']}", path)
             draws = tuple(BaseDraw(**_checked(draw)) for draw in content["draws"])
             band_m, nominal = float(content["band_m"]), content.get("nominal")
+            vertices = _numbers(content.get("vertices"), draws)
         except InputError:
             raise
         except (OSError, UnicodeDecodeError, KeyError, TypeError, ValueError, OverflowError) as error:
             raise _no_draws(f"is not whole ({type(error).__name__}: {error})", path) from None
-        if not draws or not band_m > 0.0:
+        if not draws or not (band_m > 0.0 or (vertices is not None and band_m == 0.0)):
             raise _no_draws(f"{len(draws)} draws below {band_m} m", path)
         if nominal is not None and (type(nominal) is not int or not 0 <= nominal < len(draws)):
             raise _no_draws(f"nominal is {shown(nominal)}, of {len(draws)} draws", path)
-        return cls(band_m, draws, nominal)
+        return cls(band_m, draws, nominal, vertices)
 
 
 @lru_cache(maxsize=8)  # rocks and pedestals compare by identity: one look at the meshes serves every draw
@@ -218,6 +233,20 @@ def least_feet(feet_m: ArrayLike, high_m: Array, com_m: Array, tolerance_m: floa
         kept.add(foot)
         missing = np.minimum(missing, whole - down @ feet[foot])
     return feet[sorted(kept)]
+
+
+def _numbers(vertices: Any, draws: tuple[BaseDraw, ...]) -> NDArray[np.int64] | None:
+    """Vertices of the rock that the feet are, refused where they are not those of the draws."""
+    if vertices is None:
+        return None
+    numbers = np.asarray(vertices)
+    if numbers.ndim != 1 or numbers.dtype.kind != "i" or (numbers < 0).any():
+        msg = "vertices are no list of whole numbers"
+        raise ValueError(msg)
+    if any(len(draw.feet_m) != len(numbers) for draw in draws):
+        msg = f"{len(numbers)} vertices, and draws of another number of feet"
+        raise ValueError(msg)
+    return numbers.astype(np.int64)
 
 
 def _lists(draw: BaseDraw) -> dict[str, Any]:

@@ -117,8 +117,9 @@ class Underside:
         lit: NDArray[np.float64],
         height_m: float,
         hint: InterfaceHint | None = None,
+        lattice_m: float = 0.0,
     ) -> "Underside":
-        """Underside from points of rock and pedestal near the interface (u, v, h).
+        """Underside from points of rock and pedestal near the interface (u, v, h), on cells of a lattice if there is one.
 
         Raises
         ------
@@ -127,7 +128,10 @@ class Underside:
         """
         check_seen(len(low), "rock", given=hint is not None)
         cell = height_m / CELLS_PER_HEIGHT
-        grid = Grid.over(low[:, :2].min(axis=0) - 6 * cell, low[:, :2].max(axis=0) + 6 * cell, cell)
+        first, last = low[:, :2].min(axis=0) - 6 * cell, low[:, :2].max(axis=0) + 6 * cell
+        if lattice_m:
+            first, last = np.floor(first / lattice_m) * lattice_m, np.ceil(last / lattice_m) * lattice_m
+        grid = Grid.over(first, last, cell)
         seen_height, seen = _lowest(grid, low)
         hidden = _within_rim(seen)
         outline = hint.inside(grid.nodes_m) if hint is not None and hint.encloses else None
@@ -155,6 +159,7 @@ def hidden_base(
     core: float,
     hint: InterfaceHint | None = None,
     rng: np.random.Generator | None = None,
+    lattice_m: float = 0.0,
 ) -> Base:
     """Close the underside: a sheet hung into its seen rim, resting where the pedestal was not seen.
 
@@ -173,13 +178,15 @@ def hidden_base(
         If it is a contact outline, the rock rests inside it and nowhere else.
     rng : numpy.random.Generator, optional
         Draws the relief that nobody saw, as high as the rim's height lets expect, for the uncertainty.
+    lattice_m : float, optional
+        Of the surface below, on whose nodes cells lie.
 
     Raises
     ------
     InputError
         If next to nothing of the rock shows near the interface.
     """
-    under = Underside.of(low, lit, height_m, hint)
+    under = Underside.of(low, lit, height_m, hint, lattice_m)
     grid, outline, depth, hidden = under.grid, under.outline, under.hole_depth, under.hidden
     rests = _deepest(depth, hidden, core)
     if outline is not None:

@@ -20,7 +20,9 @@ from scipy.spatial import cKDTree
 from toppling.models.errors import InputError
 from toppling.models.rock import Rock
 from toppling.models.scan.base import Base
+from toppling.models.scan.crevice import grid_triangles
 from toppling.models.scan.interface import Interface
+from toppling.models.scan.sheet import Sheet
 from toppling.models.scan.surfels import Surfels
 
 POISSON_DEPTH = 7
@@ -60,24 +62,31 @@ def close_rock(surfels: Surfels, rock: NDArray[np.bool_], base: Base, interface:
         If the seen surface does not close to one body that reaches the interface.
     """
     flat, flat_normals = interface.flat(surfels.points_m[rock]), surfels.normals[rock] @ interface.axes
-    above = (flat[:, 2] > 0.0) & _together(flat, 3.0 * surfels.voxel_m)
+    above = (interface.over(surfels.points_m[rock])[:, 2] > 0.0) & _together(flat, 3.0 * surfels.voxel_m)
     flat, flat_normals = flat[above], flat_normals[above]
     within = base.grid.nodes_m[base.hidden]
-    sunk = np.column_stack([within, base.height_m[base.hidden] - surfels.voxel_m])
+    sunk = np.column_stack([within, base.height_m[base.hidden] - surfels.voxel_m]) + interface.rise(within)
     down = np.tile([0.0, 0.0, -1.0], (len(sunk), 1))
     height = float(np.ptp(flat[:, 2]))
     body = _poisson(np.vstack([flat, sunk]), np.vstack([flat_normals, down]))
-    body = body.simplify(SIMPLIFIED_SHARE_OF_HEIGHT * height) ^ _above(base, flat, height)
-    parts = body.simplify(BASE_SHARE_OF_HEIGHT * height).decompose()
+    body = body.simplify(SIMPLIFIED_SHARE_OF_HEIGHT * height)
+    if interface.sheet is None:
+        parts = (body ^ _above(base, flat, height)).simplify(BASE_SHARE_OF_HEIGHT * height).decompose()
+    else:  # the base keeps the lattice's nodes: draws move them
+        parts = (body ^ _above_surface(base, flat, height, interface.sheet)).decompose()
     if not parts:
         raise _not_closed("the reconstructed surface lies below the interface")
     mesh = max(parts, key=lambda part: part.volume()).to_mesh64()
     vertices = np.array(mesh.vert_properties[:, :3], float)
     faces = np.array(mesh.tri_verts, np.int64)
-    vertices[np.abs(vertices[:, 2]) < 1e-9 * height, 2] = 0.0
+    if interface.sheet is None:
+        vertices[np.abs(vertices[:, 2]) < 1e-9 * height, 2] = 0.0
     vertices = _apart(vertices, faces, APART_SHARE_OF_HEIGHT * height)
     rock_body = Rock.from_triangles(interface.scene(vertices), faces, where="closed rock")
-    return ClosedRock(rock_body, *_shares(vertices, faces, flat, surfels.voxel_m))
+    over = vertices[:, 2] - interface.rise(vertices)[:, 2]
+    return ClosedRock(
+        rock_body, *_shares(vertices, faces, np.abs(over) < 1e-9 * height, flat, surfels.voxel_m)
+    )
 
 
 def _apart(vertices: NDArray[np.float64], faces: NDArray[np.int64], reach_m: float) -> NDArray[np.float64]:
@@ -115,6 +124,30 @@ def _above(base: Base, flat: NDArray[np.float64], height_m: float) -> manifold3d
     floor = np.pad(base.height_m, 1)
     floor[[0, 1, -2, -1]] = 0.0
     floor[:, [0, 1, -2, -1]] = 0.0
+    return _body_over(u, v, floor, top_m)
+
+
+def _above_surface(
+    base: Base, flat: NDArray[np.float64], height_m: float, sheet: Sheet
+) -> manifold3d.Manifold:
+    """The same over a surface: its floor the base at the lattice's nodes; beyond it, what was seen closes the body."""
+    stride = round(sheet.lattice_m / base.grid.cell_m)
+    nodes = base.grid.nodes_m[::stride, ::stride]
+    floor = base.height_m[::stride, ::stride] + sheet.at(nodes)
+    overhang = max(float((nodes[0, 0] - flat[:, :2]).max()), float((flat[:, :2] - nodes[-1, -1]).max()), 0.0)
+    low, high = float(flat[:, 2].min()) - height_m, float(flat[:, 2].max()) + height_m
+    out = np.array([0.5 * sheet.lattice_m, overhang + height_m])
+    u, v = (
+        np.concatenate([each[0] - out[::-1], each, each[-1] + out])
+        for each in (nodes[:, 0, 0], nodes[0, :, 1])
+    )
+    return _body_over(*np.meshgrid(u, v, indexing="ij"), np.pad(floor, 2, constant_values=low), high)
+
+
+def _body_over(
+    u: NDArray[np.float64], v: NDArray[np.float64], floor: NDArray[np.float64], top_m: float
+) -> manifold3d.Manifold:
+    """Body between a floor, given at the nodes of a grid, and a level top."""
     count = u.size
     vertices = np.vstack(
         [
@@ -123,13 +156,7 @@ def _above(base: Base, flat: NDArray[np.float64], height_m: float) -> manifold3d
         ]
     )
     number = np.arange(count).reshape(u.shape)
-    a, b, c, d = (
-        number[:-1, :-1].ravel(),
-        number[1:, :-1].ravel(),
-        number[1:, 1:].ravel(),
-        number[:-1, 1:].ravel(),
-    )
-    up = np.concatenate([np.column_stack([a, b, c]), np.column_stack([a, c, d])])
+    up = grid_triangles(u.shape)
     border = np.concatenate([number[:-1, 0], number[-1, :-1], number[:0:-1, -1], number[0, :0:-1]])
     after = np.roll(border, -1)
     sides = np.concatenate(
@@ -179,11 +206,15 @@ def _capped(
 
 
 def _shares(
-    vertices: NDArray[np.float64], faces: NDArray[np.int64], seen: NDArray[np.float64], voxel_m: float
+    vertices: NDArray[np.float64],
+    faces: NDArray[np.int64],
+    resting: NDArray[np.bool_],
+    seen: NDArray[np.float64],
+    voxel_m: float,
 ) -> tuple[float, float, float]:
     corner = vertices[faces]
     area = 0.5 * np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1)
-    on_plane = (corner[:, :, 2] == 0.0).all(axis=1)
+    on_plane = resting[faces].all(axis=1)
     near = cKDTree(seen).query(corner.mean(axis=1))[0] < 2.0 * voxel_m
     shares = [area[near & ~on_plane].sum(), area[on_plane].sum(), area[~near & ~on_plane].sum()]
     return tuple(float(share / area.sum()) for share in shares)  # type: ignore[return-value]

@@ -103,6 +103,14 @@ def grid_laplacian(shape: tuple[int, ...]) -> csc_matrix:
     return csc_matrix(diags(np.asarray(adjacent.sum(axis=1)).ravel()) - adjacent)
 
 
+def grid_triangles(shape: tuple[int, ...]) -> NDArray[np.int64]:
+    """Triangles (m, 3) of a grid's cells, each halved from its first node to the one across."""
+    number = np.arange(shape[0] * shape[1]).reshape(shape)
+    a, b, c, d = number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]
+    halves = np.stack([a, b, c], -1).reshape(-1, 3), np.stack([a, c, d], -1).reshape(-1, 3)
+    return np.concatenate(halves)
+
+
 def judge_crevice(
     points_m: NDArray[np.float64],
     label: NDArray[np.int8],
@@ -120,7 +128,7 @@ def judge_crevice(
         If next to nothing of the rock or of the pedestal shows near the interface.
     """
     low = points_m[label == ROCK]
-    low = low[np.abs(interface.flat(low)[:, 2]) < BAND_PER_HEIGHT * height_m]
+    low = low[np.abs(interface.over(low)[:, 2]) < BAND_PER_HEIGHT * height_m]
     check_seen(len(low), "rock", given=not refit)
     margin = 0.15 * height_m
     around = ((points_m > low.min(axis=0) - margin) & (points_m < low.max(axis=0) + margin)).all(axis=1)
@@ -128,7 +136,7 @@ def judge_crevice(
     for _ in range(2):
         if relabel:
             near_label = _relabelled(near, near_label, interface, height_m, given=not refit)
-        if refit:
+        if refit and interface.sheet is None:
             interface = refitted(near, near_label, interface, height_m)
     label = label.copy()
     label[around] = near_label
@@ -169,7 +177,7 @@ def _relabelled(
     *,
     given: bool,
 ) -> NDArray[np.int8]:
-    flat = interface.flat(points_m)
+    flat = interface.over(points_m)
     rock = flat[label == ROCK]
     low = rock[rock[:, 2] < BAND_PER_HEIGHT * height_m]
     check_seen(len(low), "rock", given=given)

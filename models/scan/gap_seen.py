@@ -127,12 +127,12 @@ def hidden_part(
             expected="the foot of the rock seen from several sides, all around what no laser sees",
             remedy="one side is not enough: scan the rock's foot from the other sides",
         )
-    stride = max(1, round(width_m / PLACES_ACROSS / cell))
+    stride = max(1, round((interface.lattice_m or width_m / PLACES_ACROSS) / cell))
     chosen = np.zeros(grid.shape, bool)
     chosen[::stride, ::stride] = True
     inner = grid.nodes_m[under.hidden & chosen]
     rim = _outlined(under, height_m) if under.outline is not None else _seen_rim(under, low, lit, height_m)
-    inspected = [interface.flat(each)[:, :2] for each in (inspection.touching_m, inspection.open_m)]
+    inspected = [interface.over(each)[:, :2] for each in (inspection.touching_m, inspection.open_m)]
     places = np.vstack([inner, rim.places_m, *inspected])
     _check_under_the_rock(inspection, np.vstack(inspected), places[: len(inner) + len(rim.gap_m)], height_m)
     first = np.cumsum([len(inner), len(rim.gap_m), len(inspected[0])])
@@ -224,7 +224,7 @@ def check_on_interface(inspection: Inspection, interface: Interface, height_m: f
     InputError
         If one lies farther off than a share of the rock's height.
     """
-    over = interface.flat(inspection.places_m)[:, 2]
+    over = interface.over(inspection.places_m)[:, 2]
     off = np.abs(over) > NOT_UNDER_THE_ROCK * height_m
     if off.any():
         number = int(off.argmax())

@@ -9,15 +9,16 @@ from numpy.typing import NDArray
 from scipy import ndimage
 from scipy.sparse import diags
 from scipy.sparse.linalg import spsolve
-from scipy.spatial import cKDTree
+from scipy.spatial import ConvexHull, cKDTree
 
 from toppling.models.pedestal import Pedestal
 from toppling.models.relief import height_below
 from toppling.models.rock import Rock
-from toppling.models.scan.crevice import grid_laplacian
+from toppling.models.scan.crevice import grid_laplacian, grid_triangles
 from toppling.models.scan.interface import Interface
+from toppling.models.scan.sheet import lattice
 from toppling.models.scan.surfels import Surfels
-from toppling.models.statics import support_polygon_m
+from toppling.models.statics import CONTACT_SHARE_OF_HEIGHT, support_polygon_m
 
 REACH_HEIGHTS = 0.6
 """How far beyond the rock's outline the pedestal is kept, in rock heights: a rock whose centre of mass
@@ -49,25 +50,30 @@ def pedestal_ground(
     surfels: Surfels, pedestal: NDArray[np.bool_], rock: Rock, interface: Interface
 ) -> Ground:
     """Mesh the pedestal as a height over the interface plane, within reach of the rock, up to cliff edges."""
-    outline_m = support_polygon_m(rock, Pedestal(interface.point_m, interface.normal))
+    flat_rock = interface.over(rock.vertices_m)
+    height = float(np.ptp(interface.flat(rock.vertices_m)[:, 2]))
+    outline_m = _outline_m(rock, interface, height)
     outline = interface.flat(outline_m)[:, :2]
-    flat_rock = interface.flat(rock.vertices_m)
-    height = float(np.ptp(flat_rock[:, 2]))
-    cell = height / CELLS_PER_HEIGHT
     margin = REACH_HEIGHTS * height
-    first = flat_rock[:, :2].min(axis=0) - margin
-    shape = tuple(np.ceil((flat_rock[:, :2].max(axis=0) + margin - first) / cell).astype(int) + 1)
-    nodes = np.stack(np.meshgrid(*(np.arange(n) * cell for n in shape), indexing="ij"), axis=-1) + first
-    flat = interface.flat(surfels.points_m[pedestal])
+    low, high = flat_rock[:, :2].min(axis=0) - margin, flat_rock[:, :2].max(axis=0) + margin
+    if interface.sheet is None:
+        cell = height / CELLS_PER_HEIGHT
+        shape = tuple(np.ceil((high - low) / cell).astype(int) + 1)
+        nodes = np.stack(np.meshgrid(*(np.arange(n) * cell for n in shape), indexing="ij"), axis=-1) + low
+    else:
+        cell, nodes = interface.lattice_m, lattice(interface.sheet, low, high)
+    flat = interface.over(surfels.points_m[pedestal])
     top = surfels.normals[pedestal] @ interface.normal > STEEP
     top &= np.abs(flat[:, 2]) < 0.25 * height
     top[top] = _among_its_like(flat[top], cell)
-    standing = _inside(nodes, outline)
+    standing = _inside(nodes, outline if interface.sheet is None else interface.sheet.ring_m)
     # Every cell that the outline crosses is there and lies in the plane, so that the whole base rests on it.
     lost = _lost(flat, top, nodes, cell, ndimage.binary_dilation(standing, np.ones((3, 3))))
     seat = ndimage.binary_dilation(standing, np.ones((3, 3)), iterations=2)
     surface = _surface(flat[top], nodes, cell, seat)
     surface = np.where(seat, 0.0, np.minimum(surface, _underside(flat_rock, rock.faces, nodes, cell)))
+    if interface.sheet is not None:
+        surface = surface + interface.sheet.at(nodes)
     vertices, faces = _triangles(nodes, surface, ~lost)
     edges = _edges(nodes, surface, lost)
     return Ground(
@@ -75,6 +81,16 @@ def pedestal_ground(
         outline_m,
         [interface.scene(edge) for edge in edges],
     )
+
+
+def _outline_m(rock: Rock, interface: Interface, height_m: float) -> NDArray[np.float64]:
+    """Convex outline (k, 3) of where the rock rests, counter-clockwise."""
+    if interface.sheet is None:
+        return support_polygon_m(rock, Pedestal(interface.point_m, interface.normal))
+    resting = interface.over(rock.vertices_m)[:, 2] < CONTACT_SHARE_OF_HEIGHT * height_m
+    places = interface.flat(rock.vertices_m[resting])[:, :2]
+    corners = places[ConvexHull(places).vertices]
+    return interface.scene(np.column_stack([corners, np.zeros(len(corners))]) + interface.rise(corners))
 
 
 def kept_of(ground: Ground, seen_m: NDArray[np.float64], interface: Interface) -> dict[str, Any]:
@@ -167,9 +183,7 @@ def _underside(
 def _triangles(
     nodes: NDArray[np.float64], surface: NDArray[np.float64], kept: NDArray[np.bool_]
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    number = np.arange(kept.size).reshape(kept.shape)
-    a, b, c, d = number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]
-    faces = np.concatenate([np.stack([a, b, c], -1).reshape(-1, 3), np.stack([a, c, d], -1).reshape(-1, 3)])
+    faces = grid_triangles(kept.shape)
     faces = faces[kept.ravel()[faces].all(axis=1)]
     used, faces = np.unique(faces, return_inverse=True)
     vertices = np.column_stack([nodes.reshape(-1, 2), surface.ravel()])[used]

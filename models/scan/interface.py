@@ -1,7 +1,10 @@
 """The interface: the plane on which rock and pedestal meet, and how far they leave it."""
 
+from __future__ import annotations
+
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +14,9 @@ from toppling.models.arrays import Array
 from toppling.models.errors import InputError
 from toppling.models.frames import plane_axes, shifted_and_turned
 from toppling.models.scan.surfels import Surfels
+
+if TYPE_CHECKING:
+    from toppling.models.scan.sheet import Sheet
 
 CREVICE_VOXELS = 4.0
 """Pedestal surfels this near to a rock surfel line the crevice."""
@@ -30,16 +36,54 @@ class Interface:
         Columns u, v in the plane and the normal: right-handed.
     roughness_m : float
         Root mean square distance of the crevice's pedestal side from the plane.
+    sheet : Sheet or None
+        The pedestal's surface below the rock, where one plane does not describe it.
     """
 
     point_m: Array
     normal: Array
     axes: Array
     roughness_m: float
+    sheet: Sheet | None = None
 
     def flat(self, points_m: Array) -> Array:
         """Coordinates (n, 3) u, v along the plane and height h over it."""
         return shifted_and_turned(points_m, self.point_m, self.axes)
+
+    def over(self, points_m: Array) -> Array:
+        """Coordinates (n, 3) u, v along the plane and height over the pedestal's surface."""
+        flat = self.flat(points_m)
+        return flat if self.sheet is None else flat - self.rise(flat)
+
+    def rise(self, flat_m: Array) -> Array:
+        """The pedestal's surface over the plane at places (n, 2 or 3), as (n, 3): 0, 0, height."""
+        height = 0.0 if self.sheet is None else self.sheet.at(flat_m)
+        return np.column_stack([np.zeros((len(flat_m), 2)), np.broadcast_to(height, len(flat_m))])
+
+    def support(self, points_m: Array) -> Array:
+        """Coordinates (n, 3) in the support frame: along :func:`models.frames.plane_axes` and the normal."""
+        return shifted_and_turned(
+            points_m, self.point_m, np.column_stack([*plane_axes(self.normal), self.normal])
+        )
+
+    def normals(self, flat_m: Array) -> Array:
+        """Unit normals (n, 3) of the surface at places, along u, v and the plane's normal."""
+        slope = np.zeros((len(flat_m), 2))
+        if self.sheet is not None:
+            step = 0.5 * self.sheet.lattice_m * np.eye(2)
+            slope = (
+                np.column_stack(
+                    [self.sheet.at(flat_m[:, :2] + way) - self.sheet.at(flat_m[:, :2] - way) for way in step]
+                )
+                / self.sheet.lattice_m
+            )
+        normal = np.column_stack([-slope, np.ones(len(slope))])
+        return normal / np.linalg.norm(normal, axis=1)[:, None]
+
+    @property
+    def lattice_m(self) -> float:
+        """Spacing of the nodes on which the surface is known; 0 for a plane."""
+        return 0.0 if self.sheet is None else self.sheet.lattice_m
 
     def scene(self, flat_m: Array) -> Array:
         """Scene coordinates (n, 3) of points given by u, v, h."""

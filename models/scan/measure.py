@@ -18,9 +18,10 @@ from toppling.models.scan.crevice import refitted
 from toppling.models.scan.interface import Interface
 from toppling.models.scan.interface_hint import InterfaceHint
 from toppling.models.scan.segment import PEDESTAL, ROCK, Segmentation
+from toppling.models.scan.sheet import on_surface
 from toppling.models.scan.surfels import Surfels
 from toppling.models.scene import Scene
-from toppling.models.statics import quasi_static_toppling_m_s2
+from toppling.models.statics import CONTACT_SHARE_OF_HEIGHT, quasi_static_toppling_m_s2
 
 AZIMUTHS_DEG = np.arange(0.0, 360.0, 10.0)
 SECTORS = 36
@@ -78,31 +79,40 @@ class ObservedRock:
 
 def close_standing(observed: ObservedRock, interface: Interface) -> tuple[ClosedRock, float]:
     """Close the rock on the narrowest feet on which it stands, and say how narrow: it stood when it was scanned."""
-    low, lit = interface.flat(observed.low_m), interface.flat(observed.lit_m)
+    low, lit = interface.over(observed.low_m), interface.over(observed.lit_m)
     cores = CORES_OF_HOLES if observed.hint is None or not observed.hint.encloses else CORES_OF_HOLES[:1]
     for core in cores:
-        base = hidden_base(low, lit, observed.height_m, core, observed.hint)
+        base = hidden_base(low, lit, observed.height_m, core, observed.hint, lattice_m=interface.lattice_m)
         closed = close_rock(observed.surfels, observed.patches, base, interface)
         if stands(closed.rock, interface) or outside_support_m(closed.rock, interface) > 0.0:
             break  # no feet hold a rock whose centre of mass hangs beside all of its base
     return closed, core
 
 
-def outside_support_m(rock: Rock, interface: Interface) -> float:
-    """How far the vertical through the centre of mass passes outside all that is within 2 % of the height."""
-    flat = interface.flat(rock.vertices_m)
-    hull = ConvexHull(flat[flat[:, 2] < SUPPORT_PER_HEIGHT * rock.height_m, :2])
+def outside_support_m(rock: Rock, interface: Interface, share: float = SUPPORT_PER_HEIGHT) -> float:
+    """How far the vertical through the centre of mass passes outside all that is within a share of the height."""
+    low = interface.over(rock.vertices_m)[:, 2] < share * rock.height_m
+    if low.sum() < 3:
+        return np.inf
+    places = interface.flat(rock.vertices_m)[low, :2]
+    if interface.sheet is not None:  # where plumb lines through them pierce the plane, as that of the weight
+        places = interface.projected_m(rock.vertices_m[low])
+    hull = ConvexHull(places)
     projected = interface.projected_m(rock.com_m[None])[0]
     return float((hull.equations[:, :2] @ projected + hull.equations[:, 2]).max())
 
 
 def stands(rock: Rock, interface: Interface) -> bool:
     """Whether the rock stays up by itself."""
+    if interface.sheet is not None:
+        return outside_support_m(rock, interface, CONTACT_SHARE_OF_HEIGHT) < 0.0
     return bool((toppling(rock, interface, AZIMUTHS_DEG[::3]) > 0.0).all())
 
 
 def toppling(rock: Rock, interface: Interface, azimuths_deg: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Quasi-static toppling accelerations (n,) on the interface plane, m/s2."""
+    """Quasi-static toppling accelerations (n,) on the interface plane, or the surface carried below the rock, m/s2."""
+    if interface.sheet is not None:
+        return on_surface(rock, interface, azimuths_deg)
     plane = Pedestal(interface.point_m, interface.normal)
     return np.array(quasi_static_toppling_m_s2(rock, plane, STANDARD_GRAVITY_M_S2, azimuths_deg))[:, 1]
 
@@ -115,7 +125,7 @@ def slenderness(scene: Scene) -> list[dict[str, float]]:
     edge about which it tips.
     """
     ground = (AZIMUTHS_DEG + 180.0) % 360.0
-    table = quasi_static_toppling_m_s2(scene.rock, scene.pedestal, scene.gravity_m_s2, ground)
+    table = scene.quasi_static_toppling_m_s2(ground)
     return [
         {"azimuth_deg": float(azimuth), "alpha_deg": float(np.rad2deg(np.arctan(value / scene.gravity_m_s2)))}
         for azimuth, (_, value) in zip(AZIMUTHS_DEG, table, strict=True)
@@ -139,7 +149,7 @@ def confidence(
         `undisputed_share`: share of the points near the interface whose six nearest neighbours have their label.
         `runner_up`: height of the highest other thing that stands there, over the rock's.
     """
-    flat = interface.flat(points_m)
+    flat = interface.over(points_m)
     near = (np.abs(flat[:, 2]) < 0.1 * height_m) & (label != 2)
     flat, sides = flat[near], label[near]
     step = max(1, len(flat) // 200_000)
@@ -236,10 +246,14 @@ def _half_closings(
     for number in range(realisations):
         rng = np.random.default_rng([2017, number])
         try:
-            plane = interface if observed.hint is not None else _half_fitted(beside, interface, rng)
+            plane = (
+                interface
+                if observed.hint is not None or interface.sheet is not None
+                else _half_fitted(beside, interface, rng)
+            )
             drawn = float(np.clip(core + rng.uniform(-0.2, 0.2), 0.0, 0.9))
-            low, lit = plane.flat(_half(observed.low_m, rng)), plane.flat(_half(observed.lit_m, rng))
-            base = hidden_base(low, lit, observed.height_m, drawn, observed.hint, rng)
+            low, lit = plane.over(_half(observed.low_m, rng)), plane.over(_half(observed.lit_m, rng))
+            base = hidden_base(low, lit, observed.height_m, drawn, observed.hint, rng, plane.lattice_m)
             kept = observed.patches & (rng.random(len(observed.patches)) < 0.5)
             closed.append((close_rock(observed.surfels, kept, base, plane).rock, plane))
         except InputError:

@@ -9,12 +9,14 @@ import numpy as np
 
 from toppling.models.arrays import Array
 from toppling.models.gap import encloses
+from toppling.models.rock import Rock
 from toppling.models.scan.base import Base, Underside, hidden_base
 from toppling.models.scan.close import ClosedRock
 from toppling.models.scan.gap_seen import check_on_interface, hidden_part
 from toppling.models.scan.inspection import Inspection
 from toppling.models.scan.interface import Interface
 from toppling.models.scan.measure import ObservedRock, bias_floors, toppling
+from toppling.models.scan.surface_bases import bases_on_surface
 from toppling.models.scan.unseen import (
     AZIMUTHS_DEG,
     LEVEL,
@@ -36,7 +38,7 @@ def base_unseen(
     com_std_m: list[float] | None,
     inspection: Inspection,
     unaided: list[dict[str, float]] | None = None,
-) -> tuple[UnseenBase | None, dict[str, Any]]:
+) -> tuple[Rock, UnseenBase | None, dict[str, Any]]:
     """Draw the base, and choose the draw on which the scene itself stands.
 
     Parameters
@@ -53,6 +55,8 @@ def base_unseen(
 
     Returns
     -------
+    Rock
+        As it was closed; over a surface with the base on which the scene stands.
     UnseenBase or None
         None where what was seen contradicts standing.
     dict
@@ -63,19 +67,24 @@ def base_unseen(
     InputError
         If the inspection's places are none of the base, or a pull is none that a base bears.
     """
-    low, lit = interface.flat(observed.low_m), interface.flat(observed.lit_m)
-    smooth = hidden_base(low, lit, observed.height_m, core, observed.hint)
+    low, lit = interface.over(observed.low_m), interface.over(observed.lit_m)
+    smooth = hidden_base(low, lit, observed.height_m, core, observed.hint, lattice_m=interface.lattice_m)
     least = np.full(3, bias_floors(closed.invented_share)["com_per_height"] * observed.height_m)
     std_m = least if com_std_m is None else np.array(com_std_m)
-    central = toppling(closed.rock, interface, AZIMUTHS_DEG)
-    report: dict[str, Any] = {"level": LEVEL, "smooth_closing_m_s2": central.tolist()}
+    report: dict[str, Any] = {"level": LEVEL}
+    if interface.sheet is None:
+        central = toppling(closed.rock, interface, AZIMUTHS_DEG)
+        report["smooth_closing_m_s2"] = central.tolist()
     try:
         drawn = draw_bases(observed, interface, closed.rock, smooth, std_m, inspection)
     except ContradictionError as error:
-        return None, report | {"contradiction": f"{error.what}; {error.remedy}"}
+        return closed.rock, None, report | {"contradiction": f"{error.what}; {error.remedy}"}
     report |= intervals(drawn, interface)
     if not inspection.says_nothing or (observed.hint is not None and observed.hint.encloses):
         report["without_inspection"] = unaided or _unaided(observed, interface, closed, smooth, std_m)
+    if interface.sheet is not None:
+        rock, unseen, number = bases_on_surface(drawn, closed.rock, smooth, interface, observed.height_m)
+        return rock, unseen, report | {"nominal_draw": number, "nominal_at_rest": number is not None}
     unseen = unseen_base(drawn, closed.rock, interface, observed.height_m)
     number, at_rest = None, True  # as the user says where it rests: flat, within the outline
     if observed.hint is None or not observed.hint.encloses or not inspection.says_nothing:
@@ -86,7 +95,7 @@ def base_unseen(
             drawn, unseen, closed.rock, interface, central, agrees, inspection.pulls
         )
     report |= {"nominal_draw": number, "nominal_at_rest": at_rest}
-    return dataclasses.replace(unseen, nominal=number), report
+    return closed.rock, dataclasses.replace(unseen, nominal=number), report
 
 
 def _unaided(
@@ -111,8 +120,8 @@ def check_inspection(observed: ObservedRock, interface: Interface, inspection: I
     """
     if len(inspection.places_m):
         check_on_interface(inspection, interface, observed.height_m)
-        low, lit = interface.flat(observed.low_m), interface.flat(observed.lit_m)
-        under = Underside.of(low, lit, observed.height_m, observed.hint)
+        low, lit = interface.over(observed.low_m), interface.over(observed.lit_m)
+        under = Underside.of(low, lit, observed.height_m, observed.hint, interface.lattice_m)
         hidden_part(under, low, lit, observed.height_m, inspection, interface)
 
 

@@ -35,6 +35,7 @@ from toppling.models.scan.parts import as_labelled
 from toppling.models.scan.read import Cloud
 from toppling.models.scan.register import Registered, registered
 from toppling.models.scan.segment import NEITHER, PEDESTAL, ROCK, Segmentation, label_surfels, segment
+from toppling.models.scan.sheet import carried_surface
 from toppling.models.scan.standing import check_inspection
 from toppling.models.scan.steps import step_note
 from toppling.models.scan.worked_out import WorkedOut
@@ -258,16 +259,17 @@ def _classified(
     rock = parts.surfel_label == ROCK
     interface = fit_interface(parts.surfels, rock) if hint is None else hint.interface
     height = float(np.ptp(parts.surfels.points_m[rock, 2]))
+    interface = (carried_surface(parts.surfels, rock, height) if hint is None else None) or interface
     label, interface = judge_crevice(
         cloud.points_m, parts.label, interface, height, refit=hint is None, relabel=cloud.label is None
     )
     surfels, surfel_label = parts.surfels, label_surfels(parts.surfels, cloud.points_m, label)
     rock = surfel_label == ROCK
     top = (surfel_label == PEDESTAL) & (surfels.normals @ interface.normal > UPWARD)
-    top &= np.abs(interface.flat(surfels.points_m)[:, 2]) < BAND_PER_HEIGHT * height
+    top &= np.abs(interface.over(surfels.points_m)[:, 2]) < BAND_PER_HEIGHT * height
     check_seen(int(top.sum()), "pedestal's top", given=hint is not None)
     standing, below = _beside(cloud.points_m, label, interface, height)
-    low, lit = near_the_interface(interface.flat(standing), interface.flat(below), height)
+    low, lit = near_the_interface(interface.over(standing), interface.over(below), height)
     observed = ObservedRock(standing, below, standing[low], below[lit], surfels, rock, height, hint)
     return observed, label, interface
 
@@ -276,7 +278,10 @@ def _beside(
     points_m: NDArray[np.float64], label: NDArray[np.int8], interface: Interface, height_m: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Rock's and pedestal's points about the interface, each of them thinned evenly if they are more than is needed."""
-    over = shifted_and_turned(points_m, interface.point_m, interface.axes[:, 2:])[:, 0]
+    if interface.sheet is None:
+        over = shifted_and_turned(points_m, interface.point_m, interface.axes[:, 2:])[:, 0]
+    else:
+        over = interface.over(points_m)[:, 2]
     rock = np.flatnonzero((label == ROCK) & (over < BESIDE_PER_HEIGHT * height_m))
     level = np.flatnonzero((label == PEDESTAL) & (np.abs(over) < BESIDE_PER_HEIGHT * height_m))
     standing, below = points_m[_at_most(rock)], points_m[level]
@@ -300,7 +305,7 @@ def check_above(observed: ObservedRock, interface: Interface) -> None:
     InputError
         If more than strays of it were seen below the plane.
     """
-    over = interface.flat(observed.surfels.points_m[observed.patches])[:, 2]
+    over = interface.over(observed.surfels.points_m[observed.patches])[:, 2]
     below = over < -HANGING_PER_HEIGHT * observed.height_m
     if below.mean() <= HANGING_SHARE:
         return

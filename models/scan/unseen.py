@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import ConvexHull, cKDTree
+from scipy.spatial import ConvexHull
 
 from toppling.models.arrays import Array
 from toppling.models.errors import InputError
@@ -17,13 +16,20 @@ from toppling.models.intervals import FEW_DISTINCT
 from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock
 from toppling.models.scan.base import LEAST_GAP_PER_HEIGHT, Base, Underside
+from toppling.models.scan.draw_statics import (
+    BAND_PER_HEIGHT,
+    FEET_PER_HEIGHT,
+    DrawStatics,
+    low_feet,
+    outside_feet,
+)
 from toppling.models.scan.gap_seen import HiddenPart, hidden_part, reliefs
 from toppling.models.scan.inspection import Inspection
 from toppling.models.scan.interface import Interface
 from toppling.models.scan.measure import ObservedRock, toppling
 from toppling.models.scan.pulls import Pulls, check_joint, check_spanned, fits, log_likelihood
 from toppling.models.shares import effective_number
-from toppling.models.statics import equilibrium_possible, quasi_static_toppling_m_s2
+from toppling.models.statics import equilibrium_possible
 from toppling.models.unseen import BaseDraw, UnseenBase, least_feet
 
 DRAWS = 48
@@ -38,13 +44,6 @@ OTHER_ERRORS_SHARE = 0.04
 """Standard deviation of the toppling acceleration that no draw shows; set on known virtual rocks, not derived
 (docs/scan.md)."""
 AZIMUTHS_DEG = np.arange(0.0, 360.0, 15.0)
-BAND_PER_HEIGHT = 0.06
-FEET_PER_HEIGHT, COARSE_FEET_PER_HEIGHT = 3e-4, 1e-3
-"""Feet are left out while the hull of the others stays within this share of the height: for shaking, for statics."""
-ABOVE_THE_RIM_PER_HEIGHT = 0.002
-"""The rock's side starts so far above its rim."""
-HIGH_FEET_PER_HEIGHT = 0.3
-"""Higher ones come down only when the rock has toppled."""
 FRICTION = 0.8
 """With which the nominal rock must stand as scanned."""
 SMOOTH_IS_LIKELY = 0.25
@@ -142,11 +141,11 @@ def draw_bases(
         If no base agrees with all of it: `ContradictionError`; if a pull lies beyond what the bases bear.
     """
     inspection = inspection or Inspection()
-    low, lit = interface.flat(observed.low_m), interface.flat(observed.lit_m)
-    under = Underside.of(low, lit, observed.height_m, observed.hint)
+    low, lit = interface.over(observed.low_m), interface.over(observed.lit_m)
+    under = Underside.of(low, lit, observed.height_m, observed.hint, interface.lattice_m)
     part = hidden_part(under, low, lit, observed.height_m, inspection, interface)
     random = np.random.default_rng([2026, 28])
-    statics = _Statics.of(closed, interface, part, observed.height_m)
+    statics = DrawStatics.of(closed, interface, part, observed.height_m)
     priors = reliefs(part.width_m)
 
     def candidates() -> list[tuple[GapDraw, Array]]:
@@ -170,7 +169,7 @@ def draw_bases(
 
 
 def _weighed(
-    candidates: Callable[[], list[tuple[GapDraw, Array]]], statics: _Statics, pulls: Pulls
+    candidates: Callable[[], list[tuple[GapDraw, Array]]], statics: DrawStatics, pulls: Pulls
 ) -> tuple[list[tuple[GapDraw, Array]], Array, Array]:
     """Draws, the logarithms of their weights and of the pulls' likelihood; more draws where pulls leave too few."""
     toward = tuple((azimuth + 180.0) % 360.0 for azimuth, _ in pulls)
@@ -287,7 +286,7 @@ def smooth_fits_inspection(
 ) -> bool:
     """Whether a smooth closing touches where rock and pedestal do, is open where light passes, and bears the pulls."""
     touch_m, open_m = (
-        base.grid.at(base.height_m, interface.flat(places)[:, :2])
+        base.grid.at(base.height_m, interface.over(places)[:, :2])
         for places in (inspection.touching_m, inspection.open_m)
     )
     least_m = 0.5 * LEAST_GAP_PER_HEIGHT * height_m
@@ -301,11 +300,11 @@ def smooth_fits_inspection(
 def unseen_base(drawn: DrawnBases, rock: Rock, interface: Interface, height_m: float) -> UnseenBase:
     """The draws as a scene keeps them, for the rock as it was closed in the end."""
     band_m = BAND_PER_HEIGHT * height_m
-    side, high = _outside(rock, interface, drawn.part, height_m)
+    side, high = outside_feet(rock, interface, drawn.part, height_m)
     com = interface.flat(rock.com_m[None])[0]
     draws = [
         BaseDraw(
-            least_feet(_low_feet(drawn.part, gap, side, height_m), high, com, FEET_PER_HEIGHT * height_m),
+            least_feet(low_feet(drawn.part, gap, side, height_m), high, com, FEET_PER_HEIGHT * height_m),
             com_m - rock.com_m,
         )
         for gap, com_m in zip(drawn.gaps, drawn.com_m, strict=True)
@@ -336,62 +335,11 @@ def contradiction(part: HiddenPart, projected_com: Array, interface: Interface) 
     )
 
 
-@dataclass(frozen=True, eq=False)
-class _Statics:
-    """The rock on its interface plane, ready to be tipped on any draw."""
-
-    rock: Rock
-    interface: Interface
-    part: HiddenPart
-    side: Array
-    high: Array
-    height_m: float
-
-    @classmethod
-    def of(cls, rock: Rock, interface: Interface, part: HiddenPart, height_m: float) -> _Statics:
-        side, high = _outside(rock, interface, part, height_m)
-        com = interface.flat(rock.com_m[None])[0]
-        high = high[high[:, 2] < HIGH_FEET_PER_HEIGHT * height_m]
-        above = np.array([[*com[:2], 2.0 * com[2]]])
-        few = least_feet(high, above, com, 2.0 * COARSE_FEET_PER_HEIGHT * height_m)
-        return cls(rock, interface, part, side, few, height_m)
-
-    def toppling_m_s2(self, gap: GapDraw, com_m: Array, azimuths_deg: tuple[float, ...]) -> Array:
-        """Quasi-static toppling accelerations on one draw."""
-        low = _low_feet(self.part, gap, self.side, self.height_m)
-        com = self.interface.flat(com_m[None])[0]
-        feet = np.vstack([
-            least_feet(low, self.high, com, COARSE_FEET_PER_HEIGHT * self.height_m), self.high
-        ])  # fmt: skip
-        rock = dataclasses.replace(self.rock, com_m=com_m, feet_m=self.interface.scene(feet))
-        plane = Pedestal(self.interface.point_m, self.interface.normal)
-        return np.array(quasi_static_toppling_m_s2(rock, plane, STANDARD_GRAVITY_M_S2, azimuths_deg))[:, 1]
-
-
-def _outside(rock: Rock, interface: Interface, part: HiddenPart, height_m: float) -> tuple[Array, Array]:
-    """The rock's vertices beside the hidden base, within the band above the plane, and those above it (u, v, h)."""
-    flat = interface.flat(rock.hull_vertices_m)
-    grid = part.under.grid
-    hidden = part.under.hidden.ravel()[grid.index(flat)]
-    low = flat[:, 2] < BAND_PER_HEIGHT * height_m
-    return flat[low & ~hidden], flat[~low]
-
-
-def _low_feet(part: HiddenPart, gap: GapDraw, side: Array, height_m: float) -> Array:
-    """Feet of a draw (n, 3): its gaps, and the rock's side above its rim."""
-    places = np.column_stack([part.observed.places_m, gap.gap_m])
-    rim = places[part.inner :]
-    if not len(rim) or not len(side):
-        return places
-    starts = rim[cKDTree(rim[:, :2]).query(side[:, :2])[1], 2] + ABOVE_THE_RIM_PER_HEIGHT * height_m
-    return np.vstack([places, side[side[:, 2] > starts]])
-
-
 def _mass_moved_m(part: HiddenPart, base: Base, gap_m: Array, rock: Rock, interface: Interface) -> Array:
     """Shift (3,) of the centre of mass by what a draw's base takes from the rock that another base closed."""
     places = part.observed.places_m[: part.inner]
     lower, upper = base.grid.at(base.height_m, places), gap_m[: part.inner]
     taken = (upper - lower) * part.cell_m2
     com = interface.flat(rock.com_m[None])[0]
-    arms = np.column_stack([places, 0.5 * (upper + lower)]) - com
+    arms = np.column_stack([places, 0.5 * (upper + lower)]) + interface.rise(places) - com
     return np.asarray(interface.axes @ -(taken[:, None] * arms).sum(axis=0) / rock.volume_m3)

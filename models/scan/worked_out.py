@@ -94,8 +94,8 @@ class WorkedOut:
         check_inspection(self.observed, self.interface, known)
         std_m = self.report.get("uncertainty", {}).get("com_std_m")
         parts = (self.observed, self.interface, self.closed, self.core)
-        unseen, standing = base_unseen(*parts, std_m, known, self.unaided)
-        scene = Scene(self.closed.rock, self.pedestal, origin_m=self.origin_m, unseen=unseen)
+        rock, unseen, standing = base_unseen(*parts, std_m, known, self.unaided)
+        scene = Scene(rock, self.pedestal, origin_m=self.origin_m, unseen=unseen)
         report = {**self.report, "slenderness": slenderness(scene), "unseen_base": standing}
         unaided = standing.get("without_inspection", standing.get("toppling"))
         return dataclasses.replace(scene, report=report), dataclasses.replace(self, unaided=unaided)
@@ -182,7 +182,7 @@ class WorkedOut:
             kind, encloses = told["hint"]
             hint = InterfaceHint(interface, arrays["anchors"], encloses, kind)
         rock_m, pedestal_m, height = arrays["rock_points"], arrays["pedestal_points"], told["height_m"]
-        low, lit = near_the_interface(interface.flat(rock_m), interface.flat(pedestal_m), height)
+        low, lit = near_the_interface(interface.over(rock_m), interface.over(pedestal_m), height)
         patches = Surfels(surfels[:, :3], surfels[:, 3:6], surfels[:, 6], told["voxel_m"])
         observed = ObservedRock(
             rock_m, pedestal_m, rock_m[low], pedestal_m[lit], patches, arrays["patches"], height, hint

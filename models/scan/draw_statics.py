@@ -1,0 +1,127 @@
+"""Statics of a rock on one drawn base: on the interface plane, or on the surface that is carried below it."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import ConvexHull, cKDTree
+from scipy.spatial.transform import Rotation
+
+from toppling.models.arrays import Array
+from toppling.models.facet_path import Seat
+from toppling.models.frames import STANDARD_GRAVITY_M_S2, horizontal_unit_vector
+from toppling.models.gap import GapDraw
+from toppling.models.ground.equilibrium import farthest_load, wrenches
+from toppling.models.pedestal import Pedestal
+from toppling.models.rock import Rock
+from toppling.models.scan.gap_seen import HiddenPart
+from toppling.models.scan.interface import Interface
+from toppling.models.scan.sheet import FRICTION
+from toppling.models.statics import quasi_static_toppling_m_s2
+from toppling.models.unseen import least_feet
+
+BAND_PER_HEIGHT = 0.06
+FEET_PER_HEIGHT, COARSE_FEET_PER_HEIGHT = 3e-4, 1e-3
+"""Feet are left out while the hull of the others stays within this share of the height: for shaking, for statics."""
+ABOVE_THE_RIM_PER_HEIGHT = 0.002
+"""The rock's side starts so far above its rim."""
+HIGH_FEET_PER_HEIGHT = 0.3
+"""Higher ones come down only when the rock has toppled."""
+
+
+@dataclass(frozen=True, eq=False)
+class DrawStatics:
+    """The rock on its interface plane, ready to be tipped on any draw."""
+
+    rock: Rock
+    interface: Interface
+    part: HiddenPart
+    side: Array
+    high: Array
+    height_m: float
+
+    @classmethod
+    def of(cls, rock: Rock, interface: Interface, part: HiddenPart, height_m: float) -> DrawStatics:
+        side, high = outside_feet(rock, interface, part, height_m)
+        com = interface.flat(rock.com_m[None])[0]
+        high = high[high[:, 2] < HIGH_FEET_PER_HEIGHT * height_m]
+        above = np.array([[*com[:2], 2.0 * com[2]]])
+        few = least_feet(high, above, com, 2.0 * COARSE_FEET_PER_HEIGHT * height_m)
+        return cls(rock, interface, part, side, few, height_m)
+
+    def toppling_m_s2(self, gap: GapDraw, com_m: Array, azimuths_deg: tuple[float, ...]) -> Array:
+        """Quasi-static toppling accelerations on one draw."""
+        low = low_feet(self.part, gap, self.side, self.height_m)
+        com = self.interface.flat(com_m[None])[0]
+        feet = np.vstack([
+            least_feet(low, self.high, com, COARSE_FEET_PER_HEIGHT * self.height_m), self.high
+        ])  # fmt: skip
+        rock = dataclasses.replace(self.rock, com_m=com_m, feet_m=self.interface.scene(feet))
+        plane = Pedestal(self.interface.point_m, self.interface.normal)
+        if self.interface.sheet is not None:
+            return held_on_surface(rock, feet, self.interface, azimuths_deg)
+        return np.array(quasi_static_toppling_m_s2(rock, plane, STANDARD_GRAVITY_M_S2, azimuths_deg))[:, 1]
+
+
+def outside_feet(rock: Rock, interface: Interface, part: HiddenPart, height_m: float) -> tuple[Array, Array]:
+    """The rock's vertices beside the hidden base, within the band above the plane, and those above it (u, v, h)."""
+    flat = _hull_over(rock, interface)
+    grid = part.under.grid
+    hidden = part.under.hidden.ravel()[grid.index(flat)]
+    low = flat[:, 2] < BAND_PER_HEIGHT * height_m
+    return flat[low & ~hidden], flat[~low]
+
+
+def low_feet(part: HiddenPart, gap: GapDraw, side: Array, height_m: float) -> Array:
+    """Feet of a draw (n, 3): its gaps, and the rock's side above its rim."""
+    places = np.column_stack([part.observed.places_m, gap.gap_m])
+    rim = places[part.inner :]
+    if not len(rim) or not len(side):
+        return places
+    starts = rim[cKDTree(rim[:, :2]).query(side[:, :2])[1], 2] + ABOVE_THE_RIM_PER_HEIGHT * height_m
+    return np.vstack([places, side[side[:, 2] > starts]])
+
+
+def _hull_over(rock: Rock, interface: Interface) -> Array:
+    """The rock's vertices (n, 3) that can touch: u, v and the height over the interface."""
+    if interface.sheet is None:
+        return interface.flat(rock.hull_vertices_m)
+    over = interface.over(rock.vertices_m)
+    return over[ConvexHull(over).vertices]
+
+
+def held_on_surface(rock: Rock, feet: Array, interface: Interface, azimuths_deg: tuple[float, ...]) -> Array:
+    """Largest ground accelerations (n,) that the contacts hold in one of the rests on the way to toppling, m/s2.
+
+    The rests follow from the clearances of the feet (n, 3: u, v, clearance), which close with small turns as over a
+    plane; what each of them holds follows from friction cones where its contacts are, along the surface's normals.
+    """
+    plane = Pedestal(interface.point_m, interface.normal)
+    seat = Seat.of(rock, plane)
+    down, places = interface.axes.T, feet + interface.rise(feet)
+    normals = interface.normals(feet)
+    com = interface.flat(rock.com_m[None])[0]
+    gravity = down @ np.array([0.0, 0.0, -STANDARD_GRAVITY_M_S2])
+    held: dict[bytes, Array] = {}
+    found = np.zeros(len(azimuths_deg))
+    for row, azimuth in enumerate(azimuths_deg):
+        push = -down @ horizontal_unit_vector(azimuth)
+        for pose, _ in seat.rests(STANDARD_GRAVITY_M_S2, azimuth):
+            touching = np.flatnonzero(pose.points[:, 2] <= pose.points[:, 2].min() + seat.tolerance)
+            key = touching.tobytes()
+            if key not in held:
+                turn = _turn(seat.pose.points, pose.points, seat.frame, down)
+                arms = (places[touching] - com) @ turn.T
+                held[key] = wrenches(arms, normals[touching], FRICTION)
+            far = farthest_load(held[key], gravity, push, rock.half_diagonal_m)
+            found[row] = max(found[row], far if far is not None else 0.0)
+    return found
+
+
+def _turn(before: Array, after: Array, frame: Array, axes: Array) -> Array:
+    """Rotation (3, 3) between two poses of points, in the axes (rows) of the interface instead of the seat's frame."""
+    turn = Rotation.align_vectors(after - after.mean(axis=0), before - before.mean(axis=0))[0].as_matrix()
+    change = axes @ frame.T
+    return np.asarray(change @ turn @ change.T)

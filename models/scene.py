@@ -213,6 +213,13 @@ class Scene:
             return quasi_static_toppling_m_s2(self.rock, self.pedestal, self.gravity_m_s2, azimuths_deg)
         return self.grounded.quasi_static_toppling_m_s2([float(each) for each in azimuths_deg])
 
+    @property
+    def _azimuth_step_deg(self) -> float:
+        """Between the azimuths of `scene.json`: statics of rough bases on surfaces take a second each and more."""
+        if self.ground.is_plane:
+            return 5.0
+        return 15.0 if self.unseen is None else 45.0
+
     @cached_property
     def id(self) -> str:
         """Hash of all that can change the motion except the contact properties, which belong to the job."""
@@ -284,7 +291,7 @@ class Scene:
             "quasi_static_toppling_m_s2": [
                 {"azimuth_deg": azimuth, "value": value}
                 for azimuth, value in self.quasi_static_toppling_m_s2(
-                    np.arange(0.0, 360.0, 5.0 if self.ground.is_plane else 15.0)
+                    np.arange(0.0, 360.0, self._azimuth_step_deg)
                 )
             ],
             "report": report,

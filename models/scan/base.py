@@ -119,7 +119,7 @@ class Underside:
         hint: InterfaceHint | None = None,
         lattice_m: float = 0.0,
     ) -> "Underside":
-        """Underside from points of rock and pedestal near the interface (u, v, h), on cells of a lattice if there is one.
+        """Underside from points of rock and pedestal near the interface (u, v, h), on cells of a lattice if any.
 
         Raises
         ------

@@ -44,6 +44,7 @@ class DrawStatics:
 
     @classmethod
     def of(cls, rock: Rock, interface: Interface, part: HiddenPart, height_m: float) -> DrawStatics:
+        """The rock with what stays of it on every draw."""
         side, high = outside_feet(rock, interface, part, height_m)
         com = interface.flat(rock.com_m[None])[0]
         high = high[high[:, 2] < HIGH_FEET_PER_HEIGHT * height_m]

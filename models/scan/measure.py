@@ -117,15 +117,21 @@ def toppling(rock: Rock, interface: Interface, azimuths_deg: NDArray[np.float64]
     return np.array(quasi_static_toppling_m_s2(rock, plane, STANDARD_GRAVITY_M_S2, azimuths_deg))[:, 1]
 
 
-def slenderness(scene: Scene) -> list[dict[str, float]]:
+def slenderness(scene: Scene, nominal_m_s2: list[float] | None = None) -> list[dict[str, float]]:
     """Slenderness angle by the azimuth toward which the rock topples.
+
+    From the accelerations toward evenly spaced azimuths from 0 on where they are known already (`nominal_m_s2`).
 
     tan(alpha) = a / g (Anooshehpoor, Brune and Zeng 2004), a the quasi-static toppling acceleration of the ground
     the other way: for a flat sharp base the angle between the vertical and the line from the centre of mass to the
     edge about which it tips.
     """
     ground = (AZIMUTHS_DEG + 180.0) % 360.0
-    table = scene.quasi_static_toppling_m_s2(ground)
+    if nominal_m_s2 is None:
+        table = scene.quasi_static_toppling_m_s2(ground)
+    else:
+        at = 360.0 / len(nominal_m_s2) * np.arange(len(nominal_m_s2))
+        table = [(each, float(np.interp(each, at, nominal_m_s2, period=360.0))) for each in ground]
     return [
         {"azimuth_deg": float(azimuth), "alpha_deg": float(np.rad2deg(np.arctan(value / scene.gravity_m_s2)))}
         for azimuth, (_, value) in zip(AZIMUTHS_DEG, table, strict=True)
@@ -246,11 +252,8 @@ def _half_closings(
     for number in range(realisations):
         rng = np.random.default_rng([2017, number])
         try:
-            plane = (
-                interface
-                if observed.hint is not None or interface.sheet is not None
-                else _half_fitted(beside, interface, rng)
-            )
+            kept_plane = observed.hint is not None or interface.sheet is not None
+            plane = interface if kept_plane else _half_fitted(beside, interface, rng)
             drawn = float(np.clip(core + rng.uniform(-0.2, 0.2), 0.0, 0.9))
             low, lit = plane.over(_half(observed.low_m, rng)), plane.over(_half(observed.lit_m, rng))
             base = hidden_base(low, lit, observed.height_m, drawn, observed.hint, rng, plane.lattice_m)

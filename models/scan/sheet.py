@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, fields, replace
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,6 +42,8 @@ LEAST_SHARE = 0.1
 """Of the ring that a facet takes up."""
 EXPLAINED = 0.85
 """Of the ring, facets that together take up less are none."""
+MOST_OF_MEDIAN = 12.0
+"""Area that a patch counts for, over the median's: where points are few, each patch stands for more."""
 MOST_FACETS = 3
 SEEDS, SEED_TOLERANCES = 60, 10.0
 """Patches from which facets are grown, and how far around them a plane is first fitted."""
@@ -107,6 +110,20 @@ class Sheet:
             return np.take_along_axis(each, side.argmax(axis=-1)[..., None], axis=-1)[..., 0]
         return np.asarray(each.max(axis=-1) if self.how == "hollow" else each.min(axis=-1))
 
+    def to_json(self) -> dict[str, Any]:
+        """What :meth:`of` reads."""
+        return {
+            each.name: value.tolist() if isinstance(value := getattr(self, each.name), np.ndarray) else value
+            for each in fields(self)
+        }
+
+    @classmethod
+    def of(cls, told: Mapping[str, Any]) -> Sheet:
+        """The sheet of a document."""
+        return cls(
+            **{name: np.array(value) if isinstance(value, list) else value for name, value in told.items()}
+        )
+
     @property
     def sentence(self) -> str:
         """What it is, in words."""
@@ -131,7 +148,9 @@ def between_nodes(flat_m: Array, lattice_m: float, at_nodes: Callable[[Array], A
     return np.asarray(start + (side - start) * share.max(axis=-1) + (end - side) * share.min(axis=-1))
 
 
-def carried_surface(surfels: Surfels, rock: NDArray[np.bool_], height_m: float) -> Interface | None:
+def carried_surface(
+    surfels: Surfels, rock: NDArray[np.bool_], height_m: float, given: Interface | None = None
+) -> Interface | None:
     """Interface with the surface that the patches beside a rock show; None where one plane is enough.
 
     Parameters
@@ -141,6 +160,8 @@ def carried_surface(surfels: Surfels, rock: NDArray[np.bool_], height_m: float) 
         Which are the rock's.
     height_m : float
         Of the rock.
+    given : Interface, optional
+        Plane that describes it; otherwise the one nearest to what is seen beside the rock.
     """
     away = cKDTree(surfels.points_m[rock]).query(surfels.points_m)[0]
     beside = ~rock & (surfels.normals[:, 2] > UPWARD) & (away < RING_PER_HEIGHT * height_m)
@@ -149,7 +170,7 @@ def carried_surface(surfels: Surfels, rock: NDArray[np.bool_], height_m: float) 
     if beside.sum() < LEAST_PATCHES or len(rim) < LEAST_PATCHES:
         return None
     points, normals, away = surfels.points_m[beside], surfels.normals[beside], away[beside]
-    frame = _plane_of(points)
+    frame = given or _plane_of(points, _areas(points))
     flat, flat_normals, flat_rim = frame.flat(points), normals @ frame.axes, frame.flat(rim)
     try:
         ring = flat_rim[ConvexHull(flat_rim[:, :2]).vertices, :2]
@@ -214,10 +235,16 @@ def _lattice_m(below: Array, height_m: float) -> float:
     return cell * max(1, round(width / PLACES_ACROSS / cell))
 
 
-def _plane_of(points: Array) -> Interface:
-    """Plane by least squares: patches are as dense where few points were measured as where many were."""
-    centre = points.mean(axis=0)
-    normal = np.linalg.svd(points - centre, full_matrices=False)[2][2]
+def _areas(points: Array) -> Array:
+    """What each patch stands for, but for a factor: more where few were measured."""
+    area = cKDTree(points).query(points, min(7, len(points)))[0][:, -1] ** 2
+    return np.minimum(area, MOST_OF_MEDIAN * np.median(area))
+
+
+def _plane_of(points: Array, area: Array) -> Interface:
+    """Plane by least squares, equal areas with an equal say."""
+    centre = np.average(points, axis=0, weights=area)
+    normal = np.linalg.svd((points - centre) * np.sqrt(area)[:, None], full_matrices=False)[2][2]
     normal = normal * (np.sign(normal[2]) or 1.0)
     return Interface(centre, normal, np.column_stack([*plane_axes(normal), normal]), 0.0)
 
@@ -246,26 +273,41 @@ def _roughness_m(sheet: Sheet, below: Array) -> float:
 
 def _faceted(flat: Array, normals: Array, height_m: float) -> Sheet | None:
     """Facets that explain the ring; None where one does, or none do."""
-    planes = _facets(flat, normals, height_m)
+    area = _areas(flat)
+    planes = _facets(flat, normals, area, height_m)
     if len(planes) < 2:
         return None
     sheets = list(_meetings(np.array(planes), flat))
     off = [np.abs(sheet.at(flat) - flat[:, 2]) for sheet in sheets]
-    best = int(np.argmin([np.minimum(each, 4.0 * FACET_PER_HEIGHT * height_m).mean() for each in off]))
-    if (off[best] < 2.0 * FACET_PER_HEIGHT * height_m).mean() < EXPLAINED:
+    best = int(np.argmin([np.minimum(each, 4.0 * FACET_PER_HEIGHT * height_m) @ area for each in off]))
+    if (off[best] < 2.0 * FACET_PER_HEIGHT * height_m) @ area < EXPLAINED * area.sum():
         return None
-    sheet = sheets[best]
-    noise = 1.4826 * float(np.median(off[best]))
-    return Sheet(sheet.planes, sheet.how, sheet.sides, flat[:, :2].mean(axis=0), 0.0, noise)
+    sheet = _refitted(sheets[best], flat)
+    noise = 1.4826 * float(np.median(np.abs(sheet.at(flat) - flat[:, 2])))
+    return replace(sheet, middle_m=flat[:, :2].mean(axis=0), noise_m=noise)
 
 
-def _facets(flat: Array, normals: Array, height_m: float) -> list[Array]:
+def _refitted(sheet: Sheet, flat: Array) -> Sheet:
+    """The same with each facet fitted to the patches that are its own, and lie in it but for their noise."""
+    for _ in range(3):
+        each = np.array([_heights(plane, flat) for plane in sheet.planes]) - flat[:, 2]
+        own, off = np.abs(each).argmin(axis=0), np.abs(sheet.at(flat) - flat[:, 2])
+        near = off < 3.0 * 1.4826 * np.median(off)
+        planes = [
+            _fitted(flat[near & (own == k)]) if (near & (own == k)).sum() > 9 else plane
+            for k, plane in enumerate(sheet.planes)
+        ]
+        sheet = replace(sheet, planes=np.array(planes))
+    return sheet
+
+
+def _facets(flat: Array, normals: Array, area: Array, height_m: float) -> list[Array]:
     """Planes (3,), the largest first, each seen in a share of the ring and unlike the others."""
     tolerance, alike = FACET_PER_HEIGHT * height_m, np.cos(np.deg2rad(FACET_DEG))
     left, found = np.ones(len(flat), bool), []
     for _ in range(MOST_FACETS):
-        plane, own = _largest_facet(flat, normals, left, tolerance, alike)
-        if own.sum() < LEAST_SHARE * len(flat):
+        plane, own = _largest_facet(flat, normals, np.where(left, area, 0.0), tolerance, alike)
+        if own @ area < LEAST_SHARE * area.sum():
             break
         if all(_differ(plane, other, flat, height_m) for other in found):
             found.append(plane)
@@ -276,9 +318,10 @@ def _facets(flat: Array, normals: Array, height_m: float) -> list[Array]:
 
 
 def _largest_facet(
-    flat: Array, normals: Array, left: NDArray[np.bool_], tolerance_m: float, alike: float
+    flat: Array, normals: Array, area: Array, tolerance_m: float, alike: float
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """Plane through the most of the patches that are left, and which of these are its own."""
+    """Plane through the most of the patches that are left (those with an area), and which of these are its own."""
+    left = area > 0.0
     tree, candidates = cKDTree(flat), np.flatnonzero(left)
     best, own = np.zeros(3), np.zeros(len(flat), bool)
     for seed in candidates[:: max(1, len(candidates) // SEEDS)]:
@@ -293,7 +336,7 @@ def _largest_facet(
             mine = np.abs(_heights(plane, flat) - flat[:, 2]) < tolerance_m
             mine &= normals @ _normal(plane) > alike
         mine &= left
-        if mine.sum() > max(own.sum(), 9):
+        if mine.sum() > 9 and mine @ area > own @ area:
             best, own = _fitted(flat[mine]), mine
     return best, own
 

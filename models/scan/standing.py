@@ -84,7 +84,9 @@ def base_unseen(
         report["without_inspection"] = unaided or _unaided(observed, interface, closed, smooth, std_m)
     if interface.sheet is not None:
         rock, unseen, number = bases_on_surface(drawn, closed.rock, smooth, interface, observed.height_m)
-        return rock, unseen, report | {"nominal_draw": number, "nominal_at_rest": number is not None}
+        nominal = drawn.toppling_m_s2[number].tolist() if number is not None else None
+        report |= {"nominal_draw": number, "nominal_at_rest": number is not None, "nominal_m_s2": nominal}
+        return rock, unseen, report
     unseen = unseen_base(drawn, closed.rock, interface, observed.height_m)
     number, at_rest = None, True  # as the user says where it rests: flat, within the outline
     if observed.hint is None or not observed.hint.encloses or not inspection.says_nothing:

@@ -211,6 +211,7 @@ def _surface_report(
         "interface": {
             "given_by": "fit" if hint is None else hint.kind,
             "roughness_m": interface.roughness_m,
+            **({} if interface.sheet is None else {"carried": interface.sheet.sentence}),
             "outline_m": ground.outline_m.tolist(),
             "edges_m": [edge.tolist() for edge in ground.edges_m],
         },
@@ -259,7 +260,9 @@ def _classified(
     rock = parts.surfel_label == ROCK
     interface = fit_interface(parts.surfels, rock) if hint is None else hint.interface
     height = float(np.ptp(parts.surfels.points_m[rock, 2]))
-    interface = (carried_surface(parts.surfels, rock, height) if hint is None else None) or interface
+    if hint is None or not hint.encloses:
+        given = None if hint is None else interface
+        interface = carried_surface(parts.surfels, rock, height, given) or interface
     label, interface = judge_crevice(
         cloud.points_m, parts.label, interface, height, refit=hint is None, relabel=cloud.label is None
     )

@@ -21,6 +21,7 @@ from toppling.models.scan.inspection import Inspection
 from toppling.models.scan.interface import Interface
 from toppling.models.scan.interface_hint import InterfaceHint
 from toppling.models.scan.measure import ObservedRock, slenderness
+from toppling.models.scan.sheet import Sheet
 from toppling.models.scan.standing import base_unseen, check_inspection
 from toppling.models.scan.surfels import Surfels
 from toppling.models.scene import Scene
@@ -96,7 +97,8 @@ class WorkedOut:
         parts = (self.observed, self.interface, self.closed, self.core)
         rock, unseen, standing = base_unseen(*parts, std_m, known, self.unaided)
         scene = Scene(rock, self.pedestal, origin_m=self.origin_m, unseen=unseen)
-        report = {**self.report, "slenderness": slenderness(scene), "unseen_base": standing}
+        nominal = standing.get("nominal_m_s2")
+        report = {**self.report, "slenderness": slenderness(scene, nominal), "unseen_base": standing}
         unaided = standing.get("without_inspection", standing.get("toppling"))
         return dataclasses.replace(scene, report=report), dataclasses.replace(self, unaided=unaided)
 
@@ -112,6 +114,7 @@ class WorkedOut:
             "voxel_m": observed.surfels.voxel_m,
             "height_m": observed.height_m,
             "roughness_m": self.interface.roughness_m,
+            "sheet": None if self.interface.sheet is None else self.interface.sheet.to_json(),
             "shares": [self.closed.seen_share, self.closed.closed_share, self.closed.invented_share],
             "core": self.core,
             "hint": None if hint is None else [hint.kind, hint.encloses],
@@ -176,7 +179,8 @@ class WorkedOut:
     @classmethod
     def _of(cls, arrays: dict[str, Any], told: dict[str, Any]) -> "WorkedOut":
         plane, surfels, bounds = arrays["plane"], arrays["surfels"], arrays["bounds"]
-        interface = Interface(plane[0], plane[1], plane[2:], told["roughness_m"])
+        sheet = None if told["sheet"] is None else Sheet.of(told["sheet"])
+        interface = Interface(plane[0], plane[1], plane[2:], told["roughness_m"], sheet)
         hint = None
         if told["hint"] is not None:
             kind, encloses = told["hint"]

@@ -1,0 +1,156 @@
+"""Pedestals of more than one plane, seen beside a rock: their facets and curves are carried under its hidden base."""
+
+import math
+
+import numpy as np
+import pytest
+
+from toppling.models.ground.equilibrium import farthest_load, wrenches
+from toppling.models.pedestal import Pedestal
+from toppling.models.rock import Rock
+from toppling.models.scan import virtual, virtual_shapes
+from toppling.models.scan.crevice import grid_triangles
+from toppling.models.scan.segment import ROCK, segment
+from toppling.models.scan.sheet import Sheet, between_nodes, carried_surface
+from toppling.models.scan.survey import save_survey, survey
+from toppling.models.scene import Scene
+
+HEIGHT_M, BASE_M, FRICTION = 1.5, 0.7, 0.8
+
+
+def ledges(left_deg, right_deg, reach_m=0.8):
+    """Two facets that meet in x = 0, rising outward by so many degrees over a reach."""
+    left, right = (math.tan(math.radians(each)) for each in (left_deg, right_deg))
+    return lambda x, y: np.where(x < 0.0, left * np.minimum(-x, reach_m), right * np.minimum(x, reach_m))
+
+
+def dome(radius_m):
+    return lambda x, y: np.sqrt(radius_m**2 - np.minimum(x**2 + y**2, 0.6 * radius_m**2)) - radius_m
+
+
+def truth_on(height_at, seed=3):
+    rock = virtual_shapes.laid_on(virtual_shapes.boulder(HEIGHT_M, 1.0, BASE_M, seed, bumps=0.02), height_at)
+    ground = virtual_shapes.ground_of(height_at, 2.5 * HEIGHT_M)
+    return virtual.Truth(
+        Rock.from_triangles(*rock), Pedestal(np.zeros(3), np.array([0.0, 0.0, 1.0]), *ground)
+    )
+
+
+def cloud_on(height_at, seed=1):
+    stations = virtual.scan_around(truth_on(height_at), seed, resolution_per_height=0.009)
+    return virtual.cloud_of(stations, virtual.DEMO_ORIGIN_M)[0]
+
+
+def carried(points_m):
+    parts = segment(points_m, virtual.DEMO_ORIGIN_M)
+    rock = parts.surfel_label == ROCK
+    return carried_surface(parts.surfels, rock, float(np.ptp(parts.surfels.points_m[rock, 2])))
+
+
+def below_the_base(height_at):
+    """Places (n, 3) of the surface below the base."""
+    random = np.random.default_rng(0)
+    x, y = random.uniform(-0.25, 0.25, (2, 400))
+    return np.column_stack([x, y, height_at(x, y)])
+
+
+def off_m(interface, places_m):
+    return np.abs(interface.over(places_m)[:, 2])
+
+
+@pytest.mark.parametrize(("left", "right"), [(15, 15), (0, 15), (-30, -30), (0, -30)])
+def test_facets_are_carried_within_a_degree_and_a_centimetre(left, right):
+    height_at = ledges(left, right)
+    interface = carried(cloud_on(height_at).points_m)
+    assert off_m(interface, below_the_base(height_at)).max() < 0.01
+    slopes = (interface.normals(interface.flat(below_the_base(height_at))) @ interface.axes.T)[:, :2]
+    on_left = below_the_base(height_at)[:, 0] < -0.03  # a node or more from the crease
+    on_right = below_the_base(height_at)[:, 0] > 0.03
+    found = [math.degrees(math.asin(slopes[on, 0].mean())) for on in (on_left, on_right)]
+    assert found == pytest.approx([left, -right], abs=1.0)
+
+
+def test_dome_is_carried_within_a_centimetre():
+    height_at = dome(2.0)
+    interface = carried(cloud_on(height_at).points_m)
+    assert interface.sheet.how == "curve"
+    assert off_m(interface, below_the_base(height_at)).max() < 0.01
+
+
+def test_facet_with_a_tenth_of_the_points_keeps_its_say():
+    height_at = ledges(0, 15)
+    points = cloud_on(height_at).points_m
+    few = (points[:, 0] < 0.0) | (np.arange(len(points)) % 10 == 0)
+    interface = carried(points[few])
+    assert off_m(interface, below_the_base(height_at)).max() < 0.01
+    assert interface.roughness_m > 0.01  # a description: the plane through both, and how far they leave it
+
+
+def test_flat_pedestal_stays_a_plane():
+    assert carried(cloud_on(lambda x, y: 0.05 * x).points_m) is None
+
+
+def test_surface_is_linear_within_the_triangles_of_its_mesh():
+    lattice = 0.1
+    nodes = lattice * np.stack(np.meshgrid(np.arange(5), np.arange(4), indexing="ij"), axis=-1)
+    height = np.random.default_rng(1).normal(size=(5, 4))
+
+    def at_nodes(places):
+        i, j = np.rint(np.moveaxis(places, -1, 0) / lattice).astype(int)
+        return height[np.minimum(i, 4), np.minimum(j, 3)]
+
+    flat = nodes.reshape(-1, 2)
+    assert between_nodes(flat, lattice, at_nodes) == pytest.approx(height.ravel())
+    for triangle in grid_triangles(height.shape):
+        share = np.array([0.2, 0.5, 0.3])
+        middle = share @ flat[triangle]
+        assert between_nodes(middle, lattice, at_nodes) == pytest.approx(share @ height.ravel()[triangle])
+
+
+def test_sheet_survives_its_document():
+    sheet = Sheet(
+        np.array([[0.1, 0.2, 0.3]]), "curve", np.array([[1.0, 0.5, 2.0]]), np.ones(2), 0.4, 1e-4, 0.05
+    )
+    places = np.random.default_rng(2).normal(size=(20, 2))
+    assert np.array_equal(Sheet.of(sheet.to_json()).at(places), sheet.at(places))
+
+
+def held_in_truth_m_s2(height_at, azimuths_deg):
+    """Friction cones on the true outline of the base, which lies in the surface."""
+    truth = truth_on(height_at)
+    rock = truth.rock
+    base = rock.vertices_m[np.abs(rock.vertices_m[:, 2] - height_at(*rock.vertices_m[:, :2].T)) < 1e-9]
+    normals, arms, step = [], [], 1e-5
+    for aside in (-1e-4, 1e-4):  # on a crease along both normals
+        x, y = base[:, 0] + aside, base[:, 1]
+        slope = [
+            (height_at(x + step, y) - height_at(x - step, y)) / (2.0 * step),
+            (height_at(x, y + step) - height_at(x, y - step)) / (2.0 * step),
+        ]
+        normal = np.column_stack([-slope[0], -slope[1], np.ones(len(x))])
+        normals.append(normal / np.linalg.norm(normal, axis=1)[:, None])
+        arms.append(base - rock.com_m)
+    columns = wrenches(np.vstack(arms), np.vstack(normals), FRICTION)
+    down = np.array([0.0, 0.0, -9.81])
+    ways = [-np.array([math.cos(math.radians(a)), math.sin(math.radians(a)), 0.0]) for a in azimuths_deg]
+    return np.array([farthest_load(columns, down, way, HEIGHT_M) for way in ways])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("height_at", [ledges(15, 15), ledges(0, -30), dome(2.0)], ids=["V", "fall", "dome"])
+def test_scan_over_a_surface_holds_the_truth(height_at, tmp_path):
+    result = survey(cloud_on(height_at))
+    scene = result.scene
+    assert not scene.ground.is_plane
+    stated = scene.report["unseen_base"]["toppling"][::3]
+    true = held_in_truth_m_s2(height_at, [each["azimuth_deg"] for each in stated])
+    holds = [e["low_m_s2"] <= t <= e["high_m_s2"] for e, t in zip(stated, true, strict=True)]
+    assert np.mean(holds) >= 0.75  # of eight azimuths of one rock
+    least = [min(each[name] for each in stated) for name in ("low_m_s2", "high_m_s2")]
+    assert least[0] <= true.min() <= least[1]
+    again = Scene.load(save_survey(result, tmp_path / "rock"))
+    assert again.id == scene.id
+    for number in (0, 7):
+        base = again.on_base(number)
+        assert not base.ground.is_plane
+        assert base.grounded.stands(base.grounded.touching(base.grounded.pose))

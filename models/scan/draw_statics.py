@@ -102,7 +102,9 @@ def held_on_surface(rock: Rock, feet: Array, interface: Interface, azimuths_deg:
     plane = Pedestal(interface.point_m, interface.normal)
     seat = Seat.of(rock, plane)
     down, places = interface.axes.T, feet + interface.rise(feet)
-    normals = interface.normals(feet)
+    # Where two facets meet, along the second axis, a foot stands on both.
+    aside = 0.5 * interface.lattice_m * np.array([[1.0, 0.0, 0.0]])
+    sides = [interface.normals(feet + aside), interface.normals(feet - aside)]
     com = interface.flat(rock.com_m[None])[0]
     gravity = down @ np.array([0.0, 0.0, -STANDARD_GRAVITY_M_S2])
     held: dict[bytes, Array] = {}
@@ -115,7 +117,8 @@ def held_on_surface(rock: Rock, feet: Array, interface: Interface, azimuths_deg:
             if key not in held:
                 turn = _turn(seat.pose.points, pose.points, seat.frame, down)
                 arms = (places[touching] - com) @ turn.T
-                held[key] = wrenches(arms, normals[touching], FRICTION)
+                normals = np.vstack([side[touching] for side in sides])
+                held[key] = wrenches(np.vstack([arms, arms]), normals, FRICTION)
             far = farthest_load(held[key], gravity, push, rock.half_diagonal_m)
             found[row] = max(found[row], far if far is not None else 0.0)
     return found

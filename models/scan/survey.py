@@ -17,6 +17,7 @@ from toppling.models.frames import shifted_and_turned
 from toppling.models.lengths import size_note
 from toppling.models.rock import Rock, check_size
 from toppling.models.scan.base import near_the_interface
+from toppling.models.scan.carried_surface import carried_surface
 from toppling.models.scan.close import ClosedRock
 from toppling.models.scan.crevice import BAND_PER_HEIGHT, check_seen, judge_crevice
 from toppling.models.scan.freedom import Doubt, check_seen_enough, doubts
@@ -35,7 +36,6 @@ from toppling.models.scan.parts import as_labelled
 from toppling.models.scan.read import Cloud
 from toppling.models.scan.register import Registered, registered
 from toppling.models.scan.segment import NEITHER, PEDESTAL, ROCK, Segmentation, label_surfels, segment
-from toppling.models.scan.sheet import carried_surface
 from toppling.models.scan.standing import check_inspection
 from toppling.models.scan.steps import step_note
 from toppling.models.scan.worked_out import WorkedOut

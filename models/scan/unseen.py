@@ -46,6 +46,8 @@ OTHER_ERRORS_SHARE = 0.04
 AZIMUTHS_DEG = np.arange(0.0, 360.0, 15.0)
 FRICTION = 0.8
 """With which the nominal rock must stand as scanned."""
+FITTING_SHARE = 1.0 / 3.0
+"""Of the draws over a surface whose base fits it: as likely as one that is rough or rounded."""
 SMOOTH_IS_LIKELY = 0.25
 """Mean deviation of a smooth closing's toppling acceleration from the draws' median; with more the base bulges."""
 NEARLY_ALL = 0.75
@@ -154,16 +156,21 @@ def draw_bases(
     found, log_weight, measured = _weighed(candidates, statics, inspection.pulls)
     if not found:
         raise contradiction(part, interface.projected_m(closed.com_m[None])[0], interface)
-    kept = [found[number] for number in resampled(log_weight, draws, random, measured)]
-    once: dict[int, Array] = {}
+    fitting = (
+        [] if interface.sheet is None else _fitting(part, base, closed, interface, com_std_m, random, draws)
+    )
+    kept = [
+        found[number] for number in resampled(log_weight, draws - len(fitting), random, measured)
+    ] + fitting
+    once: dict[tuple[int, bytes], Array] = {}
     for gap, com_m in kept:
-        if id(gap) not in once:
-            once[id(gap)] = statics.toppling_m_s2(gap, com_m, tuple(AZIMUTHS_DEG))
+        if (key := (id(gap), com_m.tobytes())) not in once:
+            once[key] = statics.toppling_m_s2(gap, com_m, tuple(AZIMUTHS_DEG))
     return DrawnBases(
         part,
         [gap for gap, _ in kept],
         np.array([com for _, com in kept]),
-        np.array([once[id(gap)] for gap, _ in kept]),
+        np.array([once[id(gap), com_m.tobytes()] for gap, com_m in kept]),
         com_std_m,
     )
 
@@ -217,6 +224,29 @@ def _standing_draws(
         if encloses(touching, interface.projected_m(com_m[None])[0]):
             found.append((gap, com_m))
     return found
+
+
+def _fitting(
+    part: HiddenPart,
+    base: Base,
+    closed: Rock,
+    interface: Interface,
+    com_std_m: Array,
+    random: np.random.Generator,
+    draws: int,
+) -> list[tuple[GapDraw, Array]]:
+    """Bases that fit the surface as closely as what was seen allows, a share of all draws; none if it stands on none.
+
+    On facets friction shares the weight among contacts that three points do not have.
+    """
+    seen = part.observed
+    gap_m = np.maximum(base.grid.at(base.height_m, seen.places_m), seen.floor_m)
+    closed_rim = seen.gap_m < 2.0 * np.hypot(seen.std_m, seen.shared_m)
+    gap_m[seen.known[closed_rim]] = 0.0
+    touching = seen.places_m[gap_m <= 0.0]
+    gap = GapDraw(gap_m, 0.0, 0)
+    coms = closed.com_m + random.normal(size=(round(FITTING_SHARE * draws), 3)) * com_std_m
+    return [(gap, com_m) for com_m in coms if encloses(touching, interface.projected_m(com_m[None])[0])]
 
 
 def nominal_draw(

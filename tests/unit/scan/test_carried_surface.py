@@ -9,9 +9,10 @@ from toppling.models.ground.equilibrium import farthest_load, wrenches
 from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock
 from toppling.models.scan import virtual, virtual_shapes
+from toppling.models.scan.carried_surface import carried_surface
 from toppling.models.scan.crevice import grid_triangles
 from toppling.models.scan.segment import ROCK, segment
-from toppling.models.scan.sheet import Sheet, between_nodes, carried_surface
+from toppling.models.scan.sheet import Sheet, between_nodes
 from toppling.models.scan.survey import save_survey, survey
 from toppling.models.scene import Scene
 

@@ -182,7 +182,8 @@ def _refitted(sheet: Sheet, flat: Array) -> Sheet:
 def _facets(flat: Array, normals: Array, area: Array, height_m: float) -> list[Array]:
     """Planes (3,), the largest first, each seen in a share of the ring and unlike the others."""
     tolerance, alike = FACET_PER_HEIGHT * height_m, np.cos(np.deg2rad(FACET_DEG))
-    left, found = np.ones(len(flat), bool), []
+    left = np.ones(len(flat), bool)
+    found: list[Array] = []
     for _ in range(MOST_FACETS):
         plane, own = _largest_facet(flat, normals, np.where(left, area, 0.0), tolerance, alike)
         if own @ area < LEAST_SHARE * area.sum():
@@ -222,7 +223,7 @@ def _largest_facet(
 def _fitted(flat: Array) -> Array:
     """Plane h = a + b u + c v by least squares."""
     design = np.column_stack([np.ones(len(flat)), flat[:, :2]])
-    return np.linalg.lstsq(design, flat[:, 2], rcond=None)[0]
+    return np.asarray(np.linalg.lstsq(design, flat[:, 2], rcond=None)[0], float)
 
 
 def _heights(plane: Array, flat: Array) -> Array:

@@ -141,7 +141,8 @@ def _above_surface(
         np.concatenate([each[0] - out[::-1], each, each[-1] + out])
         for each in (nodes[:, 0, 0], nodes[0, :, 1])
     )
-    return _body_over(*np.meshgrid(u, v, indexing="ij"), np.pad(floor, 2, constant_values=low), high)
+    across, along = np.meshgrid(u, v, indexing="ij")
+    return _body_over(across, along, np.pad(floor, 2, constant_values=low), high)
 
 
 def _body_over(

@@ -90,9 +90,10 @@ class Sheet:
     @classmethod
     def of(cls, told: Mapping[str, Any]) -> Sheet:
         """The sheet of a document."""
-        return cls(
-            **{name: np.array(value) if isinstance(value, list) else value for name, value in told.items()}
-        )
+        read: dict[str, Any] = {
+            name: np.array(value) if isinstance(value, list) else value for name, value in told.items()
+        }
+        return cls(**read)
 
     @property
     def sentence(self) -> str:

@@ -7,6 +7,7 @@ from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator
 from scipy.spatial import cKDTree
 
 from toppling.models.arrays import Array
+from toppling.models.compiled import Indices
 from toppling.models.rock import Rock
 from toppling.models.scan.base import Base
 from toppling.models.scan.interface import Interface
@@ -59,7 +60,7 @@ def bases_on_surface(
     return rock, UnseenBase(0.0, tuple(draws), vertices=numbers), nominal
 
 
-def _base_vertices(rock: Rock, base: Base, interface: Interface, height_m: float) -> Array:
+def _base_vertices(rock: Rock, base: Base, interface: Interface, height_m: float) -> Indices:
     """Numbers of the rock's vertices that lie in the hidden part of its base."""
     over = interface.over(rock.vertices_m)
     closed = between_nodes(over[:, :2], interface.lattice_m, lambda nodes: _at_nodes(base, nodes))

@@ -43,7 +43,7 @@ SEEDS, SEED_TOLERANCES = 60, 10.0
 """Patches from which facets are grown, and how far around them a plane is first fitted."""
 CURVES_BETTER = 0.7
 """A curve must leave less than this share of a plane's misfit ..."""
-CURVE_NOISE_PER_HEIGHT = 0.0025
+CURVE_NOISE_PER_HEIGHT = 0.0012
 """... and not more than this: bumps beside a flat contact are no dome."""
 
 

@@ -93,6 +93,14 @@ def _hull_over(rock: Rock, interface: Interface) -> Array:
     return over[ConvexHull(over).vertices]
 
 
+def on_surface(rock: Rock, interface: Interface, azimuths_deg: Array) -> Array:
+    """Quasi-static toppling accelerations (n,) of a rock on its own mesh, m/s2."""
+    feet = _hull_over(rock, interface)
+    feet = feet[feet[:, 2] < HIGH_FEET_PER_HEIGHT * rock.height_m]
+    on_feet = dataclasses.replace(rock, feet_m=interface.scene(feet))
+    return held_on_surface(on_feet, feet, interface, tuple(float(each) for each in azimuths_deg))
+
+
 def held_on_surface(rock: Rock, feet: Array, interface: Interface, azimuths_deg: tuple[float, ...]) -> Array:
     """Largest ground accelerations (n,) that the contacts hold in one of the rests on the way to toppling, m/s2.
 

@@ -15,10 +15,10 @@ from toppling.models.rock import Rock
 from toppling.models.scan.base import CORES_OF_HOLES, hidden_base
 from toppling.models.scan.close import ClosedRock, close_rock
 from toppling.models.scan.crevice import refitted
+from toppling.models.scan.draw_statics import on_surface
 from toppling.models.scan.interface import Interface
 from toppling.models.scan.interface_hint import InterfaceHint
 from toppling.models.scan.segment import PEDESTAL, ROCK, Segmentation
-from toppling.models.scan.sheet import on_surface
 from toppling.models.scan.surfels import Surfels
 from toppling.models.scene import Scene
 from toppling.models.statics import CONTACT_SHARE_OF_HEIGHT, quasi_static_toppling_m_s2

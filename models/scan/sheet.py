@@ -143,11 +143,3 @@ def lattice(sheet: Sheet, low_m: Array, high_m: Array) -> Array:
 def grounded_on(rock: Rock, interface: Interface) -> GroundedBody:
     """A rock on the carried surface, with the friction that every scanned scene has by default."""
     return GroundedBody.of(rock, surface_of(interface), STANDARD_GRAVITY_M_S2, (FRICTION, FRICTION))
-
-
-def on_surface(rock: Rock, interface: Interface, azimuths_deg: Array) -> Array:
-    """Quasi-static toppling accelerations (n,), m/s2; 0 where the rock does not stand."""
-    body = grounded_on(rock, interface)
-    if not body.stands(body.touching(body.pose)):
-        return np.zeros(len(azimuths_deg))
-    return np.array(body.quasi_static_toppling_m_s2([float(each) for each in azimuths_deg]))[:, 1]

@@ -10,6 +10,7 @@ from scipy.spatial import ConvexHull, cKDTree
 from scipy.spatial.transform import Rotation
 
 from toppling.models.arrays import Array
+from toppling.models.contact import ContactProperties
 from toppling.models.facet_path import Seat
 from toppling.models.frames import STANDARD_GRAVITY_M_S2, horizontal_unit_vector
 from toppling.models.gap import GapDraw
@@ -18,10 +19,11 @@ from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock
 from toppling.models.scan.gap_seen import HiddenPart
 from toppling.models.scan.interface import Interface
-from toppling.models.scan.sheet import FRICTION
 from toppling.models.statics import quasi_static_toppling_m_s2
 from toppling.models.unseen import least_feet
 
+FRICTION = ContactProperties().friction_static
+"""With which every scanned scene stands unless it is told otherwise."""
 BAND_PER_HEIGHT = 0.06
 FEET_PER_HEIGHT, COARSE_FEET_PER_HEIGHT = 3e-4, 1e-3
 """Feet are left out while the hull of the others stays within this share of the height: for shaking, for statics."""

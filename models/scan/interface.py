@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,10 +12,8 @@ from scipy.spatial import cKDTree
 from toppling.models.arrays import Array
 from toppling.models.errors import InputError
 from toppling.models.frames import plane_axes, shifted_and_turned
+from toppling.models.scan.sheet import Sheet
 from toppling.models.scan.surfels import Surfels
-
-if TYPE_CHECKING:
-    from toppling.models.scan.sheet import Sheet
 
 CREVICE_VOXELS = 4.0
 """Pedestal surfels this near to a rock surfel line the crevice."""

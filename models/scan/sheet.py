@@ -4,24 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
 from toppling.models.arrays import Array
-from toppling.models.contact import ContactProperties
-from toppling.models.frames import STANDARD_GRAVITY_M_S2
-from toppling.models.ground.body import GroundedBody
-from toppling.models.pedestal import Pedestal
-from toppling.models.rock import Rock
-from toppling.models.scan.crevice import grid_triangles
-from toppling.models.scan.interface import Interface
-
-FRICTION = ContactProperties().friction_static
-"""With which every scanned scene stands unless it is told otherwise."""
-AROUND_LATTICES = 12.0
-"""Distance beyond the rim over which a rock is tipped on the surface."""
 
 Planes = Array
 """(k, 3): heights h = a + b u + c v."""
@@ -119,27 +106,8 @@ def between_nodes(flat_m: Array, lattice_m: float, at_nodes: Callable[[Array], A
     return np.asarray(start + (side - start) * share.max(axis=-1) + (end - side) * share.min(axis=-1))
 
 
-@lru_cache(maxsize=8)  # interfaces compare by identity
-def surface_of(interface: Interface) -> Pedestal:
-    """The pedestal below a rock as its interface describes it: the carried surface as a mesh, or the endless plane."""
-    sheet = interface.sheet
-    if sheet is None:
-        return Pedestal(interface.point_m, interface.normal)
-    reach = AROUND_LATTICES * sheet.lattice_m
-    nodes = lattice(sheet, sheet.ring_m.min(axis=0) - reach, sheet.ring_m.max(axis=0) + reach)
-    flat = np.column_stack([nodes.reshape(-1, 2), sheet.at(nodes).ravel()])
-    return Pedestal(
-        interface.point_m, interface.normal, interface.scene(flat), grid_triangles(nodes.shape[:2])
-    )
-
-
 def lattice(sheet: Sheet, low_m: Array, high_m: Array) -> Array:
     """Nodes (n, m, 2) of the lattice over a rectangle of u, v."""
     begin, end = np.floor(low_m / sheet.lattice_m), np.ceil(high_m / sheet.lattice_m)
     ways = [sheet.lattice_m * np.arange(a, b + 1.0) for a, b in zip(begin, end, strict=True)]
     return np.stack(np.meshgrid(*ways, indexing="ij"), axis=-1)
-
-
-def grounded_on(rock: Rock, interface: Interface) -> GroundedBody:
-    """A rock on the carried surface, with the friction that every scanned scene has by default."""
-    return GroundedBody.of(rock, surface_of(interface), STANDARD_GRAVITY_M_S2, (FRICTION, FRICTION))

@@ -71,10 +71,8 @@ def base_unseen(
     smooth = hidden_base(low, lit, observed.height_m, core, observed.hint, lattice_m=interface.lattice_m)
     least = np.full(3, bias_floors(closed.invented_share)["com_per_height"] * observed.height_m)
     std_m = least if com_std_m is None else np.array(com_std_m)
-    report: dict[str, Any] = {"level": LEVEL}
-    if interface.sheet is None:
-        central = toppling(closed.rock, interface, AZIMUTHS_DEG)
-        report["smooth_closing_m_s2"] = central.tolist()
+    central = toppling(closed.rock, interface, AZIMUTHS_DEG)
+    report: dict[str, Any] = {"level": LEVEL, "smooth_closing_m_s2": central.tolist()}
     try:
         drawn = draw_bases(observed, interface, closed.rock, smooth, std_m, inspection)
     except ContradictionError as error:
@@ -87,17 +85,28 @@ def base_unseen(
         nominal = drawn.toppling_m_s2[number].tolist() if number is not None else None
         report |= {"nominal_draw": number, "nominal_at_rest": number is not None, "nominal_m_s2": nominal}
         return rock, unseen, report
-    unseen = unseen_base(drawn, closed.rock, interface, observed.height_m)
+    unseen, at_rest = _over_plane(drawn, observed, interface, closed.rock, smooth, central, inspection)
+    return closed.rock, unseen, report | {"nominal_draw": unseen.nominal, "nominal_at_rest": at_rest}
+
+
+def _over_plane(
+    drawn: DrawnBases,
+    observed: ObservedRock,
+    interface: Interface,
+    rock: Rock,
+    smooth: Base,
+    central_m_s2: Array,
+    inspection: Inspection,
+) -> tuple[UnseenBase, bool]:
+    """Bases over the interface plane with the one on which the scene stands, and whether it is at rest there."""
+    unseen = unseen_base(drawn, rock, interface, observed.height_m)
     number, at_rest = None, True  # as the user says where it rests: flat, within the outline
     if observed.hint is None or not observed.hint.encloses or not inspection.says_nothing:
         agrees = None
         if not inspection.says_nothing:
-            agrees = smooth_fits_inspection(closed.rock, smooth, interface, inspection, observed.height_m)
-        number, at_rest = nominal_draw(
-            drawn, unseen, closed.rock, interface, central, agrees, inspection.pulls
-        )
-    report |= {"nominal_draw": number, "nominal_at_rest": at_rest}
-    return closed.rock, dataclasses.replace(unseen, nominal=number), report
+            agrees = smooth_fits_inspection(rock, smooth, interface, inspection, observed.height_m)
+        number, at_rest = nominal_draw(drawn, unseen, rock, interface, central_m_s2, agrees, inspection.pulls)
+    return dataclasses.replace(unseen, nominal=number), at_rest
 
 
 def _unaided(

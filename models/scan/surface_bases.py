@@ -2,19 +2,31 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator
 from scipy.spatial import cKDTree
 
 from toppling.models.arrays import Array
 from toppling.models.compiled import Indices
+from toppling.models.frames import STANDARD_GRAVITY_M_S2
+from toppling.models.ground.body import GroundedBody
+from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock
 from toppling.models.scan.base import Base
+from toppling.models.scan.crevice import grid_triangles
+from toppling.models.scan.draw_statics import FRICTION
 from toppling.models.scan.interface import Interface
-from toppling.models.scan.sheet import between_nodes, grounded_on
+from toppling.models.scan.sheet import between_nodes, lattice
 from toppling.models.scan.unseen import DrawnBases
 from toppling.models.unseen import BaseDraw, UnseenBase
 
+AROUND_LATTICES = 12.0
+"""Distance beyond the rim over which a rock is tipped on the surface."""
+
+Planes = Array
+"""(k, 3): heights h = a + b u + c v."""
 ROUNDING = 1e-6
 """Share of the height within which a vertex lies in the base that closed the rock."""
 
@@ -81,3 +93,22 @@ def _moved(vertices_m: Array, drawn: DrawnBases, gap_m: Array, interface: Interf
     gap[cKDTree(flat[:, :2]).query(places[touching])[1]] = 0.0
     moved = np.column_stack([flat[:, :2], gap])
     return moved + interface.rise(moved)
+
+
+@lru_cache(maxsize=8)  # interfaces compare by identity
+def surface_of(interface: Interface) -> Pedestal:
+    """The pedestal below a rock as its interface describes it: the carried surface as a mesh, or the endless plane."""
+    sheet = interface.sheet
+    if sheet is None:
+        return Pedestal(interface.point_m, interface.normal)
+    reach = AROUND_LATTICES * sheet.lattice_m
+    nodes = lattice(sheet, sheet.ring_m.min(axis=0) - reach, sheet.ring_m.max(axis=0) + reach)
+    flat = np.column_stack([nodes.reshape(-1, 2), sheet.at(nodes).ravel()])
+    return Pedestal(
+        interface.point_m, interface.normal, interface.scene(flat), grid_triangles(nodes.shape[:2])
+    )
+
+
+def grounded_on(rock: Rock, interface: Interface) -> GroundedBody:
+    """A rock on the carried surface, with the friction that every scanned scene has by default."""
+    return GroundedBody.of(rock, surface_of(interface), STANDARD_GRAVITY_M_S2, (FRICTION, FRICTION))

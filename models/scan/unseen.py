@@ -162,17 +162,22 @@ def draw_bases(
     kept = [
         found[number] for number in resampled(log_weight, draws - len(fitting), random, measured)
     ] + fitting
-    once: dict[tuple[int, bytes], Array] = {}
-    for gap, com_m in kept:
-        if (key := (id(gap), com_m.tobytes())) not in once:
-            once[key] = statics.toppling_m_s2(gap, com_m, tuple(AZIMUTHS_DEG))
     return DrawnBases(
         part,
         [gap for gap, _ in kept],
         np.array([com for _, com in kept]),
-        np.array([once[id(gap), com_m.tobytes()] for gap, com_m in kept]),
+        _toppling_of(kept, statics),
         com_std_m,
     )
+
+
+def _toppling_of(kept: list[tuple[GapDraw, Array]], statics: DrawStatics) -> Array:
+    """Toppling accelerations (n, azimuths) of draws, each worked out once however often it was kept."""
+    once: dict[tuple[int, bytes], Array] = {}
+    for gap, com_m in kept:
+        if (key := (id(gap), com_m.tobytes())) not in once:
+            once[key] = statics.toppling_m_s2(gap, com_m, tuple(AZIMUTHS_DEG))
+    return np.array([once[id(gap), com_m.tobytes()] for gap, com_m in kept])
 
 
 def _weighed(

@@ -76,6 +76,26 @@ def test_what_a_click_gets_wrong_is_told_with_its_remedy_and_taken_back(page, cl
 
 
 @needs_driver
+def test_the_plane_is_a_handle_and_a_drag_is_a_hint(page):
+    browser, _ = page
+    browser.click("[data-mode=plane]")
+    height = "return +document.getElementById('plane').z.value"
+    before = browser.run(height)
+    x, y = browser.run("""
+        const box = document.querySelector(".knob.lift").getBoundingClientRect();
+        return [box.x + box.width / 2, box.y + box.height / 2];
+    """)
+    browser.drag((x, y), (x, y - 30))
+    browser.until("document.getElementById('hints').innerText.includes('plane: ')")
+    assert (
+        before + 0.02 < browser.run(height) < before + 0.5
+    )  # metres; the rock is 2 m high on some 400 pixels
+    browser.keys("z", held=CONTROL)
+    browser.until(f"{IDLE} == 'true'")
+    assert browser.run("return document.getElementById('hints').innerText") == "none yet"
+
+
+@needs_driver
 def test_clicks_become_hints_by_which_the_scan_repeats(page, cloud):
     browser, command = page
     before = browser.run("return document.getElementById('least').textContent")

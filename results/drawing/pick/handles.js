@@ -2,6 +2,10 @@
 const KNOBS = [["lift", "lift or lower the plane"], ["tilt", "tilt the plane"], ["tilt", "tilt the plane across"]];
 const SHARE = 0.8;
 
+export const normalOf = (slope, azimuth) => {
+  const lean = slope * Math.PI / 180, way = azimuth * Math.PI / 180;
+  return [Math.sin(lean) * Math.cos(way), Math.sin(lean) * Math.sin(way), Math.cos(lean)];
+};
 export const slopeOf = ([x, y, z]) => [Math.atan2(Math.hypot(x, y), z) * 180 / Math.PI, (Math.atan2(y, x) * 180 / Math.PI + 360) % 360];
 
 export class Handles {

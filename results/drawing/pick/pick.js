@@ -1,6 +1,6 @@
 // Hints on a scan by clicks: the page tells them to the command that serves it, and shows what comes of them.
 import { Stage } from "./stage.js";
-import { Handles, slopeOf } from "./handles.js";
+import { Handles, normalOf, slopeOf } from "./handles.js";
 import { polar, width } from "./plot.js";
 
 const at = id => document.getElementById(id);
@@ -85,6 +85,13 @@ const planeHint = plane => {
   const [slope, azimuth] = slopeOf(plane.normal);
   return [...surveyed(plane.centre).map(each => +each.toFixed(4)), +slope.toFixed(3), +azimuth.toFixed(2)];
 };
+// The plane as it is said, or else as it was fitted; none before a rock is known.
+function planeNow() {
+  const fitted = state.answer?.plane;
+  if (!fitted || !hints.plane) return fitted;
+  const [x, y, z, slope, azimuth] = hints.plane;
+  return { ...fitted, point_m: local([x, y, z]), normal: normalOf(slope, azimuth) };
+}
 const handles = stage && new Handles(stage, plane => { stage.movePlane(plane); fillPlane(planeHint(plane)); }, plane => add("plane", planeHint(plane)));
 
 let marks = [];
@@ -209,7 +216,7 @@ async function show(next) {
       drawnView = state.view.number;
     }
   }
-  if (stage && !handles.held) { stage.setPlane(state.answer?.plane); handles.set(state.answer?.plane); }
+  if (stage && !handles.held) { stage.setPlane(planeNow()); handles.set(planeNow()); }
   const busy = state.stage !== "";
   at("stage").className = busy ? "busy" : "";
   at("stage").textContent = busy ? state.stage : state.current ? `up to date; ${state.points.toLocaleString("en")} points` : "waiting for a hint";
@@ -227,10 +234,10 @@ async function show(next) {
 }
 
 function fillPlane(dragged) {
-  const form = at("plane"), plane = state.answer?.plane;
+  const form = at("plane"), plane = planeNow();
   form.hidden = !plane;
   if (!plane || form.contains(document.activeElement) || (handles?.held && !dragged)) return;
-  const [height, slope, azimuth] = dragged ? dragged.slice(2) : [plane.point_m[2] + state.origin_m[2], state.answer.slope_deg, state.answer.downhill_azimuth_deg % 360];
+  const [height, slope, azimuth] = dragged ? dragged.slice(2) : [plane.point_m[2] + state.origin_m[2], ...slopeOf(plane.normal)];
   form.z.value = height.toFixed(3);
   form.slope.value = slope.toFixed(2);
   form.azimuth.value = azimuth.toFixed(1);

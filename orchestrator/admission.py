@@ -2,6 +2,7 @@
 
 import logging
 import time
+from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
 
@@ -9,13 +10,16 @@ from distributed import Client, LocalCluster
 
 from toppling.models.errors import InputError
 from toppling.orchestrator.context import RunError
-from toppling.orchestrator.delivery import offer
+from toppling.orchestrator.delivery import NotDeliveredError, offer
+from toppling.orchestrator.leaving import BACK_WITHIN_S, let_leave_in_order
 from toppling.orchestrator.processor import unlike
 from toppling.orchestrator.task import Order, check
 from toppling.orchestrator.upkeep import Upkeep
 
 log = logging.getLogger(__name__)
 
+LOST = "the connection to the scheduler is lost"
+_LOOK_S = 0.1
 NOBODY = "every worker has died and none comes back"
 REPLACE_AFTER_S = 10.0
 """Dask has this long to bring back a worker that died: several times what a start takes on a busy machine."""
@@ -24,8 +28,37 @@ NOBODY_AFTER_S = 90.0
 """A local run without any worker for this long ends instead of waiting for ever."""
 
 
+def make_ready(client: Client, *orders: Order) -> None:
+    """Have a cluster ready for jobs of orders: :func:`check_workers`, and workers that leave in order.
+
+    Of a scheduler of somebody else that is gone, the next at its address is waited for.
+
+    Raises
+    ------
+    InputError, RunError
+        As :func:`check_workers`; RunError also if the scheduler is lost.
+    """
+    end = None
+    while client.status in ("running", "connecting"):
+        try:
+            if client.status == "running":
+                let_leave_in_order(client)
+                return check_workers(client, *orders)
+        except OSError as error:
+            if client.cluster is not None:  # a scheduler in this process is not started again
+                raise RunError(LOST) from error
+        if end is None:
+            end = time.monotonic() + BACK_WITHIN_S
+            log.warning("%s: waiting %g s for it to come back", LOST, BACK_WITHIN_S)
+        if time.monotonic() > end:
+            break
+        time.sleep(_LOOK_S)
+    msg = f"{LOST}, and none came back within {BACK_WITHIN_S:g} s"
+    raise RunError(msg)
+
+
 def check_workers(client: Client, *orders: Order) -> None:
-    """Offer the assets of orders to workers that see no folder, and let every one present load those of the first.
+    """Let every worker present load the assets of the first order, and offer all to workers that do not see them.
 
     Raises
     ------
@@ -35,13 +68,10 @@ def check_workers(client: Client, *orders: Order) -> None:
         If the workers of a local cluster die whenever they start.
     """
     _wait_for_a_worker(client)
-    shared = {}
-    for one in orders:
-        shared[one.scene_id] = Path(one.folder) / one.scene_place
-        shared[one.ensemble_id] = Path(one.folder) / one.ensemble_place
-    if not isinstance(client.cluster, LocalCluster):
-        offer(client, {name: place for name, place in shared.items() if place.is_dir()})
     answers = client.run(check, orders[0], on_error="return")
+    if blind := [worker for worker, answer in answers.items() if isinstance(answer, NotDeliveredError)]:
+        offer_assets(client, orders)
+        answers |= client.run(check, orders[0], on_error="return", workers=blind)
     # Of a worker that just dies or just comes (OSError), its first task will tell. One that lacks the program cannot
     # even read what it is asked, and Dask says so.
     unfit = (
@@ -61,6 +91,24 @@ def check_workers(client: Client, *orders: Order) -> None:
         log.warning("%s", remark)
 
 
+def offer_assets(client: Client, orders: Iterable[Order]) -> None:
+    """Put the scenes and ensembles of orders at the scheduler, for workers that do not see the run's folder.
+
+    Raises
+    ------
+    RunError
+        If they are not in that folder any more.
+    """
+    places: dict[str, Path] = {}
+    for one in orders:
+        places[one.scene_id] = Path(one.folder) / one.scene_place
+        places[one.ensemble_id] = Path(one.folder) / one.ensemble_place
+    if gone := [str(place) for place in places.values() if not place.is_dir()]:
+        msg = f"{gone[0]} is gone: was the run's folder removed or renamed?"
+        raise RunError(msg)
+    offer(client, places)
+
+
 def _wait_for_a_worker(client: Client) -> None:
     """Wait for the first: for ever where somebody else starts it, such as a batch system."""
     began, told, upkeep = time.monotonic(), False, Upkeep(client)
@@ -72,6 +120,6 @@ def _wait_for_a_worker(client: Client) -> None:
             log.warning("no worker has come yet: waiting")
             told = True
         if upkeep.gone():
-            if time.monotonic() - began > NOBODY_AFTER_S:
+            if isinstance(client.cluster, LocalCluster) and time.monotonic() - began > NOBODY_AFTER_S:
                 raise RunError(NOBODY)
             upkeep.replace()

@@ -12,11 +12,13 @@ from pathlib import Path
 from typing import Any
 
 import dask
+from dask.utils import parse_bytes
 from distributed import Client, LocalCluster, performance_report
 from distributed.security import Security
 
 from toppling.models.errors import InputError
 from toppling.orchestrator.interrupt import Whole, kept_from_children
+from toppling.orchestrator.leaving import BACK_WITHIN_S
 from toppling.orchestrator.processor import KERNEL_VARIABLES
 from toppling.orchestrator.safe_path import VARIABLE, safe_for_children, without_working_folder
 from toppling.orchestrator.upkeep import let_grow
@@ -31,6 +33,9 @@ QUEUES = {
     "lsf": "LSFCluster",
     "htcondor": "HTCondorCluster",
 }
+LEAST_MEMORY_BYTES = 800_000_000
+"""Of a worker process: half of it is the libraries', and the rest its worlds and records."""
+
 CONNECT_TIMEOUT_S = 30
 _SILENT = {f"distributed.{role}.http.routes": ["distributed.http.health"] for role in ("scheduler", "worker")}
 """Dask's pages ask for no key: they would show the session's work to every account of the host."""
@@ -185,8 +190,10 @@ def existing(address: str | None, scheduler_file: Path | None, tls: Security | N
         if "ssl_context" in what:  # an argument deep inside Dask
             what = "the address asks for TLS, and no certificates are given"
         raise _unreachable(where, what) from None
+    client._timeout = BACK_WITHIN_S  # for a scheduler that is started again
     with Whole(client):
-        _check_scheduler(client)
+        with contextlib.suppress(OSError):  # who asks for workers next will tell
+            _check_scheduler(client)
         _warn_of_open_door(str(client.scheduler_info()["address"]))
         yield client
 
@@ -281,6 +288,7 @@ def _new_queue_cluster(kind: str, secrets: Path) -> Any:
     try:
         # A process a core: the engine is one per process, and its threads would wait for each other.
         cores = dask.config.get(f"jobqueue.{kind}.cores") or 1
+        _warn_of_little_memory(kind, cores)
         prologue = dask.config.get(f"jobqueue.{kind}.job-script-prologue", None) or []
         with kept_from_children():  # what submits and takes back batch jobs
             return getattr(jobqueue, QUEUES[kind])(
@@ -307,6 +315,16 @@ def _kernels_of_user() -> list[str]:
     """Lines for batch jobs that choose the kernels which the user has chosen here."""
     chosen = {name: os.environ.get(name) for name in KERNEL_VARIABLES}
     return [f"export {name}={shlex.quote(value)}" for name, value in chosen.items() if value]
+
+
+def _warn_of_little_memory(kind: str, processes: int) -> None:
+    given = dask.config.get(f"jobqueue.{kind}.memory", None)
+    if given and parse_bytes(given) < processes * LEAST_MEMORY_BYTES:
+        log.warning(
+            "memory: %s in jobqueue.yaml is less than %.1f GB for each of %d processes: they may be killed for lack "
+            "of it",
+            *(given, LEAST_MEMORY_BYTES / 1e9, processes),
+        )
 
 
 def _warn_of_open_door(address: str) -> None:

@@ -36,8 +36,12 @@ WORKER: ContextVar[Any] = ContextVar("worker")
 """Whose scheduler is asked outside of a task, as where all workers are called at once."""
 
 
-class NotDeliveredError(Exception):
-    """A scene or ensemble that this host has not, and the scheduler neither."""
+class NotDeliveredError(RuntimeError):
+    """A scene or ensemble that this host has not, and the scheduler neither: the client is to offer it."""
+
+
+class NotKeptError(RuntimeError):
+    """A host that cannot keep what it is sent."""
 
 
 class Shelf:
@@ -56,10 +60,10 @@ class Shelf:
         return scheduler.handlers[SHELF].__self__
 
     def ask(self, name: str, file: str = "", offset: int = 0, size: int = 0) -> dict[str, int] | bytes:
-        """Answer a worker: sizes of the files of a name, none if it is not there; or a piece of one file."""
+        """Answer a worker: sizes of the files of a name, or a piece of one file; nothing if it is not there."""
         files = self._kept.get(name, {})
         if file:
-            return bytes(files[file][offset : offset + size])
+            return bytes(files.get(file, b"")[offset : offset + size])
         return {each: len(content) for each, content in files.items()}
 
     def holds(self, name: str, client: str, connected: Collection[str]) -> bool:
@@ -123,11 +127,13 @@ def delivered(name: str) -> Path:
     Raises
     ------
     NotDeliveredError
-        If the scheduler has not got it, or no place here can be written.
+        If the scheduler has not got it.
+    NotKeptError
+        If no place here can be written.
     """
     if not ID.fullmatch(name):
         msg = f"{name!r} is no id of a content"
-        raise NotDeliveredError(msg)
+        raise NotKeptError(msg)
     kept_in = cache_folder() / "delivered"
     place = kept_in / name
     try:
@@ -140,7 +146,7 @@ def delivered(name: str) -> Path:
             os.utime(place)
     except OSError as error:
         msg = f"what the client sends cannot be kept in {kept_in} ({error.strerror or error})"
-        raise NotDeliveredError(msg) from None
+        raise NotKeptError(msg) from None
     return place
 
 
@@ -158,14 +164,18 @@ def _fetch(name: str, place: Path) -> None:
         for file, size in sizes.items():
             if Path(file).name != file:
                 msg = f"{file!r} is no name of a file"
-                raise NotDeliveredError(msg)
+                raise NotKeptError(msg)
             with (staging / file).open("wb") as target:
                 for offset in range(0, size, PIECE_BYTES):
-                    target.write(_ask(name=name, file=file, offset=offset, size=PIECE_BYTES))
+                    piece = _ask(name=name, file=file, offset=offset, size=PIECE_BYTES)
+                    if not piece:
+                        msg = f"the scheduler lost {file} while it was sent"
+                        raise NotDeliveredError(msg)
+                    target.write(piece)
 
 
 def _ask(**question: Any) -> Any:
-    """Ask the scheduler's shelf, from the thread of a task."""
+    """Ask the scheduler's shelf, from the thread of a task; nothing where it is not known or gives no answer."""
     try:
         worker = WORKER.get(None) or get_worker()
     except ValueError:  # not on a worker
@@ -174,7 +184,7 @@ def _ask(**question: Any) -> Any:
     async def asked() -> Any:
         try:
             return await getattr(worker.scheduler, SHELF)(**question)
-        except AttributeError:  # so Dask says that a scheduler knows no such question
+        except (AttributeError, OSError):  # so Dask says that a scheduler knows no such question, or is gone
             return None
 
     return sync(worker.loop, asked)

@@ -8,17 +8,25 @@ import math
 import time
 import uuid
 from collections.abc import Callable, Sequence
+from concurrent.futures import CancelledError
 from contextlib import suppress
 from typing import Any
 
 import numpy as np
 from distributed import Future, KilledWorker, as_completed
-from distributed.comm import CommClosedError
 from numpy.typing import NDArray
 
-from toppling.orchestrator.admission import NOBODY, NOBODY_AFTER_S, REPLACE_AFTER_S
+from toppling.orchestrator.admission import (
+    LOST,
+    NOBODY,
+    NOBODY_AFTER_S,
+    REPLACE_AFTER_S,
+    make_ready,
+    offer_assets,
+)
 from toppling.orchestrator.answers import checked
 from toppling.orchestrator.context import RunError, Tally, Work, order_of
+from toppling.orchestrator.delivery import NotDeliveredError
 from toppling.orchestrator.dispatch import JOBS_IN_BATCH, Batch, Dispatch, why_given_up
 from toppling.orchestrator.interrupt import held_back
 from toppling.orchestrator.journal import tell
@@ -39,7 +47,6 @@ ATLAS_BUDGET_S = 6.0
 BATCHES_A_SECOND = 100
 """What a scheduler hands out and takes back without being late; on larger clusters a task's work grows."""
 
-LOST = "the connection to the scheduler is lost"
 POLL_S = 0.02
 LOOK_S = 2.0
 """Time between looks at the cluster: how many threads it has, and whether a batch is overdue."""
@@ -105,21 +112,23 @@ class Execution:
         arriving = as_completed(loop=self.client.loop, with_results=True, raise_errors=False)
         try:
             while self.dispatch.waiting or self._flying:
-                self._look()
-                self._submit(arriving)
-                self._wait(arriving)
-                for future, result in arriving.next_batch(block=False):
-                    self._take(future, result)
+                try:
+                    self._look()
+                    self._submit(arriving)
+                    self._wait(arriving)
+                    for future, result in arriving.next_batch(block=False):
+                        self._take(future, result)
+                except (OSError, CancelledError) as error:
+                    arriving.clear()
+                    self._rejoin(error)
                 self._flush()
                 self.work.watch(self.tally)
-        except (CommClosedError, TimeoutError) as error:
-            raise RunError(LOST) from error
         finally:
             with held_back():
                 arriving.clear()
                 self._flush(last=True)
                 if self._flying and self.client.status == "running":
-                    with suppress(CommClosedError, TimeoutError):
+                    with suppress(OSError):
                         self.client.cancel(list(self._flying), force=True)
                 self.work.watch(self.tally)
         return self.tally
@@ -160,13 +169,23 @@ class Execution:
         until = time.monotonic() + 0.5
         while not arriving.has_ready() and time.monotonic() < until:
             time.sleep(POLL_S)
-            if self.client.status not in ("running", "connecting"):
-                raise RunError(LOST)
+            if self.client.status != "running":
+                raise ConnectionError(LOST)
+
+    def _rejoin(self, error: BaseException) -> None:
+        """Hand out anew what is in flight, once the scheduler answers again or another does at its address."""
+        if self.client.cluster is not None:  # a scheduler in this process is not started again
+            raise RunError(LOST) from error
+        for batch in self._flying.values():
+            self.dispatch.came_back(batch, done=0)
+        self._flying.clear()
+        tell("scheduler lost", error=repr(error))
+        make_ready(self.client, *self._orders)
+        tell("scheduler came back")
+        self._looked = -math.inf
 
     def _take(self, future: Future, result: Any) -> None:
-        batch = self._flying.pop(future)
-        status = future.status
-        future.release()
+        batch, status = self._flying[future], future.status
         if status == "finished":
             rows = checked([self.plan.spec(job) for job in batch.jobs], result)
             self._keep(rows, batch.attempt)
@@ -174,9 +193,15 @@ class Execution:
             self.dispatch.came_back(batch, done=len(rows))
         elif status == "error":
             self._take_error(str(future.key), batch, result[1])
+        elif (
+            status == "cancelled" and self.client.cluster is None
+        ):  # as Dask does with all when the scheduler is gone
+            raise CancelledError
         else:
             log.warning("%d jobs came back unfinished (%s) and go out again", len(batch.jobs), status)
             self.dispatch.came_back(batch, done=0)
+        del self._flying[future]
+        future.release()
 
     def _take_error(self, key: str, batch: Batch, error: BaseException) -> None:
         if isinstance(error, KilledWorker):
@@ -196,14 +221,17 @@ class Execution:
             lost = self.dispatch.died(batch, hung=hung)
             if lost is not None:
                 self._give_up(lost, batch)
+        elif isinstance(error, NotDeliveredError):
+            offer_assets(self.client, self._orders)
+            self.dispatch.came_back(batch, done=0)
         elif isinstance(error, UnfitWorkerError):
             log.warning("%s; it is sent away", error)
-            self.dispatch.came_back(batch, done=0)
             if error.worker:
                 self.client.retire_workers([error.worker], close_workers=True)
             if not self.client.nthreads():
                 msg = f"no fit worker is left: {error}"
                 raise RunError(msg)
+            self.dispatch.came_back(batch, done=0)
         else:
             msg = f"the cluster cannot do a task ({type(error).__name__}: {error})"
             raise RunError(msg) from error

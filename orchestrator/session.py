@@ -12,7 +12,7 @@ from typing import Any
 
 from distributed import Client
 
-from toppling.orchestrator.admission import check_workers
+from toppling.orchestrator.admission import make_ready
 from toppling.orchestrator.context import RunError, Stage, Tally, Watcher, Work, order_of
 from toppling.orchestrator.dispatch import USUAL_LIMITS, Limits
 from toppling.orchestrator.execution import Execution
@@ -112,8 +112,8 @@ class Session:
         with ExitStack() as until_done:
             client = until_done.enter_context(self.cluster)
             until_done.enter_context(client.as_current())
-            check_workers(client, *orders)
             until_done.enter_context(leaving_in_order(client))
+            make_ready(client, *orders)
             work = Work(planned, goal.folder, orders[0], client, self.watch, tally, self.limits, goal.redo)
             tally.began = time.monotonic()  # a batch system may have kept it waiting for hours
             for stage in self._due(goal, before=True):

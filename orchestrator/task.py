@@ -24,7 +24,7 @@ import toppling.workers
 from toppling.models.errors import InputError
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
-from toppling.orchestrator.delivery import WORKER, NotDeliveredError, delivered, forget
+from toppling.orchestrator.delivery import WORKER, NotKeptError, delivered, forget
 from toppling.orchestrator.leaving import LEAVING
 from toppling.orchestrator.processor import one_blas_thread, processor
 from toppling.workers.engines import DEFAULT, ENGINES
@@ -166,6 +166,8 @@ def assets_of(order: Order) -> Assets:
     ------
     UnfitWorkerError
         If the versions differ, or the folder cannot be read or holds something else.
+    NotDeliveredError
+        If this host sees no such folder, and the client has not offered it.
     """
     _check_versions(order.versions)
     folder = Path(order.folder)
@@ -197,7 +199,7 @@ def _loaded(what: str, load: Callable[[Path], Asset], content_id: str, shared: P
         return found
     try:
         place = delivered(content_id)
-    except NotDeliveredError as error:
+    except NotKeptError as error:
         told = f"{why}; {error}"
         raise _unfit(told) from None
     found, why = _tried(what, load, content_id, place)
@@ -246,7 +248,7 @@ async def check(order: Order, dask_worker: Worker | None = None) -> str:
 
     Raises
     ------
-    UnfitWorkerError
+    UnfitWorkerError, NotDeliveredError
         As :func:`assets_of`.
     """
     WORKER.set(dask_worker)

@@ -3,11 +3,14 @@
 import contextlib
 import logging
 import math
+import subprocess
+import time
 from typing import Any
 from weakref import WeakKeyDictionary
 
 from distributed import Client, LocalCluster, SpecCluster
 
+from toppling.orchestrator.context import RunError
 from toppling.orchestrator.journal import tell
 
 log = logging.getLogger(__name__)
@@ -15,6 +18,14 @@ log = logging.getLogger(__name__)
 REPLACE_TIMEOUT_S = 30
 WORTH_A_WORKER_S, WORTH_A_BATCH_JOB_S = 15.0, 300.0
 """Work that another process is started for: a few times what it takes to start, or to come out of a queue."""
+
+LISTED = {"slurm": ("squeue", "--me", "--noheader", "--format=%A")}
+"""What lists the numbers of a user's batch jobs that have not ended."""
+
+LIST_PAUSE_S = 30.0
+LIST_TIMEOUT_S = 20.0
+SUBMITTED_IN_VAIN = 3
+"""Times in a row that batch jobs end, all of them, before a worker of one has come."""
 
 _MOST: WeakKeyDictionary[SpecCluster, int] = WeakKeyDictionary()
 """Workers or batch jobs that a cluster which this program started may grow to."""
@@ -37,6 +48,10 @@ class Upkeep:
         self._client = client
         self._came: set[str] = set()
         """Batch jobs of which a worker has been there."""
+        self._ended: set[str] = set()
+        """Batch jobs of which none has been there, and that their queue does not list."""
+        self._listed = -math.inf
+        self._in_vain = 0
 
     def gone(self) -> list[str | int]:
         """Local workers that have no process at this moment, or batch jobs that have ended with all their workers."""
@@ -53,7 +68,23 @@ class Upkeep:
             if any(f"{name}{suffix}" in here for suffix in spec.get("group", [""]))
         }
         self._came |= present
-        return [name for name in cluster.worker_spec if name in self._came - present]
+        if present:
+            self._in_vain = 0
+        self._see_which_ended()
+        return [name for name in cluster.worker_spec if name in (self._came | self._ended) - present]
+
+    def _see_which_ended(self) -> None:
+        """Ask the batch system for jobs that were cancelled, or failed, before a worker of theirs came."""
+        cluster: Any = self._client.cluster
+        command = LISTED.get(getattr(getattr(cluster, "job_cls", None), "config_name", ""))
+        waiting = {name: job.job_id for name, job in cluster.workers.items() if name not in self._came}
+        if command is None or not waiting or time.monotonic() - self._listed < LIST_PAUSE_S:
+            return
+        self._listed = time.monotonic()
+        with contextlib.suppress(OSError, subprocess.SubprocessError):
+            told = subprocess.run(command, capture_output=True, text=True, check=True, timeout=LIST_TIMEOUT_S)
+            there = set(told.stdout.split())
+            self._ended = {name for name, number in waiting.items() if number and number not in there}
 
     def replace(self) -> None:
         """Start new workers, or submit new batch jobs, in place of those that are gone for good.
@@ -66,6 +97,16 @@ class Upkeep:
         gone = self.gone()
         wanted = len(cluster.worker_spec)
         of_queue = not isinstance(cluster, LocalCluster)
+        if of_queue and self._ended >= set(cluster.worker_spec):
+            self._in_vain += 1
+        if self._in_vain > SUBMITTED_IN_VAIN:
+            msg = (
+                f"batch jobs ended {self._in_vain} times before a worker came of them; their output says why "
+                "(log-directory in jobqueue.yaml, else the folder of this command)"
+            )
+            raise RunError(msg)
+        self._came.difference_update(gone)  # their names return
+        self._ended.clear()
         # Dask has already dropped some of the local ones: those only have to be asked for again.
         dropped = [name for name in gone if name in cluster.workers]
         if dropped:

@@ -20,8 +20,9 @@ from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
 from toppling.orchestrator.admission import check_workers
 from toppling.orchestrator.cluster import existing
+from toppling.orchestrator.delivery import SHELF
 from toppling.orchestrator.run import run
-from toppling.orchestrator.task import Order, versions
+from toppling.orchestrator.task import Order, assets_of, versions
 from toppling.workers.shake import compile_once
 
 PATIENCE_S = 60.0
@@ -50,16 +51,21 @@ def bare_environment(**more):
 @pytest.fixture
 def scheduler(tmp_path):
     """File with the address of a scheduler that is not this program's."""
-    file = tmp_path / "scheduler.json"
+    with running_scheduler(tmp_path / "scheduler.json"):
+        yield tmp_path / "scheduler.json"
+
+
+@contextlib.contextmanager
+def running_scheduler(file, port=0):
     command = dask(
-        "dask_scheduler", "--host", "127.0.0.1", "--port", 0, "--no-dashboard", "--scheduler-file", file
+        "dask_scheduler", "--host", "127.0.0.1", "--port", port, "--no-dashboard", "--scheduler-file", file
     )
-    with running(command, env=bare_environment(), cwd="/"):
+    with running(command, env=bare_environment(), cwd="/") as process:
         end = time.monotonic() + PATIENCE_S
         while not file.exists():
             assert time.monotonic() < end
             time.sleep(0.05)
-        yield file
+        yield process
 
 
 @contextlib.contextmanager
@@ -139,3 +145,47 @@ def test_what_a_host_keeps_is_not_believed_when_it_is_something_else(
             check_workers(client, order)
         check_workers(client, order)  # it was removed, and is sent anew
         assert Scene.load(place).id == planned.scene_id
+
+
+def test_a_run_goes_on_with_a_scheduler_that_is_killed_and_started_again_at_its_address(
+    campaign, inputs, undisturbed, tmp_path, host_folders
+):
+    cache = cache_of_a_host(host_folders / "host")
+    first, second = tmp_path / "first.json", tmp_path / "second.json"
+    with contextlib.ExitStack() as stack:
+        lost = stack.enter_context(running_scheduler(first))
+        port = int(json.loads(first.read_text())["address"].rpartition(":")[2])
+        workers = [stack.enter_context(worker(first, [inputs, tmp_path], cache)) for _ in range(2)]
+
+        def watch(tally):
+            if tally.done and lost.poll() is None:
+                lost.kill()
+                lost.wait(PATIENCE_S)
+                shutil.rmtree(cache / "delivered")  # all has to be offered once more
+                stack.enter_context(running_scheduler(second, port))
+
+        tally = run(campaign, tmp_path / "run", existing(f"tcp://127.0.0.1:{port}", None, None), watch)
+        assert lost.poll() is not None
+        assert [each.poll() for each in workers] == [None, None]  # they came back by themselves
+    assert (tally.deaths, tally.failed) == (0, 0)
+    assert answers_of(tmp_path / "run") == undisturbed
+
+
+def test_a_worker_whose_scheduler_lost_what_it_asks_for_is_no_misfit_and_the_client_offers_it_again(
+    scheduler, campaign, inputs, undisturbed, tmp_path, host_folders
+):
+    cache = cache_of_a_host(host_folders / "host")
+    forgot = []
+
+    def watch(tally):
+        if tally.done and not forgot:
+            shutil.rmtree(cache / "delivered")
+            client.run_on_scheduler(lambda dask_scheduler: dask_scheduler.handlers.pop(SHELF))
+            client.run(lambda: assets_of.cache_clear())
+            forgot.append(True)
+
+    with worker(scheduler, [inputs, tmp_path], cache), existing(None, scheduler, None) as client:
+        tally = run(campaign, tmp_path / "run", contextlib.nullcontext(client), watch)
+    assert forgot
+    assert (tally.deaths, tally.failed) == (0, 0)
+    assert answers_of(tmp_path / "run") == undisturbed

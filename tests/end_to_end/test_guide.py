@@ -18,6 +18,7 @@ import click
 import numpy as np
 import pytest
 import trimesh
+import yaml
 from click.testing import CliRunner
 
 from toppling.models.frames import STANDARD_GRAVITY_M_S2
@@ -27,6 +28,7 @@ from toppling.models.rough_base import with_rough_base
 from toppling.models.scene import Scene
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.cli import cli
+from toppling.orchestrator.cluster import QUEUES
 from toppling.results.run import open_run
 
 ROOT = Path(__file__).parents[2]
@@ -47,7 +49,7 @@ RUN_TOPPLING = "from toppling.orchestrator.cli import main\nif __name__ == '__ma
 SITE = {"DASK_JOBQUEUE__SLURM__CORES": "8", "DASK_JOBQUEUE__SLURM__MEMORY": "16GB"}
 """What the page on clusters has a site put into jobqueue.yaml."""
 
-SHELL = {"git", "mkdir", "docker"}
+SHELL = {"git", "mkdir", "docker", "export", "dask", "srun", "until"}
 """Other programs that the pages name."""
 
 BLOCK = re.compile(
@@ -201,6 +203,8 @@ def carry_out(block, folder):
             [sys.executable, "-c", block.text], cwd=folder, capture_output=True, text=True, check=False
         )
         assert done.returncode == 0, f"{block.text}\n{done.stderr}"
+    elif block.kind == "yaml":
+        assert yaml.safe_load(block.text)["jobqueue"].keys() <= QUEUES.keys()
     elif block.kind == "csv":
         (folder / "sites.csv").write_text(block.text)
     elif block.kind == "toml":

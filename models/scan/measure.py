@@ -227,7 +227,8 @@ def uncertainty(
     -------
     dict
         Standard deviations with their floors (`bias`), the statics' for the bare interface plane; none where fewer
-        than three realisations close, and none of the interface where the user gives it: its error nobody drew.
+        than three realisations close, and none of an interface that is given or
+        carries a surface: its error nobody drew.
     """
     if not realisations:
         return {}
@@ -291,7 +292,7 @@ def _spread(
         "com_std_m": _joined(_std([rock.com_m for rock in rocks]), floor["com_per_height"] * height),
         "inertia_per_mass_std_m2": _joined(_std(inertia), floor["inertia_share"] * np.outer(radius, radius)),
         "height_std_m": _joined(_std([rock.height_m for rock in rocks]), max(top - highest, 0.0)),
-        **({"interface_normal_std_deg": tilt_std} if observed.hint is None else {}),
+        **({"interface_normal_std_deg": tilt_std} if len(set(planes)) > 1 else {}),
         **_toppling_spread(closed, tipped),
     }
 

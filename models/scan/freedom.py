@@ -35,6 +35,11 @@ LEAST_TOUCHES = 8
 JOINT_BAND, JOINT_SHARE, JOINT_DEG = 0.06, 0.7, 35.0
 """A joint of a stack: within so much of the height, creases of so many degrees in this share of the directions."""
 JOINT_FROM, JOINT_TO = 0.15, 0.85
+FLARE_FROM, FLARE_TO = 0.1, 0.3
+"""Of the rock's height: sides are judged above the ground's last roughness, and below the crown."""
+FLARE_DEG, FLARE_SHARE = 8.0, 0.8
+"""A side flares if its normals point so far up; in this share of the directions, the rock is widest at the ground.
+Of rocks sunk beyond their widest 0.8 to 1 flare, of free ones at most 0.45, of a column with a wide foot 0.69."""
 IN_REACH_ABOVE = 0.3
 """Of the rock's height: what rises so far above the interface stops it where it is nearer than the rock is high."""
 
@@ -64,6 +69,8 @@ def check_seen_enough(observed: ObservedRock, interface: Interface, closed: Clos
             f"one side is not enough: {share}, none of its sides over {blind_deg:.0f} degrees about azimuth "
             f"{toward_deg:.0f} (compass {float(compass_deg(toward_deg)):.0f})"
         )
+    elif (sunk := embedded(observed, interface)) is not None:
+        what = f"{share}; {sunk.sentence}"
     elif (apart := patches_apart(observed)) > SPARSE:
         raise InputError(
             f"{share}: the cloud has too few points, its patches of {observed.surfels.voxel_m:.2g} m lie {apart:.1f} "
@@ -123,9 +130,36 @@ def doubts(
     InputError
         If the rock goes on into its pedestal along most of the rim that was seen.
     """
-    found = [_attached(observed, interface), _leaning(observed, interface), _stacked(observed, interface)]
-    found.append(_hemmed_in(observed, points_m, rock))
+    found = [_attached(observed, interface), embedded(observed, interface), _leaning(observed, interface)]
+    found += [_stacked(observed, interface), _hemmed_in(observed, points_m, rock)]
     return [each for each in found if each is not None]
+
+
+def embedded(observed: ObservedRock, interface: Interface) -> Doubt | None:
+    """A doubt where the sides flare outward, down to the ground, nearly all around, as those of a sunk rock do.
+
+    A free rock may widen toward its foot as well, so that this alone is told and refuses nothing.
+    """
+    surfels = observed.surfels
+    points, normals = surfels.points_m[observed.patches], surfels.normals[observed.patches]
+    up = interface.over(points)[:, 2] / observed.height_m
+    low = (up > FLARE_FROM) & (up < FLARE_TO)
+    if not low.any():
+        return None
+    flat = interface.flat(points)[:, :2]
+    sector = _sectors(flat[low] - 0.5 * (flat[low].min(axis=0) + flat[low].max(axis=0)))
+    dip = np.rad2deg(np.arcsin(np.clip(normals[low] @ interface.normal, -1.0, 1.0)))
+    flare = np.array([np.median(dip[sector == k]) for k in np.unique(sector)])
+    share = float((flare > FLARE_DEG).mean())
+    if len(flare) < 0.5 * SECTORS or share < FLARE_SHARE:
+        return None
+    return Doubt(
+        "embedded",
+        f"the sides widen down to the ground over {share:.0%} of the directions, by a median of "
+        f"{np.median(flare):.0f} degrees: it may be embedded, and go on below the ground; then the volume is "
+        "too small, the contact unknown, and what surrounds the rock holds it. A probe or a trench beside it shows "
+        "whether its base lies at the interface",
+    )
 
 
 def creased_share(observed: ObservedRock, interface: Interface) -> float | None:

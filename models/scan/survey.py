@@ -20,7 +20,7 @@ from toppling.models.scan.base import near_the_interface
 from toppling.models.scan.carried_surface import carried_surface
 from toppling.models.scan.close import ClosedRock
 from toppling.models.scan.crevice import BAND_PER_HEIGHT, check_seen, judge_crevice
-from toppling.models.scan.freedom import Doubt, check_seen_enough, doubts
+from toppling.models.scan.freedom import Doubt, check_seen_enough, doubts, embedded
 from toppling.models.scan.ground import Ground, kept_of, pedestal_ground
 from toppling.models.scan.inspection import Inspection
 from toppling.models.scan.interface import Interface, fit_interface
@@ -314,8 +314,10 @@ def check_above(observed: ObservedRock, interface: Interface) -> None:
         return
     # A tenth of them may be strays.
     deepest = -float(np.quantile(over[below], 0.1))
+    sunk = embedded(observed, interface)
     raise InputError(
-        f"{below.mean():.1%} of the rock's seen surface hangs below the interface, by up to about {deepest:.2g} m",
+        f"{below.mean():.1%} of the rock's seen surface hangs below the interface, by up to about {deepest:.2g} m"
+        + (f"; {sunk.sentence}" if sunk else ""),
         where="interface",
         expected="a rock that lies above the plane on which it meets its pedestal",
         remedy="rocks that reach below their base, as with a lip over a cliff, are not supported; if what hangs there "

@@ -6,15 +6,16 @@ import numpy as np
 import pytest
 
 from toppling.models.errors import InputError
+from toppling.models.scan import virtual, virtual_shapes
 from toppling.models.scan.carried import find_carried
 from toppling.models.scan.close import ClosedRock
-from toppling.models.scan.freedom import check_seen_enough, creased_share, doubts, unseen_range
+from toppling.models.scan.freedom import check_seen_enough, creased_share, doubts, embedded, unseen_range
 from toppling.models.scan.interface import Interface, fit_interface
 from toppling.models.scan.interface_hint import hint_of
 from toppling.models.scan.measure import ObservedRock
 from toppling.models.scan.read import read_clouds
 from toppling.models.scan.surfels import Surfels
-from toppling.models.scan.survey import survey
+from toppling.models.scan.survey import check_above, survey, work_out
 from toppling.models.scene import Scene
 
 REAL = Path(__file__).parents[4] / "shared" / "data" / "scans" / "real"
@@ -95,6 +96,58 @@ def test_two_blocks_one_upon_the_other_are_named():
     lower, upper = box((-0.25, -0.25, 0.0), (0.25, 0.25, 0.5)), box((-0.17, -0.17, 0.5), (0.17, 0.17, 1.0))
     shown = np.abs(lower[0][:, :2]).max(axis=1) > 0.16
     assert "stack" in kinds(together((lower[0][shown], lower[1][shown]), upper), ground())
+
+
+def frustum(foot, top, height):
+    """Top and sloping sides (n, 3) of a square block that is narrower or wider at its foot."""
+    points, normals = box((-1.0, -1.0, 0.0), (1.0, 1.0, height))
+    half = foot + (top - foot) * points[:, 2:] / height
+    way = (normals[:, 2:] == 0.0) * (foot - top) / height
+    tilted = np.column_stack([normals[:, :2], normals[:, 2:] + way])
+    return points * np.hstack([half, half, np.ones_like(half)]), tilted / np.linalg.norm(
+        tilted, axis=1, keepdims=True
+    )
+
+
+@pytest.mark.parametrize(("foot", "told"), [(0.4, True), (0.3, False), (0.25, False), (0.2, False)])
+def test_sides_that_widen_down_to_the_ground_all_around_are_told_as_embedded(foot, told):
+    found = embedded(seen_of(frustum(foot, 0.25, 1.0), ground(foot + 0.01)), LEVEL)
+    assert (found is not None) == told
+    if found is not None:
+        assert all(each in found.sentence for each in ("100% of", "9 degrees", "volume", "contact", "probe"))
+
+
+def test_sides_that_widen_on_one_side_only_are_not_told_as_embedded():
+    points, normals = frustum(0.4, 0.25, 1.0)
+    steep = points[:, 0] < 0.0
+    normals[steep, 2] = np.where(normals[steep, 2] > 0.9, 1.0, 0.0)
+    assert embedded(seen_of((points, normals), ground(0.41)), LEVEL) is None
+
+
+@pytest.mark.parametrize(("foot", "named"), [(0.4, True), (0.25, False)])
+def test_a_rock_that_hangs_below_the_interface_is_named_embedded_where_its_sides_widen(foot, named):
+    hanging = wall((0.0, -0.5, -0.2), (0.0, 1.0, 0.0), (0.0, 0.0, 0.1), (1, 0, 0))
+    observed = seen_of(together(frustum(foot, 0.25, 1.0), hanging), ground(foot + 0.01))
+    with pytest.raises(InputError, match="hangs below the interface") as refused:
+        check_above(observed, LEVEL)
+    assert ("embedded" in str(refused.value)) == named
+
+
+def scanned(sunk_m, flat_m):
+    """A boulder of 2.5 m, widest at 1 m, that lies free or is sunk, as the virtual scanner sees it."""
+    vertices, faces = virtual_shapes.boulder(2.5, 3.0, 2.0, 5, bumps=0.03, sides=64)
+    rock = (vertices - np.array([0.0, 0.0, sunk_m]), faces)
+    truth = virtual.on_slope(rock, virtual_shapes.ground(5.0, flat_m, 3, bumps_m=0.03), 4.0, 120.0)
+    seen = virtual.scan_around(truth, seed=1, stations=6, resolution_per_height=0.015)
+    return virtual.cloud_of(seen, virtual.DEMO_ORIGIN_M)[0]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("sunk_m", "flat_m", "told"), [(1.3, 0.2, True), (0.0, 1.2, False)])
+def test_a_boulder_sunk_beyond_its_widest_is_told_and_one_that_lies_free_is_not(sunk_m, flat_m, told):
+    kept, _, notes = work_out(scanned(sunk_m, flat_m))
+    assert ("embedded" in kept.report.get("not_free", {})) == told
+    assert any("may be embedded" in each for each in notes) == told
 
 
 def test_a_surface_that_goes_on_into_the_ground_is_no_block():

@@ -140,7 +140,8 @@ def _point_of_no_return(
         still = int(np.argmax(com_m @ contact.scene_from_support[2]))
     elif ended_by in dict(FALLS):
         low = com_m[:, 2] < (1.0 - TOPPLED_FALL) * contact.com_m[2]
-        still = int(np.argmax(low | (tilt_deg > LARGEST_OPEN_TILT_DEG))) - 1
+        fallen = np.flatnonzero(low | (tilt_deg > LARGEST_OPEN_TILT_DEG))
+        still = int(fallen[0]) - 1 if len(fallen) else len(com_m) - 1
     else:  # at rest on another face
         still = int(np.flatnonzero(tilt_deg <= TOPPLED_TILT_DEG).max(initial=0))
     level_m = LEVEL_SHARE * contact.half_diagonal_m

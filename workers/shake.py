@@ -91,8 +91,7 @@ def shake(
 def _answer(problem: Problem, engine: str, pool: Pool, *, trajectory: bool) -> ShakeResult:
     """Shake on a plane with an engine, on another surface with the program's own steps."""
     if not problem.scene.ground.is_plane:
-        _check_knows_surfaces(engine)
-        return shake_on_ground(problem, trajectory=trajectory)
+        return shake_on_ground(problem, engine_named(engine), trajectory=trajectory)
     shaking = Shaking(problem, engine_named(engine).integrator(problem, pool))
     ended_by, seen = shaking.run()
     if ended_by == "speed_limit":  # a state that is not finite has spoilt the worlds
@@ -194,16 +193,6 @@ class Shaking:
             skipped_s=skipped_s + left_s,
             wall_s=0.0,
             time_step_s=self.problem.time_step_s,
-        )
-
-
-def _check_knows_surfaces(engine: str) -> None:
-    if engine != DEFAULT:
-        raise InputError(
-            f"engine {engine!r} on a pedestal that is no plane",
-            where="shake",
-            expected=f"{DEFAULT!r}: others know the interface plane only",
-            remedy="leave the engine out",
         )
 
 

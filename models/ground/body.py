@@ -100,7 +100,7 @@ class GroundedBody:
         """The rock in a pose, to be moved without a motion."""
         return Grounded(
             self.rock, self.ground, no_pairs(PAIRS), np.zeros(MOST, CONTACT), np.zeros(MOST, CONTACT),
-            np.zeros(5, np.int64), self.inertia_m2, self.size_m, self.farthest_m, (self.friction[0],) * 2, 0.0, 0.0,
+            np.zeros(6, np.int64), self.inertia_m2, self.size_m, self.farthest_m, (self.friction[0],) * 2, 0.0, 0.0,
             self.load_m_s2(), np.zeros((2, 6)), 1.0, step_s, np.zeros(1), np.array([pose]), np.zeros((1, 6)),
         )  # fmt: skip
 

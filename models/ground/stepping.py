@@ -63,7 +63,7 @@ class Grounded(NamedTuple):
     pairs: Pairs
     contacts: Any  # those of the latest substep, records of CONTACT
     trial: Any
-    counts: Indices  # contacts; poses after the first; steps; substeps; sweeps
+    counts: Indices  # contacts; poses after the first; steps; substeps; sweeps; steps of an engine
     inertia_m2: Array
     size_m: float
     farthest_m: float  # from the centre of mass

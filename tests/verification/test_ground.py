@@ -8,6 +8,7 @@ import pytest
 from reference.rocking import Ground, PlaneBody
 from reference.rocking import rock as rock_exactly
 
+from toppling.models.errors import InputError
 from toppling.models.ground.equilibrium import farthest_load
 from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene
@@ -276,3 +277,43 @@ def test_a_rock_that_a_wall_catches_before_its_balance_has_not_lodged():
     caught = shake(scene, pulse(-8.0, 0.3, after_s=6.0), "fast")
     assert caught.outcome in {"stands", "moved"}
     assert not caught.toppled
+
+
+@pytest.mark.parametrize(
+    ("left", "right", "friction"), [(30, 30, 0.6), (0, -15, 0.8), (-15, -15, 0.8), (0, 30, 0.6)]
+)
+def test_a_slowly_growing_acceleration_topples_by_the_second_engine_where_the_cones_say(
+    left, right, friction
+):
+    scene = block_on(left, right, friction)
+    (threshold,) = [each for _, each in scene.quasi_static_toppling_m_s2([0.0])]
+    time_s = np.arange(0.0, 30.0, 0.01)
+    ramp = threshold * np.interp(time_s, [0.0, 4.0, 30.0], [0.0, 0.9, 1.1])
+    motion = Motion(np.column_stack([ramp, 0.0 * ramp, 0.0 * ramp]), 0.01)
+    shaken = shake(scene, motion, "fast", engine="mujoco")
+    assert shaken.toppled
+    # Once past it a block of this size takes half a second to fall, while the ramp grows by .4 %.
+    assert np.interp(shaken.topple_time_s, time_s, ramp) == pytest.approx(threshold, rel=0.03)
+
+
+def test_a_wall_holds_a_block_that_falls_without_it_by_either_engine():
+    rock = box(HALF_WIDTH_M, HALF_WIDTH_M, HALF_HEIGHT_M).moved(np.eye(3), (0.0, 0.0, HALF_HEIGHT_M))
+    push = pulse(-6.0, 0.5, after_s=4.0)
+    for pedestal, outcome in ((facets(0, 0), "toppled"), (with_wall(0.02), "stands")):
+        scene = Scene.from_mesh((rock.vertices_m, rock.faces), pedestal=pedestal, friction=0.7)
+        for engine in ("pybullet", "mujoco"):
+            assert shake(scene, push, "fast", engine=engine).outcome == outcome, engine
+
+
+def test_an_arch_that_no_point_sees_whole_is_refused_by_the_second_engine():
+    profile = [(-0.4, 0), (-0.2, 0), (-0.2, 0.8), (0.2, 0.8), (0.2, 0), (0.4, 0), (0.4, 1.2), (-0.4, 1.2)]
+    vertices = np.array([[x, y, z] for y in (-0.4, 0.4) for x, z in profile])
+    quads = np.array([[0, 1, 2, 7], [2, 3, 6, 7], [3, 4, 5, 6]])
+    front = np.vstack([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
+    sides = [face for a, b in pairwise([*range(8), 0]) for face in ([b, a, a + 8], [b, a + 8, b + 8])]
+    faces = np.vstack([front, front[:, ::-1] + 8, sides])
+    ground, triangles = facets(15, 15)
+    lowered = ground - np.array([0.0, 0.0, 0.4 * math.tan(math.radians(15.0))])
+    scene = Scene.from_mesh((vertices, faces), pedestal=(lowered, triangles), friction=0.7)
+    with pytest.raises(InputError, match="no point sees all of it"):
+        shake(scene, STILL, "fast", engine="mujoco")

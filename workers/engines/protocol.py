@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from importlib import import_module
@@ -14,9 +14,14 @@ from toppling.models.errors import InputError
 from toppling.workers.options import PRESETS, NumericalOptions
 
 if TYPE_CHECKING:
+    from toppling.models.ground.stepping import Grounded
     from toppling.models.scene import Scene
     from toppling.workers.history import StateHistory
     from toppling.workers.problem import Problem
+
+
+GroundSteps = Callable[["Grounded", int], None]
+"""Takes so many steps of a rock on ground that is no plane; the trajectory's arrays have room."""
 
 
 class Integrator(Protocol):
@@ -77,7 +82,8 @@ class Engine:
     title, authors, reference : str
         How it is called and cited.
     module : str
-        Which module integrates with it: `integrator(problem, pool)`, `process_pool()`, `let_down(scene, pool)`.
+        Which module integrates with it: `integrator(problem, pool)`, `ground_steps(problem)`, `process_pool()`,
+        `let_down(scene, pool)`.
     step_shares : mapping
         Time step over sqrt(R / g) of each preset, where it is not that of :data:`PRESETS`.
     restitution, kinetic_friction : bool
@@ -166,16 +172,32 @@ class Engine:
         InputError
             If the engine is not installed, or the scene's contact is beyond it.
         """
+        self._require_all(problem.scene.contact)
+        made: Integrator = self._module.integrator(problem, pool)
+        return made
+
+    def ground_steps(self, problem: Problem) -> GroundSteps:
+        """What steps one shake on ground that is no plane.
+
+        Raises
+        ------
+        InputError
+            As :meth:`integrator`, or if the engine cannot represent the scene.
+        """
+        self._require_all(problem.scene.contact)
+        made: GroundSteps = self._module.ground_steps(problem)
+        return made
+
+    def _require_all(self, contact: ContactProperties) -> None:
+        """Make sure that it is installed and knows the contact."""
         self.require()
-        if (what := self.beyond(problem.scene.contact)) is not None:
+        if (what := self.beyond(contact)) is not None:
             raise InputError(
                 what,
                 where=f"engine {self.name}",
                 expected="restitution 0 and one coefficient of friction",
                 remedy="shake with the default engine, or change the contact's properties",
             )
-        made: Integrator = self._module.integrator(problem, pool)
-        return made
 
     def process_pool(self) -> Pool:
         """What this process keeps of the engine."""

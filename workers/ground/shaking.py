@@ -12,11 +12,12 @@ from toppling.models.ground.body import PAIRS, RESTING_SHARE
 from toppling.models.ground.contacts import CONTACT, MOST, no_pairs
 from toppling.models.ground.equilibrium import held, is_held, wrenches
 from toppling.models.ground.excitation import excitation
-from toppling.models.ground.stepping import Grounded, take_steps
+from toppling.models.ground.stepping import Grounded
 from toppling.models.relief import height_below
 from toppling.models.statics import TOPPLED_FALL
 from toppling.workers import quaternion as quat
 from toppling.workers.contact.candidates import LARGEST_OPEN_TILT_DEG
+from toppling.workers.engines.protocol import Engine, GroundSteps
 from toppling.workers.outcome import ShakeResult, result_of
 from toppling.workers.problem import Problem
 from toppling.workers.start import given_state
@@ -31,9 +32,9 @@ ROOM = 4096
 """Poses that the trajectory's arrays have room for at first."""
 
 
-def shake_on_ground(problem: Problem, *, trajectory: bool) -> ShakeResult:
+def shake_on_ground(problem: Problem, engine: Engine, *, trajectory: bool) -> ShakeResult:
     """Shake a rock whose contacts have normals of their own; keywords as of :func:`toppling.workers.shake`."""
-    shaking = GroundShaking(problem)
+    shaking = GroundShaking(problem, engine.ground_steps(problem))
     ended_by = shaking.run()
     return shaking.result(ended_by, trajectory=trajectory)
 
@@ -46,8 +47,8 @@ class _Displaced(NamedTuple):
 class GroundShaking:
     """A shake under way."""
 
-    def __init__(self, problem: Problem) -> None:
-        self.problem = problem
+    def __init__(self, problem: Problem, take_steps: GroundSteps) -> None:
+        self.problem, self._take_steps = problem, take_steps
         self.body = problem.scene.grounded
         motion, contact = problem.motion, problem.contact
         acceleration = motion.acceleration_m_s2 @ contact.scene_from_support
@@ -61,7 +62,7 @@ class GroundShaking:
             pairs=no_pairs(PAIRS),
             contacts=np.zeros(MOST, CONTACT),
             trial=np.zeros(MOST, CONTACT),
-            counts=np.zeros(5, np.int64),
+            counts=np.zeros(6, np.int64),
             inertia_m2=body.inertia_m2,
             size_m=body.size_m,
             farthest_m=body.farthest_m,
@@ -102,7 +103,7 @@ class GroundShaking:
         while True:
             since = self.last
             self._make_room(block)
-            take_steps(self.sim, block)
+            self._take_steps(self.sim, block)
             if ended_by := self._ended_by(since):
                 return ended_by
 
@@ -212,7 +213,7 @@ class GroundShaking:
             lodged=self._lodged(ended_by),
             penetration_m=self._deepest_m,
             steps=int(sim.counts[3]),
-            engine_steps=0,  # the program's own steps
+            engine_steps=int(sim.counts[5]),
             simulated_s=self.time_s - self.skipped_s,
             skipped_s=problem.motion.duration_s if never else self.skipped_s,
             wall_s=0.0,

@@ -21,6 +21,7 @@ import math
 import numpy as np
 
 from toppling.models.compiled import compiled, inner
+from toppling.models.ground.stepping import take_steps
 from toppling.workers.contact.active_set import MOST_ACTIVE
 from toppling.workers.contact.events import time_to_contact_s
 from toppling.workers.contact.gaps import find_rates, look, lowest_looked_at_m
@@ -44,7 +45,7 @@ from toppling.workers.engines.bullet.solved_steps import (
     solved_step,
 )
 from toppling.workers.engines.bullet.world import WORLD
-from toppling.workers.engines.protocol import StepCheckError
+from toppling.workers.engines.protocol import GroundSteps, StepCheckError
 from toppling.workers.history import ROOM, StateHistory, rest_until
 from toppling.workers.problem import Problem
 from toppling.workers.simulation import (
@@ -303,3 +304,8 @@ class BulletIntegrator:
 def integrator(problem: Problem, pool: EnginePool | None = None) -> BulletIntegrator:
     """The integrator of one shake, in worlds of a pool; those of the process unless given."""
     return BulletIntegrator(problem, pool or process_pool())
+
+
+def ground_steps(problem: Problem) -> GroundSteps:  # noqa: ARG001  (the seam's signature)
+    """On ground that is no plane the steps are the program's own: Bullet's edges kick."""
+    return take_steps

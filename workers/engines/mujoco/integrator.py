@@ -19,12 +19,13 @@ from toppling.models.relief import contact_feet_m
 from toppling.models.scene import Scene
 from toppling.workers import quaternion as quat
 from toppling.workers.contact.candidates import contact_of
+from toppling.workers.engines.mujoco.stepping import Stepper, forces_in, forces_m_s2, hull, touch, world
+from toppling.workers.engines.mujoco.surface import ground_steps
 from toppling.workers.history import ROOM, StateHistory
 from toppling.workers.observation import travel_m
 from toppling.workers.problem import Problem
 
-STIFFNESS_STEPS, DAMPING_RATIO, IMPEDANCE = 2.0, 1.5, 0.9999
-"""Time constant of a contact in steps, the stiffest that MuJoCo allows; its damping, with which nothing rebounds."""
+__all__ = ["MujocoIntegrator", "ground_steps", "integrator"]
 
 MARGIN_SHARE = 1e-6
 """Of R: points so near are in contact, or rounding decides which corners of a block at rest are, and it slips askew."""
@@ -40,15 +41,10 @@ class MujocoIntegrator:
         self._problem = problem
         self.history = StateHistory(problem)
         motion, step_s, sim = problem.motion, problem.time_step_s, self.history.sim
-        self._model, self._data = _world(problem.scene, step_s)
+        self._stepper = Stepper(*_world(problem.scene, step_s))
         self._seat = sim.pose[0].copy() if problem.start is None else None
-        self._warm = np.zeros((1, 6))
-        # The force on a unit mass from step middle to step middle, as a leapfrog needs it.
-        middles_s = np.maximum(np.arange(math.ceil(motion.duration_s / step_s) + 2) - 0.5, 0.0) * step_s
-        velocity = motion.velocity_at(middles_s) @ problem.contact.scene_from_support
-        lasting_s = np.diff(middles_s)[:, None]
         self._gravity_m_s2 = sim.fixed["gravity_m_s2"][0]
-        self._forces = (self._gravity_m_s2 * lasting_s - np.diff(velocity, axis=0)) / step_s
+        self._forces = forces_m_s2(motion, step_s, self._gravity_m_s2, problem.contact.scene_from_support)
 
     def advance(self, steps: int) -> None:
         """Go on by this many steps."""
@@ -56,16 +52,13 @@ class MujocoIntegrator:
         history.make_room_for(max(ROOM, steps + 1))
         first, grid, sim = history.last, history.grid, history.sim
         step_s = self._problem.time_step_s
-        force_m_s2 = np.tile(self._gravity_m_s2, (steps, 1))
-        moved = self._forces[grid : grid + steps]
-        force_m_s2[: len(moved)] = moved
-        out = self._rolled(force_m_s2)
+        force_m_s2 = forces_in(self._forces, self._gravity_m_s2, grid, steps)
         new = slice(first + 1, first + steps + 1)
         sim.time_s[new] = (grid + 1 + np.arange(steps)) * step_s
         sim.velocity_time_s[new] = sim.time_s[new] - 0.5 * step_s
-        sim.pose[new, :3], sim.pose[new, 3:6], sim.pose[new, 6] = out[:, 1:4], out[:, 5:8], out[:, 4]
-        sim.velocity[new, :3] = out[:, 8:11]
-        sim.velocity[new, 3:] = _turned(sim.pose[new, 3:], out[:, 11:14])
+        sim.pose[new], sim.velocity[new] = self._stepper.states(
+            sim.pose[first], sim.velocity[first], force_m_s2
+        )
         sim.state["last"], sim.state["grid"], sim.state["rests"] = first + steps, grid + steps, 0
         sim.state["widest"] = len(sim.set_points) - 1
         sim.state["steps"] += steps
@@ -75,24 +68,7 @@ class MujocoIntegrator:
 
     def restart(self) -> None:
         """What comes after a rest depends on the rock's pose alone."""
-        self._warm[:] = 0.0
-
-    def _rolled(self, force_m_s2: Array) -> Array:
-        """States (steps, 14) of MuJoCo: time, place, attitude as w, x, y, z, velocity, spin in body axes."""
-        last, sim, steps = self.history.last, self.history.sim, len(force_m_s2)
-        applied = np.zeros((1, steps, 12))  # of the world's body and the rock's
-        applied[0, :, 6:9] = force_m_s2
-        pose, velocity = sim.pose[last], sim.velocity[last]
-        spin = quat.matrix(pose[3:]).T @ velocity[3:]
-        state = np.array([[0.0, *pose[:3], pose[6], *pose[3:6], *velocity[:3], *spin]])
-        out = np.empty((1, steps, state.shape[1]))
-        rollout, force_bit = _rollout()
-        rollout.rollout(
-            self._model, self._data, state, applied, control_spec=force_bit, nstep=steps,
-            initial_warmstart=self._warm, state=out,
-        )  # fmt: skip
-        self._warm[0] = self._data.qacc_warmstart
-        return np.asarray(out[0])
+        self._stepper.restart()
 
     def _is_slow(self, since: int) -> bool:
         """Whether the rock has hardly moved since a pose."""
@@ -116,46 +92,18 @@ class MujocoIntegrator:
             sim.velocity[last] = 0.0
 
 
-def _turned(quaternion_xyzw: Array, carried: Array) -> Array:
-    """Vectors (n, 3), each turned by an attitude (n, 4)."""
-    vector, scalar = quaternion_xyzw[:, :3], quaternion_xyzw[:, 3:]
-    across = np.cross(vector, carried)
-    return np.asarray(carried + 2.0 * (scalar * across + np.cross(vector, across)))
-
-
-@lru_cache(maxsize=1)
-def _rollout() -> tuple[Any, int]:
-    """What steps in C, and the bit that says it is given forces. MuJoCo has no types."""
-    from mujoco import mjtState, rollout
-
-    return rollout.Rollout(nthread=0), int(mjtState.mjSTATE_XFRC_APPLIED.value)
-
-
 @lru_cache(maxsize=8)  # scenes compare by identity
 def _world(scene: Scene, step_s: float) -> tuple[Any, Any]:
     """A scene as MuJoCo's model and data: support frame, body axes."""
     import mujoco
 
     contact = contact_of(scene)
-    spec = mujoco.MjSpec()
-    spec.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_FALSE
-    option = spec.option
-    option.timestep, option.gravity = step_s, np.zeros(3)
-    option.integrator = mujoco.mjtIntegrator.mjINT_EULER
-    option.cone, option.solver = mujoco.mjtCone.mjCONE_ELLIPTIC, mujoco.mjtSolver.mjSOL_NEWTON
-    option.tolerance, option.iterations = 1e-10, 100
-    option.disableflags = mujoco.mjtDisableBit.mjDSBL_ISLAND
-    body = spec.worldbody.add_body(name="rock", pos=contact.com_m)
-    body.add_freejoint()
-    body.mass, body.ipos, body.explicitinertial = 1.0, np.zeros(3), True
-    body.inertia = contact.principal_inertia_m2
+    spec, body = world(step_s, contact.com_m, contact.principal_inertia_m2)
     ground = spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[1.0, 1.0, 1.0])
     ground.margin = MARGIN_SHARE * contact.half_diagonal_m
     feet_m = (contact_feet_m(scene.rock, scene.pedestal) - scene.rock.com_m) @ contact.scene_from_support
     for geom in (ground, body.add_geom(**_shape(spec, feet_m @ contact.support_from_body))):
-        geom.condim, geom.friction = 3, [scene.contact.friction_static, 0.0, 0.0]
-        geom.solref = [STIFFNESS_STEPS * step_s, DAMPING_RATIO]
-        geom.solimp = [IMPEDANCE, IMPEDANCE, 1e-3, 0.5, 2.0]
+        touch(geom, step_s, scene.contact.friction_static)
     model = spec.compile()
     return model, mujoco.MjData(model)
 
@@ -173,10 +121,7 @@ def _shape(spec: Any, points_m: Array) -> dict[str, Any]:
         half, middle = 0.5 * np.ptp(points_m @ axes, axis=0), points_m.mean(axis=0)
         quaternion = np.roll(Rotation.from_matrix(axes).as_quat(), 1)
         return {"type": mujoco.mjtGeom.mjGEOM_BOX, "size": half, "pos": middle, "quat": quaternion}
-    mesh = spec.add_mesh(
-        name="hull", uservert=points_m.ravel(), inertia=mujoco.mjtMeshInertia.mjMESH_INERTIA_CONVEX
-    )
-    return {"type": mujoco.mjtGeom.mjGEOM_MESH, "meshname": mesh.name}
+    return hull(spec, "hull", points_m)
 
 
 def _box_axes(points_m: Array) -> Array | None:

@@ -15,7 +15,7 @@ from toppling.orchestrator.interrupt import as_program, told_as_stop
 from toppling.orchestrator.spelling import Verbs
 
 VERBS = {
-    "scan": "Turn laser scans into a rock on its pedestal.",
+    "scan": "Turn laser scans or photogrammetry into a rock on its pedestal.",
     "scene": "Show a scene or export it.",
     "records": "Import, fetch, synthesise, select and show ensembles of records.",
     "init": "Write a campaign for SCENE and ENSEMBLE: levels, azimuths and frictions that suit the rock.",

@@ -128,6 +128,11 @@ class Cloud:
     label: NDArray[np.int8] | None = None
 
     @property
+    def bounds_m(self) -> NDArray[np.float64]:
+        """Lowest and highest survey coordinates, (2, 3)."""
+        return np.vstack([self.points_m.min(axis=0), self.points_m.max(axis=0)]) + self.origin_m
+
+    @property
     def step_m(self) -> float:
         """Widest step in which coordinates come."""
         return max((source.step_m for source in self.sources), default=0.0)

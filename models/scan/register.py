@@ -70,10 +70,9 @@ def registered(cloud: Cloud) -> Registered:
         If stations do not overlap, or do not fit.
     """
     check_overlap(cloud)
-    bounds = np.vstack([cloud.points_m.min(axis=0), cloud.points_m.max(axis=0)]) + cloud.origin_m
-    cloud, report = register(cloud)
-    check_fit(cloud, report)
-    return Registered(cloud, report, bounds)
+    fitted, report = register(cloud)
+    check_fit(fitted, report)
+    return Registered(fitted, report, cloud.bounds_m)
 
 
 def register(cloud: Cloud) -> tuple[Cloud, dict[str, Any]]:

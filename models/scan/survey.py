@@ -123,11 +123,13 @@ def work_out(
     inspection: Inspection | None = None,
 ) -> tuple[WorkedOut, NDArray[np.int8], tuple[str, ...]]:
     """Everything of :func:`survey` but the hidden base, the label of each point, and notes."""
+    if inspection is not None:
+        inspection.check_inside(*cloud.bounds_m)
     progress("registering stations")
     fitted = cloud if isinstance(cloud, Registered) else registered(cloud)
-    cloud, bounds = fitted.cloud, fitted.bounds_m
+    cloud = fitted.cloud
     near = None if near_m is None else _inside_cloud(near_m, cloud)
-    hint = _placed(cloud, bounds, hint, inspection)
+    hint = _placed(cloud, hint)
     progress("splitting rock from pedestal")
     if cloud.label is None:
         parts = segment(cloud.points_m, cloud.origin_m, near, hint)
@@ -155,20 +157,21 @@ def work_out(
     } | ({"uncertainty": spread} if spread else {})
     notes = _notes(cloud, observed.height_m, closed.rock.volume_m3, doubted)
     kept = WorkedOut(
-        observed, interface, closed, core, ground.pedestal, cloud.origin_m, bounds, report, inspection
+        observed,
+        interface,
+        closed,
+        core,
+        ground.pedestal,
+        cloud.origin_m,
+        fitted.bounds_m,
+        report,
+        inspection,
     )
     return kept, label, notes
 
 
-def _placed(
-    cloud: Cloud,
-    bounds_m: NDArray[np.float64],
-    hint: InterfaceHint | None,
-    inspection: Inspection | None,
-) -> InterfaceHint | None:
-    """The user's interface in the cloud's frame; places that the cloud does not show are refused."""
-    if inspection is not None:
-        inspection.check_inside(*bounds_m)
+def _placed(cloud: Cloud, hint: InterfaceHint | None) -> InterfaceHint | None:
+    """The user's interface in the cloud's frame; a place that the cloud does not show is refused."""
     if hint is not None:
         hint = hint.moved(cloud.origin_m)
         check_near(hint, cloud.points_m.min(axis=0), cloud.points_m.max(axis=0), cloud.origin_m)

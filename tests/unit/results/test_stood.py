@@ -246,4 +246,4 @@ def test_stood_is_refused_for_a_file_of_curves(tmp_path):
     (tmp_path / "curve.json").write_text("{}")
     done = CliRunner().invoke(cli, ["constrain", str(tmp_path / "curve.json"), "--stood", str(tmp_path)])
     assert done.exit_code == 2
-    assert "--stood weights the bases of runs" in done.output
+    assert "--stood applies to jobs of runs" in done.output

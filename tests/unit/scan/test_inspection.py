@@ -48,7 +48,7 @@ def test_a_place_outside_the_cloud_is_refused_before_the_cloud_is_split(tmp_path
     path.write_text("x,y,z,kind\n101,201,51,touch\n# mixed up\n201,101,51,daylight\n102,201,51,touch\n")
     points = np.random.default_rng(1).uniform(-3.0, 3.0, (500, 3))
     cloud = Cloud(points, np.array([100.0, 200.0, 50.0]), np.zeros(500, np.int16), (("a.xyz", 500),))
-    monkeypatch.setattr("toppling.models.scan.survey.register", lambda _: pytest.fail("registered"))
+    monkeypatch.setattr("toppling.models.scan.survey.registered", lambda _: pytest.fail("registered"))
     with pytest.raises(InputError, match=r"201\.00, 101\.00, 51\.00 lies outside the cloud") as refused:
         survey(cloud, inspection=inspection_of(path))
     assert refused.value.where == f"{path}, line 4"

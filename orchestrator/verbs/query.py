@@ -57,8 +57,8 @@ def query(
     if describe:
         table = pa.Table.from_pylist(open_run(runs[0]).describe())
     elif spread:
-        table = _spread(runs)
         _say_unfinished(runs)
+        table = _spread(runs)
     elif len(runs) < 2 or _is_run(runs[-1]):
         of = " ".join(runs)
         msg = (

@@ -17,6 +17,7 @@ from scipy.special import ndtr, ndtri
 
 from toppling.models.arrays import Array
 from toppling.results.precision.probit import Answers, Curve, fit_curve
+from toppling.results.precision.shape import Departure, departure
 from toppling.results.precision.target import Estimate, Target, estimate
 
 Numbers = NDArray[np.int64]
@@ -75,6 +76,8 @@ class Verdict:
         Why the precision cannot be reached; empty where it is reached, or may still be.
     jobs_needed : int
         In all, by what is known.
+    departure : Departure or None
+        How the answers contradict the curve, where they do.
     """
 
     measure: str
@@ -83,6 +86,7 @@ class Verdict:
     ended: bool
     reason: str
     jobs_needed: int
+    departure: Departure | None = None
 
 
 def _best_measure(observed: Mapping[str, Answers], usual: str = "pgv_m_s") -> str:
@@ -127,6 +131,7 @@ def judge(pool: Pool, observed: Mapping[str, Answers], target: Target, precision
     steep = curve.slope_variance / SLOPE_VARIANCE
     if jobs < LEAST_JOBS or least < LEAST_OF_EACH or (steep > 1.0 and jobs < SHARP_JOBS):
         return replace(known, jobs_needed=math.ceil(jobs * max(min(steep, 2.0), 1.0)))
+    known = replace(known, departure=departure(curve, observed[measure]))
     if found.precision <= precision and _reaches(pool, curve, measure, target):
         return replace(known, ended=True, jobs_needed=jobs)
     # A part of the variance falls with the number of jobs, the other with that of records alone.

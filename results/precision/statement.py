@@ -1,6 +1,7 @@
 """What a run of few jobs states: a file of its folder, written anew after every round."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +31,8 @@ def statement_of(rounds: Rounds, answered: int, records: int, contact: Mapping[s
     -------
     dict
         contact, target, measure, value, low, high, precision and asked (relative, of a probability in its own unit),
-        beta, jobs, records, rounds, ended, reason, the words, and the sentence, which says too how it goes on.
+        beta, jobs, records, rounds, ended, reason, how the answers contradict the curve (departure; None where they do
+        not), the words, and the sentence, which says too how it goes on.
     """
     verdict = rounds.verdict
     assert verdict is not None
@@ -49,6 +51,8 @@ def statement_of(rounds: Rounds, answered: int, records: int, contact: Mapping[s
         }
     words = rounds.target.words(verdict.measure, found.value, found.low, found.high)
     words += f", from {rounds.judged} jobs with {records} records"
+    if verdict.departure is not None:
+        words += f"; {verdict.departure.words}"
     sentence = words
     if verdict.reason:
         sentence += f"; not within {100 * rounds.precision:.3g} %: {verdict.reason}"
@@ -57,6 +61,7 @@ def statement_of(rounds: Rounds, answered: int, records: int, contact: Mapping[s
     return {
         **content, "value": found.value, "low": found.low, "high": found.high, "precision": found.precision,
         "median": curve.median, "beta": curve.beta, "words": words, "sentence": sentence,
+        "departure": verdict.departure and asdict(verdict.departure),
     }  # fmt: skip
 
 

@@ -1,5 +1,6 @@
 """A statement from few jobs: its curve against closed forms and other fits, its rounds against what they promise."""
 
+import dataclasses
 import math
 from pathlib import Path
 from types import SimpleNamespace
@@ -14,6 +15,7 @@ from scipy.stats import norm
 from toppling.results.hazard.curves import HazardCurve
 from toppling.results.precision.design import FIRST_ROUND, Pool, Rounds, Verdict, choose, judge
 from toppling.results.precision.probit import Answers, fit_curve
+from toppling.results.precision.statement import statement_of
 from toppling.results.precision.target import Target, estimate
 from toppling.results.regression import fit
 
@@ -154,6 +156,56 @@ def test_levels_lie_where_the_curve_is_uncertain_and_some_at_random(bench):
     share = norm.cdf(pool.log_x["pgv_m_s"][record, level] / 0.35)
     assert 0.03 < np.mean((share < 0.02) | (share > 0.98)) < 0.15
     assert np.mean((share > 0.1) & (share < 0.9)) > 0.7
+
+
+def with_plateau(bench, seed, monkeypatch):
+    """A campaign of which three jobs in ten stand whatever the shaking."""
+    pool, ask = bench.synthetic(seed)
+    stands = np.random.default_rng([seed, 7]).random(pool.rows.size) < 0.3
+
+    def asked(chosen):
+        answers = ask(chosen)["pgv_m_s"]
+        return {
+            "pgv_m_s": dataclasses.replace(answers, toppled=np.where(stands[chosen], 0.0, answers.toppled))
+        }
+
+    return pool, asked
+
+
+def of_two_medians(bench, seed, monkeypatch):
+    """A campaign half of whose jobs have thresholds three times those of the others."""
+    asks = []
+    for median in (3.0**-0.5, 3.0**0.5):
+        monkeypatch.setattr(bench, "MEDIAN_M_S", median)
+        pool, ask = bench.synthetic(seed, beta=0.2)
+        asks.append(ask)
+    strong = np.random.default_rng([seed, 8]).random(pool.rows.size) < 0.5
+
+    def asked(chosen):
+        one, other = (ask(chosen)["pgv_m_s"] for ask in asks)
+        toppled = np.where(strong[chosen], other.toppled, one.toppled)
+        return {"pgv_m_s": dataclasses.replace(one, toppled=toppled)}
+
+    return pool, asked
+
+
+def test_of_lognormal_campaigns_at_most_one_in_twenty_is_said_to_be_none(bench):
+    plays = [bench.play(*bench.synthetic(seed), Target(), 0.1, seed) for seed in range(60)]
+    assert sum(one.verdict.departure is not None for one in plays) <= 3
+
+
+@pytest.mark.parametrize("campaign", [with_plateau, of_two_medians])
+def test_most_campaigns_that_are_no_lognormal_say_so_and_by_how_much(bench, monkeypatch, campaign):
+    plays = [bench.play(*campaign(bench, seed, monkeypatch), Target(), 0.1, seed) for seed in range(10)]
+    told = [one for one in plays if one.verdict.departure is not None]
+    # Nine in ten do of 60 campaigns.
+    assert len(told) >= 7
+    found = told[0].verdict.departure
+    assert abs(found.observed - found.expected) > 0.02
+    stated = statement_of(told[0], told[0].judged, 140, {})
+    assert stated["sentence"].count("the curve is no lognormal: ") == 1
+    assert f"{100 * found.observed:.0f} % of {found.jobs} jobs topple where it says" in stated["sentence"]
+    assert stated["departure"]["p_value"] == found.p_value
 
 
 def test_levels_that_do_not_reach_the_curve_are_said_to_be_too_weak(bench):

@@ -44,7 +44,7 @@ def test_constrain_states_what_it_writes(done, tmp_path):
     assert "95 %" in stated.text
     stated.write(tmp_path)
     assert (tmp_path / stated.page).exists()
-    with pytest.raises(InputError, match="without the rocks' ages"):
+    with pytest.raises(InputError, match="a hazard needs the rocks' ages"):
         toppling.constrain([done.folder], hazard=["curve.csv"])
 
 

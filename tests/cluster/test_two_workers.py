@@ -375,11 +375,11 @@ def _error_of(carry_out, folder):
     return None
 
 
-def test_workers_without_the_run_are_refused_before_any_job(client, planned, tmp_path):
+def test_a_run_whose_folder_is_gone_is_refused_before_any_job(client, planned, tmp_path):
     from toppling.orchestrator.task import Order, versions
 
     order = Order(str(tmp_path / "absent"), planned.scene_id, planned.ensemble_id, versions())
-    with pytest.raises(InputError, match=r"workers are unfit.*cannot read the run's scene"):
+    with pytest.raises(RunError, match=r"absent/scene is gone: was the run's folder removed or renamed"):
         check_workers(client, order)
 
 

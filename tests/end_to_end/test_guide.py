@@ -73,7 +73,7 @@ def blocks(page):
 def commands(text):
     """Words of each command, comments left out; a quoted text may go over several lines."""
     begun = ""
-    for line in text.splitlines(keepends=True):
+    for line in text.replace("\\\n", " ").splitlines(keepends=True):
         begun += line
         try:
             words = shlex.split(begun, comments=True)

@@ -144,7 +144,8 @@ class Copy:
 
     @contextlib.contextmanager
     def kept_up(self) -> Iterator[None]:
-        """Carry over what is written as long as this goes on, and all of it at the end."""
+        """Bring what others wrote, carry over what is written as long as this goes on, and all of it at the end."""
+        self.pull()
         over = threading.Event()
 
         def keep_up() -> None:

@@ -12,6 +12,7 @@ from distributed import Client
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
 from toppling.models.settling import Settling
+from toppling.models.stores import at_hand, kept_up
 from toppling.orchestrator import run as carrying_out
 from toppling.orchestrator.advice import scaling_warnings, shaking_warnings, warnings_of
 from toppling.orchestrator.campaign import Campaign
@@ -84,6 +85,7 @@ class CarriedOut:
     Parameters
     ----------
     folder : Path
+        Of a run in a store, its copy on this machine.
     session : Tally
         What this session did.
     """
@@ -115,7 +117,8 @@ def run(
     ----------
     campaign : Campaign or path
     out : path
-        The run's folder: a new one, or one that this campaign began.
+        The run's folder: a new one, or one that this campaign began. Of an address in an object store, such as
+        ``s3://bucket/run``, the copy on this machine is written, and carried there every few seconds and at the end.
     cluster : context manager of a Dask client, or None
         Where the jobs run; processes of this machine unless given.
     workers : int or None
@@ -130,13 +133,16 @@ def run(
     Raises
     ------
     InputError
-        If the campaign does not fit its scene, its ensemble or the folder, or workers are unfit for the run.
+        If the campaign does not fit its scene, its ensemble or the folder, workers are unfit for the run, or the
+        store does not answer.
     RunError
         If the run cannot go on; what was done stays, and the same call goes on.
     """
-    folder = Path(out)
+    chosen = _campaign(campaign)
+    folder = at_hand(out)
     where = cluster if cluster is not None else local(workers or os.cpu_count() or 1)
-    session = carrying_out.run(_campaign(campaign), folder, where, watch, limits, again, [Auditing()])
+    with kept_up(folder):
+        session = carrying_out.run(chosen, folder, where, watch, limits, again, [Auditing()])
     return CarriedOut(folder, session)
 
 

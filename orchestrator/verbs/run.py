@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.core import ParameterSource
 
-from toppling.models.stores import kept_up, named
+from toppling.models.stores import named
 from toppling.orchestrator.dispatch import Limits
 from toppling.orchestrator.interrupt import INTERRUPTED, stop_in_order, told_as_stop
 from toppling.orchestrator.verbs.options import FOLDER, json_option
@@ -138,7 +138,7 @@ def run(
     command = _command(click.get_current_context())
     to_go_on = " ".join([f"To go on: {command}", *(["--again", ",".join(again)] if again else [])])
     try:
-        with told_as_stop(), kept_up(folder), watcher() as watch:
+        with told_as_stop(), watcher() as watch:
             limits = Limits(job_limit, tries)
             shaken = carry_out(
                 chosen, folder, cluster=reported(cluster, report), watch=watch, limits=limits, again=again

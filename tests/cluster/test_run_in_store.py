@@ -102,3 +102,24 @@ def test_a_run_in_a_store_is_killed_on_one_machine_and_goes_on_at_another(
     toppling("fragility", ADDRESS, env=machine("third"))
     looked_at.pull()
     assert list(looked_at.path.rglob("*.png"))  # what is drawn of it lies beside it
+
+
+def test_a_run_of_python_goes_to_the_store_as_the_command_line_s_does(
+    store, machine, inputs, undisturbed, tmp_path
+):
+    script = tmp_path / "script.py"
+    script.write_text(
+        "from toppling import run\n"
+        "if __name__ == '__main__':\n"
+        f"    print(run({str(inputs / 'campaign.toml')!r}, {ADDRESS!r}, workers=2).session.done)\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-P", script], env=machine("python"), cwd=tmp_path,
+        capture_output=True, text=True, timeout=PATIENCE_S, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.split() == ["72"]
+    assert not list(tmp_path.glob("s3*"))
+    looked_at = Copy(ADDRESS, tmp_path / "look" / "run")
+    looked_at.pull()
+    assert answers_of(looked_at.path) == undisturbed

@@ -15,6 +15,7 @@ from toppling.models.csv_text import plain
 from toppling.models.documents import LARGEST_CSV_BYTES, check_size, csv_rows, is_number, read_toml, shown
 from toppling.models.folder import rock_name
 from toppling.models.motions.ensemble import CATALOG, Ensemble
+from toppling.models.motions.formats.text import text_of
 from toppling.models.motions.record import Record
 from toppling.orchestrator.keys import Key, Place, number, path, read_keys
 from toppling.results.hazard.ages import parse_age
@@ -101,16 +102,40 @@ def _rows(given: Path) -> list[dict[str, Any]]:
         ):
             raise Place(str(given)).wrong("no list of rocks", "a table [[rock]] for each", "correct the file")
         return rows
-    with given.open(encoding="utf-8-sig", newline="") as lines:
-        return [
-            {name: _of_cell(name, cell.strip()) for name, cell in row.items() if cell.strip()}
-            for _, row in csv_rows((line for line in lines if not line.startswith("#")), given)
-        ]
+    return _rows_of_csv(given)
+
+
+def _rows_of_csv(given: Path) -> list[dict[str, Any]]:
+    text = text_of(given.read_bytes())
+    if text is None:
+        raise Place(str(given)).wrong("is binary", "a table of rocks, CSV or TOML", "save it as CSV")
+    lines = [line for line in text.splitlines(keepends=True) if not line.startswith(("#", "sep="))]
+    header = next((line for line in lines if line.strip(" ,;\t\n")), "")
+    delimiter = max(",;\t", key=header.count)
+    width = max((line.count(delimiter) for line in lines), default=0) + 1
+    numbered = [delimiter.join(map(str, range(width))) + "\n", *lines]  # so no cell beyond the header is lost
+    cells = [
+        filled
+        for _, row in csv_rows(numbered, given, delimiter)
+        if (filled := {column: cell.strip() for column, cell in row.items() if cell.strip()})
+    ]
+    names = {column: name.casefold() for column, name in cells[0].items()} if cells else {}
+    if twice := [name for name, count in Counter(names.values()).items() if count > 1]:
+        raise Place(str(given)).wrong(f"the column {shown(twice[0])} twice", "each column once", "remove one")
+    for count, row in enumerate(cells[1:], 1):
+        if beyond := [cell for column, cell in row.items() if column not in names]:
+            remedy = "name its column, or write decimal points, or separate cells by semicolons"
+            raise Place(f"{given}, rock {count}").wrong(
+                f"{shown(beyond[0])} in a column without a name", "a cell for each column", remedy
+            )
+    return [
+        {names[column]: _of_cell(names[column], cell) for column, cell in row.items()} for row in cells[1:]
+    ]
 
 
 def _of_cell(name: str, text: str) -> Any:
-    try:
-        return float(text) if name in _NUMBERS else text
+    try:  # none of these numbers reaches a thousand: a comma is a decimal one
+        return float(text.replace(",", ".")) if name in _NUMBERS else text
     except ValueError:
         return text
 

@@ -1,0 +1,62 @@
+"""Tables of rocks as spreadsheets write them."""
+
+import contextlib
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from toppling.models.errors import InputError
+from toppling.orchestrator.sites import read_sites
+
+PLAIN = "scene,site,longitude,latitude\nrock,Zürich,-117.5,34.25\n"
+SEMICOLONS = PLAIN.replace(",", ";").replace(".", ",")
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        PLAIN.encode("utf-8-sig"),
+        PLAIN.encode("cp1252"),
+        PLAIN.encode("utf-16"),
+        SEMICOLONS.encode("cp1252"),
+        b"sep=;\r\n" + SEMICOLONS.replace("\n", ";;\r\n\r\n;;\r\n").encode(),
+        PLAIN.replace(",", "\t").encode("utf-16"),
+        "Latitude;SITE; Longitude ;Scene\n34,25;Zürich;-117,5;rock\n".encode(),
+        'scene,site,longitude,latitude\nrock,Zürich,"-117,5","34,25"\n'.encode(),
+    ],
+)
+def test_a_table_says_the_same_however_a_spreadsheet_writes_it(content, tmp_path):
+    (tmp_path / "rocks.csv").write_bytes(content)
+    (site,) = read_sites(tmp_path / "rocks.csv")
+    assert (site.rock, site.site, site.longitude, site.latitude) == ("rock", "Zürich", -117.5, 34.25)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "scene,longitude,latitude\nrock,-117,5,34,25\n",
+        "scene,longitude,latitude\nrock,243.5,34\n",
+        "scene,longitude,latitude\nrock,-117,91\n",
+        "scene,age\nrock,-5\n",
+        "scene,colour\nrock,red\n",
+        "scene,Scene\nrock,other\n",
+        "scene\nrock\nrock\n",
+        "scene\n",
+        "",
+        "PK\0\0",
+    ],
+)
+def test_what_a_table_cannot_mean_is_refused(text, tmp_path):
+    (tmp_path / "rocks.csv").write_text(text)
+    with pytest.raises(InputError):
+        read_sites(tmp_path / "rocks.csv")
+
+
+@settings(max_examples=60, deadline=None, derandomize=True)
+@given(st.binary(max_size=60), st.sampled_from([b"", b"scene,longitude,latitude,age\n", b"scene;age\nrock;"]))
+def test_any_bytes_are_read_or_refused(tmp_path_factory, content, head):
+    table = tmp_path_factory.mktemp("table") / "rocks.csv"
+    table.write_bytes(head + content)
+    with contextlib.suppress(InputError):
+        assert read_sites(table)

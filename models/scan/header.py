@@ -112,7 +112,8 @@ def _axes_of(kind: frozenset[str], read: Sequence[_Coordinate | None]) -> Column
 def _names(line: str, columns: int) -> list[str]:
     """Names in a header, parted in the way that gives as many as there are columns, if there is one."""
     title = re.sub(r"[\"']", "", line).strip().lstrip("#/ ").lower()
-    title = re.sub(r"\s*[(\[]([^)\]]*)[)\]]", _closed_up, title)
+    # Neither blanks nor open brackets are looked through twice: a line may be long.
+    title = re.sub(r"(?<!\s)\s*[(\[]([^()\[\]]*)[)\]]", _closed_up, title)
     for separator in (",", ";", "\t", None):
         names = [name.strip() for name in title.split(separator)]
         if len(names) == columns:

@@ -1,5 +1,8 @@
 """Text files: which columns are east, north and up, and what is refused because nobody can tell."""
 
+import contextlib
+import time
+
 import numpy as np
 import pytest
 
@@ -165,3 +168,12 @@ def test_a_byte_order_mark_is_no_part_of_a_text_cloud(tmp_path, points, header, 
     path = tmp_path / f"cloud{suffix}"
     path.write_text(header + rows, encoding="utf-8-sig")
     np.testing.assert_allclose(read(path), points, atol=1e-3)
+
+
+@pytest.mark.parametrize("filler", [" ", "[", "( ", "x [", "x] "])
+def test_a_header_of_any_length_is_soon_read_or_refused(tmp_path, points, filler):
+    path = written(tmp_path / "cloud.csv", f"x{filler * 100_000}y,z", points)
+    began_s = time.process_time()
+    with contextlib.suppress(InputError):
+        read_clouds([path])
+    assert time.process_time() - began_s < 5.0  # minutes where the time grows by the length's square

@@ -6,6 +6,9 @@ from toppling.models.motions.measures import OPENQUAKE, STANDARD_G_M_S2
 
 _SA = re.compile(r"SA ?(?:\(?(\d+(?:\.\d+)?) ?S?\)?|(\d+)P(\d+))")
 _SA_COLUMN = re.compile(r"sa_(\d+(?:\.\d+)?)s_m_s2")
+LONGEST_NAME = 200
+"""Characters; a longer text names no column, and is not searched for one."""
+
 _UNITS = {
     "g": ("m/s2", STANDARD_G_M_S2), "%g": ("m/s2", 0.01 * STANDARD_G_M_S2), "m/s2": ("m/s2", 1.0),
     "cm/s2": ("m/s2", 0.01), "gal": ("m/s2", 0.01), "m/s": ("m/s", 1.0), "cm/s": ("m/s", 0.01),
@@ -53,6 +56,8 @@ def imt_of(column: str) -> tuple[str, float]:
 def measure_with_unit(text: str) -> tuple[str, float] | None:
     """Column and SI factor of a header's words: pga_m_s2, PGA, SA(0.2), PGA (g), PGV [m/s], pgv_cm_s, pga_g."""
     text = text.strip()
+    if len(text) > LONGEST_NAME:
+        return None
     if text in OPENQUAKE or _SA_COLUMN.fullmatch(text):
         return text, 1.0
     if bare := measure_of(text):

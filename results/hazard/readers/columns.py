@@ -6,7 +6,7 @@ from itertools import pairwise
 from pathlib import Path
 
 from toppling.results.hazard.curves import curve_of_probabilities, curve_of_rates
-from toppling.results.hazard.measures import measure_with_unit
+from toppling.results.hazard.measures import LONGEST_NAME, measure_with_unit
 from toppling.results.hazard.readers.statement import Hints, Statement, number, refuse, rows_of
 
 _RATE = re.compile(
@@ -110,14 +110,18 @@ def _plain(name: str) -> str:
 
 
 def _says_value(name: str) -> bool:
-    return bool(_RATE.fullmatch(_plain(name)) or _PROBABILITY.fullmatch(name.lower()))
+    return bool(_RATE.fullmatch(_plain(name)) or _probability(name))
+
+
+def _probability(name: str) -> re.Match[str] | None:
+    return _PROBABILITY.fullmatch(name.lower()) if len(name) <= LONGEST_NAME else None
 
 
 def _years(path: Path, name: str, hints: Hints) -> float | None:
     """Time that the second column's probabilities are over; None for annual rates."""
     if _RATE.fullmatch(_plain(name)):
         return None
-    found = _PROBABILITY.fullmatch(name.lower())
+    found = _probability(name)
     if not found and hints.years is not None:
         return hints.years or None
     if not found:

@@ -59,7 +59,10 @@ class Layout:
         """Numbers of a line, with decimal points."""
         text = line.strip().strip(ENDS)
         if self.quoted:
-            words = next(csv.reader([text], delimiter=self.parted_by or " ", skipinitialspace=True), [])
+            try:
+                words = next(csv.reader([text], delimiter=self.parted_by or " ", skipinitialspace=True), [])
+            except csv.Error:  # a field of more than 131,072 characters is no number
+                words = []
         elif self.parted_by == ", ":
             words = re.split(r",\s+", text)
         else:

@@ -275,7 +275,10 @@ def _read_ages(path: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         )  # a byte order mark would hide that the first line is a number
     except UnicodeDecodeError as error:
         raise _file_error(path, "it is no text in UTF-8") from error
-    rows = [row for row in csv.reader(text.splitlines()) if any(cell.strip() for cell in row)]
+    try:
+        rows = [row for row in csv.reader(text.splitlines()) if any(cell.strip() for cell in row)]
+    except csv.Error as error:
+        raise _file_error(path, f"it is no CSV ({error})") from error
     names = [name.strip().lower() for name in rows[0]] if rows else []
     if not names or names[0] not in UNITS:
         raise _file_error(path, f"the first line, {','.join(names)!r}, is no header")

@@ -33,7 +33,8 @@ def test_ages_without_a_header_are_refused_by_the_header_that_is_expected(tmp_pa
 
 
 @pytest.mark.parametrize("text", ["", "years\n", "years,weight\n1000,-1\n3000,3\n", "years,weight\n1000,0\n",
-                                  "years,weight\n1000\n3000,3\n", "a,b,c\n1,2,3\n", "years\nold\n"])  # fmt: skip
+                                  "years,weight\n1000\n3000,3\n", "a,b,c\n1,2,3\n", "years\nold\n",
+                                  f"years\n{'1' * 140_000}\n"])  # fmt: skip
 def test_a_file_that_holds_no_ages_is_refused(tmp_path, text):
     table = tmp_path / "age.csv"
     table.write_text(text)

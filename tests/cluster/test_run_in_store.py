@@ -107,11 +107,11 @@ def test_a_run_in_a_store_is_killed_on_one_machine_and_goes_on_at_another(
 def test_a_run_of_python_goes_to_the_store_as_the_command_line_s_does(
     store, machine, inputs, undisturbed, tmp_path
 ):
-    script = tmp_path / "script.py"
+    address, script = f"{ADDRESS}-of-python", tmp_path / "script.py"
     script.write_text(
         "from toppling import run\n"
         "if __name__ == '__main__':\n"
-        f"    print(run({str(inputs / 'campaign.toml')!r}, {ADDRESS!r}, workers=2).session.done)\n"
+        f"    print(run({str(inputs / 'campaign.toml')!r}, {address!r}, workers=2).session.done)\n"
     )
     done = subprocess.run(
         [sys.executable, "-P", script], env=machine("python"), cwd=tmp_path,
@@ -120,6 +120,6 @@ def test_a_run_of_python_goes_to_the_store_as_the_command_line_s_does(
     assert done.returncode == 0, done.stderr
     assert done.stdout.split() == ["72"]
     assert not list(tmp_path.glob("s3*"))
-    looked_at = Copy(ADDRESS, tmp_path / "look" / "run")
+    looked_at = Copy(address, tmp_path / "look" / "run")
     looked_at.pull()
     assert answers_of(looked_at.path) == undisturbed

@@ -252,11 +252,10 @@ def _file_system(address: str) -> tuple[Any, str]:
     import pyarrow as pa
     from pyarrow.fs import FileSystem, FSSpecHandler, PyFileSystem
 
+    # Google's store is otherwise asked for a quarter of an hour.
     patience = "?retry_limit_seconds=20" if re.match("gc?s:", address) and "?" not in address else ""
     try:
-        return FileSystem.from_uri(
-            address + patience
-        )  # without it Google's store is asked for a quarter of an hour
+        return FileSystem.from_uri(address + patience)
     except pa.ArrowInvalid:
         pass  # not one of Arrow's own
     except OSError as error:

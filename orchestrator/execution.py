@@ -193,10 +193,8 @@ class Execution:
             self.dispatch.came_back(batch, done=len(rows))
         elif status == "error":
             self._take_error(str(future.key), batch, result[1])
-        elif (
-            status == "cancelled" and self.client.cluster is None
-        ):  # as Dask does with all when the scheduler is gone
-            raise CancelledError
+        elif status == "cancelled" and self.client.cluster is None:
+            raise CancelledError  # as Dask does with all when the scheduler is gone
         else:
             log.warning("%d jobs came back unfinished (%s) and go out again", len(batch.jobs), status)
             self.dispatch.came_back(batch, done=0)

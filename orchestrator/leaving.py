@@ -55,9 +55,8 @@ class LeaveInOrder(WorkerPlugin):
         with contextlib.suppress(ValueError, RuntimeError, NotImplementedError):
             loop = asyncio.get_running_loop()
             loop.add_signal_handler(signal.SIGTERM, lambda: loop.create_task(_leave(worker)))
-        worker.memory_manager.memory_pause_fraction = (
-            False  # nothing would become free: it would wait for ever
-        )
+        # Nothing would become free: a worker that rests would wait for ever.
+        worker.memory_manager.memory_pause_fraction = False
         if self.outlive:
             _outlive_scheduler(worker)
 

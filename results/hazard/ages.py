@@ -270,9 +270,8 @@ def _of_file(path: Path) -> NDArray[np.float64]:
 def _read_ages(path: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Years and weights of a file, weights of one where it has none."""
     try:
-        text = path.read_text(
-            encoding="utf-8-sig"
-        )  # a byte order mark would hide that the first line is a number
+        # A byte order mark would hide that the first line is a number.
+        text = path.read_text(encoding="utf-8-sig")
     except UnicodeDecodeError as error:
         raise _file_error(path, "it is no text in UTF-8") from error
     try:

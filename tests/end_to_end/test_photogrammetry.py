@@ -6,8 +6,9 @@ import sys
 
 import numpy as np
 import pytest
+from virtual_rocks import stump_on_a_slope
 
-from toppling.models.scan import virtual, virtual_shapes
+from toppling.models.scan import virtual
 from toppling.models.scan.hints_file import read_hints
 
 COMMAND = [sys.executable, "-P", "-m", "toppling", "scan"]
@@ -30,10 +31,7 @@ def scanned(folder, name, *words):
 def site(tmp_path_factory):
     """A rock of 2 m on a slope: as a laser's cloud, and as a textured model of two objects in millimetres, y up."""
     folder = tmp_path_factory.mktemp("model")
-    truth = virtual.on_slope(
-        virtual_shapes.boulder(2.0, 1.3, 1.0, 3, bumps=0.02, sides=64),
-        virtual_shapes.ground(5.0, 0.7, 3, bumps_m=0.1), 6.0, 250.0,
-    )  # fmt: skip
+    truth = stump_on_a_slope()
     scans = virtual.scan_around(truth, seed=1, stations=6, resolution_per_height=0.008)
     cloud, _ = virtual.cloud_of(scans, virtual.DEMO_ORIGIN_M)
     np.savetxt(folder / "cloud.xyz", cloud.points_m + cloud.origin_m, fmt="%.5f")

@@ -9,8 +9,9 @@ import sys
 import numpy as np
 import pytest
 from driven import CONTROL, browsing, needs_driver
+from virtual_rocks import stump_on_a_slope
 
-from toppling.models.scan import virtual, virtual_shapes
+from toppling.models.scan import virtual
 
 COMMAND = [sys.executable, "-P", "-m", "toppling", "scan"]
 IDLE = "!document.getElementById('stage').classList.contains('busy') && document.body.dataset.current"
@@ -19,10 +20,7 @@ IDLE = "!document.getElementById('stage').classList.contains('busy') && document
 @pytest.fixture(scope="module")
 def cloud(tmp_path_factory):
     """A boulder of 2 m on a slope, from five stations."""
-    truth = virtual.on_slope(
-        virtual_shapes.boulder(2.0, 1.3, 1.0, 3, bumps=0.02, sides=64),
-        virtual_shapes.ground(5.0, 0.7, 3, bumps_m=0.1), 6.0, 250.0,
-    )  # fmt: skip
+    truth = stump_on_a_slope()
     scans = virtual.scan_around(truth, seed=1, stations=5, resolution_per_height=0.02)
     cloud, _ = virtual.cloud_of(scans, virtual.DEMO_ORIGIN_M)
     path = tmp_path_factory.mktemp("picked") / "cloud.xyz"

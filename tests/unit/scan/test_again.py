@@ -6,11 +6,12 @@ import shutil
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from virtual_rocks import stump_on_a_slope
 
 import toppling
 from toppling.models.digest import read_json, seal_archive, stated, write_json
 from toppling.models.errors import InputError
-from toppling.models.scan import virtual, virtual_shapes
+from toppling.models.scan import virtual
 from toppling.models.scan.hints_file import HINTS, KEYS, hints_text, read_hints, write_hints
 from toppling.models.scan.inspection import inspection_of
 from toppling.models.scan.worked_out import WorkedOut
@@ -23,10 +24,7 @@ from toppling.orchestrator.public.scan_files import hints_said
 @pytest.fixture(scope="module")
 def clouds(tmp_path_factory):
     folder = tmp_path_factory.mktemp("again")
-    truth = virtual.on_slope(
-        virtual_shapes.boulder(2.0, 1.3, 1.0, 3, bumps=0.02, sides=64),
-        virtual_shapes.ground(5.0, 0.7, 3, bumps_m=0.1), 6.0, 250.0,
-    )  # fmt: skip
+    truth = stump_on_a_slope()
     scans = virtual.scan_around(truth, seed=1, stations=5, resolution_per_height=0.02)
     cloud, _ = virtual.cloud_of(scans, virtual.DEMO_ORIGIN_M)
     np.savetxt(folder / "cloud.xyz", cloud.points_m + cloud.origin_m, fmt="%.5f")

@@ -3,9 +3,10 @@
 import laspy
 import numpy as np
 import pytest
+from virtual_rocks import stump_on_a_slope
 
 from toppling.models.errors import InputError
-from toppling.models.scan import virtual, virtual_shapes
+from toppling.models.scan import virtual
 from toppling.models.scan.segment import NEITHER, PEDESTAL, ROCK
 from toppling.models.scan.survey import work_out
 from toppling.orchestrator.public.scan_files import placed_cloud
@@ -17,10 +18,7 @@ LAS_CLASS = {ROCK: 40, PEDESTAL: 2, NEITHER: 5}
 def stump(tmp_path_factory):
     """A stump on a slope as seen, the labels of its points, and its true volume; written in every way."""
     folder = tmp_path_factory.mktemp("parts")
-    truth = virtual.on_slope(
-        virtual_shapes.boulder(2.0, 1.3, 1.0, 3, bumps=0.02, sides=64),
-        virtual_shapes.ground(5.0, 0.7, 3, bumps_m=0.1), 6.0, 250.0,
-    )  # fmt: skip
+    truth = stump_on_a_slope()
     scans = virtual.scan_around(truth, seed=1, stations=5, resolution_per_height=0.02)
     cloud, label = virtual.cloud_of(scans, virtual.DEMO_ORIGIN_M)
     points = np.round(cloud.points_m + cloud.origin_m, 4)

@@ -18,7 +18,6 @@ from toppling.workers.simulation import (
     CANDIDATE_ROWS,
     FIXED,
     FLAG_ROWS,
-    NORMAL_Z,
     NOT,
     STATE,
     WORK_ROWS,
@@ -169,7 +168,6 @@ def _fixed(problem: Problem) -> NDArray[np.void]:
         "checked_steps": options.checked_steps,
         "own_steps": options.own_steps,
         "skips_rest": problem.shortcuts,
-        "flat": True,
         "inertia_m2": contact.principal_inertia_m2,
         "upright": contact.support_from_body[2],
         "gravity_m_s2": np.array([0.0, 0.0, -scene.gravity_m_s2]) @ contact.scene_from_support,
@@ -183,5 +181,4 @@ def _candidates(points_body_m: Array) -> Array:
     """Rows of the candidates, which all meet the plane z = 0."""
     rows = np.zeros((CANDIDATE_ROWS, len(points_body_m)))
     rows[X : Z + 1] = points_body_m.T
-    rows[NORMAL_Z] = 1.0
     return rows

@@ -77,7 +77,6 @@ FIXED = np.dtype(
             ("two_frictions", "i8"),  # whether the kinetic friction is another one
             ("own_steps", "i8"),  # whether steps on contacts that stick are taken without the engine
             ("skips_rest", "i8"),
-            ("flat", "i8"),  # whether all candidates meet one plane, z = 0
             ("inertia_m2", "f8", 3),  # principal, over mass
             ("upright", "f8", 3),  # the normal in body axes in the pose of the scene
             ("gravity_m_s2", "f8", 3),
@@ -86,16 +85,15 @@ FIXED = np.dtype(
 )
 """What does not change in a shake: options, the rock, its contact."""
 
-X, Y, Z, NORMAL_X, NORMAL_Y, NORMAL_Z, OFFSET, ARM_X, ARM_Y, ARM_Z, GAP, RATE, LEAST = range(13)
+X, Y, Z, ARM_X, ARM_Y, ARM_Z, GAP, RATE, LEAST = range(9)
 """Rows of `Simulation.candidates`, of lengths in metres.
 
-Given: a material point of the rock in body axes (X, Y, Z), and the surface that it meets, by its upward normal in the
-support frame and its distance from the origin along it (OFFSET). Found by contact/gaps.py: the arm from the centre of
-mass to the point in the latest pose looked at, the gap, and its rate. LEAST is the least normal velocity that a near
-point may have, written by who asks for a velocity.
+Given: a material point of the rock in body axes (X, Y, Z). Found by contact/gaps.py: the arm from the centre of mass to
+the point in the latest pose looked at, the gap, and its rate. LEAST is the least normal velocity that a near point may
+have, written by who asks for a velocity.
 """
 
-CANDIDATE_ROWS = 13
+CANDIDATE_ROWS = 9
 
 ACTIVE, NEAR, TRIED, TOUCHES, SLIDES, DROPPED = range(6)
 """Rows of `Simulation.flags`: candidates that carry; that may; and of contact/active_set.py those that it tries."""

@@ -6,9 +6,11 @@ import pytest
 from engine_cases import G
 
 from toppling.models.errors import InputError
+from toppling.models.ground.mesh import contact_mesh
 from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene
 from toppling.models.shapes import box
+from toppling.workers.engines.mujoco.pieces import hollow_m
 from toppling.workers.options import PRESETS
 from toppling.workers.shake import shake
 
@@ -109,3 +111,22 @@ def test_an_engine_that_does_not_exist_is_refused():
         shake(Scene.block(0.2, 0.2, 0.6), Motion(np.zeros((9, 3)), 0.01), engine="newton")
     with pytest.raises(InputError, match="no engine 'newton'"):
         shake(Scene.block(0.2, 0.2, 0.6), Motion(np.zeros((9, 3)), 0.01), PRESETS["fast"], engine="newton")
+
+
+def test_a_hollow_spanned_by_two_triangles_is_as_deep_as_their_common_edge():
+    """Corners of all its triangles lie on the convex hull."""
+    block, rise_m = box(0.5, 0.5, 0.5), 0.013
+    sides = [face for face in block.faces if (block.vertices_m[face, 2] < 0.0).any()]
+    corner = {
+        (x, y): np.flatnonzero((block.vertices_m == (x, y, 0.5)).all(axis=1))[0]
+        for x in (-0.5, 0.5)
+        for y in (-0.5, 0.5)
+    }
+    low, right, high, left = (corner[each] for each in ((-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5)))
+    vertices = block.vertices_m.copy()
+    vertices[[right, left], 2] += rise_m
+    folded = contact_mesh(
+        vertices, np.array([*sides, (low, right, high), (low, high, left)]), -np.ones(3), np.ones(3), 0.1
+    )
+    exact_m = rise_m / np.sqrt(1.0 + 2.0 * rise_m**2)
+    assert 0.0 <= exact_m - hollow_m(folded, 1e-5) <= 1e-5

@@ -8,7 +8,7 @@ three are active, since on a plane more would only share what three hold.
 
 A point that is dropped as it sticks, and comes nearer without, slides under next to no load: its friction is left out.
 
-Each contact's rows are along its own normal. Velocities are (6,): of the centre of mass, and angular; impulses are per
+The normal of all is z. Velocities are (6,): of the centre of mass, and angular; impulses are per
 mass. All is kept in the arrays of :class:`Simulation`; those of the first `count` of `sim.near` are solved for.
 """
 
@@ -18,7 +18,7 @@ import math
 
 import numpy as np
 
-from toppling.models.compiled import Vector, inner
+from toppling.models.compiled import inner
 from toppling.workers.simulation import (
     ARM_X,
     ARM_Y,
@@ -31,9 +31,6 @@ from toppling.workers.simulation import (
     JACOBIAN,
     LEAST,
     MOBILITY,
-    NORMAL_X,
-    NORMAL_Y,
-    NORMAL_Z,
     SLIDES,
     TOUCHES,
     TRIED,
@@ -129,14 +126,8 @@ def _try(sim: Simulation, count: int) -> tuple[float, int, float, int]:
 def _rise_m_s(sim: Simulation, i: int) -> float:
     """Normal velocity of a point with the velocity found."""
     work, candidates = sim.work, sim.candidates
-    u, v, w = work[FOUND, 0], work[FOUND, 1], work[FOUND, 2]
-    p, q, r = work[FOUND, 3], work[FOUND, 4], work[FOUND, 5]
-    x, y, z = candidates[ARM_X, i], candidates[ARM_Y, i], candidates[ARM_Z, i]
-    return (
-        candidates[NORMAL_X, i] * (u + q * z - r * y)
-        + candidates[NORMAL_Y, i] * (v + r * x - p * z)
-        + candidates[NORMAL_Z, i] * (w + p * y - q * x)
-    )
+    w, p, q = work[FOUND, 2], work[FOUND, 3], work[FOUND, 4]
+    return w + p * candidates[ARM_Y, i] - q * candidates[ARM_X, i]
 
 
 @inner
@@ -204,22 +195,18 @@ def _hold(sim: Simulation, sticking: int, active: int) -> bool:
     work, candidates = sim.work, sim.candidates
     for k in range(active):
         i, row = sim.chosen[k], _normal_row(k, sticking)
-        nx, ny, nz = candidates[NORMAL_X, i], candidates[NORMAL_Y, i], candidates[NORMAL_Z, i]
-        _row(sim, row, i, nx, ny, nz, candidates[LEAST, i])
+        _row(sim, row, i, 0.0, 0.0, 1.0, candidates[LEAST, i])
         if k == 0:
-            a, b, c = _tangent(nx, ny, nz)
-            _row(sim, row + 1, i, a, b, c, 0.0)
-            _row(sim, row + 2, i, ny * c - nz * b, nz * a - nx * c, nx * b - ny * a, 0.0)
+            _row(sim, row + 1, i, 1.0, 0.0, 0.0, 0.0)
+            _row(sim, row + 2, i, 0.0, 1.0, 0.0, 0.0)
         elif k == 1 and sticking > 1:
             first = sim.chosen[0]
             x = candidates[ARM_X, i] - candidates[ARM_X, first]
             y = candidates[ARM_Y, i] - candidates[ARM_Y, first]
-            z = candidates[ARM_Z, i] - candidates[ARM_Z, first]
-            a, b, c = ny * z - nz * y, nz * x - nx * z, nx * y - ny * x
-            far = math.sqrt(a * a + b * b + c * c)
+            far = math.sqrt(x * x + y * y)
             if far == 0.0:
                 return False
-            _row(sim, row + 1, i, a / far, b / far, c / far, 0.0)
+            _row(sim, row + 1, i, -y / far, x / far, 0.0, 0.0)
     total = _normal_row(active, sticking)
     for i in range(total):
         for k in range(3):
@@ -245,17 +232,6 @@ def _hold(sim: Simulation, sticking: int, active: int) -> bool:
             work[FOUND, k] += work[JACOBIAN + i, k] * impulse
             work[FOUND, 3 + k] += work[TURNED + i, k] * impulse
     return True
-
-
-@inner
-def _tangent(x: float, y: float, z: float) -> Vector:
-    """A unit vector across a normal, along x where it is upright."""
-    if abs(x) < 0.9:  # x less its part along the normal
-        a, b, c = 1.0 - x * x, -x * y, -x * z
-    else:
-        a, b, c = -z * x, -z * y, 1.0 - z * z
-    size = math.sqrt(a * a + b * b + c * c)
-    return a / size, b / size, c / size
 
 
 @inner

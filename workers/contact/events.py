@@ -16,17 +16,15 @@ def time_to_contact_s(
     The velocity is that at a time `since_s` before the pose; a step moves the rock with that of its middle.
     """
     low, high = 0.0, end_s
-    before_m = gap_in_m(sim, i, pose[0], pose[1], pose[2], (pose[3], pose[4], pose[5], pose[6]))
+    before_m = gap_in_m(sim, i, pose[2], (pose[3], pose[4], pose[5], pose[6]))
     before_s, time = 0.0, end_s
     for _ in range(30):
         middle_s = since_s + 0.5 * time
-        x = pose[0] + time * (velocity[0] + acceleration[0] * middle_s)
-        y = pose[1] + time * (velocity[1] + acceleration[1] * middle_s)
         z = pose[2] + time * (velocity[2] + acceleration[2] * middle_s)
         p = velocity[3] + acceleration[3] * middle_s
         q = velocity[4] + acceleration[4] * middle_s
         r = velocity[5] + acceleration[5] * middle_s
-        gap = gap_in_m(sim, i, x, y, z, turned_on(pose, p, q, r, time))
+        gap = gap_in_m(sim, i, z, turned_on(pose, p, q, r, time))
         if gap > 0.0:
             if time == end_s:
                 return end_s

@@ -1,8 +1,7 @@
 """Gaps of the contact candidates and their rates. Compiled; knows no engine.
 
-The gap of a candidate is the clearance of its material point over the surface that it meets, along that surface's
-normal, negative where the point has penetrated. Where all meet one plane, the support frame's z = 0, only heights are
-looked at.
+The gap of a candidate is the height of its material point over the plane that all meet, the support frame's z = 0;
+negative where the point has penetrated.
 """
 
 from __future__ import annotations
@@ -20,10 +19,6 @@ from toppling.workers.simulation import (
     GAP,
     LEAST,
     MOBILITY,
-    NORMAL_X,
-    NORMAL_Y,
-    NORMAL_Z,
-    OFFSET,
     RATE,
     ROTATION,
     Simulation,
@@ -37,7 +32,7 @@ from toppling.workers.simulation import (
 @inner
 def look(sim: Simulation, index: int) -> None:
     """Arms and gaps of the candidates in use, and the rock's rotation and mobility, in a pose."""
-    pose, fixed = sim.pose[index], sim.fixed[0]
+    pose = sim.pose[index]
     _rotate(sim, pose)
     work, candidates = sim.work, sim.candidates
     a, b, c = work[ROTATION, 0], work[ROTATION, 1], work[ROTATION, 2]
@@ -51,15 +46,6 @@ def look(sim: Simulation, index: int) -> None:
         arm_y[i] = d * x[i] + e * y[i] + f * z[i]
         arm_z[i] = g * x[i] + h * y[i] + k * z[i]
         gap[i] = arm_z[i] + above
-    if not fixed.flat:
-        nx, ny, nz = candidates[NORMAL_X], candidates[NORMAL_Y], candidates[NORMAL_Z]
-        for i in range(points_in_use(sim)):
-            gap[i] = (
-                nx[i] * (pose[0] + arm_x[i])
-                + ny[i] * (pose[1] + arm_y[i])
-                + nz[i] * (pose[2] + arm_z[i])
-                - candidates[OFFSET, i]
-            )
 
 
 @inner
@@ -97,40 +83,21 @@ def _rotate(sim: Simulation, pose: Array) -> None:
 def find_rates(sim: Simulation, velocity: Array) -> None:
     """Rates of the gaps in the pose looked at, with a velocity (6,)."""
     candidates = sim.candidates
-    rate, arm_x, arm_y, arm_z = candidates[RATE], candidates[ARM_X], candidates[ARM_Y], candidates[ARM_Z]
-    u, v, w = velocity[0], velocity[1], velocity[2]
-    p, q, r = velocity[3], velocity[4], velocity[5]
-    if sim.fixed[0].flat:
-        for i in range(points_in_use(sim)):
-            rate[i] = w + (p * arm_y[i] - q * arm_x[i])
-        return
+    rate, arm_x, arm_y = candidates[RATE], candidates[ARM_X], candidates[ARM_Y]
+    w, p, q = velocity[2], velocity[3], velocity[4]
     for i in range(points_in_use(sim)):
-        rate[i] = (
-            candidates[NORMAL_X, i] * (u + q * arm_z[i] - r * arm_y[i])
-            + candidates[NORMAL_Y, i] * (v + r * arm_x[i] - p * arm_z[i])
-            + candidates[NORMAL_Z, i] * (w + p * arm_y[i] - q * arm_x[i])
-        )
+        rate[i] = w + (p * arm_y[i] - q * arm_x[i])
 
 
 @inner
 def find_centripetal(sim: Simulation, velocity: Array) -> None:
-    """Accelerations of the points toward the axis of rotation, along their normals, into the row LEAST.
-
-    They are spin x (spin x arm), positive upward.
-    """
+    """Upward part of the points' accelerations toward the axis of rotation, spin x (spin x arm), into the row LEAST."""
     candidates = sim.candidates
     out, arm_x, arm_y, arm_z = candidates[LEAST], candidates[ARM_X], candidates[ARM_Y], candidates[ARM_Z]
     p, q, r = velocity[3], velocity[4], velocity[5]
-    if sim.fixed[0].flat:
-        a, b, c = r * p, r * q, -p * p - q * q
-        for i in range(points_in_use(sim)):
-            out[i] = arm_x[i] * a + arm_y[i] * b + arm_z[i] * c
-        return
-    square = p * p + q * q + r * r
+    a, b, c = r * p, r * q, -p * p - q * q
     for i in range(points_in_use(sim)):
-        nx, ny, nz = candidates[NORMAL_X, i], candidates[NORMAL_Y, i], candidates[NORMAL_Z, i]
-        along = p * arm_x[i] + q * arm_y[i] + r * arm_z[i]
-        out[i] = along * (p * nx + q * ny + r * nz) - square * (nx * arm_x[i] + ny * arm_y[i] + nz * arm_z[i])
+        out[i] = arm_x[i] * a + arm_y[i] * b + arm_z[i] * c
 
 
 @inner
@@ -145,42 +112,25 @@ def lowest_looked_at_m(sim: Simulation) -> float:
 @compiled
 def lowest_gap_m(sim: Simulation, since: int) -> float:
     """Least gap, from a pose on, of the candidates that were in use so far."""
-    candidates, fixed, lowest = sim.candidates, sim.fixed[0], np.inf
+    candidates, lowest = sim.candidates, np.inf
     count = sim.set_points[sim.state[0].widest]
     for index in range(since, sim.state[0].last + 1):
         pose = sim.pose[index]
-        if fixed.flat:
-            nx, ny, nz = normal_in_body(pose)
-            for i in range(count):
-                arm = candidates[X, i] * nx + candidates[Y, i] * ny + candidates[Z, i] * nz
-                lowest = min(lowest, arm + pose[2])
-        else:
-            for i in range(count):
-                lowest = min(
-                    lowest, gap_in_m(sim, i, pose[0], pose[1], pose[2], (pose[3], pose[4], pose[5], pose[6]))
-                )
+        nx, ny, nz = normal_in_body(pose)
+        for i in range(count):
+            arm = candidates[X, i] * nx + candidates[Y, i] * ny + candidates[Z, i] * nz
+            lowest = min(lowest, arm + pose[2])
     return lowest
 
 
 @inner
-def gap_in_m(
-    sim: Simulation, i: int, x: float, y: float, z: float, attitude: tuple[float, float, float, float]
-) -> float:
-    """Gap of one candidate with the centre of mass at (x, y, z)."""
+def gap_in_m(sim: Simulation, i: int, z: float, attitude: tuple[float, float, float, float]) -> float:
+    """Gap of one candidate with the centre of mass at a height."""
     candidates = sim.candidates
     p, q, r, w = attitude
     a, b, c = candidates[X, i], candidates[Y, i], candidates[Z, i]
     up = 2 * (p * r - q * w) * a + 2 * (q * r + p * w) * b + (1 - 2 * (p * p + q * q)) * c
-    if sim.fixed[0].flat:
-        return z + up
-    along = (1 - 2 * (q * q + r * r)) * a + 2 * (p * q - r * w) * b + 2 * (p * r + q * w) * c
-    across = 2 * (p * q + r * w) * a + (1 - 2 * (p * p + r * r)) * b + 2 * (q * r - p * w) * c
-    return (
-        candidates[NORMAL_X, i] * (x + along)
-        + candidates[NORMAL_Y, i] * (y + across)
-        + candidates[NORMAL_Z, i] * (z + up)
-        - candidates[OFFSET, i]
-    )
+    return z + up
 
 
 @inner

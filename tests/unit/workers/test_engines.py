@@ -11,6 +11,7 @@ from toppling.models.errors import InputError
 from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene
 from toppling.workers import engines
+from toppling.workers.engines.bullet import integrator as bullet
 from toppling.workers.options import PRESETS
 from toppling.workers.shake import shake
 
@@ -58,3 +59,10 @@ def test_an_engine_that_is_not_installed_is_refused_with_its_extra(monkeypatch):
     monkeypatch.setitem(engines.ENGINES, "absent", absent)
     with pytest.raises(InputError, match=r"pip install 'toppling\[absent\]'"):
         shake(Scene.block(0.1, 0.1, 0.5), PUSH, engine="absent")
+
+
+def test_a_shake_takes_no_more_worlds_than_a_pool_keeps(monkeypatch):
+    """Else the least recently used one, which the shake may come back to, would hold other points."""
+    monkeypatch.setattr(bullet, "MOST_WORLDS", 0)
+    with pytest.raises(ValueError, match="sets of contact candidates: at most 0"):
+        shake(Scene.block(0.1, 0.1, 0.5), PUSH, "fast")

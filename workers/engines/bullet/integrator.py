@@ -36,7 +36,7 @@ from toppling.workers.contact.sticking import (
 )
 from toppling.workers.engines.bullet import world as bullet
 from toppling.workers.engines.bullet.let_down import let_down
-from toppling.workers.engines.bullet.pool import EnginePool, configure_for, process_pool
+from toppling.workers.engines.bullet.pool import MOST_WORLDS, EnginePool, configure_for, process_pool
 from toppling.workers.engines.bullet.prescribed_steps import ALLOWED, advance_prescribed, carry_out, hand_over
 from toppling.workers.engines.bullet.solved_steps import (
     Worlds,
@@ -262,13 +262,24 @@ def _resolve_impact(sim: Simulation, worlds: Worlds) -> None:
 
 
 class BulletIntegrator:
-    """A rock on its way through a motion, in worlds of a pool."""
+    """A rock on its way through a motion, in worlds of a pool.
+
+    Raises
+    ------
+    ValueError
+        If its contact candidates come in more sets than a pool keeps worlds: a world at work would be given away.
+    """
 
     def __init__(self, problem: Problem, pool: EnginePool) -> None:
         self._problem, self._pool, contact = problem, pool, problem.contact
         self.history = StateHistory(problem)
+        sets = len(self.history.sim.set_points)
+        if sets > MOST_WORLDS:
+            raise ValueError(
+                f"the rock has {sets} sets of contact candidates: at most {MOST_WORLDS} are kept at once"
+            )
         self._worlds = Worlds(
-            records=np.zeros(len(self.history.sim.set_points), WORLD),
+            records=np.zeros(sets, WORLD),
             points_m=np.ascontiguousarray(contact.points_body_m),
             mobilities=np.ascontiguousarray(contact.mobilities_m2),
         )

@@ -51,11 +51,26 @@ def rock_pieces(rock: ContactMesh) -> list[Array] | None:
     return _joined(cells, rock.edge_of, np.zeros(len(corners), np.int64))
 
 
-def hollow_m(rock: ContactMesh) -> float:
-    """How far a corner or a triangle's middle lies within a rock's convex hull at most."""
-    hull = ConvexHull(rock.vertices_m)
-    points = np.vstack([rock.vertices_m, rock.vertices_m[rock.faces].mean(axis=1)])
-    return float(-(points @ hull.equations[:, :3].T + hull.equations[:, 3]).max(axis=1).min())
+def hollow_m(rock: ContactMesh, within_m: float) -> float:
+    """How far a rock's surface lies within its convex hull at most; the true depth is larger by up to `within_m`.
+
+    A triangle is divided while its deepest place may be deeper: that is at most as deep, below any one face of the
+    hull, as the lowest of its corners.
+    """
+    planes = np.unique(ConvexHull(rock.vertices_m).equations, axis=0)
+    waiting, deepest = [rock.vertices_m[rock.faces]], 0.0
+    while waiting:
+        part = waiting.pop()
+        corners, rest = part[:200], part[200:]
+        below = -(corners @ planes[:, :3].T + planes[:, 3])  # (triangles, 3, planes)
+        deepest = max(deepest, below.min(axis=2).max(), below.mean(axis=1).min(axis=1).max())
+        a, b, c = np.moveaxis(corners[below.max(axis=1).min(axis=1) > deepest + within_m], 1, 0)
+        d, e, f = (a + b) / 2.0, (b + c) / 2.0, (c + a) / 2.0
+        parts = np.concatenate(
+            [np.stack(each, axis=1) for each in ((a, d, f), (d, b, e), (f, e, c), (d, e, f))]
+        )
+        waiting += [each for each in (rest, parts) if len(each)]
+    return float(deepest)
 
 
 def _sees_all(rock: ContactMesh) -> Array | None:

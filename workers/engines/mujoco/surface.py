@@ -61,8 +61,9 @@ def _world(scene: Scene, step_s: float) -> tuple[Any, Any]:
 
     grounded = scene.grounded
     spec, body = world(step_s, grounded.pose[:3], grounded.inertia_m2)
-    hollow = hollow_m(grounded.rock)
-    if hollow <= FLAT_SHARE * scene.rock.height_m:
+    flat_m = FLAT_SHARE * scene.rock.height_m
+    hollow = hollow_m(grounded.rock, 0.01 * flat_m)
+    if hollow <= flat_m:
         rock = [grounded.rock.vertices_m]
     else:
         wedges = rock_pieces(grounded.rock)

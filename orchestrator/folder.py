@@ -22,7 +22,7 @@ from toppling.models.run_document import check_run_document
 from toppling.models.tables import write_table
 from toppling.orchestrator.journal import LOG_FILE
 from toppling.orchestrator.plan import Plan
-from toppling.orchestrator.recorded import ensembles_in
+from toppling.orchestrator.recorded import FOLDER, ensembles_in
 from toppling.orchestrator.rocks_of_run import rows_without_stand, scene_or_sites, scenes_told, site_in_run
 from toppling.orchestrator.sites import sites_text
 from toppling.orchestrator.stands import Settled
@@ -36,8 +36,8 @@ from toppling.results.belonging import (
     digests_of,
     written_once,
 )
-from toppling.results.stood import FOLDER
 from toppling.results.store import PARTS_FOLDER, RESULTS_FILE, write_part
+from toppling.results.weights import WEIGHTS_FILE
 from toppling.workers.engines import ENGINES
 
 SCHEMA_VERSION = 1
@@ -262,7 +262,9 @@ def _sweep(run: Path) -> None:
 
 def _check(run: Path, plan: Plan, versions: dict[str, str]) -> None:
     content = describe(run)
-    written = (PARTS_FOLDER, "scene", "ensemble", "run.json", LOG_FILE, RESULTS_FILE, ".lock", FOLDER, SCENES)
+    written = (
+        PARTS_FOLDER, "scene", "ensemble", "run.json", LOG_FILE, RESULTS_FILE, ".lock", FOLDER, SCENES, WEIGHTS_FILE,
+    )  # fmt: skip
     below = [path for name in (FOLDER, SCENES) for path in (run / name).rglob("*")]
     _refuse_links(run, [*(run / name for name in written), *below])
     check_files(run)

@@ -10,7 +10,9 @@ from toppling.models.errors import InputError
 from toppling.models.motions.ensemble import CATALOG, Ensemble
 from toppling.models.motions.record import Record
 from toppling.models.scene import Scene
-from toppling.results.stood import Motion
+
+FOLDER = "stood"
+"""Of a run: the motions that its rock is known to have stood, and their shakes."""
 
 SHAKES = 8
 """Of each draw with each motion: a draw on which the rock never stands has a seventeenth of the weight of one on which
@@ -39,14 +41,6 @@ class Recorded:
     def identity(self) -> tuple[str, ...]:
         """All that can change a weight: hashes of the motions, whether they were oriented, and how often they shake."""
         return (f"stood {SHAKES}", *sorted(f"{one.sha} {one.north_known}" for one in self.records))
-
-    @property
-    def motions(self) -> tuple[Motion, ...]:
-        """What the weights' document says of them."""
-        return tuple(
-            Motion(one.record_id, one.sha, one.files or (path,), one.north_known)
-            for one, path in zip(self.records, self.paths, strict=True)
-        )
 
     def write(self, place: Path) -> None:
         """Write them as ensembles in a folder, by whether their azimuths are known."""

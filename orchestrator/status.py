@@ -14,8 +14,8 @@ from toppling.orchestrator.journal import last
 from toppling.results.audit_folder import AUDIT_FOLDER
 from toppling.results.completeness import Completeness
 from toppling.results.precision import STATEMENT_FILE
-from toppling.results.stood import CONTACT, FILE, FOLDER, Stood, sentences, told_of
 from toppling.results.store import newest_rows, read_steady, result_files
+from toppling.results.weights import CONTACT, WEIGHTS_FILE, Weights, are_due, sentences
 
 WINDOW = timedelta(minutes=1)
 REASONS_SHOWN = 10
@@ -51,7 +51,7 @@ def state_of(run: Path) -> dict[str, Any]:
     state["toppled"] = pc.sum(rows["toppled"]).as_py() or 0
     state["failures"] = _failures(rows.filter(pc.not_equal(rows["status"], "ok")))
     state["audit"], state["audit_sentences"] = _audited(run)
-    state["stood"], state["stood_sentences"] = _stood(run)
+    state["stood"], state["stood_sentences"] = _weighted(run)
     state["statements"], state["statement_sentences"] = _stated(run)
     # What is to be done again has a row, so that the rows do not tell what work is left.
     if running and stored < jobs and not state["again"]:
@@ -81,13 +81,13 @@ def _stated(run: Path) -> tuple[list[dict[str, Any]], list[str]]:
     return statements, sentences_of(statements)
 
 
-def _stood(run: Path) -> tuple[dict[str, Any], list[str]]:
-    """What the motions that the rock is known to have stood say of its bases, once it is known."""
-    if not (run / FOLDER / FILE).exists():
-        return {}, ["The bases are not weighted yet"] if (run / FOLDER).exists() else []
+def _weighted(run: Path) -> tuple[dict[str, Any], list[str]]:
+    """What the weights of a run's bases say, once they are known."""
+    if not (run / WEIGHTS_FILE).exists():
+        return {}, ["The bases are not weighted yet"] if are_due(run) else []
     columns = ["job_id", *CONTACT, "base", "attempt"]
     rows = read_steady([run], lambda: newest_rows(result_files(run), columns)).to_pandas()
-    told = told_of(Stood.read(run / FOLDER / FILE), rows)
+    told = Weights.read(run).told(rows)
     return told, sentences(told)
 
 

@@ -44,8 +44,8 @@ Question = Callable[[duckdb.DuckDBPyConnection], pa.Table]
 def ask(runs: Sequence[Readable], query: str, *, trusted: bool = False) -> pa.Table:
     """Answer of a DuckDB query over one or several runs.
 
-    The tables `results`, `motions` and `scene` hold the rows of all, and a column `run` tells them apart. Where a
-    rock is known to have stood a recorded motion, `bases` holds the weights of the draws of its base. Where the runs
+    The tables `results`, `motions` and `scene` hold the rows of all, and a column `run` tells them apart. Where the
+    bases of a rock weigh unlike, `bases` holds their weights. Where the runs
     differ in engine, preset, scene or physics version, a query over `results` has to name the run or that column: rows
     that answer different questions are not pooled unasked.
 

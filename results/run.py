@@ -24,8 +24,8 @@ from toppling.results.completeness import Completeness
 from toppling.results.queries import answered, ask, rows_where
 from toppling.results.scene_table import scene_table
 from toppling.results.schema import SCHEMA, describe
-from toppling.results.stood import CONTACT, Stood, stood_of, weighed
 from toppling.results.store import PathLike, newest_rows, read_steady, result_files
+from toppling.results.weights import Weights, weighed, weights_of
 
 _RUN_COLUMN = {
     "column": "run",
@@ -185,17 +185,17 @@ class Run:
         done = rows if self.root == self.path else rows.filter(self._own)
         return Completeness(self.planned(), len(done))
 
-    def weighted(self, frame: pd.DataFrame, stood: Stood | None = None) -> pd.DataFrame:
+    def weighted(self, frame: pd.DataFrame, weights: Weights | None = None) -> pd.DataFrame:
         """Add `record_weight`, by which shares are to count, to rows of a run whose records or bases weigh unlike.
 
         Records have the weights of 'toppling records select --deaggregation', 1 on average over those in use. Bases
-        have those that the motions give which the rock is known to have stood (`results.stood`), by the campaign's key
-        `stood`; `base_weight` is their part. Where all weigh alike the frame stays as it is.
+        have those that the run found (`results.weights`); `base_weight` is their part. Where all weigh alike the frame
+        stays as it is.
 
         Parameters
         ----------
         frame : DataFrame
-        stood : Stood or None
+        weights : Weights or None
             Weights of the bases by more than the run knows of.
 
         Raises
@@ -203,36 +203,24 @@ class Run:
         InputError
             If the run's own weights of its bases are not there, or are damaged.
         """
-        stood = stood or self.stood()
+        weights = weights or self.weights()
         frame = self._by_records(frame)
-        return frame if stood is None else weighed(frame, stood)
+        return frame if weights is None else weighed(frame, weights)
 
-    def stood(self) -> Stood | None:
-        """Weights of the bases by the motions that the campaign knows the rock to have stood; None where of none.
+    def weights(self) -> Weights | None:
+        """Weights of the bases, where the campaign asks for some.
 
         Raises
         ------
         InputError
             If they are not there yet, or damaged.
         """
-        return stood_of(self.path)
+        return weights_of(self.path)
 
     def bases(self) -> pa.Table | None:
         """Weight of each base under each contact, a row each; None where all weigh alike."""
-        stood = self.stood()
-        if stood is None:
-            return None
-        rows = [
-            {**dict(zip(CONTACT, contact, strict=True)), "base": base, "weight": weight}
-            for contact, weights in stood.weights.items()
-            for base, weight in enumerate(weights.tolist())
-        ]
-        text = "how much shares of its jobs count, 1 on average over all draws"
-        weight = pa.field(
-            "weight", pa.float64(), metadata={"group": "bases", "unit": "1", "description": text}
-        )
-        fields = [*(SCHEMA.field(name) for name in (*CONTACT, "base")), weight]
-        return pa.Table.from_pylist(rows, schema=pa.schema(fields))
+        weights = self.weights()
+        return None if weights is None else weights.table()
 
     def _by_records(self, frame: pd.DataFrame) -> pd.DataFrame:
         if self.rocks:

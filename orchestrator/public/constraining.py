@@ -222,7 +222,7 @@ def _by_curves(question: _Question, jobs: dict[Path, Jobs], advance: Callable[..
     if bases := [
         {"rock": rock.name, **of_bases(jobs[path], rock.curve)}
         for path, rock in zip(paths, standing, strict=True)
-        if path in jobs and jobs[path].stood
+        if path in jobs and jobs[path].weights
     ]:
         content["stood"] = bases
     content["warnings"] = warnings = _warnings(paths, rested)

@@ -32,7 +32,7 @@ from toppling.results.friction import by_surroundings, frictions
 from toppling.results.plane_reference import reference_lines, simulate
 from toppling.results.resampling import SAMPLES
 from toppling.results.run import Run, open_run
-from toppling.results.stood import records_weight
+from toppling.results.weights import records_weight
 from toppling.workers.seating import settled
 
 PGV_DURATION = PLANES["pgv_duration"]

@@ -23,7 +23,7 @@ from toppling.results.lognormal import Basis, Lognormal, Resampled
 from toppling.results.regression import fit
 from toppling.results.resampling import bootstrap
 from toppling.results.run import open_run
-from toppling.results.stood import CONTACT, Stood, told_of, unweighed
+from toppling.results.weights import CONTACT, Weights, unweighed
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +32,7 @@ class Jobs:
 
     path: Path
     frame: pd.DataFrame
-    stood: Stood | None
+    weights: Weights | None
     completeness: Completeness | None
 
 
@@ -82,9 +82,9 @@ def standing_rock(
 def read_jobs(path: Path, where: str | None, trusted: bool, recorded: Recorded | None) -> Jobs:
     """The jobs requested, with the weights of their records and bases."""
     run = open_run(path)
-    stood = run.stood()
+    weights = run.weights()
     bare = run.frame(where, trusted=trusted)
-    jobs = run.weighted(bare, stood)
+    jobs = run.weighted(bare, weights)
     if where and jobs.empty:
         raise InputError(
             what=f"no job satisfies {where}",
@@ -101,21 +101,20 @@ def read_jobs(path: Path, where: str | None, trusted: bool, recorded: Recorded |
             remedy='choose one, such as --where "friction_static = 0.8"',
         )
     if recorded:
-        if stood:
-            stood.refuse_twins(recorded.motions)
-        also = _weighed(path, bare, recorded)
-        stood = stood.joined(also) if stood else also
-        jobs = run.weighted(bare, stood)
-    return Jobs(path, jobs, stood, run.completeness() if run.planned() else None)
+        weights = _weighed(path, bare, recorded, weights)
+        jobs = run.weighted(bare, weights)
+    return Jobs(path, jobs, weights, run.completeness() if run.planned() else None)
 
 
-def _weighed(path: Path, jobs: pd.DataFrame, recorded: Recorded) -> Stood:
-    """Weights of a run's bases from motions that its rock survived; the shakes are not kept."""
+def _weighed(path: Path, jobs: pd.DataFrame, recorded: Recorded, own: Weights | None) -> Weights:
+    """Weights of a run's bases from more motions that its rock survived; the shakes are not kept."""
     from toppling.orchestrator.campaign import Campaign
     from toppling.orchestrator.cluster import local
     from toppling.orchestrator.progress import watcher
-    from toppling.orchestrator.studies.conditioning import weigh
+    from toppling.orchestrator.studies.conditioning import joined, refuse_counted, weigh
 
+    if own:
+        refuse_counted(own, recorded)
     run = open_run(path)
     campaign = Campaign.read(run.root / "campaign.toml")
     if campaign.sites:
@@ -127,7 +126,8 @@ def _weighed(path: Path, jobs: pd.DataFrame, recorded: Recorded) -> Stood:
     with TemporaryDirectory(prefix="toppling-stood-") as place:
         recorded.write(Path(place))
         with watcher() as watch, local(os.cpu_count() or 1) as client:
-            return weigh(one, recorded, Path(place), client, watch)
+            also = weigh(one, recorded, Path(place), client, watch)
+    return joined(own, also) if own else also
 
 
 def _fit(jobs: Jobs, measure: str, seen: Callable[[], None]) -> tuple[Lognormal | None, Resampled | None]:
@@ -148,8 +148,8 @@ def _heard(jobs: pd.DataFrame, measure: str) -> pd.DataFrame:
 
 def of_bases(jobs: Jobs, curve: Lognormal) -> dict[str, Any]:
     """What the motions that a rock survived say about its base, and the resulting shift of the median."""
-    assert jobs.stood is not None
-    told = told_of(jobs.stood, jobs.frame)
+    assert jobs.weights is not None
+    told = jobs.weights.told(jobs.frame)
     alike = fit(_heard(unweighed(jobs.frame), curve.measure), [curve.measure]).lognormal
     (of_contact,) = told.pop("contacts")
     return {

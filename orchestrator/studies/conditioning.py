@@ -1,19 +1,26 @@
 """A rock that stood a recorded shaking tells of its base: each draw of it is shaken with the recorded motion.
 
 The shakes are campaigns like any other, each motion as strong and as oriented as it was recorded. Their realisations
-draw the bases, and friction and what else nobody measured beside them, as those of the run do. What they say is
-arithmetic: `results.stood`.
+draw the bases, and friction and what else nobody measured beside them, as those of the run do.
+
+A draw on which the rock stood k of n times lets it stand with probability (k + 1/2) / (n + 1) (Jeffreys' prior), so
+that no weight becomes 0: nothing was seen to topple. Over several motions these probabilities are multiplied.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pandas as pd
 from distributed import Client
 
+from toppling.models.arrays import Array
+from toppling.models.errors import InputError
 from toppling.models.scene import Scene
+from toppling.models.shares import jeffreys_mean
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.context import Tally, Watcher, Work
 from toppling.orchestrator.dispatch import USUAL_LIMITS, Limits
@@ -22,6 +29,7 @@ from toppling.orchestrator.plan import Plan, plan_of
 from toppling.orchestrator.recorded import (
     AZIMUTHS_DEG,
     ENSEMBLES,
+    FOLDER,
     SHAKES,
     Recorded,
     check_weighable,
@@ -29,7 +37,7 @@ from toppling.orchestrator.recorded import (
 )
 from toppling.orchestrator.session import Session
 from toppling.results.run import open_run
-from toppling.results.stood import FILE, FOLDER, Stood, weights_of
+from toppling.results.weights import CONTACT, WEIGHTS_FILE, Contact, Weights
 
 Shake = Callable[[Campaign, Path], object]
 """Carries a campaign out in a folder."""
@@ -44,8 +52,8 @@ class Weighing:
         """Whether there are such motions, and no weights yet; damaged ones are told before work is done."""
         if not planned.recorded:
             return False
-        if (folder / FOLDER / FILE).exists():
-            Stood.read(folder / FOLDER / FILE)
+        if (folder / WEIGHTS_FILE).exists():
+            Weights.read(folder)
             return False
         return True
 
@@ -53,10 +61,10 @@ class Weighing:
         """Weigh them."""
         planned = work.planned
         assert planned.recorded is not None
-        weigh(
-            planned.campaign, planned.recorded, work.folder / FOLDER, work.client, work.watch, work.limits,
-            planned.id,
-        )  # fmt: skip
+        found = weigh(
+            planned.campaign, planned.recorded, work.folder / FOLDER, work.client, work.watch, work.limits
+        )
+        found.write(work.folder, planned.id)
 
 
 def weigh(
@@ -66,8 +74,7 @@ def weigh(
     client: Client,
     watch: Watcher,
     limits: Limits = USUAL_LIMITS,
-    plan_id: str | None = None,
-) -> Stood:
+) -> Weights:
     """Weigh the draws of a base by the motions that the rock is known to have stood (`orchestrator.recorded`).
 
     Raises
@@ -84,12 +91,10 @@ def weigh(
         Session(nullcontext(client), weighing, limits).carry_out(plan_of(one), target.absolute())
 
     tell("weighing the bases", records=[one.record_id for one in recorded.records])
-    return _weigh_bases(campaign, recorded, place, shake, plan_id)
+    return _weigh_bases(campaign, recorded, place, shake)
 
 
-def _weigh_bases(
-    campaign: Campaign, recorded: Recorded, place: Path, shake: Shake, plan_id: str | None = None
-) -> Stood:
+def _weigh_bases(campaign: Campaign, recorded: Recorded, place: Path, shake: Shake) -> Weights:
     """Shake every draw of the base with what the rock stood, and weigh the draws by it; goes on where it was stopped.
 
     Parameters
@@ -99,10 +104,8 @@ def _weigh_bases(
     recorded : Recorded
         As `Recorded.write` wrote it to the folder.
     place : Path
-        Where the shakes go, and `weights.json` once they are done.
+        Where the shakes go.
     shake : callable
-    plan_id : str or None
-        Of the run that the weights are for.
 
     Raises
     ------
@@ -131,6 +134,105 @@ def _weigh_bases(
         )
         shake(one, ensemble.parent / "run")
         rows.append(open_run(ensemble.parent / "run").frame())
-    stood = Stood(recorded.motions, SHAKES, weights_of(pd.concat(rows), len(scene.unseen)))
-    stood.write(place / FILE, plan_id)
-    return stood
+    return by_evidence(weights_by_contact(pd.concat(rows), len(scene.unseen)), _evidence(recorded))
+
+
+def _evidence(recorded: Recorded) -> dict[str, Any]:
+    """What a program reads of the motions: lists, and the number of shakes of each draw with each motion."""
+    given = zip(recorded.records, recorded.paths, strict=True)
+    return {
+        "files": sorted({file for record, path in given for file in record.files or (path,)}),
+        "records": [one.record_id for one in recorded.records],
+        "shas": [one.sha for one in recorded.records],
+        "azimuths_unknown": [one.record_id for one in recorded.records if not one.north_known],
+        "shakes": SHAKES,
+    }
+
+
+def by_evidence(by_contact: Mapping[Contact, Array], evidence: Mapping[str, Any]) -> Weights:
+    """Weights, with what a person reads of the motions that they rest on (`_evidence`)."""
+    motions, unknown = _and(evidence["records"]), evidence["azimuths_unknown"]
+    remarks = [f"Where the components of {_and(unknown)} pointed is not known: it shook from all sides"]
+    return Weights(
+        by_contact,
+        f"the rock stood {motions}",
+        f"the probability that the rock stands {motions}, which it is known to have survived, on each drawn base "
+        f"({evidence['shakes']} shakings of each)",
+        tuple(remarks if unknown else ()),
+        evidence,
+    )
+
+
+def refuse_counted(weights: Weights, recorded: Recorded) -> None:
+    """Refuse motions that weights rest on already.
+
+    Raises
+    ------
+    InputError
+        By their names.
+    """
+    if twice := [one.record_id for one in recorded.records if one.sha in weights.evidence["shas"]]:
+        raise InputError(
+            f"the run counts {_and(twice)} already",
+            where="--stood",
+            expected="each shaking once, as what is told twice would count twice",
+            remedy="leave it out: the run's own weights hold it",
+        )
+
+
+def joined(own: Weights, also: Weights) -> Weights:
+    """Weights by the motions of both, under the contacts of the second."""
+    both = {contact: own.of(contact) * weights for contact, weights in also.by_contact.items()}
+    evidence = {
+        name: own.evidence[name] + value if isinstance(value, list) else value
+        for name, value in also.evidence.items()
+    }
+    return by_evidence({contact: product / product.mean() for contact, product in both.items()}, evidence)
+
+
+def weights_by_contact(rows: pd.DataFrame, draws: int) -> dict[Contact, Array]:
+    """Weights of draws by the shakes of them.
+
+    Parameters
+    ----------
+    rows : DataFrame
+        Rows of results; a shake without an answer tells nothing.
+    draws : int
+        Number of draws of the base.
+
+    Raises
+    ------
+    InputError
+        If a motion has no answer at all.
+    """
+    found = {}
+    for contact, jobs in rows.groupby(CONTACT):
+        chances = [_chances(str(name), shakes, draws) for name, shakes in jobs.groupby("record_id")]
+        log = np.log(chances).sum(axis=0)
+        weights = np.exp(np.maximum(log - log.max(), -600.0))  # the least number is still above 0
+        found[tuple(map(float, contact))] = weights / weights.mean()
+    return found  # type: ignore[return-value]  # of three columns
+
+
+def _chances(name: str, shakes: pd.DataFrame, draws: int) -> Array:
+    """Probability that the rock stands one motion on each base; on one without an answer the mean of the others."""
+    known = shakes[shakes["toppled"].notna() & shakes["base"].notna()]
+    if not len(known):
+        messages = shakes["message"].dropna() if "message" in shakes else shakes["toppled"].dropna()
+        reason = messages.mode()
+        raise InputError(
+            f"none of {len(shakes)} shakes with {name} has an answer"
+            + (f" ({reason.iloc[0]})" if len(reason) else ""),
+            where="--stood",
+            expected="a motion that the engine of the run shakes the rock with",
+            remedy="see 'toppling records show' of the motion, or leave it out",
+        )
+    base = known["base"].to_numpy(int)
+    answered = np.bincount(base, minlength=draws)
+    standing = np.bincount(base[~known["toppled"].to_numpy(bool)], minlength=draws)
+    chance = jeffreys_mean(standing, answered)
+    return np.where(answered > 0, chance, chance[answered > 0].mean())
+
+
+def _and(names: Sequence[str]) -> str:
+    return " and ".join(filter(None, (", ".join(names[:-1]), *names[-1:])))

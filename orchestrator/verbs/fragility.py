@@ -21,7 +21,7 @@ from toppling.results.fragility import (
 )
 from toppling.results.resampling import SAMPLES
 from toppling.results.run import Run, open_run
-from toppling.results.stood import sentences, told_of
+from toppling.results.weights import sentences
 
 STUDYS = f"Default: the study's {{0.below:g}}, or none if that leaves out more than {100 * FEW_BEYOND:g} % of the jobs."
 WIDTH = click.FloatRange(0, min_open=True)
@@ -128,8 +128,8 @@ def _tell(drawn: Fragility, *, weighted: bool) -> None:
         click.echo(fit_words(table.assign(problem=table["problem"].fillna("")), known))
     for audit in drawn.audits.values():
         click.echo(audit.sentence)
-    if weighted and (stood := drawn.run.stood()):
-        for sentence in sentences(told_of(stood, jobs)):
+    if weighted and (weights := drawn.run.weights()):
+        for sentence in sentences(weights.told(jobs)):
             click.echo(sentence)
 
 

@@ -6,7 +6,7 @@ from typing import Any
 from toppling.results.drawing.style import printed_unit, short_name
 from toppling.results.hazard.update import RATES
 from toppling.results.schema import SCHEMA, describe
-from toppling.results.stood import sentences
+from toppling.results.weights import sentences
 
 MOST_NAMED = 6
 """Branches that are stated one by one, at most."""

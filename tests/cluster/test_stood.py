@@ -14,9 +14,9 @@ from toppling.models.motions.record import Record
 from toppling.models.scene import Scene
 from toppling.models.unseen import BaseDraw, UnseenBase
 from toppling.orchestrator.cli import cli
-from toppling.orchestrator.recorded import SHAKES
+from toppling.orchestrator.recorded import FOLDER, SHAKES
 from toppling.results.run import open_run
-from toppling.results.stood import FILE, FOLDER, Stood
+from toppling.results.weights import WEIGHTS_FILE, Weights
 
 CAMPAIGN = """\
 scene = "scene"
@@ -105,10 +105,10 @@ def test_a_campaigns_weights_are_the_same_on_any_number_of_workers_and_as_constr
         done = toppling("run", folder / "strong.toml", "--out", out, "--workers", workers, "--no-estimate")
         assert "say as much as 1.1 equal ones" in done.output
     one, two = (open_run(folder / f"strong-{workers}") for workers in (1, 2))
-    ((weights,), (again,)) = (run.stood().weights.values() for run in (one, two))
+    ((weights,), (again,)) = (run.weights().by_contact.values() for run in (one, two))
     assert (weights == again).all()
     assert list(weights) == WEIGHTS
-    assert (one.path / FOLDER / FILE).read_bytes() == (two.path / FOLDER / FILE).read_bytes()
+    assert (one.path / WEIGHTS_FILE).read_bytes() == (two.path / WEIGHTS_FILE).read_bytes()
     assert set(one.frame()["job_id"]) == set(open_run(plain).frame()["job_id"])  # the shakes are the same
     assert one.provenance()["plan_id"] != open_run(plain).provenance()["plan_id"]  # what they say is not
     asked = ("--measure", "pga_m_s2", "--json")
@@ -124,8 +124,10 @@ def test_a_campaigns_weights_are_the_same_on_any_number_of_workers_and_as_constr
     assert state["stood"]["contacts"][0]["effective_bases"] == pytest.approx(1.117, abs=1e-3)
     # The folder repeats itself, and damaged weights stop it.
     toppling("run", one.path / "campaign.toml", "--out", one.path, "--no-estimate")
-    path = one.path / FOLDER / FILE
-    path.write_bytes(path.read_bytes().replace(b"1.88", b"1.89"))
+    path = one.path / WEIGHTS_FILE
+    content = bytearray(path.read_bytes())
+    content[len(content) // 2] ^= 1
+    path.write_bytes(content)
     with pytest.raises(InputError, match="is damaged"):
         toppling("run", folder / "strong.toml", "--out", one.path, "--no-estimate")
 
@@ -135,7 +137,7 @@ def test_a_motion_of_unknown_azimuth_shakes_from_all_sides(folder):
     toppling("run", folder / "unoriented.toml", "--out", out, "--workers", 2, "--no-estimate")
     shakes = open_run(out / FOLDER / "from_all_sides" / "run").frame()
     assert sorted(shakes["azimuth_deg"].unique()) == [45.0 * number for number in range(8)]
-    (weights,) = Stood.read(out / FOLDER / FILE).weights.values()
+    (weights,) = Weights.read(out).by_contact.values()
     assert weights[0] > 1.0 > weights[1]
 
 

@@ -10,7 +10,7 @@ from toppling.models.scene import COM_SPREAD_SHARE, Scene
 from toppling.results.drawing.report.content import Content
 from toppling.results.drawing.report.document import Document, paragraph, safe
 from toppling.results.friction import friction_words, frictions
-from toppling.results.stood import records_weight
+from toppling.results.weights import records_weight
 
 REFERENCES = (
     "Baker, J. W. (2015). Efficient analytical fragility function fitting using dynamic structural analysis. "
@@ -155,11 +155,8 @@ def _engine_words(name: str, versions: Mapping[str, str], cited: Mapping[str, st
 
 def _statistics(content: Content) -> str:
     reasons = ["a hazard deaggregation"] if records_weight(content.frame) is not None else []
-    if stood := content.run.stood():
-        reasons.append(
-            f"the probability that the rock stands {' and '.join(one.record_id for one in stood.motions)}, which it is "
-            f"known to have survived, on each drawn base ({stood.shakes} shakings of each)"
-        )
+    if weights := content.run.weights():
+        reasons.append(weights.method)
     weighted = f", weighted by {' and by '.join(reasons)}" if reasons else ""
     return (
         f"Toppling probabilities are shares of the jobs with an answer{weighted}; their 95 % intervals are Wilson's "

@@ -36,8 +36,8 @@ from toppling.results.fragility import (
     unplaced,
 )
 from toppling.results.friction import compare_frictions
-from toppling.results.stood import records_weight, sentences, told_of
 from toppling.results.unphysical import unphysical_of
+from toppling.results.weights import records_weight, sentences
 
 MOST_RECORDS = 150
 """Largest number of rows in the table of records; those that topple the rock most often are shown."""
@@ -78,10 +78,10 @@ def scene_section(content: Content, document: Document) -> str:
         parts += [
             paragraph(f"{each[0].upper()}{each[1:]}.") for each in base_sentences(content.run.scene_report())
         ]
-    if stood := content.run.stood():
+    if weights := content.run.weights():
         parts += [
             paragraph(f"{sentence[0].upper()}{sentence[1:]}.")
-            for sentence in sentences(told_of(stood, content.frame))
+            for sentence in sentences(weights.told(content.frame))
         ]
     row = table.drop_columns(["quasi_static_toppling"]).to_pylist()[0]
     rows = [

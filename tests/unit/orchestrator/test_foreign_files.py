@@ -24,8 +24,8 @@ from toppling.orchestrator.watch import shown
 from toppling.results.audit_folder import AUDIT_FOLDER, DRAWN_FILE, REFERENCE, write_jobs
 from toppling.results.belonging import NEEDED
 from toppling.results.run import open_run
-from toppling.results.stood import FOLDER, Motion, Stood
 from toppling.results.store import compact, finished_ids, write_part
+from toppling.results.weights import WEIGHTS_FILE, Weights
 from toppling.workers.job import Assets, run_job
 
 CAMPAIGN = """\
@@ -73,9 +73,7 @@ def finished_run(folder, width_m):
     write_jobs(place, part.jobs, planned.id)
     write_part(place, [run_job(part.spec(job), assets) | {"attempt": 1} for job in range(len(part))])
     compact(place)
-    (run / FOLDER).mkdir()
-    weights = Stood((Motion("K", "0", ("K.txt",), True),), 8, {(0.9, 0.9, 0.0): np.ones(1)})
-    weights.write(run / FOLDER / "weights.json", planned.id)
+    Weights({(0.9, 0.9, 0.0): np.ones(1)}, "the rock stood K").write(run, planned.id)
     return run
 
 
@@ -112,7 +110,7 @@ CASES = [
     *((name, verb) for name in IN_AUDITS[:2] for verb in VERBS if verb != "resume"),
     *((IN_AUDITS[2], verb) for verb in ("status", "fragility", "audit")),
     *(
-        (f"{FOLDER}/weights.json", verb)
+        (WEIGHTS_FILE, verb)
         for verb in VERBS
         if verb.startswith("query") or verb in ("fragility", "constrain", "status", "report")
     ),

@@ -1,13 +1,14 @@
-"""Weights of bases, by how often the rock stood on each what it is known to have stood."""
+"""Weights of bases: read, written, and counted by."""
 
 import json
 from dataclasses import replace
 
 import numpy as np
 import pandas as pd
+import pyarrow.parquet as pq
 import pytest
 from click.testing import CliRunner
-from seeded import row, rows
+from seeded import rows
 from test_spread import run as spread_rows
 
 from toppling.models.errors import InputError
@@ -18,28 +19,15 @@ from toppling.results.regression import fit
 from toppling.results.resampling import bootstrap
 from toppling.results.run import open_run
 from toppling.results.spread import spreads
-from toppling.results.stood import FILE, FOLDER, Motion, Stood, told_of, unweighed, weighed, weights_of
 from toppling.results.store import write_part
+from toppling.results.weights import EARLIER_FILE, WEIGHTS_FILE, Weights, unweighed, weighed
 
-QUAKE = Motion("quake", "a" * 64, ("quake.AT2",), azimuths_known=True)
 CONTACT = (1.0, 1.0, 0.0)
 
 
-def stood(*weights, motion=QUAKE):
+def weights_of(*weights):
     each = np.array(weights, float)
-    return Stood((motion,), 8, {CONTACT: each / each.mean()})
-
-
-def shakes(stands, record="quake"):
-    """Rows of shakes: of each base a list of whether the rock stood, or None."""
-    table = [
-        row(
-            f"{record}-{base}-{number}", record_id=record, base=base, toppled=None if one is None else not one
-        )
-        for base, answers in enumerate(stands)
-        for number, one in enumerate(answers)
-    ]
-    return pd.DataFrame(table).astype({"toppled": "boolean"})
+    return Weights({CONTACT: each / each.mean()}, "the rock stood quake", evidence={"shakes": 8})
 
 
 def on_bases(count=2, **how):
@@ -48,37 +36,14 @@ def on_bases(count=2, **how):
     return frame.assign(base=pd.array(np.arange(len(frame)) % count, "Int64"))
 
 
-def test_a_weight_is_the_jeffreys_mean_of_standing_over_its_mean():
-    weights = weights_of(shakes([[True] * 3 + [False], [False] * 4]), 2)[CONTACT]
-    chance = np.array([3.5 / 5.0, 0.5 / 5.0])
-    assert weights == pytest.approx(chance / chance.mean())
-
-
-def test_over_motions_chances_are_multiplied_and_no_weight_becomes_0():
-    one, many = shakes([[True] * 8, [False] * 8]), []
-    for number in range(400):
-        many.append(one.assign(record_id=f"quake {number}"))
-    twice = weights_of(pd.concat(many[:2]), 2)[CONTACT]
-    assert twice[0] / twice[1] == pytest.approx(17.0**2)
-    assert (weights_of(pd.concat(many), 2)[CONTACT] > 0.0).all()
-
-
-def test_a_base_without_an_answer_is_told_nothing_and_a_motion_without_any_is_refused():
-    weights = weights_of(shakes([[True] * 4, [None] * 4, [True] * 4]), 3)[CONTACT]
-    assert weights == pytest.approx([1.0, 1.0, 1.0])
-    failed = shakes([[None] * 2]).assign(message="InputError: mujoco knows no such pedestal")
-    with pytest.raises(InputError, match=r"none of 2 shakes with quake has an answer.*no such pedestal"):
-        weights_of(failed, 1)
-
-
 def test_weights_that_are_equal_leave_the_rows_as_they_are():
     frame = on_bases()
-    assert weighed(frame, stood(1.0, 1.0)) is frame
+    assert weighed(frame, weights_of(1.0, 1.0)) is frame
 
 
 def test_a_base_of_weight_2_counts_as_if_its_jobs_were_there_twice_in_cells_and_fits():
     frame = on_bases(records=12, levels=range(1, 16, 2))
-    heavy = weighed(frame, stood(2.0, 1.0))
+    heavy = weighed(frame, weights_of(2.0, 1.0))
     copies = pd.concat([frame, frame[frame["base"] == 0]], ignore_index=True)
     plane = PLANES["pga_pgv"]
     assert cells(heavy, plane)["probability"].to_numpy() == pytest.approx(
@@ -93,14 +58,14 @@ def test_jobs_of_one_record_and_measure_on_unlike_bases_count_each_by_its_weight
     twins = pd.concat(
         [frame.assign(base=0), frame.assign(base=1, toppled=~frame["toppled"])], ignore_index=True
     )
-    nearly_one = weighed(twins, stood(1e9, 1.0))
+    nearly_one = weighed(twins, weights_of(1e9, 1.0))
     assert fit(answered(nearly_one), ["pgv_m_s"]).coefficients == pytest.approx(
         fit(answered(frame), ["pgv_m_s"]).coefficients, rel=1e-4
     )
 
 
 def test_weights_within_records_leave_the_number_of_records_as_it_is():
-    frame = weighed(on_bases(records=10), stood(1.9, 0.1)).assign(pool=0)
+    frame = weighed(on_bases(records=10), weights_of(1.9, 0.1)).assign(pool=0)
     effective = effective_records(frame.assign(weight=frame["record_weight"]), ["pool"])
     assert effective.iloc[0] == pytest.approx(10.0)
 
@@ -108,7 +73,7 @@ def test_weights_within_records_leave_the_number_of_records_as_it_is():
 def test_the_nominal_scene_has_the_mean_weight():
     frame = on_bases()
     frame.loc[:9, "base"] = pd.NA
-    found = weighed(frame, stood(1.5, 0.5))
+    found = weighed(frame, weights_of(1.5, 0.5))
     assert (found.loc[:9, "base_weight"] == 1.0).all()
     assert sorted(found["base_weight"].unique()) == pytest.approx([0.5, 1.0, 1.5])
 
@@ -118,11 +83,11 @@ def test_weights_of_bases_and_of_records_are_multiplied_and_come_apart_again():
     by_record = frame.assign(
         record_weight=frame["record_id"].map({f"R{n:03d}": 0.4 * (n + 1) for n in range(4)})
     )
-    both = weighed(by_record, stood(1.5, 0.5))
+    both = weighed(by_record, weights_of(1.5, 0.5))
     expected = by_record["record_weight"] * np.where(frame["base"] == 0, 1.5, 0.5)
     assert both["record_weight"].to_numpy() == pytest.approx(expected.to_numpy())
     assert unweighed(both)["record_weight"].to_numpy() == pytest.approx(by_record["record_weight"].to_numpy())
-    assert "record_weight" not in unweighed(weighed(frame, stood(1.5, 0.5)))
+    assert "record_weight" not in unweighed(weighed(frame, weights_of(1.5, 0.5)))
 
 
 def test_the_spread_counts_a_base_by_its_weight():
@@ -139,38 +104,38 @@ def test_the_spread_counts_a_base_by_its_weight():
 def test_one_contact_does_not_lend_another_its_weights():
     frame = pd.concat([on_bases(), on_bases(friction=0.5)], ignore_index=True)
     other = (0.5, 0.5, 0.0)
-    both = Stood((QUAKE,), 8, {CONTACT: np.array([1.5, 0.5]), other: np.array([0.5, 1.5])})
+    both = Weights({CONTACT: np.array([1.5, 0.5]), other: np.array([0.5, 1.5])}, "the rock stood quake")
     found = weighed(frame, both)
     rough = found["friction_static"] == 1.0
     assert set(found[rough & (found["base"] == 0)]["base_weight"]) == {1.5}
     assert set(found[~rough & (found["base"] == 0)]["base_weight"]) == {0.5}
     with pytest.raises(InputError, match=r"no weights of the bases under friction 0\.5"):
-        weighed(frame, stood(1.5, 0.5))
+        weighed(frame, weights_of(1.5, 0.5))
 
 
 def test_weights_come_back_from_disk_and_a_flipped_bit_is_told(tmp_path):
-    written = replace(stood(1.7, 0.3), shakes=8)
-    written.write(tmp_path / FILE)
-    read = Stood.read(tmp_path / FILE)
-    assert read.motions == written.motions
-    assert (read.weights[CONTACT] == written.weights[CONTACT]).all()
-    content = bytearray((tmp_path / FILE).read_bytes())
-    content[content.index(b"1.7") + 2] ^= 1
-    (tmp_path / FILE).write_bytes(content)
+    written = replace(weights_of(1.7, 0.3), method="the probability", remarks=("a remark",))
+    written.write(tmp_path)
+    read = Weights.read(tmp_path)
+    assert (read.by_contact[CONTACT] == written.by_contact[CONTACT]).all()
+    assert vars(replace(read, by_contact={})) == vars(replace(written, by_contact={}))
+    content = bytearray((tmp_path / WEIGHTS_FILE).read_bytes())
+    content[len(content) // 2] ^= 1
+    (tmp_path / WEIGHTS_FILE).write_bytes(content)
     with pytest.raises(InputError, match="is damaged"):
-        Stood.read(tmp_path / FILE)
-    (tmp_path / FILE).write_text(json.dumps({"schema_version": 1, "contacts": [], "motions": []}))
+        Weights.read(tmp_path)
+    pq.write_table(written.table(), tmp_path / WEIGHTS_FILE)
     with pytest.raises(InputError, match="carries no digest"):
-        Stood.read(tmp_path / FILE)
+        Weights.read(tmp_path)
 
 
-def test_a_motion_that_the_run_counts_is_not_counted_again():
-    with pytest.raises(InputError, match="the run counts quake already"):
-        stood(1.5, 0.5).refuse_twins([QUAKE])
-    other = replace(QUAKE, sha="b" * 64)
-    stood(1.5, 0.5).refuse_twins([other])
-    joined = stood(1.5, 0.5).joined(stood(1.5, 0.5, motion=other))
-    assert joined.weights[CONTACT] == pytest.approx([1.8, 0.2])
+def test_weights_that_are_none_are_refused(tmp_path):
+    weights_of(1.0, -1e-3).write(tmp_path)
+    with pytest.raises(InputError, match="not positive"):
+        Weights.read(tmp_path)
+    replace(weights_of(1.0), by_contact={}).write(tmp_path)
+    with pytest.raises(InputError, match="holds no weights"):
+        Weights.read(tmp_path)
 
 
 @pytest.fixture
@@ -183,7 +148,7 @@ def weighted_run(tmp_path):
             job |= {"toppled": True, "outcome": "toppled", "topple_azimuth_deg": 90.0}
     (tmp_path / "run").mkdir()
     write_part(tmp_path / "run", jobs)
-    (tmp_path / "run" / FOLDER).mkdir()
+    (tmp_path / "run" / "stood").mkdir()
     return tmp_path / "run"
 
 
@@ -197,10 +162,13 @@ def test_every_reader_of_shares_refuses_weights_that_are_missing_or_damaged(weig
         error = CliRunner().invoke(cli, verb).exception
         assert isinstance(error, InputError), verb
         assert "is not there" in str(error)
-    path = weighted_run / FOLDER / FILE
-    stood(17.0, 1.0).write(path)
+    (weighted_run / EARLIER_FILE).write_text("{}")
+    with pytest.raises(InputError, match=r"is not there, but stood/weights\.json of an earlier version"):
+        open_run(weighted_run).weights()
+    path = weighted_run / WEIGHTS_FILE
+    weights_of(17.0, 1.0).write(weighted_run)
     content = bytearray(path.read_bytes())
-    content[-20] ^= 1
+    content[len(content) // 2] ^= 1
     path.write_bytes(content)
     for verb in (*verbs, ["query", str(weighted_run), "select 1"]):
         error = CliRunner().invoke(cli, verb).exception
@@ -209,7 +177,7 @@ def test_every_reader_of_shares_refuses_weights_that_are_missing_or_damaged(weig
 
 
 def test_constraint_map_query_and_page_of_a_run_agree_on_its_weights(weighted_run):
-    stood(17.0, 1.0).write(weighted_run / FOLDER / FILE)
+    weights_of(17.0, 1.0).write(weighted_run)
     run = open_run(weighted_run)
     jobs = run.weighted(run.frame())
     told = json.loads(CliRunner().invoke(cli, ["constrain", str(weighted_run), "--json"]).stdout)
@@ -229,11 +197,11 @@ def test_constraint_map_query_and_page_of_a_run_agree_on_its_weights(weighted_ru
         assert asked[level] == pytest.approx(share)
     words = CliRunner().invoke(cli, ["constrain", str(weighted_run)]).stdout
     assert "say as much as 1.1 equal ones; the heaviest has 94 % of the weight" in words
-    assert told_of(run.stood(), jobs)["contacts"][0]["bases"] == 2
+    assert run.weights().told(jobs)["contacts"][0]["bases"] == 2
 
 
 def test_bootstrap_samples_are_of_the_weighted_fit(weighted_run):
-    stood(1e6, 1.0).write(weighted_run / FOLDER / FILE)
+    weights_of(1e6, 1.0).write(weighted_run)
     run = open_run(weighted_run)
     jobs = answered(run.weighted(run.frame()))
     fitted = fit(jobs, ["pgv_m_s"])

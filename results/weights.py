@@ -1,0 +1,232 @@
+"""Weights of the draws of a base: how much the jobs on each count, as a stage of the run found them.
+
+Why they weigh so is said by whoever writes them (`orchestrator.studies.conditioning`), and only passed on here. Each
+contact has weights of its own, as it is another hypothesis.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+
+from toppling.models.arrays import Array
+from toppling.models.documents import read_toml
+from toppling.models.errors import InputError, refusals
+from toppling.models.folder import new_file
+from toppling.models.shares import effective_number
+from toppling.models.tables import read_table, write_table
+from toppling.results.belonging import CAMPAIGN_FILE, check_plan_id
+from toppling.results.schema import SCHEMA
+
+WEIGHTS_FILE = "weights.parquet"
+EARLIER_FILE = "stood/weights.json"
+CONTACT = ["friction_static", "friction_kinetic", "restitution"]
+SAME = 1e-9
+"""Share by which weights may differ and still be one."""
+Contact = tuple[float, float, float]
+
+_WEIGHT = pa.field(
+    "weight", pa.float64(), metadata={
+        "group": "bases", "unit": "1",
+        "description": "how much shares of its jobs count, 1 on average over all draws",
+    },
+)  # fmt: skip
+_SCHEMA = pa.schema([*(SCHEMA.field(name) for name in (*CONTACT, "base")), _WEIGHT])
+_NOTES = b"toppling.weights"
+
+_no_weights = refusals(
+    expected="weights of the bases, as the run wrote them",
+    remedy="go on with the run by 'toppling run': it makes them anew if they are removed",
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Weights:
+    """Weights of the draws of a base, by contact.
+
+    Parameters
+    ----------
+    by_contact : mapping
+        Of each contact (static and kinetic friction, restitution) an array (draws,) whose mean is 1.
+    reason : str
+        What is known of the rock, as a clause: "the rock stood quake".
+    method : str
+        What the weights are, as a page on methods says it: "the probability that ...".
+    remarks : tuple of str
+        What else a person should know.
+    evidence : mapping
+        What a program reads of the reason.
+    """
+
+    by_contact: Mapping[Contact, Array]
+    reason: str
+    method: str = ""
+    remarks: tuple[str, ...] = ()
+    evidence: Mapping[str, Any] = field(default_factory=dict)
+
+    def of(self, contact: Contact) -> Array:
+        """Weights under a contact.
+
+        Raises
+        ------
+        InputError
+            If the draws were not weighed under it.
+        """
+        if contact not in self.by_contact:
+            raise InputError(
+                f"no weights of the bases under friction {contact[0]:g}, {contact[1]:g} and restitution {contact[2]:g}",
+                where=WEIGHTS_FILE,
+                expected="one of " + ", ".join(f"{one}" for one in self.by_contact),
+                remedy="begin a new run with another --out",
+            )
+        return self.by_contact[contact]
+
+    def table(self) -> pa.Table:
+        """Weight of each base under each contact, a row each."""
+        rows = [
+            {**dict(zip(CONTACT, contact, strict=True)), "base": base, "weight": weight}
+            for contact, weights in self.by_contact.items()
+            for base, weight in enumerate(weights.tolist())
+        ]
+        return pa.Table.from_pylist(rows, schema=_SCHEMA)
+
+    def write(self, run: Path, plan_id: str | None = None) -> None:
+        """Write the weights into the folder of a run, with the id of its plan."""
+        notes = {name: value for name, value in vars(self).items() if name != "by_contact"}
+        described = {_NOTES: json.dumps({**notes, "plan_id": plan_id})}
+        with new_file(run / WEIGHTS_FILE) as hidden:
+            write_table(self.table().replace_schema_metadata(described), hidden)
+
+    @classmethod
+    def read(cls, run: Path) -> Weights:
+        """Read what :meth:`write` wrote into the folder of a run.
+
+        Raises
+        ------
+        InputError
+            If the file is not there, not as it was written, or of another run.
+        """
+        path = run / WEIGHTS_FILE
+        if not path.exists():
+            earlier = f", but {EARLIER_FILE} of an earlier version" if (run / EARLIER_FILE).exists() else ""
+            raise _no_weights(f"is not there{earlier}", path)
+        table = read_table(path, required=True)
+        try:
+            notes = json.loads(table.schema.metadata[_NOTES])
+            check_plan_id(run, path, notes.pop("plan_id"))
+            by_contact = {
+                tuple(map(float, contact)): one.sort_values("base")["weight"].to_numpy(float)
+                for contact, one in table.to_pandas().groupby(CONTACT)
+            }
+            sound = all(np.isfinite(each).all() and (each > 0).all() for each in by_contact.values())
+            if not (by_contact and sound):
+                raise _no_weights("holds no weights, or one that is not positive", path)
+            return cls(by_contact, **{**notes, "remarks": tuple(notes["remarks"])})  # type: ignore[arg-type]
+        except (KeyError, TypeError, ValueError) as error:
+            raise _no_weights(f"is not whole ({type(error).__name__}: {error})", path) from None
+
+    def told(self, frame: pd.DataFrame) -> dict[str, Any]:
+        """What a program reads of the weights of the bases of some rows.
+
+        Returns
+        -------
+        dict
+            The evidence, reason, remarks, and in `contacts` of each contact of the rows: the contact, weights (of mean
+            1, by the number of the base), bases and effective_bases.
+        """
+        contacts = []
+        for contact, jobs in frame.groupby(CONTACT):
+            used = np.sort(jobs["base"].dropna().astype(int).unique())
+            weights = self.of(tuple(map(float, contact)))[used]  # type: ignore[arg-type]  # of three columns
+            contacts.append(
+                {
+                    **dict(zip(CONTACT, map(float, contact), strict=True)),
+                    "weights": {
+                        str(base): float(each / weights.mean())
+                        for base, each in zip(used, weights, strict=True)
+                    },
+                    "bases": len(used),
+                    "effective_bases": effective_number(weights) if len(used) else 0.0,
+                }
+            )
+        return {**self.evidence, "reason": self.reason, "remarks": list(self.remarks), "contacts": contacts}
+
+
+def weights_of(run: Path) -> Weights | None:
+    """Weights of a run's bases; None of a run whose campaign asks for none.
+
+    Raises
+    ------
+    InputError
+        If it asks for them, and they are not there or are damaged.
+    """
+    return Weights.read(run) if are_due(run) else None
+
+
+def are_due(run: Path) -> bool:
+    """Whether a run has weights or is to have them."""
+    if any((run / name).exists() for name in (WEIGHTS_FILE, "stood")):
+        return True
+    try:
+        return "stood" in read_toml(run / CAMPAIGN_FILE)
+    except (InputError, FileNotFoundError):  # damaged: who rests on the campaign says so
+        return False
+
+
+def weighed(frame: pd.DataFrame, weights: Weights) -> pd.DataFrame:
+    """Rows by the weights of their bases: `base_weight`, of mean 1 over the bases in use, also within `record_weight`.
+
+    Nothing is known of the base of the nominal scene (realisation 0), so that it has the mean weight. Where all weights
+    are one, they tell nothing, and the frame stays as it is.
+    """
+    factor = pd.Series(1.0, frame.index)
+    for contact, jobs in frame.groupby(CONTACT):
+        drawn = jobs["base"].dropna().astype(int)
+        if len(drawn):
+            each = weights.of(tuple(map(float, contact)))  # type: ignore[arg-type]  # of three columns
+            factor[drawn.index] = each[drawn.to_numpy()] / each[drawn.unique()].mean()
+    if (factor.sub(1.0).abs() < SAME).all():
+        return frame
+    return frame.assign(base_weight=factor, record_weight=frame.get("record_weight", 1.0) * factor)
+
+
+def unweighed(frame: pd.DataFrame) -> pd.DataFrame:
+    """The same rows with all bases alike; records keep their weights."""
+    weight = records_weight(frame)
+    bare = frame.drop(columns=["base_weight", "record_weight"], errors="ignore")
+    return bare if weight is None else bare.assign(record_weight=weight)
+
+
+def records_weight(frame: pd.DataFrame) -> pd.Series | None:
+    """Weight that rows have by their record alone; None where records weigh alike."""
+    if "record_weight" not in frame or "base_weight" not in frame:
+        return frame.get("record_weight")
+    weight = frame["record_weight"] / frame["base_weight"]
+    return None if (weight.sub(1.0).abs() < SAME).all() else weight
+
+
+def sentences(told: Mapping[str, Any]) -> list[str]:
+    """What a person should know of weights (:meth:`Weights.told`)."""
+    several = len(told["contacts"]) > 1
+    reason, said = told["reason"], []
+    for one in told["contacts"]:
+        under = f" with friction {one['friction_static']:g}" if several else ""
+        if one["bases"] - one["effective_bases"] < 1e-6:
+            said.append(
+                f"That {reason} tells nothing of its base{under}: its {one['bases']} draws weigh alike"
+            )
+        else:
+            heaviest = max(one["weights"].values()) / one["bases"]
+            said.append(
+                f"{reason[0].upper()}{reason[1:]}: its {one['bases']} bases, weighted by how likely that is on each"
+                f"{under}, say as much as {one['effective_bases']:.1f} equal ones; the heaviest has "
+                f"{100 * heaviest:.0f} % of the weight"
+            )
+    return said + list(told["remarks"])

@@ -1,8 +1,8 @@
 """Runs in object stores: a copy on this machine stands for one, and what changes in either is carried over.
 
-A store has no locks and no renaming, and each file of a run is verified as a whole before it is believed. So the files
-are brought here first, and what is written goes back whole: the store shows an object only once all of it is there.
-Others may read the store at any time; the lock of a run is kept by the copy, on this machine.
+A store has no renaming, and each file of a run is verified as a whole before it is believed. So the files are brought
+here first, and what is written goes back whole: the store shows an object only once all of it is there. Others may read
+the store at any time; one writes (`lease`).
 """
 
 import contextlib
@@ -12,7 +12,7 @@ import os
 import re
 import shutil
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
@@ -21,6 +21,7 @@ from typing import Any
 from toppling.models.digest import read_json, write_json
 from toppling.models.errors import InputError
 from toppling.models.folder import cache_folder, local, new_file
+from toppling.models.lease import WRITERS, Lease, put
 
 log = logging.getLogger(__name__)
 
@@ -80,9 +81,12 @@ class Copy:
     _store: Any = field(init=False)
     _known: dict[str, tuple[Stamp, Stamp]] = field(init=False, default_factory=dict)
     _alone: threading.Lock = field(init=False, default_factory=threading.Lock)
+    _lease: Lease = field(init=False)
 
     def __post_init__(self) -> None:
         self._store, self._root = _file_system(self.address)
+        notes = self.path.with_name(f"{self.path.name}.writer")
+        self._lease = Lease(self.address, self._store, f"{self._root}/{WRITERS}", notes)
         with contextlib.suppress(OSError, InputError, TypeError, ValueError):
             known = read_json(self._notes)
             self._known = {name: (list(here), list(there)) for name, (here, there) in known.items()}
@@ -123,9 +127,12 @@ class Copy:
         Raises
         ------
         InputError
-            If the store does not answer.
+            If the store does not answer, or another process has taken this one's place meanwhile.
         """
+        if self._lease.lost:
+            return
         with self._alone, self._told():
+            self._lease.make_sure()
             here = {
                 name: place
                 for place in self.path.rglob("*")
@@ -143,9 +150,34 @@ class Copy:
             self._note()
 
     @contextlib.contextmanager
-    def kept_up(self) -> Iterator[None]:
-        """Bring what others wrote, carry over what is written as long as this goes on, and all of it at the end."""
-        self.pull()
+    def kept_up(self) -> Iterator[Callable[[], None]]:
+        """Write as the only one: bring what others wrote, carry over what is written meanwhile, and all at the end.
+
+        Yields
+        ------
+        callable
+            Raises InputError once another process has taken this one's place.
+        """
+        with contextlib.ExitStack() as until_done:
+            with self._told():
+                until_done.enter_context(self._lease.held())
+            self.pull()
+            with self._carried():
+                yield self._lease.check
+
+    def is_written_elsewhere(self) -> bool:
+        """Whether another machine writes to the folder now.
+
+        Raises
+        ------
+        InputError
+            If the store does not answer.
+        """
+        with self._told():
+            return self._lease.is_held_elsewhere()
+
+    @contextlib.contextmanager
+    def _carried(self) -> Iterator[None]:
         over = threading.Event()
 
         def keep_up() -> None:
@@ -166,10 +198,8 @@ class Copy:
 
     def _put(self, name: str, place: Path) -> Stamp:
         target = f"{self._root}/{name}"
-        if self._store.type_name not in ("s3", "gcs", "abfs"):  # a store of objects has no folders
-            self._store.create_dir(str(PurePosixPath(target).parent))
-        with place.open("rb") as source, self._store.open_output_stream(target) as sink:
-            shutil.copyfileobj(source, sink, 2**20)
+        with place.open("rb") as source:
+            put(self._store, target, source)
         info = self._store.get_file_info(target)
         return [info.size, info.mtime_ns or 0]
 
@@ -190,7 +220,7 @@ class Copy:
                     expected="files of a run, in folders below it",
                     remedy="remove that object, or give another address",
                 )
-        return files
+        return {name: stamp for name, stamp in files.items() if not _is_hidden(name)}
 
     @contextlib.contextmanager
     def _told(self) -> Iterator[None]:
@@ -237,9 +267,17 @@ def named(path: Path) -> str:
     return next((address for address, copy in _COPIES.items() if copy.path == path), str(path))
 
 
-def kept_up(path: Path) -> AbstractContextManager[None]:
-    """Carry over what is written into a folder as long as this goes on, if it is a copy of one in a store."""
-    return next((copy.kept_up() for copy in _COPIES.values() if copy.path == path), contextlib.nullcontext())
+def kept_up(path: Path) -> AbstractContextManager[Callable[[], None]]:
+    """As :meth:`Copy.kept_up`, if a folder is a copy of one in a store."""
+    return next(
+        (copy.kept_up() for copy in _COPIES.values() if copy.path == path),
+        contextlib.nullcontext(lambda: None),
+    )
+
+
+def is_written_elsewhere(path: Path) -> bool:
+    """Whether a folder is the copy of one in a store to which another machine writes now."""
+    return any(copy.is_written_elsewhere() for copy in _COPIES.values() if copy.path == path)
 
 
 def carry_back() -> None:
@@ -283,10 +321,13 @@ def _no_answer(address: str, error: OSError) -> InputError:
     )
 
 
+def _is_hidden(name: str) -> bool:
+    """Whether a file is half written, a lock, a key or a sign of a writer, and no part of a run."""
+    return any(part.startswith(".") for part in PurePosixPath(name).parts)
+
+
 def _is_carried(name: str, place: Path) -> bool:
-    """Whether a file is part of a run; hidden ones are half written, locks or keys."""
-    hidden = any(part.startswith(".") for part in PurePosixPath(name).parts)
-    return not hidden and place.is_file() and not place.is_symlink()
+    return not _is_hidden(name) and place.is_file() and not place.is_symlink()
 
 
 def _stamp(place: Path) -> Stamp:

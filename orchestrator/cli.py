@@ -10,6 +10,7 @@ import click
 
 from toppling.models.errors import InputError, UsageError
 from toppling.models.folder import SCHEMES, local
+from toppling.models.lease import WRITERS
 from toppling.models.stores import carry_back, copy_of, is_store
 from toppling.orchestrator.interrupt import as_program, told_as_stop
 from toppling.orchestrator.spelling import Verbs
@@ -139,7 +140,9 @@ def _at_hand(word: str) -> str:
     option, equals, value = word.partition("=") if word.startswith("--") else ("", "", word)
     if is_store(value) and "://" in value:
         copy = copy_of(value)
-        click.echo(f"{copy.address}: a copy, and the lock, are in {copy.path}", err=True)
+        click.echo(
+            f"{copy.address}: a copy is in {copy.path}; who writes to it says so in {WRITERS}/", err=True
+        )
         return f"{option}{equals}{copy.path}"
     if value.partition("://")[0].lower() in {*SCHEMES.split()} - {"http", "https"} and "://" in value:
         local(value)  # whatever it is given for: a verb may make folders before it writes a file

@@ -19,6 +19,7 @@ from toppling.models.documents import read_toml, shown
 from toppling.models.errors import InputError
 from toppling.models.folder import new_folder, rock_name
 from toppling.models.run_document import check_run_document
+from toppling.models.stores import is_written_elsewhere
 from toppling.models.tables import write_table
 from toppling.orchestrator.journal import LOG_FILE
 from toppling.orchestrator.plan import Plan
@@ -224,15 +225,15 @@ def place_in(run: Path, name: str) -> Path:
 
 
 def is_running(run: Path) -> bool:
-    """Whether a process writes to the run now."""
+    """Whether a process writes to the run now, on another machine where the run is in a store."""
     try:
         with (run / ".lock").open() as lock:
             fcntl.flock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
     except BlockingIOError:
         return True
     except OSError:
-        return False
-    return False
+        pass
+    return is_written_elsewhere(run)
 
 
 def now() -> str:

@@ -141,8 +141,13 @@ def run(
     chosen = _campaign(campaign)
     folder = at_hand(out)
     where = cluster if cluster is not None else local(workers or os.cpu_count() or 1)
-    with kept_up(folder):
-        session = carrying_out.run(chosen, folder, where, watch, limits, again, [Auditing()])
+    with kept_up(folder) as check_writer:
+
+        def watching(tally: Tally) -> None:
+            check_writer()
+            watch(tally)
+
+        session = carrying_out.run(chosen, folder, where, watching, limits, again, [Auditing()])
     return CarriedOut(folder, session)
 
 

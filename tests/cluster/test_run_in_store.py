@@ -4,6 +4,7 @@ import logging
 import os
 import shutil
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -54,7 +55,7 @@ def machine(tmp_path):
     return of
 
 
-def toppling(*words, env):
+def toppling(*words, env, refused=False):
     done = subprocess.run(
         [*TOPPLING, *map(str, words)],
         env=env,
@@ -63,15 +64,15 @@ def toppling(*words, env):
         timeout=PATIENCE_S,
         check=False,
     )
-    assert done.returncode == 0, done.stderr
+    assert done.returncode == int(refused), done.stderr
     return done.stdout + done.stderr
 
 
-def test_a_run_in_a_store_is_killed_on_one_machine_and_goes_on_at_another(
+def test_a_run_in_a_store_has_one_writer_and_goes_on_elsewhere_once_that_is_killed(
     store, machine, inputs, undisturbed, faults, tmp_path
 ):
     command = ["run", inputs / "campaign.toml", "--out", ADDRESS, "--workers", "2", "--no-estimate"]
-    faults.set(every={"kind": "wait", "seconds": 0.5})
+    faults.set(every={"kind": "wait", "seconds": 2.0})
     first = subprocess.Popen(
         [*TOPPLING, *map(str, command)], env=machine("first"),
         stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True,
@@ -83,6 +84,9 @@ def test_a_run_in_a_store_is_killed_on_one_machine_and_goes_on_at_another(
         assert first.poll() is None
         time.sleep(0.5)
         looked_at.pull()
+    told = toppling(*command, env=machine("second"), refused=True)
+    assert f"{ADDRESS}: another machine writes to this run, {socket.gethostname()}:{first.pid} since" in told
+    assert "running" in toppling("status", ADDRESS, env=machine("second"))
     os.killpg(first.pid, signal.SIGKILL)
     first.wait()
     faults.clear()
@@ -93,6 +97,7 @@ def test_a_run_in_a_store_is_killed_on_one_machine_and_goes_on_at_another(
     assert f"{ADDRESS}: " in told
     assert f"toppling fragility {ADDRESS}" in told
     assert " 0 done before" not in told
+    assert f"{socket.gethostname()}:{first.pid}" in told  # whose place is taken
 
     looked_at.pull()
     assert not list(Path(looked_at.path / "parts").glob("part-*"))

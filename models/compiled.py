@@ -8,6 +8,7 @@ another file. Where no such folder can be had, every process compiles for itself
 from __future__ import annotations
 
 import contextlib
+import functools
 import hashlib
 import io
 import os
@@ -176,13 +177,15 @@ def _compile(function: Callable[..., Any], **options: Any) -> Any:  # Numba's di
     )
 
 
-def compiled(function: Callable[..., Any]) -> Any:
-    """Decorate a function that Python calls."""
+def compiled(function: Callable[..., Any] | None = None, *, allocates: bool = False) -> Any:
+    """Decorate a function that Python calls; `allocates`: see :func:`inner`."""
+    if function is None:
+        return functools.partial(compiled, allocates=allocates)
     # Numba reads its setting when a function is decorated; other users of Numba keep theirs.
     config = numba.core.config
     before, config.CACHE_DIR = config.CACHE_DIR, str(FOLDER)
     try:
-        dispatcher = _compile(function, cache=FOLDER is not None)
+        dispatcher = _compile(function, cache=FOLDER is not None, _nrt=allocates)
     finally:
         config.CACHE_DIR = before
     if FOLDER is not None and not config.DISABLE_JIT:
@@ -190,6 +193,12 @@ def compiled(function: Callable[..., Any]) -> Any:
     return dispatcher
 
 
-def inner(function: Callable[..., Any]) -> Any:
-    """Decorate a function that only compiled code calls: it is compiled and kept within its callers."""
-    return _compile(function, no_cpython_wrapper=True)
+def inner(function: Callable[..., Any] | None = None, *, allocates: bool = False) -> Any:
+    """Decorate a function that only compiled code calls: it is compiled and kept within its callers.
+
+    One that makes or returns arrays `allocates`. In all others nobody counts who holds an array: counting it anew in
+    every call and slice took three quarters of a shake.
+    """
+    if function is None:
+        return functools.partial(inner, allocates=allocates)
+    return _compile(function, no_cpython_wrapper=True, _nrt=allocates)

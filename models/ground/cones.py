@@ -21,7 +21,7 @@ DIRECTIONS = 12
 """Times that the direction of a slip is found anew from the slip that it gives, in one sweep."""
 
 
-@inner
+@inner(allocates=True)
 def solve_cones(
     contacts: Any,
     count: int,
@@ -84,7 +84,7 @@ def _push(arm: Any, impulse: Any, inverse_inertia: Array, velocity: Array) -> No
         velocity[3 + k] += inverse_inertia[k, 0] * x + inverse_inertia[k, 1] * y + inverse_inertia[k, 2] * z
 
 
-@inner
+@inner(allocates=True)
 def _prepare(one: Any, inverse_inertia: Array, axes: Array, mobility: Array, inverse: Array) -> None:
     """Axes of a contact (rows: normal, two tangents), its mobility (3, 3) in them, and the inverse of that."""
     n, r = one.normal, one.arm_m

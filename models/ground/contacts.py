@@ -219,7 +219,7 @@ def _between(a: Any, way: Any, c: Any, other: Any) -> tuple[float, float, float]
     return s, t, _dot(gap, gap)
 
 
-@inner
+@inner(allocates=True)
 def refresh(rock: ContactMesh, ground: ContactMesh, pose: Array, reach: float, pairs: Pairs) -> None:
     """Find the features that are within a reach of each other."""
     turn = np.empty((3, 3))
@@ -266,7 +266,7 @@ def _add(out: Any, count: int, key: int, gap: float, normal: Any, place: Any, po
     return count + 1
 
 
-@inner
+@inner(allocates=True)
 def _meet(
     p: Any,
     triangles: Indices,
@@ -356,7 +356,7 @@ def _leads_out(mesh: ContactMesh, index: int, normal: Any, leaning: float) -> bo
     return True
 
 
-@inner
+@inner(allocates=True)
 def contacts_in(
     rock: ContactMesh,
     ground: ContactMesh,

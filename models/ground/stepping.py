@@ -79,7 +79,7 @@ class Grounded(NamedTuple):
     velocity: Array
 
 
-@compiled
+@compiled(allocates=True)
 def take_steps(sim: Grounded, steps: int) -> None:
     """Go on by so many steps; the trajectory's arrays have room."""
     for _ in range(steps):
@@ -108,7 +108,7 @@ def settle(sim: Grounded, force_m_s2: Array, sweeps: int, stop_m: float) -> floa
     return way
 
 
-@compiled
+@compiled(allocates=True)
 def largest_held_m_s2(sim: Grounded, push: Array, most_m_s2: float) -> float:
     """Largest constant acceleration of the ground, against a unit push (3,), that a rock at rest stands.
 
@@ -168,7 +168,7 @@ def _load(sim: Grounded, push: Array, acceleration: float, time_s: float) -> Vec
     )
 
 
-@inner
+@inner(allocates=True)
 def _gives_way(sim: Grounded, pose: Array, push: Array, acceleration: float) -> float:
     """Acceleration along a push with which the centre of mass leaves a pose at rest, m/s2."""
     there, velocity = pose.copy(), np.zeros(6)
@@ -176,7 +176,7 @@ def _gives_way(sim: Grounded, pose: Array, push: Array, acceleration: float) -> 
     return (velocity[0] * push[0] + velocity[1] * push[1] + velocity[2] * push[2]) / sim.step_s
 
 
-@inner
+@inner(allocates=True)
 def _crept_m(sim: Grounded, pose: Array, increment: Vector, step_s: float) -> float:
     """Move from rest for one step; the way of the point that moved most."""
     before, velocity = pose.copy(), np.zeros(6)
@@ -208,7 +208,7 @@ def _step(sim: Grounded, begin_s: float, pose: Array, velocity: Array) -> None:
             _impact(sim, pose, velocity)
 
 
-@inner
+@inner(allocates=True)
 def _advance(
     sim: Grounded,
     step_s: float,
@@ -262,7 +262,7 @@ def _advance(
     return step_s if lands >= 0 else np.inf
 
 
-@inner
+@inner(allocates=True)
 def _choose(sim: Grounded, count: int, step_s: float, velocity: Array, free: Array, whole: bool) -> int:
     """Put contacts that carry in this step first, with their floors; those that may land after them, marked."""
     touching, chosen = TOUCHING_SHARE * sim.size_m, 0
@@ -315,7 +315,7 @@ def _warm(sim: Grounded, count: int, step_s: float) -> None:
                     one.impulse[axis] = share * sim.contacts[k].impulse[axis]
 
 
-@inner
+@inner(allocates=True)
 def _impact(sim: Grounded, pose: Array, velocity: Array) -> None:
     """Change the velocity at once by the contacts that touch in a pose."""
     turn, inverse = np.empty((3, 3)), np.empty((3, 3))
@@ -339,7 +339,7 @@ def _enough_m_s(sim: Grounded) -> float:
     return ENOUGH * math.sqrt(_square(sim.gravity_m_s2)) * sim.step_s
 
 
-@inner
+@inner(allocates=True)
 def _take_back(
     sim: Grounded, count: int, step_s: float, inverse: Array, pose: Array, velocity: Array
 ) -> None:

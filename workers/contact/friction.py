@@ -28,7 +28,7 @@ CANDIDATES = np.exp(4j * np.deg2rad(np.arange(0.0, 90.0, 2.0)))
 """Of axes, exp(-4j angle): where points slip in different directions none serve all, and the best of these is taken."""
 
 
-@compiled
+@compiled(allocates=True)
 def point_mobilities(
     points_m: Array,
     mobilities: Array,
@@ -88,7 +88,7 @@ def squared_error(unlike: Complex, slip: Complex, axes_rad: float) -> float:
     return total
 
 
-@compiled
+@compiled(allocates=True)
 def best_axes_rad(unlike: Complex, slip: Complex, present_rad: float, allowed_rad: float) -> float:
     """Angle from the support frame's x to the axes along which the friction of some points is least off.
 

@@ -87,7 +87,7 @@ class Rest:
         return int(held_until(self._history.sim, index, friction, self._forces, first, end))
 
 
-@compiled
+@compiled(allocates=True)
 def held_until(sim: Simulation, index: int, friction: float, forces_m_s2: Array, first: int, end: int) -> int:
     """First of some specific forces (m, 3) that the points which touch in a pose cannot hold; `end` if they hold all.
 
@@ -124,7 +124,7 @@ def held_until(sim: Simulation, index: int, friction: float, forces_m_s2: Array,
     return end
 
 
-@compiled
+@compiled(allocates=True)
 def convex_ring(points: Array, width: float) -> Indices:
     """Indices of the convex hull's corners in the plane of x and y, counter-clockwise; fewer than three if thinner.
 

@@ -1,14 +1,19 @@
 """Compiled code is executed as it is found: it is kept where only its user can write, and made once."""
 
+import ast
 import os
 import re
 import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
+from numba.core.runtime import _nrt_python, rtsys
 
-from toppling.models.compiled import _VerifiedFile, private_folder
+from toppling import Motion, Scene, shake
+from toppling.models.compiled import COMPILED_ROOMS, _VerifiedFile, private_folder
+from toppling.models.contact import ContactProperties
 
 SHAKE = """
 import numpy as np
@@ -187,3 +192,29 @@ def test_numba_is_imported_in_one_module_only():
         if re.search(r"^\s*(from numba|import numba)", path.read_text(), re.MULTILINE)
     ]
     assert importing == ["numba_alone.py"]
+
+
+def test_memory_is_counted_wherever_a_compiled_function_returns_arrays():
+    for room in COMPILED_ROOMS:
+        for path in room.rglob("*.py"):
+            for function in ast.parse(path.read_text()).body:
+                if not isinstance(function, ast.FunctionDef) or function.returns is None:
+                    continue
+                decorators = [ast.unparse(each) for each in function.decorator_list]
+                if "inner" in decorators or "compiled" in decorators:
+                    returned = ast.unparse(function.returns)
+                    assert not re.search("Array|Indices|Flags|Complex", returned), f"{path}: {function.name}"
+
+
+def test_shakes_leave_no_array_of_compiled_code_behind():
+    scene, friction = Scene.block(0.3, 0.3, 1.0), ContactProperties(0.4, 0.3, 0.2)
+    time_s = np.arange(0.0, 2.0, 0.005)
+    pulse = 5.0 * np.sin(2.0 * np.pi * time_s)
+    motion = Motion(np.column_stack([pulse, 0.3 * pulse, 0.0 * pulse]), 0.005)
+    _nrt_python.memsys_enable_stats()
+    before = rtsys.get_allocation_stats()
+    for preset in ("fast", "standard"):
+        shake(scene.with_contact(friction), motion, preset)
+    after = rtsys.get_allocation_stats()
+    assert after.mi_alloc > before.mi_alloc  # it slips, which is solved with arrays made on the way
+    assert after.mi_alloc - before.mi_alloc == after.mi_free - before.mi_free

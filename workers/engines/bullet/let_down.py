@@ -43,7 +43,7 @@ def let_down(scene: Scene, pool: EnginePool) -> tuple[Array, float]:
     return pose, still
 
 
-@compiled
+@compiled(allocates=True)
 def _swing_out(
     world: Any,
     points_m: Array,

@@ -76,7 +76,7 @@ def solved_step(
     note_acceleration(sim, last)
 
 
-@inner
+@inner(allocates=True)
 def solved_impact(sim: Simulation, worlds: Worlds) -> None:
     """Step over an impact, again where it turns the slip of the points away from the axes of their friction.
 
@@ -129,7 +129,7 @@ def place(sim: Simulation, worlds: Worlds, near_share: float, axes_rad: float) -
     state.near_share, state.axes_rad, state.placed = near_share, axes_rad, EXACT
 
 
-@inner
+@inner(allocates=True)
 def _axes_rad(sim: Simulation, worlds: Worlds, near_share: float) -> float:
     """Axes that serve the friction of the points that are near in the latest pose, which has been looked at."""
     state = sim.state[0]
@@ -138,7 +138,7 @@ def _axes_rad(sim: Simulation, worlds: Worlds, near_share: float) -> float:
     return best_axes_rad(unlike, slip, state.axes_rad, sim.fixed[0].friction_direction_rad)
 
 
-@inner
+@inner(allocates=True)
 def _points_within(sim: Simulation, near_share: float) -> Indices:
     """Candidates within a share of R in the pose looked at."""
     found, near_m, count = (
@@ -153,7 +153,7 @@ def _points_within(sim: Simulation, near_share: float) -> Indices:
     return found[:count]
 
 
-@inner
+@inner(allocates=True)
 def _mobilities(
     sim: Simulation, worlds: Worlds, points: Indices, pose: Array, velocity: Array
 ) -> tuple[Complex, Complex]:

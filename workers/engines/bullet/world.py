@@ -245,7 +245,7 @@ def _set_pose(world: Any, command: int, pose: Array, raised_m: float) -> None:
     binding.set_attitude(command, cos * x + sin * y, cos * y - sin * x, cos * z - sin * w, cos * w + sin * z)
 
 
-@inner
+@inner(allocates=True)
 def _set_velocities(world: Any, command: int, velocity: Array, spin_rad_s: Vector) -> None:
     """The centre of mass moves as `velocity` (6,) says."""
     vector = np.empty(3)
@@ -255,7 +255,7 @@ def _set_velocities(world: Any, command: int, velocity: Array, spin_rad_s: Vecto
     binding.set_spin(command, vector.ctypes.data)
 
 
-@inner
+@inner(allocates=True)
 def _read(world: Any, pose: Array, velocity: Array) -> None:
     """Pose (7,) and velocities (6,) of the rock, support frame."""
     state = _state(world)
@@ -272,7 +272,7 @@ def _read(world: Any, pose: Array, velocity: Array) -> None:
     )
 
 
-@inner
+@inner(allocates=True)
 def _state(world: Any) -> Array:
     """Place, attitude, velocity and angular velocity (13,) of the rock, in the world's own frame."""
     pointers = np.empty(7, np.int64)
@@ -285,7 +285,7 @@ def _state(world: Any) -> Array:
     return out
 
 
-@inner
+@inner(allocates=True)
 def _follow_slip(world: Any, points_m: Array) -> None:
     """Choose the coefficient of the next step: the kinetic one while the contact as a whole slips.
 
@@ -314,7 +314,7 @@ def _follow_slip(world: Any, points_m: Array) -> None:
         set_friction(world, wanted)
 
 
-@inner
+@inner(allocates=True)
 def _slips_on(world: Any, contacts: Array, state: Array) -> bool:
     """Whether a contact that touches slips in the next step."""
     pressing, x, y, z = 0.0, 0.0, 0.0, 0.0
@@ -345,7 +345,7 @@ def _slips_on(world: Any, contacts: Array, state: Array) -> bool:
     return False
 
 
-@inner
+@inner(allocates=True)
 def _contacts(client: int) -> Array:
     """Bullet's contacts (k, 22): of its b3ContactPointData, whose leading integers take the room of three numbers."""
     told = np.zeros(2, np.int64)

@@ -6,6 +6,7 @@ import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from urllib.parse import unquote
 
 from toppling.models.errors import InputError
 
@@ -19,20 +20,32 @@ SCHEMES = (
 _REMOTE = re.compile(rf"(?:^[a-z][a-z0-9+.-]+|(?:^|/)(?:{'|'.join(SCHEMES.split())})):/", re.IGNORECASE)
 
 
+_HERE = re.compile(r"(?:file|local)://(?:localhost)?(?=/)", re.IGNORECASE)
+
+
 def local(path: str | os.PathLike[str]) -> Path:
     """A path, if it is one of a file system: an address of an object store would become a folder of that name here.
 
     Raises
     ------
     InputError
-        If it is an address.
+        If it is an address of elsewhere.
+
+    Examples
+    --------
+    >>> str(local("file:///tmp/a%20run")), str(local("runs/first"))
+    ('/tmp/a run', 'runs/first')
     """
-    if found := _REMOTE.search(text := os.fspath(path)):
+    text = os.fspath(path)
+    if here := _HERE.match(text):
+        return Path(unquote(text[here.end() :]))
+    if found := _REMOTE.search(text):
         raise InputError(
             f"is an address ({found[0].strip('/')}//), no path",
             where=text,
-            expected="a folder or file of this machine, or of a file system that it has mounted",
-            remedy="copy it to a local folder first, or mount the store (rclone, s3fs) and give that path",
+            expected="a folder or file of this machine; of a run's folder also the address of a store "
+            "(s3://, gs://, abfs://, sftp://, ...)",
+            remedy="check how the address begins, copy the folder here, or mount the store and give that path",
         )
     return Path(path)
 
@@ -58,7 +71,7 @@ def new_folder(target: Path) -> Iterator[Path]:
     FileExistsError
         If something has the name already.
     """
-    local(target)
+    target = local(target)
     refuse_existing(target)
     target.parent.mkdir(parents=True, exist_ok=True)
     staging = target.with_name(f".{target.name}.{os.getpid()}.tmp")
@@ -95,7 +108,7 @@ def new_file(target: Path) -> Iterator[Path]:
 
     It ends in '.tmp', whatever the file is; nothing is left of it if writing fails.
     """
-    local(target)
+    target = local(target)
     target.parent.mkdir(parents=True, exist_ok=True)
     hidden = target.with_name(f".{target.name}.{os.getpid()}.tmp")
     try:

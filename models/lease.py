@@ -35,7 +35,7 @@ PAUSE_S = (0.2, 1.5)
 """Between two tries: at random, so that two that came at once do not come at once again."""
 
 OBJECTS = ("s3", "gcs", "abfs")
-"""Types of Arrow's file systems that have no folders to be made."""
+"""Types of Arrow's file systems that have no folders to be made, and show what is written whole or not at all."""
 
 
 def put(store: Any, target: str, source: IO[bytes]) -> None:
@@ -48,11 +48,13 @@ def put(store: Any, target: str, source: IO[bytes]) -> None:
     with store.open_output_stream(hidden) as sink:
         shutil.copyfileobj(source, sink, 2**20)
     if hidden != target:
+        handler = getattr(store, "handler", None)  # of fsspec: Arrow's call of it asks for more than some can
+        move = store.move if handler is None else handler.fs.mv
         try:
-            store.move(hidden, target)
-        except OSError:  # some rename only to what is not there
+            move(hidden, target)
+        except Exception:  # some rename only to what is not there, and each has errors of its own
             store.delete_file(target)
-            store.move(hidden, target)
+            move(hidden, target)
 
 
 @dataclass
@@ -97,7 +99,7 @@ class Lease:
 
             def keep_renewing() -> None:
                 while not self.lost and not over.wait(RENEW_S):
-                    with contextlib.suppress(OSError):  # the store may answer next time
+                    with contextlib.suppress(Exception):  # the store may answer next time
                         self._renew()
 
             thread = threading.Thread(target=keep_renewing, daemon=True)
@@ -107,7 +109,7 @@ class Lease:
             finally:
                 over.set()
                 thread.join()
-                with contextlib.suppress(OSError):  # else the next writer finds it dead
+                with contextlib.suppress(Exception):  # else the next writer finds it dead
                     self._remove(self._name)
                 self._name = ""
 

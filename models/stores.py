@@ -9,12 +9,12 @@ import contextlib
 import hashlib
 import logging
 import os
-import re
 import shutil
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
+from errno import EDQUOT, ENOSPC
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -22,41 +22,15 @@ from toppling.models.digest import read_json, write_json
 from toppling.models.errors import InputError
 from toppling.models.folder import cache_folder, local, new_file
 from toppling.models.lease import WRITERS, Lease, put
+from toppling.models.store_address import address_of, file_system, is_store, no_answer
 
 log = logging.getLogger(__name__)
 
-STORES = ("s3", "gs", "gcs", "az", "abfs", "abfss", "hdfs", "webhdfs", "sftp", "ssh", "smb")
-_ADDRESS = re.compile(rf"^({'|'.join(STORES)}):/+(?=[^/])", re.IGNORECASE)
 PAUSE_S = 5.0
 """Between looks at what a run that goes on has written: as often as it writes parts."""
 
 Stamp = list[int]
 """Size, and time of the last change in nanoseconds."""
-
-
-def is_store(path: str | os.PathLike[str]) -> bool:
-    """Whether a path is an address in an object store; `Path` makes one slash of its two.
-
-    Examples
-    --------
-    >>> is_store("s3://bucket/run"), is_store("s3:/bucket/run"), is_store("runs/first")
-    (True, True, False)
-    """
-    return _ADDRESS.match(os.fspath(path)) is not None
-
-
-def address_of(path: str | os.PathLike[str]) -> str:
-    """An address as its store wants it.
-
-    Examples
-    --------
-    >>> address_of("S3:/bucket/run/")
-    's3://bucket/run'
-    """
-    text = os.fspath(path)
-    found = _ADDRESS.match(text)
-    assert found is not None
-    return f"{found[1].lower()}://{text[found.end() :].rstrip('/')}"
 
 
 @dataclass
@@ -84,7 +58,7 @@ class Copy:
     _lease: Lease = field(init=False)
 
     def __post_init__(self) -> None:
-        self._store, self._root = _file_system(self.address)
+        self._store, self._root = file_system(self.address)
         notes = self.path.with_name(f"{self.path.name}.writer")
         self._lease = Lease(self.address, self._store, f"{self._root}/{WRITERS}", notes)
         with contextlib.suppress(OSError, InputError, TypeError, ValueError):
@@ -165,6 +139,19 @@ class Copy:
             with self._carried():
                 yield self._lease.check
 
+    def holds_run(self) -> bool:
+        """Whether the folder in the store is a run's.
+
+        Raises
+        ------
+        InputError
+            If the store does not answer.
+        """
+        from pyarrow.fs import FileType
+
+        with self._told():
+            return bool(self._store.get_file_info(f"{self._root}/run.json").type == FileType.File)
+
     def is_written_elsewhere(self) -> bool:
         """Whether another machine writes to the folder now.
 
@@ -226,10 +213,15 @@ class Copy:
     def _told(self) -> Iterator[None]:
         try:
             yield
-        except OSError as error:
-            if error.filename is not None:  # of this machine's disk
+        except InputError:
+            raise
+        except Exception as error:  # packages of fsspec have errors of their own
+            here = isinstance(error, OSError) and (
+                str(error.filename).startswith(str(self.path.parent)) or error.errno in (ENOSPC, EDQUOT)
+            )
+            if here:  # of this machine's disk
                 raise
-            raise _no_answer(self.address, error) from None
+            raise no_answer(self.address, error) from None
 
     def _note(self) -> None:
         write_json(self._notes, self._known)
@@ -249,17 +241,26 @@ def copy_of(path: str | os.PathLike[str]) -> Copy:
     """
     address = address_of(path)
     if address not in _COPIES:
-        name = PurePosixPath(address).name
-        key = hashlib.blake2b(address.encode(), digest_size=8).hexdigest()
-        copy = Copy(address, cache_folder() / "stores" / key / name)
+        copy = _copy(address)
         copy.pull()
         _COPIES[address] = copy
     return _COPIES[address]
 
 
+def _copy(address: str) -> Copy:
+    name = PurePosixPath(address.partition("?")[0]).name
+    key = hashlib.blake2b(address.encode(), digest_size=8).hexdigest()
+    return Copy(address, cache_folder() / "stores" / key / name)
+
+
 def at_hand(path: str | os.PathLike[str]) -> Path:
-    """A folder of this machine as it is; of one in a store, the copy."""
-    return copy_of(path).path if is_store(path) else local(path)
+    """A folder of this machine as it is; of one in a store, the copy; of a rock of a run there, its place in that."""
+    if not is_store(path):
+        return local(path)
+    run, inner, rock = address_of(path).rpartition("/scenes/")
+    if inner and "/" not in rock and is_store(run) and _copy(run).holds_run():
+        return copy_of(run).path / "scenes" / rock
+    return copy_of(path).path
 
 
 def named(path: Path) -> str:
@@ -284,41 +285,6 @@ def carry_back() -> None:
     """Carry what was written into copies to their stores."""
     for copy in _COPIES.values():
         copy.push()
-
-
-def _file_system(address: str) -> tuple[Any, str]:
-    import pyarrow as pa
-    from pyarrow.fs import FileSystem, FSSpecHandler, PyFileSystem
-
-    # Google's store is otherwise asked for a quarter of an hour.
-    patience = "?retry_limit_seconds=20" if re.match("gc?s:", address) and "?" not in address else ""
-    try:
-        return FileSystem.from_uri(address + patience)
-    except pa.ArrowInvalid:
-        pass  # not one of Arrow's own
-    except OSError as error:
-        raise _no_answer(address, error) from None
-    try:
-        import fsspec
-
-        system, root = fsspec.core.url_to_fs(address)
-    except (ImportError, ValueError) as error:
-        raise InputError(
-            f"is in a kind of store that cannot be reached from here ({error})",
-            where=address,
-            expected="s3://, gs://, abfs://, hdfs://, or what an installed package of fsspec reaches",
-            remedy="install the package that is named, or copy the folder to this machine",
-        ) from None
-    return PyFileSystem(FSSpecHandler(system)), root
-
-
-def _no_answer(address: str, error: OSError) -> InputError:
-    return InputError(
-        f"the store gives no answer ({str(error).splitlines()[0]})",
-        where=address,
-        expected="a bucket that exists, and credentials that may read and write it",
-        remedy="check the address and the store's variables (AWS_ACCESS_KEY_ID, AWS_REGION, AWS_ENDPOINT_URL_S3, ...)",
-    )
 
 
 def _is_hidden(name: str) -> bool:

@@ -2,6 +2,7 @@
 
 import errno
 import importlib
+import re
 import sys
 from pathlib import Path
 from typing import Any
@@ -9,9 +10,10 @@ from typing import Any
 import click
 
 from toppling.models.errors import InputError, UsageError
-from toppling.models.folder import SCHEMES, local
+from toppling.models.folder import local
 from toppling.models.lease import WRITERS
-from toppling.models.stores import carry_back, copy_of, is_store
+from toppling.models.store_address import is_store
+from toppling.models.stores import at_hand, carry_back
 from toppling.orchestrator.interrupt import as_program, told_as_stop
 from toppling.orchestrator.spelling import Verbs
 
@@ -50,6 +52,11 @@ GROUPS = {
     "Study": ("pulse", "ramp", "accuracy", "study", "validate"),
 }
 """Verbs as the help lists them."""
+
+
+_ADDRESS = re.compile("([a-z][a-z0-9+.-]+)://", re.IGNORECASE)
+OF_OTHERS = ("http", "https", "tcp", "tls", "ucx", "ws", "wss")
+"""Kinds of addresses that are no folders: pages, and schedulers of Dask."""
 
 
 class LazyGroup(Verbs):
@@ -138,12 +145,10 @@ def call() -> None:
 def _at_hand(word: str) -> str:
     """Word of the command line; an address in an object store is replaced by the folder that is its copy here."""
     option, equals, value = word.partition("=") if word.startswith("--") else ("", "", word)
-    if is_store(value) and "://" in value:
-        copy = copy_of(value)
-        click.echo(
-            f"{copy.address}: a copy is in {copy.path}; who writes to it says so in {WRITERS}/", err=True
-        )
-        return f"{option}{equals}{copy.path}"
-    if value.partition("://")[0].lower() in {*SCHEMES.split()} - {"http", "https"} and "://" in value:
-        local(value)  # whatever it is given for: a verb may make folders before it writes a file
+    if is_store(value):
+        place = at_hand(value)
+        click.echo(f"{value}: a copy is in {place}; who writes to it says so in {WRITERS}/", err=True)
+        return f"{option}{equals}{place}"
+    if (kind := _ADDRESS.match(value)) and kind[1].lower() not in OF_OTHERS:
+        return f"{option}{equals}{local(value)}"  # whatever it is for: a verb may make folders before it writes a file
     return word

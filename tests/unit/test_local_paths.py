@@ -9,14 +9,14 @@ from toppling.models.folder import local, new_file, new_folder
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene
-from toppling.models.stores import is_store
+from toppling.models.store_address import is_store
 from toppling.orchestrator.campaign import Campaign
 from toppling.results.run import open_run
 from toppling.workers.shake import shake
 
 ADDRESSES = [
-    "s3://bucket/run", "gs://bucket/run", "S3://BUCKET/x", "az://c/x", "https://host/run", "file:///tmp/x", "memory://x",
-    "any+thing://x",
+    "s3://bucket/run", "gs://bucket/run", "S3://BUCKET/x", "az://c/x", "https://host/run", "file://host/x", "memory://x",
+    "s4://bucket/run", "any+thing://x",
 ]  # fmt: skip
 
 
@@ -42,6 +42,15 @@ def test_addresses_are_refused_as_folders_and_nothing_is_made(address, tmp_path,
     with pytest.raises(InputError, match="is an address"):
         Campaign.read(tmp_path / "campaign.toml")
     assert [path.name for path in tmp_path.iterdir()] == ["campaign.toml"]
+
+
+@pytest.mark.parametrize("address", ["file://{}", "file://localhost{}", "FILE://{}", "local://{}"])
+def test_addresses_of_this_machine_are_paths(address, tmp_path):
+    place = tmp_path / "with a blank"
+    given = address.format(str(place).replace(" ", "%20"))
+    assert local(given) == place
+    Scene.block(0.2, 0.2, 0.6).save(place)
+    assert Scene.load(given).id == Scene.load(place).id
 
 
 @pytest.mark.parametrize("path", ["runs/first", "/data/x:y/run", "../s3/run", "c/a:b", "s3:run"])

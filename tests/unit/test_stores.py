@@ -1,9 +1,15 @@
 """A folder in an object store has a copy here; both are carried whole, against a server that is real."""
 
+import subprocess
+import sys
+import threading
+from typing import ClassVar
+
 import pytest
 
 from toppling.models.errors import InputError
-from toppling.models.stores import Copy, address_of, is_store
+from toppling.models.store_address import address_of, azure_arguments, is_store, kinds
+from toppling.models.stores import Copy, at_hand
 
 
 @pytest.fixture(scope="module")
@@ -83,6 +89,21 @@ def test_what_is_not_carried_yet_outlives_a_pull(two_machines):
     assert content(first) == content(again)
 
 
+def test_a_rock_of_a_run_in_a_store_lies_in_the_copy_of_the_run(two_machines, monkeypatch, tmp_path):
+    monkeypatch.setenv("TOPPLING_CACHE", str(tmp_path / "cache"))
+    first, _ = two_machines
+    write(first, **{"run.json": "{}", "scenes__a__scene.json": "{}", "results.parquet": "rows"})
+    first.push()
+    place = at_hand(f"{first.address}/scenes/a")
+    assert sorted(path.name for path in (place / "../..").iterdir()) == [
+        "results.parquet",
+        "run.json",
+        "scenes",
+    ]
+    loose = at_hand(first.address.removesuffix("/run") + "/scenes/a")  # of no run
+    assert not loose.exists()
+
+
 def test_locks_and_half_written_files_stay_here(two_machines):
     first, second = two_machines
     write(first, **{".lock": "host", ".run.tmp__campaign.toml": "half", "run.json": "{}"})
@@ -114,6 +135,110 @@ def test_a_bucket_that_is_not_there_is_told(bucket, tmp_path):
         copy.push()
 
 
+@pytest.fixture
+def google(monkeypatch):
+    """Address of a bucket on a server on loopback that speaks as Google's store does."""
+    flask, serving = pytest.importorskip("flask"), pytest.importorskip("werkzeug.serving")
+    app, objects = flask.Flask("google"), {}
+
+    def described(name):
+        said = {
+            "kind": "storage#object",
+            "bucket": "bucket",
+            "name": name,
+            "size": str(len(objects[name][0])),
+        }
+        return said | {"updated": f"2026-01-01T00:00:{objects[name][1] % 60:02}.000Z"}
+
+    @app.post("/upload/storage/v1/b/bucket/o")
+    def begin():
+        there = f"{flask.request.host_url}upload/storage/v1/b/bucket/o?name={flask.request.args['name']}"
+        return "", 200, {"Location": there}
+
+    @app.put("/upload/storage/v1/b/bucket/o")
+    def upload():
+        name = flask.request.args["name"]
+        objects[name] = (flask.request.data, len(objects) + objects.get(name, ("", 0))[1])
+        return described(name)
+
+    @app.get("/storage/v1/b/bucket/o")
+    def list_objects():
+        found = [n for n in sorted(objects) if n.startswith(flask.request.args.get("prefix", ""))]
+        return {"kind": "storage#objects", "items": [described(name) for name in found]}
+
+    @app.get("/storage/v1/b/bucket/o/<path:name>")
+    def read(name):
+        if name not in objects:
+            return {"error": {"code": 404, "message": "no such object"}}, 404
+        return objects[name][0] if flask.request.args.get("alt") == "media" else described(name)
+
+    @app.delete("/storage/v1/b/bucket/o/<path:name>")
+    def delete(name):
+        return ("", 204) if objects.pop(name, None) else ("", 404)
+
+    server = serving.make_server("127.0.0.1", 0, app, threaded=True)
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    yield f"gs://anonymous@bucket/run?endpoint_override=127.0.0.1:{server.server_port}&scheme=http"
+    server.shutdown()
+
+
+@pytest.fixture
+def of_fsspec():
+    """Address in a store that only a package of fsspec reaches, with renaming, folders and errors of its own."""
+    from fsspec import register_implementation
+    from fsspec.implementations.memory import MemoryFileSystem
+
+    class Toy(MemoryFileSystem):
+        protocol = "toy"
+        store: ClassVar[dict] = {}
+        pseudo_dirs: ClassVar[list] = [""]
+
+        def mv(self, source, target):
+            if self.exists(target):
+                raise RuntimeError("there is one of that name")
+            super().mv(source, target)
+
+    register_implementation("toy", Toy, clobber=True)
+    kinds.cache_clear()
+    return "toy://folder/run"
+
+
+@pytest.mark.parametrize("kind", ["google", "of_fsspec"])
+def test_every_kind_of_store_carries_a_run_and_has_one_writer(kind, request, tmp_path):
+    address = request.getfixturevalue(kind)
+    first, second = (Copy(address, tmp_path / machine / "run") for machine in ("first", "second"))
+    second.pull()
+    assert not second.path.exists()
+    write(first, **{"run.json": "{}", "parts__a": "rows", "parts__b": "rows"})
+    with first.kept_up() as check:
+        check()
+        with pytest.raises(InputError, match="another machine writes to this run"):
+            second.kept_up().__enter__()
+        write(first, **{"run.json": "{1}", "results.parquet": "all rows"})
+        (first.path / "parts" / "b").unlink()
+    with second.kept_up():
+        assert content(second) == content(first)
+
+
+def test_a_connection_string_of_azure_names_account_key_and_server():
+    said = "DefaultEndpointsProtocol=http;AccountName=a;AccountKey=k==;BlobEndpoint=http://127.0.0.1:10000/a;"
+    server = {f"{kind}_storage_authority": "127.0.0.1:10000" for kind in ("blob", "dfs")}
+    schemes = {f"{kind}_storage_scheme": "http" for kind in ("blob", "dfs")}
+    assert azure_arguments(said) == {"account_name": "a", "account_key": "k=="} | server | schemes
+
+
+@pytest.mark.parametrize("address", ["s4://bucket/run", "memory://run", "s33:///x", "file://host/x"])
+def test_a_misspelled_kind_of_store_is_refused_by_name_and_nothing_is_made(address, tmp_path):
+    for verb in (["status"], ["run", "campaign.toml", "--out"], ["query"]):
+        done = subprocess.run(
+            [sys.executable, "-P", "-m", "toppling", *verb, address],
+            cwd=tmp_path, capture_output=True, text=True, check=False,
+        )  # fmt: skip
+        assert done.returncode == 1
+        assert f"is an address ({address.partition(':')[0]}://), no path" in done.stderr
+    assert not list(tmp_path.iterdir())
+
+
 def test_a_kind_of_store_without_its_package_is_told(tmp_path):
     with pytest.raises(InputError, match="cannot be reached from here"):
         Copy("smb://server/share/run", tmp_path / "run")
@@ -127,7 +252,17 @@ def test_addresses_of_stores_are_told_from_paths(path):
 
 
 @pytest.mark.parametrize(
-    "path", ["runs/first", "file:///tmp/x", "https://host/run", "s3:run", "c/s3://b/run", "s3://"]
+    "path",
+    [
+        "runs/first",
+        "file:///tmp/x",
+        "memory://x",
+        "tcp://node:1",
+        "https://host/run",
+        "s3:run",
+        "c/s3://b/run",
+        "s3://",
+    ],
 )
 def test_paths_and_other_addresses_are_no_stores(path):
     assert not is_store(path)

@@ -91,6 +91,36 @@ class Observation(NamedTuple):
     """Whether its centre of mass is plumb beyond the end of its pedestal, and were so if it lay there."""
 
 
+class Watch(NamedTuple):
+    """What calls for a look at a rock: until it does no rule of termination applies, and the rock does not rest."""
+
+    body: Body
+    fastest_m_s: float
+    """A speed above it does, and a state that is not finite."""
+    lowest_m: float
+    """A height of the centre of mass below it."""
+    tilt_deg: float
+    """A tilt above it."""
+    drift_m_s: float
+    """A block with less drift."""
+    until_s: float
+    """Every block from then on."""
+
+
+@inner
+def calls_for_look(sim: Simulation, watch: Watch, since: int) -> bool:
+    """Whether the steps since a pose call for a look at the rock."""
+    seen = observe(sim, watch.body, since)
+    goes_on = (
+        seen.fastest_m_s <= watch.fastest_m_s
+        and seen.lowest_m >= watch.lowest_m
+        and seen.largest_tilt_deg <= watch.tilt_deg
+        and seen.drift_m_s >= watch.drift_m_s
+        and seen.time_s <= watch.until_s
+    )
+    return not goes_on or seen.beyond_end
+
+
 @compiled
 def observe(sim: Simulation, body: Body, since: int) -> Observation:
     """Look at the steps since a pose."""

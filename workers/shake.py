@@ -23,7 +23,7 @@ from toppling.workers.outcome import ShakeResult, result_of
 from toppling.workers.problem import Problem
 from toppling.workers.seating import settled
 from toppling.workers.start import State, checked_start
-from toppling.workers.termination import ENDS, FALLS, first_met
+from toppling.workers.termination import ENDS, FALLS, first_met, watch_of
 
 LONGEST_STEP_SHARE = 1 / 16
 """Steps longer than this share of sqrt(R / g) do not resolve a rocking rock."""
@@ -152,11 +152,12 @@ class Shaking:
     def run(self) -> tuple[str, Observation]:
         """Step until the answer is certain; the rule that says so, and what was seen last."""
         problem, integrator, rest = self.problem, self.integrator, self._rest
-        since, seen = 0, self.seen()
+        watch, since, seen = watch_of(problem), 0, self.seen()
         if problem.shortcuts and rest.rests and rest.lasts():
             return "never_moved", seen
         while True:
-            integrator.advance(problem.options.termination.block)
+            before, since = since, integrator.advance(problem.options.termination.block, watch)
+            rest.rests = rest.rests and since == before  # else it has moved on
             seen = self.seen(since)
             if ended_by := first_met(FALLS, seen, problem):
                 return ended_by, seen

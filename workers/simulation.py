@@ -24,6 +24,8 @@ STATE = np.dtype(
     (
         np.record,
         [
+            ("since", "i8"),  # index of the pose in which the present block of steps began: the integrator
+            ("goal", "i8"),  # step that it goes on to: the same
             ("last", "i8"),  # index of the latest pose: `append`, and who takes a step back
             ("grid", "i8"),  # steps from time 0 to it: the integrator's loop, `rest_until`
             ("rests", "i8"),  # whether the rock rests in the latest pose: the same

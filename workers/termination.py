@@ -14,7 +14,7 @@ from toppling.models.scene import Scene
 from toppling.models.statics import TOPPLED_FALL
 from toppling.workers.barrier import least_overturning_j_kg
 from toppling.workers.contact.candidates import LARGEST_OPEN_TILT_DEG
-from toppling.workers.observation import Displacement, Observation
+from toppling.workers.observation import Body, Displacement, Observation, Watch
 from toppling.workers.problem import Problem
 
 Rule = Callable[[Observation, Problem], bool]
@@ -28,7 +28,11 @@ def diverged(seen: Observation, problem: Problem) -> bool:
 
 def fallen(seen: Observation, problem: Problem) -> bool:
     """The centre of mass has lost more of its height than that of a rock which stands may."""
-    return seen.lowest_m < (1.0 - TOPPLED_FALL) * problem.contact.com_m[2]
+    return seen.lowest_m < _fallen_below_m(problem)
+
+
+def _fallen_below_m(problem: Problem) -> float:
+    return float((1.0 - TOPPLED_FALL) * problem.contact.com_m[2])
 
 
 def tilted(seen: Observation, problem: Problem) -> bool:  # noqa: ARG001  (a rule's signature)
@@ -96,6 +100,23 @@ ENDS: Rules = (
 def first_met(rules: Rules, seen: Observation, problem: Problem) -> str | None:
     """What the first of the rules that applies is called; None while the answer is open."""
     return next((name for name, applies in rules if applies(seen, problem)), None)
+
+
+def watch_of(problem: Problem) -> Watch:
+    """When a rock must be looked at: one of :data:`FALLS` applies, it is slow, or one of :data:`ENDS` may apply."""
+    return Watch(
+        body=Body.of(problem),
+        fastest_m_s=problem.speed_limit_m_s,
+        lowest_m=_fallen_below_m(problem),
+        tilt_deg=LARGEST_OPEN_TILT_DEG,
+        drift_m_s=problem.rest_speed_m_s,
+        until_s=min(problem.motion.duration_s, problem.weak_from_s if problem.shortcuts else np.inf),
+    )
+
+
+def unwatched(problem: Problem) -> Watch:
+    """Every block calls for a look."""
+    return watch_of(problem)._replace(until_s=-np.inf)
 
 
 def is_displaced(seen: Displacement, problem: Problem) -> bool:

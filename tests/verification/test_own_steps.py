@@ -15,6 +15,7 @@ from toppling.workers.engines.protocol import StepCheckError
 from toppling.workers.options import PRESETS
 from toppling.workers.problem import Problem
 from toppling.workers.shake import shake
+from toppling.workers.termination import unwatched
 
 G = 9.81
 
@@ -86,6 +87,20 @@ def test_the_engine_repeats_every_own_step_of_varied_jobs_to_rounding():
 @pytest.mark.slow
 def test_the_engine_repeats_every_own_step_of_300_varied_jobs_to_rounding():
     agree(range(20, 320))
+
+
+def test_looks_that_no_rule_calls_for_are_left_out_without_a_trace(monkeypatch):
+    jobs = [job(number) for number in range(320, 340)]
+    few = [shake(*each, trajectory=True) for each in jobs]
+    monkeypatch.setattr("toppling.workers.shake.watch_of", unwatched)
+    for each, result in zip(jobs, few, strict=True):
+        looked = shake(*each, trajectory=True)
+        np.testing.assert_array_equal(result.trajectory.position_m, looked.trajectory.position_m)
+        rows = [
+            dataclasses.asdict(dataclasses.replace(one, trajectory=None, wall_s=0.0))
+            for one in (result, looked)
+        ]
+        assert rows[0] == rows[1]
 
 
 def test_a_step_that_the_engine_takes_otherwise_is_an_error_of_the_job():

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from toppling.models.ground.stepping import Grounded
     from toppling.models.scene import Scene
     from toppling.workers.history import StateHistory
+    from toppling.workers.observation import Watch
     from toppling.workers.problem import Problem
 
 
@@ -30,8 +31,11 @@ class Integrator(Protocol):
     history: StateHistory
     """Its states so far; the integrator and the rules of rest write it, others read it."""
 
-    def advance(self, steps: int) -> None:
-        """Go on by this many steps, or one more."""
+    def advance(self, steps: int, watch: Watch | None = None) -> int:
+        """Go on by this many steps, or one more; again until a look is called for, where it is said what calls for one.
+
+        Returns the index of the pose in which the last of these blocks of steps began.
+        """
 
     def restart(self) -> None:
         """Forget what the engine keeps from step to step: the rock was set to rest where it is."""

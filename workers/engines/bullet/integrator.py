@@ -47,6 +47,7 @@ from toppling.workers.engines.bullet.solved_steps import (
 from toppling.workers.engines.bullet.world import WORLD
 from toppling.workers.engines.protocol import GroundSteps, StepCheckError
 from toppling.workers.history import ROOM, StateHistory, rest_until
+from toppling.workers.observation import Watch, calls_for_look
 from toppling.workers.problem import Problem
 from toppling.workers.simulation import (
     ACCELERATION,
@@ -63,6 +64,7 @@ from toppling.workers.simulation import (
     largest_tilt_deg,
     points_in_use,
 )
+from toppling.workers.termination import unwatched
 
 __all__ = ["advance", "integrator", "let_down", "process_pool"]
 
@@ -78,10 +80,21 @@ LATER = 2.0
 
 
 @compiled
-def advance(sim: Simulation, worlds: Worlds, steps_to: int) -> int:
-    """Go on until `steps_to` steps from time 0, or a step more; says why it came back."""
+def advance(sim: Simulation, worlds: Worlds, watch: Watch, steps: int) -> int:
+    """Go on to the goal, or a step more, and by so many steps again until a look is called for; why it came back."""
     state = sim.state[0]
-    while state.grid < steps_to:
+    while True:
+        why = _take_steps(sim, worlds)
+        if why != DONE or calls_for_look(sim, watch, state.since):
+            return why
+        state.since, state.goal = state.last, state.grid + steps
+
+
+@inner
+def _take_steps(sim: Simulation, worlds: Worlds) -> int:
+    """Go on to the goal, or a step more; says why it came back."""
+    state = sim.state[0]
+    while state.grid < state.goal:
         _choose_set(sim)
         if worlds.records[state.set].client == 0:
             return NEEDS_WORLD
@@ -284,16 +297,22 @@ class BulletIntegrator:
             mobilities=np.ascontiguousarray(contact.mobilities_m2),
         )
 
-    def advance(self, steps: int) -> None:
-        """Go on by this many steps, or one more.
+    def advance(self, steps: int, watch: Watch | None = None) -> int:
+        """Go on by this many steps, or one more, and again until a look is called for.
+
+        Returns
+        -------
+        int
+            Index of the pose in which the last of these blocks of steps began.
 
         Raises
         ------
         StepCheckError
             If the engine repeats an own step and comes elsewhere.
         """
-        goal = self.history.grid + steps
-        while (why := advance(self.history.sim, self._worlds, goal)) != DONE:
+        state, watch = self.history.sim.state, watch or unwatched(self._problem)
+        state["since"], state["goal"] = self.history.last, self.history.grid + steps
+        while (why := advance(self.history.sim, self._worlds, watch, steps)) != DONE:
             if why == NEEDS_ROOM:
                 self.history.make_room()
             elif why == NEEDS_WORLD:
@@ -301,6 +320,7 @@ class BulletIntegrator:
             else:
                 unlike = float(self.history.sim.state["unlike"][0])
                 raise StepCheckError(self.history.time_s, unlike, ALLOWED)
+        return int(state["since"][0])
 
     def restart(self) -> None:
         """Nothing to forget: a rock that rests is placed anew."""

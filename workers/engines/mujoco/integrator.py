@@ -22,7 +22,7 @@ from toppling.workers.contact.candidates import contact_of
 from toppling.workers.engines.mujoco.stepping import Stepper, forces_in, forces_m_s2, hull, touch, world
 from toppling.workers.engines.mujoco.surface import ground_steps
 from toppling.workers.history import ROOM, StateHistory
-from toppling.workers.observation import travel_m
+from toppling.workers.observation import Watch, travel_m
 from toppling.workers.problem import Problem
 
 __all__ = ["MujocoIntegrator", "ground_steps", "integrator"]
@@ -46,8 +46,8 @@ class MujocoIntegrator:
         self._gravity_m_s2 = sim.fixed["gravity_m_s2"][0]
         self._forces = forces_m_s2(motion, step_s, self._gravity_m_s2, problem.contact.scene_from_support)
 
-    def advance(self, steps: int) -> None:
-        """Go on by this many steps."""
+    def advance(self, steps: int, watch: Watch | None = None) -> int:  # noqa: ARG002  (a look after each block)
+        """Go on by this many steps; the pose in which they began."""
         history = self.history
         history.make_room_for(max(ROOM, steps + 1))
         first, grid, sim = history.last, history.grid, history.sim
@@ -65,6 +65,7 @@ class MujocoIntegrator:
         sim.state["engine_steps"] += steps
         if self._seat is not None and self._is_slow(first):
             self._sit_down()
+        return first
 
     def restart(self) -> None:
         """What comes after a rest depends on the rock's pose alone."""

@@ -1,7 +1,7 @@
 """`toppling constrain` where rocks are judged event by event: event sets, two measures at once, rocks once stouter."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -134,7 +134,7 @@ def judged_by_events(
         events = read_events(path, asked.ratio, options.event_rate, options.catalogue_years)
         measures = measures or (_measure_of(events, rocks),)
         if len(measures) > 1 and len(events.branches[0].motions) > 1:
-            events = _noted(events, INDEPENDENT)
+            events = replace(events, notes=(*events.notes, INDEPENDENT))
     else:
         events, measures = _of_curves(rocks, hazard, asked, options, measures)
     sites, away = place_rocks(rocks.names, events, rocks.sites if path else ())
@@ -185,9 +185,3 @@ def _felt(
     years = np.unique(rocks.ages[:, number])
     standing = standing_rock(name, path, measures[0], rocks.jobs.get(path), years, seen)
     return felt(standing, site, rocks.since[number])
-
-
-def _noted(events: EventSet, note: str) -> EventSet:
-    return EventSet(
-        events.sites, events.branches, events.source, events.years, (*events.notes, note), events.sampled
-    )

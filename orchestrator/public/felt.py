@@ -1,5 +1,6 @@
 """Rocks under events, as 'toppling constrain' takes them: event sets, or two curves of two measures at once."""
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
@@ -24,7 +25,7 @@ from toppling.results.hazard.sites import distance_km, nearest
 from toppling.results.hazard.standing import Standing
 from toppling.results.hazard.surfaces import drawn_surfaces, measures_of, surface_of
 from toppling.results.hazard.tree import HazardTree
-from toppling.results.hazard.vector import SIGMA, correlation_of, joint_rate
+from toppling.results.hazard.vector import READINGS, SCATTERS, SIGMA, correlation_of, joint_rate
 from toppling.results.regression import fit
 from toppling.results.resampling import bootstrap
 
@@ -162,8 +163,28 @@ def joined(
             what=f"{len(first.branches)} branches of {first.measure}, {len(second.branches)} of {second.measure}",
             where="--hazard", expected="the same branches of both measures", remedy="give the trees of one calculation",
         )  # fmt: skip
+    scatter = sigma * math.sqrt(1.0 - rho**2)
+    branches, misfit = _joined(first, second, scatter)
+    notes = (
+        f"joint rate of {first.measure} and {second.measure} from their curves: given the one, ln of the other "
+        f"scatters by {scatter:.3g}, as a correlation of {rho:g} of their residuals says",
+        f"its rates of {second.measure} are within {100 * misfit:.0f} % of the curve",
+    )
+    readings: tuple[tuple[EventBranch, ...], ...] = ()
+    if correlation is None:
+        readings = tuple(_joined(first, second, one)[0] for one in np.linspace(*SCATTERS, READINGS))
+        notes += (
+            f"two curves do not tell which magnitudes they are of: intervals are over scatters of {SCATTERS[0]:g} to "
+            f"{SCATTERS[1]:g}",
+        )
+    site = EventSite(first.site_name or "site", first.site)
+    return EventSet((site,), branches, first.weights_from, None, notes, sampled=False, readings=readings)
+
+
+def _joined(first: HazardTree, second: HazardTree, scatter: float) -> tuple[tuple[EventBranch, ...], float]:
+    """Joint rate of each branch, and the largest misfit of the second measure's rates."""
     joints = [
-        joint_rate(one.curve, other.curve, rho, sigma)
+        joint_rate(one.curve, other.curve, scatter)
         for one, other in zip(first.branches, second.branches, strict=True)
     ]
     branches = tuple(
@@ -175,14 +196,7 @@ def joined(
         )
         for joint, branch in zip(joints, first.branches, strict=True)
     )
-    worst = max(joint.misfit for joint in joints)
-    notes = (
-        f"joint rate of {first.measure} and {second.measure} from their curves, with a correlation of {rho:g} of "
-        f"their residuals, and {sigma:g} as the standard deviation of those of ln {second.measure}",
-        f"its rates of {second.measure} are within {100 * worst:.0f} % of the curve",
-    )
-    site = EventSite(first.site_name or "site", first.site)
-    return EventSet((site,), branches, first.weights_from, None, notes, sampled=False)
+    return branches, max(joint.misfit for joint in joints)
 
 
 def of_tree(tree: HazardTree, medians: Sequence[float]) -> EventSet:
@@ -241,7 +255,7 @@ class EventStatement:
         update, events = self.update, self.update.events
         vary = {
             "event": events.sampled, "fragility": any(rock.drawn for rock in update.rocks),
-            "age": update.exposure.years.shape[1] > 1,
+            "age": update.exposure.years.shape[1] > 1, "joint rate": bool(events.readings),
         }  # fmt: skip
         told = {
             "measure": "+".join(self.measures), "confidence": update.confidence, "source": events.source,

@@ -71,11 +71,14 @@ def scale_factor_interval(
     confidence: float = 0.95,
     seed: int = 0,
     sampled: bool = True,
+    readings: Sequence[EventBranch] = (),
 ) -> tuple[float, float]:
-    """Interval (95 %) of the factor with events drawn anew, ages, and fragilities where other records' are known."""
+    """Interval (95 %) of the factor with all that is uncertain drawn anew, as `events.bootstrap` draws it."""
     random = np.random.default_rng(seed)
+    readings = readings or (branch,)
     found = []
     for number in range(FACTOR_DRAWS):
+        branch = readings[number % len(readings)]
         times = random.poisson(1.0, len(branch.rate)) if sampled else np.ones(len(branch.rate))
         drawn = replace(
             branch,
@@ -130,7 +133,7 @@ class EventUpdate:
         left = table["prior_weight"].where(~table["rejected"], 0.0)
         table["kept_weight"] = left / left.sum() if left.sum() > 0 else math.nan
         lines = [
-            self._factors(branch, self.drawn[:, number], number)
+            self._factors([branch, *self.events.readings_of(number)], self.drawn[:, number], number)
             for number, branch in enumerate(self.events.branches)
         ]
         return pd.concat([table, pd.DataFrame(lines)], axis=1)
@@ -138,26 +141,33 @@ class EventUpdate:
     @cached_property
     def mean(self) -> dict[str, float | str]:
         """Survival and factors of the branches' mean: the events of all, at their rates times the weights."""
-        branches, prior = self.events.branches, self.events.prior
-        mean = EventBranch(
-            MEAN,
-            np.concatenate([w * branch.rate for w, branch in zip(prior, branches, strict=True)]),
-            {name: np.concatenate([one.motions[name] for one in branches]) for name in self.events.measures},
-        )
+        together = [self._together(branches) for branches in (self.events.branches, *self.events.readings)]
         with np.errstate(divide="ignore"):  # the draws of all branches are of the same rocks and ages
-            drawn = np.exp(np.log(self.drawn) @ prior)
+            drawn = np.exp(np.log(self.drawn) @ self.events.prior)
         low, high = np.quantile(drawn, [0.025, 0.975])
         told = {
-            "survival": survival(self.rocks, mean, self.exposure),
+            "survival": survival(self.rocks, together[0], self.exposure),
             "survival_low": low,
             "survival_high": high,
         }
-        return {"name": MEAN, **told, **self._factors(mean, drawn, len(branches))}
+        return {"name": MEAN, **told, **self._factors(together, drawn, len(self.events.branches))}
 
-    def _factors(self, branch: EventBranch, drawn: NDArray[np.float64], seed: int) -> dict[str, float]:
-        felt = self._felt(branch)
+    def _together(self, branches: Sequence[EventBranch]) -> EventBranch:
+        """The events of all branches, at their rates times the branches' weights."""
+        rates = [w * branch.rate for w, branch in zip(self.events.prior, branches, strict=True)]
+        motions = {
+            name: np.concatenate([one.motions[name] for one in branches]) for name in self.events.measures
+        }
+        return EventBranch(MEAN, np.concatenate(rates), motions)
+
+    def _factors(
+        self, readings: Sequence[EventBranch], drawn: NDArray[np.float64], seed: int
+    ) -> dict[str, float]:
+        """Factors of a branch, the first of its readings, and their intervals over the others."""
+        branch = readings[0]
+        felt, *others = [self._felt(one) for one in readings]
         motions = scale_factor_interval(
-            self.rocks, felt, self.exposure, self.confidence, seed, self.events.sampled
+            self.rocks, felt, self.exposure, self.confidence, seed, self.events.sampled, others
         )
         with np.errstate(divide="ignore"):
             rates = _ends(math.log(1.0 - self.confidence) / np.log(drawn))

@@ -93,6 +93,9 @@ class EventSet:
         What a reader of the answer should know.
     sampled : bool
         Whether the events are a sample, whose rates are uncertain by chance; not where they stand for hazard curves.
+    readings : tuple of tuples of EventBranch
+        The branches again, once for each of several equally likely readings of what the hazard leaves open; intervals
+        are over them. Empty where nothing is left open.
     """
 
     sites: tuple[EventSite, ...]
@@ -101,6 +104,7 @@ class EventSet:
     years: float | None = None
     notes: tuple[str, ...] = ()
     sampled: bool = True
+    readings: tuple[tuple[EventBranch, ...], ...] = ()
 
     @property
     def measures(self) -> tuple[str, ...]:
@@ -112,6 +116,10 @@ class EventSet:
         """Weights of the branches, which sum to 1."""
         weights = np.array([branch.weight for branch in self.branches])
         return weights / weights.sum()
+
+    def readings_of(self, number: int) -> list[EventBranch]:
+        """A branch as each of the readings has it."""
+        return [branches[number] for branches in self.readings]
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,11 +192,12 @@ def bootstrap(
     draws: int = DRAWS,
     seed: int = 0,
     sampled: bool = True,
+    readings: Sequence[EventBranch] = (),
 ) -> NDArray[np.float64]:
     """Survival with all that is uncertain drawn anew: events, fragilities of other records where known, and ages.
 
     Each event of a sample occurs a Poisson number of times with a mean of 1, as the number of events in a catalogue
-    would.
+    would. Each sample takes one of the branch's readings, in turn.
 
     Returns
     -------
@@ -196,9 +205,12 @@ def bootstrap(
     """
     random = np.random.default_rng(seed)
     ages = np.random.default_rng(AGES).integers(exposure.years.shape[1], size=draws)
-    shares = standing_shares(rocks, branch)
+    readings = readings or (branch,)
+    as_read = [standing_shares(rocks, one) for one in readings]
     found = np.empty(draws)
     for number in range(draws):
+        turn = number % len(readings)
+        branch, shares = readings[turn], as_read[turn]
         if any(rock.drawn for rock in rocks):
             shares = standing_shares(drawn_rocks(rocks, number), branch)
         felt = np.flatnonzero(shares[0].min(axis=0) < -NEGLIGIBLE)
@@ -213,7 +225,9 @@ def bootstrap_branches(
 ) -> list[NDArray[np.float64]]:
     """`bootstrap` of each branch: the same records and ages for all, and events of their own."""
     return [
-        bootstrap(rocks, branch, exposure, seed=number, sampled=events.sampled)
+        bootstrap(
+            rocks, branch, exposure, seed=number, sampled=events.sampled, readings=events.readings_of(number)
+        )
         for number, branch in enumerate(events.branches)
     ]
 

@@ -237,6 +237,13 @@ def test_two_measures_at_once_are_judged_by_their_joint_rate(tmp_path):
     row = told["branches"][0]
     assert row["survival_low"] < row["survival"] < row["survival_high"]
     assert {one["measure"] for one in told["updated"]} == {"pga_m_s2", "pgv_m_s"}
+    assert "joint rate" not in told["intervals_carry"]
+    unstated = told_by(*asked, "--measure", "pga_m_s2+pgv_m_s")
+    assert "joint rate" in unstated["intervals_carry"]
+    known = told_by(*asked, "--measure", "pga_m_s2+pgv_m_s", "--correlation", "0.733")
+    wide, stated = (one["branches"][0] for one in (unstated, known))
+    assert wide["survival"] == pytest.approx(stated["survival"])
+    assert wide["survival_high"] - wide["survival_low"] > stated["survival_high"] - stated["survival_low"]
 
     list(write_fits(open_run(run).frame(), tmp_path, "run"))
     assert (tmp_path / "fits" / "surface.png").exists()

@@ -118,15 +118,17 @@ def curve_of_rates(
     Raises
     ------
     InputError
-        If levels do not rise, or rates are negative, no numbers, or rise with the level.
+        If levels neither rise nor fall throughout, or rates are negative, no numbers, or rise with the level.
     """
     x, rate = np.asarray(levels, float), np.asarray(annual_rate, float)
     where = str(stated.get("source") or name)
     expected = "annual rates of exceedance, or probabilities, that fall as the level rises"
-    if not (len(x) and (x > 0).all() and np.isfinite(x).all() and (np.diff(x) > 0).all()):
+    if len(x) > 1 and (np.diff(x) < 0).all():
+        x, rate = x[::-1], rate[::-1]
+    if wrong := _wrong_levels(x):
         raise InputError(
-            what="intensities must rise, all of them positive", where=where, expected=expected,
-            remedy="sort the levels, and leave out those of 0",
+            what=wrong, where=where, expected=expected,
+            remedy="state each level once, in rising order, and leave out those of 0",
         )  # fmt: skip
     if not (rate >= 0).all():
         worst = int(np.argmax(~(rate >= 0)))
@@ -146,6 +148,23 @@ def curve_of_rates(
     bears = (falling > 0) & np.isfinite(falling)
     return HazardCurve(
         name, measure, x[bears], falling[bears], certain=x[np.isinf(falling)], never=x[falling == 0], **stated
+    )
+
+
+def _wrong_levels(x: NDArray[np.float64]) -> str:
+    """What is wrong with the levels of a curve; empty if nothing is."""
+    if not len(x):
+        return "has no level"
+    if not (np.isfinite(x) & (x > 0)).all():
+        return f"has the level {x[~(np.isfinite(x) & (x > 0))][0]:g}: intensities must be positive"
+    falls = np.flatnonzero(np.diff(x) <= 0)
+    if not len(falls):
+        return ""
+    before, after = x[falls[0]], x[falls[0] + 1]
+    return (
+        f"has the level {after:g} twice"
+        if after == before
+        else f"has the level {after:g} after {before:g}: intensities must rise, each level once"
     )
 
 

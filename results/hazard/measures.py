@@ -10,7 +10,8 @@ LONGEST_NAME = 200
 """Characters; a longer text names no column, and is not searched for one."""
 
 _UNITS = {
-    "g": ("m/s2", STANDARD_G_M_S2), "%g": ("m/s2", 0.01 * STANDARD_G_M_S2), "m/s2": ("m/s2", 1.0),
+    "g": ("m/s2", STANDARD_G_M_S2), "%g": ("m/s2", 0.01 * STANDARD_G_M_S2), "mg": ("m/s2", 0.001 * STANDARD_G_M_S2),
+    "m/s2": ("m/s2", 1.0),
     "cm/s2": ("m/s2", 0.01), "gal": ("m/s2", 0.01), "m/s": ("m/s", 1.0), "cm/s": ("m/s", 0.01),
     "mm/s": ("m/s", 0.001), "m": ("m", 1.0), "cm": ("m", 0.01),
 }  # fmt: skip

@@ -18,6 +18,14 @@ MOST_BYTES = 200_000_000
 MOST_HEAD_LINES = 30
 """Of a file of a folder, among which its header is looked for."""
 
+_EXPORT = "export its curves as text: oq export hcurves --export-type csv"
+_BINARY = {
+    b"\x89HDF": ("is HDF5, as OpenQuake's datastore is", _EXPORT),
+    b"PK\x03\x04": ("is an archive or a spreadsheet", "unpack it, or save the sheet as CSV"),
+    b"<?xml": ("is XML", _EXPORT),
+}
+"""Beginnings of files that are no tables: what they are, and what to give instead."""
+
 _SUFFIXES = {".csv", ".txt", ".json", ".dat", ".tsv", ""}
 
 
@@ -79,6 +87,8 @@ def _stated(path: Path, hints: Hints) -> list[Stated]:
             continue
         found.append(_read(one, hints))
     if not found:
+        for one in path.glob("*.hdf5"):
+            refuse(one, *_BINARY[b"\x89HDF"])
         refuse(path, f"holds no file of hazard among {len(files)} of text", "give the folder with the curves")
     return found
 
@@ -87,14 +97,18 @@ def _text(path: Path) -> str:
     if path.stat().st_size > MOST_BYTES:
         refuse(path, f"is larger than {MOST_BYTES // 10**6} MB", "export the curves of fewer sites")
     content = path.read_bytes()
+    if binary := next((what for mark, what in _BINARY.items() if content.startswith(mark)), None):
+        refuse(path, *binary)
     for mark in (b"\xff\xfe", b"\xfe\xff"):
         if content.startswith(mark):
             return content.decode("utf-16", errors="replace")
+    if b"\0" in content:
+        refuse(path, "is no text")
     try:
         return content.decode("utf-8-sig")  # spreadsheets begin with a byte order mark
     except UnicodeDecodeError:
         lines = content.decode("cp1252", errors="replace")  # of spreadsheets in western Europe: cm/s², µ
-        if not content[:1].isascii() or "\0" in lines or "\ufffd" in lines:
+        if not content[:1].isascii() or "\ufffd" in lines:
             refuse(path, "is no text in UTF-8")
         return lines
 

@@ -1,25 +1,37 @@
 """Columns of text: an intensity measure, and its annual rate, or its probability over a stated time."""
 
+import math
 import re
-from collections.abc import Sequence
-from itertools import pairwise
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from toppling.results.hazard.curves import curve_of_probabilities, curve_of_rates
 from toppling.results.hazard.measures import LONGEST_NAME, measure_with_unit
-from toppling.results.hazard.readers.statement import Hints, Statement, number, refuse, rows_of
+from toppling.results.hazard.readers.statement import (
+    Hints,
+    Statement,
+    number,
+    refuse,
+    rows_of,
+    years_of_values,
+)
 
 _RATE = re.compile(
-    r"(?:mean )?annual (?:exceedance )?(?:rate|frequency)(?: of exceedance)?|m?afe|rate per year|exceedances per year"
+    r"(?:mean )?annual (?:exceedance )?(?:rate|frequency)(?: of exceedance)?|m?afe|m?are|"
+    r"(?:exceedance )?(?:rate|frequency)(?: of exceedance)? per (?P<unit>year|kyr)|exceedances per (?P<each>year|kyr)"
 )
+_ANNUAL = re.compile(r"annual (?:exceedance )?probability(?: of exceedance)?|annual poe|aep|ape")
 _PROBABILITY = re.compile(
     r"(?:poe|probability(?:[_ ]of[_ ]exceedance)?)[^0-9]*(?P<years>\d+(?:\.\d+)?)?[^0-9]*"
 )
+_RETURN = re.compile(r"(?:mean )?(?:return period|recurrence interval|recurrence)(?: years?)?|mrp|mri")
+_TIMES = re.compile(r"[ /(\[]*(?:\b1/|\bper |/ ?)(?P<time>yr|years?|a|kyr|ka|1000 (?:yr|years?))[)\]]*$")
+COMMENTS = ("#", "%", "//")
 
 
 def matches(lines: Sequence[str]) -> bool:
     """Whether a file of a folder begins with a header that names a measure and what its values are."""
-    bare = [line for line in lines if line and not line.startswith("#")]
+    bare = [line for line in lines if line and not line.startswith(COMMENTS)]
     if not bare:
         return False
     header = ",".join(_cells(bare[:1])[0]).split(",")
@@ -35,23 +47,21 @@ def read(path: Path, lines: Sequence[str], hints: Hints) -> list[Statement]:
     InputError
         If the header does not name a measure, or not what the values are.
     """
-    lines = [line for line in lines if line.strip() and not line.lstrip().startswith("#")]
+    lines = [line for line in lines if line.strip() and not line.lstrip().startswith(COMMENTS)]
     if not lines:
         refuse(path, "holds no table")
     (_, header), *rows = list(rows_of(path, [",".join(cells) for cells in _cells(lines)])) or [(0, [])]
     levels, values = _columns(path, lines[0], header)
     column, factor = measure_with_unit(header[levels]) or ("", 0.0)
-    years = _years(path, header[values], hints)
+    years, rate_of = _values(path, header[values], hints)
     pairs = [
-        (number(path, line, row[levels]) * factor, number(path, line, row[values]))
+        (number(path, line, row[levels]) * factor, rate_of(number(path, line, row[values])))
         for line, row in rows
         if _whole(path, line, row, len(header))
     ]
-    if len(pairs) > 1 and all(one[0] > other[0] for one, other in pairwise(pairs)):
-        pairs.reverse()
     x, y = [pair[0] for pair in pairs], [pair[1] for pair in pairs]
     origin = {"source": str(path)}
-    if years is None:
+    if not years:
         return [Statement(curve_of_rates(path.stem, column, x, y, **origin))]
     return [Statement(curve_of_probabilities(path.stem, column, x, y, years, **origin))]
 
@@ -103,38 +113,45 @@ def _whole(path: Path, line: int, row: list[str], columns: int) -> bool:
 
 
 def _plain(name: str) -> str:
-    """A column's name in lower case, with blanks, and without a unit of time."""
-    return re.sub(
-        r"[ _-]+", " ", re.sub(r"[(\[](?:1/(?:yr|a|year)|(?:per |/ ?)year)[)\]]", "", name.lower())
-    ).strip()
+    """A column's name in lower case, with blanks, and its time, if any, as `per year` or `per kyr`."""
+    plain = re.sub(r"[ _-]+", " ", name.lower()).strip()
+    if not (found := _TIMES.search(plain)):
+        return re.sub(r" ?[(\[](?:yr|years?|a)[)\]]$", "", plain)
+    time = " per kyr" if found["time"][0] in "k1" else " per year"
+    bare = plain[: found.start()].strip()
+    return bare if bare.startswith(("annual", "mean annual")) and time == " per year" else bare + time
 
 
 def _says_value(name: str) -> bool:
-    return bool(_RATE.fullmatch(_plain(name)) or _probability(name))
+    if len(name) > LONGEST_NAME:
+        return False
+    plain = _plain(name)
+    return any(kind.fullmatch(plain) for kind in (_RATE, _ANNUAL, _RETURN)) or bool(
+        _PROBABILITY.fullmatch(name.lower())
+    )
 
 
-def _probability(name: str) -> re.Match[str] | None:
-    return _PROBABILITY.fullmatch(name.lower()) if len(name) <= LONGEST_NAME else None
-
-
-def _years(path: Path, name: str, hints: Hints) -> float | None:
-    """Time that the second column's probabilities are over; None for annual rates."""
-    if _RATE.fullmatch(_plain(name)):
-        return None
-    found = _probability(name)
-    if not found and hints.years is not None:
-        return hints.years or None
-    if not found:
-        refuse(
-            path,
-            f"has the column {name!r}",
-            "call it annual_rate, or probability_50_years after its time, or give --values",
-        )
-    years = float(found["years"]) if found["years"] else hints.years
-    if not years:
-        remedy = "call the column after it, such as probability_50_years, or give --values 50"
-        refuse(path, f"states no time that its {name!r} is over", remedy)
-    return years
+def _values(path: Path, name: str, hints: Hints) -> tuple[float, Callable[[float], float]]:
+    """Time that a column's probabilities are over, 0 for rates; and what turns a cell into either."""
+    plain = _plain(name) if len(name) <= LONGEST_NAME else ""
+    stated, convert = None, float
+    if rate := _RATE.fullmatch(plain):
+        stated = 0.0
+        if "kyr" in (rate["unit"], rate["each"]):
+            convert = lambda value: value / 1000.0  # noqa: E731
+    elif _RETURN.fullmatch(plain):
+        stated, convert = 0.0, lambda value: 1.0 / value if value > 0 else math.nan
+    elif _ANNUAL.fullmatch(plain):
+        stated = 1.0
+    elif found := _PROBABILITY.fullmatch(name.lower()) if plain else None:
+        stated = float(found["years"]) if found["years"] else None
+        if not (hints.years if stated is None else stated):
+            remedy = "call the column after it, such as probability_50_years, or give --values 50"
+            refuse(path, f"states no time that its {name!r} is over", remedy)
+    elif hints.years is None:
+        remedy = "call it annual_rate, or probability_50_years after its time, or give --values"
+        refuse(path, f"has the column {name!r}", remedy)
+    return years_of_values(path, stated, hints) or 0.0, convert
 
 
 def _is_number(text: str) -> bool:

@@ -120,9 +120,11 @@ def measure_factors(
     table: Table, prefix: str, known: Callable[[str], tuple[str, float] | None], ratio: float
 ) -> dict[str, tuple[str, float]]:
     """Column and factor to SI of each measure that is known."""
-    found = {}
+    found: dict[str, tuple[str, float]] = {}
     for name in table.header:
         measure = known(name.removeprefix(prefix)) if name.startswith(prefix) else None
+        if measure and measure[0] in [column for column, _ in found.values()]:
+            raise event_error(f"states {measure[0]} in two columns, {name} the second", table.path)
         if measure:
             found[name] = (
                 measure[0],

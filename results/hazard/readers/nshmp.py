@@ -12,12 +12,20 @@ from typing import Any
 
 from toppling.results.hazard.curves import HazardCurve, curve_of_probabilities, curve_of_rates
 from toppling.results.hazard.measures import imt_of, measure_of
-from toppling.results.hazard.readers.statement import Hints, Statement, number, refuse, rows_of, wanted_rows
+from toppling.results.hazard.readers.statement import (
+    Hints,
+    Statement,
+    number,
+    refuse,
+    rows_of,
+    wanted_rows,
+    years_of_values,
+)
 
 DEPTH = 5
 """Folders between a file of curves and the root of its output, at most: IMT/source/TYPE/curves.csv."""
 
-_FORMATS = {"ANNUAL_RATE": None, "POISSON_PROBABILITY": 1.0}
+_FORMATS = {"ANNUAL_RATE": 0.0, "POISSON_PROBABILITY": 1.0}
 
 
 def matches(lines: Sequence[str]) -> bool:
@@ -115,15 +123,14 @@ def _years(path: Path, hints: Hints, old: bool) -> float | None:
                 "is no configuration of nshmp-haz",
                 "give the output folder as it was written",
             )
-    if stated in _FORMATS:
-        return _FORMATS[stated]
-    if hints.years is None and not old:
+    years = years_of_values(path, _FORMATS.get(stated, 0.0 if old else None), hints)
+    if years is None:
         refuse(
             path,
             "does not say whether its values are annual rates or probabilities in one year",
             "give the output folder with its config.json, or --values rate, or --values 1",
         )
-    return hints.years or None
+    return years or None
 
 
 def matches_json(text: str) -> bool:

@@ -20,6 +20,7 @@ from toppling.results.hazard.readers.statement import (
     refuse,
     rows_of,
     wanted_rows,
+    years_of_values,
 )
 
 _NAMED = re.compile(r"(rlz-\d+|quantile(?:_curve)?-\d*\.?\d+|mean|max|std)")
@@ -122,9 +123,8 @@ def _curves(
         )
     measure, unit = known
     unit = 1.0 / imt_of(measure)[1] if unit is None else unit
-    years = hints.years
-    if "investigation_time" in stated:
-        years = number(path, 1, stated["investigation_time"])
+    time = stated.get("investigation_time")
+    years = years_of_values(path, None if time is None else number(path, 1, time), hints)
     if years is None:
         refuse(
             path,

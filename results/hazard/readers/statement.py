@@ -2,6 +2,7 @@
 
 import csv
 import io
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -99,11 +100,33 @@ def rows_of(path: Path, lines: Sequence[str], first: int = 1) -> Iterator[tuple[
 
 
 def number(path: Path, line: int, text: str) -> float:
-    """Number of a cell."""
+    """Number of a cell, finite; 1D-3 is Fortran's 1e-3."""
     try:
-        return float(text)
+        value = float(text.lower().replace("d", "e"))
     except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
         refuse(path, f"line {line}: {text[:40]!r} is no number")
+    return value
+
+
+def years_of_values(path: Path, stated: float | None, hints: Hints) -> float | None:
+    """Time that a file's values are probabilities over, 0 for annual rates; None where nobody says.
+
+    Raises
+    ------
+    InputError
+        If the file and the user say different times.
+    """
+    if stated is None or hints.years is None:
+        return hints.years if stated is None else stated
+    if not math.isclose(stated, hints.years):
+        mine, theirs = (
+            f"probabilities over {years:g} years" if years else "annual rates"
+            for years in (stated, hints.years)
+        )
+        refuse(path, f"states {mine}, and --values says {theirs}", "leave --values out")
+    return stated
 
 
 def wanted_rows(

@@ -125,6 +125,10 @@ def test_two_columns_are_read_in_si_or_in_openquakes_units(tmp_path):
         ("PGA [g]\tAFE\r\n{0}\t{1}\r\n{2}\t{3}\r\n", "utf-16"),
         ("PGA (cm/s²),mean annual rate of exceedance\n98.0665,{1}\n196.133,{3}\n", "cp1252"),
         ("PGA (cm/sec^2),annual_rate\n98.0665,{1}\n196.133,{3}\n", "utf-8"),
+        ("% of mine\nPGA (mg),rate_per_kyr\n100,10\n200,1\n", "utf-8"),
+        ("// of mine\nPGA (%g),annual_rate\n10,1D-2\n20,1D-3\n", "utf-8"),
+        ("PGA (g),Return period (yr)\n{0},100\n{2},1000\n", "utf-8"),
+        ("PGA (g),rate (1/kyr)\n{0},10\n{2},1\n", "utf-8"),
     ],
 )
 def test_a_table_is_read_whatever_its_order_signs_units_and_encoding(tmp_path, text, encoding):
@@ -155,12 +159,48 @@ def test_a_file_that_is_no_hazard_curve_is_refused(tmp_path, text):
         read_curve(path)
 
 
-@pytest.mark.parametrize("rate", ["-1e-3", "nan"])
-def test_a_rate_that_is_negative_or_no_number_is_refused_and_not_bridged(tmp_path, rate):
+@pytest.mark.parametrize(
+    ("rate", "said"),
+    [("-1e-3", "all of them positive"), ("nan", "'nan' is no number"), ("inf", "'inf' is no number")],
+)
+def test_a_rate_that_is_negative_or_no_number_is_refused_and_not_bridged(tmp_path, rate, said):
     path = tmp_path / "curve.csv"
     path.write_text(f"pgv_m_s,annual_rate\n0.1,1e-2\n0.3,{rate}\n1,1e-4\n")
-    with pytest.raises(InputError, match="all of them positive"):
+    with pytest.raises(InputError, match=said):
         read_curve(path)
+
+
+@pytest.mark.parametrize(
+    ("text", "years"),
+    [("PGA,poe_50_years", 475.0), ("PGA,annual_rate", 50.0), ("PGA,annual probability of exceedance", 0.0)],
+)
+def test_a_user_who_contradicts_a_file_is_told(tmp_path, text, years):
+    path = tmp_path / "curve.csv"
+    path.write_text(f"{text}\n0.1,1e-2\n0.3,1e-4\n")
+    assert read_curve(path).annual_rate[0] <= 1.01e-2
+    with pytest.raises(InputError, match="and --values says"):
+        read_tree(path, years=years)
+
+
+@pytest.mark.parametrize(
+    ("levels", "said"),
+    [
+        ((), "has no level"), ((0.1, 0.3, 0.2), "after 2.94"), ((0.1, 0.2, 0.2), "twice"),
+        ((0.0, 0.1, 0.2), "has the level 0"), ((-0.1, 0.1, 0.2), "must be positive"),
+    ],
+)  # fmt: skip
+def test_levels_that_are_no_levels_of_one_curve_are_named(tmp_path, levels, said):
+    path = tmp_path / "curve.csv"
+    path.write_text("PGA,annual_rate\n" + "".join(f"{x},{10.0**-k}\n" for k, x in enumerate(levels)))
+    with pytest.raises(InputError, match=said):
+        read_curve(path)
+
+
+@pytest.mark.parametrize("name", ["calc_1.hdf5", "folder"])
+def test_a_datastore_is_refused_by_name(tmp_path, name):
+    (tmp_path / "calc_1.hdf5").write_bytes(b"\x89HDF\r\n\x1a\n" + bytes(99))
+    with pytest.raises(InputError, match="is HDF5"):
+        read_hazard(tmp_path / "calc_1.hdf5" if name == "calc_1.hdf5" else tmp_path)
 
 
 def test_a_picture_is_no_hazard_curve(tmp_path):
@@ -310,7 +350,7 @@ def weights(folder, *values):
         ((0.5, 0.5), [{}, {"checksum": 8}], "2 calculations"),
         ((0.5, 0.5), [{}, {"poes": (0.5, 1.1, 0.01)}], "states the probability 1.1"),
         ((0.5, 0.5), [{}, {"poes": (0.5, 0.1, 0.2)}], "lies above that at"),
-        ((0.5, 0.5), [{}, {"poes": (0.5, "nan", 0.2)}], "states the probability nan"),
+        ((0.5, 0.5), [{}, {"poes": (0.5, "nan", 0.2)}], "'nan' is no number"),
         (None, [{}, {}], "no realizations.csv"),
     ],
 )  # fmt: skip
@@ -357,7 +397,7 @@ def test_files_of_one_tree_are_its_branches_however_they_are_given(tmp_path):
         ("PGA (m/s2),annual_rate", 1.0, 0.1), ("PGA [g],annual_frequency", G, 0.1),
         ("PGV (cm/s),annual_rate", 0.01, 0.1), ("pgv_m_s,annual_rate", 1.0, 0.1), ("PGA (gal),annual_rate", 0.01, 0.1),
         ("SA(1.0),poe_50_years", G, -math.log(0.9) / 50), ("SA0P2,probability (1 yr)", G, -math.log(0.9)),
-        ("PGA,probability_in_475_years", G, -math.log(0.9) / 475),
+        ("PGA,probability_in_475_years", G, -math.log(0.9) / 475), ("PGA,annual_probability", G, -math.log(0.9)),
     ],
 )  # fmt: skip
 def test_two_columns_state_their_unit_and_their_time(tmp_path, header, intensity, rate):
@@ -377,6 +417,7 @@ def test_two_columns_state_their_unit_and_their_time(tmp_path, header, intensity
         ("level,annual_rate\n0.1,0.01\n0.2,0.001\n", "is over 'level'"),
         ("PGV (m/s2),annual_rate\n0.1,0.01\n0.2,0.001\n", "is over 'PGV"),
         ("PGA,annual_rate\n0.1,0.01,3\n0.2,0.001\n", "line 2 has 3 columns"),
+        ("PGA,poe_0_years\n0.1,0.01\n0.2,0.001\n", "states no time"),
     ],
 )
 def test_what_two_columns_do_not_state_is_asked_for(tmp_path, text, said):

@@ -27,6 +27,7 @@ from toppling.models.documents import check_size
 from toppling.models.errors import InputError, refusals
 from toppling.models.folder import new_file
 from toppling.models.motions.measures import OPENQUAKE
+from toppling.results.hazard.measures import imt_of, is_spectral, measure_of
 from toppling.results.hazard.surfaces import Surface
 from toppling.results.lognormal import Basis, Lognormal, Resampled
 
@@ -164,7 +165,7 @@ def _read(path: Path, readers: Mapping[str, Callable[[str], list[Any]]]) -> list
 
 
 def _nrml(curves: list[Lognormal], name: str) -> str:
-    known = [curve for curve in curves if curve.measure in OPENQUAKE]
+    known = [curve for curve in curves if curve.measure in OPENQUAKE or is_spectral(curve.measure)]
     if not known:
         raise InputError(
             what=f"no curve over {', '.join(OPENQUAKE)}",
@@ -184,7 +185,7 @@ def _nrml(curves: list[Lognormal], name: str) -> str:
     ET.SubElement(model, f"{{{_SPACE}}}description").text = documentation
     ET.SubElement(model, f"{{{_SPACE}}}limitStates").text = "toppled"
     for curve in known:
-        imt, factor = OPENQUAKE[curve.measure]
+        imt, factor = imt_of(curve.measure)
         # Below and above these the curve is 0 and 1 to a part in ten million.
         least, most = (curve.intensity(tail) * factor for tail in (1e-7, 1 - 1e-7))
         function = ET.SubElement(
@@ -207,16 +208,16 @@ def _unfinished(curves: Iterable[Lognormal]) -> str:
 
 
 def _from_nrml(text: str) -> list[Lognormal]:
-    measures = {imt: (measure, factor) for measure, (imt, factor) in OPENQUAKE.items()}
     curves = []
     parser = ET.XMLParser(target=ET.TreeBuilder(insert_comments=True))
     for function in ET.fromstring(text.encode(), parser).iter(f"{{{_SPACE}}}fragilityFunction"):
         imls = function.find(f"{{{_SPACE}}}imls")
-        if imls is None or imls.get("imt") not in measures:
+        known = None if imls is None else measure_of(str(imls.get("imt")))
+        if known is None:
             continue
-        measure, factor = measures[str(imls.get("imt"))]
+        measure, si = known
         for params in function.findall(f"{{{_SPACE}}}params"):
-            mean, deviation = (float(str(params.get(key))) / factor for key in ("mean", "stddev"))
+            mean, deviation = (float(str(params.get(key))) * si for key in ("mean", "stddev"))
             curves.append(_with_row(of_moments(measure, mean, deviation), _kept_row(function)))
     return curves
 

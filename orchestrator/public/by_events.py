@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from toppling.models.errors import InputError, UsageError
-from toppling.models.motions.measures import COMPARED
 from toppling.orchestrator.public.felt import (
     EventStatement,
     felt,
@@ -19,7 +18,7 @@ from toppling.orchestrator.public.felt import (
     under_events,
 )
 from toppling.orchestrator.public.hazard_asked import DEFAULT_MEASURES, Asked, read_tree, weighted_paths
-from toppling.orchestrator.public.rocks import Jobs, refuse_twins, standing_rock
+from toppling.orchestrator.public.rocks import Jobs, measures_shared, refuse_twins, standing_rock
 from toppling.results.exchange import read_curves
 from toppling.results.hazard.ages import Since
 from toppling.results.hazard.events import EventSet, FeltRock
@@ -151,20 +150,14 @@ def _of_curves(
             read_tree(hazard, Asked(asked.site, asked.ratio, one, asked.years)) for one in measures
         )
         return joined(first, second, options.correlation), measures
-    tree = read_tree(hazard, asked, _known(rocks))
+    tree = read_tree(hazard, asked, measures_shared(rocks.paths))
     medians = [read_curves(path)[tree.measure].median for path in rocks.paths if not path.is_dir()]
     return of_tree(tree, medians), (tree.measure,)
 
 
-def _known(rocks: Rocks) -> list[str]:
-    """Measures over which all files of curves have a fragility; a run may have any."""
-    files = [read_curves(path) for path in rocks.paths if not path.is_dir()]
-    return [name for name in COMPARED if all(name in curves for curves in files)]
-
-
 def _measure_of(events: EventSet, rocks: Rocks) -> str:
-    known = _known(rocks)
-    both = [name for name in (*DEFAULT_MEASURES, *COMPARED) if name in events.measures and name in known]
+    known = measures_shared(rocks.paths)
+    both = [name for name in (*DEFAULT_MEASURES, *known) if name in events.measures and name in known]
     if not both:
         raise InputError(
             what=f"the events are over {', '.join(events.measures)}, the rock's fragility over "

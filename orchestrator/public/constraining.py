@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from toppling.models.motions.measures import COMPARED
 from toppling.orchestrator.public import unseen
 from toppling.orchestrator.public.by_events import (
     EventOptions,
@@ -22,6 +21,7 @@ from toppling.orchestrator.public.felt import EventStatement, measures_asked
 from toppling.orchestrator.public.hazard_asked import Asked, read_tree
 from toppling.orchestrator.public.rocks import (
     Jobs,
+    measures_shared,
     names_of,
     of_atlases,
     of_bases,
@@ -34,7 +34,6 @@ from toppling.results.constraint import Constraint
 from toppling.results.drawing.constraint_folder import write_constraint, write_events
 from toppling.results.drawing.constraint_words import all_words
 from toppling.results.drawing.event_words import event_words
-from toppling.results.exchange import read_curves
 from toppling.results.hazard.ages import Since, fragile_years, joint_ages, parse_age, parse_since
 from toppling.results.hazard.tree import HazardTree, sources
 from toppling.results.hazard.update import Update
@@ -188,7 +187,7 @@ def _by_events(
     files = sorted(source.glob("*.csv")) if source.is_dir() else [source] * source.is_file()
 
     def write(out: Path, stated: dict[str, Any]) -> int:
-        return sum(1 for _ in write_events(stated, felt.tables, out))
+        return sum(1 for _ in write_events(felt.update, stated, felt.tables, out, question.asked.ratio))
 
     rested = [rock.fragility.basis for rock in felt.update.rocks]
     content["warnings"] = warnings = _warnings(paths, rested)
@@ -198,10 +197,7 @@ def _by_events(
 def _by_curves(question: _Question, jobs: dict[Path, Jobs], advance: Callable[..., None]) -> RockStatement:
     """What rocks say of a single event, of rates, or of curves of hazard."""
     paths, asked, dates = question.paths, question.asked, question.dates
-    known = [
-        name for name in COMPARED if all(name in read_curves(path) for path in paths if not path.is_dir())
-    ]
-    tree = read_tree(question.hazard, asked, known) if question.hazard else None
+    tree = read_tree(question.hazard, asked, measures_shared(paths)) if question.hazard else None
     over = tree.measure if tree else asked.measure or "pgv_m_s"
     standing = [
         standing_rock(name, path, over, jobs.get(path), ages, seen=advance)

@@ -21,6 +21,7 @@ from toppling.results.hazard.ages import Since, exposure
 from toppling.results.hazard.curves import events_by_intensity
 from toppling.results.hazard.event_update import EventUpdate
 from toppling.results.hazard.events import EventBranch, EventSet, EventSite, FeltRock, check_measures
+from toppling.results.hazard.measures import is_spectral
 from toppling.results.hazard.sites import distance_km, nearest
 from toppling.results.hazard.standing import Standing
 from toppling.results.hazard.surfaces import drawn_surfaces, measures_of, surface_of
@@ -39,10 +40,11 @@ def measures_asked(text: str | None) -> tuple[str, ...]:
         If one is unknown, or two together have no fragility.
     """
     names = tuple(part.strip() for part in text.split("+")) if text else ()
-    if any(name not in COMPARED for name in names) or (len(names) > 1 and names != SURFACES[0]):
+    unknown = any(name not in COMPARED and not is_spectral(name) for name in names)
+    if unknown or (len(names) > 1 and names != SURFACES[0]):
         raise InputError(
             what=f"{text!r} is not an intensity measure with a fragility", where="--measure",
-            expected=f"one of {', '.join(COMPARED)}; or {'+'.join(SURFACES[0])}, both together",
+            expected=f"one of {', '.join(COMPARED)}; sa_3s_m_s2, any period; or {'+'.join(SURFACES[0])}, both together",
             remedy="leave it out to use that of the hazard, or pgv_m_s",
         )  # fmt: skip
     return names
@@ -165,7 +167,7 @@ def joined(
         )  # fmt: skip
     scatter = sigma * math.sqrt(1.0 - rho**2)
     branches, misfit = _joined(first, second, scatter)
-    notes = (
+    notes: tuple[str, ...] = (
         f"joint rate of {first.measure} and {second.measure} from their curves: given the one, ln of the other "
         f"scatters by {scatter:.3g}, as a correlation of {rho:g} of their residuals says",
         f"its rates of {second.measure} are within {100 * misfit:.0f} % of the curve",

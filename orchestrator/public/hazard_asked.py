@@ -104,7 +104,7 @@ def _measure(stated: Sequence[str], asked: str | None, rocks: Sequence[str]) -> 
     """Measure that is asked for, or the first that hazard and rocks have."""
     if asked:
         return asked
-    both = [name for name in (*DEFAULT_MEASURES, *COMPARED) if name in stated and name in rocks]
+    both = [name for name in (*DEFAULT_MEASURES, *rocks) if name in stated and name in rocks]
     if not both:
         raise InputError(
             what=f"the hazard is over {', '.join(sorted(set(stated)))}, the rock's fragility over "

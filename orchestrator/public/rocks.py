@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 
 from toppling.models.errors import InputError
+from toppling.models.motions.measures import COMPARED
 from toppling.models.scene import Scene
 from toppling.orchestrator.recorded import Recorded, check_weighable
 from toppling.results.completeness import Completeness
@@ -58,6 +59,13 @@ def of_atlases(
         undated = ", ".join(path.name for path, age in found if age is None)
         click.echo(f"ages are left out: the atlas has none of {undated}; --age states one of each", err=True)
     return tuple(path for path, _ in found), ages or (stated if len(stated) == len(found) else ())
+
+
+def measures_shared(rocks: Sequence[Path]) -> list[str]:
+    """Measures over which all files of curves have a fragility; a run may have any that are compared."""
+    stated = [[*read_curves(path)] if not path.is_dir() else [*COMPARED] for path in rocks]
+    ordered = dict.fromkeys([*COMPARED, *stated[0]])
+    return [name for name in ordered if all(name in one for one in stated)]
 
 
 def standing_rock(

@@ -122,10 +122,9 @@ def _tell(drawn: Fragility, *, weighted: bool) -> None:
     jobs = drawn.jobs
     click.echo(_files(drawn.folder, drawn.files))
     for contact, of_contact in by_contact(jobs).items() if drawn.fits else ():
-        table = drawn.fits[contact]
         known = answered(of_contact)
         click.echo(f"\nfragility by measure, {contact_words(of_contact, jobs)}, {_records(known)}:")
-        click.echo(fit_words(table.assign(problem=table["problem"].fillna("")), known))
+        click.echo(fit_words(drawn.fits[contact], known))
     for audit in drawn.audits.values():
         click.echo(audit.sentence)
     if weighted and (weights := drawn.run.weights()):

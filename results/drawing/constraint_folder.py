@@ -18,7 +18,8 @@ from toppling.results.drawing.report.write import write_page
 from toppling.results.drawing.run_figures import save_table
 from toppling.results.drawing.style import save
 from toppling.results.exchange import write_curves
-from toppling.results.hazard.export import write_openquake
+from toppling.results.hazard.event_update import EventUpdate
+from toppling.results.hazard.export import write_event_openquake, write_openquake
 
 OF_EVENTS = ("measure", "source", "events", "years_of_each_branch", "hazard_ratio")
 """What a statement under a set of events says of it."""
@@ -61,17 +62,26 @@ def write_constraint(
     yield write_page(constraint_page(constraint, statement), folder / "constraint.html")
 
 
-def write_events(statement: dict[str, Any], tables: dict[str, pd.DataFrame], folder: Path) -> Iterator[Path]:
-    """Write all that rocks say under a set of events into a folder: statement, tables, figure and page.
+def write_events(
+    update: EventUpdate,
+    statement: dict[str, Any],
+    tables: dict[str, pd.DataFrame],
+    folder: Path,
+    ratio: float = 1.0,
+) -> Iterator[Path]:
+    """Write all that rocks say under a set of events into a folder: statement, tables, figure, page and realisations.
 
     Parameters
     ----------
+    update : EventUpdate
     statement : dict
         With the choices that led to it.
     tables : dict of DataFrame
         By name: branches, updated and others of the statement.
     folder : Path
         Made if absent; files of the same names are replaced.
+    ratio : float
+        By which the motions were multiplied.
 
     Yields
     ------
@@ -79,6 +89,9 @@ def write_events(statement: dict[str, Any], tables: dict[str, pd.DataFrame], fol
         Each file, once it is complete.
     """
     yield from _write_statement(statement, tables, folder)
+    placed = all(update.events.sites[rock.site].place for rock in update.rocks)
+    if placed and len(update.events.branches) > 1 and update.posterior is not None:
+        yield from write_event_openquake(update, folder / "openquake", ratio)
     figure = events_figure(tables["branches"], tables.get("updated"), statement["confidence"])
     yield from save(figure, folder / "constraint", unfinished(statement))
     yield write_page(event_page(statement, tables), folder / "constraint.html")

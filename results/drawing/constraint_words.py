@@ -3,9 +3,8 @@
 import math
 from typing import Any
 
-from toppling.results.drawing.style import printed_unit, short_name
+from toppling.results.drawing.style import printed_unit, short_name, unit_of
 from toppling.results.hazard.update import RATES
-from toppling.results.schema import SCHEMA, describe
 from toppling.results.weights import sentences
 
 MOST_NAMED = 6
@@ -129,7 +128,7 @@ def all_words(statement: dict[str, Any]) -> str:
             f"{stated}; give --ratio if it is for another component."
         )
     lines += _branch_lines(statement)
-    unit, measure = describe(SCHEMA.field(statement["measure"]))["unit"], short_name(statement["measure"])
+    unit, measure = unit_of(statement["measure"]), short_name(statement["measure"])
     lines += [
         f"a {measure} of {row[statement['measure']]:.3g} {unit} or more is rejected at return periods below "
         f"{row['rejected_return_years']:,.0f} years"
@@ -140,7 +139,7 @@ def all_words(statement: dict[str, Any]) -> str:
 
 def rock_lines(statement: dict[str, Any]) -> list[str]:
     """What the rocks say about a single event, and what that rests on."""
-    unit, measure = describe(SCHEMA.field(statement["measure"]))["unit"], short_name(statement["measure"])
+    unit, measure = unit_of(statement["measure"]), short_name(statement["measure"])
     stood = "the rock has stood" if len(statement["rocks"]) == 1 else "the rocks have stood"
     lines = [
         f"{rock['name']}: median {rock['median']:.3g} {unit}, beta {rock['beta']:.2f}"

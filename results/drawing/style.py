@@ -14,6 +14,7 @@ from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 from matplotlib.transforms import Bbox
 
 from toppling.models.folder import new_file
+from toppling.results.hazard.measures import is_spectral, period_s
 from toppling.results.schema import SCHEMA, SHORT_NAMES, describe
 
 FULL_WIDTH_IN = 7.0
@@ -121,12 +122,20 @@ def svg_text(figure: Figure) -> str:
 
 def short_name(measures: str) -> str:
     """Name of a measure of intensity, or of several joined by ' + ', as a figure prints it."""
-    return " + ".join(SHORT_NAMES.get(name, name) for name in measures.split(" + "))
+    return " + ".join(
+        SHORT_NAMES.get(name) or (f"SA({period_s(name):g} s)" if is_spectral(name) else name)
+        for name in measures.split(" + ")
+    )
+
+
+def unit_of(measure: str) -> str:
+    """Unit of a measure of intensity: of a column of the results, or of a spectral acceleration at any period."""
+    return "m/s2" if is_spectral(measure) else describe(SCHEMA.field(measure))["unit"]
 
 
 def printed_unit(measure: str) -> str:
     """Unit of a column of the results, as a figure prints it."""
-    return with_superscripts(describe(SCHEMA.field(measure))["unit"])
+    return with_superscripts(unit_of(measure))
 
 
 def with_superscripts(unit: str) -> str:

@@ -206,6 +206,18 @@ class EventUpdate:
             self.events.prior, self.posterior, self.branches["survival"], self.branches["rejected"]
         )
 
+    def counted(self, measure: str, sites: Sequence[int]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Levels, and each branch's rate of events above them at sites (branches, sites, levels); none felt, none."""
+        branches = self.events.branches
+        felt = np.concatenate([branch.motions[measure][:, sites].ravel() for branch in branches])
+        felt = felt[felt > 0]
+        if not len(felt):
+            return np.empty(0), np.empty((len(branches), len(sites), 0))
+        levels = np.geomspace(np.quantile(felt, 0.02), felt.max() * 0.999, LEVELS)
+        return levels, np.array([
+            [_exceeded(branch.motions[measure][:, site], branch.rate, levels) for site in sites] for branch in branches
+        ])  # fmt: skip
+
     def hazard(self, measure: str, site: int = 0) -> tuple[Statistics, Statistics | None] | None:
         """The hazard at a site before and after, counted from the events; None where no event is felt there.
 
@@ -219,12 +231,13 @@ class EventUpdate:
         found: dict = {}
         for site in dict.fromkeys(rock.site for rock in self.rocks):
             for measure in measures_of(self.rocks[0].fragility):
-                counted = _counted(self.events, measure, site)
+                levels, rates = self.counted(measure, [site])
+                counted = (levels, rates[:, 0]) if len(levels) else None
                 found[measure, site] = (
                     counted,
                     counted
                     and tuple(
-                        None if weights is None else _statistics(*counted, weights)
+                        None if weights is None else statistics(*counted, weights)
                         for weights in (self.events.prior, self.posterior)
                     ),
                 )
@@ -286,22 +299,10 @@ def _ends(values: NDArray[np.float64]) -> NDArray[np.float64]:
     ])  # fmt: skip
 
 
-def _counted(
-    events: EventSet, measure: str, site: int
-) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
-    """Levels at a site, and each branch's rate of events above them (branches, levels); None where none is felt."""
-    values = [branch.motions[measure][:, site] for branch in events.branches]
-    felt = np.concatenate([one[one > 0] for one in values])
-    if not len(felt):
-        return None
-    levels = np.geomspace(np.quantile(felt, 0.02), felt.max() * 0.999, LEVELS)
-    pairs = zip(values, events.branches, strict=True)
-    return levels, np.array([_exceeded(one, branch.rate, levels) for one, branch in pairs])
-
-
-def _statistics(
+def statistics(
     levels: NDArray[np.float64], rates: NDArray[np.float64], weights: NDArray[np.float64]
 ) -> Statistics:
+    """Mean and fractiles of the rates of branches (branches, levels) by their weights."""
     fractiles = {q: weighted_fractile(rates, weights, q) for q in FRACTILES}
     return Statistics(levels, weights @ rates, fractiles)
 

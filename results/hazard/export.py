@@ -3,7 +3,8 @@
 import csv
 import io
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 
@@ -13,12 +14,26 @@ from numpy.typing import NDArray
 from toppling.models.csv_text import plain
 from toppling.models.folder import new_file
 from toppling.results.hazard.curves import probability_of
-from toppling.results.hazard.measures import imt_of
-from toppling.results.hazard.tree import common_levels
+from toppling.results.hazard.event_update import EventUpdate, statistics
+from toppling.results.hazard.measures import UNSCALED, imt_of
+from toppling.results.hazard.surfaces import measures_of
+from toppling.results.hazard.tree import FRACTILES, common_levels
 from toppling.results.hazard.update import Update
 
 YEARS_OF_RATES = 50.0
 """Investigation time of probabilities that rates are written as; the engine states no rates."""
+
+YEARS_OF_EVENTS = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class _Curves:
+    """Rates of one measure: of each branch, their updated mean and fractiles, by kind; a row a site."""
+
+    measure: str
+    levels: NDArray[np.float64]
+    sites: Sequence[tuple[str, tuple[float, float]]]
+    rates: Mapping[str, NDArray[np.float64]]
 
 
 def write_openquake(update: Update, folder: Path, ratio: float = 1.0) -> Iterator[Path]:
@@ -40,35 +55,93 @@ def write_openquake(update: Update, folder: Path, ratio: float = 1.0) -> Iterato
     """
     assert update.posterior is not None
     assert update.after is not None
+    tree = update.tree
+    levels, rates = common_levels(tree.curves)
+    numbers = [number if one.number is None else one.number for number, one in enumerate(tree.branches)]
+    branches = {number: one.path or one.name for number, one in zip(numbers, tree.branches, strict=True)}
+    site = tree.site_name, tree.site or (0.0, 0.0)
+    kinds = _kinds(numbers, rates[:, None], update.after.mean[None], {
+        q: rate[None] for q, rate in update.after.fractiles.items()
+    })  # fmt: skip
+    curves = _Curves(tree.measure, levels / ratio, [site], kinds)
+    yield from _write(folder, branches, update.posterior, [curves], tree.years or YEARS_OF_RATES)
+
+
+def write_event_openquake(update: EventUpdate, folder: Path, ratio: float = 1.0) -> Iterator[Path]:
+    """The same of a set of events: curves counted from them at the rocks' sites, which state their places.
+
+    Probabilities are in `YEARS_OF_EVENTS`, so that their mean over branches is that of the rates.
+
+    Parameters
+    ----------
+    update : EventUpdate
+    folder : Path
+        Made if absent.
+    ratio : float
+        By which the motions were multiplied.
+
+    Yields
+    ------
+    Path
+        Each file, once it is complete.
+    """
+    assert update.posterior is not None
+    numbers = range(len(update.events.branches))
+    places = {site: update.events.sites[site] for site in dict.fromkeys(rock.site for rock in update.rocks)}
+    curves = []
+    for measure in measures_of(update.rocks[0].fragility):
+        levels, rates = update.counted(measure, list(places))
+        after = [statistics(levels, of_site, update.posterior) for of_site in rates.swapaxes(0, 1)]
+        kinds = _kinds(numbers, rates, np.array([one.mean for one in after]), {
+            q: np.array([one.fractiles[q] for one in after]) for q in FRACTILES
+        })  # fmt: skip
+        sites = [(site.name, site.place or (0.0, 0.0)) for site in places.values()]
+        own = levels if measure in UNSCALED else levels / ratio
+        curves.append(_Curves(measure, own, sites, kinds))
+    branches = {number: update.events.branches[number].name for number in numbers}
+    yield from _write(folder, branches, update.posterior, curves, YEARS_OF_EVENTS)
+
+
+def _kinds(
+    numbers: Sequence[int], rates: NDArray[np.float64], mean: NDArray[np.float64],
+    fractiles: Mapping[float, NDArray[np.float64]],
+) -> dict[str, NDArray[np.float64]]:  # fmt: skip
+    """Rates (sites, levels) by OpenQuake's name of their kind."""
+    kinds = {f"rlz-{number:03}": rate for number, rate in zip(numbers, rates, strict=True)}
+    return kinds | {"mean": mean} | {f"quantile-{q:g}": rate for q, rate in fractiles.items()}
+
+
+def _write(
+    folder: Path, branches: Mapping[int, str], weights: NDArray[np.float64], measures: Sequence[_Curves],
+    years: float,
+) -> Iterator[Path]:  # fmt: skip
     folder.mkdir(parents=True, exist_ok=True)
-    tree, (imt, per_si) = update.tree, imt_of(update.tree.measure)
-    years = tree.years or YEARS_OF_RATES
-    mark = zlib.crc32(repr([list(update.posterior), [branch.name for branch in tree.branches]]).encode())
+    mark = zlib.crc32(repr([list(weights), list(branches.values())]).encode())
     common = f"generated_by='toppling {version('toppling')}', checksum={mark}"
     rows = [["rlz_id", "branch_path", "weight"]]
-    numbers = [
-        number if branch.number is None else branch.number for number, branch in enumerate(tree.branches)
-    ]
-    for number, branch, weight in zip(numbers, tree.branches, update.posterior, strict=True):
-        rows.append([str(number), branch.path or branch.name, f"{weight:.7e}"])
+    for (number, path), weight in zip(branches.items(), weights, strict=True):
+        rows.append([str(number), path, f"{weight:.7e}"])
     yield _written(folder / "realizations.csv", common, rows)
-    levels, rates = common_levels(tree.curves)
-    kinds: list[tuple[str, str, NDArray[np.float64]]] = [
-        (f"hazard_curve-rlz-{number:03}-{imt}", f"rlz-{number:03}", rate)
-        for number, rate in zip(numbers, rates, strict=True)
-    ]
-    kinds.append((f"hazard_curve-mean-{imt}", "mean", update.after.mean))
-    kinds += [
-        (f"quantile_curve-{q:g}-{imt}", f"quantile-{q:g}", rate) for q, rate in update.after.fractiles.items()
-    ]
-    head = ["lon", "lat", "depth", *(f"poe-{level:.7f}" for level in levels * per_si / ratio)]
-    site = [f"{degree:.5f}" for degree in tree.site or (0.0, 0.0)]
-    if tree.site_name:
-        head, site = ["custom_site_id", *head], [plain(tree.site_name), *site]
-    for name, kind, rate in kinds:
-        header = f"{common}, kind='{kind}', investigation_time={years}, imt='{imt}'"
-        row = [*site, "0.00000", *(f"{poe:.6E}" for poe in probability_of(rate, years))]
-        yield _written(folder / f"{name}.csv", header, [head, row])
+    for one in measures:
+        imt, per_si = imt_of(one.measure)
+        named = any(name for name, _ in one.sites)
+        head = ["custom_site_id"] * named + [
+            "lon",
+            "lat",
+            "depth",
+            *(f"poe-{x:.7f}" for x in one.levels * per_si),
+        ]
+        for kind, rates in one.rates.items():
+            header = f"{common}, kind='{kind}', investigation_time={years}, imt='{imt}'"
+            lines = [
+                [plain(name)] * named + [f"{degree:.5f}" for degree in place] + ["0.00000"]
+                + [f"{poe:.6E}" for poe in probability_of(rate, years)]
+                for (name, place), rate in zip(one.sites, rates, strict=True)
+            ]  # fmt: skip
+            file = (
+                kind.replace("quantile", "quantile_curve") if "quantile" in kind else f"hazard_curve-{kind}"
+            )
+            yield _written(folder / f"{file}-{imt}.csv", header, [head, *lines])
 
 
 def _written(target: Path, header: str, rows: list[list[str]]) -> Path:

@@ -6,6 +6,9 @@ from toppling.models.motions.measures import OPENQUAKE, STANDARD_G_M_S2
 
 _SA = re.compile(r"SA ?(?:\(?(\d+(?:\.\d+)?) ?S?\)?|(\d+)P(\d+))")
 _SA_COLUMN = re.compile(r"sa_(\d+(?:\.\d+)?)s_m_s2")
+UNSCALED = ("arias_m_s", "cav_m_s")
+"""Measures of both horizontal components: no ratio of components applies to them."""
+
 LONGEST_NAME = 200
 """Characters; a longer text names no column, and is not searched for one."""
 
@@ -22,6 +25,16 @@ def _unit(text: str) -> str:
     """A unit as `_UNITS` spells it: cm/s^2, cm/sec2, cm/s/s, cm/s² and cm_s2 are one."""
     plain = re.sub(r"[\s^*]", "", text.lower()).replace("²", "2").replace("sec", "s").replace("_s", "/s")
     return plain.replace("/s/s", "/s2")
+
+
+def is_spectral(column: str) -> bool:
+    """Whether a column is a spectral acceleration, at any period: sa_3s_m_s2."""
+    return _SA_COLUMN.fullmatch(column) is not None
+
+
+def period_s(column: str) -> float:
+    """Period of a column of spectral acceleration."""
+    return float(column.removeprefix("sa_").removesuffix("s_m_s2"))
 
 
 def sa_column(period_s: float) -> str:

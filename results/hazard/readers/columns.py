@@ -134,13 +134,14 @@ def _says_value(name: str) -> bool:
 def _values(path: Path, name: str, hints: Hints) -> tuple[float, Callable[[float], float]]:
     """Time that a column's probabilities are over, 0 for rates; and what turns a cell into either."""
     plain = _plain(name) if len(name) <= LONGEST_NAME else ""
-    stated, convert = None, float
+    stated: float | None = None
+    convert: Callable[[float], float] = float
     if rate := _RATE.fullmatch(plain):
         stated = 0.0
         if "kyr" in (rate["unit"], rate["each"]):
-            convert = lambda value: value / 1000.0  # noqa: E731
+            convert = _per_year
     elif _RETURN.fullmatch(plain):
-        stated, convert = 0.0, lambda value: 1.0 / value if value > 0 else math.nan
+        stated, convert = 0.0, _rate_of_return
     elif _ANNUAL.fullmatch(plain):
         stated = 1.0
     elif found := _PROBABILITY.fullmatch(name.lower()) if plain else None:
@@ -152,6 +153,14 @@ def _values(path: Path, name: str, hints: Hints) -> tuple[float, Callable[[float
         remedy = "call it annual_rate, or probability_50_years after its time, or give --values"
         refuse(path, f"has the column {name!r}", remedy)
     return years_of_values(path, stated, hints) or 0.0, convert
+
+
+def _per_year(per_kyr: float) -> float:
+    return per_kyr / 1000.0
+
+
+def _rate_of_return(years: float) -> float:
+    return 1.0 / years if years > 0 else math.nan
 
 
 def _is_number(text: str) -> bool:

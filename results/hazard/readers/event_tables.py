@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from toppling.models.errors import InputError, refusals
 from toppling.results.hazard.events import EventBranch, EventSite
-from toppling.results.hazard.measures import measure_with_unit
+from toppling.results.hazard.measures import UNSCALED, measure_with_unit
 from toppling.results.hazard.readers.openquake import header_values
 
 EVENT, SITE, BRANCH = "event_id", "site_id", "rlz_id"
@@ -128,7 +128,7 @@ def measure_factors(
         if measure:
             found[name] = (
                 measure[0],
-                measure[1] * (ratio if measure[0] not in ("arias_m_s", "cav_m_s") else 1.0),
+                measure[1] * (ratio if measure[0] not in UNSCALED else 1.0),
             )
     if not found:
         raise event_error(f"states no measure that is known here: {', '.join(table.header)}", table.path)

@@ -8,6 +8,8 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
+
 from toppling.models.openquake import header_values
 from toppling.results.hazard.curves import curve_of_probabilities
 from toppling.results.hazard.measures import imt_of, measure_of
@@ -136,8 +138,11 @@ def _curves(
     found = []
     for line, row in wanted_rows(path, rows, header, "custom_site_id", hints.site):
         site = (number(path, line, row[header.index("lon")]), number(path, line, row[header.index("lat")]))
+        poes = [number(path, line, row[place]) for place in places]
+        if kind == "fractile":  # by the engine's rule they may rise where branches' curves cross
+            poes = np.minimum.accumulate(poes).tolist()
         curve = curve_of_probabilities(
-            path.stem, measure, levels, [number(path, line, row[place]) for place in places], years, site=site,
+            path.stem, measure, levels, poes, years, site=site,
             site_name=row[header.index("custom_site_id")] if "custom_site_id" in header else "", source=str(path),
         )  # fmt: skip
         found.append(Statement(curve, kind, key, stated.get("checksum", "")))

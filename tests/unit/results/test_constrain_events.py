@@ -258,6 +258,34 @@ def test_two_measures_at_once_are_judged_by_their_joint_rate(tmp_path):
     assert "the same rock" in str(twins.exception)
 
 
+def test_the_events_with_their_new_weights_are_read_back_as_a_tree(rocks, events, tmp_path):
+    out, asked = tmp_path / "out", ["--age", "300", "--ratio", "1.2"]
+    told_by(*rocks, "--hazard", events, *asked, "--site", "aa", "--site", "bb", "--out", out)
+    assert (
+        len((out / "openquake" / "hazard_curve-mean-PGA.csv").read_text().splitlines()) == 4
+    )  # two of them sites
+    told = told_by(rocks[0], "--hazard", events, *asked, "--site", "aa", "--out", out)
+    again = told_by(rocks[0], "--hazard", out / "openquake", *asked)
+    for row, before in zip(again["branches"], told["branches"], strict=True):
+        assert row["prior_weight"] == pytest.approx(before["posterior_weight"], rel=1e-6)
+    rates = [row["rate_posterior_mean"] for row in told["updated"]]
+    found = [row["rate_prior_mean"] for row in again["updated"]]
+    # At .3 a year, the mean of probabilities in a year is not that of rates.
+    assert found == pytest.approx(rates, rel=0.05)
+
+
+def test_a_spectral_acceleration_of_any_period_has_its_hazard(tmp_path):
+    rock = write_curves(tmp_path / "rock.csv", [Lognormal("sa_3s_m_s2", 2.0, 0.3)])
+    curve = tmp_path / "hazard.csv"
+    curve.write_text("SA(3.0),annual_rate\n0.05,1e-2\n0.2,1e-3\n1,1e-5\n")
+    fields = tmp_path / "fields.csv"
+    fields.write_text("event_id,SA(3.0),annual_rate\n0,0.1,1e-3\n1,0.4,1e-4\n")
+    for hazard in (curve, fields):
+        for measure in ([], ["--measure", "sa_3s_m_s2"]):
+            told = told_by(rock, "--hazard", hazard, "--age", "300", *measure)
+            assert told["measure"] == "sa_3s_m_s2"
+
+
 def test_an_unfinished_run_is_told_under_a_set_of_events_too(rocks, events):
     path = write_curves(
         rocks[0].parent / "part.csv", [replace(PGA, basis=Basis("5c3a", 570, 212, 30, 4, 18.5, 4320, 1602))]

@@ -12,7 +12,7 @@ from scipy.stats import lognorm
 from seeded import rows
 
 from toppling.models.errors import InputError
-from toppling.models.motions.measures import COMPARED, OPENQUAKE
+from toppling.models.motions.measures import COMPARED, MEASURES, OPENQUAKE
 from toppling.results.drawing.run_figures import write_fits
 from toppling.results.exchange import (
     moments,
@@ -28,7 +28,10 @@ from toppling.results.resampling import with_interval
 from toppling.results.schema import SCHEMA, describe
 
 CURVES = st.builds(
-    Lognormal, st.sampled_from(sorted(OPENQUAKE)), median=st.floats(1e-3, 1e3), beta=st.floats(0.01, 2.0)
+    Lognormal,
+    st.sampled_from([*sorted(OPENQUAKE), "sa_0.2s_m_s2", "sa_3s_m_s2"]),
+    median=st.floats(1e-3, 1e3),
+    beta=st.floats(0.01, 2.0),
 )
 
 NRML = (
@@ -50,6 +53,12 @@ def test_a_curve_survives_the_round_trip(tmp_path_factory, suffix, curve):
     # NRML goes through moments: a beta of 0.01 is a difference of 1e-4 between two squares, 1e-11 in doubles.
     assert again.median == pytest.approx(curve.median, rel=1e-12)
     assert again.beta == pytest.approx(curve.beta, rel=1e-9)
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".json"])
+def test_curves_over_every_measure_are_read_back(tmp_path, suffix):
+    curves = {name: Lognormal(name, 1.0 + number, 0.3) for number, name in enumerate(MEASURES)}
+    assert read_curves(write_curves(tmp_path / f"curves{suffix}", list(curves.values()))) == curves
 
 
 BOTH = ("pga_m_s2", "pgv_m_s")

@@ -21,7 +21,7 @@ from toppling.orchestrator.interrupt import Whole, kept_from_children
 from toppling.orchestrator.leaving import BACK_WITHIN_S
 from toppling.orchestrator.processor import KERNEL_VARIABLES
 from toppling.orchestrator.safe_path import VARIABLE, safe_for_children, without_working_folder
-from toppling.orchestrator.upkeep import let_grow
+from toppling.orchestrator.upkeep import let_resize
 from toppling.workers.compiled import compile_apart
 
 log = logging.getLogger(__name__)
@@ -82,7 +82,7 @@ def local(workers: int, most: int | None = None) -> Iterator[Client]:
     load_defaults()
     with Whole(_local_session()) as (cluster, client):
         cluster.scale(workers)  # not at once: the cluster would fail with a worker that dies while it starts
-        let_grow(cluster, most or workers)
+        let_resize(cluster, workers, most or workers)
         yield client
 
 
@@ -218,7 +218,7 @@ def queue(kind: str, jobs: int, secrets: Path, most: int | None = None) -> Itera
     """
     with Whole(_queue_session(kind, secrets)) as (cluster, client):
         cluster.scale(jobs=jobs)
-        let_grow(cluster, most or jobs)
+        let_resize(cluster, jobs, most or jobs)
         yield client
 
 

@@ -257,8 +257,10 @@ class Execution:
             raise RunError(NOBODY)
         elif now - self._all_alive > REPLACE_AFTER_S:
             self._upkeep.replace()
+        processing = self.client.processing()
         self._upkeep.grow(self.tally.work_left_s)
-        working = {(worker, str(key)) for worker, keys in self.client.processing().items() for key in keys}
+        self._upkeep.shrink(processing)
+        working = {(worker, str(key)) for worker, keys in processing.items() for key in keys}
         self._since = {place: self._since.get(place, now) for place in working}
         late = {
             place

@@ -1,10 +1,11 @@
-"""A cluster that this program started is kept at its size, and grows where there is work for more."""
+"""A cluster that this program started is kept at its size, or between two sizes as there is work for it."""
 
 import contextlib
 import logging
 import math
 import subprocess
 import time
+from collections.abc import Collection, Mapping
 from typing import Any
 from weakref import WeakKeyDictionary
 
@@ -27,13 +28,16 @@ LIST_TIMEOUT_S = 20.0
 SUBMITTED_IN_VAIN = 3
 """Times in a row that batch jobs end, all of them, before a worker of one has come."""
 
-_MOST: WeakKeyDictionary[SpecCluster, int] = WeakKeyDictionary()
-"""Workers or batch jobs that a cluster which this program started may grow to."""
+IDLE_S = 30.0
+"""After which a worker that has nothing to do is let go: a few times what it takes to start another."""
+
+_SIZES: WeakKeyDictionary[SpecCluster, tuple[int, int]] = WeakKeyDictionary()
+"""Least and most workers, or batch jobs, of a cluster which this program started."""
 
 
-def let_grow(cluster: SpecCluster, most: int) -> None:
-    """Allow a cluster as many workers, or batch jobs."""
-    _MOST[cluster] = most
+def let_resize(cluster: SpecCluster, least: int, most: int) -> None:
+    """Have a cluster between so many workers, or batch jobs."""
+    _SIZES[cluster] = least, most
 
 
 class Upkeep:
@@ -52,6 +56,8 @@ class Upkeep:
         """Batch jobs of which none has been there, and that their queue does not list."""
         self._listed = -math.inf
         self._in_vain = 0
+        self._idle: dict[str | int, float] = {}
+        """Workers, or batch jobs, that have nothing to do, each with the time since when."""
 
     def gone(self) -> list[str | int]:
         """Local workers that have no process at this moment, or batch jobs that have ended with all their workers."""
@@ -129,8 +135,8 @@ class Upkeep:
             Of one process.
         """
         cluster: Any = self._client.cluster
-        most = _MOST.get(cluster) if cluster is not None else None
-        if most is None or len(cluster.worker_spec) >= most:
+        most = _SIZES[cluster][1] if cluster in _SIZES else 0
+        if len(cluster.worker_spec) >= most:
             return
         of_queue = not isinstance(cluster, LocalCluster)
         processes = max((len(spec.get("group", [""])) for spec in cluster.worker_spec.values()), default=1)
@@ -139,3 +145,31 @@ class Upkeep:
         if wanted > len(cluster.worker_spec):
             tell("more workers", there=len(cluster.worker_spec), wanted=wanted)
             cluster.scale(**{"jobs" if of_queue else "n": wanted})
+
+    def shrink(self, processing: Mapping[str, Collection[Any]]) -> None:
+        """Let go of workers, or batch jobs, that have had nothing to do for a while, as far as the least allows.
+
+        Parameters
+        ----------
+        processing : mapping
+            What each worker has in hand, by its address.
+        """
+        cluster: Any = self._client.cluster
+        spare = len(cluster.worker_spec) - _SIZES[cluster][0] if cluster in _SIZES else 0
+        if spare <= 0:
+            return
+        workers = self._client.scheduler_info(n_workers=-1)["workers"]
+        at_rest = {str(told["name"]) for address, told in workers.items() if not processing.get(address)}
+        now = time.monotonic()
+        self._idle = {
+            name: self._idle.get(name, now)
+            for name, spec in cluster.worker_spec.items()
+            if all(f"{name}{suffix}" in at_rest for suffix in spec.get("group", [""]))
+        }
+        rested = [name for name, since in self._idle.items() if now - since > IDLE_S][:spare]
+        if rested:
+            tell("fewer workers", there=len(cluster.worker_spec), let_go=len(rested))
+            self._came.difference_update(map(str, rested))
+            loop = self._client.loop
+            assert loop is not None  # as long as the client is open
+            loop.add_callback(cluster.scale_down, rested)  # which waits until they are gone

@@ -104,20 +104,21 @@ def test_workers_told_to_leave_cost_no_try_and_no_row(
     assert answers_of(tmp_path / "run") == undisturbed
 
 
-def test_a_cluster_grows_to_its_bound_while_there_is_work_and_gives_the_same_rows(
+def test_a_cluster_grows_while_there_is_work_shrinks_when_there_is_less_and_gives_the_same_rows(
     campaign, undisturbed, faults, tmp_path, monkeypatch
 ):
     import dask
 
     dask.config.refresh()
     monkeypatch.setattr(upkeep, "WORTH_A_WORKER_S", 0.5)
-    faults.set(every={"kind": "wait", "seconds": 0.3})
-    most = 0
-
-    def watch(tally):
-        nonlocal most
-        most = max(most, tally.workers)
-
-    run(campaign, tmp_path / "run", cluster.local(1, most=3), watch)
-    assert most == 3
+    monkeypatch.setattr(upkeep, "IDLE_S", 1.0)
+    slow = undisturbed[0]["job_id"]
+    faults.set(**{slow: {"kind": "wait", "seconds": 20.0}}, every={"kind": "wait", "seconds": 0.3})
+    sizes = []
+    shaken = run(
+        campaign, tmp_path / "run", cluster.local(1, most=3), lambda tally: sizes.append(tally.workers)
+    )
+    assert max(sizes) == 3
+    assert sizes[-1] == 1  # which has the slow job
+    assert shaken.deaths == 0
     assert answers_of(tmp_path / "run") == undisturbed

@@ -13,6 +13,7 @@ from typing import Any
 
 from toppling.models.csv_text import plain
 from toppling.models.documents import LARGEST_CSV_BYTES, check_size, csv_rows, is_number, read_toml, shown
+from toppling.models.errors import InputError
 from toppling.models.folder import rock_name
 from toppling.models.motions.ensemble import CATALOG, Ensemble
 from toppling.models.motions.formats.text import text_of
@@ -36,7 +37,10 @@ def _age(given: Any, place: Place) -> str:
     text = f"{given:g}" if is_number(given) else given
     if not isinstance(text, str) or not _AGE.fullmatch(text):  # a file would not go with the table
         raise place.wrong(shown(given))
-    parse_age(text)
+    try:
+        parse_age(text)
+    except InputError as error:  # which does not know the row
+        raise place.wrong(shown(given), error.expected) from None
     return text
 
 
@@ -146,6 +150,12 @@ def _site(row: Mapping[str, Any], where: str, folder: Path) -> Site:
         raise Place(where).wrong("one of longitude and latitude", "both or neither", "add the other")
     if read["ensemble"] and read["seismograms"]:
         raise Place(where).wrong("an ensemble and seismograms", "one of them", "remove one")
+    for name in ("ensemble", "seismograms"):
+        if read[name] and not read[name].exists():
+            remedy = "correct the path, which begins at the table's folder"
+            raise Place(f"{where}: {name}").wrong(
+                f"{read[name]}: there is no such file or folder", "records", remedy
+            )
     read["scene"] = scene_folder(read["scene"])
     read["rock"] = read["rock"] or rock_name(read["scene"])
     return Site(**read | {"site": read["site"] or read["rock"]})

@@ -53,6 +53,21 @@ def test_what_a_table_cannot_mean_is_refused(text, tmp_path):
         read_sites(tmp_path / "rocks.csv")
 
 
+@pytest.mark.parametrize("delimiter", [",", ";", "\t"])
+@pytest.mark.parametrize(
+    ("column", "value"),
+    [("age", "-200"), ("age", "30..10"), ("age", "0"), ("seismograms", "none.v2"), ("ensemble", "nowhere")],
+)
+def test_a_wrong_cell_is_refused_with_its_row_and_column(delimiter, column, value, tmp_path):
+    rows = [["scene", column, "site"], ["rock", "", "A"], ["other", value, "B"]]
+    (tmp_path / "rocks.csv").write_text("\n".join(map(delimiter.join, rows)))
+    with pytest.raises(InputError) as refused:
+        read_sites(tmp_path / "rocks.csv")
+    assert f"rocks.csv, rock 2: {column}: " in str(refused.value)
+    assert value in str(refused.value)
+    assert refused.value.remedy
+
+
 @settings(max_examples=60, deadline=None, derandomize=True)
 @given(st.binary(max_size=60), st.sampled_from([b"", b"scene,longitude,latitude,age\n", b"scene;age\nrock;"]))
 def test_any_bytes_are_read_or_refused(tmp_path_factory, content, head):

@@ -17,6 +17,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
+import pyarrow as pa
 from distributed import Worker, get_worker
 
 import toppling.models.motions
@@ -253,6 +254,7 @@ async def check(order: Order, dask_worker: Worker | None = None) -> str:
     """
     WORKER.set(dask_worker)
     one_blas_thread()
+    pa.set_memory_pool(pa.system_memory_pool())  # Arrow's own keeps 50 MB of what reading records took
     await asyncio.to_thread(assets_of, order)
     return processor()["kernels"]
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.optimize import linprog
+import scipy
 
 from toppling.models.compiled import Array, Flags
 
@@ -46,7 +46,7 @@ def farthest_load(columns: Array, load_m_s2: Array, way_m_s2: Array, size_m: flo
     """
     scaled = columns / np.array([1.0, 1.0, 1.0, size_m, size_m, size_m])[:, None]
     moved = np.concatenate([way_m_s2, np.zeros(3)])
-    solved = linprog(
+    solved = scipy.optimize.linprog(
         np.append(np.zeros(columns.shape[1]), -1.0),
         A_eq=np.column_stack([scaled, moved]),
         b_eq=-np.concatenate([load_m_s2, np.zeros(3)]),

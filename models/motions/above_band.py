@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.ndimage import uniform_filter1d
-from scipy.signal import butter, sosfiltfilt
+import scipy
 
 from toppling.models.arrays import Array
 from toppling.models.errors import InputError
@@ -59,7 +58,7 @@ def with_motion_above(motion: Motion, corner_hz: float, share: float, random: np
     acceleration_m_s2 = fine.acceleration_m_s2
     below = _octave(acceleration_m_s2, 0.5 * corner_hz, fine.time_step_s)
     window = max(round(ENVELOPE_S / fine.time_step_s), 1)
-    power = uniform_filter1d(below**2, window, axis=0)
+    power = scipy.ndimage.uniform_filter1d(below**2, window, axis=0)
     strength = np.sqrt(np.maximum(power, 0.0))  # running sums leave zero by their rounding
     noise = _octave(strength * random.normal(size=strength.shape), corner_hz, fine.time_step_s)
     size = np.sqrt((noise**2).mean(axis=0))
@@ -70,5 +69,7 @@ def with_motion_above(motion: Motion, corner_hz: float, share: float, random: np
 
 def _octave(values: Array, from_hz: float, time_step_s: float) -> Array:
     """What lies between a frequency and its double, without a shift in time."""
-    sections = butter(ORDER, [from_hz, 2.0 * from_hz], "bandpass", fs=1.0 / time_step_s, output="sos")
-    return sosfiltfilt(sections, values, axis=0, padtype="constant")
+    sections = scipy.signal.butter(
+        ORDER, [from_hz, 2.0 * from_hz], "bandpass", fs=1.0 / time_step_s, output="sos"
+    )
+    return scipy.signal.sosfiltfilt(sections, values, axis=0, padtype="constant")

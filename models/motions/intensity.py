@@ -11,8 +11,8 @@ from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
+import scipy  # loads its signal processing where it is used: 38 MB that few workers need
 from numpy.typing import ArrayLike, NDArray
-from scipy.signal import cont2discrete, lfilter
 from scipy.spatial import ConvexHull, QhullError
 
 from toppling.models.frames import azimuth_deg
@@ -68,7 +68,7 @@ def oscillator_response_m_s2(
         As `acceleration`.
     """
     numerator, denominator = _oscillator(time_step_s, period_s, damping)
-    return lfilter(numerator, denominator, np.asarray(acceleration, float), axis=0)
+    return scipy.signal.lfilter(numerator, denominator, np.asarray(acceleration, float), axis=0)
 
 
 @lru_cache(maxsize=256)
@@ -78,7 +78,7 @@ def _oscillator(
     """Coefficients of the recursion from the base's acceleration to the oscillator's pseudo-acceleration."""
     omega = 2 * np.pi / period_s
     continuous = [-(omega**2)], [1.0, 2 * damping * omega, omega**2]
-    numerator, denominator, _ = cont2discrete(continuous, time_step_s, method="foh")
+    numerator, denominator, _ = scipy.signal.cont2discrete(continuous, time_step_s, method="foh")
     return numerator.ravel(), denominator
 
 

@@ -3,9 +3,8 @@
 from fractions import Fraction
 
 import numpy as np
+import scipy  # loads its signal processing where it is used: 38 MB that few workers need
 from numpy.typing import NDArray
-from scipy.signal import butter, resample_poly, sosfiltfilt
-from scipy.signal.windows import tukey
 
 from toppling.models.errors import InputError
 from toppling.models.motions.intensity import displacement_m, velocity_m_s
@@ -69,10 +68,12 @@ def high_pass(motion: Motion, corner_hz: float, order: int = HIGH_PASS_ORDER) ->
 
 def _filtered(motion: Motion, corner_hz: float, order: int) -> tuple[NDArray[np.float64], int]:
     """Filter with zeros before and after; return the samples with them, and how many there are on a side."""
-    sections = butter(order // 2, corner_hz, btype="highpass", fs=1 / motion.time_step_s, output="sos")
+    sections = scipy.signal.butter(
+        order // 2, corner_hz, btype="highpass", fs=1 / motion.time_step_s, output="sos"
+    )
     pad = int(np.ceil(0.75 * order / corner_hz / motion.time_step_s))
     padded = np.pad(motion.acceleration_m_s2, ((pad, pad), (0, 0)))
-    return sosfiltfilt(sections, padded, axis=0, padtype=None), pad
+    return scipy.signal.sosfiltfilt(sections, padded, axis=0, padtype=None), pad
 
 
 def demean(motion: Motion) -> Motion:
@@ -82,7 +83,7 @@ def demean(motion: Motion) -> Motion:
 
 def taper(motion: Motion, share: float = TAPER_SHARE) -> Motion:
     """Cosine taper over a share of the record at each end."""
-    window = tukey(len(motion.acceleration_m_s2), 2 * share)
+    window = scipy.signal.windows.tukey(len(motion.acceleration_m_s2), 2 * share)
     return Motion(motion.acceleration_m_s2 * window[:, None], motion.time_step_s)
 
 
@@ -118,7 +119,7 @@ def resample(motion: Motion, time_step_s: float) -> Motion:
         )
     if ratio == 1:
         return motion
-    values = resample_poly(motion.acceleration_m_s2, ratio.numerator, ratio.denominator, axis=0)
+    values = scipy.signal.resample_poly(motion.acceleration_m_s2, ratio.numerator, ratio.denominator, axis=0)
     return Motion(values, time_step_s)
 
 

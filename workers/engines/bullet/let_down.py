@@ -40,6 +40,7 @@ def let_down(scene: Scene, pool: EnginePool) -> tuple[Array, float]:
     pose = contact.touching(contact.start_pose)
     size_m, g_m_s2 = contact.half_diagonal_m, scene.gravity_m_s2
     still = _swing_out(world[0], contact.points_body_m, size_m, g_m_s2, gravity, step_s, pose)
+    pool.give_back(contact, len(contact.points_body_m))  # the rock is shaken as it is seated, another body
     return pose, still
 
 

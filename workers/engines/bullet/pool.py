@@ -73,12 +73,16 @@ class EnginePool:
 
     def __init__(self) -> None:
         self._worlds: OrderedDict[tuple[int, int], tuple[ContactModel, NDArray[np.void]]] = OrderedDict()
+        self._spare: list[int] = []
+        """Clients of worlds that were given back."""
 
     def world(self, contact: ContactModel, points: int) -> NDArray[np.void]:
         """World (1,) of dtype WORLD that holds the first `points` of a rock's contact points."""
         key = (id(contact), points)  # the model is kept beside its world, so that its identity stays its own
         if key not in self._worlds:
-            if len(self._worlds) < MOST_WORLDS:
+            if self._spare:
+                client = self._spare.pop()
+            elif len(self._worlds) < MOST_WORLDS:
                 client = int(_Bullet.connect())
             else:  # worlds are reset, not removed, since only that frees their memory
                 client = int(self._worlds.popitem(last=False)[1][1]["client"][0])
@@ -86,10 +90,16 @@ class EnginePool:
         self._worlds.move_to_end(key)
         return self._worlds[key][1]
 
+    def give_back(self, contact: ContactModel, points: int) -> None:
+        """Let the next world be made of one that is not needed again."""
+        self._spare.append(int(self._worlds.pop((id(contact), points))[1]["client"][0]))
+
     def forget(self) -> None:
         """Make all worlds anew: one that a rock has left in no finite state holds no rock any more."""
-        while self._worlds:
-            _Bullet.disconnect(int(self._worlds.popitem()[1][1]["client"][0]))
+        for client in (*self._spare, *(int(world["client"][0]) for _, world in self._worlds.values())):
+            _Bullet.disconnect(client)
+        self._spare.clear()
+        self._worlds.clear()
 
 
 def _build(client: int, contact: ContactModel, points: int) -> NDArray[np.void]:

@@ -8,6 +8,7 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
+from toppling.models.compiled import Flags
 from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene
 from toppling.workers.contact.candidates import ContactModel, contact_of
@@ -15,6 +16,9 @@ from toppling.workers.options import NumericalOptions
 from toppling.workers.start import Array, State, start_of
 
 AZIMUTH_STEP_DEG = 10.0
+
+LOOKED_AT = 1024
+"""Samples of the motion at a time."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,14 +95,23 @@ class Problem:
         What tips it is the least constant acceleration of any azimuth that, slowly applied, topples
         (:mod:`models.statics`): of any, since a rock that has turned has its weakest side elsewhere.
         """
-        scene, motion = self.scene, self.motion
-        stronger = motion.acceleration_m_s2 / self.options.termination.weak_share
+        motion = self.motion
+        for end in range(len(motion.acceleration_m_s2), 0, -LOOKED_AT):  # mostly found near the end
+            begin = max(end - LOOKED_AT, 0)
+            strong = np.flatnonzero(~self._is_weak(motion.acceleration_m_s2[begin:end]))
+            if len(strong):
+                return float((begin + strong[-1] + 1) * motion.time_step_s)
+        return 0.0
+
+    def _is_weak(self, acceleration_m_s2: Array) -> Flags:
+        """Of samples (n, 3) of the motion those (n,) that are weak."""
+        scene = self.scene
+        stronger = acceleration_m_s2 / self.options.termination.weak_share
         downward = scene.gravity_m_s2 + stronger[:, 2]
         holds = np.hypot(stronger[:, 0], stronger[:, 1]) < downward * _tipping_ratio(scene)
         force = (np.array([0.0, 0.0, -scene.gravity_m_s2]) - stronger) @ self.contact.scene_from_support
         grips = np.hypot(force[:, 0], force[:, 1]) < -scene.contact.friction_kinetic * force[:, 2]
-        strong = np.flatnonzero(~(holds & grips))
-        return (strong[-1] + 1) * motion.time_step_s if len(strong) else 0.0
+        return np.asarray(holds & grips)
 
 
 @lru_cache(maxsize=8)

@@ -213,12 +213,14 @@ class Scene:
             return quasi_static_toppling_m_s2(self.rock, self.pedestal, self.gravity_m_s2, azimuths_deg)
         return self.grounded.quasi_static_toppling_m_s2([float(each) for each in azimuths_deg])
 
-    @property
-    def _azimuth_step_deg(self) -> float:
-        """Between the azimuths of `scene.json`: statics of rough bases on surfaces take a second each and more."""
-        if self.ground.is_plane:
-            return 5.0
-        return 15.0 if self.unseen is None else 45.0
+    @cached_property
+    def _stated_toppling_m_s2(self) -> list[tuple[float, float]]:
+        """What `scene.json` states: of a base that was drawn over a surface, what the scan found for it."""
+        known = self.report.get("unseen_base", {}).get("nominal_m_s2")
+        if known is not None and not self.ground.is_plane:
+            return list(zip(np.arange(0.0, 360.0, 360.0 / len(known)).tolist(), known, strict=True))
+        # On surfaces an azimuth takes a second and more.
+        return self.quasi_static_toppling_m_s2(np.arange(0.0, 360.0, 5.0 if self.ground.is_plane else 15.0))
 
     @cached_property
     def id(self) -> str:
@@ -289,10 +291,7 @@ class Scene:
             "ground": dataclasses.asdict(self.ground),
             **({} if self.unseen is None else {"bases": {"file": BASES, "draws": len(self.unseen)}}),
             "quasi_static_toppling_m_s2": [
-                {"azimuth_deg": azimuth, "value": value}
-                for azimuth, value in self.quasi_static_toppling_m_s2(
-                    np.arange(0.0, 360.0, self._azimuth_step_deg)
-                )
+                {"azimuth_deg": azimuth, "value": value} for azimuth, value in self._stated_toppling_m_s2
             ],
             "report": report,
         }

@@ -72,7 +72,7 @@ SHAPE: dict[str, Any] = {
     "interface": {
         "slope_deg": between(0.0, 180.0), "downhill_azimuth_deg": AZIMUTH, "point_m": PLACE,
         "normal": [between(-1.0, 1.0), 3], "given_by?": TEXT, "roughness_m?": SPREAD.or_null(),
-        "outline_m?": [PLACE], "edges_m?": [[PLACE]], "carried?": TEXT,
+        "outline_m?": [PLACE], "edges_m?": [[PLACE]], "carried?": TEXT, "beside?": TEXT,
     },
     "contact": {
         "friction_static": between(0.0, 1e6), "friction_kinetic": between(0.0, 1e6), "restitution": between(0.0, 1.0),

@@ -79,6 +79,7 @@ class Settled:
     def sentences(self) -> list[str]:
         """How far the rock settles; where that is far, also what it means and what to do."""
         told = [] if self.scanned.ground.is_plane else [self.scanned.ground.sentence]
+        told += [each for each in [self.scanned.report.get("interface", {}).get("beside")] if each]
         told += [self.settling.sentence] if self.settling.sentence else []
         if self.settling.sentence and "unseen_base" in self.scanned.report:
             told[-1:] = [f"{told[-1]}; {WHY_A_SCANNED_ROCK_SETTLES}"]

@@ -62,10 +62,7 @@ def carried_surface(
     given : Interface, optional
         Plane that describes it; otherwise the one nearest to what is seen beside the rock.
     """
-    away = cKDTree(surfels.points_m[rock]).query(surfels.points_m)[0]
-    beside = ~rock & (surfels.normals[:, 2] > UPWARD) & (away < RING_PER_HEIGHT * height_m)
-    near_ground = cKDTree(surfels.points_m[beside]).query(surfels.points_m[rock])[0] if beside.any() else away
-    rim = surfels.points_m[rock][near_ground < 3.0 * surfels.voxel_m]
+    beside, away, rim = _ring(surfels, rock, height_m)
     if beside.sum() < LEAST_PATCHES or len(rim) < LEAST_PATCHES:
         return None
     points, normals, away = surfels.points_m[beside], surfels.normals[beside], away[beside]
@@ -87,6 +84,34 @@ def carried_surface(
     places = frame.flat(rim)[:, :2]
     sheet = replace(found, lattice_m=lattice, ring_m=places[ConvexHull(places).vertices])
     return Interface(frame.point_m, frame.normal, frame.axes, roughness, sheet)
+
+
+def level_surface(surfels: Surfels, rock: NDArray[np.bool_], height_m: float, plane: Interface) -> Interface:
+    """The interface plane as a surface of its own, for a rock beside which something stands; arguments as above.
+
+    The same plane where too little of the rock's rim was seen to lay a surface below it.
+    """
+    rim = _ring(surfels, rock, height_m)[2]
+    places = plane.flat(rim)[:, :2]
+    try:
+        ring = places[ConvexHull(places).vertices]
+    except (QhullError, ValueError):
+        return plane
+    lattice = _lattice_m(_inside(ring, surfels.voxel_m), height_m)
+    nothing, middle = np.zeros((0, 3)), ring.mean(axis=0)
+    return replace(plane, sheet=Sheet(np.zeros((1, 3)), "plane", nothing, middle, 0.0, 0.0, lattice, ring))
+
+
+def _ring(
+    surfels: Surfels, rock: NDArray[np.bool_], height_m: float
+) -> tuple[NDArray[np.bool_], Array, Array]:
+    """Which patches carry a rock and lie beside it, the distance of each from it, and places (k, 3) of its rim."""
+    away = cKDTree(surfels.points_m[rock]).query(surfels.points_m)[0]
+    beside = ~rock & (surfels.normals[:, 2] > UPWARD) & (away < RING_PER_HEIGHT * height_m)
+    if not beside.any():
+        return beside, away, np.zeros((0, 3))
+    near_ground = cKDTree(surfels.points_m[beside]).query(surfels.points_m[rock])[0]
+    return beside, away, surfels.points_m[rock][near_ground < 3.0 * surfels.voxel_m]
 
 
 def _along_the_crease(frame: Interface, sheet: Sheet) -> tuple[Interface, Sheet]:

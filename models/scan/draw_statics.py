@@ -63,7 +63,7 @@ class DrawStatics:
         ])  # fmt: skip
         rock = dataclasses.replace(self.rock, com_m=com_m, feet_m=self.interface.scene(feet))
         plane = Pedestal(self.interface.point_m, self.interface.normal)
-        if self.interface.sheet is not None:
+        if not self.interface.is_plane:
             return held_on_surface(rock, feet, self.interface, azimuths_deg)
         return np.array(quasi_static_toppling_m_s2(rock, plane, STANDARD_GRAVITY_M_S2, azimuths_deg))[:, 1]
 
@@ -89,7 +89,7 @@ def low_feet(part: HiddenPart, gap: GapDraw, side: Array, height_m: float) -> Ar
 
 def _hull_over(rock: Rock, interface: Interface) -> Array:
     """The rock's vertices (n, 3) that can touch: u, v and the height over the interface."""
-    if interface.sheet is None:
+    if interface.is_plane:
         return interface.flat(rock.hull_vertices_m)
     over = interface.over(rock.vertices_m)
     return over[ConvexHull(over).vertices]

@@ -1,6 +1,6 @@
 """The pedestal's surface around the rock, over the interface plane, and the edges where it ends."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import contourpy
@@ -14,6 +14,7 @@ from scipy.spatial import ConvexHull, cKDTree
 from toppling.models.pedestal import Pedestal
 from toppling.models.relief import height_below
 from toppling.models.rock import Rock
+from toppling.models.scan.beside import Beside, few_triangles, is_ground
 from toppling.models.scan.crevice import grid_laplacian, grid_triangles
 from toppling.models.scan.interface import Interface
 from toppling.models.scan.sheet import lattice
@@ -24,8 +25,8 @@ REACH_HEIGHTS = 0.6
 """How far beyond the rock's outline the pedestal is kept, in rock heights: a rock whose centre of mass
 has left its support by half its height is falling, whatever it meets."""
 CELLS_PER_HEIGHT = 60
-STEEP = 0.5
-"""Cosine to the interface normal below which a surfel belongs to a cliff."""
+LEVEL_PER_HEIGHT = 0.003
+"""What is no farther from the interface is level, where the ground is met as a surface."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,11 +40,35 @@ class Ground:
         Convex outline of the contact on the interface plane, counter-clockwise seen from above.
     edges_m : list of (k, 3) arrays
         Where the pedestal ends, the pedestal on the left side.
+    beside : str or None
+        What of that surface stands beside the rock and is no map of heights, in words.
     """
 
     pedestal: Pedestal
     outline_m: NDArray[np.float64]
     edges_m: list[NDArray[np.float64]]
+    beside: str | None = None
+
+    def with_beside(self, stands: Beside, interface: Interface, height_m: float) -> "Ground":
+        """The same with what stands beside the rock, and as few triangles as the relief around the rock needs."""
+        own = self.pedestal
+        assert own.vertices_m is not None
+        assert own.faces is not None
+        over = interface.over(own.vertices_m)
+        rise = interface.rise(over)
+        over[:, 2] = np.sign(over[:, 2]) * np.maximum(np.abs(over[:, 2]) - LEVEL_PER_HEIGHT * height_m, 0.0)
+        level = (over[:, 2] == 0.0)[own.faces].all(axis=1)
+        relief = few_triangles(over + rise, own.faces[~level], height_m)
+        seat = over + rise, own.faces[level]
+        if interface.is_plane:
+            vertices, faces = few_triangles(*seat, height_m)
+            seat = vertices * [1.0, 1.0, 0.0], faces
+        parts = [seat, relief, (interface.flat(stands.vertices_m), stands.faces)]
+        first = np.cumsum([0, *(len(vertices) for vertices, _ in parts)])
+        vertices = interface.scene(np.vstack([vertices for vertices, _ in parts]))
+        faces = np.vstack([faces + start for (_, faces), start in zip(parts, first, strict=False)])
+        pedestal = replace(own, vertices_m=vertices, faces=faces)
+        return replace(self, pedestal=pedestal, beside=stands.sentence)
 
 
 def pedestal_ground(
@@ -63,8 +88,7 @@ def pedestal_ground(
     else:
         cell, nodes = interface.lattice_m, lattice(interface.sheet, low, high)
     flat = interface.over(surfels.points_m[pedestal])
-    top = surfels.normals[pedestal] @ interface.normal > STEEP
-    top &= np.abs(flat[:, 2]) < 0.25 * height
+    top = is_ground(flat, surfels.normals[pedestal], interface, height)
     top[top] = _among_its_like(flat[top], cell)
     standing = _inside(nodes, outline if interface.sheet is None else interface.sheet.ring_m)
     # Every cell that the outline crosses is there and lies in the plane, so that the whole base rests on it.

@@ -78,6 +78,11 @@ class Interface:
         return normal / np.linalg.norm(normal, axis=1)[:, None]
 
     @property
+    def is_plane(self) -> bool:
+        """Whether the pedestal below the rock is the plane itself."""
+        return self.sheet is None or self.sheet.how == "plane"
+
+    @property
     def lattice_m(self) -> float:
         """Spacing of the nodes on which the surface is known; 0 for a plane."""
         return 0.0 if self.sheet is None else self.sheet.lattice_m

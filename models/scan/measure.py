@@ -104,14 +104,14 @@ def outside_support_m(rock: Rock, interface: Interface, share: float = SUPPORT_P
 
 def stands(rock: Rock, interface: Interface) -> bool:
     """Whether the rock stays up by itself."""
-    if interface.sheet is not None:
+    if not interface.is_plane:
         return outside_support_m(rock, interface, CONTACT_SHARE_OF_HEIGHT) < 0.0
     return bool((toppling(rock, interface, AZIMUTHS_DEG[::3]) > 0.0).all())
 
 
 def toppling(rock: Rock, interface: Interface, azimuths_deg: NDArray[np.float64]) -> NDArray[np.float64]:
     """Quasi-static toppling accelerations (n,) on the interface plane, or the surface carried below the rock, m/s2."""
-    if interface.sheet is not None:
+    if not interface.is_plane:
         return on_surface(rock, interface, azimuths_deg)
     plane = Pedestal(interface.point_m, interface.normal)
     return np.array(quasi_static_toppling_m_s2(rock, plane, STANDARD_GRAVITY_M_S2, azimuths_deg))[:, 1]

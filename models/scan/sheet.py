@@ -24,7 +24,7 @@ class Sheet:
         Facets as h = a + b u + c v; of a curve the one plane from which it bends.
     how : str
         How facets meet: "hollow" (the highest counts), "ridge" (the lowest), "steps" (the one that is named by
-        `sides`) or "curve".
+        `sides`); or "curve"; or "plane", the interface's own, where the surface is needed for what stands beside.
     sides : (k, 3) array
         Of steps: the facet whose value a + b u + c v is the largest is there. Of a curve its bend (uu, uv, vv) as the
         only row: h = ... + (uu u^2 + 2 uv u v + vv v^2) / 2 about `middle_m`.
@@ -85,6 +85,8 @@ class Sheet:
     @property
     def sentence(self) -> str:
         """What it is, in words."""
+        if self.how == "plane":
+            return "the interface plane below the rock"
         slopes = np.rad2deg(np.arctan(np.hypot(*self.planes[:, 1:].T)))
         if self.how == "curve":
             uu, uv, vv = self.sides[0]

@@ -19,12 +19,14 @@ from toppling.models.scan.measure import ObservedRock, bias_floors, toppling
 from toppling.models.scan.surface_bases import bases_on_surface
 from toppling.models.scan.unseen import (
     AZIMUTHS_DEG,
+    FLAT_MARGIN,
     LEVEL,
     ContradictionError,
     DrawnBases,
     draw_bases,
     nominal_draw,
     smooth_fits_inspection,
+    smooth_is_likely,
     unseen_base,
 )
 from toppling.models.unseen import UnseenBase
@@ -81,10 +83,22 @@ def base_unseen(
     if not inspection.says_nothing or (observed.hint is not None and observed.hint.encloses):
         report["without_inspection"] = unaided or _unaided(observed, interface, closed, smooth, std_m)
     if interface.sheet is not None:
-        rock, unseen, number = bases_on_surface(drawn, closed.rock, smooth, interface, observed.height_m)
-        nominal = drawn.toppling_m_s2[number].tolist() if number is not None else None
-        report |= {"nominal_draw": number, "nominal_at_rest": number is not None, "nominal_m_s2": nominal}
-        return rock, unseen, report
+        as_closed = interface.is_plane and _stands_as_closed(
+            drawn, observed, interface, closed.rock, smooth, central, inspection
+        )
+        parts = (drawn, closed.rock, smooth, interface, observed.height_m)
+        rock, unseen, number = bases_on_surface(*parts, as_closed=as_closed)
+        nominal = central if as_closed else None if number is None else drawn.toppling_m_s2[number]
+        return (
+            rock,
+            unseen,
+            report
+            | {
+                "nominal_draw": number,
+                "nominal_at_rest": nominal is not None,
+                "nominal_m_s2": None if nominal is None else nominal.tolist(),
+            },
+        )
     unseen, at_rest = _over_plane(drawn, observed, interface, closed.rock, smooth, central, inspection)
     return closed.rock, unseen, report | {"nominal_draw": unseen.nominal, "nominal_at_rest": at_rest}
 
@@ -107,6 +121,23 @@ def _over_plane(
             agrees = smooth_fits_inspection(rock, smooth, interface, inspection, observed.height_m)
         number, at_rest = nominal_draw(drawn, unseen, rock, interface, central_m_s2, agrees, inspection.pulls)
     return dataclasses.replace(unseen, nominal=number), at_rest
+
+
+def _stands_as_closed(
+    drawn: DrawnBases,
+    observed: ObservedRock,
+    interface: Interface,
+    rock: Rock,
+    smooth: Base,
+    central_m_s2: Array,
+    inspection: Inspection,
+) -> bool:
+    """Whether the smooth closing is the base on which the scene stands, over the plane as a surface."""
+    if not inspection.says_nothing:
+        fitting = smooth_fits_inspection(rock, smooth, interface, inspection, observed.height_m)
+        return fitting and smooth_is_likely(drawn, central_m_s2, 0.0)
+    outlined = observed.hint is not None and observed.hint.encloses
+    return outlined or smooth_is_likely(drawn, central_m_s2, FLAT_MARGIN)
 
 
 def _unaided(

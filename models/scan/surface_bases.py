@@ -32,7 +32,13 @@ ROUNDING = 1e-6
 
 
 def bases_on_surface(
-    drawn: DrawnBases, rock: Rock, base: Base, interface: Interface, height_m: float
+    drawn: DrawnBases,
+    rock: Rock,
+    base: Base,
+    interface: Interface,
+    height_m: float,
+    *,
+    as_closed: bool = False,
 ) -> tuple[Rock, UnseenBase, int | None]:
     """The rock on the draw nearest to the draws' median, all draws for it, and which one that is.
 
@@ -46,18 +52,19 @@ def bases_on_surface(
         With a surface.
     height_m : float
         Of the rock.
+    as_closed : bool
+        The rock stays as it was closed.
 
     Returns
     -------
     Rock, UnseenBase, int or None
-        None where the rock is at rest on none of them; it then stays as it was closed.
+        None where the rock stays as it was closed, or is at rest on none of the draws; it then does so too.
     """
     numbers = _base_vertices(rock, base, interface, height_m)
     places = [_moved(rock.vertices_m[numbers], drawn, gap.gap_m, interface) for gap in drawn.gaps]
-    middle = np.maximum(np.median(drawn.toppling_m_s2, axis=0), 1e-3)
-    apart = np.abs(np.log(np.maximum(drawn.toppling_m_s2, 1e-3) / middle)).mean(axis=1)
     nominal = None
-    for number in np.argsort(apart, kind="stable").tolist():
+    likeliest = np.argsort(drawn.apart(drawn.toppling_m_s2), kind="stable").tolist()
+    for number in [] if as_closed else likeliest:
         vertices = rock.vertices_m.copy()
         vertices[numbers] = interface.scene(places[number])
         standing = Rock.from_triangles(vertices, rock.faces, where="closed rock")

@@ -17,7 +17,8 @@ from toppling.models.frames import shifted_and_turned
 from toppling.models.lengths import size_note
 from toppling.models.rock import Rock, check_size
 from toppling.models.scan.base import near_the_interface
-from toppling.models.scan.carried_surface import carried_surface
+from toppling.models.scan.beside import beside, in_reach
+from toppling.models.scan.carried_surface import carried_surface, level_surface
 from toppling.models.scan.close import ClosedRock
 from toppling.models.scan.crevice import BAND_PER_HEIGHT, check_seen, judge_crevice
 from toppling.models.scan.freedom import Doubt, check_seen_enough, doubts, embedded
@@ -147,16 +148,19 @@ def work_out(
     progress("meshing the pedestal")
     pedestal = label_surfels(parts.surfels, cloud.points_m, label) == PEDESTAL
     ground = pedestal_ground(parts.surfels, pedestal, closed.rock, interface)
+    kept = kept_of(ground, cloud.points_m[_at_most(np.flatnonzero(label == PEDESTAL))], interface)
+    stands = beside(parts.surfels, observed.patches, pedestal, interface, observed.height_m)
+    ground = ground if stands is None else ground.with_beside(stands, interface, observed.height_m)
     report = {
         **_surface_report(closed, interface, hint, ground),
         **({"not_free": {each.kind: each.sentence for each in doubted}} if doubted else {}),
         "segmentation": _segmentation_report(parts, observed, label, interface),
-        "pedestal": kept_of(ground, cloud.points_m[_at_most(np.flatnonzero(label == PEDESTAL))], interface),
+        "pedestal": kept,
         "registration": fitted.report,
         "files": _files(cloud),
     } | ({"uncertainty": spread} if spread else {})
     notes = _notes(cloud, observed.height_m, closed.rock.volume_m3, doubted)
-    kept = WorkedOut(
+    worked_out = WorkedOut(
         observed,
         interface,
         closed,
@@ -167,7 +171,7 @@ def work_out(
         report,
         inspection,
     )
-    return kept, label, notes
+    return worked_out, label, notes
 
 
 def _placed(cloud: Cloud, hint: InterfaceHint | None) -> InterfaceHint | None:
@@ -215,6 +219,7 @@ def _surface_report(
             "given_by": "fit" if hint is None else hint.kind,
             "roughness_m": interface.roughness_m,
             **({} if interface.sheet is None else {"carried": interface.sheet.sentence}),
+            **({} if ground.beside is None else {"beside": ground.beside}),
             "outline_m": ground.outline_m.tolist(),
             "edges_m": [edge.tolist() for edge in ground.edges_m],
         },
@@ -271,7 +276,10 @@ def _classified(
     )
     surfels, surfel_label = parts.surfels, label_surfels(parts.surfels, cloud.points_m, label)
     rock = surfel_label == ROCK
-    top = (surfel_label == PEDESTAL) & (surfels.normals @ interface.normal > UPWARD)
+    pedestal = surfel_label == PEDESTAL
+    if interface.sheet is None and in_reach(surfels, rock, pedestal, interface, height).any():
+        interface = level_surface(surfels, rock, height, interface)
+    top = pedestal & (surfels.normals @ interface.normal > UPWARD)
     top &= np.abs(interface.over(surfels.points_m)[:, 2]) < BAND_PER_HEIGHT * height
     check_seen(int(top.sum()), "pedestal's top", given=hint is not None)
     standing, below = _beside(cloud.points_m, label, interface, height)

@@ -95,6 +95,11 @@ class DrawnBases:
         low, high = median - np.hypot(median - low, other), median + np.hypot(high - median, other)
         return np.maximum(low, 0.0), median, high
 
+    def apart(self, toppling_m_s2: Array) -> Array:
+        """Mean deviation (...) of accelerations (..., azimuths) from the draws' median, as logarithm of their ratio."""
+        middle = np.maximum(np.median(self.toppling_m_s2, axis=0), 1e-3)
+        return np.asarray(np.abs(np.log(np.maximum(toppling_m_s2, 1e-3) / middle)).mean(axis=-1))
+
     def com_interval_m(self) -> Array:
         """Low, median and high of each coordinate of the centre of mass, (3, 3).
 
@@ -156,9 +161,7 @@ def draw_bases(
     found, log_weight, measured = _weighed(candidates, statics, inspection.pulls)
     if not found:
         raise contradiction(part, interface.projected_m(closed.com_m[None])[0], interface)
-    fitting = (
-        [] if interface.sheet is None else _fitting(part, base, closed, interface, com_std_m, random, draws)
-    )
+    fitting = [] if interface.is_plane else _fitting(part, base, closed, interface, com_std_m, random, draws)
     kept = [
         found[number] for number in resampled(log_weight, draws - len(fitting), random, measured)
     ] + fitting
@@ -272,20 +275,15 @@ def nominal_draw(
     topples within their interval; if there is none, the nearest one.
     """
     plane = Pedestal(interface.point_m, interface.normal)
-    middle = np.maximum(np.median(drawn.toppling_m_s2, axis=0), 1e-3)
-
-    def apart(toppling_m_s2: Array) -> Array:
-        return np.abs(np.log(np.maximum(toppling_m_s2, 1e-3) / middle)).mean(axis=-1)
 
     def at_rest(standing: Rock) -> bool:
         return bool(equilibrium_possible(standing, plane, STANDARD_GRAVITY_M_S2, FRICTION, np.zeros(3))[0])
 
     margin = FLAT_MARGIN if smooth_fits is None else 0.0
-    likely = apart(smooth_m_s2) < SMOOTH_IS_LIKELY and within_interval(drawn, smooth_m_s2, margin)
-    if likely and smooth_fits is not False and at_rest(rock):
+    if smooth_is_likely(drawn, smooth_m_s2, margin) and smooth_fits is not False and at_rest(rock):
         return None, True
     second: int | None = None
-    for number in np.argsort(apart(drawn.toppling_m_s2), kind="stable").tolist():
+    for number in np.argsort(drawn.apart(drawn.toppling_m_s2), kind="stable").tolist():
         standing = unseen.on_feet_of(rock, plane, number)
         if not at_rest(standing):
             continue
@@ -295,6 +293,12 @@ def nominal_draw(
             return number, True
         second = number if second is None else second
     return second, second is not None
+
+
+def smooth_is_likely(drawn: DrawnBases, smooth_m_s2: Array, margin: float) -> bool:
+    """Whether a smooth closing's toppling acceleration is one that the draws give too."""
+    near = bool(drawn.apart(smooth_m_s2) < SMOOTH_IS_LIKELY)
+    return near and within_interval(drawn, smooth_m_s2, margin)
 
 
 def within_interval(drawn: DrawnBases, toppling_m_s2: Array, margin: float = 0.0) -> bool:

@@ -1,0 +1,229 @@
+"""What stands beside a rock where it tilts or slides: walls, neighbours, ledges, as a mesh of what it can reach."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import open3d as o3d
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+from scipy.spatial.transform import Rotation
+
+from toppling.models.arrays import Array
+from toppling.models.compiled import Flags, Indices
+from toppling.models.frames import compass_deg
+from toppling.models.scan.interface import Interface
+from toppling.models.scan.surfels import Surfels
+
+CELL_PER_HEIGHT = 0.03
+"""Cells in which the rock's way is noted; what is a cell away from it is reached, as the rock slides a little too."""
+TILTS_DEG = np.arange(0.0, 54.0, 1.5)
+"""Beyond, it has fallen, and what it then meets does not catch it."""
+WAYS = 36
+BASE_PER_HEIGHT = 0.06
+"""What of the rock is lower may be what it tips over."""
+ABOVE_PER_HEIGHT = 0.05
+"""What is lower is the ground's relief."""
+LEAST_PATCHES = 25
+"""Fewer in reach are strays: an area of .05 by .05 of the height."""
+STEEP = 0.5
+"""Cosine to the interface's normal below which a patch is no ground."""
+HIGHEST_GROUND_PER_HEIGHT = 0.25
+FROM_PER_HEIGHT = -0.02
+"""The mesh begins so far from the interface."""
+ALIKE, OFF_VOXELS = 0.8, 0.5
+"""Neighbours of one sheet: cosine between their normals, and how far one lies off the plane of the other."""
+FACES = 0.2
+"""Cosine between a steep patch's normal and the way to the rock from which it faces the rock, or away from it."""
+STRAYS = 0.005
+"""Share of the rock's patches that may hang between it and what is beside, and tell no distance."""
+POISSON_DEPTH = 6
+NEAR_VOXELS = 2.5
+"""Of the reconstructed surface so much about the patches was seen; holes in it are closed."""
+ERROR_PER_HEIGHT = 0.002
+"""Triangles are joined while the surface moves by less: what is flat becomes a few."""
+
+
+@dataclass(frozen=True, eq=False)
+class Beside:
+    """What a tilting rock can reach beside it.
+
+    Parameters
+    ----------
+    vertices_m, faces : (n, 3), (m, 3) arrays
+        Scene frame, counter-clockwise seen from the air.
+    nearest_m, highest_m : float
+        Least distance from what was seen of the rock, and height over the interface.
+    azimuth_deg : float
+        Toward which it is nearest.
+    """
+
+    vertices_m: Array
+    faces: Indices
+    nearest_m: float
+    highest_m: float
+    azimuth_deg: float
+
+    @property
+    def sentence(self) -> str:
+        """What is kept, in words."""
+        return (
+            f"what stands beside the rock, {self.nearest_m:.2g} m from it toward azimuth {self.azimuth_deg:.0f} "
+            f"(compass {float(compass_deg(self.azimuth_deg)):.0f}) and up to {self.highest_m:.2g} m high where the "
+            f"tilting rock can reach it, is part of the ground ({len(self.faces)} triangles)"
+        )
+
+
+def in_reach(surfels: Surfels, rock: Flags, pedestal: Flags, interface: Interface, height_m: float) -> Flags:
+    """Patches (n,) of the pedestal above the ground's relief that the rock meets as it tilts; few are none.
+
+    Parameters
+    ----------
+    surfels : Surfels
+    rock, pedestal : (n,) bool arrays
+        Which are theirs.
+    interface : Interface
+    height_m : float
+        Of the rock.
+    """
+    cell = CELL_PER_HEIGHT * height_m
+    own = interface.over(surfels.points_m[rock])
+    own = own[np.unique(np.floor(own / (0.7 * cell)), axis=0, return_index=True)[1]]
+    other = interface.over(surfels.points_m)
+    high = pedestal & (other[:, 2] > ABOVE_PER_HEIGHT * height_m)
+    foot = own[own[:, 2] < BASE_PER_HEIGHT * height_m]
+    found = np.zeros(len(rock), bool)
+    if not high.any() or len(foot) < 3:
+        return found
+    first = np.floor(other[high].min(axis=0) / cell).astype(int) - 2
+    shape = np.floor(other[high].max(axis=0) / cell).astype(int) - first + 3
+    swept = np.zeros(shape, bool)
+    for way in 2.0 * np.pi * np.arange(WAYS) / WAYS:
+        outward = np.array([np.cos(way), np.sin(way), 0.0])
+        pivot = foot[np.argmax(foot @ outward)] * [1.0, 1.0, 0.0]
+        for tilt in np.deg2rad(TILTS_DEG):
+            turn = Rotation.from_rotvec(tilt * np.array([-outward[1], outward[0], 0.0]))
+            place = np.floor((turn.apply(own - pivot) + pivot) / cell).astype(int) - first
+            swept[tuple(place[((place > 0) & (place < shape - 1)).all(axis=1)].T)] = True
+    # A cell around each.
+    near = np.argwhere(swept)
+    for step in np.ndindex(3, 3, 3):
+        swept[tuple((near + np.array(step) - 1).T)] = True
+    place = np.floor(other[high] / cell).astype(int) - first
+    found[high] = swept[tuple(place.T)]
+    return found if found.sum() >= LEAST_PATCHES else np.zeros(len(rock), bool)
+
+
+def is_ground(flat: Array, normals: Array, interface: Interface, height_m: float) -> Flags:
+    """Which patches (n,) of the pedestal, at u, v and a height over it, a map of heights shows."""
+    level = normals @ interface.normal > STEEP
+    return level & (np.abs(flat[:, 2]) < HIGHEST_GROUND_PER_HEIGHT * height_m)
+
+
+def beside(
+    surfels: Surfels, rock: Flags, pedestal: Flags, interface: Interface, height_m: float
+) -> Beside | None:
+    """Mesh of what the rock can reach beside it, as far as no map of heights shows it; None if that is nothing.
+
+    Parameters
+    ----------
+    surfels, rock, pedestal, interface, height_m
+        As for :func:`in_reach`.
+    """
+    reached = in_reach(surfels, rock, pedestal, interface, height_m)
+    if not reached.any():
+        return None
+    flat = interface.over(surfels.points_m)
+    away = cKDTree(surfels.points_m[reached]).query(surfels.points_m)[0]
+    shown = pedestal & (away < 2.0 * CELL_PER_HEIGHT * height_m) & (flat[:, 2] > 0.0)
+    shown &= ~is_ground(flat, surfels.normals, interface, height_m)
+    shown[shown] = _in_sheets(surfels.points_m[shown], surfels.normals[shown], surfels.voxel_m)
+    if (shown & reached).sum() < LEAST_PATCHES:
+        return None
+    axis = surfels.points_m[rock].mean(axis=0)
+    normals = _toward(axis, surfels.points_m[shown], surfels.normals[shown], interface.normal)
+    vertices, faces = _surface(surfels.points_m[shown], normals, interface, surfels.voxel_m, height_m)
+    nearest, distance = _nearest(vertices, faces, surfels.points_m[rock])
+    azimuth = np.rad2deg(np.arctan2(*(nearest - axis)[1::-1])) % 360.0
+    return Beside(vertices, faces, distance, float(interface.over(vertices)[:, 2].max()), float(azimuth))
+
+
+def _nearest(vertices_m: Array, faces: Indices, points_m: Array) -> tuple[Array, float]:
+    """Place of a mesh that is nearest to points, and its distance."""
+    scene = o3d.t.geometry.RaycastingScene(nthreads=1)
+    scene.add_triangles(
+        o3d.core.Tensor.from_numpy(vertices_m.astype(np.float32)),
+        o3d.core.Tensor.from_numpy(faces.astype(np.uint32)),
+    )
+    found = scene.compute_closest_points(o3d.core.Tensor.from_numpy(points_m.astype(np.float32)), nthreads=1)
+    places = found["points"].numpy().astype(float)
+    distance = np.linalg.norm(places - points_m, axis=1)
+    order = np.argsort(distance)[int(STRAYS * len(distance))]
+    return places[order], float(distance[order])
+
+
+def _in_sheets(points_m: Array, normals: Array, voxel_m: float) -> Flags:
+    """Which patches go on in one sheet with many others; those of mixed pixels hang between surfaces."""
+    pairs = cKDTree(points_m).query_pairs(2.0 * voxel_m, output_type="ndarray")
+    along = points_m[pairs[:, 1]] - points_m[pairs[:, 0]]
+    off = np.abs(np.einsum("ij,kij->ki", along, normals[pairs.T])).max(axis=0)
+    alike = np.abs(np.einsum("ij,ij->i", *normals[pairs.T])) > ALIKE
+    pairs = pairs[alike & (off < OFF_VOXELS * voxel_m)]
+    graph = coo_matrix((np.ones(len(pairs)), pairs.T), shape=(len(points_m),) * 2)
+    part = connected_components(graph, directed=False)[1]
+    return np.asarray(np.bincount(part)[part] >= LEAST_PATCHES)
+
+
+def _toward(axis_m: Array, points_m: Array, normals: Array, up: Array) -> Array:
+    """Normals of steep patches turned toward the rock, from whose side it meets them: it hides their sky."""
+    way = axis_m - points_m
+    way -= (way @ up)[:, None] * up
+    away = np.einsum("ij,ij->i", normals, way) < -FACES * np.linalg.norm(way, axis=1)
+    turned = away & (np.abs(normals @ up) < STEEP)
+    return np.where(turned[:, None], -normals, normals)
+
+
+def _surface(
+    points_m: Array, normals: Array, interface: Interface, voxel_m: float, height_m: float
+) -> tuple[Array, Indices]:
+    """Triangles through patches, holes in what was seen closed, in as few as the error allows."""
+    cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points_m))
+    cloud.normals = o3d.utility.Vector3dVector(normals)
+    with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
+        mesh, _ = o3d.geometry.TriangleMesh.create_from_point_cloud_poisson(
+            cloud, depth=POISSON_DEPTH, n_threads=1
+        )
+    vertices, faces = np.asarray(mesh.vertices), np.asarray(mesh.triangles).astype(np.int64)
+    middle = vertices[faces].mean(axis=1)
+    over = interface.over(middle)[:, 2] > FROM_PER_HEIGHT * height_m
+    seen = cKDTree(points_m).query(middle)[0] < NEAR_VOXELS * voxel_m
+    margin = NEAR_VOXELS * voxel_m
+    low, high = points_m.min(axis=0) - margin, points_m.max(axis=0) + margin
+    ends = ((vertices > high) | (vertices < np.append(low[:2], -np.inf))).any(axis=1)
+    kept = over & (seen | _holes(faces, over & ~seen, ends))
+    return few_triangles(vertices, faces[kept], height_m)
+
+
+def few_triangles(vertices_m: Array, faces: Indices, height_m: float) -> tuple[Array, Indices]:
+    """A mesh with its triangles joined while its surface moves by less than the error that is allowed."""
+    used, numbers = np.unique(faces, return_inverse=True)
+    mesh = o3d.geometry.TriangleMesh(
+        o3d.utility.Vector3dVector(vertices_m[used]),
+        o3d.utility.Vector3iVector(numbers.reshape(-1, 3).astype(np.int32)),
+    )
+    mesh = mesh.simplify_quadric_decimation(1, (ERROR_PER_HEIGHT * height_m) ** 2, 1.0)
+    return np.asarray(mesh.vertices), np.asarray(mesh.triangles).astype(np.int64)
+
+
+def _holes(faces: Indices, unseen: Flags, ends: Flags) -> Flags:
+    """Unseen faces in parts that do not go on to where the reconstruction ends."""
+    numbers = np.flatnonzero(unseen)
+    rows = np.repeat(np.arange(len(numbers)), 3)
+    used = coo_matrix((np.ones(len(rows)), (rows, faces[numbers].ravel())), (len(numbers), len(ends)))
+    part = connected_components(used @ used.T, directed=False)[1]
+    open_parts = np.unique(part[ends[faces[numbers]].any(axis=1)])
+    found = np.zeros(len(faces), bool)
+    found[numbers[~np.isin(part, open_parts)]] = True
+    return found

@@ -1,0 +1,142 @@
+"""Walls and neighbours beside a scanned rock: what the tilting rock can reach is part of its scene's ground."""
+
+import math
+
+import numpy as np
+import pytest
+
+from toppling import Motion, shake
+from toppling.models.pedestal import Pedestal
+from toppling.models.rock import Rock
+from toppling.models.scan import virtual, virtual_shapes
+from toppling.models.scan.beside import CELL_PER_HEIGHT, TILTS_DEG, beside, in_reach
+from toppling.models.scan.interface import Interface
+from toppling.models.scan.segment import PEDESTAL
+from toppling.models.scan.surfels import Surfels
+from toppling.models.scan.survey import save_survey, survey
+from toppling.models.scene import Scene
+from toppling.models.shapes import box
+
+HALF_WIDTH_M, HEIGHT_M, VOXEL_M = 0.2, 1.2, 0.012
+WALL_M = 1.0
+LEVEL = Interface(np.zeros(3), np.array([0.0, 0.0, 1.0]), np.eye(3), 0.0)
+
+
+def face(u, v, origin, normal):
+    """Patches of a rectangle, so many metres along two axes from a corner."""
+    a, b = np.meshgrid(np.arange(0.0, np.linalg.norm(u), VOXEL_M), np.arange(0.0, np.linalg.norm(v), VOXEL_M))
+    ways = [np.asarray(way) / np.linalg.norm(way) for way in (u, v)]
+    points = np.asarray(origin) + a.reshape(-1, 1) * ways[0] + b.reshape(-1, 1) * ways[1]
+    return points, np.tile(np.asarray(normal, float), (len(points), 1))
+
+
+def patches(gap_m, *, hidden_from_m=None):
+    """A block on level ground beside a wall at x = half width + gap, and which patches are the block's."""
+    w, h = HALF_WIDTH_M, HEIGHT_M
+    block = [
+        face([2 * w, 0, 0], [0, 0, h], [-w, -w, 0], [0, -1, 0]), face([2 * w, 0, 0], [0, 0, h], [-w, w, 0], [0, 1, 0]),
+        face([0, 2 * w, 0], [0, 0, h], [-w, -w, 0], [-1, 0, 0]), face([0, 2 * w, 0], [0, 0, h], [w, -w, 0], [1, 0, 0]),
+        face([2 * w, 0, 0], [0, 2 * w, 0], [-w, -w, h], [0, 0, 1]),
+    ]  # fmt: skip
+    wall = face([0, 2.4, 0], [0, 0, WALL_M], [w + gap_m, -1.2, 0], [-1, 0, 0])
+    top = face([0.4, 0, 0], [0, 2.4, 0], [w + gap_m, -1.2, WALL_M], [0, 0, 1])
+    if hidden_from_m is not None:
+        shown = (np.abs(wall[0][:, 1]) > HALF_WIDTH_M) | (wall[0][:, 2] > hidden_from_m)
+        wall = wall[0][shown], wall[1][shown]
+    ground = face([1.2, 0, 0], [0, 2.4, 0], [-1.5, -1.2, 0], [0, 0, 1])
+    parts = [*block, wall, top, ground]
+    points, normals = (np.vstack([part[k] for part in parts]) for k in (0, 1))
+    noise = np.random.default_rng(5).normal(scale=0.0005, size=points.shape)
+    rock = np.arange(len(points)) < sum(len(part[0]) for part in block)
+    return Surfels(points + noise, normals, np.zeros(len(points)), VOXEL_M), rock
+
+
+@pytest.mark.parametrize("gap_m", [0.25, 0.4])
+def test_a_wall_is_reached_from_where_the_fallen_block_meets_it_up_to_its_crest(gap_m):
+    """The block's side, tilted by t about its foot, is at the wall gap / tan(t) above the ground."""
+    surfels, rock = patches(gap_m)
+    reached = in_reach(surfels, rock, ~rock, LEVEL, HEIGHT_M)
+    height = surfels.points_m[reached & (np.abs(surfels.points_m[:, 0] - HALF_WIDTH_M - gap_m) < 0.01), 2]
+    cell = CELL_PER_HEIGHT * HEIGHT_M
+    assert height.max() > WALL_M - 2.0 * VOXEL_M
+    lowest = gap_m / math.tan(math.radians(TILTS_DEG[-1]))
+    assert lowest - 3.0 * cell < height.min() < lowest + cell
+    assert not reached[rock].any()
+
+
+def test_a_wall_farther_than_the_rock_reaches_is_not_kept():
+    surfels, rock = patches(1.3)
+    assert not in_reach(surfels, rock, ~rock, LEVEL, HEIGHT_M).any()
+    assert beside(surfels, rock, ~rock, LEVEL, HEIGHT_M) is None
+
+
+def front(found, at_m):
+    """Area (m,) of the triangles across x, negative where they face away from the block, and how far they lie off."""
+    corners = found.vertices_m[found.faces]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    across = np.abs(normals[:, 0]) > 0.9 * np.linalg.norm(normals, axis=1)
+    return -0.5 * normals[across, 0], np.abs(corners[across][:, :, 0] - at_m).max(axis=1)
+
+
+@pytest.mark.parametrize("turned_in", [False, True])
+def test_a_wall_becomes_few_triangles_where_it_stands_that_face_the_rock(turned_in):
+    """Which side of a wall is air is not told by the sky that a patch sees where the rock hides it."""
+    surfels, rock = patches(0.1)
+    if turned_in:
+        inward = np.where((surfels.normals[:, 0] < -0.5) & ~rock, -1.0, 1.0)
+        surfels = Surfels(
+            surfels.points_m, inward[:, None] * surfels.normals, surfels.roughness, surfels.voxel_m
+        )
+    found = beside(surfels, rock, ~rock, LEVEL, HEIGHT_M)
+    area, off_m = front(found, HALF_WIDTH_M + 0.1)
+    assert area[area < 0.0].sum() > -1e-3
+    # The error that is allowed, in most of its area: at its crest it is round.
+    assert area[off_m < 0.005 * HEIGHT_M].sum() > 0.8 * area.sum()
+    assert len(found.faces) < 200
+    assert found.nearest_m == pytest.approx(0.1, abs=0.006)
+    assert found.highest_m == pytest.approx(WALL_M, abs=0.02)
+
+
+def test_what_the_rock_hides_of_a_wall_is_closed():
+    surfels, rock = patches(0.1, hidden_from_m=0.7)
+    area, off_m = front(beside(surfels, rock, ~rock, LEVEL, HEIGHT_M), HALF_WIDTH_M + 0.1)
+    surfels, rock = patches(0.1)
+    whole, _ = front(beside(surfels, rock, ~rock, LEVEL, HEIGHT_M), HALF_WIDTH_M + 0.1)
+    assert area.sum() == pytest.approx(whole.sum(), rel=0.03)
+    assert off_m.max() < 0.05 * HEIGHT_M
+
+
+def beside_a_wall(gap_m):
+    """A block beside a rock face, and the same as a scene of the true meshes."""
+    rock = box(HALF_WIDTH_M, HALF_WIDTH_M, HEIGHT_M / 2).moved(np.eye(3), (0.0, 0.0, HEIGHT_M / 2))
+    ground = virtual_shapes.ground(4.0, 1.0, 3, bumps_m=0.05)
+    thick = box(2.0, 4.0, WALL_M / 2 + 0.1)
+    wall = thick.moved(np.eye(3), (HALF_WIDTH_M + gap_m + 2.0, 0.0, WALL_M / 2 - 0.1))
+    truth = virtual.Truth(
+        Rock.from_triangles(rock.vertices_m, rock.faces),
+        Pedestal(np.zeros(3), np.array([0.0, 0.0, 1.0]), *ground),
+        (virtual.Body(wall.vertices_m, wall.faces, PEDESTAL),),
+    )
+    surface = np.vstack([ground[0], wall.vertices_m]), np.vstack([ground[1], wall.faces + len(ground[0])])
+    return truth, Scene.from_mesh((rock.vertices_m, rock.faces), pedestal=surface, friction=0.8)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("gap_m", "outcome"), [(0.25, "stands"), (0.4, "lodged")])
+def test_a_scanned_rock_meets_the_wall_beside_it_as_the_true_one_does(gap_m, outcome, tmp_path):
+    """A push topples it without the wall, which it meets at asin(gap / height of the wall) and more."""
+    truth, true = beside_a_wall(gap_m)
+    stations = virtual.scan_around(truth, 1, resolution_per_height=0.009, clutter=False)
+    result = survey(virtual.cloud_of(stations, virtual.DEMO_ORIGIN_M)[0], near_m=virtual.DEMO_ORIGIN_M[:2])
+    scanned = Scene.load(save_survey(result, tmp_path / "rock"))
+    assert scanned.id == result.scene.id
+    assert not scanned.ground.is_plane
+    assert len(scanned.pedestal.faces) < 500
+    push = np.zeros((6300, 3))
+    push[1:301, 0] = -8.0
+    for scene in (scanned, true):
+        shaken = shake(scene, Motion(push, 0.001), "fast")
+        assert shaken.toppled == (outcome == "lodged")
+        assert (shaken.outcome == "lodged") == (outcome == "lodged")
+        met = math.degrees(math.atan(gap_m / WALL_M))
+        assert shaken.max_tilt_deg == pytest.approx(met, abs=1.0)

@@ -82,25 +82,46 @@ def base_unseen(
     report |= intervals(drawn, interface)
     if not inspection.says_nothing or (observed.hint is not None and observed.hint.encloses):
         report["without_inspection"] = unaided or _unaided(observed, interface, closed, smooth, std_m)
+    parts = (drawn, observed, interface, closed.rock, smooth, central, inspection)
     if interface.sheet is not None:
-        as_closed = interface.is_plane and _stands_as_closed(
-            drawn, observed, interface, closed.rock, smooth, central, inspection
-        )
-        parts = (drawn, closed.rock, smooth, interface, observed.height_m)
-        rock, unseen, number = bases_on_surface(*parts, as_closed=as_closed)
-        nominal = central if as_closed else None if number is None else drawn.toppling_m_s2[number]
-        return (
-            rock,
-            unseen,
-            report
-            | {
-                "nominal_draw": number,
-                "nominal_at_rest": nominal is not None,
-                "nominal_m_s2": None if nominal is None else nominal.tolist(),
-            },
-        )
-    unseen, at_rest = _over_plane(drawn, observed, interface, closed.rock, smooth, central, inspection)
+        rock, unseen, nominal = _over_surface(*parts)
+        return rock, unseen, report | nominal
+    unseen, at_rest = _over_plane(*parts)
     return closed.rock, unseen, report | {"nominal_draw": unseen.nominal, "nominal_at_rest": at_rest}
+
+
+def _over_surface(
+    drawn: DrawnBases,
+    observed: ObservedRock,
+    interface: Interface,
+    rock: Rock,
+    smooth: Base,
+    central_m_s2: Array,
+    inspection: Inspection,
+) -> tuple[Rock, UnseenBase, dict[str, Any]]:
+    """The rock on the base on which the scene stands, the bases over the surface, and what the report says of them.
+
+    Over the plane as a surface it may stand as it was closed.
+    """
+    says_nothing = inspection.says_nothing
+    as_closed = interface.is_plane and (
+        (observed.hint is not None and observed.hint.encloses and says_nothing)
+        or smooth_is_likely(drawn, central_m_s2, FLAT_MARGIN if says_nothing else 0.0)
+    )
+    if as_closed and not says_nothing:
+        as_closed = smooth_fits_inspection(rock, smooth, interface, inspection, observed.height_m)
+    parts = (drawn, rock, smooth, interface, observed.height_m)
+    rock, unseen, number = bases_on_surface(*parts, as_closed=as_closed)
+    nominal = central_m_s2 if as_closed else None if number is None else drawn.toppling_m_s2[number]
+    return (
+        rock,
+        unseen,
+        {
+            "nominal_draw": number,
+            "nominal_at_rest": nominal is not None,
+            "nominal_m_s2": None if nominal is None else nominal.tolist(),
+        },
+    )
 
 
 def _over_plane(
@@ -121,23 +142,6 @@ def _over_plane(
             agrees = smooth_fits_inspection(rock, smooth, interface, inspection, observed.height_m)
         number, at_rest = nominal_draw(drawn, unseen, rock, interface, central_m_s2, agrees, inspection.pulls)
     return dataclasses.replace(unseen, nominal=number), at_rest
-
-
-def _stands_as_closed(
-    drawn: DrawnBases,
-    observed: ObservedRock,
-    interface: Interface,
-    rock: Rock,
-    smooth: Base,
-    central_m_s2: Array,
-    inspection: Inspection,
-) -> bool:
-    """Whether the smooth closing is the base on which the scene stands, over the plane as a surface."""
-    if not inspection.says_nothing:
-        fitting = smooth_fits_inspection(rock, smooth, interface, inspection, observed.height_m)
-        return fitting and smooth_is_likely(drawn, central_m_s2, 0.0)
-    outlined = observed.hint is not None and observed.hint.encloses
-    return outlined or smooth_is_likely(drawn, central_m_s2, FLAT_MARGIN)
 
 
 def _unaided(

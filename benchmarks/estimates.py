@@ -54,7 +54,7 @@ def main() -> None:
         planned = plan(campaign, rock, motions)
         expected = estimate(planned, rock, motions)
         with tempfile.TemporaryDirectory() as folder:
-            tally = run(campaign, Path(folder) / "run", local(workers), silent)
+            tally = run(planned, Path(folder) / "run", local(workers), silent)
         if expected is not None:
             rows.append({
                 "campaign": name, "jobs": len(planned), "expected_work_s": expected.work_s, "work_s": tally.work_s,

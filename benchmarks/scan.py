@@ -43,7 +43,7 @@ from toppling.models.scan.read import Cloud, read_clouds
 from toppling.models.scan.survey import survey
 from toppling.models.scene import Scene
 from toppling.models.statics import quasi_static_toppling_m_s2
-from toppling.orchestrator.stands import settling
+from toppling.orchestrator.settling_told import Settled
 from toppling.orchestrator.studies.accuracy import Job, Setting, answers, draw_jobs
 from toppling.workers.options import PRESETS
 
@@ -197,7 +197,7 @@ def base_coverage(found: Scene, true: Scene) -> dict[str, float]:
         "nominal off by, %": 100 * float(np.median(np.abs(nominal / right - 1))),
         "smooth closing off by, %": 100
         * float(np.median(np.abs(np.array(said["smooth_closing_m_s2"]) / right - 1))),
-        "settles, °": settling(found).tilt_deg,
+        "settles, °": Settled.of(found).settling.tilt_deg,
     }
 
 

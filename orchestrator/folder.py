@@ -11,7 +11,6 @@ import tomllib
 from collections.abc import Iterable, Iterator
 from datetime import UTC, datetime
 from pathlib import Path
-from types import MappingProxyType
 from typing import IO, Any
 
 from toppling.models import digest
@@ -26,7 +25,6 @@ from toppling.orchestrator.plan import Plan
 from toppling.orchestrator.recorded import FOLDER, ensembles_in
 from toppling.orchestrator.rocks_of_run import rows_without_stand, scene_or_sites, scenes_told, site_in_run
 from toppling.orchestrator.sites import sites_text
-from toppling.orchestrator.stands import Settled
 from toppling.results.belonging import (
     ENSEMBLE_FILES,
     NEEDED,
@@ -56,7 +54,7 @@ LOCK_PATIENCE_S = 1.0
 """A writer has the lock for the whole of its session; who has it for less than this only looks."""
 
 
-def prepare(run: Path, plan: Plan, versions: dict[str, str], settled: Settled = MappingProxyType({})) -> None:
+def prepare(run: Path, plan: Plan, versions: dict[str, str]) -> None:
     """Make the folder of a run, or make sure that an existing one is of this plan.
 
     Jobs of rocks that do not stand have their rows from the beginning.
@@ -69,6 +67,8 @@ def prepare(run: Path, plan: Plan, versions: dict[str, str], settled: Settled = 
     if run.exists() or run.is_symlink():
         _check(run, plan, versions)
         return
+    sites, told = sites_text(map(site_in_run, plan.scenes)) if plan.campaign.sites else "", scenes_told(plan)
+    without_stand = list(rows_without_stand(plan))
     with new_folder(run) as staging:
         (staging / PARTS_FOLDER).mkdir()
         for one in plan.scenes:
@@ -82,11 +82,11 @@ def prepare(run: Path, plan: Plan, versions: dict[str, str], settled: Settled = 
         hazard = _copy_hazard(plan, staging)
         written = plan.campaign.to_toml(scene_or_sites(plan), "ensemble", stood, hazard)
         digest.write_text(staging / "campaign.toml", written)
-        if plan.campaign.sites:
-            digest.write_text(staging / SITES_FILE, sites_text(map(site_in_run, plan.scenes)))
+        if sites:
+            digest.write_text(staging / SITES_FILE, sites)
         write_table(plan.jobs, staging / "jobs.parquet")
-        if rows := list(rows_without_stand(plan, settled)):
-            write_part(staging, rows)
+        if without_stand:
+            write_part(staging, without_stand)
         described = {
             "schema_version": SCHEMA_VERSION,
             "plan_id": plan.id,
@@ -97,7 +97,7 @@ def prepare(run: Path, plan: Plan, versions: dict[str, str], settled: Settled = 
             "files": digests_of(staging),
             "versions": versions,
             "engine": ENGINES[plan.campaign.engine].citation,
-            **scenes_told(plan, settled),
+            **told,
             "created_at": now(),
             "sessions": [],
         }

@@ -1,7 +1,7 @@
 """From a campaign to its jobs: one table, which holds a million; specifications only as they are needed."""
 
 import dataclasses
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
@@ -16,6 +16,7 @@ from toppling.models.errors import InputError
 from toppling.models.motions.above_band import HIGHEST_CORNER
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
+from toppling.models.settling import Settling
 from toppling.models.spelling import did_you_mean
 from toppling.orchestrator.campaign import MOST_JOBS, Campaign, hash_of
 from toppling.orchestrator.order import balanced_order, taking_turns
@@ -36,6 +37,10 @@ COLUMNS = pa.schema(
 
 EQUAL_SHARE_S = 40.0
 """A job is expected to cost as its record's duration and so much more: many shakes end before a long coda does."""
+
+
+Settled = Mapping[tuple[str, float, float], Settling | InputError]
+"""How far a rock settles, or why it does not stand, by the scene's id and both frictions."""
 
 
 def expected_s(motion_s: float, jobs: int) -> float:
@@ -100,6 +105,8 @@ class Plan:
         What the rock is known to have stood.
     left_out : tuple of (str, str)
         Rocks of an atlas that cannot be read, each with the reason.
+    settled : mapping
+        How its rocks settle; empty where nobody has looked (`orchestrator.stands`).
     """
 
     campaign: Campaign
@@ -107,6 +114,7 @@ class Plan:
     jobs: pa.Table
     recorded: Recorded | None = None
     left_out: tuple[tuple[str, str], ...] = ()
+    settled: Settled = dataclasses.field(default_factory=dict)
 
     @property
     def scene_id(self) -> str:

@@ -7,9 +7,8 @@ from typing import Any
 
 from toppling.models.errors import InputError
 from toppling.models.settling import Settling
-from toppling.orchestrator.plan import Plan, PlannedScene
+from toppling.orchestrator.plan import Plan, PlannedScene, Settled
 from toppling.orchestrator.sites import Site
-from toppling.orchestrator.stands import Settled
 from toppling.orchestrator.task import lost_row
 from toppling.results.belonging import SITES_FILE
 
@@ -26,9 +25,9 @@ def site_in_run(scene: PlannedScene) -> Site:
     return dataclasses.replace(scene.site, scene=Path(scene.scene_place), ensemble=own, seismograms=None)
 
 
-def rows_without_stand(plan: Plan, settled: Settled) -> Iterator[dict[str, Any]]:
+def rows_without_stand(plan: Plan) -> Iterator[dict[str, Any]]:
     """Rows of the jobs on rocks that do not stand."""
-    problems = {key: str(one) for key, one in settled.items() if isinstance(one, InputError)}
+    problems = {key: str(one) for key, one in plan.settled.items() if isinstance(one, InputError)}
     names = {one.scene_id: one.rock for one in plan.scenes}
     for row in range(len(plan)) if problems else ():
         spec = plan.spec(row)
@@ -36,17 +35,18 @@ def rows_without_stand(plan: Plan, settled: Settled) -> Iterator[dict[str, Any]]
             yield {**lost_row(spec, "failed", why), "rock": names[spec.scene_id], "attempt": 1}
 
 
-def scenes_told(plan: Plan, settled: Settled) -> dict[str, Any]:
+def scenes_told(plan: Plan) -> dict[str, Any]:
     """What `run.json` says of how rocks settle, and of each of many."""
 
     def most(scene_id: str) -> dict[str, Any] | None:
-        found = [one for (name, *_), one in settled.items() if name == scene_id and isinstance(one, Settling)]
+        known = plan.settled.items()
+        found = [one for (name, *_), one in known if name == scene_id and isinstance(one, Settling)]
         return max(found, key=lambda one: one.tilt_deg).to_json() if found else None
 
     if not plan.campaign.sites:
         return {"settling": most(plan.scene_id)}
     told = [
-        _scene_told(one, settled) | {"jobs": jobs, "settling": most(one.scene_id)}
+        _scene_told(one, plan.settled) | {"jobs": jobs, "settling": most(one.scene_id)}
         for one, jobs in zip(plan.scenes, plan.jobs_of_scenes, strict=True)
     ]
     left_out = [{"rock": rock, "why": why} for rock, why in plan.left_out]

@@ -7,7 +7,6 @@ from collections.abc import Callable, Collection, Sequence
 from contextlib import AbstractContextManager, ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 from distributed import Client
@@ -20,7 +19,6 @@ from toppling.orchestrator.folder import note, prepare, remarks, session
 from toppling.orchestrator.journal import journal, tell
 from toppling.orchestrator.leaving import leaving_in_order
 from toppling.orchestrator.plan import Plan
-from toppling.orchestrator.stands import Settled
 from toppling.orchestrator.task import Order, versions
 from toppling.orchestrator.wanted import AllJobs, Choose, Wanted
 from toppling.results.store import RESULTS_FILE, attempts_with, compact, finished_ids, result_files
@@ -55,7 +53,7 @@ class Session:
     stages: Sequence[Stage] = ()
     choose: Choose = AllJobs
 
-    def carry_out(self, planned: Plan, folder: Path, settled: Settled = MappingProxyType({})) -> Tally:
+    def carry_out(self, planned: Plan, folder: Path) -> Tally:
         """Do what is left of a plan in its folder, which then holds `results.parquet`.
 
         Parameters
@@ -63,8 +61,6 @@ class Session:
         planned : Plan
         folder : Path
             The run's, absolute; made if absent.
-        settled : mapping
-            How the plan's rocks settle, noted in a new folder.
 
         Returns
         -------
@@ -79,7 +75,7 @@ class Session:
             If the run cannot go on; what was done stays.
         """
         here = versions(planned.campaign.engine)
-        prepare(folder, planned, dict(here), settled)
+        prepare(folder, planned, dict(here))
         orders = [order_of(scene, folder, here) for scene in planned.scenes]
         with session(folder, {}) as notes, journal(folder):
             tell(

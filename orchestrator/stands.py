@@ -1,6 +1,6 @@
 """Whether the rocks of a campaign stand by themselves, and how far they settle: found out before any job is done."""
 
-from collections.abc import Mapping
+from dataclasses import replace
 
 from toppling.models.contact import ContactProperties
 from toppling.models.errors import InputError
@@ -38,7 +38,8 @@ def _settlings(campaign: Campaign, scene: Scene) -> dict[tuple[float, float], Se
     found: dict[tuple[float, float], Settling | InputError] = {}
     for static, kinetic in sorted(set(campaign.friction)):
         try:
-            found[static, kinetic] = settling(scene.with_contact(ContactProperties.of((static, kinetic))))
+            under = scene.with_contact(ContactProperties.of((static, kinetic)))
+            found[static, kinetic] = Settling.between(scene.rock, settled(under).rock, scene.pedestal.normal)
         except InputError as error:
             found[static, kinetic] = InputError(
                 f"with friction {static:g}: {error.what}",
@@ -49,12 +50,8 @@ def _settlings(campaign: Campaign, scene: Scene) -> dict[tuple[float, float], Se
     return found
 
 
-Settled = Mapping[tuple[str, float, float], Settling | InputError]
-"""How far a rock settles, or why it does not stand, by the scene's id and both frictions."""
-
-
-def settled_scenes(planned: Plan) -> Settled:
-    """How the rocks of a plan settle; of many, those that do not stand are no reason to refuse the others.
+def with_settling(plan: Plan) -> Plan:
+    """A plan that knows how its rocks settle; of many, those that do not stand are no reason to refuse the others.
 
     Raises
     ------
@@ -62,20 +59,9 @@ def settled_scenes(planned: Plan) -> Settled:
         If the only rock does not stand.
     """
     found: dict[tuple[str, float, float], Settling | InputError] = {}
-    for one in planned.scenes:
+    for one in plan.scenes:
         for friction, settles in _settlings(one.campaign, Scene.load(one.campaign.scene)).items():
             if isinstance(settles, InputError) and one.site is None:
                 raise settles
             found[one.scene_id, *friction] = settles
-    return found
-
-
-def settling(scene: Scene) -> Settling:
-    """How far the rock of a scene settles.
-
-    Raises
-    ------
-    InputError
-        If it does not stand by itself.
-    """
-    return Settling.between(scene.rock, settled(scene).rock, scene.pedestal.normal)
+    return replace(plan, settled=found)

@@ -115,8 +115,14 @@ class Weights:
         """
         path = run / WEIGHTS_FILE
         if not path.exists():
-            earlier = f", but {EARLIER_FILE} of an earlier version" if (run / EARLIER_FILE).exists() else ""
-            raise _no_weights(f"is not there{earlier}", path)
+            if (run / EARLIER_FILE).exists():
+                raise InputError(
+                    f"is not there, but {EARLIER_FILE} of an earlier version",
+                    where=str(path),
+                    expected="a run of this version",
+                    remedy="read it with the program that made it (versions in run.json), or run its campaign anew",
+                )
+            raise _no_weights("is not there", path)
         table = read_table(path, required=True)
         try:
             notes = json.loads(table.schema.metadata[_NOTES])

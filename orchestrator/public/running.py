@@ -22,7 +22,7 @@ from toppling.orchestrator.dispatch import USUAL_LIMITS, Limits
 from toppling.orchestrator.plan import Plan, plan_of
 from toppling.orchestrator.public import unseen
 from toppling.orchestrator.rocks_of_run import scenes_told
-from toppling.orchestrator.stands import check_stands, settled_scenes
+from toppling.orchestrator.stands import check_stands, with_settling
 from toppling.orchestrator.studies.audit import Auditing
 from toppling.results.run import Run, open_run
 
@@ -68,7 +68,7 @@ def plan(campaign: Campaign | str | Path) -> Planned:
     chosen = _campaign(campaign)
     planned = plan_of(chosen)
     if chosen.sites:
-        told = scenes_told(planned, settled_scenes(planned))
+        told = scenes_told(with_settling(planned))
         problems = [f"{one['rock']}: {one['problem']}" for one in told["scenes"] if one["problem"]]
         problems += [f"{one['rock']} is left out: {one['why']}" for one in told["left_out"]]
         return Planned(chosen, planned, None, problems)
@@ -147,7 +147,7 @@ def run(
             check_writer()
             watch(tally)
 
-        session = carrying_out.run(chosen, folder, where, watching, limits, again, [Auditing()])
+        session = carrying_out.run(plan_of(chosen), folder, where, watching, limits, again, [Auditing()])
     return CarriedOut(folder, session)
 
 

@@ -24,6 +24,7 @@ from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.context import Tally, Watcher
+from toppling.orchestrator.plan import plan_of
 from toppling.orchestrator.run import run
 from toppling.orchestrator.studies import ramp
 from toppling.orchestrator.studies.audit import Auditing
@@ -156,7 +157,7 @@ def carry_out(
         values = ", ".join(f"{static:g}" for static, _ in campaign.friction)
         say(f"run {name}: {len(campaign.azimuth_deg)} azimuths, friction {values}")
         with watcher() as watch:
-            tallies.append(run(campaign, place, cluster_of(), watch, stages=[Auditing()]))
+            tallies.append(run(plan_of(campaign), place, cluster_of(), watch, stages=[Auditing()]))
     return tallies
 
 

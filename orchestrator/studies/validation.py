@@ -27,6 +27,7 @@ from toppling.models.rough_base import TOLERANCE_SHARE, Standing, with_rough_bas
 from toppling.models.scene import Scene
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.context import Watcher
+from toppling.orchestrator.plan import plan_of
 from toppling.orchestrator.run import run
 from toppling.results.run import open_run
 from toppling.results.validation import share
@@ -239,7 +240,7 @@ def shake_tests(
         )
         place = folder / f"realisations_{first}_{last}"
         with watcher() as watch:
-            run(campaign, place, cluster(), watch)
+            run(plan_of(campaign), place, cluster(), watch)
         _collect(place, ids, answers)
         shaken[uncertain] = last
         _, error = share(answers[1 : last + 1])

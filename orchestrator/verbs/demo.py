@@ -141,6 +141,7 @@ def _plan(out: Path, workers: int, seconds: float) -> None:
 def _run(out: Path, workers: int) -> int:
     from toppling.orchestrator.campaign import Campaign
     from toppling.orchestrator.cluster import local
+    from toppling.orchestrator.plan import plan_of
     from toppling.orchestrator.progress import watcher
     from toppling.orchestrator.run import run
     from toppling.orchestrator.studies.audit import Auditing
@@ -150,7 +151,7 @@ def _run(out: Path, workers: int) -> int:
     first = FirstStatement(*FIRST_STATEMENT, lambda sentence: _say(f"run: {sentence}"))
     with watcher() as watch:
         campaign = Campaign.read(out / "campaign.toml")
-        tally = run(campaign, out / "run", local(workers), watch, stages=[first, Auditing()])
+        tally = run(plan_of(campaign), out / "run", local(workers), watch, stages=[first, Auditing()])
     _say(f"run: {tally.done} jobs, {tally.rate:.1f}/s, {tally.toppled} toppled, {tally.failed} unanswered")
     return tally.failed
 

@@ -95,11 +95,11 @@ def _plan_atlas(
     from toppling.orchestrator.plan import plan_of
     from toppling.orchestrator.progress import bar
     from toppling.orchestrator.rocks_of_run import scenes_told
-    from toppling.orchestrator.stands import settled_scenes
+    from toppling.orchestrator.stands import with_settling
 
     with bar("letting the rocks stand, counting jobs"):
         planned = plan_of(chosen)
-        told = scenes_told(planned, settled_scenes(planned))
+        told = scenes_told(with_settling(planned))
     with bar("timing a few jobs"):
         expected = estimate_atlas(planned) if estimated else None
     for one, scene in zip(told["scenes"], planned.scenes, strict=True):

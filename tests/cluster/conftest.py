@@ -15,7 +15,7 @@ from toppling.models.scene import Scene
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.cluster import local
 from toppling.orchestrator.folder import prepare
-from toppling.orchestrator.plan import plan
+from toppling.orchestrator.plan import plan, plan_of
 from toppling.orchestrator.run import run
 from toppling.orchestrator.task import lost_row, versions
 from toppling.results.store import write_part
@@ -126,6 +126,6 @@ def client(faults_file):
 @pytest.fixture
 def carry_out(campaign, client):
     def go(folder, watch=lambda tally: None, **options):
-        return run(campaign, folder, nullcontext(client), watch, **options)
+        return run(plan_of(campaign), folder, nullcontext(client), watch, **options)
 
     return go

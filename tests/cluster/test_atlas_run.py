@@ -61,7 +61,7 @@ def test_rows_of_an_atlas_are_those_of_each_rock_alone_and_a_falling_rock_holds_
     client, folder, tmp_path
 ):
     campaign = Campaign.read(folder / "atlas.toml")
-    tally = run(campaign, tmp_path / "atlas", nullcontext(client), lambda _: None)
+    tally = run(plan_of(campaign), tmp_path / "atlas", nullcontext(client), lambda _: None)
     together = open_run(tmp_path / "atlas").frame()
     assert sorted(together["rock"].unique()) == ["leaning", "narrow", "wide"]
     for site in campaign.sites:
@@ -70,13 +70,13 @@ def test_rows_of_an_atlas_are_those_of_each_rock_alone_and_a_falling_rock_holds_
             assert set(of_rock["status"]) == {"failed"}
             assert of_rock["message"].str.contains("does not stand").all()
             continue
-        run(campaign.of_site(site), tmp_path / site.rock, nullcontext(client), lambda _: None)
+        run(plan_of(campaign.of_site(site)), tmp_path / site.rock, nullcontext(client), lambda _: None)
         alone = open_run(tmp_path / site.rock).frame().set_index("job_id")
         of_rock = of_rock.set_index("job_id").loc[alone.index]
         for column in ("toppled", "max_tilt_deg", "slip_m", "topple_time_s", "pgv_m_s", "scene_id"):
             assert of_rock[column].equals(alone[column]), column
     assert tally.done == 2 * 18
-    again = run(campaign, tmp_path / "atlas", nullcontext(client), lambda _: None)
+    again = run(plan_of(campaign), tmp_path / "atlas", nullcontext(client), lambda _: None)
     assert (again.done, again.before) == (0, 3 * 18)
 
 
@@ -135,6 +135,6 @@ def test_an_atlas_audits_itself_rock_by_rock_and_takes_no_precision(client, fold
     campaign = Campaign.read(folder / "audited.toml")
     with pytest.raises(InputError, match="many rocks"):
         campaign.with_precision(0.05)
-    run(campaign, tmp_path / "atlas", nullcontext(client), lambda _: None, stages=[Auditing()])
+    run(plan_of(campaign), tmp_path / "atlas", nullcontext(client), lambda _: None, stages=[Auditing()])
     audit = audits_of(open_run(tmp_path / "atlas"))["reference"]
     assert (audit.jobs, audit.of_jobs) == (60, 84)

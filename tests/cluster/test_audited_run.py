@@ -11,7 +11,7 @@ from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
 from toppling.orchestrator.cli import cli
 from toppling.orchestrator.context import Tally, Work
-from toppling.orchestrator.plan import plan
+from toppling.orchestrator.plan import plan, plan_of
 from toppling.orchestrator.run import run
 from toppling.orchestrator.status import state_of
 from toppling.orchestrator.studies.audit import Auditing, audit, due
@@ -26,7 +26,7 @@ def silent(tally):
 def test_a_run_audits_itself_and_its_rows_stay_what_they_are(campaign, client, undisturbed, tmp_path):
     audited = dataclasses.replace(campaign, audit=24)
     folder = tmp_path / "run"
-    run(audited, folder, nullcontext(client), silent, stages=[Auditing()])
+    run(plan_of(audited), folder, nullcontext(client), silent, stages=[Auditing()])
     assert sorted_answers(open_run(folder).table()) == undisturbed
     state = state_of(folder)
     assert state["audit"]["jobs"] == 24

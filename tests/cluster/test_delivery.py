@@ -21,6 +21,7 @@ from toppling.models.scene import Scene
 from toppling.orchestrator.admission import check_workers
 from toppling.orchestrator.cluster import existing
 from toppling.orchestrator.delivery import SHELF
+from toppling.orchestrator.plan import plan_of
 from toppling.orchestrator.run import run
 from toppling.orchestrator.task import Order, assets_of, versions
 from toppling.workers.shake import compile_once
@@ -124,7 +125,7 @@ def test_workers_that_see_none_of_the_clients_disk_give_the_same_rows(
         def watch(tally):
             pass
 
-        tally = run(campaign, tmp_path / "run", cluster, watch)
+        tally = run(plan_of(campaign), tmp_path / "run", cluster, watch)
     assert tally.deaths == 0
     assert answers_of(tmp_path / "run") == undisturbed
     for cache in hosts:
@@ -164,7 +165,9 @@ def test_a_run_goes_on_with_a_scheduler_that_is_killed_and_started_again_at_its_
                 shutil.rmtree(cache / "delivered")  # all has to be offered once more
                 stack.enter_context(running_scheduler(second, port))
 
-        tally = run(campaign, tmp_path / "run", existing(f"tcp://127.0.0.1:{port}", None, None), watch)
+        tally = run(
+            plan_of(campaign), tmp_path / "run", existing(f"tcp://127.0.0.1:{port}", None, None), watch
+        )
         assert lost.poll() is not None
         assert [each.poll() for each in workers] == [None, None]  # they came back by themselves
     assert (tally.deaths, tally.failed) == (0, 0)
@@ -185,7 +188,7 @@ def test_a_worker_whose_scheduler_lost_what_it_asks_for_is_no_misfit_and_the_cli
             forgot.append(True)
 
     with worker(scheduler, [inputs, tmp_path], cache), existing(None, scheduler, None) as client:
-        tally = run(campaign, tmp_path / "run", contextlib.nullcontext(client), watch)
+        tally = run(plan_of(campaign), tmp_path / "run", contextlib.nullcontext(client), watch)
     assert forgot
     assert (tally.deaths, tally.failed) == (0, 0)
     assert answers_of(tmp_path / "run") == undisturbed

@@ -14,6 +14,7 @@ from distributed import Client, LocalCluster
 
 from toppling.orchestrator import cluster, upkeep
 from toppling.orchestrator.cluster import load_defaults
+from toppling.orchestrator.plan import plan_of
 from toppling.orchestrator.run import run
 
 PATIENCE_S = 60.0
@@ -82,7 +83,7 @@ def carry_out_while_they_come_and_go(campaign, folder, client, joining, leaves, 
     thread = threading.Thread(target=come_and_go)
     thread.start()
     try:
-        return run(campaign, folder, contextlib.nullcontext(client), lambda tally: None), left
+        return run(plan_of(campaign), folder, contextlib.nullcontext(client), lambda tally: None), left
     finally:
         ended.set()
         thread.join(PATIENCE_S)
@@ -116,7 +117,7 @@ def test_a_cluster_grows_while_there_is_work_shrinks_when_there_is_less_and_give
     faults.set(**{slow: {"kind": "wait", "seconds": 20.0}}, every={"kind": "wait", "seconds": 0.3})
     sizes = []
     shaken = run(
-        campaign, tmp_path / "run", cluster.local(1, most=3), lambda tally: sizes.append(tally.workers)
+        plan_of(campaign), tmp_path / "run", cluster.local(1, most=3), lambda tally: sizes.append(tally.workers)
     )
     assert max(sizes) == 3
     assert sizes[-1] == 1  # which has the slow job

@@ -17,7 +17,7 @@ from toppling.models.motions.record import Record
 from toppling.models.scene import Scene
 from toppling.orchestrator.asked import Asked
 from toppling.orchestrator.campaign import Campaign
-from toppling.orchestrator.plan import plan
+from toppling.orchestrator.plan import plan, plan_of
 from toppling.orchestrator.run import run
 from toppling.orchestrator.status import state_of
 from toppling.orchestrator.studies.first_statement import FirstStatement
@@ -62,7 +62,7 @@ def planned(asking):
 @pytest.fixture(scope="module")
 def whole(asking, client, tmp_path_factory):
     folder = tmp_path_factory.mktemp("whole") / "run"
-    run(asking, folder, nullcontext(client), silent)
+    run(plan_of(asking), folder, nullcontext(client), silent)
     return folder
 
 
@@ -114,7 +114,7 @@ def test_a_run_that_is_stopped_and_whose_workers_die_goes_on_to_the_same_rows(
     faults.set(every={"kind": "wait", "seconds": 0.05})
     for jobs in (10, 15):
         with pytest.raises(StoppedError):
-            run(asking, folder, nullcontext(client), stop_after(jobs))
+            run(plan_of(asking), folder, nullcontext(client), stop_after(jobs))
     assert state_of(folder)["state"] == "interrupted"
     killed = []
 
@@ -123,7 +123,7 @@ def test_a_run_that_is_stopped_and_whose_workers_die_goes_on_to_the_same_rows(
             killed.append(next(iter(client.run(os.getpid, on_error="ignore").values())))
             threading.Timer(0.3, os.kill, (killed[0], signal.SIGKILL)).start()
 
-    run(asking, folder, nullcontext(client), kill)
+    run(plan_of(asking), folder, nullcontext(client), kill)
     assert killed
     assert sorted_answers(open_run(folder).table()) == sorted_answers(open_run(whole).table())
     assert statements_of(folder) == statements_of(whole)
@@ -133,7 +133,7 @@ def test_the_same_command_again_does_nothing_and_one_without_precision_goes_on_t
     asking, client, whole, planned
 ):
     before = (whole / "results.parquet").stat().st_mtime_ns
-    assert run(asking, whole, nullcontext(client), silent).done == 0
+    assert run(plan_of(asking), whole, nullcontext(client), silent).done == 0
     assert (whole / "results.parquet").stat().st_mtime_ns == before
     stored = len(open_run(whole).table())
     with pytest.raises(StoppedError):
@@ -151,7 +151,7 @@ def test_a_first_statement_comes_before_the_other_jobs(asking, client, tmp_path)
         done.append(tally.done)
 
     first = FirstStatement(0.01, 40, lambda words: said.append((words, done[-1])))
-    tally = run(few, tmp_path / "run", nullcontext(client), watch, stages=[first])
+    tally = run(plan_of(few), tmp_path / "run", nullcontext(client), watch, stages=[first])
     ((words, jobs),) = said
     assert f"from {jobs} jobs with 20 records" in words
     assert 40 <= jobs < tally.total == 80
@@ -162,7 +162,7 @@ def test_a_first_statement_comes_before_the_other_jobs(asking, client, tmp_path)
 def test_a_run_whose_first_statement_takes_all_jobs_is_merged_all_the_same(asking, client, tmp_path):
     few = dataclasses.replace(asking, precision=None, pga_m_s2=(3.0, 5.0), azimuth_deg=(0.0,))
     first = FirstStatement(1e-6, 1000, lambda words: None)
-    run(few, tmp_path / "run", nullcontext(client), silent, stages=[first])
+    run(plan_of(few), tmp_path / "run", nullcontext(client), silent, stages=[first])
     assert (tmp_path / "run" / "results.parquet").exists()
     assert len(open_run(tmp_path / "run").table()) == 40
 

@@ -22,6 +22,7 @@ from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.cluster import local
 from toppling.orchestrator.context import RunError
 from toppling.orchestrator.dispatch import Limits
+from toppling.orchestrator.plan import plan_of
 from toppling.orchestrator.run import run
 from toppling.orchestrator.status import state_of
 from toppling.results.run import open_run
@@ -73,7 +74,7 @@ def test_what_an_interrupted_run_has_is_a_balanced_sample_of_it(client, inputs, 
 
     faults.set(every={"kind": "wait", "seconds": 0.05})
     with pytest.raises(KeyboardInterrupt):
-        run(campaign, tmp_path / "run", nullcontext(client), stop_after_a_third)
+        run(plan_of(campaign), tmp_path / "run", nullcontext(client), stop_after_a_third)
     frame = open_run(tmp_path / "run").frame()
     assert 36 <= len(frame) < 3 * 36
     batch = 14  # of the first that went out; two workers may end theirs in either order
@@ -158,8 +159,8 @@ def test_a_run_whose_workers_die_whenever_they_start_ends_and_says_so(
             broken.setattr(module, "NOBODY_AFTER_S", 6.0)
             broken.setattr(module, "REPLACE_AFTER_S", 2.0)
         with pytest.raises(RunError, match="every worker has died"):
-            run(campaign, tmp_path / "run", local(2), lambda tally: None)
-    run(campaign, tmp_path / "run", local(2), lambda tally: None)
+            run(plan_of(campaign), tmp_path / "run", local(2), lambda tally: None)
+    run(plan_of(campaign), tmp_path / "run", local(2), lambda tally: None)
     assert answers_of(tmp_path / "run") == undisturbed
 
 

@@ -24,7 +24,7 @@ from toppling.orchestrator.folder import describe, prepare
 from toppling.orchestrator.plan import plan_of
 from toppling.orchestrator.run import run
 from toppling.orchestrator.settling_told import draw_settling, settling_notes
-from toppling.orchestrator.stands import settled_scenes
+from toppling.orchestrator.stands import with_settling
 from toppling.orchestrator.verbs.scan import scan
 from toppling.orchestrator.verbs.scene import scene
 from toppling.results.drawing import settling as drawing
@@ -110,7 +110,7 @@ def test_a_run_keeps_and_says_by_how_much_its_rock_settles(campaigns, tmp_path, 
 
     cluster = type("Refuses", (), {"__enter__": refuse, "__exit__": lambda *_: None})()
     with pytest.raises(KeyboardInterrupt):
-        run(Campaign.read(campaigns / f"{name}.toml"), tmp_path / "run", cluster, lambda _: None)
+        run(plan_of(Campaign.read(campaigns / f"{name}.toml")), tmp_path / "run", cluster, lambda _: None)
     assert describe(tmp_path / "run")["settling"]["sentence"] == said
     assert open_run(tmp_path / "run").rock == name  # the scene's own name, which the run's copy has lost
     logged = [json.loads(line) for line in (tmp_path / "run" / "run.log").read_text().splitlines()]
@@ -122,7 +122,7 @@ def test_a_run_keeps_and_says_by_how_much_its_rock_settles(campaigns, tmp_path, 
 def test_the_reports_table_of_the_scene_says_by_how_much_the_rock_settles(campaigns, tmp_path, name, said):
     campaign = Campaign.read(campaigns / f"{name}.toml")
     planned = plan_of(campaign)
-    prepare(tmp_path / "run", planned, {}, settled_scenes(planned))
+    prepare(tmp_path / "run", with_settling(planned), {})
     assert (f">{TOLD}</td>" in scene_section(Content(open_run(tmp_path / "run")), Document())) == said
 
 

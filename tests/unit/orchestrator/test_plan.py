@@ -20,7 +20,7 @@ from toppling.models.scene import Scene
 from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.cli import cli
 from toppling.orchestrator.folder import describe, place_in, prepare
-from toppling.orchestrator.plan import plan
+from toppling.orchestrator.plan import plan, plan_of
 from toppling.orchestrator.run import run
 from toppling.workers.unmeasured import Unmeasured
 
@@ -247,7 +247,7 @@ def test_a_rock_that_does_not_stand_by_itself_is_refused_once_and_before_anythin
     leaning = Campaign.of(content, tmp_path)
 
     with pytest.raises(InputError, match=told):
-        run(leaning, tmp_path / "run", nullcontext(None), watch=lambda tally: None)
+        run(plan_of(leaning), tmp_path / "run", nullcontext(None), watch=lambda tally: None)
     assert not (tmp_path / "run").exists()
 
 

@@ -82,6 +82,17 @@ ADDED = {
             ('("rock", "engine_steps",', '("rock", "rise_m", "engine_steps",'),
         ),
     },
+    "cost column": {
+        "workers/outcome.py": ("    time_step_s: float\n", "    time_step_s: float\n    cpu_s: float = 0.0\n"),
+        "workers/shake.py": (
+            "result, wall_s=time.perf_counter() - began)",
+            "result, wall_s=time.perf_counter() - began, cpu_s=time.process_time())",
+        ),
+        "results/schema.py": (
+            ('        ("wall_s",', '        ("cpu_s", _REAL, _MAY, "s", "processor time"),\n        ("wall_s",'),
+            ('"cpu", "kernels"),', '"cpu", "kernels", "cpu_s"),'),
+        ),
+    },
     "figure": {"results/drawing/step.py": FIGURE},
     "verb": {
         "orchestrator/verbs/hello.py": VERB,
@@ -135,6 +146,7 @@ print(json.dumps({
     "intensity measure": all("rms_m_s2" in each for each in (measured, COMPARED, SCHEMA.names))
         and short_name("rms_m_s2") == "RMS",
     "column": row["rise_m"] >= 0.0 and "rise_m" in SCHEMA.names,
+    "cost column": row["cpu_s"] > 0.0 and "cpu_s" in SCHEMA.names,
     "figure": len(step_figure(pd.DataFrame({"steps": [1, 2]})).axes) == 1,
     "verb": "hello" in toppling("--help") and toppling("hello") == "hello\\n",
     "engine": "other" in ENGINES and "other" in str(KEYS),

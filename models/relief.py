@@ -10,7 +10,6 @@ flat against its distance and for slips that are short against it.
 """
 
 from collections.abc import Iterator
-from functools import lru_cache
 from itertools import chain
 
 import numpy as np
@@ -20,6 +19,7 @@ from scipy.spatial import ConvexHull, cKDTree
 from toppling.models.arrays import Array
 from toppling.models.errors import InputError
 from toppling.models.frames import plane_axes
+from toppling.models.kept import kept
 from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock
 
@@ -33,7 +33,7 @@ PAIRS_AT_A_TIME = 200_000
 """Pairs of edges that are looked at together: some 50 MB."""
 
 
-@lru_cache(maxsize=8)  # rocks and pedestals compare by identity
+@kept
 def contact_feet_m(rock: Rock, pedestal: Pedestal) -> Array:
     """Points of the rock that can touch the interface plane, the pedestal's relief taken into them.
 

@@ -12,7 +12,6 @@ import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +25,7 @@ from toppling.models.digest import BLANK, KEY, read_json, seal
 from toppling.models.documents import shown
 from toppling.models.errors import InputError, refusals
 from toppling.models.frames import plane_axes
+from toppling.models.kept import kept
 from toppling.models.pedestal import Pedestal
 from toppling.models.relief import contact_feet_m
 from toppling.models.rock import Rock
@@ -185,7 +185,7 @@ class UnseenBase:
         return cls(band_m, draws, nominal, vertices)
 
 
-@lru_cache(maxsize=8)  # rocks and pedestals compare by identity: one look at the meshes serves every draw
+@kept
 def feet_above_m(rock: Rock, pedestal: Pedestal, band_m: float) -> Array:
     """Feet (n, 3) of rock and pedestal, scene frame, whose clearance is at least so much."""
     feet = contact_feet_m(rock, pedestal)

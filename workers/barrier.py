@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from toppling.models.compiled import Array
+from toppling.models.kept import kept
 from toppling.models.scene import Scene
 from toppling.models.statics import TOPPLED_TILT_DEG
 from toppling.workers.contact.candidates import ContactModel, contact_of
@@ -43,7 +42,7 @@ def least_overturning_j_kg(scene: Scene, tilt_deg: float = 0.0, yaw_deg: float |
     return float(by_tilt[min(int(np.ceil(tilt_deg)), len(by_tilt) - 1) :].max())
 
 
-@lru_cache(maxsize=8)
+@kept
 def lying_arms_m(contact: ContactModel) -> Array:
     """From each contact point (n, 3) to the centre of mass as the rock stood at the start, support frame.
 
@@ -56,7 +55,7 @@ def _arms_m(contact: ContactModel) -> Array:
     return -contact.points_body_m @ contact.support_from_body.T
 
 
-@lru_cache(maxsize=8)
+@kept
 def _least_by_yaw_j_kg(scene: Scene) -> Array:
     """Least potential energy per mass (yaws, tilts) at each whole degree of tilt; on the level one yaw is all."""
     rises_m, up = _rises_m(contact_of(scene)), contact_of(scene).scene_from_support[2]

@@ -6,13 +6,13 @@ import dataclasses
 import hashlib
 import json
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
 from toppling.models.contact import FRICTION_SPREAD, ContactProperties
 from toppling.models.errors import InputError
+from toppling.models.kept import kept
 from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.impose import Imposed, impose
 from toppling.models.scene import COM_SPREAD_SHARE, Scene
@@ -132,7 +132,7 @@ def prepared(spec: JobSpec, assets: Assets) -> tuple[Scene, Imposed]:
     return _realised(assets.scene, contact, unmeasured, spec.realisation), imposed
 
 
-@lru_cache(maxsize=8)  # scenes compare by identity: one object a realisation lets the settled pose be kept
+@kept
 def _realised(scene: Scene, contact: ContactProperties, unmeasured: Unmeasured, realisation: int) -> Scene:
     """The scene with the job's contact properties, and with what the realisation draws."""
     if realisation == 0:

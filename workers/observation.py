@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from functools import lru_cache
 from typing import NamedTuple, Protocol
 
 import numpy as np
 from scipy.spatial import ConvexHull
 
 from toppling.models.compiled import Array, Vector, compiled, inner
+from toppling.models.kept import kept
 from toppling.models.scene import Scene
 from toppling.workers.barrier import lying_arms_m
 from toppling.workers.contact.candidates import contact_of
@@ -174,7 +174,7 @@ def _is_beyond(body: Body, x: float, y: float, z: float) -> bool:
     return beyond
 
 
-@lru_cache(maxsize=8)
+@kept
 def ends_of_pedestal(scene: Scene) -> Array:
     """Lines (n, 3) where a scanned pedestal ends, in the support frame: a x + b y + c > 0 beyond one."""
     if scene.pedestal.vertices_m is None:

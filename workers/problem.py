@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import numpy as np
 
 from toppling.models.compiled import Flags
+from toppling.models.kept import kept
 from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene
 from toppling.workers.contact.candidates import ContactModel, contact_of
@@ -114,7 +115,7 @@ class Problem:
         return np.asarray(holds & grips)
 
 
-@lru_cache(maxsize=8)
+@kept
 def _tipping_ratio(scene: Scene) -> float:
     """Least constant horizontal acceleration that topples the rock, over gravity."""
     azimuths = np.arange(0.0, 360.0, AZIMUTH_STEP_DEG).tolist()

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
-from functools import lru_cache
 
 import numpy as np
 
 from toppling.models.errors import InputError
+from toppling.models.kept import kept
 from toppling.models.scene import Scene
 from toppling.models.statics import TOPPLED_TILT_DEG, equilibrium_possible
 from toppling.workers import quaternion as quat
@@ -32,7 +32,7 @@ def settled(scene: Scene, pool: Pool | None = None) -> Scene:
     return _settled(scene, pool or ENGINES[DEFAULT].process_pool())
 
 
-@lru_cache(maxsize=8)  # scenes compare by identity
+@kept
 def _settled(scene: Scene, pool: Pool) -> Scene:
     kinetic, least = scene.contact.friction_kinetic, friction_that_stops(scene)
     if kinetic < min(scene.contact.friction_static, least):

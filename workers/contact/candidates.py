@@ -12,7 +12,7 @@ edges of triangle meshes gives.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,7 @@ from scipy.spatial import ConvexHull, QhullError, cKDTree
 from toppling.models.compiled import Array, Flags
 from toppling.models.errors import InputError
 from toppling.models.frames import plane_axes
+from toppling.models.kept import kept
 from toppling.models.relief import contact_feet_m
 from toppling.models.scene import Scene
 from toppling.workers import quaternion
@@ -140,7 +141,7 @@ def _normals_body(quaternions_xyzw: Array) -> Array:
     return np.array([2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)])
 
 
-@lru_cache(maxsize=8)  # scenes compare by identity
+@kept
 def contact_of(scene: Scene) -> ContactModel:
     """Contact model of a scene, made once.
 

@@ -10,7 +10,6 @@ from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.synthetic import synthetic_ensemble
 from toppling.models.scene import Scene
 from toppling.models.unseen import BaseDraw, UnseenBase
-from toppling.workers import job
 from toppling.workers.job import Assets, JobSpec, prepared
 
 
@@ -64,7 +63,6 @@ def test_a_realisation_draws_a_lognormal_factor_on_both_frictions_and_none_in_th
 def test_a_realisation_draws_the_same_again_in_a_worker_that_has_forgotten_it(ensemble):
     scene = Scene.block(0.2, 0.2, 0.6)
     first = realised(scene, ensemble, 3)
-    job._realised.cache_clear()
     again = realised(replace(scene), ensemble, 3)
     assert again is not first
     assert again.contact == first.contact

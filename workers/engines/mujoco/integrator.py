@@ -8,13 +8,13 @@ by our rules, and is described by our outcome.
 from __future__ import annotations
 
 import math
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from toppling.models.compiled import Array
+from toppling.models.kept import kept
 from toppling.models.relief import contact_feet_m
 from toppling.models.scene import Scene
 from toppling.workers import quaternion as quat
@@ -93,7 +93,7 @@ class MujocoIntegrator:
             sim.velocity[last] = 0.0
 
 
-@lru_cache(maxsize=8)  # scenes compare by identity
+@kept
 def _world(scene: Scene, step_s: float) -> tuple[Any, Any]:
     """A scene as MuJoCo's model and data: support frame, body axes."""
     import mujoco

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -11,6 +10,7 @@ from toppling.models.errors import InputError
 from toppling.models.ground.body import GroundedBody
 from toppling.models.ground.kind import FLAT_SHARE
 from toppling.models.ground.stepping import Grounded
+from toppling.models.kept import kept
 from toppling.models.scene import Scene
 from toppling.workers.engines.mujoco.pieces import ground_pieces, hollow_m, rock_pieces
 from toppling.workers.engines.mujoco.stepping import Stepper, forces_in, forces_m_s2, hull, touch, world
@@ -54,7 +54,7 @@ def _note_contacts(sim: Grounded, body: GroundedBody) -> None:
     sim.contacts[: len(near)] = near
 
 
-@lru_cache(maxsize=8)  # scenes compare by identity
+@kept
 def _world(scene: Scene, step_s: float) -> tuple[Any, Any]:
     """A scene as MuJoCo's model and data: support frame, body axes."""
     import mujoco

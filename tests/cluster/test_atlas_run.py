@@ -83,7 +83,9 @@ def test_rows_of_an_atlas_are_those_of_each_rock_alone_and_a_falling_rock_holds_
 def test_a_rock_of_an_atlas_is_read_like_a_run_of_its_own_and_rows_are_not_pooled_unasked(
     client, folder, tmp_path
 ):
-    run(Campaign.read(folder / "atlas.toml"), tmp_path / "atlas", nullcontext(client), lambda _: None)
+    run(
+        plan_of(Campaign.read(folder / "atlas.toml")), tmp_path / "atlas", nullcontext(client), lambda _: None
+    )
     atlas = open_run(tmp_path / "atlas")
     rocks = {rock.rock: rock for rock in atlas.rocks}
     assert list(rocks) == ["leaning", "narrow", "wide"]
@@ -102,7 +104,9 @@ def test_a_rock_of_an_atlas_is_read_like_a_run_of_its_own_and_rows_are_not_poole
 
 
 def test_a_file_of_another_atlas_is_refused_by_name(client, folder, tmp_path):
-    run(Campaign.read(folder / "atlas.toml"), tmp_path / "atlas", nullcontext(client), lambda _: None)
+    run(
+        plan_of(Campaign.read(folder / "atlas.toml")), tmp_path / "atlas", nullcontext(client), lambda _: None
+    )
     scenes = tmp_path / "atlas" / "scenes"
     (scenes / "wide" / "scene" / "scene.json").write_bytes(
         (scenes / "narrow" / "scene" / "scene.json").read_bytes()

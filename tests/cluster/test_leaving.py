@@ -117,7 +117,10 @@ def test_a_cluster_grows_while_there_is_work_shrinks_when_there_is_less_and_give
     faults.set(**{slow: {"kind": "wait", "seconds": 20.0}}, every={"kind": "wait", "seconds": 0.3})
     sizes = []
     shaken = run(
-        plan_of(campaign), tmp_path / "run", cluster.local(1, most=3), lambda tally: sizes.append(tally.workers)
+        plan_of(campaign),
+        tmp_path / "run",
+        cluster.local(1, most=3),
+        lambda tally: sizes.append(tally.workers),
     )
     assert max(sizes) == 3
     assert sizes[-1] == 1  # which has the slow job

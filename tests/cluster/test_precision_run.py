@@ -137,7 +137,7 @@ def test_the_same_command_again_does_nothing_and_one_without_precision_goes_on_t
     assert (whole / "results.parquet").stat().st_mtime_ns == before
     stored = len(open_run(whole).table())
     with pytest.raises(StoppedError):
-        run(dataclasses.replace(asking, precision=None), whole, nullcontext(client), stop_at_once)
+        run(plan_of(dataclasses.replace(asking, precision=None)), whole, nullcontext(client), stop_at_once)
     state = state_of(whole)
     assert (state["state"], state["jobs"]) == ("interrupted", len(planned))
     assert state["stored"] >= stored

@@ -90,6 +90,13 @@ def standing_rock(
 def read_jobs(path: Path, where: str | None, trusted: bool, recorded: Recorded | None) -> Jobs:
     """The jobs requested, with the weights of their records and bases."""
     run = open_run(path)
+    if rocks := run.rocks:
+        raise InputError(
+            what=f"is a run of {len(rocks)} rocks: {', '.join(one.rock for one in rocks)}",
+            where=str(path),
+            expected="one rock",
+            remedy=f"choose one: {rocks[0].path}",
+        )
     weights = run.weights()
     bare = run.frame(where, trusted=trusted)
     jobs = run.weighted(bare, weights)

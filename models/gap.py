@@ -32,7 +32,7 @@ ROUNDS = 80
 MOST_AT_ONCE = 12
 TRIANGLES = 12
 """Of the hull that are looked at below the line of the weight."""
-EFFECTIVE_SHARE = 0.35
+EFFECTIVE_SHARE = 0.2
 """Of the draws, which their weights leave effective at least."""
 TOUCHING_SHARE = 1e-6
 """Of the field's level below which a gap is closed."""
@@ -52,6 +52,9 @@ class Relief:
         The same of its roughness.
     curvature_per_m : float
         Standard deviation of the curvature of a paraboloid about the middle: a base is round or hollow as a whole.
+    bowl_m : float
+        Standard deviation of what a base rises from its middle to its outline, as the square of the way there and as
+        its fourth power: a base that is round within its own outline, however long that is.
     """
 
     level_m: float
@@ -60,6 +63,7 @@ class Relief:
     rough_m: float
     rough_length_m: float
     curvature_per_m: float = 0.0
+    bowl_m: float = 0.0
 
     def covariance(self, places_m: Array) -> Array:
         """Covariance (n, n) of the gaps at places (n, 2)."""
@@ -67,6 +71,9 @@ class Relief:
         shape = self.shape_m**2 * _matern(apart / self.shape_length_m)
         paraboloid = 0.5 * self.curvature_per_m * ((places_m - places_m.mean(axis=0)) ** 2).sum(axis=1)
         shape += np.outer(paraboloid, paraboloid)
+        if self.bowl_m:
+            bowls = self.bowl_m * way_out(places_m)[:, None] ** np.array([2.0, 4.0])
+            shape += bowls @ bowls.T
         return self.level_m**2 + shape + self.rough_m**2 * _matern(apart / self.rough_length_m)
 
 
@@ -104,15 +111,40 @@ class BaseObservation:
 
 @dataclass(frozen=True, eq=False)
 class GapDraw:
-    """One field of gaps (n,) on which the rock stands, the logarithm of its weight, and which weight's line it has."""
+    """One field of gaps on which the rock stands.
+
+    Parameters
+    ----------
+    gap_m : (n,) array
+    log_weight : float
+        Logarithm of its weight among those of its kind: the likelihood of what was seen, and its misfit with standing.
+    number : int
+        Which line of the weight it has.
+    kind : str
+    log_likelihood : float
+        Of what was seen alone.
+    """
 
     gap_m: Array
     log_weight: float
     number: int
+    kind: str = "rough"
+    log_likelihood: float = 0.0
+
+
+def way_out(places_m: Array) -> Array:
+    """Share (n,) of the way from the middle of places to their convex outline: 0 in the middle, 1 on the outline."""
+    outline, middle = ConvexHull(places_m).equations, places_m.mean(axis=0)
+    reach = -(outline[:, :2] @ middle + outline[:, 2])
+    return np.asarray(((places_m - middle) @ outline[:, :2].T / reach).max(axis=1).clip(0.0, 1.0))
 
 
 def draw_gaps(
-    observed: BaseObservation, projected_com_m: Array, reliefs: Sequence[Relief], random: np.random.Generator
+    observed: BaseObservation,
+    projected_com_m: Array,
+    reliefs: Sequence[Relief],
+    random: np.random.Generator,
+    kind: str = "rough",
 ) -> list[GapDraw]:
     """Fields on which the rock stands, with their weights.
 
@@ -123,6 +155,8 @@ def draw_gaps(
         Where the line of the weight pierces the interface, for each of the draws of each relief.
     reliefs : sequence of Relief
     random : numpy.random.Generator
+    kind : str
+        Of which the reliefs are.
 
     Returns
     -------
@@ -137,34 +171,31 @@ def draw_gaps(
             stood = _made_to_stand(field, covariance, observed, projected_com, TOUCHING_SHARE * level)
             if stood is not None:
                 gap, cost = stood
-                found.append(GapDraw(gap, log_likelihood - 0.5 * cost, number))
+                found.append(GapDraw(gap, log_likelihood - 0.5 * cost, number, kind, log_likelihood))
     return found
 
 
-def resampled(
-    log_weight: Array, count: int, random: np.random.Generator, measured: Array | float = 0.0
-) -> Index:
-    """Numbers (count,) of draws, each as often as its weight says (systematic resampling).
-
-    Weights that would leave fewer effective draws than a share of all are tempered: they are costs of a Gaussian prior,
-    which no base follows so closely. What was `measured` on each draw, the logarithms of likelihoods, is added as is.
-    """
-    weight = weights(log_weight, measured)
+def resampled(weight: Array, count: int, random: np.random.Generator) -> Index:
+    """Numbers (count,) of draws, each as often as its weight says (systematic resampling)."""
     steps = (np.arange(count) + random.random()) / count
     return np.searchsorted(np.cumsum(weight) / weight.sum(), steps).clip(max=len(weight) - 1)
 
 
-def weights(log_weight: Array, measured: Array | float = 0.0) -> Array:
-    """Weights (n,) of draws, the largest 1, as :func:`resampled` takes them."""
+def weights(log_weight: Array) -> Array:
+    """Weights (n,) of draws of one kind, the largest 1.
+
+    Weights that would leave fewer effective draws than a share of all are tempered: they are costs of a Gaussian prior,
+    which no base follows so closely.
+    """
     log_weight = log_weight - log_weight.max()
+    weight = np.exp(log_weight)
     power = 1.0
     for _ in range(60):
         weight = np.exp(power * log_weight)
         if effective_number(weight) >= EFFECTIVE_SHARE * len(weight):
             break
         power *= 0.9
-    log_weight = power * log_weight + measured
-    return np.asarray(np.exp(log_weight - log_weight.max()))
+    return np.asarray(weight)
 
 
 def facet_below(places_m: Array, gap_m: Array, projected_com_m: Array) -> Index | None:
@@ -212,16 +243,38 @@ def _conditioned(
     target = np.concatenate([observed.gap_m, np.zeros(len(observed.touching))])
     if not len(known):
         return free.T, prior, 0.0
-    of_group = observed.shared_m[:, None] * (observed.group[:, None] == np.unique(observed.group))
     touching_m = np.full(len(observed.touching), 1e-3 * relief.shape_m)
-    errors = block_diag(np.hstack([np.diag(observed.std_m), of_group]), np.diag(touching_m))
+    errors = block_diag(_rim_errors(observed), np.diag(touching_m))
     factor = cho_factor(prior[np.ix_(known, known)] + errors @ errors.T, lower=True)
     noise = errors @ random.normal(size=(errors.shape[1], count))
     cross = prior[:, known]
     fields = free + cross @ cho_solve(factor, target[:, None] - free[known] - noise)
     covariance = prior - cross @ cho_solve(factor, cross.T)
+    # Who looks for contacts finds them where they are: that there are some tells nothing of how likely a base is.
+    rim = observed.known
+    of_rim = prior[np.ix_(rim, rim)] + _rim_errors(observed) @ _rim_errors(observed).T
+    likelihood = _log_density(observed.gap_m, cho_factor(of_rim, lower=True)) if len(rim) else 0.0
+    return fields.T, covariance, likelihood
+
+
+def flat_log_likelihood(observed: BaseObservation, rough_m: float, length_m: float) -> float:
+    """How likely what was seen is (natural logarithm) on a base that lies on its pedestal everywhere, hardly rough."""
+    seen = observed.places_m[observed.known]
+    errors = _rim_errors(observed)
+    spread = rough_m**2 * _matern(cdist(seen, seen) / length_m) + errors @ errors.T
+    return _log_density(observed.gap_m, cho_factor(spread, lower=True)) if len(seen) else 0.0
+
+
+def _rim_errors(observed: BaseObservation) -> Array:
+    """Square root (m, k) of the covariance of what was seen at the rim: errors of its places, and of their groups."""
+    of_group = observed.shared_m[:, None] * (observed.group[:, None] == np.unique(observed.group))
+    return np.hstack([np.diag(observed.std_m), of_group])
+
+
+def _log_density(target: Array, factor: tuple[Array, bool]) -> float:
+    """Logarithm of a normal density without its constant, from the Cholesky factor of its covariance."""
     fit = float(target @ cho_solve(factor, target)) + 2.0 * float(np.log(np.diag(factor[0])).sum())
-    return fields.T, covariance, -0.5 * fit
+    return -0.5 * fit
 
 
 def _made_to_stand(

@@ -11,6 +11,8 @@ from toppling.models.frames import compass_deg
 
 FEW_DISTINCT = 10
 """Of fewer different draws an interval says little."""
+LIFTS_EARLY = 0.1
+"""Share of the toppling acceleration by which lift-off comes before it, so that both are told."""
 AS_IT_WAS = 0.05
 """Relative change of an interval's width that draws of other random numbers bring too."""
 
@@ -38,6 +40,10 @@ def base_sentences(report: Mapping[str, Any]) -> list[str]:
         + ", ".join(f"{0.5 * (high - low):.2g}" for low, _, high in com)
         + f" m (x, y, z) in {100 * found['level']:.0f} % of these bases",
     ]
+    if kinds := found.get("kinds"):
+        sentences.append("kind of the base, by its rim and hints: " + _kinds_told(kinds, found["draws"]))
+    if opening := found.get("lift_off"):
+        sentences += _lift_off_told(table, opening)
     if "without_inspection" in found:
         sentences.append(_inspection_told(table, found["without_inspection"]))
     distinct = found.get("distinct", found["draws"])
@@ -59,6 +65,25 @@ def median_width(table: list[dict[str, Any]]) -> float:
     return float(np.median([
         (each["high_m_s2"] - each["low_m_s2"]) / max(each["median_m_s2"], 1e-9) for each in table
     ]))  # fmt: skip
+
+
+def _kinds_told(kinds: Mapping[str, Any], draws: int) -> str:
+    """Kinds of the draws by their share, the likeliest first."""
+    counted = sorted(kinds.items(), key=lambda each: -each[1]["draws"])
+    return ", ".join(f"{kind} {100 * each['draws'] / draws:.0f} %" for kind, each in counted)
+
+
+def _lift_off_told(table: list[dict[str, Any]], opening: list[dict[str, Any]]) -> list[str]:
+    """Where contacts open long before the rock overturns: both, at the azimuth at which they open first."""
+    least = min(range(len(table)), key=lambda row: opening[row]["median_m_s2"])
+    lifts, topples = opening[least], table[least]
+    if lifts["median_m_s2"] > (1.0 - LIFTS_EARLY) * topples["median_m_s2"]:
+        return []
+    return [
+        f"contacts open from {_interval(lifts)} on where the ground accelerates toward azimuth "
+        f"{lifts['azimuth_deg']:.0f}° (compass {compass_deg(lifts['azimuth_deg']):.0f}°): it rocks there before it "
+        f"overturns, at {_interval(topples)}"
+    ]
 
 
 def _inspection_told(table: list[dict[str, Any]], before: list[dict[str, Any]] | None) -> str:

@@ -19,6 +19,7 @@ from toppling.models.documents import (
     whole,
 )
 from toppling.models.errors import InputError, refusals
+from toppling.models.scan.hints_file import KINDS
 
 BASES = "bases.json"
 """File of a scene with the draws of its base."""
@@ -31,6 +32,7 @@ MOST_AZIMUTHS = 3600
 SPREAD = between(0.0, 1e8)
 AZIMUTH = between(-360.0, 360.0)
 PLACE = [LENGTH_M, 3]
+_INTERVAL = {"azimuth_deg": AZIMUTH, "low_m_s2": SPREAD, "median_m_s2": SPREAD, "high_m_s2": SPREAD}
 _REPORT = {
     "surface?": {"seen_share": SHARE, "closed_share": SHARE, "invented_share": SHARE},
     "slenderness?": [{"azimuth_deg": AZIMUTH, "alpha_deg": NUMBER.or_null()}],
@@ -55,7 +57,9 @@ _REPORT = {
         "contradiction?": TEXT,
         "draws?": whole(1, 1_000_000),
         "distinct?": whole(1, 1_000_000),
-        "toppling?": [{"azimuth_deg": AZIMUTH, "low_m_s2": SPREAD, "median_m_s2": SPREAD, "high_m_s2": SPREAD}],
+        "toppling?": [_INTERVAL],
+        "lift_off?": [_INTERVAL],
+        "kinds?": {f"{kind}?": {"weight": SHARE, "draws": whole(0, 1_000_000)} for kind in KINDS},
         "contacts?": {"reach": [{"low_m": NUMBER, "high_m": NUMBER}], "count": [whole(0, 1_000_000), 3]},
         "com_m?": [[NUMBER, 3], 3],
     },

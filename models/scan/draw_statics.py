@@ -17,9 +17,9 @@ from toppling.models.gap import GapDraw
 from toppling.models.ground.equilibrium import farthest_load, wrenches
 from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock
+from toppling.models.scan.base import Base
 from toppling.models.scan.gap_seen import HiddenPart
 from toppling.models.scan.interface import Interface
-from toppling.models.statics import quasi_static_toppling_m_s2
 from toppling.models.unseen import least_feet
 
 FRICTION = ContactProperties().friction_static
@@ -54,8 +54,8 @@ class DrawStatics:
         few = least_feet(high, above, com, 2.0 * COARSE_FEET_PER_HEIGHT * height_m)
         return cls(rock, interface, part, side, few, height_m)
 
-    def toppling_m_s2(self, gap: GapDraw, com_m: Array, azimuths_deg: tuple[float, ...]) -> Array:
-        """Quasi-static toppling accelerations on one draw."""
+    def path_m_s2(self, gap: GapDraw, com_m: Array, azimuths_deg: tuple[float, ...]) -> tuple[Array, Array]:
+        """Quasi-static accelerations (n,) at lift-off and at toppling on one draw; over a surface both at toppling."""
         low = low_feet(self.part, gap, self.side, self.height_m)
         com = self.interface.flat(com_m[None])[0]
         feet = np.vstack([
@@ -64,8 +64,13 @@ class DrawStatics:
         rock = dataclasses.replace(self.rock, com_m=com_m, feet_m=self.interface.scene(feet))
         plane = Pedestal(self.interface.point_m, self.interface.normal)
         if not self.interface.is_plane:
-            return held_on_surface(rock, feet, self.interface, azimuths_deg)
-        return np.array(quasi_static_toppling_m_s2(rock, plane, STANDARD_GRAVITY_M_S2, azimuths_deg))[:, 1]
+            held = held_on_surface(rock, feet, self.interface, azimuths_deg)
+            return held, held
+        seat = Seat.of(rock, plane)
+        lift_off, toppling = zip(
+            *(seat.path(STANDARD_GRAVITY_M_S2, azimuth) for azimuth in azimuths_deg), strict=True
+        )
+        return np.array(lift_off), np.array(toppling)
 
 
 def outside_feet(rock: Rock, interface: Interface, part: HiddenPart, height_m: float) -> tuple[Array, Array]:
@@ -139,3 +144,13 @@ def _turn(before: Array, after: Array, frame: Array, axes: Array) -> Array:
     turn = Rotation.align_vectors(after - after.mean(axis=0), before - before.mean(axis=0))[0].as_matrix()
     change = axes @ frame.T
     return np.asarray(change @ turn @ change.T)
+
+
+def mass_moved_m(part: HiddenPart, base: Base, gap_m: Array, rock: Rock, interface: Interface) -> Array:
+    """Shift (3,) of the centre of mass by what a draw's base takes from the rock that another base closed."""
+    places = part.observed.places_m[: part.inner]
+    lower, upper = base.grid.at(base.height_m, places), gap_m[: part.inner]
+    taken = (upper - lower) * part.cell_m2
+    com = interface.flat(rock.com_m[None])[0]
+    arms = np.column_stack([places, 0.5 * (upper + lower)]) + interface.rise(places) - com
+    return np.asarray(interface.axes @ -(taken[:, None] * arms).sum(axis=0) / rock.volume_m3)

@@ -56,6 +56,8 @@ CURVATURE_PER_SHAPE = 8.0
 LEVEL_PER_WIDTH = 0.1
 OUTLINE_STD_PER_HEIGHT = 0.0015
 """Of the gap along an outline of the contact."""
+CLOSED_PER_HEIGHT = 1e-4
+"""Least gap of what is known not to touch, however near it is."""
 NOT_UNDER_THE_ROCK = 0.05
 """Share of the height beyond which a place of an inspection, beside the hidden base or off the interface, is none of
 the base."""
@@ -138,6 +140,8 @@ def hidden_part(
     first = np.cumsum([len(inner), len(rim.gap_m), len(inspected[0])])
     floor = np.zeros(len(places))
     floor[: first[0]] = _least_gap(under).ravel()[grid.index(inner)]
+    if inspection.touch_only:
+        floor[: first[1]] = np.maximum(floor[: first[1]], CLOSED_PER_HEIGHT * height_m)
     floor[first[2] :] = LEAST_GAP_PER_HEIGHT * height_m
     observed = BaseObservation(
         places,

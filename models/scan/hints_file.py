@@ -12,6 +12,8 @@ from toppling.models.spelling import did_you_mean
 
 HINTS = "hints.toml"
 MOST_BYTES = 1 << 20
+FLAT, ROUGH, ROUNDED = KINDS = ("flat", "rough", "rounded")
+"""Of bases: dressed or split, rough, and rounded toward their outline."""
 Place = Sequence[float]
 
 
@@ -42,6 +44,8 @@ class Hints(CloudHints, total=False):
     touch: Sequence[Place]
     daylight: Sequence[Place]
     pull: Sequence[tuple[float, float]]
+    base: str | None
+    touch_only: bool
 
 
 OF_READING = tuple(ReadingHints.__annotations__)

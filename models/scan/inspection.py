@@ -10,7 +10,10 @@ import numpy as np
 
 from toppling.models.arrays import Array
 from toppling.models.errors import InputError, refusals
+from toppling.models.scan.hints_file import FLAT, KINDS
 
+LEAST_TOUCHES = 3
+"""On fewer no rock stands."""
 TOUCHES, OPEN = ("touch", "contact", "1"), ("daylight", "open", "gap", "0")
 
 
@@ -35,6 +38,10 @@ class Inspection:
     pulls : tuple of (float, float)
         Azimuth toward which the rock was pulled, horizontally at the height of its centre of mass, degrees from east to
         north, and the force over its weight that lifted it until it would have gone on by itself.
+    base : str, optional
+        Kind of the base, one of `hints_file.KINDS`.
+    touch_only : bool
+        Whether rock and pedestal touch at the places that touch and nowhere else.
     file : str
         Where the places are from.
     lines : tuple of int
@@ -44,13 +51,15 @@ class Inspection:
     touching_m: Array = field(default_factory=_no_places)
     open_m: Array = field(default_factory=_no_places)
     pulls: tuple[tuple[float, float], ...] = ()
+    base: str | None = None
+    touch_only: bool = False
     file: str = "--contact"
     lines: tuple[int, ...] = ()
 
     @property
     def says_nothing(self) -> bool:
         """Whether it holds no knowledge."""
-        return not (len(self.touching_m) or len(self.open_m) or self.pulls)
+        return not (len(self.touching_m) or len(self.open_m) or self.pulls or self.base)
 
     @property
     def places_m(self) -> Array:
@@ -62,14 +71,28 @@ class Inspection:
         line = f", line {self.lines[number]}" if self.lines else f", place {number + 1}"
         return InputError(what, where=self.file + line, expected=expected, remedy=remedy)
 
-    def check_inside(self, low_m: Array, high_m: Array) -> None:
-        """Refuse a place that a cloud, of these bounds, does not show.
+    def check(self, low_m: Array, high_m: Array) -> None:
+        """Refuse what contradicts itself, and a place that a cloud, of these bounds, does not show.
 
         Raises
         ------
         InputError
-            If a place lies outside.
+            If a place lies outside, or the rock is said to touch nowhere, or everywhere and at single places only.
         """
+        if self.touch_only and len(self.touching_m) < LEAST_TOUCHES:
+            raise InputError(
+                f"{len(self.touching_m)} places are said to touch, and nothing else",
+                where="--touch-only",
+                expected=f"at least {LEAST_TOUCHES} places, around the line of the weight, on which the rock stands",
+                remedy="give the others by --touch or --contact, or leave --touch-only out",
+            )
+        if self.touch_only and self.base == FLAT:
+            raise InputError(
+                "a flat base lies on its pedestal everywhere, and not at single places",
+                where="--base and --touch-only",
+                expected="one of them",
+                remedy="leave --touch-only out, or say --base rough or --base rounded",
+            )
         outside = ((self.places_m < low_m) | (self.places_m > high_m)).any(axis=1)
         if outside.any():
             number = int(outside.argmax())
@@ -91,6 +114,8 @@ def inspection_of(
     pulls: Sequence[Sequence[float]] = (),
     touching_m: Sequence[Sequence[float]] = (),
     open_m: Sequence[Sequence[float]] = (),
+    base: str | None = None,
+    touch_only: bool = False,
 ) -> Inspection:
     """Inspection from the command line's options.
 
@@ -101,12 +126,23 @@ def inspection_of(
     pulls : sequence of (azimuth_deg, ratio)
     touching_m, open_m : sequences of (x, y, z)
         Further places, survey coordinates.
+    base : str, optional
+        Kind of the base.
+    touch_only : bool
+        Whether it touches nowhere else.
 
     Raises
     ------
     InputError
-        If the file cannot be read, or a ratio is none.
+        If the file cannot be read, a ratio is none, or the base is of no kind.
     """
+    if base is not None and base not in KINDS:
+        raise InputError(
+            f"'{base}' is no kind of base",
+            where="--base",
+            expected=f"one of {', '.join(KINDS)}",
+            remedy="leave it out where you do not know: the scan then weighs all three by what it saw",
+        )
     for azimuth, ratio in pulls:
         if not (0.0 <= azimuth < 360.0 and 0.0 < ratio < 3.0):
             raise InputError(
@@ -118,17 +154,20 @@ def inspection_of(
             )
     measured = tuple((float(azimuth), float(ratio)) for azimuth, ratio in pulls)
     touching, free = (np.array(places, float).reshape(-1, 3) for places in (touching_m, open_m))
+    known = Inspection(touching, free, measured, base, touch_only, "--touch and --daylight")
     if contact is None:
-        return Inspection(touching, free, pulls=measured, file="--touch and --daylight")
+        return known
     of_file = _places(Path(contact))
-    if not len(touching) + len(free):
-        return replace(of_file, pulls=measured)
-    return Inspection(
-        np.vstack([of_file.touching_m, touching]),
-        np.vstack([of_file.open_m, free]),
-        measured,
-        of_file.file,
-    )
+    if not len(known.places_m):
+        return replace(
+            known,
+            touching_m=of_file.touching_m,
+            open_m=of_file.open_m,
+            file=of_file.file,
+            lines=of_file.lines,
+        )
+    places = (np.vstack([of_file.touching_m, touching]), np.vstack([of_file.open_m, free]))
+    return replace(known, touching_m=places[0], open_m=places[1], file=of_file.file)
 
 
 def _places(path: Path) -> Inspection:

@@ -18,9 +18,10 @@ SPANNED_SHARE = 0.99
 Pulls = Sequence[tuple[float, float]]
 
 
-def log_likelihood(pulls: Pulls, ratios: Array) -> Array:
-    """Logarithm (n,) of how likely draws with such ratios (n, pulls) make what was measured."""
-    return np.asarray(-0.5 * (np.minimum(_misfits(pulls, ratios), 1e3) ** 2).sum(axis=1))
+def likelihood(pulls: Pulls, ratios: Array) -> Array:
+    """How likely (n,) draws with such ratios (n, pulls) make what was measured, the likeliest 1."""
+    squares = (np.minimum(_misfits(pulls, ratios), 1e3) ** 2).sum(axis=1)
+    return np.exp(-0.5 * (squares - squares.min()))
 
 
 def fits(pulls: Pulls, ratios: Array) -> bool:

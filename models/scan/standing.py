@@ -177,12 +177,14 @@ def intervals(drawn: DrawnBases, interface: Interface) -> dict[str, Any]:
     Returns
     -------
     dict
-        `toppling`: for each azimuth of the ground acceleration its low, median and high, m/s2. `contacts`: number of
+        `toppling`: for each azimuth of the ground acceleration its low, median and high, m/s2; `lift_off`: the same of
+        the acceleration at which contacts begin to open. `kinds`: how likely each kind of base is by the rim, and how
+        many draws are of it. `contacts`: number of
         places that touch, and the support polygon's reach toward each azimuth from the line of the weight, low, median
         and high, m. `com_m`: low, median and high of each coordinate.
     """
     tail = 0.5 * (1.0 - LEVEL)
-    low, median, high = drawn.interval_m_s2()
+    lift_off = drawn.lift_off_interval_m_s2()
     places = drawn.part.observed.places_m
     toward = np.deg2rad(AZIMUTHS_DEG)
     ways = np.array([np.cos(toward), np.sin(toward), np.zeros(len(toward))]).T @ interface.axes
@@ -197,10 +199,12 @@ def intervals(drawn: DrawnBases, interface: Interface) -> dict[str, Any]:
     return {
         "draws": len(drawn.gaps),
         "distinct": drawn.distinct,
-        "toppling": [
-            {"azimuth_deg": float(a), "low_m_s2": float(x), "median_m_s2": float(m), "high_m_s2": float(y)}
-            for a, x, m, y in zip(AZIMUTHS_DEG, low, median, high, strict=True)
-        ],
+        "kinds": {
+            each: {"weight": weight, "draws": drawn.kinds.get(each, 0)}
+            for each, weight in drawn.kind_weights.items()
+        },
+        "toppling": _by_azimuth(*drawn.interval_m_s2()),
+        **({} if lift_off is None else {"lift_off": _by_azimuth(*lift_off)}),
         "contacts": {
             "count": [int(n) for n in np.quantile(count, [tail, 0.5, 1.0 - tail], method="nearest")],
             "reach": [
@@ -210,3 +214,10 @@ def intervals(drawn: DrawnBases, interface: Interface) -> dict[str, Any]:
         },
         "com_m": drawn.com_interval_m().tolist(),
     }
+
+
+def _by_azimuth(low: Array, median: Array, high: Array) -> list[dict[str, float]]:
+    return [
+        {"azimuth_deg": float(a), "low_m_s2": float(x), "median_m_s2": float(m), "high_m_s2": float(y)}
+        for a, x, m, y in zip(AZIMUTHS_DEG, low, median, high, strict=True)
+    ]

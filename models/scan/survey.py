@@ -125,7 +125,7 @@ def work_out(
 ) -> tuple[WorkedOut, NDArray[np.int8], tuple[str, ...]]:
     """Everything of :func:`survey` but the hidden base, the label of each point, and notes."""
     if inspection is not None:
-        inspection.check_inside(*cloud.bounds_m)
+        inspection.check(*cloud.bounds_m)
     progress("registering stations")
     fitted = cloud if isinstance(cloud, Registered) else registered(cloud)
     cloud = fitted.cloud

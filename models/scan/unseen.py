@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from scipy.spatial import ConvexHull
@@ -11,23 +12,26 @@ from scipy.spatial import ConvexHull
 from toppling.models.arrays import Array
 from toppling.models.errors import InputError
 from toppling.models.frames import STANDARD_GRAVITY_M_S2
-from toppling.models.gap import GapDraw, Relief, draw_gaps, encloses, resampled, weights
+from toppling.models.gap import GapDraw, draw_gaps, encloses, resampled
 from toppling.models.intervals import FEW_DISTINCT
 from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock
 from toppling.models.scan.base import LEAST_GAP_PER_HEIGHT, Base, Underside
+from toppling.models.scan.base_kinds import bowls, flat_draws, mixed_weights, shares_by_evidence
 from toppling.models.scan.draw_statics import (
     BAND_PER_HEIGHT,
     FEET_PER_HEIGHT,
     DrawStatics,
     low_feet,
+    mass_moved_m,
     outside_feet,
 )
 from toppling.models.scan.gap_seen import HiddenPart, hidden_part, reliefs
+from toppling.models.scan.hints_file import FLAT, KINDS, ROUGH, ROUNDED
 from toppling.models.scan.inspection import Inspection
 from toppling.models.scan.interface import Interface
 from toppling.models.scan.measure import ObservedRock, toppling
-from toppling.models.scan.pulls import Pulls, check_joint, check_spanned, fits, log_likelihood
+from toppling.models.scan.pulls import Pulls, check_joint, check_spanned, fits, likelihood
 from toppling.models.shares import effective_number
 from toppling.models.statics import equilibrium_possible
 from toppling.models.unseen import BaseDraw, UnseenBase, least_feet
@@ -47,7 +51,8 @@ AZIMUTHS_DEG = np.arange(0.0, 360.0, 15.0)
 FRICTION = 0.8
 """With which the nominal rock must stand as scanned."""
 FITTING_SHARE = 1.0 / 3.0
-"""Of the draws over a surface whose base fits it: as likely as one that is rough or rounded."""
+"""Of the draws over a surface whose base fits it, at least: friction shares the weight among contacts that three points
+do not have."""
 SMOOTH_IS_LIKELY = 0.25
 """Mean deviation of a smooth closing's toppling acceleration from the draws' median; with more the base bulges."""
 NEARLY_ALL = 0.75
@@ -72,6 +77,10 @@ class DrawnBases:
         Quasi-static toppling acceleration with each, for ground accelerations toward AZIMUTHS_DEG.
     com_std_m : (3,) array
         Standard deviation of the centre of mass before anything was measured on the base.
+    lift_off_m_s2 : (n, azimuths) array or None
+        Acceleration at which the contacts of each begin to open; None over a surface.
+    kind_weights : dict
+        How likely each kind of base is by the rim, before any pull.
     """
 
     part: HiddenPart
@@ -79,6 +88,13 @@ class DrawnBases:
     com_m: Array
     toppling_m_s2: Array
     com_std_m: Array
+    lift_off_m_s2: Array | None = None
+    kind_weights: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def kinds(self) -> dict[str, int]:
+        """How many draws are of each kind."""
+        return dict(Counter(gap.kind for gap in self.gaps))
 
     @property
     def distinct(self) -> int:
@@ -87,13 +103,11 @@ class DrawnBases:
 
     def interval_m_s2(self) -> tuple[Array, Array, Array]:
         """Low, median and high (azimuths,) of the toppling acceleration, other errors included."""
-        tail = 0.5 * (1.0 - LEVEL)
-        median = np.median(self.toppling_m_s2, axis=0)
-        low, high = np.quantile(self.toppling_m_s2, [tail, 1.0 - tail], axis=0)
-        # What the draws do not show is joined in quadrature, on each side.
-        other = 1.645 * OTHER_ERRORS_SHARE * median
-        low, high = median - np.hypot(median - low, other), median + np.hypot(high - median, other)
-        return np.maximum(low, 0.0), median, high
+        return _interval_of(self.toppling_m_s2)
+
+    def lift_off_interval_m_s2(self) -> tuple[Array, Array, Array] | None:
+        """The same of the acceleration at which contacts begin to open."""
+        return None if self.lift_off_m_s2 is None else _interval_of(self.lift_off_m_s2)
 
     def apart(self, toppling_m_s2: Array) -> Array:
         """Mean deviation (...) of accelerations (..., azimuths) from the draws' median, as logarithm of their ratio."""
@@ -111,6 +125,16 @@ class DrawnBases:
             before = 1.645 * self.com_std_m
             low, high = np.minimum(low, median - before), np.maximum(high, median + before)
         return np.array([low, median, high]).T
+
+
+def _interval_of(acceleration_m_s2: Array) -> tuple[Array, Array, Array]:
+    tail = 0.5 * (1.0 - LEVEL)
+    median = np.median(acceleration_m_s2, axis=0)
+    low, high = np.quantile(acceleration_m_s2, [tail, 1.0 - tail], axis=0)
+    # What the draws do not show is joined in quadrature, on each side.
+    other = 1.645 * OTHER_ERRORS_SHARE * median
+    low, high = median - np.hypot(median - low, other), median + np.hypot(high - median, other)
+    return np.maximum(low, 0.0), median, high
 
 
 class ContradictionError(InputError):
@@ -153,64 +177,77 @@ def draw_bases(
     part = hidden_part(under, low, lit, observed.height_m, inspection, interface)
     random = np.random.default_rng([2026, 28])
     statics = DrawStatics.of(closed, interface, part, observed.height_m)
-    priors = reliefs(part.width_m)
+    possible = (ROUGH, ROUNDED) if inspection.touch_only else KINDS
+    asked = possible if inspection.base is None else (inspection.base,)
 
-    def candidates() -> list[tuple[GapDraw, Array]]:
-        return _standing_draws(part, base, closed, interface, com_std_m, priors, random)
+    def candidates() -> list[Candidate]:
+        return _standing_draws(part, base, closed, interface, com_std_m, asked, random)
 
-    found, log_weight, measured = _weighed(candidates, statics, inspection.pulls)
+    found, shares, weight = _weighed(candidates, statics, inspection.pulls, not interface.is_plane)
     if not found:
-        raise contradiction(part, interface.projected_m(closed.com_m[None])[0], interface)
-    fitting = [] if interface.is_plane else _fitting(part, base, closed, interface, com_std_m, random, draws)
-    kept = [
-        found[number] for number in resampled(log_weight, draws - len(fitting), random, measured)
-    ] + fitting
+        raise contradiction(part, interface.projected_m(closed.com_m[None])[0], interface, inspection)
+    kept = [found[number] for number in resampled(weight, draws, random)]
+    lift_off, toppling = _accelerations(kept, statics)
     return DrawnBases(
         part,
         [gap for gap, _ in kept],
         np.array([com for _, com in kept]),
-        _toppling_of(kept, statics),
+        toppling,
         com_std_m,
+        lift_off if interface.is_plane else None,
+        shares,
     )
 
 
-def _toppling_of(kept: list[tuple[GapDraw, Array]], statics: DrawStatics) -> Array:
-    """Toppling accelerations (n, azimuths) of draws, each worked out once however often it was kept."""
-    once: dict[tuple[int, bytes], Array] = {}
+Candidate = tuple[GapDraw, Array]
+"""A gap on which the rock stands, and the centre of mass with it."""
+
+
+def _accelerations(kept: list[Candidate], statics: DrawStatics) -> tuple[Array, Array]:
+    """At lift-off and at toppling, (n, azimuths) each, of draws, each worked out once however often it was kept."""
+    once: dict[tuple[int, bytes], tuple[Array, Array]] = {}
     for gap, com_m in kept:
         if (key := (id(gap), com_m.tobytes())) not in once:
-            once[key] = statics.toppling_m_s2(gap, com_m, tuple(AZIMUTHS_DEG))
-    return np.array([once[id(gap), com_m.tobytes()] for gap, com_m in kept])
+            once[key] = statics.path_m_s2(gap, com_m, tuple(AZIMUTHS_DEG))
+    both = np.array([once[id(gap), com_m.tobytes()] for gap, com_m in kept])
+    return both[:, 0], both[:, 1]
 
 
 def _weighed(
-    candidates: Callable[[], list[tuple[GapDraw, Array]]], statics: DrawStatics, pulls: Pulls
-) -> tuple[list[tuple[GapDraw, Array]], Array, Array]:
-    """Draws, the logarithms of their weights and of the pulls' likelihood; more draws where pulls leave too few."""
+    candidates: Callable[[], list[Candidate]], statics: DrawStatics, pulls: Pulls, over_surface: bool
+) -> tuple[list[Candidate], dict[str, float], Array]:
+    """Draws, the share of each kind, and weights; more draws where pulls leave too few."""
     toward = tuple((azimuth + 180.0) % 360.0 for azimuth, _ in pulls)
 
-    def borne(found: list[tuple[GapDraw, Array]]) -> Array:
+    def borne(found: list[Candidate]) -> Array:
         """Ratios (n, pulls) that draws bear."""
         ratios = np.empty((len(found), len(pulls)))
         for row, (gap, com_m) in enumerate(found if pulls else []):
-            ratios[row] = statics.toppling_m_s2(gap, com_m, toward) / STANDARD_GRAVITY_M_S2
+            ratios[row] = statics.path_m_s2(gap, com_m, toward)[1] / STANDARD_GRAVITY_M_S2
         return ratios
 
     found = candidates()
+    if not found:
+        return [], {}, np.empty(0)
+    shares = shares_by_evidence([gap for gap, _ in found])
+    if over_surface and 0.0 < shares.get(FLAT, 1.0) < FITTING_SHARE:
+        rest = (1.0 - FITTING_SHARE) / (1.0 - shares[FLAT])
+        shares = {each: FITTING_SHARE if each == FLAT else rest * share for each, share in shares.items()}
+    weight = mixed_weights([gap for gap, _ in found], shares)
+    if not pulls:
+        return found, shares, weight
     ratios = borne(found)
-    log_weight = np.array([gap.log_weight for gap, _ in found])
-    measured = log_likelihood(pulls, ratios)
-    if found and pulls:
-        check_spanned(pulls, ratios, weights(log_weight))
-        for _ in range(MORE_ROUNDS):
-            if effective_number(weights(log_weight, measured)) >= ENOUGH:
-                break
-            more = candidates()
-            found, ratios = found + more, np.vstack([ratios, borne(more)])
-            log_weight = np.array([gap.log_weight for gap, _ in found])
-            measured = log_likelihood(pulls, ratios)
-        check_joint(pulls, ratios, weights(log_weight, measured), weights(log_weight))
-    return found, log_weight, measured
+    check_spanned(pulls, ratios, weight)
+    measured = weight * likelihood(pulls, ratios)
+    for _ in range(MORE_ROUNDS):
+        if effective_number(measured) >= ENOUGH:
+            break
+        more = candidates()
+        found, ratios = found + more, np.vstack([ratios, borne(more)])
+        weight = mixed_weights([gap for gap, _ in found], shares)
+        measured = weight * likelihood(pulls, ratios)
+    check_joint(pulls, ratios, measured, weight)
+    return found, shares, measured
 
 
 def _standing_draws(
@@ -219,42 +256,25 @@ def _standing_draws(
     closed: Rock,
     interface: Interface,
     com_std_m: Array,
-    priors: list[Relief],
+    asked: tuple[str, ...],
     random: np.random.Generator,
-) -> list[tuple[GapDraw, Array]]:
-    """Candidates of each prior on which the rock stands, each with its centre of mass."""
+) -> list[Candidate]:
+    """Candidates of each prior of the kinds that are asked for, on which the rock stands, with its centre of mass."""
     offsets_m = random.normal(size=(CANDIDATES, 3)) * com_std_m
     projected_com = interface.projected_m(closed.com_m + offsets_m)
+    gaps = []
+    for kind, priors in ((ROUGH, reliefs(part.width_m)), (ROUNDED, bowls(part.width_m))):
+        if kind in asked:
+            gaps += draw_gaps(part.observed, projected_com, priors, random, kind)
+    if FLAT in asked:
+        gaps += flat_draws(part, base, CANDIDATES)
     found = []
-    for gap in draw_gaps(part.observed, projected_com, priors, random):
-        com_m = closed.com_m + offsets_m[gap.number] + _mass_moved_m(part, base, gap.gap_m, closed, interface)
+    for gap in gaps:
+        com_m = closed.com_m + offsets_m[gap.number] + mass_moved_m(part, base, gap.gap_m, closed, interface)
         touching = part.observed.places_m[gap.gap_m <= 0.0]
         if encloses(touching, interface.projected_m(com_m[None])[0]):
             found.append((gap, com_m))
     return found
-
-
-def _fitting(
-    part: HiddenPart,
-    base: Base,
-    closed: Rock,
-    interface: Interface,
-    com_std_m: Array,
-    random: np.random.Generator,
-    draws: int,
-) -> list[tuple[GapDraw, Array]]:
-    """Bases that fit the surface as closely as what was seen allows, a share of all draws; none if it stands on none.
-
-    On facets friction shares the weight among contacts that three points do not have.
-    """
-    seen = part.observed
-    gap_m = np.maximum(base.grid.at(base.height_m, seen.places_m), seen.floor_m)
-    closed_rim = seen.gap_m < 2.0 * np.hypot(seen.std_m, seen.shared_m)
-    gap_m[seen.known[closed_rim]] = 0.0
-    touching = seen.places_m[gap_m <= 0.0]
-    gap = GapDraw(gap_m, 0.0, 0)
-    coms = closed.com_m + random.normal(size=(round(FITTING_SHARE * draws), 3)) * com_std_m
-    return [(gap, com_m) for com_m in coms if encloses(touching, interface.projected_m(com_m[None])[0])]
 
 
 def nominal_draw(
@@ -351,7 +371,9 @@ def unseen_base(drawn: DrawnBases, rock: Rock, interface: Interface, height_m: f
     return UnseenBase(band_m, tuple(draws))
 
 
-def contradiction(part: HiddenPart, projected_com: Array, interface: Interface) -> ContradictionError:
+def contradiction(
+    part: HiddenPart, projected_com: Array, interface: Interface, inspection: Inspection
+) -> ContradictionError:
     """Say which observation contradicts that the rock stands."""
     can_touch = part.observed.places_m[part.observed.floor_m <= 0.0]
     hull = ConvexHull(can_touch) if len(can_touch) > 2 else None
@@ -363,22 +385,14 @@ def contradiction(part: HiddenPart, projected_com: Array, interface: Interface) 
             f"(at {x:.2f}, {y:.2f} in the scene), since daylight or the pedestal was seen below it there"
         )
     else:
-        what = f"no contacts around the line of the weight (at {x:.2f}, {y:.2f} in the scene) agree with what was seen"
+        of_kind = f", on a {inspection.base} base," if inspection.base else ""
+        what = f"no contacts around the line of the weight (at {x:.2f}, {y:.2f} in the scene){of_kind} agree with "
+        what += "what was seen"
     return ContradictionError(
         what,
         where="standing",
         expected="a base on which the rock is at rest as it was scanned",
         remedy="one observation is wrong: the rim is not where it seems (strays, plants; crop or clean the cloud), the "
-        "plane is another (--plane), a place of --contact is misread; or the rock is held by something else: a wedge, "
-        "a second support, adhesion",
+        "plane is another (--plane), a place of --contact is misread, it touches elsewhere too (--touch-only), the "
+        "base is of another kind (--base); or the rock is held by something else: a wedge, a second support, adhesion",
     )
-
-
-def _mass_moved_m(part: HiddenPart, base: Base, gap_m: Array, rock: Rock, interface: Interface) -> Array:
-    """Shift (3,) of the centre of mass by what a draw's base takes from the rock that another base closed."""
-    places = part.observed.places_m[: part.inner]
-    lower, upper = base.grid.at(base.height_m, places), gap_m[: part.inner]
-    taken = (upper - lower) * part.cell_m2
-    com = interface.flat(rock.com_m[None])[0]
-    arms = np.column_stack([places, 0.5 * (upper + lower)]) + interface.rise(places) - com
-    return np.asarray(interface.axes @ -(taken[:, None] * arms).sum(axis=0) / rock.volume_m3)

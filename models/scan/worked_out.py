@@ -27,7 +27,7 @@ from toppling.models.scan.surfels import Surfels
 from toppling.models.scene import Scene
 from toppling.models.scene_document import GEOMETRY, LABELS, WORKED_OUT, read_own
 
-SCHEMA_VERSION = 2
+SCHEMA_VERSION = 3
 MOST_BYTES = 2 << 30
 """Unpacked; a scan of 20 million points keeps less than a tenth of this."""
 
@@ -78,9 +78,13 @@ class WorkedOut:
         """The same with other knowledge of the base: what is given replaces what was known of its kind."""
         known = self.inspection
         places = given if len(given.places_m) else known
-        return dataclasses.replace(
-            self, inspection=dataclasses.replace(places, pulls=given.pulls or known.pulls)
+        merged = dataclasses.replace(
+            places,
+            pulls=given.pulls or known.pulls,
+            base=given.base or known.base,
+            touch_only=given.touch_only or places.touch_only,
         )
+        return dataclasses.replace(self, inspection=merged)
 
     def scene(self) -> tuple[Scene, "WorkedOut"]:
         """Draw the hidden base and make the scene; beside it the same with `unaided`, for the next hint.
@@ -90,7 +94,7 @@ class WorkedOut:
         InputError
             If the inspection contradicts what was seen.
         """
-        self.inspection.check_inside(*self.bounds_m)
+        self.inspection.check(*self.bounds_m)
         known = self.inspection.moved(self.origin_m)
         check_inspection(self.observed, self.interface, known)
         std_m = self.report.get("uncertainty", {}).get("com_std_m")
@@ -119,6 +123,8 @@ class WorkedOut:
             "core": self.core,
             "hint": None if hint is None else [hint.kind, hint.encloses],
             "pulls": self.inspection.pulls,
+            "base": self.inspection.base,
+            "touch_only": self.inspection.touch_only,
             "surface": not self.pedestal.is_plane,
             "report": self.report,
             "unaided": self.unaided,
@@ -194,7 +200,11 @@ class WorkedOut:
         rock = Rock.from_triangles(arrays["rock_vertices"], arrays["rock_faces"], where=WORKED_OUT)
         surface = (arrays["pedestal_vertices"], arrays["pedestal_faces"]) if told["surface"] else (None, None)
         inspection = Inspection(
-            arrays["touching"], arrays["open"], tuple((float(a), float(r)) for a, r in told["pulls"])
+            arrays["touching"],
+            arrays["open"],
+            tuple((float(a), float(r)) for a, r in told["pulls"]),
+            told["base"],
+            bool(told["touch_only"]),
         )
         return cls(
             observed=observed,

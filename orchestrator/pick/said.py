@@ -9,7 +9,7 @@ from typing import Any, cast
 from toppling.models.documents import shown
 from toppling.models.errors import refusals
 from toppling.models.lengths import METRES
-from toppling.models.scan.hints_file import Hints
+from toppling.models.scan.hints_file import KINDS, Hints
 from toppling.models.scan.inspection import Inspection, inspection_of
 from toppling.models.scan.interface_hint import InterfaceHint, hint_of
 from toppling.models.scan.placement import upward
@@ -33,13 +33,14 @@ class Said:
 
     Parameters
     ----------
-    units, up : str, optional
+    units, up, base : str, optional
         As the options of `toppling scan`; `up` may be three numbers, separated by commas.
     length : tuple of (tuple, tuple, float), optional
         Two places of the model, in its own coordinates, and the metres between them.
     near, plane : tuple of float, optional
     point, touch, daylight, pull : tuple of tuple of float
         As the options of `toppling scan`.
+    touch_only : bool
     """
 
     units: str | None = None
@@ -51,6 +52,8 @@ class Said:
     touch: tuple[Place, ...] = ()
     daylight: tuple[Place, ...] = ()
     pull: tuple[Place, ...] = ()
+    base: str | None = None
+    touch_only: bool = False
 
     @classmethod
     def of(cls, content: Any) -> "Said":
@@ -71,6 +74,8 @@ class Said:
                 values[name] = _numbers(value, ONE[name], name)
             elif name == "length":
                 values[name] = _length(value)
+            elif name == "touch_only" and isinstance(value, bool):
+                values[name] = value
             elif name in WORDS:
                 values[name] = _word(value, WORDS[name], name)
             elif name in MANY:
@@ -102,7 +107,8 @@ class Said:
 
     def inspection(self) -> Inspection:
         """What is known of the base."""
-        return inspection_of(None, [(pull[0], pull[1]) for pull in self.pull], self.touch, self.daylight)
+        pulls = [(pull[0], pull[1]) for pull in self.pull]
+        return inspection_of(None, pulls, self.touch, self.daylight, self.base, self.touch_only)
 
     def to_json(self) -> dict[str, Any]:
         """Values by name."""
@@ -114,7 +120,7 @@ MANY = {"point": 3, "touch": 3, "daylight": 3, "pull": 2}
 """Numbers in each, by name."""
 
 
-WORDS = {"units": tuple(METRES), "up": ()}
+WORDS = {"units": tuple(METRES), "up": (), "base": KINDS}
 """What each word may be; of the upward axis its reader decides."""
 LONGEST_WORD = 100
 

@@ -15,7 +15,7 @@ from toppling.orchestrator.pick.said import Said
 from toppling.orchestrator.pick.server import PickServer
 from toppling.orchestrator.pick.session import Picking, Placed
 from toppling.orchestrator.public.making import Scanned, written
-from toppling.orchestrator.public.scan_files import hints_said, placed_by, placed_cloud
+from toppling.orchestrator.public.scan_files import hints_said, of_base, placed_by, placed_cloud
 
 OF_THE_PAGE = ("units", "up", "length")
 """What the page itself says of the files; the rest stays as the command was told."""
@@ -45,7 +45,7 @@ def pick_server(
         If the folder exists.
     """
     refuse_existing(out)
-    known = inspection_of(given["contact"], given["pull"], given["touch"], given["daylight"])
+    known = inspection_of(given["contact"], **of_base(given))
     said = Said.of({
         "units": given["units"],
         "up": given["up"],
@@ -56,6 +56,8 @@ def pick_server(
         "touch": known.touching_m.tolist(),
         "daylight": known.open_m.tolist(),
         "pull": [list(each) for each in known.pulls],
+        "base": known.base,
+        "touch_only": known.touch_only,
     })  # fmt: skip
     said.hint()
     surveyed = cast(CloudHints, {name: given[name] for name in OF_READING if name not in OF_THE_PAGE})

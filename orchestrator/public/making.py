@@ -62,7 +62,8 @@ def scan(
         Called with (1, what) at each stage.
     **hints
         `units`, `up`, `length`, `gcp`, `crs`, `rock`, `pedestal`, `near`, `plane`, `point`, `outline`, `touch`,
-        `daylight`, `pull`, as the options of `toppling scan`: lengths in metres, angles in degrees, survey coordinates.
+        `daylight`, `pull`, `base`, `touch_only`, as the options of `toppling scan`: lengths in metres, angles in
+        degrees, survey coordinates.
 
     Raises
     ------
@@ -72,14 +73,12 @@ def scan(
     from toppling.models.scan.inspection import inspection_of
     from toppling.models.scan.interface_hint import hint_of
     from toppling.models.scan.survey import survey
-    from toppling.orchestrator.public.scan_files import check_hints, hints_said, placed_cloud
+    from toppling.orchestrator.public.scan_files import check_hints, hints_said, of_base, placed_cloud
 
     check_hints(hints)
     clouds, folder, looked = tuple(map(Path, files)), Path(out), _path(contact)
     refuse_existing(folder)
-    inspection = inspection_of(
-        looked, hints.get("pull", ()), hints.get("touch", ()), hints.get("daylight", ())
-    )
+    inspection = inspection_of(looked, **of_base(hints))
     hint = hint_of(hints.get("plane"), list(hints.get("point", ())), hints.get("outline"))
     stage = partial(advance, 1)
 

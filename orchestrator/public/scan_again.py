@@ -21,6 +21,8 @@ def scan_again(
     touch: Sequence[Place] = (),
     daylight: Sequence[Place] = (),
     pull: Sequence[tuple[float, float]] = (),
+    base: str | None = None,
+    touch_only: bool = False,
     advance: Callable[..., None] = unseen,
 ) -> Scanned:
     """Draw the base of a scanned scene anew, with what its scan has worked out: no clouds are read.
@@ -31,7 +33,7 @@ def scan_again(
         Folder of a scene of :func:`scan`.
     out : path, optional
         A new folder for the result. Default: it takes the place of the scene.
-    contact, touch, daylight, pull
+    contact, touch, daylight, pull, base, touch_only
         As of :func:`scan`; those that are given replace the former ones of their kind.
     advance : callable
         Called with (1, what) at each stage.
@@ -46,7 +48,7 @@ def scan_again(
 
     folder = Path(scene)
     advance(0, "reading")
-    kept = WorkedOut.read(folder).with_hints(inspection_of(contact, pull, touch, daylight))
+    kept = WorkedOut.read(folder).with_hints(inspection_of(contact, pull, touch, daylight, base, touch_only))
     advance(1, "drawing the hidden base")
     drawn, kept = kept.scene()
     advance(1, "writing")

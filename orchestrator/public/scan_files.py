@@ -80,11 +80,22 @@ def placed_by(hints: CloudHints) -> "tuple[Placement, Reference | None]":
     return placement_of(hints.get("up"), length, gcp, units), system
 
 
+def of_base(hints: Mapping[str, Any]) -> dict[str, Any]:
+    """What hints say of the base, as :func:`inspection_of` takes it."""
+    return {
+        "pulls": hints.get("pull") or (), "touching_m": hints.get("touch") or (), "open_m": hints.get("daylight") or (),
+        "base": hints.get("base"), "touch_only": bool(hints.get("touch_only")),
+    }  # fmt: skip
+
+
 def hints_said(given: Mapping[str, Any], inspection: Inspection) -> dict[str, Any]:
     """What was said of a scan, as `hints.toml` has it: what files hold, and not where they lie."""
-    of_base = {"touch": inspection.touching_m, "daylight": inspection.open_m, "pull": inspection.pulls}
+    known = {
+        "touch": inspection.touching_m, "daylight": inspection.open_m, "pull": inspection.pulls,
+        "base": inspection.base, "touch_only": inspection.touch_only,
+    }  # fmt: skip
     gcp, outline = given.get("gcp"), given.get("outline")
-    said = {**given, **of_base, "gcp": control_point_lines(gcp) if gcp else None}
+    said = {**given, **known, "gcp": control_point_lines(gcp) if gcp else None}
     if isinstance(outline, str | Path):
         said["outline"] = InterfaceHint.outline(outline).anchors_m
     return {key: plain(key, said.get(key)) for key in KEYS}

@@ -8,7 +8,7 @@ import click
 
 from toppling.models.errors import InputError
 from toppling.models.lengths import METRES
-from toppling.models.scan.hints_file import KEYS, OF_CLOUDS, RIVALS, read_hints
+from toppling.models.scan.hints_file import KEYS, KINDS, OF_CLOUDS, RIVALS, read_hints
 from toppling.models.scene import Scene
 from toppling.orchestrator.progress import bar
 from toppling.orchestrator.public import REALISATIONS
@@ -156,6 +156,17 @@ def _without_rivals(given: dict[str, Any]) -> dict[str, Any]:
     "as N40E, and the largest force that the rock bore, over its weight.",
 )
 @click.option(
+    "--touch-only",
+    is_flag=True,
+    help="Rock and pedestal touch at the places that are given and nowhere else.",
+)
+@click.option(
+    "--base",
+    type=click.Choice(KINDS),
+    help="Kind of the base: flat (dressed or split), rough, or rounded toward its outline. Weighed by what was seen "
+    "unless given.",
+)
+@click.option(
     "--hints",
     type=PATH,
     metavar="FILE",
@@ -168,7 +179,7 @@ def _without_rivals(given: dict[str, Any]) -> dict[str, Any]:
     "--again",
     type=PATH,
     metavar="SCENE",
-    help="Draw the base of a scanned scene anew, with other --contact, --touch, --daylight or --pull, in seconds.",
+    help="Draw the base of a scanned scene anew, with other hints on it (--contact to --base), in seconds.",
 )
 @click.option(
     "--pick",
@@ -203,8 +214,8 @@ def scan(
     you know better where they meet, use --plane, --point or --outline.
 
     No laser sees the base of the rock. The command draws bases that are consistent with the scan and on which the rock
-    stands as scanned, and keeps them in the scene. --contact, --touch, --daylight, --pull and --outline narrow them
-    down. What the scan has worked out is kept, so that a hint found later needs no clouds: --again draws the bases
+    stands as scanned, and keeps them in the scene. --contact, --touch, --daylight, --pull, --base and --outline narrow
+    them down. What the scan has worked out is kept, so that a hint found later needs no clouds: --again draws the bases
     anew, in place of the former ones or in the folder --out.
 
     --pick shows the cloud in a browser, where hints are clicks. The page is served to this machine only, at an address
@@ -232,7 +243,7 @@ def scan(
         with bar("scan again", 3) as advance:
             made = scan_again(
                 again, given["out"], contact=given["contact"], touch=given["touch"], daylight=given["daylight"],
-                pull=given["pull"], advance=advance,
+                pull=given["pull"], base=given["base"], touch_only=given["touch_only"], advance=advance,
             )  # fmt: skip
     _tell(made, as_json)
 

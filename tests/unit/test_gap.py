@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from toppling.models.gap import BaseObservation, Relief, draw_gaps, encloses, facet_below, resampled
+from toppling.models.gap import BaseObservation, Relief, draw_gaps, encloses, facet_below, resampled, weights
 
 RELIEF = Relief(level_m=0.1, shape_m=0.01, shape_length_m=0.4, rough_m=0.002, rough_length_m=0.07)
 RIM_STD_M = 0.001
@@ -81,7 +81,7 @@ def test_the_facet_below_a_weight_is_the_one_a_table_of_three_legs_stands_on():
 
 
 def test_resampling_takes_each_draw_as_often_as_its_weight_says():
-    numbers = resampled(np.log([0.3, 0.3, 0.4]), 100, np.random.default_rng(0))
+    numbers = resampled(np.array([0.3, 0.3, 0.4]), 100, np.random.default_rng(0))
     assert np.bincount(numbers) == pytest.approx([30, 30, 40], abs=1)
     # One draw of overwhelming weight does not silence all others.
-    assert len(set(resampled(np.append(np.zeros(20), 100.0), 20, np.random.default_rng(0)))) > 5
+    assert len(set(resampled(weights(np.append(np.zeros(20), 100.0)), 20, np.random.default_rng(0)))) > 5

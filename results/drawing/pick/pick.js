@@ -13,7 +13,7 @@ const MODES = [
   ["daylight", "D", "Daylight", "Click places along the crevice where light passes between rock and pedestal."],
   ["length", "S", "Scale", "Click the two ends of a measured length, then say beside how long it is."],
 ];
-const NAMES = { units: "unit", up: "up", length: "length", near: "rock", plane: "plane", point: "meet", touch: "touch", daylight: "daylight", pull: "pull" };
+const NAMES = { units: "unit", up: "up", length: "length", near: "rock", plane: "plane", point: "meet", touch: "touch", daylight: "daylight", pull: "pull", base: "base", touch_only: "touches" };
 const LISTS = ["point", "touch", "daylight", "pull"];
 let mode = "look", ends = [], state = null, hints = null, past = [], future = [], drawnView = -1, framed = "", before = null, shownTable = null, shownFor = "";
 
@@ -40,7 +40,7 @@ function say(next, keep = true) {
 }
 function undo() { if (past.length) { future.push(hints); say(past.pop(), false); } }
 function redo() { if (future.length) { past.push(hints); say(future.pop(), false); } }
-const without = (name, index) => ({ ...hints, [name]: LISTS.includes(name) ? hints[name].filter((_, k) => k !== index) : null });
+const without = (name, index) => ({ ...hints, [name]: LISTS.includes(name) ? hints[name].filter((_, k) => k !== index) : name === "touch_only" ? false : null });
 
 function add(name, value) {
   const next = { ...hints, [name]: LISTS.includes(name) ? [...hints[name], value] : value };
@@ -145,7 +145,7 @@ function isChosen(candidate) {
 function listHints() {
   const rows = [];
   const row = (name, index, value, text) => rows.push(make("li", [
-    make("span", "", { className: `mark ${name === "length" ? "end" : name}${["plane", "pull", "units", "up"].includes(name) ? " none" : ""}` }),
+    make("span", "", { className: `mark ${name === "length" ? "end" : name}${["plane", "pull", "units", "up", "base", "touch_only"].includes(name) ? " none" : ""}` }),
     make("span", `${NAMES[name]}: ${text}`),
     make("button", "×", { type: "button", title: "take this hint back", ariaLabel: `take back ${NAMES[name]}`, onclick: () => ["units", "up", "length"].includes(name) ? placeAnew({ [name]: null }) : say(without(name, index)) }),
   ]));
@@ -154,6 +154,8 @@ function listHints() {
   if (hints.near) row("near", 0, hints.near, told(hints.near));
   if (hints.plane) row("plane", 0, hints.plane, `${told(hints.plane.slice(0, 3))}; ${told(hints.plane.slice(3, 4))}° toward ${told(hints.plane.slice(4))}°`);
   for (const name of LISTS) hints[name].forEach((value, index) => row(name, index, value, name === "pull" ? `${+value[1].toFixed(4)} of the weight toward ${+value[0].toFixed(2)}°` : told(value)));
+  if (hints.base) row("base", 0, hints.base, hints.base);
+  if (hints.touch_only) row("touch_only", 0, true, "there and nowhere else");
   if (hints.point.length && hints.point.length < 3) rows.push(make("li", make("span", `${3 - hints.point.length} more where they meet`, { className: "quiet" })));
   if (!rows.length) rows.push(make("li", make("span", "none yet", { className: "quiet" })));
   at("hints").replaceChildren(...rows);

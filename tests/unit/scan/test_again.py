@@ -18,7 +18,7 @@ from toppling.models.scan.worked_out import WorkedOut
 from toppling.models.scene import Scene
 from toppling.models.scene_document import GEOMETRY, LABELS, WORKED_OUT
 from toppling.orchestrator.cli import cli as main
-from toppling.orchestrator.public.scan_files import hints_said
+from toppling.orchestrator.public.scan_files import hints_said, of_base
 
 
 @pytest.fixture(scope="module")
@@ -185,6 +185,8 @@ SAID = {
     "touch": [(0.0, 0.0, 1 / 3)],
     "daylight": [(0.5, 0.0, 0.1)],
     "pull": ((40.0, 0.21),),
+    "base": "rounded",
+    "touch_only": True,
 }
 
 
@@ -208,7 +210,7 @@ def test_everything_said_comes_back_from_its_file(monkeypatch, tmp_path):
     (tmp_path / "outline.csv").write_text("\n".join(",".join(map(str, row)) for row in SAID["outline"]))
     said = hints_said(
         SAID | {"gcp": tmp_path / "gcp.csv", "outline": tmp_path / "outline.csv"},
-        inspection_of(None, SAID["pull"], SAID["touch"], SAID["daylight"]),
+        inspection_of(None, **of_base(SAID)),
     )
     assert json.loads(json.dumps(said)) == said
     write_hints(tmp_path / HINTS, said)

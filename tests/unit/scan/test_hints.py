@@ -7,9 +7,9 @@ import pytest
 import trimesh
 
 from toppling.models.errors import InputError
-from toppling.models.gap import GapDraw
+from toppling.models.gap import GapDraw, way_out
 from toppling.models.rock import Rock
-from toppling.models.scan import unseen
+from toppling.models.scan import base_kinds, unseen
 from toppling.models.scan.base import hidden_base
 from toppling.models.scan.gap_seen import reliefs
 from toppling.models.scan.inspection import Inspection
@@ -51,15 +51,16 @@ def few_candidates(monkeypatch):
     monkeypatch.setattr(unseen, "CANDIDATES", 1)
     monkeypatch.setattr(unseen, "MORE_ROUNDS", 2)
     monkeypatch.setattr(unseen, "reliefs", lambda width_m: reliefs(width_m)[::4])
+    monkeypatch.setattr(unseen, "bowls", lambda width_m: base_kinds.bowls(width_m)[::3])
     rounds = []
     once = unseen._standing_draws
     monkeypatch.setattr(unseen, "_standing_draws", lambda *a: rounds.append(0) or once(*a))
     return rounds
 
 
-def drawn_with(column, *pulls, **more):
+def drawn_with(column, *pulls, **known):
     observed, rock, base = column
-    return draw_bases(observed, LEVEL, rock, base, STD_M, Inspection(pulls=pulls), **more)
+    return draw_bases(observed, LEVEL, rock, base, STD_M, Inspection(pulls=pulls, **known))
 
 
 def test_a_pull_that_no_drawn_base_bears_is_refused_with_what_they_bear(column, few_candidates):
@@ -209,3 +210,81 @@ def test_a_contact_beside_the_base_is_refused_with_file_and_line(column):
     with pytest.raises(InputError, match="from the hidden base") as refused:
         check_inspection(column[0], LEVEL, beside)
     assert refused.value.where == "looked.csv, line 7"
+
+
+FEET_M = np.array([[0.3, 0.0, 0.0], [-0.2, 0.25, 0.0], [-0.2, -0.25, 0.0]])
+
+
+def raised(column, rise_m):
+    """The column with its side seen down to so much above the pedestal, light passing below it."""
+    observed, rock, _ = column
+    side = observed.rock_m + np.array([0.0, 0.0, rise_m])
+    floor = observed.pedestal_m
+    seen = ObservedRock(side, floor, side, floor, None, None, HEIGHT_M, None)
+    return seen, rock, hidden_base(side, floor, HEIGHT_M, 0.3)
+
+
+def test_a_flat_base_is_likely_where_the_rim_goes_down_to_the_pedestal_and_no_more_where_it_hangs(
+    column, few_candidates
+):
+    closed = drawn_with(column).kind_weights
+    hanging = drawn_with(raised(column, 0.06)).kind_weights
+    assert sum(closed.values()) == pytest.approx(1.0)
+    assert closed["flat"] > base_kinds.BEFORE["flat"]
+    assert hanging["flat"] < 0.01
+
+
+def test_a_flat_base_topples_over_its_edge(column, few_candidates):
+    drawn = drawn_with(column, base="flat")
+    assert drawn.kinds == {"flat": unseen.DRAWS}
+    # A column of radius r and height h: g r / (h / 2). The edge is known to half of the points' pitch.
+    edge = 9.80665 * RADIUS_M / (0.5 * HEIGHT_M)
+    assert np.median(drawn.toppling_m_s2) == pytest.approx(edge, rel=0.5 * PITCH_M / RADIUS_M + 0.02)
+
+
+@pytest.mark.parametrize("kind", ["rough", "rounded"])
+def test_draws_are_of_the_kind_that_is_said(column, few_candidates, kind):
+    assert drawn_with(column, base=kind).kinds == {kind: unseen.DRAWS}
+
+
+def test_contacts_open_no_later_than_the_rock_overturns(column, few_candidates):
+    drawn = drawn_with(column)
+    assert (drawn.lift_off_m_s2 <= drawn.toppling_m_s2 * (1.0 + 1e-9)).all()
+    assert (drawn.lift_off_m_s2 < 0.9 * drawn.toppling_m_s2).any()  # some draw rolls before
+
+
+def test_a_rock_that_touches_nowhere_else_touches_at_these_places_alone(column, few_candidates):
+    drawn = drawn_with(column, touching_m=FEET_M, touch_only=True)
+    places = drawn.part.observed.places_m
+    for gap in drawn.gaps:
+        touching = places[gap.gap_m <= 0.0]
+        np.testing.assert_allclose(np.sort(touching, axis=0), np.sort(FEET_M[:, :2], axis=0), atol=1e-9)
+    free = drawn_with(column, touching_m=FEET_M)
+    assert any((gap.gap_m <= 0.0).sum() > len(FEET_M) for gap in free.gaps)
+
+
+def test_touching_nowhere_else_needs_three_places_and_no_flat_base():
+    around = np.full(3, -1.0), np.full(3, 1.0)
+    with pytest.raises(InputError, match="2 places are said to touch"):
+        Inspection(FEET_M[:2], touch_only=True).check(*around)
+    with pytest.raises(InputError, match="everywhere"):
+        Inspection(FEET_M, touch_only=True, base="flat").check(*around)
+    Inspection(FEET_M, touch_only=True, base="rough").check(*around)
+
+
+def test_each_kind_has_its_share_of_the_weight_however_many_candidates_it_has():
+    gaps = [GapDraw(np.zeros(4), -float(k), k, kind) for kind in ("flat", "rough", "rough") for k in range(4)]
+    weight = base_kinds.mixed_weights(gaps, {"flat": 0.3, "rough": 0.7})
+    of_flat = np.array([gap.kind == "flat" for gap in gaps])
+    assert weight[of_flat].sum() == pytest.approx(0.3)
+    assert weight[~of_flat].sum() == pytest.approx(0.7)
+
+
+def test_the_way_out_is_nothing_in_the_middle_and_whole_on_the_outline_however_long_the_base():
+    turn = np.linspace(0.0, 2.0 * np.pi, 64, endpoint=False)
+    outline = np.column_stack([3.0 * np.cos(turn), np.sin(turn)])
+    places = np.vstack([[[0.0, 0.0]], 0.5 * outline, outline])
+    way = way_out(places)
+    assert way[0] == pytest.approx(0.0, abs=1e-9)
+    np.testing.assert_allclose(way[1:65], 0.5, atol=1e-9)
+    np.testing.assert_allclose(way[65:], 1.0, atol=1e-9)

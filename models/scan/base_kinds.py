@@ -1,0 +1,100 @@
+"""Kinds of a hidden base: flat (dressed or split), rough, rounded; how likely each is by the rim that was seen."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from scipy.special import logsumexp
+
+from toppling.models.arrays import Array
+from toppling.models.gap import GapDraw, Relief, flat_log_likelihood, weights
+from toppling.models.scan.base import Base
+from toppling.models.scan.gap_seen import LEVEL_PER_WIDTH, ROUGH_LENGTH_PER_WIDTH, HiddenPart
+from toppling.models.scan.hints_file import FLAT, KINDS, ROUGH, ROUNDED
+
+BEFORE = {FLAT: 0.2, ROUGH: 0.4, ROUNDED: 0.4}
+"""How likely each kind is before anything was seen."""
+EVIDENCE_SHARE = 0.15
+"""Power to which the rim's likelihood is taken: errors of neighbouring places are not independent."""
+FLAT_ROUGH_PER_WIDTH = 0.0005
+"""Roughness of a base that was dressed or split, over the root of its area."""
+BOWL_PER_WIDTH = 0.05
+"""Of a rounded base: standard deviation of what it rises to its outline, over the root of its area."""
+ROUNDED_PER_WIDTH = (
+    (0.006, 0.7, 0.002),
+    (0.012, 0.7, 0.002),
+    (0.012, 0.7, 0.0005),
+    (0.012, 2.0, 0.002),
+    (0.025, 0.7, 0.002),
+    (0.012, 0.25, 0.002),
+)
+"""What a rounded base has beside its bowl: relief, its length, roughness, over the root of its area."""
+CLOSED_STDS = 2.0
+"""A rim that hangs by fewer standard deviations of its error may be closed."""
+
+
+def bowls(width_m: float) -> list[Relief]:
+    """Priors of the gap below a rounded base."""
+    return [
+        Relief(
+            LEVEL_PER_WIDTH * width_m,
+            shape * width_m,
+            length * width_m,
+            rough * width_m,
+            ROUGH_LENGTH_PER_WIDTH * width_m,
+            bowl_m=BOWL_PER_WIDTH * width_m,
+        )
+        for shape, length, rough in ROUNDED_PER_WIDTH
+    ]
+
+
+def flat_draws(part: HiddenPart, base: Base, count: int) -> list[GapDraw]:
+    """A base that lies on its pedestal wherever what was seen allows it, for each of so many lines of the weight.
+
+    Parameters
+    ----------
+    part : HiddenPart
+    base : Base
+        The smooth closing, for what hangs beyond the errors of the rim.
+    count : int
+    """
+    seen, width_m = part.observed, part.width_m
+    gap_m = np.maximum(base.grid.at(base.height_m, seen.places_m), seen.floor_m)
+    closed = seen.gap_m < CLOSED_STDS * np.hypot(seen.std_m, seen.shared_m)
+    gap_m[seen.known[closed]] = 0.0
+    gap_m[seen.touching] = 0.0
+    likelihood = flat_log_likelihood(seen, FLAT_ROUGH_PER_WIDTH * width_m, ROUGH_LENGTH_PER_WIDTH * width_m)
+    return [GapDraw(gap_m, likelihood, number, FLAT, likelihood) for number in range(count)]
+
+
+def shares_by_evidence(gaps: Sequence[GapDraw]) -> dict[str, float]:
+    """How likely each kind is by the rim that was seen; their sum is 1.
+
+    What a draw costs to be brought to stand is left out: a rim does not tell a flat base from one that is rough by less
+    than it resolves, on which a rock stands at some cost.
+
+    Parameters
+    ----------
+    gaps : sequence of GapDraw
+        Candidates on which the rock stands; a kind without any is impossible.
+    """
+    likelihood = np.array([gap.log_likelihood for gap in gaps])
+    kind = np.array([gap.kind for gap in gaps])
+    found = [each for each in KINDS if (kind == each).any()]
+    evidence = [logsumexp(likelihood[kind == each]) - np.log((kind == each).sum()) for each in found]
+    logs = EVIDENCE_SHARE * np.array(evidence) + np.log([BEFORE[each] for each in found])
+    return dict(zip(found, np.exp(logs - logsumexp(logs)).tolist(), strict=True))
+
+
+def mixed_weights(gaps: Sequence[GapDraw], shares: Mapping[str, float]) -> Array:
+    """Weights (n,) of candidates, of which each kind has its share; within it they are those of its priors."""
+    log_weight = np.array([gap.log_weight for gap in gaps])
+    kind = np.array([gap.kind for gap in gaps])
+    weight = np.zeros(len(gaps))
+    for each, share in shares.items():
+        of_kind = kind == each
+        if of_kind.any():
+            own = weights(log_weight[of_kind])
+            weight[of_kind] = share * own / own.sum()
+    return weight

@@ -32,7 +32,7 @@ ROUNDS = 80
 MOST_AT_ONCE = 12
 TRIANGLES = 12
 """Of the hull that are looked at below the line of the weight."""
-EFFECTIVE_SHARE = 0.2
+EFFECTIVE_SHARE = 0.1
 """Of the draws, which their weights leave effective at least."""
 TOUCHING_SHARE = 1e-6
 """Of the field's level below which a gap is closed."""
@@ -257,12 +257,20 @@ def _conditioned(
     return fields.T, covariance, likelihood
 
 
-def flat_log_likelihood(observed: BaseObservation, rough_m: float, length_m: float) -> float:
-    """How likely what was seen is (natural logarithm) on a base that lies on its pedestal everywhere, hardly rough."""
-    seen = observed.places_m[observed.known]
+def flat_log_likelihood(observed: BaseObservation, edge: Relief) -> float:
+    """How likely what was seen is (natural logarithm) on a base that lies on its pedestal up to its edge.
+
+    Parameters
+    ----------
+    observed : BaseObservation
+    edge : Relief
+        Of the edge alone, which may be broken, and rough.
+    """
+    if not len(observed.known):
+        return 0.0
     errors = _rim_errors(observed)
-    spread = rough_m**2 * _matern(cdist(seen, seen) / length_m) + errors @ errors.T
-    return _log_density(observed.gap_m, cho_factor(spread, lower=True)) if len(seen) else 0.0
+    spread = edge.covariance(observed.places_m[observed.known]) + errors @ errors.T
+    return _log_density(observed.gap_m, cho_factor(spread, lower=True))
 
 
 def _rim_errors(observed: BaseObservation) -> Array:

@@ -17,18 +17,11 @@ BEFORE = {FLAT: 0.2, ROUGH: 0.4, ROUNDED: 0.4}
 """How likely each kind is before anything was seen."""
 EVIDENCE_SHARE = 0.15
 """Power to which the rim's likelihood is taken: errors of neighbouring places are not independent."""
-FLAT_ROUGH_PER_WIDTH = 0.0005
-"""Roughness of a base that was dressed or split, over the root of its area."""
+EDGE_PER_WIDTH, EDGE_LENGTH_PER_WIDTH, EDGE_ROUGH_PER_WIDTH = 0.008, 0.5, 0.0005
+"""Of a flat base's edge, over the root of its area: how high it is broken, over what length, and how rough it is."""
 BOWL_PER_WIDTH = 0.05
 """Of a rounded base: standard deviation of what it rises to its outline, over the root of its area."""
-ROUNDED_PER_WIDTH = (
-    (0.006, 0.7, 0.002),
-    (0.012, 0.7, 0.002),
-    (0.012, 0.7, 0.0005),
-    (0.012, 2.0, 0.002),
-    (0.025, 0.7, 0.002),
-    (0.012, 0.25, 0.002),
-)
+ROUNDED_PER_WIDTH = ((0.006, 0.7, 0.002), (0.012, 0.7, 0.002), (0.048, 2.0, 0.002))
 """What a rounded base has beside its bowl: relief, its length, roughness, over the root of its area."""
 CLOSED_STDS = 2.0
 """A rim that hangs by fewer standard deviations of its error may be closed."""
@@ -64,7 +57,14 @@ def flat_draws(part: HiddenPart, base: Base, count: int) -> list[GapDraw]:
     closed = seen.gap_m < CLOSED_STDS * np.hypot(seen.std_m, seen.shared_m)
     gap_m[seen.known[closed]] = 0.0
     gap_m[seen.touching] = 0.0
-    likelihood = flat_log_likelihood(seen, FLAT_ROUGH_PER_WIDTH * width_m, ROUGH_LENGTH_PER_WIDTH * width_m)
+    edge = Relief(
+        0.0,
+        EDGE_PER_WIDTH * width_m,
+        EDGE_LENGTH_PER_WIDTH * width_m,
+        EDGE_ROUGH_PER_WIDTH * width_m,
+        ROUGH_LENGTH_PER_WIDTH * width_m,
+    )
+    likelihood = flat_log_likelihood(seen, edge)
     return [GapDraw(gap_m, likelihood, number, FLAT, likelihood) for number in range(count)]
 
 

@@ -56,8 +56,7 @@ def pick_server(
         "touch": known.touching_m.tolist(),
         "daylight": known.open_m.tolist(),
         "pull": [list(each) for each in known.pulls],
-        "base": known.base,
-        "touch_only": known.touch_only,
+        "base": known.base, "touch_only": known.touch_only,
     })  # fmt: skip
     said.hint()
     surveyed = cast(CloudHints, {name: given[name] for name in OF_READING if name not in OF_THE_PAGE})

@@ -6,6 +6,7 @@ Puts its tables into benchmarks/reports/scan.md.
     .venv/bin/python benchmarks/scan.py blind [--first 101] [--count 16]
     .venv/bin/python benchmarks/scan.py family [--first 0] [--count 40]
     .venv/bin/python benchmarks/scan.py base [--first 201] [--count 60] [--fragility ENSEMBLE] [--rocks 12] [--jobs 200]
+        [--hints]
     .venv/bin/python benchmarks/scan.py answers ENSEMBLE [--shape NAME ...] [--scans FOLDER] [--jobs 500]
     .venv/bin/python benchmarks/scan.py cost [--million 1 5 10 20]
 
@@ -27,6 +28,7 @@ import laspy
 import numpy as np
 from base_rocks import base_rock
 from blind_rocks import blind_rock
+from known_hints import true_hints
 from numpy.typing import NDArray
 from pages import put
 from scipy.stats import t as student_t
@@ -40,7 +42,7 @@ from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock
 from toppling.models.scan import virtual, virtual_shapes
 from toppling.models.scan.read import Cloud, read_clouds
-from toppling.models.scan.survey import survey
+from toppling.models.scan.survey import Survey, survey
 from toppling.models.scene import Scene
 from toppling.models.statics import quasi_static_toppling_m_s2
 from toppling.orchestrator.settling_told import Settled
@@ -404,6 +406,60 @@ def table(rows: dict[str, dict[str, float]], first: str) -> str:
     return "\n".join(lines)
 
 
+def bases(given: argparse.Namespace) -> None:
+    """Coverage on known bases by rock, by kind, with true hints, and of a fragility."""
+    ensemble = None if given.fragility is None else Ensemble.load(given.fragility)
+    rows: dict[str, dict[str, float]] = {}
+    fragile: dict[str, dict[str, float]] = {}
+    hinted: dict[str, list[dict[str, float]]] = {}
+    for number in range(given.count):
+        name, known = on_a_known_base(given.first + number)
+        try:
+            result = survey(known.cloud, near_m=known.near_m)
+        except InputError as error:
+            print(name, "refused:", error.what, flush=True)
+            rows[name] = {"refused": 1.0}
+            continue
+        rows[name] = base_coverage(result.scene, known.true)
+        print(name, {key: round(value, 3) for key, value in rows[name].items()}, flush=True)
+        for hint, row in with_hints(result, known.true).items() if given.hints else ():
+            hinted.setdefault(hint, []).append(row)
+            print(name, hint, {key: round(value, 3) for key, value in row.items()}, flush=True)
+        if ensemble is not None and number < given.rocks:
+            fragile[name] = base_fragility(result.scene, known.true, ensemble, given.jobs)
+            print(fragile[name], flush=True)
+    kinds: dict[str, list[dict[str, float]]] = {}
+    for name, row in rows.items():
+        kinds.setdefault(name.split(": ")[1].split(",")[0], []).append(row)
+    put(PAGE, "base", table(rows | {"mean": mean_of(list(rows.values()))}, "rock"))
+    put(PAGE, "kinds", table({kind: mean_of(of_kind) for kind, of_kind in kinds.items()}, "kind"))
+    if hinted:
+        put(PAGE, "hints", table({hint: mean_of(with_it) for hint, with_it in hinted.items()}, "hint"))
+    if fragile:
+        put(PAGE, "fragility", table(fragile, "rock"))
+
+
+def with_hints(result: Survey, true: Scene) -> dict[str, dict[str, float]]:
+    """Coverage without hints and with each set of true ones; nothing of one that is refused."""
+    assert result.worked_out is not None
+    rows = {"none": base_coverage(result.scene, true)}
+    for hint, inspection in true_hints(true).items():
+        try:
+            rows[hint] = base_coverage(result.worked_out.with_hints(inspection).scene()[0], true)
+        except InputError as error:
+            rows[hint] = {"refused": 1.0}
+            print(hint, "refused:", error.what, flush=True)
+    return rows
+
+
+def mean_of(rows: list[dict[str, float]]) -> dict[str, float]:
+    """Number of rows and mean of each column over those that have it; of widths the median."""
+    columns = list(dict.fromkeys(column for row in rows for column in row))
+    said = {column: [row[column] for row in rows if column in row] for column in columns}
+    middle = {column: np.median if column.startswith("width") else np.mean for column in columns}
+    return {"rocks": float(len(rows)), **{each: float(middle[each](said[each])) for each in columns}}
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
@@ -425,6 +481,7 @@ def main() -> None:
     based.add_argument("--fragility", type=Path, metavar="ENSEMBLE")
     based.add_argument("--rocks", type=int, default=12)
     based.add_argument("--jobs", type=int, default=200)
+    based.add_argument("--hints", action="store_true", help="with each set of true hints too")
     for command in (right, compare):
         command.add_argument("--shape", nargs="*", choices=SHAPES, default=list(SHAPES))
         command.add_argument("--scans", type=Path)
@@ -455,26 +512,7 @@ def main() -> None:
             print(name, {key: round(value, 3) for key, value in row.items()}, flush=True)
             put(PAGE, "family", table(rows, "rock"))
     elif given.command == "base":
-        ensemble = None if given.fragility is None else Ensemble.load(given.fragility)
-        rows, fragile = {}, {}
-        for number in range(given.count):
-            name, known = on_a_known_base(given.first + number)
-            try:
-                found = survey(known.cloud, near_m=known.near_m).scene
-            except InputError as error:
-                print(name, "refused:", error.what, flush=True)
-                rows[name] = {"refused": 1.0}
-                continue
-            rows[name] = base_coverage(found, known.true)
-            if ensemble is not None and number < given.rocks:
-                fragile[name] = base_fragility(found, known.true, ensemble, given.jobs)
-                print(fragile[name], flush=True)
-            print(name, {key: round(value, 3) for key, value in rows[name].items()}, flush=True)
-        columns = list(dict.fromkeys(column for row in rows.values() for column in row))
-        rows["mean"] = {c: float(np.mean([row[c] for row in rows.values() if c in row])) for c in columns}
-        put(PAGE, "base", table(rows, "rock"))
-        if fragile:
-            put(PAGE, "fragility", table(fragile, "rock"))
+        bases(given)
     elif given.command == "answers":
         rows = {}
         for name, known in all_known(given.shape, given.scans):

@@ -12,11 +12,11 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from toppling.results.audit import LEAST_TILT_DEG
+from toppling.results.analysis.audit_statistics import LEAST_TILT_DEG
+from toppling.results.analysis.fragility import PLANES, cells
 from toppling.results.drawing.maps import pair_figure
 from toppling.results.drawing.style import save
-from toppling.results.fragility import PLANES, cells
-from toppling.results.run import open_run
+from toppling.results.reader import open_run
 
 SAMPLES = 40
 """Of records drawn anew, for a cell's own error."""

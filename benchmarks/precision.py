@@ -23,7 +23,7 @@ from toppling.results.precision.answers import answers_of
 from toppling.results.precision.design import Pool, Rounds
 from toppling.results.precision.probit import Answers, Curve, fit_curve
 from toppling.results.precision.target import Target
-from toppling.results.run import open_run
+from toppling.results.reader import open_run
 
 PRECISIONS = {0.1: 1.0, 0.05: 0.3, 0.03: 0.3}
 """Each with the share of the campaigns that it is tried on: finer ones take thousands of jobs."""

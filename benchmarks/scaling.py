@@ -288,7 +288,7 @@ def study_costs(seconds_per_job: float, run: Path | None) -> tuple[NDArray[np.fl
     order = balanced_order(record_of, level, azimuth, np.zeros_like(level))
     random = np.random.default_rng(SEED)
     if run is not None:
-        from toppling.results.run import open_run
+        from toppling.results.reader import open_run
 
         wall_s = open_run(run).table()["wall_s"].drop_null().to_numpy()
         length = np.repeat(np.sort(random.choice(wall_s, RECORDS))[::-1], LEVELS * AZIMUTHS)

@@ -25,7 +25,7 @@ from toppling.models.motions.shaketable import Experiment, read_experiment
 from toppling.models.scene import Scene
 from toppling.orchestrator.cluster import local
 from toppling.orchestrator.studies.validation import Shaken, Wanted, ensemble_of, shake_tests, specimen
-from toppling.results.validation import learnt, scores, share
+from toppling.results.analysis.prediction_scores import learnt, scores, share
 
 PAGE = Path(__file__).parent / "reports" / "validation.md"
 MEASURES = ("accuracy", "balanced_accuracy", "brier", "calibration_slope")

@@ -63,8 +63,8 @@ def _audited(run: Path) -> tuple[dict[str, Any], list[str]]:
     """What a run's audits say, as numbers and as sentences; a run without any needs no statistics."""
     if not (run / AUDIT_FOLDER).is_dir():
         return {}, []
-    from toppling.results.audit import audits_json, audits_of
-    from toppling.results.run import open_run
+    from toppling.results.analysis.audit_statistics import audits_json, audits_of
+    from toppling.results.reader import open_run
 
     audits = audits_of(open_run(run))
     return audits_json(audits), [audit.sentence for audit in audits.values()]

@@ -21,9 +21,9 @@ from toppling.models.errors import InputError
 from toppling.orchestrator.loopback import TEXT, Answers, Loopback
 from toppling.orchestrator.progress import duration, pace
 from toppling.orchestrator.status import state_of
+from toppling.results.analysis.fragility import PLANES, by_contact, cells
 from toppling.results.drawing.watch_page import PAGE, WAITING
-from toppling.results.fragility import PLANES, by_contact, cells
-from toppling.results.run import open_run
+from toppling.results.reader import open_run
 
 LATEST = 12
 """Topplings that are listed."""

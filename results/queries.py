@@ -20,7 +20,7 @@ _TEXT_OR_REMARK = re.compile(r"'(?:[^']|'')*'|--[^\n]*|/\*.*?\*/", re.DOTALL)
 
 
 class Readable(Protocol):
-    """What a query asks of a run (`results.run.Run`)."""
+    """What a query asks of a run (`results.reader.Run`)."""
 
     @property
     def name(self) -> str:

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from toppling.orchestrator.public.reading import query, report
     from toppling.orchestrator.public.running import plan, run
     from toppling.orchestrator.public.scan_again import scan_again
-    from toppling.results.run import Run, open_run
+    from toppling.results.reader import Run, open_run
     from toppling.workers.outcome import ShakeResult
     from toppling.workers.shake import shake
     from toppling.workers.start import State
@@ -64,14 +64,14 @@ _HOMES = {
     "Ensemble": "toppling.models.motions.ensemble",
     "InputError": "toppling.models.errors",
     "Motion": "toppling.models.motions.motion",
-    "Run": "toppling.results.run",
+    "Run": "toppling.results.reader",
     "Scene": "toppling.models.scene",
     "ShakeResult": "toppling.workers.outcome",
     "State": "toppling.workers.start",
     "check": "toppling.orchestrator.public.making",
     "constrain": "toppling.orchestrator.public.constraining",
     "fragility": "toppling.orchestrator.public.fragility_figures",
-    "open_run": "toppling.results.run",
+    "open_run": "toppling.results.reader",
     "plan": "toppling.orchestrator.public.running",
     "query": "toppling.orchestrator.public.reading",
     "report": "toppling.orchestrator.public.reading",

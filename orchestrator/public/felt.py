@@ -13,10 +13,12 @@ import pandas as pd
 from toppling.models.errors import InputError
 from toppling.models.motions.measures import COMPARED
 from toppling.orchestrator.public.rocks import Jobs
-from toppling.results.constraint import plain
+from toppling.results.analysis.constraint import plain
+from toppling.results.analysis.exchange import read_surface
+from toppling.results.analysis.fits import SURFACES, answered, basis_of
+from toppling.results.analysis.regression import fit
+from toppling.results.analysis.resampling import bootstrap
 from toppling.results.drawing.style import printed_unit, short_name
-from toppling.results.exchange import read_surface
-from toppling.results.fits import SURFACES, answered, basis_of
 from toppling.results.hazard.ages import Since, exposure
 from toppling.results.hazard.curves import events_by_intensity
 from toppling.results.hazard.event_update import EventUpdate
@@ -27,8 +29,6 @@ from toppling.results.hazard.standing import Standing
 from toppling.results.hazard.surfaces import drawn_surfaces, measures_of, surface_of
 from toppling.results.hazard.tree import HazardTree
 from toppling.results.hazard.vector import READINGS, SCATTERS, SIGMA, correlation_of, joint_rate
-from toppling.results.regression import fit
-from toppling.results.resampling import bootstrap
 
 
 def measures_asked(text: str | None) -> tuple[str, ...]:

@@ -15,9 +15,24 @@ from toppling.models.motions.ensemble import Ensemble
 from toppling.models.scene import Scene
 from toppling.orchestrator.folder import place_in
 from toppling.orchestrator.public import unseen
-from toppling.results.audit import Audit, audits_of
+from toppling.results.analysis.audit_statistics import Audit, audits_of
+from toppling.results.analysis.directions import least_sector
+from toppling.results.analysis.fits import answered
+from toppling.results.analysis.fragility import (
+    DURATION,
+    LEVEL,
+    PGV,
+    PLANES,
+    PULSE,
+    Axis,
+    Plane,
+    by_contact,
+    planes_of,
+)
+from toppling.results.analysis.friction import by_surroundings, frictions
+from toppling.results.analysis.plane_reference import reference_lines, simulate
+from toppling.results.analysis.resampling import SAMPLES
 from toppling.results.completeness import Completeness
-from toppling.results.directions import least_sector
 from toppling.results.drawing.run_figures import (
     FIT_PARTS,
     write_audits,
@@ -26,12 +41,7 @@ from toppling.results.drawing.run_figures import (
     write_friction,
     write_maps,
 )
-from toppling.results.fits import answered
-from toppling.results.fragility import DURATION, LEVEL, PGV, PLANES, PULSE, Axis, Plane, by_contact, planes_of
-from toppling.results.friction import by_surroundings, frictions
-from toppling.results.plane_reference import reference_lines, simulate
-from toppling.results.resampling import SAMPLES
-from toppling.results.run import Run, open_run
+from toppling.results.reader import Run, open_run
 from toppling.results.weights import records_weight
 from toppling.workers.seating import settled
 

@@ -9,9 +9,9 @@ import pyarrow as pa
 from toppling.models.errors import InputError
 from toppling.orchestrator.folder import place_in
 from toppling.orchestrator.public import unseen
+from toppling.results.analysis.resampling import SAMPLES
 from toppling.results.queries import ask
-from toppling.results.resampling import SAMPLES
-from toppling.results.run import Run, open_run
+from toppling.results.reader import Run, open_run
 
 
 def query(
@@ -110,9 +110,9 @@ def report(
 
 
 def _of_many(atlas: Run, target: Path, samples: int, advance: Callable[..., None]) -> str:
+    from toppling.results.analysis.side_by_side import beside_each_other
     from toppling.results.drawing.report.content import HEADLINE_MEASURE
     from toppling.results.drawing.report.gallery_page import gallery_page
-    from toppling.results.side_by_side import beside_each_other
 
     rocks, shared = beside_each_other(atlas.rocks, HEADLINE_MEASURE, samples, advance=advance)
     return gallery_page(atlas.name, [atlas], rocks, shared, HEADLINE_MEASURE, target.parent, advance)

@@ -15,15 +15,15 @@ from toppling.models.errors import InputError
 from toppling.models.motions.measures import COMPARED
 from toppling.models.scene import Scene
 from toppling.orchestrator.recorded import Recorded, check_weighable
+from toppling.results.analysis.exchange import read_curves
+from toppling.results.analysis.fits import answered, basis_of
+from toppling.results.analysis.fragility import by_contact
+from toppling.results.analysis.lognormal import Basis, Lognormal, Resampled
+from toppling.results.analysis.regression import fit
+from toppling.results.analysis.resampling import bootstrap
 from toppling.results.completeness import Completeness
-from toppling.results.exchange import read_curves
-from toppling.results.fits import answered, basis_of
-from toppling.results.fragility import by_contact
 from toppling.results.hazard.standing import Standing
-from toppling.results.lognormal import Basis, Lognormal, Resampled
-from toppling.results.regression import fit
-from toppling.results.resampling import bootstrap
-from toppling.results.run import open_run
+from toppling.results.reader import open_run
 from toppling.results.weights import CONTACT, Weights, unweighed
 
 

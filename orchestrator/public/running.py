@@ -24,7 +24,7 @@ from toppling.orchestrator.public import unseen
 from toppling.orchestrator.rocks_of_run import scenes_told
 from toppling.orchestrator.stands import check_stands, with_settling
 from toppling.orchestrator.studies.audit import Auditing
-from toppling.results.run import Run, open_run
+from toppling.results.reader import Run, open_run
 
 
 @dataclass(frozen=True, eq=False)

@@ -27,8 +27,8 @@ from toppling.models.motions.impose import impose
 from toppling.models.scene import Scene
 from toppling.models.tables import read_table, write_table
 from toppling.orchestrator.pool import pool_of
-from toppling.results.audit import LEAST_TILT_DEG
-from toppling.results.regression import fit
+from toppling.results.analysis.audit_statistics import LEAST_TILT_DEG
+from toppling.results.analysis.regression import fit
 from toppling.workers.engines import DEFAULT, ENGINES
 from toppling.workers.options import PHYSICS_VERSION, PRESETS, NumericalOptions, SolverOptions
 from toppling.workers.seating import settled

@@ -1,6 +1,6 @@
 """A run audits itself: a random sample of its jobs is done again with the finest preset, and with another engine.
 
-Rows of an audit lie in folders of their own in the run's, never among its answers (`results.audit`).
+Rows of an audit lie in folders of their own in the run's, never among its answers (`analysis.audit_statistics`).
 """
 
 import dataclasses

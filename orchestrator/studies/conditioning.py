@@ -36,7 +36,7 @@ from toppling.orchestrator.recorded import (
     ensembles_in,
 )
 from toppling.orchestrator.session import Session
-from toppling.results.run import open_run
+from toppling.results.reader import open_run
 from toppling.results.weights import CONTACT, WEIGHTS_FILE, Contact, Weights
 
 Shake = Callable[[Campaign, Path], object]

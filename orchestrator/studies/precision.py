@@ -22,7 +22,7 @@ from toppling.results.precision.answers import answers_of
 from toppling.results.precision.design import Pool, Rounds
 from toppling.results.precision.statement import statement_of, write_statements
 from toppling.results.precision.target import Target
-from toppling.results.run import open_run
+from toppling.results.reader import open_run
 
 CONTACT = ("friction_static", "friction_kinetic", "restitution")
 

@@ -28,8 +28,11 @@ from toppling.orchestrator.plan import plan_of
 from toppling.orchestrator.run import run
 from toppling.orchestrator.studies import ramp
 from toppling.orchestrator.studies.audit import Auditing
-from toppling.results.audit import audits_of
-from toppling.results.directions import SECTOR_DEG
+from toppling.results.analysis.audit_statistics import audits_of
+from toppling.results.analysis.directions import SECTOR_DEG
+from toppling.results.analysis.findings import Finding, findings
+from toppling.results.analysis.fragility import PLANES
+from toppling.results.analysis.plane_reference import reference_lines, simulate
 from toppling.results.drawing.run_figures import (
     save_table,
     write_audits,
@@ -44,10 +47,7 @@ from toppling.results.drawing.study import (
     topple_direction_figure,
 )
 from toppling.results.drawing.style import save
-from toppling.results.findings import Finding, findings
-from toppling.results.fragility import PLANES
-from toppling.results.plane_reference import reference_lines, simulate
-from toppling.results.run import open_run
+from toppling.results.reader import open_run
 from toppling.workers.seating import settled
 
 MAIN, FRICTION = "main", "friction"

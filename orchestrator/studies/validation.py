@@ -29,8 +29,8 @@ from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.context import Watcher
 from toppling.orchestrator.plan import plan_of
 from toppling.orchestrator.run import run
-from toppling.results.run import open_run
-from toppling.results.validation import share
+from toppling.results.analysis.prediction_scores import share
+from toppling.results.reader import open_run
 from toppling.workers.engines import ENGINES
 from toppling.workers.unmeasured import Unmeasured
 

@@ -12,16 +12,16 @@ from toppling.models.folder import new_file
 from toppling.models.motions.measures import COMPARED
 from toppling.orchestrator.folder import place_in
 from toppling.orchestrator.progress import bar
+from toppling.results.analysis.geography import directions_geojson, geojson
+from toppling.results.analysis.resampling import SAMPLES
+from toppling.results.analysis.side_by_side import Beside, beside_each_other
 from toppling.results.drawing.report.content import HEADLINE_MEASURE, Content
 from toppling.results.drawing.report.gallery_page import REPORT, gallery_page, summary
 from toppling.results.drawing.report.write import report_page, write_page
 from toppling.results.drawing.run_figures import save_table
 from toppling.results.drawing.side_by_side_figures import fragilities_figure, places_figure
 from toppling.results.drawing.style import save
-from toppling.results.geography import directions_geojson, geojson
-from toppling.results.resampling import SAMPLES
-from toppling.results.run import Run, open_run
-from toppling.results.side_by_side import Beside, beside_each_other
+from toppling.results.reader import Run, open_run
 
 
 @click.command()

@@ -157,9 +157,9 @@ def _run(out: Path, workers: int) -> int:
 
 
 def _draw(out: Path) -> list[Path]:
+    from toppling.results.analysis.fragility import PLANES
     from toppling.results.drawing.run_figures import write_maps
-    from toppling.results.fragility import PLANES
-    from toppling.results.run import open_run
+    from toppling.results.reader import open_run
 
     _say("fragility: drawing")
     planes = [PLANES["pga_pgv_pga"], PLANES["pga_pgv"]]
@@ -168,7 +168,7 @@ def _draw(out: Path) -> list[Path]:
 
 def _tell(out: Path, figures: Iterable[Path], took_s: float) -> None:
     from toppling.orchestrator.progress import duration
-    from toppling.results.run import open_run
+    from toppling.results.reader import open_run
 
     maps = [path for path in figures if path.suffix == ".png"]
     click.echo(f"\nThe demo took {duration(took_s)} and made")

@@ -12,15 +12,15 @@ from toppling.orchestrator.progress import bar
 from toppling.orchestrator.public.fragility_figures import PGV_DURATION, Bins, Fragility
 from toppling.orchestrator.public.fragility_figures import fragility as draw
 from toppling.orchestrator.verbs.options import FOLDER, run_argument, samples_option, trusted_option
-from toppling.results.drawing.fit_table import fit_words
-from toppling.results.fits import answered
-from toppling.results.fragility import (
+from toppling.results.analysis.fits import answered
+from toppling.results.analysis.fragility import (
     FEW_BEYOND,
     by_contact,
     contact_words,
 )
-from toppling.results.resampling import SAMPLES
-from toppling.results.run import Run, open_run
+from toppling.results.analysis.resampling import SAMPLES
+from toppling.results.drawing.fit_table import fit_words
+from toppling.results.reader import Run, open_run
 from toppling.results.weights import sentences
 
 STUDYS = f"Default: the study's {{0.below:g}}, or none if that leaves out more than {100 * FEW_BEYOND:g} % of the jobs."

@@ -16,6 +16,8 @@ from toppling.models.motions.deaggregation import read_deaggregation
 from toppling.orchestrator.progress import bar
 from toppling.orchestrator.public.rocks import names_of, read_jobs, standing_rock
 from toppling.orchestrator.verbs.options import FILE, FOLDER, PATH, json_option, trusted_option
+from toppling.results.analysis.lognormal import Lognormal
+from toppling.results.analysis.resampling import SAMPLES
 from toppling.results.drawing.magnitudes import Drawn, faults_figure, magnitudes_figure
 from toppling.results.drawing.run_figures import save_table
 from toppling.results.drawing.style import printed_unit, save, short_name
@@ -36,8 +38,6 @@ from toppling.results.hazard.magnitudes import (
     toppling_probability,
 )
 from toppling.results.hazard.standing import Standing
-from toppling.results.lognormal import Lognormal
-from toppling.results.resampling import SAMPLES
 
 DISTANCES_TOLD_KM = (1, 2, 5, 10, 20, 50, 100)
 

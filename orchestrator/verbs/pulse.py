@@ -13,7 +13,7 @@ from toppling.orchestrator.progress import bar
 from toppling.orchestrator.spelling import OneOf
 from toppling.orchestrator.verbs.options import AZIMUTH, folder_out, preset_option, scene_argument
 from toppling.orchestrator.verbs.replay import replay_of, write_out
-from toppling.results.friction import friction_words
+from toppling.results.analysis.friction import friction_words
 
 SHAPES = ("sawtooth", "sine", "cosine", "ricker")
 

@@ -16,8 +16,8 @@ from toppling.models.csv_text import plain_frame
 from toppling.models.folder import new_file
 from toppling.orchestrator.public.reading import query as answer_of
 from toppling.orchestrator.verbs.options import FILE
-from toppling.results.run import open_run
-from toppling.results.spread import CAUSES, spreads, surroundings
+from toppling.results.analysis.spread import CAUSES, spreads, surroundings
+from toppling.results.reader import open_run
 
 SHOWN_ROWS = 60
 

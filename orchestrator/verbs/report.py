@@ -8,7 +8,7 @@ from toppling.orchestrator.progress import bar
 from toppling.orchestrator.public.reading import report as write_report
 from toppling.orchestrator.verbs.hazard import HAZARD_HELP, SITE_HELP, SiteCommand
 from toppling.orchestrator.verbs.options import FILE, run_argument, samples_option
-from toppling.results.resampling import SAMPLES
+from toppling.results.analysis.resampling import SAMPLES
 
 
 @click.command(cls=SiteCommand)

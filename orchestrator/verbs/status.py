@@ -21,7 +21,7 @@ def status(run: Path, as_json: bool) -> None:
     """
     from toppling.orchestrator.progress import duration, pace
     from toppling.orchestrator.status import state_of
-    from toppling.results.run import atlas_of
+    from toppling.results.reader import atlas_of
 
     run = atlas_of(run) or run
     state = state_of(run)

@@ -118,7 +118,7 @@ def _report(chosen: "Study", out: Path, climbed: "tuple[pd.DataFrame, Ramp]", as
     from toppling.orchestrator.studies import replication as stages
     from toppling.results.drawing.report.content import Content
     from toppling.results.drawing.report.write import report_page, write_page
-    from toppling.results.run import open_run
+    from toppling.results.reader import open_run
 
     for path in each(stages.draw(chosen, out, *climbed), "figures", 60):
         if path.suffix == ".png" and not as_json:

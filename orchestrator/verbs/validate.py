@@ -32,9 +32,7 @@ from toppling.orchestrator.studies.validation import (
     unmeasured,
 )
 from toppling.orchestrator.verbs.options import EXISTING_FOLDER, FILE, FOLDER, json_option, workers_option
-from toppling.results.drawing.style import save
-from toppling.results.drawing.validation import calibration_figure
-from toppling.results.validation import (
+from toppling.results.analysis.prediction_scores import (
     calibration,
     intervals,
     learnt,
@@ -44,6 +42,8 @@ from toppling.results.validation import (
     table,
     were_a_draw_true,
 )
+from toppling.results.drawing.style import save
+from toppling.results.drawing.validation import calibration_figure
 from toppling.workers.engines import DEFAULT, ENGINES
 from toppling.workers.options import PRESETS
 

@@ -38,11 +38,11 @@ def constraint_figure(
     Parameters
     ----------
     bound : DataFrame
-        From `results.constraint.bound_table`.
+        From `analysis.constraint.bound_table`.
     branches : sequence of Branch
     confidence : float
     verdicts : DataFrame or None
-        From `results.constraint.branch_table`: survival and verdict of each branch, for the legend.
+        From `analysis.constraint.branch_table`: survival and verdict of each branch, for the legend.
     rocks : sequence of Standing
         Their ages stand above the figure.
     width_in : float

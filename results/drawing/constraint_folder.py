@@ -8,7 +8,8 @@ from typing import Any
 import pandas as pd
 
 from toppling.models.folder import new_file
-from toppling.results.constraint import Constraint
+from toppling.results.analysis.constraint import Constraint
+from toppling.results.analysis.exchange import write_curves
 from toppling.results.drawing.constraint import constraint_figure
 from toppling.results.drawing.events import events_figure
 from toppling.results.drawing.hazard import hazard_figure
@@ -17,7 +18,6 @@ from toppling.results.drawing.report.event_page import event_page, unfinished
 from toppling.results.drawing.report.write import write_page
 from toppling.results.drawing.run_figures import save_table
 from toppling.results.drawing.style import save
-from toppling.results.exchange import write_curves
 from toppling.results.hazard.event_update import EventUpdate
 from toppling.results.hazard.export import write_event_openquake, write_openquake
 

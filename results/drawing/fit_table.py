@@ -5,8 +5,8 @@ from collections.abc import Iterable
 import pandas as pd
 
 from toppling.models.motions.measures import COMPARED
+from toppling.results.analysis.resampling import LEAST_RECORDS
 from toppling.results.drawing.style import printed_unit, short_name
-from toppling.results.resampling import LEAST_RECORDS
 
 FAR_SHAKEN = 10.0
 """Medians above this multiple of the strongest shaken value are not printed: nothing was shaken near them."""
@@ -68,7 +68,7 @@ def fit_words(summary: pd.DataFrame, known: pd.DataFrame) -> str:
     Parameters
     ----------
     summary : DataFrame
-        From `results.fits.summary`.
+        From `analysis.fits.summary`.
     known : DataFrame
         Rows with an answer that the fits are of.
     """

@@ -6,6 +6,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy.stats import norm
 
+from toppling.results.analysis.fits import FEW_TOPPLED
+from toppling.results.analysis.lognormal import Lognormal, Resampled
 from toppling.results.drawing.style import (
     FULL_WIDTH_IN,
     MAIN_COLOUR,
@@ -15,8 +17,6 @@ from toppling.results.drawing.style import (
     short_name,
     style,
 )
-from toppling.results.fits import FEW_TOPPLED
-from toppling.results.lognormal import Lognormal, Resampled
 
 FIT_CAPTION = (
     "All intervals are of 95 %. Bars of shares: Wilson's, by record.",
@@ -39,9 +39,9 @@ def fit_figure(
     ----------
     curve : Lognormal
     resampled : Resampled or None
-        From `results.fits.bootstrap`.
+        From `analysis.fits.bootstrap`.
     observed, ranking, calibrated : DataFrame
-        From `results.fits`: observed_shares, compare_measures, calibration.
+        From `analysis.fits`: observed_shares, compare_measures, calibration.
     toppled : int or None
         Topplings among the jobs, where known: too few of them rank no measure.
     width_in : float

@@ -4,9 +4,9 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from toppling.results.analysis.fragility import FRICTION, THIN_RECORDS
+from toppling.results.analysis.friction import friction_words
 from toppling.results.drawing.style import FULL_WIDTH_IN, MAIN_COLOUR, style
-from toppling.results.fragility import FRICTION, THIN_RECORDS
-from toppling.results.friction import friction_words
 
 BAND = 0.3
 """Difference of probability that the outer lines show: a cell of 10 records is not known better."""
@@ -21,9 +21,9 @@ def friction_figure(table: pd.DataFrame, jobs: pd.DataFrame, width_in: float = F
     Parameters
     ----------
     table : DataFrame
-        From `results.friction.compare_cells`.
+        From `analysis.friction.compare_cells`.
     jobs : DataFrame
-        From `results.friction.compare_jobs`.
+        From `analysis.friction.compare_jobs`.
     width_in : float
         At most; panels that have no room beside each other stand below each other.
     """

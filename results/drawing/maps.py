@@ -18,9 +18,9 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from toppling.models.arrays import Array
+from toppling.results.analysis.fragility import THIN_RECORDS, Axis, DirectionCells, Plane
 from toppling.results.drawing.roses import by_compass, direction_words
 from toppling.results.drawing.style import COLOURS, FULL_WIDTH_IN, HALF_WIDTH_IN, style
-from toppling.results.fragility import THIN_RECORDS, Axis, DirectionCells, Plane
 
 LINE_IN = 0.15
 """Height of a line of text above or below all panels."""
@@ -56,13 +56,13 @@ def map_figure(
     Parameters
     ----------
     table : DataFrame
-        From `results.fragility.cells`.
+        From `analysis.fragility.cells`.
     plane : Plane
         The plane it was made for.
     title : str
         What the jobs have in common, as "μ = 0.8".
     unplaced, beyond : int
-        From `results.fragility`'s functions of these names.
+        From `analysis.fragility`'s functions of these names.
     records : int or None
         Distinct records on the map, where known.
     """
@@ -95,7 +95,7 @@ def direction_figure(
         Bins without a record are drawn empty.
     title : str
     reference : DataFrame or None
-        From `results.plane_reference.reference_lines`, for a plane of PGV/PGA and PGA.
+        From `analysis.plane_reference.reference_lines`, for a plane of PGV/PGA and PGA.
     width_in : float
         Four panels a row on a page's width, two on less.
     """
@@ -166,7 +166,7 @@ def pair_figure(tables: Mapping[str, pd.DataFrame], off: pd.DataFrame, plane: Pl
     Parameters
     ----------
     tables : mapping of two names to DataFrames
-        From `results.fragility.cells`.
+        From `analysis.fragility.cells`.
     off : DataFrame
         The first table's cells of enough records, with `deviations`: the second's probability less the first's, over
         the standard deviation that other records would leave.

@@ -28,11 +28,11 @@ def rose_figure(
     Parameters
     ----------
     rose : DataFrame
-        From `results.directions.topple_rose`.
+        From `analysis.directions.topple_rose`.
     quasi_static : DataFrame or None
         azimuth_deg of the ground's acceleration, and value in m/s2.
     sector : dict or None
-        From `results.directions.sector_share`; its share is stated.
+        From `analysis.directions.sector_share`; its share is stated.
     width_in : float
         Beside each other on a page's width, below each other on less.
     """

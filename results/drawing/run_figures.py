@@ -10,18 +10,11 @@ import pandas as pd
 from toppling.models.csv_text import plain_frame
 from toppling.models.folder import new_file
 from toppling.models.motions.measures import COMPARED, OPENQUAKE
-from toppling.results import fits, ranking, regression, resampling
-from toppling.results.audit import Audit, audit_table
-from toppling.results.completeness import Completeness
-from toppling.results.directions import sector_share, topple_rose
-from toppling.results.drawing.fits import fit_figure
-from toppling.results.drawing.friction import friction_figure
-from toppling.results.drawing.maps import direction_figure, map_figure
-from toppling.results.drawing.roses import rose_figure
-from toppling.results.drawing.style import save, short_name
-from toppling.results.drawing.surface import surface_figure
-from toppling.results.exchange import write_curves
-from toppling.results.fragility import (
+from toppling.results.analysis import fits, ranking, regression, resampling
+from toppling.results.analysis.audit_statistics import Audit, audit_table
+from toppling.results.analysis.directions import sector_share, topple_rose
+from toppling.results.analysis.exchange import write_curves
+from toppling.results.analysis.fragility import (
     DirectionCells,
     Plane,
     beyond,
@@ -31,9 +24,16 @@ from toppling.results.fragility import (
     records_on,
     unplaced,
 )
-from toppling.results.friction import compare_frictions
+from toppling.results.analysis.friction import compare_frictions
+from toppling.results.analysis.lognormal import Resampled
+from toppling.results.completeness import Completeness
+from toppling.results.drawing.fits import fit_figure
+from toppling.results.drawing.friction import friction_figure
+from toppling.results.drawing.maps import direction_figure, map_figure
+from toppling.results.drawing.roses import rose_figure
+from toppling.results.drawing.style import save, short_name
+from toppling.results.drawing.surface import surface_figure
 from toppling.results.hazard.surfaces import surface_of
-from toppling.results.lognormal import Resampled
 
 FIT_PARTS = 20
 """Parts of work that the fits of a contact count as: they take longer than a figure."""
@@ -59,7 +59,7 @@ def write_maps(
     directions : int
         Direction bins of the vector PGA.
     reference : DataFrame or None
-        From `results.plane_reference.reference_lines`: drawn over the cells of PGV/PGA and PGA.
+        From `analysis.plane_reference.reference_lines`: drawn over the cells of PGV/PGA and PGA.
     run : Completeness or None
         Of the run whose rows these are: an unfinished one is named above each figure.
 
@@ -175,7 +175,7 @@ def write_fits(
     samples : int
         Bootstrap samples of records.
     audit_over : callable
-        Audits of the run, over a measure (`results.audit.audits_of`).
+        Audits of the run, over a measure (`analysis.audit_statistics.audits_of`).
     advance : callable
         Told which part of the fits of a contact is done, of FIT_PARTS, and what comes next.
     run : Completeness or None

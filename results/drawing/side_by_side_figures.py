@@ -8,6 +8,7 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
 from toppling.models.scene import Scene
+from toppling.results.analysis.side_by_side import Beside
 from toppling.results.drawing.scene import draw_view
 from toppling.results.drawing.style import (
     ALARM_COLOUR,
@@ -18,7 +19,6 @@ from toppling.results.drawing.style import (
     short_name,
     style,
 )
-from toppling.results.side_by_side import Beside
 
 MOST_NAMED = 60
 """Rocks beyond which a row each would not be read."""

@@ -6,9 +6,9 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from toppling.models.frames import compass_deg
+from toppling.results.analysis.fragility import direction_bin_deg
 from toppling.results.drawing.roses import by_compass, direction_words, mark_winds
 from toppling.results.drawing.style import COLOURS, FULL_WIDTH_IN, HALF_WIDTH_IN, style
-from toppling.results.fragility import direction_bin_deg
 
 
 def ramp_figure(table: pd.DataFrame, azimuth_deg: float, quasi_static_m_s2: float) -> Figure:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from toppling.models.errors import InputError
-from toppling.results.lognormal import Lognormal
+from toppling.results.analysis.lognormal import Lognormal
 
 NODES_PER_E_FOLD = 400
 """Points of the integration in an interval where intensity grows by e.

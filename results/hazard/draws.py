@@ -8,10 +8,10 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from toppling.results.analysis.lognormal import Lognormal, Resampled
+from toppling.results.analysis.resampling import SAMPLES
 from toppling.results.hazard.curves import HazardCurve
 from toppling.results.hazard.standing import Standing, drawn_ages
-from toppling.results.lognormal import Lognormal, Resampled
-from toppling.results.resampling import SAMPLES
 
 NODES_PER_E_FOLD = 60
 """Points of an integral in an interval where intensity grows by e: 1e-4 of a rate, where draws differ by per cents."""

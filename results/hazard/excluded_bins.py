@@ -7,8 +7,8 @@ import numpy as np
 import pandas as pd
 
 from toppling.models.motions.deaggregation import Bin
+from toppling.results.analysis.lognormal import Lognormal
 from toppling.results.hazard.magnitudes import Model, Occurrence, toppling_probability
-from toppling.results.lognormal import Lognormal
 
 
 def excluded_bins(

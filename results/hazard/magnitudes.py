@@ -21,8 +21,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr, ndtri
 
 from toppling.models.errors import InputError
+from toppling.results.analysis.lognormal import Lognormal
 from toppling.results.hazard.standing import greatest_rate
-from toppling.results.lognormal import Lognormal
 
 MAGNITUDE_STEP = 0.1
 DISTANCES = 40

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from toppling.results.analysis.lognormal import Lognormal
 from toppling.results.hazard.draws import Draws, draws_of
 from toppling.results.hazard.standing import Standing
-from toppling.results.lognormal import Lognormal
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import brentq
 
+from toppling.results.analysis.lognormal import Lognormal, Resampled
 from toppling.results.hazard.curves import HazardCurve, any_topples, toppling_rate
-from toppling.results.lognormal import Lognormal, Resampled
 
 
 @dataclass(frozen=True, eq=False)

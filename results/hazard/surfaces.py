@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from scipy.stats import norm
 
 from toppling.models.errors import InputError
-from toppling.results.lognormal import Basis, Lognormal, Resampled
-from toppling.results.regression import Fit
+from toppling.results.analysis.lognormal import Basis, Lognormal, Resampled
+from toppling.results.analysis.regression import Fit
 
 Motions = Mapping[str, NDArray[np.float64]]
 """Values of each measure, in its SI unit, of some events; 0 where an event is not felt."""

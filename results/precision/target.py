@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 
+from toppling.results.analysis.lognormal import Lognormal
 from toppling.results.hazard.curves import HazardCurve, toppling_rate
-from toppling.results.lognormal import Lognormal
 from toppling.results.precision.probit import Curve
 from toppling.results.schema import SCHEMA, SHORT_NAMES, describe
 

@@ -2,7 +2,7 @@
 
 import pyarrow as pa
 
-from toppling.results.run import open_run
+from toppling.results.reader import open_run
 from toppling.results.schema import SCHEMA, SORT_ORDER, columns
 
 ANSWERS = columns("identity", "imposed", "outcome")

@@ -18,8 +18,8 @@ from toppling.orchestrator.plan import plan_of
 from toppling.orchestrator.run import run
 from toppling.orchestrator.studies.audit import Auditing
 from toppling.orchestrator.task import shake_batch, versions
-from toppling.results.audit import audits_of
-from toppling.results.run import open_run
+from toppling.results.analysis.audit_statistics import audits_of
+from toppling.results.reader import open_run
 
 
 def leaning(folder):

@@ -16,7 +16,7 @@ from toppling.orchestrator.run import run
 from toppling.orchestrator.status import state_of
 from toppling.orchestrator.studies.audit import Auditing, audit, due
 from toppling.orchestrator.task import Order, versions
-from toppling.results.run import open_run
+from toppling.results.reader import open_run
 
 
 def silent(tally):

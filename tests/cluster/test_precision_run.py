@@ -23,7 +23,7 @@ from toppling.orchestrator.status import state_of
 from toppling.orchestrator.studies.first_statement import FirstStatement
 from toppling.orchestrator.studies.precision import JobsForPrecision, pools
 from toppling.results.precision.statement import statements_of
-from toppling.results.run import open_run
+from toppling.results.reader import open_run
 from toppling.workers.job import Assets, run_job
 
 PRECISION = 0.15

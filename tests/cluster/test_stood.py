@@ -15,7 +15,7 @@ from toppling.models.scene import Scene
 from toppling.models.unseen import BaseDraw, UnseenBase
 from toppling.orchestrator.cli import cli
 from toppling.orchestrator.recorded import FOLDER, SHAKES
-from toppling.results.run import open_run
+from toppling.results.reader import open_run
 from toppling.results.weights import WEIGHTS_FILE, Weights
 
 CAMPAIGN = """\

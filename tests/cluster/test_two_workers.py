@@ -25,7 +25,7 @@ from toppling.orchestrator.dispatch import Limits
 from toppling.orchestrator.plan import plan_of
 from toppling.orchestrator.run import run
 from toppling.orchestrator.status import state_of
-from toppling.results.run import open_run
+from toppling.results.reader import open_run
 from toppling.results.store import write_part
 
 

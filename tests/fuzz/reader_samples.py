@@ -33,11 +33,11 @@ from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.folder import prepare
 from toppling.orchestrator.plan import plan
 from toppling.orchestrator.status import state_of
-from toppling.results.exchange import read_curves, write_curves
+from toppling.results.analysis.exchange import read_curves, write_curves
+from toppling.results.analysis.lognormal import Basis, Lognormal
 from toppling.results.hazard.ages import parse_age
 from toppling.results.hazard.readers import Hints, read_hazard
-from toppling.results.lognormal import Basis, Lognormal
-from toppling.results.run import open_run
+from toppling.results.reader import open_run
 
 
 @dataclass(frozen=True)

@@ -17,9 +17,9 @@ from toppling.models.scene import Scene
 from toppling.models.shapes import box
 from toppling.orchestrator.campaign import MOST_JOBS, Campaign
 from toppling.orchestrator.folder import describe
-from toppling.results.exchange import read_curves
+from toppling.results.analysis.exchange import read_curves
 from toppling.results.hazard.readers import read_hazard
-from toppling.results.run import open_run
+from toppling.results.reader import open_run
 
 SECONDS, MEMORY_BYTES = 1.0, 300e6
 AXES = {"scene": '"s"', "ensemble": '"e"', "pga_m_s2": "[1.0]", "azimuth_deg": "[0]", "friction": "[0.8]"}

@@ -60,6 +60,24 @@ def test_a_room_imports_none_that_lies_downstream_of_it(room):
     assert not offences
 
 
+def test_in_results_readers_know_no_analysis_and_analyses_no_drawing():
+    order = {"results": 0, "precision": 1, "hazard": 1, "analysis": 1, "readers": 1}
+    offences = {
+        str(path.relative_to(ROOT)): above
+        for path in sorted((ROOT / "results").rglob("*.py"))
+        if "drawing" not in path.parts
+        if (
+            above := [
+                name
+                for name in imported(path)
+                if name.startswith("toppling.results.")
+                if (room := name.split(".")[2]) == "drawing" or order.get(room, 0) > order[path.parent.name]
+            ]
+        )
+    }
+    assert not offences
+
+
 def test_the_core_of_the_orchestrator_knows_nothing_of_what_is_done_with_runs():
     """`run` puts the core and the studies together; verbs and the door stand above both."""
     core = [path for path in (ROOT / "orchestrator").glob("*.py") if path.name not in ("run.py", "cli.py")]

@@ -11,7 +11,7 @@ from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene
 from toppling.models.store_address import is_store
 from toppling.orchestrator.campaign import Campaign
-from toppling.results.run import open_run
+from toppling.results.reader import open_run
 from toppling.workers.shake import shake
 
 ADDRESSES = [

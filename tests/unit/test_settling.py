@@ -31,7 +31,7 @@ from toppling.results.drawing import settling as drawing
 from toppling.results.drawing.report.content import Content
 from toppling.results.drawing.report.document import Document
 from toppling.results.drawing.report.sections import scene_section
-from toppling.results.run import open_run
+from toppling.results.reader import open_run
 
 ROCK = box(0.3, 0.2, 0.5).moved(np.eye(3), (0.4, -0.3, 0.5))
 TOLD = "the rock settles by 1.0° toward azimuth 180° (0.02 m at its farthest point) before it is shaken"

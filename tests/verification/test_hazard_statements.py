@@ -11,15 +11,15 @@ import pandas as pd
 import pytest
 from scipy.stats import norm
 
+from toppling.results.analysis.lognormal import Lognormal
+from toppling.results.analysis.regression import fit
+from toppling.results.analysis.resampling import bootstrap
 from toppling.results.hazard.ages import exposure, joint_ages
 from toppling.results.hazard.curves import HazardCurve, survival, toppling_rate
 from toppling.results.hazard.events import EventBranch, FeltRock
 from toppling.results.hazard.events import bootstrap as events_anew
 from toppling.results.hazard.events import survival as survival_of_events
 from toppling.results.hazard.tree import branch_weights, weighted_fractile
-from toppling.results.lognormal import Lognormal
-from toppling.results.regression import fit
-from toppling.results.resampling import bootstrap
 
 SITES = 500
 BRANCHES = 201

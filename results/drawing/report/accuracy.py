@@ -2,9 +2,9 @@
 
 import pandas as pd
 
-from toppling.results.audit import Audit, audits_of
+from toppling.results.analysis.audit_statistics import Audit, audits_of
 from toppling.results.drawing.report.document import Document, safe
-from toppling.results.run import Run
+from toppling.results.reader import Run
 
 
 def accuracy_section(run: Run, frame: pd.DataFrame, document: Document) -> str:

@@ -7,7 +7,7 @@ from typing import Any
 
 import pandas as pd
 
-from toppling.results.constraint import Constraint
+from toppling.results.analysis.constraint import Constraint
 from toppling.results.drawing.constraint import ages_words, constraint_figure
 from toppling.results.drawing.constraint_words import all_words, answer, rate_words
 from toppling.results.drawing.hazard import hazard_figure

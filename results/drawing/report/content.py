@@ -11,15 +11,15 @@ from toppling.models.errors import InputError
 from toppling.models.motions.ensemble import CATALOG, Ensemble
 from toppling.models.motions.measures import COMPARED
 from toppling.models.scene import Scene
-from toppling.results import fits, lognormal, ranking, regression, resampling
+from toppling.results.analysis import fits, lognormal, ranking, regression, resampling
+from toppling.results.analysis.constraint import bound_table, branch_table, single_event
+from toppling.results.analysis.fragility import FRICTION, by_contact, contact_words
 from toppling.results.completeness import Completeness
-from toppling.results.constraint import bound_table, branch_table, single_event
 from toppling.results.drawing.style import printed_unit
-from toppling.results.fragility import FRICTION, by_contact, contact_words
 from toppling.results.hazard.standing import Standing
 from toppling.results.hazard.tree import HazardTree
 from toppling.results.hazard.update import Update
-from toppling.results.run import Run
+from toppling.results.reader import Run
 
 CONFIDENCE = 0.95
 

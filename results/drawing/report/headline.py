@@ -4,6 +4,10 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from toppling.results.analysis.fits import FEW_TOPPLED
+from toppling.results.analysis.ranking import observed_shares
+from toppling.results.analysis.regression import Fit
+from toppling.results.analysis.resampling import lognormal_interval
 from toppling.results.drawing.constraint import ages_words
 from toppling.results.drawing.fits import draw_curve
 from toppling.results.drawing.report.content import CONFIDENCE, Contact, Content
@@ -17,10 +21,6 @@ from toppling.results.drawing.style import (
     short_name,
     style,
 )
-from toppling.results.fits import FEW_TOPPLED
-from toppling.results.ranking import observed_shares
-from toppling.results.regression import Fit
-from toppling.results.resampling import lognormal_interval
 
 
 def first_screen(content: Content, document: Document) -> str:

@@ -10,8 +10,20 @@ from matplotlib.figure import Figure
 
 from toppling.models.digest import check
 from toppling.models.intervals import base_sentences
-from toppling.results import fits, ranking, resampling
-from toppling.results.directions import least_sector, sector_share, topple_rose
+from toppling.results.analysis import fits, ranking, resampling
+from toppling.results.analysis.directions import least_sector, sector_share, topple_rose
+from toppling.results.analysis.fragility import (
+    PLANES,
+    DirectionCells,
+    Plane,
+    beyond,
+    cells,
+    planes_of,
+    records_on,
+    unplaced,
+)
+from toppling.results.analysis.friction import compare_frictions
+from toppling.results.analysis.unphysical import unphysical_of
 from toppling.results.drawing.constraint import ages_words, constraint_figure
 from toppling.results.drawing.fit_table import FAR_SHAKEN, FAR_WORDS, few_records, fit_table
 from toppling.results.drawing.fits import fit_figure
@@ -25,18 +37,6 @@ from toppling.results.drawing.report.methods import methods_section
 from toppling.results.drawing.roses import rose_figure
 from toppling.results.drawing.scene import scene_picture
 from toppling.results.drawing.style import HALF_WIDTH_IN, printed_unit, short_name, with_superscripts
-from toppling.results.fragility import (
-    PLANES,
-    DirectionCells,
-    Plane,
-    beyond,
-    cells,
-    planes_of,
-    records_on,
-    unplaced,
-)
-from toppling.results.friction import compare_frictions
-from toppling.results.unphysical import unphysical_of
 from toppling.results.weights import records_weight, sentences
 
 MOST_RECORDS = 150

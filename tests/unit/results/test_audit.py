@@ -9,8 +9,8 @@ import pytest
 import statsmodels.api as sm
 from seeded import row
 
-from toppling.results.audit import JOB, Audit, audits_json, audits_of, compare
-from toppling.results.run import open_run
+from toppling.results.analysis.audit_statistics import JOB, Audit, audits_json, audits_of, compare
+from toppling.results.reader import open_run
 from toppling.results.store import write_part
 
 SAMPLE, CAMPAIGNS = 200, 200

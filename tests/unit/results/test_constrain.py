@@ -12,12 +12,12 @@ from seeded import THETA_M_S, rows
 
 from toppling.models.errors import InputError
 from toppling.orchestrator.cli import cli
+from toppling.results.analysis.exchange import write_curves
+from toppling.results.analysis.lognormal import Basis, Lognormal
 from toppling.results.drawing.constraint_words import rock_lines
 from toppling.results.drawing.run_figures import write_fits
-from toppling.results.exchange import write_curves
 from toppling.results.hazard.readers import read_hazard
-from toppling.results.lognormal import Basis, Lognormal
-from toppling.results.run import open_run
+from toppling.results.reader import open_run
 from toppling.results.store import write_part
 
 

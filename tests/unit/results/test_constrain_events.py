@@ -11,10 +11,10 @@ from seeded import rows
 
 from toppling.models.motions.measures import STANDARD_G_M_S2 as G
 from toppling.orchestrator.cli import cli
+from toppling.results.analysis.exchange import write_curves
+from toppling.results.analysis.lognormal import Basis, Lognormal
 from toppling.results.drawing.run_figures import write_fits
-from toppling.results.exchange import write_curves
-from toppling.results.lognormal import Basis, Lognormal
-from toppling.results.run import open_run
+from toppling.results.reader import open_run
 from toppling.results.store import write_part
 
 PGA = Lognormal("pga_m_s2", 0.5 * G, 0.3)

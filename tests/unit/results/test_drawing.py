@@ -17,6 +17,10 @@ from toppling.models.motions.idealised import full_sine
 from toppling.models.motions.synthetic import synthetic_ensemble
 from toppling.models.scene import Scene
 from toppling.models.trajectory import Trajectory
+from toppling.results.analysis.fits import answered, headline
+from toppling.results.analysis.fragility import contact_words
+from toppling.results.analysis.ranking import calibration, compare_measures, observed_shares, out_of_fold
+from toppling.results.analysis.regression import fit
 from toppling.results.drawing.fits import fit_figure
 from toppling.results.drawing.records import records_figure, scatter, upper_limit
 from toppling.results.drawing.report.content import Content
@@ -24,12 +28,8 @@ from toppling.results.drawing.report.document import Document
 from toppling.results.drawing.report.methods import methods, methods_section
 from toppling.results.drawing.report.write import write_pdf
 from toppling.results.drawing.trajectory import AFTER_FALL_S, trajectory_figure
-from toppling.results.fits import answered, headline
-from toppling.results.fragility import contact_words
-from toppling.results.ranking import calibration, compare_measures, observed_shares, out_of_fold
-from toppling.results.regression import fit
+from toppling.results.reader import open_run
 from toppling.results.replay import Replay
-from toppling.results.run import open_run
 from toppling.results.schema import SCHEMA
 from toppling.results.store import write_part
 from toppling.workers.engines import ENGINES

@@ -13,18 +13,18 @@ from seeded import rows
 
 from toppling.models.errors import InputError
 from toppling.models.motions.measures import COMPARED, MEASURES, OPENQUAKE
-from toppling.results.drawing.run_figures import write_fits
-from toppling.results.exchange import (
+from toppling.results.analysis.exchange import (
     moments,
     of_moments,
     read_curves,
     read_surface,
     write_curves,
 )
-from toppling.results.fragility import CONTACT_COLUMNS
+from toppling.results.analysis.fragility import CONTACT_COLUMNS
+from toppling.results.analysis.lognormal import Basis, Lognormal, Resampled
+from toppling.results.analysis.resampling import with_interval
+from toppling.results.drawing.run_figures import write_fits
 from toppling.results.hazard.surfaces import Surface
-from toppling.results.lognormal import Basis, Lognormal, Resampled
-from toppling.results.resampling import with_interval
 from toppling.results.schema import SCHEMA, describe
 
 CURVES = st.builds(

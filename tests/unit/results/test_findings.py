@@ -4,7 +4,7 @@ import pandas as pd
 import pytest
 from seeded import rows
 
-from toppling.results.findings import findings, toppling_levels
+from toppling.results.analysis.findings import findings, toppling_levels
 
 
 @pytest.fixture(scope="module")

@@ -8,13 +8,19 @@ import pytest
 from scipy.stats import norm
 from seeded import BETA, THETA_M_S, rows
 
+from toppling.results.analysis.fits import answered
+from toppling.results.analysis.fragility import wilson
+from toppling.results.analysis.lognormal import Lognormal
+from toppling.results.analysis.ranking import (
+    calibration,
+    compare_measures,
+    observed_shares,
+    out_of_fold,
+    scores,
+)
+from toppling.results.analysis.regression import fit
+from toppling.results.analysis.resampling import bootstrap, lognormal_interval
 from toppling.results.drawing.fits import fit_figure
-from toppling.results.fits import answered
-from toppling.results.fragility import wilson
-from toppling.results.lognormal import Lognormal
-from toppling.results.ranking import calibration, compare_measures, observed_shares, out_of_fold, scores
-from toppling.results.regression import fit
-from toppling.results.resampling import bootstrap, lognormal_interval
 from toppling.results.schema import SCHEMA
 
 
@@ -135,7 +141,7 @@ def test_each_job_is_predicted_by_a_fit_to_other_records(jobs, monkeypatch):
         held_out.append(set(jobs["record_id"]) - set(frame["record_id"]))
         return fit(frame, *rest)
 
-    monkeypatch.setattr("toppling.results.ranking.fit", seen)
+    monkeypatch.setattr("toppling.results.analysis.ranking.fit", seen)
     predicted = out_of_fold(jobs, ["pgv_m_s"])
     assert sorted(record for held in held_out for record in held) == sorted(jobs["record_id"].unique())
     for held in held_out:

@@ -13,11 +13,8 @@ from hypothesis import strategies as st
 from seeded import row, rows
 
 from toppling.orchestrator.cli import cli
-from toppling.results.drawing.maps import direction_figure, map_figure
-from toppling.results.drawing.run_figures import write_maps
-from toppling.results.drawing.style import save
-from toppling.results.fits import answered
-from toppling.results.fragility import (
+from toppling.results.analysis.fits import answered
+from toppling.results.analysis.fragility import (
     PLANES,
     DirectionCells,
     by_contact,
@@ -28,8 +25,11 @@ from toppling.results.fragility import (
     unplaced,
     wilson,
 )
-from toppling.results.regression import fit
-from toppling.results.run import open_run
+from toppling.results.analysis.regression import fit
+from toppling.results.drawing.maps import direction_figure, map_figure
+from toppling.results.drawing.run_figures import write_maps
+from toppling.results.drawing.style import save
+from toppling.results.reader import open_run
 from toppling.results.store import write_part
 
 

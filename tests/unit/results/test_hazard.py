@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from toppling.results.constraint import bound_table, branch_table
+from toppling.results.analysis.constraint import bound_table, branch_table
+from toppling.results.analysis.lognormal import Lognormal
 from toppling.results.drawing.constraint import constraint_figure
 from toppling.results.drawing.hazard import hazard_figure
 from toppling.results.hazard.ages import parse_age
@@ -21,7 +22,6 @@ from toppling.results.hazard.curves import (
 from toppling.results.hazard.standing import Standing, joint_survival, rejected_rate, unexceeded
 from toppling.results.hazard.tree import Branch, HazardTree, branch_weights
 from toppling.results.hazard.update import Update
-from toppling.results.lognormal import Lognormal
 
 
 def power_law(rate_at_one=1e-3, exponent=2.5, low=1e-4, high=1e4):

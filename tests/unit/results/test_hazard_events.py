@@ -8,6 +8,7 @@ import pytest
 
 from toppling.models.errors import InputError
 from toppling.models.motions.measures import STANDARD_G_M_S2 as G
+from toppling.results.analysis.lognormal import Lognormal
 from toppling.results.hazard.ages import exposure, joint_ages, parse_age, parse_since
 from toppling.results.hazard.events import (
     EventBranch,
@@ -23,7 +24,6 @@ from toppling.results.hazard.events import (
     toppling_rate,
 )
 from toppling.results.hazard.readers.event_sets import is_event_set, read_events
-from toppling.results.lognormal import Lognormal
 
 SAMPLES = Path(__file__).resolve().parents[4] / "shared" / "data" / "hazard"
 sampled = pytest.mark.skipif(not SAMPLES.is_dir(), reason="../shared/data/hazard is not here")

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from toppling.models.errors import InputError
+from toppling.results.analysis.lognormal import Lognormal
 from toppling.results.hazard.curves import (
     HazardCurve,
     curve_of_probabilities,
@@ -27,7 +28,6 @@ from toppling.results.hazard.tree import (
     weighted_fractile,
 )
 from toppling.results.hazard.update import Update, updated_table
-from toppling.results.lognormal import Lognormal
 
 SAMPLES = Path(__file__).parents[4] / "shared" / "data" / "hazard"
 G = 9.80665

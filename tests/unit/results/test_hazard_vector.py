@@ -7,11 +7,11 @@ import pytest
 from scipy.stats import norm
 
 from toppling.models.errors import InputError
+from toppling.results.analysis.lognormal import Lognormal
 from toppling.results.hazard.curves import HazardCurve
 from toppling.results.hazard.events import FeltRock, toppling_rate
 from toppling.results.hazard.surfaces import Surface, topples
 from toppling.results.hazard.vector import SCATTERS, joint_rate
-from toppling.results.lognormal import Lognormal
 
 PGA, PGV = "pga_m_s2", "pgv_m_s"
 RHO = 0.733

@@ -8,8 +8,8 @@ from click.testing import CliRunner
 from seeded import rows
 
 from toppling.orchestrator.cli import cli
-from toppling.results.exchange import write_curves
-from toppling.results.lognormal import Lognormal
+from toppling.results.analysis.exchange import write_curves
+from toppling.results.analysis.lognormal import Lognormal
 from toppling.results.store import write_part
 
 pytest.importorskip("pygmm", reason="the optional extra 'gmm' is not installed")

@@ -9,8 +9,8 @@ from toppling.models.motions.ensemble import Ensemble
 from toppling.models.motions.idealised import full_sine
 from toppling.models.motions.record import Record
 from toppling.models.scene import Scene
-from toppling.results import plane_reference
-from toppling.results.plane_reference import TIME_STEP_S, reference_lines, section, simulate, topples
+from toppling.results.analysis import plane_reference
+from toppling.results.analysis.plane_reference import TIME_STEP_S, reference_lines, section, simulate, topples
 
 
 def test_the_section_of_a_block_is_the_block():

@@ -8,10 +8,10 @@ from toppling.models.errors import InputError
 from toppling.orchestrator.cli import cli
 from toppling.orchestrator.verbs.fragility import fragility
 from toppling.orchestrator.verbs.report import report
+from toppling.results.analysis.resampling import SAMPLES
 from toppling.results.drawing.report.content import Content
 from toppling.results.queries import ask
-from toppling.results.resampling import SAMPLES
-from toppling.results.run import open_run
+from toppling.results.reader import open_run
 from toppling.results.store import write_part
 
 POOLED = (

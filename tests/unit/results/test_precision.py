@@ -12,12 +12,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import norm
 
+from toppling.results.analysis.regression import fit
 from toppling.results.hazard.curves import HazardCurve
 from toppling.results.precision.design import FIRST_ROUND, Pool, Rounds, Verdict, choose, judge
 from toppling.results.precision.probit import Answers, fit_curve
 from toppling.results.precision.statement import statement_of
 from toppling.results.precision.target import Target, estimate
-from toppling.results.regression import fit
 
 BENCHMARKS = Path(__file__).parents[3] / "benchmarks"
 START = Verdict("pgv_m_s", None, None, ended=False, reason="", jobs_needed=0)

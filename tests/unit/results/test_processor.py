@@ -10,7 +10,7 @@ from seeded import row
 
 from toppling.models.tables import write_table
 from toppling.orchestrator.processor import processor, unlike
-from toppling.results.run import open_run
+from toppling.results.reader import open_run
 from toppling.results.schema import ADDED_LATER, columns
 from toppling.results.store import compact, write_part
 

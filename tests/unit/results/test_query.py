@@ -10,7 +10,7 @@ from seeded import row, rows
 
 import toppling.orchestrator.status
 import toppling.results.queries
-import toppling.results.run
+import toppling.results.reader
 import toppling.results.store
 from toppling.models.digest import write_text
 from toppling.models.errors import InputError
@@ -21,7 +21,7 @@ from toppling.orchestrator.cli import cli
 from toppling.orchestrator.folder import SCHEMA_VERSION
 from toppling.orchestrator.status import state_of
 from toppling.results.queries import ask
-from toppling.results.run import open_run
+from toppling.results.reader import open_run
 from toppling.results.schema import SCHEMA, describe
 from toppling.results.store import compact, read_steady, write_part
 
@@ -71,8 +71,8 @@ def merge(run_folder, monkeypatch):
 
 
 READERS = {
-    "sql": (toppling.results.run, lambda run: run.sql("select count(*) n from results")["n"][0].as_py()),
-    "table": (toppling.results.run, lambda run: len(run.table())),
+    "sql": (toppling.results.reader, lambda run: run.sql("select count(*) n from results")["n"][0].as_py()),
+    "table": (toppling.results.reader, lambda run: len(run.table())),
     "status": (toppling.orchestrator.status, lambda run: state_of(run.path)["stored"]),
 }
 

@@ -29,7 +29,7 @@ from toppling.results.drawing.report.sections import SECTIONS, constraint_sectio
 from toppling.results.drawing.report.write import report_page, write_pdf
 from toppling.results.hazard.curves import HazardCurve
 from toppling.results.hazard.tree import Branch, HazardTree
-from toppling.results.run import open_run
+from toppling.results.reader import open_run
 from toppling.results.store import write_part
 
 

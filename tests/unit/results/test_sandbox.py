@@ -7,7 +7,7 @@ from seeded import row
 
 from toppling.models.errors import InputError
 from toppling.results import sandbox
-from toppling.results.run import open_run
+from toppling.results.reader import open_run
 from toppling.results.store import write_part
 
 

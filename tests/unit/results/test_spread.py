@@ -12,7 +12,7 @@ from seeded import row
 
 from toppling.models.errors import InputError
 from toppling.orchestrator.cli import cli
-from toppling.results.spread import Mean, component_interval, spreads
+from toppling.results.analysis.spread import Mean, component_interval, spreads
 from toppling.results.store import write_part
 
 RECORDS, DRAWS, AZIMUTHS = 30, 40, 6

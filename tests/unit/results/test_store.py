@@ -13,7 +13,7 @@ from toppling.models.digest import write_json
 from toppling.models.errors import InputError
 from toppling.models.tables import write_table
 from toppling.results import store
-from toppling.results.run import open_run
+from toppling.results.reader import open_run
 from toppling.results.schema import GROUPS, SCHEMA, columns, describe
 from toppling.results.store import attempts_with, compact, finished_ids, result_files, write_part
 

@@ -16,6 +16,10 @@ from toppling.orchestrator.campaign import Campaign
 from toppling.orchestrator.cli import cli
 from toppling.orchestrator.folder import prepare
 from toppling.orchestrator.plan import plan
+from toppling.results.analysis.exchange import read_curves
+from toppling.results.analysis.fits import answered, summary
+from toppling.results.analysis.regression import Fit, fit
+from toppling.results.analysis.resampling import bootstrap
 from toppling.results.completeness import Completeness
 from toppling.results.drawing.fit_table import few_records, fit_words
 from toppling.results.drawing.report.content import Content
@@ -25,11 +29,7 @@ from toppling.results.drawing.report.methods import methods
 from toppling.results.drawing.report.sections import fits_section
 from toppling.results.drawing.run_figures import write_fits
 from toppling.results.drawing.style import png_bytes, save
-from toppling.results.exchange import read_curves
-from toppling.results.fits import answered, summary
-from toppling.results.regression import Fit, fit
-from toppling.results.resampling import bootstrap
-from toppling.results.run import open_run
+from toppling.results.reader import open_run
 from toppling.results.schema import SCHEMA
 from toppling.results.store import write_part
 

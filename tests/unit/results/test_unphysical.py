@@ -8,11 +8,11 @@ import pytest
 from seeded import rows
 
 from toppling.models.motions.plausible import is_beyond
-from toppling.results.fits import answered
-from toppling.results.regression import fit
-from toppling.results.run import open_run
+from toppling.results.analysis.fits import answered
+from toppling.results.analysis.regression import fit
+from toppling.results.analysis.unphysical import unphysical_of
+from toppling.results.reader import open_run
 from toppling.results.store import write_part
-from toppling.results.unphysical import unphysical_of
 
 
 @pytest.fixture

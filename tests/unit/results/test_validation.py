@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from toppling.results.validation import (
+from toppling.results.analysis.prediction_scores import (
     calibration,
     intervals,
     learnt,

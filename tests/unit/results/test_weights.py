@@ -13,12 +13,12 @@ from test_spread import run as spread_rows
 
 from toppling.models.errors import InputError
 from toppling.orchestrator.cli import cli
-from toppling.results.fits import answered
-from toppling.results.fragility import PLANES, cells, effective_records
-from toppling.results.regression import fit
-from toppling.results.resampling import bootstrap
-from toppling.results.run import open_run
-from toppling.results.spread import spreads
+from toppling.results.analysis.fits import answered
+from toppling.results.analysis.fragility import PLANES, cells, effective_records
+from toppling.results.analysis.regression import fit
+from toppling.results.analysis.resampling import bootstrap
+from toppling.results.analysis.spread import spreads
+from toppling.results.reader import open_run
 from toppling.results.store import write_part
 from toppling.results.weights import EARLIER_FILE, WEIGHTS_FILE, Weights, unweighed, weighed
 

@@ -8,13 +8,13 @@ import pandas as pd
 
 from toppling.models.errors import InputError
 from toppling.models.frames import compass_deg
-from toppling.results.fits import FEW_TOPPLED, answered, basis_of
-from toppling.results.fragility import FRICTION, by_contact, contact_words
-from toppling.results.lognormal import Lognormal
-from toppling.results.places import on_earth
-from toppling.results.regression import fit
-from toppling.results.resampling import SAMPLES, bootstrap, with_interval
-from toppling.results.run import Run
+from toppling.results.analysis.fits import FEW_TOPPLED, answered, basis_of
+from toppling.results.analysis.fragility import FRICTION, by_contact, contact_words
+from toppling.results.analysis.lognormal import Lognormal
+from toppling.results.analysis.places import on_earth
+from toppling.results.analysis.regression import fit
+from toppling.results.analysis.resampling import SAMPLES, bootstrap, with_interval
+from toppling.results.reader import Run
 
 
 @dataclass(frozen=True, eq=False)

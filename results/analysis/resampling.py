@@ -10,9 +10,9 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 
-from toppling.results.lognormal import Lognormal, Resampled
-from toppling.results.reflected import reflected
-from toppling.results.regression import Fit, design_of, grouped, groups_separable, is_flat, regress
+from toppling.results.analysis.lognormal import Lognormal, Resampled
+from toppling.results.analysis.reflected import reflected
+from toppling.results.analysis.regression import Fit, design_of, grouped, groups_separable, is_flat, regress
 
 LEAST_RECORDS = 5
 """Fewer cannot be drawn anew: their resamples are too often the same few."""

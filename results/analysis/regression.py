@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.optimize import linprog
 from statsmodels.tools.sm_exceptions import ConvergenceWarning, DomainWarning, PerfectSeparationWarning
 
-from toppling.results.lognormal import Lognormal, lognormal_of
+from toppling.results.analysis.lognormal import Lognormal, lognormal_of
 from toppling.results.schema import SCHEMA, describe
 
 FLATTEST_SLOPE = 0.1

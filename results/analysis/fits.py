@@ -5,10 +5,10 @@ from collections.abc import Sequence
 import pandas as pd
 
 from toppling.models.motions.measures import MEASURES
+from toppling.results.analysis.lognormal import Basis, Resampled
+from toppling.results.analysis.regression import Fit
+from toppling.results.analysis.resampling import lognormal_interval
 from toppling.results.completeness import Completeness
-from toppling.results.lognormal import Basis, Resampled
-from toppling.results.regression import Fit
-from toppling.results.resampling import lognormal_interval
 
 SURFACES = (("pga_m_s2", "pgv_m_s"), ("pga_m_s2", "pgv_pga_s"))
 """On logarithms the two are one model in other coordinates; both are given, as both are plotted."""

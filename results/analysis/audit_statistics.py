@@ -21,6 +21,9 @@ from scipy.stats import binomtest, norm, t
 from toppling.models.arrays import Array
 from toppling.models.digest import read_json
 from toppling.models.errors import InputError
+from toppling.results.analysis.fits import answered
+from toppling.results.analysis.fragility import by_contact, wilson
+from toppling.results.analysis.regression import fit
 from toppling.results.audit_folder import (
     AUDIT_FOLDER,
     DRAWN_FILE,
@@ -29,10 +32,7 @@ from toppling.results.audit_folder import (
     REFERENCE,
     check_place,
 )
-from toppling.results.fits import answered
-from toppling.results.fragility import by_contact, wilson
-from toppling.results.regression import fit
-from toppling.results.run import Run, as_frame
+from toppling.results.reader import Run, as_frame
 from toppling.results.store import newest_rows, read_steady, result_files
 
 JOB = [

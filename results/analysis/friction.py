@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import pandas as pd
 
-from toppling.results.fragility import CONTACT_COLUMNS, FRICTION, Plane, by_contact, cells
+from toppling.results.analysis.fragility import CONTACT_COLUMNS, FRICTION, Plane, by_contact, cells
 
 _SURROUNDINGS = [name for name in CONTACT_COLUMNS if name not in FRICTION]
 _JOB = [*_SURROUNDINGS, "record_id", "level_pga_m_s2", "azimuth_deg", "realisation"]

@@ -27,9 +27,9 @@ from toppling.models.documents import check_size
 from toppling.models.errors import InputError, refusals
 from toppling.models.folder import new_file
 from toppling.models.motions.measures import OPENQUAKE
+from toppling.results.analysis.lognormal import Basis, Lognormal, Resampled
 from toppling.results.hazard.measures import imt_of, is_spectral, measure_of
 from toppling.results.hazard.surfaces import Surface
-from toppling.results.lognormal import Basis, Lognormal, Resampled
 
 LARGEST_BYTES = 20_000_000
 """Of a file of curves: a thousand rocks with all that is known of each."""

@@ -11,9 +11,9 @@ import pandas as pd
 
 from toppling.models.documents import listed
 from toppling.models.motions.plausible import LIMITS_WORDS, is_beyond, words
-from toppling.results import fits, regression
-from toppling.results.fragility import FRICTION, by_contact
-from toppling.results.run import Run
+from toppling.results.analysis import fits, regression
+from toppling.results.analysis.fragility import FRICTION, by_contact
+from toppling.results.reader import Run
 
 MOST_NAMED = 5
 

@@ -164,7 +164,7 @@ def branch_table(update: Update) -> pd.DataFrame:
 def _interval(
     rocks: Sequence[Standing], statement: Callable[[Sequence[Standing]], float]
 ) -> tuple[float, float]:
-    """Interval (95 %) of what is told of some rocks, as their records are drawn anew (`results.fits.bootstrap`)."""
+    """Interval (95 %) of what is told of some rocks, as their records are drawn anew (`analysis.fits.bootstrap`)."""
     known = [rock.resampled for rock in rocks if rock.resampled and len(rock.resampled.fitted)]
     if len(known) < len(rocks):
         return (math.nan, math.nan)

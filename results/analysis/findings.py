@@ -8,9 +8,9 @@ import numpy as np
 import pandas as pd
 from scipy.stats import binomtest, spearmanr
 
-from toppling.results.directions import HALF_SECTOR_DEG, sector_share
-from toppling.results.fragility import PLANES, effective_records, wilson
-from toppling.results.friction import compare_cells, compare_jobs, friction_words, frictions
+from toppling.results.analysis.directions import HALF_SECTOR_DEG, sector_share
+from toppling.results.analysis.fragility import PLANES, effective_records, wilson
+from toppling.results.analysis.friction import compare_cells, compare_jobs, friction_words, frictions
 
 LOW_PGA_M_S2, LOW_PGV_M_S, LOW_PROBABILITY = 3.0, 0.75, 0.2
 
@@ -74,7 +74,7 @@ def findings(
     weakest_azimuth_deg : float
         Of the least ground acceleration that topples quasi-statically; the rock then topples the other way.
     lines : DataFrame
-        From `results.plane_reference.reference_lines`.
+        From `analysis.plane_reference.reference_lines`.
     directions : int
         Bins of the vector PGA.
     """

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from toppling.results.run import Run
+from toppling.results.reader import Run
 
 
 def on_earth(run: Run, offsets_m: ArrayLike = ((0.0, 0.0),)) -> NDArray[np.float64] | None:

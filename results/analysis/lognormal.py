@@ -96,7 +96,7 @@ class Resampled:
     records : int
         Number that are drawn.
     reflected : bool
-        Whether the coefficients are those of `results.reflected`, whose percentiles allow for few records themselves.
+        Whether the coefficients are those of `analysis.reflected`, whose percentiles allow for few records themselves.
     """
 
     coefficients: NDArray[np.float64]

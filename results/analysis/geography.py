@@ -4,9 +4,9 @@ from collections.abc import Sequence
 from typing import Any
 
 from toppling.models.frames import compass_deg, horizontal_unit_vector
-from toppling.results.directions import topple_rose
-from toppling.results.places import on_earth
-from toppling.results.side_by_side import Beside
+from toppling.results.analysis.directions import topple_rose
+from toppling.results.analysis.places import on_earth
+from toppling.results.analysis.side_by_side import Beside
 
 ARROW_M = 100.0
 """Length of the line toward which all of a rock's topplings went."""

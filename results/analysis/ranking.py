@@ -13,11 +13,11 @@ from sklearn.metrics import brier_score_loss, log_loss, roc_auc_score
 from sklearn.model_selection import GroupKFold
 
 from toppling.models.motions.measures import COMPARED
-from toppling.results.fits import SURFACES
-from toppling.results.fragility import effective_records, wilson
-from toppling.results.lognormal import expanded_interval
-from toppling.results.regression import NEAR_TIE, fit
-from toppling.results.resampling import LEAST_RECORDS
+from toppling.results.analysis.fits import SURFACES
+from toppling.results.analysis.fragility import effective_records, wilson
+from toppling.results.analysis.lognormal import expanded_interval
+from toppling.results.analysis.regression import NEAR_TIE, fit
+from toppling.results.analysis.resampling import LEAST_RECORDS
 
 FOLDS = 5
 

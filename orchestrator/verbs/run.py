@@ -4,6 +4,7 @@ import json
 import logging
 import shlex
 import sys
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,7 +18,10 @@ from toppling.orchestrator.verbs.options import FOLDER, json_option
 from toppling.orchestrator.verbs.where import FILE, cluster_of, cluster_options
 
 if TYPE_CHECKING:
+    from distributed import Client
+
     from toppling.orchestrator.campaign import Campaign
+    from toppling.orchestrator.public.running import CarriedOut
 
 FAILED_JOBS = 3
 AGAIN = ("crashed", "timeout", "failed")
@@ -114,44 +118,59 @@ def run(
     chosen = Campaign.read(campaign)  # before what takes seconds to import: most campaigns are refused here
     if precision is not None:
         chosen = chosen.with_precision(precision)
-    from toppling.orchestrator.advice import suggestions
     from toppling.orchestrator.cluster import reported
-    from toppling.orchestrator.context import RunError
-    from toppling.orchestrator.progress import duration, pace, watcher
-    from toppling.orchestrator.public.running import run as carry_out
-    from toppling.orchestrator.status import shares_of, state_of
-    from toppling.results.unphysical import unphysical_of
 
     logging.basicConfig(level=logging.WARNING, format="%(levelname)s %(message)s")
     stop_in_order()
     cluster = cluster_of(folder, **where)
-    if not no_estimate and not chosen.precision:
-        from toppling.orchestrator.status import words_to_go_on
-
-        words = (
-            words_to_go_on(folder, where["workers"])
-            if folder.exists()
-            else time_words(chosen, where["workers"])
-        )
-        if words:
-            click.echo(words, err=True)
+    if not (no_estimate or chosen.precision) and (words := _time_left(chosen, folder, where["workers"])):
+        click.echo(words, err=True)
     command = _command(click.get_current_context())
+    limits = Limits(job_limit, tries)
+    shaken = _carry_out(chosen, folder, reported(cluster, report), limits, again, command)
+    _tell(chosen, folder, shaken, command, as_json=as_json)
+
+
+def _time_left(chosen: "Campaign", folder: Path, workers: int | None) -> str:
+    from toppling.orchestrator.status import words_to_go_on
+
+    return words_to_go_on(folder, workers) if folder.exists() else time_words(chosen, workers)
+
+
+def _carry_out(
+    chosen: "Campaign",
+    folder: Path,
+    cluster: AbstractContextManager["Client"],
+    limits: Limits,
+    again: list[str],
+    command: str,
+) -> "CarriedOut":
+    """Do the jobs; where that ends early, say how to go on."""
+    from toppling.orchestrator.context import RunError
+    from toppling.orchestrator.progress import watcher
+    from toppling.orchestrator.public.running import run as carry_out
+
     to_go_on = " ".join([f"To go on: {command}", *(["--again", ",".join(again)] if again else [])])
     try:
         with told_as_stop(), watcher() as watch:
-            limits = Limits(job_limit, tries)
-            shaken = carry_out(
-                chosen, folder, cluster=reported(cluster, report), watch=watch, limits=limits, again=again
-            )
+            return carry_out(chosen, folder, cluster=cluster, watch=watch, limits=limits, again=again)
     except RunError as error:
         message = f"{error}; the rows so far are kept. {to_go_on}"
         raise click.ClickException(message) from None
     except KeyboardInterrupt:
         click.echo(f"stopped; the rows so far are kept. {to_go_on}", err=True)
         sys.exit(INTERRUPTED)
+
+
+def _tell(chosen: "Campaign", folder: Path, shaken: "CarriedOut", command: str, *, as_json: bool) -> None:
+    """Say what was done and what it says; the exit code tells of jobs without an answer."""
+    from toppling.orchestrator.advice import suggestions
+    from toppling.orchestrator.progress import duration, pace
+    from toppling.orchestrator.status import shares_of, state_of
+    from toppling.results.analysis.unphysical import unphysical_of
+
     advice = [] if chosen.precision or chosen.sites else suggestions(shares_of(folder))
-    tally = shaken.session
-    unphysical = unphysical_of(shaken.run)
+    tally, unphysical = shaken.session, unphysical_of(shaken.run)
     state = state_of(folder)  # of all sessions: what an earlier one left without an answer still has none
     summary = {
         "run": str(folder), "jobs": tally.total, "done_before": tally.before, "done": tally.done,

@@ -42,7 +42,9 @@ class Target:
     @property
     def shares(self) -> tuple[float, float]:
         """Toppling probabilities between which jobs tell most of it."""
-        if self.name in ("median", "probability"):
+        if self.name == "median":
+            return 0.25, 0.75
+        if self.name == "probability":
             return 0.15, 0.85
         low = (0.02, 0.6)
         return low if self.name in ("p05", "rate") else (1.0 - low[1], 1.0 - low[0])

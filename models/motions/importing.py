@@ -4,6 +4,7 @@ import logging
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from itertools import chain
 from pathlib import Path
 
 from toppling.models.errors import InputError
@@ -124,7 +125,7 @@ def import_records(
         with _noting(name, outcome):
             found.append(prepared(name, triple(group), options, None))
         advance(len({component.path for component in group}))
-    kept = _without_duplicates(found, outcome)
+    kept = _without_duplicates(found, outcome, options.folders_apart)
     outcome.records.extend(_with_unique_ids([candidate.record for candidate in kept]))
     for record, candidate in zip(outcome.records, kept, strict=True):
         outcome.warnings.extend((record.record_id, text) for text in candidate.warnings)
@@ -181,10 +182,13 @@ def _name(group: Sequence[Component]) -> str:
     return common
 
 
-def _without_duplicates(found: list[Candidate], outcome: Import) -> list[Candidate]:
-    """Keep candidates of which no two are one record."""
+def _without_duplicates(found: list[Candidate], outcome: Import, folders_apart: bool) -> list[Candidate]:
+    """Keep candidates of which no two, or no two of a folder, are one record."""
     left_out = set()
-    for kept, duplicate in duplicates(found):
+    places: dict[Path | None, list[Candidate]] = {}
+    for one in found:
+        places.setdefault(Path(one.record.files[0]).parent if folders_apart else None, []).append(one)
+    for kept, duplicate in chain.from_iterable(map(duplicates, places.values())):
         left_out.add(id(duplicate))
         error = InputError(
             f"the same shaking as {kept.record.record_id} ({', '.join(kept.record.files)})",

@@ -36,6 +36,8 @@ class ImportOptions:
         Corner of the high-pass; None chooses one by record.
     time_step_s : float or None
         Time step that every record is resampled to; None leaves each its own.
+    folders_apart : bool
+        Folders are places: the same shaking in two of them is two records.
     """
 
     missing_vertical: bool = False
@@ -43,6 +45,7 @@ class ImportOptions:
     process: bool | None = None
     corner_hz: float | None = None
     time_step_s: float | None = None
+    folders_apart: bool = False
 
 
 def prepared(name: str, channels: Triple, options: ImportOptions, entry: Entry | None) -> Candidate:

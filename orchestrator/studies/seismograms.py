@@ -106,8 +106,10 @@ class Seismograms:
     notes: list[tuple[str, str]] = field(default_factory=list)
 
 
-def read_seismograms(paths: Sequence[Path], metadata: Path | None, missing_vertical: bool) -> Seismograms:
-    """Records of ensembles, and of files as 'records import' reads them.
+def read_seismograms(
+    paths: Sequence[Path], metadata: Path | None, missing_vertical: bool, *, folders_apart: bool = False
+) -> Seismograms:
+    """Records of ensembles, and of files as 'records import' reads them; of sites, by folders, each its own.
 
     Raises
     ------
@@ -125,7 +127,9 @@ def read_seismograms(paths: Sequence[Path], metadata: Path | None, missing_verti
     if not files:
         return Seismograms(found)
     table = read_table(metadata) if metadata else []
-    came = import_records(files, table, ImportOptions(missing_vertical=missing_vertical))
+    came = import_records(
+        files, table, ImportOptions(missing_vertical=missing_vertical, folders_apart=folders_apart)
+    )
     remarks = [f"left out {refusal.subject}: {refusal.reason}" for refusal in came.refusals]
     if came.unused_rows:
         unused = f"{came.unused_rows} of {len(table)} rows of {metadata} name files that were not given"

@@ -128,7 +128,7 @@ def _given(seismograms: Sequence[Path], metadata: Path | None, missing_vertical:
         raise click.UsageError(_METADATA_OF_NOTHING)
     if not files:
         return found
-    read = read_seismograms(files, metadata, missing_vertical)
+    read = read_seismograms(files, metadata, missing_vertical, folders_apart=True)
     _show_reading(read.remarks, read.notes)
     return found + of_records(read.records)
 

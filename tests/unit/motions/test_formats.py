@@ -420,6 +420,17 @@ def test_a_record_that_is_given_twice_is_kept_once(name, tmp_path):
     assert "the same shaking as" in refusal.reason.what
 
 
+@pytest.mark.parametrize("name", ["peer", "esm", "cosmos_v2", "knet"])
+def test_folders_of_sites_may_hold_the_same_record(name, tmp_path):
+    for folder in ("a", "b"):
+        (tmp_path / folder).mkdir()
+        WRITERS[name](tmp_path / folder, shaking())
+    outcome = import_records(record_files([tmp_path]), [], ImportOptions(folders_apart=True))
+    assert [Path(one.files[0]).parent.name for one in outcome.records] == ["a", "b"]
+    assert len({one.record_id for one in outcome.records}) == 2
+    assert not outcome.refusals
+
+
 def test_horizontals_along_one_line_are_refused_and_oblique_ones_resolved(tmp_path):
     a = shaking()
     columns(tmp_path, a)

@@ -21,12 +21,10 @@ from toppling.workers.observation import Body, Observation, observe
 from toppling.workers.options import NumericalOptions
 from toppling.workers.outcome import ShakeResult, result_of
 from toppling.workers.problem import Problem
+from toppling.workers.resolution import time_step_s
 from toppling.workers.seating import settled
 from toppling.workers.start import State, checked_start
 from toppling.workers.termination import ENDS, FALLS, first_met, watch_of
-
-LONGEST_STEP_SHARE = 1 / 16
-"""Steps longer than this share of sqrt(R / g) do not resolve a rocking rock."""
 
 
 def shake(
@@ -81,7 +79,7 @@ def shake(
     options, start = options_of(preset, engine), None if initial is None else checked_start(initial)
     if start is None:
         scene = settled(scene, pool)
-    step_s = _time_step_s(scene, options, time_step)
+    step_s = time_step_s(scene, motion, options, time_step)
     result = _answer(
         Problem(scene, motion, options, step_s, start, shortcuts), engine, pool, trajectory=trajectory
     )
@@ -195,19 +193,3 @@ class Shaking:
             wall_s=0.0,
             time_step_s=self.problem.time_step_s,
         )
-
-
-def _time_step_s(scene: Scene, options: NumericalOptions, asked_s: float | None) -> float:
-    """The step that is asked for, if it resolves a rock of this size, or that of the options."""
-    half_diagonal_m, gravity_m_s2 = scene.rock.half_diagonal_m, scene.gravity_m_s2
-    if asked_s is None:
-        return options.time_step_s(half_diagonal_m, gravity_m_s2)
-    longest_s = LONGEST_STEP_SHARE * np.sqrt(half_diagonal_m / gravity_m_s2)
-    if not 0.0 < asked_s <= longest_s:
-        raise InputError(
-            f"time_step is {asked_s} s",
-            where="shake",
-            expected=f"a positive number up to {longest_s:.4g} s for a rock of this size",
-            remedy="leave it out: the preset chooses one",
-        )
-    return float(asked_s)

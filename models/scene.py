@@ -194,10 +194,10 @@ class Scene:
     @cached_property
     def grounded(self) -> "GroundedBody":
         """The rock on its pedestal's surface, prepared for contacts that have normals of their own."""
-        from toppling.models.ground.body import GroundedBody
+        from toppling.models.ground.body import grounded_body
 
         friction = (self.contact.friction_static, self.contact.friction_kinetic)
-        return GroundedBody.of(self.rock, self.pedestal, self.gravity_m_s2, friction)
+        return grounded_body(self.rock, self.pedestal, self.gravity_m_s2, friction)
 
     def quasi_static_toppling_m_s2(self, azimuths_deg: Iterable[float]) -> list[tuple[float, float]]:
         """Least constant horizontal ground acceleration that topples the rock, by its azimuth.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -12,10 +12,12 @@ from scipy.spatial.transform import Rotation
 from toppling.models.compiled import Array
 from toppling.models.errors import InputError
 from toppling.models.frames import horizontal_unit_vector, plane_axes
-from toppling.models.ground.contacts import CONTACT, LEANING, MOST, Pairs, contacts_at, no_pairs
+from toppling.models.ground.contacts import CONTACT, LEANING, MOST, contacts_at
+from toppling.models.ground.creeping import largest_held_m_s2, settle
 from toppling.models.ground.equilibrium import held_polygon, is_held, wrenches
 from toppling.models.ground.mesh import ContactMesh, contact_mesh
-from toppling.models.ground.stepping import Grounded, largest_held_m_s2, settle
+from toppling.models.ground.pairs import Pairs, no_pairs
+from toppling.models.ground.stepping import Grounded
 from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock
 
@@ -214,3 +216,11 @@ class GroundedBody:
         moved = Rotation.from_quat(pose[3:]) * Rotation.from_quat(self.pose[3:]).inv()
         rotation = turn @ moved.as_matrix() @ turn.T
         return rock.moved(rotation, com - rotation @ rock.com_m)
+
+
+@lru_cache(maxsize=8)  # rocks and pedestals compare by identity
+def grounded_body(
+    rock: Rock, pedestal: Pedestal, gravity_m_s2: float, friction: tuple[float, float]
+) -> GroundedBody:
+    """As :meth:`GroundedBody.of`; the same one for all scenes that share rock and pedestal."""
+    return GroundedBody.of(rock, pedestal, gravity_m_s2, friction)

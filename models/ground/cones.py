@@ -13,9 +13,13 @@ from typing import Any
 import numpy as np
 
 from toppling.models.compiled import Array, inner
+from toppling.models.ground.sticking import push, stick_at_once
 
 SWEEPS = 400
 """Over all contacts, at most."""
+
+SWEEPS_BETWEEN = 8
+"""After so many contacts that all stick are solved for at once."""
 
 DIRECTIONS = 12
 """Times that the direction of a slip is found anew from the slip that it gives, in one sweep."""
@@ -34,7 +38,7 @@ def solve_cones(
     mobility, inverse, basis = np.empty((count, 3, 3)), np.empty((count, 3, 3)), np.empty((count, 3, 3))
     for i in range(count):
         _prepare(contacts[i], inverse_inertia, basis[i], mobility[i], inverse[i])
-        _push(contacts[i].arm_m, contacts[i].impulse, inverse_inertia, velocity)
+        push(contacts[i].arm_m, contacts[i].impulse, inverse_inertia, velocity)
     own, slip, new, change = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
     for sweep in range(SWEEPS):
         largest = 0.0
@@ -64,24 +68,17 @@ def solve_cones(
                 )
                 moved = max(moved, abs(change[k]))
             if moved > 0.0:
-                _push(r, change, inverse_inertia, velocity)
+                push(r, change, inverse_inertia, velocity)
                 for k in range(3):
                     p[k] += change[k]
                 largest = max(largest, moved)
         if largest < enough_m_s:
             return sweep + 1
+        if sweep % SWEEPS_BETWEEN == 2 and stick_at_once(
+            contacts, count, friction[0], inverse_inertia, velocity, basis, enough_m_s
+        ):
+            return sweep + 1
     return SWEEPS
-
-
-@inner
-def _push(arm: Any, impulse: Any, inverse_inertia: Array, velocity: Array) -> None:
-    """Change a velocity (6,) by an impulse at an arm."""
-    x = arm[1] * impulse[2] - arm[2] * impulse[1]
-    y = arm[2] * impulse[0] - arm[0] * impulse[2]
-    z = arm[0] * impulse[1] - arm[1] * impulse[0]
-    for k in range(3):
-        velocity[k] += impulse[k]
-        velocity[3 + k] += inverse_inertia[k, 0] * x + inverse_inertia[k, 1] * y + inverse_inertia[k, 2] * z
 
 
 @inner(allocates=True)

@@ -13,6 +13,8 @@ import numpy as np
 
 from toppling.models.compiled import Array, Indices, compiled, inner
 from toppling.models.ground.mesh import ContactMesh
+from toppling.models.ground.pairs import Pairs, between, group_end, moved_m, nearest, refresh
+from toppling.models.ground.vectors import cross, dot, minus, plus, rotation_of, turned, turned_back
 
 MOST = 128
 """Contacts that are looked at in one pose; of more, those with the least gaps."""
@@ -43,208 +45,6 @@ CONTACT = np.dtype(
 )
 
 
-class Pairs(NamedTuple):
-    """Features that may touch before the rock has moved by a slack; the first `found` of each kind."""
-
-    found: Indices  # (3,)
-    rock_point: Indices  # rock's point, ground's triangle
-    ground_triangle: Indices
-    ground_point: Indices
-    rock_triangle: Indices
-    rock_edge: Indices
-    ground_edge: Indices
-    pose: Array  # (7,) in which they were found; the first NaN if never
-
-
-def no_pairs(room: int) -> Pairs:
-    """Room for so many of each kind."""
-    some = [np.zeros(room, np.int64) for _ in range(6)]
-    return Pairs(
-        np.zeros(3, np.int64), some[0], some[1], some[2], some[3], some[4], some[5], np.full(7, np.nan)
-    )
-
-
-@inner
-def rotation_of(pose: Array, turn: Array) -> None:
-    """Matrix (3, 3) of the attitude of a pose (7,)."""
-    x, y, z, w = pose[3], pose[4], pose[5], pose[6]
-    turn[0, 0], turn[0, 1], turn[0, 2] = 1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)
-    turn[1, 0], turn[1, 1], turn[1, 2] = 2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)
-    turn[2, 0], turn[2, 1], turn[2, 2] = 2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)
-
-
-@inner
-def _dot(a: Any, b: Any) -> float:
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-@inner
-def _minus(a: Any, b: Any) -> tuple[float, float, float]:
-    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
-
-
-@inner
-def _plus(a: Any, share: float, b: Any) -> tuple[float, float, float]:
-    return a[0] + share * b[0], a[1] + share * b[1], a[2] + share * b[2]
-
-
-@inner
-def _cross(a: Any, b: Any) -> tuple[float, float, float]:
-    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
-
-
-@inner
-def _turned(turn: Array, a: Any) -> tuple[float, float, float]:
-    return _dot(turn[0], a), _dot(turn[1], a), _dot(turn[2], a)
-
-
-@inner
-def _turned_back(turn: Array, a: Any) -> tuple[float, float, float]:
-    return (
-        turn[0, 0] * a[0] + turn[1, 0] * a[1] + turn[2, 0] * a[2],
-        turn[0, 1] * a[0] + turn[1, 1] * a[1] + turn[2, 1] * a[2],
-        turn[0, 2] * a[0] + turn[1, 2] * a[1] + turn[2, 2] * a[2],
-    )
-
-
-@inner
-def _nearest(p: Any, a: Any, b: Any, c: Any) -> tuple[int, tuple[float, float, float]]:
-    """Where a triangle is nearest to a point: 0 its face, 1 to 3 a corner, 4 to 6 the edge from corner 1 to 3 on."""
-    ab, ac, ap = _minus(b, a), _minus(c, a), _minus(p, a)
-    d1, d2 = _dot(ab, ap), _dot(ac, ap)
-    if d1 <= 0.0 and d2 <= 0.0:
-        return 1, (a[0], a[1], a[2])
-    bp = _minus(p, b)
-    d3, d4 = _dot(ab, bp), _dot(ac, bp)
-    if d3 >= 0.0 and d4 <= d3:
-        return 2, (b[0], b[1], b[2])
-    cp = _minus(p, c)
-    d5, d6 = _dot(ab, cp), _dot(ac, cp)
-    if d6 >= 0.0 and d5 <= d6:
-        return 3, (c[0], c[1], c[2])
-    vc = d1 * d4 - d3 * d2
-    va = d3 * d6 - d5 * d4
-    vb = d5 * d2 - d1 * d6
-    least = -1e-9 * (va + vb + vc)
-    if vc < least and d1 >= 0.0 and d3 <= 0.0:
-        return 4, _plus(a, d1 / (d1 - d3), ab)
-    if va < least and d4 - d3 >= 0.0 and d5 - d6 >= 0.0:
-        share = (d4 - d3) / ((d4 - d3) + (d5 - d6))
-        return 5, _plus(b, share, _minus(c, b))
-    if vb < least and d2 >= 0.0 and d6 <= 0.0:
-        return 6, _plus(a, d2 / (d2 - d6), ac)
-    whole = 1.0 / (va + vb + vc)
-    return 0, _plus(_plus(a, vb * whole, ab), vc * whole, ac)
-
-
-@inner
-def _cell(mesh: ContactMesh, p: Any) -> int:
-    """Cell of a place; -1 outside of the grid."""
-    number = 0
-    for k in range(3):
-        i = math.floor((p[k] - mesh.origin_m[k]) / mesh.cell_m)
-        if i < 0 or i >= mesh.shape[k]:
-            return -1
-        number = number * mesh.shape[k] + i
-    return number
-
-
-@inner
-def _list_points(
-    points: Array, origin: Any, turn: Array, back: bool, mesh: ContactMesh, reach: float, out: Any, count: int
-) -> int:
-    """Pairs of points and triangles of a mesh within a reach; points of a body in a pose, or in its frame."""
-    for index in range(len(points)):
-        p = points[index]
-        q = _turned_back(turn, _minus(p, origin)) if back else _plus(origin, 1.0, _turned(turn, p))
-        cell = _cell(mesh, q)
-        if cell < 0:
-            continue
-        for place in range(mesh.first[cell], mesh.first[cell + 1]):
-            t = mesh.near[place]
-            f = mesh.faces[t]
-            _, c = _nearest(q, mesh.vertices_m[f[0]], mesh.vertices_m[f[1]], mesh.vertices_m[f[2]])
-            way = _minus(q, c)
-            if _dot(way, way) < reach * reach and count < len(out[0]):
-                out[0][count], out[1][count] = index, t
-                count += 1
-    return count
-
-
-@inner
-def _list_edges(
-    rock: ContactMesh, ground: ContactMesh, pose: Array, turn: Array, reach: float, pairs: Pairs
-) -> int:
-    count = 0
-    for i in range(len(rock.edges)):
-        a = _plus(pose, 1.0, _turned(turn, rock.vertices_m[rock.edges[i, 0]]))
-        b = _plus(pose, 1.0, _turned(turn, rock.vertices_m[rock.edges[i, 1]]))
-        way = _minus(b, a)
-        length = math.sqrt(_dot(way, way))
-        parts = int(length / ground.cell_m) + 1
-        begin = count
-        for part in range(parts):
-            cell = _cell(ground, _plus(a, (part + 0.5) / parts, way))
-            if cell < 0:
-                continue
-            for place in range(ground.first_edge[cell], ground.first_edge[cell + 1]):
-                j = ground.near_edges[place]
-                known = False
-                for k in range(begin, count):
-                    known = known or pairs.ground_edge[k] == j
-                if known or count >= len(pairs.rock_edge):
-                    continue
-                c, d = ground.vertices_m[ground.edges[j, 0]], ground.vertices_m[ground.edges[j, 1]]
-                _, _, far = _between(a, way, c, _minus(d, c))
-                if far < reach * reach:
-                    pairs.rock_edge[count], pairs.ground_edge[count] = i, j
-                    count += 1
-    return count
-
-
-@inner
-def _between(a: Any, way: Any, c: Any, other: Any) -> tuple[float, float, float]:
-    """Shares of two segments where they are nearest, and their squared distance there."""
-    from_c = _minus(a, c)
-    aa, bb, ab = _dot(way, way), _dot(other, other), _dot(way, other)
-    af, bf = _dot(way, from_c), _dot(other, from_c)
-    det = aa * bb - ab * ab
-    s = (ab * bf - af * bb) / det if det > 1e-12 * aa * bb else 0.5
-    s = min(max(s, 0.0), 1.0)
-    t = (ab * s + bf) / bb
-    if t < 0.0 or t > 1.0:
-        t = min(max(t, 0.0), 1.0)
-        s = min(max((ab * t - af) / aa, 0.0), 1.0)
-    gap = _minus(_plus(a, s, way), _plus(c, t, other))
-    return s, t, _dot(gap, gap)
-
-
-@inner(allocates=True)
-def refresh(rock: ContactMesh, ground: ContactMesh, pose: Array, reach: float, pairs: Pairs) -> None:
-    """Find the features that are within a reach of each other."""
-    turn = np.empty((3, 3))
-    rotation_of(pose, turn)
-    mine = rock.vertices_m[rock.points]
-    theirs = ground.vertices_m[ground.points]
-    pairs.found[0] = _list_points(
-        mine, pose, turn, False, ground, reach, (pairs.rock_point, pairs.ground_triangle), 0
-    )
-    pairs.found[1] = _list_points(
-        theirs, pose, turn, True, rock, reach, (pairs.ground_point, pairs.rock_triangle), 0
-    )
-    pairs.found[2] = _list_edges(rock, ground, pose, turn, reach, pairs)
-    pairs.pose[:] = pose
-
-
-@inner
-def moved_m(start: Array, end: Array, radius_m: float) -> float:
-    """Way of the point that moved most of those within a radius of the centre of mass, at most."""
-    cosine = abs(start[3] * end[3] + start[4] * end[4] + start[5] * end[5] + start[6] * end[6])
-    sine = math.sqrt(max(1.0 - cosine * cosine, 0.0))
-    way = _minus(end, start)
-    return math.sqrt(_dot(way, way)) + 2.0 * sine * radius_m
-
-
 @inner
 def _add(out: Any, count: int, key: int, gap: float, normal: Any, place: Any, pose: Array) -> int:
     """Note a contact; of too many the one with the largest gap goes."""
@@ -266,74 +66,89 @@ def _add(out: Any, count: int, key: int, gap: float, normal: Any, place: Any, po
     return count + 1
 
 
+class _Room(NamedTuple):
+    """Where the contacts of one point are put together."""
+
+    found: Array  # (contacts, 7): normal, gap, place
+    ids: Indices  # of edges and vertices that are nearest to it
+    hits: Indices  # by so many of their triangles
+    spots: Array
+    sums: Array  # of these triangles' normals
+    inside: Array  # least distance over them
+
+
 @inner(allocates=True)
-def _meet(
-    p: Any,
-    triangles: Indices,
-    begin: int,
-    end: int,
-    mesh: ContactMesh,
-    margin: float,
-    vertices: bool,
-    found: Any,
-) -> int:
-    """Contacts of one point with the triangles near it: rows (normal, gap) of `found`; how many."""
-    ids, hits = np.empty(FEATURES, np.int64), np.empty(FEATURES, np.int64)
-    spots, sums, inside = np.empty((FEATURES, 3)), np.zeros((FEATURES, 3)), np.zeros(FEATURES)
+def _room() -> _Room:
+    return _Room(
+        np.empty((8, 7)), np.empty(FEATURES, np.int64), np.empty(FEATURES, np.int64),
+        np.empty((FEATURES, 3)), np.empty((FEATURES, 3)), np.empty(FEATURES),
+    )  # fmt: skip
+
+
+@inner
+def _meet(p: Any, triangles: Indices, mesh: ContactMesh, margin: float, vertices: bool, room: _Room) -> int:
+    """Contacts of one point with the triangles near it, into the rows of `room.found`; how many."""
     features, count = 0, 0
-    for place in range(begin, end):
-        t = triangles[place]
+    for t in triangles:
         f, n = mesh.faces[t], mesh.normals[t]
         a = mesh.vertices_m[f[0]]
-        code, c = _nearest(p, a, mesh.vertices_m[f[1]], mesh.vertices_m[f[2]])
-        way = _minus(p, c)
-        depth = _dot(n, way)
+        code, c = nearest(p, a, mesh.vertices_m[f[1]], mesh.vertices_m[f[2]])
+        way = minus(p, c)
+        depth = dot(n, way)
         if code == 0:
             if -margin < depth < margin:
-                count = _keep_face(found, count, n, depth, c)
+                count = _keep_face(room.found, count, n, depth, c)
             continue
-        if _dot(way, way) >= margin * margin or (code <= 3 and not vertices):
+        if dot(way, way) >= margin * margin or (code <= 3 and not vertices):
             continue
         name = -1 - f[code - 1] if code <= 3 else mesh.edge_of[t, code - 4]
-        k = 0
-        while k < features and ids[k] != name:
-            k += 1
-        if k == features:
-            if features == FEATURES:
-                continue
-            features += 1
-            ids[k], hits[k], inside[k] = name, 0, np.inf
-            for i in range(3):
-                spots[k, i], sums[k, i] = c[i], 0.0
-        hits[k] += 1
-        inside[k] = min(inside[k], depth)
-        for i in range(3):
-            sums[k, i] += n[i]
+        features = _keep_feature(room, features, name, n, depth, c)
     for k in range(features):
-        shared = mesh.triangles_at_vertex[-1 - ids[k]] if ids[k] < 0 else mesh.triangles_at_edge[ids[k]]
-        if hits[k] != shared or count == len(found):
+        name = room.ids[k]
+        shared = mesh.triangles_at_vertex[-1 - name] if name < 0 else mesh.triangles_at_edge[name]
+        if room.hits[k] != shared or count == len(room.found):
             continue
-        way = _minus(p, spots[k])
-        far, size = math.sqrt(_dot(way, way)), math.sqrt(_dot(sums[k], sums[k]))
-        outside = inside[k] > 0.0 and far > 1e-9 * mesh.cell_m
+        way, total = minus(p, room.spots[k]), room.sums[k]
+        far, size = math.sqrt(dot(way, way)), math.sqrt(dot(total, total))
+        outside = room.inside[k] > 0.0 and far > 1e-9 * mesh.cell_m
         for i in range(3):
-            found[count, i] = way[i] / far if outside else sums[k, i] / size
-            found[count, 4 + i] = spots[k, i]
-        found[count, 3] = far if outside else _dot(way, sums[k]) / size
+            room.found[count, i] = way[i] / far if outside else total[i] / size
+            room.found[count, 4 + i] = room.spots[k, i]
+        room.found[count, 3] = far if outside else dot(way, total) / size
         count += 1
     return count
+
+
+@inner
+def _keep_feature(room: _Room, features: int, name: int, n: Any, depth: float, c: Any) -> int:
+    """Note an edge or a vertex that is nearest to a point, or one more of its triangles; how many there are."""
+    k = 0
+    while k < features and room.ids[k] != name:
+        k += 1
+    if k == features:
+        if features == FEATURES:
+            return features
+        features += 1
+        room.ids[k], room.hits[k], room.inside[k] = name, 0, np.inf
+        for i in range(3):
+            room.spots[k, i], room.sums[k, i] = c[i], 0.0
+    room.hits[k] += 1
+    room.inside[k] = min(room.inside[k], depth)
+    for i in range(3):
+        room.sums[k, i] += n[i]
+    return features
 
 
 @inner
 def _keep_face(found: Any, count: int, n: Any, depth: float, c: Any) -> int:
     """Note a face under a point unless it is one that is known, or lies behind one that is less deep."""
     for k in range(count):
-        if _dot(found[k], n) > 1.0 - SAME_NORMAL:
+        if dot(found[k], n) > 1.0 - SAME_NORMAL:
             return count
         if depth < 0.0 and found[k, 3] < 0.0:
             # Behind a ridge only one of its two faces is the way out: the nearer.
-            between = _minus(c, (found[k, 4], found[k, 5], found[k, 6]))
-            if _dot(found[k], between) < 0.0:
+            apart = minus(c, (found[k, 4], found[k, 5], found[k, 6]))
+            if dot(found[k], apart) < 0.0:
                 if depth > found[k, 3]:
                     found[k, 3] = depth
                     for i in range(3):
@@ -351,9 +166,22 @@ def _keep_face(found: Any, count: int, n: Any, depth: float, c: Any) -> int:
 def _leads_out(mesh: ContactMesh, index: int, normal: Any, leaning: float) -> bool:
     """Whether a body lies, beside one of its points, on the side of it to which a normal points."""
     for place in range(mesh.first_way[index], mesh.first_way[index + 1]):
-        if _dot(normal, mesh.ways[place]) < -leaning:
+        if dot(normal, mesh.ways[place]) < -leaning:
             return False
     return True
+
+
+@inner
+def _near_a_plane(
+    p: Any, triangles: Indices, begin: int, end: int, normals: Array, offsets_m: Array, margin_m: float
+) -> bool:
+    """Whether a point is as near to one of some triangles' planes as a contact with the triangle must be."""
+    near = False
+    for place in range(begin, end):
+        t = triangles[place]
+        off = normals[t, 0] * p[0] + normals[t, 1] * p[1] + normals[t, 2] * p[2] - offsets_m[t]
+        near = near or abs(off) <= 1.001 * margin_m
+    return near
 
 
 @inner(allocates=True)
@@ -371,63 +199,76 @@ def contacts_in(
     A point of the rock touches a face only where no edge beside it dips below that face by more than the sine
     `leaning`; 1 keeps those that may touch it once the rock has tilted.
     """
-    turn, found, count = np.empty((3, 3)), np.empty((8, 7)), 0
+    turn, room, count = np.empty((3, 3)), _room(), 0
     rotation_of(pose, turn)
-    k = 0
-    while k < pairs.found[0]:
-        index, begin = pairs.rock_point[k], k
-        while k < pairs.found[0] and pairs.rock_point[k] == index:
-            k += 1
-        p = _plus(pose, 1.0, _turned(turn, rock.vertices_m[rock.points[index]]))
-        for i in range(_meet(p, pairs.ground_triangle, begin, k, ground, margin_m, True, found)):
-            if not _leads_out(rock, index, _turned_back(turn, found[i]), leaning):
+    near_m = margin_m + moved_m(pairs.pose, pose, pairs.radius_m[0])
+    found, end = room.found, 0
+    first, triangles, apart_m, listed = (
+        pairs.rock_point,
+        pairs.ground_triangle,
+        pairs.apart_m[0],
+        pairs.found[0],
+    )
+    while end < listed:
+        begin, index = end, first[end]
+        end, near = group_end(first, apart_m, begin, listed, near_m)
+        if not near:
+            continue
+        p = plus(pose, 1.0, turned(turn, rock.vertices_m[rock.points[index]]))
+        if not _near_a_plane(p, triangles, begin, end, ground.normals, ground.offsets_m, margin_m):
+            continue
+        for i in range(_meet(p, pairs.ground_triangle[begin:end], ground, margin_m, True, room)):
+            if not _leads_out(rock, index, turned_back(turn, found[i]), leaning):
                 continue
             count = _add(out, count, 8 * index + i, found[i, 3], found[i], p, pose)
-    k = 0
-    while k < pairs.found[1]:
-        index, begin = pairs.ground_point[k], k
-        while k < pairs.found[1] and pairs.ground_point[k] == index:
-            k += 1
+    end = 0
+    while end < pairs.found[1]:
+        begin, index = end, pairs.ground_point[end]
+        end, near = group_end(pairs.ground_point, pairs.apart_m[1], begin, pairs.found[1], near_m)
+        if not near:
+            continue
         place = ground.vertices_m[ground.points[index]]
-        p = _turned_back(turn, _minus(place, pose))
-        for i in range(_meet(p, pairs.rock_triangle, begin, k, rock, margin_m, False, found)):
-            n = _turned(turn, found[i])
+        p = turned_back(turn, minus(place, pose))
+        for i in range(_meet(p, pairs.rock_triangle[begin:end], rock, margin_m, False, room)):
+            n = turned(turn, found[i])
             if not _leads_out(ground, index, n, LEANING):
                 continue
             count = _add(
                 out, count, (1 << 60) + 8 * index + i, found[i, 3], (-n[0], -n[1], -n[2]), place, pose
             )
     for k in range(pairs.found[2]):
-        i, j = pairs.rock_edge[k], pairs.ground_edge[k]
-        a = _plus(pose, 1.0, _turned(turn, rock.vertices_m[rock.edges[i, 0]]))
-        b = _plus(pose, 1.0, _turned(turn, rock.vertices_m[rock.edges[i, 1]]))
-        c, d = ground.vertices_m[ground.edges[j, 0]], ground.vertices_m[ground.edges[j, 1]]
-        count = _across(rock, ground, i, j, a, b, c, d, turn, pose, margin_m, out, count)
+        if pairs.apart_m[2, k] < near_m:
+            ends = pairs.rock_edge[k], pairs.ground_edge[k]
+            count = _across((rock, ground), ends, (pose, turn), margin_m, out, count)
     return count
 
 
 @inner
-def _across(
-    rock: ContactMesh, ground: ContactMesh, i: int, j: int, a: Any, b: Any, c: Any, d: Any,
-    turn: Array, pose: Array, margin_m: float, out: Any, count: int,
-) -> int:  # fmt: skip
-    """Add the contact of two edges that cross, if the way between them leads out of both bodies."""
-    way, other = _minus(b, a), _minus(d, c)
-    s, t, _ = _between(a, way, c, other)
+def _across(bodies: Any, edges: Any, placed: Any, margin_m: float, out: Any, count: int) -> int:
+    """Add the contact of two edges that cross, if the way between them leads out of both bodies.
+
+    Rock and ground, an edge of each, and the rock's pose and rotation.
+    """
+    (rock, ground), (i, j), (pose, turn) = bodies, edges, placed
+    a = plus(pose, 1.0, turned(turn, rock.vertices_m[rock.edges[i, 0]]))
+    b = plus(pose, 1.0, turned(turn, rock.vertices_m[rock.edges[i, 1]]))
+    c, d = ground.vertices_m[ground.edges[j, 0]], ground.vertices_m[ground.edges[j, 1]]
+    way, other = minus(b, a), minus(d, c)
+    s, t, _ = between(a, way, c, other)
     if not (1e-9 < s < 1.0 - 1e-9 and 1e-9 < t < 1.0 - 1e-9):
         return count
-    n = _cross(way, other)
-    size, scale = math.sqrt(_dot(n, n)), math.sqrt(_dot(way, way) * _dot(other, other))
+    n = cross(way, other)
+    size, scale = math.sqrt(dot(n, n)), math.sqrt(dot(way, way) * dot(other, other))
     if size < 1e-4 * scale:
         return count
     n = (n[0] / size, n[1] / size, n[2] / size)
-    own0, own1 = _turned(turn, rock.inward[i, 0]), _turned(turn, rock.inward[i, 1])
+    own0, own1 = turned(turn, rock.inward[i, 0]), turned(turn, rock.inward[i, 1])
     for _ in range(2):
-        out_of_ground = max(_dot(n, ground.inward[j, 0]), _dot(n, ground.inward[j, 1]))
-        out_of_rock = -min(_dot(n, own0), _dot(n, own1))
+        out_of_ground = max(dot(n, ground.inward[j, 0]), dot(n, ground.inward[j, 1]))
+        out_of_rock = -min(dot(n, own0), dot(n, own1))
         if out_of_ground <= ASIDE and out_of_rock <= ASIDE:
-            place = _plus(c, t, other)
-            gap = _dot(n, _minus(_plus(a, s, way), place))
+            place = plus(c, t, other)
+            gap = dot(n, minus(plus(a, s, way), place))
             if -margin_m < gap < margin_m:
                 key = (2 << 60) + i * len(ground.edges) + j
                 return _add(out, count, key, gap, n, place, pose)

@@ -59,7 +59,10 @@ def farthest_load(columns: Array, load_m_s2: Array, way_m_s2: Array, size_m: flo
 
 
 def is_held(columns: Array, load_m_s2: Array, size_m: float) -> bool:
-    """Whether contacts with the given :func:`wrenches` (6, n) hold a specific force (3,) on the centre of mass."""
+    """Whether contacts with the given :func:`wrenches` (6, n) hold a rock's weight, a specific force (3,).
+
+    Of a load that leans it says whether they hold it or a heavier one: for that ask :func:`farthest_load`.
+    """
     far = farthest_load(columns, load_m_s2, np.array([0.0, 0.0, -1e-6]), size_m)
     return far is not None and far >= 0.0
 

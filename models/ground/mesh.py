@@ -26,6 +26,8 @@ class ContactMesh(NamedTuple):
         Counter-clockwise seen from the free side.
     normals : (m, 3) array
         Unit, toward the free side.
+    offsets_m : (m,) array
+        Of the triangles' planes from the origin, along their normals.
     edge_of : (m, 3) int array
         Edge opposite to none: edge k of a triangle joins its corners k and k + 1.
     triangles_at_edge : (e,) int array
@@ -50,6 +52,7 @@ class ContactMesh(NamedTuple):
     vertices_m: Array
     faces: Indices
     normals: Array
+    offsets_m: Array
     edge_of: Indices
     triangles_at_edge: Indices
     triangles_at_vertex: Indices
@@ -85,6 +88,7 @@ def contact_mesh(
     corners = vertices[faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals /= np.linalg.norm(normals, axis=1)[:, None]
+    offsets = (normals * corners[:, 0]).sum(axis=1)
     edge_of, ends, shares = _edges(faces)
     stands_out, inward = _convexity(vertices, faces, normals, edge_of, shares)
     touching = np.zeros(len(vertices), bool)
@@ -100,7 +104,7 @@ def contact_mesh(
     first_edge, near_edges = _register(vertices[kept][:, [0, 1, 1]], low, cell, shape, reach_m)
     points = np.flatnonzero(touching)
     return ContactMesh(
-        vertices, faces, normals, edge_of, shares, np.bincount(faces.ravel(), minlength=len(vertices)),
+        vertices, faces, normals, offsets, edge_of, shares, np.bincount(faces.ravel(), minlength=len(vertices)),
         points, *_ways(vertices, ends, points), kept, inward[stands_out],
         low, cell, shape, first, near, first_edge, near_edges,
     )  # fmt: skip

@@ -15,9 +15,12 @@ import numpy as np
 
 from toppling.models.compiled import Array, Indices, Vector, compiled, inner
 from toppling.models.ground.cones import solve_cones
-from toppling.models.ground.contacts import LEANING, Pairs, contacts_in, moved_m, refresh, rotation_of
+from toppling.models.ground.contacts import LEANING, contacts_in
 from toppling.models.ground.excitation import velocity_increment_m_s
 from toppling.models.ground.mesh import ContactMesh
+from toppling.models.ground.pairs import Pairs, moved_m, refresh
+from toppling.models.ground.rigid import invert, move, spin, square
+from toppling.models.ground.vectors import rotation_of
 
 MOST_IMPACTS = 20
 """In a step; contacts that close later in it are met at its end."""
@@ -25,7 +28,7 @@ MOST_IMPACTS = 20
 TOUCHING_SHARE = 2e-6
 """Of R: a contact so near carries."""
 
-MARGIN_SHARE = 0.01
+MARGIN_SHARE = 0.003
 """Of R: contacts so near are looked at in a step, and as many more as the rock may move in it."""
 
 SLACK_SHARE = 0.05
@@ -36,20 +39,6 @@ ENOUGH = 2e-6
 
 CUT_TOO_EARLY = (1e-6, 1e-3, np.inf)
 """Share of a substep by which a contact may close before its end, in the first and further tries to end it there."""
-
-TIPPED_RAD = 0.8
-"""A rock that tips slowly is followed so far."""
-
-TIPPING_SHARE = 0.004
-"""Of R: way of one of its steps."""
-
-PASSED = 0.9
-"""Share of the largest acceleration that was held, below which it is past it."""
-
-FOLLOWED_SHARE = 0.1
-"""Of R: way on which it is followed past the largest."""
-
-MOST_POSES = 300
 
 RETURNED = 0.2
 """Share of a penetration that a step takes back, by moving the rock without giving it speed."""
@@ -91,99 +80,6 @@ def take_steps(sim: Grounded, steps: int) -> None:
         sim.time_s[last + 1] = sim.counts[2] * sim.step_s
 
 
-@compiled
-def settle(sim: Grounded, force_m_s2: Array, sweeps: int, stop_m: float) -> float:
-    """Let the rock down from its latest pose without gathering speed; way of its last step, m.
-
-    Every step starts at rest under a constant specific force.
-    """
-    pose, way = sim.pose[sim.counts[1]], np.inf
-    step_s = sim.step_s
-    for _ in range(sweeps):
-        way = _crept_m(
-            sim, pose, (force_m_s2[0] * step_s, force_m_s2[1] * step_s, force_m_s2[2] * step_s), step_s
-        )
-        if way < stop_m:
-            break
-    return way
-
-
-@compiled(allocates=True)
-def largest_held_m_s2(sim: Grounded, push: Array, most_m_s2: float) -> float:
-    """Largest constant acceleration of the ground, against a unit push (3,), that a rock at rest stands.
-
-    In its first pose, or in one that it tips into from there without gathering speed: until it has tilted so far, or
-    stands so much less, that nothing larger follows. Infinite from `most_m_s2` on.
-    """
-    pose, start = sim.pose[0].copy(), sim.pose[0].copy()
-    still = 1e-4 * math.sqrt(_square(sim.gravity_m_s2))
-    peak, trial = pose.copy(), pose.copy()
-    best, here = 0.0, 0.05 * most_m_s2
-    least_cosine = math.cos(0.5 * TIPPED_RAD)
-    for _ in range(MOST_POSES):
-        low, high = 0.0, here
-        while _gives_way(sim, pose, push, high) < still:
-            low, high = high, 1.5 * high
-            if low > most_m_s2:
-                return np.inf
-        while high - low > 2e-4 * max(best, high):
-            middle = 0.5 * (low + high)
-            if _gives_way(sim, pose, push, middle) < still:
-                low = middle
-            else:
-                high = middle
-        if low > best:
-            best, peak[:] = low, pose
-        here = max(low, 0.02 * best)
-        if low < PASSED * best and moved_m(peak, pose, sim.farthest_m) > FOLLOWED_SHARE * sim.size_m:
-            return best
-        pushed = 1.02 * max(low, best) + 500.0 * still
-        way, step_s = 0.0, sim.step_s
-        for _ in range(20):
-            trial[:] = pose
-            way = _crept_m(sim, trial, _load(sim, push, pushed, step_s), step_s)
-            if way > 2.0 * TIPPING_SHARE * sim.size_m:
-                step_s *= 0.5
-            elif way < 0.5 * TIPPING_SHARE * sim.size_m and step_s < 200.0 * sim.step_s:
-                step_s *= 1.5
-            else:
-                break
-        pose[:] = trial
-        for _ in range(4):
-            _crept_m(sim, pose, _load(sim, push, pushed, sim.step_s), sim.step_s)
-        cosine = abs(start[3] * pose[3] + start[4] * pose[4] + start[5] * pose[5] + start[6] * pose[6])
-        if cosine < least_cosine or moved_m(start, pose, 0.0) > sim.size_m:
-            break
-    return best
-
-
-@inner
-def _load(sim: Grounded, push: Array, acceleration: float, time_s: float) -> Vector:
-    """What gravity, and an acceleration along a push, add to a velocity in some time."""
-    g = sim.gravity_m_s2
-    return (
-        time_s * (g[0] + acceleration * push[0]),
-        time_s * (g[1] + acceleration * push[1]),
-        time_s * (g[2] + acceleration * push[2]),
-    )
-
-
-@inner(allocates=True)
-def _gives_way(sim: Grounded, pose: Array, push: Array, acceleration: float) -> float:
-    """Acceleration along a push with which the centre of mass leaves a pose at rest, m/s2."""
-    there, velocity = pose.copy(), np.zeros(6)
-    _advance(sim, sim.step_s, _load(sim, push, acceleration, sim.step_s), there, velocity, True, np.inf)
-    return (velocity[0] * push[0] + velocity[1] * push[1] + velocity[2] * push[2]) / sim.step_s
-
-
-@inner(allocates=True)
-def _crept_m(sim: Grounded, pose: Array, increment: Vector, step_s: float) -> float:
-    """Move from rest for one step; the way of the point that moved most."""
-    before, velocity = pose.copy(), np.zeros(6)
-    _advance(sim, step_s, increment, pose, velocity, True, np.inf)
-    return moved_m(before, pose, sim.farthest_m)
-
-
 @inner
 def _step(sim: Grounded, begin_s: float, pose: Array, velocity: Array) -> None:
     """One step, cut at its impacts."""
@@ -198,7 +94,7 @@ def _step(sim: Grounded, begin_s: float, pose: Array, velocity: Array) -> None:
             increment = velocity_increment_m_s(
                 sim.excitation, sim.sample_s, sim.gravity_m_s2, since, since + left
             )
-            cut = _advance(sim, left, increment, pose, velocity, impact == MOST_IMPACTS, early)
+            cut = advance(sim, left, increment, pose, velocity, impact == MOST_IMPACTS, early)
             if cut >= left:
                 break
             left = cut
@@ -209,7 +105,7 @@ def _step(sim: Grounded, begin_s: float, pose: Array, velocity: Array) -> None:
 
 
 @inner(allocates=True)
-def _advance(
+def advance(
     sim: Grounded,
     step_s: float,
     increment: Vector,
@@ -225,10 +121,10 @@ def _advance(
     middle, turn, inverse = pose.copy(), np.empty((3, 3)), np.empty((3, 3))
     momentum, free = np.empty(3), np.empty(6)
     rotation_of(pose, turn)
-    _spin(turn, sim.inertia_m2, velocity[3:], momentum)
-    _move(middle, velocity, 0.5 * step_s)
+    spin(turn, sim.inertia_m2, velocity[3:], momentum)
+    move(middle, velocity, 0.5 * step_s)
     rotation_of(middle, turn)
-    _invert(turn, sim.inertia_m2, inverse)
+    invert(turn, sim.inertia_m2, inverse)
     for k in range(3):
         free[k] = velocity[k] + increment[k]
         free[3 + k] = inverse[k, 0] * momentum[0] + inverse[k, 1] * momentum[1] + inverse[k, 2] * momentum[2]
@@ -256,7 +152,7 @@ def _advance(
     for k in range(count):
         sim.contacts[k] = sim.trial[k]
     sim.counts[0] = count
-    _move(middle, free, 0.5 * step_s)
+    move(middle, free, 0.5 * step_s)
     pose[:], velocity[:] = middle, free
     _take_back(sim, count, step_s, inverse, pose, velocity)
     return step_s if lands >= 0 else np.inf
@@ -320,7 +216,7 @@ def _impact(sim: Grounded, pose: Array, velocity: Array) -> None:
     """Change the velocity at once by the contacts that touch in a pose."""
     turn, inverse = np.empty((3, 3)), np.empty((3, 3))
     rotation_of(pose, turn)
-    _invert(turn, sim.inertia_m2, inverse)
+    invert(turn, sim.inertia_m2, inverse)
     margin = 20.0 * TOUCHING_SHARE * sim.size_m
     _look(sim, pose, margin)
     count = contacts_in(sim.rock, sim.ground, sim.pairs, pose, margin, LEANING, sim.trial)
@@ -336,7 +232,7 @@ def _impact(sim: Grounded, pose: Array, velocity: Array) -> None:
 
 @inner
 def _enough_m_s(sim: Grounded) -> float:
-    return ENOUGH * math.sqrt(_square(sim.gravity_m_s2)) * sim.step_s
+    return ENOUGH * math.sqrt(square(sim.gravity_m_s2)) * sim.step_s
 
 
 @inner(allocates=True)
@@ -373,7 +269,7 @@ def _take_back(
                 shift[3 + k] += push * (
                     inverse[k, 0] * arm[0] + inverse[k, 1] * arm[1] + inverse[k, 2] * arm[2]
                 )
-    _move(pose, shift, 1.0)
+    move(pose, shift, 1.0)
 
 
 @inner
@@ -393,51 +289,3 @@ def _rate(one: Any, velocity: Array) -> float:
         + n[1] * (velocity[1] + velocity[5] * r[0] - velocity[3] * r[2])
         + n[2] * (velocity[2] + velocity[3] * r[1] - velocity[4] * r[0])
     )
-
-
-@inner
-def _square(a: Any) -> float:
-    return a[0] * a[0] + a[1] * a[1] + a[2] * a[2]
-
-
-@inner
-def _move(pose: Array, velocity: Array, time_s: float) -> None:
-    """Move a pose (7,) with a constant velocity (6,): a straight way and an exact turn."""
-    x, y, z = 0.5 * time_s * velocity[3], 0.5 * time_s * velocity[4], 0.5 * time_s * velocity[5]
-    angle = math.sqrt(x * x + y * y + z * z)
-    sinc = math.sin(angle) / angle if angle > 1e-12 else 1.0
-    x, y, z, w = x * sinc, y * sinc, z * sinc, math.cos(angle)
-    a, b, c, d = pose[3], pose[4], pose[5], pose[6]
-    pose[0] += time_s * velocity[0]
-    pose[1] += time_s * velocity[1]
-    pose[2] += time_s * velocity[2]
-    pose[3] = w * a + x * d + y * c - z * b
-    pose[4] = w * b - x * c + y * d + z * a
-    pose[5] = w * c + x * b - y * a + z * d
-    pose[6] = w * d - x * a - y * b - z * c
-    size = math.sqrt(pose[3] ** 2 + pose[4] ** 2 + pose[5] ** 2 + pose[6] ** 2)
-    for k in range(3, 7):
-        pose[k] /= size
-
-
-@inner
-def _spin(turn: Array, inertia_m2: Array, spin: Array, out: Array) -> None:
-    """Angular momentum over mass (3,) of a spin."""
-    for k in range(3):
-        out[k] = 0.0
-    for axis in range(3):
-        along = turn[0, axis] * spin[0] + turn[1, axis] * spin[1] + turn[2, axis] * spin[2]
-        for k in range(3):
-            out[k] += turn[k, axis] * inertia_m2[axis] * along
-
-
-@inner
-def _invert(turn: Array, inertia_m2: Array, out: Array) -> None:
-    """Inverse (3, 3) of the inertia over mass, in the axes of the support frame."""
-    for i in range(3):
-        for j in range(3):
-            out[i, j] = (
-                turn[i, 0] * turn[j, 0] / inertia_m2[0]
-                + turn[i, 1] * turn[j, 1] / inertia_m2[1]
-                + turn[i, 2] * turn[j, 2] / inertia_m2[2]
-            )

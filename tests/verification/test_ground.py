@@ -13,6 +13,7 @@ from toppling.models.ground.equilibrium import farthest_load
 from toppling.models.motions.motion import Motion
 from toppling.models.scene import Scene
 from toppling.models.shapes import box
+from toppling.workers.ground.rest import holds
 from toppling.workers.shake import shake
 
 G = 9.81
@@ -265,7 +266,7 @@ def test_a_rock_that_a_wall_catches_past_its_balance_has_lodged():
     away = pulse(-8.0, 0.3, after_s=6.0)
     scene = Scene.from_mesh((rock.vertices_m, rock.faces), pedestal=with_wall(0.5), friction=0.8)
     lodged = shake(scene, away, "fast", trajectory=True)
-    assert (lodged.outcome, lodged.toppled, lodged.ended_by) == ("lodged", True, "rest")
+    assert (lodged.outcome, lodged.toppled, lodged.ended_by) == ("lodged", True, "rest_certain")
     assert math.degrees(math.asin(0.5 / 1.2)) - 0.1 < lodged.residual_tilt_deg < 45.0
     assert math.cos(math.radians(lodged.topple_azimuth_deg)) > 0.996  # within 5 degrees of x
     assert 0.0 < lodged.topple_time_s < 1.5
@@ -317,3 +318,14 @@ def test_an_arch_that_no_point_sees_whole_is_refused_by_the_second_engine():
     scene = Scene.from_mesh((vertices, faces), pedestal=(lowered, triangles), friction=0.7)
     with pytest.raises(InputError, match="no point sees all of it"):
         shake(scene, STILL, "fast", engine="mujoco")
+
+
+@pytest.mark.parametrize(("left", "right"), [(30, 30), (0, -15), (0, 0)])
+def test_a_rest_is_certain_only_under_loads_that_the_cones_hold(left, right):
+    """Nine tenths of the friction count: on these the rock tips before it slides."""
+    scene = block_on(left, right, 0.8)
+    (threshold,) = [each for _, each in scene.quasi_static_toppling_m_s2([0.0])]
+    body = scene.grounded
+    for share, held in ((0.5, True), (1.05, False), (2.0, False), (20.0, False)):
+        loads = np.array([body.load_m_s2(), body.load_m_s2(np.array([share * threshold, 0.0, 0.0]))])
+        assert holds(body, body.resting_pose, loads) is held

@@ -9,24 +9,26 @@ import numpy as np
 
 from toppling.models.compiled import Array
 from toppling.models.ground.body import PAIRS, RESTING_SHARE
-from toppling.models.ground.contacts import CONTACT, MOST, no_pairs
+from toppling.models.ground.contacts import CONTACT, MOST
 from toppling.models.ground.equilibrium import held, is_held, wrenches
 from toppling.models.ground.excitation import excitation
+from toppling.models.ground.pairs import no_pairs
 from toppling.models.ground.stepping import Grounded
 from toppling.models.relief import height_below
 from toppling.models.statics import TOPPLED_FALL
 from toppling.workers import quaternion as quat
 from toppling.workers.contact.candidates import LARGEST_OPEN_TILT_DEG
 from toppling.workers.engines.protocol import Engine, GroundSteps
+from toppling.workers.ground.rest import TOUCHING_SHARE, energy_j_kg, holds, least_overturning_j_kg, let_down
 from toppling.workers.outcome import ShakeResult, result_of
 from toppling.workers.problem import Problem
 from toppling.workers.start import given_state
 
-TOUCHING_SHARE = 1e-3
-"""Of R: contacts of a rock that has come to rest are so near; one that creeps to rest ends with less than touching."""
-
 STEEP = 0.5
 """Upward part of a contact's normal: less, and what is touched stands beside the rock, not below it."""
+
+LOOKS_AFTER = 10.0
+"""Of sqrt(R / g): between two looks at the energy that is left after the motion."""
 
 ROOM = 4096
 """Poses that the trajectory's arrays have room for at first."""
@@ -79,6 +81,8 @@ class GroundShaking:
         )
         self.sim.pose[0], self.sim.velocity[0] = pose, start
         self.skipped_s, self._deepest_m = 0.0, 0.0
+        self._next_look_s = 0.0
+        self._stands_in: Array | None = None
         touching = body.contacts(pose, RESTING_SHARE * body.size_m)
         first = touching["arm_m"].mean(axis=0) if len(touching) else np.zeros(3)
         self._first_body = quat.matrix(pose[3:]).T @ first
@@ -138,17 +142,60 @@ class GroundShaking:
         if self._has_fallen(poses[-1]):
             return "fallen"
         over_s = self.time_s - problem.motion.duration_s
-        if over_s > 0.0:
-            spin = float(np.linalg.norm(velocity[3:])) * self.body.size_m
-            way = float(np.linalg.norm(poses[-1, :3] - poses[0, :3]))
-            turned = 2.0 * float(np.linalg.norm(quat.product(poses[-1, 3:], quat.inverse(poses[0, 3:]))[:3]))
-            lasted_s = sim.time_s[self.last] - sim.time_s[since]
-            drift = (way + turned * self.body.size_m) / lasted_s
-            if max(speed + spin, drift) < problem.rest_speed_m_s:
-                return "rest"
-            if over_s > problem.options.termination.cap_after * problem.unit_s:
-                return "time_cap"
+        slow = max(speed + self._spin_m_s(velocity), self._drift_m_s(since)) < problem.rest_speed_m_s
+        if over_s > 0.0 and slow:
+            return "rest"
+        if problem.shortcuts and self.time_s >= self._next_look_s:
+            if over_s <= 0.0 and slow and self._is_held_to_the_end():
+                return "rest_certain"
+            if over_s > 0.0 and self._will_stand(over_s):
+                return "rest_certain"
+        if over_s > problem.options.termination.cap_after * problem.unit_s:
+            return "time_cap"
         return None
+
+    def _spin_m_s(self, velocity: Array) -> float:
+        return float(np.linalg.norm(velocity[3:])) * self.body.size_m
+
+    def _drift_m_s(self, since: int) -> float:
+        """Mean speed from a pose to the latest one."""
+        start, end = self.sim.pose[since], self.sim.pose[self.last]
+        way = float(np.linalg.norm(end[:3] - start[:3]))
+        turned = 2.0 * float(np.linalg.norm(quat.product(end[3:], quat.inverse(start[3:]))[:3]))
+        return (way + turned * self.body.size_m) / float(self.sim.time_s[self.last] - self.sim.time_s[since])
+
+    def _is_held_to_the_end(self) -> bool:
+        """Whether the contacts of a rock that rests hold all that is left of the motion."""
+        first = int(self.time_s / self.sim.sample_s)
+        gravity = self.body.load_m_s2()
+        loads = np.vstack([gravity - self.sim.excitation[first:, :3], gravity])
+        held = holds(self.body, self.sim.pose[self.last], loads)
+        self._next_look_s = self.time_s + LOOKS_AFTER * self.problem.unit_s
+        return held
+
+    def _will_stand(self, over_s: float) -> bool:
+        """Whether the energy of a rock on ground at rest is too little to overturn it from where it would stand.
+
+        At first a small share of what overturns it; from when it has had time to come near rest a larger one.
+        """
+        options, last = self.problem.options.termination, self.last
+        pose, velocity = self.sim.pose[last], self.sim.velocity[last]
+        self._next_look_s = self.time_s + LOOKS_AFTER * self.problem.unit_s
+        rest = let_down(self.body, pose)
+        if rest is None:
+            return False
+        calmed = over_s > options.calmed_after * self.problem.unit_s
+        off_deg = math.degrees(2.0 * math.acos(min(abs(float(pose[3:] @ rest[3:])), 1.0)))
+        if (
+            not calmed and off_deg > options.moved_deg
+        ):  # what is told of its last pose is to be true of its rest
+            return False
+        share = options.certain_share if calmed else options.calm_share
+        energy = energy_j_kg(self.body, pose, velocity, rest)
+        if not energy < share * least_overturning_j_kg(self.body, rest):
+            return False
+        self._stands_in = rest
+        return True
 
     @property
     def _stood_m(self) -> float:
@@ -169,9 +216,10 @@ class GroundShaking:
 
     def _lodged(self, ended_by: str) -> bool:
         """Whether the rock rests only with the help of what stands beside it, and did not so at the start."""
-        if ended_by != "rest":
+        if ended_by not in ("rest", "rest_certain"):
             return False
-        last, start = self.sim.pose[self.last], self.sim.pose[0]
+        last = self.sim.pose[self.last] if self._stands_in is None else self._stands_in
+        start = self.sim.pose[0]
         return not self._held_from_below(last) and self._held_from_below(start)
 
     def _held_from_below(self, pose: Array) -> bool:
@@ -201,7 +249,8 @@ class GroundShaking:
         arm = quat.matrix(pose[-1, 3:]) @ self._first_body
         slip_m = float(np.linalg.norm((pose[-1, :3] + arm - self._first_place)[:2]))
         turned = math.degrees(quat.yaw_between(pose[0], pose[-1]))
-        never = ended_by == "never_moved"
+        certain = ended_by in ("never_moved", "rest_certain")
+        left_s = max(problem.motion.duration_s - self.time_s, 0.0) if certain else 0.0
         turned_deg = abs((turned + 180.0) % 360.0 - 180.0)
         return result_of(
             ended_by,
@@ -215,7 +264,7 @@ class GroundShaking:
             steps=int(sim.counts[3]),
             engine_steps=int(sim.counts[5]),
             simulated_s=self.time_s - self.skipped_s,
-            skipped_s=problem.motion.duration_s if never else self.skipped_s,
+            skipped_s=self.skipped_s + left_s,
             wall_s=0.0,
             time_step_s=sim.step_s,
         )

@@ -1,0 +1,119 @@
+"""A rock that moves without gathering speed: let down to where it rests, and tipped by a constant acceleration."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from toppling.models.compiled import Array, Vector, compiled, inner
+from toppling.models.ground.pairs import moved_m
+from toppling.models.ground.rigid import square
+from toppling.models.ground.stepping import Grounded, advance
+
+TIPPED_RAD = 0.8
+"""A rock that tips slowly is followed so far."""
+
+TIPPING_SHARE = 0.004
+"""Of R: way of one of its steps."""
+
+PASSED = 0.9
+"""Share of the largest acceleration that was held, below which it is past it."""
+
+FOLLOWED_SHARE = 0.1
+"""Of R: way on which it is followed past the largest."""
+
+MOST_POSES = 300
+
+
+@compiled
+def settle(sim: Grounded, force_m_s2: Array, sweeps: int, stop_m: float) -> float:
+    """Let the rock down from its latest pose without gathering speed; way of its last step, m.
+
+    Every step starts at rest under a constant specific force.
+    """
+    pose, way = sim.pose[sim.counts[1]], np.inf
+    step_s = sim.step_s
+    for _ in range(sweeps):
+        way = _crept_m(
+            sim, pose, (force_m_s2[0] * step_s, force_m_s2[1] * step_s, force_m_s2[2] * step_s), step_s
+        )
+        if way < stop_m:
+            break
+    return way
+
+
+@compiled(allocates=True)
+def largest_held_m_s2(sim: Grounded, push: Array, most_m_s2: float) -> float:
+    """Largest constant acceleration of the ground, against a unit push (3,), that a rock at rest stands.
+
+    In its first pose, or in one that it tips into from there without gathering speed: until it has tilted so far, or
+    stands so much less, that nothing larger follows. Infinite from `most_m_s2` on.
+    """
+    pose, start = sim.pose[0].copy(), sim.pose[0].copy()
+    still = 1e-4 * math.sqrt(square(sim.gravity_m_s2))
+    peak, trial = pose.copy(), pose.copy()
+    best, here = 0.0, 0.05 * most_m_s2
+    least_cosine = math.cos(0.5 * TIPPED_RAD)
+    for _ in range(MOST_POSES):
+        low, high = 0.0, here
+        while _gives_way(sim, pose, push, high) < still:
+            low, high = high, 1.5 * high
+            if low > most_m_s2:
+                return np.inf
+        while high - low > 2e-4 * max(best, high):
+            middle = 0.5 * (low + high)
+            if _gives_way(sim, pose, push, middle) < still:
+                low = middle
+            else:
+                high = middle
+        if low > best:
+            best, peak[:] = low, pose
+        here = max(low, 0.02 * best)
+        if low < PASSED * best and moved_m(peak, pose, sim.farthest_m) > FOLLOWED_SHARE * sim.size_m:
+            return best
+        pushed = 1.02 * max(low, best) + 500.0 * still
+        way, step_s = 0.0, sim.step_s
+        for _ in range(20):
+            trial[:] = pose
+            way = _crept_m(sim, trial, _load(sim, push, pushed, step_s), step_s)
+            if way > 2.0 * TIPPING_SHARE * sim.size_m:
+                step_s *= 0.5
+            elif way < 0.5 * TIPPING_SHARE * sim.size_m and step_s < 200.0 * sim.step_s:
+                step_s *= 1.5
+            else:
+                break
+        pose[:] = trial
+        for _ in range(4):
+            _crept_m(sim, pose, _load(sim, push, pushed, sim.step_s), sim.step_s)
+        cosine = abs(start[3] * pose[3] + start[4] * pose[4] + start[5] * pose[5] + start[6] * pose[6])
+        if cosine < least_cosine or moved_m(start, pose, 0.0) > sim.size_m:
+            break
+    return best
+
+
+@inner
+def _load(sim: Grounded, push: Array, acceleration: float, time_s: float) -> Vector:
+    """What gravity, and an acceleration along a push, add to a velocity in some time."""
+    g = sim.gravity_m_s2
+    return (
+        time_s * (g[0] + acceleration * push[0]),
+        time_s * (g[1] + acceleration * push[1]),
+        time_s * (g[2] + acceleration * push[2]),
+    )
+
+
+@inner(allocates=True)
+def _gives_way(sim: Grounded, pose: Array, push: Array, acceleration: float) -> float:
+    """Acceleration along a push with which the centre of mass leaves a pose at rest, m/s2."""
+    there, velocity = pose.copy(), np.zeros(6)
+    advance(sim, sim.step_s, _load(sim, push, acceleration, sim.step_s), there, velocity, True, np.inf)
+    return (velocity[0] * push[0] + velocity[1] * push[1] + velocity[2] * push[2]) / sim.step_s
+
+
+@inner(allocates=True)
+def _crept_m(sim: Grounded, pose: Array, increment: Vector, step_s: float) -> float:
+    """Move from rest for one step; the way of the point that moved most."""
+    before, velocity = pose.copy(), np.zeros(6)
+    advance(sim, step_s, increment, pose, velocity, True, np.inf)
+    return moved_m(before, pose, sim.farthest_m)

@@ -1,0 +1,128 @@
+"""When a rock on a surface will stand: statics of what is left of the motion, and the energy that is left after it."""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+
+import numpy as np
+from scipy.spatial import ConvexHull, QhullError
+from scipy.spatial.transform import Rotation
+
+from toppling.models.compiled import Array
+from toppling.models.errors import InputError
+from toppling.models.ground.body import GroundedBody
+from toppling.models.ground.creeping import settle
+from toppling.models.ground.equilibrium import farthest_load, is_held, wrenches
+from toppling.workers import quaternion as quat
+
+TOUCHING_SHARE = 1e-3
+"""Of R: contacts of a rock that has come to rest are so near; one that creeps to rest ends with less than touching."""
+
+SURE_SHARE = 0.9
+"""Of friction: with as much a rock is held that certainly rests."""
+
+SETTLING_STEPS, SETTLING_ROUNDS = 100, 5
+"""In which a rock that is let down from its present pose must come to stand."""
+
+UNMOVED_SHARE = 0.02
+"""Of R: way of a rock that has hardly moved."""
+
+WAYS, TILT_STEP_DEG, FARTHEST_DEG = 8, 2.0, 40.0
+"""In which a rock is tipped to find the least energy that overturns it, and by how much at a time, and at most."""
+
+
+def holds(body: GroundedBody, pose: Array, loads_m_s2: Array) -> bool:
+    """Whether the contacts in a pose surely hold some loads (n, 3); those on the border of their cone are asked.
+
+    Loads as specific forces, in the axes of the support.
+    """
+    if (loads_m_s2[:, 2] >= 0.0).any():
+        return False
+    near = body.contacts(pose, TOUCHING_SHARE * body.size_m)
+    columns = wrenches(near["arm_m"], near["normal"], SURE_SHARE * body.friction[0])
+    weight = body.load_m_s2()
+    if not is_held(columns, weight, body.size_m):
+        return False
+    farthest = (farthest_load(columns, weight, load - weight, body.size_m) for load in _outermost(loads_m_s2))
+    return all(share is not None and share >= 1.0 for share in farthest)
+
+
+def _outermost(loads_m_s2: Array) -> Array:
+    """Of loads with a downward part those of which all others are mixtures, but for their size."""
+    leaning = loads_m_s2[:, :2] / -loads_m_s2[:, 2:]
+    try:
+        return np.asarray(loads_m_s2[ConvexHull(leaning).vertices])
+    except QhullError:  # fewer than three, or all on a line
+        apart = leaning - leaning[0]
+        along = apart @ apart[np.linalg.norm(apart, axis=1).argmax()]
+        return np.asarray(loads_m_s2[[along.argmin(), along.argmax()]])
+
+
+def let_down(body: GroundedBody, pose: Array) -> Array | None:
+    """The pose in which a rock comes to stand from another one without gathering speed; None if it does not soon."""
+    sim = body.clockless(pose, 0.05 * math.sqrt(body.size_m / body.gravity_m_s2))
+    load = body.load_m_s2()
+    for _ in range(SETTLING_ROUNDS):
+        if holds(body, sim.pose[0], load[None]):
+            return sim.pose[0].copy()
+        settle(sim, load, SETTLING_STEPS, 1e-7 * body.size_m)
+    return None
+
+
+def energy_j_kg(body: GroundedBody, pose: Array, velocity: Array, rest: Array) -> float:
+    """Energy per mass of a moving rock, above that in a pose at rest."""
+    spin = quat.matrix(pose[3:]).T @ velocity[3:]
+    raised_m = (pose[:3] - rest[:3]) @ body.scene_from_support[2]
+    kinetic = 0.5 * (velocity[:3] @ velocity[:3] + spin @ (body.inertia_m2 * spin))
+    return float(kinetic + body.gravity_m_s2 * raised_m)
+
+
+def least_overturning_j_kg(body: GroundedBody, rest: Array) -> float:
+    """Least energy per mass that tips a rock over, of some directions, rolling on its outermost contacts.
+
+    That of the pose in which it stood serves as long as it has hardly moved from there.
+    """
+    start = body.resting_pose
+    half_turn = math.acos(min(abs(float(start[3:] @ rest[3:])), 1.0))
+    moved_m = float(np.linalg.norm(rest[:3] - start[:3])) + 2.0 * half_turn * body.farthest_m
+    if moved_m < UNMOVED_SHARE * body.size_m:
+        return _least_where_it_stood_j_kg(body)
+    return _least_j_kg(body, rest)
+
+
+@lru_cache(maxsize=8)  # bodies compare by identity
+def _least_where_it_stood_j_kg(body: GroundedBody) -> float:
+    return _least_j_kg(body, body.resting_pose)
+
+
+def _least_j_kg(body: GroundedBody, rest: Array) -> float:
+    up = body.scene_from_support[2]
+    east, north = body.scene_from_support[0], body.scene_from_support[1]
+    highest = [
+        _highest_m(body, rest, math.cos(way) * east + math.sin(way) * north)
+        for way in 2.0 * np.pi * np.arange(WAYS) / WAYS
+    ]
+    return body.gravity_m_s2 * max(min(highest) - float(rest[:3] @ up), 0.0)
+
+
+def _highest_m(body: GroundedBody, rest: Array, outward: Array) -> float:
+    """Greatest height of the centre of mass of a rock tipped in a direction until it sinks; infinite if it does not."""
+    up = body.scene_from_support[2]
+    turn = Rotation.from_rotvec(math.radians(TILT_STEP_DEG) * np.cross(up, outward))
+    pose, highest = rest, float(rest[:3] @ up)
+    for _ in range(int(FARTHEST_DEG / TILT_STEP_DEG)):
+        near = body.contacts(pose, TOUCHING_SHARE * body.size_m)
+        if len(near) == 0:
+            return highest
+        pivot = near["place_m"][np.argmax(near["place_m"] @ outward)]
+        attitude = (turn * Rotation.from_quat(pose[3:])).as_quat()
+        try:
+            pose = body.touching(np.concatenate([pivot + turn.apply(pose[:3] - pivot), attitude]))
+        except InputError:  # it has lost the ground
+            return highest
+        height = float(pose[:3] @ up)
+        if height < highest:
+            return highest
+        highest = height
+    return math.inf

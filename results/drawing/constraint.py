@@ -1,5 +1,6 @@
 """Hazard curves beside the rates of exceedance that standing rocks reject."""
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from toppling.results.drawing.style import (
     COLOURS,
     HALF_WIDTH_IN,
+    LETTERS_PER_IN,
     MAIN_COLOUR,
     measure_label,
     plain_log,
@@ -74,7 +76,7 @@ def constraint_figure(
             xscale="log", yscale="log", xlabel=measure_label(measure), ylabel="annual rate of exceedance",
             xlim=(bound[measure].min(), bound[measure].max()), ylim=(least, top),
         )  # fmt: skip
-        axes.set_title(ages_words(rocks))
+        axes.set_title(ages_words(rocks, width_in))
         plain_log(axes.xaxis)
         axes.yaxis.set_major_locator(LogLocator(numticks=10))
         axes.yaxis.set_minor_locator(LogLocator(subs=tuple(range(2, 10)), numticks=99))
@@ -118,12 +120,16 @@ def _draw_many(axes: Axes, branches: Sequence[Branch], verdicts: pd.DataFrame | 
         label = "_"
 
 
-def ages_words(rocks: Sequence[Standing]) -> str:
-    """Say how long rocks have stood: one age, a range, or each by name; empty without rocks or ages."""
-    ages = {rock.name: _years(rock.years) for rock in rocks if np.isfinite(rock.years).any()}
+def ages_words(rocks: Sequence[Standing], width_in: float = math.inf) -> str:
+    """Say how long rocks have stood, in a line: an age or a range, of each where there is room; empty without ages."""
+    dated = [rock for rock in rocks if np.isfinite(rock.years).any()]
+    ages = {rock.name: _years(rock.years) for rock in dated}
     if len(set(ages.values())) == 1:
         return f"standing for {next(iter(ages.values()))}"
-    return "; ".join(f"{name}: {years}" for name, years in ages.items())
+    each = "; ".join(f"{name}: {years}" for name, years in ages.items())
+    if len(each) <= LETTERS_PER_IN * width_in:
+        return each
+    return f"{len(ages)} rocks, standing for {_years(np.concatenate([rock.years for rock in dated]))}"
 
 
 def _years(years: NDArray[np.float64]) -> str:

@@ -116,7 +116,7 @@ def _frame(axes: Axes, update: Update) -> None:
         xscale="log", yscale="log", xlabel=measure_label(update.tree.measure), ylabel="annual rate of exceedance",
         xlim=(x[0], max(right, x[0] * 1.5)), ylim=(least, 1.5 * top),
     )  # fmt: skip
-    axes.set_title(ages_words(update.rocks))
+    axes.set_title(ages_words(update.rocks, axes.figure.get_figwidth()))
     plain_log(axes.xaxis)
     axes.yaxis.set_major_locator(LogLocator(numticks=10))
     axes.yaxis.set_minor_locator(LogLocator(subs=tuple(range(2, 10)), numticks=99))

@@ -176,15 +176,6 @@ def toppling_rate(rocks: Sequence[FeltRock], branch: EventBranch) -> float:
     return float((any_topples(standing_shares(rocks, branch), together) @ branch.rate)[0])
 
 
-def catalogue_survival(rocks: Sequence[FeltRock], branch: EventBranch) -> float:
-    """Probability that all rocks survive each of a branch's events once: a history that is known.
-
-    The events are those of the rocks' very time, with no chance left but that of toppling: prod(1 - F_i).
-    """
-    now, _ = standing_shares(rocks, branch)
-    return float(np.exp(now.sum()))
-
-
 def bootstrap(
     rocks: Sequence[FeltRock],
     branch: EventBranch,

@@ -79,11 +79,11 @@ def _realizations(
     branches = stated.frame()
     weights = dict(zip(branches[BRANCH], branches["weight"].astype(float), strict=True))
     unknown = set(rows[BRANCH]) - set(weights)
-    if unknown or not abs(sum(weights.values()) - 1.0) < 1e-3:
+    if unknown or not abs(sum(weights.values()) - 1.0) < 1e-3 or min(weights.values()) < 0:
         what = (
             f"lacks the branch {min(unknown)}"
             if unknown
-            else f"has weights that sum to {sum(weights.values()):g}"
+            else f"has weights that sum to {sum(weights.values()):g}, the least of them {min(weights.values()):g}"
         )
         raise event_error(what, stated.path)
     paths = branches.get("branch_path", pd.Series("", index=branches.index)).astype(str)

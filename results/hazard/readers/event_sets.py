@@ -63,6 +63,8 @@ def read_events(
         If there is no event set, several, or a part of it is missing or contradicts another.
     """
     files = sorted((path if path.is_dir() else path.parent).glob("*.csv"))
+    if path.is_file() and path not in files:
+        files.append(path)
     tables = [table for file in files if (table := opened(file))]
     bearing = [table for table in tables if kind_of(table) in BEARING]
     chosen = [table for table in bearing if path.is_dir() or table.path.samefile(path)]
@@ -76,7 +78,14 @@ def read_events(
     readers: dict[str, Callable[..., EventSet]] = {
         "fields": read_fields, "cybershake": _cybershake, "plain": _plain,
     }  # fmt: skip
-    return readers[kind_of(table)](table, beside, ratio, event_rate, catalogue_years)
+    try:
+        return readers[kind_of(table)](table, beside, ratio, event_rate, catalogue_years)
+    except InputError:
+        raise
+    except (ValueError, TypeError, LookupError, ArithmeticError) as error:
+        raise event_error(
+            f"cannot be read ({type(error).__name__}: {str(error)[:200]})", table.path
+        ) from error
 
 
 def _cybershake(table: Table, beside: list[Table], ratio: float, *_: object) -> EventSet:
@@ -145,6 +154,9 @@ def _of_rows(
     rows: pd.DataFrame, factors: Mapping, table: Table, notes: tuple[str, ...], places: Table | None = None
 ) -> EventSet:
     """One branch of events that state their own rates."""
+    if rows.empty:
+        raise event_error("holds no event", table.path)
+    rows = rows.assign(annual_rate=pd.to_numeric(rows["annual_rate"], errors="coerce"))
     by_event = rows.groupby(EVENT, sort=False)["annual_rate"]
     if (by_event.nunique() > 1).any() or not (
         np.isfinite(rows["annual_rate"]) & (rows["annual_rate"] >= 0)

@@ -19,6 +19,9 @@ ALIASES = {"eid": EVENT, "sid": SITE, "custom_site_id": SITE, "rlzi": BRANCH, "o
 """Names of earlier versions of OpenQuake, and what they mean."""
 
 CYBERSHAKE = ("Source_ID", "Rupture_ID", "Rupture_Variation_ID", "Rupture_Probability", "IM_Value", "Units")
+MOST_COMMENTS = 30
+"""Lines above the columns."""
+
 RUPTURE = ["Source_ID", "Rupture_ID"]
 
 
@@ -43,18 +46,22 @@ class Table:
         Of the comment line.
     skipped : int
         Lines above the columns.
+    separator : str
     """
 
     path: Path
     header: tuple[str, ...]
     keys: Mapping[str, str]
     skipped: int
+    separator: str = ","
 
     def frame(self) -> pd.DataFrame:
         """All rows; identifiers of sites are text."""
         texts = dict.fromkeys(("site_id", "custom_site_id", "sid", "Site_Name"), str)
         try:
-            frame = pd.read_csv(self.path, skiprows=self.skipped, dtype=texts, encoding="utf-8-sig")
+            frame = pd.read_csv(
+                self.path, sep=self.separator, skiprows=self.skipped, dtype=texts, encoding="utf-8-sig"
+            )
         except (ValueError, pd.errors.ParserError) as error:
             raise event_error(f"cannot be read ({error})", self.path) from error
         return frame.rename(columns=lambda name: ALIASES.get(name.strip(), name.strip()))
@@ -64,13 +71,15 @@ def opened(path: Path) -> Table | None:
     """Table of a file, of which the first lines are read; None where it is no text."""
     try:
         with path.open(encoding="utf-8-sig") as lines:
-            first, second = lines.readline(), lines.readline()
+            head = [lines.readline() for _ in range(MOST_COMMENTS)]
     except (OSError, UnicodeDecodeError):
         return None
-    commented = first.startswith("#")
-    names = [name.strip().strip('"') for name in (second if commented else first).rstrip("\n").split(",")]
-    keys = header_values(first) if commented else {}
-    return Table(path, tuple(ALIASES.get(name, name) for name in names), keys, int(commented))
+    skipped = next((number for number, line in enumerate(head) if not line.startswith("#")), 0)
+    header = head[skipped].rstrip("\n")
+    separator = next((sign for sign in ",\t;" if sign in header), ",")
+    names = [name.strip().strip('"') for name in header.split(separator)]
+    keys = header_values(head[0]) if skipped else {}
+    return Table(path, tuple(ALIASES.get(name, name) for name in names), keys, skipped, separator)
 
 
 def kind_of(table: Table) -> str:
@@ -144,7 +153,7 @@ def branch_of(
     site = rows[SITE].map({name: number for number, name in enumerate(sites)}).to_numpy(int)
     motions = {}
     for column, (measure, factor) in factors.items():
-        values = rows[column].to_numpy(float)
+        values = pd.to_numeric(rows[column], errors="coerce").to_numpy(float)
         _check_values(values, f"{name}, {column}")
         grid = np.zeros((len(events), len(sites)))
         grid[event, site] = values * factor

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from toppling.results.analysis.constraint import bound_table, branch_table
 from toppling.results.analysis.lognormal import Lognormal
-from toppling.results.drawing.constraint import constraint_figure
+from toppling.results.drawing.constraint import ages_words, constraint_figure
 from toppling.results.drawing.hazard import hazard_figure
 from toppling.results.hazard.ages import parse_age
 from toppling.results.hazard.curves import (
@@ -197,6 +197,12 @@ def test_the_figure_tells_each_branchs_survival_and_verdict_and_the_age():
     assert loud.endswith(", rejected")
     assert quiet == "power law: survival 1.00, not rejected"
     assert figure.axes[0].get_title() == "standing for 10,000 to 20,000 years"
+
+
+def test_ages_of_many_rocks_are_told_together_where_there_is_no_room_for_each():
+    rocks = [Standing(f"rock {n}", ROCK, np.array([1e3 * n, 2e3 * n])) for n in range(1, 6)]
+    assert ages_words(rocks[:2], 7.0) == "rock 1: 1,000 to 2,000 years; rock 2: 2,000 to 4,000 years"
+    assert ages_words(rocks, 3.6) == "5 rocks, standing for 1,000 to 10,000 years"
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,6 @@ from toppling.results.hazard.events import (
     EventSite,
     FeltRock,
     bootstrap,
-    catalogue_survival,
     leave_one_out,
     rank_branches,
     rank_models,
@@ -77,6 +76,31 @@ def test_a_missing_row_of_a_field_is_no_motion(tmp_path):
 
 
 @pytest.mark.parametrize(
+    ("name", "sign", "head"), [("a.csv", ",", "# mine\n# more\n"), ("a.csv", ";", ""), ("a.tsv", "\t", "")]
+)
+def test_a_table_of_events_may_be_parted_by_other_signs_below_remarks(tmp_path, name, sign, head):
+    lines = "event_id,PGA,annual_rate\n0,0.2,1e-3\n1,0.1,2e-3\n".replace(",", sign)
+    (tmp_path / name).write_text(head + lines)
+    assert is_event_set(tmp_path / name)
+    (branch,) = read_events(tmp_path / name).branches
+    assert branch.motions["pga_m_s2"][:, 0] / G == pytest.approx([0.2, 0.1])
+    assert branch.rate.tolist() == [1e-3, 2e-3]
+
+
+@pytest.mark.parametrize("rows", ["", "0,0.2,-1e-3\n", "0,0.2,abc\n"])
+def test_a_table_without_events_or_with_rates_that_are_none_is_refused(tmp_path, rows):
+    (tmp_path / "a.csv").write_text("event_id,PGA,annual_rate\n" + rows)
+    with pytest.raises(InputError, match=r"holds no event|has rates that are negative"):
+        read_events(tmp_path / "a.csv")
+
+
+def test_a_table_that_states_a_measure_twice_is_refused(tmp_path):
+    (tmp_path / "a.csv").write_text("event_id,PGA,PGA (g),annual_rate\n0,0.2,0.3,1e-3\n")
+    with pytest.raises(InputError, match="in two columns"):
+        read_events(tmp_path / "a.csv")
+
+
+@pytest.mark.parametrize(
     ("event", "site", "branch"), [("eid", "sid", "rlzi"), ("event_id", "site_id", "rlz_id")]
 )
 def test_fields_of_earlier_versions_state_their_branch_themselves(tmp_path, event, site, branch):
@@ -132,6 +156,14 @@ def test_a_catalogue_whose_time_no_file_states_asks_for_it(tmp_path):
     [
         ("gmf-data_1.csv", "0,0.5,", "0,-0.5,", "motion of -0.5"),
         ("gmf-data_1.csv", "0,0.5,", "0,,", "motion of nan"),
+        ("gmf-data_1.csv", "0,0.5,", "0,abc,", "motion of nan"),
+        (
+            "realizations_1.csv",
+            "A~AA,0.75\n1,A~BB,0.25",
+            "A~AA,1.25\n1,A~BB,-0.25",
+            "the least of them -0.25",
+        ),
+        ("realizations_1.csv", "0.75", "abc", "cannot be read"),
         ("gmf-data_1.csv", "1,0.8,30,aa", "0,0.8,30,aa", "twice"),
         ("gmf-data_1.csv", "1,0.8", "9,0.8", "event 9"),
         ("gmf-data_1.csv", ",bb\n1", ",cc\n1", "site cc"),
@@ -246,12 +278,6 @@ def test_survival_is_the_share_of_simulated_histories_in_which_all_rocks_stand()
         standing += not fell.any()
     share = standing / histories
     assert told == pytest.approx(share, abs=3 * math.sqrt(share * (1 - share) / histories))
-
-
-def test_a_history_that_is_known_leaves_only_the_chance_of_toppling():
-    branch = a_branch(3, events=5)
-    shares = ROCK.fragility.probability(branch.motions["pga_m_s2"][:, 0])
-    assert catalogue_survival([ROCK], branch) == pytest.approx(np.prod(1 - shares))
 
 
 def test_a_rock_that_was_stouter_topples_less_often_before():

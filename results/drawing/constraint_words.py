@@ -13,7 +13,10 @@ MOST_NAMED = 6
 FIRST_RATES = (1e-4, *sorted(RATES))
 """Annual rates that the first line may be about: the first that the hazard reaches before and after."""
 
-VARY = {"event": "other events", "fragility": "other records like these", "age": "other ages"}
+VARY = {
+    "event": "other events", "fragility": "other records like these", "age": "other ages",
+    "joint rate": "other scatters of the two measures",
+}  # fmt: skip
 
 
 def answer(statement: dict[str, Any]) -> list[str]:

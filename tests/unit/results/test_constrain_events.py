@@ -2,6 +2,7 @@
 
 import json
 import math
+import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -244,6 +245,11 @@ def test_two_measures_at_once_are_judged_by_their_joint_rate(tmp_path):
     wide, stated = (one["branches"][0] for one in (unstated, known))
     assert wide["survival"] == pytest.approx(stated["survival"])
     assert wide["survival_high"] - wide["survival_low"] > stated["survival_high"] - stated["survival_low"]
+
+    branches = [f"{folder}=0.5", "--hazard", f"{shutil.copytree(folder, tmp_path / 'again')}=0.5"]
+    of_two = constrain(run, "--hazard", *branches, "--age", "5000", "--measure", "pga_m_s2+pgv_m_s")
+    assert of_two.exit_code == 0, of_two.output
+    assert "other scatters of the two measures" in of_two.output
 
     list(write_fits(open_run(run).frame(), tmp_path, "run"))
     assert (tmp_path / "fits" / "surface.png").exists()

@@ -52,7 +52,7 @@ def hazard_figure(update: Update, width_in: float = FULL_WIDTH_IN) -> Figure:
                 lw=1.6,
                 label="mean after",
             )
-        _frame(axes, update)
+        _frame(axes, update, width_in)
         figure.legend(
             *axes.get_legend_handles_labels(), frameon=False, loc="lower left", bbox_to_anchor=(0.0, 0.0),
             borderaxespad=0.3, ncols=1 if width_in < FULL_WIDTH_IN else 3,
@@ -103,7 +103,7 @@ def _bearing(
     return levels[bears], rates[bears]
 
 
-def _frame(axes: Axes, update: Update) -> None:
+def _frame(axes: Axes, update: Update, width_in: float) -> None:
     """Axes over what is asked for: intensities whose rates are drawn, and return periods beside them."""
     x, rates = _bearing(update.before.levels, update.before.mean)
     shown = rates >= LEAST_RATE
@@ -116,7 +116,7 @@ def _frame(axes: Axes, update: Update) -> None:
         xscale="log", yscale="log", xlabel=measure_label(update.tree.measure), ylabel="annual rate of exceedance",
         xlim=(x[0], max(right, x[0] * 1.5)), ylim=(least, 1.5 * top),
     )  # fmt: skip
-    axes.set_title(ages_words(update.rocks, axes.figure.get_figwidth()))
+    axes.set_title(ages_words(update.rocks, width_in))
     plain_log(axes.xaxis)
     axes.yaxis.set_major_locator(LogLocator(numticks=10))
     axes.yaxis.set_minor_locator(LogLocator(subs=tuple(range(2, 10)), numticks=99))

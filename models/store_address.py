@@ -74,7 +74,10 @@ def file_system(address: str) -> tuple[Any, str]:
 
     kind, _, place = address.partition("://")
     if kind in ("az", "abfs", "abfss") and "@" not in place and (connection := os.environ.get(AZURE)):
-        return AzureFileSystem(**azure_arguments(connection)), place
+        try:
+            return AzureFileSystem(**azure_arguments(connection)), place
+        except pa.ArrowException as error:
+            raise no_answer(address, error) from None
     # Google's store is otherwise asked for a quarter of an hour.
     patience = "?retry_limit_seconds=20" if kind in ("gs", "gcs") and "?" not in address else ""
     try:
@@ -93,7 +96,7 @@ def file_system(address: str) -> tuple[Any, str]:
             f"is in a kind of store that cannot be reached from here ({error})",
             where=address,
             expected="s3://, gs://, abfs://, hdfs://, or what an installed package of fsspec reaches",
-            remedy="install the package that is named, or copy the folder to this machine",
+            remedy=f"install the package that is named ({AZURE} is enough for az://), or copy the folder here",
         ) from None
     except Exception as error:  # (some connect at once, and each package has errors of its own)
         raise no_answer(address, error) from None

@@ -227,6 +227,16 @@ def test_a_connection_string_of_azure_names_account_key_and_server():
     assert azure_arguments(said) == {"account_name": "a", "account_key": "k=="} | server | schemes
 
 
+@pytest.mark.parametrize("said", ["nonsense", "AccountName=;AccountKey=k"])
+def test_a_connection_string_without_account_is_refused_by_the_name_of_its_variable(
+    said, monkeypatch, tmp_path
+):
+    monkeypatch.setenv("AZURE_STORAGE_CONNECTION_STRING", said)
+    with pytest.raises(InputError, match="account name") as refused:
+        Copy("az://container/run", tmp_path / "run")
+    assert "AZURE_STORAGE_CONNECTION_STRING" in refused.value.remedy
+
+
 @pytest.mark.parametrize("address", ["s4://bucket/run", "memory://run", "s33:///x", "file://host/x"])
 def test_a_misspelled_kind_of_store_is_refused_by_name_and_nothing_is_made(address, tmp_path):
     for verb in (["status"], ["run", "campaign.toml", "--out"], ["query"]):

@@ -44,15 +44,14 @@ MORE_ROUNDS, ENOUGH = 3, 16.0
 """Where measured pulls leave fewer effective draws than enough, so many more rounds of candidates at most are drawn."""
 LEVEL = 0.9
 """Of the intervals that are stated."""
-OTHER_ERRORS_SHARE = 0.04
-"""Standard deviation of the toppling acceleration that no draw shows; set on known virtual rocks, not derived
-(docs/scan.md)."""
+OTHER_ERRORS_SHARE, HINTED_ERRORS_SHARE = 0.04, 0.06
+"""Standard deviation of the toppling acceleration that no draw shows, without and with touches or pulls, which narrow the
+draws but not these errors; set on known virtual rocks, not derived (docs/scan.md)."""
 AZIMUTHS_DEG = np.arange(0.0, 360.0, 15.0)
 FRICTION = 0.8
 """With which the nominal rock must stand as scanned."""
 FITTING_SHARE = 1.0 / 3.0
-"""Of the draws over a surface whose base fits it, at least: friction shares the weight among contacts that three points
-do not have."""
+"""Of the draws over a surface whose base fits it, at least: friction acts on contacts that three points do not have."""
 SMOOTH_IS_LIKELY = 0.25
 """Mean deviation of a smooth closing's toppling acceleration from the draws' median; with more the base bulges."""
 NEARLY_ALL = 0.75
@@ -81,6 +80,8 @@ class DrawnBases:
         Acceleration at which the contacts of each begin to open; None over a surface.
     kind_weights : dict
         How likely each kind of base is by the rim, before any pull.
+    hinted : bool
+        Whether touches or pulls are known.
     """
 
     part: HiddenPart
@@ -90,6 +91,7 @@ class DrawnBases:
     com_std_m: Array
     lift_off_m_s2: Array | None = None
     kind_weights: dict[str, float] = field(default_factory=dict)
+    hinted: bool = False
 
     @property
     def kinds(self) -> dict[str, int]:
@@ -103,11 +105,11 @@ class DrawnBases:
 
     def interval_m_s2(self) -> tuple[Array, Array, Array]:
         """Low, median and high (azimuths,) of the toppling acceleration, other errors included."""
-        return _interval_of(self.toppling_m_s2)
+        return _interval_of(self.toppling_m_s2, self.hinted)
 
     def lift_off_interval_m_s2(self) -> tuple[Array, Array, Array] | None:
         """The same of the acceleration at which contacts begin to open."""
-        return None if self.lift_off_m_s2 is None else _interval_of(self.lift_off_m_s2)
+        return None if self.lift_off_m_s2 is None else _interval_of(self.lift_off_m_s2, self.hinted)
 
     def apart(self, toppling_m_s2: Array) -> Array:
         """Mean deviation (...) of accelerations (..., azimuths) from the draws' median, as logarithm of their ratio."""
@@ -127,12 +129,12 @@ class DrawnBases:
         return np.array([low, median, high]).T
 
 
-def _interval_of(acceleration_m_s2: Array) -> tuple[Array, Array, Array]:
+def _interval_of(acceleration_m_s2: Array, hinted: bool) -> tuple[Array, Array, Array]:
     tail = 0.5 * (1.0 - LEVEL)
     median = np.median(acceleration_m_s2, axis=0)
     low, high = np.quantile(acceleration_m_s2, [tail, 1.0 - tail], axis=0)
     # What the draws do not show is joined in quadrature, on each side.
-    other = 1.645 * OTHER_ERRORS_SHARE * median
+    other = 1.645 * (HINTED_ERRORS_SHARE if hinted else OTHER_ERRORS_SHARE) * median
     low, high = median - np.hypot(median - low, other), median + np.hypot(high - median, other)
     return np.maximum(low, 0.0), median, high
 
@@ -196,6 +198,7 @@ def draw_bases(
         com_std_m,
         lift_off if interface.is_plane else None,
         shares,
+        bool(len(inspection.touching_m) or inspection.pulls),
     )
 
 

@@ -288,3 +288,10 @@ def test_the_way_out_is_nothing_in_the_middle_and_whole_on_the_outline_however_l
     assert way[0] == pytest.approx(0.0, abs=1e-9)
     np.testing.assert_allclose(way[1:65], 0.5, atol=1e-9)
     np.testing.assert_allclose(way[65:], 1.0, atol=1e-9)
+
+
+def test_hints_narrow_the_draws_and_not_the_errors_that_no_draw_shows():
+    drawn = drawn_of([SMOOTH, SMOOTH])
+    free, known = (dataclasses.replace(drawn, hinted=hinted).interval_m_s2() for hinted in (False, True))
+    np.testing.assert_allclose(free[1] - free[0], 1.645 * unseen.OTHER_ERRORS_SHARE * SMOOTH)
+    np.testing.assert_allclose(known[2] - known[1], 1.645 * unseen.HINTED_ERRORS_SHARE * SMOOTH)

@@ -45,8 +45,8 @@ MORE_ROUNDS, ENOUGH = 3, 16.0
 LEVEL = 0.9
 """Of the intervals that are stated."""
 OTHER_ERRORS_SHARE, HINTED_ERRORS_SHARE = 0.04, 0.06
-"""Standard deviation of the toppling acceleration that no draw shows, without and with touches or pulls, which narrow the
-draws but not these errors; set on known virtual rocks, not derived (docs/scan.md)."""
+"""Standard deviation of the toppling acceleration that no draw shows, without and with touches or pulls, which narrow
+the draws but not it; set on known virtual rocks, not derived (docs/scan.md)."""
 AZIMUTHS_DEG = np.arange(0.0, 360.0, 15.0)
 FRICTION = 0.8
 """With which the nominal rock must stand as scanned."""
@@ -388,9 +388,8 @@ def contradiction(
             f"(at {x:.2f}, {y:.2f} in the scene), since daylight or the pedestal was seen below it there"
         )
     else:
-        of_kind = f", on a {inspection.base} base," if inspection.base else ""
-        what = f"no contacts around the line of the weight (at {x:.2f}, {y:.2f} in the scene){of_kind} agree with "
-        what += "what was seen"
+        kind = f", on a {inspection.base} base," if inspection.base else ""
+        what = f"no contacts around the line of the weight (at {x:.2f}, {y:.2f} in the scene){kind} agree with all seen"
     return ContradictionError(
         what,
         where="standing",

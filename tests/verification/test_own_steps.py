@@ -114,6 +114,16 @@ def test_a_step_that_the_engine_takes_otherwise_is_an_error_of_the_job():
         integrator.advance(100_000)
 
 
+def test_an_attitude_whose_quaternion_has_a_zero_is_told_from_no_other():
+    prism = cylinder(0.2, 0.6, sides=29)
+    scene = Scene.from_mesh((prism.vertices_m, prism.faces), friction=10.0)
+    pulse = 4.5 * np.sin(
+        np.pi * np.arange(60) / 59.0
+    )  # along an edge of its base: w stays 0 but for rounding
+    motion = Motion(np.column_stack([pulse, 0.0 * pulse, 0.0 * pulse]), 0.01)
+    assert shake(scene, motion, dataclasses.replace(PRESETS["fast"], checked_steps=1.0)).steps > 50
+
+
 @pytest.mark.parametrize("preset", PRESETS)
 def test_rows_count_the_steps_of_both_kinds(preset):
     scene = Scene.block(0.2, 0.25, 0.6, friction=5.0)  # nothing slips

@@ -154,9 +154,10 @@ def _check(sim: Simulation, worlds: Worlds, last: int, step_s: float) -> None:
         held_by,
     )  # as if it had not been asked
     speed_m_s = math.sqrt(-fixed.gravity_m_s2[2] * fixed.half_diagonal_m)
-    same = (
-        1.0 if sim.pose[new, 6] * sim.pose[new + 1, 6] >= 0.0 else -1.0
-    )  # both quaternions are the same attitude
+    along = 0.0
+    for k in range(3, 7):
+        along += sim.pose[new, k] * sim.pose[new + 1, k]
+    same = 1.0 if along >= 0.0 else -1.0  # both quaternions are the same attitude
     unlike = 0.0
     for k in range(3):
         unlike = max(unlike, abs(sim.pose[new, k] - sim.pose[new + 1, k]) / fixed.half_diagonal_m)

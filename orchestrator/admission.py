@@ -44,9 +44,12 @@ def make_ready(client: Client, *orders: Order) -> None:
             if client.status == "running":
                 let_leave_in_order(client)
                 return check_workers(client, *orders)
-        except OSError as error:
-            if client.cluster is not None:  # a scheduler in this process is not started again
-                raise RunError(LOST) from error
+        except (
+            OSError
+        ) as error:  # a worker that leaves while all are asked ends the call too: then the client runs on
+            log.debug("%s", error)
+        if client.cluster is not None and client.status != "running":  # ours is not started again
+            raise RunError(LOST)
         if end is None:
             end = time.monotonic() + BACK_WITHIN_S
             log.warning("%s: waiting %g s for it to come back", LOST, BACK_WITHIN_S)

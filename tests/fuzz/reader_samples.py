@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import laspy
 import numpy as np
@@ -26,6 +27,7 @@ from toppling.models.motions.motion import Motion
 from toppling.models.motions.record import Record
 from toppling.models.ply import read_header
 from toppling.models.rock import Rock
+from toppling.models.scan import meshes
 from toppling.models.scan.interface_hint import InterfaceHint
 from toppling.models.scan.read import read_clouds
 from toppling.models.scene import Scene
@@ -132,8 +134,12 @@ CLOUDS: dict[str, tuple[str, Callable[[Path], None]]] = {
 MESHES = ("box.stl", "box.obj", "box.off", "box.glb", "box.gltf", "box.ply", "box ascii.ply", "box ascii.stl")
 
 
+MODELS = ("model.obj", "model.stl", "model.off", "model.glb", "model.ply")
+"""Photogrammetry's: read as clouds."""
+
+
 def _write_mesh(name: str, path: Path) -> None:
-    if name == "box.ply":
+    if path.suffix == ".ply" and "ascii" not in name:
         write_ply(path, np.array(BOX.vertices), np.array(BOX.faces))
         return
     options = (
@@ -156,6 +162,11 @@ def _read_mesh(path: Path) -> Any:
 
 def _read_cloud(path: Path) -> Any:
     return read_clouds([path]).points_m
+
+
+def _read_model(path: Path) -> Any:
+    with patch.object(meshes, "FEWEST", 2000):  # what is read is tried, not a million points on it
+        return _read_cloud(path)
 
 
 def _read_records(folder: Path) -> Any:
@@ -364,6 +375,12 @@ READERS: dict[str, Reader] = {
             lambda folder, n=name: _read_mesh(folder / f"box.{n.rpartition('.')[2]}"),
         )
         for name in MESHES
+    },
+    **{
+        name: Reader(
+            lambda folder, n=name: _write_mesh(n, folder / n), lambda folder, n=name: _read_model(folder / n)
+        )
+        for name in MODELS
     },
     **{
         f"record {name}": Reader(lambda folder, w=write: w(folder, shaking(150)), _read_records)

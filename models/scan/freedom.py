@@ -35,11 +35,16 @@ LEAST_TOUCHES = 8
 JOINT_BAND, JOINT_SHARE, JOINT_DEG = 0.06, 0.7, 35.0
 """A joint of a stack: within so much of the height, creases of so many degrees in this share of the directions."""
 JOINT_FROM, JOINT_TO = 0.15, 0.85
-FLARE_FROM, FLARE_TO = 0.1, 0.3
-"""Of the rock's height: sides are judged above the ground's last roughness, and below the crown."""
+FLARE, WAIST = (0.1, 0.3), (0.45, 0.65)
+"""Of the rock's height: sides are judged above the ground's last roughness, and where a boulder's upper half bends."""
 FLARE_DEG, FLARE_SHARE = 8.0, 0.8
 """A side flares if its normals point so far up; in this share of the directions, the rock is widest at the ground.
 Of rocks sunk beyond their widest 0.8 to 1 flare, of free ones at most 0.45, of a column with a wide foot 0.69."""
+UPRIGHT_DEG, BENT_DEG, UNDERCUT_SHARE = -3.0, 10.0, 0.4
+"""Medians over the directions: sides that point no farther down at the foot, bend by more to the waist, and overhang in
+a smaller share of the directions, are the upper half of a boulder. Of four boulders sunk by 0.25 to 0.4 of their height
+feet point -0.4 to 23 degrees up and bend by 12 to 40; of sixteen free rocks those with feet above -3 bend by at most 7,
+others have feet at -5 or lower."""
 IN_REACH_ABOVE = 0.3
 """Of the rock's height: what rises so far above the interface stops it where it is nearer than the rock is high."""
 
@@ -136,30 +141,67 @@ def doubts(
 
 
 def embedded(observed: ObservedRock, interface: Interface) -> Doubt | None:
-    """A doubt where the sides flare outward, down to the ground, nearly all around, as those of a sunk rock do.
+    """A doubt where the sides look like the upper part of a boulder, down to the ground: no overhang, or a flare.
 
-    A free rock may widen toward its foot as well, so that this alone is told and refuses nothing.
+    A free rock may widen toward its foot as well, or be round above a foot as wide as itself: this alone is told.
     """
-    surfels = observed.surfels
-    points, normals = surfels.points_m[observed.patches], surfels.normals[observed.patches]
-    up = interface.over(points)[:, 2] / observed.height_m
-    low = (up > FLARE_FROM) & (up < FLARE_TO)
-    if not low.any():
+    foot, waist = (_side_dips_deg(observed, interface, *band) for band in (FLARE, WAIST))
+    if len(foot) < 0.5 * SECTORS:
         return None
-    flat = interface.flat(points)[:, :2]
-    sector = _sectors(flat[low] - 0.5 * (flat[low].min(axis=0) + flat[low].max(axis=0)))
-    dip = np.rad2deg(np.arcsin(np.clip(normals[low] @ interface.normal, -1.0, 1.0)))
-    flare = np.array([np.median(dip[sector == k]) for k in np.unique(sector)])
-    share = float((flare > FLARE_DEG).mean())
-    if len(flare) < 0.5 * SECTORS or share < FLARE_SHARE:
+    share, dip = float((foot > FLARE_DEG).mean()), float(np.median(foot))
+    if share >= FLARE_SHARE:
+        what = f"sides widen down to the ground over {share:.0%} of the directions, by a median of {dip:.0f} degrees"
+    elif dip > UPRIGHT_DEG and _bends(foot, waist) and (foot < -FLARE_DEG).mean() < UNDERCUT_SHARE:
+        what = (
+            "the rock is widest near the ground, where hardly anything overhangs, and its sides bend by "
+            f"{np.median(waist) - dip:.0f} degrees up to the middle, as those of a boulder's upper half"
+        )
+    else:
         return None
     return Doubt(
         "embedded",
-        f"the sides widen down to the ground over {share:.0%} of the directions, by a median of "
-        f"{np.median(flare):.0f} degrees: it may be embedded, and go on below the ground; then the volume is "
+        f"{what}: it may be embedded, and go on below the ground; then the volume is "
         "too small, the contact unknown, and what surrounds the rock holds it. A probe or a trench beside it shows "
         "whether its base lies at the interface",
     )
+
+
+def check_not_sunk(observed: ObservedRock, interface: Interface) -> None:
+    """Refuse a rock that is a dome on the ground, unless the user has said where it meets its pedestal.
+
+    Raises
+    ------
+    InputError
+        If its sides flare down to the ground and bend inward from there on: its widest part lies below.
+    """
+    foot, waist = (_side_dips_deg(observed, interface, *band) for band in (FLARE, WAIST))
+    sunk = embedded(observed, interface)
+    if observed.hint is None and sunk and np.median(foot) > FLARE_DEG and _bends(foot, waist):
+        raise InputError(
+            sunk.sentence,
+            where="the rock",
+            expected="a rock that is seen to its base: sides that are upright or overhang above it",
+            remedy="if its base was found at the ground, say where they meet by --plane, --point or --outline; a rock "
+            "that goes on below the ground does not topple as a free block",
+        )
+
+
+def _bends(foot_deg: Array, waist_deg: Array) -> bool:
+    return len(waist_deg) >= 0.5 * SECTORS and bool(np.median(waist_deg) - np.median(foot_deg) > BENT_DEG)
+
+
+def _side_dips_deg(observed: ObservedRock, interface: Interface, low: float, high: float) -> Array:
+    """Median angle of the normals above the interface plane between two shares of the height, in each direction."""
+    surfels = observed.surfels
+    points, normals = surfels.points_m[observed.patches], surfels.normals[observed.patches]
+    up = interface.over(points)[:, 2] / observed.height_m
+    inside = (up > low) & (up < high)
+    if not inside.any():
+        return np.zeros(0)
+    flat = interface.flat(points)[inside, :2]
+    sector = _sectors(flat - 0.5 * (flat.min(axis=0) + flat.max(axis=0)))
+    dip = np.rad2deg(np.arcsin(np.clip(normals[inside] @ interface.normal, -1.0, 1.0)))
+    return np.array([np.median(dip[sector == k]) for k in np.unique(sector)])
 
 
 def creased_share(observed: ObservedRock, interface: Interface) -> float | None:

@@ -40,7 +40,7 @@ def base_unseen(
     com_std_m: list[float] | None,
     inspection: Inspection,
     unaided: list[dict[str, float]] | None = None,
-) -> tuple[Rock, UnseenBase | None, dict[str, Any]]:
+) -> tuple[Rock, UnseenBase, dict[str, Any]]:
     """Draw the base, and choose the draw on which the scene itself stands.
 
     Parameters
@@ -59,15 +59,15 @@ def base_unseen(
     -------
     Rock
         As it was closed; over a surface with the base on which the scene stands.
-    UnseenBase or None
-        None where what was seen contradicts standing.
+    UnseenBase
     dict
         What the draws say.
 
     Raises
     ------
     InputError
-        If the inspection's places are none of the base, or a pull is none that a base bears.
+        If the inspection's places are none of the base, a pull is none that a base bears, or what was seen leaves no
+        base on which the rock stands as it was scanned.
     """
     low, lit = interface.over(observed.low_m), interface.over(observed.lit_m)
     smooth = hidden_base(low, lit, observed.height_m, core, observed.hint, lattice_m=interface.lattice_m)
@@ -75,10 +75,7 @@ def base_unseen(
     std_m = least if com_std_m is None else np.array(com_std_m)
     central = toppling(closed.rock, interface, AZIMUTHS_DEG)
     report: dict[str, Any] = {"level": LEVEL, "smooth_closing_m_s2": central.tolist()}
-    try:
-        drawn = draw_bases(observed, interface, closed.rock, smooth, std_m, inspection)
-    except ContradictionError as error:
-        return closed.rock, None, report | {"contradiction": f"{error.what}; {error.remedy}"}
+    drawn = draw_bases(observed, interface, closed.rock, smooth, std_m, inspection)
     report |= intervals(drawn, interface)
     if not inspection.says_nothing or (observed.hint is not None and observed.hint.encloses):
         report["without_inspection"] = unaided or _unaided(observed, interface, closed, smooth, std_m)

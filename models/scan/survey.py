@@ -21,7 +21,7 @@ from toppling.models.scan.beside import beside, in_reach
 from toppling.models.scan.carried_surface import carried_surface, level_surface
 from toppling.models.scan.close import ClosedRock
 from toppling.models.scan.crevice import BAND_PER_HEIGHT, check_seen, judge_crevice
-from toppling.models.scan.freedom import Doubt, check_seen_enough, doubts, embedded
+from toppling.models.scan.freedom import Doubt, check_not_sunk, check_seen_enough, doubts, embedded
 from toppling.models.scan.ground import Ground, kept_of, pedestal_ground
 from toppling.models.scan.inspection import Inspection
 from toppling.models.scan.interface import Interface, fit_interface
@@ -194,6 +194,7 @@ def _checked_doubts(
 ) -> list[Doubt]:
     """Doubts in a closed rock, if it was seen enough and can stand."""
     check_seen_enough(observed, interface, closed)
+    check_not_sunk(observed, interface)
     check_can_stand(closed.rock, interface)
     return doubts(observed, interface, cloud.points_m, label == ROCK)
 
@@ -331,8 +332,9 @@ def check_above(observed: ObservedRock, interface: Interface) -> None:
         + (f"; {sunk.sentence}" if sunk else ""),
         where="interface",
         expected="a rock that lies above the plane on which it meets its pedestal",
-        remedy="rocks that reach below their base, as with a lip over a cliff, are not supported; if what hangs there "
-        "is pedestal, crop the cloud, or say where rock and pedestal meet by --plane, --point or --outline",
+        remedy="rocks that reach below their base, as with a lip over a cliff, are not supported, nor one that is "
+        "sunk in the ground, which holds it; if what hangs there is pedestal, crop the cloud, or say where rock and "
+        "pedestal meet by --plane, --point or --outline",
     )
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from toppling.models import digest
 from toppling.models.arrays import Array
@@ -21,6 +22,8 @@ from toppling.models.scan.inspection import Inspection
 from toppling.models.scan.interface import Interface
 from toppling.models.scan.interface_hint import InterfaceHint
 from toppling.models.scan.measure import ObservedRock, slenderness
+from toppling.models.scan.read import Cloud
+from toppling.models.scan.segment import PEDESTAL, ROCK
 from toppling.models.scan.sheet import Sheet
 from toppling.models.scan.standing import base_unseen, check_inspection
 from toppling.models.scan.surfels import Surfels
@@ -85,6 +88,16 @@ class WorkedOut:
             touch_only=given.touch_only or places.touch_only,
         )
         return dataclasses.replace(self, inspection=merged)
+
+    def cloud(self) -> tuple[Cloud, NDArray[np.int8]]:
+        """What is kept of the cloud, about the interface and in patches, and the label of each point."""
+        observed = self.observed
+        parts = (observed.surfels.points_m, observed.rock_m, observed.pedestal_m)
+        patches = np.where(observed.patches, ROCK, PEDESTAL)
+        sides = np.repeat([ROCK, PEDESTAL], [len(observed.rock_m), len(observed.pedestal_m)])
+        points = np.concatenate(parts)
+        station = np.zeros(len(points), np.int32)
+        return Cloud(points, self.origin_m, station, ()), np.append(patches, sides).astype(np.int8)
 
     def scene(self) -> tuple[Scene, "WorkedOut"]:
         """Draw the hidden base and make the scene; beside it the same with `unaided`, for the next hint.

@@ -38,7 +38,7 @@ class Said:
     length : tuple of (tuple, tuple, float), optional
         Two places of the model, in its own coordinates, and the metres between them.
     near, plane : tuple of float, optional
-    point, touch, daylight, pull : tuple of tuple of float
+    point, outline, touch, daylight, pull : tuple of tuple of float
         As the options of `toppling scan`.
     touch_only : bool
     """
@@ -49,6 +49,7 @@ class Said:
     near: Place | None = None
     plane: Place | None = None
     point: tuple[Place, ...] = ()
+    outline: tuple[Place, ...] = ()
     touch: tuple[Place, ...] = ()
     daylight: tuple[Place, ...] = ()
     pull: tuple[Place, ...] = ()
@@ -95,7 +96,9 @@ class Said:
     def of_the_split(self) -> "Said":
         """What changes the rock and its interface, and not the base alone."""
         points = self.point if len(self.point) >= FEWEST_POINTS else ()
-        return dataclasses.replace(self.of_the_cloud, near=self.near, plane=self.plane, point=points)
+        return dataclasses.replace(
+            self.of_the_cloud, near=self.near, plane=self.plane, point=points, outline=self.outline
+        )
 
     def hints(self) -> Hints:
         """The same for those who read and write hints; points that make no interface yet are left out."""
@@ -103,7 +106,7 @@ class Said:
 
     def hint(self) -> InterfaceHint | None:
         """The interface that is meant; none yet while points are too few."""
-        return hint_of(self.plane, self.of_the_split.point)
+        return hint_of(self.plane, self.of_the_split.point, self.outline)
 
     def inspection(self) -> Inspection:
         """What is known of the base."""
@@ -116,7 +119,7 @@ class Said:
 
 
 ONE = {"near": 2, "plane": 5}
-MANY = {"point": 3, "touch": 3, "daylight": 3, "pull": 2}
+MANY = {"point": 3, "outline": 3, "touch": 3, "daylight": 3, "pull": 2}
 """Numbers in each, by name."""
 
 

@@ -1,10 +1,13 @@
 """A scan that follows its hints: the latest are worked out in a thread; what came of them can be asked and saved."""
 
+import contextlib
 import dataclasses
+import tempfile
 import threading
 import traceback
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,13 +15,13 @@ from numpy.typing import NDArray
 
 from toppling.models.errors import InputError
 from toppling.models.lengths import METRES
-from toppling.models.scan.candidates import LEAST_CONCAVE_SHARE, find_candidates, surfels_of
 from toppling.models.scan.placement import Placement
 from toppling.models.scan.read import Cloud
-from toppling.models.scan.register import Registered, registered
-from toppling.models.scan.survey import Survey, work_out
+from toppling.models.scan.survey import Survey
 from toppling.models.scan.view import picked
 from toppling.models.scan.worked_out import WorkedOut
+from toppling.orchestrator.pick import tasks
+from toppling.orchestrator.pick.apart import Apart, EndedError
 from toppling.orchestrator.pick.said import Said
 from toppling.orchestrator.pick.shown import detail, told, tops, view_of
 
@@ -99,15 +102,26 @@ class Picking:
         Where to, for the user.
     said : Said
         Hints from the start.
+    kept : Answer, optional
+        What came of these hints before: then the cloud is what was kept of it, and is not split anew.
     """
 
     def __init__(
-        self, placed: Placed, read: Read, bootstrap: int, write: Write, target: str, said: Said
+        self,
+        placed: Placed,
+        read: Read,
+        bootstrap: int,
+        write: Write,
+        target: str,
+        said: Said,
+        kept: Answer | None = None,
     ) -> None:
         self._read, self._bootstrap, self._write, self._target = read, bootstrap, write, target
         self._placed = placed
         self._placed_by = None if placed.refused else said.of_the_cloud
-        self._registered: Registered | None = None
+        self._apart = Apart()
+        self._folder = tempfile.TemporaryDirectory(prefix="toppling-pick-")
+        self._stored: tasks.Stored | None = None
         self._error: dict[str, str] | None = None
         self._stage = "reading"
         self._changed = threading.Condition()
@@ -115,10 +129,12 @@ class Picking:
         self._said = said
         self._wanted, self._working, self._done = 1, 0, 0
         self._saving, self._saved, self._ended = False, 0, False
-        self._answer: Answer | None = None
+        self._kept, self._answer = kept, kept
         self._drawn: dict[Said, Answer] = {}  # of one split, for who takes a hint back
-        self._candidates: list[dict[str, Any]] | None = None
-        self.view = view_of(placed.cloud.points_m, None, 0)
+        if kept is not None and kept.survey is not None:
+            self._drawn[said] = kept
+        self._candidates: list[dict[str, Any]] | None = None if kept is None else tops(kept.worked)
+        self.view = view_of(placed.cloud.points_m, None if kept is None else kept.label, 0)
 
     # What a page asks and says, from any thread.
 
@@ -133,6 +149,7 @@ class Picking:
     def end(self) -> None:
         """Stop working."""
         self._set(_ended=True)
+        self._apart.end()
 
     def pick(self, at_m: NDArray[np.float64], eye_m: NDArray[np.float64]) -> dict[str, list[float]]:
         """The point that is meant by a place (3,) on a click's ray and the eye (3,): as surveyed, and in its file."""
@@ -156,7 +173,7 @@ class Picking:
                 "points": len(cloud.points_m),
                 "view": {"number": view.number, "counts": view.counts, "spacings_m": view.spacings_m},
                 "units": list(METRES),
-                "surveyed": self._placed.placement.by.startswith("--gcp"),
+                "placed": self._kept is not None or self._placed.placement.by.startswith("--gcp"),
                 "hints": self._said.to_json(),
                 "ends_m": None if length is None else self._placed.metres(np.array(length[:2])).tolist(),
                 "stage": self._stage,
@@ -181,52 +198,67 @@ class Picking:
 
     def work(self) -> None:
         """Follow the hints until the end."""
-        while True:
-            with self._changed:
-                self._changed.wait_for(lambda: self._ended or self._saving or self._done != self._wanted)
-                if self._ended:
-                    return
-                self._working, said = self._wanted, self._said
-                stale = self._done != self._working
-            try:
-                self._follow(said) if stale else self._store()
-                error = None
-            except SupersededError:
-                continue
-            except Exception as failed:  # whatever it is, the page tells it and goes on
-                error = _plain(failed)
-            saving = self._saving and stale and error is None
-            self._set(_done=self._working, _stage="", _saving=saving, _error=error)
-            if self._candidates is None:
-                self._look_around()
+        with self._folder:
+            while True:
+                with self._changed:
+                    self._changed.wait_for(lambda: self._ended or self._saving or self._done != self._wanted)
+                    if self._ended:
+                        return
+                    self._working, said = self._wanted, self._said
+                    stale = self._done != self._working
+                try:
+                    self._follow(said) if stale else self._store()
+                    error = None
+                except (SupersededError, EndedError):
+                    continue
+                except Exception as failed:  # whatever it is, the page tells it and goes on
+                    error = _plain(failed)
+                saving = self._saving and stale and error is None
+                self._set(_done=self._working, _stage="", _saving=saving, _error=error)
+                if self._candidates is None:
+                    self._look_around()
 
     def _follow(self, said: Said) -> None:
         """Work hints out, as far as they change what is known."""
-        hint, inspection = said.hint(), said.inspection()
+        inspection = said.inspection()
+        said.hint()  # what is no interface is refused before anything is done
         if self._placed_by != said.of_the_cloud:
             self._place(said)
         answer = self._answer
         if answer is None or answer.said.of_the_split != said.of_the_split:
-            self._note("registering stations")
-            self._registered = self._registered or registered(self._placed.cloud)
-            near = None if said.near is None else (said.near[0], said.near[1])
-            self._placed = dataclasses.replace(self._placed, cloud=self._registered.cloud)
-            answer = Answer(
-                said, *work_out(self._registered, self._note, near, hint, self._bootstrap, inspection)
-            )
-            self._drawn.clear()
-            self._note("showing the rock")
-            self._set(
-                _answer=answer,
-                view=view_of(self._known.points_m, answer.label, self.view.number + 1),
-                _candidates=self._candidates or tops(answer.worked),
-            )
+            answer = self._split(said)
         if said not in self._drawn:
-            self._note("drawing the hidden base")
-            scene, kept = dataclasses.replace(answer.worked, inspection=inspection).scene()
+            worked = dataclasses.replace(answer.worked, inspection=inspection)
+            scene, kept = self._apart.do(self._note, tasks.draw, worked)
             survey = Survey(scene, answer.label, answer.notes, kept)
             self._drawn[said] = Answer(said, kept, answer.label, answer.notes, survey)
         self._set(_answer=self._drawn[said])
+
+    def _split(self, said: Said) -> Answer:
+        """Split the cloud by hints, and show it."""
+        if self._kept is not None:
+            raise InputError(
+                "this needs the clouds, of which the scan has kept the rock's surroundings only",
+                where="--again",
+                expected="hints on the base: touch, daylight, pull",
+                remedy="take the hint back, or scan the clouds with --pick and --hints, the scene's hints.toml",
+            )
+        near = None if said.near is None else (said.near[0], said.near[1])
+        hints = near, said.hint(), self._bootstrap, said.inspection()
+        found = self._apart.do(self._note, tasks.split, self._cloud_apart(), *hints, self.view.number + 1)
+        self._placed = dataclasses.replace(self._placed, cloud=found.registered.cloud())
+        answer = Answer(said, found.worked, found.label, found.notes)
+        self._drawn.clear()
+        self._set(_answer=answer, view=found.view, _candidates=self._candidates or tops(answer.worked))
+        return answer
+
+    def _cloud_apart(self) -> tasks.Stored:
+        """The cloud where the other process finds it."""
+        if self._stored is None:
+            folder = Path(self._folder.name) / str(self.view.number)
+            self._stored = tasks.Stored.of(self._placed.cloud, folder)
+            self._placed = dataclasses.replace(self._placed, cloud=self._stored.cloud())
+        return self._stored
 
     def _place(self, said: Said) -> None:
         """Read the clouds as they are said to lie; nothing that was known of them holds any more."""
@@ -236,7 +268,7 @@ class Picking:
         self._set(
             _placed=placed,
             _placed_by=said.of_the_cloud,
-            _registered=None,
+            _stored=None,
             _answer=None,
             _candidates=None,
             view=view_of(placed.cloud.points_m, None, self.view.number + 1),
@@ -258,15 +290,8 @@ class Picking:
 
     def _look_around(self) -> None:
         """Note what stands in the cloud, where the scan could not say it."""
-        cloud = self._known
-        found = find_candidates(cloud.points_m, surfels_of(cloud.points_m))
-        self._set(
-            _candidates=[
-                {"top_m": each.top_m.tolist(), "height_m": each.height_m}
-                for each in found
-                if each.concave_share > LEAST_CONCAVE_SHARE
-            ]
-        )
+        with contextlib.suppress(EndedError):
+            self._set(_candidates=self._apart.do(lambda _: None, tasks.look_around, self._cloud_apart()))
 
     @property
     def _known(self) -> Cloud:

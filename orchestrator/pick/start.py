@@ -7,14 +7,18 @@ from typing import Any, cast
 from toppling.models.errors import InputError
 from toppling.models.folder import refuse_existing
 from toppling.models.scan.hints_file import OF_READING, CloudHints
-from toppling.models.scan.inspection import inspection_of
+from toppling.models.scan.inspection import Inspection, inspection_of
+from toppling.models.scan.interface_hint import hint_of
 from toppling.models.scan.placement import Placement
 from toppling.models.scan.read import read_clouds
 from toppling.models.scan.survey import Survey
+from toppling.models.scan.worked_out import WorkedOut
+from toppling.models.scene import Scene
 from toppling.orchestrator.pick.said import Said
 from toppling.orchestrator.pick.server import PickServer
-from toppling.orchestrator.pick.session import Picking, Placed
+from toppling.orchestrator.pick.session import Answer, Picking, Placed
 from toppling.orchestrator.public.making import Scanned, written
+from toppling.orchestrator.public.scan_again import written_again
 from toppling.orchestrator.public.scan_files import hints_said, of_base, placed_by, placed_cloud
 
 OF_THE_PAGE = ("units", "up", "length")
@@ -46,6 +50,7 @@ def pick_server(
     """
     refuse_existing(out)
     known = inspection_of(given["contact"], **of_base(given))
+    hint = hint_of(outline=given["outline"])
     said = Said.of({
         "units": given["units"],
         "up": given["up"],
@@ -53,10 +58,8 @@ def pick_server(
         "near": given["near"] and list(given["near"]),
         "plane": given["plane"] and list(given["plane"]),
         "point": [list(each) for each in given["point"]],
-        "touch": known.touching_m.tolist(),
-        "daylight": known.open_m.tolist(),
-        "pull": [list(each) for each in known.pulls],
-        "base": known.base, "touch_only": known.touch_only,
+        "outline": [] if hint is None else hint.anchors_m.tolist(),
+        **_said_of_base(known),
     })  # fmt: skip
     said.hint()
     surveyed = cast(CloudHints, {name: given[name] for name in OF_READING if name not in OF_THE_PAGE})
@@ -81,3 +84,68 @@ def pick_server(
         as_it_is = Placement(says_up=True, says_scale=True)
         placed = Placed(read_clouds(files, None, as_it_is), as_it_is, refused=True)
     return PickServer(Picking(placed, read, given["bootstrap"], write, str(out), said), port)
+
+
+def again_server(
+    scene: Path, out: Path | None, given: dict[str, Any], saved: Callable[[Scanned], None], port: int = 0
+) -> PickServer:
+    """Make the server of a page that opens on what a scan has kept, for hints on the base.
+
+    Parameters
+    ----------
+    scene : path
+        Folder of a scanned scene, which the page's scene replaces.
+    out : path or None
+        A new folder, which it is saved to instead.
+    given, saved, port
+        As of :func:`pick_server`.
+
+    Raises
+    ------
+    InputError
+        If the folder keeps nothing of a scan, or an option cannot be used.
+    FileExistsError
+        If `out` exists.
+    """
+    if out is not None:
+        refuse_existing(out)
+    before = WorkedOut.read(scene)
+    looked = inspection_of(given["contact"], **of_base(given))
+    kept = before.with_hints(looked)
+    said = Said.of(_said_of_base(kept.inspection))
+    cloud, label = kept.cloud()
+    # What the folder has is what these hints gave, unless others are given beside it.
+    nothing_new = looked.says_nothing and not looked.touch_only
+    survey = Survey(Scene.load(scene), label, (), before) if nothing_new else None
+    mine = False
+
+    def write(survey: Survey, _: Said) -> None:
+        nonlocal mine
+        assert survey.worked_out is not None
+        made = written_again(scene, out, survey.scene, survey.worked_out, replaces=mine)
+        mine = True
+        saved(made)
+
+    return PickServer(
+        Picking(
+            Placed(cloud, Placement()),
+            lambda _: Placed(cloud, Placement()),
+            0,
+            write,
+            str(out or scene),
+            said,
+            Answer(said, kept, label, (), survey),
+        ),
+        port,
+    )
+
+
+def _said_of_base(known: Inspection) -> dict[str, Any]:
+    """What is known of the base, as a page has it."""
+    return {
+        "touch": known.touching_m.tolist(),
+        "daylight": known.open_m.tolist(),
+        "pull": [list(each) for each in known.pulls],
+        "base": known.base,
+        "touch_only": known.touch_only,
+    }

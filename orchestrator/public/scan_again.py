@@ -3,6 +3,7 @@
 import shutil
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from toppling.models.folder import new_folder, replaced_folder
 from toppling.models.scan.hints_file import HINTS, Place, write_hints
@@ -11,6 +12,10 @@ from toppling.models.scene_document import LABELS, WORKED_OUT
 from toppling.orchestrator.public import unseen
 from toppling.orchestrator.public.making import Scanned
 from toppling.orchestrator.public.scan_files import hints_said, pictured
+
+if TYPE_CHECKING:
+    from toppling.models.scan.worked_out import WorkedOut
+    from toppling.models.scene import Scene
 
 
 def scan_again(
@@ -52,12 +57,31 @@ def scan_again(
     advance(1, "drawing the hidden base")
     drawn, kept = kept.scene()
     advance(1, "writing")
+    return written_again(folder, None if out is None else Path(out), drawn, kept)
+
+
+def written_again(
+    scene: Path, out: Path | None, drawn: "Scene", kept: "WorkedOut", replaces: bool = False
+) -> Scanned:
+    """Write a scene whose base was drawn anew in place of the former one, or into another folder.
+
+    Parameters
+    ----------
+    scene : path
+        Folder of the former one.
+    out : path or None
+    drawn : Scene
+    kept : WorkedOut
+    replaces : bool
+        Whether the other folder may be there already.
+    """
     draw, notes = pictured(drawn)
-    with replaced_folder(folder) if out is None else new_folder(Path(out)) as staging:
+    target = scene if out is None else out
+    with (replaced_folder if replaces or out is None else new_folder)(target) as staging:
         kept.write(staging / WORKED_OUT)
-        if (folder / LABELS).exists():
-            shutil.copy2(folder / LABELS, staging)
+        if (scene / LABELS).exists():
+            shutil.copy2(scene / LABELS, staging)
         drawn.write_into(staging)
         write_hints(staging / HINTS, hints_said(kept.said, kept.inspection))
         draw(staging)
-    return Scanned(drawn, folder if out is None else Path(out), notes)
+    return Scanned(drawn, target, notes)

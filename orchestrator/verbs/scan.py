@@ -219,7 +219,8 @@ def scan(
     anew, in place of the former ones or in the folder --out.
 
     --pick shows the cloud in a browser, where hints are clicks. The page is served to this machine only, at an address
-    that holds a secret; --port and --open concern it. From another machine: ssh -L PORT:127.0.0.1:PORT HOST.
+    that holds a secret; --port and --open concern it. From another machine: ssh -L PORT:127.0.0.1:PORT HOST. With
+    --again it opens at once on what the scan has kept, for hints on the base.
 
     \b
     toppling scan station1.laz station2.laz --out scenes/rock
@@ -229,11 +230,12 @@ def scan(
     toppling scan model.obj --out scenes/rock --up y --length 0.12,1.4,0.3 2.31,1.38,0.29 1.5
     toppling scan --again scenes/rock --pull N40E 0.21
     toppling scan cloud.e57 --out scenes/rock --pick
+    toppling scan --again scenes/rock --pick
     """
     given = _without_rivals(given)
-    _check_usage(files, again, given, picks)
+    _check_usage(files, again, given)
     if picks:
-        _pick(files, given, as_json, port, opens)
+        _pick(files, again, given, as_json, port, opens)
         return
     if again is None:
         made = _from_clouds(files, given)
@@ -258,26 +260,31 @@ def _tell(made: "Scanned", as_json: bool) -> None:
 
 
 def _pick(
-    files: tuple[Path, ...], given: dict[str, Any], as_json: bool, port: int, opens: bool | None
+    files: tuple[Path, ...],
+    again: Path | None,
+    given: dict[str, Any],
+    as_json: bool,
+    port: int,
+    opens: bool | None,
 ) -> None:
     """Serve the page on which hints are clicked, until a scene is saved and the user has finished."""
-    from toppling.orchestrator.pick.start import pick_server
+    from toppling.orchestrator.pick.start import again_server, pick_server
 
     click.echo("reading", err=True)
     saved: list[Scanned] = []
-    with pick_server(files, given["out"], given, saved.append, port) as server:
-        served(server, ", ".join(file.name for file in files), opens, "ended")
+    if again is None:
+        made, names = pick_server(files, given["out"], given, saved.append, port), files
+    else:
+        made, names = again_server(again, given["out"], given, saved.append, port), (again,)
+    with made as server:
+        served(server, ", ".join(file.name for file in names), opens, "ended")
     if not saved:
         raise click.ClickException("nothing was saved")
     _tell(saved[-1], as_json)
 
 
-def _check_usage(files: tuple[Path, ...], again: Path | None, given: dict[str, Any], picks: bool) -> None:
+def _check_usage(files: tuple[Path, ...], again: Path | None, given: dict[str, Any]) -> None:
     """Refuse options that do not go together."""
-    if picks and again is not None:
-        raise click.UsageError("--pick shows the clouds: give their FILES, without --again.")
-    if picks and given["outline"]:
-        raise click.UsageError("--pick takes no --outline: give --point, or scan without the page.")
     if again is None:
         if not files and not (given["rock"] and given["pedestal"]):
             raise click.UsageError("Missing argument 'FILES...'.")

@@ -13,7 +13,7 @@ const MODES = [
   ["daylight", "D", "Daylight", "Click places along the crevice where light passes between rock and pedestal."],
   ["length", "S", "Scale", "Click the two ends of a measured length, then say beside how long it is."],
 ];
-const NAMES = { units: "unit", up: "up", length: "length", near: "rock", plane: "plane", point: "meet", touch: "touch", daylight: "daylight", pull: "pull", base: "base", touch_only: "touches" };
+const NAMES = { units: "unit", up: "up", length: "length", near: "rock", plane: "plane", point: "meet", outline: "outline", touch: "touch", daylight: "daylight", pull: "pull", base: "base", touch_only: "touches" };
 const LISTS = ["point", "touch", "daylight", "pull"];
 let mode = "look", ends = [], state = null, hints = null, past = [], future = [], drawnView = -1, framed = "", before = null, shownTable = null, shownFor = "";
 
@@ -40,19 +40,20 @@ function say(next, keep = true) {
 }
 function undo() { if (past.length) { future.push(hints); say(past.pop(), false); } }
 function redo() { if (future.length) { past.push(hints); say(future.pop(), false); } }
-const without = (name, index) => ({ ...hints, [name]: LISTS.includes(name) ? hints[name].filter((_, k) => k !== index) : name === "touch_only" ? false : null });
+const without = (name, index) => ({ ...hints, [name]: name === "outline" ? [] : LISTS.includes(name) ? hints[name].filter((_, k) => k !== index) : name === "touch_only" ? false : null });
 
 function add(name, value) {
   const next = { ...hints, [name]: LISTS.includes(name) ? [...hints[name], value] : value };
   if (name === "point") next.plane = null;  // they say the same thing: the later word counts
   if (name === "plane") next.point = [];
+  if (["point", "plane"].includes(name)) next.outline = [];
   say(next);
 }
 
 // A model that is placed anew has other coordinates: what was said in the former ones is taken back with it.
 function placeAnew(changes) {
   ends = [];
-  say({ ...hints, near: null, plane: null, point: [], touch: [], daylight: [], pull: [], ...changes });
+  say({ ...hints, near: null, plane: null, point: [], outline: [], touch: [], daylight: [], pull: [], ...changes });
 }
 
 // What is shown.
@@ -66,7 +67,7 @@ try {
 
 const places = () => [
   ...(hints.near ? [{ name: "near", value: onTop(hints.near) }] : []),
-  ...["point", "touch", "daylight"].flatMap(name => hints[name].map(value => ({ name, value }))),
+  ...["point", "outline", "touch", "daylight"].flatMap(name => hints[name].map(value => ({ name, value }))),
 ];
 
 // The rock's hint has no height of its own: it is shown on the cloud's highest point there.
@@ -145,7 +146,7 @@ function isChosen(candidate) {
 function listHints() {
   const rows = [];
   const row = (name, index, value, text) => rows.push(make("li", [
-    make("span", "", { className: `mark ${name === "length" ? "end" : name}${["plane", "pull", "units", "up", "base", "touch_only"].includes(name) ? " none" : ""}` }),
+    make("span", "", { className: `mark ${name === "length" ? "end" : name}${["plane", "outline", "pull", "units", "up", "base", "touch_only"].includes(name) ? " none" : ""}` }),
     make("span", `${NAMES[name]}: ${text}`),
     make("button", "×", { type: "button", title: "take this hint back", ariaLabel: `take back ${NAMES[name]}`, onclick: () => ["units", "up", "length"].includes(name) ? placeAnew({ [name]: null }) : say(without(name, index)) }),
   ]));
@@ -153,6 +154,7 @@ function listHints() {
   if (hints.length) row("length", 0, hints.length, `${+hints.length[2].toPrecision(6)} m between two places`);
   if (hints.near) row("near", 0, hints.near, told(hints.near));
   if (hints.plane) row("plane", 0, hints.plane, `${told(hints.plane.slice(0, 3))}; ${told(hints.plane.slice(3, 4))}° toward ${told(hints.plane.slice(4))}°`);
+  if (hints.outline.length) row("outline", 0, hints.outline, `${hints.outline.length} places around the contact`);
   for (const name of LISTS) hints[name].forEach((value, index) => row(name, index, value, name === "pull" ? `${+value[1].toFixed(4)} of the weight toward ${+value[0].toFixed(2)}°` : told(value)));
   if (hints.base) row("base", 0, hints.base, hints.base);
   if (hints.touch_only) row("touch_only", 0, true, "there and nowhere else");
@@ -246,14 +248,14 @@ function fillPlane(dragged) {
 }
 
 function fillPlace() {
-  const form = at("place"), free = !state.surveyed;
+  const form = at("place"), free = !state.placed;
   for (const field of form.elements) field.disabled = !free;
   if (form.contains(document.activeElement)) return;
   if (form.units.length === 1) form.units.append(...state.units.map(name => make("option", name)));
   form.up.value = hints.up || "";
   form.units.value = hints.units || "";
   const apart = ends.length === 2 ? Math.hypot(...ends[0].place_m.map((each, k) => each - ends[1].place_m[k])) : null;
-  at("apart").textContent = !free ? "placed by control points" : apart === null ? "length: Scale, then two clicks" : `${apart.toPrecision(4)} m between the ends`;
+  at("apart").textContent = !free ? "placed already" : apart === null ? "length: Scale, then two clicks" : `${apart.toPrecision(4)} m between the ends`;
   at("metres").hidden = apart === null;
 }
 

@@ -11,9 +11,11 @@ import pytest
 from toppling.models.errors import InputError
 from toppling.models.scan.placement import AXES, Placement, placement_of
 from toppling.models.scan.read import Cloud
-from toppling.orchestrator.pick import session
+from toppling.models.scan.register import Registered
+from toppling.orchestrator.pick import session, tasks
 from toppling.orchestrator.pick.said import Said
-from toppling.orchestrator.pick.session import Picking, Placed
+from toppling.orchestrator.pick.session import Answer, Picking, Placed
+from toppling.orchestrator.pick.shown import View
 
 NEAR = [Said(near=(float(n), 0.0)) for n in range(6)]
 
@@ -24,6 +26,16 @@ class Worked:
 
     near: tuple
     inspection: object = None
+
+
+class Here:
+    """Does in this process what a scan does in one of its own."""
+
+    def do(self, note, function, *arguments):
+        return function(*arguments, note)
+
+    def end(self):
+        pass
 
 
 @pytest.fixture
@@ -52,19 +64,17 @@ def work(monkeypatch):
         return "scene", worked
 
     made.read = read
-    monkeypatch.setattr(session, "work_out", work_out)
-    monkeypatch.setattr(session, "registered", lambda cloud: type("Registered", (), {"cloud": cloud})())
-    monkeypatch.setattr(
-        session,
-        "view_of",
-        lambda points, label, number: type(
-            "View", (), {"number": number, "counts": (3, 0), "spacings_m": (1.0, 1.0)}
-        )(),
-    )
+    monkeypatch.setattr(session, "Apart", Here)
+    monkeypatch.setattr(tasks, "work_out", work_out)
+    monkeypatch.setattr(tasks, "registered", lambda cloud: Registered(cloud, {}, cloud.bounds_m))
+    for module in (session, tasks):
+        monkeypatch.setattr(
+            module, "view_of", lambda points, label, number: View(number, (3, 0), (1.0, 1.0), b"")
+        )
     monkeypatch.setattr(session, "tops", lambda worked: [])
     monkeypatch.setattr(session, "told", lambda survey, worked: {"near": worked.near})
-    monkeypatch.setattr(session, "find_candidates", lambda points, surfels: [])
-    monkeypatch.setattr(session, "surfels_of", lambda points: None)
+    monkeypatch.setattr(tasks, "find_candidates", lambda points, surfels: [])
+    monkeypatch.setattr(tasks, "surfels_of", lambda points: None)
     monkeypatch.setattr(Worked, "scene", scene, raising=False)
     return made
 
@@ -210,3 +220,34 @@ def test_a_refused_scan_is_not_saved_later_on(picking, work, written):
     picking.say(NEAR[1])
     until(picking, lambda state: state["current"])
     assert not written
+
+
+def test_what_is_kept_is_shown_at_once_and_takes_hints_on_the_base_only(work, written):
+    work.go.set()
+    cloud = Cloud(np.zeros((3, 3)), np.zeros(3), np.zeros(3, np.int32), ())
+    kept = Answer(Said(), Worked("kept"), np.zeros(3, np.int8), (), "survey")
+    picking = Picking(
+        Placed(cloud, Placement()),
+        work.read,
+        0,
+        lambda survey, said: written.append(said),
+        "rock",
+        Said(),
+        kept,
+    )
+    assert picking.state()["current"]
+    thread = threading.Thread(target=picking.work, daemon=True)
+    thread.start()
+    until(picking, lambda state: not state["stage"])
+    assert not work.splits
+    assert not work.bases
+    picking.say(NEAR[1])
+    assert "needs the clouds" in until(picking, lambda state: state["error"])["error"]["what"]
+    touched = Said(touch=((1.0, 2.0, 3.0),))
+    picking.say(touched)
+    picking.save()
+    until(picking, lambda state: state["saved"])
+    assert (work.splits, len(work.bases), written) == ([], 1, [touched])
+    picking.end()
+    thread.join(30)
+    assert not thread.is_alive()

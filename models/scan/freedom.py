@@ -11,6 +11,7 @@ from toppling.models.errors import InputError
 from toppling.models.frames import compass_deg
 from toppling.models.scan.close import ClosedRock
 from toppling.models.scan.interface import Interface
+from toppling.models.scan.joints import weakest_joint
 from toppling.models.scan.measure import ObservedRock
 
 MOST_INVENTED = 0.6
@@ -40,11 +41,14 @@ FLARE, WAIST = (0.1, 0.3), (0.45, 0.65)
 FLARE_DEG, FLARE_SHARE = 8.0, 0.8
 """A side flares if its normals point so far up; in this share of the directions, the rock is widest at the ground.
 Of rocks sunk beyond their widest 0.8 to 1 flare, of free ones at most 0.45, of a column with a wide foot 0.69."""
-UPRIGHT_DEG, BENT_DEG, UNDERCUT_SHARE = -3.0, 10.0, 0.4
-"""Medians over the directions: sides that point no farther down at the foot, bend by more to the waist, and overhang in
-a smaller share of the directions, are the upper half of a boulder. Of four boulders sunk by 0.25 to 0.4 of their height
-feet point -0.4 to 23 degrees up and bend by 12 to 40; of sixteen free rocks those with feet above -3 bend by at most 7,
-others have feet at -5 or lower."""
+UPRIGHT_DEG, BENT_DEG, UNDERCUT_SHARE, BULGING_SHARE = -3.0, 12.0, 0.35, 0.12
+"""Sides are those of a boulder's upper half if they point no farther down at the foot, in the mean over the directions,
+bend by more to the waist, overhang in a smaller share of the directions, and at the waist in hardly any. Of four
+boulders sunk by 0.25 to 0.5 of their height feet point -1 to 24 degrees up and bend by 16 to 44; of 25 free rocks those
+with feet above -3 bend by at most 9, or overhang at the waist in 0.4 of the directions."""
+TWO_TOLD, TWO_REFUSED, TWO_PART = 0.72, 0.82, 0.2
+"""Share of the cut between two sides that must run through a crease: of two bodies that touch 0.78 to 0.91, of free
+rocks at most 0.18, of a sculpted lion 0.66. With a part of this share of the patches, size and weight are of both."""
 IN_REACH_ABOVE = 0.3
 """Of the rock's height: what rises so far above the interface stops it where it is nearer than the rock is high."""
 
@@ -117,7 +121,11 @@ def unseen_range(observed: ObservedRock, interface: Interface) -> tuple[float, f
 
 
 def doubts(
-    observed: ObservedRock, interface: Interface, points_m: Array, rock: NDArray[np.bool_]
+    observed: ObservedRock,
+    interface: Interface,
+    points_m: Array,
+    rock: NDArray[np.bool_],
+    separated: bool = False,
 ) -> list[Doubt]:
     """What tells against a free rigid block.
 
@@ -129,14 +137,20 @@ def doubts(
         Of the cloud.
     rock : (n,) bool array
         Which are the rock's.
+    separated : bool
+        Whether the user has said so.
 
     Raises
     ------
     InputError
-        If the rock goes on into its pedestal along most of the rim that was seen.
+        If the rock goes on into its pedestal along most of the rim that was seen, or is two bodies that touch.
     """
     found = [_attached(observed, interface), embedded(observed, interface), _leaning(observed, interface)]
-    found += [_stacked(observed, interface), _hemmed_in(observed, points_m, rock)]
+    found += [
+        _two(observed, interface, separated),
+        _stacked(observed, interface),
+        _hemmed_in(observed, points_m, rock),
+    ]
     return [each for each in found if each is not None]
 
 
@@ -148,13 +162,14 @@ def embedded(observed: ObservedRock, interface: Interface) -> Doubt | None:
     foot, waist = (_side_dips_deg(observed, interface, *band) for band in (FLARE, WAIST))
     if len(foot) < 0.5 * SECTORS:
         return None
-    share, dip = float((foot > FLARE_DEG).mean()), float(np.median(foot))
+    share = float((foot > FLARE_DEG).mean())
     if share >= FLARE_SHARE:
-        what = f"sides widen down to the ground over {share:.0%} of the directions, by a median of {dip:.0f} degrees"
-    elif dip > UPRIGHT_DEG and _bends(foot, waist) and (foot < -FLARE_DEG).mean() < UNDERCUT_SHARE:
+        median = np.median(foot)
+        what = f"sides widen down to the ground over {share:.0%} of the directions, by a median of {median:.0f} degrees"
+    elif _domed(foot, waist):
         what = (
             "the rock is widest near the ground, where hardly anything overhangs, and its sides bend by "
-            f"{np.median(waist) - dip:.0f} degrees up to the middle, as those of a boulder's upper half"
+            f"{waist.mean() - foot.mean():.0f} degrees up to the middle, as those of a boulder's upper half"
         )
     else:
         return None
@@ -176,7 +191,7 @@ def check_not_sunk(observed: ObservedRock, interface: Interface) -> None:
     """
     foot, waist = (_side_dips_deg(observed, interface, *band) for band in (FLARE, WAIST))
     sunk = embedded(observed, interface)
-    if observed.hint is None and sunk and np.median(foot) > FLARE_DEG and _bends(foot, waist):
+    if observed.hint is None and sunk and _domed(foot, waist) and foot.mean() > FLARE_DEG:
         raise InputError(
             sunk.sentence,
             where="the rock",
@@ -186,8 +201,12 @@ def check_not_sunk(observed: ObservedRock, interface: Interface) -> None:
         )
 
 
-def _bends(foot_deg: Array, waist_deg: Array) -> bool:
-    return len(waist_deg) >= 0.5 * SECTORS and bool(np.median(waist_deg) - np.median(foot_deg) > BENT_DEG)
+def _domed(foot_deg: Array, waist_deg: Array) -> bool:
+    """Whether sides with such dips are those of a boulder's upper half."""
+    if len(waist_deg) < 0.5 * SECTORS:
+        return False
+    bulging = (foot_deg < -FLARE_DEG).mean() < UNDERCUT_SHARE and (waist_deg < 0.0).mean() < BULGING_SHARE
+    return bool(foot_deg.mean() > UPRIGHT_DEG and waist_deg.mean() - foot_deg.mean() > BENT_DEG and bulging)
 
 
 def _side_dips_deg(observed: ObservedRock, interface: Interface, low: float, high: float) -> Array:
@@ -259,6 +278,26 @@ def _leaning(observed: ObservedRock, interface: Interface) -> Doubt | None:
         f"a neighbour touches the rock {np.median(places[:, 2]):.2g} m above the interface, toward {toward}: it may "
         "hold or wedge the rock, and the answer is that of the rock without it",
     )
+
+
+def _two(observed: ObservedRock, interface: Interface, separated: bool) -> Doubt | None:
+    joint = weakest_joint(observed, interface)
+    if joint is None or joint.creased_share < TWO_TOLD:
+        return None
+    what = (
+        f"a crease parts {joint.part:.0%} of the rock's surface, toward {_azimuth(joint.way, interface)}, from the "
+        f"rest, along {joint.creased_share:.0%} of the way around: it may be two blocks that touch, one leaning on the "
+        "other; volume and weight are then those of both"
+    )
+    if joint.creased_share >= TWO_REFUSED and joint.part >= TWO_PART and not separated:
+        raise InputError(
+            what,
+            where="the rock",
+            expected="one block that stands free",
+            remedy="crop the neighbour off the cloud, or separate the rock in another program and give it by --rock "
+            "FILE or CLASS, which also says that it is one block",
+        )
+    return Doubt("leaning", what)
 
 
 def _stacked(observed: ObservedRock, interface: Interface) -> Doubt | None:

@@ -196,7 +196,7 @@ def _checked_doubts(
     check_seen_enough(observed, interface, closed)
     check_not_sunk(observed, interface)
     check_can_stand(closed.rock, interface)
-    return doubts(observed, interface, cloud.points_m, label == ROCK)
+    return doubts(observed, interface, cloud.points_m, label == ROCK, separated=cloud.label is not None)
 
 
 def _files(cloud: Cloud) -> list[dict[str, Any]]:

@@ -2,7 +2,6 @@
 
 import contextlib
 import multiprocessing
-import os
 import pickle
 import threading
 import traceback
@@ -13,9 +12,6 @@ from typing import Any, NoReturn
 from toppling.models.errors import InputError
 from toppling.orchestrator.interrupt import kept_from_children
 from toppling.orchestrator.safe_path import without_working_folder
-
-NICENESS = 5
-"""A click goes before the work."""
 
 
 class EndedError(Exception):
@@ -102,7 +98,6 @@ class _StoppedError(Exception):
 
 def _serve(line: Connection) -> None:
     """Do what is asked, until the one who asks is gone."""
-    os.nice(NICENESS)
 
     def note(stage: str) -> None:
         line.send(("note", stage))

@@ -21,6 +21,7 @@ from toppling.models.scan.freedom import (
 )
 from toppling.models.scan.interface import Interface, fit_interface
 from toppling.models.scan.interface_hint import hint_of
+from toppling.models.scan.joints import weakest_joint
 from toppling.models.scan.measure import ObservedRock
 from toppling.models.scan.read import read_clouds
 from toppling.models.scan.surfels import Surfels
@@ -94,6 +95,22 @@ def test_a_neighbour_that_touches_high_up_is_named():
     assert "leaning" in kinds(BLOCK, together(ground(), neighbour))
 
 
+def test_a_neighbour_that_was_taken_for_a_part_of_the_rock_is_refused_unless_the_user_says_that_it_is_one():
+    neighbour = ball_at((0.72, 0.0, 0.4))
+    observed = seen_of(together(ball_at((0.0, 0.0, 0.4)), neighbour), ground(0.62))
+    points, rock = observed.surfels.points_m, observed.patches
+    with pytest.raises(InputError, match="two blocks that touch"):
+        doubts(observed, LEVEL, points, rock)
+    found = {each.kind: each.sentence for each in doubts(observed, LEVEL, points, rock, separated=True)}
+    assert "azimuth" in found["leaning"]
+
+
+@pytest.mark.parametrize("rock", [BLOCK, box((-0.8, -0.25, 0.0), (0.8, 0.25, 0.6))])
+def test_one_block_has_no_joint(rock):
+    joint = weakest_joint(seen_of(rock, ground()), LEVEL)
+    assert joint is None or joint.creased_share < 0.2
+
+
 def test_a_wall_nearer_than_the_rock_is_high_is_named_and_a_low_or_far_one_is_not():
     assert kinds(BLOCK, together(ground(), box((0.7, -1.0, 0.0), (0.9, 1.0, 0.9)))) == {"in reach"}
     assert kinds(BLOCK, together(ground(), box((0.7, -1.0, 0.0), (0.9, 1.0, 0.2)))) == set()
@@ -142,15 +159,19 @@ def test_a_rock_that_hangs_below_the_interface_is_named_embedded_where_its_sides
     assert ("embedded" in str(refused.value)) == named
 
 
-def ball(centre_m):
-    """What of a ball of radius 0.6 m lies above the ground, and the ground around it."""
-    count = 6000
+def ball_at(centre_m, radius_m=0.38, count=4000):
+    """What of a ball lies above the ground."""
     rise = 1.0 - 2.0 * (np.arange(count) + 0.5) / count
     turn = np.arange(count) * np.pi * (3.0 - np.sqrt(5.0))
     normals = np.column_stack([*(np.sqrt(1.0 - rise**2) * (np.cos(turn), np.sin(turn))), rise])
-    points = 0.6 * normals + (0.0, 0.0, centre_m)
+    points = radius_m * normals + np.asarray(centre_m)
     above = points[:, 2] > 0.0
-    return (points[above], normals[above]), ground(0.62)
+    return points[above], normals[above]
+
+
+def ball(centre_m):
+    """A ball of radius 0.6 m and the ground around it."""
+    return ball_at((0.0, 0.0, centre_m), 0.6, 6000), ground(0.62)
 
 
 @pytest.mark.parametrize("centre_m", [-0.2, 0.0, 0.1])

@@ -1,0 +1,74 @@
+"""Whether what was taken for one rock is two that touch side by side: the cheapest cut between its sides."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from toppling.models.arrays import Array
+from toppling.models.frames import horizontal_unit_vector
+from toppling.models.scan.candidates import minimum_cut, neighbourhood
+from toppling.models.scan.interface import Interface
+from toppling.models.scan.measure import ObservedRock
+from toppling.models.scan.surfels import Surfels, thin
+
+PATCHES = 5000
+"""So many tell a joint, and are cut in a tenth of a second."""
+WAYS_DEG = (0.0, 45.0, 90.0, 135.0)
+SEEDS = ((0.2, 0.8), (0.35, 0.9))
+"""Shares of the extent below which and above which patches are of one side and of the other."""
+LEAST_PART = 0.1
+"""Less of the patches is a knob."""
+LEAST_CUT = 30
+"""Fewer edges across are a thread of strays."""
+
+
+@dataclass(frozen=True)
+class Joint:
+    """Where a rock comes apart most easily.
+
+    Parameters
+    ----------
+    creased_share : float
+        Of the cut: 1 where a crease goes all around.
+    part : float
+        Share of the patches in the smaller part.
+    way : (2,) array
+        Toward its middle from that of the other, along the interface's u and v.
+    """
+
+    creased_share: float
+    part: float
+    way: Array
+
+
+def weakest_joint(observed: ObservedRock, interface: Interface) -> Joint | None:
+    """The cut between two sides of a rock that runs through creases most; None where nothing comes apart."""
+    patches = _coarser(observed)
+    edges = neighbourhood(patches.points_m, patches.voxel_m)
+    flat = interface.flat(patches.points_m)[:, :2]
+    found = None
+    for way in horizontal_unit_vector(np.array(WAYS_DEG))[:, :2]:
+        along = flat @ way
+        along = (along - along.min()) / np.ptp(along)
+        for low, high in SEEDS:
+            part, share = minimum_cut(patches, edges, along > high, along < low)
+            size = float(part.mean())
+            across = (part[edges[:, 0]] != part[edges[:, 1]]).sum()
+            if min(size, 1.0 - size) < LEAST_PART or across < LEAST_CUT:
+                continue
+            if found is None or share > found.creased_share:
+                smaller = part if size < 0.5 else ~part
+                middles = [flat[each].mean(axis=0) for each in (smaller, ~smaller)]
+                found = Joint(share, min(size, 1.0 - size), middles[0] - middles[1])
+    return found
+
+
+def _coarser(observed: ObservedRock) -> Surfels:
+    surfels, own = observed.surfels, observed.patches
+    voxel = surfels.voxel_m * max(1.5, float(np.sqrt(own.sum() / PATCHES)))
+    points, index = thin(surfels.points_m[own], voxel)
+    kept = index >= 0
+    normals = np.zeros_like(points)
+    np.add.at(normals, index[kept], surfels.normals[own][kept])
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-9)
+    return Surfels(points, normals, np.zeros(len(points)), voxel)

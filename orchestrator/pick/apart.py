@@ -2,7 +2,6 @@
 
 import contextlib
 import multiprocessing
-import pickle
 import threading
 import traceback
 from collections.abc import Callable
@@ -116,4 +115,4 @@ def _serve(line: Connection) -> None:
             except Exception as error:
                 traceback.print_exception(error)
                 answer = "raised", RuntimeError(f"{type(error).__name__}: {error}")
-            line.send_bytes(pickle.dumps(answer, protocol=5))
+            line.send(answer)

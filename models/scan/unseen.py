@@ -263,14 +263,14 @@ def _standing_draws(
     random: np.random.Generator,
 ) -> list[Candidate]:
     """Candidates of each prior of the kinds that are asked for, on which the rock stands, with its centre of mass."""
-    offsets_m = random.normal(size=(CANDIDATES, 3)) * com_std_m
+    offsets_m = random.normal(size=(DRAWS if asked == (FLAT,) else CANDIDATES, 3)) * com_std_m
     projected_com = interface.projected_m(closed.com_m + offsets_m)
     gaps = []
     for kind, priors in ((ROUGH, reliefs(part.width_m)), (ROUNDED, bowls(part.width_m))):
         if kind in asked:
             gaps += draw_gaps(part.observed, projected_com, priors, random, kind)
     if FLAT in asked:
-        gaps += flat_draws(part, base, CANDIDATES)
+        gaps += flat_draws(part, base, len(offsets_m))
     found = []
     for gap in gaps:
         com_m = closed.com_m + offsets_m[gap.number] + mass_moved_m(part, base, gap.gap_m, closed, interface)

@@ -237,6 +237,7 @@ def test_a_flat_base_is_likely_where_the_rim_goes_down_to_the_pedestal_and_no_mo
 def test_a_flat_base_topples_over_its_edge(column, few_candidates):
     drawn = drawn_with(column, base="flat")
     assert drawn.kinds == {"flat": unseen.DRAWS}
+    assert drawn.distinct == unseen.DRAWS  # by the centre of mass
     # A column of radius r and height h: g r / (h / 2). The edge is known to half of the points' pitch.
     edge = 9.80665 * RADIUS_M / (0.5 * HEIGHT_M)
     assert np.median(drawn.toppling_m_s2) == pytest.approx(edge, rel=0.5 * PITCH_M / RADIUS_M + 0.02)

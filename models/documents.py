@@ -6,7 +6,7 @@ import math
 import re
 import reprlib
 import tomllib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -260,3 +260,12 @@ def _unreadable(where: object, what: str, expected: str) -> InputError:
     return InputError(
         what, where=str(where), expected=expected, remedy="correct the file, or have it made anew"
     )
+
+
+def finite(value: Any) -> Any:
+    """The same content with null for numbers that JSON cannot say."""
+    if isinstance(value, Mapping):
+        return {key: finite(each) for key, each in value.items()}
+    if isinstance(value, list | tuple):
+        return [finite(each) for each in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

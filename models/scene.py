@@ -15,13 +15,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from toppling.models import digest
 from toppling.models.contact import ContactProperties
-from toppling.models.documents import shown
+from toppling.models.documents import finite, shown
 from toppling.models.errors import InputError, check_positive, refusals
 from toppling.models.folder import local, new_folder
 from toppling.models.frames import STANDARD_GRAVITY_M_S2, plane_normal, rotation_between
 from toppling.models.mesh_files import read_triangles, write_ply
 from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock, check_size, check_triangles, origin_beside_m
+from toppling.models.round_base import RoundedBase, refined, rounded_base_of
 from toppling.models.scene_document import BASES, SCHEMA_VERSION, digests_of_scene, read_own
 from toppling.models.shapes import box
 from toppling.models.statics import quasi_static_toppling_m_s2
@@ -33,7 +34,6 @@ if TYPE_CHECKING:
 
 COM_SPREAD_SHARE = 0.005
 """Standard deviation of the centre of mass over the height, in a realisation of a scene that knows none of its own."""
-
 
 _scene_error = refusals(
     expected=f"a scene folder of schema version {SCHEMA_VERSION}, as written",
@@ -117,6 +117,7 @@ class Scene:
         slope_azimuth_deg: float = 0.0,
         gravity: float = STANDARD_GRAVITY_M_S2,
         pedestal: str | os.PathLike[str] | tuple[ArrayLike, ArrayLike] | None = None,
+        refine: bool = False,
     ) -> "Scene":
         """A closed mesh on a plane, or on a surface of its own.
 
@@ -136,6 +137,8 @@ class Scene:
         pedestal : path, or pair of (n, 3) vertices in metres and (m, 3) triangles, optional
             The surface below and beside the rock, in the rock's frame, in which the rock stands: it is shifted along
             the plumb line to where it touches.
+        refine : bool
+            Whether a rounded base is refined over the smooth surface that its triangles stand for.
 
         Raises
         ------
@@ -148,13 +151,12 @@ class Scene:
         rock = Rock.from_triangles(*(mesh if isinstance(mesh, tuple) else read_triangles(mesh)), where=where)
         check_size(rock.height_m, where)
         origin = origin_beside_m(rock.vertices_m)
-        if origin.any():
-            rock = rock.moved(np.eye(3), -origin)
+        rock = rock.moved(np.eye(3), -origin) if origin.any() else rock
+        rock = refined(rock) if refine else rock
         contact = ContactProperties.of(friction, restitution)
         if pedestal is not None:
-            return cls(
-                *_on_surface(rock, pedestal, origin, contact, _gravity(gravity)), contact, gravity, origin
-            )
+            placed = _on_surface(rock, pedestal, origin, contact, _gravity(gravity))
+            return cls(*placed, contact, gravity, origin)
         turned = rock.moved(rotation_between((0.0, 0.0, 1.0), plane.normal))
         lowest = float((turned.vertices_m @ plane.normal).min())
         seated = turned.moved(np.eye(3), -lowest * plane.normal)
@@ -179,6 +181,11 @@ class Scene:
         """Standard deviation (3,) of the centre of mass, where the scan states it; realisations draw from it."""
         spread = self.report.get("uncertainty", {}).get("com_std_m")
         return None if spread is None else np.array(spread, float)
+
+    @cached_property
+    def rounded_base(self) -> RoundedBase | None:
+        """By how much a finer mesh of a rounded base topples sooner; None where none is, or it was drawn."""
+        return rounded_base_of(self.rock) if self.unseen is None and self.rock.feet_m is None else None
 
     @cached_property
     def ground(self) -> "GroundKind":
@@ -295,7 +302,7 @@ class Scene:
             ],
             "report": report,
         }
-        return _finite(content)
+        return finite(content)
 
     @classmethod
     def load(cls, folder: str | os.PathLike[str]) -> "Scene":
@@ -345,15 +352,6 @@ class Scene:
         turn = rotation_between((0.0, 0.0, 1.0), self.pedestal.normal)
         square = reach * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], float)
         return square @ turn.T + self.pedestal.point_m, np.array([[0, 1, 2], [0, 2, 3]], np.int64)
-
-
-def _finite(value: Any) -> Any:
-    """The same content with null for numbers that JSON cannot say."""
-    if isinstance(value, Mapping):
-        return {key: _finite(each) for key, each in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(each) for each in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def _on_surface(

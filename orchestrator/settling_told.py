@@ -80,6 +80,8 @@ class Settled:
         """How far the rock settles; where that is far, also what it means and what to do."""
         told = [] if self.scanned.ground.is_plane else [self.scanned.ground.sentence]
         told += [each for each in [self.scanned.report.get("interface", {}).get("beside")] if each]
+        rounded = self.scanned.rounded_base
+        told += [rounded.sentence] if rounded is not None and rounded.is_coarse else []
         told += [self.settling.sentence] if self.settling.sentence else []
         if self.settling.sentence and "unseen_base" in self.scanned.report:
             told[-1:] = [f"{told[-1]}; {WHY_A_SCANNED_ROCK_SETTLES}"]

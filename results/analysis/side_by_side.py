@@ -180,7 +180,7 @@ def _shared(of_rocks: Sequence[pd.DataFrame], runs: Sequence[Run]) -> Shared:
 
 def _beside(run: Run, contact: str, jobs: pd.DataFrame, measure: str, samples: int) -> Beside:
     known = answered(jobs) if len(jobs) else jobs
-    curve, why_not = None, run.told.get("problem") or "no job has an answer"
+    curve, why_not = None, (run.told.get("problem") or "no job has an answer").splitlines()[0]
     if len(known):
         toppled = int(known["toppled"].sum())
         fitted = fit(known, [measure]) if toppled >= FEW_TOPPLED else None

@@ -122,6 +122,26 @@ def is_ground(flat: Array, normals: Array, interface: Interface, height_m: float
     return level & (np.abs(flat[:, 2]) < HIGHEST_GROUND_PER_HEIGHT * height_m)
 
 
+def stands_beside(
+    surfels: Surfels, rock: Flags, pedestal: Flags, interface: Interface, height_m: float
+) -> bool:
+    """Whether :func:`beside` finds anything."""
+    return bool(_shown(surfels, rock, pedestal, interface, height_m).any())
+
+
+def _shown(surfels: Surfels, rock: Flags, pedestal: Flags, interface: Interface, height_m: float) -> Flags:
+    """Patches (n,) of sheets that the rock can reach beside it, and that no map of heights shows; few are none."""
+    reached = in_reach(surfels, rock, pedestal, interface, height_m)
+    if not reached.any():
+        return reached
+    flat = interface.over(surfels.points_m)
+    away = cKDTree(surfels.points_m[reached]).query(surfels.points_m)[0]
+    shown = pedestal & (away < 2.0 * CELL_PER_HEIGHT * height_m) & (flat[:, 2] > 0.0)
+    shown &= ~is_ground(flat, surfels.normals, interface, height_m)
+    shown[shown] = _in_sheets(surfels.points_m[shown], surfels.normals[shown], surfels.voxel_m)
+    return shown if (shown & reached).sum() >= LEAST_PATCHES else np.zeros_like(shown)
+
+
 def beside(
     surfels: Surfels, rock: Flags, pedestal: Flags, interface: Interface, height_m: float
 ) -> Beside | None:
@@ -132,15 +152,8 @@ def beside(
     surfels, rock, pedestal, interface, height_m
         As for :func:`in_reach`.
     """
-    reached = in_reach(surfels, rock, pedestal, interface, height_m)
-    if not reached.any():
-        return None
-    flat = interface.over(surfels.points_m)
-    away = cKDTree(surfels.points_m[reached]).query(surfels.points_m)[0]
-    shown = pedestal & (away < 2.0 * CELL_PER_HEIGHT * height_m) & (flat[:, 2] > 0.0)
-    shown &= ~is_ground(flat, surfels.normals, interface, height_m)
-    shown[shown] = _in_sheets(surfels.points_m[shown], surfels.normals[shown], surfels.voxel_m)
-    if (shown & reached).sum() < LEAST_PATCHES:
+    shown = _shown(surfels, rock, pedestal, interface, height_m)
+    if not shown.any():
         return None
     axis = surfels.points_m[rock].mean(axis=0)
     normals = _toward(axis, surfels.points_m[shown], surfels.normals[shown], interface.normal)

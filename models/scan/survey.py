@@ -17,7 +17,7 @@ from toppling.models.frames import shifted_and_turned
 from toppling.models.lengths import size_note
 from toppling.models.rock import Rock, check_size
 from toppling.models.scan.base import near_the_interface
-from toppling.models.scan.beside import beside, in_reach
+from toppling.models.scan.beside import beside, stands_beside
 from toppling.models.scan.carried_surface import carried_surface, level_surface
 from toppling.models.scan.close import ClosedRock
 from toppling.models.scan.crevice import BAND_PER_HEIGHT, check_seen, judge_crevice
@@ -278,7 +278,7 @@ def _classified(
     surfels, surfel_label = parts.surfels, label_surfels(parts.surfels, cloud.points_m, label)
     rock = surfel_label == ROCK
     pedestal = surfel_label == PEDESTAL
-    if interface.sheet is None and in_reach(surfels, rock, pedestal, interface, height).any():
+    if interface.sheet is None and stands_beside(surfels, rock, pedestal, interface, height):
         interface = level_surface(surfels, rock, height, interface)
     top = pedestal & (surfels.normals @ interface.normal > UPWARD)
     top &= np.abs(interface.over(surfels.points_m)[:, 2]) < BAND_PER_HEIGHT * height

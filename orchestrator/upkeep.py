@@ -135,8 +135,8 @@ class Upkeep:
             Of one process.
         """
         cluster: Any = self._client.cluster
-        most = _SIZES[cluster][1] if cluster in _SIZES else 0
-        if len(cluster.worker_spec) >= most:
+        most = _SIZES[cluster][1] if cluster in _SIZES else 0  # of a scheduler that others started there is none
+        if not most or len(cluster.worker_spec) >= most:
             return
         of_queue = not isinstance(cluster, LocalCluster)
         processes = max((len(spec.get("group", [""])) for spec in cluster.worker_spec.values()), default=1)

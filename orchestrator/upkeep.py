@@ -135,7 +135,8 @@ class Upkeep:
             Of one process.
         """
         cluster: Any = self._client.cluster
-        most = _SIZES[cluster][1] if cluster in _SIZES else 0  # of a scheduler that others started there is none
+        # None, of a scheduler that others started.
+        most = _SIZES[cluster][1] if cluster in _SIZES else 0
         if not most or len(cluster.worker_spec) >= most:
             return
         of_queue = not isinstance(cluster, LocalCluster)

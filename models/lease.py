@@ -17,7 +17,7 @@ import socket
 import threading
 import time
 import uuid
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 from typing import IO, Any
@@ -55,6 +55,24 @@ def put(store: Any, target: str, source: IO[bytes]) -> None:
         except Exception:  # some rename only to what is not there, and each has errors of its own
             store.delete_file(target)
             move(hidden, target)
+
+
+@contextlib.contextmanager
+def repeated(action: Callable[[], None], pause_s: float) -> Iterator[None]:
+    """Have something done again and again beside what goes on, with a pause before each time."""
+    over = threading.Event()
+
+    def keep_up() -> None:
+        while not over.wait(pause_s):
+            action()
+
+    thread = threading.Thread(target=keep_up, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        over.set()
+        thread.join()
 
 
 @dataclass
@@ -95,20 +113,10 @@ class Lease:
         """
         with self._alone_here() as notes:
             self._take(notes)
-            over = threading.Event()
-
-            def keep_renewing() -> None:
-                while not self.lost and not over.wait(RENEW_S):
-                    with contextlib.suppress(Exception):  # the store may answer next time
-                        self._renew()
-
-            thread = threading.Thread(target=keep_renewing, daemon=True)
-            thread.start()
             try:
-                yield
+                with repeated(self._keep, RENEW_S):
+                    yield
             finally:
-                over.set()
-                thread.join()
                 with contextlib.suppress(Exception):  # else the next writer finds it dead
                     self._remove(self._name)
                 self._name = ""
@@ -216,6 +224,11 @@ class Lease:
                     )
                     self._remove(name)
             time.sleep(random.uniform(*PAUSE_S))
+
+    def _keep(self) -> None:
+        if not self.lost:
+            with contextlib.suppress(Exception):  # the store may answer next time
+                self._renew()
 
     def _renew(self) -> None:
         from pyarrow.fs import FileType

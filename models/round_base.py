@@ -12,11 +12,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from toppling.models.compiled import Array, Flags, Indices
 from toppling.models.frames import STANDARD_GRAVITY_M_S2
+from toppling.models.joined import joined_parts
 from toppling.models.pedestal import Pedestal
 from toppling.models.rock import Rock
 from toppling.models.statics import quasi_static_toppling_m_s2
@@ -76,25 +75,29 @@ class RoundedBase:
 
 
 def rounded_base_of(rock: Rock) -> RoundedBase | None:
-    """What one halving of the edges of a rounded base changes; None if nothing of it is rounded, or it is fine."""
+    """What one halving of the edges of a rounded base changes; None if nothing of it is rounded."""
     mesh = _Mesh.of(rock)
     if not mesh.rounded.any() or mesh.faces_when_halved > CHECKED_FACES:
         return None
-    return RoundedBase(_change(rock, _rock_of(mesh.halved())))
+    return RoundedBase(_change(_thresholds(rock), _thresholds(_rock_of(mesh.halved()))))
 
 
 def refined(rock: Rock) -> Rock:
     """A rock whose rounded base is fine enough for its least toppling acceleration.
 
-    Its edges are halved until one halving more changes that by less than 2 %, or the mesh had more than 20,000 faces.
+    Its edges are halved until one halving more changes that by less than 2 %, or makes more than 20,000 faces.
     """
     mesh = _Mesh.of(rock)
-    while mesh.rounded.any() and mesh.faces_when_halved <= CHECKED_FACES:
+    if not mesh.rounded.any():
+        return rock
+    now = _thresholds(rock)
+    while mesh.faces_when_halved <= CHECKED_FACES:
         mesh = mesh.halved()
         finer = _rock_of(mesh)
-        if _change(rock, finer) < CHANGE_SHARE or len(mesh.faces) > MOST_FACES:
+        then = _thresholds(finer)
+        if _change(now, then) < CHANGE_SHARE or len(mesh.faces) > MOST_FACES:
             break
-        rock = finer
+        rock, now = finer, then
     return rock
 
 
@@ -102,10 +105,9 @@ def _rock_of(mesh: _Mesh) -> Rock:
     return Rock.from_triangles(mesh.vertices_m, mesh.faces, where="the refined rock")
 
 
-def _change(rock: Rock, finer: Rock) -> float:
-    now, then = _thresholds(rock), _thresholds(finer)
-    known = np.isfinite(now) & np.isfinite(then) & (then > 0.0)
-    return float((np.abs(now - then)[known] / now[known]).max(initial=0.0))
+def _change(now_m_s2: Array, then_m_s2: Array) -> float:
+    known = np.isfinite(now_m_s2) & np.isfinite(then_m_s2) & (then_m_s2 > 0.0)
+    return float((np.abs(now_m_s2 - then_m_s2)[known] / now_m_s2[known]).max(initial=0.0))
 
 
 def _thresholds(rock: Rock) -> Array:
@@ -131,7 +133,7 @@ class _Mesh:
         normals, areas = mesh.normals
         _, sides = mesh.edges
         angle = _angle_deg(normals[sides[:, 0]], normals[sides[:, 1]])
-        patch = _components(sides[angle < COPLANAR_DEG], len(faces))
+        patch = joined_parts(sides[angle < COPLANAR_DEG], len(faces))
         size, area = np.bincount(patch), np.bincount(patch, areas)
         smooth = (angle >= COPLANAR_DEG) & (angle < CREASE_DEG)
         one, other = np.concatenate([sides[smooth], sides[smooth, ::-1]]).T
@@ -139,7 +141,7 @@ class _Mesh:
         beside = np.bincount(patch[one], area[patch[other]], len(size)) / np.maximum(neighbours, 1)
         flat = (size > 2) | (neighbours == 0) | (area > FLAT_AREAS * beside)
         joined = sides[(angle < CREASE_DEG) & ~flat[patch][sides].any(axis=1)]
-        part = _components(patch[joined], len(size))
+        part = joined_parts(patch[joined], len(size))
         flat |= np.bincount(part)[part] < FEWEST_PATCHES
         low = normals[:, 2] < -np.cos(np.radians(BELOW_DEG))
         low &= rock.vertices_m[faces].mean(axis=1)[:, 2] < rock.com_m[2]
@@ -199,7 +201,7 @@ class _Mesh:
                 for end in (0, 1)
             ]
         )
-        fan = _components(pairs, 3 * len(self.faces))
+        fan = joined_parts(pairs, 3 * len(self.faces))
         weighted = np.zeros((fan.max() + 1, 3))
         at = self.vertices_m[self.faces]
         one, other = np.roll(at, -1, axis=1) - at, np.roll(at, 1, axis=1) - at
@@ -235,12 +237,6 @@ class _Mesh:
         goes_on &= _angle_deg(p[b] - p[a], p[after] - p[b]) < CREASE_DEG
         straight = 0.5 * (p[a] + p[b])
         return np.where(goes_on[:, None], 1.125 * straight - 0.0625 * (p[before] + p[after]), straight)
-
-
-def _components(pairs: Indices, count: int) -> Indices:
-    """Number (count,) of the connected part in which each lies."""
-    joined = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
-    return connected_components(joined, directed=False)[1]
 
 
 def _angle_deg(one: Array, other: Array) -> Array:

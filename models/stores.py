@@ -21,7 +21,7 @@ from typing import Any
 from toppling.models.digest import read_json, write_json
 from toppling.models.errors import InputError
 from toppling.models.folder import cache_folder, local, new_file
-from toppling.models.lease import WRITERS, Lease, put
+from toppling.models.lease import WRITERS, Lease, put, repeated
 from toppling.models.store_address import address_of, file_system, is_store, no_answer
 
 log = logging.getLogger(__name__)
@@ -165,22 +165,16 @@ class Copy:
 
     @contextlib.contextmanager
     def _carried(self) -> Iterator[None]:
-        over = threading.Event()
-
         def keep_up() -> None:
-            while not over.wait(PAUSE_S):
-                try:
-                    self.push()
-                except InputError as error:
-                    log.warning("%s; what is done stays in %s, and is tried again", error.what, self.path)
+            try:
+                self.push()
+            except InputError as error:
+                log.warning("%s; what is done stays in %s, and is tried again", error.what, self.path)
 
-        thread = threading.Thread(target=keep_up, daemon=True)
-        thread.start()
         try:
-            yield
+            with repeated(keep_up, PAUSE_S):
+                yield
         finally:
-            over.set()
-            thread.join()
             self.push()
 
     def _put(self, name: str, place: Path) -> Stamp:

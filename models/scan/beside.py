@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 from toppling.models.arrays import Array
 from toppling.models.compiled import Flags, Indices
 from toppling.models.frames import compass_deg
+from toppling.models.joined import joined_parts
 from toppling.models.scan.interface import Interface
 from toppling.models.scan.surfels import Surfels
 
@@ -184,8 +185,7 @@ def _in_sheets(points_m: Array, normals: Array, voxel_m: float) -> Flags:
     off = np.abs(np.einsum("ij,kij->ki", along, normals[pairs.T])).max(axis=0)
     alike = np.abs(np.einsum("ij,ij->i", *normals[pairs.T])) > ALIKE
     pairs = pairs[alike & (off < OFF_VOXELS * voxel_m)]
-    graph = coo_matrix((np.ones(len(pairs)), pairs.T), shape=(len(points_m),) * 2)
-    part = connected_components(graph, directed=False)[1]
+    part = joined_parts(pairs, len(points_m))
     return np.asarray(np.bincount(part)[part] >= LEAST_PATCHES)
 
 

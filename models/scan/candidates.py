@@ -5,9 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_matrix, csr_matrix
-from scipy.sparse.csgraph import breadth_first_order, connected_components, maximum_flow
+from scipy.sparse.csgraph import breadth_first_order, maximum_flow
 from scipy.spatial import cKDTree
 
+from toppling.models.joined import joined_parts
 from toppling.models.scan.surfels import Surfels, orient, thin
 
 COARSE_SURFELS = 25_000
@@ -227,8 +228,7 @@ def cut_between(
 def component_of(member: int, among: NDArray[np.bool_], edges: NDArray[np.int64]) -> NDArray[np.bool_]:
     """Which of some surfels are joined with one of them."""
     inside = edges[among[edges].all(axis=1)]
-    graph = coo_matrix((np.ones(len(inside)), inside.T), shape=(len(among),) * 2)
-    component = connected_components(graph, directed=False)[1]
+    component = joined_parts(inside, len(among))
     return (component == component[member]) & among
 
 

@@ -6,10 +6,9 @@ on a ledge, widens toward its base and is hidden from it by shrubs that overhang
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from toppling.models.joined import joined_parts
 from toppling.models.scan.candidates import (
     LEAST_PEAK_VOXELS,
     LEAST_SURFELS,
@@ -95,8 +94,7 @@ def level_planes(surfels: Surfels, edges: NDArray[np.int64]) -> list[Interface]:
     alike = np.einsum("ij,ij->i", surfels.normals[edges[:, 0]], surfels.normals[edges[:, 1]]) > LIKE
     inside = edges[level[edges].all(axis=1) & alike]
     count = len(level)
-    graph = coo_matrix((np.ones(len(inside)), inside.T), shape=(count, count))
-    part = connected_components(graph, directed=False)[1]
+    part = joined_parts(inside, count)
     sizes = np.bincount(part[level], minlength=part.max() + 1)
     planes = []
     for number in np.argsort(-sizes)[:12]:
@@ -116,8 +114,7 @@ def _on_plane(surfels: Surfels, edges: NDArray[np.int64], plane: Interface) -> l
     top = (np.abs(height) < ABOVE_VOXELS * voxel) & (surfels.normals @ plane.normal > LEVEL)
     above = height > ABOVE_VOXELS * voxel
     inside = edges[above[edges].all(axis=1)]
-    graph = coo_matrix((np.ones(len(inside)), inside.T), shape=(len(points),) * 2)
-    part = connected_components(graph, directed=False)[1]
+    part = joined_parts(inside, len(points))
     sizes = np.bincount(part[above], minlength=part.max() + 1)
     found = []
     for number in np.argsort(-sizes)[:3]:

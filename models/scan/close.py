@@ -13,11 +13,10 @@ import manifold3d
 import numpy as np
 import open3d as o3d
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from toppling.models.errors import InputError
+from toppling.models.joined import joined_parts
 from toppling.models.rock import Rock
 from toppling.models.scan.base import Base
 from toppling.models.scan.crevice import grid_triangles
@@ -102,8 +101,7 @@ def _apart(vertices: NDArray[np.float64], faces: NDArray[np.int64], reach_m: flo
 def _together(points: NDArray[np.float64], reach_m: float) -> NDArray[np.bool_]:
     """Which points belong to the largest group of neighbours."""
     pairs = cKDTree(points).query_pairs(reach_m, output_type="ndarray")
-    graph = coo_matrix((np.ones(len(pairs)), pairs.T), shape=(len(points),) * 2)
-    group = connected_components(graph, directed=False)[1]
+    group = joined_parts(pairs, len(points))
     return group == np.bincount(group).argmax()
 
 

@@ -13,11 +13,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from toppling.models.errors import InputError
+from toppling.models.joined import joined_parts
 from toppling.models.scan.candidates import (
     LEAST_CONCAVE_SHARE,
     LEAST_SURFELS,
@@ -114,8 +113,7 @@ def _standing_on(surfels: Surfels, hint: InterfaceHint, near_m: NDArray[np.float
     height = hint.interface.flat(points)[:, 2]
     above = height > 2.0 * surfels.voxel_m
     inside = edges[above[edges].all(axis=1)]
-    graph = coo_matrix((np.ones(len(inside)), inside.T), shape=(len(points),) * 2)
-    part = connected_components(graph, directed=False)[1]
+    part = joined_parts(inside, len(points))
     if near_m is None:
         away = np.median([np.linalg.norm(points - anchor, axis=1) for anchor in hint.anchors_m], axis=0)
     else:
